@@ -1,0 +1,1 @@
+"""hqp: strict task priorities for floating-base robots, any solver, at control rate."""

@@ -1,0 +1,100 @@
+"""All exceptions of the library; in the control loop failures are statuses, not exceptions."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from typing import Any
+
+
+class HqpError(Exception):
+    """Root of every exception raised by hqp."""
+
+
+class DeclarationError(HqpError, ValueError):
+    """A task, constraint, law, level, stack or option was declared with something that is not allowed."""
+
+    def __init__(
+        self, element: str, message: str, *, value: object = None, unit: str = "", allowed: str = ""
+    ) -> None:
+        self.element, self.value, self.unit, self.allowed = element, value, unit, allowed
+        text = f"{element}: {message}"
+        if value is not None:
+            text += f" (given {value!r}{' ' + unit if unit else ''})"
+        if allowed:
+            text += f"; allowed: {allowed}"
+        super().__init__(text)
+
+
+class ProblemError(HqpError, ValueError):
+    """Rows or a hierarchy are not well formed: shapes, non-finite numbers, lower above upper."""
+
+
+class ModelError(HqpError):
+    """A robot model lacks what was asked of it, or cannot be loaded."""
+
+
+class FrameNotFound(ModelError, KeyError):
+    """A frame name is unknown to the robot; the message names the closest ones."""
+
+    def __init__(self, name: str, known: Iterable[str], robot: str = "robot") -> None:
+        super().__init__(_not_found("frame", name, known, robot))
+
+    __str__ = Exception.__str__
+
+
+class JointNotFound(ModelError, KeyError):
+    """A joint or group name is unknown to the robot; the message names the closest ones."""
+
+    def __init__(self, name: str, known: Iterable[str], robot: str = "robot") -> None:
+        super().__init__(_not_found("joint or group", name, known, robot))
+
+    __str__ = Exception.__str__
+
+
+class StaleState(ModelError):
+    """A state was used after its robot had moved on to another one."""
+
+
+class UnknownReference(HqpError, KeyError):
+    """A reference was given for an element that the stack does not hold."""
+
+    __str__ = Exception.__str__
+
+
+class SolverError(HqpError):
+    """A solver is missing, unfit for a problem, or failed."""
+
+
+class SolverNotInstalled(SolverError, ImportError):
+    """A solver's package is not installed; the message holds the pip line."""
+
+
+class UnsupportedProblem(SolverError, ValueError):
+    """A solver lacks a capability that the problem needs."""
+
+
+class BackendError(SolverError, RuntimeError):
+    """A third-party back end raised; the original exception is the cause."""
+
+
+class NotSolved(SolverError, RuntimeError):
+    """Raised by ``unwrap``: the status was not acceptable; ``problem`` is a copy of what was asked."""
+
+    def __init__(self, message: str, problem: Any = None) -> None:
+        super().__init__(message)
+        self.problem = problem
+
+
+def closest(name: str, known: Iterable[str], count: int = 3) -> list[str]:
+    """The ``count`` known names nearest to ``name``, best first, whatever the case of the letters."""
+    names = list(known)
+    by_lower = {k.lower(): k for k in names}
+    near = difflib.get_close_matches(name.lower(), by_lower, n=count, cutoff=0.4)
+    return [by_lower[k] for k in near]
+
+
+def _not_found(what: str, name: str, known: Iterable[str], robot: str) -> str:
+    names = list(known)
+    near = closest(name, names) or names[:5]
+    return f"{robot} has no {what} {name!r}; closest: {', '.join(near) if near else 'none at all'}"

@@ -1,0 +1,330 @@
+"""The seam between robots and solvers: a hierarchy of plain rows in, a solution out; NumPy only."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from hqp.arrays import Index, Mat, Signs, Vec
+from hqp.errors import NotSolved, ProblemError
+
+EQUALITY = 2
+"""Mark of an equality row in ``Solution.active``."""
+
+VIOLATION_TOLERANCE = 1e-8
+"""A constraint row counts as violated above this slack, relative to 1 + |bound|."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Selection:
+    """Rows that each pick one variable: ``(A x)_i = scale_i x[index_i]``.
+
+    index: ``(m,)`` positions in x.  scale: ``(m,)``, non-zero, 1 by default.
+    Raises ProblemError for shapes that disagree, negative positions, or a scale that is zero or not finite.
+    """
+
+    index: Index
+    scale: Vec = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        index = np.asarray(self.index, dtype=np.intp)
+        scale = np.ones(index.shape) if self.scale is None else np.asarray(self.scale, dtype=np.float64)
+        if index.ndim != 1 or scale.shape != index.shape:
+            raise ProblemError(
+                f"selection: index {index.shape} and scale {scale.shape} must be one vector each"
+            )
+        if index.size and index.min() < 0:
+            raise ProblemError(f"selection: negative position {index.min()}")
+        if not np.all(np.isfinite(scale)) or np.any(scale == 0.0):
+            raise ProblemError("selection: every scale must be finite and not zero")
+        object.__setattr__(self, "index", index)
+        object.__setattr__(self, "scale", scale)
+
+    def __matmul__(self, x: Vec) -> Vec:
+        return self.scale * x[self.index]
+
+    def dense(self, n: int) -> Mat:
+        """The same rows as a matrix ``(m, n)``."""
+        A = np.zeros((self.index.size, n))
+        A[np.arange(self.index.size), self.index] = self.scale
+        return A
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rows:
+    """One level: ``lower <= A x - w <= upper`` with slack w; an equality where lower and upper agree.
+
+    A: ``(m, n)`` or a Selection of m variables.  lower, upper: ``(m,)``, infinite where one-sided;
+    a row at (-inf, +inf) is left out of this tick and ignored by every solver.  Arrays that are float64
+    already are kept, not copied, so that a caller may refill them.
+    Raises ProblemError for shapes that disagree, NaN, an infinite entry of A, or lower above upper.
+    """
+
+    A: Mat | Selection
+    lower: Vec
+    upper: Vec
+
+    def __post_init__(self) -> None:
+        A = self.A if isinstance(self.A, Selection) else _matrix(self.A)
+        m = A.index.size if isinstance(A, Selection) else A.shape[0]
+        for side in ("lower", "upper"):
+            bound = np.asarray(getattr(self, side), dtype=np.float64)
+            if bound.shape != (m,):
+                raise ProblemError(f"rows: {side} has shape {bound.shape}, A has {m} rows")
+            object.__setattr__(self, side, bound)
+        object.__setattr__(self, "A", A)
+        self.check()
+
+    def check(self) -> None:
+        """Raise ProblemError unless the numbers are usable as they stand now."""
+        if not isinstance(self.A, Selection) and not np.isfinite(self.A).all():
+            raise ProblemError(
+                f"rows: A is not finite in row {int(np.argmin(np.isfinite(self.A).all(axis=1)))}"
+            )
+        wrong = np.isnan(self.lower) | np.isnan(self.upper) | (self.lower > self.upper)
+        wrong |= (self.lower == np.inf) | (self.upper == -np.inf)
+        if wrong.any():
+            i = int(np.argmax(wrong))
+            raise ProblemError(
+                f"rows: need lower <= upper, row {i} has lower {self.lower[i]}, upper {self.upper[i]}"
+            )
+
+    @property
+    def m(self) -> int:
+        """Number of rows."""
+        return int(self.lower.shape[0])
+
+    @property
+    def equality(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+        """Which rows are equalities now, ``(m,)``."""
+        return self.lower == self.upper
+
+    def dense(self, n: int) -> Mat:
+        """A as a matrix ``(m, n)``; the stored one where it is dense already."""
+        return self.A.dense(n) if isinstance(self.A, Selection) else self.A
+
+    def slack(self, x: Vec) -> Vec:
+        """w = A x - clip(A x, lower, upper), ``(m,)``: positive above upper, negative below lower."""
+        value = self.A @ x
+        return np.asarray(value - np.minimum(np.maximum(value, self.lower), self.upper))
+
+    def copy(self) -> Rows:
+        """The same rows in arrays of their own."""
+        A = (
+            Selection(self.A.index.copy(), self.A.scale.copy())
+            if isinstance(self.A, Selection)
+            else self.A.copy()
+        )
+        return Rows(A, self.lower.copy(), self.upper.copy())
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """What a workspace is made for: n variables, rows a level, which are selections, and the extras."""
+
+    n: int
+    rows: tuple[int, ...]
+    selections: tuple[bool, ...]
+    inequalities: bool = True
+    metric: bool = False
+    origin: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stacked:
+    """The dense levels of a hierarchy as slices of one block: A ``(sum m, n)``, lower, upper ``(sum m,)``.
+
+    ``slices[k]`` is level k's place in the block, None for a level stored elsewhere (a Selection).
+    """
+
+    A: Mat
+    lower: Vec
+    upper: Vec
+    slices: tuple[slice | None, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hierarchy:
+    """lexmin(||w_0||, ..., ||w_p||) over x, then min (x - origin)' metric (x - origin), ties: least ||x||.
+
+    levels: first is most important; the slack norm is the plain 2-norm of the rows as given.
+    constraints: how many leading levels are meant to hold exactly.  metric: ``(n, n)`` symmetric positive
+    semidefinite, the identity by default.  origin: ``(n,)``, zero by default.  n: number of variables,
+    needed only where no dense level, metric or origin tells it.
+    Raises ProblemError for shapes that disagree.
+    """
+
+    levels: tuple[Rows, ...]
+    constraints: int = 0
+    metric: Mat | None = None
+    origin: Vec | None = None
+    n: int = 0
+    stacked: Stacked | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "levels", tuple(self.levels))
+        if self.metric is not None:
+            object.__setattr__(self, "metric", _matrix(self.metric))
+        if self.origin is not None:
+            object.__setattr__(self, "origin", np.asarray(self.origin, dtype=np.float64))
+        widths = set(self._widths())
+        if len(widths) > 1:
+            raise ProblemError(f"hierarchy: the levels, metric and origin disagree on n: {sorted(widths)}")
+        n = widths.pop() if widths else 0
+        if n < 1:
+            raise ProblemError(
+                "hierarchy: n = 0; give n where every level is a Selection, and at least one variable"
+            )
+        object.__setattr__(self, "n", n)
+        if self.metric is not None:
+            self._check_metric(self.metric, n)
+        if self.origin is not None and (self.origin.shape != (n,) or not np.isfinite(self.origin).all()):
+            raise ProblemError(f"hierarchy: origin must be finite with shape ({n},)")
+        for k, rows in enumerate(self.levels):
+            if isinstance(rows.A, Selection) and rows.m and rows.A.index.max() >= n:
+                raise ProblemError(f"hierarchy: level {k} selects variable {rows.A.index.max()} of {n}")
+        if not 0 <= self.constraints <= len(self.levels):
+            raise ProblemError(
+                f"hierarchy: constraints = {self.constraints}, there are {len(self.levels)} levels"
+            )
+
+    @staticmethod
+    def _check_metric(metric: Mat, n: int) -> None:
+        if metric.shape != (n, n) or not np.isfinite(metric).all():
+            raise ProblemError(
+                f"hierarchy: metric must be finite with shape ({n}, {n}), given {metric.shape}"
+            )
+        if abs(metric - metric.T).max() > 1e-9 * max(1.0, abs(metric).max()):
+            raise ProblemError("hierarchy: metric must be symmetric")
+
+    def _widths(self) -> Iterator[int]:
+        if self.n:
+            yield self.n
+        yield from (rows.A.shape[1] for rows in self.levels if not isinstance(rows.A, Selection))
+        if self.metric is not None:
+            yield self.metric.shape[0]
+        if self.origin is not None:
+            yield self.origin.shape[0]
+
+    @property
+    def shape(self) -> Shape:
+        """What a workspace for this problem must hold; ``inequalities`` as the bounds stand now."""
+        return Shape(
+            self.n,
+            tuple(rows.m for rows in self.levels),
+            tuple(isinstance(rows.A, Selection) for rows in self.levels),
+            any(has_inequalities(rows) for rows in self.levels),
+            self.metric is not None,
+            self.origin is not None,
+        )
+
+    def slacks(self, x: Vec) -> tuple[Vec, ...]:
+        """The slack of every level at x, computed in one product where the levels are stored as one block."""
+        block = self.stacked
+        if block is None:
+            return tuple(rows.slack(x) for rows in self.levels)
+        value = block.A @ x
+        w = value - np.minimum(np.maximum(value, block.lower), block.upper)
+        return tuple(
+            rows.slack(x) if part is None else w[part]
+            for rows, part in zip(self.levels, block.slices, strict=True)
+        )
+
+    def copy(self) -> Hierarchy:
+        """The same problem in arrays of its own, free of any session's buffers."""
+        return replace(
+            self,
+            levels=tuple(rows.copy() for rows in self.levels),
+            metric=None if self.metric is None else self.metric.copy(),
+            origin=None if self.origin is None else self.origin.copy(),
+            stacked=None,
+        )
+
+
+class Status(enum.Enum):
+    """How a solve or a tick ended; each member explains itself, later members are worse."""
+
+    OPTIMAL = "solved: every level is as small as the levels above allow"
+    RANK_UNCERTAIN = (
+        "solved, but a pivot lay near the rank tolerance: a small change may move the answer by much"
+    )
+    CONSTRAINTS_VIOLATED = "the constraints cannot all hold: this is their least violation"
+    INVALID_REFERENCE = "a reference was not usable: its element was left out of this tick"
+    NOT_CERTIFIED = "the back end stopped short of the accuracy asked: levels may not be optimal"
+    ITERATION_LIMIT = "the iteration limit was met: this is the best point so far"
+    TIME_LIMIT = "the time limit was met: this is the best point so far"
+    INVALID_STATE = "the state was not usable: the last safe command is held"
+
+    @property
+    def severity(self) -> int:
+        """Rank among the members, 0 is best."""
+        return _SEVERITY[self]
+
+    @property
+    def solved(self) -> bool:
+        """Whether the answer is the problem's optimum (its constraints may still be violated)."""
+        return self.severity <= Status.CONSTRAINTS_VIOLATED.severity
+
+    @staticmethod
+    def worst(*statuses: Status) -> Status:
+        """The most severe of the given ones, OPTIMAL if there is none."""
+        return max(statuses, key=lambda s: s.severity, default=Status.OPTIMAL)
+
+
+_SEVERITY = {status: rank for rank, status in enumerate(Status)}
+
+
+@dataclass(frozen=True, slots=True)
+class Stats:
+    """Effort of one solve: counts, and seconds [s] spent on building and solving the back end problem."""
+
+    iterations: int = 0
+    factorisations: int = 0
+    build_s: float = 0.0
+    solve_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solution:
+    """What a solver returns; owns its arrays.
+
+    x: ``(n,)``.  residuals: the slack w_k of each level, ``(m_k,)``, computed from (problem, x).
+    active: per level ``(m_k,)`` int8, -1 at or below lower, +1 at or above upper, 0 free, 2 equality.
+    multipliers: where the solver was asked for them, per level k ``(m_0 + ... + m_k,)`` with
+    sum_j A_j' lambda_kj = 0, lambda_kk = w_k, lambda_kj >= 0 at upper and <= 0 at lower sides.
+    """
+
+    x: Vec
+    status: Status
+    residuals: tuple[Vec, ...]
+    active: tuple[Signs, ...]
+    stats: Stats = Stats()
+    detail: str = ""
+    multipliers: tuple[Vec, ...] | None = None
+
+    def unwrap(self, problem: Hierarchy | None = None) -> Vec:
+        """x if the status is OPTIMAL; raises NotSolved with a copy of the problem otherwise."""
+        if self.status is not Status.OPTIMAL:
+            text = f"{self.status.name}: {self.status.value}" + (f" ({self.detail})" if self.detail else "")
+            raise NotSolved(text, None if problem is None else problem.copy())
+        return self.x
+
+    @property
+    def norms(self) -> Vec:
+        """||w_k|| of each level."""
+        return np.array([float(np.sqrt(w @ w)) for w in self.residuals])
+
+
+def has_inequalities(rows: Rows) -> bool:
+    """Whether any row is neither an equality nor left out."""
+    return bool(np.any((rows.lower != rows.upper) & ((rows.lower > -np.inf) | (rows.upper < np.inf))))
+
+
+def _matrix(A: object) -> Mat:
+    A = np.asarray(A, dtype=np.float64)
+    if A.ndim != 2:
+        raise ProblemError(f"rows: a matrix must have two dimensions, given shape {A.shape}")
+    return A

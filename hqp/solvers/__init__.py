@@ -1,0 +1,79 @@
+"""Solvers by name; each is imported only when asked for."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+import importlib.util
+from typing import Any
+
+from hqp.errors import DeclarationError, SolverNotInstalled, closest
+from hqp.solvers.base import Solver, Workspace
+
+__all__ = ["Solver", "Workspace", "available", "known", "load"]
+
+GROUP = "hqp.solvers"
+
+_BUILT_IN = {
+    "nullspace": "hqp.solvers.nullspace:Nullspace",
+    "chiaverini": "hqp.solvers.chiaverini:Chiaverini",
+    "cascade": "hqp.solvers.cascade:Cascade",
+    "daqp": "hqp.solvers.daqp:Daqp",
+    "lexicographic": "hqp.solvers.lexicographic:Lexicographic",
+    "weighted": "hqp.solvers.weighted:Weighted",
+}
+
+_BACKENDS = ("proxqp", "osqp", "daqp", "piqp", "clarabel", "quadprog")
+_PACKAGES = {"proxqp": "proxsuite"}
+
+
+def known() -> dict[str, str]:
+    """Every solver name hqp can speak of, and '' if it loads or the pip line that would make it."""
+    names = {name: "" for name in _BUILT_IN if name not in ("cascade", "daqp")}
+    names["daqp"] = _missing("daqp")
+    names.update({f"cascade:{backend}": _missing(backend) for backend in _BACKENDS})
+    names.update({point.name: "" for point in importlib.metadata.entry_points(group=GROUP)})
+    return names
+
+
+def available() -> tuple[str, ...]:
+    """The names that ``load`` accepts here and now."""
+    return tuple(name for name, missing in known().items() if not missing)
+
+
+def load(name: str, **options: Any) -> Solver:
+    """The solver of that name, ``"cascade:proxqp"`` being ``load("cascade", backend="proxqp")``.
+
+    Raises DeclarationError for an unknown name or option, SolverNotInstalled (with the pip line) where a
+    package is missing.
+    """
+    base, _, backend = name.partition(":")
+    if backend:
+        options = {"backend": backend, **options}
+    needed = _missing(backend or ("daqp" if base == "daqp" else ""))
+    if needed:
+        raise SolverNotInstalled(f"solver {name!r} is not installed: {needed}")
+    factory = _factory(base)
+    try:
+        return factory(**options)  # type: ignore[no-any-return]
+    except TypeError as error:
+        raise DeclarationError(f"solver {name}", f"unknown option: {error}", value=options) from error
+
+
+def _factory(name: str) -> Any:
+    target = _BUILT_IN.get(name)
+    if target is not None:
+        module, _, attribute = target.partition(":")
+        return getattr(importlib.import_module(module), attribute)
+    for point in importlib.metadata.entry_points(group=GROUP, name=name):
+        return point.load()
+    raise DeclarationError(
+        "solver", f"unknown name; closest: {', '.join(closest(name, known()))}", value=name
+    )
+
+
+def _missing(backend: str) -> str:
+    package = _PACKAGES.get(backend, backend)
+    if not package or importlib.util.find_spec(package) is not None:
+        return ""
+    return f"pip install {package}"

@@ -1,0 +1,107 @@
+"""What every solver is: a frozen value that allocates a workspace, and the finish all of them share."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from hqp.arrays import Signs, Vec
+from hqp.errors import ProblemError, UnsupportedProblem
+from hqp.problem import (
+    EQUALITY,
+    VIOLATION_TOLERANCE,
+    Hierarchy,
+    Rows,
+    Shape,
+    Solution,
+    Stats,
+    Status,
+)
+
+ACTIVITY_TOLERANCE = 1e-9
+"""An inequality row counts as active within this distance of its bound, relative to 1 + |bound|."""
+
+
+class Workspace(Protocol):
+    """Everything that changes while solving, allocated once for one Shape; keeps the warm start."""
+
+    def solve(self, problem: Hierarchy) -> Solution:
+        """The solution of a problem of the workspace's shape."""
+        ...
+
+    def reset(self) -> None:
+        """Forget the warm start."""
+        ...
+
+
+class Solver(ABC):
+    """A way of solving hierarchies: options are fields of a frozen dataclass, capabilities class attributes.
+
+    inequalities: takes them at all.  strict: a lower level never moves a higher residual.
+    metric: honours Hierarchy.metric and origin.  accuracy: the certificate gap it guarantees if OPTIMAL.
+    """
+
+    name: ClassVar[str]
+    inequalities: ClassVar[bool] = True
+    strict: ClassVar[bool] = True
+    metric: ClassVar[bool] = True
+    accuracy: ClassVar[float] = 1e-6
+
+    @abstractmethod
+    def workspace(self, shape: Shape) -> Workspace:
+        """Allocate for problems of this shape; raises UnsupportedProblem for a capability that is lacking."""
+
+    def solve(self, problem: Hierarchy) -> Solution:
+        """Solve once, cold, in a workspace of its own."""
+        return self.workspace(problem.shape).solve(problem)
+
+    def require(self, shape: Shape) -> None:
+        """Raise UnsupportedProblem unless the capabilities cover the shape."""
+        if shape.inequalities and not self.inequalities:
+            raise UnsupportedProblem(
+                f"{self.name} takes no inequalities; take an HQP solver such as 'lexicographic'"
+            )
+        if (shape.metric or shape.origin) and not self.metric:
+            raise UnsupportedProblem(f"{self.name} takes neither metric nor origin")
+
+
+def check_shape(problem: Hierarchy, shape: Shape) -> None:
+    """Raise ProblemError unless the problem has the n and the rows the workspace was made for."""
+    rows = tuple(level.m for level in problem.levels)
+    if problem.n != shape.n or rows != shape.rows:
+        raise ProblemError(
+            f"workspace made for n = {shape.n}, rows {shape.rows}; given n = {problem.n}, rows {rows}"
+        )
+
+
+def finish(problem: Hierarchy, x: Vec, status: Status, stats: Stats, detail: str = "") -> Solution:
+    """A Solution whose residuals, active sets and violation of constraints are computed from (problem, x)."""
+    residuals = problem.slacks(x)
+    active = tuple(activity(rows, x) for rows in problem.levels)
+    if status.solved and violated(problem, residuals):
+        status = Status.worst(status, Status.CONSTRAINTS_VIOLATED)
+    return Solution(x, status, residuals, active, stats, detail)
+
+
+def activity(rows: Rows, x: Vec, tolerance: float = ACTIVITY_TOLERANCE) -> Signs:
+    """Which side each row lies on, as in Solution.active."""
+    value = rows.A @ x
+    with np.errstate(invalid="ignore"):
+        at_lower = value <= rows.lower + tolerance * (1.0 + np.abs(rows.lower))
+        at_upper = value >= rows.upper - tolerance * (1.0 + np.abs(rows.upper))
+    marks = at_upper.astype(np.int8) - (at_lower & ~at_upper).astype(np.int8)
+    marks[rows.lower == rows.upper] = EQUALITY
+    return marks
+
+
+def violated(problem: Hierarchy, residuals: tuple[Vec, ...]) -> bool:
+    """Whether a row of the leading constraint levels is off its bounds by more than VIOLATION_TOLERANCE."""
+    for rows, w in zip(problem.levels[: problem.constraints], residuals, strict=False):
+        bound = np.where(w > 0.0, rows.upper, rows.lower)
+        if w.size and bool(
+            np.any(np.abs(w) > VIOLATION_TOLERANCE * (1.0 + np.abs(np.where(w == 0.0, 0.0, bound))))
+        ):
+            return True
+    return False
