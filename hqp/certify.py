@@ -1,0 +1,217 @@
+"""Judges an answer by the problem alone: level by level the optimality conditions, believing no solver.
+
+At x level k is optimal below the levels above it when (Nocedal and Wright 2006, theorem 12.1)
+
+    A_k' w_k + sum_fixed a_i nu_i + sum_active s_i a_i mu_i = 0,    mu_i >= 0,
+
+where all a_i belong to levels above k: *fixed* rows are equalities, violated inequalities (their optimal slack is
+unique, hence their value is) and rows whose multiplier was positive at a level above; *active* rows are met
+inequalities at a bound, s_i = +1 at upper and -1 at lower.  The gap is the length of what is left of A_k' w_k in
+the null space of the fixed rows once the best mu >= 0 is taken away.  Levels are judged at the same x, so level
+k's verdict means something only if the levels above it pass: all of them are needed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec
+from hqp.errors import ProblemError
+from hqp.problem import Hierarchy
+
+RANK_TOLERANCE = 1e-10
+"""Rows of unit length add a fixed direction above this singular value: the smallest that is no rounding."""
+
+LOCK_TOLERANCE = 1e-5
+"""A met row counts as fixed for the levels below above this relative multiplier."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Certificate:
+    """Verdict on an answer.
+
+    gaps: ``(levels + 1,)``, dimensionless, the completion (metric, origin, least norm) last.  Level k's is the
+    projected gradient divided by r_k (r_k + max |w_k| + max_i sum_j |a_ij x_j|), r_k its largest row norm: about the
+    relative error of x in the directions that the level determines well, and blind to the scale of a level.
+    norms: ``(levels,)``, ||w_k||.  ranks: ``(levels + 1,)``, directions that each level fixed.
+    multipliers: per level k ``(m_0 + ... + m_k,)``, as in Solution.multipliers.
+    """
+
+    gaps: Vec
+    tolerance: float
+    norms: Vec
+    ranks: tuple[int, ...]
+    multipliers: tuple[Vec, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether every gap is within the tolerance."""
+        return bool(np.all(self.gaps <= self.tolerance))
+
+    @property
+    def gap(self) -> float:
+        """The largest gap."""
+        return float(self.gaps.max(initial=0.0))
+
+    def __str__(self) -> str:
+        gaps = ", ".join(f"{gap:.1e}" for gap in self.gaps)
+        return f"{'optimal' if self.ok else 'NOT optimal'} within {self.tolerance:g}: gaps {gaps}"
+
+
+def certificate(problem: Hierarchy, x: Vec, tolerance: float = 1e-6) -> Certificate:
+    """Whether x solves the problem, level by level and completion included.
+
+    x: ``(n,)``; a value that is not finite has infinite gaps.  tolerance: on the gaps, and on how far from its
+    bound a row still counts as active, relative to its terms.  Raises ProblemError for a wrong shape of x.
+    """
+    x = np.asarray(x, dtype=np.float64)
+    if x.shape != (problem.n,):
+        raise ProblemError(f"certificate: x has shape {x.shape}, the problem has n = {problem.n}")
+    if not np.isfinite(x).all():
+        levels = len(problem.levels)
+        nothing = tuple(np.zeros(sum(r.m for r in problem.levels[: k + 1])) for k in range(levels))
+        return Certificate(
+            np.full(levels + 1, np.inf), tolerance, np.full(levels, np.inf), (0,) * (levels + 1), nothing
+        )
+    judge = _Judge(problem.n, tolerance)
+    gaps, norms, ranks, multipliers = [], [], [], []
+    for rows in problem.levels:
+        A, w = rows.dense(problem.n), rows.slack(x)
+        lengths, terms = _lengths(A), _terms(A, x)
+        longest = float(lengths.max(initial=0.0))
+        scale = longest * (longest + np.abs(w).max(initial=0.0) + terms.max(initial=0.0))
+        gap, shares = judge.judge(A.T @ w, scale)
+        gaps.append(gap)
+        norms.append(float(np.linalg.norm(w)))
+        multipliers.append(np.concatenate([shares, w]))
+        ranks.append(judge.descend(A, A @ x, rows.lower, rows.upper, lengths, terms))
+    gap, rank = _completion(problem, x, judge)
+    return Certificate(np.array([*gaps, gap]), tolerance, np.array(norms), (*ranks, rank), tuple(multipliers))
+
+
+def _completion(problem: Hierarchy, x: Vec, judge: _Judge) -> tuple[float, int]:
+    """Gap of min (x - origin)' metric (x - origin), then of min ||x|| where the metric leaves a choice."""
+    offset = x if problem.origin is None else x - problem.origin
+    size = 1.0 + float(np.abs(x).max(initial=0.0)) + float(np.abs(offset).max(initial=0.0))
+    if problem.metric is None:
+        return judge.judge(offset, size)[0], judge.Z.shape[1]
+    longest = float(_lengths(problem.metric).max(initial=0.0))
+    gap, _ = judge.judge(problem.metric @ offset, longest * size)
+    before = judge.Z.shape[1]
+    if longest > 0.0:
+        judge.fix(problem.metric / longest)
+    return max(gap, judge.judge(x, size)[0]), before - judge.Z.shape[1]
+
+
+class _Judge:
+    """What the levels above leave: a basis Z of the null space of fixed rows, and the active rows' cone."""
+
+    def __init__(self, n: int, tolerance: float) -> None:
+        self.tolerance = tolerance
+        self.Z: Mat = np.eye(n)
+        self.unit: Mat = np.zeros((0, n))  # every row so far, of unit length
+        self.lengths: Vec = np.zeros(0)
+        self.fixed = np.zeros(0, dtype=bool)
+        self.side: Vec = np.zeros(0)  # +1 active at upper, -1 at lower, 0 neither
+        self._positive = np.zeros(0, dtype=bool)
+
+    def judge(self, gradient: Vec, scale: float) -> tuple[float, Vec]:
+        """Relative gap of a gradient, and the multiplier of every row so far."""
+        shares = np.zeros(self.side.size)
+        self._positive = np.zeros(self.side.size, dtype=bool)
+        if scale <= 0.0:
+            return 0.0, shares
+        target = -(gradient @ self.Z) / scale
+        active = np.flatnonzero((self.side != 0.0) & ~self.fixed)
+        cone = (self.side[active, None] * (self.unit[active] @ self.Z)).T
+        mu = nonnegative_least_squares(cone, target)
+        gap = float(np.linalg.norm(target - cone @ mu))
+        shares[active] = self.side[active] * mu
+        self._positive[active] = mu > max(LOCK_TOLERANCE, 10.0 * self.tolerance)
+        rest = -gradient / scale - self.unit.T @ shares
+        if self.fixed.any():
+            shares[self.fixed] = np.linalg.lstsq(self.unit[self.fixed].T, rest, rcond=1e-12)[0]
+        return gap, scale * np.divide(shares, self.lengths, out=shares, where=self.lengths > 0.0)
+
+    def descend(self, A: Mat, value: Vec, lower: Vec, upper: Vec, lengths: Vec, terms: Vec) -> int:
+        """Take in the level just judged; return how many directions it fixed."""
+        floor = 1e-13 * lengths.max(initial=0.0)
+        real = lengths > floor
+        unit = np.divide(A, lengths[:, None], out=np.zeros_like(A), where=real[:, None])
+        slop = self.tolerance * (lengths + terms)
+        at_upper, at_lower = value >= upper - slop, value <= lower + slop
+        beyond = (value > upper + slop) | (value < lower - slop)
+        fixed = real & ((at_upper & at_lower) | beyond)
+        side = np.where(at_upper, 1.0, np.where(at_lower, -1.0, 0.0)) * (real & ~fixed)
+        locked = self.unit[self._positive]
+        self.fixed[self._positive] = True
+        self.unit = np.concatenate([self.unit, unit])
+        self.lengths = np.concatenate([self.lengths, lengths * real])
+        self.fixed = np.concatenate([self.fixed, fixed])
+        self.side = np.concatenate([self.side, side])
+        self._positive = np.zeros(self.side.size, dtype=bool)
+        return self.fix(np.concatenate([locked, unit[fixed]]))
+
+    def fix(self, rows: Mat) -> int:
+        """Shrink Z to the null space of rows of about unit length; return by how much."""
+        projected = rows @ self.Z
+        if not projected.size:
+            return 0
+        _, sigma, Vt = np.linalg.svd(projected, full_matrices=True)
+        rank = int(np.count_nonzero(sigma > RANK_TOLERANCE))
+        self.Z = self.Z @ Vt[rank:].T
+        return rank
+
+
+def nonnegative_least_squares(G: Mat, b: Vec) -> Vec:
+    """min ||G mu - b|| over mu >= 0, ``(k,)``, by the active set of Lawson and Hanson (1974), chapter 23.
+
+    Columns may be dependent or zero.  Stopping early leaves a feasible mu, so a residual is never too small.
+    """
+    k = G.shape[1]
+    mu = np.zeros(k)
+    passive = np.zeros(k, dtype=bool)
+    enough = 1e-15 * (1.0 + float(np.abs(b).max(initial=0.0)))
+    for _ in range(3 * (k + b.size)):
+        pull = G.T @ (b - G @ mu)
+        pull[passive] = 0.0
+        entering = int(np.argmax(pull)) if k else 0
+        if not k or pull[entering] <= enough:
+            break
+        passive[entering] = True
+        if not _restore(G, b, mu, passive):
+            break
+    return mu
+
+
+def _restore(G: Mat, b: Vec, mu: Vec, passive: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> bool:
+    """Move mu towards the least squares over the passive set, dropping what turns negative."""
+    before = float(np.linalg.norm(b - G @ mu))
+    while passive.any():
+        chosen = np.flatnonzero(passive)
+        aim = np.linalg.lstsq(G[:, chosen], b, rcond=1e-13)[0]
+        if np.all(aim > 0.0):
+            mu[:] = 0.0
+            mu[chosen] = aim
+            break
+        blocked = aim <= 0.0
+        here = mu[chosen]
+        step = float(np.min(here[blocked] / np.maximum(here[blocked] - aim[blocked], 1e-300)))
+        moved = here + min(1.0, step) * (aim - here)
+        drop = blocked & (moved <= 1e-14 * (1.0 + np.abs(here)))
+        if not drop.any():
+            drop = blocked & (moved == moved[blocked].min())
+        mu[chosen] = np.where(drop, 0.0, np.maximum(moved, 0.0))
+        passive[chosen[drop]] = False
+    return float(np.linalg.norm(b - G @ mu)) < before
+
+
+def _lengths(A: Mat) -> Vec:
+    return np.sqrt(np.einsum("ij,ij->i", A, A))
+
+
+def _terms(A: Mat, x: Vec) -> Vec:
+    """sum_j |a_ij x_j| of each row: the size that rounding of a_i x is relative to."""
+    return np.asarray(np.abs(A) @ np.abs(x))
