@@ -1,0 +1,85 @@
+"""Control laws: what a task asks for, given its error; gains carry units, nothing depends on dt by accident."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC
+from dataclasses import dataclass
+from typing import ClassVar, TypeAlias
+
+from hqp.errors import DeclarationError
+
+Gain: TypeAlias = "float | tuple[float, ...]"
+
+
+@dataclass(frozen=True)
+class Law(ABC):
+    """How an error becomes a demand; order 1 gives velocities, order 2 accelerations.
+
+    max_velocity [unit/s] and max_acceleration [unit/s^2] bound the norm of the feedback, never the feedforward.
+    """
+
+    order: ClassVar[int]
+
+    def _check(self, gains: tuple[str, ...]) -> None:
+        name = type(self).__name__
+        for field in gains:
+            value = getattr(self, field)
+            values = tuple(value) if isinstance(value, (tuple, list)) else (value,)
+            for x in values:
+                if not _is_number(x) or not math.isfinite(x) or x < 0.0:
+                    raise DeclarationError(
+                        f"{name}.{field}", "bad gain", value=value, allowed="finite and >= 0"
+                    )
+            if isinstance(value, list):
+                object.__setattr__(self, field, values)
+        for field in ("max_velocity", "max_acceleration"):
+            value = getattr(self, field)
+            if not _is_number(value) or math.isnan(value) or value <= 0.0:
+                raise DeclarationError(
+                    f"{name}.{field}", "bad bound", value=value, allowed="a positive number"
+                )
+
+
+@dataclass(frozen=True)
+class P(Law):
+    """Proportional law of first order: v = v_ref - gain e, gain [1/s] (Mistry 2008, below eq. 16).
+
+    The feedback speed ||gain e|| is held under max_velocity and under sqrt(2 max_acceleration ||e||), the speed
+    from which the error can still be stopped.  Raises DeclarationError for a gain that is negative or not finite.
+    """
+
+    gain: Gain
+    max_velocity: float = math.inf
+    max_acceleration: float = math.inf
+    order: ClassVar[int] = 1
+
+    def __post_init__(self) -> None:
+        self._check(("gain",))
+
+
+@dataclass(frozen=True)
+class PD(Law):
+    """Second-order law: a = a_ref - kp e - kd (v - v_ref), kp [1/s^2], kd [1/s], critically damped by default.
+
+    ||kp e|| is held under kd max_velocity, so that the error closes at max_velocity at most; then the norm of the
+    whole feedback under max_acceleration.  Raises DeclarationError for gains that are negative or not finite.
+    """
+
+    kp: Gain
+    kd: Gain = None  # type: ignore[assignment]
+    max_velocity: float = math.inf
+    max_acceleration: float = math.inf
+    order: ClassVar[int] = 2
+
+    def __post_init__(self) -> None:
+        if self.kd is None:
+            self._check(("kp",))
+            kp = self.kp if isinstance(self.kp, tuple) else (self.kp,)
+            kd = tuple(2.0 * math.sqrt(k) for k in kp)
+            object.__setattr__(self, "kd", kd if isinstance(self.kp, tuple) else kd[0])
+        self._check(("kp", "kd"))
+
+
+def _is_number(x: object) -> bool:
+    return isinstance(x, (int, float)) and not isinstance(x, bool)

@@ -1,0 +1,47 @@
+"""References: where an element should be at one tick, as a value with velocity and acceleration feedforward."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec
+from hqp.errors import DeclarationError
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reference:
+    """A target for the element of that name, good for one tick.
+
+    value: what ``Element.value`` returns; None keeps the hold value.  velocity, acceleration: ``(k,)``, zero by
+    default.  normal, gravity_normal: ``(3,)`` ground normals of a wheel, world axes.
+    """
+
+    name: str
+    value: Vec | Mat | None = None
+    velocity: Vec | None = None
+    acceleration: Vec | None = None
+    normal: Vec | None = None
+    gravity_normal: Vec | None = None
+
+    @property
+    def finite(self) -> bool:
+        """Whether no number is NaN or infinite."""
+        for part in (self.value, self.velocity, self.acceleration, self.normal, self.gravity_normal):
+            if part is not None:
+                flat = part.ravel()
+                if not float(flat @ flat) < np.inf:
+                    return False
+        return True
+
+
+def numbers(element: str, what: str, value: object, shape: tuple[int, ...]) -> Vec:
+    """``value`` as a float64 array of that shape; raises DeclarationError naming what was given."""
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DeclarationError(element, f"{what} is not numeric", value=value) from error
+    if array.shape != shape:
+        raise DeclarationError(element, f"{what} has shape {array.shape}", allowed=f"shape {shape}")
+    return array

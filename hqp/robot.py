@@ -1,0 +1,186 @@
+"""What tasks, formulations and sessions ask of a robot; hqp.robots holds the implementation on Pinocchio."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+from hqp.arrays import Index, Mat, Vec
+
+
+class Robot(Protocol):
+    """A kinematic tree with ``nv`` tangent coordinates, some of them actuated."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def nq(self) -> int: ...
+    @property
+    def nv(self) -> int: ...
+    @property
+    def floating(self) -> bool:
+        """Whether the first six tangent coordinates are a free base."""
+        ...
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The actuated joints, in the order of a command."""
+        ...
+
+    @property
+    def actuated(self) -> Index:
+        """Tangent coordinate of each actuated joint, ``(n_actuated,)``: the non-zeros of the actuation U."""
+        ...
+
+    @property
+    def frame_names(self) -> tuple[str, ...]: ...
+    @property
+    def groups(self) -> Mapping[str, tuple[str, ...]]:
+        """Joint groups by name."""
+        ...
+
+    @property
+    def lower(self) -> Vec:
+        """Lower joint limits ``(nv,)`` [rad or m], -inf where there is none."""
+        ...
+
+    @property
+    def upper(self) -> Vec:
+        """Upper joint limits ``(nv,)`` [rad or m], inf where there is none."""
+        ...
+
+    @property
+    def velocity_limit(self) -> Vec:
+        """Speed limits ``(nv,)`` [rad/s or m/s], inf where there is none."""
+        ...
+
+    @property
+    def effort_limit(self) -> Vec:
+        """Effort limits ``(nv,)`` [N m or N], inf where there is none."""
+        ...
+
+    @property
+    def home(self) -> Vec:
+        """A standing configuration ``(nq,)``."""
+        ...
+
+    def frame(self, name: str) -> int:
+        """Index of a frame; raises FrameNotFound with the closest names."""
+        ...
+
+    def joints(self, names: str | Sequence[str] | None) -> Index:
+        """Tangent coordinates of joints or groups, all single-axis joints for None; raises JointNotFound."""
+        ...
+
+    def placement(self, frame: int) -> tuple[Vec, Mat]:
+        """Live views of a frame's position ``(3,)`` and rotation ``(3, 3)`` in the world, as of the current state."""
+        ...
+
+    def support(self, frame: int) -> Vec:
+        """1 for each tangent coordinate that moves the frame, 0 elsewhere, ``(nv,)``."""
+        ...
+
+    @property
+    def joint_twists(self) -> Mat:
+        """Live view ``(6, nv)``: world twist (at the origin, linear first) of each tangent coordinate."""
+        ...
+
+    def log3(self, rotation: Mat) -> Vec:
+        """Rotation vector ``(3,)`` of a rotation matrix [rad]."""
+        ...
+
+    def subtree(self, joint: str) -> int:
+        """Index of the subtree that hangs on a joint, for the centre of mass; raises JointNotFound."""
+        ...
+
+    def state(self, q: Vec | None = None, v: Vec | None = None) -> State:
+        """Move the robot to (q, v) and return that state; earlier states become stale."""
+        ...
+
+    def integrate(self, q: Vec, v: Vec, dt: float) -> Vec:
+        """The configuration after moving with velocity v for dt [s], ``(nq,)``."""
+        ...
+
+    def difference(self, q0: Vec, q1: Vec) -> Vec:
+        """The tangent vector from q0 to q1, ``(nv,)``."""
+        ...
+
+    def copy(self) -> Robot:
+        """The same robot with data of its own."""
+        ...
+
+
+class State(Protocol):
+    """One (q, v) of a robot; quantities are computed when first asked for, and once."""
+
+    @property
+    def robot(self) -> Robot: ...
+    @property
+    def q(self) -> Vec: ...
+    @property
+    def v(self) -> Vec: ...
+    @property
+    def finite(self) -> bool:
+        """Whether q and v hold neither NaN nor infinities."""
+        ...
+
+    @property
+    def angles(self) -> Vec:
+        """Joint positions by tangent coordinate ``(nv,)`` [rad or m], zero for the free base."""
+        ...
+
+    def difference(self, q: Vec) -> Vec:
+        """Tangent vector from q to this state's configuration, ``(nv,)``."""
+        ...
+
+    def kinematics(self) -> None:
+        """Make placements and joint_twists those of this state; raises StaleState if the robot moved on."""
+        ...
+
+    def position(self, frame: str) -> Vec:
+        """Origin of a frame in the world, ``(3,)`` [m]."""
+        ...
+
+    def rotation(self, frame: str) -> Mat:
+        """Rotation of a frame in the world, ``(3, 3)``."""
+        ...
+
+    def jacobian(self, frame: str) -> Mat:
+        """Geometric Jacobian ``(6, nv)`` of a frame, linear first, world axes."""
+        ...
+
+    def velocity(self, frame: str) -> Vec:
+        """Velocity ``(6,)`` of a frame's origin [m/s] and its rotation [rad/s], world axes."""
+        ...
+
+    def drift(self, frame: str) -> Vec:
+        """dJ/dt v of a frame's geometric Jacobian, ``(6,)``."""
+        ...
+
+    def com(self, subtree: int = 0) -> Vec:
+        """Centre of mass of the robot or a subtree, ``(3,)`` [m]."""
+        ...
+
+    def com_jacobian(self, subtree: int = 0) -> Mat:
+        """Jacobian of the centre of mass, ``(3, nv)``: a live view where subtree is 0."""
+        ...
+
+    def com_velocity(self, subtree: int = 0) -> Vec:
+        """Velocity of the centre of mass, ``(3,)`` [m/s]."""
+        ...
+
+    def com_drift(self, subtree: int = 0) -> Vec:
+        """dJ/dt v of the centre of mass, ``(3,)``."""
+        ...
+
+    def mass_matrix(self) -> Mat:
+        """Joint-space inertia A, ``(nv, nv)``, symmetric."""
+        ...
+
+    def bias_force(self) -> Vec:
+        """b + g: Coriolis, centrifugal and gravity forces, ``(nv,)``."""
+        ...
+
+    def gravity_force(self) -> Vec:
+        """g: gravity forces, ``(nv,)``."""
+        ...

@@ -1,0 +1,137 @@
+"""The stack: levels in strict order, each of tasks and constraints of one priority."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, TypeVar, overload
+
+from hqp.element import Element
+from hqp.errors import DeclarationError, closest
+from hqp.law import Law
+
+E = TypeVar("E", bound=Element)
+
+
+class Level:
+    """Members of one priority.  Raises DeclarationError for a member that is no task or constraint."""
+
+    __slots__ = ("elements", "name")
+
+    def __init__(self, *elements: Element, name: str = "") -> None:
+        for element in elements:
+            if not isinstance(element, Element):
+                raise DeclarationError(f"level {name or '?'}", "not a task or constraint", value=element)
+        self.elements = elements
+        self.name = name
+
+    def replace(self, *elements: Element, name: str | None = None) -> Level:
+        """The same level with other members."""
+        return Level(*elements, name=self.name if name is None else name)
+
+    def __iter__(self) -> Iterator[Element]:
+        return iter(self.elements)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Level) and (self.elements, self.name) == (other.elements, other.name)
+
+    def __hash__(self) -> int:
+        return hash((self.elements, self.name))
+
+    def __str__(self) -> str:
+        return " + ".join(e.name for e in self.elements)
+
+    def __repr__(self) -> str:
+        members = ", ".join(map(repr, self.elements))
+        return f"Level({members}, name={self.name!r})"
+
+
+class Stack:
+    """Levels, most important first, under ``subject_to`` constraints that come before all of them.
+
+    Raises DeclarationError for an empty stack, an empty level, names that occur twice, or a wrong member.
+    """
+
+    __slots__ = ("_by_name", "levels", "subject_to")
+
+    def __init__(self, *levels: Level, subject_to: Sequence[Element] = ()) -> None:
+        self.levels = tuple(levels)
+        self.subject_to = tuple(subject_to)
+        for level in self.levels:
+            if not isinstance(level, Level):
+                raise DeclarationError("stack", "not a Level", value=level, allowed="Level(task, ...)")
+            if not level.elements:
+                raise DeclarationError(f"level {level.name or '?'}", "is empty", allowed="at least one task")
+        for element in self.subject_to:
+            if not isinstance(element, Element):
+                raise DeclarationError("subject_to", "not a task or constraint", value=element)
+        if not self.levels and not self.subject_to:
+            raise DeclarationError("stack", "is empty", allowed="at least one Level or one constraint")
+        self._by_name: dict[str, Element] = {}
+        for element in self:
+            if element.name in self._by_name:
+                raise DeclarationError(
+                    "stack", "a name occurs twice", value=element.name, allowed="name=... on one"
+                )
+            self._by_name[element.name] = element
+
+    def __iter__(self) -> Iterator[Element]:
+        yield from self.subject_to
+        for level in self.levels:
+            yield from level
+
+    @overload
+    def find(self, name: str) -> Element: ...
+    @overload
+    def find(self, name: str, kind: type[E]) -> E: ...
+    def find(self, name: str, kind: type[Any] = Element) -> Any:
+        """The element of that name and type; raises DeclarationError with the closest names."""
+        element = self._by_name.get(name)
+        if element is None:
+            near = ", ".join(closest(name, self._by_name) or self._by_name)
+            raise DeclarationError("stack", "no element of that name", value=name, allowed=near)
+        if not isinstance(element, kind):
+            raise DeclarationError(name, f"is a {type(element).__name__}", value=kind.__name__)
+        return element
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._by_name
+
+    def without(self, *names: str) -> Stack:
+        """The stack without those elements; levels left empty vanish.  Raises DeclarationError for a stranger."""
+        for name in names:
+            self.find(name)
+        levels = (level.replace(*(e for e in level if e.name not in names)) for level in self.levels)
+        return Stack(
+            *(level for level in levels if level.elements),
+            subject_to=[e for e in self.subject_to if e.name not in names],
+        )
+
+    def with_laws(self, laws: Mapping[str, Law]) -> Stack:
+        """The stack with other laws for the named elements; raises DeclarationError for a stranger."""
+        return self.replace(*(dataclasses.replace(self.find(name), law=law) for name, law in laws.items()))
+
+    def replace(self, *elements: Element) -> Stack:
+        """The stack with these elements in place of those of the same name."""
+        new = {e.name: e for e in elements}
+        for name in new:
+            self.find(name)
+        return Stack(
+            *(level.replace(*(new.get(e.name, e) for e in level)) for level in self.levels),
+            subject_to=[new.get(e.name, e) for e in self.subject_to],
+        )
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Stack) and (self.levels, self.subject_to) == (other.levels, other.subject_to)
+
+    def __hash__(self) -> int:
+        return hash((self.levels, self.subject_to))
+
+    def __str__(self) -> str:
+        levels = " > ".join(map(str, self.levels))
+        constraints = ", ".join(e.name for e in self.subject_to)
+        return levels + (f"   s.t. {constraints}" if constraints else "")
+
+    def __repr__(self) -> str:
+        levels = ", ".join(map(repr, self.levels))
+        return f"Stack({levels}, subject_to={list(self.subject_to)!r})"
