@@ -8,6 +8,15 @@ from typing import Protocol
 from hqp.arrays import Index, Mat, Vec
 
 
+class Wheel(Protocol):
+    """A wheel: radius [m] and axle, a unit vector in the wheel's frame."""
+
+    @property
+    def radius(self) -> float: ...
+    @property
+    def axle(self) -> tuple[float, float, float]: ...
+
+
 class Robot(Protocol):
     """A kinematic tree with ``nv`` tangent coordinates, some of them actuated."""
 
@@ -37,6 +46,16 @@ class Robot(Protocol):
     @property
     def groups(self) -> Mapping[str, tuple[str, ...]]:
         """Joint groups by name."""
+        ...
+
+    @property
+    def wheels(self) -> Mapping[str, Wheel]:
+        """Wheels by frame."""
+        ...
+
+    @property
+    def landmarks(self) -> Mapping[str, tuple[str, ...]]:
+        """Frames by role, such as ``soles``, ``palms``, ``base``."""
         ...
 
     @property

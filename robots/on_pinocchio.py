@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,11 +17,20 @@ _WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 _UNLIMITED = 1e6  # a limit at or beyond this [rad, m] is no limit
 
 
+@dataclass(frozen=True)
+class Wheel:
+    """A wheel's radius [m] and its axle, a unit vector in the wheel's frame."""
+
+    radius: float
+    axle: tuple[float, float, float]
+
+
 class Robot:
     """A Pinocchio model with one Data; see hqp.robot.Robot for what the properties mean.
 
     model: a pinocchio.Model, floating if its first joint is a free flyer.  actuated: names of the actuated
     joints, all single-axis joints by default.  groups: joint groups by name.  home: ``(nq,)``.
+    wheels: by frame.  landmarks: frames by role, such as ``soles``, ``palms``, ``base``.
     Raises ModelError where the model has joints that are neither free flyer nor single-axis.
     """
 
@@ -34,6 +44,8 @@ class Robot:
         actuated: Sequence[str] | None = None,
         groups: Mapping[str, Sequence[str]] | None = None,
         home: Vec | None = None,
+        wheels: Mapping[str, Wheel] | None = None,
+        landmarks: Mapping[str, Sequence[str]] | None = None,
     ) -> None:
         self.model = model
         self.data = model.createData()
@@ -42,6 +54,8 @@ class Robot:
         self.floating = model.njoints > 1 and model.joints[1].shortname() == "JointModelFreeFlyer"
         self._columns = self._read_joints()
         self.groups = {key: tuple(value) for key, value in (groups or {}).items()}
+        self.wheels = dict(wheels or {})
+        self.landmarks = {key: tuple(value) for key, value in (landmarks or {}).items()}
         self.joint_names = tuple(self._columns) if actuated is None else tuple(actuated)
         self.actuated: Index = np.array([self._column(n) for n in self.joint_names], dtype=np.intp)
         self.lower, self.upper, self.velocity_limit, self.effort_limit = self._read_limits()
@@ -184,7 +198,13 @@ class Robot:
     def copy(self) -> Robot:
         """The same robot with data of its own; the model is shared."""
         return Robot(
-            self.model, name=self.name, actuated=self.joint_names, groups=self.groups, home=self.home.copy()
+            self.model,
+            name=self.name,
+            actuated=self.joint_names,
+            groups=self.groups,
+            home=self.home,
+            wheels=self.wheels,
+            landmarks=self.landmarks,
         )
 
     def __repr__(self) -> str:

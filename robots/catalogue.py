@@ -1,0 +1,166 @@
+"""Robots by catalogue name, description file or Pinocchio model."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+import importlib.util
+import sys
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from hqp.errors import DeclarationError, ModelError, closest
+
+from .on_pinocchio import Robot, Wheel
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+_HERE = Path(__file__).parent
+_OWN = ("cbi", "dreamer")
+_DATA = "example-robot-data"
+
+
+def load(source: str | Path | Any, *, floating: bool | None = None, name: str | None = None) -> Robot:
+    """A robot from a catalogue name, a URDF or MJCF path, a robot_descriptions name or a pinocchio.Model.
+
+    floating: whether the root is free to move; None takes what the catalogue says, a free root for other URDF
+    files, and what an MJCF or a pinocchio.Model itself says.  Raises ModelError where nothing of that name
+    is found (with the closest names) or the file cannot be read, DeclarationError for another type.
+    """
+    if isinstance(source, pin.Model):
+        return Robot(source, name=name)
+    if not isinstance(source, (str, Path)):
+        raise DeclarationError("robot", "not a name, path or model", value=source, allowed="str, Path, pinocchio.Model")
+    path = Path(source)
+    if path.suffix in (".urdf", ".xml", ".mjcf"):
+        return _from_file(path, floating, name)
+    key = str(source)
+    if key in _OWN:
+        return _own(key)
+    if key in _catalogue() or key in _stems():
+        return _example(key, floating, name)
+    found = _description(key)
+    if found is None:
+        raise ModelError(f"no robot {key!r}; closest: {', '.join(closest(key, names()) or names())}{_hint()}")
+    return _from_file(found, floating, name or key)
+
+
+def names() -> tuple[str, ...]:
+    """Every catalogue name that loads here and now (robot_descriptions names load besides)."""
+    stems = _stems()
+    listed = tuple(n for n, entry in _catalogue().items() if entry["stem"] in stems)
+    return (*_OWN, *listed, *(s for s in sorted(stems) if s not in listed))
+
+
+def _own(key: str) -> Robot:
+    folder = _HERE / key
+    about = tomllib.loads((folder / "robot.toml").read_text())
+    model = pin.buildModelFromUrdf(str(folder / about["urdf"]), pin.JointModelFreeFlyer())
+    unactuated = set(about["unactuated"])
+    wheels = {w["frame"]: Wheel(w["radius"], tuple(w["axle"])) for w in about.get("wheels", ())}
+    landmarks = {k: (v,) if isinstance(v, str) else tuple(v) for k, v in about["frames"].items()}
+    landmarks.setdefault("base", (about["root"],))
+    robot = Robot(
+        model,
+        name=key,
+        actuated=[n for n in model.names[2:] if n not in unactuated],
+        groups=about["groups"],
+        wheels=wheels,
+        landmarks=landmarks,
+    )
+    _stand(robot, about["posture"], [c["frame"] for c in about.get("contacts", ())] or landmarks["wheel_contacts"])
+    return robot
+
+
+def _example(key: str, floating: bool | None, name: str | None) -> Robot:
+    entry: Mapping[str, Any] = _catalogue().get(key, {"stem": key})
+    path = _stems().get(entry["stem"])
+    if path is None:
+        raise ModelError(f"robot {key!r} is in the package {_DATA}: pip install {_DATA}")
+    if floating is None:
+        floating = bool(entry.get("floating", True))
+    landmarks = {k: tuple(np.atleast_1d(entry[k]).tolist()) for k in ("soles", "palms", "base") if k in entry}
+    model = _build(path, floating)
+    srdf = _files(".srdf").get(entry.get("srdf", ""))
+    home = None
+    if srdf is not None:
+        pin.loadReferenceConfigurations(model, str(srdf), False)
+        poses = {pose.key(): pose.data() for pose in model.referenceConfigurations}
+        home = poses.get(entry.get("pose", ""))
+    robot = Robot(model, name=name or key, groups=entry.get("groups"), home=home, landmarks=landmarks)
+    if floating:
+        _stand(robot, entry.get("posture", {}), landmarks.get("soles", ()))
+    return robot
+
+
+def _stand(robot: Robot, posture: Mapping[str, float], feet: Any) -> None:
+    """Put the joints at the posture and the base where the lowest of the feet is at height zero."""
+    q = robot.home
+    for joint, angle in posture.items():
+        q[robot.model.joints[robot.model.getJointId(joint)].idx_q] = angle
+    if feet:
+        state = robot.state(q)
+        q[2] -= min(state.position(frame)[2] for frame in feet)
+        robot.current = None
+
+
+def _from_file(path: Path, floating: bool | None, name: str | None) -> Robot:
+    if not path.is_file():
+        raise ModelError(f"no such file: {path}")
+    return Robot(_build(path, floating), name=name or path.stem)
+
+
+def _build(path: Path, floating: bool | None) -> Any:
+    try:
+        if path.suffix == ".urdf":
+            if floating is False:
+                return pin.buildModelFromUrdf(str(path))
+            return pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
+        if floating:
+            return pin.buildModelFromMJCF(str(path), pin.JointModelFreeFlyer())
+        return pin.buildModelFromMJCF(str(path))
+    except (ValueError, RuntimeError) as error:
+        raise ModelError(f"{path} could not be read: {error}") from error
+
+
+@cache
+def _catalogue() -> dict[str, Any]:
+    return tomllib.loads((_HERE / "catalogue.toml").read_text())
+
+
+@cache
+def _files(suffix: str) -> dict[str, Path]:
+    """Files of the example-robot-data wheel by stem; it holds data only, no Python loader."""
+    try:
+        distribution = importlib.metadata.distribution(_DATA)
+    except importlib.metadata.PackageNotFoundError:
+        return {}
+    listed = [f for f in distribution.files or () if str(f).endswith(suffix)]
+    return {Path(str(f)).stem: Path(str(distribution.locate_file(f))) for f in listed}
+
+
+def _stems() -> dict[str, Path]:
+    return _files(".urdf")
+
+
+def _description(key: str) -> Path | None:
+    """The file behind a robot_descriptions name such as ``panda_description`` or ``g1_mj_description``."""
+    for module in (key, f"{key}_description"):
+        if importlib.util.find_spec("robot_descriptions") is None:
+            return None
+        if importlib.util.find_spec(f"robot_descriptions.{module}") is not None:
+            description = importlib.import_module(f"robot_descriptions.{module}")
+            return Path(getattr(description, "URDF_PATH", None) or description.MJCF_PATH)
+    return None
+
+
+def _hint() -> str:
+    return "" if _stems() else f" (more come with: pip install {_DATA})"
