@@ -1,1 +1,61 @@
 """hqp: strict task priorities for floating-base robots, any solver, at control rate."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING
+
+from hqp import solvers
+from hqp.certify import Certificate, certificate
+from hqp.element import Constraint, Element, Task
+from hqp.errors import HqpError
+from hqp.formulation import Acceleration, Velocity
+from hqp.law import PD, P
+from hqp.problem import Hierarchy, Rows, Selection, Solution, Status
+from hqp.reference import Reference
+from hqp.session import Controller, Note, Session, Tick
+from hqp.stack import Level, Stack
+
+if TYPE_CHECKING:
+    from hqp import robots, tasks
+    from hqp.comparison import compare
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "PD",
+    "Acceleration",
+    "Certificate",
+    "Constraint",
+    "Controller",
+    "Element",
+    "Hierarchy",
+    "HqpError",
+    "Level",
+    "Note",
+    "P",
+    "Reference",
+    "Rows",
+    "Selection",
+    "Session",
+    "Solution",
+    "Stack",
+    "Status",
+    "Task",
+    "Tick",
+    "Velocity",
+    "certificate",
+    "compare",
+    "robots",
+    "solvers",
+    "tasks",
+]
+
+
+def __getattr__(name: str) -> object:
+    """Import the parts that need Pinocchio or tables only when asked for."""
+    if name in ("robots", "tasks"):
+        return importlib.import_module(f"hqp.{name}")
+    if name == "compare":
+        return importlib.import_module("hqp.comparison").compare
+    raise AttributeError(f"module 'hqp' has no attribute {name!r}")

@@ -48,6 +48,7 @@ class Block:
     dt: float
     twist: Mat | None = None
     support: Mat | None = field(default=None, repr=False)
+    pool: Callable[[int], Mat] | None = field(default=None, repr=False)
 
     def use_twist(self, support: Vec) -> Mat:
         """Declare that J = (twist @ joint_twists) * support; returns twist ``(m, 6)``, filled by the writer each tick.
@@ -55,8 +56,9 @@ class Block:
         support: ``(nv,)``, 1 where a coordinate moves the frame; a difference of two for a relative motion.
         All such rows of a stack become one matrix product.
         """
-        self.twist = np.zeros((self.J.shape[0], 6))
-        self.support = np.tile(support, (self.J.shape[0], 1))
+        m = self.J.shape[0]
+        self.twist = np.zeros((m, 6)) if self.pool is None else self.pool(m)
+        self.support = np.tile(support, (m, 1))
         return self.twist
 
 
@@ -99,17 +101,11 @@ class Element(ABC):
     def default_name(self) -> str:
         """The frame where there is one, the class name in snake case otherwise."""
         frame = getattr(self, "frame", None)
-        return (
-            frame
-            if isinstance(frame, str)
-            else re.sub(r"(?<=[a-z])(?=[A-Z])", "_", type(self).__name__).lower()
-        )
+        return frame if isinstance(frame, str) else re.sub(r"(?<=[a-z])(?=[A-Z])", "_", type(self).__name__).lower()
 
     def bad(self, what: str, value: object, allowed: str) -> DeclarationError:
         """The error for a field with a value that is not allowed."""
-        return DeclarationError(
-            f"{type(self).__name__} {self.name or '?'}", what, value=value, allowed=allowed
-        )
+        return DeclarationError(f"{type(self).__name__} {self.name or '?'}", what, value=value, allowed=allowed)
 
     @abstractmethod
     def rows(self, robot: Robot) -> int:
@@ -177,9 +173,7 @@ class Task(Element):
     def bind(self, robot: Robot, out: Block) -> Writer:
         """A writer made of value, error, jacobian and drift: right for every task, not the fastest."""
         if out.order == 2 and type(self).drift is Task.drift:
-            raise self.bad(
-                "has no drift(state), which accelerations and torques need", type(self).__name__, "drift"
-            )
+            raise self.bad("has no drift(state), which accelerations and torques need", type(self).__name__, "drift")
 
         def write(state: State, reference: Reference) -> None:
             out.J[:] = self.jacobian(state)

@@ -14,9 +14,7 @@ class HqpError(Exception):
 class DeclarationError(HqpError, ValueError):
     """A task, constraint, law, level, stack or option was declared with something that is not allowed."""
 
-    def __init__(
-        self, element: str, message: str, *, value: object = None, unit: str = "", allowed: str = ""
-    ) -> None:
+    def __init__(self, element: str, message: str, *, value: object = None, unit: str = "", allowed: str = "") -> None:
         self.element, self.value, self.unit, self.allowed = element, value, unit, allowed
         text = f"{element}: {message}"
         if value is not None:

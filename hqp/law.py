@@ -12,7 +12,7 @@ from hqp.errors import DeclarationError
 Gain: TypeAlias = "float | tuple[float, ...]"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Law(ABC):
     """How an error becomes a demand; order 1 gives velocities, order 2 accelerations.
 
@@ -21,6 +21,9 @@ class Law(ABC):
 
     order: ClassVar[int]
 
+    max_velocity: float = math.inf
+    max_acceleration: float = math.inf
+
     def _check(self, gains: tuple[str, ...]) -> None:
         name = type(self).__name__
         for field in gains:
@@ -28,17 +31,13 @@ class Law(ABC):
             values = tuple(value) if isinstance(value, (tuple, list)) else (value,)
             for x in values:
                 if not _is_number(x) or not math.isfinite(x) or x < 0.0:
-                    raise DeclarationError(
-                        f"{name}.{field}", "bad gain", value=value, allowed="finite and >= 0"
-                    )
+                    raise DeclarationError(f"{name}.{field}", "bad gain", value=value, allowed="finite and >= 0")
             if isinstance(value, list):
                 object.__setattr__(self, field, values)
         for field in ("max_velocity", "max_acceleration"):
             value = getattr(self, field)
             if not _is_number(value) or math.isnan(value) or value <= 0.0:
-                raise DeclarationError(
-                    f"{name}.{field}", "bad bound", value=value, allowed="a positive number"
-                )
+                raise DeclarationError(f"{name}.{field}", "bad bound", value=value, allowed="a positive number")
 
 
 @dataclass(frozen=True)
@@ -50,8 +49,6 @@ class P(Law):
     """
 
     gain: Gain
-    max_velocity: float = math.inf
-    max_acceleration: float = math.inf
     order: ClassVar[int] = 1
 
     def __post_init__(self) -> None:
@@ -68,8 +65,6 @@ class PD(Law):
 
     kp: Gain
     kd: Gain = None  # type: ignore[assignment]
-    max_velocity: float = math.inf
-    max_acceleration: float = math.inf
     order: ClassVar[int] = 2
 
     def __post_init__(self) -> None:

@@ -33,9 +33,7 @@ class Selection:
         index = np.asarray(self.index, dtype=np.intp)
         scale = np.ones(index.shape) if self.scale is None else np.asarray(self.scale, dtype=np.float64)
         if index.ndim != 1 or scale.shape != index.shape:
-            raise ProblemError(
-                f"selection: index {index.shape} and scale {scale.shape} must be one vector each"
-            )
+            raise ProblemError(f"selection: index {index.shape} and scale {scale.shape} must be one vector each")
         if index.size and index.min() < 0:
             raise ProblemError(f"selection: negative position {index.min()}")
         if not np.all(np.isfinite(scale)) or np.any(scale == 0.0):
@@ -81,16 +79,12 @@ class Rows:
     def check(self) -> None:
         """Raise ProblemError unless the numbers are usable as they stand now."""
         if not isinstance(self.A, Selection) and not np.isfinite(self.A).all():
-            raise ProblemError(
-                f"rows: A is not finite in row {int(np.argmin(np.isfinite(self.A).all(axis=1)))}"
-            )
+            raise ProblemError(f"rows: A is not finite in row {int(np.argmin(np.isfinite(self.A).all(axis=1)))}")
         wrong = np.isnan(self.lower) | np.isnan(self.upper) | (self.lower > self.upper)
         wrong |= (self.lower == np.inf) | (self.upper == -np.inf)
         if wrong.any():
             i = int(np.argmax(wrong))
-            raise ProblemError(
-                f"rows: need lower <= upper, row {i} has lower {self.lower[i]}, upper {self.upper[i]}"
-            )
+            raise ProblemError(f"rows: need lower <= upper, row {i} has lower {self.lower[i]}, upper {self.upper[i]}")
 
     @property
     def m(self) -> int:
@@ -113,11 +107,7 @@ class Rows:
 
     def copy(self) -> Rows:
         """The same rows in arrays of their own."""
-        A = (
-            Selection(self.A.index.copy(), self.A.scale.copy())
-            if isinstance(self.A, Selection)
-            else self.A.copy()
-        )
+        A = Selection(self.A.index.copy(), self.A.scale.copy()) if isinstance(self.A, Selection) else self.A.copy()
         return Rows(A, self.lower.copy(), self.upper.copy())
 
 
@@ -175,9 +165,7 @@ class Hierarchy:
             raise ProblemError(f"hierarchy: the levels, metric and origin disagree on n: {sorted(widths)}")
         n = widths.pop() if widths else 0
         if n < 1:
-            raise ProblemError(
-                "hierarchy: n = 0; give n where every level is a Selection, and at least one variable"
-            )
+            raise ProblemError("hierarchy: n = 0; give n where every level is a Selection, and at least one variable")
         object.__setattr__(self, "n", n)
         if self.metric is not None:
             self._check_metric(self.metric, n)
@@ -187,16 +175,12 @@ class Hierarchy:
             if isinstance(rows.A, Selection) and rows.m and rows.A.index.max() >= n:
                 raise ProblemError(f"hierarchy: level {k} selects variable {rows.A.index.max()} of {n}")
         if not 0 <= self.constraints <= len(self.levels):
-            raise ProblemError(
-                f"hierarchy: constraints = {self.constraints}, there are {len(self.levels)} levels"
-            )
+            raise ProblemError(f"hierarchy: constraints = {self.constraints}, there are {len(self.levels)} levels")
 
     @staticmethod
     def _check_metric(metric: Mat, n: int) -> None:
         if metric.shape != (n, n) or not np.isfinite(metric).all():
-            raise ProblemError(
-                f"hierarchy: metric must be finite with shape ({n}, {n}), given {metric.shape}"
-            )
+            raise ProblemError(f"hierarchy: metric must be finite with shape ({n}, {n}), given {metric.shape}")
         if abs(metric - metric.T).max() > 1e-9 * max(1.0, abs(metric).max()):
             raise ProblemError("hierarchy: metric must be symmetric")
 
@@ -229,8 +213,7 @@ class Hierarchy:
         value = block.A @ x
         w = value - np.minimum(np.maximum(value, block.lower), block.upper)
         return tuple(
-            rows.slack(x) if part is None else w[part]
-            for rows, part in zip(self.levels, block.slices, strict=True)
+            rows.slack(x) if part is None else w[part] for rows, part in zip(self.levels, block.slices, strict=True)
         )
 
     def copy(self) -> Hierarchy:
@@ -248,9 +231,7 @@ class Status(enum.Enum):
     """How a solve or a tick ended; each member explains itself, later members are worse."""
 
     OPTIMAL = "solved: every level is as small as the levels above allow"
-    RANK_UNCERTAIN = (
-        "solved, but a pivot lay near the rank tolerance: a small change may move the answer by much"
-    )
+    RANK_UNCERTAIN = "solved, but a pivot lay near the rank tolerance: a small change may move the answer by much"
     CONSTRAINTS_VIOLATED = "the constraints cannot all hold: this is their least violation"
     INVALID_REFERENCE = "a reference was not usable: its element was left out of this tick"
     NOT_CERTIFIED = "the back end stopped short of the accuracy asked: levels may not be optimal"

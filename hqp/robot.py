@@ -91,6 +91,10 @@ class Robot(Protocol):
         """Tangent coordinates of joints or groups, all single-axis joints for None; raises JointNotFound."""
         ...
 
+    def joint_name(self, column: int) -> str:
+        """Name of the joint of a tangent coordinate, 'base' for the free base."""
+        ...
+
     def placement(self, frame: int) -> tuple[Vec, Mat]:
         """Live views of a frame's position ``(3,)`` and rotation ``(3, 3)`` in the world, as of the current state."""
         ...

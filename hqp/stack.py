@@ -70,9 +70,7 @@ class Stack:
         self._by_name: dict[str, Element] = {}
         for element in self:
             if element.name in self._by_name:
-                raise DeclarationError(
-                    "stack", "a name occurs twice", value=element.name, allowed="name=... on one"
-                )
+                raise DeclarationError("stack", "a name occurs twice", value=element.name, allowed="name=... on one")
             self._by_name[element.name] = element
 
     def __iter__(self) -> Iterator[Element]:

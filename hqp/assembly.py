@@ -1,0 +1,217 @@
+"""The rows of all motion elements of a stack in one block, refilled in place each tick."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hqp.arrays import Index, Mat, Vec
+from hqp.element import Block, Element, Writer
+from hqp.law import PD, Law, P
+from hqp.reference import Reference
+from hqp.robot import Robot, State
+
+
+@dataclass(eq=False)
+class Member:
+    """An element bound to its rows: ``part`` of the vectors, and of J unless its rows are a selection."""
+
+    element: Element
+    part: slice
+    block: Block
+    write: Writer
+    saturation: tuple[float, float, float] | None = None
+    scaled: Mat | None = None
+    index: int = 0
+    skipped: bool = False
+
+
+class Assembly:
+    """J, lower and upper of a sequence of motion elements, after their laws.
+
+    order 1: J x = rate - gain e.  order 2: J x = feedforward - kp e - kd (J v - rate) - dJ/dt v.
+    J ``(m, nv)`` holds the rows of ``dense`` elements; those of ``selections`` follow in the vectors only, for
+    each picks one coordinate.  Weights multiply rows and bounds.
+    """
+
+    def __init__(
+        self, dense: Sequence[Element], selections: Sequence[Element], robot: Robot, dt: float, laws: Mapping[str, Law]
+    ) -> None:
+        order = next(iter(laws.values())).order if laws else 1
+        counts = [e.rows(robot) for e in (*dense, *selections)]
+        starts = np.concatenate(([0], np.cumsum(counts))).astype(int).tolist()
+        m, total = starts[len(dense)], starts[-1]
+        self.order = order
+        self.J: Mat = np.zeros((m, robot.nv))
+        self.error, self.rate, self.feedforward, self.drift = (np.zeros(total) for _ in range(4))
+        self.lower, self.upper = np.full(total, -np.inf), np.full(total, np.inf)
+        self.weight, self._kp, self._kd = np.ones(total), np.zeros(total), np.zeros(total)
+        self._equality = np.ones(total, dtype=bool)
+        self._pool, self._used = np.zeros((m, 6)), 0
+        self._twists: Mat = robot.joint_twists
+        self._pick = np.zeros(total - m, dtype=np.intp)
+        self._demand, self._scratch = np.zeros(total), np.zeros(total)
+        self._fed = False
+        self.members: dict[str, Member] = {}
+        for i, element in enumerate((*dense, *selections)):
+            part = slice(starts[i], starts[i + 1])
+            self._bind(element, part, robot, dt, laws.get(element.name), i < len(dense))
+        self._finish()
+
+    def _bind(self, element: Element, part: slice, robot: Robot, dt: float, law: Law | None, dense: bool) -> None:
+        weighted = element.weight != 1.0
+        own = weighted or not dense
+        block = Block(
+            J=np.zeros((part.stop - part.start, robot.nv)) if own else self.J[part],
+            error=self.error[part],
+            rate=self.rate[part],
+            feedforward=self.feedforward[part],
+            drift=self.drift[part],
+            lower=self.lower[part],
+            upper=self.upper[part],
+            order=self.order,
+            dt=dt,
+            pool=self._take if dense else None,
+        )
+        member = Member(element, part, block, element.bind(robot, block), index=len(self.members))
+        self.members[element.name] = member
+        self.weight[part] = element.weight
+        self._equality[part] = element.equality
+        if isinstance(law, P):
+            self._kp[part] = law.gain
+        elif isinstance(law, PD):
+            self._kp[part], self._kd[part] = law.kp, law.kd
+        if law is not None and min(law.max_velocity, law.max_acceleration) < np.inf:
+            kd = float(np.max(law.kd)) if isinstance(law, PD) else 1.0
+            member.saturation = (law.max_velocity, law.max_acceleration, kd)
+        if not dense:
+            index = element.selection(robot)
+            assert index is not None  # only elements that select come here
+            m = self.J.shape[0]
+            self._pick[part.start - m : part.stop - m] = index
+        elif weighted and block.twist is None:
+            member.scaled = self.J[part]
+
+    def _take(self, m: int) -> Mat:
+        start, self._used = self._used, self._used + m
+        return self._pool[start : self._used]
+
+    def _finish(self) -> None:
+        """Merge neighbouring twist rows into runs, so that few products fill them all."""
+        self._pool = self._pool[: self._used]
+        self._product = np.zeros((self._used, self.J.shape[1]))
+        self._support = np.zeros_like(self._product)
+        runs: list[tuple[int, int, int]] = []
+        at = 0
+        for member in self.members.values():
+            if member.block.support is None or member.part.start >= self.J.shape[0]:
+                continue
+            m = member.part.stop - member.part.start
+            self._support[at : at + m] = member.block.support * member.element.weight
+            if runs and runs[-1][1] + runs[-1][2] == member.part.start:
+                runs[-1] = (runs[-1][0], runs[-1][1], runs[-1][2] + m)
+            else:
+                runs.append((at, member.part.start, m))
+            at += m
+        self._runs = [
+            (self._product[a : a + m], self._support[a : a + m], self.J[start : start + m]) for a, start, m in runs
+        ]
+        self._plain = bool(np.all(self.weight == 1.0))
+        self._inverse_weight = 1.0 / self.weight
+        self._all_equal = bool(self._equality.all())
+        self._writers = [(member.write, name) for name, member in self.members.items()]
+        self._scaled = [m for m in self.members.values() if m.scaled is not None]
+        self._saturated = [m for m in self.members.values() if m.saturation is not None]
+
+    def fill(self, state: State, references: Mapping[str, Reference], given: Sequence[Reference]) -> None:
+        """Refill J, lower and upper; ``references`` has one for every element, ``given`` those with feedforward.
+
+        Raises StaleState if the robot has moved on.
+        """
+        state.kinematics()
+        if self._fed:
+            self.rate[:] = 0.0
+            self.feedforward[:] = 0.0
+            self._fed = False
+        for reference in given:
+            part = self.members[reference.name].part
+            if reference.velocity is not None:
+                self.rate[part] = reference.velocity
+                self._fed = True
+            if reference.acceleration is not None:
+                self.feedforward[part] = reference.acceleration
+                self._fed = True
+        for write, name in self._writers:
+            write(state, references[name])
+        if self._runs:
+            np.matmul(self._pool, self._twists, out=self._product)
+            for product, support, J in self._runs:
+                np.multiply(product, support, out=J)
+        for member in self._scaled:
+            np.multiply(member.block.J, member.element.weight, out=member.scaled)
+        self._apply_laws(state.v)
+
+    def _apply_laws(self, v: Vec) -> None:
+        demand, scratch = self._demand, self._scratch
+        np.multiply(self._kp, self.error, out=demand)
+        if self.order == 1:
+            if self._saturated:
+                self._saturate_first()
+            np.subtract(self.rate, demand, out=demand)
+        else:
+            m = self.J.shape[0]
+            np.matmul(self.J, v, out=scratch[:m])
+            np.take(v, self._pick, out=scratch[m:])
+            if not self._plain:
+                np.multiply(scratch[:m], self._inverse_weight[:m], out=scratch[:m])
+            np.subtract(scratch, self.rate, out=scratch)
+            np.multiply(scratch, self._kd, out=scratch)
+            if self._saturated:
+                self._saturate_second()
+            np.add(demand, scratch, out=demand)
+            np.subtract(self.feedforward, demand, out=demand)
+            np.subtract(demand, self.drift, out=demand)
+        if self._all_equal:
+            np.multiply(demand, self.weight, out=self.lower)
+            np.copyto(self.upper, self.lower)
+        else:
+            np.copyto(self.lower, demand, where=self._equality)
+            np.copyto(self.upper, demand, where=self._equality)
+            if not self._plain:
+                np.multiply(self.lower, self.weight, out=self.lower)
+                np.multiply(self.upper, self.weight, out=self.upper)
+
+    def _saturate_first(self) -> None:
+        for member in self._saturated:
+            fastest, hardest, _ = member.saturation  # type: ignore[misc]
+            feedback, error = self._demand[member.part], self.error[member.part]
+            speed = float(np.sqrt(feedback @ feedback))
+            allowed = min(fastest, float(np.sqrt(2.0 * hardest * np.sqrt(error @ error))))
+            if speed > allowed:
+                feedback *= allowed / speed
+
+    def _saturate_second(self) -> None:
+        for member in self._saturated:
+            fastest, hardest, kd = member.saturation  # type: ignore[misc]
+            spring, damper = self._demand[member.part], self._scratch[member.part]
+            pull = float(np.sqrt(spring @ spring))
+            if pull > kd * fastest:
+                spring *= kd * fastest / pull
+            total = spring + damper
+            size = float(np.sqrt(total @ total))
+            if size > hardest:
+                spring *= hardest / size
+                damper *= hardest / size
+
+    def picks(self, part: slice) -> Index:
+        """The coordinates that selection rows pick, ``(m,)``."""
+        m = self.J.shape[0]
+        return self._pick[part.start - m : part.stop - m]
+
+    def leave_out(self, name: str) -> None:
+        """Free the rows of one element for this tick: (-inf, +inf)."""
+        part = self.members[name].part
+        self.lower[part] = -np.inf
+        self.upper[part] = np.inf

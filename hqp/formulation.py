@@ -1,0 +1,221 @@
+"""Formulations: what the unknown x is, which laws and quantities it takes, and what the command is."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.assembly import Assembly
+from hqp.element import Element
+from hqp.errors import DeclarationError
+from hqp.law import PD, Law, P
+from hqp.problem import Hierarchy, Rows, Selection, Shape, Stacked
+from hqp.reference import Reference
+from hqp.robot import Robot, State
+from hqp.stack import Stack
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an element's rows are: ``part`` of level ``level`` of the hierarchy; its declared level by name."""
+
+    element: Element
+    level: int
+    part: slice
+    declared: str
+
+
+class Program(ABC):
+    """A stack compiled for one robot: a live hierarchy, refilled each tick, and what x means."""
+
+    problem: Hierarchy
+    shape: Shape
+    places: dict[str, Place]
+
+    @abstractmethod
+    def prepare(self, state: State) -> None:
+        """Compute the quantities of the state that the rows need."""
+
+    @abstractmethod
+    def fill(self, state: State, references: Mapping[str, Reference], given: Sequence[Reference]) -> None:
+        """Refill the hierarchy for a state and one reference an element; ``given`` may hold feedforward."""
+
+    @abstractmethod
+    def leave_out(self, name: str) -> None:
+        """Free the rows of one element for this tick."""
+
+    @abstractmethod
+    def command(self, x: Vec) -> Vec:
+        """The actuated joints' part of x, ``(n_actuated,)``."""
+
+    @abstractmethod
+    def advance(self, state: State, x: Vec) -> tuple[Vec, Vec]:
+        """Configuration and velocity one period later if x is carried out exactly."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Formulation(ABC):
+    """What x is.  A frozen value; ``compile`` turns a stack into a program for one robot."""
+
+    order: ClassVar[int]
+    quantities: ClassVar[frozenset[str]] = frozenset({"motion"})
+
+    law: Law
+    contact_law: Law
+
+    @abstractmethod
+    def compile(self, stack: Stack, robot: Robot, dt: float) -> Program:
+        """Resolve names, allocate, bind; raises DeclarationError or ModelError for what does not fit."""
+
+    def laws(self, stack: Stack) -> dict[str, Law]:
+        """The law of each element, defaults filled in; raises DeclarationError for a law of another order."""
+        laws = {}
+        for element in stack:
+            law = element.law or (self.contact_law if element.contact else self.law)
+            if law.order != self.order:
+                raise DeclarationError(
+                    element.name,
+                    f"{type(self).__name__} takes laws of order {self.order}",
+                    value=law,
+                    allowed="P(gain [1/s])" if self.order == 1 else "PD(kp [1/s^2], kd [1/s])",
+                )
+            laws[element.name] = law
+        return laws
+
+    def check(self, stack: Stack) -> None:
+        """Raise DeclarationError for an element that binds a quantity this formulation cannot map."""
+        for element in stack:
+            if element.quantity not in self.quantities:
+                raise DeclarationError(
+                    element.name,
+                    f"{type(self).__name__} maps {', '.join(sorted(self.quantities))} only",
+                    value=element.quantity,
+                    allowed="Torque for contact forces and efforts",
+                )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Velocity(Formulation):
+    """x is the generalised velocity ``(nv,)`` [m/s, rad/s]; rows J x = v_ref - gain e (Mistry 2008, eqs. 7, 16).
+
+    law: for elements without one.  contact_law: the same for contacts, whose feedback keeps the feet from
+    drifting by O(dt) (eq. 19 alone).
+    """
+
+    order: ClassVar[int] = 1
+    law: Law = field(default=P(5.0))
+    contact_law: Law = field(default=P(20.0))
+
+    def compile(self, stack: Stack, robot: Robot, dt: float) -> Program:
+        """Resolve names, allocate, bind; raises DeclarationError or ModelError for what does not fit."""
+        return MotionProgram(self, stack, robot, dt)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Acceleration(Formulation):
+    """x is the generalised acceleration ``(nv,)``; rows J x = a_ref - kp e - kd (J v - v_ref) - dJ/dt v (eq. 18).
+
+    law, contact_law: as for Velocity, of second order.
+    """
+
+    order: ClassVar[int] = 2
+    law: Law = field(default=PD(100.0, 20.0))
+    contact_law: Law = field(default=PD(400.0, 40.0))
+
+    def compile(self, stack: Stack, robot: Robot, dt: float) -> Program:
+        """Resolve names, allocate, bind; raises DeclarationError or ModelError for what does not fit."""
+        return MotionProgram(self, stack, robot, dt)
+
+
+class MotionProgram(Program):
+    """A stack whose x is the whole robot's velocity or acceleration."""
+
+    def __init__(self, formulation: Formulation, stack: Stack, robot: Robot, dt: float) -> None:
+        formulation.check(stack)
+        laws = formulation.laws(stack)
+        groups = split(stack, robot)
+        dense = [e for group in groups if not group.selection for e in group.elements]
+        selections = [e for group in groups if group.selection for e in group.elements]
+        self.rows = rows = Assembly(dense, selections, robot, dt, laws)
+        self.dt = dt
+        self._order = formulation.order
+        self._actuated = robot.actuated
+        levels, slices = [], []
+        self.places = {}
+        for k, group in enumerate(groups):
+            parts = [rows.members[e.name].part for e in group.elements]
+            part = slice(parts[0].start, parts[-1].stop)
+            for element, own in zip(group.elements, parts, strict=True):
+                place = slice(own.start - part.start, own.stop - part.start)
+                self.places[element.name] = Place(element, k, place, group.name)
+            A: Selection | np.ndarray[tuple[int, ...], np.dtype[np.float64]] = rows.J[part]
+            if group.selection:
+                A = Selection(rows.picks(part), rows.weight[part])
+            levels.append(Rows(A, rows.lower[part], rows.upper[part]))
+            slices.append(None if group.selection else part)
+        m = rows.J.shape[0]
+        stacked = Stacked(rows.J, rows.lower[:m], rows.upper[:m], tuple(slices)) if m else None
+        constraints = sum(group.constraint for group in groups)
+        self.problem = Hierarchy(tuple(levels), constraints=constraints, n=robot.nv, stacked=stacked)
+        inequalities = any(not element.equality for element in stack)
+        self.shape = Shape(
+            robot.nv, tuple(r.m for r in levels), tuple(group.selection for group in groups), inequalities
+        )
+        self._needs_com = any(getattr(e, "subtree", 0) is None for e in stack)
+
+    def prepare(self, state: State) -> None:
+        """Compute the quantities of the state that the rows need."""
+        state.kinematics()
+        if self._needs_com:
+            state.com_jacobian()
+
+    def fill(self, state: State, references: Mapping[str, Reference], given: Sequence[Reference]) -> None:
+        """Refill the hierarchy for a state and one reference an element; ``given`` may hold feedforward."""
+        self.rows.fill(state, references, given)
+
+    def leave_out(self, name: str) -> None:
+        """Free the rows of one element for this tick."""
+        self.rows.leave_out(name)
+
+    def command(self, x: Vec) -> Vec:
+        """The actuated joints' part of x, ``(n_actuated,)`` (eq. 16, the first factor)."""
+        return x[self._actuated]
+
+    def advance(self, state: State, x: Vec) -> tuple[Vec, Vec]:
+        """Semi-implicit: v+ = x or v + dt x, then q+ = q + dt v+ (eqs. 19 to 22, the index of eq. 22 set right)."""
+        v = x.copy() if self._order == 1 else state.v + self.dt * x
+        return state.robot.integrate(state.q, v, self.dt), v
+
+
+@dataclass(frozen=True)
+class Group:
+    """Elements that become one level of the hierarchy."""
+
+    elements: tuple[Element, ...]
+    name: str
+    selection: bool
+    constraint: bool
+
+
+def split(stack: Stack, robot: Robot) -> list[Group]:
+    """The levels of the hierarchy: at most three for ``subject_to`` (simple bounds, equalities, other inequalities)."""
+
+    def selects(elements: Sequence[Element]) -> bool:
+        return all(e.selection(robot) is not None for e in elements)
+
+    bounds = tuple(e for e in stack.subject_to if not e.equality and selects((e,)))
+    equalities = tuple(e for e in stack.subject_to if e.equality)
+    others = tuple(e for e in stack.subject_to if not e.equality and e not in bounds)
+    groups = [
+        Group(members, "subject_to", selection, True)
+        for members, selection in ((bounds, True), (equalities, False), (others, False))
+        if members
+    ]
+    for k, level in enumerate(stack.levels):
+        groups.append(Group(level.elements, level.name or f"level {k}", selects(level.elements), False))
+    return groups
