@@ -1,0 +1,288 @@
+"""One stack through many solvers: residuals level by level, certificate, differences and time, in one table."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
+from time import perf_counter_ns, process_time_ns
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.certify import certificate
+from hqp.errors import UnsupportedProblem
+from hqp.formulation import Formulation, Velocity
+from hqp.problem import Hierarchy, Rows, Solution, Status, has_inequalities
+from hqp.reference import Reference
+from hqp.robot import Robot
+from hqp.session import Controller
+from hqp.solvers import available, load
+from hqp.solvers.base import Solver, Workspace
+from hqp.stack import Stack
+
+BUDGET_US = 2000.0
+"""The period of a 500 Hz loop [us]."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """What one solver did over all states.
+
+    residuals: largest ||w_k|| of each level.  gap: largest certificate gap.  difference: largest entry of the
+    command's difference to the first certified strict solver.  Times of the solve call [us].
+    """
+
+    solver: str
+    strict: bool
+    status: str
+    residuals: tuple[float, ...]
+    ranks: tuple[int, ...]
+    gap: float
+    certified: float
+    difference: float
+    median_us: float
+    p99_us: float
+    max_us: float
+    cpu_us: float
+    misses: int
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The table that ``compare`` returns; ``str()`` for a terminal."""
+
+    stack: str
+    robot: str
+    levels: tuple[str, ...]
+    states: int
+    solves: int
+    reference: str
+    lines: tuple[Line, ...]
+
+    def __getitem__(self, solver: str) -> Line:
+        """The line of a solver; raises KeyError naming those that ran."""
+        for line in self.lines:
+            if line.solver == solver:
+                return line
+        raise KeyError(f"no solver {solver!r}; there are {', '.join(line.solver for line in self.lines)}")
+
+    def header(self) -> tuple[str, ...]:
+        """Titles of the columns."""
+        residuals = tuple(f"|w| {name}" for name in self.levels)
+        return (
+            "solver", "status", *residuals, "rank", "gap", "certified", "|dx|",
+            "median us", "p99", "max", "cpu", "over 2 ms", "note",
+        )  # fmt: skip
+
+    def cells(self) -> tuple[tuple[str, ...], ...]:
+        """The table's body as text."""
+        return tuple(
+            (
+                line.solver if line.strict else f"{line.solver} *", line.status,
+                *(f"{r:.1e}" for r in line.residuals or (float("nan"),) * len(self.levels)), "+".join(map(str, line.ranks)),
+                f"{line.gap:.0e}", f"{100.0 * line.certified:.0f} %", f"{line.difference:.0e}",
+                f"{line.median_us:.0f}", f"{line.p99_us:.0f}", f"{line.max_us:.0f}", f"{line.cpu_us:.0f}",
+                f"{line.misses}/{self.solves}", line.note,
+            )
+            for line in self.lines
+        )  # fmt: skip
+
+    @property
+    def title(self) -> str:
+        """What was compared on what."""
+        return f"{self.stack}   on {self.robot}, {self.states} states"
+
+    @property
+    def caption(self) -> str:
+        """How to read the table."""
+        return f"* not strict; |dx| against {self.reference or 'none'}; times of the solve call against 2 ms (500 Hz)"
+
+    def markdown(self) -> str:
+        """The table in Markdown."""
+        header = self.header()
+        lines = [header, tuple("---" for _ in header), *self.cells()]
+        table = "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
+        return f"{self.title}\n\n{table}\n\n{self.caption}\n"
+
+    def csv(self) -> str:
+        """One line a solver, numbers in full."""
+        out = io.StringIO()
+        writer = csv.writer(out)
+        names = [key for key in asdict(self.lines[0]) if key not in ("residuals", "ranks")] if self.lines else []
+        writer.writerow([*names, *(f"residual_{name}" for name in self.levels), "ranks"])
+        for line in self.lines:
+            entry = asdict(line)
+            writer.writerow([*(entry[n] for n in names), *line.residuals, "+".join(map(str, line.ranks))])
+        return out.getvalue()
+
+    def json(self) -> str:
+        """Everything, numbers in full."""
+        return json.dumps(asdict(self), indent=2)
+
+    def __str__(self) -> str:
+        from rich.console import Console
+        from rich.table import Table
+
+        table = Table(title=self.title, caption=self.caption, title_justify="left", caption_justify="left")
+        for name in self.header():
+            table.add_column(name, justify="left" if name in ("solver", "status", "note") else "right", no_wrap=True)
+        for cells in self.cells():
+            table.add_row(*cells)
+        console = Console(width=260, file=io.StringIO(), force_terminal=False)
+        console.print(table)
+        return "\n".join(text.rstrip() for text in console.file.getvalue().splitlines())  # type: ignore[attr-defined]
+
+    def _repr_markdown_(self) -> str:
+        return self.markdown()
+
+
+def compare(
+    stack: Stack,
+    robot: Robot,
+    *,
+    states: Iterable[tuple[Vec, Vec]] | None = None,
+    references: Sequence[Reference] = (),
+    solvers: str | Sequence[str | Solver] = "all",
+    formulation: Formulation | None = None,
+    dt: float = 0.002,
+    repeats: int = 5,
+) -> Comparison:
+    """The same copied problems through every solver, each with one warm workspace.
+
+    states: (q, v) pairs, 20 random ones near home by default; hold values are taken at home, so that every task
+    has an error to reduce.  solvers: names, Solver values, or "all" that are available.  repeats: solves per state.
+    A solver without inequalities gets the problem without them and is judged on the whole of it.
+    """
+    chosen = available() if solvers == "all" else (solvers,) if isinstance(solvers, str) else solvers
+    problems = _problems(stack, robot, states, references, formulation or Velocity(), dt)
+    lines, best = [], None
+    for item in chosen:
+        name = item if isinstance(item, str) else item.name
+        solver = load(item) if isinstance(item, str) else item
+        line, points = _run(name, solver, problems, repeats)
+        lines.append((line, points))
+        if best is None and points is not None and solver.strict and line.certified == 1.0:
+            best = (name, points)
+    finished = tuple(
+        line if points is None or best is None else replace(line, difference=float(np.abs(points - best[1]).max()))
+        for line, points in lines
+    )
+    names = tuple(_level_names(stack, problems[0]))
+    return Comparison(
+        str(stack), robot.name, names, len(problems), len(problems) * repeats, best[0] if best else "", finished
+    )
+
+
+def _problems(
+    stack: Stack,
+    robot: Robot,
+    states: Iterable[tuple[Vec, Vec]] | None,
+    references: Sequence[Reference],
+    formulation: Formulation,
+    dt: float,
+) -> list[Hierarchy]:
+    robot = robot.copy()
+    session = Controller(stack, formulation, solver=_Copier()).session(robot, dt)
+    session.step(robot.state())
+    if states is None:
+        rng = np.random.default_rng(0)
+        states = [
+            (robot.integrate(robot.home, 0.05 * rng.standard_normal(robot.nv), 1.0), np.zeros(robot.nv))
+            for _ in range(20)
+        ]
+    problems = []
+    for q, v in states:
+        session.step(robot.state(q, v), *references)
+        problems.append(session.problem.copy())
+    return problems
+
+
+def _run(name: str, solver: Solver, problems: list[Hierarchy], repeats: int) -> tuple[Line, Vec | None]:
+    given, note = problems, ""
+    shape = problems[0].shape
+    if any(p.shape.inequalities for p in problems):
+        shape = replace(shape, inequalities=True)
+        if not solver.inequalities:
+            given, note = [_without_inequalities(p) for p in problems], "inequalities left out"
+            shape = given[0].shape
+    try:
+        workspace = solver.workspace(shape)
+    except UnsupportedProblem as error:
+        return _refused(name, solver, str(error)), None
+    wall, cpu, solutions = _solve(workspace, given, repeats)
+    points = np.array([s.x for s in solutions])
+    certificates = [certificate(p, s.x) for p, s in zip(problems, solutions, strict=True)]
+    status = Status.worst(*(s.status for s in solutions))
+    line = Line(
+        name,
+        solver.strict,
+        status.name,
+        tuple(float(r) for r in np.max([c.norms for c in certificates], axis=0)),
+        certificates[0].ranks[:-1],
+        max(c.gap for c in certificates),
+        sum(c.ok for c in certificates) / len(certificates),
+        0.0,
+        float(np.median(wall)),
+        float(np.percentile(wall, 99)),
+        float(np.max(wall)),
+        float(np.median(cpu)),
+        int(np.sum(wall > BUDGET_US)),
+        note,
+    )
+    return line, points
+
+
+def _refused(name: str, solver: Solver, note: str) -> Line:
+    nan = float("nan")
+    return Line(name, solver.strict, "refused", (), (), nan, 0.0, nan, nan, nan, nan, nan, 0, note)
+
+
+def _solve(workspace: Workspace, problems: list[Hierarchy], repeats: int) -> tuple[Vec, Vec, list[Solution]]:
+    wall, cpu, solutions = [], [], []
+    workspace.solve(problems[0])
+    for problem in problems:
+        for _ in range(repeats):
+            start, start_cpu = perf_counter_ns(), process_time_ns()
+            solution = workspace.solve(problem)
+            cpu.append(process_time_ns() - start_cpu)
+            wall.append(perf_counter_ns() - start)
+        solutions.append(solution)
+    return np.array(wall) / 1e3, np.array(cpu) / 1e3, solutions
+
+
+def _without_inequalities(problem: Hierarchy) -> Hierarchy:
+    def free(rows: Rows) -> Rows:
+        if not has_inequalities(rows):
+            return rows
+        lower, upper = (
+            np.where(rows.equality, side, limit) for side, limit in ((rows.lower, -np.inf), (rows.upper, np.inf))
+        )
+        return Rows(rows.A, lower, upper)
+
+    return replace(problem, levels=tuple(free(rows) for rows in problem.levels))
+
+
+def _level_names(stack: Stack, problem: Hierarchy) -> Iterable[str]:
+    yield from (f"subject_to {k}" if problem.constraints > 1 else "subject_to" for k in range(problem.constraints))
+    yield from (level.name or f"level {k}" for k, level in enumerate(stack.levels))
+
+
+class _Copier(Solver):
+    """Solves nothing: lets a session fill its problem, to be copied."""
+
+    name = "copier"
+
+    def workspace(self, shape: object) -> Workspace:
+        return _CopierWorkspace()
+
+
+class _CopierWorkspace:
+    def solve(self, problem: Hierarchy) -> Solution:
+        return Solution(np.zeros(problem.n), Status.OPTIMAL, problem.slacks(np.zeros(problem.n)), ())
+
+    def reset(self) -> None:
+        """Nothing is kept."""

@@ -1,0 +1,153 @@
+"""Stacks as plain dictionaries and TOML: the same tree as the constructors, classes found by their names."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from hqp import law as laws
+from hqp.element import REGISTRY, Element
+from hqp.errors import DeclarationError, closest
+from hqp.law import Law
+from hqp.stack import Level, Stack
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+T = TypeVar("T")
+
+_LAWS: dict[str, type[Law]] = {"P": laws.P, "PD": laws.PD}
+
+
+def to_dict(stack: Stack) -> dict[str, Any]:
+    """The stack as nested dictionaries, fields at their defaults left out."""
+    tree: dict[str, Any] = {"level": []}
+    for level in stack.levels:
+        entry: dict[str, Any] = {"name": level.name} if level.name else {}
+        tree["level"].append({**entry, "element": [_element(e) for e in level]})
+    if stack.subject_to:
+        tree["subject_to"] = [_element(e) for e in stack.subject_to]
+    return tree
+
+
+def from_dict(tree: Mapping[str, Any]) -> Stack:
+    """The stack of such dictionaries; raises DeclarationError for unknown keys, classes or fields (closest named)."""
+    _known(tree, ("level", "subject_to"), "stack")
+    levels = []
+    for entry in tree.get("level", ()):
+        _known(entry, ("name", "element"), "level")
+        levels.append(Level(*(_build(e) for e in entry.get("element", ())), name=entry.get("name", "")))
+    return Stack(*levels, subject_to=[_build(e) for e in tree.get("subject_to", ())])
+
+
+def loads(text: str) -> Stack:
+    """The stack of a TOML text; raises DeclarationError where it is no TOML or no stack."""
+    try:
+        tree = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise DeclarationError("stack", f"not TOML: {error}") from error
+    return from_dict(tree)
+
+
+def load(path: str | Path) -> Stack:
+    """The stack of a TOML file; raises DeclarationError where the file is missing or no stack."""
+    try:
+        return loads(Path(path).read_text())
+    except OSError as error:
+        raise DeclarationError("stack", f"cannot be read: {error}") from error
+
+
+def dumps(stack: Stack) -> str:
+    """The stack as TOML, read back by ``loads`` to an equal stack."""
+    tree = to_dict(stack)
+    lines: list[str] = []
+    for level in tree["level"]:
+        lines += ["[[level]]", *_pairs(level, skip="element"), ""]
+        for element in level["element"]:
+            lines += ["[[level.element]]", *_pairs(element), ""]
+    for element in tree.get("subject_to", ()):
+        lines += ["[[subject_to]]", *_pairs(element), ""]
+    return "\n".join(lines)
+
+
+def _element(element: Element) -> dict[str, Any]:
+    return {"type": type(element).__name__, **_fields(element, element.default_name())}
+
+
+def _fields(value: Any, default_name: str = "") -> dict[str, Any]:
+    out: dict[str, Any] = {}
+    for item in dataclasses.fields(value):
+        given = getattr(value, item.name)
+        default = default_name if item.name == "name" else item.default
+        if given == default:
+            continue
+        if isinstance(given, Law):
+            given = {"type": type(given).__name__, **_fields(given)}
+        out[item.name] = _lists(given)
+    return out
+
+
+def _lists(value: Any) -> Any:
+    return [_lists(v) for v in value] if isinstance(value, tuple) else value
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value
+
+
+def _build(entry: Mapping[str, Any]) -> Element:
+    fields = dict(entry)
+    name = fields.pop("type", None)
+    import hqp.tasks  # noqa: F401  (its classes register themselves)
+
+    if name not in REGISTRY:
+        near = ", ".join(closest(str(name), REGISTRY))
+        raise DeclarationError("stack", "unknown type of element", value=name, allowed=f"closest: {near}")
+    if isinstance(fields.get("law"), Mapping):
+        fields["law"] = _law(fields["law"])
+    return _construct(REGISTRY[name], fields)
+
+
+def _law(entry: Mapping[str, Any]) -> Law:
+    fields = dict(entry)
+    kind = _LAWS.get(fields.pop("type", ""))
+    if kind is None:
+        raise DeclarationError("law", "unknown type", value=entry.get("type"), allowed=", ".join(_LAWS))
+    return _construct(kind, fields)
+
+
+def _construct(kind: type[T], fields: Mapping[str, Any]) -> T:
+    allowed = [item.name for item in dataclasses.fields(kind) if item.init]  # type: ignore[arg-type]
+    _known(fields, allowed, kind.__name__)
+    try:
+        return kind(**{key: _tuples(value) for key, value in fields.items()})
+    except TypeError as error:
+        raise DeclarationError(kind.__name__, str(error)) from error
+
+
+def _known(entry: Mapping[str, Any], allowed: Any, where: str) -> None:
+    for key in entry:
+        if key not in allowed:
+            raise DeclarationError(where, "unknown key", value=key, allowed=", ".join(allowed))
+
+
+def _pairs(entry: Mapping[str, Any], skip: str = "") -> Iterator[str]:
+    for key, value in entry.items():
+        if key != skip:
+            yield f"{key} = {_toml(value)}"
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(_pairs(value)) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(_toml(v) for v in value) + "]"
+    if isinstance(value, (bool, str)):
+        return json.dumps(value)
+    return repr(value)
