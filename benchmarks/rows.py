@@ -1,0 +1,78 @@
+"""One row of a report: an equation, what was checked of it, on which robot, and what was measured."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+SEEN = 100.0
+"""A printed erratum counts as seen to fail when it misses the tolerance by this factor."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """A claim and its measurement.
+
+    measured: the worst value met.  passed: whether the claim holds.  note: what a reader needs to judge it, such as
+    "negative control" where the printed formula must miss the tolerance by far.
+    """
+
+    equation: str
+    check: str
+    robot: str
+    tolerance: float
+    measured: float
+    passed: bool
+    note: str = ""
+
+
+def at_most(equation: str, check: str, robot: str, tolerance: float, values: Iterable[float], note: str = "") -> Check:
+    """Passed if the largest value is within the tolerance; no value at all, or NaN, is a failure."""
+    measured = worst(values)
+    return Check(equation, check, robot, tolerance, measured, measured <= tolerance, note)
+
+
+def exactly(equation: str, check: str, robot: str, expected: int, values: Iterable[int], note: str = "") -> Check:
+    """Passed if every value is the expected one; the tolerance shown is zero, measured the largest deviation."""
+    measured = worst(float(abs(value - expected)) for value in values)
+    text = f"expected {expected}" + (f"; {note}" if note else "")
+    return Check(equation, check, robot, 0.0, measured, measured == 0.0, text)
+
+
+def seen_to_fail(
+    equation: str, check: str, robot: str, tolerance: float, values: Iterable[float], note: str = ""
+) -> Check:
+    """A negative control: passed if the median error misses the tolerance by SEEN or more."""
+    listed = sorted(values)
+    measured = listed[len(listed) // 2] if listed else math.nan
+    text = "negative control: must miss the tolerance" + (f"; {note}" if note else "")
+    return Check(equation, check, robot, tolerance, measured, measured >= SEEN * tolerance, text)
+
+
+def worst(values: Iterable[float]) -> float:
+    """The largest value; NaN if there is none or one of them is NaN."""
+    listed = [float(value) for value in values]
+    if not listed or any(math.isnan(value) for value in listed):
+        return math.nan
+    return max(listed)
+
+
+def write_json(path: Path, rows: Sequence[object]) -> None:
+    """Write a list of dataclasses or plain mappings as JSON; what is not finite becomes null."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    plain = [dataclasses.asdict(row) if dataclasses.is_dataclass(row) else row for row in rows]  # type: ignore[arg-type]
+    path.write_text(json.dumps(_finite(plain), indent=1, ensure_ascii=False) + "\n")
+
+
+def _finite(value: object) -> object:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    return value.item() if hasattr(value, "item") else value
