@@ -83,7 +83,8 @@ class Comparison:
         return tuple(
             (
                 line.solver if line.strict else f"{line.solver} *", line.status,
-                *(f"{r:.1e}" for r in line.residuals or (float("nan"),) * len(self.levels)), "+".join(map(str, line.ranks)),
+                *(f"{r:.1e}" for r in line.residuals or (float("nan"),) * len(self.levels)),
+                "+".join(map(str, line.ranks)),
                 f"{line.gap:.0e}", f"{100.0 * line.certified:.0f} %", f"{line.difference:.0e}",
                 f"{line.median_us:.0f}", f"{line.p99_us:.0f}", f"{line.max_us:.0f}", f"{line.cpu_us:.0f}",
                 f"{line.misses}/{self.solves}", line.note,

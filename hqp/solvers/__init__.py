@@ -67,9 +67,7 @@ def _factory(name: str) -> Any:
         return getattr(importlib.import_module(module), attribute)
     for point in importlib.metadata.entry_points(group=GROUP, name=name):
         return point.load()
-    raise DeclarationError(
-        "solver", f"unknown name; closest: {', '.join(closest(name, known()))}", value=name
-    )
+    raise DeclarationError("solver", f"unknown name; closest: {', '.join(closest(name, known()))}", value=name)
 
 
 def _missing(backend: str) -> str:

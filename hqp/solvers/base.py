@@ -60,9 +60,7 @@ class Solver(ABC):
     def require(self, shape: Shape) -> None:
         """Raise UnsupportedProblem unless the capabilities cover the shape."""
         if shape.inequalities and not self.inequalities:
-            raise UnsupportedProblem(
-                f"{self.name} takes no inequalities; take an HQP solver such as 'lexicographic'"
-            )
+            raise UnsupportedProblem(f"{self.name} takes no inequalities; take an HQP solver such as 'lexicographic'")
         if (shape.metric or shape.origin) and not self.metric:
             raise UnsupportedProblem(f"{self.name} takes neither metric nor origin")
 
@@ -71,9 +69,7 @@ def check_shape(problem: Hierarchy, shape: Shape) -> None:
     """Raise ProblemError unless the problem has the n and the rows the workspace was made for."""
     rows = tuple(level.m for level in problem.levels)
     if problem.n != shape.n or rows != shape.rows:
-        raise ProblemError(
-            f"workspace made for n = {shape.n}, rows {shape.rows}; given n = {problem.n}, rows {rows}"
-        )
+        raise ProblemError(f"workspace made for n = {shape.n}, rows {shape.rows}; given n = {problem.n}, rows {rows}")
 
 
 def finish(problem: Hierarchy, x: Vec, status: Status, stats: Stats, detail: str = "") -> Solution:
@@ -100,8 +96,6 @@ def violated(problem: Hierarchy, residuals: tuple[Vec, ...]) -> bool:
     """Whether a row of the leading constraint levels is off its bounds by more than VIOLATION_TOLERANCE."""
     for rows, w in zip(problem.levels[: problem.constraints], residuals, strict=False):
         bound = np.where(w > 0.0, rows.upper, rows.lower)
-        if w.size and bool(
-            np.any(np.abs(w) > VIOLATION_TOLERANCE * (1.0 + np.abs(np.where(w == 0.0, 0.0, bound))))
-        ):
+        if w.size and bool(np.any(np.abs(w) > VIOLATION_TOLERANCE * (1.0 + np.abs(np.where(w == 0.0, 0.0, bound))))):
             return True
     return False

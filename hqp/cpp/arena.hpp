@@ -1,0 +1,38 @@
+// One block of memory, taken at construction and never again.
+#pragma once
+
+#include <cstdlib>
+#include <cstring>
+#include <new>
+
+namespace hqp {
+
+// Hands out pieces of one block; run it once with no block to learn the size, then again to place the pieces.
+class Arena {
+ public:
+  Arena() = default;
+  ~Arena() { std::free(block_); }
+  Arena(const Arena&) = delete;
+  Arena& operator=(const Arena&) = delete;
+
+  template <class T>
+  void place(T*& piece, std::size_t count) {
+    const std::size_t bytes = (count * sizeof(T) + 63) / 64 * 64;
+    if (block_) piece = reinterpret_cast<T*>(block_ + used_);
+    used_ += bytes;
+  }
+
+  // Take the memory that the dry run counted, zeroed, and start placing.
+  void take() {
+    block_ = static_cast<char*>(std::aligned_alloc(64, used_ + 64));
+    if (!block_) throw std::bad_alloc();
+    std::memset(block_, 0, used_ + 64);
+    used_ = 0;
+  }
+
+ private:
+  char* block_ = nullptr;
+  std::size_t used_ = 0;
+};
+
+}  // namespace hqp

@@ -1,0 +1,162 @@
+// Small dense loops on row-major blocks whose rows are padded to whole vectors with zeros.
+// The translation unit that includes this file is compiled once per instruction set, each time in a
+// namespace of its own (HQP_ISA), so that no code built for a wide machine can be linked into the other.
+#pragma once
+
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+
+#ifndef HQP_ISA
+#define HQP_ISA generic
+#endif
+
+namespace hqp {
+inline namespace HQP_ISA {
+
+typedef double Vec4 __attribute__((vector_size(32), may_alias));
+
+constexpr int kLane = 4;    // doubles in a vector
+constexpr int kPad = 8;     // strides are multiples of this
+
+static inline int padded(int width) { return (width + kPad - 1) / kPad * kPad; }
+static inline int lanes(int width) { return (width + kLane - 1) / kLane * kLane; }
+
+static inline Vec4 splat(double a) { return Vec4{a, a, a, a}; }
+static inline Vec4& at(double* p) { return *reinterpret_cast<Vec4*>(p); }
+static inline const Vec4& at(const double* p) { return *reinterpret_cast<const Vec4*>(p); }
+
+// T(rows, 4 * V) -= tau v (v' T), V vectors wide.
+template <int V>
+static inline void reflect_block(double* T, int ld, const double* v, int rows, double tau) {
+  Vec4 sum[V];
+  for (int k = 0; k < V; ++k) sum[k] = splat(0.0);
+  for (int i = 0; i < rows; ++i) {
+    const Vec4 f = splat(v[i]);
+    const double* row = T + static_cast<std::ptrdiff_t>(i) * ld;
+    for (int k = 0; k < V; ++k) sum[k] += f * at(row + kLane * k);
+  }
+  const Vec4 t = splat(tau);
+  for (int k = 0; k < V; ++k) sum[k] *= t;
+  for (int i = 0; i < rows; ++i) {
+    const Vec4 f = splat(v[i]);
+    double* row = T + static_cast<std::ptrdiff_t>(i) * ld;
+    for (int k = 0; k < V; ++k) at(row + kLane * k) -= f * sum[k];
+  }
+}
+
+static inline void reflect(double* T, int ld, const double* v, int rows, double tau, int width) {
+  int j = 0;
+  for (; j + 16 <= width; j += 16) reflect_block<4>(T + j, ld, v, rows, tau);
+  if (j + 8 <= width) { reflect_block<2>(T + j, ld, v, rows, tau); j += 8; }
+  if (j < width) reflect_block<1>(T + j, ld, v, rows, tau);
+}
+
+// C(R, 4 * V) -= L(R, depth) B(depth, 4 * V)
+template <int R, int V>
+static inline void multiply_block(double* C, int ldc, const double* L, int ldl, const double* B, int ldb, int depth) {
+  Vec4 acc[R][V];
+  for (int i = 0; i < R; ++i)
+    for (int k = 0; k < V; ++k) acc[i][k] = at(C + static_cast<std::ptrdiff_t>(i) * ldc + kLane * k);
+  for (int d = 0; d < depth; ++d) {
+    const double* row = B + static_cast<std::ptrdiff_t>(d) * ldb;
+    Vec4 b[V];
+    for (int k = 0; k < V; ++k) b[k] = at(row + kLane * k);
+    for (int i = 0; i < R; ++i) {
+      const Vec4 f = splat(L[static_cast<std::ptrdiff_t>(i) * ldl + d]);
+      for (int k = 0; k < V; ++k) acc[i][k] -= f * b[k];
+    }
+  }
+  for (int i = 0; i < R; ++i)
+    for (int k = 0; k < V; ++k) at(C + static_cast<std::ptrdiff_t>(i) * ldc + kLane * k) = acc[i][k];
+}
+
+template <int R>
+static inline void multiply_rows(double* C, int ldc, const double* L, int ldl, const double* B, int ldb, int depth,
+                                 int width) {
+  int j = 0;
+  for (; j + 8 <= width; j += 8) multiply_block<R, 2>(C + j, ldc, L, ldl, B + j, ldb, depth);
+  if (j < width) multiply_block<R, 1>(C + j, ldc, L, ldl, B + j, ldb, depth);
+}
+
+// C(rows, width) -= L(rows, depth) B(depth, width), width in whole vectors.
+static inline void multiply_subtract(double* C, int ldc, const double* L, int ldl, const double* B, int ldb, int rows,
+                                     int depth, int width) {
+  if (depth == 0) return;
+  int i = 0;
+  for (; i + 4 <= rows; i += 4)
+    multiply_rows<4>(C + static_cast<std::ptrdiff_t>(i) * ldc, ldc, L + static_cast<std::ptrdiff_t>(i) * ldl, ldl, B,
+                     ldb, depth, width);
+  for (; i < rows; ++i)
+    multiply_rows<1>(C + static_cast<std::ptrdiff_t>(i) * ldc, ldc, L + static_cast<std::ptrdiff_t>(i) * ldl, ldl, B,
+                     ldb, depth, width);
+}
+
+// H(i, j) = sum_d P(d, i) P(d, j) for all block columns at or right of the row's block; H is (width, width).
+template <int V>
+static inline void gram_block(double* H, int ldh, const double* P, int ld, int depth, int i, int j) {
+  Vec4 acc[4][V];
+  for (int a = 0; a < 4; ++a)
+    for (int k = 0; k < V; ++k) acc[a][k] = splat(0.0);
+  for (int d = 0; d < depth; ++d) {
+    const double* row = P + static_cast<std::ptrdiff_t>(d) * ld;
+    for (int a = 0; a < 4; ++a) {
+      const Vec4 f = splat(row[i + a]);
+      for (int k = 0; k < V; ++k) acc[a][k] += f * at(row + j + kLane * k);
+    }
+  }
+  for (int a = 0; a < 4; ++a)
+    for (int k = 0; k < V; ++k) at(H + static_cast<std::ptrdiff_t>(i + a) * ldh + j + kLane * k) = acc[a][k];
+}
+
+static inline void gram(double* H, int ldh, const double* P, int ld, int depth, int width) {
+  for (int i = 0; i < width; i += kLane) {
+    int j = i;
+    for (; j + 8 <= width; j += 8) gram_block<2>(H, ldh, P, ld, depth, i, j);
+    if (j < width) gram_block<1>(H, ldh, P, ld, depth, i, j);
+  }
+}
+
+// y(width) -= a x(width)
+static inline void subtract(double* y, const double* x, double a, int width) {
+  const Vec4 f = splat(a);
+  for (int j = 0; j < width; j += kLane) at(y + j) -= f * at(x + j);
+}
+
+static inline double sum(Vec4 v) { return (v[0] + v[2]) + (v[1] + v[3]); }
+
+// Dot product of padded rows.
+static inline double dot(const double* x, const double* y, int width) {
+  Vec4 a = splat(0.0), b = splat(0.0);
+  int j = 0;
+  for (; j + 8 <= width; j += 8) { a += at(x + j) * at(y + j); b += at(x + j + kLane) * at(y + j + kLane); }
+  if (j < width) a += at(x + j) * at(y + j);
+  return sum(a + b);
+}
+
+typedef double Vec4u __attribute__((vector_size(32), aligned(8), may_alias));
+
+// Dot product of vectors of any length at any address.
+static inline double dot_any(const double* x, const double* y, int n) {
+  Vec4 a = splat(0.0), b = splat(0.0);
+  int j = 0;
+  for (; j + 8 <= n; j += 8) {
+    a += *reinterpret_cast<const Vec4u*>(x + j) * *reinterpret_cast<const Vec4u*>(y + j);
+    b += *reinterpret_cast<const Vec4u*>(x + j + 4) * *reinterpret_cast<const Vec4u*>(y + j + 4);
+  }
+  double s = sum(a + b);
+  for (; j < n; ++j) s += x[j] * y[j];
+  return s;
+}
+
+// y += a x, vectors of any length at any address.
+static inline void add_any(double* y, const double* x, double a, int n) {
+  const Vec4 f = splat(a);
+  int j = 0;
+  for (; j + 4 <= n; j += 4)
+    *reinterpret_cast<Vec4u*>(y + j) += f * *reinterpret_cast<const Vec4u*>(x + j);
+  for (; j < n; ++j) y[j] += a * x[j];
+}
+
+}  // namespace HQP_ISA
+}  // namespace hqp

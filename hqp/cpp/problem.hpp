@@ -1,0 +1,58 @@
+// What crosses the border of the kernel: views of a problem, options, and the answer. No code, no ISA.
+#pragma once
+
+#include <cstdint>
+
+namespace hqp {
+
+// One level of the caller's problem; A is null for a selection.
+struct Level {
+  const double* A = nullptr;           // (m, n) row-major
+  const std::int64_t* index = nullptr; // (m,)
+  const double* scale = nullptr;       // (m,)
+  const double* lower = nullptr;       // (m,)
+  const double* upper = nullptr;       // (m,)
+  double damping = 0.0;
+  int m = 0;
+};
+
+struct Problem {
+  const Level* levels = nullptr;
+  int count = 0;
+  int constraints = 0;
+  const double* metric = nullptr;  // (n, n) or null
+  const double* origin = nullptr;  // (n,) or null
+};
+
+struct Options {
+  double rank_tolerance = 1e-9;
+  double multiplier_tolerance = 1e-11;
+  double feasibility_tolerance = 1e-11;
+  double time_limit = 0.0;   // seconds, none if zero
+  int max_iterations = 0;    // automatic if zero
+  int credit = 3;
+  bool multipliers = false;
+};
+
+enum class Outcome : int {
+  optimal = 0,
+  rank_uncertain = 1,
+  constraints_violated = 2,
+  not_certified = 3,
+  iteration_limit = 4,
+  time_limit = 5,
+  invalid = 6,
+};
+
+// Where the answer goes; the arrays are the caller's.
+struct Answer {
+  double* x = nullptr;             // (n,)
+  double* slack = nullptr;         // (sum m,)
+  std::int8_t* active = nullptr;   // (sum m,)
+  double* multipliers = nullptr;   // level k after level k - 1, (m_0 + ... + m_k) each; null if not asked
+  Outcome outcome = Outcome::optimal;
+  int iterations = 0;
+  int factorisations = 0;
+};
+
+}  // namespace hqp

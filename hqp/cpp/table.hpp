@@ -1,0 +1,200 @@
+// The caller's problem as one table of rows: the box taken out of level 0, completion levels put at the end.
+#pragma once
+
+#include "arena.hpp"
+#include "dense.hpp"
+#include "problem.hpp"
+
+namespace hqp {
+inline namespace HQP_ISA {
+
+constexpr double kInfinity = __builtin_inf();
+
+enum Mark : std::int8_t { kLower = -1, kFree = 0, kUpper = 1, kEquality = 2 };
+
+// A level inside the kernel: rows [begin, end) of the table.
+struct Block {
+  const double* A;            // dense (m, n), or null
+  const std::int64_t* index;  // selection
+  const double* scale;
+  double damping;
+  double norm;                // largest norm of a row that is not left out
+  int begin, end;
+};
+
+struct Table {
+  int n = 0, blocks = 0, rows = 0, inequalities = 0;
+  int first = 0;              // 1 if level 0 became the box
+  bool boxed = false;         // some variable has a finite bound or is fixed
+  Block* block = nullptr;
+  double* lower = nullptr;    // (rows,) of the table, copies
+  double* upper = nullptr;
+  double* norm = nullptr;
+  std::int8_t* kind = nullptr;   // kEquality, kFree = left out, kUpper = inequality
+  double* lo = nullptr;       // (n,) the box
+  double* hi = nullptr;
+  std::int8_t* fixed = nullptr;  // (n,) lo == hi
+  double* metric_rows = nullptr;
+  double* metric_rhs = nullptr;
+  double* zeros = nullptr;
+  std::int64_t* every = nullptr;
+  double* ones = nullptr;
+  std::int64_t* single_index = nullptr;   // level 0 where it is dense but has one entry a row
+  double* single_scale = nullptr;
+  double* scratch = nullptr;
+
+  void layout(Arena& arena, int n_, int levels, const int* m, bool metric) {
+    n = n_;
+    int total = 0;
+    for (int k = 0; k < levels; ++k) total += m[k];
+    const int all = total + n + (metric ? n : 0);
+    arena.place(block, static_cast<std::size_t>(levels) + 2);
+    arena.place(lower, all); arena.place(upper, all); arena.place(norm, all); arena.place(kind, all);
+    arena.place(lo, n); arena.place(hi, n); arena.place(fixed, n);
+    arena.place(metric_rows, metric ? static_cast<std::size_t>(n) * n : 0);
+    arena.place(metric_rhs, n); arena.place(zeros, n); arena.place(every, n); arena.place(ones, n);
+    arena.place(single_index, levels ? m[0] : 0); arena.place(single_scale, levels ? m[0] : 0);
+    arena.place(scratch, metric ? static_cast<std::size_t>(n) * n : 0);
+  }
+
+  void start() {
+    for (int i = 0; i < n; ++i) { every[i] = i; ones[i] = 1.0; }
+  }
+
+  // Read the problem; false if a number is not usable.
+  bool read(const Problem& problem) {
+    rows = 0; blocks = 0; inequalities = 0; first = 0;
+    Level level = problem.count ? problem.levels[0] : Level();
+    if (problem.count && take_box(level)) first = 1;
+    else { boxed = false; for (int i = 0; i < n; ++i) { lo[i] = -kInfinity; hi[i] = kInfinity; fixed[i] = 0; } }
+    for (int k = first; k < problem.count; ++k)
+      if (!add(problem.levels[k])) return false;
+    return complete(problem);
+  }
+
+  // v = A x over the rows of the table.
+  void product(const double* x, double* v) const {
+    for (int k = 0; k < blocks; ++k) {
+      const Block& b = block[k];
+      const int m = b.end - b.begin;
+      if (b.A)
+        for (int i = 0; i < m; ++i) v[b.begin + i] = dot_any(b.A + static_cast<std::ptrdiff_t>(i) * n, x, n);
+      else
+        for (int i = 0; i < m; ++i) v[b.begin + i] = b.scale[i] * x[b.index[i]];
+    }
+  }
+
+  // x_i, moved by single roundings until scale * x_i keeps its bounds.
+  static double inside(double bound, double scale, double lower, double upper) {
+    double x = bound / scale;
+    for (int turn = 0; turn < 8 && scale * x < lower; ++turn) x = std::nextafter(x, scale > 0 ? kInfinity : -kInfinity);
+    for (int turn = 0; turn < 8 && scale * x > upper; ++turn) x = std::nextafter(x, scale > 0 ? -kInfinity : kInfinity);
+    return x;
+  }
+
+ private:
+  bool add(const Level& level) {
+    Block& b = block[blocks++];
+    b.A = level.A; b.index = level.index; b.scale = level.scale; b.damping = level.damping;
+    b.begin = rows; b.end = rows + level.m; b.norm = 0.0;
+    for (int i = 0; i < level.m; ++i) {
+      const int r = rows + i;
+      const double l = level.lower[i], u = level.upper[i];
+      if (!(l <= u) || l == kInfinity || u == -kInfinity) return false;
+      lower[r] = l; upper[r] = u;
+      const double* a = level.A ? level.A + static_cast<std::ptrdiff_t>(i) * n : nullptr;
+      const double square = a ? dot_any(a, a, n) : level.scale[i] * level.scale[i];
+      if (!(square < kInfinity)) return false;
+      norm[r] = std::sqrt(square);
+      kind[r] = l == u ? kEquality : (l == -kInfinity && u == kInfinity) ? kFree : kUpper;
+      inequalities += kind[r] == kUpper;
+      if (kind[r] != kFree && norm[r] > b.norm) b.norm = norm[r];
+    }
+    rows += level.m;
+    return true;
+  }
+
+  // The last levels: (x - origin)' metric (x - origin) as rows of a root of the metric, then the least norm.
+  bool complete(const Problem& problem) {
+    Level last;
+    last.index = every; last.scale = ones; last.m = n;
+    last.lower = last.upper = zeros;
+    if (problem.metric) {
+      Level level;
+      level.A = metric_rows;
+      level.m = root(problem.metric);
+      if (level.m < 0) return false;
+      for (int i = 0; i < level.m; ++i)
+        metric_rhs[i] = problem.origin ? dot_any(metric_rows + static_cast<std::ptrdiff_t>(i) * n, problem.origin, n) : 0.0;
+      level.lower = level.upper = metric_rhs;
+      if (!add(level)) return false;
+    } else if (problem.origin) {
+      last.lower = last.upper = problem.origin;
+    }
+    return add(last);
+  }
+
+  // Pivoted Cholesky: metric = rows' rows, stopped at rounding; the number of rows, -1 if not finite.
+  int root(const double* metric) {
+    double largest = 0.0;
+    double* rest = scratch;
+    for (int i = 0; i < n * n; ++i) {
+      if (!(std::fabs(metric[i]) < kInfinity)) return -1;
+      rest[i] = metric[i];
+    }
+    for (int i = 0; i < n; ++i) largest = std::fmax(largest, rest[i * n + i]);
+    int rank = 0;
+    for (; rank < n; ++rank) {
+      int p = 0;
+      for (int i = 1; i < n; ++i) if (rest[i * n + i] > rest[p * n + p]) p = i;
+      const double pivot = rest[p * n + p];
+      if (!(pivot > 1e-14 * n * largest)) break;
+      double* row = metric_rows + static_cast<std::ptrdiff_t>(rank) * n;
+      const double d = 1.0 / std::sqrt(pivot);
+      for (int j = 0; j < n; ++j) row[j] = 0.5 * (rest[p * n + j] + rest[j * n + p]) * d;
+      for (int i = 0; i < n; ++i) add_any(rest + i * n, row, -row[i], n);
+      for (int j = 0; j < n; ++j) rest[p * n + j] = rest[j * n + p] = 0.0;
+    }
+    return rank;
+  }
+
+  // Level 0 as bounds on variables, if every row picks one and the bounds agree.
+  bool take_box(const Level& level) {
+    const std::int64_t* index = level.index;
+    const double* scale = level.scale;
+    if (level.A) {
+      for (int i = 0; i < level.m; ++i) {
+        const double* a = level.A + static_cast<std::ptrdiff_t>(i) * n;
+        int found = -1;
+        for (int j = 0; j < n; ++j)
+          if (a[j] != 0.0) { if (found >= 0) return false; found = j; }
+        if (found < 0 || !(std::fabs(a[found]) < kInfinity)) return false;
+        single_index[i] = found; single_scale[i] = a[found];
+      }
+      index = single_index; scale = single_scale;
+    }
+    for (int i = 0; i < n; ++i) { lo[i] = -kInfinity; hi[i] = kInfinity; fixed[i] = 0; }
+    boxed = false;
+    for (int i = 0; i < level.m; ++i) {
+      const double l = level.lower[i], u = level.upper[i], s = scale[i];
+      if (!(l <= u) || l == kInfinity || u == -kInfinity) return false;
+      const int j = static_cast<int>(index[i]);
+      double a = l, b = u;
+      if (s != 1.0) {
+        a = s > 0 ? (l > -kInfinity ? inside(l, s, l, u) : l) : (u < kInfinity ? inside(u, s, l, u) : -kInfinity);
+        b = s > 0 ? (u < kInfinity ? inside(u, s, l, u) : u) : (l > -kInfinity ? inside(l, s, l, u) : kInfinity);
+        if (a > b) a = b;
+      }
+      lo[j] = std::fmax(lo[j], a); hi[j] = std::fmin(hi[j], b);
+      boxed = boxed || a > -kInfinity || b < kInfinity;
+    }
+    for (int i = 0; i < n; ++i) {
+      if (lo[i] > hi[i]) return false;
+      fixed[i] = lo[i] == hi[i];
+    }
+    return true;
+  }
+};
+
+}  // namespace HQP_ISA
+}  // namespace hqp

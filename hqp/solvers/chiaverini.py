@@ -1,0 +1,118 @@
+"""`chiaverini`: the prioritised inverse of Mistry 2008 exactly as printed; strict for the first level alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import perf_counter
+from typing import ClassVar
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec
+from hqp.errors import DeclarationError, UnsupportedProblem
+from hqp.problem import Hierarchy, Shape, Solution, Stats, Status
+from hqp.solvers.base import Solver
+from hqp.solvers.flat import Flat
+from hqp.solvers.recursion import Recursion
+
+MET = 1e-10
+"""A residual counts as zero below this fraction of its row's terms."""
+
+
+@dataclass(frozen=True)
+class Chiaverini(Solver):
+    """x = J_A^+ x_A + N_A J_B^+ x_B + N_AB J_E^+ x_E + ..., N_AB = I - [J_A; J_B]^+ [J_A; J_B] (Mistry 2008, 16-17).
+
+    Each task is inverted by itself and then projected (Chiaverini 1997), so that only the first level reaches its
+    optimum for certain: strict is False, and a lower level whose residual is not zero marks the answer NOT_CERTIFIED.
+    Constraints that a stack is subject to are the first level ("critical"), the next one is B.
+    damping: lambda of footnote 3, N_A N_AB^lambda in place of N_AB from the third level on, 0 as printed in (16).
+    rank_tolerance, ignore_inequalities: as in nullspace.
+    """
+
+    name: ClassVar[str] = "chiaverini"
+    inequalities: ClassVar[bool] = False
+    strict: ClassVar[bool] = False
+    metric: ClassVar[bool] = False
+    accuracy: ClassVar[float] = 1e-8
+
+    damping: float = 0.0
+    rank_tolerance: float = 1e-9
+    ignore_inequalities: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.rank_tolerance < 1.0:
+            raise DeclarationError("chiaverini", "bad rank_tolerance", value=self.rank_tolerance, allowed="0 to 1")
+        if not 0.0 <= self.damping < np.inf:
+            raise DeclarationError("chiaverini", "bad damping", value=self.damping, allowed="finite, 0 or more")
+
+    def require(self, shape: Shape) -> None:
+        """As Solver.require; inequalities pass where they are to be ignored."""
+        if shape.inequalities and not self.ignore_inequalities:
+            raise UnsupportedProblem(
+                f"{self.name} takes no inequalities; take an HQP solver such as 'lexicographic', or let it leave them "
+                "out with ignore_inequalities=True"
+            )
+        if shape.metric or shape.origin:
+            raise UnsupportedProblem(f"{self.name} takes neither metric nor origin")
+
+    def workspace(self, shape: Shape) -> ChiaveriniWorkspace:
+        """Allocate; raises UnsupportedProblem for inequalities, metric and origin."""
+        self.require(shape)
+        return ChiaveriniWorkspace(self, shape)
+
+
+class ChiaveriniWorkspace:
+    """Buffers of one shape; there is no warm start."""
+
+    def __init__(self, solver: Chiaverini, shape: Shape) -> None:
+        self.flat = Flat(shape)
+        self.above = Recursion(shape.n, solver.rank_tolerance)
+        self.alone = Recursion(shape.n, solver.rank_tolerance)
+        self.damping = solver.damping
+
+    def reset(self) -> None:
+        """Nothing is kept between solves."""
+
+    def solve(self, problem: Hierarchy) -> Solution:
+        """The sum of projected inverses; OPTIMAL where every level below the first is met, else NOT_CERTIFIED."""
+        began = perf_counter()
+        flat = self.flat
+        unusable = flat.load(problem)
+        if unusable:
+            return flat.refuse(problem, Stats(build_s=perf_counter() - began), unusable)
+        marks = flat.equality
+        A, b = flat.A[marks], flat.lower[marks]
+        stops = [int(np.count_nonzero(marks[:stop])) for stop in flat.stops]
+        built = perf_counter()
+        x = np.zeros(problem.n)
+        uncertain, start = False, 0
+        self.above.solve(A, b, stops)
+        for k, stop in enumerate(stops):
+            if stop > start:
+                self.alone.solve(A[start:stop], b[start:stop], [stop - start])
+                uncertain |= self.alone.uncertain
+                x += self._project(self.alone.point(), k, A[:start])
+            start = stop
+        status, detail = Status.OPTIMAL, ""
+        if not self._met(x, self.flat.stops[0] if self.flat.stops else 0):
+            status, detail = Status.NOT_CERTIFIED, "(16) does not minimise the levels below the first"
+        elif uncertain or self.above.uncertain:
+            status, detail = Status.RANK_UNCERTAIN, "a pivot lay near rank_tolerance"
+        return flat.finish(problem, x, status, Stats(0, len(stops) + 1, built - began, perf_counter() - built), detail)
+
+    def _project(self, v: Vec, k: int, J: Mat) -> Vec:
+        """N v for level k: I, N_A, N_AB, ..., or N_A N_AB^lambda from the third level on (footnote 3)."""
+        if self.damping == 0.0 or k < 2:
+            return self.above.project(v, k)
+        inner = J @ J.T
+        inner[np.diag_indices_from(inner)] += self.damping**2
+        return self.above.project(v - J.T @ np.linalg.solve(inner, J @ v), 1)
+
+    def _met(self, x: Vec, first: int) -> bool:
+        """Whether every equality below the first level and every inequality has no residual to speak of."""
+        flat = self.flat
+        w = np.abs(flat.slack(x))
+        w[:first] *= flat.inequality[:first]
+        bound = np.where(flat.equality, np.abs(flat.lower), 1.0)
+        return bool(np.all(w <= MET * (np.abs(flat.A) @ np.abs(x) + bound)))

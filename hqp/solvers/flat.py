@@ -1,0 +1,99 @@
+"""A hierarchy as one block of rows, refilled each solve, and the solution computed back from that block."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec
+from hqp.problem import EQUALITY, VIOLATION_TOLERANCE, Hierarchy, Selection, Shape, Solution, Stats, Status
+from hqp.solvers.base import ACTIVITY_TOLERANCE, check_shape
+
+
+class Flat:
+    """All rows of a hierarchy in order: A ``(M, n)``, lower, upper ``(M,)``, stops ``(levels,)``.
+
+    equality, inequality: ``(M,)`` marks of this tick; a row that is neither is left out of it.
+    """
+
+    def __init__(self, shape: Shape) -> None:
+        self.shape = shape
+        self.stops = [sum(shape.rows[: k + 1]) for k in range(len(shape.rows))]
+        M = self.stops[-1] if self.stops else 0
+        self.A: Mat = np.zeros((M, shape.n))
+        self.lower: Vec = np.zeros(M)
+        self.upper: Vec = np.zeros(M)
+        self.equality = np.zeros(M, dtype=bool)
+        self.inequality = np.zeros(M, dtype=bool)
+        self.level = np.repeat(np.arange(len(shape.rows)), shape.rows)
+
+    def load(self, problem: Hierarchy) -> str:
+        """Take the numbers of this tick; return what makes them unusable, '' if nothing does.
+
+        Raises ProblemError for another shape than the workspace was made for.
+        """
+        check_shape(problem, self.shape)
+        start = 0
+        for rows, stop in zip(problem.levels, self.stops, strict=True):
+            part = slice(start, stop)
+            if isinstance(rows.A, Selection):
+                block = self.A[part]
+                block.fill(0.0)
+                block[np.arange(stop - start), rows.A.index] = rows.A.scale
+            else:
+                self.A[part] = rows.A
+            self.lower[part] = rows.lower
+            self.upper[part] = rows.upper
+            start = stop
+        np.equal(self.lower, self.upper, out=self.equality)
+        np.isfinite(self.lower, out=self.inequality)
+        self.inequality |= np.isfinite(self.upper)
+        self.inequality &= ~self.equality
+        return self._unusable(problem)
+
+    def _unusable(self, problem: Hierarchy) -> str:
+        flat = self.A.ravel()
+        if not np.isfinite(flat @ flat) and not np.isfinite(flat).all():
+            return f"level {self.level[int(np.argmin(np.isfinite(self.A).all(axis=1)))]} is not finite"
+        good = self.lower <= self.upper
+        good &= (self.lower < np.inf) & (self.upper > -np.inf)
+        if not good.all():
+            return f"level {self.level[int(np.argmin(good))]} has bounds that are NaN or crossed"
+        for name in ("metric", "origin"):
+            value = getattr(problem, name)
+            if value is not None and not np.isfinite(value).all():
+                return f"the {name} is not finite"
+        return ""
+
+    def slack(self, x: Vec) -> Vec:
+        """w = A x - clip(A x, lower, upper), ``(M,)``."""
+        value = self.A @ x
+        return np.asarray(value - np.minimum(np.maximum(value, self.lower), self.upper))
+
+    def refuse(self, problem: Hierarchy, stats: Stats, detail: str) -> Solution:
+        """What is returned for an unusable problem: x = 0, infinite residuals where they cannot be computed."""
+        x = np.zeros(problem.n)
+        with np.errstate(invalid="ignore"):
+            w = self.slack(x)
+        w[np.isnan(w)] = np.inf
+        marks = np.zeros(w.size, dtype=np.int8)
+        return Solution(x, Status.NOT_CERTIFIED, self._split(w), self._split(marks), stats, detail)
+
+    def finish(self, problem: Hierarchy, x: Vec, status: Status, stats: Stats, detail: str = "") -> Solution:
+        """As base.finish, in one pass over the block."""
+        if not np.isfinite(x).all():
+            return self.refuse(problem, stats, "the numbers overflowed")
+        value = self.A @ x
+        w = value - np.minimum(np.maximum(value, self.lower), self.upper)
+        reach = ACTIVITY_TOLERANCE * (1.0 + np.abs(value))
+        marks = (value >= self.upper - reach).astype(np.int8)
+        marks[(value <= self.lower + reach) & (marks == 0)] = -1
+        marks[self.equality] = EQUALITY
+        if problem.constraints and status.solved:
+            stop = self.stops[problem.constraints - 1]
+            if np.any(np.abs(w[:stop]) > VIOLATION_TOLERANCE * (1.0 + np.abs(value[:stop] - w[:stop]))):
+                status = Status.worst(status, Status.CONSTRAINTS_VIOLATED)
+        return Solution(x, status, self._split(w), self._split(marks), stats, detail)
+
+    def _split(self, values: Vec) -> tuple[Vec, ...]:
+        starts = [0, *self.stops]
+        return tuple(values[a:b] for a, b in zip(starts, self.stops, strict=False))

@@ -1,0 +1,214 @@
+"""Lexicographic least squares of equality rows: the recursive projector as one chain of pivoted QR.
+
+The recursion x_k = x_{k-1} + (J_k N_{k-1})^+ (b_k - J_k x_{k-1}) (Siciliano and Slotine 1991) is carried out in an
+orthonormal basis that grows with the levels: with A_k' = [Q_above L_k; Q_k R_k P_k'] level k only sees the rows of
+Q' A' below the rank of the levels above it.  No projector is formed, and no row is stacked on a fixed one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.linalg import lapack
+
+from hqp.arrays import Mat, Vec
+
+NEAR = 100.0
+"""A pivot within this factor of the rank tolerance makes a rank decision uncertain."""
+
+_WORK = 8192
+
+
+class Recursion:
+    """min ||A_0 x - b_0||, then ||A_1 x - b_1|| with the first kept minimal, and so on, then min ||x||.
+
+    Not a solver: it knows neither inequalities nor hierarchies.  tolerance: a row adds no direction where its
+    pivot is below this fraction of the largest row norm of its level, before any projection.
+    """
+
+    def __init__(self, n: int, tolerance: float) -> None:
+        self.n, self.tolerance = n, tolerance
+        self.ranks: list[int] = []
+        self.uncertain = False
+        self.factorisations = 0
+        self._taken = 0
+        self._steps: list[_Step] = []
+
+    @property
+    def free(self) -> int:
+        """How many directions no level has fixed."""
+        return self.n - self._taken
+
+    def solve(self, A: Mat, b: Vec, stops: Sequence[int], damping: Sequence[float] = ()) -> None:
+        """Go through the levels; level k's rows of A ``(M, n)``, b ``(M,)`` end at stops[k], level k + 1's begin there.
+
+        damping: lambda of each level, ||w_k||^2 + lambda_k^2 ||step||^2; the levels above never notice it.
+        """
+        self.ranks, self._steps, self.uncertain, self.factorisations = [], [], False, 0
+        self._taken = start = 0
+        tail, b = A.T, b.copy()
+        norms = np.sqrt(np.einsum("ij,ij->i", A, A))
+        for k, stop in enumerate(stops):
+            m = stop - start
+            if m and self.free:
+                step = self._level(tail, m, b[start:], float(norms[start:stop].max()), damping[k] if damping else 0.0)
+            else:
+                step = _Step(0, tail[:, m:])
+            step.start, step.stop, step.offset = start, stop, self._taken
+            self._steps.append(step)
+            self._taken += step.rank
+            self.ranks.append(step.rank)
+            tail, start = step.tail, stop
+
+    def extend(self, A: Mat, b: Vec) -> None:
+        """One more level A ``(m, n)``, b ``(m,)`` below all that were solved."""
+        if not self.free or not A.shape[0]:
+            return
+        tail, b = A.T, b.copy()
+        for step in self._steps:
+            if step.rank:
+                tail, _, _ = lapack.dormqr("L", "T", step.qr, step.tau, tail, _WORK)
+                b -= step.y @ tail[: step.rank]
+                tail = tail[step.rank :]
+        step = self._level(tail, A.shape[0], b, float(np.sqrt(np.einsum("ij,ij->i", A, A).max())), 0.0)
+        step.offset = self._taken
+        self._steps.append(step)
+        self._taken += step.rank
+
+    def point(self) -> Vec:
+        """x ``(n,)`` of the levels gone through, the shortest one."""
+        y = np.zeros((self.n, 1), order="F")
+        for step in self._steps:
+            y[step.offset : step.offset + step.rank, 0] = step.y
+        for step in reversed(self._steps):
+            if step.rank and not step.tall:
+                part, _, _ = lapack.dormqr("L", "N", step.qr, step.tau, y[step.offset :], _WORK)
+                y[step.offset :] = part
+        return y[:, 0]
+
+    def _level(self, tail: Mat, m: int, b: Vec, size: float, damping: float) -> _Step:
+        """Factor the first m columns of tail; transform the others; solve for this level's coordinates."""
+        free = tail.shape[0]
+        self.factorisations += 1
+        if m >= free and damping == 0.0:
+            step = self._full(tail, m, b, size)
+            if step is not None:
+                return step
+            self.factorisations += 1
+        qr, pivots, tau, _, _ = lapack.dgeqp3(tail[:, :m], lwork=_WORK)
+        rank = self._rank(np.abs(qr.diagonal()), size)
+        if rank == 0:
+            return _Step(0, tail[:, m:])
+        pivots -= 1
+        qr, tau = qr[:, :rank] if rank < m else qr, tau[:rank]
+        rest = tail[:, m:]
+        if rest.shape[1]:
+            rest, _, _ = lapack.dormqr("L", "T", qr, tau, rest, _WORK)
+        step = _Step(rank, rest[rank:], qr, tau, pivots[:rank], top=rest[:rank])
+        rhs = b[:m][pivots]
+        if rank == m and damping == 0.0:
+            step.y, _ = lapack.dtrtrs(qr[:rank], rhs, trans=1)
+        else:
+            step.y = self._least_squares(tail, qr, tau, pivots, rank, rhs, damping)
+        if step.top.shape[1]:
+            b[m:] -= step.y @ step.top
+        return step
+
+    def _full(self, tail: Mat, m: int, b: Vec, size: float) -> _Step | None:
+        """The step of a level that determines all that is left, None where it turns out not to."""
+        free = tail.shape[0]
+        qr, pivots, tau, _, _ = lapack.dgeqp3(tail[:, :m].T, lwork=_WORK)
+        if self._rank(np.abs(qr.diagonal()), size) < free:
+            return None
+        pivots -= 1
+        image, _, _ = lapack.dormqr("L", "T", qr, tau, b[:m, None], _WORK)
+        z, _ = lapack.dtrtrs(qr[:free], image[:free, 0])
+        step = _Step(free, tail[free:, m:], qr, tau, pivots, top=tail[:, m:], tall=True)
+        step.y = np.empty(free)
+        step.y[pivots] = z
+        return step
+
+    @staticmethod
+    def _least_squares(tail: Mat, qr: Mat, tau: Vec, pivots: Mat, rank: int, rhs: Vec, damping: float) -> Vec:
+        """min ||J y - rhs||^2 + damping^2 ||y||^2 of a level whose rows are dependent, ``(rank,)``."""
+        m = pivots.size
+        J, _, _ = lapack.dormqr("L", "T", qr, tau, tail[:, :m][:, pivots], _WORK)
+        J = J[:rank].T
+        if damping > 0.0:
+            J = np.concatenate([J, damping * np.eye(rank)])
+            rhs = np.concatenate([rhs, np.zeros(rank)])
+        _, y, _ = lapack.dgels(J, rhs, lwork=_WORK)
+        return np.asarray(y[:rank])
+
+    def _rank(self, pivots: Vec, size: float) -> int:
+        """How many pivots are above the tolerance, judged against the unprojected row norms."""
+        cut = self.tolerance * size
+        rank = int(np.count_nonzero(pivots > cut))
+        if rank and pivots[rank - 1] < NEAR * cut:
+            self.uncertain = True
+        elif rank < pivots.size and pivots[rank] * NEAR > cut:
+            self.uncertain = True
+        return rank
+
+    def project(self, v: Vec, levels: int) -> Vec:
+        """N v, v ``(n,)`` without its part in the row space of the first ``levels`` levels."""
+        steps = [step for step in self._steps[:levels] if step.rank]
+        if any(step.tall for step in steps):
+            return np.zeros(self.n)
+        parts = [v.reshape(-1, 1)]
+        for step in steps:
+            part, _, _ = lapack.dormqr("L", "T", step.qr, step.tau, parts[-1], _WORK)
+            parts.append(part[step.rank :])
+        free = parts[-1]
+        for step in reversed(steps):
+            whole = np.zeros((free.shape[0] + step.rank, 1), order="F")
+            whole[step.rank :] = free
+            free, _, _ = lapack.dormqr("L", "N", step.qr, step.tau, whole, _WORK)
+        return np.array(free[:, 0])
+
+    def multipliers(self, residuals: Vec, stops: Sequence[int]) -> Mat:
+        """Column k: lambda_k with sum_{j<=k} A_j' lambda_kj = 0 and lambda_kk = w_k, ``(M, levels)``.
+
+        residuals: ``(M,)``, A x - b at the x of the last solve.  Where rows are dependent some of them get zero.
+        """
+        levels = len(stops)
+        L = np.zeros((stops[-1] if stops else 0, levels), order="F")
+        start = 0
+        for k, stop in enumerate(stops):
+            L[start:stop, k] = residuals[start:stop]
+            start = stop
+        for k in range(levels - 2, -1, -1):
+            step, below = self._steps[k], k + 1
+            if not step.rank or step.stop >= L.shape[0]:
+                continue
+            force = -(step.top @ L[step.stop :, below:])
+            if step.tall:
+                share = np.zeros((step.stop - step.start, force.shape[1]), order="F")
+                share[: step.rank], _ = lapack.dtrtrs(step.qr[: step.rank], force[step.pivots], trans=1)
+                share, _, _ = lapack.dormqr("L", "N", step.qr, step.tau, share, _WORK)
+                L[step.start : step.stop, below:] = share
+            else:
+                L[step.start + step.pivots, below:], _ = lapack.dtrtrs(step.qr[: step.rank], force)
+        return L
+
+
+class _Step:
+    """What one level leaves behind: its reflectors, its coordinates, and how it couples to the levels below."""
+
+    __slots__ = ("offset", "pivots", "qr", "rank", "start", "stop", "tail", "tall", "tau", "top", "y")
+
+    def __init__(
+        self,
+        rank: int,
+        tail: Mat,
+        qr: Mat | None = None,
+        tau: Vec | None = None,
+        pivots: Mat | None = None,
+        top: Mat | None = None,
+        tall: bool = False,
+    ) -> None:
+        self.rank, self.tail, self.tall = rank, tail, tall
+        self.qr, self.tau, self.pivots, self.top = qr, tau, pivots, top
+        self.y = np.zeros(rank)
+        self.start = self.stop = self.offset = 0

@@ -1,0 +1,125 @@
+"""The direction of imports, walked over the sources: who may know whom."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+CORE = sorted((ROOT / "hqp").glob("*.py"))
+SOLVERS = sorted((ROOT / "hqp" / "solvers").rglob("*.py"))
+TASKS = sorted((ROOT / "tasks").rglob("*.py"))
+ROBOTS = sorted((ROOT / "robots").rglob("*.py"))
+BACKENDS = {"proxsuite", "osqp", "daqp", "qpsolvers", "piqp", "clarabel", "quadprog"}
+
+# module of hqp: the modules of hqp that it may import at load time
+MAY = {
+    "errors": set(),
+    "arrays": set(),
+    "problem": {"arrays", "errors"},
+    "law": {"errors"},
+    "reference": {"arrays", "errors"},
+    "robot": {"arrays"},
+    "certify": {"arrays", "errors", "problem"},
+    "floating_base": {"arrays", "errors"},
+    "element": {"arrays", "errors", "law", "reference", "robot"},
+    "stack": {"element", "errors", "law"},
+    "assembly": {"arrays", "element", "errors", "law", "reference", "robot"},
+    "solvers": {"arrays", "errors", "problem", "certify", "_lexicographic"},
+    "tasks": {"arrays", "element", "errors", "law", "reference", "robot"},
+    "robots": {"arrays", "errors"},
+}
+
+
+def imported(path: Path, everywhere: bool = True) -> set[str]:
+    """Absolute names a file imports: at any depth, or at load time only (no functions, no TYPE_CHECKING)."""
+    found: set[str] = set()
+
+    def visit(node: ast.AST) -> None:
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.Import):
+                found.update(alias.name for alias in child.names)
+            elif isinstance(child, ast.ImportFrom) and child.level == 0 and child.module:
+                found.update({child.module} | {f"{child.module}.{alias.name}" for alias in child.names})
+            lazy = isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef)) or (
+                isinstance(child, ast.If) and "TYPE_CHECKING" in ast.dump(child.test)
+            )
+            if everywhere or not lazy:
+                visit(child)
+
+    visit(ast.parse(path.read_text()))
+    return found
+
+
+def roots(path: Path) -> set[str]:
+    return {name.split(".")[0] for name in imported(path)}
+
+
+def siblings(path: Path) -> set[str]:
+    """First-level modules of hqp that a file imports at load time."""
+    return {name.split(".")[1] for name in imported(path, everywhere=False) if name.startswith("hqp.")}
+
+
+@pytest.mark.parametrize("module", [m for m in MAY if m not in ("solvers", "tasks", "robots")])
+def test_core_modules_know_only_what_is_below_them(module: str) -> None:
+    assert siblings(ROOT / "hqp" / f"{module}.py") <= MAY[module]
+
+
+@pytest.mark.parametrize(
+    ("part", "files"), [("solvers", SOLVERS), ("tasks", TASKS), ("robots", ROBOTS)], ids=["solvers", "tasks", "robots"]
+)
+def test_parts_know_only_what_is_below_them(part: str, files: list[Path]) -> None:
+    assert files
+    for path in files:
+        strangers = siblings(path) - MAY[part] - {part}
+        assert not strangers, f"{path.relative_to(ROOT)} imports {strangers}"
+
+
+def test_only_robots_import_pinocchio_or_mujoco() -> None:
+    for path in [*CORE, *SOLVERS, *TASKS]:
+        assert not roots(path) & {"pinocchio", "mujoco"}, path.name
+
+
+def test_only_adapters_import_back_ends() -> None:
+    for path in [*CORE, *TASKS, *ROBOTS]:
+        assert not roots(path) & BACKENDS, path.name
+
+
+def test_nothing_imports_benchmarks_or_tests() -> None:
+    for path in [*CORE, *SOLVERS, *TASKS, *ROBOTS]:
+        assert not roots(path) & {"benchmarks", "tests", "conftest"}, path.name
+
+
+def test_inside_tasks_and_robots_no_parent_imports() -> None:
+    for path in [*TASKS, *ROBOTS]:
+        levels = [n.level for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.ImportFrom)]
+        assert max(levels, default=0) <= 1, path.name
+
+
+def run(code: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False)
+
+
+def test_import_hqp_is_light() -> None:
+    heavy = BACKENDS | {"pinocchio", "mujoco", "matplotlib", "rich"}
+    result = run(f"import sys, hqp; print(sorted(set({sorted(heavy)!r}) & set(sys.modules)))")
+    assert result.stdout.strip() == "[]", result.stdout + result.stderr
+
+
+@pytest.mark.parametrize("part", ["tasks", "robots"])
+def test_a_second_copy_is_refused(part: str) -> None:
+    result = run(f"import {part}")
+    assert result.returncode != 0
+    assert f"import hqp.{part}" in result.stderr
+
+
+def test_public_names_exist() -> None:
+    result = run(
+        "import hqp\nfor name in hqp.__all__: getattr(hqp, name)\nimport hqp.tasks as t\n"
+        "for name in t.__all__: getattr(t, name)"
+    )
+    assert result.returncode == 0, result.stderr
