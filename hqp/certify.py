@@ -209,7 +209,7 @@ def _restore(G: Mat, b: Vec, mu: Vec, passive: np.ndarray[tuple[int], np.dtype[n
 
 
 def _lengths(A: Mat) -> Vec:
-    return np.sqrt(np.einsum("ij,ij->i", A, A))
+    return np.asarray(np.sqrt(np.einsum("ij,ij->i", A, A)))
 
 
 def _terms(A: Mat, x: Vec) -> Vec:

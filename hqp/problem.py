@@ -94,7 +94,7 @@ class Rows:
     @property
     def equality(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
         """Which rows are equalities now, ``(m,)``."""
-        return self.lower == self.upper
+        return np.asarray(self.lower == self.upper)
 
     def dense(self, n: int) -> Mat:
         """A as a matrix ``(m, n)``; the stored one where it is dense already."""

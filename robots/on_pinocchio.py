@@ -242,7 +242,7 @@ class State:
         elif what == _COM:
             self.kinematics()
             pin.jacobianCenterOfMass(model, data, False)
-            self._done &= ~_SUBTREES  # it leaves mass-weighted sums where the subtrees' centres were
+            self._done &= ~_SUBTREES  # it leaves sums in world axes where the subtrees' centres were, in joint axes
         elif what == _SUBTREES:
             self.kinematics()
             pin.centerOfMass(model, data, self.q, self.v, _zeros(robot.nv), True)
@@ -311,9 +311,10 @@ class State:
         """Centre of mass of the robot or a subtree, ``(3,)`` [m]."""
         if subtree == 0:
             self._need(_COM)
-        else:
-            self._need(_SUBTREES)
-        return np.array(self.robot.data.com[subtree])
+            return np.array(self.robot.data.com[0])
+        self._need(_SUBTREES)
+        placement = self.robot.data.oMi[subtree]
+        return np.array(placement.translation + placement.rotation @ self.robot.data.com[subtree])
 
     def com_jacobian(self, subtree: int = 0) -> Mat:
         """Jacobian of the centre of mass, ``(3, nv)``: a live view where subtree is 0."""
@@ -332,7 +333,8 @@ class State:
     def com_drift(self, subtree: int = 0) -> Vec:
         """dJ/dt v of the centre of mass, ``(3,)``."""
         self._need(_SUBTREES)
-        return np.array(self.robot.data.acom[subtree])
+        data = self.robot.data
+        return np.array(data.oMi[subtree].rotation @ data.acom[subtree])
 
     def mass_matrix(self) -> Mat:
         """Joint-space inertia A, ``(nv, nv)``, symmetric; a live view."""

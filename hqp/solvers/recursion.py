@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.linalg import lapack
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Index, Mat, Vec
 
 NEAR = 100.0
 """A pivot within this factor of the rank tolerance makes a rank decision uncertain."""
@@ -130,7 +130,7 @@ class Recursion:
         return step
 
     @staticmethod
-    def _least_squares(tail: Mat, qr: Mat, tau: Vec, pivots: Mat, rank: int, rhs: Vec, damping: float) -> Vec:
+    def _least_squares(tail: Mat, qr: Mat, tau: Vec, pivots: Index, rank: int, rhs: Vec, damping: float) -> Vec:
         """min ||J y - rhs||^2 + damping^2 ||y||^2 of a level whose rows are dependent, ``(rank,)``."""
         m = pivots.size
         J, _, _ = lapack.dormqr("L", "T", qr, tau, tail[:, :m][:, pivots], _WORK)
@@ -145,10 +145,9 @@ class Recursion:
         """How many pivots are above the tolerance, judged against the unprojected row norms."""
         cut = self.tolerance * size
         rank = int(np.count_nonzero(pivots > cut))
-        if rank and pivots[rank - 1] < NEAR * cut:
-            self.uncertain = True
-        elif rank < pivots.size and pivots[rank] * NEAR > cut:
-            self.uncertain = True
+        smallest_kept = pivots[rank - 1] if rank else np.inf
+        largest_cut = pivots[rank] if rank < pivots.size else 0.0
+        self.uncertain |= bool(smallest_kept < NEAR * cut or largest_cut * NEAR > cut)
         return rank
 
     def project(self, v: Vec, levels: int) -> Vec:
@@ -193,6 +192,10 @@ class Recursion:
         return L
 
 
+_NOTHING: Mat = np.zeros((0, 0))
+_NOWHERE: Index = np.zeros(0, dtype=np.intp)
+
+
 class _Step:
     """What one level leaves behind: its reflectors, its coordinates, and how it couples to the levels below."""
 
@@ -202,10 +205,10 @@ class _Step:
         self,
         rank: int,
         tail: Mat,
-        qr: Mat | None = None,
-        tau: Vec | None = None,
-        pivots: Mat | None = None,
-        top: Mat | None = None,
+        qr: Mat = _NOTHING,
+        tau: Vec = _NOTHING,
+        pivots: Index = _NOWHERE,
+        top: Mat = _NOTHING,
         tall: bool = False,
     ) -> None:
         self.rank, self.tail, self.tall = rank, tail, tall
