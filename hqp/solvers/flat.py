@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mat, Signs, Vec
 from hqp.problem import EQUALITY, VIOLATION_TOLERANCE, Hierarchy, Selection, Shape, Solution, Stats, Status
 from hqp.solvers.base import ACTIVITY_TOLERANCE, check_shape
+
+_Array = TypeVar("_Array", Vec, Signs)
 
 
 class Flat:
@@ -75,7 +79,7 @@ class Flat:
         with np.errstate(invalid="ignore"):
             w = self.slack(x)
         w[np.isnan(w)] = np.inf
-        marks = np.zeros(w.size, dtype=np.int8)
+        marks: Signs = np.zeros(w.size, dtype=np.int8)
         return Solution(x, Status.NOT_CERTIFIED, self._split(w), self._split(marks), stats, detail)
 
     def finish(self, problem: Hierarchy, x: Vec, status: Status, stats: Stats, detail: str = "") -> Solution:
@@ -85,7 +89,7 @@ class Flat:
         value = self.A @ x
         w = value - np.minimum(np.maximum(value, self.lower), self.upper)
         reach = ACTIVITY_TOLERANCE * (1.0 + np.abs(value))
-        marks = (value >= self.upper - reach).astype(np.int8)
+        marks: Signs = (value >= self.upper - reach).astype(np.int8)
         marks[(value <= self.lower + reach) & (marks == 0)] = -1
         marks[self.equality] = EQUALITY
         if problem.constraints and status.solved:
@@ -94,6 +98,6 @@ class Flat:
                 status = Status.worst(status, Status.CONSTRAINTS_VIOLATED)
         return Solution(x, status, self._split(w), self._split(marks), stats, detail)
 
-    def _split(self, values: Vec) -> tuple[Vec, ...]:
+    def _split(self, values: _Array) -> tuple[_Array, ...]:
         starts = [0, *self.stops]
         return tuple(values[a:b] for a, b in zip(starts, self.stops, strict=False))

@@ -79,7 +79,7 @@ class NullspaceWorkspace:
         """Nothing is kept between solves."""
 
     def solve(self, problem: Hierarchy) -> Solution:
-        """The solution; NOT_CERTIFIED where an ignored inequality is violated or damping moved a level off its optimum."""
+        """The solution; NOT_CERTIFIED where an ignored inequality is violated or damping moved a level."""
         began = perf_counter()
         flat, recursion = self.flat, self.recursion
         unusable = flat.load(problem)
