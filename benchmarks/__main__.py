@@ -1,0 +1,104 @@
+"""The command ``python -m benchmarks``: one part by name, or the main job with its report."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import importlib.util
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from types import ModuleType
+
+RESULTS = Path(__file__).parent / "results"
+
+PARTS = {
+    "papers": "every equation of the papers at its tolerance, negative controls, the closed loop",
+    "compare": "the paper's stack through every solver: agreement, strictness, certificates",
+    "timing": "2000 ticks of 500 Hz through every solver against 2 ms and the bare Pinocchio calls",
+    "solvers": "solvers on problem sets, without a robot",
+    "experiments": "experiments in simulation",
+}
+"""Parts of the main job in order; a part is there if its module is.  A module has ``add_arguments`` and ``run``."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a part or, without a name, the main job; returns 1 if a check fails."""
+    given = list(sys.argv[1:] if argv is None else argv)
+    if given and given[0] in PARTS:
+        return _part(given[0], given[1:])
+    listed = "\n".join(f"  {name:12} {text}{'' if present(name) else ' (not here)'}" for name, text in PARTS.items())
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks",
+        description="Without a part: the main job, all of them in turn, with a report in Markdown.",
+        epilog=f"parts, each with its own --help:\n{listed}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    _common(parser)
+    parser.add_argument("part", nargs="?", metavar="PART", choices=tuple(PARTS), help="one of the parts below")
+    arguments = parser.parse_args(given)
+    if arguments.part is not None:  # options before the part's name
+        given.remove(arguments.part)
+        return _part(arguments.part, given)
+    return _main_job(arguments)
+
+
+def present(part: str) -> bool:
+    """Whether the module of a part exists."""
+    return importlib.util.find_spec(f"benchmarks.{part}") is not None
+
+
+def _common(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
+    parser.add_argument("--quick", action="store_true", help="fewer states and ticks: a look, not a measurement")
+    parser.add_argument("--output", type=Path, default=RESULTS, metavar="DIR", help=f"report and figures ({RESULTS})")
+
+
+def _parser(part: str) -> tuple[argparse.ArgumentParser, ModuleType]:
+    module = importlib.import_module(f"benchmarks.{part}")
+    parser = argparse.ArgumentParser(
+        prog=f"python -m benchmarks {part}", description=module.__doc__, conflict_handler="resolve"
+    )
+    _common(parser)
+    module.add_arguments(parser)
+    return parser, module
+
+
+def _part(part: str, argv: Sequence[str]) -> int:
+    if not present(part):
+        print(f"benchmarks: the part {part!r} is not in this checkout", file=sys.stderr)
+        return 2
+    parser, module = _parser(part)
+    arguments = parser.parse_args(argv)
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    return int(module.run(arguments))
+
+
+def _main_job(arguments: argparse.Namespace) -> int:
+    from benchmarks import report
+
+    start = time.perf_counter()
+    output: Path = arguments.output
+    output.mkdir(parents=True, exist_ok=True)
+    for name in PARTS:  # an old section must not pass for a new one
+        for stale in (output / f"{name}.md", output / f"{name}.json"):
+            stale.unlink(missing_ok=True)
+    outcomes: list[report.Outcome] = []
+    for name in PARTS:
+        if not present(name):
+            continue
+        report.heading(name)
+        began = time.perf_counter()
+        options = ["--output", str(output), "--json", str(output / f"{name}.json")]
+        status = _part(name, [*options, *(["--quick"] if arguments.quick else [])])
+        outcomes.append(report.Outcome(name, PARTS[name], status, time.perf_counter() - began))
+    report.write(output, outcomes, arguments.quick)
+    if arguments.json is not None:
+        report.gather(output, outcomes, arguments.json)
+    report.heading(f"report: {output / 'report.md'} ({time.perf_counter() - start:.0f} s)")
+    return max((outcome.status for outcome in outcomes), default=0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
