@@ -77,7 +77,7 @@ class Element(ABC):
 
     quantity: ClassVar[Quantity] = "motion"
     equality: ClassVar[bool] = True
-    contact: ClassVar[bool] = False
+    is_contact: ClassVar[bool] = False
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)

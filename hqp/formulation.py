@@ -76,7 +76,7 @@ class Formulation(ABC):
         """The law of each element, defaults filled in; raises DeclarationError for a law of another order."""
         laws = {}
         for element in stack:
-            law = element.law or (self.contact_law if element.contact else self.law)
+            law = element.law or (self.contact_law if element.is_contact else self.law)
             if law.order != self.order:
                 raise DeclarationError(
                     element.name,

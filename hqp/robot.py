@@ -59,6 +59,11 @@ class Robot(Protocol):
         ...
 
     @property
+    def continuous(self) -> Index:
+        """Tangent coordinates of joints that turn without end and whose angle is known up to full turns."""
+        ...
+
+    @property
     def lower(self) -> Vec:
         """Lower joint limits ``(nv,)`` [rad or m], -inf where there is none."""
         ...

@@ -84,6 +84,7 @@ class Robot:
         pairs: Index = np.array(single, dtype=np.intp).reshape(-1, 2)
         self._single_v, self._single_q = pairs[:, 0].copy(), pairs[:, 1].copy()
         self._double = tuple(double)
+        self.continuous: Index = np.array([v for v, _ in double], dtype=np.intp)
         return columns
 
     def _read_limits(self) -> tuple[Vec, Vec, Vec, Vec]:
