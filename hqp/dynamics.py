@@ -1,0 +1,222 @@
+"""Dynamics of a constrained, underactuated robot with the constraint forces eliminated (Sentis 2012, section II).
+
+    A qdd + b + g + J^T lambda = U^T tau,      J qdd = gamma      (eq. 2; gamma = -dJ/dt qd)
+
+A ``(nv, nv)`` inertia, b + g ``(nv,)``, J ``(m, nv)`` constraints, U ``(n, nv)`` picks the actuated coordinates.
+Everything rests on one orthogonal factorisation, so that no inverse and no normal equation of J is ever formed:
+
+    A = L L^T,   L^-1 J^T S = Q_1 T,   Q = [Q_1 Q_2] orthogonal, T triangular,
+
+S ``(m, r)`` an orthonormal basis of the independent constraints (the identity if they all are).  The accelerations
+that the constraints allow are L^-T Q_2 z, and with V = Q_2^T L^-1 U^T the reduced inverse inertia is phi* = V^T V.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import lapack
+
+from hqp.arrays import Index, Mat, Vec
+from hqp.errors import ModelError
+
+RANK_TOLERANCE = 1e-9
+"""Singular values and pivots below this fraction of the largest count as zero."""
+
+_WORK = 4096
+
+
+class ConstrainedDynamics:
+    """qdd, tau and lambda of eq. (2) as maps of each other, refilled by ``update`` in preallocated arrays.
+
+    nv: tangent coordinates.  rows: m constraint rows.  actuated: tangent coordinate of each of n actuated joints.
+    After ``update``:  X ``(nv, n)`` and c ``(nv,)``: qdd = X tau + c.  phi ``(n, n)``: phi* (eq. 15), symmetric, singular
+    where constraints take a direction from the actuators.  rank: number r of independent constraints.
+    The live arrays are overwritten by the next update; the properties are computed anew at every access.
+    """
+
+    def __init__(self, nv: int, rows: int, actuated: Index) -> None:
+        self.nv, self.m, self.n = nv, rows, int(actuated.size)
+        self.actuated = actuated
+        self.rank = rows
+        self._factor: Mat = np.zeros((nv, nv), order="F")
+        self._columns: Mat = np.zeros((nv, self.n + 1), order="F")
+        self._columns[actuated, np.arange(self.n)] = 1.0
+        self._image: Mat = np.zeros((nv, rows), order="F")
+        self._map: Mat = np.zeros((nv, self.n + 1), order="F")
+        self._top: Mat = np.zeros((rows, self.n + 1))
+        self._qr, self._tau = self._image, np.zeros(rows)
+        self._T: Mat = np.zeros((rows, rows))
+        self._lower = 0
+        self._S: Mat | None = None
+        self._y: Vec = np.zeros(rows)
+        self.J: Mat = np.zeros((rows, nv))
+        self.X: Mat = self._map[:, : self.n]
+        self.c: Vec = self._map[:, self.n]
+        self.phi: Mat = np.zeros((self.n, self.n))
+
+    def update(self, A: Mat, bias: Vec, J: Mat, gamma: Vec) -> None:
+        """Take the inertia A (its upper triangle is read), bias = b + g, J and gamma of a state.
+
+        Raises ModelError where A is not positive definite.
+        """
+        nv, n, m = self.nv, self.n, self.m
+        self.J = J
+        np.copyto(self._factor, A)
+        L, info = lapack.dpotrf(self._factor, lower=0, clean=0, overwrite_a=1)  # A = L' L here: the upper factor
+        if info:
+            raise ModelError(f"the joint-space inertia is not positive definite (pivot {info})")
+        self._factor = L
+        np.negative(bias, out=self._columns[:, n])
+        image = self._map
+        np.copyto(image, self._columns)
+        lapack.dtrtrs(L, image, trans=1, overwrite_b=1)
+        if m:
+            np.copyto(self._image, J.T)
+            lapack.dtrtrs(L, self._image, trans=1, overwrite_b=1)
+            self._factorise()
+        r = self.rank
+        if r:
+            lapack.dormqr("L", "T", self._qr, self._tau, image, _WORK, overwrite_c=1)
+            self._top[:r] = image[:r]
+        V = image[r:, :n]
+        np.matmul(V.T, V, out=self.phi)
+        if r:
+            self._y = self._towards(gamma)
+            image[:r, :n] = 0.0
+            image[:r, n] = self._y
+            lapack.dormqr("L", "N", self._qr, self._tau, image, _WORK, overwrite_c=1)
+        lapack.dtrtrs(L, image, trans=0, overwrite_b=1)
+
+    def _factorise(self) -> None:
+        """Q and T of the constraints; S too where they turn out to be dependent."""
+        m = self.m
+        if m <= self.nv:
+            self._qr, self._tau, _, _ = lapack.dgeqrf(self._image, lwork=_WORK)
+            pivots = np.abs(self._qr.diagonal())
+            if pivots.min() > RANK_TOLERANCE * pivots.max():
+                self.rank, self._T, self._lower, self._S = m, self._qr[:m], 0, None
+                return
+        qr, order, tau, _, _ = lapack.dgeqp3(self._image, lwork=_WORK)
+        pivots = np.abs(qr.diagonal())
+        self.rank = r = int(np.count_nonzero(pivots > RANK_TOLERANCE * pivots.max(initial=0.0)))
+        R = np.triu(qr[:r])
+        S, T = np.linalg.qr(R.T)  # R = T' S': what is left are r independent combinations of the constraints
+        self._S = np.empty((m, r))
+        self._S[order - 1] = S
+        self._qr, self._tau, self._T, self._lower = np.asfortranarray(qr[:, :r]), tau[:r], T.T, 1
+
+    def _towards(self, gamma: Vec) -> Vec:
+        """T^-T S^T gamma ``(r,)``: the part of L^T qdd that the constraints prescribe."""
+        target = gamma if self._S is None else self._S.T @ gamma
+        return lapack.dtrtrs(self._T, target, lower=self._lower, trans=1)[0]  # type: ignore[no-any-return]
+
+    def _expand(self, right: Mat | Vec) -> Mat:
+        """S T^-1 right."""
+        solved = lapack.dtrtrs(self._T, right, lower=self._lower)[0]
+        return solved if self._S is None else self._S @ solved  # type: ignore[no-any-return]
+
+    def force_map(self) -> tuple[Mat, Vec]:
+        """(F ``(m, n)``, f ``(m,)``) with lambda = F tau + f (eq. 3); of least norm where constraints are dependent."""
+        if not self.rank:
+            return np.zeros((self.m, self.n)), np.zeros(self.m)
+        top = self._top[: self.rank].copy()
+        top[:, self.n] -= self._y
+        both = self._expand(top)
+        return both[:, : self.n], both[:, self.n]
+
+    def forces(self, tau: Vec) -> Vec:
+        """lambda ``(m,)`` of a torque (eq. 3): Jbar^T (U^T tau - b - g) + Lambda dJ/dt qd."""
+        if not self.rank:
+            return np.zeros(self.m)
+        top = self._top[: self.rank]
+        return np.asarray(self._expand(top[:, : self.n] @ tau + top[:, self.n] - self._y))
+
+    def acceleration(self, tau: Vec) -> Vec:
+        """qdd ``(nv,)`` of a torque (eq. 4)."""
+        return self.X @ tau + self.c
+
+    @property
+    def Lambda_constr(self) -> Mat:
+        """(J A^-1 J^T)^+ ``(m, m)``: inertia in the manifold of the constraints (below eq. 3)."""
+        root = self._expand(np.eye(self.rank))
+        return root @ root.T
+
+    @property
+    def Jbar_constr(self) -> Mat:
+        """A^-1 J^T Lambda ``(nv, m)``: the dynamically consistent inverse of J (below eq. 3)."""
+        return self._solve(self.J.T) @ self.Lambda_constr
+
+    @property
+    def N_constr(self) -> Mat:
+        """I - Jbar J ``(nv, nv)``: the dynamically consistent null space of the constraints (below eq. 4)."""
+        return np.eye(self.nv) - self.Jbar_constr @ self.J
+
+    @property
+    def UN(self) -> Mat:
+        """U N_constr ``(n, nv)``."""
+        return self.N_constr[self.actuated]
+
+    @property
+    def UNbar(self) -> Mat:
+        """A^-1 (U N_constr)^T phi*^+ ``(nv, n)``: qd = UNbar q_act on the constraints (eqs. 13 and 14).
+
+        Does not depend on A where rank [J; U] = nv: it then is the second block column of [J; U]^+.
+        """
+        return self.X @ symmetric_pinv(self.phi)
+
+    @property
+    def h(self) -> Vec:
+        """b* + g* ``(n,)`` with phi* (b* + g*) = U A^-1 (N^T (b + g) + J^T Lambda dJ/dt qd) (eq. 22): qdd_act = phi* (tau - h)."""
+        return symmetric_pinv(self.phi) @ -self.c[self.actuated]
+
+    def _solve(self, right: Mat) -> Mat:
+        return lapack.dpotrs(self._factor, right, lower=0)[0]  # type: ignore[no-any-return]
+
+
+def symmetric_pinv(M: Mat, tolerance: float = RANK_TOLERANCE) -> Mat:
+    """M^+ of a symmetric positive semidefinite matrix; eigenvalues below tolerance times the largest count as zero."""
+    values, vectors = np.linalg.eigh(0.5 * (M + M.T))
+    kept = values > tolerance * values.max(initial=0.0)
+    return np.asarray((vectors[:, kept] / values[kept]) @ vectors[:, kept].T)
+
+
+@dataclass(frozen=True, slots=True)
+class Actuation:
+    """Whether constraints and actuators together determine every motion: rank [J_constr; U] = nv (after eq. 12).
+
+    rank: of J.  smallest: its least non-zero singular value over the largest.  full_rank: of [J; U].
+    full_smallest: least singular value of [J; U], zero where the rank is short.
+    """
+
+    rows: int
+    rank: int
+    smallest: float
+    full_rank: int
+    full_smallest: float
+    nv: int
+
+    @property
+    def complete(self) -> bool:
+        """Whether the rank of [J; U] is full, so that qd follows from the actuated velocities alone (eq. 13)."""
+        return self.full_rank == self.nv
+
+    def __str__(self) -> str:
+        return (
+            f"rank J_constr = {self.rank} of {self.rows} rows (least singular value {self.smallest:.2g} of the largest), "
+            f"rank [J_constr; U] = {self.full_rank} of {self.nv} (least singular value {self.full_smallest:.2g})"
+        )
+
+
+def actuation(J: Mat, actuated: Index, tolerance: float = RANK_TOLERANCE) -> Actuation:
+    """Ranks and conditioning of J ``(m, nv)`` and [J; U]: equal counts of rows and unactuated coordinates don't suffice."""
+    m, nv = J.shape
+    U = np.zeros((actuated.size, nv))
+    U[np.arange(actuated.size), actuated] = 1.0
+    own = np.linalg.svd(J, compute_uv=False) if m else np.zeros(0)
+    both = np.linalg.svd(np.vstack((J, U)), compute_uv=False)
+    rank = int(np.count_nonzero(own > tolerance * own.max(initial=0.0)))
+    full = int(np.count_nonzero(both > tolerance * both.max(initial=0.0)))
+    least = float(own[rank - 1] / own[0]) if rank else 0.0
+    return Actuation(m, rank, least, full, float(both[-1]) if full == nv and both.size >= nv else 0.0, nv)
