@@ -1,0 +1,216 @@
+"""The certificate: accepts planted optima, rejects every kind of wrong answer."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.random import Generator
+
+from benchmarks import problems
+from hqp import Hierarchy, Rows, Selection, certificate
+from hqp.certify import nonnegative_least_squares
+from hqp.errors import ProblemError
+
+SEEDS = range(60)
+
+
+def projector(problem: Hierarchy, levels: int | None = None) -> np.ndarray:
+    """The recursive projector by SVD over the first levels; inequality rows are skipped."""
+    x, Z = np.zeros(problem.n), np.eye(problem.n)
+    for rows in problem.levels[:levels]:
+        A, b = rows.dense(problem.n)[rows.equality], rows.lower[rows.equality]
+        if not A.size or not Z.size:
+            continue
+        U, sigma, Vt = np.linalg.svd(A @ Z)
+        rank = int(np.sum(sigma > 1e-9 * np.linalg.norm(A, axis=1).max()))
+        x = x + Z @ Vt[:rank].T @ (U[:, :rank].T @ (b - A @ x) / sigma[:rank])
+        Z = Z @ Vt[rank:].T
+    return x
+
+
+def planted(rng: Generator, scales: bool = False) -> tuple[Hierarchy, np.ndarray]:
+    """A hierarchy whose unique optimum is known: rows are drawn, then bent so that multipliers of the right
+    sign close the optimality conditions of every level at a chosen x."""
+    n, x = 7, rng.normal(size=7)
+    above: list[tuple[np.ndarray, np.ndarray]] = []  # per level: rows that can carry a multiplier, its sign (0 free)
+    levels = []
+    for k in range(4):
+        last = k == 3
+        m = n if last else int(rng.integers(2, 6))
+        kind = np.zeros(m, dtype=int) if last else rng.integers(0, 4, size=m)  # equality, violated, active, inactive
+        force = np.zeros(n)
+        for A, sign in above:
+            weight = np.where(sign == 0, rng.normal(size=sign.size), sign * rng.uniform(0.1, 1.0, size=sign.size))
+            force += A.T @ (weight * (rng.random(sign.size) < 0.6))
+        w = np.where(kind == 0, rng.normal(size=m), 0.0)
+        w[kind == 1] = rng.uniform(0.2, 1.0, size=int(np.sum(kind == 1)))
+        if last:
+            A, w = np.eye(n), -force
+        elif not np.any(w):
+            A = rng.normal(size=(m, n))  # nothing to close: this level is simply met
+        else:
+            A = rng.normal(size=(m, n))
+            A -= np.outer(w, A.T @ w + force) / (w @ w)
+        value = A @ x
+        upper = np.where(kind == 3, value + 0.5, value - w)
+        lower = np.where(kind == 0, upper, upper - 3.0)
+        scale = 10.0 ** rng.uniform(-3, 3) if scales else 1.0
+        levels.append(Rows(scale * A, scale * lower, scale * upper))
+        carries = kind != 3
+        above.append((A[carries], np.where(kind == 2, 1, 0)[carries]))
+    return Hierarchy(tuple(levels)), x
+
+
+@pytest.mark.parametrize("scales", [False, True])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_planted_optima_are_accepted_and_their_neighbours_are_not(seed: int, scales: bool) -> None:
+    rng = np.random.default_rng(seed)
+    problem, x = planted(rng, scales)
+    verdict = certificate(problem, x)
+    assert verdict.ok, str(verdict)
+    assert verdict.gap < 1e-10
+    for _ in range(5):
+        step = rng.normal(size=problem.n)
+        assert not certificate(problem, x + 1e-3 * step / np.linalg.norm(step)).ok
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_multipliers_close_the_conditions_with_the_right_signs(seed: int) -> None:
+    problem, x = planted(np.random.default_rng(seed))
+    verdict = certificate(problem, x)
+    stacked = np.vstack([rows.dense(problem.n) for rows in problem.levels])
+    met = np.concatenate([~rows.equality & (np.abs(rows.slack(x)) < 1e-9) for rows in problem.levels])
+    locked = np.zeros(met.size, dtype=bool)
+    for k, lam in enumerate(verdict.multipliers):
+        own = lam[lam.size - problem.levels[k].m :]
+        np.testing.assert_array_equal(own, problem.levels[k].slack(x))
+        assert np.abs(stacked[: lam.size].T @ lam).max() < 1e-9
+        free = locked[: lam.size]
+        assert np.all(lam[met[: lam.size] & ~free] >= -1e-12)  # all active sides are upper ones
+        locked[: lam.size] |= met[: lam.size] & (lam > 1e-6)
+
+
+@pytest.mark.parametrize("name", ["a38", "a57", "f62eq"])
+def test_the_projector_is_the_optimum_of_equalities(name: str) -> None:
+    for problem in problems.load(name, 5):
+        x = projector(problem)
+        verdict = certificate(problem, x)
+        assert verdict.gap < 1e-9, str(verdict)
+        assert sum(verdict.ranks) == problem.n
+
+
+@pytest.mark.parametrize("name", ["a38", "f62eq"])
+def test_a_dropped_level_is_seen_at_that_level(name: str) -> None:
+    for problem in problems.load(name, 5):
+        for k in range(1, len(problem.levels)):
+            fewer = Hierarchy(problem.levels[:k] + problem.levels[k + 1 :], n=problem.n)
+            gaps = certificate(problem, projector(fewer)).gaps
+            if np.linalg.norm(problem.levels[k].slack(projector(problem))) < 1e-9:  # else it had nothing to say
+                assert gaps[k] > 1e-6
+            assert np.all(gaps[:k] < 1e-9)
+
+
+@pytest.mark.parametrize("name", ["b5_38", "b15_38"])
+def test_a_clipped_projector_is_rejected(name: str) -> None:
+    for problem in problems.load(name, 10):
+        limits = problem.levels[0]
+        x = projector(problem)
+        clipped = np.clip(x[limits.A.index], limits.lower, limits.upper)
+        assert np.any(clipped != x[limits.A.index])
+        x[limits.A.index] = clipped
+        verdict = certificate(problem, x)
+        assert verdict.gaps[0] < 1e-12
+        assert not verdict.ok
+
+
+def test_a_weighted_answer_is_rejected() -> None:
+    rng = np.random.default_rng(3)
+    levels = tuple(Rows(rng.normal(size=(3, 5)), *(rng.normal(size=3),) * 2) for _ in range(3))
+    problem = Hierarchy(levels)
+    A = np.vstack([10.0 ** (1 - k) * rows.A for k, rows in enumerate(levels)])
+    b = np.concatenate([10.0 ** (1 - k) * rows.lower for k, rows in enumerate(levels)])
+    assert not certificate(problem, np.linalg.lstsq(A, b)[0]).ok
+    assert certificate(problem, projector(problem)).ok
+
+
+def test_a_wrong_active_set_is_rejected() -> None:
+    # x <= 1 wants nothing of x = 0: staying at the bound is wrong, at the wish is right
+    problem = Hierarchy((Rows(np.eye(1), np.array([-np.inf]), np.ones(1)), Rows(np.eye(1), np.zeros(1), np.zeros(1))))
+    assert certificate(problem, np.zeros(1)).ok
+    assert not certificate(problem, np.ones(1)).ok
+
+
+def test_a_lower_level_may_not_lean_on_a_bound_from_the_wrong_side() -> None:
+    rows = Rows(np.array([[1.0, 1.0]]), np.array([-np.inf]), np.array([1.0]))
+    wish = Rows(np.eye(2), np.zeros(2), np.zeros(2))
+    assert not certificate(Hierarchy((rows, wish)), np.array([0.5, 0.5])).ok
+    wish = Rows(np.eye(2), np.ones(2), np.ones(2))
+    assert certificate(Hierarchy((rows, wish)), np.array([0.5, 0.5])).ok
+
+
+def test_the_completion_is_judged() -> None:
+    rows = Rows(np.array([[1.0, 1.0, 0.0]]), np.ones(1), np.ones(1))
+    assert certificate(Hierarchy((rows,)), np.array([0.5, 0.5, 0.0])).ok
+    longer = certificate(Hierarchy((rows,)), np.array([1.0, 0.0, 0.0]))
+    assert longer.gaps[0] < 1e-12
+    assert longer.gaps[-1] > 0.1
+    metric = np.diag([1.0, 3.0, 0.0])
+    assert certificate(Hierarchy((rows,), metric=metric), np.array([0.75, 0.25, 0.0])).ok
+    assert not certificate(Hierarchy((rows,), metric=metric), np.array([0.5, 0.5, 0.0])).ok
+    assert not certificate(Hierarchy((rows,), metric=metric), np.array([0.75, 0.25, 0.1])).ok  # a tie: least norm
+    origin = np.array([1.0, 1.0, 5.0])
+    assert certificate(Hierarchy((rows,), origin=origin), np.array([0.5, 0.5, 5.0])).ok
+    assert certificate(Hierarchy((rows,), metric=np.zeros((3, 3))), np.array([0.5, 0.5, 0.0])).ok
+
+
+def test_empty_and_left_out_rows_say_nothing() -> None:
+    empty = Rows(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+    out = Rows(np.eye(2), np.full(2, -np.inf), np.full(2, np.inf))
+    problem = Hierarchy((empty, out, Rows(np.eye(2), np.ones(2), np.ones(2)), empty))
+    verdict = certificate(problem, np.ones(2))
+    assert verdict.ok
+    assert verdict.ranks == (0, 0, 2, 0, 0)
+    assert not certificate(problem, np.zeros(2)).ok
+    assert certificate(Hierarchy((), n=3), np.zeros(3)).ok
+
+
+def test_a_selection_is_judged_as_its_matrix() -> None:
+    rng = np.random.default_rng(0)
+    pick = Selection(np.array([2, 0]), np.array([2.0, -1.0]))
+    x = rng.normal(size=4)
+    one = certificate(Hierarchy((Rows(pick, np.ones(2), np.ones(2)),), n=4), x)
+    two = certificate(Hierarchy((Rows(pick.dense(4), np.ones(2), np.ones(2)),)), x)
+    np.testing.assert_array_equal(one.gaps, two.gaps)
+
+
+def test_gaps_are_blind_to_the_scale_of_a_level() -> None:
+    problem, x = planted(np.random.default_rng(1))
+    x = x + 1e-4
+    base = certificate(problem, x).gaps
+    for scale in (1e-3, 1e3):
+        levels = list(problem.levels)
+        levels[1] = Rows(scale * np.asarray(levels[1].A), scale * levels[1].lower, scale * levels[1].upper)
+        np.testing.assert_allclose(certificate(Hierarchy(tuple(levels)), x).gaps, base, rtol=1e-6, atol=1e-12)
+
+
+def test_what_is_no_answer_at_all() -> None:
+    problem = Hierarchy((Rows(np.eye(2), np.ones(2), np.ones(2)),))
+    verdict = certificate(problem, np.array([np.nan, 0.0]))
+    assert not verdict.ok
+    assert np.all(np.isinf(verdict.gaps))
+    with pytest.raises(ProblemError, match="n = 2"):
+        certificate(problem, np.zeros(3))
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_nonnegative_least_squares_meets_its_conditions(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    rows, columns = int(rng.integers(1, 12)), int(rng.integers(1, 30))
+    G, b = rng.normal(size=(rows, columns)), rng.normal(size=rows)
+    if seed % 2:
+        G = G[:, rng.integers(0, columns, size=columns)]  # repeated columns
+    mu = nonnegative_least_squares(G, b)
+    pull = G.T @ (b - G @ mu)
+    assert np.all(mu >= 0.0)
+    assert np.all(pull <= 1e-9)
+    assert abs(pull @ mu) < 1e-9
