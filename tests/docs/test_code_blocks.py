@@ -1,0 +1,43 @@
+"""Every Python block of the README and of the docs runs; later blocks of a page see the names of earlier ones."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+FENCE = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
+
+def blocks(page: Path, language: str) -> list[tuple[int, str]]:
+    text = page.read_text()
+    return [(text[: m.start()].count("\n") + 2, m[2]) for m in FENCE.finditer(text) if m[1] == language]
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: p.name)
+def test_python_blocks_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {"__name__": "page"}
+    for line, code in blocks(page, "python"):
+        source = "\n" * (line - 1) + code  # a traceback then points into the page
+        exec(compile(source, str(page), "exec"), names)
+
+
+def test_toml_blocks_are_stacks() -> None:
+    from hqp import serial
+
+    found = [code for page in PAGES for _, code in blocks(page, "toml") if "[[level]]" in code]
+    assert found
+    for code in found:
+        stack = serial.loads(code)
+        assert serial.loads(serial.dumps(stack)) == stack
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)#:\s]+)\)", page.read_text()):
+        assert (page.parent / target).exists(), f"{page.name}: {target}"

@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hqp
+from hqp import Level, P, Stack, serial
+from hqp.__main__ import main
+from hqp.comparison import Comparison
+from hqp.tasks import Com, FixedContact, JointLimits, Position, Posture
+
+SOLVERS = ("nullspace", "chiaverini", "cascade:proxqp")
+STACK = Stack(
+    Level(FixedContact(frame="l_sole"), FixedContact(frame="r_sole"), Com(axes="xy"), name="balance"),
+    Level(Position(frame="r_palm"), name="hand"),
+    Level(Posture(law=P(1.0)), name="posture"),
+    subject_to=[JointLimits()],
+)
+
+
+@pytest.fixture(scope="module")
+def result() -> Comparison:
+    return hqp.compare(STACK, hqp.robots.load("cbi"), solvers=SOLVERS)
+
+
+def test_every_solver_is_judged_on_the_same_problems(result: Comparison) -> None:
+    assert [line.solver for line in result.lines] == list(SOLVERS)
+    assert result.levels == ("subject_to", "balance", "hand", "posture")
+    cascade = result["cascade:proxqp"]
+    assert cascade.certified == 1.0
+    assert cascade.residuals[1] < 1e-8
+    assert result["nullspace"].note == "inequalities left out"
+    assert result["chiaverini"].residuals[2] > 1e3 * cascade.residuals[2]
+
+
+def test_formats(result: Comparison) -> None:
+    assert "cascade:proxqp" in str(result)
+    assert result.markdown().count("\n| ") >= len(SOLVERS)
+    rows = list(csv.DictReader(io.StringIO(result.csv())))
+    assert [row["solver"] for row in rows] == list(SOLVERS)
+    assert json.loads(result.json())["lines"][0]["solver"] == "nullspace"
+
+
+def test_given_states_and_unknown_names(result: Comparison) -> None:
+    robot = hqp.robots.load("cbi")
+    one = hqp.compare(STACK, robot, solvers="nullspace", states=[(robot.home, np.zeros(robot.nv))], repeats=1)
+    assert one.solves == 1
+    with pytest.raises(KeyError, match="nullspace"):
+        one["lexicographic"]
+
+
+def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "stack.toml"
+    path.write_text(serial.dumps(STACK))
+    assert main(["compare", str(path), "--robot", "cbi", "--solvers", "nullspace", "--format", "markdown"]) == 0
+    assert "| nullspace" in capsys.readouterr().out
+    assert main(["solvers"]) == 0
+    assert "cascade:proxqp" in capsys.readouterr().out
+    assert main(["robots"]) == 0
+    assert "cbi" in capsys.readouterr().out
+    assert main(["compare", str(path), "--robot", "cbii"]) == 2
+    assert "closest" in capsys.readouterr().err
+    assert main([]) == 0
+    assert "usage: hqp" in capsys.readouterr().out
