@@ -1,0 +1,96 @@
+"""Checks of declared fields, and what writers need from a reference."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from functools import cache
+from typing import Any
+
+from hqp.arrays import Index, Mat, Vec
+from hqp.element import Element
+from hqp.errors import DeclarationError
+from hqp.reference import Reference, numbers
+from hqp.robot import Robot
+
+
+@cache
+def indices(axes: str) -> list[int]:
+    """Positions of the letters of ``axes`` in "xyz"."""
+    return ["xyz".index(letter) for letter in axes]
+
+
+def check_axes(element: Element, axes: object) -> None:
+    """Raise DeclarationError unless ``axes`` is made of distinct letters of "xyz"."""
+    if not isinstance(axes, str) or not axes or len(set(axes)) < len(axes) or not set(axes) <= set("xyz"):
+        raise element.bad("axes", axes, 'distinct letters of "xyz", such as "xy"')
+
+
+def check_frame(element: Element, what: str, frame: object) -> None:
+    """Raise DeclarationError unless ``frame`` is a name."""
+    if not isinstance(frame, str) or not frame:
+        raise element.bad(what, frame, "the name of a frame")
+
+
+def check_observer(element: Element, relative_to: object, heading: object = False) -> None:
+    """Raise DeclarationError unless ``relative_to`` is a name or None, and there is one where ``heading`` is set."""
+    if relative_to is not None:
+        check_frame(element, "relative_to", relative_to)
+    elif heading:
+        raise element.bad("heading", heading, "False, or relative_to=... whose heading is meant")
+
+
+def check_number(element: Element, what: str, value: Any, low: float = -math.inf, *, strict: bool = False) -> None:
+    """Raise DeclarationError unless ``value`` is a finite number, at least ``low`` (above it if strict)."""
+    number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    if not number or value < low or (strict and value <= low):
+        bound = "" if low == -math.inf else f" {'above' if strict else 'at least'} {low:g}"
+        raise element.bad(what, value, f"a finite number{bound}")
+
+
+def set_vector(element: Element, what: str, count: int = 3) -> None:
+    """Store a field as a tuple of ``count`` finite floats; raises DeclarationError."""
+    value = getattr(element, what)
+    try:
+        numbers = tuple(float(x) for x in value)
+    except (TypeError, ValueError):
+        numbers = ()
+    if len(numbers) != count or not all(map(math.isfinite, numbers)):
+        raise element.bad(what, value, f"{count} finite numbers")
+    object.__setattr__(element, what, numbers)
+
+
+def set_names(element: Element, what: str) -> None:
+    """Store a field as None, a name or a tuple of distinct names; raises DeclarationError."""
+    value = getattr(element, what)
+    if value is None or (isinstance(value, str) and value):
+        return
+    names = tuple(value) if isinstance(value, Iterable) and not isinstance(value, (str, dict)) else ()
+    if not names or not all(isinstance(n, str) and n for n in names) or len(set(names)) < len(names):
+        raise element.bad(what, value, "None, a name or distinct names")
+    object.__setattr__(element, what, names)
+
+
+def joint_columns(element: Element, robot: Robot, joints: str | Sequence[str] | None) -> Index:
+    """Tangent coordinates of joints or groups; raises JointNotFound, DeclarationError where one occurs twice."""
+    columns = robot.joints(joints)
+    if len(set(columns.tolist())) < columns.size:
+        raise element.bad("joints", joints, "joints and groups that do not overlap")
+    return columns
+
+
+def target(reference: Reference) -> Vec | Mat:
+    """The value of a reference; raises DeclarationError where nobody put a hold value in its place."""
+    if reference.value is None:
+        raise DeclarationError(reference.name, "a writer needs a value", allowed="at(value) or the hold value")
+    return reference.value
+
+
+def make_reference(name: str, rows: int, value: Vec | Mat | None, velocity: Any, acceleration: Any) -> Reference:
+    """A reference with a value already checked; raises DeclarationError for feedforwards not ``(rows,)``."""
+    return Reference(
+        name,
+        value,
+        None if velocity is None else numbers(name, "velocity", velocity, (rows,)),
+        None if acceleration is None else numbers(name, "acceleration", acceleration, (rows,)),
+    )

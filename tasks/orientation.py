@@ -1,0 +1,177 @@
+"""Orientation of a frame: the whole rotation, or roll, pitch, yaw."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hqp.arrays import Mat, Vec
+from hqp.element import Block, Task, Writer
+from hqp.reference import Reference, numbers
+from hqp.robot import Robot, State
+
+from .fields import check_frame, check_observer, make_reference, set_names, target
+from .relative import Observer, View
+from .rotations import as_rotation, axes_rate, rate_rows, roll_pitch_yaw
+
+ANGLES = ("roll", "pitch", "yaw")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Orientation(Task):
+    """Orientation R of a frame: e = log(R R_ref^T) ``(3,)``, or named angles of R, e = angles - ref ``(k,)``.
+
+    frame: whose rotation.  axes: None for the whole rotation, with J the angular geometric Jacobian and reference a
+    matrix ``(3, 3)`` or quaternion xyzw; else one or more of "roll", "pitch", "yaw" of R = Rz(yaw) Ry(pitch)
+    Rx(roll), in that order of rows, with J = E(rpy)^-1 J_omega, the error wrapped to (-pi, pi] and the reference as
+    many angles [rad].  relative_to: frame in whose axes R, error and J are, the world by default.
+    Roll and yaw mean nothing at pitch = +-90 degrees; J stays bounded there.
+    Raises DeclarationError for fields, FrameNotFound on binding (Mistry 2008, eqs. 14, 15, with the analytic J).
+    """
+
+    frame: str
+    axes: str | tuple[str, ...] | None = None
+    relative_to: str | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_frame(self, "frame", self.frame)
+        check_observer(self, self.relative_to)
+        set_names(self, "axes")
+        if not set(self._names) <= set(ANGLES):
+            raise self.bad("axes", self.axes, "None or some of roll, pitch, yaw")
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return () if self.axes is None else (self.axes,) if isinstance(self.axes, str) else self.axes
+
+    @property
+    def _indices(self) -> list[int]:
+        return [ANGLES.index(name) for name in self._names]
+
+    def rows(self, robot: Robot) -> int:
+        """3, or as many as axes; raises FrameNotFound."""
+        robot.frame(self.frame)
+        if self.relative_to is not None:
+            robot.frame(self.relative_to)
+        return 3 if self.axes is None else len(self._names)
+
+    def value(self, state: State) -> Vec | Mat:
+        """R ``(3, 3)``, or the angles ``(k,)`` [rad]."""
+        R = self._rotation(state)
+        return R if self.axes is None else np.array(roll_pitch_yaw(R.tolist()))[self._indices]
+
+    def error(self, state: State, reference: Mat) -> Vec:
+        """log(R R_ref^T) ``(3,)``, or the angles minus theirs, wrapped, ``(k,)`` [rad]."""
+        if self.axes is None:
+            return state.robot.log3(self.value(state) @ reference.T)
+        return np.array([math.remainder(e, math.tau) for e in (self.value(state) - reference).tolist()])
+
+    def jacobian(self, state: State) -> Mat:
+        """J ``(m, nv)`` of the angular velocity, or of the angles."""
+        J = state.jacobian(self.frame)[3:]
+        if self.relative_to is not None:
+            J = View(state, self.relative_to).turn_jacobian(J)
+        if self.axes is None:
+            return J
+        _, pitch, yaw = roll_pitch_yaw(self._rotation(state).tolist())
+        return np.array(rate_rows(pitch, yaw))[self._indices] @ J
+
+    def drift(self, state: State) -> Vec:
+        """dJ/dt v ``(m,)`` [rad/s^2]."""
+        drift = state.drift(self.frame)[3:]
+        if self.axes is None and self.relative_to is None:
+            return drift
+        omega = state.velocity(self.frame)[3:]
+        if self.relative_to is not None:
+            view = View(state, self.relative_to)
+            drift, omega = (
+                view.turn_drift(omega, drift),
+                view.rotation.T @ (omega - state.velocity(self.relative_to)[3:]),
+            )
+        if self.axes is None:
+            return drift
+        _, pitch, yaw = roll_pitch_yaw(self._rotation(state).tolist())
+        rates = np.array(rate_rows(pitch, yaw))
+        return rates[self._indices] @ (drift - axes_rate(pitch, yaw, rates @ omega))
+
+    def _rotation(self, state: State) -> Mat:
+        R = state.rotation(self.frame)
+        return R if self.relative_to is None else state.rotation(self.relative_to).T @ R
+
+    def at(
+        self,
+        value: ArrayLike | None = None,
+        *,
+        velocity: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+    ) -> Reference:
+        """Target rotation, or angles ``(k,)`` [rad], with angular or angle velocity [rad/s] and acceleration [rad/s^2].
+
+        Raises DeclarationError for wrong shapes or a matrix that is no rotation.
+        """
+        if self.axes is None:
+            R = None if value is None else as_rotation(self.name, value)
+            return make_reference(self.name, 3, R, velocity, acceleration)
+        k = len(self._names)
+        angles = None
+        if value is not None:
+            angles = numbers(self.name, "value", np.atleast_1d(np.asarray(value)) if k == 1 else value, (k,))
+            velocity = velocity if k > 1 or velocity is None else np.atleast_1d(velocity)
+        return make_reference(self.name, k, angles, velocity, acceleration)
+
+    def bind(self, robot: Robot, out: Block) -> Writer:
+        """Fill twist rows [0, u]: constant in world axes, the rates of the angles otherwise."""
+        index = robot.frame(self.frame)
+        _, rotation = robot.placement(index)
+        support = robot.support(index)
+        observer = None if self.relative_to is None else Observer(robot, self.relative_to)
+        twist = out.use_twist(support if observer is None else support - observer.support)
+        if self.axes is None:
+            return self._bind_full(robot, rotation, observer, twist, out)
+        return self._bind_angles(rotation, observer, twist, out)
+
+    def _bind_full(self, robot: Robot, rotation: Mat, observer: Observer | None, twist: Mat, out: Block) -> Writer:
+        error, second, log3 = out.error, out.order == 2, robot.log3
+        angular = twist[:, 3:]
+        angular[:] = np.eye(3)
+
+        def write(state: State, reference: Reference) -> None:
+            state.kinematics()
+            R = rotation
+            if observer is not None:
+                angular[:] = observer.rotation.T
+                R = observer.rotation.T @ rotation
+            error[:] = log3(R @ target(reference).T)
+            if second:
+                out.drift[:] = self.drift(state)
+
+        return write
+
+    def _bind_angles(self, rotation: Mat, observer: Observer | None, twist: Mat, out: Block) -> Writer:
+        error, second, selected = out.error, out.order == 2, list(enumerate(self._indices))
+        flat = twist.reshape(-1)
+
+        def write(state: State, reference: Reference) -> None:
+            state.kinematics()
+            R = rotation if observer is None else observer.rotation.T @ rotation
+            angles = roll_pitch_yaw(R.tolist())
+            rows = rate_rows(angles[1], angles[2])
+            r = target(reference).tolist()
+            for i, axis in selected:
+                error[i] = math.remainder(angles[axis] - r[i], math.tau)
+                a, b, c = rows[axis]
+                if observer is not None:
+                    ux, uy, uz = observer.axes()
+                    a, b, c = (a * ux[k] + b * uy[k] + c * uz[k] for k in range(3))
+                at = 6 * i + 3
+                flat[at] = a
+                flat[at + 1] = b
+                flat[at + 2] = c
+            if second:
+                out.drift[:] = self.drift(state)
+
+        return write

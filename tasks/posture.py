@@ -1,0 +1,100 @@
+"""Posture: the angles of all joints, of named ones or of a group."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hqp.arrays import Index, Mat, Vec
+from hqp.element import Block, Task, Writer
+from hqp.errors import DeclarationError
+from hqp.reference import Reference, numbers
+from hqp.robot import Robot, State
+
+from .fields import joint_columns, make_reference, set_names, target
+
+
+@dataclass(frozen=True, kw_only=True)
+class Posture(Task):
+    """Joint positions: e = q_j - q_ref ``(k,)`` [rad or m], each row of J one coordinate of the velocity.
+
+    joints: names of joints or of ``robot.groups``, in that order, or one such name; all single-axis joints by
+    default.  Errors of continuous joints are wrapped to (-pi, pi].  Raises DeclarationError for fields,
+    JointNotFound on binding (Mistry 2008, below eq. 16; Sentis 2012, eq. 56).
+    """
+
+    joints: str | Sequence[str] | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        set_names(self, "joints")
+
+    def rows(self, robot: Robot) -> int:
+        """Number of joints k; raises JointNotFound."""
+        return self.selection(robot).size
+
+    def selection(self, robot: Robot) -> Index:
+        """Tangent coordinates of the joints ``(k,)``; raises JointNotFound, DeclarationError for one named twice."""
+        return joint_columns(self, robot, self.joints)
+
+    def value(self, state: State) -> Vec:
+        """Joint positions ``(k,)`` [rad or m]."""
+        return state.angles[self.selection(state.robot)]
+
+    def error(self, state: State, reference: Vec) -> Vec:
+        """Positions minus their reference ``(k,)``, wrapped where a joint is continuous."""
+        error: Vec = self.value(state) - reference
+        turns = _turning(state.robot, self.selection(state.robot))
+        error[turns] -= math.tau * np.rint(error[turns] / math.tau)
+        return error
+
+    def jacobian(self, state: State) -> Mat:
+        """A row of the identity for each joint, ``(k, nv)``."""
+        return np.eye(state.robot.nv)[self.selection(state.robot)]
+
+    def drift(self, state: State) -> Vec:
+        """Zero, ``(k,)``."""
+        return np.zeros(self.rows(state.robot))
+
+    def at(
+        self,
+        value: ArrayLike | None = None,
+        *,
+        velocity: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+    ) -> Reference:
+        """Target ``(k,)`` [rad or m] with velocity and acceleration, all of one length; raises DeclarationError.
+
+        k is the robot's where ``joints`` names groups or nothing: whether it fits shows when the robot is there.
+        """
+        size = next((np.size(x) for x in (value, velocity, acceleration) if x is not None), 0)
+        array = None if value is None else numbers(self.name, "value", value, (size,))
+        return make_reference(self.name, size, array, velocity, acceleration)
+
+    def bind(self, robot: Robot, out: Block) -> Writer:
+        """Write J once, and the error each tick."""
+        picked = self.selection(robot)
+        out.J[:] = np.eye(robot.nv)[picked]
+        out.drift[:] = 0.0
+        error, turns = out.error, _turning(robot, picked)
+        wraps = bool(turns.size)
+
+        def write(state: State, reference: Reference) -> None:
+            goal = target(reference)
+            if goal.shape != error.shape:  # at() could not know the number of joints
+                raise DeclarationError(self.name, f"value has shape {goal.shape}", allowed=f"shape {error.shape}")
+            state.angles.take(picked, out=error, mode="clip")
+            np.subtract(error, goal, out=error)
+            if wraps:
+                error[turns] -= math.tau * np.rint(error[turns] / math.tau)
+
+        return write
+
+
+def _turning(robot: Robot, picked: Index) -> Index:
+    """Positions in ``picked`` of continuous joints."""
+    return np.flatnonzero(np.isin(picked, robot.continuous))

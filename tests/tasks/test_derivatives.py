@@ -1,0 +1,130 @@
+"""Every task and constraint against finite differences, on a floating and a fixed base, both ways of binding."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hqp.robots
+import hqp.tasks as t
+from hqp.arrays import Mat, Vec
+from hqp.element import REGISTRY, Block, Element, Task
+from hqp.robot import Robot, State
+
+# frames and joints that stand for the generic ones of an example, by robot
+NAMES = {
+    "cbi": {"f": "r_palm", "o": "pelvis", "a": "R_SAA", "b": "B_TR", "c": "L_KFE"},
+    "panda": {"f": "panda_hand", "o": "panda_link2", "a": "panda_joint2", "b": "panda_joint1", "c": "panda_joint5"},
+}
+
+
+def examples(n: dict[str, str]) -> dict[str, list[Element]]:
+    """Examples of every class that has motion rows, by class name."""
+    f, o, a, b, c = n["f"], n["o"], n["a"], n["b"], n["c"]
+    return {
+        "Position": [
+            t.Position(frame=f),
+            t.Position(frame=f, axes="zx", offset=(0.1, -0.2, 0.3)),
+            t.Position(frame=f, relative_to=o),
+            t.Position(frame=f, relative_to=o, axes="y", offset=(0.1, -0.2, 0.3), weight=3.0),
+            t.Position(frame=f, relative_to=o, heading=True),
+            t.Position(frame=f, relative_to=o, heading=True, axes="yz", offset=(0.1, -0.2, 0.3)),
+        ],
+        "Orientation": [
+            t.Orientation(frame=f),
+            t.Orientation(frame=f, relative_to=o),
+            t.Orientation(frame=f, axes=("roll", "pitch", "yaw")),
+            t.Orientation(frame=f, axes="roll"),
+            t.Orientation(frame=f, axes=("yaw", "pitch"), relative_to=o),
+        ],
+        "Pose": [t.Pose(frame=f), t.Pose(frame=f, relative_to=o)],
+        "Com": [
+            t.Com(),
+            t.Com(axes="xy", weight=2.0),
+            t.Com(axes="zx"),
+            t.Com(subtree=a),
+            t.Com(relative_to=o),
+            t.Com(axes="xy", subtree=a, relative_to=f),
+            t.Com(axes="yx", subtree=a, relative_to=o, heading=True),
+        ],
+        "Posture": [t.Posture(), t.Posture(joints=[c, a]), t.Posture(joints=b)],
+        "FixedContact": [t.FixedContact(frame=f)],
+        "PointContact": [t.PointContact(frame=f)],
+        "EdgeContact": [t.EdgeContact(frame=f, axis="y"), t.EdgeContact(frame=f, axis=(1.0, -2.0, 0.5))],
+        "JointLimits": [t.JointLimits(), t.JointLimits(joints=[a, c], acceleration=20.0)],
+    }
+
+
+# No rows on the motion of the robot, nothing to differentiate: tests of their own.
+OTHER_QUANTITIES = {"TorqueLimits"}
+
+CLASSES = sorted(name for name, cls in REGISTRY.items() if cls.__module__.startswith("hqp.tasks"))
+CASES = [
+    pytest.param(robot, name, k, id=f"{robot}-{name}-{k}")
+    for robot in NAMES
+    for name in CLASSES
+    for k in range(len(examples(NAMES[robot]).get(name, [None])))
+    if name not in OTHER_QUANTITIES
+]
+
+
+@pytest.fixture(scope="module")
+def robots() -> dict[str, Robot]:
+    if "panda" not in hqp.robots.names():
+        pytest.skip("needs example-robot-data")
+    return {name: hqp.robots.load(name) for name in NAMES}
+
+
+def test_other_quantities_are_no_motion() -> None:
+    assert all(REGISTRY[name].quantity != "motion" for name in OTHER_QUANTITIES)
+
+
+def followed(element: Element, state: State) -> Callable[[State], Vec]:
+    """What moves with J v near ``state``, and is zero there."""
+    if isinstance(element, t.JointLimits):
+        picked, start = element.selection(state.robot), state.angles.copy()
+        return lambda s: (s.angles - start)[picked]
+    assert isinstance(element, Task)
+    hold = element.hold(state).value
+    return lambda s: element.error(s, hold)
+
+
+@pytest.mark.parametrize(("robot_name", "name", "k"), CASES)
+def test_derivatives(robots: dict[str, Any], robot_name: str, name: str, k: int, written: Callable[..., Block]) -> None:
+    robot = robots[robot_name]
+    table = examples(NAMES[robot_name])
+    assert name in table, f"{name} has no example here: a task that nobody has differentiated"
+    element = table[name][k]
+    rng = np.random.default_rng(7)
+    for _ in range(3):
+        q, q_other, v = robot.random_configuration(rng), robot.random_configuration(rng), rng.normal(size=robot.nv)
+        target = element.hold(robot.state(q_other))
+        state = robot.state(q, v)
+        block = written(element, state, target)
+        J, error, drift = block.J.copy(), block.error.copy(), block.drift.copy()
+        if isinstance(element, Task):
+            generic = written(element, state, target, bind=lambda r, o: Task.bind(element, r, o))
+            assert np.abs(generic.J - J).max() < 1e-12
+            assert np.abs(generic.error - error).max() < 1e-12
+            assert np.abs(generic.drift - drift).max() < 1e-12 * max(1.0, np.abs(drift).max())
+            _check_drift(robot, element, q, v, drift)
+        _check_jacobian(robot, element, q, J)
+
+
+def _check_jacobian(robot: Any, element: Element, q: Vec, J: Mat, h: float = 1e-6) -> None:
+    e = followed(element, robot.state(q))
+    assert np.abs(e(robot.state(q))).max() < 1e-12
+    columns = []
+    for unit in np.eye(robot.nv):
+        ahead, behind = (e(robot.state(robot.integrate(q, unit, s))) for s in (h, -h))
+        columns.append((ahead - behind) / (2.0 * h))
+    assert np.abs(np.column_stack(columns) - J).max() < 1e-7
+
+
+def _check_drift(robot: Any, element: Task, q: Vec, v: Vec, drift: Vec, h: float = 1e-5) -> None:
+    ahead, behind = (element.jacobian(robot.state(robot.integrate(q, v, s), v)) @ v for s in (h, -h))
+    rate = (ahead - behind) / (2.0 * h)
+    assert np.abs(rate - drift).max() < 1e-6 * max(1.0, np.abs(drift).max())
