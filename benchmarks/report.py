@@ -9,7 +9,6 @@ from pathlib import Path
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
 from benchmarks import machine
 from benchmarks.rows import Check
@@ -60,12 +59,12 @@ def cells(check: Check) -> tuple[str, ...]:
 
 def show(checks: Sequence[Check]) -> None:
     """The checks in the terminal, failures in red, and their count."""
-    shown = Table(box=None, pad_edge=False)
-    for name in HEADER:
-        shown.add_column(name, justify="right" if name in ("tolerance", "measured") else "left")
-    for check in checks:
-        shown.add_row(*cells(check), style=None if check.passed else "bold red")
-    console.print(shown)
+    body = [cells(check) for check in checks]
+    widths = [max(len(row[i]) for row in (HEADER, *body)) for i in range(len(HEADER))]
+    for row, check in zip((HEADER, *body), (None, *checks), strict=True):
+        text = "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        failed = check is not None and not check.passed
+        console.print(text, style="bold red" if failed else None, markup=False, soft_wrap=True)
     console.print(tally(checks))
 
 
