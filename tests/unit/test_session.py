@@ -67,7 +67,8 @@ def test_without_references_everything_holds_still(robot: Robot) -> None:
 def test_a_reference_is_good_for_one_tick(robot: Robot) -> None:
     hand = Position(frame="r_palm", law=P(5.0))
     session = hqp.Controller(paper(hand), solver="nullspace").session(robot, DT)
-    session.step(robot.state(), hand.at(robot.state().position("r_palm") + 0.01, velocity=[1.0, 0.0, 0.0]))
+    state = robot.state()
+    session.step(state, hand.at(state.position("r_palm") + 0.01, velocity=[1.0, 0.0, 0.0]))
     assert np.abs(session.step(robot.state()).command).max() < 1e-9
 
 
@@ -214,7 +215,8 @@ def test_a_bad_state_holds_the_last_safe_command(robot: Robot) -> None:
     first = session.step(robot.state(np.full(robot.nq, np.nan)))
     assert first.status is Status.INVALID_STATE
     assert np.array_equal(first.command, np.zeros(51))
-    good = session.step(robot.state(), hand.at(robot.state().position("r_palm") + 0.01))
+    state = robot.state()
+    good = session.step(state, hand.at(state.position("r_palm") + 0.01))
     held = session.step(robot.state(v=np.full(robot.nv, np.inf)))
     assert held.status is Status.INVALID_STATE
     assert np.array_equal(held.command, good.command)
