@@ -205,6 +205,13 @@ class Assembly:
                 spring *= hardest / size
                 damper *= hardest / size
 
+    def unfit(self) -> tuple[str, ...]:
+        """Names of elements whose demand is not finite; () nearly always, told by one product."""
+        demand = self._demand
+        if float(demand @ demand) < np.inf:
+            return ()
+        return tuple(name for name, m in self.members.items() if not np.isfinite(demand[m.part]).all())
+
     def picks(self, part: slice) -> Index:
         """The coordinates that selection rows pick, ``(m,)``."""
         m = self.J.shape[0]

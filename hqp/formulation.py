@@ -36,6 +36,7 @@ class Program(ABC):
     problem: Hierarchy
     shape: Shape
     places: dict[str, Place]
+    rows: Assembly
 
     @abstractmethod
     def prepare(self, state: State) -> None:
@@ -44,6 +45,10 @@ class Program(ABC):
     @abstractmethod
     def fill(self, state: State, references: Mapping[str, Reference], given: Sequence[Reference]) -> None:
         """Refill the hierarchy for a state and one reference an element; ``given`` may hold feedforward."""
+
+    def unfit(self) -> tuple[str, ...]:
+        """Names of elements whose rows came out not finite."""
+        return self.rows.unfit()
 
     @abstractmethod
     def leave_out(self, name: str) -> None:

@@ -157,10 +157,11 @@ class Session:
         if not self._current:
             self._take_holds(state)
         prepared = perf_counter()
-        left_out = self._take(references) if references or self._given else ()
+        if references or self._given:
+            self._take(references)
         program.fill(state, self._current, self._given)
-        for note in left_out:
-            program.leave_out(note.element)
+        unfit = program.unfit()
+        left_out = self._leave_out(state, unfit) if unfit else ()
         filled = perf_counter()
         solution = self.workspace.solve(program.problem)
         solved = perf_counter()
@@ -185,9 +186,9 @@ class Session:
                 self._holds[element.name] = element.hold(state)
         self._current = dict(self._holds)
 
-    def _take(self, references: tuple[Reference, ...]) -> tuple[Note, ...]:
-        """Put this tick's references in place of the hold values; notes for those that cannot be used."""
-        current, holds, notes = self._current, self._holds, []
+    def _take(self, references: tuple[Reference, ...]) -> None:
+        """Put this tick's references in place of the hold values; raises UnknownReference."""
+        current, holds = self._current, self._holds
         for old in self._given:
             current[old.name] = holds[old.name]
         self._given = []
@@ -196,9 +197,6 @@ class Session:
             if name not in current:
                 near = ", ".join(closest(name, current) or list(current)[:3])
                 raise UnknownReference(f"a reference for {name!r}, which the stack does not hold; closest: {near}")
-            if not reference.finite:
-                notes.append(Note(name, Status.INVALID_REFERENCE, "the reference is not finite"))
-                continue
             if reference.value is None:
                 reference = Reference(
                     name,
@@ -210,6 +208,18 @@ class Session:
                 )
             current[name] = reference
             self._given.append(reference)
+
+    def _leave_out(self, state: State, unfit: tuple[str, ...]) -> tuple[Note, ...]:
+        """Fill again with hold values for what was not finite, free its rows, and say so."""
+        self._given = [reference for reference in self._given if reference.name not in unfit]
+        notes = []
+        for name in unfit:
+            what = "rows" if self._current[name].finite else "reference"
+            notes.append(Note(name, Status.INVALID_REFERENCE, f"its {what} came out not finite: left out of this tick"))
+            self._current[name] = self._holds[name]
+        self.program.fill(state, self._current, self._given)
+        for name in unfit:
+            self.program.leave_out(name)
         return tuple(notes)
 
     def _hold_still(self, state: State, *notes: Note) -> Tick:
@@ -251,7 +261,10 @@ class Session:
         if tick._count != self.count or tick.solution is None:
             raise HqpError("explain() tells of the latest step with a solution; call it before the next step")
         row_names = {
-            element.name: tuple(self.robot.joint_name(int(c)) for c in picks)
+            element.name: tuple(
+                self.robot.joint_names[c] if element.quantity == "effort" else self.robot.joint_name(int(c))
+                for c in picks
+            )
             for element in self.stack
             if not element.equality and (picks := element.selection(self.robot)) is not None
         }
