@@ -68,7 +68,8 @@ class Tables:
 
     def base_height(self) -> float:
         """Height of the root that puts the lowest ground point of the default posture at zero [m]."""
-        posture, heights = self.description["posture"], []
+        posture = self.description["posture"]
+        heights: list[float] = []
 
         def visit(link: str, turn: Array, origin: Array) -> None:
             ground = (p for p in self.points if p["frame"] == link and p["set"] in ("rect4", "contact"))

@@ -118,8 +118,9 @@ def _shape(body: ET.Element, link: Row, joint: Row | None, wheels: Wheels) -> No
 def _couplings(model: ET.Element, tables: Tables) -> None:
     equality = ET.SubElement(model, "equality")
     for follower, leader in tables.description["couplings"].items():
-        law = {"joint1": follower, "joint2": leader, "polycoef": "0 1 0 0 0", "solref": "0.004 1"}
-        ET.SubElement(equality, "joint", law)
+        law = {"joint1": follower, "joint2": leader, "polycoef": "0 1 0 0 0"}
+        # stiff: with MuJoCo's default impedance the leaning torso would open the coupling by 0.04 degrees
+        ET.SubElement(equality, "joint", law, solref="0.004 1", solimp="0.99 0.99 0.001")
 
 
 def _motors(model: ET.Element, tables: Tables, wheels: Wheels) -> None:

@@ -1,0 +1,107 @@
+"""The motors of a plant: torque motors or position servos in place of whatever the model file has."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from hqp.errors import DeclarationError, ModelError
+
+from .mujoco_extra import mujoco
+
+Actuation = Literal["torque", "position", "native"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Servo:
+    """Position servo: torque = kp (command - q) + kp damping_time (command rate - qd), within the effort limits.
+
+    kp: by joint [N m/rad].  other: of every joint not named.  damping_time: kv / kp [s].
+    Raises DeclarationError for gains that are negative or not finite.
+    """
+
+    kp: Mapping[str, float] = field(default_factory=dict)
+    other: float = 100.0
+    damping_time: float = 0.05
+
+    def __post_init__(self) -> None:
+        for name, value in (*self.kp.items(), ("other", self.other), ("damping_time", self.damping_time)):
+            if not (math.isfinite(value) and value >= 0.0):
+                raise DeclarationError("servo", f"bad {name}", value=value, allowed="finite, 0 or more")
+
+    def gain(self, joint: str) -> float:
+        """kp of a joint [N m/rad]."""
+        return self.kp.get(joint, self.other)
+
+    @classmethod
+    def from_description(cls, description: Mapping[str, Any]) -> Servo | None:
+        """The servo of a ``robot.toml``: gains by group, joints overriding; None where it names none."""
+        table = description.get("plant", {}).get("servo")
+        if table is None:
+            return None
+        groups = description["groups"]
+        kp = {joint: gain for group, gain in table["kp"].items() for joint in groups[group]}
+        kp |= table.get("kp_joints", {})
+        return cls(kp=kp, other=table["other"], damping_time=table["damping_time"])
+
+
+def fit(spec: Any, actuation: Actuation, servo: Servo | None) -> tuple[str, ...]:
+    """Make every actuator of a MjSpec a motor or a servo; names of the driven joints, in actuator order.
+
+    A model without actuators gets one per hinge and slide. Limits are kept: the actuator's force range, a plain
+    motor's control range, or the joint's force range. ``native`` leaves everything as the file has it.
+    Raises ModelError for tendons and other transmissions unless ``native``.
+    """
+    joints = {joint.name: joint for joint in spec.joints}
+    if not list(spec.actuators) and actuation != "native":
+        for name, joint in joints.items():
+            if joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+                spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    driven = []
+    for actuator in spec.actuators:
+        on_joint = actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT
+        driven.append(actuator.target if on_joint else actuator.name)
+        if actuation == "native":
+            continue
+        if not on_joint and not (actuator.trntype == mujoco.mjtTrn.mjTRN_SITE and actuator.refsite):
+            raise ModelError(
+                f"actuator {actuator.name!r} drives no joint ({actuator.trntype.name}); "
+                "such a model takes actuation='native'"
+            )
+        effort = _effort(actuator, joints[actuator.target] if on_joint else None)
+        if actuation == "torque":
+            actuator.set_to_motor()
+            actuator.ctrlrange = effort
+            actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_FALSE
+        else:
+            if servo is None:
+                raise DeclarationError("plant", "a position servo needs gains", allowed="servo=Servo(kp=...)")
+            kp = servo.gain(driven[-1])
+            actuator.set_to_position(kp=kp, kv=servo.damping_time * kp)
+            actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
+            actuator.forcerange = effort
+        if on_joint:
+            actuator.gear = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    return tuple(driven)
+
+
+def _effort(actuator: Any, joint: Any | None) -> tuple[float, float]:
+    """Least and largest torque [N m]; (0, 0), MuJoCo's word for no limit, where the file gives none."""
+    plain = (
+        actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED
+        and actuator.biastype == mujoco.mjtBias.mjBIAS_NONE
+        and actuator.dyntype == mujoco.mjtDyn.mjDYN_NONE
+    )
+    gear = float(actuator.gear[0]) if joint is not None else 1.0
+    ranges = [(actuator.forcelimited, actuator.forcerange, gear)]
+    if plain:
+        ranges.append((actuator.ctrllimited, actuator.ctrlrange, gear * float(actuator.gainprm[0])))
+    if joint is not None:
+        ranges.append((joint.actfrclimited, joint.actfrcrange, 1.0))
+    for limited, (low, high), factor in ranges:
+        if limited != mujoco.mjtLimited.mjLIMITED_FALSE and low < high:
+            ends = sorted((float(low) * factor, float(high) * factor))
+            return ends[0], ends[1]
+    return 0.0, 0.0

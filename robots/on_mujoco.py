@@ -1,0 +1,271 @@
+"""The plant: any robot's MJCF simulated in MuJoCo, in the coordinates of the robot that controls it.
+
+plant = Plant(hqp.robots.load("dreamer"), "dreamer_rollers", terrain=Ramp(angle=0.12))
+q, v = plant.reset()
+plant.step(torque, steps=2)                 # two steps of 1 ms
+q, v = plant.state()                        # the truth;  plant.measure(): what sensors say
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hqp.arrays import Index, Mat, Vec
+from hqp.errors import DeclarationError, FrameNotFound, JointNotFound, ModelError
+
+from . import scene
+from .actuators import Actuation, Servo, fit
+from .assembly import add_imu, find, read, set_armature
+from .ground_contact import ContactReader, Contacts
+from .mujoco_extra import mujoco
+from .sensors import Reading, Sensors, rotation_vector
+from .state_map import StateMap
+from .terrain import Plane, Ramp, Terrain
+
+__all__ = ["Contacts", "Plane", "Plant", "Ramp", "Reading", "Sensors", "Servo", "StateMap", "Terrain"]
+
+_LEVEL, _PERFECT = Plane(), Sensors()
+
+
+class Plant:
+    """A simulated robot that takes commands and gives states, forces and sensor readings.
+
+    robot: the Robot that controls, or a pinocchio.Model; states and commands are in its order.
+    mjcf: a path, or the stem of one of our own files (``cbi``, ``dreamer``, ``dreamer_rollers``); by default the
+    one of the robot's name.  actuation: ``torque``, ``position`` (servos with the gains of ``servo``), or
+    ``native``, the file's own actuators.  terrain: the ground, None where the file has one.
+    timestep, delay: of a step, and from command to motor [s].  armature: reflected rotor inertia by joint or group
+    [kg m^2] in place of the default (our own models) or the file's.  imu: a frame of the root body.
+    watched: frames whose ground contact is measured, each with all that hangs on it; soles or wheels by default.
+    edit: changes the MjSpec before it is compiled (payloads, other masses).  seed: of the sensors' noise.
+    Raises ModelError, JointNotFound, FrameNotFound, DeclarationError.
+    """
+
+    def __init__(
+        self,
+        robot: Any,
+        mjcf: str | Path | None = None,
+        *,
+        actuation: Actuation = "torque",
+        servo: Servo | None = None,
+        terrain: Terrain | None = _LEVEL,
+        sensors: Sensors = _PERFECT,
+        timestep: float = 0.001,
+        delay: float = 0.0,
+        armature: Mapping[str, float] | None = None,
+        imu: str | None = None,
+        watched: Sequence[str] | None = None,
+        edit: Callable[[Any], None] | None = None,
+        seed: int = 0,
+    ) -> None:
+        if not timestep > 0.0 or not delay >= 0.0:
+            raise DeclarationError("plant", "bad timestep or delay", value=(timestep, delay), unit="s")
+        path, about = find(robot, mjcf)
+        spec = read(path, timestep)
+        self.servo = servo or Servo.from_description(about)
+        driven = fit(spec, actuation, self.servo)
+        inertia = about.get("plant", {}).get("armature", {}) if armature is None else armature
+        set_armature(spec, inertia, {**about.get("groups", {}), **getattr(robot, "groups", {})})
+        if edit is not None:
+            edit(spec)
+        root = spec.worldbody.first_body().name
+        site = add_imu(spec, imu or about.get("imu", root))
+        scene.dress(spec, root, terrain)
+        self.model, self.terrain, self.sensors, self.actuation = spec.compile(), terrain, sensors, actuation
+        self.data = mujoco.MjData(self.model)
+        self._gyro, self._accelerometer = (self.data.sensor(f"plant_{s}").data for s in ("gyro", "accelerometer"))
+        self.map = StateMap(self.model, robot)
+        self._root, self._site = self.model.body(root).id, self.model.site(site).id
+        if self.map.floating and self.model.body_weldid[self.model.site_bodyid[self._site]] != self._root:
+            raise ModelError(f"IMU {imu!r} is not fixed to the root body {root!r}")
+        self.joint_names: tuple[str, ...] = tuple(getattr(robot, "joint_names", driven))
+        for name in self.joint_names:
+            if name not in driven:
+                raise JointNotFound(name, driven, f"{path.name}, among its motors,")
+        self._order: Index = np.array([driven.index(name) for name in self.joint_names], dtype=np.intp)
+        self._wheels: Index = np.array([driven.index(name) for name in self.map.wheels], dtype=np.intp)
+        if watched is None:
+            watched = [c["frame"] for c in (*about.get("contacts", ()), *about.get("wheels", ()))]
+        self.watched = tuple(watched)
+        self._contacts = ContactReader(self.model, [self._body(frame) for frame in self.watched])
+        self._delay, self._seed = round(delay / timestep), seed
+        self.timestep = timestep
+        self.reset()
+
+    # ------------------------------------------------------------------ motion
+
+    def reset(self, q: Vec | None = None, v: Vec | None = None) -> tuple[Vec, Vec]:
+        """Start at (q, v); noise starts anew.  Returns the state.
+
+        The default is at rest in the file's first keyframe, or in its initial configuration.
+        """
+        mujoco.mj_resetData(self.model, self.data)
+        if q is None:
+            q = self._initial()
+        self.data.qpos[:], self.data.qvel[:] = self.map.to_mujoco(q, np.zeros(self.map.nv) if v is None else v)
+        self._rng = np.random.default_rng(self._seed)
+        self._turned = np.array([q[i] for i, *_ in self.map.wheels.values()])
+        self._control = np.zeros(self.model.nu)
+        if self.actuation == "position":
+            joints = self.model.actuator_trnid[:, 0]
+            self._control[:] = self.data.qpos[self.model.jnt_qposadr[joints]]
+        self._pending = deque(self._control.copy() for _ in range(self._delay))
+        mujoco.mj_forward(self.model, self.data)
+        self._contacts.keep(self.data)
+        return self.state()
+
+    def step(self, command: Vec, rate: Vec | None = None, *, steps: int = 1) -> None:
+        """Hold a command for some steps.
+
+        command: torques [N m] or joint positions [rad], ``(n,)`` in the order of ``joint_names``.
+        rate: joint velocities a position servo follows ``(n,)`` [rad/s], zero by default.
+        Forces of ``push`` act during this call.  Raises DeclarationError for a wrong shape or number.
+        """
+        command = np.asarray(command, dtype=np.float64)
+        if command.shape != self._order.shape or not np.isfinite(command).all():
+            allowed = f"finite, shape {self._order.shape}"
+            raise DeclarationError("plant", "bad command", value=command, allowed=allowed)
+        if rate is not None:
+            if self.actuation != "position" or self.servo is None:
+                raise DeclarationError("plant", "a rate needs position servos", allowed="actuation='position'")
+            command = command + self.servo.damping_time * rate
+        self._control[self._order] = command
+        model, data = self.model, self.data
+        for left in range(steps - 1, -1, -1):
+            if self._delay:
+                self._pending.append(self._control.copy())
+                data.ctrl[:] = self._pending.popleft()
+            else:
+                data.ctrl[:] = self._control
+            # mj_step in two halves, so that positions and velocities are those of the new state
+            mujoco.mj_step2(model, data)
+            if not left:
+                self._contacts.keep(data)
+            mujoco.mj_step1(model, data)
+            if self._wheels.size:
+                self._turned += self.timestep * data.actuator_velocity[self._wheels]
+        data.xfrc_applied[:] = 0.0
+
+    def state(self) -> tuple[Vec, Vec]:
+        """The true (q, v) in Pinocchio's coordinates; the angle of a ball wheel is the integral of its rate."""
+        q, v = self.map.to_pinocchio(self.data.qpos, self.data.qvel)
+        for angle, (i, *_) in zip(self._turned, self.map.wheels.values(), strict=True):
+            q[i] = angle
+        return q, v
+
+    @property
+    def time(self) -> float:
+        """Time since the reset [s]."""
+        return float(self.data.time)
+
+    def push(self, frame: str, force: Vec, moment: Vec | None = None, at: Vec | None = None) -> None:
+        """Add a force ``(3,)`` [N] and moment ``(3,)`` [N m], world axes, during the next call of ``step``.
+
+        The force acts at the frame's origin, or at the point ``at`` of its body ``(3,)`` in the world [m].
+        """
+        body = self._body(frame)
+        point = self.place(frame)[0] if at is None else np.asarray(at)
+        wrench = self.data.xfrc_applied[body]
+        wrench[:3] += force
+        wrench[3:] += np.cross(point - self.data.xipos[body], force)
+        if moment is not None:
+            wrench[3:] += moment
+
+    def move_hand(self, position: Vec) -> None:
+        """Draw the human hand with its fingers at a point ``(3,)`` in the world [m]."""
+        self.data.mocap_pos[self.model.body(scene.HAND).mocapid[0]] = position
+
+    # ------------------------------------------------------------------ what it does
+
+    @property
+    def torque(self) -> Vec:
+        """Torques of the motors during the last step ``(n,)`` [N m], after limits and delay."""
+        return np.array(self.data.actuator_force[self._order])
+
+    def place(self, frame: str) -> tuple[Vec, Mat]:
+        """Position ``(3,)`` [m] and rotation ``(3, 3)`` of a site or body in the world."""
+        site, index = self._lookup(frame)
+        data = self.data
+        position = data.site_xpos[index] if site else data.xpos[index]
+        rotation = data.site_xmat[index] if site else data.xmat[index]
+        return np.array(position), np.array(rotation).reshape(3, 3)
+
+    def velocity(self, frame: str) -> Vec:
+        """Velocity ``(6,)`` of a frame's origin [m/s] and its rotation [rad/s], world axes."""
+        site, index = self._lookup(frame)
+        kind = mujoco.mjtObj.mjOBJ_SITE if site else mujoco.mjtObj.mjOBJ_XBODY
+        angular_linear = np.zeros(6)
+        mujoco.mj_objectVelocity(self.model, self.data, kind, index, angular_linear, 0)
+        return np.roll(angular_linear, 3)
+
+    def com(self) -> Vec:
+        """The robot's centre of mass ``(3,)`` [m]."""
+        return np.array(self.data.subtree_com[self._root])
+
+    def momentum(self) -> Vec:
+        """Linear [kg m/s] and angular momentum about the centre of mass [kg m^2/s], world axes ``(6,)``."""
+        mujoco.mj_subtreeVel(self.model, self.data)
+        linear = self.model.body_subtreemass[self._root] * self.data.subtree_linvel[self._root]
+        return np.concatenate((linear, self.data.subtree_angmom[self._root]))
+
+    def mass_matrix(self) -> Mat:
+        """Inertia in Pinocchio's coordinates ``(nv, nv)``, armature included; rollers stand still on their hub."""
+        full = np.zeros((self.model.nv, self.model.nv))
+        mujoco.mj_fullM(self.model, self.data, full)
+        B = self.map.tangent(self.data.qpos)
+        return np.asarray(B.T @ full @ B)
+
+    def contacts(self) -> Contacts:
+        """Ground contact of the watched frames during the last step, without noise."""
+        return self._contacts.contacts()
+
+    def measure(self) -> Reading:
+        """Read every sensor; each call draws new noise."""
+        sensors, rng, nv = self.sensors, self._rng, self.map.nv
+        q, v = self.state()
+        first = 6 if self.map.floating else 0
+        angles = np.zeros(nv)
+        angles[first:] = sensors.angle.read(np.zeros(nv - first), rng)
+        self.map.turn_joints(q, angles)
+        v[first:] = sensors.rate.read(v[first:], rng)
+        true = self.data.site_xmat[self._site].reshape(3, 3)
+        rotation = true @ rotation_vector(sensors.orientation.read(np.zeros(3), rng))
+        gyro = sensors.gyro.read(self._gyro, rng)
+        if self.map.floating:
+            mounting = self.data.xmat[self._root].reshape(3, 3).T @ true  # IMU axes in the base
+            q[3:7] = _xyzw(rotation @ mounting.T)
+            v[3:6] = mounting @ gyro
+        accelerometer = sensors.accelerometer.read(self._accelerometer, rng)
+        contacts = self._contacts.contacts(lambda force: sensors.force.read(force, rng))
+        return Reading(self.time, q, v, rotation, gyro, accelerometer, contacts)
+
+    # ------------------------------------------------------------------ helpers
+
+    def _initial(self) -> Vec:
+        qpos = self.model.key_qpos[0] if self.model.nkey else self.model.qpos0
+        return self.map.to_pinocchio(qpos, np.zeros(self.model.nv))[0]
+
+    def _lookup(self, frame: str) -> tuple[bool, int]:
+        """Whether a frame is a site, and its index among sites or bodies."""
+        for kind in (mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_BODY):
+            index = mujoco.mj_name2id(self.model, kind, frame)
+            if index >= 0:
+                return kind == mujoco.mjtObj.mjOBJ_SITE, index
+        known = [self.model.site(i).name for i in range(self.model.nsite)]
+        known += [self.model.body(i).name for i in range(self.model.nbody)]
+        raise FrameNotFound(frame, known, "the MuJoCo model")
+
+    def _body(self, frame: str) -> int:
+        site, index = self._lookup(frame)
+        return int(self.model.site_bodyid[index]) if site else index
+
+
+def _xyzw(rotation: Mat) -> Vec:
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, rotation.ravel())
+    return quaternion[[1, 2, 3, 0]]

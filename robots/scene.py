@@ -1,0 +1,106 @@
+"""The scene around a robot's MJCF: ground, sky, lights, cameras, and the hand that pulls at it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from hqp.arrays import Vec
+
+from .mujoco_extra import mujoco
+from .terrain import Terrain
+
+HAND = "human_hand"
+VIEWS = {"side": (-90.0, -8.0), "front": (0.0, -8.0), "corner": (-50.0, -18.0), "top": (-90.0, -89.0)}
+"""Named cameras, which follow the centre of mass: azimuth of the camera and elevation of its view [deg]."""
+DISTANCE = 2.4  # of the cameras from the centre of mass [m]
+_SKIN = (0.87, 0.67, 0.53, 1.0)
+
+
+def dress(spec: Any, root: str, terrain: Terrain | None) -> None:
+    """Add everything but the robot to a MjSpec; without a terrain the file's own ground stays alone."""
+    for light in list(spec.lights):
+        spec.delete(light)
+    _sky_and_light(spec, root)
+    if terrain is not None:
+        _ground(spec, terrain)
+    _hand(spec)
+    _cameras(spec, root)
+
+
+def _sky_and_light(spec: Any, root: str) -> None:
+    sky = {"builtin": mujoco.mjtBuiltin.mjBUILTIN_GRADIENT, "width": 512, "height": 512}
+    kind = mujoco.mjtTexture.mjTEXTURE_SKYBOX
+    spec.add_texture(name="sky", type=kind, rgb1=[0.86, 0.90, 0.95], rgb2=[0.98, 0.98, 0.98], **sky)
+    spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
+    spec.visual.headlight.diffuse = [0.25, 0.25, 0.25]
+    spec.visual.headlight.specular = [0.0, 0.0, 0.0]
+    spec.visual.quality.shadowsize = 4096
+    for name, position, strength in (("key", (1.5, -2.5, 3.5), 0.55), ("fill", (-1.5, 2.5, 3.0), 0.25)):
+        light = spec.worldbody.add_light(name=name, pos=position, castshadow=name == "key")
+        light.mode = mujoco.mjtCamLight.mjCAMLIGHT_TARGETBODYCOM
+        light.targetbody = root
+        light.diffuse = [strength] * 3
+        light.specular = [0.1] * 3
+        light.cutoff = 80.0
+
+
+def _ground(spec: Any, terrain: Terrain) -> None:
+    checker = {"builtin": mujoco.mjtBuiltin.mjBUILTIN_CHECKER, "width": 512, "height": 512}
+    kind = mujoco.mjtTexture.mjTEXTURE_2D
+    spec.add_texture(name="tiles", type=kind, rgb1=[0.80, 0.81, 0.83], rgb2=[0.72, 0.74, 0.77], **checker)
+    material = spec.add_material(name="ground", texrepeat=[1.0, 1.0], texuniform=True, reflectance=0.0)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
+    # priority: friction and stiffness are the ground's, whatever stands on it
+    law = {
+        "contype": 1,
+        "conaffinity": 1,
+        "condim": 3,
+        "priority": 1,
+        "friction": [terrain.friction, 0.005, 0.0001],
+        "solref": list(terrain.solref),
+        "material": "ground",
+    }
+    world = spec.worldbody
+    world.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05], **law)
+    for k, slab in enumerate(terrain.slabs()):
+        half = -0.5 * slab.angle  # a turn about -y
+        turn = [math.cos(half), 0.0, math.sin(half), 0.0]
+        box = world.add_geom(name=f"slab_{k}", type=mujoco.mjtGeom.mjGEOM_BOX, **law)
+        box.pos, box.size, box.quat = slab.centre, slab.half, turn
+
+
+def _hand(spec: Any) -> None:
+    """A hand and forearm reaching from +x, drawn only: it touches nothing, and is hidden until it is moved."""
+    hand = spec.worldbody.add_body(name=HAND, mocap=True, pos=[0.0, 0.0, -10.0])
+    drawn = {"contype": 0, "conaffinity": 0, "group": 1, "rgba": _SKIN}
+    capsule, ellipsoid = mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_ELLIPSOID
+    hand.add_geom(type=ellipsoid, pos=[0.065, 0.0, 0.0], size=[0.055, 0.042, 0.018], **drawn)
+    for y in (-0.03, -0.01, 0.01, 0.03):
+        hand.add_geom(type=capsule, fromto=[0.04, y, 0.0, -0.025, 0.9 * y, -0.012], size=[0.009, 0, 0], **drawn)
+    hand.add_geom(type=capsule, fromto=[0.07, 0.035, 0.0, 0.015, 0.062, -0.01], size=[0.011, 0, 0], **drawn)
+    drawn["rgba"] = (0.25, 0.35, 0.55, 1.0)
+    hand.add_geom(type=capsule, fromto=[0.13, 0.0, 0.0, 0.36, 0.0, 0.03], size=[0.032, 0, 0], **drawn)
+
+
+def _cameras(spec: Any, root: str) -> None:
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_fwdPosition(model, data)
+    body = data.body(root)
+    centre = body.xmat.reshape(3, 3).T @ (body.subtree_com - body.xpos)
+    for name, (azimuth, elevation) in VIEWS.items():
+        look = _direction(math.radians(azimuth), math.radians(elevation))
+        right = np.array([look[1], -look[0], 0.0]) / math.hypot(look[0], look[1])
+        quaternion = np.zeros(4)
+        mujoco.mju_mat2Quat(quaternion, np.column_stack((right, np.cross(right, look), -look)).ravel())
+        camera = spec.body(root).add_camera(name=name, pos=centre - DISTANCE * look, quat=quaternion, fovy=45.0)
+        camera.mode = mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM
+
+
+def _direction(azimuth: float, elevation: float) -> Vec:
+    """Unit vector along the view of a camera that stands at an azimuth [rad]."""
+    level = math.cos(elevation)
+    return np.array([-level * math.cos(azimuth), -level * math.sin(azimuth), math.sin(elevation)])

@@ -1,0 +1,187 @@
+"""States of one robot in Pinocchio's coordinates and in MuJoCo's.
+
+=====================  ==============================  =======================================
+of a free base         Pinocchio (q, v)                MuJoCo (qpos, qvel)
+=====================  ==============================  =======================================
+orientation            quaternion x y z w              quaternion w x y z
+linear velocity        base axes                       world axes
+angular velocity       base axes                       base axes
+=====================  ==============================  =======================================
+
+Joints are matched by name; their order differs. A wheel may be a ball joint in MuJoCo and turn about one axle in
+Pinocchio: its rate is the component about the axle, which the base carries.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from hqp.arrays import Index, Mat, Vec
+from hqp.errors import JointNotFound, ModelError
+
+from .mujoco_extra import mujoco
+
+_XYZW, _WXYZ = [1, 2, 3, 0], [3, 0, 1, 2]  # positions of a quaternion's numbers in the other order
+
+
+class StateMap:
+    """Index tables between Pinocchio's ``(q, v)`` and MuJoCo's ``(qpos, qvel)``, built once.
+
+    simulated: a MjModel.  controlled: a pinocchio.Model, or a Robot that holds one.  Joints of the simulation that
+    the controller does not know (rollers) are left out of q and zero in qpos.
+    Raises ModelError where the bases or joint types do not fit, JointNotFound for a joint that MuJoCo lacks.
+    """
+
+    def __init__(self, simulated: Any, controlled: Any) -> None:
+        model = getattr(controlled, "model", controlled)
+        self.nq, self.nv = int(model.nq), int(model.nv)
+        self._model = simulated
+        self.floating = model.njoints > 1 and model.joints[1].nv == 6
+        self._base_q, self._base_v = self._match_base(model)
+        simple: list[tuple[int, int, int, int]] = []  # idx_q, qposadr, idx_v, dofadr
+        self._turning: list[tuple[int, int, int, int]] = []  # the same of continuous joints, (cos, sin) in q
+        self._balls: list[tuple[int, int, int, int]] = []  # spherical in both
+        self.wheels: dict[str, tuple[int, int, int, int]] = {}  # ball in MuJoCo, one axle in Pinocchio
+        self.axles: dict[str, Vec] = {}
+        names = [simulated.joint(i).name for i in range(simulated.njnt)]
+        for i in range(2 if self.floating else 1, model.njoints):
+            name, joint = model.names[i], model.joints[i]
+            if name not in names:
+                raise JointNotFound(name, filter(None, names), "the MuJoCo model")
+            there = names.index(name)
+            entry = (
+                int(joint.idx_q),
+                int(simulated.jnt_qposadr[there]),
+                int(joint.idx_v),
+                int(simulated.jnt_dofadr[there]),
+            )
+            kind = int(simulated.jnt_type[there])
+            single = kind in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+            ball = kind == mujoco.mjtJoint.mjJNT_BALL
+            if single and (joint.nq, joint.nv) == (1, 1):
+                simple.append(entry)
+            elif single and (joint.nq, joint.nv) == (2, 1):
+                self._turning.append(entry)
+            elif ball and (joint.nq, joint.nv) == (4, 3):
+                self._balls.append(entry)
+            elif ball and (joint.nq, joint.nv) == (1, 1):
+                self.wheels[name] = entry
+                self.axles[name] = _axis(model, i)
+            else:
+                raise ModelError(
+                    f"joint {name!r} is a {joint.shortname()} in Pinocchio and a "
+                    f"{mujoco.mjtJoint(kind).name} in MuJoCo: no map between them"
+                )
+        self._table: Index = np.array(simple, dtype=np.intp).reshape(-1, 4)
+
+    def _match_base(self, model: Any) -> tuple[int, int]:
+        """Addresses of the free base in qpos and qvel."""
+        simulated = self._model
+        free = np.flatnonzero(simulated.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE))
+        if self.floating != bool(free.size):
+            words = {True: "floating", False: "fixed"}
+            raise ModelError(f"the base is {words[self.floating]} in Pinocchio and {words[bool(free.size)]} in MuJoCo")
+        if not self.floating:
+            return 0, 0
+        if not model.jointPlacements[1].isIdentity(1e-9):
+            raise ModelError(
+                "the Pinocchio model's free base starts from a displaced frame; read it from a URDF, or from an "
+                "MJCF whose root body is not rotated"
+            )
+        return int(simulated.jnt_qposadr[free[0]]), int(simulated.jnt_dofadr[free[0]])
+
+    def to_mujoco(self, q: Vec, v: Vec) -> tuple[Vec, Vec]:
+        """``(qpos, qvel)`` of a state ``(q, v)``; coordinates that only MuJoCo has are at their neutral value."""
+        qpos, qvel = self._model.qpos0.copy(), np.zeros(self._model.nv)
+        if self.floating:
+            a, b = self._base_q, self._base_v
+            qpos[a : a + 3] = q[:3]
+            qpos[a + 3 : a + 7] = q[3:7][_WXYZ]
+            qvel[b : b + 3] = _rotation(qpos[a + 3 : a + 7]) @ v[:3]
+            qvel[b + 3 : b + 6] = v[3:6]
+        qi, pi, vi, di = self._table.T
+        qpos[pi], qvel[di] = q[qi], v[vi]
+        for i, a, j, b in self._turning:
+            qpos[a], qvel[b] = math.atan2(q[i + 1], q[i]), v[j]
+        for i, a, j, b in self._balls:
+            qpos[a : a + 4] = q[i : i + 4][_WXYZ]
+            qvel[b : b + 3] = v[j : j + 3]
+        for name, (i, a, j, b) in self.wheels.items():
+            qpos[a] = math.cos(0.5 * q[i])
+            qpos[a + 1 : a + 4] = math.sin(0.5 * q[i]) * self.axles[name]
+            qvel[b : b + 3] = self.axles[name] * v[j]
+        return qpos, qvel
+
+    def to_pinocchio(self, qpos: Vec, qvel: Vec) -> tuple[Vec, Vec]:
+        """``(q, v)`` of a state ``(qpos, qvel)``.
+
+        A ball wheel's angle is the turn of its orientation about the axle, in (-pi, pi]; it means something only
+        while the ball has not rolled sideways.
+        """
+        q, v = np.zeros(self.nq), np.zeros(self.nv)
+        if self.floating:
+            a, b = self._base_q, self._base_v
+            q[:3] = qpos[a : a + 3]
+            q[3:7] = qpos[a + 3 : a + 7][_XYZW]
+            v[:3] = _rotation(qpos[a + 3 : a + 7]).T @ qvel[b : b + 3]
+            v[3:6] = qvel[b + 3 : b + 6]
+        qi, pi, vi, di = self._table.T
+        q[qi], v[vi] = qpos[pi], qvel[di]
+        for i, a, j, b in self._turning:
+            q[i], q[i + 1], v[j] = math.cos(qpos[a]), math.sin(qpos[a]), qvel[b]
+        for i, a, j, b in self._balls:
+            q[i : i + 4] = qpos[a : a + 4][_XYZW]
+            v[j : j + 3] = qvel[b : b + 3]
+        for name, (i, a, j, b) in self.wheels.items():
+            axle, ball = self.axles[name], qpos[a : a + 4]
+            angle = 2.0 * math.atan2(axle @ ball[1:], ball[0])
+            q[i] = math.remainder(angle, 2.0 * math.pi)
+            turning = np.empty(3)
+            mujoco.mju_rotVecQuat(turning, qvel[b : b + 3], ball)
+            v[j] = axle @ turning
+        return q, v
+
+    def tangent(self, qpos: Vec) -> Mat:
+        """B ``(nv_mujoco, nv)`` with qvel = B v at qpos, so that Pinocchio's mass matrix is B' M B."""
+        B = np.zeros((self._model.nv, self.nv))
+        if self.floating:
+            a, b = self._base_q, self._base_v
+            B[b : b + 3, :3] = _rotation(qpos[a + 3 : a + 7])
+            B[b + 3 : b + 6, 3:6] = np.eye(3)
+        _, _, vi, di = self._table.T
+        B[di, vi] = 1.0
+        for _, _, j, b in self._turning:
+            B[b, j] = 1.0
+        for _, _, j, b in self._balls:
+            B[b : b + 3, j : j + 3] = np.eye(3)
+        for name, (_, a, j, b) in self.wheels.items():
+            B[b : b + 3, j] = _rotation(qpos[a : a + 4]).T @ self.axles[name]
+        return B
+
+    def turn_joints(self, q: Vec, angles: Vec) -> None:
+        """Add angles ``(nv,)`` [rad] to the single-axis joints of q, in place."""
+        qi, _, vi, _ = self._table.T
+        q[qi] += angles[vi]
+        for i, _, j, _ in self.wheels.values():
+            q[i] += angles[j]
+        for i, _, j, _ in self._turning:
+            angle = math.atan2(q[i + 1], q[i]) + angles[j]
+            q[i], q[i + 1] = math.cos(angle), math.sin(angle)
+
+
+def _axis(model: Any, index: int) -> Vec:
+    """Axle of a single-axis joint in its parent's axes, ``(3,)``."""
+    joint = model.joints[index]
+    data = joint.createData()
+    joint.calc(data, np.zeros(model.nq))
+    return np.asarray(model.jointPlacements[index].rotation @ np.ravel(data.S)[3:], dtype=np.float64)
+
+
+def _rotation(wxyz: Vec) -> Mat:
+    """Rotation matrix ``(3, 3)`` of a unit quaternion w x y z."""
+    flat = np.empty(9)
+    mujoco.mju_quat2Mat(flat, wxyz)
+    return flat.reshape(3, 3)

@@ -1,0 +1,122 @@
+"""The ground a plant moves on: geometry and friction as plain data."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.errors import DeclarationError
+
+_THICK, _LONG = 0.5, 20.0  # of slabs, and of an endless slope [m]
+
+
+@dataclass(frozen=True)
+class Slab:
+    """A box on the ground: centre, half sizes [m], inclination about -y [rad]."""
+
+    centre: tuple[float, float, float]
+    half: tuple[float, float, float]
+    angle: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Terrain(ABC):
+    """Ground whose height depends on x alone; its friction and stiffness win over those of what touches it.
+
+    friction: sliding coefficient [-].  solref: MuJoCo's time constant [s] and damping ratio of contacts.
+    Raises DeclarationError for a negative friction or a time constant that is not positive.
+    """
+
+    friction: float = 0.8
+    solref: tuple[float, float] = (0.006, 1.0)
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.friction) and self.friction >= 0.0):
+            raise DeclarationError("terrain", "bad friction", value=self.friction, allowed="0 or more")
+        if not self.solref[0] > 0.0:
+            raise DeclarationError("terrain", "bad solref", value=self.solref, allowed="time constant > 0 s")
+
+    @abstractmethod
+    def slabs(self) -> tuple[Slab, ...]:
+        """What stands on the plane z = 0."""
+
+    @abstractmethod
+    def slope(self, x: float) -> float:
+        """Inclination at x [rad], positive uphill."""
+
+    @abstractmethod
+    def height(self, x: float) -> float:
+        """Height at x [m]."""
+
+    def normal(self, x: float) -> Vec:
+        """Unit normal at x, ``(3,)``, upwards."""
+        angle = self.slope(x)
+        return np.array([-math.sin(angle), 0.0, math.cos(angle)])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plane(Terrain):
+    """Level ground."""
+
+    def slabs(self) -> tuple[Slab, ...]:
+        return ()
+
+    def slope(self, x: float) -> float:
+        return 0.0
+
+    def height(self, x: float) -> float:
+        return 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ramp(Terrain):
+    """Level ground, a slope that rises along x, and a level plateau on top of it.
+
+    start: x of the lower edge [m].  angle: of the slope [rad].  top: height of the plateau [m], None for a slope
+    without end.  width: along y [m].  Raises DeclarationError for an angle outside (0, pi/3] or a top not above 0.
+    """
+
+    start: float = 0.35
+    angle: float = math.radians(7.0)
+    top: float | None = None
+    width: float = 6.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0.0 < self.angle <= math.pi / 3.0:
+            raise DeclarationError(
+                "ramp", "bad angle", value=self.angle, unit="rad", allowed="0 < angle <= pi/3; Plane() if level"
+            )
+        if self.top is not None and not self.top > 0.0:
+            raise DeclarationError("ramp", "bad top", value=self.top, unit="m", allowed="above 0, or None")
+        if not self.width > 0.0:
+            raise DeclarationError("ramp", "bad width", value=self.width, unit="m", allowed="above 0")
+
+    @property
+    def end(self) -> float:
+        """x of the upper edge [m], inf without one."""
+        return math.inf if self.top is None else self.start + self.top / math.tan(self.angle)
+
+    def slabs(self) -> tuple[Slab, ...]:
+        length = _LONG if self.top is None else self.top / math.sin(self.angle)
+        sin, cos = math.sin(self.angle), math.cos(self.angle)
+        middle = (
+            self.start + 0.5 * (length * cos + _THICK * sin),
+            0.0,
+            0.5 * (length * sin - _THICK * cos),
+        )
+        slope = Slab(middle, (0.5 * length, 0.5 * self.width, 0.5 * _THICK), self.angle)
+        if self.top is None:
+            return (slope,)
+        half = (0.5 * _LONG, 0.5 * self.width, 0.5 * _THICK)
+        return slope, Slab((self.end + half[0], 0.0, self.top - half[2]), half, 0.0)
+
+    def slope(self, x: float) -> float:
+        return self.angle if self.start < x < self.end else 0.0
+
+    def height(self, x: float) -> float:
+        return math.tan(self.angle) * (min(max(x, self.start), self.end) - self.start)
