@@ -36,7 +36,7 @@ class Program(ABC):
     problem: Hierarchy
     shape: Shape
     places: dict[str, Place]
-    rows: Assembly
+    assembly: Assembly
 
     @abstractmethod
     def prepare(self, state: State) -> None:
@@ -48,7 +48,7 @@ class Program(ABC):
 
     def unfit(self) -> tuple[str, ...]:
         """Names of elements whose rows came out not finite."""
-        return self.rows.unfit()
+        return self.assembly.unfit()
 
     @abstractmethod
     def leave_out(self, name: str) -> None:
@@ -146,7 +146,7 @@ class MotionProgram(Program):
         groups = split(stack, robot)
         dense = [e for group in groups if not group.selection for e in group.elements]
         selections = [e for group in groups if group.selection for e in group.elements]
-        self.rows = rows = Assembly(dense, selections, robot, dt, laws)
+        self.assembly = rows = Assembly(dense, selections, robot, dt, laws)
         self.dt = dt
         self._order = formulation.order
         self._actuated = robot.actuated
@@ -181,11 +181,11 @@ class MotionProgram(Program):
 
     def fill(self, state: State, references: Mapping[str, Reference], given: Sequence[Reference]) -> None:
         """Refill the hierarchy for a state and one reference an element; ``given`` may hold feedforward."""
-        self.rows.fill(state, references, given)
+        self.assembly.fill(state, references, given)
 
     def leave_out(self, name: str) -> None:
         """Free the rows of one element for this tick."""
-        self.rows.leave_out(name)
+        self.assembly.leave_out(name)
 
     def command(self, x: Vec) -> Vec:
         """The actuated joints' part of x, ``(n_actuated,)`` (eq. 16, the first factor)."""
