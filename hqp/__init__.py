@@ -10,7 +10,7 @@ from hqp.certify import Certificate, certificate
 from hqp.element import Constraint, Element, Task
 from hqp.errors import HqpError
 from hqp.formulation import Acceleration, Velocity
-from hqp.law import PD, P
+from hqp.law import PD, P, SelfMotion
 from hqp.problem import Hierarchy, Rows, Selection, Solution, Status
 from hqp.reference import Reference
 from hqp.session import Controller, Note, Session, Tick
@@ -19,6 +19,7 @@ from hqp.stack import Level, Stack
 if TYPE_CHECKING:
     from hqp import robots, tasks
     from hqp.comparison import compare
+    from hqp.torque import Torque
 
 __version__ = "0.1.0"
 
@@ -37,12 +38,14 @@ __all__ = [
     "Reference",
     "Rows",
     "Selection",
+    "SelfMotion",
     "Session",
     "Solution",
     "Stack",
     "Status",
     "Task",
     "Tick",
+    "Torque",
     "Velocity",
     "certificate",
     "compare",
@@ -56,6 +59,8 @@ def __getattr__(name: str) -> object:
     """Import the parts that need Pinocchio or tables only when asked for."""
     if name in ("robots", "tasks"):
         return importlib.import_module(f"hqp.{name}")
+    if name == "Torque":
+        return importlib.import_module("hqp.torque").Torque
     if name == "compare":
         return importlib.import_module("hqp.comparison").compare
     raise AttributeError(f"module 'hqp' has no attribute {name!r}")

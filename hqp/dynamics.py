@@ -31,8 +31,8 @@ class ConstrainedDynamics:
     """qdd, tau and lambda of eq. (2) as maps of each other, refilled by ``update`` in preallocated arrays.
 
     nv: tangent coordinates.  rows: m constraint rows.  actuated: tangent coordinate of each of n actuated joints.
-    After ``update``:  X ``(nv, n)`` and c ``(nv,)``: qdd = X tau + c.  phi ``(n, n)``: phi* (eq. 15), symmetric, singular
-    where constraints take a direction from the actuators.  rank: number r of independent constraints.
+    After ``update``:  X ``(nv, n)`` and c ``(nv,)``: qdd = X tau + c.  phi ``(n, n)``: phi* (eq. 15), symmetric,
+    singular where constraints take a direction from the actuators.  rank: number r of independent constraints.
     The live arrays are overwritten by the next update; the properties are computed anew at every access.
     """
 
@@ -61,7 +61,7 @@ class ConstrainedDynamics:
 
         Raises ModelError where A is not positive definite.
         """
-        nv, n, m = self.nv, self.n, self.m
+        n, m = self.n, self.m
         self.J = J
         np.copyto(self._factor, A)
         L, info = lapack.dpotrf(self._factor, lower=0, clean=0, overwrite_a=1)  # A = L' L here: the upper factor
@@ -168,7 +168,10 @@ class ConstrainedDynamics:
 
     @property
     def h(self) -> Vec:
-        """b* + g* ``(n,)`` with phi* (b* + g*) = U A^-1 (N^T (b + g) + J^T Lambda dJ/dt qd) (eq. 22): qdd_act = phi* (tau - h)."""
+        """b* + g* ``(n,)``: phi* (b* + g*) = U A^-1 (N^T (b + g) + J^T Lambda dJ/dt qd) (eq. 22).
+
+        qdd_act = phi* (tau - h) (eq. 21).
+        """
         return symmetric_pinv(self.phi) @ -self.c[self.actuated]
 
     def _solve(self, right: Mat) -> Mat:
@@ -204,13 +207,13 @@ class Actuation:
 
     def __str__(self) -> str:
         return (
-            f"rank J_constr = {self.rank} of {self.rows} rows (least singular value {self.smallest:.2g} of the largest), "
-            f"rank [J_constr; U] = {self.full_rank} of {self.nv} (least singular value {self.full_smallest:.2g})"
+            f"rank J_constr = {self.rank} of {self.rows} rows (least singular value {self.smallest:.2g} of the "
+            f"largest), rank [J_constr; U] = {self.full_rank} of {self.nv} (least {self.full_smallest:.2g})"
         )
 
 
 def actuation(J: Mat, actuated: Index, tolerance: float = RANK_TOLERANCE) -> Actuation:
-    """Ranks and conditioning of J ``(m, nv)`` and [J; U]: equal counts of rows and unactuated coordinates don't suffice."""
+    """Ranks and conditioning of J ``(m, nv)`` and [J; U]; as many rows as unactuated coordinates do not suffice."""
     m, nv = J.shape
     U = np.zeros((actuated.size, nv))
     U[np.arange(actuated.size), actuated] = 1.0

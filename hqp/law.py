@@ -76,5 +76,30 @@ class PD(Law):
         self._check(("kp", "kd"))
 
 
+@dataclass(frozen=True)
+class SelfMotion(Law):
+    """Posture law in what the levels above leave free, with V = E^T E / 2 as Lyapunov function (Sentis 2012, eq. 40).
+
+    y = -kp e - kv qd,  E = Phi y,  v = (ke E - kp qd + dPhi/dt y) / kv   with Phi the orthogonal projector onto the
+    posture velocities that move no task above, and the sign of dPhi/dt of eq. (41) set right: dV/dt = -ke E^T E (eq. 43).
+    kp [1/s^2], kv [1/s], ke [1/s], all above zero: with ke = 0 nothing decays.  For a Posture alone in its level,
+    under Torque.  Raises DeclarationError for a gain that is not positive and finite.
+    """
+
+    kp: float
+    kv: float
+    ke: float
+    order: ClassVar[int] = 2
+
+    def __post_init__(self) -> None:
+        self._check(("kp", "kv", "ke"))
+        for gain in ("kp", "kv", "ke"):
+            value = getattr(self, gain)
+            if not _is_number(value) or value <= 0.0:
+                raise DeclarationError(f"SelfMotion.{gain}", "bad gain", value=value, allowed="a positive number")
+        if min(self.max_velocity, self.max_acceleration) < math.inf:
+            raise DeclarationError("SelfMotion", "takes no saturation, which would void its Lyapunov function")
+
+
 def _is_number(x: object) -> bool:
     return isinstance(x, (int, float)) and not isinstance(x, bool)

@@ -201,6 +201,14 @@ class State(Protocol):
         """dJ/dt v of the centre of mass, ``(3,)``."""
         ...
 
+    def dynamics(self) -> None:
+        """Make kinematics, drifts, ``inertia`` and ``bias_force`` those of this state; raises StaleState."""
+        ...
+
+    def inertia(self) -> Mat:
+        """Upper triangle of A, ``(nv, nv)``; what lies below it is not meant."""
+        ...
+
     def mass_matrix(self) -> Mat:
         """Joint-space inertia A, ``(nv, nv)``, symmetric."""
         ...

@@ -250,8 +250,11 @@ class State:
         elif what == _DRIFT:
             self.kinematics()
             pin.forwardKinematics(model, data, self.q, self.v, _zeros(robot.nv))
-        elif what == _MASS:
+        elif what == _INERTIA:
+            self.kinematics()
             pin.crba(model, data, self.q, pin.Convention.WORLD)
+        elif what == _MASS:
+            self._need(_INERTIA)
             upper = np.triu_indices(robot.nv, 1)
             data.M.T[upper] = data.M[upper]
         elif what == _BIAS:
@@ -337,6 +340,16 @@ class State:
         data = self.robot.data
         return np.array(data.oMi[subtree].rotation @ data.acom[subtree])
 
+    def dynamics(self) -> None:
+        """Make kinematics, drifts, ``inertia`` and ``bias_force`` those of this state; raises StaleState."""
+        for what in (_KINEMATICS, _DRIFT, _INERTIA, _BIAS):
+            self._need(what)
+
+    def inertia(self) -> Mat:
+        """Upper triangle of A, ``(nv, nv)``, what lies below it is not meant; a live view."""
+        self._need(_INERTIA)
+        return self.robot.data.M  # type: ignore[no-any-return]
+
     def mass_matrix(self) -> Mat:
         """Joint-space inertia A, ``(nv, nv)``, symmetric; a live view."""
         self._need(_MASS)
@@ -357,7 +370,7 @@ class State:
         return self._gravity
 
 
-_KINEMATICS, _COM, _SUBTREES, _DRIFT, _MASS, _BIAS = (1 << i for i in range(6))
+_KINEMATICS, _COM, _SUBTREES, _DRIFT, _INERTIA, _MASS, _BIAS = (1 << i for i in range(7))
 _ZEROS: dict[int, Vec] = {}
 
 

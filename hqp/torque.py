@@ -1,0 +1,262 @@
+"""Torque control: x = tau, with the constraint forces eliminated exactly (Sentis, Petersen, Philippsen 2012)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from hqp.arrays import Index, Mat, Vec
+from hqp.assembly import Assembly
+from hqp.dynamics import Actuation, ConstrainedDynamics, actuation
+from hqp.element import Constraint, Element
+from hqp.errors import DeclarationError, StaleState
+from hqp.forces import Efforts, Forces
+from hqp.formulation import Formulation, Group, Place, Program
+from hqp.law import PD, Law
+from hqp.problem import Hierarchy, Rows, Shape, Stacked
+from hqp.reference import Reference
+from hqp.robot import Robot, State
+from hqp.self_motion import SelfMotions
+from hqp.stack import Stack
+
+
+@dataclass(frozen=True, kw_only=True)
+class Torque(Formulation):
+    """x is the torque of the actuated joints ``(n_actuated,)`` [N m]; rows J X tau = a - dJ/dt v - J c, metric phi*.
+
+    Contacts and couplings in ``subject_to`` have reaction forces: J_constr qdd + dJ/dt qd = 0 holds exactly and is
+    no row (eqs. 4, 21), qdd = X tau + c.  In a level they are motion tasks.  Torque limits are bounds on x, contact
+    force limits rows on lambda(tau) (eq. 3).  With levels of equalities the answer is the prioritised law of
+    eqs. (48) to (53) with every coupling compensated; what the levels leave is settled by Gauss' principle,
+    min tau^T phi* tau, and then by least tau.
+
+    law: for elements without one.  contact_law: feedback in J qdd = -dJ/dt v - kp e - kd J v of reaction
+    constraints; none by default, for ground does not move on request.
+    """
+
+    order: ClassVar[int] = 2
+    quantities: ClassVar[frozenset[str]] = frozenset({"motion", "force", "effort"})
+    law: Law = field(default=PD(100.0, 20.0))
+    contact_law: Law = field(default=PD(0.0, 0.0))
+
+    def laws(self, stack: Stack) -> dict[str, Law]:
+        """The law of each element; reaction constraints take contact_law, contacts in a level take law."""
+        held = {e.name for e in reactions(stack)}
+        given = {e.name: e.law or (self.contact_law if e.name in held else self.law) for e in stack}
+        for name, law in given.items():
+            if law.order != self.order:
+                raise DeclarationError(
+                    name, "Torque takes laws of order 2", value=law, allowed="PD(kp [1/s^2], kd [1/s])"
+                )
+        return given
+
+    def compile(self, stack: Stack, robot: Robot, dt: float) -> Program:
+        """Resolve names, allocate, bind.
+
+        Raises DeclarationError or ModelError for what does not fit, and DeclarationError where the constraints
+        leave rank [J_constr; U] short, so that the actuators do not determine the motion (after eq. 12).
+        """
+        return TorqueProgram(self, stack, robot, dt)
+
+
+def reactions(stack: Stack) -> tuple[Element, ...]:
+    """The constraints that act by a reaction force: contacts and couplings in ``subject_to``."""
+    return tuple(e for e in stack.subject_to if isinstance(e, Constraint) and e.equality and e.quantity == "motion")
+
+
+class TorqueProgram(Program):
+    """A stack whose x is the torque; ``dynamics`` and ``assembly`` are those of the latest fill."""
+
+    def __init__(self, formulation: Torque, stack: Stack, robot: Robot, dt: float) -> None:
+        formulation.check(stack)
+        laws = formulation.laws(stack)
+        held = reactions(stack)
+        self.dt, self._laws = dt, laws
+        self.actuation = _require_actuation(held, robot, dt, laws)
+        groups = _split(stack, held)
+        motion = [e for group in groups for e in group.elements if e.quantity == "motion"]
+        picked = [e for e in motion if e.selection(robot) is not None]
+        dense = [*held, *(e for e in motion if e.selection(robot) is None)]
+        self.assembly = Assembly(dense, picked, robot, dt, laws)
+        self.held = held
+        self._m = sum(self.assembly.members[e.name].part.stop - self.assembly.members[e.name].part.start for e in held)
+        self.dynamics = ConstrainedDynamics(robot.nv, self._m, robot.actuated)
+        self._efforts = Efforts([e for e in stack if e.quantity == "effort"], robot, dt)
+        self._forces = Forces([e for e in stack if e.quantity == "force"], held, self.assembly, robot)
+        self._lay_out(groups, robot)
+        self._self_motions = SelfMotions(stack, groups, held, robot, dt, laws, self.assembly)
+        self._needs_com = any(getattr(e, "subtree", 0) is None for e in stack)
+        self._state: State | None = None
+
+    def _lay_out(self, groups: Sequence[Group], robot: Robot) -> None:
+        """Where every element's rows go: levels that only bound tau are selections, the others slices of one block."""
+        n, members = robot.actuated.size, self.assembly.members
+        sizes = [sum(self._size(e) for e in group.elements) for group in groups]
+        total = sum(size for size, group in zip(sizes, groups, strict=True) if not group.selection)
+        self.A: Mat = np.zeros((total, n))
+        self.lower, self.upper = np.full(total, -np.inf), np.full(total, np.inf)
+        self.places: dict[str, Place] = {}
+        self._products: list[list[int]] = []
+        self._takes: list[tuple[slice, slice, Index, Vec | None]] = []
+        levels: list[Rows] = []
+        slices: list[slice | None] = []
+        at = 0
+        for k, (group, size) in enumerate(zip(groups, sizes, strict=True)):
+            start = 0
+            for element in group.elements:
+                count = self._size(element)
+                self.places[element.name] = Place(element, k, slice(start, start + count), group.name)
+                if not group.selection:
+                    here = slice(at + start, at + start + count)
+                    if element.quantity == "motion":
+                        self._place(members[element.name].part, here)
+                    else:
+                        owner = self._efforts if element.quantity == "effort" else self._forces
+                        owner.place(element.name, here, self.A, self.lower, self.upper)
+                start += count
+            if group.selection:
+                levels.append(self._efforts.bounds([e.name for e in group.elements]))
+                slices.append(None)
+            else:
+                part = slice(at, at + size)
+                levels.append(Rows(self.A[part], self.lower[part], self.upper[part]))
+                slices.append(part)
+                at += size
+        stacked = Stacked(self.A, self.lower, self.upper, tuple(slices)) if total else None
+        self.problem = Hierarchy(
+            tuple(levels),
+            constraints=sum(group.constraint for group in groups),
+            metric=self.dynamics.phi,
+            n=n,
+            stacked=stacked,
+        )
+        inequalities = any(not e.equality for group in groups for e in group.elements)
+        self.shape = Shape(n, tuple(sizes), tuple(g.selection for g in groups), inequalities, metric=True)
+
+    def _size(self, element: Element) -> int:
+        if element.quantity == "motion":
+            part = self.assembly.members[element.name].part
+            return part.stop - part.start
+        owner = self._efforts if element.quantity == "effort" else self._forces
+        return owner.rows(element.name)
+
+    def _place(self, part: slice, here: slice) -> None:
+        """Plan for one motion element: a product with J, merged with the one before, or rows of X."""
+        m = self.assembly.J.shape[0]
+        if part.start >= m:
+            weight = self.assembly.weight[part]
+            scale = None if np.all(weight == 1.0) else weight
+            self._takes.append((part, here, self.assembly.picks(part), scale))
+            return
+        last = self._products[-1] if self._products else None
+        if last and last[1] == part.start and last[3] == here.start:
+            last[1], last[3] = part.stop, here.stop
+        else:
+            self._products.append([part.start, part.stop, here.start, here.stop])
+
+    def prepare(self, state: State) -> None:
+        """Compute inertia, forces and kinematics of the state."""
+        state.dynamics()
+        if self._needs_com:
+            state.com_jacobian()
+
+    def fill(self, state: State, references: Mapping[str, Reference], given: Sequence[Reference]) -> None:
+        """Refill the hierarchy for a state and one reference an element; ``given`` may hold feedforward."""
+        rows, dynamics, m = self.assembly, self.dynamics, self._m
+        self._state = state
+        mine = [r for r in given if r.name in rows.members] if given else given
+        rows.fill(state, references, mine)
+        if self._self_motions:
+            self._self_motions.add(state, references)
+        dynamics.update(state.inertia(), state.bias_force(), rows.J[:m], rows.lower[:m])
+        X, c = dynamics.X, dynamics.c
+        for start, stop, first, last in self._products:
+            J = rows.J[start:stop]
+            np.matmul(J, X, out=self.A[first:last])
+            offset = J @ c
+            np.subtract(rows.lower[start:stop], offset, out=self.lower[first:last])
+            np.subtract(rows.upper[start:stop], offset, out=self.upper[first:last])
+        for part, here, index, scale in self._takes:
+            A, offset = self.A[here], c[index]
+            A[:] = X[index]
+            if scale is not None:
+                A *= scale[:, None]
+                offset = offset * scale
+            np.subtract(rows.lower[part], offset, out=self.lower[here])
+            np.subtract(rows.upper[part], offset, out=self.upper[here])
+        if self._efforts:
+            self._efforts.fill(state, references)
+        if self._forces:
+            self._forces.fill(state, references, dynamics)
+
+    def leave_out(self, name: str) -> None:
+        """Free the rows of one element for this tick; a reaction constraint stays, on its hold value."""
+        place = self.places.get(name)
+        if place is not None:
+            rows = self.problem.levels[place.level]
+            rows.lower[place.part] = -np.inf
+            rows.upper[place.part] = np.inf
+
+    def command(self, x: Vec) -> Vec:
+        """The torques ``(n_actuated,)`` [N m]."""
+        return x.copy()
+
+    def acceleration(self, x: Vec) -> Vec:
+        """qdd ``(nv,)`` that the torques cause at the latest state (eq. 4)."""
+        return self.dynamics.acceleration(x)
+
+    def contact_forces(self, x: Vec) -> dict[str, Vec]:
+        """Force of each reaction constraint on the robot at the latest state, in the axes of its rows [N, N m].
+
+        It is -lambda in the sign of eq. (2).
+        """
+        force = -self.dynamics.forces(x) * self.assembly.weight[: self._m]
+        return {e.name: force[self.assembly.members[e.name].part] for e in self.held}
+
+    def advance(self, state: State, x: Vec) -> tuple[Vec, Vec]:
+        """v+ = v + dt qdd(tau), q+ = q + dt v+; raises StaleState for another state than the latest."""
+        if state is not self._state:
+            raise StaleState("advance() tells of the latest step with a solution; call it before the next step")
+        v = state.v + self.dt * self.dynamics.acceleration(x)
+        return state.robot.integrate(state.q, v, self.dt), v
+
+
+def _split(stack: Stack, held: Sequence[Element]) -> list[Group]:
+    """The levels of the hierarchy: at most three for ``subject_to`` (bounds on tau, equalities, other inequalities)."""
+
+    def bounds(elements: Sequence[Element]) -> bool:
+        return all(e.quantity == "effort" for e in elements)
+
+    rest = [e for e in stack.subject_to if e not in held]
+    simple = tuple(e for e in rest if e.quantity == "effort" and not e.equality)
+    equalities = tuple(e for e in rest if e.equality)
+    others = tuple(e for e in rest if not e.equality and e not in simple)
+    groups = [Group(part, "subject_to", bounds(part), True) for part in (simple, equalities, others) if part]
+    for k, level in enumerate(stack.levels):
+        groups.append(Group(level.elements, level.name or f"level {k}", bounds(level.elements), False))
+    return groups
+
+
+def _require_actuation(held: Sequence[Element], robot: Robot, dt: float, laws: Mapping[str, Law]) -> Actuation:
+    """Rank and conditioning of [J_constr; U]; raises DeclarationError where it is short at home and around it."""
+    twin = robot.copy()
+    rng = np.random.default_rng(0)
+    steps = [np.zeros(robot.nv), *(rng.uniform(-0.3, 0.3, robot.nv) for _ in range(2))]
+    found = []
+    for step in steps:
+        state = twin.state(twin.integrate(twin.home, step, 1.0))
+        rows = Assembly(held, (), twin, dt, laws)
+        rows.fill(state, {e.name: e.hold(state) for e in held}, ())
+        found.append(actuation(rows.J, robot.actuated))
+        if found[-1].complete:
+            return found[-1]
+    names = ", ".join(e.name for e in held) or "no contact or coupling at all"
+    raise DeclarationError(
+        "subject_to",
+        f"constraints and actuators do not determine the motion of {robot.name}: {found[0]}; it is the rank that "
+        f"counts, not the number of constraints (given {names})",
+        allowed="contacts and couplings with rank [J_constr; U] = nv",
+    )
