@@ -146,7 +146,9 @@ def _condition_three(robot: Robot, count: int) -> Iterator[Check]:
                 x = solve(nullspace, [(A, np.concatenate((np.zeros(J_C.shape[0]), target)))])
                 reached.append(max(largest(J @ x - target), largest(J_C @ x)) / (1.0 + largest(x)))
         dependent.append(unlike)
-        two = Evaluated(placed, [*CASES[1].contacts(), Position(frame="left", name="on"), Position(frame="hand off line")])
+        two = Evaluated(
+            placed, [*CASES[1].contacts(), Position(frame="left", name="on"), Position(frame="hand off line")]
+        )
         first, second, on, off = two.at(q)
         motion = projector(np.concatenate((first, second))[:, :6])
         ambiguous.append(largest(on[:, :6] @ motion))

@@ -177,5 +177,3 @@ def _roll_pitch_yaw(robot: Robot, count: int) -> Iterator[Check]:
     yield at_most("M(14)", "J_rpy against central differences of the angles", name, 1e-6, differences)
     yield at_most("M(14)", "E(rpy) J_rpy = J_omega", name, 1e-11, closed)
     yield seen_to_fail("M(14)", "angular velocity taken for rates of rpy", name, 1e-6, geometric, "erratum M3")
-
-
