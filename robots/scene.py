@@ -15,7 +15,7 @@ from .terrain import Terrain
 HAND = "human_hand"
 VIEWS = {"side": (-90.0, -8.0), "front": (0.0, -8.0), "corner": (-50.0, -18.0), "top": (-90.0, -89.0)}
 """Named cameras, which follow the centre of mass: azimuth of the camera and elevation of its view [deg]."""
-DISTANCE = 2.4  # of the cameras from the centre of mass [m]
+DISTANCE = 2.6  # of the cameras from the centre of mass [m]
 _SKIN = (0.87, 0.67, 0.53, 1.0)
 
 
@@ -23,14 +23,14 @@ def dress(spec: Any, root: str, terrain: Terrain | None) -> None:
     """Add everything but the robot to a MjSpec; without a terrain the file's own ground stays alone."""
     for light in list(spec.lights):
         spec.delete(light)
-    _sky_and_light(spec, root)
+    _sky_and_light(spec)
     if terrain is not None:
         _ground(spec, terrain)
     _hand(spec)
     _cameras(spec, root)
 
 
-def _sky_and_light(spec: Any, root: str) -> None:
+def _sky_and_light(spec: Any) -> None:
     sky = {"builtin": mujoco.mjtBuiltin.mjBUILTIN_GRADIENT, "width": 512, "height": 512}
     kind = mujoco.mjtTexture.mjTEXTURE_SKYBOX
     spec.add_texture(name="sky", type=kind, rgb1=[0.86, 0.90, 0.95], rgb2=[0.98, 0.98, 0.98], **sky)
@@ -38,21 +38,18 @@ def _sky_and_light(spec: Any, root: str) -> None:
     spec.visual.headlight.diffuse = [0.25, 0.25, 0.25]
     spec.visual.headlight.specular = [0.0, 0.0, 0.0]
     spec.visual.quality.shadowsize = 4096
-    for name, position, strength in (("key", (1.5, -2.5, 3.5), 0.55), ("fill", (-1.5, 2.5, 3.0), 0.25)):
-        light = spec.worldbody.add_light(name=name, pos=position, castshadow=name == "key")
-        light.mode = mujoco.mjtCamLight.mjCAMLIGHT_TARGETBODYCOM
-        light.targetbody = root
+    spec.stat.extent = 2.5  # the shadow map spans this, not the whole ground
+    # directional: MuJoCo lights planes by their few corners, where spots leave them dark
+    for name, direction, strength in (("key", (-0.35, 0.55, -0.75), 0.5), ("fill", (0.5, -0.6, -0.6), 0.25)):
+        light = spec.worldbody.add_light(name=name, dir=direction, castshadow=name == "key")
+        light.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+        light.mode = mujoco.mjtCamLight.mjCAMLIGHT_TRACK
+        light.pos = [-4.0 * x for x in direction]
         light.diffuse = [strength] * 3
         light.specular = [0.1] * 3
-        light.cutoff = 80.0
 
 
 def _ground(spec: Any, terrain: Terrain) -> None:
-    checker = {"builtin": mujoco.mjtBuiltin.mjBUILTIN_CHECKER, "width": 512, "height": 512}
-    kind = mujoco.mjtTexture.mjTEXTURE_2D
-    spec.add_texture(name="tiles", type=kind, rgb1=[0.80, 0.81, 0.83], rgb2=[0.72, 0.74, 0.77], **checker)
-    material = spec.add_material(name="ground", texrepeat=[1.0, 1.0], texuniform=True, reflectance=0.0)
-    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
     # priority: friction and stiffness are the ground's, whatever stands on it
     law = {
         "contype": 1,
@@ -61,15 +58,25 @@ def _ground(spec: Any, terrain: Terrain) -> None:
         "priority": 1,
         "friction": [terrain.friction, 0.005, 0.0001],
         "solref": list(terrain.solref),
-        "material": "ground",
     }
-    world = spec.worldbody
-    world.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05], **law)
+    world, plane, box = spec.worldbody, mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_BOX
+    level = _tiles(spec, "level", (0.80, 0.81, 0.83), (0.72, 0.74, 0.77))
+    world.add_geom(name="ground", type=plane, size=[0, 0, 0.05], material=level, **law)
+    raised = _tiles(spec, "raised", (0.86, 0.80, 0.70), (0.80, 0.73, 0.62))
     for k, slab in enumerate(terrain.slabs()):
         half = -0.5 * slab.angle  # a turn about -y
-        turn = [math.cos(half), 0.0, math.sin(half), 0.0]
-        box = world.add_geom(name=f"slab_{k}", type=mujoco.mjtGeom.mjGEOM_BOX, **law)
-        box.pos, box.size, box.quat = slab.centre, slab.half, turn
+        geom = world.add_geom(name=f"slab_{k}", type=box, material=raised, **law)
+        geom.pos, geom.size = slab.centre, slab.half
+        geom.quat = [math.cos(half), 0.0, math.sin(half), 0.0]
+
+
+def _tiles(spec: Any, name: str, one: tuple[float, ...], other: tuple[float, ...]) -> str:
+    """A material of tiles of half a metre in two colours; its name."""
+    checker = {"builtin": mujoco.mjtBuiltin.mjBUILTIN_CHECKER, "width": 512, "height": 512}
+    spec.add_texture(name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, rgb1=one, rgb2=other, **checker)
+    material = spec.add_material(name=name, texrepeat=[1.0, 1.0], texuniform=True, reflectance=0.0)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
+    return name
 
 
 def _hand(spec: Any) -> None:
@@ -96,7 +103,7 @@ def _cameras(spec: Any, root: str) -> None:
         right = np.array([look[1], -look[0], 0.0]) / math.hypot(look[0], look[1])
         quaternion = np.zeros(4)
         mujoco.mju_mat2Quat(quaternion, np.column_stack((right, np.cross(right, look), -look)).ravel())
-        camera = spec.body(root).add_camera(name=name, pos=centre - DISTANCE * look, quat=quaternion, fovy=45.0)
+        camera = spec.body(root).add_camera(name=name, pos=centre - DISTANCE * look, quat=quaternion, fovy=47.0)
         camera.mode = mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM
 
 

@@ -16,6 +16,7 @@ from .tables import Row, Tables, axis, document, inertia, shape, text, vector
 Wheels = Literal["hinge", "ball", "rollers"]
 
 BALL_DAMPING_RATIO = 0.5  # a ball turns about two axes at once: the hinge's damping would act twice
+JOINT_COLOUR = "0.42 0.45 0.5 1"
 FOOT_SPHERE = 0.005  # radius of the contact spheres at a sole's corners [m]
 
 
@@ -101,6 +102,8 @@ def _wheel_joint(base: ET.Element, wheel: ET.Element, joint: Row, wheels: Wheels
 def _shape(body: ET.Element, link: Row, joint: Row | None, wheels: Wheels) -> None:
     kind, s = shape(link)
     geom = ET.SubElement(body, "geom", {"class": "shape", "type": {"cyl": "cylinder"}.get(kind, kind)})
+    if kind == "sphere":
+        geom.set("rgba", JOINT_COLOUR)
     if kind == "capsule":
         geom.attrib |= {"fromto": text([*s["from"], *s["to"]]), "size": text(s["r"])}
     elif kind == "wheel" and joint is not None:

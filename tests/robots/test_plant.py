@@ -160,6 +160,14 @@ def test_wheel_torque_drives_along_the_rim(stem: str, tolerance: float) -> None:
         assert v[wheel] * 0.101 == pytest.approx(rim @ (v[:3] + np.cross(v[3:6], place)), abs=0.02 * v[0])
 
 
+@pytest.mark.parametrize(("name", "stem"), [("cbi", "cbi"), ("dreamer", "dreamer"), ("dreamer", "dreamer_rollers")])
+def test_plant_starts_at_the_robots_home(name: str, stem: str) -> None:
+    robot = hqp.robots.load(name)
+    q, v = Plant(robot, stem).reset()
+    np.testing.assert_allclose(q, robot.home, rtol=0, atol=1e-12)
+    assert not v.any()
+
+
 # ---------------------------------------------------------------------------------------- forces and ground
 
 
