@@ -16,18 +16,19 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.errors import DeclarationError, FrameNotFound, JointNotFound, ModelError
+from hqp.errors import DeclarationError, JointNotFound, ModelError
 
 from . import scene
 from .actuators import Actuation, Servo, fit
 from .assembly import add_imu, find, read, set_armature
+from .frames import Frames
 from .ground_contact import ContactReader, Contacts
 from .mujoco_extra import mujoco
-from .sensors import Reading, Sensors, rotation_vector
-from .state_map import StateMap
+from .sensors import Noise, Reading, Sensors, rotation_vector
+from .state_map import StateMap, quaternion
 from .terrain import Plane, Ramp, Terrain
 
-__all__ = ["Contacts", "Plane", "Plant", "Ramp", "Reading", "Sensors", "Servo", "StateMap", "Terrain"]
+__all__ = ["Contacts", "Noise", "Plane", "Plant", "Ramp", "Reading", "Sensors", "Servo", "StateMap", "Terrain"]
 
 _LEVEL, _PERFECT = Plane(), Sensors()
 
@@ -78,6 +79,7 @@ class Plant:
         scene.dress(spec, root, terrain)
         self.model, self.terrain, self.sensors, self.actuation = spec.compile(), terrain, sensors, actuation
         self.data = mujoco.MjData(self.model)
+        self._frames = Frames(self.model)
         self._gyro, self._accelerometer = (self.data.sensor(f"plant_{s}").data for s in ("gyro", "accelerometer"))
         self.map = StateMap(self.model, robot)
         self._root, self._site = self.model.body(root).id, self.model.site(site).id
@@ -92,12 +94,10 @@ class Plant:
         if watched is None:
             watched = [c["frame"] for c in (*about.get("contacts", ()), *about.get("wheels", ()))]
         self.watched = tuple(watched)
-        self._contacts = ContactReader(self.model, [self._body(frame) for frame in self.watched])
+        self._contacts = ContactReader(self.model, [self._frames.body(frame) for frame in self.watched])
         self._delay, self._seed = round(delay / timestep), seed
         self.timestep = timestep
         self.reset()
-
-    # ------------------------------------------------------------------ motion
 
     def reset(self, q: Vec | None = None, v: Vec | None = None) -> tuple[Vec, Vec]:
         """Start at (q, v); noise starts anew.  Returns the state.
@@ -168,7 +168,7 @@ class Plant:
 
         The force acts at the frame's origin, or at the point ``at`` of its body ``(3,)`` in the world [m].
         """
-        body = self._body(frame)
+        body = self._frames.body(frame)
         point = self.place(frame)[0] if at is None else np.asarray(at)
         wrench = self.data.xfrc_applied[body]
         wrench[:3] += force
@@ -180,8 +180,6 @@ class Plant:
         """Draw the human hand with its fingers at a point ``(3,)`` in the world [m]."""
         self.data.mocap_pos[self.model.body(scene.HAND).mocapid[0]] = position
 
-    # ------------------------------------------------------------------ what it does
-
     @property
     def torque(self) -> Vec:
         """Torques of the motors during the last step ``(n,)`` [N m], after limits and delay."""
@@ -189,7 +187,7 @@ class Plant:
 
     def place(self, frame: str) -> tuple[Vec, Mat]:
         """Position ``(3,)`` [m] and rotation ``(3, 3)`` of a site or body in the world."""
-        site, index = self._lookup(frame)
+        site, index = self._frames.find(frame)
         data = self.data
         position = data.site_xpos[index] if site else data.xpos[index]
         rotation = data.site_xmat[index] if site else data.xmat[index]
@@ -197,7 +195,7 @@ class Plant:
 
     def velocity(self, frame: str) -> Vec:
         """Velocity ``(6,)`` of a frame's origin [m/s] and its rotation [rad/s], world axes."""
-        site, index = self._lookup(frame)
+        site, index = self._frames.find(frame)
         kind = mujoco.mjtObj.mjOBJ_SITE if site else mujoco.mjtObj.mjOBJ_XBODY
         angular_linear = np.zeros(6)
         mujoco.mj_objectVelocity(self.model, self.data, kind, index, angular_linear, 0)
@@ -238,34 +236,12 @@ class Plant:
         gyro = sensors.gyro.read(self._gyro, rng)
         if self.map.floating:
             mounting = self.data.xmat[self._root].reshape(3, 3).T @ true  # IMU axes in the base
-            q[3:7] = _xyzw(rotation @ mounting.T)
+            q[3:7] = quaternion(rotation @ mounting.T)
             v[3:6] = mounting @ gyro
         accelerometer = sensors.accelerometer.read(self._accelerometer, rng)
         contacts = self._contacts.contacts(lambda force: sensors.force.read(force, rng))
         return Reading(self.time, q, v, rotation, gyro, accelerometer, contacts)
 
-    # ------------------------------------------------------------------ helpers
-
     def _initial(self) -> Vec:
         qpos = self.model.key_qpos[0] if self.model.nkey else self.model.qpos0
         return self.map.to_pinocchio(qpos, np.zeros(self.model.nv))[0]
-
-    def _lookup(self, frame: str) -> tuple[bool, int]:
-        """Whether a frame is a site, and its index among sites or bodies."""
-        for kind in (mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_BODY):
-            index = mujoco.mj_name2id(self.model, kind, frame)
-            if index >= 0:
-                return kind == mujoco.mjtObj.mjOBJ_SITE, index
-        known = [self.model.site(i).name for i in range(self.model.nsite)]
-        known += [self.model.body(i).name for i in range(self.model.nbody)]
-        raise FrameNotFound(frame, known, "the MuJoCo model")
-
-    def _body(self, frame: str) -> int:
-        site, index = self._lookup(frame)
-        return int(self.model.site_bodyid[index]) if site else index
-
-
-def _xyzw(rotation: Mat) -> Vec:
-    quaternion = np.zeros(4)
-    mujoco.mju_mat2Quat(quaternion, rotation.ravel())
-    return quaternion[[1, 2, 3, 0]]

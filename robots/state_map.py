@@ -185,3 +185,10 @@ def _rotation(wxyz: Vec) -> Mat:
     flat = np.empty(9)
     mujoco.mju_quat2Mat(flat, wxyz)
     return flat.reshape(3, 3)
+
+
+def quaternion(rotation: Mat) -> Vec:
+    """Unit quaternion x y z w of a rotation matrix ``(3, 3)``."""
+    wxyz = np.empty(4)
+    mujoco.mju_mat2Quat(wxyz, rotation.ravel())
+    return wxyz[_XYZW]
