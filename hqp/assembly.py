@@ -8,15 +8,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.element import Block, Element, Writer
+from hqp.element import Block, Element, Plan, Task, Writer
+from hqp.errors import DeclarationError
 from hqp.law import PD, Law, P
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 
+try:
+    from hqp import _assembly as native
+except ImportError:  # no compiler was there: the writers do it all
+    native = None  # type: ignore[assignment]
+
 
 @dataclass(eq=False)
 class Member:
-    """An element bound to its rows: ``part`` of the vectors, and of J unless its rows are a selection."""
+    """An element bound to its rows: ``part`` of the vectors, and of J unless its rows are a selection.
+
+    target: buffer of the reference's value where a native operation stands in for the writer; seen: whose value.
+    """
 
     element: Element
     part: slice
@@ -24,8 +33,8 @@ class Member:
     write: Writer
     saturation: tuple[float, float, float] | None = None
     scaled: Mat | None = None
-    index: int = 0
-    skipped: bool = False
+    target: Mat | None = None
+    seen: Reference | None = None
 
 
 class Assembly:
@@ -39,6 +48,7 @@ class Assembly:
     def __init__(
         self, dense: Sequence[Element], selections: Sequence[Element], robot: Robot, dt: float, laws: Mapping[str, Law]
     ) -> None:
+        self._native = None if native is None else native.Assembly()
         order = next(iter(laws.values())).order if laws else 1
         counts = [e.rows(robot) for e in (*dense, *selections)]
         starts = np.concatenate(([0], np.cumsum(counts))).astype(int).tolist()
@@ -63,6 +73,7 @@ class Assembly:
     def _bind(self, element: Element, part: slice, robot: Robot, dt: float, law: Law | None, dense: bool) -> None:
         weighted = element.weight != 1.0
         own = weighted or not dense
+        used = self._used
         block = Block(
             J=np.zeros((part.stop - part.start, robot.nv)) if own else self.J[part],
             error=self.error[part],
@@ -75,7 +86,10 @@ class Assembly:
             dt=dt,
             pool=self._take if dense else None,
         )
-        member = Member(element, part, block, element.bind(robot, block), index=len(self.members))
+        member = Member(element, part, block, element.bind(robot, block))
+        if self._native is not None and block.plan is not None:
+            self._hand_over(member, block.plan, self.J[part] if dense else block.J)
+            self._used, block.twist, block.support = used, None, None
         self.members[element.name] = member
         self.weight[part] = element.weight
         self._equality[part] = element.equality
@@ -93,6 +107,18 @@ class Assembly:
             self._pick[part.start - m : part.stop - m] = index
         elif weighted and block.twist is None:
             member.scaled = self.J[part]
+            if member.target is not None:  # constant rows are written once, by binding
+                np.multiply(block.J, element.weight, out=member.scaled)
+
+    def _hand_over(self, member: Member, plan: Plan, J: Mat) -> None:
+        """Let a native operation do what the writer would."""
+        operation = getattr(self._native, plan.kind)
+        member.target = np.zeros(plan.shape)
+        if member.element.equality:
+            error, reference = member.block.error, member.target.reshape(-1)
+            operation(J=J, error=error, reference=reference, weight=member.element.weight, **plan.data)
+        else:
+            operation(lower=member.block.lower, upper=member.block.upper, **plan.data)
 
     def _take(self, m: int) -> Mat:
         start, self._used = self._used, self._used + m
@@ -121,8 +147,12 @@ class Assembly:
         self._plain = bool(np.all(self.weight == 1.0))
         self._inverse_weight = 1.0 / self.weight
         self._all_equal = bool(self._equality.all())
-        self._writers = [(member.write, name) for name, member in self.members.items()]
-        self._scaled = [m for m in self.members.values() if m.scaled is not None]
+        members = self.members.values()
+        self._writers = [(m.write, m.element.name) for m in members if m.target is None]
+        self._targets = [m for m in members if m.target is not None and m.target.shape]
+        self._drifting = [m for m in members if m.target is not None and isinstance(m.element, Task)]
+        self._needs_com = any(m.block.plan is not None and m.block.plan.kind == "com" for m in members)
+        self._scaled = [m for m in members if m.scaled is not None and m.target is None]
         self._saturated = [m for m in self.members.values() if m.saturation is not None]
 
     def fill(self, state: State, references: Mapping[str, Reference], given: Sequence[Reference]) -> None:
@@ -143,6 +173,8 @@ class Assembly:
             if reference.acceleration is not None:
                 self.feedforward[part] = reference.acceleration
                 self._fed = True
+        if self._native is not None:
+            self._run_native(state, references)
         for write, name in self._writers:
             write(state, references[name])
         if self._runs:
@@ -152,6 +184,24 @@ class Assembly:
         for member in self._scaled:
             np.multiply(member.block.J, member.element.weight, out=member.scaled)
         self._apply_laws(state.v)
+
+    def _run_native(self, state: State, references: Mapping[str, Reference]) -> None:
+        for member in self._targets:
+            reference = references[member.element.name]
+            if reference is not member.seen:
+                value, target = reference.value, member.target
+                if value is None or target is None or value.shape != target.shape:
+                    given = None if value is None else value.shape
+                    shape = None if target is None else target.shape
+                    raise DeclarationError(member.element.name, f"value has shape {given}", allowed=f"shape {shape}")
+                np.copyto(target, value)
+                member.seen = reference
+        if self._needs_com:
+            state.com_jacobian()
+        self._native.run(state.q, state.v)  # type: ignore[union-attr]
+        if self.order == 2:
+            for member in self._drifting:
+                member.block.drift[:] = member.element.drift(state)  # type: ignore[attr-defined]
 
     def _apply_laws(self, v: Vec) -> None:
         demand, scratch = self._demand, self._scratch

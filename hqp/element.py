@@ -6,7 +6,7 @@ import dataclasses
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, TypeAlias
 
@@ -27,6 +27,18 @@ REGISTRY: dict[str, type[Element]] = {}
 """Concrete element classes by name, for stacks read from files."""
 
 
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A writer as plain data, so that one native call may stand in for the writers of all elements that have one.
+
+    kind: an operation of the native assembly.  data: its arguments.  shape: of the reference's value, () for none.
+    """
+
+    kind: str
+    data: Mapping[str, Any]
+    shape: tuple[int, ...] = ()
+
+
 @dataclass(eq=False)
 class Block:
     """One element's rows: views into the arrays of the stack, to be filled by its writer.
@@ -34,7 +46,7 @@ class Block:
     J ``(m, nv)``; error ``(m,)``: value minus reference; rate ``(m,)``: reference velocity; feedforward ``(m,)``:
     reference acceleration; drift ``(m,)``: dJ/dt v; lower, upper ``(m,)``: for elements that are no equalities.
     order: 1 where x is a velocity, 2 where it is an acceleration.  dt: control period [s].
-    twist: after ``use_twist``, ``(m, 6)`` to fill in place of J.
+    twist: after ``use_twist``, ``(m, 6)`` to fill in place of J.  plan: what the writer does, if it is a common thing.
     """
 
     J: Mat
@@ -48,6 +60,7 @@ class Block:
     dt: float
     twist: Mat | None = None
     support: Mat | None = field(default=None, repr=False)
+    plan: Plan | None = field(default=None, repr=False)
     pool: Callable[[int], Mat] | None = field(default=None, repr=False)
 
     def use_twist(self, support: Vec) -> Mat:

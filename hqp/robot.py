@@ -104,6 +104,15 @@ class Robot(Protocol):
         """Live views of a frame's position ``(3,)`` and rotation ``(3, 3)`` in the world, as of the current state."""
         ...
 
+    @property
+    def centre(self) -> tuple[Vec, Mat]:
+        """Live views of the centre of mass ``(3,)`` and its Jacobian ``(3, nv)``, once the state has computed them."""
+        ...
+
+    def positions(self, columns: Index) -> list[int] | None:
+        """Places in q of single-axis joints, None if one of them is continuous (two numbers in q)."""
+        ...
+
     def support(self, frame: int) -> Vec:
         """1 for each tangent coordinate that moves the frame, 0 elsewhere, ``(nv,)``."""
         ...

@@ -149,6 +149,17 @@ class Robot:
             self._views[frame] = (placement.translation, placement.rotation)
         return self._views[frame]
 
+    @property
+    def centre(self) -> tuple[Vec, Mat]:
+        """Live views of the centre of mass and its Jacobian, once the state has computed them."""
+        return self.data.com[0], self.data.Jcom
+
+    def positions(self, columns: Index) -> list[int] | None:
+        """Places in q of single-axis joints, None if one of them is continuous (two numbers in q)."""
+        places = dict(zip(self._single_v.tolist(), self._single_q.tolist(), strict=True))
+        found = [places.get(c) for c in columns.tolist()]
+        return None if None in found else [i for i in found if i is not None]
+
     def support(self, frame: int) -> Vec:
         """1 for each tangent coordinate that moves the frame, 0 elsewhere, ``(nv,)``."""
         mask = np.zeros(self.nv)
