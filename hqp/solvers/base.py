@@ -66,10 +66,13 @@ class Solver(ABC):
 
 
 def check_shape(problem: Hierarchy, shape: Shape) -> None:
-    """Raise ProblemError unless the problem has the n and the rows the workspace was made for."""
+    """Raise ProblemError unless the problem has the n, the rows and the metric the workspace was made for."""
     rows = tuple(level.m for level in problem.levels)
     if problem.n != shape.n or rows != shape.rows:
         raise ProblemError(f"workspace made for n = {shape.n}, rows {shape.rows}; given n = {problem.n}, rows {rows}")
+    if (problem.metric is not None) != shape.metric:
+        given = "none" if problem.metric is None else "one"
+        raise ProblemError(f"workspace made {'with' if shape.metric else 'without'} a metric; given {given}")
 
 
 def finish(problem: Hierarchy, x: Vec, status: Status, stats: Stats, detail: str = "") -> Solution:

@@ -9,26 +9,32 @@ import numpy as np
 from hqp.arrays import Mat, Signs, Vec
 from hqp.problem import EQUALITY, VIOLATION_TOLERANCE, Hierarchy, Selection, Shape, Solution, Stats, Status
 from hqp.solvers.base import ACTIVITY_TOLERANCE, check_shape
+from hqp.solvers.completion import completion
 
 _Array = TypeVar("_Array", Vec, Signs)
 
 
 class Flat:
-    """All rows of a hierarchy in order: A ``(M, n)``, lower, upper ``(M,)``, stops ``(levels,)``.
+    """All rows of a hierarchy in order: A ``(M, n)``, lower, upper ``(M,)``; level k ends at stops[k].
 
     equality, inequality: ``(M,)`` marks of this tick; a row that is neither is left out of it.
+    complete: append what chooses among the optima as one or two more levels of n rows, see completion.
     """
 
-    def __init__(self, shape: Shape) -> None:
+    def __init__(self, shape: Shape, complete: bool = False) -> None:
         self.shape = shape
-        self.stops = [sum(shape.rows[: k + 1]) for k in range(len(shape.rows))]
-        M = self.stops[-1] if self.stops else 0
+        extra = (1 + shape.metric) * complete
+        self.sizes = [*shape.rows, *[shape.n] * extra]
+        self.stops = [sum(self.sizes[: k + 1]) for k in range(len(self.sizes))]
+        self.own = sum(shape.rows)
+        M = sum(self.sizes)
         self.A: Mat = np.zeros((M, shape.n))
         self.lower: Vec = np.zeros(M)
         self.upper: Vec = np.zeros(M)
         self.equality = np.zeros(M, dtype=bool)
         self.inequality = np.zeros(M, dtype=bool)
-        self.level = np.repeat(np.arange(len(shape.rows)), shape.rows)
+        self.level = np.repeat(np.arange(len(self.sizes)), self.sizes)
+        self._complete = complete
 
     def load(self, problem: Hierarchy) -> str:
         """Take the numbers of this tick; return what makes them unusable, '' if nothing does.
@@ -36,8 +42,12 @@ class Flat:
         Raises ProblemError for another shape than the workspace was made for.
         """
         check_shape(problem, self.shape)
+        unusable = self._extras(problem)
+        if unusable:
+            return unusable
         start = 0
-        for rows, stop in zip(problem.levels, self.stops, strict=True):
+        levels = (*problem.levels, *completion(problem)) if self._complete else problem.levels
+        for rows, stop in zip(levels, self.stops, strict=True):
             part = slice(start, stop)
             if isinstance(rows.A, Selection):
                 block = self.A[part]
@@ -52,9 +62,17 @@ class Flat:
         np.isfinite(self.lower, out=self.inequality)
         self.inequality |= np.isfinite(self.upper)
         self.inequality &= ~self.equality
-        return self._unusable(problem)
+        return self._rows()
 
-    def _unusable(self, problem: Hierarchy) -> str:
+    @staticmethod
+    def _extras(problem: Hierarchy) -> str:
+        for name in ("metric", "origin"):
+            value = getattr(problem, name)
+            if value is not None and not np.isfinite(value).all():
+                return f"the {name} is not finite"
+        return ""
+
+    def _rows(self) -> str:
         flat = self.A.ravel()
         if not np.isfinite(flat @ flat) and not np.isfinite(flat).all():
             return f"level {self.level[int(np.argmin(np.isfinite(self.A).all(axis=1)))]} is not finite"
@@ -62,10 +80,6 @@ class Flat:
         good &= (self.lower < np.inf) & (self.upper > -np.inf)
         if not good.all():
             return f"level {self.level[int(np.argmin(good))]} has bounds that are NaN or crossed"
-        for name in ("metric", "origin"):
-            value = getattr(problem, name)
-            if value is not None and not np.isfinite(value).all():
-                return f"the {name} is not finite"
         return ""
 
     def slack(self, x: Vec) -> Vec:
@@ -77,7 +91,7 @@ class Flat:
         """What is returned for an unusable problem: x = 0, infinite residuals where they cannot be computed."""
         x = np.zeros(problem.n)
         with np.errstate(invalid="ignore"):
-            w = self.slack(x)
+            w = self.slack(x)[: self.own]
         w[np.isnan(w)] = np.inf
         marks: Signs = np.zeros(w.size, dtype=np.int8)
         return Solution(x, Status.NOT_CERTIFIED, self._split(w), self._split(marks), stats, detail)
@@ -86,12 +100,13 @@ class Flat:
         """As base.finish, in one pass over the block."""
         if not np.isfinite(x).all():
             return self.refuse(problem, stats, "the numbers overflowed")
-        value = self.A @ x
-        w = value - np.minimum(np.maximum(value, self.lower), self.upper)
+        own = slice(0, self.own)
+        value, lower, upper = self.A[own] @ x, self.lower[own], self.upper[own]
+        w = value - np.minimum(np.maximum(value, lower), upper)
         reach = ACTIVITY_TOLERANCE * (1.0 + np.abs(value))
-        marks: Signs = (value >= self.upper - reach).astype(np.int8)
-        marks[(value <= self.lower + reach) & (marks == 0)] = -1
-        marks[self.equality] = EQUALITY
+        marks: Signs = (value >= upper - reach).astype(np.int8)
+        marks[(value <= lower + reach) & (marks == 0)] = -1
+        marks[self.equality[own]] = EQUALITY
         if problem.constraints and status.solved:
             stop = self.stops[problem.constraints - 1]
             if np.any(np.abs(w[:stop]) > VIOLATION_TOLERANCE * (1.0 + np.abs(value[:stop] - w[:stop]))):
@@ -99,5 +114,5 @@ class Flat:
         return Solution(x, status, self._split(w), self._split(marks), stats, detail)
 
     def _split(self, values: _Array) -> tuple[_Array, ...]:
-        starts = [0, *self.stops]
-        return tuple(values[a:b] for a, b in zip(starts, self.stops, strict=False))
+        stops = self.stops[: len(self.shape.rows)]
+        return tuple(values[a:b] for a, b in zip([0, *stops], stops, strict=False))

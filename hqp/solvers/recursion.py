@@ -40,19 +40,23 @@ class Recursion:
         """How many directions no level has fixed."""
         return self.n - self._taken
 
-    def solve(self, A: Mat, b: Vec, stops: Sequence[int], damping: Sequence[float] = ()) -> None:
+    def solve(
+        self, A: Mat, b: Vec, stops: Sequence[int], damping: Sequence[float] = (), sizes: Sequence[float] = ()
+    ) -> None:
         """Go through the levels; level k's rows of A ``(M, n)``, b ``(M,)`` end at stops[k], level k + 1's begin there.
 
         damping: lambda of each level, ||w_k||^2 + lambda_k^2 ||step||^2; the levels above never notice it.
+        sizes: what each level's pivots are judged against, its largest row norm by default.
         """
         self.ranks, self._steps, self.uncertain, self.factorisations = [], [], False, 0
         self._taken = start = 0
         tail, b = A.T, b.copy()
-        norms = np.sqrt(np.einsum("ij,ij->i", A, A))
+        norms = np.zeros(0) if sizes else np.sqrt(np.einsum("ij,ij->i", A, A))
         for k, stop in enumerate(stops):
             m = stop - start
             if m and self.free:
-                step = self._level(tail, m, b[start:], float(norms[start:stop].max()), damping[k] if damping else 0.0)
+                size = sizes[k] if sizes else float(norms[start:stop].max())
+                step = self._level(tail, m, b[start:], size, damping[k] if damping else 0.0)
             else:
                 step = _Step(0, tail[:, m:])
             step.start, step.stop, step.offset = start, stop, self._taken

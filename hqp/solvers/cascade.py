@@ -1,0 +1,179 @@
+"""`cascade`: one quadratic program a level, in the null-space basis of the levels above, by any back end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import perf_counter
+from typing import ClassVar
+
+import numpy as np
+from scipy.linalg import lapack
+
+from hqp.arrays import Index, Mat, Vec
+from hqp.errors import BackendError, DeclarationError
+from hqp.problem import Hierarchy, Shape, Solution, Stats
+from hqp.solvers.backends import QpAnswer, QpWorkspace, load
+from hqp.solvers.base import Solver
+from hqp.solvers.conclude import conclude
+from hqp.solvers.flat import Flat
+from hqp.solvers.recursion import Recursion
+from hqp.solvers.refine import Refiner
+
+RELAXATION = 1e-11
+"""Rows met above may be left by this much [unit of the row, its length taken as 1]: the next level is degenerate."""
+
+
+@dataclass(frozen=True)
+class Cascade(Solver):
+    """Level by level min ||w_k|| with the levels above kept optimal (Kanoun, Lamiraux, Wieber 2011).
+
+    Level k moves in x + Z y only, Z an orthonormal null-space basis of the rows that the levels above fix: equalities,
+    violated rows (their optimal slack is unique) and met rows with a positive multiplier; other met rows are carried
+    along as inequalities.  No fixed row is ever stacked as an equality.  The completion is the last level.
+    backend: proxqp, osqp, or any solver of qpsolvers.  tolerance: asked of the back end, absolute, for rows of length 1.
+    max_iterations: of the back end, a level.  rank_tolerance: as in nullspace.  refine: make the answer exact by its
+    active set (at most ``exchanges`` changes of it), otherwise it is only judged.
+    """
+
+    name: ClassVar[str] = "cascade"
+    accuracy: ClassVar[float] = 1e-8
+
+    backend: str = "proxqp"
+    tolerance: float = 1e-9
+    max_iterations: int = 2000
+    rank_tolerance: float = 1e-9
+    refine: bool = True
+    exchanges: int = 100
+
+    def __post_init__(self) -> None:
+        for field in ("tolerance", "rank_tolerance"):
+            if not 0.0 < getattr(self, field) < 1.0:
+                raise DeclarationError("cascade", f"bad {field}", value=getattr(self, field), allowed="0 to 1")
+        for field in ("max_iterations", "exchanges"):
+            if getattr(self, field) < 1:
+                raise DeclarationError("cascade", f"bad {field}", value=getattr(self, field), allowed="1 or more")
+
+    def workspace(self, shape: Shape) -> CascadeWorkspace:
+        """Allocate; raises DeclarationError for a back end that nobody knows."""
+        self.require(shape)
+        return CascadeWorkspace(self, shape)
+
+
+class CascadeWorkspace:
+    """Buffers of one shape, and the back end's workspace of every size of QP met so far."""
+
+    def __init__(self, solver: Cascade, shape: Shape) -> None:
+        self.solver = solver
+        self.flat = Flat(shape, complete=True)
+        self.refiner = Refiner(self.flat, solver.rank_tolerance, solver.exchanges) if solver.refine else None
+        self._backend = load(solver.backend, solver.tolerance, solver.max_iterations)
+        self._programs: dict[tuple[int, ...], QpWorkspace] = {}
+        self._single = Recursion(shape.n, solver.rank_tolerance)
+
+    def reset(self) -> None:
+        """Forget the warm starts."""
+        self._programs.clear()
+
+    def solve(self, problem: Hierarchy) -> Solution:
+        """The solution, exact where it could be confirmed; NOT_CERTIFIED, naming the level, where it could not."""
+        began = perf_counter()
+        flat = self.flat
+        unusable = flat.load(problem)
+        if unusable:
+            return flat.refuse(problem, Stats(build_s=perf_counter() - began), unusable)
+        self._iterations, self._qp_s, self._complaints = 0, 0.0, []
+        self._lengths = np.sqrt(np.einsum("ij,ij->i", flat.A, flat.A))
+        x, Z = np.zeros(problem.n), np.eye(problem.n)
+        held: Index = np.zeros(0, dtype=np.intp)
+        start = 0
+        for k, stop in enumerate(flat.stops):
+            if not Z.shape[1]:
+                break
+            x, Z, held = self._level(k, np.arange(start, stop), x, Z, held)
+            start = stop
+        stats = Stats(self._iterations, 0, perf_counter() - began - self._qp_s, self._qp_s)
+        nearness = max(1e-7, 100.0 * self.solver.tolerance)
+        detail = "; ".join(self._complaints)
+        return conclude(problem, flat, self.refiner, x, nearness, self.solver.accuracy, stats, detail)
+
+    def _level(self, k: int, rows: Index, x: Vec, Z: Mat, held: Index) -> tuple[Vec, Mat, Index]:
+        """x moved to the optimum of level k, Z and held rows for the level below."""
+        flat = self.flat
+        equal, unequal = rows[flat.equality[rows]], rows[flat.inequality[rows]]
+        size = float(self._lengths[rows].max(initial=0.0))
+        if size == 0.0 or not equal.size + unequal.size:
+            return x, Z, held
+        pressed = np.zeros(held.size, dtype=bool)
+        w = self._slack(rows, x)
+        if np.any(np.abs(w) > 1e-14 * (self._lengths[rows] + np.abs(flat.A[rows]) @ np.abs(x))):
+            if held.size or unequal.size:
+                y, pressed = self._program(k, equal, unequal, held, x, Z, size)
+            else:
+                self._single = Recursion(Z.shape[1], self.solver.rank_tolerance)
+                self._single.solve(flat.A[rows] @ Z, flat.lower[rows] - flat.A[rows] @ x, [rows.size], sizes=[size])
+                y = self._single.point()
+            x = x + Z @ y
+        w = np.abs(self._slack(unequal, x))
+        broken = w > max(1e-7, 100.0 * self.solver.tolerance) * size * (1.0 + np.abs(x).max())
+        fixed = np.concatenate([flat.A[equal] / size, flat.A[unequal[broken]] / size])
+        locked = flat.A[held[pressed]] / self._lengths[held[pressed], None]
+        Z = self._shrink(Z, np.concatenate([fixed, locked]))
+        return x, Z, np.concatenate([held[~pressed], unequal[~broken]])
+
+    def _program(
+        self, k: int, equal: Index, unequal: Index, held: Index, x: Vec, Z: Mat, size: float
+    ) -> tuple[Vec, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+        """Level k as a QP in (y, w): its step y, and which held rows it presses against."""
+        flat, r, m = self.flat, Z.shape[1], unequal.size
+        J, e = (flat.A[equal] @ Z) / size, (flat.lower[equal] - flat.A[equal] @ x) / size
+        H, g = np.zeros((r + m, r + m)), np.zeros(r + m)
+        H[:r, :r], g[:r] = J.T @ J, -(e @ J)
+        H[np.arange(r, r + m), np.arange(r, r + m)] = 1.0
+        C = np.zeros((m + held.size, r + m))
+        scale = np.concatenate([np.full(m, size), np.maximum(self._lengths[held], 1e-300)])
+        both = np.concatenate([unequal, held])
+        C[:, :r] = (flat.A[both] @ Z) / scale[:, None]
+        C[np.arange(m), np.arange(r, r + m)] = -1.0
+        value = flat.A[both] @ x
+        lower, upper = (flat.lower[both] - value) / scale, (flat.upper[both] - value) / scale
+        lower[m:] = np.minimum(lower[m:], 0.0) - RELAXATION
+        upper[m:] = np.maximum(upper[m:], 0.0) + RELAXATION
+        answer = self._ask((k, r, m, held.size), H, g, C, lower, upper)
+        if answer is None:
+            return np.zeros(r), np.zeros(held.size, dtype=bool)
+        pressed = np.abs(answer.multipliers[m:]) > max(1e-6, 1e3 * self.solver.tolerance)
+        return answer.x[:r], pressed
+
+    def _ask(self, key: tuple[int, ...], H: Mat, g: Vec, C: Mat, lower: Vec, upper: Vec) -> QpAnswer | None:
+        """The back end's answer; None, and a complaint noted, where it has none."""
+        began = perf_counter()
+        if key not in self._programs:
+            self._programs[key] = self._backend.workspace(C.shape[1], C.shape[0])
+        try:
+            answer = self._programs[key].solve(H, g, C, lower, upper)
+        except BackendError as error:
+            self._complaints.append(f"level {key[0]}: {error}")
+            del self._programs[key]
+            return None
+        finally:
+            self._qp_s += perf_counter() - began
+        self._iterations += answer.iterations
+        if not answer.solved:
+            self._complaints.append(f"level {key[0]}: {self.solver.backend} ended with {answer.status}")
+        if not np.isfinite(answer.x).all() or not np.isfinite(answer.multipliers).all():
+            del self._programs[key]
+            return None
+        return answer
+
+    def _shrink(self, Z: Mat, rows: Mat) -> Mat:
+        """An orthonormal basis of the part of range(Z) that rows of about unit length do not see."""
+        if not rows.size:
+            return Z
+        qr, _, tau, _, _ = lapack.dgeqp3((rows @ Z).T)
+        rank = int(np.count_nonzero(np.abs(qr.diagonal()) > self.solver.rank_tolerance))
+        turned, _, _ = lapack.dormqr("R", "N", qr[:, : tau.size], tau, Z, max(1, 64 * Z.shape[0]))
+        return np.asarray(turned[:, rank:])
+
+    def _slack(self, rows: Index, x: Vec) -> Vec:
+        value = self.flat.A[rows] @ x
+        return np.asarray(value - np.minimum(np.maximum(value, self.flat.lower[rows]), self.flat.upper[rows]))

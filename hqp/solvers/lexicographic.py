@@ -1,0 +1,209 @@
+"""The native lexicographic solver: all levels in one active set, one structured factorisation per change."""
+
+from __future__ import annotations
+
+import importlib
+import math
+from dataclasses import dataclass
+from operator import itemgetter
+from time import perf_counter
+from typing import Any, ClassVar
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec
+from hqp.errors import DeclarationError, ProblemError, SolverNotInstalled
+from hqp.problem import Hierarchy, Selection, Shape, Solution, Stats, Status
+from hqp.solvers.base import Solver, Workspace, check_shape
+
+try:
+    _native: Any = importlib.import_module("hqp._lexicographic")
+except ImportError:
+    _native = None
+
+_STATUS = (
+    Status.OPTIMAL,
+    Status.RANK_UNCERTAIN,
+    Status.CONSTRAINTS_VIOLATED,
+    Status.NOT_CERTIFIED,
+    Status.ITERATION_LIMIT,
+    Status.TIME_LIMIT,
+)
+_INVALID = len(_STATUS)
+
+
+def kernel() -> str:
+    """The native kernel's instruction set, ``""`` where the package was built without a compiler."""
+    return "" if _native is None else str(_native.instruction_set)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lexicographic(Solver):
+    """Lexicographic least squares by one active set over all levels (docs/lexicographic.md).
+
+    rank_tolerance: a pivot below this times the largest row norm of its level is no direction of that level.
+    multiplier_tolerance, feasibility_tolerance: relative, below them a multiplier has no sign and a bound is met.
+    max_iterations: factorisations, None for 100 + 10 (rows + n).  time_limit: [s], None for none; either cap
+    returns the best point so far.  exchange_credit: how many block exchanges may fail to lessen the number of
+    violated bounds and wrong signs before single changes take over.  multipliers: return them.  damping: per
+    level, in the units of its rows, zero where the tuple ends; it never moves the levels above.  native: True
+    insists on the kernel, False takes the NumPy reference, None the kernel where it was built.
+    Raises DeclarationError for a value out of range, SolverNotInstalled for native=True without the kernel.
+    """
+
+    name: ClassVar[str] = "lexicographic"
+    accuracy: ClassVar[float] = 1e-8
+
+    rank_tolerance: float = 1e-9
+    multiplier_tolerance: float = 1e-11
+    feasibility_tolerance: float = 1e-11
+    max_iterations: int | None = None
+    time_limit: float | None = None
+    exchange_credit: int = 3
+    multipliers: bool = False
+    damping: tuple[float, ...] = ()
+    native: bool | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "damping", tuple(float(d) for d in self.damping))
+        for option in ("rank_tolerance", "multiplier_tolerance", "feasibility_tolerance"):
+            value = getattr(self, option)
+            if not 0.0 < value < 1e-2:
+                raise DeclarationError(f"lexicographic.{option}", "out of range", value=value, allowed="(0, 0.01)")
+        if self.max_iterations is not None and not 1 <= self.max_iterations < 2**31:
+            raise DeclarationError("lexicographic.max_iterations", "need at least one", value=self.max_iterations)
+        if self.time_limit is not None and not self.time_limit > 0.0:
+            raise DeclarationError("lexicographic.time_limit", "must be positive", value=self.time_limit, unit="s")
+        if not 0 <= self.exchange_credit < 2**31:
+            raise DeclarationError("lexicographic.exchange_credit", "negative", value=self.exchange_credit)
+        if not all(math.isfinite(d) and d >= 0.0 for d in self.damping):
+            raise DeclarationError("lexicographic.damping", "must be finite and not negative", value=self.damping)
+        if self.native and _native is None:
+            raise SolverNotInstalled("hqp was built without its native kernel: install a C++ compiler and rebuild")
+
+    def workspace(self, shape: Shape) -> Workspace:
+        """Allocate for problems of this shape."""
+        if len(self.damping) > len(shape.rows):
+            raise DeclarationError(
+                "lexicographic.damping", f"the problem has {len(shape.rows)} levels", value=self.damping
+            )
+        if self.is_native:
+            return NativeWorkspace(self, shape)
+        from hqp.solvers.lexicographic_reference import ReferenceWorkspace
+
+        return ReferenceWorkspace(self, shape)
+
+    @property
+    def is_native(self) -> bool:
+        """Whether the kernel will run, and not the reference."""
+        return _native is not None and self.native is not False
+
+
+class NativeWorkspace:
+    """A kernel bound to the arrays of the last hierarchy it saw, which may be refilled in place between calls."""
+
+    def __init__(self, solver: Lexicographic, shape: Shape) -> None:
+        self._shape = shape
+        self._damping = solver.damping + (0.0,) * (len(shape.rows) - len(solver.damping))
+        self._kernel = _native.Workspace(
+            shape.n,
+            list(shape.rows),
+            shape.metric,
+            solver.rank_tolerance,
+            solver.multiplier_tolerance,
+            solver.feasibility_tolerance,
+            solver.time_limit or 0.0,
+            solver.max_iterations or 0,
+            solver.exchange_credit,
+            solver.multipliers,
+        )
+        self._values = self._kernel.values()
+        self._active = self._kernel.active()
+        starts = np.concatenate([[0], np.cumsum(shape.rows)]).astype(int).tolist()
+        self._split_slack = _splitter([slice(shape.n + a, shape.n + b) for a, b in zip(starts, starts[1:])])
+        self._split_active = _splitter([slice(a, b) for a, b in zip(starts, starts[1:])])
+        self._multipliers = self._kernel.multipliers() if solver.multipliers else None
+        ends = np.concatenate([[0], np.cumsum(starts[1:])]).astype(int).tolist()
+        self._split_multipliers = _splitter([slice(a, b) for a, b in zip(ends, ends[1:])])
+        self._bound: Hierarchy | None = None
+
+    def reset(self) -> None:
+        """Forget the warm start."""
+        self._kernel.reset()
+
+    def solve(self, problem: Hierarchy) -> Solution:
+        """The solution; raises ProblemError for a wrong shape or numbers that are not usable."""
+        begin = perf_counter()
+        if problem is not self._bound:
+            self._bind(problem)
+        bound = perf_counter()
+        outcome, iterations, factorisations = self._kernel.solve()
+        if outcome == _INVALID:
+            explain(problem)
+        values = self._values.copy()
+        active = self._active.copy()
+        return Solution(
+            values[: self._shape.n],
+            _STATUS[outcome],
+            self._split_slack(values),
+            self._split_active(active),
+            Stats(iterations, factorisations, bound - begin, perf_counter() - bound),
+            "",
+            None if self._multipliers is None else self._split_multipliers(self._multipliers.copy()),
+        )
+
+    def _bind(self, problem: Hierarchy) -> None:
+        check_shape(problem, self._shape)
+        levels = []
+        for rows, damping in zip(problem.levels, self._damping, strict=True):
+            if isinstance(rows.A, Selection):
+                parts = (None, _ready(rows.A.index, np.intp), _ready(rows.A.scale))
+            else:
+                parts = (_ready(rows.A), None, None)
+            levels.append((*parts, _ready(rows.lower), _ready(rows.upper), damping))
+        metric = None if problem.metric is None else _ready(problem.metric)
+        origin = None if problem.origin is None else _ready(problem.origin)
+        self._kernel.bind(levels, problem.constraints, metric, origin)
+        live = all(
+            a is b
+            for rows, level in zip(problem.levels, levels, strict=True)
+            for a, b in zip(
+                _arrays(rows.A, rows.lower, rows.upper), (x for x in level[:5] if x is not None), strict=True
+            )
+        )
+        self._bound = problem if live and metric is problem.metric and origin is problem.origin else None
+
+
+def explain(problem: Hierarchy) -> None:
+    """Raise ProblemError naming the numbers that no solver can use."""
+    for k, rows in enumerate(problem.levels):
+        try:
+            rows.check()
+        except ProblemError as error:
+            raise ProblemError(f"level {k}: {error}") from None
+        if isinstance(rows.A, Selection):
+            wrong = (
+                (rows.A.index < 0) | (rows.A.index >= problem.n) | ~np.isfinite(rows.A.scale) | (rows.A.scale == 0.0)
+            )
+            if wrong.any():
+                raise ProblemError(f"level {k}: selection row {int(np.argmax(wrong))} picks no variable")
+    for name in ("metric", "origin"):
+        value = getattr(problem, name)
+        if value is not None and not np.isfinite(value).all():
+            raise ProblemError(f"hierarchy: {name} is not finite")
+    raise ProblemError("hierarchy: numbers too large to be squared")
+
+
+def _ready(a: Any, dtype: type = np.float64) -> Any:
+    return np.ascontiguousarray(a, dtype=dtype)
+
+
+def _arrays(A: Mat | Selection, lower: Vec, upper: Vec) -> tuple[Any, ...]:
+    return (A.index, A.scale, lower, upper) if isinstance(A, Selection) else (A, lower, upper)
+
+
+def _splitter(parts: list[slice]) -> Any:
+    """A callable that cuts an array into the given parts, as a tuple, in one call of C code."""
+    if len(parts) > 1:
+        return itemgetter(*parts)
+    return lambda a: tuple(a[part] for part in parts)
