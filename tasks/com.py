@@ -13,7 +13,8 @@ from hqp.reference import Reference
 from hqp.robot import Robot, State
 
 from .fields import check_axes, check_observer, indices, target
-from .relative import Observer, View
+from .live import Observer
+from .relative import View
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +102,7 @@ class Com(Task):
             for i, axis in errors:
                 error[i] = c[axis] - r[i]
             if second:
-                out.drift[:] = self.drift(state)
+                out.drift[:] = state.com_drift(part)[picked]
 
         return write
 
@@ -114,19 +115,23 @@ class Com(Task):
 
         def write(state: State, reference: Reference) -> None:
             J_com = state.com_jacobian(part)
-            c, axes = state.com(part).tolist(), observer.axes()
-            x, y, z = observer.position.tolist()
+            observer.look()
+            c, axes = state.com(part).tolist(), observer.axes
+            x, y, z = observer.position
             x, y, z = c[0] - x, c[1] - y, c[2] - z
             r = target(reference).tolist()
             for i, axis in enumerate(selected):
                 u = directions[i] = axes[axis]
-                observer.carried(flat, 6 * i, u, c)
+                observer.carried_row(flat, 6 * i, u, c)
                 error[i] = u[0] * x + u[1] * y + u[2] * z - r[i]
             np.matmul(directions, J_com, out=J)
             np.matmul(twist, twists, out=carried)
             np.multiply(carried, support, out=carried)
             np.subtract(J, carried, out=J)
             if second:
-                out.drift[:] = self.drift(state)
+                velocity, drift = (J_com @ state.v).tolist(), state.com_drift(part).tolist()
+                a = observer.point_drift(state, c, velocity, drift)
+                for i, axis in enumerate(selected):
+                    out.drift[i] = a[axis]
 
         return write

@@ -15,8 +15,11 @@ from hqp.reference import Reference, numbers
 from hqp.robot import Robot, State
 
 from .fields import check_frame, make_reference, set_vector, target
+from .live import cross, moment_row, turned
 from .pose import PoseLike, as_pose, bind_world_pose, homogeneous, pose_error
-from .relative import moment_row, skew
+from .relative import skew
+
+_WORLD_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -221,22 +224,26 @@ class EdgeContact(_FrameContact):
         index = robot.frame(self.frame)
         position, rotation = robot.placement(index)
         axis, B = self._axes()
+        edge, first, other = axis.tolist(), B[:, 0].tolist(), B[:, 1].tolist()
         twist = out.use_twist(robot.support(index))
-        flat, across, error, second = twist[:3].reshape(-1), twist[3:, 3:], out.error, out.order == 2
-        world_axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+        flat, error, drift, second = twist.reshape(-1), out.error, out.drift, out.order == 2
 
         def write(state: State, reference: Reference) -> None:
             state.kinematics()
-            p, line = position.tolist(), target(reference).tolist()
-            for i, u in enumerate(world_axes):
+            p, rows, line = position.tolist(), rotation.tolist(), target(reference).tolist()
+            for i, u in enumerate(_WORLD_AXES):
                 moment_row(flat, 6 * i, u, p)
                 error[i] = p[i] - line[i]
-            ax, ay, az = (rotation @ axis).tolist()
-            _, _, _, bx, by, bz = line
-            complement = rotation @ B
-            across[:] = complement.T
-            error[3:] = (by * az - bz * ay, bz * ax - bx * az, bx * ay - by * ax) @ complement
+            tx, ty, tz = cross(line[3:], turned(rows, edge))
+            flat[21:24] = x, y, z = turned(rows, first)
+            flat[27:30] = a, b, c = turned(rows, other)
+            error[3] = x * tx + y * ty + z * tz
+            error[4] = a * tx + b * ty + c * tz
             if second:
-                out.drift[:] = self.drift(state)
+                acceleration = state.drift(self.frame)
+                drift[:3] = acceleration[:3]
+                tx, ty, tz = acceleration[3:].tolist()
+                drift[3] = x * tx + y * ty + z * tz
+                drift[4] = a * tx + b * ty + c * tz
 
         return write

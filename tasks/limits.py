@@ -64,71 +64,58 @@ class JointLimits(Constraint):
         low, high = robot.lower[picked] + self.margin, robot.upper[picked] - self.margin
         if np.any(low > high):
             raise self.bad("margin", self.margin, f"at most {np.min(high - low) / 2 + self.margin:g} on {robot.name}")
-        box = _Box(low, high, robot.velocity_limit[picked], self, out.dt)
-        lower, upper, second, rate = out.lower, out.upper, out.order == 2, 1.0 / out.dt
-        windowed = self.acceleration is not None
-        angles, v = np.zeros(picked.size), np.zeros(picked.size)
-
-        def write(state: State, reference: Reference) -> None:
-            state.angles.take(picked, out=angles, mode="clip")
-            if windowed or second:
-                state.v.take(picked, out=v, mode="clip")
-            box.fill(angles, v, lower, upper)
-            if second:
-                np.subtract(lower, v, out=lower)
-                np.multiply(lower, rate, out=lower)
-                np.subtract(upper, v, out=upper)
-                np.multiply(upper, rate, out=upper)
-
-        return write
+        return _Box(picked, low, high, robot.velocity_limit[picked], self, out)
 
 
 class _Box:
-    """The box on u, both sides of all joints in one array: towards the upper limits first, then the lower ones."""
+    """The writer: bounds on the way towards the upper limits, then on that towards the lower ones, ``(2 k,)``.
 
-    def __init__(self, low: Vec, high: Vec, speed: Vec, limits: JointLimits, dt: float) -> None:
-        self._k, self._dt, self._rate = low.size, dt, 1.0 / dt
-        self._limit = np.concatenate((high, -low))
-        self._speed = np.concatenate((speed, speed))
+    Constants are whole arrays: NumPy takes longer to convert a number than to work through so few joints.
+    """
+
+    def __init__(self, picked: Index, low: Vec, high: Vec, speed: Vec, limits: JointLimits, out: Block) -> None:
+        k, dt = picked.size, out.dt
+        self._picked = np.concatenate((picked, picked))
+        self._sign = np.repeat((1.0, -1.0), k)
+        self._limit, self._speed = np.concatenate((high, -low)), np.concatenate((speed, speed))
         self._back = np.maximum(-self._speed, -limits.return_velocity)
-        self._a = limits.acceleration
-        self._way, self._beyond = np.zeros(2 * low.size), np.zeros(2 * low.size)
-        self._upper_way, self._lower_way = self._way[: low.size], self._way[low.size :]
-        self._upper_limit, self._lower_limit = self._limit[: low.size], self._limit[low.size :]
-        self._reach = np.zeros(low.size)
+        self._rate = np.full(2 * k, 1.0 / dt)
+        self._way, self._v, self._bound = np.zeros(2 * k), np.zeros(2 * k), np.zeros(2 * k)
+        self._windowed, self._second = limits.acceleration is not None, out.order == 2
+        a = limits.acceleration or 0.0
+        self._step, self._square, self._double = (np.full(2 * k, c) for c in (a * dt, (a * dt) ** 2, 2.0 * a))
+        self._towards_upper, self._towards_lower = self._bound[:k], self._bound[k:]
+        self._lower, self._upper = out.lower, out.upper
 
-    def fill(self, q: Vec, v: Vec, lower: Vec, upper: Vec) -> None:
-        """Write the bounds on u of joints at q moving at v."""
-        way, a = self._way, self._a
-        np.subtract(self._upper_limit, q, out=self._upper_way)
-        np.add(self._lower_limit, q, out=self._lower_way)
-        if a is None:
-            np.multiply(way, self._rate, out=way)
-            np.maximum(way, self._back, out=way)
-        else:
-            beyond = self._beyond
-            np.minimum(way, 0.0, out=beyond)
-            np.subtract(way, beyond, out=way)
-            np.multiply(way, 2.0 / a, out=way)
-            np.add(way, self._dt**2, out=way)
+    def __call__(self, state: State, reference: Reference) -> None:
+        """Write lower and upper for joints at q moving at v."""
+        way, v, bound = self._way, self._v, self._bound
+        state.angles.take(self._picked, out=way, mode="clip")
+        np.multiply(way, self._sign, out=way)
+        np.subtract(self._limit, way, out=way)
+        np.multiply(way, self._rate, out=bound)
+        np.maximum(bound, self._back, out=bound)
+        np.minimum(bound, self._speed, out=bound)
+        if self._windowed or self._second:
+            state.v.take(self._picked, out=v, mode="clip")
+            np.multiply(v, self._sign, out=v)
+        if self._windowed:
+            # a (sqrt(dt^2 + 2 d / a) - dt), nowhere above d / dt, and zero outside
+            np.multiply(way, self._double, out=way)
+            np.add(way, self._square, out=way)
+            np.maximum(way, self._square, out=way)
             np.sqrt(way, out=way)
-            np.subtract(way, self._dt, out=way)
-            np.multiply(way, a, out=way)
-            np.multiply(beyond, self._rate, out=beyond)
-            np.maximum(beyond, self._back, out=beyond)
-            np.add(way, beyond, out=way)
-        np.minimum(way, self._speed, out=way)
-        np.negative(self._lower_way, out=lower)
-        if a is None:
-            np.copyto(upper, self._upper_way)
-            return
-        reach = self._reach
-        np.subtract(v, a * self._dt, out=reach)
-        np.maximum(lower, reach, out=lower)
-        np.maximum(self._upper_way, reach, out=upper)
-        np.add(v, a * self._dt, out=reach)
-        np.minimum(lower, reach, out=lower)
-        np.minimum(upper, reach, out=upper)
+            np.subtract(way, self._step, out=way)
+            np.minimum(bound, way, out=bound)
+            np.subtract(v, self._step, out=way)
+            np.maximum(bound, way, out=bound)
+            np.add(v, self._step, out=way)
+            np.minimum(bound, way, out=bound)
+        if self._second:
+            np.subtract(bound, v, out=bound)
+            np.multiply(bound, self._rate, out=bound)
+        self._upper[:] = self._towards_upper
+        np.negative(self._towards_lower, out=self._lower)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,7 +14,8 @@ from hqp.reference import Reference, numbers
 from hqp.robot import Robot, State
 
 from .fields import check_frame, check_observer, make_reference, set_names, target
-from .relative import Observer, View
+from .live import Numbers, Observer
+from .relative import Triple, View
 from .rotations import as_rotation, axes_rate, rate_rows, roll_pitch_yaw
 
 ANGLES = ("roll", "pitch", "yaw")
@@ -96,7 +97,9 @@ class Orientation(Task):
             return drift
         _, pitch, yaw = roll_pitch_yaw(self._rotation(state).tolist())
         rates = np.array(rate_rows(pitch, yaw))
-        return rates[self._indices] @ (drift - axes_rate(pitch, yaw, rates @ omega))
+        left = np.array(axes_rate(pitch, yaw, (rates @ omega).tolist()))
+        angle_drift: Vec = rates[self._indices] @ (drift - left)
+        return angle_drift
 
     def _rotation(self, state: State) -> Mat:
         R = state.rotation(self.frame)
@@ -135,24 +138,30 @@ class Orientation(Task):
         return self._bind_angles(rotation, observer, twist, out)
 
     def _bind_full(self, robot: Robot, rotation: Mat, observer: Observer | None, twist: Mat, out: Block) -> Writer:
-        error, second, log3 = out.error, out.order == 2, robot.log3
+        error, drift, second, log3 = out.error, out.drift, out.order == 2, robot.log3
         angular = twist[:, 3:]
         angular[:] = np.eye(3)
 
         def write(state: State, reference: Reference) -> None:
             state.kinematics()
-            R = rotation
-            if observer is not None:
-                angular[:] = observer.rotation.T
-                R = observer.rotation.T @ rotation
-            error[:] = log3(R @ target(reference).T)
+            goal = target(reference)
+            if observer is None:
+                error[:] = log3(rotation @ goal.T)
+                if second:
+                    drift[:] = state.drift(self.frame)[3:]
+                return
+            back = observer.rotation.T
+            angular[:] = back
+            error[:] = log3(back @ rotation @ goal.T)
             if second:
-                out.drift[:] = self.drift(state)
+                observer.look()
+                omega, alpha = state.velocity(self.frame)[3:].tolist(), state.drift(self.frame)[3:].tolist()
+                drift[:] = observer.turn_drift(state, omega, alpha)
 
         return write
 
     def _bind_angles(self, rotation: Mat, observer: Observer | None, twist: Mat, out: Block) -> Writer:
-        error, second, selected = out.error, out.order == 2, list(enumerate(self._indices))
+        error, drift, second, selected = out.error, out.drift, out.order == 2, list(enumerate(self._indices))
         flat = twist.reshape(-1)
 
         def write(state: State, reference: Reference) -> None:
@@ -161,17 +170,39 @@ class Orientation(Task):
             angles = roll_pitch_yaw(R.tolist())
             rows = rate_rows(angles[1], angles[2])
             r = target(reference).tolist()
+            if observer is not None:
+                observer.look()
             for i, axis in selected:
                 error[i] = math.remainder(angles[axis] - r[i], math.tau)
                 a, b, c = rows[axis]
                 if observer is not None:
-                    ux, uy, uz = observer.axes()
-                    a, b, c = (a * ux[k] + b * uy[k] + c * uz[k] for k in range(3))
+                    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = observer.axes
+                    a, b, c = a * ax + b * bx + c * cx, a * ay + b * by + c * cy, a * az + b * bz + c * cz
                 at = 6 * i + 3
                 flat[at] = a
                 flat[at + 1] = b
                 flat[at + 2] = c
             if second:
-                out.drift[:] = self.drift(state)
+                self._angle_drift(state, observer, angles, rows, drift)
 
         return write
+
+    def _angle_drift(
+        self,
+        state: State,
+        observer: Observer | None,
+        angles: Triple,
+        rows: tuple[Triple, Triple, Triple],
+        drift: Vec,
+    ) -> None:
+        omega: Numbers = state.velocity(self.frame)[3:].tolist()
+        alpha: Numbers = state.drift(self.frame)[3:].tolist()
+        if observer is not None:
+            omega, alpha = observer.turn_velocity(state, omega), observer.turn_drift(state, omega, alpha)
+        x, y, z = omega
+        rates = tuple(a * x + b * y + c * z for a, b, c in rows)
+        left = axes_rate(angles[1], angles[2], rates)
+        x, y, z = alpha[0] - left[0], alpha[1] - left[1], alpha[2] - left[2]
+        for i, axis in enumerate(self._indices):
+            a, b, c = rows[axis]
+            drift[i] = a * x + b * y + c * z

@@ -15,7 +15,8 @@ from hqp.reference import Reference, numbers
 from hqp.robot import Robot, State
 
 from .fields import check_frame, check_observer, make_reference, target
-from .relative import Observer, View, moment_row
+from .live import Observer, moment_row
+from .relative import View
 from .rotations import as_rotation
 
 PoseLike: TypeAlias = "ArrayLike | tuple[ArrayLike, ArrayLike]"
@@ -99,20 +100,25 @@ class Pose(Task):
         index = robot.frame(self.frame)
         position, rotation = robot.placement(index)
         twist = out.use_twist(robot.support(index) - observer.support)
-        flat, angular, linear_error, angular_error = twist[:3].reshape(-1), twist[3:, 3:], out.error[:3], out.error[3:]
-        log3, second = robot.log3, out.order == 2
+        flat, angular, error, drift, second = twist[:3].reshape(-1), twist[3:, 3:], out.error, out.drift, out.order == 2
+        angular_error, log3 = error[3:], robot.log3
 
         def write(state: State, reference: Reference) -> None:
             state.kinematics()
-            p, back = position.tolist(), observer.rotation.T
-            for i, u in enumerate(observer.axes()):
-                moment_row(flat, 6 * i, u, p)
-            angular[:] = back
+            observer.look()
+            p, (x, y, z), back = position.tolist(), observer.position, observer.rotation.T
+            x, y, z = p[0] - x, p[1] - y, p[2] - z
             pose = target(reference)
-            linear_error[:] = back @ (position - observer.position) - pose[:3, 3]
+            goal = pose.tolist()
+            for i, u in enumerate(observer.axes):
+                moment_row(flat, 6 * i, u, p)
+                error[i] = u[0] * x + u[1] * y + u[2] * z - goal[i][3]
+            angular[:] = back
             angular_error[:] = log3(back @ rotation @ pose[:3, :3].T)
             if second:
-                out.drift[:] = self.drift(state)
+                velocity, acceleration = state.velocity(self.frame).tolist(), state.drift(self.frame).tolist()
+                drift[:3] = observer.point_drift(state, p, velocity[:3], acceleration[:3])
+                drift[3:] = observer.turn_drift(state, velocity[3:], acceleration[3:])
 
         return write
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +13,8 @@ from hqp.reference import Reference
 from hqp.robot import Robot, State
 
 from .fields import check_axes, check_frame, check_observer, indices, set_vector, target
-from .relative import Observer, View, moment_row, skew
+from .live import Observer, Point, moment_row
+from .relative import View, skew
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,8 +69,8 @@ class Position(Task):
         acceleration: Vec = drift[:3]
         if self.relative_to is not None or any(self.offset):
             arm, velocity = self._arm(state), state.velocity(self.frame)
-            turning = np.cross(velocity[3:], arm)
-            acceleration = acceleration + np.cross(drift[3:], arm) + np.cross(velocity[3:], turning)
+            turning = skew(velocity[3:]) @ arm
+            acceleration = acceleration + skew(drift[3:]) @ arm + skew(velocity[3:]) @ turning
             if self.relative_to is not None:
                 view = View(state, self.relative_to, self.heading)
                 point = state.position(self.frame) + arm
@@ -93,15 +93,15 @@ class Position(Task):
 
     def bind(self, robot: Robot, out: Block) -> Writer:
         """Fill twist rows [u, p x u] along the controlled axes u, or J itself for a heading."""
-        point = _Point(robot, self.frame, self.offset)
+        point = Point(robot, self.frame, self.offset)
         if self.relative_to is None:
             return self._bind_world(point, out)
         observer = Observer(robot, self.relative_to, self.heading)
         return self._bind_heading(robot, point, observer, out) if self.heading else self._bind(point, observer, out)
 
-    def _bind_world(self, point: _Point, out: Block) -> Writer:
+    def _bind_world(self, point: Point, out: Block) -> Writer:
         twist = out.use_twist(point.support)
-        flat, error, second = twist.reshape(-1), out.error, out.order == 2
+        flat, error, drift, second = twist.reshape(-1), out.error, out.drift, out.order == 2
         axes = indices(self.axes)
         cells = []
         for i, axis in enumerate(axes):
@@ -119,18 +119,21 @@ class Position(Task):
             for i, axis in errors:
                 error[i] = p[axis] - r[i]
             if second:
-                out.drift[:] = self.drift(state)
+                a = point.drift(state)
+                for i, axis in errors:
+                    drift[i] = a[axis]
 
         return write
 
-    def _bind(self, point: _Point, observer: Observer, out: Block) -> Writer:
+    def _bind(self, point: Point, observer: Observer, out: Block) -> Writer:
         flat = out.use_twist(point.support - observer.support).reshape(-1)
-        error, second, selected = out.error, out.order == 2, indices(self.axes)
+        error, drift, second, selected = out.error, out.drift, out.order == 2, indices(self.axes)
 
         def write(state: State, reference: Reference) -> None:
             state.kinematics()
-            p, axes = point.position(), observer.axes()
-            x, y, z = observer.position.tolist()
+            observer.look()
+            p, axes = point.position(), observer.axes
+            x, y, z = observer.position
             x, y, z = p[0] - x, p[1] - y, p[2] - z
             r = target(reference).tolist()
             for i, axis in enumerate(selected):
@@ -138,12 +141,14 @@ class Position(Task):
                 moment_row(flat, 6 * i, u, p)
                 error[i] = u[0] * x + u[1] * y + u[2] * z - r[i]
             if second:
-                out.drift[:] = self.drift(state)
+                a = observer.point_drift(state, p, point.velocity(state), point.drift(state))
+                for i, axis in enumerate(selected):
+                    drift[i] = a[axis]
 
         return write
 
-    def _bind_heading(self, robot: Robot, point: _Point, observer: Observer, out: Block) -> Writer:
-        selected, error, second, J = indices(self.axes), out.error, out.order == 2, out.J
+    def _bind_heading(self, robot: Robot, point: Point, observer: Observer, out: Block) -> Writer:
+        selected, error, drift, second, J = indices(self.axes), out.error, out.drift, out.order == 2, out.J
         m = len(selected)
         twist, product = np.zeros((2 * m, 6)), np.zeros((2 * m, robot.nv))
         own, carried, flat, twists = product[:m], product[m:], twist.reshape(-1), robot.joint_twists
@@ -151,34 +156,22 @@ class Position(Task):
 
         def write(state: State, reference: Reference) -> None:
             state.kinematics()
-            p, axes = point.position(), observer.axes()
-            x, y, z = observer.position.tolist()
+            observer.look()
+            p, axes = point.position(), observer.axes
+            x, y, z = observer.position
             x, y, z = p[0] - x, p[1] - y, p[2] - z
             r = target(reference).tolist()
             for i, axis in enumerate(selected):
                 u = axes[axis]
                 moment_row(flat, 6 * i, u, p)
-                observer.carried(flat, 6 * (m + i), u, p)
+                observer.carried_row(flat, 6 * (m + i), u, p)
                 error[i] = u[0] * x + u[1] * y + u[2] * z - r[i]
             np.matmul(twist, twists, out=product)
             np.multiply(product, support, out=product)
             np.subtract(own, carried, out=J)
             if second:
-                out.drift[:] = self.drift(state)
+                a = observer.point_drift(state, p, point.velocity(state), point.drift(state))
+                for i, axis in enumerate(selected):
+                    drift[i] = a[axis]
 
         return write
-
-
-class _Point:
-    """A point fixed in a frame, bound to its live placement."""
-
-    def __init__(self, robot: Robot, frame: str, offset: tuple[float, float, float]) -> None:
-        index = robot.frame(frame)
-        self._position, self._rotation = robot.placement(index)
-        self.support = robot.support(index)
-        self._offset = offset
-        self.position: Callable[[], list[float]] = self._shifted if any(offset) else self._position.tolist
-
-    def _shifted(self) -> list[float]:
-        p, (x, y, z) = self._position.tolist(), self._offset
-        return [p[i] + a * x + b * y + c * z for i, (a, b, c) in enumerate(self._rotation.tolist())]

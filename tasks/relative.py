@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.robot import Robot, State
+from hqp.robot import State
 
 UPRIGHT = 1e-3  # a frame whose x axis is nearer than this to the vertical [rad] has its heading rate held at the bound
 
@@ -64,8 +64,8 @@ class View:
         """
         d, moving = point - self.origin, velocity - self.state.velocity(self.frame)[:3]
         turn, turn_rate = self._turning()
-        apparent = drift - self.state.drift(self.frame)[:3] - np.cross(turn_rate, d)
-        return self.rotation.T @ (apparent - 2.0 * np.cross(turn, moving) + np.cross(turn, np.cross(turn, d)))
+        apparent = drift - self.state.drift(self.frame)[:3] - skew(turn_rate) @ d
+        return self.rotation.T @ (apparent - 2.0 * skew(turn) @ moving + skew(turn) @ skew(turn) @ d)
 
     def turn_jacobian(self, J: Mat) -> Mat:
         """R^T (J - H J_omega) ``(3, nv)`` of a body with world angular Jacobian J."""
@@ -74,7 +74,7 @@ class View:
     def turn_drift(self, velocity: Vec, drift: Vec) -> Vec:
         """R^T (alpha - dOmega/dt - Omega x (omega - Omega)) ``(3,)``."""
         turn, turn_rate = self._turning()
-        return self.rotation.T @ (drift - turn_rate - np.cross(turn, velocity - turn))
+        return self.rotation.T @ (drift - turn_rate - skew(turn) @ (velocity - turn))
 
     def _turning(self) -> tuple[Vec, Vec]:
         """Omega and its rate at zero generalised acceleration."""
@@ -83,52 +83,7 @@ class View:
         if not self.heading:
             return turn, alpha
         x = self._x  # yaw rate = (x dy - y dx) / rho^2, differentiated once more
-        dx = np.cross(omega, x)
-        ddx = np.cross(alpha, x) + np.cross(omega, dx)
+        dx = skew(omega) @ x
+        ddx = skew(alpha) @ x + skew(omega) @ dx
         rate = (x[0] * ddx[1] - x[1] * ddx[0] - 2.0 * turn[2] * (x[0] * dx[0] + x[1] * dx[1])) / self._square
         return turn, np.array([0.0, 0.0, rate])
-
-
-class Observer:
-    """A frame bound for the hot path: its axes as plain numbers, and the twist rows its motion carries."""
-
-    def __init__(self, robot: Robot, frame: str, heading: bool = False) -> None:
-        index = robot.frame(frame)
-        self.position, self.rotation = robot.placement(index)
-        self.support = robot.support(index)
-        self.heading = heading
-
-    def axes(self) -> tuple[Triple, Triple, Triple]:
-        """World directions of the axes x, y, z."""
-        (a, b, c), (d, e, f), (g, h, i) = self.rotation.tolist()
-        if self.heading:
-            c, s, _, _ = heading_axes((a, d, g))
-            return (c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)
-        return (a, d, g), (b, e, h), (c, f, i)
-
-    def carried(self, flat: Vec, at: int, u: Triple, point: list[float]) -> None:
-        """Write at ``flat[at:at+6]`` the row t with t X_o v = u . (dp_o/dt + Omega x d) for a point."""
-        if not self.heading:
-            moment_row(flat, at, u, point)
-            return
-        ux, uy, _ = u
-        x, y, z = self.position.tolist()
-        moment_row(flat, at, u, (x, y, z))
-        (ax, _, _), (ay, _, _), (az, _, _) = self.rotation.tolist()
-        _, _, _, (hx, hy, _) = heading_axes((ax, ay, az))
-        lever = (point[0] - x) * uy - (point[1] - y) * ux
-        flat[at + 3] += lever * hx
-        flat[at + 4] += lever * hy
-        flat[at + 5] += lever
-
-
-def moment_row(flat: Vec, at: int, u: Triple, point: Triple | list[float]) -> None:
-    """Write [u, p x u] at ``flat[at:at+6]``: times a world twist, the velocity along u of the body's point at p."""
-    ux, uy, uz = u
-    x, y, z = point
-    flat[at] = ux
-    flat[at + 1] = uy
-    flat[at + 2] = uz
-    flat[at + 3] = y * uz - z * uy
-    flat[at + 4] = z * ux - x * uz
-    flat[at + 5] = x * uy - y * ux

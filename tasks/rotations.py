@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -73,14 +74,12 @@ def rate_rows(pitch: float, yaw: float) -> tuple[Triple, Triple, Triple]:
     return (c * inverse, s * inverse, 0.0), (-s, c, 0.0), (c * tangent, s * tangent, 1.0)
 
 
-def axes_rate(pitch: float, yaw: float, rates: Vec) -> Vec:
-    """dE/dt (roll, pitch, yaw rates) ``(3,)``: what E times their second derivatives leaves of dω/dt."""
+def axes_rate(pitch: float, yaw: float, rates: Sequence[float]) -> Triple:
+    """dE/dt (roll, pitch, yaw rates): what E times their second derivatives leaves of d omega/dt."""
     c, s, cp, sp = math.cos(yaw), math.sin(yaw), math.cos(pitch), math.sin(pitch)
     roll, turn, spin = rates
-    return np.array(
-        [
-            roll * (-sp * c * turn - cp * s * spin) - turn * c * spin,
-            roll * (-sp * s * turn + cp * c * spin) - turn * s * spin,
-            -roll * cp * turn,
-        ]
+    return (
+        roll * (-sp * c * turn - cp * s * spin) - turn * c * spin,
+        roll * (-sp * s * turn + cp * c * spin) - turn * s * spin,
+        -roll * cp * turn,
     )
