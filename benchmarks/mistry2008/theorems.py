@@ -74,7 +74,7 @@ def _residuals(stack: Levels, x: Vec) -> Vec:
 def _never_better(robot: Robot, count: int) -> Iterator[Check]:
     rng = np.random.default_rng([SEED, 2])
     chiaverini, candidates = solvers.load("chiaverini"), chosen.exact()
-    critical, better, share = [], {name: 0 for name in candidates}, []
+    critical, better, share = [], dict.fromkeys(candidates, 0), []
     for levels in paper_levels(robot, count, SEED + 1):
         for kind, stack in variants(levels, rng).items():
             printed = _residuals(stack, solve(chiaverini, stack))

@@ -1,0 +1,121 @@
+"""Figures: the counterparts of Mistry 2008, Figs. 6 to 9, and how long ticks take."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from benchmarks.mistry2008.integration import GAIN, Experiments
+from hqp.arrays import Vec
+
+DESIRED, ACTUAL, PRINTED = "tab:green", "tab:blue", "tab:red"
+
+CM = 100.0
+
+
+def experiments(runs: Experiments, robot: str, output: Path) -> list[tuple[str, Path]]:
+    """Figs. 6 to 9 of one robot: captions and files."""
+    output.mkdir(parents=True, exist_ok=True)
+    made = [
+        (_cog(runs), f"CoG side to side on {robot} (Fig. 6)", "fig6"),
+        (_hand_in_time(runs), f"hand on a figure-8 on {robot} (Fig. 7)", "fig7"),
+        (_hand_in_plane(runs), f"hand in the frontal plane on {robot} (Fig. 8)", "fig8"),
+        (_cog_during_hand(runs), f"CoG during the figure-8 on {robot} (Fig. 9)", "fig9"),
+    ]
+    files = []
+    for figure, caption, stem in made:
+        path = output / f"{stem}_{robot}.png"
+        figure.savefig(path, dpi=110)
+        plt.close(figure)
+        files.append((caption, path))
+    return files
+
+
+def _axes(rows: int, height: float = 5.0) -> tuple[plt.Figure, np.ndarray]:
+    figure, axes = plt.subplots(rows, 1, figsize=(8.0, height), sharex=True, layout="constrained", squeeze=False)
+    return figure, axes[:, 0]
+
+
+def _cog(runs: Experiments) -> plt.Figure:
+    figure, (side, front) = _axes(2)
+    start = runs.cog.com_target[0]
+    for axis, column in ((side, 1), (front, 0)):
+        axis.plot(runs.cog.t, CM * (runs.cog.com_target[:, column] - start[column]), color=DESIRED, label="desired")
+        axis.plot(runs.cog.t, CM * (runs.cog.com[:, column] - start[column]), "--", color=ACTUAL, label="actual")
+        lagging = runs.cog_lagging.com[:, column] - runs.cog_lagging.com_target[0, column]
+        axis.plot(runs.cog_lagging.t, CM * lagging, ":", color=PRINTED, label="actual, no feedforward")
+        axis.grid(alpha=0.3)
+    side.set_ylabel("left-right [cm]")
+    front.set(ylabel="front-back [cm]", xlabel="time [s]", ylim=(-2.0, 2.0))
+    side.legend(loc="upper right", ncols=3)
+    return figure
+
+
+def _hand_in_time(runs: Experiments) -> plt.Figure:
+    figure, axes = _axes(2)
+    start = runs.recursive.hand_target[0]
+    for axis, column, text in zip(axes, (1, 2), ("left-right [cm]", "up-down [cm]"), strict=True):
+        trace = runs.recursive
+        axis.plot(trace.t, CM * (trace.hand_target[:, column] - start[column]), color=DESIRED, label="desired")
+        axis.plot(
+            trace.t, CM * (trace.hand[:, column] - start[column]), "--", color=ACTUAL, label="recursive projector"
+        )
+        axis.plot(runs.printed.t, CM * (runs.printed.hand[:, column] - start[column]), color=PRINTED, label="eq. (16)")
+        axis.set_ylabel(text)
+        axis.grid(alpha=0.3)
+    axes[1].set_xlabel("time [s]")
+    axes[0].legend(loc="upper right", ncols=3)
+    return figure
+
+
+def _hand_in_plane(runs: Experiments) -> plt.Figure:
+    figure, axis = plt.subplots(figsize=(7.0, 5.0), layout="constrained")
+    start = runs.recursive.hand_target[0]
+    trace = runs.recursive
+    axis.plot(*(CM * (trace.hand_target - start)[:, 1:]).T, color=DESIRED, label="desired")
+    text = f"recursive projector, {1e3 * trace.hand_rms:.3f} mm RMS"
+    axis.plot(*(CM * (trace.hand - start)[:, 1:]).T, "--", color=ACTUAL, label=text)
+    text = f"eq. (16) as printed, {1e3 * runs.printed.hand_rms:.0f} mm RMS"
+    axis.plot(*(CM * (runs.printed.hand - start)[:, 1:]).T, color=PRINTED, label=text)
+    axis.set(xlabel="left-right [cm]", ylabel="up-down [cm]", aspect="equal", title=f"gain {GAIN:g}/s, feedforward")
+    axis.grid(alpha=0.3)
+    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.15))
+    return figure
+
+
+def _cog_during_hand(runs: Experiments) -> plt.Figure:
+    figure, axes = _axes(2)
+    for axis, column, text in zip(axes, (1, 0), ("left-right [um]", "front-back [um]"), strict=True):
+        for trace, color, label in (
+            (runs.recursive, ACTUAL, "recursive projector"),
+            (runs.printed, PRINTED, "eq. (16)"),
+        ):
+            axis.plot(trace.t, 1e6 * (trace.com - trace.com_target)[:, column], color=color, label=label)
+        axis.axhline(0.0, color=DESIRED, label="desired")
+        axis.set_ylabel(text)
+        axis.grid(alpha=0.3)
+    axes[1].set_xlabel("time [s]")
+    axes[0].legend(loc="upper right", ncols=3)
+    return figure
+
+
+def tick_times(wall_us: Mapping[str, Vec], budget_us: float, title: str, path: Path) -> Path:
+    """ECDF of tick times ``(T,)`` [us] of each solver with the budget as a line."""
+    figure, axis = plt.subplots(figsize=(8.0, 5.0), layout="constrained")
+    for name, times in wall_us.items():
+        axis.ecdf(times, label=f"{name}, median {np.median(times):.0f} us")
+    axis.axvline(budget_us, color="black", linestyle="--", label=f"{budget_us / 1e3:g} ms")
+    axis.set(xscale="log", xlabel="tick, state to command [us]", ylabel="share of ticks", title=title)
+    axis.grid(alpha=0.3, which="both")
+    axis.legend(loc="lower right", fontsize="small")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+    return path

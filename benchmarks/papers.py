@@ -1,0 +1,85 @@
+"""Every equation of the papers at its tolerance, with negative controls, and the closed loops with their figures."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import importlib.util
+from collections.abc import Iterator
+from pathlib import Path
+
+from benchmarks import chosen, report
+from benchmarks.mistry2008 import contacts, integration, kinematics, prioritised, second_order, theorems
+from benchmarks.rows import Check, write_json
+from hqp import robots
+
+ROBOTS = ("cbi", "talos")
+
+POINTWISE = {
+    "eqs. (2) to (6), (14)": kinematics,
+    "eqs. (7) to (11), conditions": contacts,
+    "eqs. (12), (16), (17)": prioritised,
+    "eqs. (18) to (22)": second_order,
+    "equivalences": theorems,
+}
+"""Modules with ``checks(robot, count)``."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of this part."""
+    parser.add_argument("--states", type=int, default=None, metavar="N", help="random states a row, default 100")
+    parser.add_argument("--robots", nargs="+", default=list(ROBOTS), metavar="NAME", help="default: cbi talos")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check, show, write; returns 1 if a check fails."""
+    count = arguments.states or (10 if arguments.quick else 100)
+    checks, notes = mistry(tuple(arguments.robots), count, arguments.output)
+    checks += sentis(arguments.quick)
+    report.show(checks)
+    if arguments.json is not None:
+        write_json(arguments.json, checks)
+    failed = [check for check in checks if not check.passed]
+    paragraphs = [f"{report.tally(checks)}; {count} random states a row.", *notes]
+    if failed:
+        paragraphs += ["### Failed", report.table(report.HEADER, map(report.cells, failed))]
+    report.section(
+        arguments.output, "papers", *paragraphs, "### Rows", report.table(report.HEADER, map(report.cells, checks))
+    )
+    return int(bool(failed))
+
+
+def mistry(names: tuple[str, ...], count: int, output: Path | None) -> tuple[list[Check], list[str]]:
+    """The rows of Mistry 2008 on robots by name; with ``output``, figures there and paragraphs that show them."""
+    checks: list[Check] = []
+    notes: list[str] = []
+    if chosen.broken():
+        notes.append(f"Announced but not loading: {', '.join(chosen.broken())}.")
+    with report.bar() as bar:
+        task = bar.add_task("Mistry 2008", total=len(names) * (len(POINTWISE) + 1))
+        for name in names:
+            robot = robots.load(name)
+            for text, module in POINTWISE.items():
+                bar.update(task, description=f"Mistry 2008, {text} on {name}")
+                checks += module.checks(robot, count)
+                bar.advance(task)
+            bar.update(task, description=f"Mistry 2008, closed loops on {name}")
+            runs = integration.experiments(robot)
+            checks += integration.checks(robot, runs)
+            if output is not None and importlib.util.find_spec("matplotlib") is not None:
+                figures = importlib.import_module("benchmarks.figures")
+                notes += [f"![{text}]({path.name})" for text, path in figures.experiments(runs, name, output)]
+            bar.advance(task)
+    return checks, notes
+
+
+def sentis(quick: bool) -> Iterator[Check]:
+    """The rows of Sentis 2012 where its module is here."""
+    if importlib.util.find_spec("benchmarks.sentis2012") is None:
+        return iter(())
+    module = importlib.import_module("benchmarks.sentis2012")
+    if not hasattr(module, "rows"):
+        return iter(())
+    with report.bar() as bar:
+        bar.add_task("Sentis 2012", total=None)
+        return iter(list(module.rows(quick=quick)))
