@@ -28,7 +28,7 @@ MAY = {
     "floating_base": {"arrays", "errors"},
     "element": {"arrays", "errors", "law", "reference", "robot"},
     "stack": {"element", "errors", "law"},
-    "assembly": {"arrays", "element", "errors", "law", "reference", "robot"},
+    "assembly": {"_assembly", "arrays", "element", "errors", "law", "reference", "robot"},
     "solvers": {"arrays", "errors", "problem", "certify", "_lexicographic"},
     "tasks": {"arrays", "element", "errors", "law", "reference", "robot"},
     "robots": {"arrays", "errors"},
