@@ -49,7 +49,7 @@ def _drift(robot: Robot, count: int) -> Iterator[Check]:
     own, world = [], []
     for q, v in states(robot, count, SEED):
         library.at(q, v)
-        drift = np.concatenate(library.drift(v))
+        drift = np.concatenate(library.drift())
         ahead, behind = (
             np.concatenate([J @ v for J in library.at(robot.integrate(q, s * v, STEP), v)]) for s in (1.0, -1.0)
         )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import hqp
-from hqp import Level, P, Stack
+from hqp import PD, Level, P, Stack
 from hqp.arrays import Mat, Vec
 from hqp.element import Element
 from hqp.problem import Hierarchy, Rows
@@ -89,6 +89,8 @@ class Evaluated:
         self.robot = robot
         formulation = hqp.Velocity() if order == 1 else hqp.Acceleration()
         stack = Stack(*(Level(element) for element in elements))
+        if order == 2:  # J x = -dJ/dt v is what is left of a law without gains
+            stack = stack.with_laws({element.name: PD(0.0, 0.0) for element in elements})
         self.session = hqp.Controller(stack, formulation, solver="nullspace").session(robot, dt=1.0 / HZ)
         self.session.step(robot.state())
 
@@ -97,10 +99,9 @@ class Evaluated:
         self.session.step(self.robot.state(q, v))
         return [rows.dense(self.robot.nv).copy() for rows in self.session.problem.levels]
 
-    def drift(self, v: Vec) -> list[Vec]:
-        """dJ/dt v of every element at the state of the latest ``at``."""
-        rows = self.session.program.rows  # type: ignore[attr-defined]
-        return [rows.drift[member.part].copy() for member in rows.members.values()]
+    def drift(self) -> list[Vec]:
+        """dJ/dt v of every element at the state of the latest ``at``, copied; for order 2."""
+        return [-rows.lower for rows in self.session.problem.levels]
 
 
 @dataclass(frozen=True)
