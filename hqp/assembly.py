@@ -198,7 +198,7 @@ class Assembly:
                 member.seen = reference
         if self._needs_com:
             state.com_jacobian()
-        self._native.run(state.q, state.v)  # type: ignore[union-attr]
+        self._native.run(state.q, state.v)
         if self.order == 2:
             for member in self._drifting:
                 member.block.drift[:] = member.element.drift(state)  # type: ignore[attr-defined]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hqp.arrays import Mat, Vec
-from hqp.element import Block, Task, Writer
+from hqp.element import Block, Plan, Task, Writer
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 
@@ -94,6 +94,9 @@ class Com(Task):
         if axes == list(range(axes[0], axes[-1] + 1)):
             picked = slice(axes[0], axes[-1] + 1)
         errors = list(enumerate(axes))
+        if self.subtree is None:
+            com, jacobian = robot.centre
+            out.plan = Plan("com", {"com": com, "jacobian": jacobian, "axes": axes}, (len(axes),))
 
         def write(state: State, reference: Reference) -> None:
             J[:] = state.com_jacobian(part)[picked]

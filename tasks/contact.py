@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hqp.arrays import Mat, Vec
-from hqp.element import Block, Constraint, Task, Writer
+from hqp.element import Block, Constraint, Plan, Task, Writer
 from hqp.reference import Reference, numbers
 from hqp.robot import Robot, State
 
 from .fields import check_frame, make_reference, set_vector, target
-from .live import cross, moment_row, turned
+from .live import cross, live_frame, moment_row, turned
 from .pose import PoseLike, as_pose, bind_world_pose, homogeneous, pose_error
 from .relative import skew
 
@@ -81,7 +81,7 @@ class FixedContact(_FrameContact):
 
     def bind(self, robot: Robot, out: Block) -> Writer:
         """Fill twist rows in world axes."""
-        return bind_world_pose(self, robot, robot.frame(self.frame), out)
+        return bind_world_pose(self, robot, self.frame, out)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,6 +123,8 @@ class PointContact(_FrameContact):
         """Fill twist rows in world axes."""
         index = robot.frame(self.frame)
         position, _ = robot.placement(index)
+        data = {**live_frame(robot, self.frame), "axes": [0, 1, 2], "offset": (0.0, 0.0, 0.0)}
+        out.plan = Plan("point", data, (3,))
         twist = out.use_twist(robot.support(index))
         twist[:] = np.eye(3, 6)
         flat, error, second = twist.reshape(-1), out.error, out.order == 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -9,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from hqp.arrays import Index, Vec
-from hqp.element import Block, Constraint, Quantity, Writer
+from hqp.element import Block, Constraint, Plan, Quantity, Writer
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 
@@ -64,7 +65,21 @@ class JointLimits(Constraint):
         low, high = robot.lower[picked] + self.margin, robot.upper[picked] - self.margin
         if np.any(low > high):
             raise self.bad("margin", self.margin, f"at most {np.min(high - low) / 2 + self.margin:g} on {robot.name}")
-        return _Box(picked, low, high, robot.velocity_limit[picked], self, out)
+        speed, positions = robot.velocity_limit[picked], robot.positions(picked)
+        if positions is not None:
+            data = {
+                "positions": positions,
+                "columns": picked.tolist(),
+                "low": low,
+                "high": high,
+                "speed": speed,
+                "acceleration": math.inf if self.acceleration is None else self.acceleration,
+                "return_velocity": self.return_velocity,
+                "dt": out.dt,
+                "order": out.order,
+            }
+            out.plan = Plan("box", data)
+        return _Box(picked, low, high, speed, self, out)
 
 
 class _Box:

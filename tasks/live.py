@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
 
 from hqp.arrays import Vec
 from hqp.robot import Robot, State
@@ -138,6 +141,14 @@ class Observer:
         c, d, _ = cross(omega, dx)
         turning = x[0] * (b + d) - x[1] * (a + c) - 2.0 * rate * (x[0] * dx[0] + x[1] * dx[1])
         return (0.0, 0.0, rate), (0.0, 0.0, turning / self._square)
+
+
+def live_frame(robot: Robot, frame: str) -> dict[str, Any]:
+    """What a native operation reads of a frame: its placement, the joint twists, and the columns that move it."""
+    index = robot.frame(frame)
+    position, rotation = robot.placement(index)
+    columns = np.flatnonzero(robot.support(index)).tolist()
+    return {"position": position, "rotation": rotation, "twists": robot.joint_twists, "columns": columns}
 
 
 def turned(rows: list[list[float]], vector: Numbers) -> Triple:

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hqp.arrays import Mat, Vec
-from hqp.element import Block, Task, Writer
+from hqp.element import Block, Plan, Task, Writer
 from hqp.reference import Reference, numbers
 from hqp.robot import Robot, State
 
 from .fields import check_frame, check_observer, make_reference, set_names, target
-from .live import Numbers, Observer
+from .live import Numbers, Observer, live_frame
 from .relative import Triple, View
-from .rotations import as_rotation, axes_rate, rate_rows, roll_pitch_yaw
+from .rotations import GIMBAL, as_rotation, axes_rate, rate_rows, roll_pitch_yaw
 
 ANGLES = ("roll", "pitch", "yaw")
 
@@ -133,6 +133,11 @@ class Orientation(Task):
         support = robot.support(index)
         observer = None if self.relative_to is None else Observer(robot, self.relative_to)
         twist = out.use_twist(support if observer is None else support - observer.support)
+        if observer is None:
+            data = live_frame(robot, self.frame)
+            angles = {**data, "picked": self._indices, "gimbal": GIMBAL}
+            full = self.axes is None
+            out.plan = Plan("rotation", data, (3, 3)) if full else Plan("angles", angles, (len(self._indices),))
         if self.axes is None:
             return self._bind_full(robot, rotation, observer, twist, out)
         return self._bind_angles(rotation, observer, twist, out)

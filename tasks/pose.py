@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hqp.arrays import Mat, Vec
-from hqp.element import Block, Task, Writer
+from hqp.element import Block, Plan, Task, Writer
 from hqp.errors import DeclarationError
 from hqp.reference import Reference, numbers
 from hqp.robot import Robot, State
 
 from .fields import check_frame, check_observer, make_reference, target
-from .live import Observer, moment_row
+from .live import Observer, live_frame, moment_row
 from .relative import View
 from .rotations import as_rotation
 
@@ -93,7 +93,7 @@ class Pose(Task):
     def bind(self, robot: Robot, out: Block) -> Writer:
         """Fill the twist rows [u, p x u] and [0, u] of the axes u."""
         if self.relative_to is None:
-            return bind_world_pose(self, robot, robot.frame(self.frame), out)
+            return bind_world_pose(self, robot, self.frame, out)
         return self._bind_relative(robot, Observer(robot, self.relative_to), out)
 
     def _bind_relative(self, robot: Robot, observer: Observer, out: Block) -> Writer:
@@ -123,10 +123,12 @@ class Pose(Task):
         return write
 
 
-def bind_world_pose(task: Task, robot: Robot, frame: int, out: Block) -> Writer:
+def bind_world_pose(task: Task, robot: Robot, frame: str, out: Block) -> Writer:
     """Writer of the six rows of a frame's pose in world axes; the drift is the task's."""
-    position, rotation = robot.placement(frame)
-    twist = out.use_twist(robot.support(frame))
+    index = robot.frame(frame)
+    position, rotation = robot.placement(index)
+    out.plan = Plan("pose", live_frame(robot, frame), (4, 4))
+    twist = out.use_twist(robot.support(index))
     twist[:] = np.eye(6)
     flat, error, angular_error = twist.reshape(-1), out.error, out.error[3:]
     log3, second = robot.log3, out.order == 2

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hqp.arrays import Mat, Vec
-from hqp.element import Block, Task, Writer
+from hqp.element import Block, Plan, Task, Writer
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 
 from .fields import check_axes, check_frame, check_observer, indices, set_vector, target
-from .live import Observer, Point, moment_row
+from .live import Observer, Point, live_frame, moment_row
 from .relative import View, skew
 
 
@@ -95,6 +95,9 @@ class Position(Task):
         """Fill twist rows [u, p x u] along the controlled axes u, or J itself for a heading."""
         point = Point(robot, self.frame, self.offset)
         if self.relative_to is None:
+            axes = indices(self.axes)
+            data = {**live_frame(robot, self.frame), "axes": axes, "offset": self.offset}
+            out.plan = Plan("point", data, (len(axes),))
             return self._bind_world(point, out)
         observer = Observer(robot, self.relative_to, self.heading)
         return self._bind_heading(robot, point, observer, out) if self.heading else self._bind(point, observer, out)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.element import Block, Task, Writer
+from hqp.element import Block, Plan, Task, Writer
 from hqp.errors import DeclarationError
 from hqp.reference import Reference, numbers
 from hqp.robot import Robot, State
@@ -82,6 +82,9 @@ class Posture(Task):
         out.drift[:] = 0.0
         error, turns = out.error, _turning(robot, picked)
         wraps = bool(turns.size)
+        positions = robot.positions(picked)
+        if positions is not None:
+            out.plan = Plan("joints", {"positions": positions}, (picked.size,))
 
         def write(state: State, reference: Reference) -> None:
             goal = target(reference)
