@@ -19,6 +19,9 @@ typedef double Vec4 __attribute__((vector_size(32), may_alias));
 constexpr int kLane = 4;    // doubles in a vector
 constexpr int kPad = 8;     // strides are multiples of this
 
+static inline double larger(double a, double b) { return a > b ? a : b; }
+static inline double smaller(double a, double b) { return a < b ? a : b; }
+
 static inline int padded(int width) { return (width + kPad - 1) / kPad * kPad; }
 static inline int lanes(int width) { return (width + kLane - 1) / kLane * kLane; }
 

@@ -93,6 +93,10 @@ struct Table {
   }
 
  private:
+  bool picks(std::int64_t index, double scale) const {
+    return index >= 0 && index < n && scale != 0.0 && std::fabs(scale) < kInfinity;
+  }
+
   bool add(const Level& level) {
     Block& b = block[blocks++];
     b.A = level.A; b.index = level.index; b.scale = level.scale; b.damping = level.damping;
@@ -103,6 +107,7 @@ struct Table {
       if (!(l <= u) || l == kInfinity || u == -kInfinity) return false;
       lower[r] = l; upper[r] = u;
       const double* a = level.A ? level.A + static_cast<std::ptrdiff_t>(i) * n : nullptr;
+      if (!a && !picks(level.index[i], level.scale[i])) return false;
       const double square = a ? dot_any(a, a, n) : level.scale[i] * level.scale[i];
       if (!(square < kInfinity)) return false;
       norm[r] = std::sqrt(square);
@@ -134,7 +139,7 @@ struct Table {
     return add(last);
   }
 
-  // Pivoted Cholesky: metric = rows' rows, stopped at rounding; the number of rows, -1 if not finite.
+  // Pivoted Cholesky: metric = rows' rows, stopped at 1e-10 of the largest entry; the number of rows, -1 if not finite.
   int root(const double* metric) {
     double largest = 0.0;
     double* rest = scratch;
@@ -142,13 +147,13 @@ struct Table {
       if (!(std::fabs(metric[i]) < kInfinity)) return -1;
       rest[i] = metric[i];
     }
-    for (int i = 0; i < n; ++i) largest = std::fmax(largest, rest[i * n + i]);
+    for (int i = 0; i < n; ++i) largest = larger(largest, rest[i * n + i]);
     int rank = 0;
     for (; rank < n; ++rank) {
       int p = 0;
       for (int i = 1; i < n; ++i) if (rest[i * n + i] > rest[p * n + p]) p = i;
       const double pivot = rest[p * n + p];
-      if (!(pivot > 1e-14 * n * largest)) break;
+      if (!(pivot > 1e-10 * largest)) break;
       double* row = metric_rows + static_cast<std::ptrdiff_t>(rank) * n;
       const double d = 1.0 / std::sqrt(pivot);
       for (int j = 0; j < n; ++j) row[j] = 0.5 * (rest[p * n + j] + rest[j * n + p]) * d;
@@ -177,7 +182,7 @@ struct Table {
     boxed = false;
     for (int i = 0; i < level.m; ++i) {
       const double l = level.lower[i], u = level.upper[i], s = scale[i];
-      if (!(l <= u) || l == kInfinity || u == -kInfinity) return false;
+      if (!(l <= u) || l == kInfinity || u == -kInfinity || !picks(index[i], s)) return false;
       const int j = static_cast<int>(index[i]);
       double a = l, b = u;
       if (s != 1.0) {
@@ -185,7 +190,7 @@ struct Table {
         b = s > 0 ? (u < kInfinity ? inside(u, s, l, u) : u) : (l > -kInfinity ? inside(l, s, l, u) : kInfinity);
         if (a > b) a = b;
       }
-      lo[j] = std::fmax(lo[j], a); hi[j] = std::fmin(hi[j], b);
+      lo[j] = larger(lo[j], a); hi[j] = smaller(hi[j], b);
       boxed = boxed || a > -kInfinity || b < kInfinity;
     }
     for (int i = 0; i < n; ++i) {

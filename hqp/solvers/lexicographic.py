@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from operator import itemgetter
 from time import perf_counter
 from typing import Any, ClassVar
@@ -12,9 +13,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.errors import DeclarationError, ProblemError, SolverNotInstalled
+from hqp.errors import DeclarationError, SolverNotInstalled
 from hqp.problem import Hierarchy, Selection, Shape, Solution, Stats, Status
 from hqp.solvers.base import Solver, Workspace, check_shape
+from hqp.solvers.flat import Flat
 
 try:
     _native: Any = importlib.import_module("hqp._lexicographic")
@@ -29,7 +31,10 @@ _STATUS = (
     Status.ITERATION_LIMIT,
     Status.TIME_LIMIT,
 )
+_STOPPED = _STATUS.index(Status.NOT_CERTIFIED)
 _INVALID = len(_STATUS)
+
+DAMPED = "damping kept a level from its optimum"
 
 
 def kernel() -> str:
@@ -45,9 +50,10 @@ class Lexicographic(Solver):
     multiplier_tolerance, feasibility_tolerance: relative, below them a multiplier has no sign and a bound is met.
     max_iterations: factorisations, None for 100 + 10 (rows + n).  time_limit: [s], None for none; either cap
     returns the best point so far.  exchange_credit: how many block exchanges may fail to lessen the number of
-    violated bounds and wrong signs before single changes take over.  multipliers: return them.  damping: per
-    level, in the units of its rows, zero where the tuple ends; it never moves the levels above.  native: True
-    insists on the kernel, False takes the NumPy reference, None the kernel where it was built.
+    violated bounds and wrong signs before single changes take over.  multipliers: return them.  damping: lambda
+    [unit of A], one for all levels or one a level, min ||w_k||^2 + lambda^2 ||step||^2; the levels above never
+    notice, residuals are the undamped ones, and the answer is marked where a level is kept from its optimum.
+    native: True insists on the kernel, False takes the NumPy reference, None the kernel where it was built.
     Raises DeclarationError for a value out of range, SolverNotInstalled for native=True without the kernel.
     """
 
@@ -61,11 +67,12 @@ class Lexicographic(Solver):
     time_limit: float | None = None
     exchange_credit: int = 3
     multipliers: bool = False
-    damping: tuple[float, ...] = ()
+    damping: float | tuple[float, ...] = 0.0
     native: bool | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "damping", tuple(float(d) for d in self.damping))
+        if not isinstance(self.damping, (int, float)):
+            object.__setattr__(self, "damping", tuple(float(d) for d in self.damping))
         for option in ("rank_tolerance", "multiplier_tolerance", "feasibility_tolerance"):
             value = getattr(self, option)
             if not 0.0 < value < 1e-2:
@@ -76,22 +83,28 @@ class Lexicographic(Solver):
             raise DeclarationError("lexicographic.time_limit", "must be positive", value=self.time_limit, unit="s")
         if not 0 <= self.exchange_credit < 2**31:
             raise DeclarationError("lexicographic.exchange_credit", "negative", value=self.exchange_credit)
-        if not all(math.isfinite(d) and d >= 0.0 for d in self.damping):
+        if not all(math.isfinite(d) and d >= 0.0 for d in np.atleast_1d(self.damping)):
             raise DeclarationError("lexicographic.damping", "must be finite and not negative", value=self.damping)
         if self.native and _native is None:
             raise SolverNotInstalled("hqp was built without its native kernel: install a C++ compiler and rebuild")
 
     def workspace(self, shape: Shape) -> Workspace:
         """Allocate for problems of this shape."""
-        if len(self.damping) > len(shape.rows):
-            raise DeclarationError(
-                "lexicographic.damping", f"the problem has {len(shape.rows)} levels", value=self.damping
-            )
         if self.is_native:
             return NativeWorkspace(self, shape)
         from hqp.solvers.lexicographic_reference import ReferenceWorkspace
 
         return ReferenceWorkspace(self, shape)
+
+    def level_damping(self, shape: Shape) -> tuple[float, ...]:
+        """Damping of each level; raises DeclarationError unless there is one number or one a level."""
+        if not isinstance(self.damping, tuple):
+            return (float(self.damping),) * len(shape.rows)
+        if len(self.damping) != len(shape.rows):
+            raise DeclarationError(
+                "lexicographic.damping", "one number a level", value=self.damping, allowed=f"{len(shape.rows)} numbers"
+            )
+        return self.damping
 
     @property
     def is_native(self) -> bool:
@@ -104,7 +117,7 @@ class NativeWorkspace:
 
     def __init__(self, solver: Lexicographic, shape: Shape) -> None:
         self._shape = shape
-        self._damping = solver.damping + (0.0,) * (len(shape.rows) - len(solver.damping))
+        self._damping = solver.level_damping(shape)
         self._kernel = _native.Workspace(
             shape.n,
             list(shape.rows),
@@ -120,11 +133,12 @@ class NativeWorkspace:
         self._values = self._kernel.values()
         self._active = self._kernel.active()
         starts = np.concatenate([[0], np.cumsum(shape.rows)]).astype(int).tolist()
-        self._split_slack = _splitter([slice(shape.n + a, shape.n + b) for a, b in zip(starts, starts[1:])])
-        self._split_active = _splitter([slice(a, b) for a, b in zip(starts, starts[1:])])
+        self._split_slack = _splitter([slice(shape.n + a, shape.n + b) for a, b in pairwise(starts)])
+        self._split_active = _splitter([slice(a, b) for a, b in pairwise(starts)])
         self._multipliers = self._kernel.multipliers() if solver.multipliers else None
         ends = np.concatenate([[0], np.cumsum(starts[1:])]).astype(int).tolist()
-        self._split_multipliers = _splitter([slice(a, b) for a, b in zip(ends, ends[1:])])
+        self._split_multipliers = _splitter([slice(a, b) for a, b in pairwise(ends)])
+        self._detail = DAMPED if any(self._damping) else ""
         self._bound: Hierarchy | None = None
 
     def reset(self) -> None:
@@ -132,14 +146,14 @@ class NativeWorkspace:
         self._kernel.reset()
 
     def solve(self, problem: Hierarchy) -> Solution:
-        """The solution; raises ProblemError for a wrong shape or numbers that are not usable."""
+        """The solution; raises ProblemError for a wrong shape, and marks numbers that are not usable."""
         begin = perf_counter()
         if problem is not self._bound:
             self._bind(problem)
         bound = perf_counter()
         outcome, iterations, factorisations = self._kernel.solve()
         if outcome == _INVALID:
-            explain(problem)
+            return _refuse(problem, self._shape, Stats(build_s=perf_counter() - begin))
         values = self._values.copy()
         active = self._active.copy()
         return Solution(
@@ -148,7 +162,7 @@ class NativeWorkspace:
             self._split_slack(values),
             self._split_active(active),
             Stats(iterations, factorisations, bound - begin, perf_counter() - bound),
-            "",
+            self._detail if outcome == _STOPPED else "",
             None if self._multipliers is None else self._split_multipliers(self._multipliers.copy()),
         )
 
@@ -174,24 +188,16 @@ class NativeWorkspace:
         self._bound = problem if live and metric is problem.metric and origin is problem.origin else None
 
 
-def explain(problem: Hierarchy) -> None:
-    """Raise ProblemError naming the numbers that no solver can use."""
+def _refuse(problem: Hierarchy, shape: Shape, stats: Stats) -> Solution:
+    """What is returned for numbers that no solver can use: the culprit in the detail, never an exception."""
+    flat = Flat(shape)
     for k, rows in enumerate(problem.levels):
-        try:
-            rows.check()
-        except ProblemError as error:
-            raise ProblemError(f"level {k}: {error}") from None
         if isinstance(rows.A, Selection):
-            wrong = (
-                (rows.A.index < 0) | (rows.A.index >= problem.n) | ~np.isfinite(rows.A.scale) | (rows.A.scale == 0.0)
-            )
+            index, scale = rows.A.index, rows.A.scale
+            wrong = (index < 0) | (index >= problem.n) | ~np.isfinite(scale) | (scale == 0.0)
             if wrong.any():
-                raise ProblemError(f"level {k}: selection row {int(np.argmax(wrong))} picks no variable")
-    for name in ("metric", "origin"):
-        value = getattr(problem, name)
-        if value is not None and not np.isfinite(value).all():
-            raise ProblemError(f"hierarchy: {name} is not finite")
-    raise ProblemError("hierarchy: numbers too large to be squared")
+                return flat.refuse(problem, stats, f"level {k}: selection row {int(np.argmax(wrong))} is not usable")
+    return flat.refuse(problem, stats, flat.load(problem) or "the numbers are too large to be squared")
 
 
 def _ready(a: Any, dtype: type = np.float64) -> Any:

@@ -1,0 +1,32 @@
+"""Native kernel of the lexicographic solver."""
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+_Vec: TypeAlias = NDArray[np.float64]
+_Level: TypeAlias = tuple[_Vec | None, NDArray[np.intp] | None, _Vec | None, _Vec, _Vec, float]
+
+instruction_set: str
+
+class Workspace:
+    def __init__(
+        self,
+        n: int,
+        rows: list[int],
+        metric: bool,
+        rank_tolerance: float,
+        multiplier_tolerance: float,
+        feasibility_tolerance: float,
+        time_limit: float,
+        max_iterations: int,
+        credit: int,
+        multipliers: bool,
+    ) -> None: ...
+    def bind(self, levels: list[_Level], constraints: int, metric: _Vec | None, origin: _Vec | None) -> None: ...
+    def solve(self) -> tuple[int, int, int]: ...
+    def reset(self) -> None: ...
+    def values(self) -> _Vec: ...
+    def active(self) -> NDArray[np.int8]: ...
+    def multipliers(self) -> _Vec: ...

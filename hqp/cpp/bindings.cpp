@@ -1,0 +1,203 @@
+// Python's view of the kernel: a workspace bound once to the arrays of a hierarchy, solved many times.
+#include <atomic>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+
+#include "kernel.hpp"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace {
+
+using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Matrix = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Index = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+
+bool has_avx2() {
+#if defined(HQP_AVX2)
+  return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+#else
+  return false;
+#endif
+}
+
+hqp::Kernel* make(int n, int levels, const int* m, bool metric) {
+#if defined(HQP_AVX2)
+  if (has_avx2()) return hqp::make_avx2(n, levels, m, metric);
+#endif
+  return hqp::make_generic(n, levels, m, metric);
+}
+
+[[noreturn]] void refuse(const std::string& text) { throw nb::value_error(text.c_str()); }
+
+class Workspace {
+ public:
+  Workspace(int n, const std::vector<int>& rows, bool metric, const hqp::Options& options)
+      : n_(n), rows_(rows), metric_(metric), options_(options) {
+    if (n < 1 || n > kMost) refuse("n must lie in 1.." + std::to_string(kMost) + ", given " + std::to_string(n));
+    for (int m : rows) {
+      if (m < 0 || m > kMost) refuse("rows of a level must lie in 0.." + std::to_string(kMost));
+      total_ += m;
+      pairs_ += total_;
+    }
+    kernel_.reset(make(n, static_cast<int>(rows.size()), rows.data(), metric));
+    values_.resize(static_cast<std::size_t>(n) + total_);
+    active_.resize(static_cast<std::size_t>(total_) + 1);
+    lambda_.resize(options.multipliers ? pairs_ + 1 : 1);
+    levels_.resize(rows.size());
+  }
+
+  // levels: (A or None, index or None, scale or None, lower, upper, damping) each; the arrays are kept and read
+  // at every solve.
+  void bind(const nb::list& levels, int constraints, const nb::object& metric, const nb::object& origin) {
+    const Lock lock(busy_);
+    if (levels.size() != rows_.size()) refuse("workspace has " + std::to_string(rows_.size()) + " levels");
+    std::vector<hqp::Level> views(rows_.size());
+    for (std::size_t k = 0; k < views.size(); ++k) views[k] = view(nb::cast<nb::tuple>(levels[k]), rows_[k]);
+    problem_.metric = nullptr;
+    problem_.origin = nullptr;
+    if (!metric.is_none()) {
+      if (!metric_) refuse("workspace was made without a metric");
+      const auto a = nb::cast<Matrix>(metric);
+      if (a.shape(0) != std::size_t(n_) || a.shape(1) != std::size_t(n_)) refuse("metric has a wrong shape");
+      problem_.metric = a.data();
+    }
+    if (!origin.is_none()) {
+      const auto a = nb::cast<Vector>(origin);
+      if (a.shape(0) != std::size_t(n_)) refuse("origin has a wrong shape");
+      problem_.origin = a.data();
+    }
+    levels_ = views;
+    problem_.levels = levels_.data();
+    problem_.count = static_cast<int>(levels_.size());
+    problem_.constraints = constraints;
+    kept_ = nb::make_tuple(levels, metric, origin);
+    bound_ = true;
+  }
+
+  nb::tuple solve() {
+    const Lock lock(busy_);
+    if (!bound_) refuse("bind a problem first");
+    hqp::Answer answer;
+    answer.x = values_.data();
+    answer.slack = values_.data() + n_;
+    answer.active = active_.data();
+    answer.multipliers = options_.multipliers ? lambda_.data() : nullptr;
+    {
+      const nb::gil_scoped_release release;
+      kernel_->solve(problem_, options_, answer);
+    }
+    return nb::make_tuple(static_cast<int>(answer.outcome), answer.iterations, answer.factorisations);
+  }
+
+  void reset() {
+    const Lock lock(busy_);
+    kernel_->reset();
+  }
+
+  auto values() { return nb::ndarray<nb::numpy, double, nb::ndim<1>>(values_.data(), {values_.size()}, nb::find(this)); }
+  auto active() { return nb::ndarray<nb::numpy, std::int8_t, nb::ndim<1>>(active_.data(), {std::size_t(total_)}, nb::find(this)); }
+  auto multipliers() { return nb::ndarray<nb::numpy, double, nb::ndim<1>>(lambda_.data(), {std::size_t(options_.multipliers ? pairs_ : 0)}, nb::find(this)); }
+
+  int traverse(visitproc visit, void* arg) {
+    Py_VISIT(kept_.ptr());
+    return 0;
+  }
+  void clear() { kept_.reset(); bound_ = false; }
+
+ private:
+  static constexpr int kMost = 10000;
+
+  struct Lock {
+    explicit Lock(std::atomic<bool>& flag) : flag(flag) {
+      if (flag.exchange(true)) throw std::runtime_error("this workspace is solving in another thread; give each thread its own");
+    }
+    ~Lock() { flag.store(false); }
+    std::atomic<bool>& flag;
+  };
+
+  hqp::Level view(const nb::tuple& parts, int m) const {
+    if (parts.size() != 6) refuse("a level is (A, index, scale, lower, upper, damping)");
+    hqp::Level level;
+    level.m = m;
+    const auto vector = [m](nb::handle h, const char* name) {
+      const auto a = nb::cast<Vector>(h);
+      if (a.shape(0) != std::size_t(m)) refuse(std::string(name) + " has a wrong shape");
+      return a.data();
+    };
+    if (!parts[0].is_none()) {
+      const auto a = nb::cast<Matrix>(parts[0]);
+      if (a.shape(0) != std::size_t(m) || a.shape(1) != std::size_t(n_)) refuse("A has a wrong shape");
+      level.A = a.data();
+    } else {
+      const auto a = nb::cast<Index>(parts[1]);
+      if (a.shape(0) != std::size_t(m)) refuse("index has a wrong shape");
+      level.index = a.data();
+      level.scale = vector(parts[2], "scale");
+    }
+    level.lower = vector(parts[3], "lower");
+    level.upper = vector(parts[4], "upper");
+    level.damping = nb::cast<double>(parts[5]);
+    if (!(level.damping >= 0.0 && level.damping < 1e300)) refuse("damping must be finite and not negative");
+    return level;
+  }
+
+  int n_;
+  std::vector<int> rows_;
+  bool metric_;
+  int total_ = 0, pairs_ = 0;
+  std::unique_ptr<hqp::Kernel> kernel_;
+  std::vector<double> values_, lambda_;
+  std::vector<std::int8_t> active_;
+  std::vector<hqp::Level> levels_;
+  hqp::Problem problem_;
+  hqp::Options options_;
+  nb::object kept_;
+  bool bound_ = false;
+  std::atomic<bool> busy_{false};
+};
+
+int traverse(PyObject* self, visitproc visit, void* arg) {
+#if PY_VERSION_HEX >= 0x03090000
+  Py_VISIT(Py_TYPE(self));
+#endif
+  if (!nb::inst_ready(self)) return 0;
+  return nb::inst_ptr<Workspace>(self)->traverse(visit, arg);
+}
+
+int clear(PyObject* self) {
+  if (nb::inst_ready(self)) nb::inst_ptr<Workspace>(self)->clear();
+  return 0;
+}
+
+PyType_Slot slots[] = {{Py_tp_traverse, reinterpret_cast<void*>(traverse)},
+                       {Py_tp_clear, reinterpret_cast<void*>(clear)},
+                       {0, nullptr}};
+
+}  // namespace
+
+NB_MODULE(_lexicographic, m) {
+  m.doc() = "Native kernel of the lexicographic solver.";
+  m.attr("instruction_set") = has_avx2() ? "avx2" : "generic";
+  nb::class_<Workspace>(m, "Workspace", nb::type_slots(slots))
+      .def("__init__", [](Workspace* self, int n, const nb::list& rows, bool metric, double rank, double multiplier,
+                          double feasibility, double time_limit, int max_iterations, int credit, bool multipliers) {
+             std::vector<int> sizes;
+             for (nb::handle h : rows) sizes.push_back(nb::cast<int>(h));
+             new (self) Workspace(n, sizes, metric,
+                                  {rank, multiplier, feasibility, time_limit, max_iterations, credit, multipliers});
+           }, "n"_a, "rows"_a, "metric"_a, "rank_tolerance"_a, "multiplier_tolerance"_a, "feasibility_tolerance"_a,
+           "time_limit"_a, "max_iterations"_a, "credit"_a, "multipliers"_a)
+      .def("bind", &Workspace::bind, "levels"_a, "constraints"_a, "metric"_a.none(), "origin"_a.none())
+      .def("solve", &Workspace::solve)
+      .def("reset", &Workspace::reset)
+      .def("values", &Workspace::values)
+      .def("active", &Workspace::active)
+      .def("multipliers", &Workspace::multipliers);
+}

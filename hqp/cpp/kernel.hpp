@@ -1,0 +1,19 @@
+// The kernel as the binding sees it: one workspace, built for the widest instruction set of the machine.
+#pragma once
+
+#include "problem.hpp"
+
+namespace hqp {
+
+class Kernel {
+ public:
+  virtual ~Kernel() = default;
+  virtual void solve(const Problem& problem, const Options& options, Answer& answer) = 0;
+  virtual void reset() = 0;
+};
+
+// n variables, m[k] rows in level k, a metric or not; throws std::bad_alloc.
+Kernel* make_generic(int n, int levels, const int* m, bool metric);
+Kernel* make_avx2(int n, int levels, const int* m, bool metric);
+
+}  // namespace hqp

@@ -1,0 +1,125 @@
+// One workspace: everything allocated at construction, nothing in solve.
+#pragma once
+
+#include "active_set.hpp"
+#include "kernel.hpp"
+
+namespace hqp {
+inline namespace HQP_ISA {
+
+constexpr double kActive = 1e-9;     // a row is active this near its bound, relative to 1 + |bound|
+constexpr double kViolated = 1e-8;   // a constraint is violated above this slack, relative to 1 + |bound|
+
+class Lexicographic final : public Kernel {
+ public:
+  Lexicographic(int n, int levels, const int* m, bool metric) : n_(n) {
+    int* sizes = static_cast<int*>(std::malloc(sizeof(int) * (static_cast<std::size_t>(levels) + 3)));
+    if (!sizes) throw std::bad_alloc();
+    set_.layout(arena_, n, levels, m, sizes, metric);
+    arena_.take();
+    set_.layout(arena_, n, levels, m, sizes, metric);
+    std::free(sizes);
+    set_.start();
+  }
+
+  void reset() override { set_.forget(); }
+
+  void solve(const Problem& problem, const Options& options, Answer& answer) override {
+    if (!set_.table.read(problem)) {
+      set_.forget();
+      answer.outcome = Outcome::invalid;
+      return;
+    }
+    set_.solve(options);
+    answer.outcome = set_.outcome;
+    answer.iterations = set_.iterations;
+    answer.factorisations = set_.factorisations;
+    report(problem, answer);
+    if (answer.multipliers) multipliers(problem, answer);
+  }
+
+ private:
+  Arena arena_;
+  ActiveSet set_;
+  int n_;
+
+  // Slack and activity of every row from (problem, x) alone.
+  void report(const Problem& problem, Answer& answer) {
+    const Table& t = set_.table;
+    for (int i = 0; i < n_; ++i) answer.x[i] = set_.x[i];
+    t.product(set_.x, set_.v);
+    int out = 0;
+    bool violated = false;
+    for (int k = 0; k < problem.count; ++k) {
+      const Level& level = problem.levels[k];
+      const bool constraint = k < problem.constraints;
+      const double* value = k >= t.first ? set_.v + t.block[k - t.first].begin : nullptr;
+      for (int i = 0; i < level.m; ++i, ++out) {
+        const double l = level.lower[i], u = level.upper[i];
+        const double a = value ? value[i] : box_value(level, i);
+        const double w = a > u ? a - u : a < l ? a - l : 0.0;
+        answer.slack[out] = w;
+        if (l == u) answer.active[out] = kEquality;
+        else if (u < kInfinity && a >= u - kActive * (1.0 + std::fabs(u))) answer.active[out] = kUpper;
+        else answer.active[out] = l > -kInfinity && a <= l + kActive * (1.0 + std::fabs(l)) ? kLower : kFree;
+        if (constraint && w != 0.0) violated = violated || std::fabs(w) > kViolated * (1.0 + std::fabs(w > 0.0 ? u : l));
+      }
+    }
+    const bool solved = answer.outcome == Outcome::optimal || answer.outcome == Outcome::rank_uncertain;
+    if (solved && violated) answer.outcome = Outcome::constraints_violated;
+  }
+
+  double box_value(const Level& level, int i) const {
+    const Table& t = set_.table;
+    return level.A ? t.single_scale[i] * set_.x[t.single_index[i]] : level.scale[i] * set_.x[level.index[i]];
+  }
+
+  // lambda_kj of the last working set: the adjoint sweep of level k, what is left of the gradient on the box.
+  void multipliers(const Problem& problem, Answer& answer) {
+    const Table& t = set_.table;
+    Multipliers& a = set_.multipliers;
+    const double span = a.span_of_x();
+    double* out = answer.multipliers;
+    int before = 0;
+    for (int k = 0; k < problem.count; ++k) {
+      const int m = problem.levels[k].m, own = k - t.first;
+      for (int i = 0; i < before + m; ++i) out[i] = 0.0;
+      if (own >= 0) {
+        const double length = a.slack(own, set_.W, set_.v, span);
+        if (length > 0.0) {
+          a.gradient(own, set_.W);
+          int at = before;
+          for (int j = own - 1; j >= 0; --j) {
+            a.sweep(j);
+            const Block& b = t.block[j];
+            at -= b.end - b.begin;
+            for (int r = b.begin; r < b.end; ++r) out[at + r - b.begin] = a.lambda[r];
+          }
+          if (t.first) box_multipliers(problem.levels[0], out);
+        }
+        for (int i = 0; i < m; ++i) out[before + i] = answer.slack[before + i];
+      }
+      out += before + m;
+      before += m;
+    }
+  }
+
+  // A fixed variable's multiplier goes to the first row that holds it.
+  void box_multipliers(const Level& level, double* out) {
+    const Table& t = set_.table;
+    double* g = set_.multipliers.g;
+    for (int i = 0; i < level.m; ++i) {
+      const int j = static_cast<int>(level.A ? t.single_index[i] : level.index[i]);
+      const double s = level.A ? t.single_scale[i] : level.scale[i];
+      if (!set_.F[j] || g[j] == 0.0) continue;
+      const double side = -g[j] * s;   // > 0: the row must be at upper
+      const double bound = side > 0 ? level.upper[i] : level.lower[i];
+      if (!(std::fabs(s * set_.x[j] - bound) <= kActive * (1.0 + std::fabs(bound)))) continue;
+      out[i] = -g[j] / s;
+      g[j] = 0.0;
+    }
+  }
+};
+
+}  // namespace HQP_ISA
+}  // namespace hqp

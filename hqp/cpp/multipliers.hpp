@@ -1,0 +1,184 @@
+// The signs of the multipliers, level by level, by one adjoint sweep through the stages of the tableau.
+#pragma once
+
+#include "tableau.hpp"
+
+namespace hqp {
+inline namespace HQP_ISA {
+
+// A working row or a fixed variable that holds the optimum back.
+struct Wrong {
+  int level;      // block that says so
+  int index;      // row of the table, or variable
+  bool variable;
+  double size;    // length of the force in x
+};
+
+struct Multipliers {
+  const Table* table = nullptr;
+  Tableau* tableau = nullptr;
+  double tolerance = 1e-11;
+  double* g = nullptr;        // (n,) gradient
+  double* w = nullptr;        // (rows,) slack of the working rows
+  double* lambda = nullptr;   // (rows,)
+  double* y = nullptr;        // scratch
+  std::int8_t* open = nullptr;      // (rows,) sign not known yet
+  std::int8_t* open_x = nullptr;    // (n,)
+  Wrong* wrong = nullptr;
+  int count = 0;
+  int pending = 0;
+
+  void layout(Arena& arena, int n, int rows, int most) {
+    arena.place(g, n); arena.place(w, rows); arena.place(lambda, rows); arena.place(y, most + n + 16);
+    arena.place(open, rows); arena.place(open_x, n); arena.place(wrong, static_cast<std::size_t>(rows) + n);
+  }
+
+  // Fill `wrong` for the working set (W, F) whose solution is the tableau's x, v = A x.
+  void judge(const std::int8_t* W, const std::int8_t* F, const double* v) {
+    const Table& t = *table;
+    count = 0; pending = 0;
+    for (int i = 0; i < t.n; ++i) { open_x[i] = F[i] && !t.fixed[i]; pending += open_x[i]; }
+    for (int r = 0; r < t.rows; ++r) { open[r] = W[r] && t.kind[r] == kUpper; pending += open[r]; }
+    if (!pending) return;
+    const double span = span_of_x();
+    for (int k = 0; k < t.blocks && pending; ++k) {
+      const double length = slack(k, W, v, span);
+      if (length == 0.0) continue;
+      own_signs(k, W);
+      if (!pending) break;
+      gradient(k, W);
+      const double limit = (tolerance + 1e-15 * tableau->growth) * t.block[k].norm * length;
+      for (int j = k - 1; j >= 0; --j) {
+        sweep(j);
+        decide_rows(k, j, W, limit);
+      }
+      for (int i = 0; i < t.n; ++i) {
+        if (!open_x[i] || !(std::fabs(g[i]) > limit)) continue;
+        if (g[i] * F[i] > 0.0) wrong[count++] = Wrong{k, i, true, std::fabs(g[i])};
+        open_x[i] = 0; --pending;
+      }
+    }
+  }
+
+  double span_of_x() const {
+    double span = 0.0;
+    for (int i = 0; i < table->n; ++i) span = larger(span, std::fabs(tableau->x[i]));
+    return span;
+  }
+
+  // w_k of the working rows with rounding set to zero, and its norm.
+  double slack(int k, const std::int8_t* W, const double* v, double span) {
+    const Table& t = *table;
+    const Block& b = t.block[k];
+    const Stage& s = tableau->stage[k];
+    double square = 0.0;
+    for (int r = b.begin; r < b.end; ++r) {
+      if (!W[r]) { w[r] = 0.0; continue; }
+      const double bound = W[r] == kLower ? t.lower[r] : t.upper[r];
+      const double noise = tolerance * (std::fabs(bound) + t.norm[r] * span);
+      w[r] = v[r] - bound;
+      if (std::fabs(w[r]) <= noise) w[r] = 0.0;
+    }
+    if (s.kind == Stage::kReflectors) {
+      if (s.rank == s.m) for (int i = 0; i < s.m; ++i) w[s.rows[i]] = 0.0;
+      else if (s.excess > 0.0) remove_damping(s);
+    }
+    for (int r = b.begin; r < b.end; ++r) square += w[r] * w[r];
+    return std::sqrt(square);
+  }
+
+  void gradient(int k, const std::int8_t* W) {
+    for (int i = 0; i < table->n; ++i) g[i] = 0.0;
+    const Block& b = table->block[k];
+    for (int r = b.begin; r < b.end; ++r)
+      if (W[r] && w[r] != 0.0) add_row(b, r, w[r]);
+  }
+
+  // The multipliers of block j that clear its pivot variables from the gradient; the gradient follows.
+  void sweep(int j) {
+    const Stage& s = tableau->stage[j];
+    const Block& b = table->block[j];
+    for (int r = b.begin; r < b.end; ++r) lambda[r] = 0.0;
+    if (s.kind == Stage::kIdle || s.rank == 0) return;
+    if (s.kind == Stage::kGram) gram_multipliers(s, b);
+    else reflector_multipliers(s);
+    for (int i = 0; i < s.m; ++i) add_row(b, s.rows[i], lambda[s.rows[i]]);
+  }
+
+ private:
+  void own_signs(int k, const std::int8_t* W) {
+    const Block& b = table->block[k];
+    for (int r = b.begin; r < b.end; ++r) {
+      if (!open[r] || w[r] == 0.0) continue;
+      if (w[r] * W[r] < 0.0) wrong[count++] = Wrong{k, r, false, std::fabs(w[r]) * table->norm[r]};
+      open[r] = 0; --pending;
+    }
+  }
+
+  void decide_rows(int k, int j, const std::int8_t* W, double limit) {
+    const Block& b = table->block[j];
+    for (int r = b.begin; r < b.end; ++r) {
+      if (!open[r] || !(std::fabs(lambda[r]) * table->norm[r] > limit)) continue;
+      if (lambda[r] * W[r] < 0.0) wrong[count++] = Wrong{k, r, false, std::fabs(lambda[r]) * table->norm[r]};
+      open[r] = 0; --pending;
+    }
+  }
+
+  void add_row(const Block& b, int r, double f) {
+    if (f == 0.0) return;
+    const int i = r - b.begin;
+    if (b.A) add_any(g, b.A + static_cast<std::ptrdiff_t>(i) * table->n, f, table->n);
+    else g[b.index[i]] += f * b.scale[i];
+  }
+
+  // The slack that damping asked for is no conflict: keep what is orthogonal to the level's range.
+  void remove_damping(const Stage& s) {
+    for (int i = 0; i < s.m; ++i) y[i] = w[s.rows[i]];
+    for (int i = 0; i < s.rank; ++i) reflect_vector(s, i);
+    for (int i = 0; i < s.rank; ++i) y[i] = 0.0;
+    for (int i = s.rank - 1; i >= 0; --i) reflect_vector(s, i);
+    for (int i = 0; i < s.m; ++i) w[s.rows[i]] = y[i];
+  }
+
+  void reflect_vector(const Stage& s, int i) {
+    const double* v = s.V + static_cast<std::ptrdiff_t>(i) * s.ldv;
+    const double f = s.tau[i] * dot_any(v + i, y + i, s.m - i);
+    add_any(y + i, v + i, -f, s.m - i);
+  }
+
+  void reflector_multipliers(const Stage& s) {
+    const int r = s.rank;
+    for (int i = 0; i < r; ++i) y[i] = g[s.variables[i]];
+    for (int i = 0; i < s.before; ++i) {
+      const double f = g[tableau->base[i]];
+      if (f != 0.0) add_any(y, s.pivots + static_cast<std::ptrdiff_t>(i) * s.ldr, -f, r);
+    }
+    for (int i = 0; i < r; ++i) {                     // R' y = h
+      const double* row = s.R + static_cast<std::ptrdiff_t>(i) * s.ldr;
+      y[i] /= row[i];
+      add_any(y + i + 1, row + i + 1, -y[i], r - i - 1);
+    }
+    for (int i = r; i < s.m; ++i) y[i] = 0.0;
+    for (int i = r - 1; i >= 0; --i) reflect_vector(s, i);
+    for (int i = 0; i < s.m; ++i) lambda[s.rows[i]] = -y[i];
+  }
+
+  void gram_multipliers(const Stage& s, const Block& b) {
+    Tableau& t = *tableau;
+    const int c = t.gram_free;
+    for (int j = 0; j < c; ++j) y[j] = g[t.free[j]];
+    for (int i = 0; i < t.basic; ++i) {
+      const double f = g[t.base[i]];
+      if (f != 0.0) add_any(y, t.G + static_cast<std::ptrdiff_t>(i) * t.ld + 1, -f, c);
+    }
+    t.solve_gram(y);
+    for (int i = 0; i < s.m; ++i) {
+      const int local = s.rows[i] - b.begin, p = t.place[b.index[local]];
+      lambda[s.rows[i]] = p >= 0 ? -b.scale[local] * y[p]
+                                 : b.scale[local] * dot_any(t.G + static_cast<std::ptrdiff_t>(-1 - p) * t.ld + 1, y, c);
+    }
+  }
+};
+
+}  // namespace HQP_ISA
+}  // namespace hqp

@@ -1,0 +1,192 @@
+"""The working set: block exchange while it pays, then lexicographic descent by single changes."""
+
+from __future__ import annotations
+
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hqp.arrays import Signs, Vec
+from hqp.problem import Status
+from hqp.solvers.lexicographic_reference.equality import Point, Wrong, equality_point, judge
+from hqp.solvers.lexicographic_reference.step import Step
+from hqp.solvers.lexicographic_reference.table import Box, Table
+
+if TYPE_CHECKING:
+    from hqp.solvers.lexicographic import Lexicographic
+
+NEAR = 100.0
+"""A pivot within this factor of the rank tolerance makes the rank uncertain."""
+
+
+class _Capped(Exception):
+    """A cap was met."""
+
+
+class ActiveSet:
+    """W ``(M,)`` marks working rows, F ``(n,)`` variables held at a bound; x is the best point so far."""
+
+    def __init__(self, table: Table, options: Lexicographic, warm: tuple[Signs, Signs] | None, begin: float) -> None:
+        self.table, self.options = table, options
+        self.W, self.F = self._start(warm)
+        self.x: Vec = table.box.clip(np.zeros(table.A.shape[1]))
+        self.factorisations = 0
+        self.status = Status.OPTIMAL
+        self.shifted = False
+        self.point: Point | None = None
+        self._cap = options.max_iterations or 100 + 10 * (table.M + self.x.size)
+        self._deadline = np.inf if options.time_limit is None else begin + options.time_limit
+
+    def run(self) -> None:
+        """To the optimum, or to a cap with its status."""
+        try:
+            if not self._block_exchange():
+                self._descend()
+        except _Capped as cap:
+            self.status = cap.args[0]
+
+    def _start(self, warm: tuple[Signs, Signs] | None) -> tuple[Signs, Signs]:
+        table, box = self.table, self.table.box
+        W, F = table.start.copy(), np.where(box.fixed, 1, 0).astype(np.int8)
+        if warm is not None:
+            last, held = warm
+            bound = np.where(last == -1, table.lower, table.upper)
+            keep = table.usable & (abs(last) == 1) & np.isfinite(bound)
+            W[keep] = last[keep]
+            edge = np.where(held < 0, box.lo, box.hi)
+            keep_x = ~box.fixed & (held != 0) & np.isfinite(edge)
+            F[keep_x] = held[keep_x]
+        return W, F
+
+    def _solve(self) -> Point:
+        if self.factorisations and perf_counter() > self._deadline:
+            raise _Capped(Status.TIME_LIMIT)
+        if self.factorisations >= self._cap:
+            raise _Capped(Status.ITERATION_LIMIT)
+        self.factorisations += 1
+        self.point = equality_point(self.table, self.W, self.F, self.options)
+        return self.point
+
+    def room(self, bound: Vec, size: float, norm: Vec | float = 1.0) -> Vec:
+        """How far past a bound still counts as on it."""
+        finite = np.where(np.isfinite(bound), abs(bound), 0.0)
+        return np.asarray(self.options.feasibility_tolerance * (finite + norm * size))
+
+    def _violations(self, point: Point) -> tuple[Signs, Signs]:
+        """Sides of the rows and variables outside the working set that the point violates."""
+        t, box, size = self.table, self.table.box, float(abs(point.x).max(initial=0.0))
+        above = point.value > t.upper + self.room(t.upper, size, t.norm)
+        below = point.value < t.lower - self.room(t.lower, size, t.norm)
+        rows = np.where(t.usable & (self.W == 0), above.astype(np.int8) - below, 0)
+        over = point.x > box.hi + self.room(box.hi, size)
+        under = point.x < box.lo - self.room(box.lo, size)
+        variables = np.where(self.F == 0, over.astype(np.int8) - under, 0)
+        return rows.astype(np.int8), variables.astype(np.int8)
+
+    def _accept(self, point: Point) -> None:
+        self.x = self.table.box.clip(point.x)
+        self.shifted = point.shifted
+        if point.closest < NEAR:
+            self.status = Status.RANK_UNCERTAIN
+
+    def _block_exchange(self) -> bool:
+        """Swap everything violated or wrong-signed at once; False once that no longer lessens the trouble."""
+        credit, best, first = self.options.exchange_credit, 1 << 30, None
+        while True:
+            point = self._solve()
+            rows, variables = self._violations(point)
+            wrong = judge(self.table, self.W, self.F, point, self.options)
+            trouble = int(np.count_nonzero(rows) + np.count_nonzero(variables)) + len(wrong)
+            if not trouble:
+                self._accept(point)
+                return True
+            W, F = np.where(rows != 0, rows, self.W), np.where(variables != 0, variables, self.F)
+            if first is None:
+                first = (W.copy(), F.copy())
+                self.x = self.table.box.clip(point.x)
+            credit -= int(trouble >= best)
+            best = min(best, trouble)
+            if credit < 0:
+                self.W, self.F = first
+                return False
+            self.W, self.F = W, F
+            for item in wrong:
+                self._release(item)
+
+    def _release(self, item: Wrong) -> None:
+        if item.variable:
+            self.F[item.index] = 0
+        else:
+            self.W[item.index] = 0
+
+    def _descend(self) -> None:
+        """From the clipped first point: x stays in the box, and no level rises for the sake of a lower one."""
+        seen: set[bytes] = set()
+        repeats, original = 0, None
+        while True:
+            step = Step(self.table, self, self._solve_from_here())
+            if not step.take():
+                continue
+            point = step.point
+            self.x = self.table.box.clip(point.x)
+            if any(side.any() for side in self._violations(point)):
+                continue
+            wrong = judge(self.table, self.W, self.F, point, self.options)
+            if not wrong:
+                if original is not None:
+                    self._undisturb(*original)
+                    point = self._solve()
+                    self._settle(point)
+                self._accept(point)
+                return
+            key = self.W.tobytes() + self.F.tobytes()
+            if key in seen:
+                seen.clear()
+                repeats += 1
+                if repeats == 3:
+                    original = self._disturb()
+                    continue
+                if repeats > 20:
+                    self.status = Status.NOT_CERTIFIED
+                    return
+            seen.add(key)
+            level = min(item.level for item in wrong)
+            worst = [item for item in wrong if item.level == level]
+            if repeats:
+                self._release(min(worst, key=lambda item: (not item.variable, item.index)))
+            else:
+                self._release(max(worst, key=lambda item: item.size))
+
+    def _solve_from_here(self) -> Point:
+        """Rows violated at x work at their side, rows well inside do not; then solve."""
+        t, size = self.table, float(abs(self.x).max(initial=0.0))
+        value = t.A @ self.x
+        above, below = self.room(t.upper, size, t.norm), self.room(t.lower, size, t.norm)
+        inside = ((self.W == 1) & (value < t.upper - above)) | ((self.W == -1) & (value > t.lower + below))
+        self.W[t.usable & inside] = 0
+        self.W[t.usable & (value > t.upper + above)] = 1
+        self.W[t.usable & (value < t.lower - below)] = -1
+        return self._solve()
+
+    def _disturb(self) -> tuple[Vec, Vec, Box]:
+        """Last resort against a degenerate vertex: widen every inequality by a tiny amount of its own."""
+        t, rng = self.table, np.random.default_rng(7)
+        size, kept = float(abs(self.x).max(initial=0.0)) + 1e-3, (t.lower, t.upper, t.box)
+        widen = np.where(t.usable, 1e-9 * rng.uniform(0.5, 1.0, t.M) * t.norm * size, 0.0)
+        widen_x = np.where(t.box.fixed, 0.0, 1e-9 * rng.uniform(0.5, 1.0, self.x.size) * size)
+        t.lower, t.upper = t.lower - widen, t.upper + widen
+        t.box = Box(t.box.lo - widen_x, t.box.hi + widen_x, t.box.taken)
+        self.x = np.where(self.F > 0, t.box.hi, np.where(self.F < 0, t.box.lo, self.x))
+        return kept
+
+    def _undisturb(self, lower: Vec, upper: Vec, box: Box) -> None:
+        self.table.lower, self.table.upper, self.table.box = lower, upper, box
+
+    def _settle(self, point: Point) -> None:
+        """The working set of the widened problem, judged on the original one."""
+        t, size = self.table, float(abs(point.x).max(initial=0.0))
+        limit = 1e-7 * t.norm * size
+        off = t.usable & (self.W == 0) & ((point.value > t.upper + limit) | (point.value < t.lower - limit))
+        if off.any() or np.any(abs(point.x - t.box.clip(point.x)) > 1e-7 * size):
+            self.status = Status.NOT_CERTIFIED

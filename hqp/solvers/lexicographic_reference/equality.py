@@ -1,0 +1,130 @@
+"""Equality-constrained lexicographic least squares by an orthonormal chain, and the signs of its multipliers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hqp.arrays import Mat, Signs, Vec
+from hqp.solvers.lexicographic_reference.table import Table
+
+if TYPE_CHECKING:
+    from hqp.solvers.lexicographic import Lexicographic
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Link:
+    """A level in the basis left by those above: A_k Z = U diag(s) V', Y = Z V, both cut at the rank."""
+
+    rows: NDArray[np.intp]
+    Y: Mat
+    U: Mat
+    s: Vec
+    damped: float
+
+
+@dataclass(frozen=True, slots=True)
+class Wrong:
+    """A working row or fixed variable whose multiplier has the wrong sign, and the level that says so."""
+
+    level: int
+    size: float
+    variable: bool
+    index: int
+
+
+@dataclass(slots=True, eq=False)
+class Point:
+    """The solution x for a working set, value = A x, and the chain that led to it."""
+
+    x: Vec
+    value: Vec
+    chain: list[Link]
+    closest: float
+    shifted: bool
+
+
+def bounds(table: Table, W: Signs, rows: NDArray[np.intp]) -> Vec:
+    """What working rows aim at."""
+    return np.where(W[rows] == -1, table.lower[rows], table.upper[rows])
+
+
+def equality_point(table: Table, W: Signs, F: Signs, options: Lexicographic) -> Point:
+    """x_k = x_{k-1} + Y_k (s / (s^2 + d^2)) U_k' (b_k - A_k x_{k-1}), Z_{k+1} = Z_k V_k_rest."""
+    n = table.A.shape[1]
+    x = np.where(F > 0, table.box.hi, np.where(F < 0, table.box.lo, 0.0))
+    Z = np.eye(n)[:, F == 0]
+    chain, closest, growth, shifted = [], np.inf, 1.0, False
+    for k, all_rows in enumerate(table.levels):
+        rows = all_rows[W[all_rows] != 0]
+        A, d = table.A[rows], table.damping[k]
+        Y, U, s = np.zeros((n, 0)), np.zeros((rows.size, 0)), np.zeros(0)
+        if rows.size and Z.shape[1]:
+            U, s, Vt = np.linalg.svd(A @ Z)
+            floor = max(options.rank_tolerance, 1e-14 * growth) * table.scale[k]
+            rank = int(np.sum(s > floor))
+            closest = min(closest, *(max(v / floor, floor / max(v, 1e-300)) for v in s)) if floor > 0 else closest
+            Y, U, s, Z = Z @ Vt[:rank].T, U[:, :rank], s[:rank], Z @ Vt[rank:].T
+            error = U.T @ (bounds(table, W, rows) - A @ x)
+            x = x + Y @ (error * s / (s * s + d * d))
+            if rank:
+                growth = max(growth, table.scale[k] / s[-1])
+                shifted = shifted or bool(d > 0.0 and np.any(d * d * abs(error) > 1e-9 * (s * s + d * d)))
+        chain.append(Link(rows, Y, U, s, d))
+    return Point(x, table.A @ x, chain, closest, shifted)
+
+
+def slack(table: Table, W: Signs, point: Point, k: int, tolerance: float) -> Vec:
+    """w_k of the working rows of level k; rounding, and what damping asked for, count as zero."""
+    link = point.chain[k]
+    target = bounds(table, W, link.rows)
+    w = point.value[link.rows] - target
+    span = abs(point.x).max(initial=0.0)
+    w[abs(w) <= tolerance * (abs(target) + table.norm[link.rows] * span)] = 0.0
+    if link.s.size and (link.damped > 0.0 or link.s.size == link.rows.size):
+        w = w - link.U @ (link.U.T @ w)
+        if link.s.size == link.rows.size:
+            w[:] = 0.0
+    return np.asarray(w)
+
+
+def adjoint(table: Table, point: Point, k: int, w: Vec) -> tuple[list[Vec], Vec]:
+    """lambda_kj = -U_j diag(1/s_j) Y_j' g for j = k-1..0, g = A_k' w + sum_{i>j} A_i' lambda_ki; and the last g."""
+    g = table.A[point.chain[k].rows].T @ w
+    found: list[Vec] = []
+    for link in reversed(point.chain[:k]):
+        found.append(-link.U @ ((link.Y.T @ g) / link.s))
+        g = g + table.A[link.rows].T @ found[-1]
+    return found[::-1], g
+
+
+def judge(table: Table, W: Signs, F: Signs, point: Point, options: Lexicographic) -> list[Wrong]:
+    """Working rows and fixed variables that hold a level back: the first level with a clear sign decides."""
+    open_rows, open_x = (W != 0) & table.usable, (F != 0) & ~table.box.fixed
+    wrong: list[Wrong] = []
+
+    def settle(k: int, rows: NDArray[np.intp], values: Vec, limit: float) -> None:
+        force = abs(values) * table.norm[rows]
+        decided = open_rows[rows] & (force > limit)
+        bad = decided & (values * W[rows] < 0.0)
+        wrong.extend(Wrong(k, float(force[i]), False, int(rows[i])) for i in np.flatnonzero(bad))
+        open_rows[rows[decided]] = False
+
+    for k, link in enumerate(point.chain):
+        if not open_rows.any() and not open_x.any():
+            break
+        w = slack(table, W, point, k, options.multiplier_tolerance)
+        if not w.any():
+            continue
+        settle(k, link.rows, w, 0.0)
+        multipliers, g = adjoint(table, point, k, w)
+        limit = options.multiplier_tolerance * table.scale[k] * float(np.sqrt(w @ w))
+        for above, values in zip(point.chain, multipliers, strict=False):
+            settle(k, above.rows, values, limit)
+        decided = open_x & (abs(g) > limit)
+        wrong.extend(Wrong(k, float(abs(g[i])), True, int(i)) for i in np.flatnonzero(decided & (g * F > 0.0)))
+        open_x &= ~decided
+    return wrong
