@@ -10,7 +10,6 @@ before a more important one gets better; an answer that cannot be confirmed is l
 from __future__ import annotations
 
 from dataclasses import dataclass
-
 from typing import TypeAlias
 
 import numpy as np
@@ -89,7 +88,9 @@ class Refiner:
         flat = self.flat
         self._lengths = np.sqrt(np.einsum("ij,ij->i", flat.A, flat.A))
         starts = [0, *flat.stops]
-        self._longest = np.array([self._lengths[a:z].max(initial=0.0) for a, z in zip(starts, flat.stops, strict=False)])
+        self._longest = np.array(
+            [self._lengths[a:z].max(initial=0.0) for a, z in zip(starts, flat.stops, strict=False)]
+        )
 
     def _guess(self, x: Vec, nearness: float) -> Signs:
         flat = self.flat

@@ -42,7 +42,9 @@ class Weighted(Solver):
             object.__setattr__(self, "weights", tuple(self.weights))
         for field in ("ratio", "regularisation", "tolerance"):
             if not 0.0 < getattr(self, field) < np.inf:
-                raise DeclarationError("weighted", f"bad {field}", value=getattr(self, field), allowed="finite, above 0")
+                raise DeclarationError(
+                    "weighted", f"bad {field}", value=getattr(self, field), allowed="finite, above 0"
+                )
         if not all(0.0 < weight < np.inf for weight in self.weights or ()):
             raise DeclarationError("weighted", "bad weights", value=self.weights, allowed="finite, above 0")
 

@@ -32,6 +32,8 @@ class ProxqpWorkspace:
         settings = self._qp.settings
         settings.eps_abs, settings.eps_rel = options.tolerance, 0.0
         settings.max_iter = options.max_iterations
+        # a cascade's programs are feasible and bounded by construction, at degenerate points proxqp doubts it
+        settings.eps_primal_inf = settings.eps_dual_inf = 1e-14
         settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
         self._started = False
 
