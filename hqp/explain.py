@@ -21,7 +21,7 @@ MET = 1e-7
 
 @dataclass(frozen=True)
 class Loss:
-    """Who took how much: ``share`` of the push on a level's residual that this element holds against."""
+    """Who took how much: ``share`` (0 to 1) of the push on a level's residual that this element holds against."""
 
     element: str
     share: float
@@ -94,17 +94,17 @@ def _shares(problem: Hierarchy, verdict: Certificate, places: Mapping[str, Place
     levels, multipliers = problem.levels, verdict.multipliers[k]
     starts = np.concatenate(([0], np.cumsum([rows.m for rows in levels]))).astype(int)
     g = levels[k].dense(problem.n).T @ multipliers[starts[k] :]
-    size = float(g @ g)
-    if size <= 0.0:
+    if not g.any():
         return ()
-    losses = []
+    against = {}
     for name, place in places.items():
-        if place.level >= k:
-            continue
-        lam = multipliers[starts[place.level] :][place.part]
-        share = -float(g @ (levels[place.level].dense(problem.n)[place.part].T @ lam)) / size
-        if share > SHARE:
-            losses.append(Loss(name, share))
+        if place.level < k:
+            lam = multipliers[starts[place.level] :][place.part]
+            force = -float(g @ (levels[place.level].dense(problem.n)[place.part].T @ lam))
+            if force > 0.0:  # an element may also push the level's way; only those that hold against it took something
+                against[name] = force
+    total = sum(against.values())
+    losses = (Loss(name, force / total) for name, force in against.items() if force > SHARE * total)
     return tuple(sorted(losses, key=lambda loss: -loss.share))
 
 
