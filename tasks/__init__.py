@@ -7,21 +7,30 @@ if __name__ != "hqp.tasks":
 
 from .com import Com
 from .contact import EdgeContact, FixedContact, PointContact
+from .coupling import JointCoupling
+from .friction import CenterOfPressure, FrictionCone, UnilateralContact
 from .limits import JointLimits, TorqueLimits
 from .orientation import Orientation
 from .pose import Pose
 from .position import Position
 from .posture import Posture
+from .wheel import OmniWheelContact, WheelContact
 
 __all__ = [
+    "CenterOfPressure",
     "Com",
     "EdgeContact",
     "FixedContact",
+    "FrictionCone",
+    "JointCoupling",
     "JointLimits",
+    "OmniWheelContact",
     "Orientation",
     "PointContact",
     "Pose",
     "Position",
     "Posture",
     "TorqueLimits",
+    "UnilateralContact",
+    "WheelContact",
 ]

@@ -205,6 +205,12 @@ class EdgeContact(_FrameContact):
         drift = state.drift(self.frame)
         return np.concatenate((drift[:3], self._complement(state).T @ drift[3:]))
 
+    def force_basis(self) -> Mat:
+        """Wrench ``(6, 5)`` in the frame's axes of the forces that act along the rows."""
+        basis = np.zeros((6, 5))
+        basis[:3, :3], basis[3:, 3:] = np.eye(3), self._axes()[1]
+        return basis
+
     def _complement(self, state: State) -> Mat:
         return state.rotation(self.frame) @ self._axes()[1]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -54,12 +55,15 @@ def examples(n: dict[str, str]) -> dict[str, list[Element]]:
         "FixedContact": [t.FixedContact(frame=f)],
         "PointContact": [t.PointContact(frame=f)],
         "EdgeContact": [t.EdgeContact(frame=f, axis="y"), t.EdgeContact(frame=f, axis=(1.0, -2.0, 0.5))],
+        "JointCoupling": [t.JointCoupling({a: 1.0, b: -1.0}), t.JointCoupling({c: 2.0, a: 0.5}, offset=0.3)],
+        "OmniWheelContact": [t.OmniWheelContact(wheel=f, radius=0.1, axle=(1.0, 0.0, 0.0))],
+        "WheelContact": [t.WheelContact(wheel=f, radius=0.2, axle=(0.5, -1.0, 2.0))],
         "JointLimits": [t.JointLimits(), t.JointLimits(joints=[a, c], acceleration=20.0)],
     }
 
 
 # No rows on the motion of the robot, nothing to differentiate: tests of their own.
-OTHER_QUANTITIES = {"TorqueLimits"}
+OTHER_QUANTITIES = {"CenterOfPressure", "FrictionCone", "TorqueLimits", "UnilateralContact"}
 
 CLASSES = sorted(name for name, cls in REGISTRY.items() if cls.__module__.startswith("hqp.tasks"))
 CASES = [
@@ -87,9 +91,25 @@ def followed(element: Element, state: State) -> Callable[[State], Vec]:
     if isinstance(element, t.JointLimits):
         picked, start = element.selection(state.robot), state.angles.copy()
         return lambda s: (s.angles - start)[picked]
+    if isinstance(element, (t.OmniWheelContact, t.WheelContact)):
+        return contact_point(element, state)
     assert isinstance(element, Task)
+    if isinstance(element, t.JointCoupling):
+        element = dataclasses.replace(element, offset=float(element.value(state)[0]))  # zero error
     hold = element.hold(state).value
     return lambda s: element.error(s, hold)
+
+
+def contact_point(element: Any, state: State) -> Callable[[State], Vec]:
+    """How far the wheel's material point that touches flat ground has moved, along the directions of the rows."""
+    radius, axle = element.geometry(state.robot)
+    p, R = state.position(element.wheel), state.rotation(element.wheel)
+    delta = np.array([0.0, 0.0, -radius])
+    rolling = np.cross([0.0, 0.0, 1.0], R @ axle)
+    rolling /= np.linalg.norm(rolling)
+    along = np.array([rolling, np.cross(rolling, [0.0, 0.0, 1.0]), [0.0, 0.0, 1.0]])
+    along = along if isinstance(element, t.WheelContact) else along[[0, 2]]
+    return lambda s: along @ (s.position(element.wheel) + s.rotation(element.wheel) @ R.T @ delta - p - delta)
 
 
 @pytest.mark.parametrize(("robot_name", "name", "k"), CASES)

@@ -1,0 +1,114 @@
+"""Linear relations between joints, such as one motor that bends two of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hqp.arrays import Index, Mat, Vec
+from hqp.element import Block, Constraint, Task, Writer
+from hqp.reference import Reference
+from hqp.robot import Robot, State
+
+from .fields import check_number, target
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointCoupling(Task, Constraint):
+    """A linear relation sum c_j q_j = offset of joints: e = c q - offset, J = c, one row.
+
+    coefficients: by joint name, given as a mapping and kept as pairs; {"hip": 1.0, "thorax": -1.0} bends two joints
+    alike (Sentis 2012, eqs. 7, 8).  offset [rad or m]: held whatever the first state was; the error is fed back, so
+    nothing drifts.  Raises DeclarationError for fields, JointNotFound on binding.
+    """
+
+    coefficients: Mapping[str, float] | tuple[tuple[str, float], ...] = field(kw_only=False)
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        given = self.coefficients
+        try:
+            pairs = tuple((joint, value) for joint, value in (given.items() if isinstance(given, Mapping) else given))
+        except (TypeError, ValueError):
+            pairs = ()
+        joints = [joint for joint, _ in pairs]
+        if not pairs or not all(isinstance(j, str) and j for j in joints) or len(set(joints)) < len(joints):
+            raise self.bad("coefficients", given, '{"joint": coefficient, ...}')
+        for joint, value in pairs:
+            check_number(self, f"coefficient of {joint}", value)
+            if value == 0.0:
+                raise self.bad(f"coefficient of {joint}", value, "a number that is not zero")
+        object.__setattr__(self, "coefficients", tuple((joint, float(value)) for joint, value in pairs))
+        super().__post_init__()
+        check_number(self, "offset", self.offset)
+
+    def default_name(self) -> str:
+        """The joints, joined by underscores."""
+        return "_".join(joint for joint, _ in self._pairs)
+
+    @property
+    def _pairs(self) -> tuple[tuple[str, float], ...]:
+        return tuple(dict(self.coefficients).items())
+
+    def _columns(self, robot: Robot) -> tuple[Index, Vec]:
+        columns = [robot.joints(joint) for joint, _ in self._pairs]
+        for (joint, _), column in zip(self._pairs, columns, strict=True):
+            if column.size != 1:
+                raise self.bad("coefficients", joint, "names of joints, not of groups")
+        return np.concatenate(columns), np.array([value for _, value in self._pairs])
+
+    def rows(self, robot: Robot) -> int:
+        """1; raises JointNotFound."""
+        self._columns(robot)
+        return 1
+
+    def value(self, state: State) -> Vec:
+        """sum c_j q_j ``(1,)`` [rad or m]."""
+        columns, coefficients = self._columns(state.robot)
+        return np.atleast_1d(coefficients @ state.angles[columns])
+
+    def jacobian(self, state: State) -> Mat:
+        """c ``(1, nv)``."""
+        columns, coefficients = self._columns(state.robot)
+        J = np.zeros((1, state.robot.nv))
+        J[0, columns] = coefficients
+        return J
+
+    def drift(self, state: State) -> Vec:
+        """Zero, ``(1,)``."""
+        return np.zeros(1)
+
+    def hold(self, state: State) -> Reference:
+        """The offset, not what the joints are at."""
+        return Reference(self.name, np.array([self.offset]))
+
+    def at(
+        self,
+        value: ArrayLike | None = None,
+        *,
+        velocity: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+    ) -> Reference:
+        """Another offset ``(1,)`` for this tick, with its rates; raises DeclarationError for shapes."""
+        parts = (None if x is None else np.atleast_1d(x) for x in (value, velocity, acceleration))
+        return self._at((1,), *parts)
+
+    def bind(self, robot: Robot, out: Block) -> Writer:
+        """Write J once, and the error each tick."""
+        columns, coefficients = self._columns(robot)
+        out.J[:] = 0.0
+        out.J[0, columns] = coefficients
+        out.drift[:] = 0.0
+        terms, error = list(zip(columns.tolist(), coefficients.tolist(), strict=True)), out.error
+
+        def write(state: State, reference: Reference) -> None:
+            angles = state.angles
+            total = -target(reference).item()
+            for column, coefficient in terms:
+                total += coefficient * angles.item(column)
+            error[0] = total
+
+        return write

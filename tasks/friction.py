@@ -1,0 +1,207 @@
+"""What contact forces may be: pushing only, inside the friction cone, inside the sole."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec
+from hqp.element import Block, Constraint, Quantity, Writer
+from hqp.robot import Robot
+
+from .fields import check_number
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ContactForce(Constraint):
+    """Rows on the force of the ground on the robot at one contact, named by ``contact``.
+
+    The force is in the contact frame's axes with z the outward ground normal: f ``(3,)`` [N] of a point or a wheel
+    (rolling, lateral, normal), or the wrench [f, m] ``(6,)`` [N, N m] about the frame's origin of a face.
+    """
+
+    quantity: ClassVar[Quantity] = "force"
+    equality: ClassVar[bool] = False
+    suffix: ClassVar[str]
+
+    contact: str
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.contact, str) or not self.contact:
+            raise self.bad("contact", self.contact, "the name of a contact in the stack")
+        super().__post_init__()
+
+    def default_name(self) -> str:
+        """The contact's name and what is asked of its force."""
+        return f"{self.contact}_{self.suffix}"
+
+    @abstractmethod
+    def force_rows(self, dimension: int) -> tuple[Mat, Vec, Vec]:
+        """(C ``(k, dimension)``, lower ``(k,)``, upper ``(k,)``) with lower <= C f <= upper, dimension 3 or 6.
+
+        Raises DeclarationError for a dimension that has no such rows.
+        """
+
+    def rows(self, robot: Robot) -> int:
+        """Number of rows k, the same on every robot."""
+        return self.force_rows(6)[1].size
+
+    def bind(self, robot: Robot, out: Block) -> Writer:
+        """Raises DeclarationError: only a formulation that knows the forces can make rows of these."""
+        raise self.bad("has no rows on the robot's motion", type(self).__name__, "Torque, which maps contact forces")
+
+    def _check_dimension(self, dimension: int, *allowed: int) -> None:
+        if dimension not in allowed:
+            names = {3: "3 (a force)", 6: "6 (a wrench)"}
+            raise self.bad(
+                f"dimension of {self.contact}", dimension, " or ".join(names[d] for d in allowed) + " for these rows"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnilateralContact(_ContactForce):
+    """The ground pushes, it does not pull: f_z >= minimum, one row.
+
+    contact: name of the contact.  minimum [N]: a load to keep, zero by default.  Raises DeclarationError for fields.
+    """
+
+    suffix: ClassVar[str] = "unilateral"
+
+    minimum: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_number(self, "minimum", self.minimum, 0.0)
+
+    def force_rows(self, dimension: int) -> tuple[Mat, Vec, Vec]:
+        """The row of f_z."""
+        self._check_dimension(dimension, 3, 6)
+        C = np.zeros((1, dimension))
+        C[0, 2] = 1.0
+        return C, np.array([self.minimum]), np.array([math.inf])
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrictionCone(_ContactForce):
+    """No slip: the tangential force stays inside a pyramid inside the cone |f_t| <= mu f_z, one row an edge.
+
+    With edge directions at 2 pi i / edges from x, the face between two of them asks
+    cos(b) f_x + sin(b) f_y <= mu cos(pi / edges) f_z, b halfway: conservative, exact along the edge directions, so
+    also along x (and with an even number of edges along -x, with a multiple of four along y).  f_z >= 0 is implied.
+    mu: friction coefficient.  edges: at least 3.  torsion [m]: with a wrench also |m_z| <= torsion f_z, two rows;
+    None asks nothing of m_z.  Raises DeclarationError for fields.
+    """
+
+    suffix: ClassVar[str] = "friction"
+
+    mu: float
+    edges: int = 8
+    torsion: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_number(self, "mu", self.mu, 0.0, strict=True)
+        if not isinstance(self.edges, int) or isinstance(self.edges, bool) or self.edges < 3:
+            raise self.bad("edges", self.edges, "a whole number, at least 3")
+        if self.torsion is not None:
+            check_number(self, "torsion", self.torsion, 0.0)
+
+    def force_rows(self, dimension: int) -> tuple[Mat, Vec, Vec]:
+        """mu cos(pi / edges) f_z - cos(b) f_x - sin(b) f_y >= 0, then torsion f_z -+ m_z >= 0."""
+        if self.torsion is None:
+            self._check_dimension(dimension, 3, 6)
+        else:
+            self._check_dimension(dimension, 6)
+        half = math.pi / self.edges
+        b = half + 2.0 * half * np.arange(self.edges)
+        k = self.edges + (0 if self.torsion is None else 2)
+        C = np.zeros((k, dimension))
+        C[: self.edges, 0], C[: self.edges, 1], C[: self.edges, 2] = -np.cos(b), -np.sin(b), self.mu * math.cos(half)
+        if self.torsion is not None:
+            C[self.edges :, 2], C[self.edges :, 5] = self.torsion, (-1.0, 1.0)
+        return C, np.zeros(k), np.full(k, math.inf)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CenterOfPressure(_ContactForce):
+    """No tipping: the centre of pressure (-m_y, m_x) / f_z stays inside a convex polygon, one row a side.
+
+    For a side from a to b, counter-clockwise, with unit outward normal n: (n . a) f_z + n_x m_y - n_y m_x >= 0; all
+    sides together ask f_z >= 0.  Exactly one of rectangle: (x_min, x_max, y_min, y_max), and polygon: at least
+    three corners (x, y) in order, in the contact frame [m].  Raises DeclarationError for fields.
+    """
+
+    suffix: ClassVar[str] = "cop"
+
+    rectangle: tuple[float, float, float, float] | None = None
+    polygon: tuple[tuple[float, float], ...] | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.rectangle is None) == (self.polygon is None):
+            given = (self.rectangle, self.polygon)
+            raise self.bad("rectangle and polygon", given, "exactly one of them")
+        for what, width in (("rectangle", 4), ("polygon", 2)):
+            value = getattr(self, what)
+            if value is not None:
+                object.__setattr__(self, what, self._numbers(what, value, width))
+        corners = self.corners()
+        if len(corners) < 3 or not _convex(corners):
+            allowed = (
+                "corners of a convex polygon in order" if self.rectangle is None else "x_min < x_max, y_min < y_max"
+            )
+            raise self.bad(
+                "polygon" if self.rectangle is None else "rectangle", self.polygon or self.rectangle, allowed
+            )
+
+    def _numbers(self, what: str, value: object, width: int) -> tuple[object, ...]:
+        allowed = "(x_min, x_max, y_min, y_max)" if width == 4 else "corners (x, y), finite"
+        try:
+            array = np.array(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise self.bad(what, value, allowed) from None
+        right = array.shape == (4,) if width == 4 else array.ndim == 2 and array.shape[1] == 2
+        if not right or not np.isfinite(array).all():
+            raise self.bad(what, value, allowed)
+        return tuple(array.tolist()) if width == 4 else tuple(tuple(corner) for corner in array.tolist())
+
+    def corners(self) -> tuple[tuple[float, float], ...]:
+        """Corners of the polygon, counter-clockwise [m]."""
+        if self.rectangle is not None:
+            x, X, y, Y = self.rectangle
+            return ((x, y), (X, y), (X, Y), (x, Y))
+        corners = self.polygon or ()
+        return corners if _area(corners) > 0.0 else corners[::-1]
+
+    def force_rows(self, dimension: int) -> tuple[Mat, Vec, Vec]:
+        """(n . a) f_z + n_x m_y - n_y m_x >= 0 for every side."""
+        self._check_dimension(dimension, 6)
+        a = np.array(self.corners())
+        side = np.roll(a, -1, axis=0) - a
+        normal = np.column_stack((side[:, 1], -side[:, 0])) / np.hypot(side[:, 0], side[:, 1])[:, None]
+        C = np.zeros((len(a), 6))
+        C[:, 2] = np.sum(normal * a, axis=1)
+        C[:, 3], C[:, 4] = -normal[:, 1], normal[:, 0]
+        return C, np.zeros(len(a)), np.full(len(a), math.inf)
+
+
+def _area(corners: tuple[tuple[float, float], ...]) -> float:
+    """Twice the signed area, positive counter-clockwise."""
+    following = (*corners[1:], *corners[:1])
+    return sum(x * v - u * y for (x, y), (u, v) in zip(corners, following, strict=True))
+
+
+def _convex(corners: tuple[tuple[float, float], ...]) -> bool:
+    """Whether every corner turns left, once around."""
+    n, turning = len(corners), 0.0
+    for i in range(n):
+        (a, b), (c, d), (e, f) = corners[i], corners[(i + 1) % n], corners[(i + 2) % n]
+        cross = (c - a) * (f - d) - (d - b) * (e - c)
+        if cross <= 0.0:
+            return False
+        turning += math.atan2(cross, (c - a) * (e - c) + (d - b) * (f - d))
+    return turning < 1.5 * math.tau
