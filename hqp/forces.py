@@ -77,84 +77,90 @@ class Efforts:
 
 
 class Forces:
-    """Elements on the force of a reaction constraint: lower <= C f <= upper with f = -lambda(tau) in contact axes.
+    """Elements on the force of a reaction constraint: lower <= C f <= upper, f in contact axes, -lambda seen in them.
 
-    Contact axes are those of the contact's frame where its rows are in world axes, and its rows' own axes otherwise.
+    Rows of a contact that are in world axes are turned into its frame; a contact whose rows are not simply a force
+    ``(3,)`` or a wrench ``(6,)`` tells by ``force_basis()`` ``(3 or 6, m)`` what they are.
     """
 
     def __init__(self, elements: Sequence[Element], held: Sequence[Element], rows: Assembly, robot: Robot) -> None:
-        self._rows = rows
         self._elements = {e.name: e for e in elements}
-        self._C: dict[str, Mat] = {}
-        self._bounds: dict[str, tuple[Vec, Vec]] = {}
-        self._axes: dict[str, tuple[slice, Mat | None, list[slice]]] = {}
-        self._plan: list[tuple[str, slice, Mat, Vec, Vec]] = []
+        self._places: dict[str, slice] = {}
+        m = sum(rows.members[e.name].part.stop - rows.members[e.name].part.start for e in held)
         by_name = {e.name: e for e in held}
+        parts, lower, upper, turned = [np.zeros((0, m))], [np.zeros(0)], [np.zeros(0)], []
+        at = 0
         for element in elements:
             contact = by_name.get(getattr(element, "contact", ""))
             if contact is None:
-                raise element.bad("contact", getattr(element, "contact", None), _known(by_name))
+                known = ", ".join(by_name) or "there is none"
+                raise element.bad("contact", getattr(element, "contact", None), f"a contact in subject_to: {known}")
             part = rows.members[contact.name].part
-            size = part.stop - part.start
-            C, lower, upper = _force_rows(element, contact, size)
-            self._C[element.name], self._bounds[element.name] = C, (lower, upper)
-            self._axes[element.name] = (part, *_axes(contact, size, robot))
+            C, low, high = _force_rows(element, contact, part.stop - part.start)
+            whole = np.zeros((C.shape[0], m))
+            whole[:, part] = C * (-contact.weight * element.weight)
+            parts.append(whole)
+            lower.append(low * element.weight)
+            upper.append(high * element.weight)
+            turned.append(contact)
+            self._places[element.name] = slice(at, at + C.shape[0])
+            at += C.shape[0]
+        self._C, self._lower, self._upper = np.vstack(parts), np.concatenate(lower), np.concatenate(upper)
+        self._turn: Mat = np.eye(m)  # from the rows' axes to the contacts'
+        self._frames: list[tuple[Mat, Mat]] = []
+        for contact in dict.fromkeys(turned):
+            part = rows.members[contact.name].part
+            rotation, blocks = _axes(contact, part.stop - part.start, robot)
+            for block in blocks:
+                here = slice(part.start + block.start, part.start + block.stop)
+                self._frames.append((self._turn[here, here], rotation.T))
+        self._plan: list[list[Any]] = []
+        self._A: Mat = np.zeros((at, 0))
 
     def __bool__(self) -> bool:
         return bool(self._elements)
 
     def rows(self, name: str) -> int:
         """Number of rows of an element."""
-        return int(self._C[name].shape[0])
+        place = self._places[name]
+        return place.stop - place.start
 
     def place(self, name: str, here: slice, A: Mat, lower: Vec, upper: Vec) -> None:
-        """Write an element's rows and bounds at ``here`` of a block each tick."""
-        self._plan.append((name, here, A[here], lower[here], upper[here]))
+        """Write an element's rows and bounds at ``here`` of a block each tick, with those before it if they touch."""
+        own, last = self._places[name], self._plan[-1] if self._plan else None
+        if last and last[0].stop == own.start and last[1].stop == here.start:
+            own, here = slice(last[0].start, own.stop), slice(last[1].start, here.stop)
+            self._plan.pop()
+        self._plan.append([own, here, A[here], lower[here], upper[here]])
 
-    def fill(self, state: State, references: Mapping[str, Reference], dynamics: ConstrainedDynamics) -> None:
-        """Refill rows C R^T (-F) and bounds less C R^T (-f), lambda = F tau + f (eq. 3)."""
+    def fill(self, dynamics: ConstrainedDynamics) -> None:
+        """Refill rows C f with f = -(F tau + f_0) turned into contact axes, lambda = F tau + f_0 (eq. 3)."""
+        for block, rotation in self._frames:
+            block[:] = rotation
+        C = self._C @ self._turn
         F, f = dynamics.force_map()
-        for name, _, A, lower, upper in self._plan:
-            element = self._elements[name]
-            part, rotation, blocks = self._axes[name]
-            C = self._C[name]
-            weight = self._rows.weight[part.start] * element.weight
-            low, high = self._bounds[name]
-            if rotation is not None:
-                turned = np.empty_like(C)
-                for block in blocks:
-                    np.matmul(C[:, block], rotation.T, out=turned[:, block])
-                C = turned
-            C = C * -weight
-            np.matmul(C, F[part], out=A)
-            offset = C @ f[part]
-            target = references[name].value
-            if element.equality and target is not None:
-                low = high = np.asarray(target, dtype=np.float64)
-            np.subtract(low * element.weight, offset, out=lower)
-            np.subtract(high * element.weight, offset, out=upper)
-
-
-def _known(by_name: Mapping[str, Element]) -> str:
-    return "a contact in subject_to: " + (", ".join(by_name) or "there is none")
+        offset = C @ f
+        for own, _, A, lower, upper in self._plan:
+            np.matmul(C[own], F, out=A)
+            np.subtract(self._lower[own], offset[own], out=lower)
+            np.subtract(self._upper[own], offset[own], out=upper)
 
 
 def _force_rows(element: Element, contact: Element, size: int) -> tuple[Mat, Vec, Vec]:
+    """C ``(k, size)`` on the contact's rows, after their turn into its frame, and the bounds."""
     maker: Any = getattr(element, "force_rows", None)
     if maker is None:
         raise DeclarationError(element.name, "binds a contact force but has no force_rows(dimension)")
-    C, lower, upper = (np.asarray(part, dtype=np.float64) for part in maker(size))
-    if C.ndim != 2 or C.shape[1] != size:
-        raise DeclarationError(
-            element.name, f"its rows take {C.shape[-1]} numbers, the force of {contact.name} has {size}"
-        )
-    return C, lower, upper
+    known: Any = getattr(contact, "force_basis", None)
+    basis = np.eye(size) if known is None else np.asarray(known(), dtype=np.float64)
+    C, lower, upper = (np.asarray(part, dtype=np.float64) for part in maker(basis.shape[0]))
+    return C @ basis, lower, upper
 
 
-def _axes(contact: Element, size: int, robot: Robot) -> tuple[Mat | None, list[slice]]:
+def _axes(contact: Element, size: int, robot: Robot) -> tuple[Mat, list[slice]]:
     """Live rotation of the contact's frame and the three-row blocks of its rows that are in world axes."""
     frame = getattr(contact, "frame", None)
     if frame is None or size < 3:
-        return None, []
+        return np.eye(3), []
     _, rotation = robot.placement(robot.frame(frame))
     return rotation, [slice(at, at + 3) for at in range(0, size - 2, 3)]

@@ -81,7 +81,7 @@ class SelfMotion(Law):
     """Posture law in what the levels above leave free, with V = E^T E / 2 as Lyapunov function (Sentis 2012, eq. 40).
 
     y = -kp e - kv qd,  E = Phi y,  v = (ke E - kp qd + dPhi/dt y) / kv   with Phi the orthogonal projector onto the
-    posture velocities that move no task above, and the sign of dPhi/dt of eq. (41) set right: dV/dt = -ke E^T E (eq. 43).
+    posture velocities that move no task above, and the sign of dPhi/dt of eq. (41) right: dV/dt = -ke E^T E.
     kp [1/s^2], kv [1/s], ke [1/s], all above zero: with ke = 0 nothing decays.  For a Posture alone in its level,
     under Torque.  Raises DeclarationError for a gain that is not positive and finite.
     """

@@ -190,7 +190,7 @@ class TorqueProgram(Program):
         if self._efforts:
             self._efforts.fill(state, references)
         if self._forces:
-            self._forces.fill(state, references, dynamics)
+            self._forces.fill(dynamics)
 
     def leave_out(self, name: str) -> None:
         """Free the rows of one element for this tick; a reaction constraint stays, on its hold value."""
