@@ -43,6 +43,10 @@ def _axes(rows: int, height: float = 5.0) -> tuple[plt.Figure, np.ndarray]:
     return figure, axes[:, 0]
 
 
+def _legend(figure: plt.Figure, axis: plt.Axes) -> None:
+    figure.legend(*axis.get_legend_handles_labels(), loc="outside upper center", ncols=3)
+
+
 def _cog(runs: Experiments) -> plt.Figure:
     figure, (side, front) = _axes(2)
     start = runs.cog.com_target[0]
@@ -54,7 +58,7 @@ def _cog(runs: Experiments) -> plt.Figure:
         axis.grid(alpha=0.3)
     side.set_ylabel("left-right [cm]")
     front.set(ylabel="front-back [cm]", xlabel="time [s]", ylim=(-2.0, 2.0))
-    side.legend(loc="upper right", ncols=3)
+    _legend(figure, side)
     return figure
 
 
@@ -71,7 +75,7 @@ def _hand_in_time(runs: Experiments) -> plt.Figure:
         axis.set_ylabel(text)
         axis.grid(alpha=0.3)
     axes[1].set_xlabel("time [s]")
-    axes[0].legend(loc="upper right", ncols=3)
+    _legend(figure, axes[0])
     return figure
 
 
@@ -102,7 +106,7 @@ def _cog_during_hand(runs: Experiments) -> plt.Figure:
         axis.set_ylabel(text)
         axis.grid(alpha=0.3)
     axes[1].set_xlabel("time [s]")
-    axes[0].legend(loc="upper right", ncols=3)
+    _legend(figure, axes[0])
     return figure
 
 
