@@ -7,7 +7,6 @@ from time import perf_counter
 from typing import ClassVar
 
 import numpy as np
-from scipy.linalg import lapack
 
 from hqp.arrays import Index, Mat, Vec
 from hqp.errors import BackendError, DeclarationError
@@ -16,7 +15,7 @@ from hqp.solvers.backends import QpAnswer, QpWorkspace, load
 from hqp.solvers.base import Solver
 from hqp.solvers.conclude import conclude
 from hqp.solvers.flat import Flat
-from hqp.solvers.recursion import Recursion
+from hqp.solvers.recursion import Recursion, geqp3, ormqr
 from hqp.solvers.refine import Refiner
 
 RELAXATION = 1e-11
@@ -30,7 +29,7 @@ class Cascade(Solver):
     Level k moves in x + Z y only, Z an orthonormal null-space basis of the rows that the levels above fix: equalities,
     violated rows (their optimal slack is unique) and met rows with a positive multiplier; other met rows are carried
     along as inequalities.  No fixed row is ever stacked as an equality.  The completion is the last level.
-    backend: proxqp, osqp, or any solver of qpsolvers.  tolerance: asked of the back end, absolute, for rows of length 1.
+    backend: proxqp, osqp, or any solver of qpsolvers.  tolerance: asked of it, absolute, for rows of length 1.
     max_iterations: of the back end, a level.  rank_tolerance: as in nullspace.  refine: make the answer exact by its
     active set (at most ``exchanges`` changes of it), otherwise it is only judged.
     """
@@ -81,7 +80,8 @@ class CascadeWorkspace:
         unusable = flat.load(problem)
         if unusable:
             return flat.refuse(problem, Stats(build_s=perf_counter() - began), unusable)
-        self._iterations, self._qp_s, self._complaints = 0, 0.0, []
+        self._iterations, self._qp_s = 0, 0.0
+        self._complaints: list[str] = []
         self._lengths = np.sqrt(np.einsum("ij,ij->i", flat.A, flat.A))
         x, Z = np.zeros(problem.n), np.eye(problem.n)
         held: Index = np.zeros(0, dtype=np.intp)
@@ -169,9 +169,9 @@ class CascadeWorkspace:
         """An orthonormal basis of the part of range(Z) that rows of about unit length do not see."""
         if not rows.size:
             return Z
-        qr, _, tau, _, _ = lapack.dgeqp3((rows @ Z).T)
+        qr, _, tau, _, _ = geqp3((rows @ Z).T)
         rank = int(np.count_nonzero(np.abs(qr.diagonal()) > self.solver.rank_tolerance))
-        turned, _, _ = lapack.dormqr("R", "N", qr[:, : tau.size], tau, Z, max(1, 64 * Z.shape[0]))
+        turned, _, _ = ormqr("R", "N", qr[:, : tau.size], tau, Z, max(1, 64 * Z.shape[0]))
         return np.asarray(turned[:, rank:])
 
     def _slack(self, rows: Index, x: Vec) -> Vec:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import lapack
+from scipy.linalg import get_lapack_funcs
 
 from hqp.arrays import Mat, Vec
 from hqp.problem import Hierarchy, Rows, Selection
+
+(pstrf,) = get_lapack_funcs(("pstrf",), (np.zeros(1),))
 
 METRIC_TOLERANCE = 1e-10
 """Pivots of the metric below this fraction of its largest diagonal entry count as zero."""
@@ -20,7 +22,7 @@ def metric_factor(metric: Mat, tolerance: float = METRIC_TOLERANCE) -> Mat:
     F = np.zeros_like(metric)
     largest = float(metric.diagonal().max(initial=0.0))
     if largest > 0.0:
-        factor, pivots, rank, _ = lapack.dpstrf(metric, tol=tolerance * largest)
+        factor, pivots, rank, _ = pstrf(metric, tol=tolerance * largest)
         F[:rank, pivots - 1] = np.triu(factor)[:rank]
     return F
 

@@ -24,8 +24,8 @@ class Flat:
     def __init__(self, shape: Shape, complete: bool = False) -> None:
         self.shape = shape
         extra = (1 + shape.metric) * complete
-        self.sizes = [*shape.rows, *[shape.n] * extra]
-        self.stops = [sum(self.sizes[: k + 1]) for k in range(len(self.sizes))]
+        self.sizes: list[int] = [*shape.rows, *[shape.n] * extra]
+        self.stops: list[int] = [sum(self.sizes[: k + 1]) for k in range(len(self.sizes))]
         self.own = sum(shape.rows)
         M = sum(self.sizes)
         self.A: Mat = np.zeros((M, shape.n))
@@ -114,5 +114,5 @@ class Flat:
         return Solution(x, status, self._split(w), self._split(marks), stats, detail)
 
     def _split(self, values: _Array) -> tuple[_Array, ...]:
-        stops = self.stops[: len(self.shape.rows)]
-        return tuple(values[a:b] for a, b in zip([0, *stops], stops, strict=False))
+        ends: list[int] = self.stops[: len(self.shape.rows)]
+        return tuple(values[a:z] for a, z in zip([0, *ends], ends, strict=False))

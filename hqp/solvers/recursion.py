@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg import lapack
+from scipy.linalg import get_lapack_funcs
 
 from hqp.arrays import Index, Mat, Vec
 
@@ -18,6 +18,7 @@ NEAR = 100.0
 """A pivot within this factor of the rank tolerance makes a rank decision uncertain."""
 
 _WORK = 8192
+geqp3, ormqr, trtrs, gels = get_lapack_funcs(("geqp3", "ormqr", "trtrs", "gels"), (np.zeros(1),))
 
 
 class Recursion:
@@ -72,7 +73,7 @@ class Recursion:
         tail, b = A.T, b.copy()
         for step in self._steps:
             if step.rank:
-                tail, _, _ = lapack.dormqr("L", "T", step.qr, step.tau, tail, _WORK)
+                tail, _, _ = ormqr("L", "T", step.qr, step.tau, tail, _WORK)
                 b -= step.y @ tail[: step.rank]
                 tail = tail[step.rank :]
         step = self._level(tail, A.shape[0], b, float(np.sqrt(np.einsum("ij,ij->i", A, A).max())), 0.0)
@@ -87,7 +88,7 @@ class Recursion:
             y[step.offset : step.offset + step.rank, 0] = step.y
         for step in reversed(self._steps):
             if step.rank and not step.tall:
-                part, _, _ = lapack.dormqr("L", "N", step.qr, step.tau, y[step.offset :], _WORK)
+                part, _, _ = ormqr("L", "N", step.qr, step.tau, y[step.offset :], _WORK)
                 y[step.offset :] = part
         return y[:, 0]
 
@@ -100,7 +101,7 @@ class Recursion:
             if step is not None:
                 return step
             self.factorisations += 1
-        qr, pivots, tau, _, _ = lapack.dgeqp3(tail[:, :m], lwork=_WORK)
+        qr, pivots, tau, _, _ = geqp3(tail[:, :m], lwork=_WORK)
         rank = self._rank(np.abs(qr.diagonal()), size)
         if rank == 0:
             return _Step(0, tail[:, m:])
@@ -108,11 +109,11 @@ class Recursion:
         qr, tau = qr[:, :rank] if rank < m else qr, tau[:rank]
         rest = tail[:, m:]
         if rest.shape[1]:
-            rest, _, _ = lapack.dormqr("L", "T", qr, tau, rest, _WORK)
+            rest, _, _ = ormqr("L", "T", qr, tau, rest, _WORK)
         step = _Step(rank, rest[rank:], qr, tau, pivots[:rank], top=rest[:rank])
         rhs = b[:m][pivots]
         if rank == m and damping == 0.0:
-            step.y, _ = lapack.dtrtrs(qr[:rank], rhs, trans=1)
+            step.y, _ = trtrs(qr[:rank], rhs, trans=1)
         else:
             step.y = self._least_squares(tail, qr, tau, pivots, rank, rhs, damping)
         if step.top.shape[1]:
@@ -122,12 +123,12 @@ class Recursion:
     def _full(self, tail: Mat, m: int, b: Vec, size: float) -> _Step | None:
         """The step of a level that determines all that is left, None where it turns out not to."""
         free = tail.shape[0]
-        qr, pivots, tau, _, _ = lapack.dgeqp3(tail[:, :m].T, lwork=_WORK)
+        qr, pivots, tau, _, _ = geqp3(tail[:, :m].T, lwork=_WORK)
         if self._rank(np.abs(qr.diagonal()), size) < free:
             return None
         pivots -= 1
-        image, _, _ = lapack.dormqr("L", "T", qr, tau, b[:m, None], _WORK)
-        z, _ = lapack.dtrtrs(qr[:free], image[:free, 0])
+        image, _, _ = ormqr("L", "T", qr, tau, b[:m, None], _WORK)
+        z, _ = trtrs(qr[:free], image[:free, 0])
         step = _Step(free, tail[free:, m:], qr, tau, pivots, top=tail[:, m:], tall=True)
         step.y = np.empty(free)
         step.y[pivots] = z
@@ -137,12 +138,12 @@ class Recursion:
     def _least_squares(tail: Mat, qr: Mat, tau: Vec, pivots: Index, rank: int, rhs: Vec, damping: float) -> Vec:
         """min ||J y - rhs||^2 + damping^2 ||y||^2 of a level whose rows are dependent, ``(rank,)``."""
         m = pivots.size
-        J, _, _ = lapack.dormqr("L", "T", qr, tau, tail[:, :m][:, pivots], _WORK)
+        J, _, _ = ormqr("L", "T", qr, tau, tail[:, :m][:, pivots], _WORK)
         J = J[:rank].T
         if damping > 0.0:
             J = np.concatenate([J, damping * np.eye(rank)])
             rhs = np.concatenate([rhs, np.zeros(rank)])
-        _, y, _ = lapack.dgels(J, rhs, lwork=_WORK)
+        _, y, _ = gels(J, rhs, lwork=_WORK)
         return np.asarray(y[:rank])
 
     def _rank(self, pivots: Vec, size: float) -> int:
@@ -161,13 +162,13 @@ class Recursion:
             return np.zeros(self.n)
         parts = [v.reshape(-1, 1)]
         for step in steps:
-            part, _, _ = lapack.dormqr("L", "T", step.qr, step.tau, parts[-1], _WORK)
+            part, _, _ = ormqr("L", "T", step.qr, step.tau, parts[-1], _WORK)
             parts.append(part[step.rank :])
         free = parts[-1]
         for step in reversed(steps):
             whole = np.zeros((free.shape[0] + step.rank, 1), order="F")
             whole[step.rank :] = free
-            free, _, _ = lapack.dormqr("L", "N", step.qr, step.tau, whole, _WORK)
+            free, _, _ = ormqr("L", "N", step.qr, step.tau, whole, _WORK)
         return np.array(free[:, 0])
 
     def multipliers(self, residuals: Vec, stops: Sequence[int]) -> Mat:
@@ -188,11 +189,11 @@ class Recursion:
             force = -(step.top @ L[step.stop :, below:])
             if step.tall:
                 share = np.zeros((step.stop - step.start, force.shape[1]), order="F")
-                share[: step.rank], _ = lapack.dtrtrs(step.qr[: step.rank], force[step.pivots], trans=1)
-                share, _, _ = lapack.dormqr("L", "N", step.qr, step.tau, share, _WORK)
+                share[: step.rank], _ = trtrs(step.qr[: step.rank], force[step.pivots], trans=1)
+                share, _, _ = ormqr("L", "N", step.qr, step.tau, share, _WORK)
                 L[step.start : step.stop, below:] = share
             else:
-                L[step.start + step.pivots, below:], _ = lapack.dtrtrs(step.qr[: step.rank], force)
+                L[step.start + step.pivots, below:], _ = trtrs(step.qr[: step.rank], force)
         return L
 
 

@@ -1,4 +1,4 @@
-"""`weighted`: all levels in one quadratic program, priorities by weight; the baseline strictness is measured against."""
+"""`weighted`: all levels in one quadratic program, priorities by weight: the baseline of strictness."""
 
 from __future__ import annotations
 

@@ -60,11 +60,13 @@ def test_equal_to_the_projector_with_no_active_limit(solver: Solver, name: str) 
 def test_a_selection_solves_as_its_matrix(solver: Solver) -> None:
     rng = np.random.default_rng(5)
     task = equality(rng.normal(size=(2, 4)), rng.normal(size=2))
+    answers = []
     for limits in (Selection(np.arange(4)), Selection(np.arange(4)).dense(4)):
-        problem = Hierarchy((Rows(limits, np.full(4, -0.2), np.full(4, 0.2)), task))
+        problem = Hierarchy((Rows(limits, np.full(4, -0.2), np.full(4, 0.2)), task), constraints=1)
         if supports(solver, problem):
-            x = solver.solve(problem).x
-            np.testing.assert_allclose(np.clip(x, -0.2, 0.2), x, atol=1e-7)
+            answers.append(solver.solve(problem).x)
+            np.testing.assert_allclose(answers[-1], np.clip(answers[-1], -0.2, 0.2), atol=1e-7)
+            np.testing.assert_allclose(answers[-1], answers[0], atol=1e-7)
 
 
 @pytest.mark.parametrize(

@@ -53,7 +53,8 @@ class GenericWorkspace:
     def __init__(self, options: Generic) -> None:
         self._name = options.name
         self._ridge = _RIDGE.get(options.name, 0.0)
-        self._tolerances: dict[str, Any] = _TOLERANCES.get(options.name, lambda _: {})(options.tolerance)
+        spell = _TOLERANCES.get(options.name)
+        self._tolerances: dict[str, Any] = spell(options.tolerance) if spell else {}
         self._start: Vec | None = None
 
     def solve(self, H: Mat, g: Vec, C: Mat, lower: Vec, upper: Vec) -> QpAnswer:

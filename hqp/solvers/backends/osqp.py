@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import osqp
@@ -30,7 +31,7 @@ class OsqpWorkspace:
 
     def __init__(self, options: Osqp, n: int, m: int) -> None:
         self._options = options
-        self._solver: osqp.OSQP | None = None
+        self._solver: Any = None
         self._upper_triangle = np.triu_indices(n)
         order = np.lexsort(self._upper_triangle)  # columns first, as a compressed sparse column matrix stores them
         self._upper_triangle = (self._upper_triangle[0][order], self._upper_triangle[1][order])
@@ -50,7 +51,7 @@ class OsqpWorkspace:
         solved = result.info.status == "solved"
         return QpAnswer(np.array(result.x), np.array(result.y), solved, int(result.info.iter), result.info.status)
 
-    def _setup(self, Px: Vec, g: Vec, Ax: Vec, lower: Vec, upper: Vec) -> osqp.OSQP:
+    def _setup(self, Px: Vec, g: Vec, Ax: Vec, lower: Vec, upper: Vec) -> Any:
         n, m = self._n, self._m
         i, j = self._upper_triangle
         P = sparse.csc_matrix((Px, i, np.concatenate([[0], np.cumsum(np.bincount(j, minlength=n))])), shape=(n, n))
