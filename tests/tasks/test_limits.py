@@ -1,0 +1,173 @@
+"""The box of the joint limits: never empty, never leads out, comes back from outside; motors' limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import hqp.robots
+from hqp.element import Block
+from hqp.errors import DeclarationError, JointNotFound
+from hqp.reference import Reference
+from hqp.tasks import JointLimits, TorqueLimits
+
+NONE = Reference("joint_limits")
+
+
+def robot_of(low: Any, high: Any, speed: Any) -> Any:
+    """As much of a robot as limits need: independent joints."""
+    k = len(low)
+    return SimpleNamespace(
+        name="joints",
+        nv=k,
+        lower=np.array(low, dtype=float),
+        upper=np.array(high, dtype=float),
+        velocity_limit=np.array(speed, dtype=float),
+        joints=lambda names: np.arange(k),
+        positions=lambda columns: None,
+    )
+
+
+def box(limits: JointLimits, robot: Any, dt: float, order: int = 1) -> Callable[[Any, Any], tuple[Any, Any]]:
+    """(q, v) -> (lower, upper)."""
+    k = robot.nv
+    arrays = [np.zeros(k) for _ in range(6)]
+    out = Block(np.zeros((k, k)), *arrays, order=order, dt=dt)
+    write = limits.bind(robot, out)
+
+    def run(q: Any, v: Any) -> tuple[Any, Any]:
+        write(SimpleNamespace(angles=np.array(q, dtype=float), v=np.array(v, dtype=float)), NONE)  # type: ignore[arg-type]
+        return out.lower.copy(), out.upper.copy()
+
+    return run
+
+
+SCENES = st.fixed_dictionaries(
+    {
+        "dt": st.sampled_from([1e-3, 2e-3, 1e-2]),
+        "speed": st.floats(0.1, 20.0) | st.just(math.inf),
+        "span": st.floats(0.05, 6.0),
+        "acceleration": st.none() | st.floats(0.5, 500.0),
+        "margin": st.floats(0.0, 0.02),
+        "order": st.sampled_from([1, 2]),
+        "seed": st.integers(0, 2**32 - 1),
+    }
+)
+
+
+def controls(rng: np.random.Generator, k: int, steps: int) -> Any:
+    """Positions inside the box, 0 to 1: held at an end for a while, or random; ends are what break limits."""
+    held = rng.choice([0.0, 1.0], size=(steps // 20 + 1, k)).repeat(20, axis=0)[:steps]
+    return np.where(rng.random((1, k)) < 0.7, held, rng.random((steps, k)))
+
+
+@settings(max_examples=80, deadline=None)
+@given(SCENES)
+def test_from_a_viable_state_limits_are_never_crossed(scene: dict[str, Any]) -> None:
+    rng, k, dt, a = np.random.default_rng(scene["seed"]), 12, scene["dt"], scene["acceleration"]
+    low, high = np.full(k, -scene["span"] / 2), np.full(k, scene["span"] / 2)
+    limits = JointLimits(margin=scene["margin"], acceleration=a)
+    bounds = box(limits, robot_of(low, high, np.full(k, scene["speed"])), dt, scene["order"])
+    low, high = low + scene["margin"], high - scene["margin"]
+    q = rng.uniform(low, high)
+    up = rng.random(k) < 0.5
+    way = np.where(up, high - q, q - low)  # viable: u^2 / (2 a) <= the way left
+    v = np.where(up, 1.0, -1.0) * np.minimum(np.sqrt(2.0 * (a or 1e3) * way), scene["speed"])
+    for control in controls(rng, k, 400):
+        lower, upper = bounds(q, v)
+        if scene["order"] == 2:
+            lower, upper = v + dt * lower, v + dt * upper
+        rounding = 1e-12 * (1.0 + np.abs(v))
+        assert np.all(lower <= upper + rounding), "the box is empty"
+        lower, upper = np.maximum(lower, -1e3), np.minimum(upper, 1e3)
+        u = lower + control * (upper - lower)
+        assert np.all(np.abs(u) <= scene["speed"] + 1e-9)
+        if a is not None:
+            assert np.all(np.abs(u - v) <= a * dt + 1e-9), "an acceleration beyond its limit"
+        q, v = q + dt * u, u
+        assert np.all((q >= low - 1e-9) & (q <= high + 1e-9)), "a position limit is crossed"
+
+
+@settings(max_examples=60, deadline=None)
+@given(SCENES, st.floats(0.2, 1.0))
+def test_from_outside_joints_come_back_at_bounded_speed(scene: dict[str, Any], back: float) -> None:
+    rng, k, dt, a = np.random.default_rng(scene["seed"]), 12, scene["dt"], scene["acceleration"]
+    low, high = np.full(k, -1.0), np.full(k, 1.0)
+    limits = JointLimits(acceleration=a, return_velocity=back)
+    bounds = box(limits, robot_of(low, high, np.full(k, scene["speed"])), dt)
+    q, v = rng.choice([-1.0, 1.0], k) * rng.uniform(1.0, 1.05, k), np.zeros(k)
+    settled = 0.05 / min(back, scene["speed"]) + (0.0 if a is None else 2.0 * back / a)
+    for _ in range(int(settled / dt) + 3):
+        lower, upper = bounds(q, v)
+        assert np.all(lower <= upper)
+        u = np.clip(0.0, lower, upper)  # as slow as the box allows
+        assert np.all(np.abs(u) <= back + 1e-12)
+        q, v = q + dt * u, u
+    assert np.all(np.abs(q) <= 1.0 + 1e-9)
+
+
+def test_box_by_hand() -> None:
+    robot = robot_of([-1.0] * 4, [1.0] * 4, [2.0, 2.0, 2.0, math.inf])
+    lower, upper = box(JointLimits(), robot, 0.01)([0.0, 0.995, 1.1, -1.0], np.zeros(4))
+    np.testing.assert_allclose(upper, [2.0, 0.5, -0.5, 200.0], atol=1e-12)
+    np.testing.assert_allclose(lower, [-2.0, -2.0, -2.0, 0.0], atol=1e-12)
+    lower, upper = box(JointLimits(acceleration=10.0), robot, 0.01)([0.0, 0.995, 1.1, -1.0], [1.0, 1.0, 1.0, 0.0])
+    viable = 10.0 * (math.sqrt(1e-4 + 2 * 0.005 / 10.0) - 0.01)
+    # second joint: too fast to stop in time, so the end of the window nearest to the box; third: the same, outside
+    np.testing.assert_allclose(upper, [1.1, max(viable, 0.9), 0.9, 0.1], atol=1e-12)
+    np.testing.assert_allclose(lower, [0.9, 0.9, 0.9, 0.0], atol=1e-12)
+    assert viable < 0.9
+
+
+def test_unlimited_joints_are_free() -> None:
+    robot = robot_of([-math.inf], [math.inf], [math.inf])
+    for acceleration in (None, 5.0):
+        lower, upper = box(JointLimits(acceleration=acceleration), robot, 0.1)([3.0], [1.0])
+        assert (lower[0], upper[0]) == ((-math.inf, math.inf) if acceleration is None else (0.5, 1.5))
+
+
+def test_fields() -> None:
+    for bad in (
+        {"margin": -0.1},
+        {"margin": math.nan},
+        {"acceleration": 0.0},
+        {"acceleration": math.inf},
+        {"return_velocity": 0.0},
+        {"joints": ()},
+        {"joints": ["a", "a"]},
+        {"joints": 3},
+        {"weight": 0.0},
+    ):
+        with pytest.raises(DeclarationError, match=next(iter(bad))):
+            JointLimits(**bad)  # type: ignore[arg-type]
+    with pytest.raises(DeclarationError, match="margin"):
+        box(JointLimits(margin=1.5), robot_of([-1.0], [1.0], [1.0]), 0.01)
+    assert JointLimits(joints=["b", "a"]).joints == ("b", "a")
+    assert hash(JointLimits(joints=["b"])) == hash(JointLimits(joints=("b",)))
+
+
+def test_torque_limits() -> None:
+    robot = hqp.robots.load("dreamer")
+    limits = TorqueLimits(joints="arm", scale=0.5)
+    picked = limits.selection(robot)
+    assert [robot.joint_names[i] for i in picked] == [f"arm_j{i}" for i in range(7)]
+    n = robot.actuated.size
+    out = Block(np.zeros((7, n)), *(np.zeros(7) for _ in range(6)), order=2, dt=0.001)
+    limits.bind(robot, out)(robot.state(), NONE)
+    np.testing.assert_array_equal(out.upper, 0.5 * robot.effort_limit[robot.actuated][picked])
+    np.testing.assert_array_equal(out.lower, -out.upper)
+    np.testing.assert_array_equal(out.J, np.eye(n)[picked])
+    assert TorqueLimits().rows(robot) == n
+    with pytest.raises(DeclarationError, match="with a motor"):
+        TorqueLimits(joints="torso_thorax").rows(robot)
+    with pytest.raises(JointNotFound, match="torso_hip"):
+        TorqueLimits(joints="torso_hipp").rows(robot)
+    with pytest.raises(DeclarationError, match="do not overlap"):
+        TorqueLimits(joints=["arm", "arm_j0"]).rows(robot)
