@@ -1,0 +1,123 @@
+"""What an experiment gives: figures held against their limits, tables, parameters, files."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A number with what was asked of it; passed if ``low <= measured <= high``, and never where it is NaN.
+
+    before: the number found for it in earlier studies on the same tables, or the paper's.
+    """
+
+    what: str
+    measured: float
+    unit: str = ""
+    low: float = -math.inf
+    high: float = math.inf
+    before: str = ""
+
+    @property
+    def passed(self) -> bool:
+        return self.low <= self.measured <= self.high
+
+    @property
+    def asked(self) -> str:
+        """The limits in words."""
+        low, high, unit = self.low, self.high, self.unit
+        if unit == "yes/no":
+            return "yes" if low > 0.5 else "no"
+        if low == -math.inf and high == math.inf:
+            return "reported"
+        if low == -math.inf:
+            return f"<= {high:g} {unit}".rstrip()
+        if high == math.inf:
+            return f">= {low:g} {unit}".rstrip()
+        return f"{low:g} to {high:g} {unit}".rstrip()
+
+    @property
+    def shown(self) -> str:
+        """The measured value in words."""
+        if self.unit == "yes/no":
+            return "yes" if self.measured > 0.5 else "no"
+        return f"{number(self.measured)} {self.unit}".rstrip()
+
+    def cells(self) -> tuple[str, ...]:
+        """As a row of a table under HEADER."""
+        reported = self.low == -math.inf and self.high == math.inf and self.unit != "yes/no"
+        verdict = "" if reported and self.passed else "pass" if self.passed else "FAIL"
+        return verdict, self.what, self.asked, self.shown, self.before
+
+
+HEADER = ("", "figure", "asked", "measured", "earlier")
+
+
+def holds(what: str, found: bool, wanted: bool = True, before: str = "") -> Figure:
+    """A figure that is a fact: found or not, and which of the two is wanted."""
+    return Figure(what, float(found), "yes/no", float(wanted), float(wanted), before)
+
+
+def number(x: float) -> str:
+    """Three significant digits."""
+    return f"{x:.3g}" if math.isfinite(x) else str(x)
+
+
+@dataclass(frozen=True)
+class Table:
+    """Numbers that are shown and not judged, or judged cell by cell in words."""
+
+    title: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass
+class Outcome:
+    """One experiment: its figures, tables, parameters, real-time factor, and files written (caption, path)."""
+
+    name: str
+    figures: list[Figure] = field(default_factory=list)
+    tables: list[Table] = field(default_factory=list)
+    parameters: dict[str, Any] = field(default_factory=dict)
+    files: list[tuple[str, Path]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def passed(self) -> bool:
+        return all(figure.passed for figure in self.figures)
+
+    def plain(self) -> dict[str, Any]:
+        """As numbers and text, for JSON."""
+        return {
+            "experiment": self.name,
+            "passed": self.passed,
+            "parameters": self.parameters,
+            "figures": [
+                {**dataclasses.asdict(f), "low": _finite(f.low), "high": _finite(f.high), "passed": f.passed}
+                for f in self.figures
+            ],
+            "tables": [dataclasses.asdict(table) for table in self.tables],
+            "files": [path.name for _, path in self.files],
+            "notes": self.notes,
+        }
+
+
+def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    """A table from any sequences."""
+    return Table(title, tuple(header), tuple(tuple(row) for row in rows))
+
+
+def parameter_rows(parameters: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Parameters as rows of a table."""
+    return [(key, str(value)) for key, value in parameters.items()]
+
+
+def _finite(x: float) -> float | None:
+    return x if math.isfinite(x) else None
