@@ -6,6 +6,7 @@ if __name__ != "hqp.robots":
     raise ImportError("a second copy of the robots would have second classes; write `import hqp.robots`")
 
 from .catalogue import load, names
-from .on_pinocchio import Robot, State, Wheel
+from .on_pinocchio import Robot, Wheel
+from .state import State
 
 __all__ = ["Robot", "State", "Wheel", "load", "names"]

@@ -1,8 +1,7 @@
-"""Robots on Pinocchio: model, lazily computed state, live views for the hot path."""
+"""Robots on Pinocchio: the model, its names and limits, live views for the hot path."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,9 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.errors import DeclarationError, FrameNotFound, JointNotFound, ModelError, StaleState
+from hqp.errors import DeclarationError, FrameNotFound, JointNotFound, ModelError
 
-_WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+from .state import State
+
 _UNLIMITED = 1e6  # a limit at or beyond this [rad, m] is no limit
 
 
@@ -222,170 +222,3 @@ class Robot:
     def __repr__(self) -> str:
         base = "floating" if self.floating else "fixed"
         return f"<Robot {self.name}: {base} base, nv = {self.nv}, {len(self.joint_names)} actuated>"
-
-
-class State:
-    """One (q, v) of a robot; see hqp.robot.State.  Computes each quantity when first asked for, and once."""
-
-    __slots__ = ("_done", "_gravity", "finite", "q", "robot", "v")
-
-    def __init__(self, robot: Robot, q: Vec, v: Vec | None) -> None:
-        self.robot = robot
-        self.q = np.array(q, dtype=np.float64)
-        self.v = np.zeros(robot.nv) if v is None else np.array(v, dtype=np.float64)
-        if self.q.shape != (robot.nq,) or self.v.shape != (robot.nv,):
-            raise ModelError(
-                f"{robot.name}: a state takes q ({robot.nq},) and v ({robot.nv},), "
-                f"given {self.q.shape} and {self.v.shape}"
-            )
-        # a dot product is finite only if every entry is (entries whose square overflows are no states either)
-        self.finite = bool(self.q @ self.q + self.v @ self.v < math.inf)
-        self._done = 0
-        self._gravity: Vec | None = None
-
-    def _compute(self, what: int) -> None:
-        robot = self.robot
-        if robot.current is not self:
-            raise StaleState(f"{robot.name} has moved on to another state; ask robot.state(q, v) again")
-        model, data = robot.model, robot.data
-        if what == _KINEMATICS:
-            pin.computeJointJacobians(model, data, self.q)
-            pin.updateFramePlacements(model, data)
-        elif what == _COM:
-            self.kinematics()
-            pin.jacobianCenterOfMass(model, data, False)
-            self._done &= ~_SUBTREES  # it leaves sums in world axes where the subtrees' centres were, in joint axes
-        elif what == _SUBTREES:
-            self.kinematics()
-            pin.centerOfMass(model, data, self.q, self.v, _zeros(robot.nv), True)
-        elif what == _DRIFT:
-            self.kinematics()
-            pin.forwardKinematics(model, data, self.q, self.v, _zeros(robot.nv))
-        elif what == _INERTIA:
-            self.kinematics()
-            pin.crba(model, data, self.q, pin.Convention.WORLD)
-        elif what == _MASS:
-            self._need(_INERTIA)
-            upper = np.triu_indices(robot.nv, 1)
-            data.M.T[upper] = data.M[upper]
-        elif what == _BIAS:
-            pin.nonLinearEffects(model, data, self.q, self.v)
-        self._done |= what
-
-    def kinematics(self) -> None:
-        """Make placements and joint_twists those of this state; raises StaleState."""
-        if not self._done & _KINEMATICS or self.robot.current is not self:
-            self._compute(_KINEMATICS)
-
-    def _need(self, what: int) -> None:
-        if not self._done & what or self.robot.current is not self:
-            self._compute(what)
-
-    @property
-    def angles(self) -> Vec:
-        """Joint positions by tangent coordinate ``(nv,)``, zero for the free base."""
-        robot = self.robot
-        angles = np.zeros(robot.nv)
-        angles[robot._single_v] = self.q[robot._single_q]
-        for v, i in robot._double:
-            angles[v] = math.atan2(self.q[i + 1], self.q[i])
-        return angles
-
-    def difference(self, q: Vec) -> Vec:
-        """Tangent vector from q to this state's configuration, ``(nv,)``."""
-        return self.robot.difference(q, self.q)
-
-    def position(self, frame: str) -> Vec:
-        """Origin of a frame in the world, ``(3,)`` [m]."""
-        self.kinematics()
-        return self.robot.placement(self.robot.frame(frame))[0].copy()
-
-    def rotation(self, frame: str) -> Mat:
-        """Rotation of a frame in the world, ``(3, 3)``."""
-        self.kinematics()
-        return np.array(self.robot.placement(self.robot.frame(frame))[1], order="C")
-
-    def jacobian(self, frame: str) -> Mat:
-        """Geometric Jacobian ``(6, nv)`` of a frame, linear first, world axes."""
-        self.kinematics()
-        robot = self.robot
-        return pin.getFrameJacobian(robot.model, robot.data, robot.frame(frame), _WORLD)  # type: ignore[no-any-return]
-
-    def velocity(self, frame: str) -> Vec:
-        """Velocity ``(6,)`` of a frame's origin [m/s] and its rotation [rad/s], world axes."""
-        return self.jacobian(frame) @ self.v
-
-    def drift(self, frame: str) -> Vec:
-        """dJ/dt v of a frame's geometric Jacobian: its acceleration at zero generalised acceleration."""
-        self._need(_DRIFT)
-        robot = self.robot
-        motion = pin.getFrameClassicalAcceleration(robot.model, robot.data, robot.frame(frame), _WORLD)
-        return np.concatenate((motion.linear, motion.angular))
-
-    def com(self, subtree: int = 0) -> Vec:
-        """Centre of mass of the robot or a subtree, ``(3,)`` [m]."""
-        if subtree == 0:
-            self._need(_COM)
-            return np.array(self.robot.data.com[0])
-        self._need(_SUBTREES)
-        placement = self.robot.data.oMi[subtree]
-        return np.array(placement.translation + placement.rotation @ self.robot.data.com[subtree])
-
-    def com_jacobian(self, subtree: int = 0) -> Mat:
-        """Jacobian of the centre of mass, ``(3, nv)``: a live view where subtree is 0."""
-        robot = self.robot
-        if subtree == 0:
-            self._need(_COM)
-            return robot.data.Jcom  # type: ignore[no-any-return]
-        self.kinematics()
-        self._done &= ~(_COM | _SUBTREES)  # Pinocchio writes the subtree's Jacobian over the whole robot's
-        return np.array(pin.jacobianSubtreeCenterOfMass(robot.model, robot.data, subtree))
-
-    def com_velocity(self, subtree: int = 0) -> Vec:
-        """Velocity of the centre of mass, ``(3,)`` [m/s]."""
-        return self.com_jacobian(subtree) @ self.v
-
-    def com_drift(self, subtree: int = 0) -> Vec:
-        """dJ/dt v of the centre of mass, ``(3,)``."""
-        self._need(_SUBTREES)
-        data = self.robot.data
-        return np.array(data.oMi[subtree].rotation @ data.acom[subtree])
-
-    def dynamics(self) -> None:
-        """Make kinematics, drifts, ``inertia`` and ``bias_force`` those of this state; raises StaleState."""
-        for what in (_KINEMATICS, _DRIFT, _INERTIA, _BIAS):
-            self._need(what)
-
-    def inertia(self) -> Mat:
-        """Upper triangle of A, ``(nv, nv)``, what lies below it is not meant; a live view."""
-        self._need(_INERTIA)
-        return self.robot.data.M  # type: ignore[no-any-return]
-
-    def mass_matrix(self) -> Mat:
-        """Joint-space inertia A, ``(nv, nv)``, symmetric; a live view."""
-        self._need(_MASS)
-        return self.robot.data.M  # type: ignore[no-any-return]
-
-    def bias_force(self) -> Vec:
-        """b + g: Coriolis, centrifugal and gravity forces, ``(nv,)``; a live view."""
-        self._need(_BIAS)
-        return self.robot.data.nle  # type: ignore[no-any-return]
-
-    def gravity_force(self) -> Vec:
-        """g: gravity forces, ``(nv,)``."""
-        if self._gravity is None:
-            if self.robot.current is not self:
-                self._compute(_KINEMATICS)
-            model, data = self.robot.model, self.robot.data
-            self._gravity = np.array(pin.computeGeneralizedGravity(model, data, self.q), dtype=np.float64)
-        return self._gravity
-
-
-_KINEMATICS, _COM, _SUBTREES, _DRIFT, _INERTIA, _MASS, _BIAS = (1 << i for i in range(7))
-_ZEROS: dict[int, Vec] = {}
-
-
-def _zeros(n: int) -> Vec:
-    if n not in _ZEROS:
-        _ZEROS[n] = np.zeros(n)
-    return _ZEROS[n]
