@@ -20,7 +20,7 @@ def base_velocity(J_C: Mat, joint_velocity: Vec) -> Vec:
     base, joints = _parts(J_C, joint_velocity)
     if base_rank(J_C) < 6:
         raise ProblemError(f"the constraints leave the base free: rank {base_rank(J_C)} of 6 (condition 3)")
-    return -np.linalg.lstsq(base, joints @ joint_velocity, rcond=RANK_TOLERANCE)[0]
+    return np.asarray(-np.linalg.lstsq(base, joints @ joint_velocity, rcond=RANK_TOLERANCE)[0], dtype=np.float64)
 
 
 def generalized_velocity(J_C: Mat, joint_velocity: Vec) -> Vec:
@@ -39,7 +39,7 @@ def consistent_velocity(J_C: Mat, v: Vec) -> Vec:
     J_C holds the contacts alone: with the centre of mass among its rows its true velocity would be erased
     (Mistry 2008, below eq. 22, whose N_A is to be read as N_C).
     """
-    return np.asarray(v - np.linalg.lstsq(J_C, J_C @ v, rcond=RANK_TOLERANCE)[0])
+    return np.asarray(v - np.linalg.lstsq(J_C, J_C @ v, rcond=RANK_TOLERANCE)[0], dtype=np.float64)
 
 
 def _parts(J_C: Mat, joint_velocity: Vec) -> tuple[Mat, Mat]:
