@@ -1,4 +1,4 @@
-"""Eqs. (2) to (15), (21), (22): the constrained dynamics of the library against definitions, differences and a KKT solve."""
+"""Eqs. (2) to (15), (21), (22): the library's constrained dynamics against definitions, differences, a KKT solve."""
 
 from __future__ import annotations
 

@@ -44,7 +44,9 @@ def checks(ground: Ground, count: int) -> Iterator[Check]:
         shifted.append(_shifted(Snapshot(ground, s.q, 0.0 * s.v, s.rng)))
     for (text, _), errors in zip(cases, found, strict=True):
         yield at_most("S HQP", text, ground.label, 1e-8, errors, f"median {np.median(errors):.1e}")
-    yield seen_to_fail("S HQP erratum 18", "printed (57)-(59) at nominal targets, relative torque", ground.label, 1e-8, nominal)
+    yield seen_to_fail(
+        "S HQP erratum 18", "printed (57)-(59) at nominal targets, relative torque", ground.label, 1e-8, nominal
+    )
     yield at_most("S HQP", "printed law vs HQP at its own accelerations", ground.label, 1e-8, own)
     yield at_most("S HQP", "printed law at rest vs HQP at shifted targets", ground.label, 1e-8, shifted)
     yield from _metrics(ground, count)
@@ -175,7 +177,6 @@ def _metrics(ground: Ground, count: int) -> Iterator[Check]:
     for s in ground.states(count, SEED + 1):
         d, asked = dynamics(s), demands(s)[1:2]
         paper = compensated(d.phi, d.h, asked, s.q_act)
-        J, dJ = s.hand
         tau = 20.0 * s.rng.normal(size=12)
         qdd, inverse = s.kkt(tau)[0], np.linalg.inv(s.A)
         bare, _ = s.kkt(np.zeros(12))

@@ -197,7 +197,7 @@ class Snapshot:
         return self.ground.U @ self.v
 
     def kkt(self, tau: Vec) -> tuple[Vec, Vec]:
-        """qdd and lambda of eq. (2) with J qdd + dJ qd = 0, solved as one linear system: none of the paper's formulas."""
+        """qdd and lambda of eq. (2) with J qdd + dJ qd = 0 as one linear system: none of the paper's formulas."""
         nv, m = self.A.shape[0], self.J.shape[0]
         system = np.block([[self.A, self.J.T], [self.J, np.zeros((m, m))]])
         right = np.concatenate((self.ground.U.T @ tau - self.bias, -self.dJ @ self.v))

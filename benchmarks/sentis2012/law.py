@@ -11,7 +11,7 @@ from benchmarks.sentis2012.ground import pinv, symmetric_pinv
 from hqp.arrays import Mat, Vec
 
 CUT = 1e-9
-"""Relative cut-off of the eigenvalues of J_k| phi* J_k|^T, against those of the unprojected matrix where it vanishes."""
+"""Relative cut-off of the eigenvalues of J_k| phi* J_k|^T."""
 
 
 @dataclass(frozen=True)

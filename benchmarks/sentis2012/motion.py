@@ -1,4 +1,4 @@
-"""Forward simulation of Dreamer under a torque law: eq. (2) by the KKT solve, integrated by Runge-Kutta of order four."""
+"""Dreamer simulated under a torque law: eq. (2) by the KKT solve, integrated by Runge-Kutta of order four."""
 
 from __future__ import annotations
 

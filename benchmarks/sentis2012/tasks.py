@@ -181,7 +181,9 @@ def _feedback(ground: Ground, count: int) -> Iterator[Check]:
     yield at_most("S(57)-(59)", "gravity only, p_k = Jbar_k|^T g*: no acceleration", label, 1e-8, held)
     yield seen_to_fail("S(58)", "p_hand of the unprioritised task: accelerates", label, 1e-8, loose)
     yield at_most("S(60) erratum 18", "at rest, as printed: com as asked", label, 1e-8, resting)
-    yield at_most("S(61) erratum 18", "at rest, as printed: hand off by J* Jbar_com a_com exactly", label, 1e-8, shifted)
+    yield at_most(
+        "S(61) erratum 18", "at rest, as printed: hand off by J* Jbar_com a_com exactly", label, 1e-8, shifted
+    )
     names = ("S(60) compensated, com", "S(61) compensated, hand", "S(62) compensated, posture in its free directions")
     for name, found in zip(names, errors, strict=True):
         yield at_most(name.split(" ")[0], name.split(" ", 1)[1], label, 1e-8, found)
@@ -200,4 +202,3 @@ def _follow(s: Snapshot, tau: Vec, asked: list[Demand], phi: Mat, found: list[li
     for k, task in enumerate(asked):
         off = task.J @ qdd + task.dJ @ s.q_act - task.a
         found[k].append(largest(free.T @ off) if k == 2 else largest(off))
-
