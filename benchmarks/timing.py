@@ -79,9 +79,10 @@ HEADER = (
 def _cells(record: dict[str, object]) -> tuple[str, ...]:
     wall, cpu, split = (dict(record[key]) for key in ("wall_us", "cpu_us", "split_us"))  # type: ignore[call-overload]
     parts = (f"{split[part]:.1f}" if part in split else "" for part in PARTS)
+    without = f"{record['without_solve_us']:.1f}" if split else ""
     return (
         str(record["robot"]), str(record["solver"]), *(f"{wall[key]:.0f}" for key in ("median", "p99", "max")),
-        f"{cpu['median']:.0f}", *parts, f"{record['without_solve_us']:.1f}", f"{record['floor_us']:.1f}",
+        f"{cpu['median']:.0f}", *parts, without, f"{record['floor_us']:.1f}",
         f"{record['misses_2ms']}/{record['ticks']}", str(record["unsolved"]), f"{record['hand_rms_mm']:.3f}",
     )  # fmt: skip
 

@@ -1,0 +1,136 @@
+"""The harness: a row that measured nothing fails, a failing row is an exit status, numbers are as promised."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks import __main__ as command
+from benchmarks import papers, report, ticks
+from benchmarks.mistry2008 import theorems
+from benchmarks.rows import Check, at_most, exactly, seen_to_fail, write_json
+from hqp import robots, solvers
+from hqp.problem import Stats
+
+
+def test_at_most_needs_values_within_the_tolerance() -> None:
+    assert at_most("e", "c", "r", 1e-9, [0.0, 1e-9]).passed
+    assert not at_most("e", "c", "r", 1e-9, [0.0, 2e-9]).passed
+
+
+@pytest.mark.parametrize("values", [[], [0.0, math.nan]])
+def test_nothing_measured_is_a_failure(values: list[float]) -> None:
+    assert not at_most("e", "c", "r", 1.0, values).passed
+    assert not seen_to_fail("e", "c", "r", 1.0, [math.nan] if values else []).passed
+
+
+def test_exactly_shows_the_largest_deviation() -> None:
+    assert exactly("e", "c", "r", 14, [14, 14]).passed
+    check = exactly("e", "c", "r", 14, [14, 12])
+    assert (check.passed, check.measured) == (False, 2.0)
+    assert not exactly("e", "c", "r", 14, []).passed
+
+
+def test_a_negative_control_fails_where_the_formula_is_right() -> None:
+    assert seen_to_fail("e", "c", "r", 1e-12, [0.5, 0.5, 1e-16]).passed
+    assert not seen_to_fail("e", "c", "r", 1e-12, [0.5, 1e-16, 1e-16]).passed
+
+
+def test_json_has_the_promised_fields_and_no_nan(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "rows.json"
+    write_json(path, [Check("M(1)", "x", "cbi", 1e-9, math.nan, False, "n")])
+    (row,) = json.loads(path.read_text())
+    assert set(row) == {"equation", "check", "robot", "tolerance", "measured", "passed", "note"}
+    assert row["measured"] is None
+
+
+def _fake_papers(monkeypatch: pytest.MonkeyPatch, passed: bool) -> None:
+    check = Check("M(2)", "x", "cbi", 1e-9, 0.0 if passed else 1.0, passed)
+    monkeypatch.setattr(papers, "mistry", lambda names, count, output: ([check], []))
+    monkeypatch.setattr(papers, "sentis", lambda quick: iter(()))
+
+
+@pytest.mark.parametrize(("passed", "status"), [(True, 0), (False, 1)])
+def test_a_failing_check_is_the_exit_status(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, passed: bool, status: int
+) -> None:
+    _fake_papers(monkeypatch, passed)
+    assert command.main(["papers", "--output", str(tmp_path), "--json", str(tmp_path / "p.json")]) == status
+    assert json.loads((tmp_path / "p.json").read_text())[0]["passed"] is passed
+    assert ("FAIL" in (tmp_path / "papers.md").read_text()) is not passed
+
+
+def test_the_main_job_gathers_sections_and_worst_status(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    _fake_papers(monkeypatch, False)
+    (tmp_path / "timing.md").write_text("from an earlier run")
+    monkeypatch.setattr(command, "present", lambda part: part == "papers")
+    assert command.main(["--output", str(tmp_path), "--json", str(tmp_path / "all.json")]) == 1
+    text = (tmp_path / "report.md").read_text()
+    assert "FAILED" in text
+    assert "native" in text
+    assert "earlier run" not in text
+    assert list(json.loads((tmp_path / "all.json").read_text())) == ["papers"]
+
+
+def test_options_may_come_before_the_part(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    _fake_papers(monkeypatch, True)
+    assert command.main(["--output", str(tmp_path), "papers"]) == 0
+
+
+def test_an_unknown_part_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        command.main(["nothing"])
+    assert "papers" in capsys.readouterr().err
+
+
+@dataclass(frozen=True)
+class _Unasked(solvers.Solver):
+    """Wraps a back end in name only: the projector answers, and no iteration is ever spent."""
+
+    name = "unasked"
+    accuracy = 1e-8
+    refine: bool = True
+
+    def workspace(self, shape: Any) -> Any:
+        return self
+
+    def solve(self, problem: Any) -> Any:
+        answer = solvers.load("nullspace", ignore_inequalities=True).solve(problem)
+        return replace(answer, stats=Stats())
+
+
+def test_a_back_end_that_was_not_asked_fails_its_row(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(theorems.chosen, "exact", lambda: {"unasked": _Unasked()})
+    checks = list(theorems._equal_to_projector(robots.load("talos"), 1))
+    assert checks
+    assert not any(check.passed for check in checks)
+
+
+def test_the_box_that_has_a_back_end_asked_is_never_active() -> None:
+    rng = np.random.default_rng(0)
+    stack = [(rng.standard_normal((3, 8)), rng.standard_normal(3))]
+    answer = theorems.ask(solvers.load("cascade:proxqp"), stack)
+    assert theorems.asked(solvers.load("cascade:proxqp"), answer)
+    assert not answer.active[0].any()
+
+
+def test_a_timed_run_has_the_promised_numbers() -> None:
+    run = ticks.run(robots.load("talos"), "lexicographic", solvers.load("lexicographic"), 20)
+    record = run.record()
+    assert {"robot", "stack", "solver", "ticks", "wall_us", "cpu_us", "split_us", "floor_us", "misses_2ms"} <= set(
+        record
+    )
+    assert set(record["wall_us"]) == {"median", "p99", "max"}  # type: ignore[call-overload]
+    assert set(record["split_us"]) == {"state", "assemble", "solve", "command"}  # type: ignore[call-overload]
+    assert run.unsolved == 0
+    assert np.all(run.parts.sum(axis=1) <= run.wall)
+
+
+def test_a_table_keeps_bars_inside_cells() -> None:
+    assert report.table(("a",), [("|w|",)]).splitlines()[2] == r"| \|w\| |"
