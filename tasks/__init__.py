@@ -14,16 +14,19 @@ from .orientation import Orientation
 from .pose import Pose
 from .position import Position
 from .posture import Posture
+from .targets import ContactForce, JointTorque
 from .wheel import OmniWheelContact, WheelContact
 
 __all__ = [
     "CenterOfPressure",
     "Com",
+    "ContactForce",
     "EdgeContact",
     "FixedContact",
     "FrictionCone",
     "JointCoupling",
     "JointLimits",
+    "JointTorque",
     "OmniWheelContact",
     "Orientation",
     "PointContact",

@@ -223,7 +223,8 @@ class EdgeContact(_FrameContact):
     ) -> Reference:
         """Position and unit direction to keep ``(6,)``, and the ground's motion ``(5,)``; raises DeclarationError."""
         line = None if value is None else numbers(self.name, "position and direction", value, (6,))
-        if line is not None and abs(line[3:] @ line[3:] - 1.0) > 1e-6:
+        square = 1.0 if line is None else float(line[3:] @ line[3:])
+        if line is not None and math.isfinite(square) and abs(square - 1.0) > 1e-6:
             raise self.bad("direction", line[3:], "a unit vector")
         return make_reference(self.name, 5, line, velocity, acceleration)
 

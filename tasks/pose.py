@@ -171,7 +171,7 @@ def as_pose(element: str, value: Any) -> Mat:
     if isinstance(value, (tuple, list)) and len(value) == 2:
         return homogeneous(numbers(element, "position", value[0], (3,)), as_rotation(element, value[1]))
     pose = numbers(element, "pose, unless (position, rotation),", value, (4, 4))
-    if pose[3].tolist() != _BOTTOM and not np.isnan(pose).any():
+    if pose[3].tolist() != _BOTTOM and np.isfinite(pose).all():
         raise DeclarationError(element, "last row of a pose", value=pose[3].tolist(), allowed=str(_BOTTOM))
     as_rotation(element, pose[:3, :3])
     return pose

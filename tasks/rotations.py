@@ -20,9 +20,10 @@ _ORTHONORMAL = 1e-5
 
 
 def as_rotation(element: str, value: Any) -> Mat:
-    """A rotation matrix ``(3, 3)`` from one, or from a quaternion xyzw of any length; NaN passes.
+    """A rotation matrix ``(3, 3)`` from one, or from a quaternion xyzw of any length.
 
-    Raises DeclarationError for another shape, a matrix that is no rotation or a quaternion of zeros.
+    NaN and infinities pass: the loop tells of them.  Raises DeclarationError for another shape, a matrix that is no
+    rotation, a quaternion of zeros.
     """
     try:
         array = np.asarray(value, dtype=np.float64)
@@ -33,7 +34,9 @@ def as_rotation(element: str, value: Any) -> Mat:
     R = numbers(element, f"rotation ({ALLOWED})", array, (3, 3))
     x, y, z = a = R.tolist()
     off = max(abs(sum(map(float.__mul__, a[i], a[j])) - (i == j)) for i in range(3) for j in range(i, 3))
-    if off > _ORTHONORMAL or _triple_product(x, y, z) < 0.0:
+    flat = R.ravel()
+    finite = float(flat @ flat) < math.inf
+    if finite and (off > _ORTHONORMAL or _triple_product(x, y, z) < 0.0):
         raise DeclarationError(element, "matrix is no rotation", value=value, allowed=ALLOWED)
     return R
 

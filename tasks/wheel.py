@@ -153,7 +153,7 @@ def _unit(name: str, what: str, value: Any) -> Vec | None:
     length = math.hypot(*vector.tolist())
     if length == 0.0:
         raise DeclarationError(name, f"{what} is zero", allowed="a direction")
-    return vector / length
+    return vector / length if math.isfinite(length) else vector
 
 
 @dataclass(frozen=True, kw_only=True)

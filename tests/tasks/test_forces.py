@@ -1,0 +1,131 @@
+"""Rows on contact forces: conservative, and exact where they say so."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import hqp.robots
+from hqp.arrays import Vec
+from hqp.element import Block
+from hqp.errors import DeclarationError
+from hqp.tasks import CenterOfPressure, FrictionCone, UnilateralContact
+
+TRAPEZE = ((-0.1, -0.04), (0.15, -0.05), (0.15, 0.05), (-0.1, 0.06))
+
+
+def holds(element: Any, force: Any) -> bool:
+    force = np.asarray(force, dtype=float)
+    C, lower, upper = element.force_rows(force.size)
+    assert C.shape == (element.rows(None), force.size)
+    return bool(np.all(C @ force >= lower - 1e-12) and np.all(C @ force <= upper))
+
+
+def test_unilateral() -> None:
+    assert holds(UnilateralContact(contact="foot"), [5.0, 5.0, 0.0])
+    assert not holds(UnilateralContact(contact="foot", minimum=10.0), [0.0, 0.0, 9.0, 0.0, 0.0, 0.0])
+    assert UnilateralContact(contact="foot").name == "foot_unilateral"
+
+
+@given(st.integers(3, 16), st.floats(0.05, 2.0), st.floats(-math.pi, math.pi), st.floats(0.0, 1.5))
+def test_pyramid_is_inside_the_cone(edges: int, mu: float, angle: float, part: float) -> None:
+    cone = FrictionCone(contact="foot", mu=mu, edges=edges)
+    tangential = part * mu * 100.0
+    inside = holds(cone, [tangential * math.cos(angle), tangential * math.sin(angle), 100.0])
+    if part > 1.0 + 1e-9:
+        assert not inside, "outside the cone, allowed by the pyramid"
+    if part < math.cos(math.pi / edges) - 1e-9:
+        assert inside, "inside the circle that the pyramid holds"
+
+
+def test_pyramid_reaches_the_cone_at_its_edges() -> None:
+    for edges in (3, 4, 8):
+        cone = FrictionCone(contact="foot", mu=0.6, edges=edges)
+        for i in range(edges):
+            b = 2.0 * math.pi * i / edges
+            assert holds(cone, [60.0 * math.cos(b), 60.0 * math.sin(b), 100.0])
+            assert not holds(cone, [60.01 * math.cos(b), 60.01 * math.sin(b), 100.0])
+        assert not holds(cone, [0.0, 0.0, -1.0])
+
+
+def test_torsion() -> None:
+    cone = FrictionCone(contact="foot", mu=0.6, torsion=0.02)
+    assert holds(cone, [0.0, 0.0, 100.0, 9.0, 9.0, 1.99])
+    assert not holds(cone, [0.0, 0.0, 100.0, 0.0, 0.0, -2.01])
+    with pytest.raises(DeclarationError, match="6"):
+        cone.force_rows(3)
+
+
+def wrench_at(point: Vec, normal_force: float) -> Vec:
+    """A vertical force through a point of the sole."""
+    return np.concatenate(([0.0, 0.0, normal_force], np.cross([*point, 0.0], [0.0, 0.0, normal_force])))
+
+
+@pytest.mark.parametrize("polygon", [TRAPEZE, TRAPEZE[::-1], TRAPEZE[:3]])
+def test_centre_of_pressure(polygon: Any) -> None:
+    element, corners = CenterOfPressure(contact="foot", polygon=polygon), np.array(polygon)
+    rng = np.random.default_rng(0)
+    centre = corners.mean(axis=0)
+    for _ in range(200):
+        inside = rng.dirichlet(np.ones(len(corners))) @ corners
+        assert holds(element, wrench_at(inside, 50.0))
+        assert not holds(element, wrench_at(inside, -50.0)), "a pull"
+    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        edge = 0.5 * (a + b)
+        assert holds(element, wrench_at(edge + 1e-6 * (centre - edge), 50.0))
+        assert not holds(element, wrench_at(edge - 1e-6 * (centre - edge), 50.0))
+
+
+def test_rectangle_is_the_polygon_of_its_corners() -> None:
+    one = CenterOfPressure(contact="foot", rectangle=(-0.1, 0.2, -0.05, 0.04)).force_rows(6)
+    corners = ((-0.1, -0.05), (0.2, -0.05), (0.2, 0.04), (-0.1, 0.04))
+    other = CenterOfPressure(contact="foot", polygon=corners).force_rows(6)
+    for a, b in zip(one, other, strict=True):
+        np.testing.assert_allclose(a, b)
+
+
+@pytest.mark.parametrize(
+    ("cls", "fields", "what"),
+    [
+        (UnilateralContact, {"minimum": -1.0}, "minimum"),
+        (UnilateralContact, {"contact": ""}, "contact"),
+        (FrictionCone, {"mu": 0.0}, "mu"),
+        (FrictionCone, {"mu": math.nan}, "mu"),
+        (FrictionCone, {"mu": 0.5, "edges": 2}, "edges"),
+        (FrictionCone, {"mu": 0.5, "edges": 4.0}, "edges"),
+        (FrictionCone, {"mu": 0.5, "torsion": -1.0}, "torsion"),
+        (CenterOfPressure, {}, "exactly one"),
+        (CenterOfPressure, {"rectangle": (0, 1, 0, 1), "polygon": TRAPEZE}, "exactly one"),
+        (CenterOfPressure, {"rectangle": (0.1, -0.1, 0, 1)}, "x_min < x_max"),
+        (CenterOfPressure, {"rectangle": (0.1, 0.2, math.nan, 1)}, "rectangle"),
+        (CenterOfPressure, {"polygon": TRAPEZE[:2]}, "convex"),
+        (CenterOfPressure, {"polygon": (TRAPEZE[0], TRAPEZE[2], TRAPEZE[1], TRAPEZE[3])}, "convex"),
+        (CenterOfPressure, {"polygon": ((0, 0), (1, 0), (0.2, 0.2), (0, 1))}, "convex"),
+        (CenterOfPressure, {"polygon": "sole"}, "polygon"),
+    ],
+)
+def test_fields(cls: Any, fields: dict[str, Any], what: str) -> None:
+    with pytest.raises(DeclarationError, match=what):
+        cls(**{"contact": "foot", **fields})
+
+
+def test_declarations_are_plain_data() -> None:
+    one = CenterOfPressure(contact="foot", polygon=[[-1, 0], [1, 0], [0, 1]])  # type: ignore[arg-type]
+    assert one == CenterOfPressure(contact="foot", polygon=((-1.0, 0.0), (1.0, 0.0), (0.0, 1.0)))
+    assert hash(one)
+
+
+def test_a_point_has_no_centre_of_pressure() -> None:
+    with pytest.raises(DeclarationError, match="dimension"):
+        CenterOfPressure(contact="foot", rectangle=(-1, 1, -1, 1)).force_rows(3)
+
+
+def test_no_rows_on_motion() -> None:
+    block = Block(np.zeros((1, 57)), *(np.zeros(1) for _ in range(6)), order=1, dt=0.002)
+    with pytest.raises(DeclarationError, match="Torque"):
+        UnilateralContact(contact="l_sole").bind(hqp.robots.load("cbi"), block)
