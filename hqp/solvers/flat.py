@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+import math
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
 from hqp.arrays import Mat, Signs, Vec
 from hqp.problem import EQUALITY, VIOLATION_TOLERANCE, Hierarchy, Selection, Shape, Solution, Stats, Status
 from hqp.solvers.base import ACTIVITY_TOLERANCE, check_shape
-from hqp.solvers.completion import completion
+from hqp.solvers.completion import metric_factor
 
+Mask: TypeAlias = np.ndarray[tuple[int], np.dtype[np.bool_]]
 _Array = TypeVar("_Array", Vec, Signs)
 
 
@@ -34,7 +36,11 @@ class Flat:
         self.equality = np.zeros(M, dtype=bool)
         self.inequality = np.zeros(M, dtype=bool)
         self.level = np.repeat(np.arange(len(self.sizes)), self.sizes)
-        self._complete = complete
+        parts = [slice(a, z) for a, z in zip([0, *self.stops], self.stops, strict=False)]
+        self._views = [(self.A[part], self.lower[part], self.upper[part]) for part in parts]
+        self._completion = self._views[len(shape.rows) :]
+        if self._completion:  # the least norm comes last, its rows never change
+            self._completion[-1][0][:] = np.eye(shape.n)
 
     def load(self, problem: Hierarchy) -> str:
         """Take the numbers of this tick; return what makes them unusable, '' if nothing does.
@@ -42,42 +48,44 @@ class Flat:
         Raises ProblemError for another shape than the workspace was made for.
         """
         check_shape(problem, self.shape)
-        unusable = self._extras(problem)
-        if unusable:
-            return unusable
-        start = 0
-        levels = (*problem.levels, *completion(problem)) if self._complete else problem.levels
-        for rows, stop in zip(levels, self.stops, strict=True):
-            part = slice(start, stop)
+        for rows, (A, lower, upper) in zip(problem.levels, self._views, strict=False):
             if isinstance(rows.A, Selection):
-                block = self.A[part]
-                block.fill(0.0)
-                block[np.arange(stop - start), rows.A.index] = rows.A.scale
+                A.fill(0.0)
+                A[np.arange(rows.A.index.size), rows.A.index] = rows.A.scale
             else:
-                self.A[part] = rows.A
-            self.lower[part] = rows.lower
-            self.upper[part] = rows.upper
-            start = stop
-        np.equal(self.lower, self.upper, out=self.equality)
-        np.isfinite(self.lower, out=self.inequality)
-        self.inequality |= np.isfinite(self.upper)
-        self.inequality &= ~self.equality
-        return self._rows()
-
-    @staticmethod
-    def _extras(problem: Hierarchy) -> str:
+                A[...] = rows.A
+            lower[...] = rows.lower
+            upper[...] = rows.upper
         for name in ("metric", "origin"):
             value = getattr(problem, name)
             if value is not None and not np.isfinite(value).all():
                 return f"the {name} is not finite"
-        return ""
+        if self._completion:
+            self._complete(problem)
+        bounded = np.isfinite(self.lower)
+        np.equal(self.lower, self.upper, out=self.equality)
+        np.isfinite(self.upper, out=self.inequality)
+        self.inequality |= bounded
+        self.inequality &= ~self.equality
+        return self._unusable(bounded)
 
-    def _rows(self) -> str:
+    def _complete(self, problem: Hierarchy) -> None:
+        A, lower, upper = self._completion[0]
+        if problem.metric is not None:
+            A[...] = metric_factor(problem.metric)
+            lower[...] = 0.0 if problem.origin is None else A @ problem.origin
+            upper[...] = lower
+        elif problem.origin is not None:
+            lower[...] = upper[...] = problem.origin
+        else:
+            lower[...] = upper[...] = 0.0
+
+    def _unusable(self, bounded: Mask) -> str:
         flat = self.A.ravel()
-        if not np.isfinite(flat @ flat) and not np.isfinite(flat).all():
+        if not math.isfinite(flat @ flat) and not np.isfinite(flat).all():
             return f"level {self.level[int(np.argmin(np.isfinite(self.A).all(axis=1)))]} is not finite"
         good = self.lower <= self.upper
-        good &= (self.lower < np.inf) & (self.upper > -np.inf)
+        good &= bounded | ~self.equality  # inf <= x <= inf
         if not good.all():
             return f"level {self.level[int(np.argmin(good))]} has bounds that are NaN or crossed"
         return ""
@@ -100,16 +108,19 @@ class Flat:
         """As base.finish, in one pass over the block."""
         if not np.isfinite(x).all():
             return self.refuse(problem, stats, "the numbers overflowed")
-        own = slice(0, self.own)
-        value, lower, upper = self.A[own] @ x, self.lower[own], self.upper[own]
-        w = value - np.minimum(np.maximum(value, lower), upper)
-        reach = ACTIVITY_TOLERANCE * (1.0 + np.abs(value))
-        marks: Signs = (value >= upper - reach).astype(np.int8)
-        marks[(value <= lower + reach) & (marks == 0)] = -1
-        marks[self.equality[own]] = EQUALITY
+        own = self.own
+        value, lower, upper = self.A[:own] @ x, self.lower[:own], self.upper[:own]
+        nearest = np.minimum(np.maximum(value, lower), upper)
+        w = value - nearest
+        reach = np.abs(value)
+        reach += 1.0
+        reach *= ACTIVITY_TOLERANCE
+        above, below = value >= upper - reach, value <= lower + reach
+        marks: Signs = above.view(np.int8) - np.greater(below, above).view(np.int8)
+        marks[self.equality[:own]] = EQUALITY
         if problem.constraints and status.solved:
             stop = self.stops[problem.constraints - 1]
-            if np.any(np.abs(w[:stop]) > VIOLATION_TOLERANCE * (1.0 + np.abs(value[:stop] - w[:stop]))):
+            if np.any(np.abs(w[:stop]) > VIOLATION_TOLERANCE * (1.0 + np.abs(nearest[:stop]))):
                 status = Status.worst(status, Status.CONSTRAINTS_VIOLATED)
         return Solution(x, status, self._split(w), self._split(marks), stats, detail)
 

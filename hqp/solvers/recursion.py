@@ -101,12 +101,14 @@ class Recursion:
             if step is not None:
                 return step
             self.factorisations += 1
-        qr, pivots, tau, _, _ = geqp3(tail[:, :m], lwork=_WORK)
-        rank = self._rank(np.abs(qr.diagonal()), size)
+        whole, pivots, tau, _, _ = geqp3(tail[:, :m], lwork=_WORK)
+        rank = self._rank(whole, min(m, free), size)
         if rank == 0:
             return _Step(0, tail[:, m:])
         pivots -= 1
-        qr, tau = qr[:, :rank] if rank < m else qr, tau[:rank]
+        qr = whole
+        if rank < m:
+            qr, tau = whole[:, :rank], tau[:rank]
         rest = tail[:, m:]
         if rest.shape[1]:
             rest, _, _ = ormqr("L", "T", qr, tau, rest, _WORK)
@@ -115,7 +117,7 @@ class Recursion:
         if rank == m and damping == 0.0:
             step.y, _ = trtrs(qr[:rank], rhs, trans=1)
         else:
-            step.y = self._least_squares(tail, qr, tau, pivots, rank, rhs, damping)
+            step.y = self._least_squares(np.triu(whole[:rank]).T, rhs, damping)
         if step.top.shape[1]:
             b[m:] -= step.y @ step.top
         return step
@@ -124,7 +126,7 @@ class Recursion:
         """The step of a level that determines all that is left, None where it turns out not to."""
         free = tail.shape[0]
         qr, pivots, tau, _, _ = geqp3(tail[:, :m].T, lwork=_WORK)
-        if self._rank(np.abs(qr.diagonal()), size) < free:
+        if self._rank(qr, free, size) < free:
             return None
         pivots -= 1
         image, _, _ = ormqr("L", "T", qr, tau, b[:m, None], _WORK)
@@ -135,23 +137,24 @@ class Recursion:
         return step
 
     @staticmethod
-    def _least_squares(tail: Mat, qr: Mat, tau: Vec, pivots: Index, rank: int, rhs: Vec, damping: float) -> Vec:
-        """min ||J y - rhs||^2 + damping^2 ||y||^2 of a level whose rows are dependent, ``(rank,)``."""
-        m = pivots.size
-        J, _, _ = ormqr("L", "T", qr, tau, tail[:, :m][:, pivots], _WORK)
-        J = J[:rank].T
+    def _least_squares(J: Mat, rhs: Vec, damping: float) -> Vec:
+        """min ||J y - rhs||^2 + damping^2 ||y||^2 of a level whose rows are dependent, J ``(m, rank)``."""
+        rank = J.shape[1]
         if damping > 0.0:
             J = np.concatenate([J, damping * np.eye(rank)])
             rhs = np.concatenate([rhs, np.zeros(rank)])
         _, y, _ = gels(J, rhs, lwork=_WORK)
         return np.asarray(y[:rank])
 
-    def _rank(self, pivots: Vec, size: float) -> int:
+    def _rank(self, qr: Mat, most: int, size: float) -> int:
         """How many pivots are above the tolerance, judged against the unprojected row norms."""
         cut = self.tolerance * size
+        if abs(qr[most - 1, most - 1]) > NEAR * cut:  # pivots never grow: all are
+            return most
+        pivots = np.abs(qr.diagonal())
         rank = int(np.count_nonzero(pivots > cut))
         smallest_kept = pivots[rank - 1] if rank else np.inf
-        largest_cut = pivots[rank] if rank < pivots.size else 0.0
+        largest_cut = pivots[rank] if rank < most else 0.0
         self.uncertain |= bool(smallest_kept < NEAR * cut or largest_cut * NEAR > cut)
         return rank
 
