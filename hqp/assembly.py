@@ -174,7 +174,11 @@ class Assembly:
                 self.feedforward[part] = reference.acceleration
                 self._fed = True
         if self._native is not None:
-            self._run_native(state, references)
+            self._feed(state, references)
+            self._native.run(state.q, state.v)
+            if self.order == 2:
+                for member in self._drifting:
+                    member.block.drift[:] = member.element.drift(state)  # type: ignore[attr-defined]
         for write, name in self._writers:
             write(state, references[name])
         if self._runs:
@@ -185,7 +189,8 @@ class Assembly:
             np.multiply(member.block.J, member.element.weight, out=member.scaled)
         self._apply_laws(state.v)
 
-    def _run_native(self, state: State, references: Mapping[str, Reference]) -> None:
+    def _feed(self, state: State, references: Mapping[str, Reference]) -> None:
+        """Put what native operations read where they read it."""
         for member in self._targets:
             reference = references[member.element.name]
             if reference is not member.seen:
@@ -198,10 +203,6 @@ class Assembly:
                 member.seen = reference
         if self._needs_com:
             state.com_jacobian()
-        self._native.run(state.q, state.v)
-        if self.order == 2:
-            for member in self._drifting:
-                member.block.drift[:] = member.element.drift(state)  # type: ignore[attr-defined]
 
     def _apply_laws(self, v: Vec) -> None:
         demand, scratch = self._demand, self._scratch

@@ -127,15 +127,17 @@ def _refused(name: str, solver: Solver, note: str) -> Line:
 
 
 def _solve(workspace: Workspace, problems: list[Hierarchy], repeats: int) -> tuple[Vec, Vec, list[Solution]]:
-    wall, cpu, solutions = [], [], []
+    wall, cpu = [], []
     workspace.solve(problems[0])
-    for problem in problems:
-        for _ in range(repeats):
-            start, start_cpu = perf_counter_ns(), process_time_ns()
-            solution = workspace.solve(problem)
-            cpu.append(process_time_ns() - start_cpu)
-            wall.append(perf_counter_ns() - start)
-        solutions.append(solution)
+
+    def timed(problem: Hierarchy) -> Solution:
+        start, start_cpu = perf_counter_ns(), process_time_ns()
+        solution = workspace.solve(problem)
+        cpu.append(process_time_ns() - start_cpu)
+        wall.append(perf_counter_ns() - start)
+        return solution
+
+    solutions = [[timed(problem) for _ in range(max(1, repeats))][-1] for problem in problems]
     return np.array(wall) / 1e3, np.array(cpu) / 1e3, solutions
 
 
