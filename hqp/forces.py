@@ -23,7 +23,7 @@ class Efforts:
     def __init__(self, elements: Sequence[Element], robot: Robot, dt: float) -> None:
         self._blocks: dict[str, Block] = {}
         self._elements = {e.name: e for e in elements}
-        self._plan: list[tuple[Writer, str, Block, Vec, Vec, bool, float]] = []
+        self._plan: list[tuple[Writer, str, Block, Vec, Vec, float]] = []
         self._robot = robot
         n = robot.actuated.size
         for element in elements:
@@ -62,25 +62,22 @@ class Efforts:
 
     def _add(self, element: Element, block: Block, lower: Vec, upper: Vec) -> None:
         writer = self._writers[element.name]
-        self._plan.append((writer, element.name, block, lower, upper, element.equality, element.weight))
+        self._plan.append((writer, element.name, block, lower, upper, element.weight))
 
     def fill(self, state: State, references: Mapping[str, Reference]) -> None:
-        """Refill the bounds: an equality asks for tau = reference (its block's error is -reference)."""
-        for write, name, block, lower, upper, equality, weight in self._plan:
+        """Refill the bounds; a writer writes lower and upper, equal ones for a target."""
+        for write, name, block, lower, upper, weight in self._plan:
             write(state, references[name])
-            if equality:
-                np.multiply(block.error, -weight, out=lower)
-                np.copyto(upper, lower)
-            else:
-                np.multiply(block.lower, weight, out=lower)
-                np.multiply(block.upper, weight, out=upper)
+            np.multiply(block.lower, weight, out=lower)
+            np.multiply(block.upper, weight, out=upper)
 
 
 class Forces:
     """Elements on the force of a reaction constraint: lower <= C f <= upper, f in contact axes, -lambda seen in them.
 
     Rows of a contact that are in world axes are turned into its frame; a contact whose rows are not simply a force
-    ``(3,)`` or a wrench ``(6,)`` tells by ``force_basis()`` ``(3 or 6, m)`` what they are.
+    ``(3,)`` or a wrench ``(6,)`` tells by ``force_basis()`` ``(3 or 6, m)`` what they are.  An equality is a target
+    for C f, zero or the reference's value.
     """
 
     def __init__(self, elements: Sequence[Element], held: Sequence[Element], rows: Assembly, robot: Robot) -> None:
@@ -114,16 +111,16 @@ class Forces:
             for block in blocks:
                 here = slice(part.start + block.start, part.start + block.stop)
                 self._frames.append((self._turn[here, here], rotation.T))
+        self._targets = [(e.name, self._places[e.name], e.weight) for e in elements if e.equality]
         self._plan: list[list[Any]] = []
-        self._A: Mat = np.zeros((at, 0))
 
     def __bool__(self) -> bool:
         return bool(self._elements)
 
     def rows(self, name: str) -> int:
         """Number of rows of an element."""
-        place = self._places[name]
-        return place.stop - place.start
+        place: slice = self._places[name]
+        return int(place.stop - place.start)
 
     def place(self, name: str, here: slice, A: Mat, lower: Vec, upper: Vec) -> None:
         """Write an element's rows and bounds at ``here`` of a block each tick, with those before it if they touch."""
@@ -133,8 +130,12 @@ class Forces:
             self._plan.pop()
         self._plan.append([own, here, A[here], lower[here], upper[here]])
 
-    def fill(self, dynamics: ConstrainedDynamics) -> None:
+    def fill(self, references: Mapping[str, Reference], dynamics: ConstrainedDynamics) -> None:
         """Refill rows C f with f = -(F tau + f_0) turned into contact axes, lambda = F tau + f_0 (eq. 3)."""
+        for name, place, weight in self._targets:
+            value = references[name].value
+            self._lower[place] = 0.0 if value is None else weight * value
+            self._upper[place] = self._lower[place]
         for block, rotation in self._frames:
             block[:] = rotation
         C = self._C @ self._turn

@@ -90,6 +90,11 @@ class TorqueProgram(Program):
         self._self_motions = SelfMotions(stack, groups, held, robot, dt, laws, self.assembly)
         self._needs_com = any(getattr(e, "subtree", 0) is None for e in stack)
         self._state: State | None = None
+        self._targets = [
+            (name, self.problem.levels[place.level].lower[place.part])
+            for name, place in self.places.items()
+            if place.element.quantity != "motion" and place.element.equality
+        ]
 
     def _lay_out(self, groups: Sequence[Group], robot: Robot) -> None:
         """Where every element's rows go: levels that only bound tau are selections, the others slices of one block."""
@@ -139,7 +144,7 @@ class TorqueProgram(Program):
     def _size(self, element: Element) -> int:
         if element.quantity == "motion":
             part = self.assembly.members[element.name].part
-            return part.stop - part.start
+            return int(part.stop - part.start)
         owner = self._efforts if element.quantity == "effort" else self._forces
         return owner.rows(element.name)
 
@@ -190,7 +195,12 @@ class TorqueProgram(Program):
         if self._efforts:
             self._efforts.fill(state, references)
         if self._forces:
-            self._forces.fill(dynamics)
+            self._forces.fill(references, dynamics)
+
+    def unfit(self) -> tuple[str, ...]:
+        """Names of elements whose rows came out not finite."""
+        lost = tuple(name for name, target in self._targets if not np.isfinite(target).all())
+        return self.assembly.unfit() + lost
 
     def leave_out(self, name: str) -> None:
         """Free the rows of one element for this tick; a reaction constraint stays, on its hold value."""

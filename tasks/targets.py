@@ -14,7 +14,7 @@ from hqp.element import Block, Element, Quantity, Writer
 from hqp.reference import Reference, numbers
 from hqp.robot import Robot, State
 
-from .fields import joint_columns, set_names
+from .fields import motor_positions, set_names
 
 COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
 """Components of a wrench in the contact frame, in order."""
@@ -42,13 +42,7 @@ class JointTorque(Element):
 
     def selection(self, robot: Robot) -> Index:
         """Positions of the motors among ``robot.actuated``, ``(k,)``; raises JointNotFound, DeclarationError."""
-        motors = robot.actuated.tolist()
-        if self.joints is None:
-            return np.arange(len(motors), dtype=np.intp)
-        columns = joint_columns(self, robot, self.joints).tolist()
-        if not set(columns) <= set(motors):
-            raise self.bad("joints", self.joints, f"joints with a motor: {', '.join(robot.joint_names)}")
-        return np.array([motors.index(column) for column in columns], dtype=np.intp)
+        return motor_positions(self, robot, self.joints)
 
     def at(self, value: ArrayLike) -> Reference:
         """Torques to have ``(k,)`` [N m]; raises DeclarationError for what is no vector."""

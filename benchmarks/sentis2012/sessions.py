@@ -84,7 +84,7 @@ def _program(session: Session) -> TorqueProgram:
 
 
 def paper(s: Snapshot, program: TorqueProgram, names: Sequence[str] = ("com", "hand", "posture")) -> Vec:
-    """The compensated law for the demands of the session: J qdd = d, with d + J K dJ_constr qd in place of a - dJ* qd."""
+    """The compensated law for the session's demands J qdd = d: a - dJ* qd is d + J K dJ_constr qd."""
     d, (K, UNbar) = dynamics(s), s.inverse
     asked = []
     for name in names:
@@ -175,7 +175,7 @@ def _limits(ground: Ground, count: int) -> Iterator[Check]:
     label = ground.label
     for share in (0.8, 0.6, 0.4):
         kept, gaps, clipped, posture = [], [], [], []
-        for s, session, tick in at_states(ground, dreamer(), "nullspace", count, SEED + 3):
+        for _, session, tick in at_states(ground, dreamer(), "nullspace", count, SEED + 3):
             problem, tau = session.problem.copy(), tick.command
             limit = np.full(12, share * largest(tau))
             bounds = hqp.Rows(hqp.Selection(np.arange(12)), -limit, limit)
