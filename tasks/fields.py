@@ -7,6 +7,8 @@ from collections.abc import Iterable, Sequence
 from functools import cache
 from typing import Any
 
+import numpy as np
+
 from hqp.arrays import Index, Mat, Vec
 from hqp.element import Element
 from hqp.errors import DeclarationError
@@ -77,6 +79,17 @@ def joint_columns(element: Element, robot: Robot, joints: str | Sequence[str] | 
     if len(set(columns.tolist())) < columns.size:
         raise element.bad("joints", joints, "joints and groups that do not overlap")
     return columns
+
+
+def motor_positions(element: Element, robot: Robot, joints: str | Sequence[str] | None) -> Index:
+    """Positions among ``robot.actuated`` of joints or groups, all for None; raises as ``joint_columns``."""
+    motors = robot.actuated.tolist()
+    if joints is None:
+        return np.arange(len(motors), dtype=np.intp)
+    columns = joint_columns(element, robot, joints).tolist()
+    if not set(columns) <= set(motors):
+        raise element.bad("joints", joints, f"joints with a motor: {', '.join(robot.joint_names)}")
+    return np.array([motors.index(column) for column in columns], dtype=np.intp)
 
 
 def target(reference: Reference) -> Vec | Mat:

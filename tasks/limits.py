@@ -14,7 +14,7 @@ from hqp.element import Block, Constraint, Plan, Quantity, Writer
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 
-from .fields import check_number, joint_columns, set_names
+from .fields import check_number, joint_columns, motor_positions, set_names
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,13 +158,7 @@ class TorqueLimits(Constraint):
 
     def selection(self, robot: Robot) -> Index:
         """Positions of the motors among ``robot.actuated``, ``(k,)``; raises JointNotFound, DeclarationError."""
-        motors = robot.actuated.tolist()
-        if self.joints is None:
-            return np.arange(len(motors), dtype=np.intp)
-        columns = joint_columns(self, robot, self.joints).tolist()
-        if not set(columns) <= set(motors):
-            raise self.bad("joints", self.joints, f"joints with a motor: {', '.join(robot.joint_names)}")
-        return np.array([motors.index(column) for column in columns], dtype=np.intp)
+        return motor_positions(self, robot, self.joints)
 
     def bind(self, robot: Robot, out: Block) -> Writer:
         """Write J, lower and upper once, on x = tau."""
