@@ -47,7 +47,7 @@ def seen_to_fail(
     equation: str, check: str, robot: str, tolerance: float, values: Iterable[float], note: str = ""
 ) -> Check:
     """A negative control: passed if the median error misses the tolerance by SEEN or more."""
-    listed = sorted(values)
+    listed = sorted(float(value) for value in values)
     measured = listed[len(listed) // 2] if listed else math.nan
     text = "negative control: must miss the tolerance" + (f"; {note}" if note else "")
     return Check(equation, check, robot, tolerance, measured, measured >= SEEN * tolerance, text)
