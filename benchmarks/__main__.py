@@ -45,8 +45,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def present(part: str) -> bool:
-    """Whether the module of a part exists."""
-    return importlib.util.find_spec(f"benchmarks.{part}") is not None
+    """Whether the module of a part exists (a folder without ``__init__`` is none)."""
+    spec = importlib.util.find_spec(f"benchmarks.{part}")
+    return spec is not None and spec.origin is not None
 
 
 def _common(parser: argparse.ArgumentParser) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import importlib
 import importlib.util
-from collections.abc import Iterator
 from pathlib import Path
 
 from benchmarks import chosen, report
@@ -35,7 +34,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Check, show, write; returns 1 if a check fails."""
     count = arguments.states or (10 if arguments.quick else 100)
     checks, notes = mistry(tuple(arguments.robots), count, arguments.output)
-    checks += sentis(arguments.quick)
+    more, figures = sentis(arguments.quick, arguments.output)
+    checks += more
+    notes += figures
     report.show(checks)
     if arguments.json is not None:
         write_json(arguments.json, checks)
@@ -73,13 +74,16 @@ def mistry(names: tuple[str, ...], count: int, output: Path | None) -> tuple[lis
     return checks, notes
 
 
-def sentis(quick: bool) -> Iterator[Check]:
-    """The rows of Sentis 2012 where its module is here."""
-    if importlib.util.find_spec("benchmarks.sentis2012") is None:
-        return iter(())
+def sentis(quick: bool, output: Path | None) -> tuple[list[Check], list[str]]:
+    """The rows of Sentis 2012 where its module is here; with ``output``, its figures there."""
+    spec = importlib.util.find_spec("benchmarks.sentis2012")
+    if spec is None or spec.origin is None:
+        return [], []
     module = importlib.import_module("benchmarks.sentis2012")
-    if not hasattr(module, "rows"):
-        return iter(())
     with report.bar() as bar:
-        bar.add_task("Sentis 2012", total=None)
-        return iter(list(module.rows(quick=quick)))
+        task = bar.add_task("Sentis 2012", total=None)
+        checks = module.rows(progress=lambda text: bar.update(task, description=text), quick=quick)
+        if output is None or importlib.util.find_spec("matplotlib") is None:
+            return checks, []
+        bar.update(task, description="Sentis 2012, figures")
+        return checks, [f"![{path.stem}]({path.name})" for path in module.figures(output, quick=quick)]

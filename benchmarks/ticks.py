@@ -24,6 +24,9 @@ BUDGET_US = 1e6 / HZ
 WARM_UP = 50
 """Ticks before the first that counts."""
 
+JUDGED = 100
+"""Every so many ticks the answer is judged, outside the timed part: a fast wrong answer must not look good."""
+
 PARTS = ("state", "assemble", "solve", "command")
 
 
@@ -32,7 +35,8 @@ class Ticks:
     """Times ``(T,)`` [us] of one run; floor: the bare Pinocchio calls of the same stack at the same states.
 
     parts: ``(T, 4)`` as PARTS; the first holds ``robot.state`` and the kinematics, the second the references too.
-    unsolved: ticks whose status is no optimum.  hand_rms [m]: that the work was done.
+    unsolved: ticks whose status is no optimum.  hand_rms [m]: that the work was done.  gap: the largest of the
+    certificates of every JUDGED-th tick.
     """
 
     robot: str
@@ -44,6 +48,7 @@ class Ticks:
     floor: Vec
     unsolved: int
     hand_rms: float
+    gap: float
 
     @property
     def without_solve(self) -> float:
@@ -70,6 +75,7 @@ class Ticks:
             "without_solve_us": self.without_solve,
             "unsolved": self.unsolved,
             "hand_rms_mm": 1e3 * self.hand_rms,
+            "gap": self.gap,
         }
 
 
@@ -104,7 +110,7 @@ def run(robot: Robot, name: str, solver: Solver, ticks: int) -> Ticks:
     state = robot.state(q, v)
     com_0, hand_0 = com.value(state), hand.value(state)
     wall, cpu, floor, parts = (np.zeros(ticks), np.zeros(ticks), np.zeros(ticks), np.zeros((ticks, 4)))
-    unsolved, square = 0, 0.0
+    unsolved, square, gap = 0, 0.0, 0.0
     gc.collect()
     gc.disable()
     try:
@@ -134,9 +140,11 @@ def run(robot: Robot, name: str, solver: Solver, ticks: int) -> Ticks:
             parts[i, 0] += made - start
             parts[i, 1] += referred - made
             unsolved += int(not tick.status.solved)
+            if i % JUDGED == JUDGED - 1 and tick.solution is not None:
+                gap = max(gap, hqp.certificate(session.problem, tick.solution.x).gap)
     finally:
         gc.enable()
     rms = float(np.sqrt(square / ticks))
     return Ticks(
-        robot.name, str(stack), name, wall / 1e3, cpu / 1e3, parts / 1e3, floor / 1e3, unsolved, rms
+        robot.name, str(stack), name, wall / 1e3, cpu / 1e3, parts / 1e3, floor / 1e3, unsolved, rms, gap
     )  # fmt: skip

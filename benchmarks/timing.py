@@ -53,7 +53,9 @@ def run(arguments: argparse.Namespace) -> int:
         f"{count} ticks each of 500 Hz (budget {BUDGET_US:g} us), one BLAS thread, garbage collection off, "
         f"{'native kernel' if machine.native() else 'pure Python, no native kernel'}. Times in us. "
         "*floor*: the bare Pinocchio calls of the stack at the same states in the same run. "
-        "Solvers marked (limits ignored) take no inequalities: they do less.",
+        "*gap*: largest certificate gap of every "
+        f"{ticks.JUDGED}th tick. Solvers marked (limits ignored) take no inequalities: they do less. `daqp` and "
+        "`cascade:*` include the refinement of the back end's answer.",
         f"Stack: `{runs[0].stack}`" if runs else "",
         text,
         "To reach on Talos (medians):",
@@ -72,7 +74,7 @@ def _solver(name: str) -> tuple[str, solvers.Solver]:
 
 HEADER = (
     "robot", "solver", "median", "p99", "max", "cpu", *PARTS, "without solve", "floor", "over 2 ms", "unsolved",
-    "hand RMS mm",
+    "gap", "hand RMS mm",
 )  # fmt: skip
 
 
@@ -83,7 +85,8 @@ def _cells(record: dict[str, object]) -> tuple[str, ...]:
     return (
         str(record["robot"]), str(record["solver"]), *(f"{wall[key]:.0f}" for key in ("median", "p99", "max")),
         f"{cpu['median']:.0f}", *parts, without, f"{record['floor_us']:.1f}",
-        f"{record['misses_2ms']}/{record['ticks']}", str(record["unsolved"]), f"{record['hand_rms_mm']:.3f}",
+        f"{record['misses_2ms']}/{record['ticks']}", str(record["unsolved"]), f"{record['gap']:.0e}" if "gap" in record else "",
+        f"{record['hand_rms_mm']:.3f}",
     )  # fmt: skip
 
 
