@@ -16,9 +16,14 @@ _PACKAGES = (
 )  # fmt: skip
 
 
-def native() -> bool:
-    """Whether hqp's compiled kernel is there."""
-    return importlib.util.find_spec("hqp._lexicographic") is not None
+def native() -> str:
+    """Which of hqp's compiled parts are there: the solver's kernel, the assembly of rows, both or neither."""
+    parts = {"_lexicographic": "solver", "_assembly": "assembly"}
+    found = [text for module, text in parts.items() if importlib.util.find_spec(f"hqp.{module}") is not None]
+    missing = [text for text in parts.values() if text not in found]
+    if not found:
+        return "pure Python, nothing native"
+    return f"native {' and '.join(found)}" + (f", {missing[0]} in Python" if missing else "")
 
 
 def description() -> tuple[tuple[str, str], ...]:
@@ -28,7 +33,7 @@ def description() -> tuple[tuple[str, str], ...]:
     return (
         ("machine", f"{_processor()}, {os.cpu_count()} logical cores, {platform.system()} {platform.release()}"),
         ("Python", f"{platform.python_version()} ({platform.python_compiler()})"),
-        ("hqp", f"{hqp.__version__}, {'native kernel' if native() else 'pure Python, no native kernel'}"),
+        ("hqp", f"{hqp.__version__}, {native()}"),
         ("packages", ", ".join(f"{name} {version}" for name, version in _versions())),
         ("BLAS", f"{_blas()}, {_threads()}"),
         ("load average", ", ".join(f"{x:.1f}" for x in os.getloadavg()) if hasattr(os, "getloadavg") else "unknown"),

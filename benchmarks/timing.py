@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.output,
         "timing",
         f"{count} ticks each of 500 Hz (budget {BUDGET_US:g} us), one BLAS thread, garbage collection off, "
-        f"{'native kernel' if machine.native() else 'pure Python, no native kernel'}. Times in us. "
+        f"{machine.native()}. Times in us. "
         "*floor*: the bare Pinocchio calls of the stack at the same states in the same run. "
         "*gap*: largest certificate gap of every "
         f"{ticks.JUDGED}th tick. Solvers marked (limits ignored) take no inequalities: they do less. `daqp` and "
@@ -81,12 +81,12 @@ HEADER = (
 def _cells(record: dict[str, object]) -> tuple[str, ...]:
     wall, cpu, split = (dict(record[key]) for key in ("wall_us", "cpu_us", "split_us"))  # type: ignore[call-overload]
     parts = (f"{split[part]:.1f}" if part in split else "" for part in PARTS)
+    gap = f"{record['gap']:.0e}" if "gap" in record else ""
     without = f"{record['without_solve_us']:.1f}" if split else ""
     return (
         str(record["robot"]), str(record["solver"]), *(f"{wall[key]:.0f}" for key in ("median", "p99", "max")),
         f"{cpu['median']:.0f}", *parts, without, f"{record['floor_us']:.1f}",
-        f"{record['misses_2ms']}/{record['ticks']}", str(record["unsolved"]), f"{record['gap']:.0e}" if "gap" in record else "",
-        f"{record['hand_rms_mm']:.3f}",
+        f"{record['misses_2ms']}/{record['ticks']}", str(record["unsolved"]), gap, f"{record['hand_rms_mm']:.3f}",
     )  # fmt: skip
 
 
