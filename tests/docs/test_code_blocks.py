@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
-from typing import Any
+from types import ModuleType
 
 import pytest
 
@@ -21,10 +22,11 @@ def blocks(page: Path, language: str) -> list[tuple[int, str]]:
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: p.name)
 def test_python_blocks_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    names: dict[str, Any] = {"__name__": "page"}
+    module = ModuleType("page")
+    monkeypatch.setitem(sys.modules, "page", module)  # classes look their module up
     for line, code in blocks(page, "python"):
         source = "\n" * (line - 1) + code  # a traceback then points into the page
-        exec(compile(source, str(page), "exec"), names)
+        exec(compile(source, str(page), "exec", dont_inherit=True), module.__dict__)
 
 
 def test_toml_blocks_are_stacks() -> None:
