@@ -23,14 +23,18 @@ class Selection:
     """Rows that each pick one variable: ``(A x)_i = scale_i x[index_i]``.
 
     index: ``(m,)`` positions in x.  scale: ``(m,)``, non-zero, 1 by default.
-    Raises ProblemError for shapes that disagree, negative positions, or a scale that is zero or not finite.
+    Raises ProblemError for shapes that disagree, positions that are negative or no integers, a scale that is zero or
+    not finite.
     """
 
     index: Index
     scale: Vec = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        index = np.asarray(self.index, dtype=np.intp)
+        index = np.asarray(self.index)
+        if index.size and index.dtype.kind not in "iu":
+            raise ProblemError(f"selection: positions must be integers, given {index.dtype}")
+        index = index.astype(np.intp, copy=False)
         scale = np.ones(index.shape) if self.scale is None else np.asarray(self.scale, dtype=np.float64)
         if index.ndim != 1 or scale.shape != index.shape:
             raise ProblemError(f"selection: index {index.shape} and scale {scale.shape} must be one vector each")
@@ -144,7 +148,7 @@ class Hierarchy:
     constraints: how many leading levels are meant to hold exactly.  metric: ``(n, n)`` symmetric positive
     semidefinite, the identity by default.  origin: ``(n,)``, zero by default.  n: number of variables,
     needed only where no dense level, metric or origin tells it.
-    Raises ProblemError for shapes that disagree.
+    Raises ProblemError for shapes that disagree, n = 0, a metric that is not symmetric positive semidefinite.
     """
 
     levels: tuple[Rows, ...]
@@ -156,10 +160,15 @@ class Hierarchy:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "levels", tuple(self.levels))
+        for k, rows in enumerate(self.levels):
+            if not isinstance(rows, Rows):
+                raise ProblemError(f"hierarchy: level {k} must be Rows, given {type(rows).__name__}")
         if self.metric is not None:
             object.__setattr__(self, "metric", _matrix(self.metric))
         if self.origin is not None:
             object.__setattr__(self, "origin", np.asarray(self.origin, dtype=np.float64))
+            if np.ndim(self.origin) != 1:
+                raise ProblemError(f"hierarchy: origin must be a vector, given shape {np.shape(self.origin)}")
         widths = set(self._widths())
         if len(widths) > 1:
             raise ProblemError(f"hierarchy: the levels, metric and origin disagree on n: {sorted(widths)}")
@@ -181,8 +190,12 @@ class Hierarchy:
     def _check_metric(metric: Mat, n: int) -> None:
         if metric.shape != (n, n) or not np.isfinite(metric).all():
             raise ProblemError(f"hierarchy: metric must be finite with shape ({n}, {n}), given {metric.shape}")
-        if abs(metric - metric.T).max() > 1e-9 * max(1.0, abs(metric).max()):
+        size = float(abs(metric).max())
+        if abs(metric - metric.T).max() > 1e-9 * size:
             raise ProblemError("hierarchy: metric must be symmetric")
+        smallest = float(np.linalg.eigvalsh(metric)[0])
+        if smallest < -1e-9 * size:
+            raise ProblemError(f"hierarchy: metric must be positive semidefinite, it has the eigenvalue {smallest:.3g}")
 
     def _widths(self) -> Iterator[int]:
         if self.n:

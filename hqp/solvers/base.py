@@ -76,7 +76,12 @@ def check_shape(problem: Hierarchy, shape: Shape) -> None:
 
 
 def finish(problem: Hierarchy, x: Vec, status: Status, stats: Stats, detail: str = "") -> Solution:
-    """A Solution whose residuals, active sets and violation of constraints are computed from (problem, x)."""
+    """A Solution whose residuals, active sets and violation of constraints are computed from (problem, x).
+
+    An x that is not finite becomes x = 0, NOT_CERTIFIED.
+    """
+    if not np.isfinite(x).all():
+        x, status, detail = np.zeros(problem.n), Status.worst(status, Status.NOT_CERTIFIED), "x is not finite"
     residuals = problem.slacks(x)
     active = tuple(activity(rows, x) for rows in problem.levels)
     if status.solved and violated(problem, residuals):

@@ -45,6 +45,7 @@ class Refiner:
     def __init__(self, flat: Flat, rank_tolerance: float, exchanges: int) -> None:
         self.flat, self.exchanges = flat, exchanges
         self.recursion = Recursion(flat.shape.n, rank_tolerance)
+        self._determined = False  # whether the levels alone settled the last optimum
 
     def refine(self, x: Vec, nearness: float) -> Refined:
         """The optimum near x, if the signs confirm one within the exchanges allowed; x itself otherwise.
@@ -102,17 +103,27 @@ class Refiner:
         return sides
 
     def _optimum(self, sides: Signs) -> tuple[Vec, Index]:
-        """x with the rows at ``sides`` as equalities, and those of them that pull from the wrong side."""
-        flat = self.flat
+        """x with the rows at ``sides`` as equalities, and those of them that pull from the wrong side.
+
+        The completion is left out while the levels leave nothing to choose and every sign is theirs.
+        """
+        flat, own = self.flat, len(self.flat.shape.rows)
         taken = flat.equality | (sides != 0)
-        rows = np.flatnonzero(taken)
         counts = np.concatenate([[0], np.cumsum(taken)])
         stops = [int(counts[stop]) for stop in flat.stops]
+        rows = np.flatnonzero(taken)
         target = np.where(sides < 0, flat.lower, flat.upper)[rows]
-        A = flat.A[rows]
-        self.recursion.solve(A, target, stops)
-        x = self.recursion.point()
-        return x, self._wrong(A @ x - target, stops, rows, sides, x)
+        levels = own if self._determined else len(stops)
+        while True:
+            part = rows[: stops[levels - 1]] if levels else rows[:0]
+            A, b = flat.A[part], target[: part.size]
+            self.recursion.solve(A, b, stops[:levels])
+            x = self.recursion.point()
+            wrong, undecided = self._wrong(A @ x - b, stops[:levels], part, sides, x)
+            self._determined = not undecided and sum(self.recursion.ranks[:own]) == flat.shape.n
+            if self._determined or levels == len(stops):
+                return x, wrong
+            levels = len(stops)
 
     def _violated(self, x: Vec, sides: Signs) -> tuple[Mask, Mask]:
         """Rows left out that x violates, above and below."""
@@ -138,21 +149,27 @@ class Refiner:
             return 1.0, -1, 0
         return max(0.0, float(steps[row])), row, 1 if up[row] else -1
 
-    def _wrong(self, residual: Vec, stops: list[int], rows: Index, sides: Signs, x: Vec) -> Index:
-        """Rows whose first non-zero multiplier has the wrong sign, most important level first."""
+    def _wrong(self, residual: Vec, stops: list[int], rows: Index, sides: Signs, x: Vec) -> tuple[Index, bool]:
+        """Rows whose first non-zero multiplier has the wrong sign, most important level first.
+
+        Also whether a row has none but zeros at the problem's own levels, so that the completion has the say.
+        """
         signed = np.flatnonzero(sides[rows])
         if not signed.size:
-            return signed
+            return signed, False
         own, side = self.flat.level[rows[signed]], sides[rows[signed]]
         L = self.recursion.multipliers(residual, stops)[signed] * side[:, None]
         size = 1.0 + float(np.abs(x).max(initial=0.0))
         # a multiplier times its row's length is a share of its level's gradient, whose scale is r_k (r_k size + max|w|)
         worst = np.array([np.abs(residual[a:z]).max(initial=0.0) for a, z in zip([0, *stops], stops, strict=False)])
-        scale = self._longest * (self._longest * size + worst)
+        longest = self._longest[: len(stops)]
+        scale = longest * (longest * size + worst)
         pull = L * self._lengths[rows[signed], None] / np.maximum(scale, TINY)
         each = np.arange(own.size)
-        pull[each, own] = L[each, own] / np.maximum(self._longest[own] * size, TINY)
+        pull[each, own] = L[each, own] / np.maximum(longest[own] * size, TINY)
         pull[np.abs(pull) <= ZERO] = 0.0
         first = np.argmax(pull != 0.0, axis=1)
-        bad = np.flatnonzero(pull[each, first] < 0.0)
-        return np.asarray(rows[signed[bad[np.lexsort((pull[bad, first[bad]], first[bad]))]]])
+        decisive = pull[each, first]
+        bad = np.flatnonzero(decisive < 0.0)
+        undecided = bool(np.any((decisive == 0.0) | (first >= len(self.flat.shape.rows))))
+        return np.asarray(rows[signed[bad[np.lexsort((decisive[bad], first[bad]))]]]), undecided
