@@ -130,8 +130,13 @@ class Forces:
             self._plan.pop()
         self._plan.append([own, here, A[here], lower[here], upper[here]])
 
-    def fill(self, references: Mapping[str, Reference], dynamics: ConstrainedDynamics) -> None:
-        """Refill rows C f with f = -(F tau + f_0) turned into contact axes, lambda = F tau + f_0 (eq. 3)."""
+    def fill(
+        self, references: Mapping[str, Reference], dynamics: ConstrainedDynamics, shift: Vec | None = None
+    ) -> None:
+        """Refill rows C f with f = -(F tau + f_0) turned into contact axes, lambda = F tau + f_0 (eq. 3).
+
+        shift: part of tau that the model of the forces does not know, ``(n,)``.
+        """
         for name, place, weight in self._targets:
             value = references[name].value
             self._lower[place] = 0.0 if value is None else weight * value
@@ -140,7 +145,7 @@ class Forces:
             block[:] = rotation
         C = self._C @ self._turn
         F, f = dynamics.force_map()
-        offset = C @ f
+        offset = C @ (f if shift is None else f - F @ shift)
         for own, _, A, lower, upper in self._plan:
             np.matmul(C[own], F, out=A)
             np.subtract(self._lower[own], offset[own], out=lower)

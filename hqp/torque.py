@@ -15,6 +15,7 @@ from hqp.element import Constraint, Element
 from hqp.errors import DeclarationError, StaleState
 from hqp.forces import Efforts, Forces
 from hqp.formulation import Formulation, Group, Place, Program
+from hqp.gravity import Gravity
 from hqp.law import PD, Law
 from hqp.problem import Hierarchy, Rows, Shape, Stacked
 from hqp.reference import Reference
@@ -34,13 +35,16 @@ class Torque(Formulation):
     min tau^T phi* tau, and then by least tau.
 
     law: for elements without one.  contact_law: feedback in J qdd = -dJ/dt v - kp e - kd J v of reaction
-    constraints; none by default, for ground does not move on request.
+    constraints; none by default, for ground does not move on request.  gravity_compensation: what the levels leave
+    is settled by min |tau - tau_g| in phi* instead (eq. 27), tau_g the torque that holds the robot: it floats rather
+    than falls; wheels then hold a robot on a slope whose goals all move with it.
     """
 
     order: ClassVar[int] = 2
     quantities: ClassVar[frozenset[str]] = frozenset({"motion", "force", "effort"})
     law: Law = field(default=PD(100.0, 20.0))
     contact_law: Law = field(default=PD(0.0, 0.0))
+    gravity_compensation: bool = False
 
     def laws(self, stack: Stack) -> dict[str, Law]:
         """The law of each element; reaction constraints take contact_law, contacts in a level take law."""
@@ -86,8 +90,10 @@ class TorqueProgram(Program):
         self.dynamics = ConstrainedDynamics(robot.nv, self._m, robot.actuated)
         self._efforts = Efforts([e for e in stack if e.quantity == "effort"], robot, dt)
         self._forces = Forces([e for e in stack if e.quantity == "force"], held, self.assembly, robot)
+        self._origin = np.zeros(robot.actuated.size) if formulation.gravity_compensation else None
         self._lay_out(groups, robot)
         self._self_motions = SelfMotions(stack, groups, held, robot, dt, laws, self.assembly)
+        self._gravity = Gravity(held, robot, dt, laws)
         self._needs_com = any(getattr(e, "subtree", 0) is None for e in stack)
         self._state: State | None = None
         self._targets = [
@@ -135,11 +141,13 @@ class TorqueProgram(Program):
             tuple(levels),
             constraints=sum(group.constraint for group in groups),
             metric=self.dynamics.phi,
+            origin=self._origin,
             n=n,
             stacked=stacked,
         )
         inequalities = any(not e.equality for group in groups for e in group.elements)
-        self.shape = Shape(n, tuple(sizes), tuple(g.selection for g in groups), inequalities, metric=True)
+        selections = tuple(group.selection for group in groups)
+        self.shape = Shape(n, tuple(sizes), selections, inequalities, True, self._origin is not None)
 
     def _size(self, element: Element) -> int:
         if element.quantity == "motion":
@@ -178,6 +186,14 @@ class TorqueProgram(Program):
             self._self_motions.add(state, references)
         dynamics.update(state.inertia(), state.bias_force(), rows.J[:m], rows.lower[:m])
         X, c = dynamics.X, dynamics.c
+        shift = None
+        if given and self._gravity.asked(given):
+            shift = self._gravity.shift(state, rows.J[:m], references)
+            c = c - X @ shift  # the model of the rows meets tau - shift
+        if self._origin is not None:
+            np.copyto(self._origin, self._gravity.torque(state, rows.J[:m]))
+            if shift is not None:
+                self._origin += shift
         for start, stop, first, last in self._products:
             J = rows.J[start:stop]
             np.matmul(J, X, out=self.A[first:last])
@@ -195,7 +211,7 @@ class TorqueProgram(Program):
         if self._efforts:
             self._efforts.fill(state, references)
         if self._forces:
-            self._forces.fill(references, dynamics)
+            self._forces.fill(references, dynamics, shift)
 
     def unfit(self) -> tuple[str, ...]:
         """Names of elements whose rows came out not finite."""

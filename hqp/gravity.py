@@ -1,0 +1,66 @@
+"""Gravity compensation: what the levels leave open held against gravity, with ground normals of its own if need be."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.linalg import lapack
+
+from hqp.arrays import Index, Mat, Vec
+from hqp.assembly import Assembly
+from hqp.element import Element
+from hqp.law import Law
+from hqp.reference import Reference
+from hqp.robot import Robot, State
+
+_WORK = 4096
+
+
+class Gravity:
+    """The torque that holds the robot, on the ground of ``normal`` and on that of ``gravity_normal``.
+
+    What the second needs is allocated at the first tick that has a reference with one.
+    """
+
+    def __init__(self, held: Sequence[Element], robot: Robot, dt: float, laws: Mapping[str, Law]) -> None:
+        self._held, self._robot, self._dt = held, robot, dt
+        self._laws = {e.name: laws[e.name] for e in held}
+        self._rows: Assembly | None = None
+
+    @staticmethod
+    def asked(given: Sequence[Reference]) -> bool:
+        """Whether a reference of this tick has a gravity_normal."""
+        return any(reference.gravity_normal is not None for reference in given)
+
+    def torque(self, state: State, J: Mat) -> Vec:
+        """tau_g ``(n,)`` [N m] on the constraints J."""
+        return holding_torque(J, state.gravity_force(), self._robot.actuated)
+
+    def shift(self, state: State, J: Mat, references: Mapping[str, Reference]) -> Vec:
+        """tau_g of the gravity normals minus tau_g of J ``(n,)`` [N m]."""
+        if self._rows is None:
+            self._rows = Assembly(self._held, (), self._robot, self._dt, self._laws)
+        other = {
+            e.name: dataclasses.replace(r, normal=r.gravity_normal) if r.gravity_normal is not None else r
+            for e in self._held
+            for r in (references[e.name],)
+        }
+        self._rows.fill(state, other, ())
+        return self.torque(state, self._rows.J) - self.torque(state, J)
+
+
+def holding_torque(J: Mat, g: Vec, actuated: Index) -> Vec:
+    """tau ``(n,)`` with U^T tau - J^T lambda = g: what holds the robot at rest, UNbar^T g (Sentis 2012, eqs. 22, 57).
+
+    Needs rank [J; U] full; of the internal forces of redundant constraints it takes those of least norm.
+    """
+    nv, n = g.size, actuated.size
+    system = np.zeros((nv, n + J.shape[0]), order="F")
+    system[actuated, np.arange(n)] = 1.0
+    system[:, n:] = -J.T
+    right = np.zeros(max(system.shape))
+    right[:nv] = g
+    _, solved, _ = lapack.dgels(system, right, lwork=_WORK, overwrite_a=1)
+    return np.asarray(solved[:n])
