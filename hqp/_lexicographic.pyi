@@ -5,6 +5,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from hqp.problem import Solution, Stats, Status
+
 _Vec: TypeAlias = NDArray[np.float64]
 _Level: TypeAlias = tuple[_Vec | None, NDArray[np.intp] | None, _Vec | None, _Vec, _Vec, float]
 
@@ -26,6 +28,19 @@ class Workspace:
     ) -> None: ...
     def bind(self, levels: list[_Level], constraints: int, metric: _Vec | None, origin: _Vec | None) -> None: ...
     def solve(self) -> tuple[int, int, int]: ...
+    def report_as(
+        self,
+        solution: type[Solution],
+        stats: type[Stats],
+        statuses: tuple[Status, ...],
+        slack: tuple[slice, ...],
+        active: tuple[slice, ...],
+        multipliers: tuple[slice, ...],
+        stopped: str,
+    ) -> None: ...
+    def solution(
+        self, build_seconds: float, values: _Vec, active: NDArray[np.int8], multipliers: _Vec
+    ) -> Solution | None: ...
     def reset(self) -> None: ...
     def values(self) -> _Vec: ...
     def active(self) -> NDArray[np.int8]: ...

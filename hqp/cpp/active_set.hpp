@@ -313,18 +313,22 @@ class ActiveSet {
     return a < alpha * (1.0 - 1e-12) ? larger(a, 0.0) : alpha;
   }
 
+  // At the highest level that is held back: the strongest and those at least half as strong, or one by index.
   void release_some(bool careful) {
-    int level = 1 << 30;
-    for (int q = 0; q < multipliers.count; ++q) if (multipliers.wrong[q].level < level) level = multipliers.wrong[q].level;
-    int chosen = -1;
+    int level = 1 << 30, lowest = -1;
+    double most = 0.0;
+    for (int q = 0; q < multipliers.count; ++q) level = multipliers.wrong[q].level < level ? multipliers.wrong[q].level : level;
     for (int q = 0; q < multipliers.count; ++q) {
       const Wrong& wrong = multipliers.wrong[q];
       if (wrong.level != level) continue;
-      if (chosen < 0) { chosen = q; continue; }
-      const Wrong& held = multipliers.wrong[chosen];
-      if (careful ? order(wrong) < order(held) : wrong.size > held.size * (1.0 + 1e-12)) chosen = q;
+      most = larger(most, wrong.size);
+      if (lowest < 0 || order(wrong) < order(multipliers.wrong[lowest])) lowest = q;
     }
-    release(multipliers.wrong[chosen]);
+    if (careful) { release(multipliers.wrong[lowest]); return; }
+    for (int q = 0; q < multipliers.count; ++q) {
+      const Wrong& wrong = multipliers.wrong[q];
+      if (wrong.level == level && wrong.size >= 0.5 * most) release(wrong);
+    }
   }
 
   int order(const Wrong& wrong) const { return wrong.variable ? wrong.index : table.n + wrong.index; }

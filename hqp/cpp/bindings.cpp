@@ -1,5 +1,6 @@
 // Python's view of the kernel: a workspace bound once to the arrays of a hierarchy, solved many times.
 #include <atomic>
+#include <chrono>
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -81,19 +82,55 @@ class Workspace {
     bound_ = true;
   }
 
+  nb::ndarray<nb::numpy, double, nb::ndim<1>> values() { 
+    return {values_.data(), {values_.size()}, nb::find(this)};
+  }
+  nb::ndarray<nb::numpy, std::int8_t, nb::ndim<1>> active() { 
+    return {active_.data(), {std::size_t(total_)}, nb::find(this)};
+  }
+  nb::ndarray<nb::numpy, double, nb::ndim<1>> multipliers() { 
+    return {lambda_.data(), {std::size_t(options_.multipliers ? pairs_ : 0)}, nb::find(this)};
+  }
+
+  // Outcome, iterations, factorisations; the numbers are in values(), active() and multipliers().
   nb::tuple solve() {
-    const Lock lock(busy_);
-    if (!bound_) refuse("bind a problem first");
-    hqp::Answer answer;
-    answer.x = values_.data();
-    answer.slack = values_.data() + n_;
-    answer.active = active_.data();
-    answer.multipliers = options_.multipliers ? lambda_.data() : nullptr;
-    {
-      const nb::gil_scoped_release release;
-      kernel_->solve(problem_, options_, answer);
-    }
+    const hqp::Answer answer = run();
     return nb::make_tuple(static_cast<int>(answer.outcome), answer.iterations, answer.factorisations);
+  }
+
+  // What solution() builds: the two classes, the statuses by outcome, and the slices of each level.
+  void report_as(const nb::object& solution, const nb::object& stats, const nb::tuple& statuses, const nb::tuple& slack,
+                 const nb::tuple& active, const nb::tuple& multipliers, const nb::str& stopped) {
+    if (!PyType_Check(solution.ptr()) || !PyType_Check(stats.ptr()) || statuses.size() != kOutcomes)
+      refuse("report_as takes two classes and one status an outcome");
+    solution_ = solution; stats_ = stats; statuses_ = statuses; stopped_ = stopped;
+    slack_ = slack; marks_ = active; pairs_of_levels_ = multipliers;
+    head_ = nb::steal(PySlice_New(nullptr, nb::int_(n_).ptr(), nullptr));
+  }
+
+  // Solve and build the Solution from copies of the views given, None if the numbers were not usable. The fields are set past the frozen class's
+  // own initialiser, which would cost as much as the factorisation.
+  nb::object solution(double build_seconds, const nb::object& all_values, const nb::object& all_marks,
+                      const nb::object& all_multipliers) {
+    if (!solution_.is_valid()) refuse("call report_as first");
+    const auto begin = std::chrono::steady_clock::now();
+    const hqp::Answer answer = run();
+    if (answer.outcome == hqp::Outcome::invalid) return nb::none();
+    const nb::object values = all_values.attr("copy")(), marks = all_marks.attr("copy")();
+    const nb::object made = fresh(solution_), stats = fresh(stats_);
+    set(made, "x", nb::object(values[head_]));
+    set(made, "status", nb::object(statuses_[static_cast<std::size_t>(answer.outcome)]));
+    set(made, "residuals", split(values, slack_));
+    set(made, "active", split(marks, marks_));
+    set(made, "detail", answer.outcome == hqp::Outcome::not_certified ? nb::object(stopped_) : nb::object(empty_));
+    if (options_.multipliers) set(made, "multipliers", split(all_multipliers.attr("copy")(), pairs_of_levels_));
+    else set(made, "multipliers", nb::none());
+    set(stats, "iterations", nb::int_(answer.iterations));
+    set(stats, "factorisations", nb::int_(answer.factorisations));
+    set(stats, "build_s", nb::float_(build_seconds));
+    set(stats, "solve_s", nb::float_(std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count()));
+    set(made, "stats", stats);
+    return made;
   }
 
   void reset() {
@@ -101,18 +138,56 @@ class Workspace {
     kernel_->reset();
   }
 
-  auto values() { return nb::ndarray<nb::numpy, double, nb::ndim<1>>(values_.data(), {values_.size()}, nb::find(this)); }
-  auto active() { return nb::ndarray<nb::numpy, std::int8_t, nb::ndim<1>>(active_.data(), {std::size_t(total_)}, nb::find(this)); }
-  auto multipliers() { return nb::ndarray<nb::numpy, double, nb::ndim<1>>(lambda_.data(), {std::size_t(options_.multipliers ? pairs_ : 0)}, nb::find(this)); }
-
   int traverse(visitproc visit, void* arg) {
     Py_VISIT(kept_.ptr());
+    Py_VISIT(solution_.ptr());
+    Py_VISIT(stats_.ptr());
+    Py_VISIT(statuses_.ptr());
     return 0;
   }
-  void clear() { kept_.reset(); bound_ = false; }
+  void clear() {
+    kept_.reset(); solution_.reset(); stats_.reset(); statuses_.reset();
+    bound_ = false;
+  }
 
  private:
   static constexpr int kMost = 10000;
+  static constexpr std::size_t kOutcomes = 6;
+
+  hqp::Answer run() {
+    const Lock lock(busy_);
+    if (!bound_) refuse("bind a problem first");
+    hqp::Answer answer;
+    answer.x = values_.data();
+    answer.slack = values_.data() + n_;
+    answer.active = active_.data();
+    answer.multipliers = options_.multipliers ? lambda_.data() : nullptr;
+    const nb::gil_scoped_release release;
+    kernel_->solve(problem_, options_, answer);
+    return answer;
+  }
+
+  nb::object fresh(const nb::object& type) const {
+    PyObject* made = PyBaseObject_Type.tp_new(reinterpret_cast<PyTypeObject*>(type.ptr()), none_.ptr(), nullptr);
+    if (!made) nb::raise_python_error();
+    return nb::steal(made);
+  }
+
+  static void set(const nb::object& made, const char* name, const nb::object& value) {
+    const nb::object key = nb::steal(PyUnicode_InternFromString(name));
+    if (PyObject_GenericSetAttr(made.ptr(), key.ptr(), value.ptr())) nb::raise_python_error();
+  }
+
+  static nb::object split(const nb::object& values, const nb::tuple& parts) {
+    const std::size_t count = parts.size();
+    const nb::object all = nb::steal(PyTuple_New(static_cast<Py_ssize_t>(count)));
+    for (std::size_t k = 0; k < count; ++k) {
+      PyObject* piece = PyObject_GetItem(values.ptr(), nb::object(parts[k]).ptr());
+      if (!piece) nb::raise_python_error();
+      PyTuple_SET_ITEM(all.ptr(), static_cast<Py_ssize_t>(k), piece);
+    }
+    return all;
+  }
 
   struct Lock {
     explicit Lock(std::atomic<bool>& flag) : flag(flag) {
@@ -158,7 +233,9 @@ class Workspace {
   std::vector<hqp::Level> levels_;
   hqp::Problem problem_;
   hqp::Options options_;
-  nb::object kept_;
+  nb::object kept_, solution_, stats_, head_;
+  nb::tuple statuses_, slack_, marks_, pairs_of_levels_, none_;
+  nb::str stopped_{""}, empty_{""};
   bool bound_ = false;
   std::atomic<bool> busy_{false};
 };
@@ -196,6 +273,9 @@ NB_MODULE(_lexicographic, m) {
            "time_limit"_a, "max_iterations"_a, "credit"_a, "multipliers"_a)
       .def("bind", &Workspace::bind, "levels"_a, "constraints"_a, "metric"_a.none(), "origin"_a.none())
       .def("solve", &Workspace::solve)
+      .def("report_as", &Workspace::report_as, "solution"_a, "stats"_a, "statuses"_a, "slack"_a, "active"_a,
+           "multipliers"_a, "stopped"_a)
+      .def("solution", &Workspace::solution, "build_seconds"_a, "values"_a, "active"_a, "multipliers"_a)
       .def("reset", &Workspace::reset)
       .def("values", &Workspace::values)
       .def("active", &Workspace::active)

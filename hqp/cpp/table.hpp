@@ -39,7 +39,7 @@ struct Table {
   double* zeros = nullptr;
   std::int64_t* every = nullptr;
   double* ones = nullptr;
-  std::int64_t* single_index = nullptr;   // level 0 where it is dense but has one entry a row
+  std::int64_t* single_index = nullptr;   // (caller's rows,) dense levels with one entry a row, as selections
   double* single_scale = nullptr;
   double* scratch = nullptr;
 
@@ -53,7 +53,7 @@ struct Table {
     arena.place(lo, n); arena.place(hi, n); arena.place(fixed, n);
     arena.place(metric_rows, metric ? static_cast<std::size_t>(n) * n : 0);
     arena.place(metric_rhs, n); arena.place(zeros, n); arena.place(every, n); arena.place(ones, n);
-    arena.place(single_index, levels ? m[0] : 0); arena.place(single_scale, levels ? m[0] : 0);
+    arena.place(single_index, total + 1); arena.place(single_scale, total + 1);
     arena.place(scratch, metric ? static_cast<std::size_t>(n) * n : 0);
   }
 
@@ -64,11 +64,12 @@ struct Table {
   // Read the problem; false if a number is not usable.
   bool read(const Problem& problem) {
     rows = 0; blocks = 0; inequalities = 0; first = 0;
-    Level level = problem.count ? problem.levels[0] : Level();
-    if (problem.count && take_box(level)) first = 1;
-    else { boxed = false; for (int i = 0; i < n; ++i) { lo[i] = -kInfinity; hi[i] = kInfinity; fixed[i] = 0; } }
-    for (int k = first; k < problem.count; ++k)
-      if (!add(problem.levels[k])) return false;
+    no_box();
+    for (int k = 0, row = 0; k < problem.count; row += problem.levels[k++].m) {
+      const Level level = simplest(problem.levels[k], row);
+      if (k == 0 && !level.A && take_box(level)) first = 1;
+      else if (!add(level)) return false;
+    }
     return complete(problem);
   }
 
@@ -165,25 +166,10 @@ struct Table {
 
   // Level 0 as bounds on variables, if every row picks one and the bounds agree.
   bool take_box(const Level& level) {
-    const std::int64_t* index = level.index;
-    const double* scale = level.scale;
-    if (level.A) {
-      for (int i = 0; i < level.m; ++i) {
-        const double* a = level.A + static_cast<std::ptrdiff_t>(i) * n;
-        int found = -1;
-        for (int j = 0; j < n; ++j)
-          if (a[j] != 0.0) { if (found >= 0) return false; found = j; }
-        if (found < 0 || !(std::fabs(a[found]) < kInfinity)) return false;
-        single_index[i] = found; single_scale[i] = a[found];
-      }
-      index = single_index; scale = single_scale;
-    }
-    for (int i = 0; i < n; ++i) { lo[i] = -kInfinity; hi[i] = kInfinity; fixed[i] = 0; }
-    boxed = false;
     for (int i = 0; i < level.m; ++i) {
-      const double l = level.lower[i], u = level.upper[i], s = scale[i];
-      if (!(l <= u) || l == kInfinity || u == -kInfinity || !picks(index[i], s)) return false;
-      const int j = static_cast<int>(index[i]);
+      const double l = level.lower[i], u = level.upper[i], s = level.scale[i];
+      if (!(l <= u) || l == kInfinity || u == -kInfinity || !picks(level.index[i], s)) { no_box(); return false; }
+      const int j = static_cast<int>(level.index[i]);
       double a = l, b = u;
       if (s != 1.0) {
         a = s > 0 ? (l > -kInfinity ? inside(l, s, l, u) : l) : (u < kInfinity ? inside(u, s, l, u) : -kInfinity);
@@ -193,11 +179,38 @@ struct Table {
       lo[j] = larger(lo[j], a); hi[j] = smaller(hi[j], b);
       boxed = boxed || a > -kInfinity || b < kInfinity;
     }
-    for (int i = 0; i < n; ++i) {
-      if (lo[i] > hi[i]) return false;
-      fixed[i] = lo[i] == hi[i];
+    bool agree = true;
+    for (int i = 0; i < n; ++i) { agree = agree && lo[i] <= hi[i]; fixed[i] = lo[i] == hi[i]; }
+    if (!agree) no_box();
+    return agree;
+  }
+
+  void no_box() {
+    boxed = false;
+    for (int i = 0; i < n; ++i) { lo[i] = -kInfinity; hi[i] = kInfinity; fixed[i] = 0; }
+  }
+
+  // A dense level whose every row has one entry is a selection; rows start at `row` of the caller's rows.
+  Level simplest(const Level& given, int row) {
+    if (!given.A || given.m == 0) return given;
+    int j = -1;
+    for (int i = 0; i < given.m; ++i) {
+      const double* a = given.A + static_cast<std::ptrdiff_t>(i) * n;
+      if (entries(a) != 1) return given;
+      j = j + 1 < n && a[j + 1] != 0.0 ? j + 1 : 0;    // most often the next one
+      while (a[j] == 0.0) ++j;
+      single_index[row + i] = j; single_scale[row + i] = a[j];
     }
-    return true;
+    Level level = given;
+    level.A = nullptr; level.index = single_index + row; level.scale = single_scale + row;
+    return level;
+  }
+
+  // How many entries are not zero, or are not numbers.
+  int entries(const double* a) const {
+    int count = 0;
+    for (int j = 0; j < n; ++j) count += a[j] != 0.0;
+    return count;
   }
 };
 

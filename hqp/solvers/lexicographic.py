@@ -6,7 +6,6 @@ import importlib
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from operator import itemgetter
 from time import perf_counter
 from typing import Any, ClassVar
 
@@ -31,8 +30,6 @@ _STATUS = (
     Status.ITERATION_LIMIT,
     Status.TIME_LIMIT,
 )
-_STOPPED = _STATUS.index(Status.NOT_CERTIFIED)
-_INVALID = len(_STATUS)
 
 DAMPED = "damping kept a level from its optimum"
 
@@ -65,7 +62,7 @@ class Lexicographic(Solver):
     feasibility_tolerance: float = 1e-11
     max_iterations: int | None = None
     time_limit: float | None = None
-    exchange_credit: int = 3
+    exchange_credit: int = 5
     multipliers: bool = False
     damping: float | tuple[float, ...] = 0.0
     native: bool | None = None
@@ -130,15 +127,18 @@ class NativeWorkspace:
             solver.exchange_credit,
             solver.multipliers,
         )
-        self._values = self._kernel.values()
-        self._active = self._kernel.active()
-        starts = np.concatenate([[0], np.cumsum(shape.rows)]).astype(int).tolist()
-        self._split_slack = _splitter([slice(shape.n + a, shape.n + b) for a, b in pairwise(starts)])
-        self._split_active = _splitter([slice(a, b) for a, b in pairwise(starts)])
-        self._multipliers = self._kernel.multipliers() if solver.multipliers else None
-        ends = np.concatenate([[0], np.cumsum(starts[1:])]).astype(int).tolist()
-        self._split_multipliers = _splitter([slice(a, b) for a, b in pairwise(ends)])
-        self._detail = DAMPED if any(self._damping) else ""
+        self._views = self._kernel.values(), self._kernel.active(), self._kernel.multipliers()
+        rows = [sum(shape.rows[:k]) for k in range(len(shape.rows) + 1)]
+        pairs = [sum(rows[1 : k + 1]) for k in range(len(rows))]
+        self._kernel.report_as(
+            Solution,
+            Stats,
+            _STATUS,
+            tuple(slice(shape.n + a, shape.n + b) for a, b in pairwise(rows)),
+            tuple(slice(a, b) for a, b in pairwise(rows)),
+            tuple(slice(a, b) for a, b in pairwise(pairs)),
+            DAMPED if any(self._damping) else "",
+        )
         self._bound: Hierarchy | None = None
 
     def reset(self) -> None:
@@ -147,24 +147,13 @@ class NativeWorkspace:
 
     def solve(self, problem: Hierarchy) -> Solution:
         """The solution; raises ProblemError for a wrong shape, and marks numbers that are not usable."""
-        begin = perf_counter()
+        build = 0.0
         if problem is not self._bound:
+            begin = perf_counter()
             self._bind(problem)
-        bound = perf_counter()
-        outcome, iterations, factorisations = self._kernel.solve()
-        if outcome == _INVALID:
-            return _refuse(problem, self._shape, Stats(build_s=perf_counter() - begin))
-        values = self._values.copy()
-        active = self._active.copy()
-        return Solution(
-            values[: self._shape.n],
-            _STATUS[outcome],
-            self._split_slack(values),
-            self._split_active(active),
-            Stats(iterations, factorisations, bound - begin, perf_counter() - bound),
-            self._detail if outcome == _STOPPED else "",
-            None if self._multipliers is None else self._split_multipliers(self._multipliers.copy()),
-        )
+            build = perf_counter() - begin
+        solution: Solution | None = self._kernel.solution(build, *self._views)
+        return _refuse(problem, self._shape, Stats(build_s=build)) if solution is None else solution
 
     def _bind(self, problem: Hierarchy) -> None:
         check_shape(problem, self._shape)
@@ -206,10 +195,3 @@ def _ready(a: Any, dtype: type = np.float64) -> Any:
 
 def _arrays(A: Mat | Selection, lower: Vec, upper: Vec) -> tuple[Any, ...]:
     return (A.index, A.scale, lower, upper) if isinstance(A, Selection) else (A, lower, upper)
-
-
-def _splitter(parts: list[slice]) -> Any:
-    """A callable that cuts an array into the given parts, as a tuple, in one call of C code."""
-    if len(parts) > 1:
-        return itemgetter(*parts)
-    return lambda a: tuple(a[part] for part in parts)

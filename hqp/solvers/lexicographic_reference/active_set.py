@@ -151,12 +151,18 @@ class ActiveSet:
                     self.status = Status.NOT_CERTIFIED
                     return
             seen.add(key)
-            level = min(item.level for item in wrong)
-            worst = [item for item in wrong if item.level == level]
-            if repeats:
-                self._release(min(worst, key=lambda item: (not item.variable, item.index)))
-            else:
-                self._release(max(worst, key=lambda item: item.size))
+            self._release_some(wrong, careful=repeats > 0)
+
+    def _release_some(self, wrong: list[Wrong], careful: bool) -> None:
+        """At the highest level held back: the strongest and those at least half as strong, or one by index."""
+        level = min(item.level for item in wrong)
+        wrong = [item for item in wrong if item.level == level]
+        if careful:
+            wrong = [min(wrong, key=lambda item: (not item.variable, item.index))]
+        most = max(item.size for item in wrong)
+        for item in wrong:
+            if item.size >= 0.5 * most:
+                self._release(item)
 
     def _solve_from_here(self) -> Point:
         """Rows violated at x work at their side, rows well inside do not; then solve."""
