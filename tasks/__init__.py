@@ -6,8 +6,9 @@ if __name__ != "hqp.tasks":
     raise ImportError("a second copy of the tasks would have second classes; write `import hqp.tasks`")
 
 from .com import Com
-from .contact import EdgeContact, FixedContact, PointContact
+from .contact import FixedContact, PointContact
 from .coupling import JointCoupling
+from .edge import EdgeContact
 from .friction import CenterOfPressure, FrictionCone, UnilateralContact
 from .limits import JointLimits, TorqueLimits
 from .orientation import Orientation

@@ -24,57 +24,37 @@ _BOTTOM = [0.0, 0.0, 0.0, 1.0]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pose(Task):
-    """Pose of a frame, six rows, position first: e = [p - p_ref, log(R R_ref^T)] [m, rad], J = [J_v; J_omega].
-
-    frame: whose pose.  relative_to: frame in whose axes, and relative to whose origin, value, error and J are.
-    The value is a homogeneous matrix ``(4, 4)``.  Raises DeclarationError for fields, FrameNotFound on binding
-    (Mistry 2008, eq. 13).
-    """
+class _FramePose(Task):
+    """The six rows of a frame's pose in world axes, position first; a contact holds them, a pose task moves them."""
 
     frame: str
-    relative_to: str | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_frame(self, "frame", self.frame)
-        check_observer(self, self.relative_to)
 
     def rows(self, robot: Robot) -> int:
         """6; raises FrameNotFound."""
         robot.frame(self.frame)
-        if self.relative_to is not None:
-            robot.frame(self.relative_to)
         return 6
 
     def value(self, state: State) -> Mat:
-        """Homogeneous matrix ``(4, 4)`` of the frame, in the world or in ``relative_to``."""
-        p, R = state.position(self.frame), state.rotation(self.frame)
-        if self.relative_to is not None:
-            view = View(state, self.relative_to)
-            p, R = view.point(p), view.rotation.T @ R
-        return homogeneous(p, R)
+        """Homogeneous matrix ``(4, 4)`` of the frame."""
+        return homogeneous(state.position(self.frame), state.rotation(self.frame))
 
     def error(self, state: State, reference: Mat) -> Vec:
         """[p - p_ref, log(R R_ref^T)] ``(6,)`` [m, rad]."""
-        return pose_error(state.robot, self.value(state), reference)
+        pose = self.value(state)
+        turn = state.robot.log3(pose[:3, :3] @ reference[:3, :3].T)
+        return np.concatenate((pose[:3, 3] - reference[:3, 3], turn))
 
     def jacobian(self, state: State) -> Mat:
         """J ``(6, nv)``, linear first."""
-        J = state.jacobian(self.frame)
-        if self.relative_to is None:
-            return J
-        view = View(state, self.relative_to)
-        return np.vstack((view.point_jacobian(state.position(self.frame), J[:3]), view.turn_jacobian(J[3:])))
+        return state.jacobian(self.frame)
 
     def drift(self, state: State) -> Vec:
         """dJ/dt v ``(6,)`` [m/s^2, rad/s^2]."""
-        drift = state.drift(self.frame)
-        if self.relative_to is None:
-            return drift
-        view, velocity = View(state, self.relative_to), state.velocity(self.frame)
-        linear = view.point_drift(state.position(self.frame), velocity[:3], drift[:3])
-        return np.concatenate((linear, view.turn_drift(velocity[3:], drift[3:])))
+        return state.drift(self.frame)
 
     def at(
         self,
@@ -83,7 +63,7 @@ class Pose(Task):
         velocity: ArrayLike | None = None,
         acceleration: ArrayLike | None = None,
     ) -> Reference:
-        """Target pose, a ``(4, 4)`` or (position, rotation), with velocity and acceleration ``(6,)``, linear first.
+        """Pose to have, a ``(4, 4)`` or (position, rotation), with velocity and acceleration ``(6,)``, linear first.
 
         A rotation is a matrix ``(3, 3)`` or a quaternion xyzw.  Raises DeclarationError for anything else.
         """
@@ -91,12 +71,86 @@ class Pose(Task):
         return make_reference(self.name, 6, pose, velocity, acceleration)
 
     def bind(self, robot: Robot, out: Block) -> Writer:
+        """Fill the twist rows [e, p x e] and [0, e] of the world axes e."""
+        index = robot.frame(self.frame)
+        position, rotation = robot.placement(index)
+        out.plan = Plan("pose", live_frame(robot, self.frame), (4, 4))
+        twist = out.use_twist(robot.support(index))
+        twist[:] = np.eye(6)
+        flat, error, drift, second = twist.reshape(-1), out.error, out.drift, out.order == 2
+        angular_error, log3 = error[3:], robot.log3
+
+        def write(state: State, reference: Reference) -> None:
+            state.kinematics()
+            x, y, z = position.tolist()
+            flat[4] = z
+            flat[5] = -y
+            flat[9] = -z
+            flat[11] = x
+            flat[15] = y
+            flat[16] = -x
+            pose = target(reference)
+            (_, _, _, a), (_, _, _, b), (_, _, _, c), _ = pose.tolist()
+            error[0] = x - a
+            error[1] = y - b
+            error[2] = z - c
+            angular_error[:] = log3(rotation @ pose[:3, :3].T)
+            if second:
+                drift[:] = state.drift(self.frame)
+
+        return write
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pose(_FramePose):
+    """Pose of a frame, six rows, position first: e = [p - p_ref, log(R R_ref^T)] [m, rad], J = [J_v; J_omega].
+
+    frame: whose pose.  relative_to: frame in whose axes, and relative to whose origin, value, error and J are.
+    The value is a homogeneous matrix ``(4, 4)``.  Raises DeclarationError for fields, FrameNotFound on binding
+    (Mistry 2008, eq. 13).
+    """
+
+    relative_to: str | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_observer(self, self.relative_to)
+
+    def rows(self, robot: Robot) -> int:
+        """6; raises FrameNotFound."""
+        if self.relative_to is not None:
+            robot.frame(self.relative_to)
+        return super().rows(robot)
+
+    def value(self, state: State) -> Mat:
+        """Homogeneous matrix ``(4, 4)`` of the frame, in the world or in ``relative_to``."""
+        if self.relative_to is None:
+            return super().value(state)
+        view = View(state, self.relative_to)
+        return homogeneous(view.point(state.position(self.frame)), view.rotation.T @ state.rotation(self.frame))
+
+    def jacobian(self, state: State) -> Mat:
+        """J ``(6, nv)``, linear first."""
+        J = super().jacobian(state)
+        if self.relative_to is None:
+            return J
+        view = View(state, self.relative_to)
+        return np.vstack((view.point_jacobian(state.position(self.frame), J[:3]), view.turn_jacobian(J[3:])))
+
+    def drift(self, state: State) -> Vec:
+        """dJ/dt v ``(6,)`` [m/s^2, rad/s^2]."""
+        drift = super().drift(state)
+        if self.relative_to is None:
+            return drift
+        view, velocity = View(state, self.relative_to), state.velocity(self.frame)
+        linear = view.point_drift(state.position(self.frame), velocity[:3], drift[:3])
+        return np.concatenate((linear, view.turn_drift(velocity[3:], drift[3:])))
+
+    def bind(self, robot: Robot, out: Block) -> Writer:
         """Fill the twist rows [u, p x u] and [0, u] of the axes u."""
         if self.relative_to is None:
-            return bind_world_pose(self, robot, self.frame, out)
-        return self._bind_relative(robot, Observer(robot, self.relative_to), out)
-
-    def _bind_relative(self, robot: Robot, observer: Observer, out: Block) -> Writer:
+            return super().bind(robot, out)
+        observer = Observer(robot, self.relative_to)
         index = robot.frame(self.frame)
         position, rotation = robot.placement(index)
         twist = out.use_twist(robot.support(index) - observer.support)
@@ -123,47 +177,11 @@ class Pose(Task):
         return write
 
 
-def bind_world_pose(task: Task, robot: Robot, frame: str, out: Block) -> Writer:
-    """Writer of the six rows of a frame's pose in world axes; the drift is the task's."""
-    index = robot.frame(frame)
-    position, rotation = robot.placement(index)
-    out.plan = Plan("pose", live_frame(robot, frame), (4, 4))
-    twist = out.use_twist(robot.support(index))
-    twist[:] = np.eye(6)
-    flat, error, angular_error = twist.reshape(-1), out.error, out.error[3:]
-    log3, second = robot.log3, out.order == 2
-
-    def write(state: State, reference: Reference) -> None:
-        state.kinematics()
-        x, y, z = position.tolist()
-        flat[4] = z
-        flat[5] = -y
-        flat[9] = -z
-        flat[11] = x
-        flat[15] = y
-        flat[16] = -x
-        pose = target(reference)
-        (_, _, _, a), (_, _, _, b), (_, _, _, c), _ = pose.tolist()
-        error[0] = x - a
-        error[1] = y - b
-        error[2] = z - c
-        angular_error[:] = log3(rotation @ pose[:3, :3].T)
-        if second:
-            out.drift[:] = task.drift(state)
-
-    return write
-
-
 def homogeneous(position: Vec, rotation: Mat) -> Mat:
     """``(4, 4)`` of a position ``(3,)`` and a rotation ``(3, 3)``."""
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation, position
     return pose
-
-
-def pose_error(robot: Robot, pose: Mat, reference: Mat) -> Vec:
-    """[p - p_ref, log(R R_ref^T)] ``(6,)`` of two homogeneous matrices."""
-    return np.concatenate((pose[:3, 3] - reference[:3, 3], robot.log3(pose[:3, :3] @ reference[:3, :3].T)))
 
 
 def as_pose(element: str, value: Any) -> Mat:

@@ -1,0 +1,135 @@
+"""An edge of a frame that stays where it is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hqp.arrays import Mat, Vec
+from hqp.element import Block, Constraint, Task, Writer
+from hqp.reference import Reference, numbers
+from hqp.robot import Robot, State
+
+from .fields import check_frame, make_reference, set_vector, target
+from .live import cross, moment_row, turned
+from .relative import skew
+
+_WORLD_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class EdgeContact(Task, Constraint):
+    """An edge of a frame stays put, free to turn about itself: five rows, what two of its points would give.
+
+    axis: the edge's direction in the frame's axes, through its origin: "x", "y", "z" or ``(3,)``.  Rows: J_v in
+    world axes, then B^T R^T J_omega, B ``(3, 2)`` an orthonormal complement of the axis a in the frame.
+    e = [p - p_0, B^T R^T (a_0 x R a)] [m, rad] for small angles, whatever the rotation about the edge.  Position
+    and direction at the first tick ``(6,)`` are held.
+    Raises DeclarationError for fields, FrameNotFound on binding (Mistry 2008, condition 3).
+    """
+
+    is_contact: ClassVar[bool] = True
+
+    frame: str
+    axis: str | tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_frame(self, "frame", self.frame)
+        if isinstance(self.axis, str):
+            if self.axis not in ("x", "y", "z"):
+                raise self.bad("axis", self.axis, '"x", "y", "z" or three numbers')
+            return
+        set_vector(self, "axis")
+        if not any(self.axis):
+            raise self.bad("axis", self.axis, "a vector that is not zero")
+
+    def _axes(self) -> tuple[Vec, Mat]:
+        """Unit axis ``(3,)`` and its complement B ``(3, 2)`` in the frame's axes."""
+        given = np.eye(3)["xyz".index(self.axis)] if isinstance(self.axis, str) else np.array(self.axis)
+        axis: Vec = given / math.hypot(*given)
+        across = skew(axis)
+        first: Vec = across[int(np.argmin(np.abs(axis)))]
+        first = first / math.hypot(*first)
+        return axis, np.column_stack((first, across @ first))
+
+    def rows(self, robot: Robot) -> int:
+        """5; raises FrameNotFound."""
+        robot.frame(self.frame)
+        return 5
+
+    def value(self, state: State) -> Vec:
+        """Position [m] and direction of the edge in the world, ``(6,)``."""
+        return np.concatenate((state.position(self.frame), state.rotation(self.frame) @ self._axes()[0]))
+
+    def error(self, state: State, reference: Vec) -> Vec:
+        """[p - p_0, B^T R^T (a_0 x a)] ``(5,)`` [m, rad]."""
+        value = self.value(state)
+        tilt = np.cross(reference[3:], value[3:])
+        return np.concatenate((value[:3] - reference[:3], self._complement(state).T @ tilt))
+
+    def jacobian(self, state: State) -> Mat:
+        """J ``(5, nv)``."""
+        J = state.jacobian(self.frame)
+        return np.vstack((J[:3], self._complement(state).T @ J[3:]))
+
+    def drift(self, state: State) -> Vec:
+        """dJ/dt v ``(5,)`` [m/s^2, rad/s^2]."""
+        drift = state.drift(self.frame)
+        return np.concatenate((drift[:3], self._complement(state).T @ drift[3:]))
+
+    def force_basis(self) -> Mat:
+        """Wrench ``(6, 5)`` in the frame's axes of the forces that act along the rows."""
+        basis = np.zeros((6, 5))
+        basis[:3, :3], basis[3:, 3:] = np.eye(3), self._axes()[1]
+        return basis
+
+    def _complement(self, state: State) -> Mat:
+        return state.rotation(self.frame) @ self._axes()[1]
+
+    def at(
+        self,
+        value: ArrayLike | None = None,
+        *,
+        velocity: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+    ) -> Reference:
+        """Position and unit direction to keep ``(6,)``, and the ground's motion ``(5,)``; raises DeclarationError."""
+        line = None if value is None else numbers(self.name, "position and direction", value, (6,))
+        square = 1.0 if line is None else float(line[3:] @ line[3:])
+        if line is not None and math.isfinite(square) and abs(square - 1.0) > 1e-6:
+            raise self.bad("direction", line[3:], "a unit vector")
+        return make_reference(self.name, 5, line, velocity, acceleration)
+
+    def bind(self, robot: Robot, out: Block) -> Writer:
+        """Fill twist rows: [e, p x e] in world axes, [0, b] across the edge."""
+        index = robot.frame(self.frame)
+        position, rotation = robot.placement(index)
+        axis, B = self._axes()
+        edge, first, other = axis.tolist(), B[:, 0].tolist(), B[:, 1].tolist()
+        twist = out.use_twist(robot.support(index))
+        flat, error, drift, second = twist.reshape(-1), out.error, out.drift, out.order == 2
+
+        def write(state: State, reference: Reference) -> None:
+            state.kinematics()
+            p, rows, line = position.tolist(), rotation.tolist(), target(reference).tolist()
+            for i, u in enumerate(_WORLD_AXES):
+                moment_row(flat, 6 * i, u, p)
+                error[i] = p[i] - line[i]
+            tx, ty, tz = cross(line[3:], turned(rows, edge))
+            flat[21:24] = x, y, z = turned(rows, first)
+            flat[27:30] = a, b, c = turned(rows, other)
+            error[3] = x * tx + y * ty + z * tz
+            error[4] = a * tx + b * ty + c * tz
+            if second:
+                acceleration = state.drift(self.frame)
+                drift[:3] = acceleration[:3]
+                tx, ty, tz = acceleration[3:].tolist()
+                drift[3] = x * tx + y * ty + z * tz
+                drift[4] = a * tx + b * ty + c * tz
+
+        return write
