@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+import hqp
 import hqp.robots
+from hqp import Level, P, Stack
 from hqp.arrays import Mat
 from hqp.element import Block
 from hqp.errors import DeclarationError, FrameNotFound
-from hqp.tasks import JointCoupling, OmniWheelContact, WheelContact
+from hqp.tasks import JointCoupling, OmniWheelContact, Position, WheelContact
 
 WHEELS = ("wheel_0", "wheel_1", "wheel_2")
 Written = Callable[..., Block]
@@ -173,3 +175,30 @@ def test_coupling(dreamer: Any, written: Written) -> None:
             JointCoupling(bad)  # type: ignore[arg-type]
     with pytest.raises(DeclarationError, match="not of groups"):
         JointCoupling({"arm": 1.0}).rows(dreamer)
+
+
+def test_rolling_away_keeps_plane_and_coupling(dreamer: Any) -> None:
+    """2 s at velocity level: the base rolls 0.4 m, wheels stay on the ground, a wrong coupling is put right."""
+    coupling = JointCoupling({"torso_hip": 1.0, "torso_thorax": -1.0})
+    base = Position(frame="base", axes="xy", law=P(3.0))
+    constraints = [coupling, *(OmniWheelContact(wheel=w) for w in WHEELS)]
+    controller = hqp.Controller(Stack(Level(base), subject_to=constraints), hqp.Velocity(), solver="nullspace")
+    session = controller.session(dreamer, dt=0.002)
+    v = np.zeros(19)
+    v[dreamer.joints("torso_hip")] = 0.1
+    q = dreamer.integrate(dreamer.home, v, 1.0)
+    start = {w: dreamer.state(q).position(w) for w in WHEELS}
+    assert abs(coupling.value(dreamer.state(q))[0]) > 0.09
+    slip = 0.0
+    for _ in range(1000):
+        state = dreamer.state(q)
+        rolling = [wheel.jacobian(state)[0] for wheel in constraints[1:]]
+        tick = session.step(state, base.at([0.4, 0.1]))
+        slip = max(slip, np.abs(np.array(rolling) @ tick.solution.x).max())  # type: ignore[union-attr]
+        q, _ = tick.advance()
+    state = dreamer.state(q)
+    np.testing.assert_allclose(state.position("base")[:2], [0.4, 0.1], atol=2e-3)
+    assert slip < 1e-9
+    assert abs(coupling.value(state)[0]) < 1e-5
+    for w in WHEELS:
+        assert abs(state.position(w)[2] - start[w][2]) < 1e-6
