@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import importlib.metadata
 import importlib.util
@@ -24,13 +25,13 @@ _BUILT_IN = {
 }
 
 _BACKENDS = ("proxqp", "osqp", "daqp", "piqp", "clarabel", "quadprog")
-_PACKAGES = {"proxqp": "proxsuite"}
+_PACKAGES = {"proxqp": "proxsuite", "highs": "highspy", "qpswift": "qpSWIFT"}
+_DEFAULT_BACKEND = "proxqp"  # of cascade and weighted
 
 
 def known() -> dict[str, str]:
     """Every solver name hqp can speak of, and '' if it loads or the pip line that would make it."""
-    names = {name: "" for name in _BUILT_IN if name not in ("cascade", "daqp")}
-    names["daqp"] = _missing("daqp")
+    names = {name: _missing(_needs(name, {})) for name in _BUILT_IN if name != "cascade"}
     names.update({f"cascade:{backend}": _missing(backend) for backend in _BACKENDS})
     names.update({point.name: "" for point in importlib.metadata.entry_points(group=GROUP)})
     return names
@@ -50,14 +51,18 @@ def load(name: str, **options: Any) -> Solver:
     base, _, backend = name.partition(":")
     if backend:
         options = {"backend": backend, **options}
-    needed = _missing(backend or ("daqp" if base == "daqp" else ""))
+    needed = _missing(_needs(base, options))
     if needed:
         raise SolverNotInstalled(f"solver {name!r} is not installed: {needed}")
     factory = _factory(base)
-    try:
-        return factory(**options)  # type: ignore[no-any-return]
-    except TypeError as error:
-        raise DeclarationError(f"solver {name}", f"unknown option: {error}", value=options) from error
+    if dataclasses.is_dataclass(factory):
+        allowed = [field.name for field in dataclasses.fields(factory) if field.init]
+        strangers = sorted(set(options) - set(allowed))
+        if strangers:
+            raise DeclarationError(
+                f"solver {name}", "unknown option", value=strangers[0], allowed=", ".join(allowed) or "none"
+            )
+    return factory(**options)  # type: ignore[no-any-return]
 
 
 def _factory(name: str) -> Any:
@@ -68,6 +73,13 @@ def _factory(name: str) -> Any:
     for point in importlib.metadata.entry_points(group=GROUP, name=name):
         return point.load()
     raise DeclarationError("solver", f"unknown name; closest: {', '.join(closest(name, known()))}", value=name)
+
+
+def _needs(name: str, options: dict[str, Any]) -> str:
+    """The back end without which a solver cannot work, '' for none."""
+    if name in ("cascade", "weighted"):
+        return str(options.get("backend", _DEFAULT_BACKEND))
+    return "daqp" if name == "daqp" else ""
 
 
 def _missing(backend: str) -> str:

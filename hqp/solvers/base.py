@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from typing import ClassVar, Protocol
 
 import numpy as np
 
 from hqp.arrays import Signs, Vec
-from hqp.errors import ProblemError, UnsupportedProblem
+from hqp.errors import DeclarationError, ProblemError, UnsupportedProblem
 from hqp.problem import (
     EQUALITY,
     VIOLATION_TOLERANCE,
@@ -63,6 +64,16 @@ class Solver(ABC):
             raise UnsupportedProblem(f"{self.name} takes no inequalities; take an HQP solver such as 'lexicographic'")
         if (shape.metric or shape.origin) and not self.metric:
             raise UnsupportedProblem(f"{self.name} takes neither metric nor origin")
+
+
+def check_number(
+    solver: str, field: str, value: object, above: float = 0.0, below: float = math.inf, closed: bool = False
+) -> None:
+    """Raise DeclarationError unless an option is a number between the two; closed allows the lower end itself."""
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not number or not (above <= value if closed else above < value) or not value < below:  # type: ignore[operator]
+        low = f"from {above:g}" if closed else f"above {above:g}"
+        raise DeclarationError(solver, f"bad {field}", value=value, allowed=f"{low}, below {below:g}")
 
 
 def check_shape(problem: Hierarchy, shape: Shape) -> None:

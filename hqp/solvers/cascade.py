@@ -9,10 +9,10 @@ from typing import ClassVar
 import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.errors import BackendError, DeclarationError
+from hqp.errors import BackendError
 from hqp.problem import Hierarchy, Shape, Solution, Stats
 from hqp.solvers.backends import QpAnswer, QpWorkspace, load
-from hqp.solvers.base import Solver
+from hqp.solvers.base import Solver, check_number
 from hqp.solvers.conclude import conclude
 from hqp.solvers.flat import Flat
 from hqp.solvers.recursion import Recursion, geqp3, ormqr
@@ -46,11 +46,9 @@ class Cascade(Solver):
 
     def __post_init__(self) -> None:
         for field in ("tolerance", "rank_tolerance"):
-            if not 0.0 < getattr(self, field) < 1.0:
-                raise DeclarationError("cascade", f"bad {field}", value=getattr(self, field), allowed="0 to 1")
+            check_number("cascade", field, getattr(self, field), below=1.0)
         for field in ("max_iterations", "exchanges"):
-            if getattr(self, field) < 1:
-                raise DeclarationError("cascade", f"bad {field}", value=getattr(self, field), allowed="1 or more")
+            check_number("cascade", field, getattr(self, field), above=1, closed=True)
 
     def workspace(self, shape: Shape) -> CascadeWorkspace:
         """Allocate; raises DeclarationError for a back end that nobody knows."""

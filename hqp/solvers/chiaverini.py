@@ -9,9 +9,9 @@ from typing import ClassVar
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.errors import DeclarationError, UnsupportedProblem
+from hqp.errors import UnsupportedProblem
 from hqp.problem import Hierarchy, Shape, Solution, Stats, Status
-from hqp.solvers.base import Solver
+from hqp.solvers.base import Solver, check_number
 from hqp.solvers.flat import Flat
 from hqp.solvers.recursion import Recursion
 
@@ -41,10 +41,8 @@ class Chiaverini(Solver):
     ignore_inequalities: bool = False
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.rank_tolerance < 1.0:
-            raise DeclarationError("chiaverini", "bad rank_tolerance", value=self.rank_tolerance, allowed="0 to 1")
-        if not 0.0 <= self.damping < np.inf:
-            raise DeclarationError("chiaverini", "bad damping", value=self.damping, allowed="finite, 0 or more")
+        check_number("chiaverini", "rank_tolerance", self.rank_tolerance, below=1.0)
+        check_number("chiaverini", "damping", self.damping, closed=True)
 
     def require(self, shape: Shape) -> None:
         """As Solver.require; inequalities pass where they are to be ignored."""

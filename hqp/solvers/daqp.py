@@ -10,9 +10,9 @@ import daqp
 import numpy as np
 
 from hqp.arrays import Vec
-from hqp.errors import BackendError, DeclarationError
+from hqp.errors import BackendError
 from hqp.problem import Hierarchy, Shape, Solution, Stats
-from hqp.solvers.base import Solver
+from hqp.solvers.base import Solver, check_number
 from hqp.solvers.conclude import conclude
 from hqp.solvers.flat import Flat
 from hqp.solvers.refine import Refiner
@@ -40,11 +40,9 @@ class Daqp(Solver):
 
     def __post_init__(self) -> None:
         for field in ("tolerance", "rank_tolerance"):
-            if not 0.0 < getattr(self, field) < 1.0:
-                raise DeclarationError("daqp", f"bad {field}", value=getattr(self, field), allowed="0 to 1")
+            check_number("daqp", field, getattr(self, field), below=1.0)
         for field in ("max_iterations", "exchanges"):
-            if getattr(self, field) < 1:
-                raise DeclarationError("daqp", f"bad {field}", value=getattr(self, field), allowed="1 or more")
+            check_number("daqp", field, getattr(self, field), above=1, closed=True)
 
     def workspace(self, shape: Shape) -> DaqpWorkspace:
         """Allocate."""

@@ -11,7 +11,7 @@ import numpy as np
 from hqp.arrays import Vec
 from hqp.errors import DeclarationError, UnsupportedProblem
 from hqp.problem import Hierarchy, Shape, Solution, Stats, Status
-from hqp.solvers.base import Solver
+from hqp.solvers.base import Solver, check_number
 from hqp.solvers.completion import metric_factor
 from hqp.solvers.flat import Flat
 from hqp.solvers.recursion import Recursion
@@ -39,12 +39,11 @@ class Nullspace(Solver):
     ignore_inequalities: bool = False
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.rank_tolerance < 1.0:
-            raise DeclarationError("nullspace", "bad rank_tolerance", value=self.rank_tolerance, allowed="0 to 1")
-        if not isinstance(self.damping, (int, float)):
+        check_number("nullspace", "rank_tolerance", self.rank_tolerance, below=1.0)
+        if isinstance(self.damping, (tuple, list)):
             object.__setattr__(self, "damping", tuple(self.damping))
-        if not all(0.0 <= value < np.inf for value in np.atleast_1d(self.damping)):
-            raise DeclarationError("nullspace", "bad damping", value=self.damping, allowed="finite, 0 or more")
+        for value in self.damping if isinstance(self.damping, tuple) else (self.damping,):
+            check_number("nullspace", "damping", value, closed=True)
 
     def require(self, shape: Shape) -> None:
         """As Solver.require; inequalities pass where they are to be ignored."""

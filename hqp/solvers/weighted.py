@@ -12,7 +12,7 @@ from hqp.arrays import Vec
 from hqp.errors import BackendError, DeclarationError
 from hqp.problem import Hierarchy, Shape, Solution, Stats, Status
 from hqp.solvers.backends import QpAnswer, QpWorkspace, load
-from hqp.solvers.base import Solver
+from hqp.solvers.base import Solver, check_number
 from hqp.solvers.flat import Flat
 
 
@@ -41,12 +41,10 @@ class Weighted(Solver):
         if self.weights is not None:
             object.__setattr__(self, "weights", tuple(self.weights))
         for field in ("ratio", "regularisation", "tolerance"):
-            if not 0.0 < getattr(self, field) < np.inf:
-                raise DeclarationError(
-                    "weighted", f"bad {field}", value=getattr(self, field), allowed="finite, above 0"
-                )
-        if not all(0.0 < weight < np.inf for weight in self.weights or ()):
-            raise DeclarationError("weighted", "bad weights", value=self.weights, allowed="finite, above 0")
+            check_number("weighted", field, getattr(self, field))
+        check_number("weighted", "max_iterations", self.max_iterations, above=1, closed=True)
+        for weight in self.weights or ():
+            check_number("weighted", "weights", weight)
 
     def require(self, shape: Shape) -> None:
         """As Solver.require; raises DeclarationError for weights of another number of levels."""

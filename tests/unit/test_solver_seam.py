@@ -37,6 +37,8 @@ def test_every_available_solver_loads_and_states_its_capabilities() -> None:
         ("nulspace", {}, "closest: nullspace"),
         ("nullspace", {"colour": 1}, "unknown option"),
         ("nullspace", {"rank_tolerance": 0.0}, "bad rank_tolerance"),
+        ("nullspace", {"rank_tolerance": "small"}, "bad rank_tolerance"),
+        ("cascade", {"solver": "osqp"}, "allowed: backend"),
         ("nullspace", {"damping": -1.0}, "bad damping"),
         ("nullspace", {"damping": (0.1, np.inf)}, "bad damping"),
         ("chiaverini", {"damping": np.nan}, "bad damping"),
