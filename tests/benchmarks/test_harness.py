@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from benchmarks import __main__ as command
-from benchmarks import papers, report, ticks
+from benchmarks import papers, report, ticks, timing
 from benchmarks.mistry2008 import theorems
 from benchmarks.rows import Check, at_most, exactly, seen_to_fail, write_json
 from hqp import robots, solvers
@@ -130,6 +130,9 @@ def test_a_timed_run_has_the_promised_numbers() -> None:
     assert set(record["split_us"]) == {"state", "assemble", "solve", "command"}  # type: ignore[call-overload]
     assert run.unsolved == 0
     assert 0.0 < run.gap < 1e-6
+    assert not timing.wrong(run)
+    assert timing.wrong(replace(run, gap=1e-3))
+    assert timing.wrong(replace(run, gap=math.nan))
     assert np.all(run.parts.sum(axis=1) <= run.wall)
 
 
