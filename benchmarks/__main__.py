@@ -17,6 +17,7 @@ PARTS = {
     "papers": "every equation of the papers at its tolerance, negative controls, the closed loop",
     "compare": "the paper's stack through every solver: agreement, strictness, certificates",
     "timing": "2000 ticks of 500 Hz through every solver against 2 ms and the bare Pinocchio calls",
+    "torque": "torque ticks of 1 kHz on Dreamer and Talos through every solver, split",
     "solvers": "solvers on problem sets, without a robot",
     "experiments": "experiments in simulation",
 }
