@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from proxsuite import proxqp
+from proxsuite import proxqp  # pyright: ignore[reportMissingImports]
 
 from hqp.arrays import Mat, Vec
 from hqp.errors import BackendError
