@@ -166,12 +166,12 @@ class Assembly:
             self.feedforward[:] = 0.0
             self._fed = False
         for reference in given:
-            part = self.members[reference.name].part
+            member = self.members[reference.name]
             if reference.velocity is not None:
-                self.rate[part] = reference.velocity
+                self.rate[member.part] = _fitting(member, "velocity", reference.velocity)
                 self._fed = True
             if reference.acceleration is not None:
-                self.feedforward[part] = reference.acceleration
+                self.feedforward[member.part] = _fitting(member, "acceleration", reference.acceleration)
                 self._fed = True
         if self._native is not None:
             self._feed(state, references)
@@ -273,3 +273,11 @@ class Assembly:
         part = self.members[name].part
         self.lower[part] = -np.inf
         self.upper[part] = np.inf
+
+
+def _fitting(member: Member, what: str, values: Vec) -> Vec:
+    """The values, if as many as the member's rows; raises DeclarationError (a single one would be spread over all)."""
+    m = member.part.stop - member.part.start
+    if values.shape != (m,):
+        raise DeclarationError(member.element.name, f"{what} has shape {values.shape}", allowed=f"shape ({m},)")
+    return values

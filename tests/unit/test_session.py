@@ -177,6 +177,10 @@ def test_program_errors_raise_in_the_loop(robot: Robot) -> None:
         session.step(robot.state(), Position(frame="l_palm").at([0.0, 0.0, 0.0]))
     with pytest.raises(DeclarationError, match="shape"):
         hand.at([0.0, 0.0])
+    posture = session.stack.find("posture", Posture)
+    for short in (posture.at(np.zeros(3)), posture.at(velocity=[1.0])):  # only the robot knows how many joints
+        with pytest.raises(DeclarationError, match=r"shape \(51,\)"):
+            session.step(robot.state(), short)
     stale = robot.state()
     robot.state()
     with pytest.raises(StaleState):
