@@ -84,8 +84,9 @@ class CascadeWorkspace:
         x, Z = np.zeros(problem.n), np.eye(problem.n)
         held: Index = np.zeros(0, dtype=np.intp)
         start = 0
+        settled = self.refiner is not None and not flat.inequality.any()  # no active set to find: nothing to ask
         for k, stop in enumerate(flat.stops):
-            if not Z.shape[1]:
+            if settled or not Z.shape[1]:
                 break
             x, Z, held = self._level(k, np.arange(start, stop), x, Z, held)
             start = stop
