@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import lapack
+from scipy.linalg import get_lapack_funcs
 
 from hqp.arrays import Index, Mat, Vec
 from hqp.errors import ModelError
@@ -25,6 +25,10 @@ RANK_TOLERANCE = 1e-9
 """Singular values and pivots below this fraction of the largest count as zero."""
 
 _WORK = 4096
+
+potrf, potrs, trtrs, geqrf, geqp3, ormqr = get_lapack_funcs(
+    ("potrf", "potrs", "trtrs", "geqrf", "geqp3", "ormqr"), (np.zeros(1),)
+)
 
 
 class ConstrainedDynamics:
@@ -64,21 +68,21 @@ class ConstrainedDynamics:
         n, m = self.n, self.m
         self.J = J
         np.copyto(self._factor, A)
-        L, info = lapack.dpotrf(self._factor, lower=0, clean=0, overwrite_a=1)  # A = L' L here: the upper factor
+        L, info = potrf(self._factor, lower=0, clean=0, overwrite_a=1)  # A = L' L here: the upper factor
         if info:
             raise ModelError(f"the joint-space inertia is not positive definite (pivot {info})")
         self._factor = L
         np.negative(bias, out=self._columns[:, n])
         image = self._map
         np.copyto(image, self._columns)
-        lapack.dtrtrs(L, image, trans=1, overwrite_b=1)
+        trtrs(L, image, trans=1, overwrite_b=1)
         if m:
             np.copyto(self._image, J.T)
-            lapack.dtrtrs(L, self._image, trans=1, overwrite_b=1)
+            trtrs(L, self._image, trans=1, overwrite_b=1)
             self._factorise()
         r = self.rank
         if r:
-            lapack.dormqr("L", "T", self._qr, self._tau, image, _WORK, overwrite_c=1)
+            ormqr("L", "T", self._qr, self._tau, image, _WORK, overwrite_c=1)
             self._top[:r] = image[:r]
         V = image[r:, :n]
         np.matmul(V.T, V, out=self.phi)
@@ -86,19 +90,19 @@ class ConstrainedDynamics:
             self._y = self._towards(gamma)
             image[:r, :n] = 0.0
             image[:r, n] = self._y
-            lapack.dormqr("L", "N", self._qr, self._tau, image, _WORK, overwrite_c=1)
-        lapack.dtrtrs(L, image, trans=0, overwrite_b=1)
+            ormqr("L", "N", self._qr, self._tau, image, _WORK, overwrite_c=1)
+        trtrs(L, image, trans=0, overwrite_b=1)
 
     def _factorise(self) -> None:
         """Q and T of the constraints; S too where they turn out to be dependent."""
         m = self.m
         if m <= self.nv:
-            self._qr, self._tau, _, _ = lapack.dgeqrf(self._image, lwork=_WORK)
+            self._qr, self._tau, _, _ = geqrf(self._image, lwork=_WORK)
             pivots = np.abs(self._qr.diagonal())
             if pivots.min() > RANK_TOLERANCE * pivots.max():
                 self.rank, self._T, self._lower, self._S = m, self._qr[:m], 0, None
                 return
-        qr, order, tau, _, _ = lapack.dgeqp3(self._image, lwork=_WORK)
+        qr, order, tau, _, _ = geqp3(self._image, lwork=_WORK)
         pivots = np.abs(qr.diagonal())
         self.rank = r = int(np.count_nonzero(pivots > RANK_TOLERANCE * pivots.max(initial=0.0)))
         R = np.triu(qr[:r])
@@ -110,11 +114,11 @@ class ConstrainedDynamics:
     def _towards(self, gamma: Vec) -> Vec:
         """T^-T S^T gamma ``(r,)``: the part of L^T qdd that the constraints prescribe."""
         target = gamma if self._S is None else self._S.T @ gamma
-        return lapack.dtrtrs(self._T, target, lower=self._lower, trans=1)[0]  # type: ignore[no-any-return]
+        return trtrs(self._T, target, lower=self._lower, trans=1)[0]  # type: ignore[no-any-return]
 
     def _expand(self, right: Mat | Vec) -> Mat:
         """S T^-1 right."""
-        solved = lapack.dtrtrs(self._T, right, lower=self._lower)[0]
+        solved = trtrs(self._T, right, lower=self._lower)[0]
         return solved if self._S is None else self._S @ solved  # type: ignore[no-any-return]
 
     def force_map(self) -> tuple[Mat, Vec]:
@@ -175,7 +179,7 @@ class ConstrainedDynamics:
         return symmetric_pinv(self.phi) @ -self.c[self.actuated]
 
     def _solve(self, right: Mat) -> Mat:
-        return lapack.dpotrs(self._factor, right, lower=0)[0]  # type: ignore[no-any-return]
+        return potrs(self._factor, right, lower=0)[0]  # type: ignore[no-any-return]
 
 
 def symmetric_pinv(M: Mat, tolerance: float = RANK_TOLERANCE) -> Mat:

@@ -13,7 +13,7 @@ from hqp.arrays import Vec
 from hqp.assembly import Assembly
 from hqp.element import Element
 from hqp.errors import DeclarationError
-from hqp.law import PD, Law, P
+from hqp.law import PD, Law, P, SelfMotion
 from hqp.problem import Hierarchy, Rows, Selection, Shape, Stacked
 from hqp.reference import Reference
 from hqp.robot import Robot, State
@@ -82,10 +82,10 @@ class Formulation(ABC):
         laws = {}
         for element in stack:
             law = element.law or (self.contact_law if element.is_contact else self.law)
-            if law.order != self.order:
+            if law.order != self.order or isinstance(law, SelfMotion):
                 raise DeclarationError(
                     element.name,
-                    f"{type(self).__name__} takes laws of order {self.order}",
+                    f"{type(self).__name__} takes no {type(law).__name__}, but laws of order {self.order}",
                     value=law,
                     allowed="P(gain [1/s])" if self.order == 1 else "PD(kp [1/s^2], kd [1/s])",
                 )

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.linalg import lapack
+from scipy.linalg import get_lapack_funcs
 
 from hqp.arrays import Index, Mat, Vec
 from hqp.assembly import Assembly
@@ -16,6 +16,8 @@ from hqp.reference import Reference
 from hqp.robot import Robot, State
 
 _WORK = 4096
+
+(gels,) = get_lapack_funcs(("gels",), (np.zeros(1),))
 
 
 class Gravity:
@@ -62,5 +64,5 @@ def holding_torque(J: Mat, g: Vec, actuated: Index) -> Vec:
     system[:, n:] = -J.T
     right = np.zeros(max(system.shape))
     right[:nv] = g
-    _, solved, _ = lapack.dgels(system, right, lwork=_WORK, overwrite_a=1)
+    _, solved, _ = gels(system, right, lwork=_WORK, overwrite_a=1)
     return np.asarray(solved[:n])

@@ -22,7 +22,7 @@ else:
 
 T = TypeVar("T")
 
-_LAWS: dict[str, type[Law]] = {"P": laws.P, "PD": laws.PD}
+_LAWS: dict[str, type[Law]] = {"P": laws.P, "PD": laws.PD, "SelfMotion": laws.SelfMotion}
 
 
 def to_dict(stack: Stack) -> dict[str, Any]:

@@ -10,14 +10,15 @@ import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
 from hqp.assembly import Assembly
-from hqp.dynamics import Actuation, ConstrainedDynamics, actuation
-from hqp.element import Constraint, Element
+from hqp.dynamics import ConstrainedDynamics
+from hqp.element import Element
 from hqp.errors import DeclarationError, StaleState
 from hqp.forces import Efforts, Forces
 from hqp.formulation import Formulation, Group, Place, Program
 from hqp.gravity import Gravity
 from hqp.law import PD, Law
 from hqp.problem import Hierarchy, Rows, Shape, Stacked
+from hqp.reactions import reactions, require_actuation, split
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 from hqp.self_motion import SelfMotions
@@ -66,11 +67,6 @@ class Torque(Formulation):
         return TorqueProgram(self, stack, robot, dt)
 
 
-def reactions(stack: Stack) -> tuple[Element, ...]:
-    """The constraints that act by a reaction force: contacts and couplings in ``subject_to``."""
-    return tuple(e for e in stack.subject_to if isinstance(e, Constraint) and e.equality and e.quantity == "motion")
-
-
 class TorqueProgram(Program):
     """A stack whose x is the torque; ``dynamics`` and ``assembly`` are those of the latest fill."""
 
@@ -79,8 +75,8 @@ class TorqueProgram(Program):
         laws = formulation.laws(stack)
         held = reactions(stack)
         self.dt, self._laws = dt, laws
-        self.actuation = _require_actuation(held, robot, dt, laws)
-        groups = _split(stack, held)
+        self.actuation = require_actuation(held, robot, dt, laws)
+        groups = split(stack, held)
         motion = [e for group in groups for e in group.elements if e.quantity == "motion"]
         picked = [e for e in motion if e.selection(robot) is not None]
         dense = [*held, *(e for e in motion if e.selection(robot) is None)]
@@ -248,41 +244,3 @@ class TorqueProgram(Program):
             raise StaleState("advance() tells of the latest step with a solution; call it before the next step")
         v = state.v + self.dt * self.dynamics.acceleration(x)
         return state.robot.integrate(state.q, v, self.dt), v
-
-
-def _split(stack: Stack, held: Sequence[Element]) -> list[Group]:
-    """The levels of the hierarchy: at most three for ``subject_to`` (bounds on tau, equalities, other inequalities)."""
-
-    def bounds(elements: Sequence[Element]) -> bool:
-        return all(e.quantity == "effort" for e in elements)
-
-    rest = [e for e in stack.subject_to if e not in held]
-    simple = tuple(e for e in rest if e.quantity == "effort" and not e.equality)
-    equalities = tuple(e for e in rest if e.equality)
-    others = tuple(e for e in rest if not e.equality and e not in simple)
-    groups = [Group(part, "subject_to", bounds(part), True) for part in (simple, equalities, others) if part]
-    for k, level in enumerate(stack.levels):
-        groups.append(Group(level.elements, level.name or f"level {k}", bounds(level.elements), False))
-    return groups
-
-
-def _require_actuation(held: Sequence[Element], robot: Robot, dt: float, laws: Mapping[str, Law]) -> Actuation:
-    """Rank and conditioning of [J_constr; U]; raises DeclarationError where it is short at home and around it."""
-    twin = robot.copy()
-    rng = np.random.default_rng(0)
-    steps = [np.zeros(robot.nv), *(rng.uniform(-0.3, 0.3, robot.nv) for _ in range(2))]
-    found = []
-    for step in steps:
-        state = twin.state(twin.integrate(twin.home, step, 1.0))
-        rows = Assembly(held, (), twin, dt, laws)
-        rows.fill(state, {e.name: e.hold(state) for e in held}, ())
-        found.append(actuation(rows.J, robot.actuated))
-        if found[-1].complete:
-            return found[-1]
-    names = ", ".join(e.name for e in held) or "no contact or coupling at all"
-    raise DeclarationError(
-        "subject_to",
-        f"constraints and actuators do not determine the motion of {robot.name}: {found[0]}; it is the rank that "
-        f"counts, not the number of constraints (given {names})",
-        allowed="contacts and couplings with rank [J_constr; U] = nv",
-    )

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
 from benchmarks.rows import Check, at_most, exactly, seen_to_fail
-from benchmarks.sentis2012.ground import WHEELS, Ground, Reduced, Snapshot, largest, relative, skew
-from hqp.arrays import Vec
+from benchmarks.sentis2012.ground import WHEELS, Ground, Snapshot, largest, relative, skew
+from hqp.arrays import Mat, Vec
 from hqp.dynamics import ConstrainedDynamics, actuation
 
 SEED = 2012
@@ -21,6 +22,28 @@ def dynamics(s: Snapshot) -> ConstrainedDynamics:
     found = ConstrainedDynamics(s.A.shape[0], s.J.shape[0], s.ground.robot.actuated)
     found.update(s.A, s.bias, s.J, -s.dJ @ s.v)
     return found
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """Eqs. (3), (4), (14), (15), (22) by their definitions, from a snapshot."""
+
+    phi: Mat
+    h: Vec
+    g: Vec
+
+    @staticmethod
+    def of(s: Snapshot) -> Reduced:
+        """phi*, b* + g* and g*."""
+        inverse = np.linalg.inv(s.A)
+        Lambda = np.linalg.inv(s.J @ inverse @ s.J.T)
+        N = np.eye(s.A.shape[0]) - inverse @ s.J.T @ Lambda @ s.J
+        UN = s.ground.U @ N
+        phi = UN @ inverse @ UN.T
+        phi = 0.5 * (phi + phi.T)
+        moving = s.ground.U @ inverse @ (N.T @ s.bias + s.J.T @ Lambda @ (s.dJ @ s.v))
+        resting = s.ground.U @ inverse @ (N.T @ s.gravity)
+        return Reduced(phi, np.linalg.solve(phi, moving), np.linalg.solve(phi, resting))
 
 
 def checks(ground: Ground, count: int) -> Iterator[Check]:

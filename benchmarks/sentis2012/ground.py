@@ -243,25 +243,3 @@ class Snapshot:
     def at(self, v: Vec, t: float) -> Snapshot:
         """The snapshot after moving along v for time t, at the same velocity."""
         return Snapshot(self.ground, pin.integrate(self.model, self.q, v * t), self.v, self.rng)
-
-
-@dataclass(frozen=True)
-class Reduced:
-    """Eqs. (3), (4), (14), (15), (22) by their definitions, from a snapshot."""
-
-    phi: Mat
-    h: Vec
-    g: Vec
-
-    @staticmethod
-    def of(s: Snapshot) -> Reduced:
-        """phi*, b* + g* and g*."""
-        inverse = np.linalg.inv(s.A)
-        Lambda = np.linalg.inv(s.J @ inverse @ s.J.T)
-        N = np.eye(s.A.shape[0]) - inverse @ s.J.T @ Lambda @ s.J
-        UN = s.ground.U @ N
-        phi = UN @ inverse @ UN.T
-        phi = 0.5 * (phi + phi.T)
-        moving = s.ground.U @ inverse @ (N.T @ s.bias + s.J.T @ Lambda @ (s.dJ @ s.v))
-        resting = s.ground.U @ inverse @ (N.T @ s.gravity)
-        return Reduced(phi, np.linalg.solve(phi, moving), np.linalg.solve(phi, resting))

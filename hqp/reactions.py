@@ -1,0 +1,59 @@
+"""How a stack reads at torque level: what acts by a force, what is a row, and whether the motion is determined."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from hqp.assembly import Assembly
+from hqp.dynamics import Actuation, actuation
+from hqp.element import Constraint, Element
+from hqp.errors import DeclarationError
+from hqp.formulation import Group
+from hqp.law import Law
+from hqp.robot import Robot
+from hqp.stack import Stack
+
+
+def reactions(stack: Stack) -> tuple[Element, ...]:
+    """The constraints that act by a reaction force: contacts and couplings in ``subject_to``."""
+    return tuple(e for e in stack.subject_to if isinstance(e, Constraint) and e.equality and e.quantity == "motion")
+
+
+def split(stack: Stack, held: Sequence[Element]) -> list[Group]:
+    """The levels of the hierarchy: at most three for ``subject_to`` (bounds on tau, equalities, other inequalities)."""
+
+    def bounds(elements: Sequence[Element]) -> bool:
+        return all(e.quantity == "effort" for e in elements)
+
+    rest = [e for e in stack.subject_to if e not in held]
+    simple = tuple(e for e in rest if e.quantity == "effort" and not e.equality)
+    equalities = tuple(e for e in rest if e.equality)
+    others = tuple(e for e in rest if not e.equality and e not in simple)
+    groups = [Group(part, "subject_to", bounds(part), True) for part in (simple, equalities, others) if part]
+    for k, level in enumerate(stack.levels):
+        groups.append(Group(level.elements, level.name or f"level {k}", bounds(level.elements), False))
+    return groups
+
+
+def require_actuation(held: Sequence[Element], robot: Robot, dt: float, laws: Mapping[str, Law]) -> Actuation:
+    """Rank and conditioning of [J_constr; U]; raises DeclarationError where it is short at home and around it."""
+    twin = robot.copy()
+    rng = np.random.default_rng(0)
+    steps = [np.zeros(robot.nv), *(rng.uniform(-0.3, 0.3, robot.nv) for _ in range(2))]
+    found = []
+    for step in steps:
+        state = twin.state(twin.integrate(twin.home, step, 1.0))
+        rows = Assembly(held, (), twin, dt, laws)
+        rows.fill(state, {e.name: e.hold(state) for e in held}, ())
+        found.append(actuation(rows.J, robot.actuated))
+        if found[-1].complete:
+            return found[-1]
+    names = ", ".join(e.name for e in held) or "no contact or coupling at all"
+    raise DeclarationError(
+        "subject_to",
+        f"constraints and actuators do not determine the motion of {robot.name}: {found[0]}; it is the rank that "
+        f"counts, not the number of constraints (given {names})",
+        allowed="contacts and couplings with rank [J_constr; U] = nv",
+    )
