@@ -111,19 +111,13 @@ class ActiveSet {
     return true;
   }
 
-  double span(const double* p) const {
-    double s = 0.0;
-    for (int i = 0; i < table.n; ++i) s = larger(s, std::fabs(p[i]));
-    return s;
-  }
-
   double slackness(int r, double bound, double size) const {
     return options_->feasibility_tolerance * (std::fabs(bound) + table.norm[r] * size);
   }
 
   // Which rows and variables outside the working set are violated at the tableau's point; their number.
   int violations() {
-    const double size = span(tableau.x);
+    const double size = table.span(tableau.x);
     int number = 0;
     for (int r = 0; r < table.rows; ++r) {
       side_[r] = 0;
@@ -215,7 +209,7 @@ class ActiveSet {
 
   // Rows violated at x work at their side, rows well inside do not, rows at a bound stay as they are.
   void sort_rows() {
-    const double size = span(x);
+    const double size = table.span(x);
     for (int r = 0; r < table.rows; ++r) {
       if (table.kind[r] != kUpper) continue;
       const double above = slackness(r, table.upper[r], size), below = slackness(r, table.lower[r], size);
@@ -243,8 +237,8 @@ class ActiveSet {
     double length = 0.0;
     for (int i = 0; i < n; ++i) { step_[i] = tableau.x[i] - x[i]; length += step_[i] * step_[i]; }
     for (int r = 0; r < table.rows; ++r) change_[r] = target_[r] - v[r];
-    const double size = span(tableau.x), tolerance = options_->feasibility_tolerance;
-    const int level = progress(std::sqrt(length), span(x));
+    const double size = table.span(tableau.x), tolerance = options_->feasibility_tolerance;
+    const int level = progress(std::sqrt(length), table.span(x));
     double alpha = 1.0;
     int row = -1, variable = -1;
     std::int8_t side = 0;
@@ -265,23 +259,32 @@ class ActiveSet {
       const double a = larger(0.0, (bound - v[r]) / change_[r]);
       if (a < alpha) { alpha = a; row = r; variable = -1; side = change_[r] > 0 ? kUpper : kLower; }
     }
-    const double bent = level < table.blocks && bends(level, size) ? lowest(level, alpha) : alpha;
-    if (bent < alpha) { alpha = bent; row = variable = -1; }
-    else if (row < 0 && variable < 0) return true;
+    if (level < table.blocks) bend(level, size, alpha, row, variable, side);
+    if (alpha >= 1.0 && row < 0 && variable < 0) return true;
     for (int i = 0; i < n; ++i) if (!F[i]) x[i] = inside_box(i, x[i] + alpha * step_[i]);
     if (variable >= 0) { F[variable] = side; x[variable] = side > 0 ? table.hi[variable] : table.lo[variable]; }
     if (row >= 0) W[row] = side;
     return false;
   }
 
-  // Whether a row of the level that does not work yet would be violated at the tableau's point.
-  bool bends(int level, double size) const {
+  // Rows of the level itself that the step would violate make its norm bend: stop where it is lowest. Where that
+  // is at once, by rounding, the first of them joins the working set instead.
+  void bend(int level, double size, double& alpha, int& row, int& variable, std::int8_t& side) const {
+    double first = kInfinity;
+    int nearest = -1;
     for (int r = table.block[level].begin; r < table.block[level].end; ++r) {
-      if (table.kind[r] != kUpper || W[r]) continue;
+      if (table.kind[r] != kUpper || W[r] || change_[r] == 0.0) continue;
       const double bound = change_[r] > 0 ? table.upper[r] : table.lower[r];
-      if ((change_[r] > 0 ? target_[r] - bound : bound - target_[r]) > slackness(r, bound, size)) return true;
+      if (!((change_[r] > 0 ? target_[r] - bound : bound - target_[r]) > slackness(r, bound, size))) continue;
+      const double a = larger(0.0, (bound - v[r]) / change_[r]);
+      if (a < first) { first = a; nearest = r; }
     }
-    return false;
+    if (nearest < 0) return;
+    const double bottom = lowest(level, alpha);
+    if (bottom > 1e-12 && bottom < alpha) { alpha = bottom; row = variable = -1; }
+    else if (bottom <= 1e-12 && first <= alpha) {
+      alpha = first; row = nearest; variable = -1; side = change_[nearest] > 0 ? kUpper : kLower;
+    }
   }
 
   double slope(int begin, int end, double alpha) const {
@@ -346,7 +349,7 @@ class ActiveSet {
   // Last resort against a degenerate vertex: widen every inequality by its own tiny amount, undone at the end.
   void disturb() {
     std::uint64_t state = 88172645463325252ull;
-    const double size = span(x);
+    const double size = table.span(x);
     auto tiny = [&state]() {
       state ^= state << 13; state ^= state >> 7; state ^= state << 17;
       return 1e-9 * (0.5 + 0.5 * static_cast<double>(state >> 11) / 9007199254740992.0);
@@ -354,14 +357,14 @@ class ActiveSet {
     for (int r = 0; r < table.rows; ++r) {
       jitter_[r] = 0.0;
       if (table.kind[r] != kUpper) continue;
-      jitter_[r] = tiny() * (table.norm[r] * size + 1e-3 * table.norm[r]);
+      jitter_[r] = tiny() * table.norm[r] * size;
       table.upper[r] += jitter_[r]; table.lower[r] -= jitter_[r];
     }
     double* box = jitter_ + table.rows;
     for (int i = 0; i < table.n; ++i) {
       box[2 * i] = table.lo[i]; box[2 * i + 1] = table.hi[i];
       if (table.fixed[i]) continue;
-      const double t = tiny() * (size + 1e-3);
+      const double t = tiny() * size;
       table.lo[i] -= t; table.hi[i] += t;
     }
     for (int i = 0; i < table.n; ++i) if (F[i] && !table.fixed[i]) x[i] = F[i] > 0 ? table.hi[i] : table.lo[i];
@@ -378,7 +381,7 @@ class ActiveSet {
   void settle() {
     equality_point();
     accept();
-    const double size = span(tableau.x);
+    const double size = table.span(tableau.x);
     for (int i = 0; i < table.n; ++i)
       if (std::fabs(tableau.x[i] - x[i]) > 1e-7 * (size + std::fabs(x[i]))) outcome = Outcome::not_certified;
     for (int r = 0; r < table.rows; ++r) {

@@ -78,7 +78,7 @@ class Lexicographic final : public Kernel {
   void multipliers(const Problem& problem, Answer& answer) {
     const Table& t = set_.table;
     Multipliers& a = set_.multipliers;
-    const double span = a.span_of_x();
+    const double span = t.span(set_.tableau.x);
     double* out = answer.multipliers;
     int before = 0;
     for (int k = 0; k < problem.count; ++k) {
@@ -88,9 +88,10 @@ class Lexicographic final : public Kernel {
         const double length = a.slack(own, set_.W, set_.v, span);
         if (length > 0.0) {
           a.gradient(own, set_.W);
+          for (int j = own - 1; j >= 0; --j) a.sweep(j, a.lambda);
+          a.refine(own);
           int at = before;
           for (int j = own - 1; j >= 0; --j) {
-            a.sweep(j);
             const Block& b = t.block[j];
             at -= b.end - b.begin;
             for (int r = b.begin; r < b.end; ++r) out[at + r - b.begin] = a.lambda[r];

@@ -21,6 +21,8 @@ struct Multipliers {
   double* g = nullptr;        // (n,) gradient
   double* w = nullptr;        // (rows,) slack of the working rows
   double* lambda = nullptr;   // (rows,)
+  double* delta = nullptr;    // (rows,) what refinement changed
+  double* before = nullptr;   // (n,) g before it
   double* y = nullptr;        // scratch
   std::int8_t* open = nullptr;      // (rows,) sign not known yet
   std::int8_t* open_x = nullptr;    // (n,)
@@ -29,7 +31,7 @@ struct Multipliers {
   int pending = 0;
 
   void layout(Arena& arena, int n, int rows, int most) {
-    arena.place(g, n); arena.place(w, rows); arena.place(lambda, rows); arena.place(y, most + n + 16);
+    arena.place(g, n); arena.place(w, rows); arena.place(lambda, rows); arena.place(delta, rows); arena.place(before, n); arena.place(y, most + n + 16);
     arena.place(open, rows); arena.place(open_x, n); arena.place(wrong, static_cast<std::size_t>(rows) + n);
   }
 
@@ -40,30 +42,20 @@ struct Multipliers {
     for (int i = 0; i < t.n; ++i) { open_x[i] = F[i] && !t.fixed[i]; pending += open_x[i]; }
     for (int r = 0; r < t.rows; ++r) { open[r] = W[r] && t.kind[r] == kUpper; pending += open[r]; }
     if (!pending) return;
-    const double span = span_of_x();
+    const double span = t.span(tableau->x);
     for (int k = 0; k < t.blocks && pending; ++k) {
       const double length = slack(k, W, v, span);
       if (length == 0.0) continue;
       own_signs(k, W);
       if (!pending) break;
       gradient(k, W);
-      const double limit = (tolerance + 1e-15 * tableau->growth) * t.block[k].norm * length;
-      for (int j = k - 1; j >= 0; --j) {
-        sweep(j);
-        decide_rows(k, j, W, limit);
-      }
-      for (int i = 0; i < t.n; ++i) {
-        if (!open_x[i] || !(std::fabs(g[i]) > limit)) continue;
-        if (g[i] * F[i] > 0.0) wrong[count++] = Wrong{k, i, true, std::fabs(g[i])};
-        open_x[i] = 0; --pending;
-      }
+      for (int j = k - 1; j >= 0; --j) sweep(j, lambda);
+      const double norm = t.block[k].norm;
+      const double limit = norm * ((tolerance + 1e-15 * tableau->growth) * length + 1e-15 * norm * span);
+      const bool refined = doubtful(k, limit);
+      if (refined) refine(k);
+      decide(k, W, F, limit, refined);
     }
-  }
-
-  double span_of_x() const {
-    double span = 0.0;
-    for (int i = 0; i < table->n; ++i) span = larger(span, std::fabs(tableau->x[i]));
-    return span;
   }
 
   // w_k of the working rows with rounding set to zero, and its norm.
@@ -75,15 +67,17 @@ struct Multipliers {
     for (int r = b.begin; r < b.end; ++r) {
       if (!W[r]) { w[r] = 0.0; continue; }
       const double bound = W[r] == kLower ? t.lower[r] : t.upper[r];
-      const double noise = tolerance * (std::fabs(bound) + t.norm[r] * span);
       w[r] = v[r] - bound;
-      if (std::fabs(w[r]) <= noise) w[r] = 0.0;
     }
     if (s.kind == Stage::kReflectors) {
       if (s.rank == s.m) for (int i = 0; i < s.m; ++i) w[s.rows[i]] = 0.0;
-      else if (s.excess > 0.0) remove_damping(s);
+      else if (s.rank) project(s);
     }
-    for (int r = b.begin; r < b.end; ++r) square += w[r] * w[r];
+    for (int r = b.begin; r < b.end; ++r) {
+      const double bound = W[r] == kLower ? t.lower[r] : t.upper[r];
+      if (W[r] && std::fabs(w[r]) <= tolerance * (std::fabs(bound) + t.norm[r] * span)) w[r] = 0.0;
+      square += w[r] * w[r];
+    }
     return std::sqrt(square);
   }
 
@@ -95,14 +89,22 @@ struct Multipliers {
   }
 
   // The multipliers of block j that clear its pivot variables from the gradient; the gradient follows.
-  void sweep(int j) {
+  void sweep(int j, double* out) {
     const Stage& s = tableau->stage[j];
     const Block& b = table->block[j];
-    for (int r = b.begin; r < b.end; ++r) lambda[r] = 0.0;
+    for (int r = b.begin; r < b.end; ++r) out[r] = 0.0;
     if (s.kind == Stage::kIdle || s.rank == 0) return;
-    if (s.kind == Stage::kGram) gram_multipliers(s, b);
-    else reflector_multipliers(s);
-    for (int i = 0; i < s.m; ++i) add_row(b, s.rows[i], lambda[s.rows[i]]);
+    if (s.kind == Stage::kGram) gram_multipliers(s, b, out);
+    else reflector_multipliers(s, out);
+    for (int i = 0; i < s.m; ++i) add_row(b, s.rows[i], out[s.rows[i]]);
+  }
+
+  // A second sweep over what the first one left of the gradient; its size tells the error of the first.
+  void refine(int k) {
+    const Table& t = *table;
+    for (int i = 0; i < t.n; ++i) before[i] = g[i];
+    for (int j = k - 1; j >= 0; --j) sweep(j, delta);
+    for (int r = 0; r < t.block[k].begin; ++r) lambda[r] += delta[r];
   }
 
  private:
@@ -115,12 +117,34 @@ struct Multipliers {
     }
   }
 
-  void decide_rows(int k, int j, const std::int8_t* W, double limit) {
-    const Block& b = table->block[j];
-    for (int r = b.begin; r < b.end; ++r) {
-      if (!open[r] || !(std::fabs(lambda[r]) * table->norm[r] > limit)) continue;
-      if (lambda[r] * W[r] < 0.0) wrong[count++] = Wrong{k, r, false, std::fabs(lambda[r]) * table->norm[r]};
+  // Whether some sign rests on a multiplier so small that rounding may have made it.
+  bool doubtful(int k, double limit) const {
+    const double small = 1e6 * limit;
+    for (int r = 0; r < table->block[k].begin; ++r) {
+      if (!open[r]) continue;
+      const double force = std::fabs(lambda[r]) * table->norm[r];
+      if (force > limit && force < small) return true;
+    }
+    for (int i = 0; i < table->n; ++i)
+      if (open_x[i] && std::fabs(g[i]) > limit && std::fabs(g[i]) < small) return true;
+    return false;
+  }
+
+  void decide(int k, const std::int8_t* W, const std::int8_t* F, double limit, bool refined) {
+    const Table& t = *table;
+    for (int r = 0; r < t.block[k].begin; ++r) {
+      if (!open[r]) continue;
+      const double force = std::fabs(lambda[r]) * t.norm[r];
+      const double error = refined ? 10.0 * std::fabs(delta[r]) * t.norm[r] : 0.0;
+      if (!(force > limit && force > error)) continue;
+      if (lambda[r] * W[r] < 0.0) wrong[count++] = Wrong{k, r, false, force};
       open[r] = 0; --pending;
+    }
+    for (int i = 0; i < t.n; ++i) {
+      if (!open_x[i] || !(std::fabs(g[i]) > limit)) continue;
+      if (refined && !(std::fabs(g[i]) > 10.0 * std::fabs(g[i] - before[i]))) continue;
+      if (g[i] * F[i] > 0.0) wrong[count++] = Wrong{k, i, true, std::fabs(g[i])};
+      open_x[i] = 0; --pending;
     }
   }
 
@@ -131,8 +155,8 @@ struct Multipliers {
     else g[b.index[i]] += f * b.scale[i];
   }
 
-  // The slack that damping asked for is no conflict: keep what is orthogonal to the level's range.
-  void remove_damping(const Stage& s) {
+  // Keep what is orthogonal to the level's range: the rest is rounding, or slack that damping asked for.
+  void project(const Stage& s) {
     for (int i = 0; i < s.m; ++i) y[i] = w[s.rows[i]];
     for (int i = 0; i < s.rank; ++i) reflect_vector(s, i);
     for (int i = 0; i < s.rank; ++i) y[i] = 0.0;
@@ -146,7 +170,7 @@ struct Multipliers {
     add_any(y + i, v + i, -f, s.m - i);
   }
 
-  void reflector_multipliers(const Stage& s) {
+  void reflector_multipliers(const Stage& s, double* out) {
     const int r = s.rank;
     for (int i = 0; i < r; ++i) y[i] = g[s.variables[i]];
     for (int i = 0; i < s.before; ++i) {
@@ -160,10 +184,10 @@ struct Multipliers {
     }
     for (int i = r; i < s.m; ++i) y[i] = 0.0;
     for (int i = r - 1; i >= 0; --i) reflect_vector(s, i);
-    for (int i = 0; i < s.m; ++i) lambda[s.rows[i]] = -y[i];
+    for (int i = 0; i < s.m; ++i) out[s.rows[i]] = -y[i];
   }
 
-  void gram_multipliers(const Stage& s, const Block& b) {
+  void gram_multipliers(const Stage& s, const Block& b, double* out) {
     Tableau& t = *tableau;
     const int c = t.gram_free;
     for (int j = 0; j < c; ++j) y[j] = g[t.free[j]];
@@ -174,7 +198,7 @@ struct Multipliers {
     t.solve_gram(y);
     for (int i = 0; i < s.m; ++i) {
       const int local = s.rows[i] - b.begin, p = t.place[b.index[local]];
-      lambda[s.rows[i]] = p >= 0 ? -b.scale[local] * y[p]
+      out[s.rows[i]] = p >= 0 ? -b.scale[local] * y[p]
                                  : b.scale[local] * dot_any(t.G + static_cast<std::ptrdiff_t>(-1 - p) * t.ld + 1, y, c);
     }
   }

@@ -25,6 +25,7 @@ struct Block {
 struct Table {
   int n = 0, blocks = 0, rows = 0, inequalities = 0;
   int first = 0;              // 1 if level 0 became the box
+  double reach = 0.0;         // largest distance that a row asks for, |bound| / norm: the scale of rounding in x
   bool boxed = false;         // some variable has a finite bound or is fixed
   Block* block = nullptr;
   double* lower = nullptr;    // (rows,) of the table, copies
@@ -63,7 +64,7 @@ struct Table {
 
   // Read the problem; false if a number is not usable.
   bool read(const Problem& problem) {
-    rows = 0; blocks = 0; inequalities = 0; first = 0;
+    rows = 0; blocks = 0; inequalities = 0; first = 0; reach = 0.0;
     no_box();
     for (int k = 0, row = 0; k < problem.count; row += problem.levels[k++].m) {
       const Level level = simplest(problem.levels[k], row);
@@ -71,6 +72,13 @@ struct Table {
       else if (!add(level)) return false;
     }
     return complete(problem);
+  }
+
+  // The size of x for tolerances: of its largest entry, and not below what the rows' rounding leaves.
+  double span(const double* x) const {
+    double s = 1e-3 * reach;
+    for (int i = 0; i < n; ++i) s = larger(s, std::fabs(x[i]));
+    return s;
   }
 
   // v = A x over the rows of the table.
@@ -114,7 +122,10 @@ struct Table {
       norm[r] = std::sqrt(square);
       kind[r] = l == u ? kEquality : (l == -kInfinity && u == kInfinity) ? kFree : kUpper;
       inequalities += kind[r] == kUpper;
-      if (kind[r] != kFree && norm[r] > b.norm) b.norm = norm[r];
+      if (kind[r] == kFree) continue;
+      if (norm[r] > b.norm) b.norm = norm[r];
+      const double nearest = smaller(std::fabs(l), std::fabs(u));
+      if (nearest > reach * norm[r] && norm[r] > 0.0) reach = nearest / norm[r];
     }
     rows += level.m;
     return true;

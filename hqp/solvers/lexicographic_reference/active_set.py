@@ -75,7 +75,7 @@ class ActiveSet:
 
     def _violations(self, point: Point) -> tuple[Signs, Signs]:
         """Sides of the rows and variables outside the working set that the point violates."""
-        t, box, size = self.table, self.table.box, float(abs(point.x).max(initial=0.0))
+        t, box, size = self.table, self.table.box, self.table.span(point.x)
         above = point.value > t.upper + self.room(t.upper, size, t.norm)
         below = point.value < t.lower - self.room(t.lower, size, t.norm)
         rows = np.where(t.usable & (self.W == 0), above.astype(np.int8) - below, 0)
@@ -166,7 +166,7 @@ class ActiveSet:
 
     def _solve_from_here(self) -> Point:
         """Rows violated at x work at their side, rows well inside do not; then solve."""
-        t, size = self.table, float(abs(self.x).max(initial=0.0))
+        t, size = self.table, self.table.span(self.x)
         value = t.A @ self.x
         above, below = self.room(t.upper, size, t.norm), self.room(t.lower, size, t.norm)
         inside = ((self.W == 1) & (value < t.upper - above)) | ((self.W == -1) & (value > t.lower + below))
@@ -178,7 +178,7 @@ class ActiveSet:
     def _disturb(self) -> tuple[Vec, Vec, Box]:
         """Last resort against a degenerate vertex: widen every inequality by a tiny amount of its own."""
         t, rng = self.table, np.random.default_rng(7)
-        size, kept = float(abs(self.x).max(initial=0.0)) + 1e-3, (t.lower, t.upper, t.box)
+        size, kept = self.table.span(self.x), (t.lower, t.upper, t.box)
         widen = np.where(t.usable, 1e-9 * rng.uniform(0.5, 1.0, t.M) * t.norm * size, 0.0)
         widen_x = np.where(t.box.fixed, 0.0, 1e-9 * rng.uniform(0.5, 1.0, self.x.size) * size)
         t.lower, t.upper = t.lower - widen, t.upper + widen
@@ -191,7 +191,7 @@ class ActiveSet:
 
     def _settle(self, point: Point) -> None:
         """The working set of the widened problem, judged on the original one."""
-        t, size = self.table, float(abs(point.x).max(initial=0.0))
+        t, size = self.table, self.table.span(point.x)
         limit = 1e-7 * t.norm * size
         off = t.usable & (self.W == 0) & ((point.value > t.upper + limit) | (point.value < t.lower - limit))
         if off.any() or np.any(abs(point.x - t.box.clip(point.x)) > 1e-7 * size):

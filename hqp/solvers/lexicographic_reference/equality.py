@@ -44,6 +44,7 @@ class Point:
     value: Vec
     chain: list[Link]
     closest: float
+    growth: float
     shifted: bool
 
 
@@ -74,7 +75,7 @@ def equality_point(table: Table, W: Signs, F: Signs, options: Lexicographic) -> 
                 growth = max(growth, table.scale[k] / s[-1])
                 shifted = shifted or bool(d > 0.0 and np.any(d * d * abs(error) > 1e-9 * (s * s + d * d)))
         chain.append(Link(rows, Y, U, s, d))
-    return Point(x, table.A @ x, chain, closest, shifted)
+    return Point(x, table.A @ x, chain, closest, growth, shifted)
 
 
 def slack(table: Table, W: Signs, point: Point, k: int, tolerance: float) -> Vec:
@@ -82,18 +83,26 @@ def slack(table: Table, W: Signs, point: Point, k: int, tolerance: float) -> Vec
     link = point.chain[k]
     target = bounds(table, W, link.rows)
     w = point.value[link.rows] - target
-    span = abs(point.x).max(initial=0.0)
-    w[abs(w) <= tolerance * (abs(target) + table.norm[link.rows] * span)] = 0.0
-    if link.s.size and (link.damped > 0.0 or link.s.size == link.rows.size):
+    span = table.span(point.x)
+    if link.s.size == link.rows.size:
+        w[:] = 0.0
+    elif link.s.size:
         w = w - link.U @ (link.U.T @ w)
-        if link.s.size == link.rows.size:
-            w[:] = 0.0
+    w[abs(w) <= tolerance * (abs(target) + table.norm[link.rows] * span)] = 0.0
     return np.asarray(w)
 
 
-def adjoint(table: Table, point: Point, k: int, w: Vec) -> tuple[list[Vec], Vec]:
-    """lambda_kj = -U_j diag(1/s_j) Y_j' g for j = k-1..0, g = A_k' w + sum_{i>j} A_i' lambda_ki; and the last g."""
-    g = table.A[point.chain[k].rows].T @ w
+def adjoint(table: Table, point: Point, k: int, w: Vec) -> tuple[list[Vec], list[Vec], Vec, Vec]:
+    """lambda_kj = -U_j diag(1/s_j) Y_j' g for j = k-1..0, g = A_k' w + sum_{i>j} A_i' lambda_ki, refined once.
+
+    Returns the multipliers of each level above k, by how much refinement changed them, the last g, and its change.
+    """
+    first, g = _sweep(table, point, k, table.A[point.chain[k].rows].T @ w)
+    change, refined = _sweep(table, point, k, g)
+    return [a + b for a, b in zip(first, change, strict=True)], change, refined, refined - g
+
+
+def _sweep(table: Table, point: Point, k: int, g: Vec) -> tuple[list[Vec], Vec]:
     found: list[Vec] = []
     for link in reversed(point.chain[:k]):
         found.append(-link.U @ ((link.Y.T @ g) / link.s))
@@ -106,9 +115,9 @@ def judge(table: Table, W: Signs, F: Signs, point: Point, options: Lexicographic
     open_rows, open_x = (W != 0) & table.usable, (F != 0) & ~table.box.fixed
     wrong: list[Wrong] = []
 
-    def settle(k: int, rows: NDArray[np.intp], values: Vec, limit: float) -> None:
+    def settle(k: int, rows: NDArray[np.intp], values: Vec, error: Vec, limit: float) -> None:
         force = abs(values) * table.norm[rows]
-        decided = open_rows[rows] & (force > limit)
+        decided = open_rows[rows] & (force > limit) & (abs(values) > 10.0 * abs(error))
         bad = decided & (values * W[rows] < 0.0)
         wrong.extend(Wrong(k, float(force[i]), False, int(rows[i])) for i in np.flatnonzero(bad))
         open_rows[rows[decided]] = False
@@ -119,12 +128,14 @@ def judge(table: Table, W: Signs, F: Signs, point: Point, options: Lexicographic
         w = slack(table, W, point, k, options.multiplier_tolerance)
         if not w.any():
             continue
-        settle(k, link.rows, w, 0.0)
-        multipliers, g = adjoint(table, point, k, w)
-        limit = options.multiplier_tolerance * table.scale[k] * float(np.sqrt(w @ w))
-        for above, values in zip(point.chain, multipliers, strict=False):
-            settle(k, above.rows, values, limit)
-        decided = open_x & (abs(g) > limit)
+        settle(k, link.rows, w, np.zeros_like(w), 0.0)
+        multipliers, errors, g, error = adjoint(table, point, k, w)
+        relative = options.multiplier_tolerance + 1e-15 * point.growth
+        scale = table.scale[k]
+        limit = scale * (relative * float(np.sqrt(w @ w)) + 1e-15 * scale * table.span(point.x))
+        for above, values, change in zip(point.chain, multipliers, errors, strict=False):
+            settle(k, above.rows, values, change, limit)
+        decided = open_x & (abs(g) > limit) & (abs(g) > 10.0 * abs(error))
         wrong.extend(Wrong(k, float(abs(g[i])), True, int(i)) for i in np.flatnonzero(decided & (g * F > 0.0)))
         open_x &= ~decided
     return wrong

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from hqp.solvers.lexicographic_reference.active_set import ActiveSet
 
 
+_Blocking: TypeAlias = tuple[str, int]
+
+
 class Step:
     """From x along d = point.x - x; a blocking bound joins the working set."""
 
@@ -22,7 +25,7 @@ class Step:
         self.d = point.x - owner.x
         self.value = table.A @ owner.x
         self.change = point.value - self.value
-        self.size = float(abs(point.x).max(initial=0.0))
+        self.size = table.span(point.x)
 
     def take(self) -> bool:
         """Move x; True if the whole step was taken."""
@@ -33,10 +36,8 @@ class Step:
         ratio, row = self._rows(above)
         if ratio < alpha:
             alpha, blocking = ratio, ("row", row)
-        if level < len(t.levels) and self._rows(t.usable & (owner.W == 0) & (t.level == level))[0] < np.inf:
-            lowest = self._lowest(level, alpha)
-            if lowest < alpha:
-                alpha, blocking = lowest, ("bend", level)
+        if level < len(t.levels):
+            alpha, blocking = self._bend(level, alpha, blocking)
         if blocking is None:
             return True
         owner.x = np.where(owner.F == 0, t.box.clip(owner.x + alpha * self.d), owner.x)
@@ -51,14 +52,14 @@ class Step:
     def _level(self) -> int:
         """The first level that the step changes: those above must not suffer, those below do not count."""
         t, W = self.table, self.owner.W
-        length = float(np.sqrt(self.d @ self.d)) + 1e-3 * float(abs(self.owner.x).max(initial=0.0))
+        length = float(np.sqrt(self.d @ self.d)) + 1e-3 * t.span(self.owner.x)
         for k, rows in enumerate(t.levels):
             change = self.change[rows[W[rows] != 0]]
             if np.sqrt(change @ change) > 1e-9 * t.scale[k] * length:
                 return k
         return len(t.levels)
 
-    def _variables(self) -> tuple[float, tuple[str, int] | None]:
+    def _variables(self) -> tuple[float, _Blocking | None]:
         """Where the first free variable meets its bound, 1.0 if none does."""
         box, d = self.table.box, self.d
         bound = np.where(d > 0.0, box.hi, box.lo)
@@ -81,6 +82,20 @@ class Step:
         ratio = np.maximum(0.0, (bound[hit] - self.value[hit]) / change[hit])
         first = int(ratio.argmin())
         return float(ratio[first]), int(hit[first])
+
+    def _bend(self, level: int, alpha: float, blocking: _Blocking | None) -> tuple[float, _Blocking | None]:
+        """Rows of the level itself that the step would violate make its norm bend: stop where it is lowest.
+
+        Where that is at once, by rounding, the first of them joins the working set instead.
+        """
+        first, row = self._rows(self.table.usable & (self.owner.W == 0) & (self.table.level == level))
+        if row >= 0:
+            lowest = self._lowest(level, alpha)
+            if 1e-12 < lowest < alpha:
+                return lowest, ("bend", level)
+            if lowest <= 1e-12 and first <= alpha:
+                return first, ("row", row)
+        return alpha, blocking
 
     def _lowest(self, level: int, alpha: float) -> float:
         """Where ||w_level||^2, a convex piecewise quadratic along the step, is lowest on [0, alpha]."""

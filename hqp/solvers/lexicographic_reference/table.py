@@ -51,6 +51,12 @@ class Table:
     start: Signs
     """``(M,)`` working marks of a cold start: 2 for an equality, 0 otherwise."""
     damping: tuple[float, ...]
+    reach: float
+    """Largest distance that a row asks for, |bound| / norm: the scale of rounding in x."""
+
+    def span(self, x: Vec) -> float:
+        """The size of x for tolerances: of its largest entry, and not below what the rows' rounding leaves."""
+        return max(float(abs(x).max(initial=0.0)), 1e-3 * self.reach)
 
     @property
     def M(self) -> int:
@@ -80,7 +86,13 @@ def table(flat: Flat, damping: tuple[float, ...]) -> Table:
         box,
         start,
         padded,
+        _reach(flat, used & (norm > 0.0), norm),
     )
+
+
+def _reach(flat: Flat, rows: Mask, norm: Vec) -> float:
+    nearest = np.minimum(abs(flat.lower[rows]), abs(flat.upper[rows]))
+    return float((nearest / norm[rows]).max(initial=0.0))
 
 
 def _box(flat: Flat) -> Box:

@@ -72,7 +72,7 @@ class ReferenceWorkspace:
             values = [np.zeros(r.size) for r in solution.residuals[: k + 1]]
             inner = slack(rows, run.W, point, k, self._solver.multiplier_tolerance)
             if inner.any():
-                above, g = adjoint(rows, point, k, inner)
+                above, _, g, _ = adjoint(rows, point, k, inner)
                 for j, lam in enumerate(above):
                     place = point.chain[j].rows - rows.levels[j][0] if lam.size else []
                     values[j][place] = lam
