@@ -58,6 +58,7 @@ def _ground(spec: Any, terrain: Terrain) -> None:
         "priority": 1,
         "friction": [terrain.friction, 0.005, 0.0001],
         "solref": list(terrain.solref),
+        "solimp": [*terrain.impedance, 0.001, 0.5, 2.0],
     }
     world, plane, box = spec.worldbody, mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_BOX
     level = _tiles(spec, "level", (0.80, 0.81, 0.83), (0.72, 0.74, 0.77))

@@ -28,17 +28,21 @@ class Terrain(ABC):
     """Ground whose height depends on x alone; its friction and stiffness win over those of what touches it.
 
     friction: sliding coefficient [-].  solref: MuJoCo's time constant [s] and damping ratio of contacts.
-    Raises DeclarationError for a negative friction or a time constant that is not positive.
+    impedance: MuJoCo's least and largest impedance of contacts, nearer to 1 for harder ground.
+    Raises DeclarationError for a negative friction, a time constant that is not positive or an impedance outside (0, 1).
     """
 
     friction: float = 0.8
     solref: tuple[float, float] = (0.006, 1.0)
+    impedance: tuple[float, float] = (0.9, 0.95)
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.friction) and self.friction >= 0.0):
             raise DeclarationError("terrain", "bad friction", value=self.friction, allowed="0 or more")
         if not self.solref[0] > 0.0:
             raise DeclarationError("terrain", "bad solref", value=self.solref, allowed="time constant > 0 s")
+        if not 0.0 < self.impedance[0] <= self.impedance[1] < 1.0:
+            raise DeclarationError("terrain", "bad impedance", value=self.impedance, allowed="0 < least <= largest < 1")
 
     @abstractmethod
     def slabs(self) -> tuple[Slab, ...]:
