@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -37,8 +38,20 @@ def split(stack: Stack, held: Sequence[Element]) -> list[Group]:
     return groups
 
 
+_KNOWN: WeakKeyDictionary[Robot, dict[tuple[Element, ...], Actuation]] = WeakKeyDictionary()
+"""What was found complete before: a change of stack within the loop need not find it again."""
+
+
 def require_actuation(held: Sequence[Element], robot: Robot, dt: float, laws: Mapping[str, Law]) -> Actuation:
     """Rank and conditioning of [J_constr; U]; raises DeclarationError where it is short at home and around it."""
+    known = _KNOWN.setdefault(robot, {})
+    key = tuple(held)
+    if key not in known:
+        known[key] = _find_actuation(held, robot, dt, laws)
+    return known[key]
+
+
+def _find_actuation(held: Sequence[Element], robot: Robot, dt: float, laws: Mapping[str, Law]) -> Actuation:
     twin = robot.copy()
     rng = np.random.default_rng(0)
     steps = [np.zeros(robot.nv), *(rng.uniform(-0.3, 0.3, robot.nv) for _ in range(2))]
