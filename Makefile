@@ -11,7 +11,7 @@ bench: setup
 	$(BIN)/python -m benchmarks
 
 test: setup
-	$(BIN)/python -m pytest
+	HQP_REQUIRE_NATIVE=1 $(BIN)/python -m pytest
 
 check: setup
 	$(BIN)/ruff check .
@@ -25,7 +25,7 @@ format: setup
 
 setup: $(VENV)/ready
 
-$(VENV)/ready: pyproject.toml
+$(VENV)/ready: pyproject.toml $(wildcard hqp/cpp/*)
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10) and "hqp needs Python 3.10 or newer")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade pip
