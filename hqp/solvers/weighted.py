@@ -72,7 +72,7 @@ class WeightedWorkspace:
         completion = [solver.regularisation * 10.0 ** (-2 * k) for k in range(extra)]
         self._weight = np.repeat(np.array([*weights, *completion]), self.flat.sizes)
         self._softened = solver.ratio * max(weights, default=1.0)
-        self._backend = load(solver.backend, solver.tolerance, solver.max_iterations)
+        self._backend = load(solver.backend, solver.tolerance, solver.max_iterations, feasible=False)
         self._programs: dict[tuple[int, int], QpWorkspace] = {}
 
     def reset(self) -> None:

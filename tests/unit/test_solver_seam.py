@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import subprocess
 import sys
 from typing import Any
@@ -13,6 +14,7 @@ import hqp.solvers
 from hqp import Hierarchy, Rows, Selection, Status
 from hqp.errors import DeclarationError, HqpError, ProblemError, SolverNotInstalled, UnsupportedProblem
 from hqp.problem import EQUALITY, Shape, Stats
+from hqp.solvers import Solver
 from hqp.solvers.base import activity, check_shape, finish
 from hqp.solvers.completion import completion, metric_factor
 from hqp.solvers.flat import Flat
@@ -95,6 +97,32 @@ def test_a_workspace_refuses_another_shape() -> None:
     for other in (Hierarchy((BOX, BOX)), Hierarchy((BOX,), metric=np.eye(2))):
         with pytest.raises(ProblemError, match="workspace made"):
             check_shape(other, problem.shape)
+
+
+class Elsewhere(Solver):
+    """A solver of some other package, which is no dataclass."""
+
+    name = "elsewhere"
+
+    def __init__(self, level: int = 0) -> None:
+        self.level = level
+
+    def workspace(self, shape: Shape) -> Any:
+        raise NotImplementedError
+
+
+def test_other_packages_bring_solvers_by_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    point = importlib.metadata.EntryPoint("elsewhere", f"{__name__}:Elsewhere", hqp.solvers.GROUP)
+    monkeypatch.setattr(point.__class__, "load", lambda self: Elsewhere)
+
+    def points(group: str, name: str | None = None) -> list[importlib.metadata.EntryPoint]:
+        return [point] if group == hqp.solvers.GROUP and name in (None, "elsewhere") else []
+
+    monkeypatch.setattr("importlib.metadata.entry_points", points)
+    assert "elsewhere" in hqp.solvers.available()
+    loaded = hqp.solvers.load("elsewhere", level=3)
+    assert isinstance(loaded, Elsewhere)
+    assert loaded.level == 3
 
 
 def test_importing_the_solvers_imports_no_back_end() -> None:

@@ -7,15 +7,16 @@ from hqp.solvers.backends.base import Backend, QpAnswer, QpWorkspace
 __all__ = ["Backend", "QpAnswer", "QpWorkspace", "load"]
 
 
-def load(name: str, tolerance: float, max_iterations: int) -> Backend:
+def load(name: str, tolerance: float, max_iterations: int, feasible: bool = True) -> Backend:
     """The back end of that name: ProxQP and OSQP through their own packages, any other through qpsolvers.
 
-    tolerance: absolute, on every optimality condition.  Raises DeclarationError for a name nobody knows.
+    tolerance: absolute, on every optimality condition.  feasible: the programs are known to be feasible and bounded.
+    Raises DeclarationError for a name nobody knows.
     """
     if name == "proxqp":
         from hqp.solvers.backends.proxqp import Proxqp
 
-        return Proxqp(tolerance, max_iterations)
+        return Proxqp(tolerance, max_iterations, feasible)
     if name == "osqp":
         from hqp.solvers.backends.osqp import Osqp
 

@@ -14,10 +14,14 @@ from hqp.solvers.backends.base import QpAnswer
 
 @dataclass(frozen=True)
 class Proxqp:
-    """Dense ProxQP at an absolute tolerance."""
+    """Dense ProxQP at an absolute tolerance.
+
+    feasible: the programs are feasible and bounded by construction; at degenerate points ProxQP doubts it.
+    """
 
     tolerance: float
     max_iterations: int
+    feasible: bool = True
 
     def workspace(self, n: int, m: int) -> ProxqpWorkspace:
         """Allocate for n variables and m two-sided rows."""
@@ -32,8 +36,8 @@ class ProxqpWorkspace:
         settings = self._qp.settings
         settings.eps_abs, settings.eps_rel = options.tolerance, 0.0
         settings.max_iter = options.max_iterations
-        # a cascade's programs are feasible and bounded by construction, at degenerate points proxqp doubts it
-        settings.eps_primal_inf = settings.eps_dual_inf = 1e-14
+        if options.feasible:
+            settings.eps_primal_inf = settings.eps_dual_inf = 1e-14
         settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
         self._started = False
 
