@@ -26,6 +26,9 @@ from hqp.arrays import Mat, Vec
 SEED = 28
 GAINS = (4.0, 4.0, 1.0)
 
+START = 2
+"""Seed of the simulated motion; with most others too the printed sign is off by much, with some V rises less."""
+
 
 def checks(ground: Ground, count: int) -> Iterator[Check]:
     """The pointwise rows on one slope at ``count`` random states."""
@@ -120,12 +123,12 @@ def _pointwise(ground: Ground, count: int) -> Iterator[Check]:
 
 
 def start(ground: Ground, sign: float = 1.0) -> SelfMotionRun:
-    """A start near the posture goal, moving, from which V has far to fall."""
-    rng = np.random.default_rng(SEED)
+    """A start from which V has far to fall, moving fast enough for dPhi/dt to matter."""
+    rng = np.random.default_rng(START)
     q = ground.configuration(rng, 0.3)
     v = Snapshot(ground, q, np.zeros(19)).UNbar @ rng.normal(size=12)
     goal = ground.U @ np.concatenate((np.zeros(6), q[7:])) + 0.4 * rng.normal(size=12)
-    return SelfMotionRun(ground, q, 0.5 * v / np.linalg.norm(v), goal, GAINS, sign)
+    return SelfMotionRun(ground, q, 3.0 * v / np.linalg.norm(v), goal, GAINS, sign, amplitude=2.0)
 
 
 def simulations(ground: Ground, quick: bool) -> Iterator[Check]:
