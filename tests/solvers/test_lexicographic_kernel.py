@@ -1,0 +1,154 @@
+"""The kernel alone: no allocation, threads, the binding against nonsense."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import problems
+from hqp.solvers import lexicographic
+from hqp.solvers.lexicographic import Lexicographic
+from tests.solvers.native.dump import dump
+
+if lexicographic.kernel() == "":
+    pytest.skip("built without the native kernel", allow_module_level=True)
+
+import hqp._lexicographic as native
+
+SOURCE = Path(__file__).parent / "native" / "drive.cpp"
+HEADERS = Path(lexicographic.__file__).parents[1] / "cpp"
+COMPILER = shutil.which("g++") or shutil.which("clang++") or shutil.which("c++")
+OPTIONS = (1e-9, 1e-11, 1e-11, 0.0, 0, 5, True)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(COMPILER is None or not sys.platform.startswith("linux"), reason="needs a C++ compiler and glibc")
+def test_solve_allocates_nothing(tmp_path: Path) -> None:
+    program = tmp_path / "drive"
+    subprocess.run(
+        [str(COMPILER), "-std=c++17", "-O1", "-Wno-psabi", f"-I{HEADERS}", "-DHQP_ISA=generic", "-DCOUNT_ALLOCATIONS",
+         str(SOURCE), "-o", str(program)],
+        check=True,
+    )  # fmt: skip
+    for name in ("a38", "b15_38", "c38", "d38", "f62", "rand12", "randint10"):
+        data = dump(problems.load(name, 8), tmp_path / name)
+        done = subprocess.run([str(program), str(data)], check=True, capture_output=True, text=True).stdout.split()
+        assert int(done[done.index("solves") + 1]) > 0
+        assert int(done[done.index("allocations") + 1]) == 0, name
+
+
+def test_workspaces_run_side_by_side_without_the_interpreter_lock() -> None:
+    sets = [problems.load("d38", 6), problems.load("c38", 6)]
+    alone = [[Lexicographic().solve(problem).x for problem in problem_set] for problem_set in sets]
+    found: list[list[np.ndarray]] = [[], []]
+
+    def work(which: int) -> None:
+        for _ in range(50):
+            found[which] = [Lexicographic().solve(problem).x for problem in sets[which]]
+
+    threads = [threading.Thread(target=work, args=(i,)) for i in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for expected, got in zip(alone, found, strict=True):
+        for a, b in zip(expected, got, strict=True):
+            assert a.tobytes() == b.tobytes()
+
+
+def test_the_interpreter_goes_on_while_the_kernel_solves() -> None:
+    rng = np.random.default_rng(0)
+    n, m = 400, 600
+    A, b = rng.normal(size=(m, n)), rng.normal(size=m)
+    workspace = native.Workspace(n, [m], False, *OPTIONS)
+    workspace.bind([(A, None, None, b, b.copy(), 0.0)], 0, None, None)
+    busy, done = threading.Event(), threading.Event()
+    refused = ticks = 0
+
+    def solve() -> None:
+        busy.set()
+        workspace.solve()
+        done.set()
+
+    thread = threading.Thread(target=solve)
+    thread.start()
+    busy.wait()
+    while not done.is_set():
+        ticks += 1
+        try:
+            workspace.reset()
+        except RuntimeError:  # it is solving in the other thread
+            refused += 1
+    thread.join()
+    assert refused > 10, (refused, ticks)
+
+
+def _nonsense(rng: np.random.Generator) -> object:
+    choices: list[object] = [
+        None, 3, -1, "x", 1.5, float("nan"), [], (), np.zeros(3), np.zeros((3, 3)), np.zeros((2, 5)),
+        np.zeros(3, dtype=np.int64), np.full(3, 7, dtype=np.int64), np.full(3, np.nan), np.zeros((0, 3)),
+        np.zeros((3, 6))[:, ::2], np.zeros(3, dtype=np.float32), np.full((3, 3), 1e308), np.full(3, -5, dtype=np.int64),
+    ]  # fmt: skip
+    return choices[rng.integers(len(choices))]
+
+
+def test_binding_survives_nonsense() -> None:
+    rng = np.random.default_rng(1)
+    accepted = refused = 0
+    for _ in range(4000):
+        good: list[object] = [np.eye(3), None, None, np.zeros(3), np.ones(3), 0.0]
+        for _ in range(int(rng.integers(0, 3))):
+            good[rng.integers(6)] = _nonsense(rng)
+        workspace = native.Workspace(3, [3], bool(rng.integers(2)), *OPTIONS)
+        extras = [_nonsense(rng) if rng.random() < 0.2 else None for _ in range(2)]
+        try:
+            workspace.bind([tuple(good)], 0, *extras)
+            outcome = workspace.solve()[0]
+            assert 0 <= outcome <= 6
+            accepted += 1
+            if outcome <= 2:
+                assert np.isfinite(workspace.values()).all()
+        except (TypeError, ValueError, RuntimeError):
+            refused += 1
+    assert accepted > 300
+    assert refused > 300
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [(0, [1], False), (-1, [1], False), (10**9, [1], False), (3, [-1], False), (3, [10**9], False)],
+)
+def test_workspace_of_impossible_size(arguments: tuple[int, list[int], bool]) -> None:
+    with pytest.raises(ValueError, match="lie in"):
+        native.Workspace(*arguments, *OPTIONS)
+
+
+def test_workspace_before_and_after_binding() -> None:
+    workspace = native.Workspace(2, [0, 1], False, *OPTIONS)
+    with pytest.raises(ValueError, match="bind"):
+        workspace.solve()
+    with pytest.raises(ValueError, match="levels"):
+        workspace.bind([], 0, None, None)
+    empty, one = np.zeros(0), np.ones(1)
+    workspace.bind(
+        [(np.zeros((0, 2)), None, None, empty, empty, 0.0), (np.ones((1, 2)), None, None, one, one, 0.0)], 0, None, None
+    )
+    assert workspace.solve()[0] == 0
+    np.testing.assert_allclose(workspace.values()[:2], [0.5, 0.5])
+
+
+def test_bound_arrays_outlive_their_names() -> None:
+    workspace = native.Workspace(50, [50], False, *OPTIONS)
+    for value in range(200):
+        workspace.bind(
+            [(np.eye(50), None, None, np.full(50, float(value)), np.full(50, float(value)), 0.0)], 0, None, None
+        )
+        np.zeros(2500)  # may take the memory of what was dropped
+        workspace.solve()
+        np.testing.assert_array_equal(workspace.values()[:50], float(value))
