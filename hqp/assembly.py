@@ -56,7 +56,9 @@ class Assembly:
         self.order = order
         self.J: Mat = np.zeros((m, robot.nv))
         self.error, self.rate, self.feedforward, self.drift = (np.zeros(total) for _ in range(4))
-        self.lower, self.upper = np.full(total, -np.inf), np.full(total, np.inf)
+        self.bounds: Mat = np.empty((2, total))
+        self.bounds[0], self.bounds[1] = -np.inf, np.inf
+        self.lower, self.upper = self.bounds
         self.weight, self._kp, self._kd = np.ones(total), np.zeros(total), np.zeros(total)
         self._equality = np.ones(total, dtype=bool)
         self._pool, self._used = np.zeros((m, 6)), 0

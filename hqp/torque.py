@@ -104,10 +104,12 @@ class TorqueProgram(Program):
         sizes = [sum(self._size(e) for e in group.elements) for group in groups]
         total = sum(size for size, group in zip(sizes, groups, strict=True) if not group.selection)
         self.A: Mat = np.zeros((total, n))
-        self.lower, self.upper = np.full(total, -np.inf), np.full(total, np.inf)
+        self.bounds: Mat = np.empty((2, total))
+        self.bounds[0], self.bounds[1] = -np.inf, np.inf
+        self.lower, self.upper = self.bounds
         self.places: dict[str, Place] = {}
-        self._products: list[list[int]] = []
-        self._takes: list[tuple[slice, slice, Index, Vec | None]] = []
+        runs: list[list[int]] = []
+        self._takes: list[tuple[Index, Vec | None, Mat, Mat, Mat]] = []
         levels: list[Rows] = []
         slices: list[slice | None] = []
         at = 0
@@ -119,7 +121,7 @@ class TorqueProgram(Program):
                 if not group.selection:
                     here = slice(at + start, at + start + count)
                     if element.quantity == "motion":
-                        self._place(members[element.name].part, here)
+                        self._place(members[element.name].part, here, runs)
                     else:
                         owner = self._efforts if element.quantity == "effort" else self._forces
                         owner.place(element.name, here, self.A, self.lower, self.upper)
@@ -132,6 +134,8 @@ class TorqueProgram(Program):
                 levels.append(Rows(self.A[part], self.lower[part], self.upper[part]))
                 slices.append(part)
                 at += size
+        J, asked = self.assembly.J, self.assembly.bounds
+        self._products = [(J[i:j], self.A[k:m], asked[:, i:j], self.bounds[:, k:m]) for i, j, k, m in runs]
         stacked = Stacked(self.A, self.lower, self.upper, tuple(slices)) if total else None
         self.problem = Hierarchy(
             tuple(levels),
@@ -152,19 +156,19 @@ class TorqueProgram(Program):
         owner = self._efforts if element.quantity == "effort" else self._forces
         return owner.rows(element.name)
 
-    def _place(self, part: slice, here: slice) -> None:
+    def _place(self, part: slice, here: slice, runs: list[list[int]]) -> None:
         """Plan for one motion element: a product with J, merged with the one before, or rows of X."""
-        m = self.assembly.J.shape[0]
-        if part.start >= m:
-            weight = self.assembly.weight[part]
+        rows = self.assembly
+        if part.start >= rows.J.shape[0]:
+            weight = rows.weight[part]
             scale = None if np.all(weight == 1.0) else weight
-            self._takes.append((part, here, self.assembly.picks(part), scale))
+            self._takes.append((rows.picks(part), scale, self.A[here], rows.bounds[:, part], self.bounds[:, here]))
             return
-        last = self._products[-1] if self._products else None
+        last = runs[-1] if runs else None
         if last and last[1] == part.start and last[3] == here.start:
             last[1], last[3] = part.stop, here.stop
         else:
-            self._products.append([part.start, part.stop, here.start, here.stop])
+            runs.append([part.start, part.stop, here.start, here.stop])
 
     def prepare(self, state: State) -> None:
         """Compute inertia, forces and kinematics of the state."""
@@ -190,20 +194,16 @@ class TorqueProgram(Program):
             np.copyto(self._origin, self._gravity.torque(state, rows.J[:m]))
             if shift is not None:
                 self._origin += shift
-        for start, stop, first, last in self._products:
-            J = rows.J[start:stop]
-            np.matmul(J, X, out=self.A[first:last])
-            offset = J @ c
-            np.subtract(rows.lower[start:stop], offset, out=self.lower[first:last])
-            np.subtract(rows.upper[start:stop], offset, out=self.upper[first:last])
-        for part, here, index, scale in self._takes:
-            A, offset = self.A[here], c[index]
+        for J, A, asked, level in self._products:
+            np.matmul(J, X, out=A)
+            np.subtract(asked, J @ c, out=level)
+        for index, scale, A, asked, level in self._takes:
             A[:] = X[index]
+            offset = c[index]
             if scale is not None:
                 A *= scale[:, None]
                 offset = offset * scale
-            np.subtract(rows.lower[part], offset, out=self.lower[here])
-            np.subtract(rows.upper[part], offset, out=self.upper[here])
+            np.subtract(asked, offset, out=level)
         if self._efforts:
             self._efforts.fill(state, references)
         if self._forces:
