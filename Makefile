@@ -5,11 +5,12 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: bench test check setup format clean
+.PHONY: bench test check setup format clean sanitize
 
 bench: setup
 	$(BIN)/python -m benchmarks
 
+# The native parts must be there: a broken build would fall back to pure Python without a word.
 test: setup
 	HQP_REQUIRE_NATIVE=1 $(BIN)/python -m pytest
 
@@ -18,6 +19,15 @@ check: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/pyright
+
+# The kernel under the address and undefined-behaviour sanitizers, over every stored problem and hard random ones.
+SANITIZED := build/sanitized
+sanitize: setup
+	mkdir -p $(SANITIZED)
+	$(BIN)/python -m tests.solvers.native.dump $(SANITIZED)
+	$(CXX) -std=c++17 -O1 -g -Wall -Wextra -Wno-psabi -fsanitize=address,undefined -fno-sanitize-recover=all \
+	    -Ihqp/cpp -DHQP_ISA=generic tests/solvers/native/drive.cpp -o $(SANITIZED)/drive
+	$(SANITIZED)/drive $(SANITIZED)/*.bin
 
 format: setup
 	$(BIN)/ruff check --fix .

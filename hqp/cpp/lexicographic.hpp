@@ -105,6 +105,8 @@ class Lexicographic final : public Kernel {
     }
   }
 
+  static bool meets(double bound, double value) { return std::fabs(value - bound) <= kActive * (1.0 + std::fabs(bound)); }
+
   // A fixed variable's multiplier goes to the first row that holds it.
   void box_multipliers(const Level& level, double* out) {
     const Table& t = set_.table;
@@ -113,9 +115,7 @@ class Lexicographic final : public Kernel {
       const int j = static_cast<int>(level.A ? t.single_index[i] : level.index[i]);
       const double s = level.A ? t.single_scale[i] : level.scale[i];
       if (!set_.F[j] || g[j] == 0.0) continue;
-      const double side = -g[j] * s;   // > 0: the row must be at upper
-      const double bound = side > 0 ? level.upper[i] : level.lower[i];
-      if (!(std::fabs(s * set_.x[j] - bound) <= kActive * (1.0 + std::fabs(bound)))) continue;
+      if (!meets(level.lower[i], s * set_.x[j]) && !meets(level.upper[i], s * set_.x[j])) continue;
       out[i] = -g[j] / s;
       g[j] = 0.0;
     }

@@ -88,8 +88,8 @@ class ReferenceWorkspace:
         A, left, out = rows.A[level], np.where(F != 0, g, 0.0), np.zeros(level.size)
         for i, a in enumerate(A):
             j = int(np.flatnonzero(a)[0])
-            bound = rows.upper[level[i]] if -left[j] * a[j] > 0.0 else rows.lower[level[i]]
-            x = rows.box.hi[j] if F[j] > 0 else rows.box.lo[j]
-            if left[j] != 0.0 and abs(a[j] * x - bound) <= 1e-9 * (1.0 + abs(bound)):
+            value = a[j] * (rows.box.hi[j] if F[j] > 0 else rows.box.lo[j])
+            sides = (rows.lower[level[i]], rows.upper[level[i]])
+            if left[j] != 0.0 and any(abs(value - bound) <= 1e-9 * (1.0 + abs(bound)) for bound in sides):
                 out[i], left[j] = -left[j] / a[j], 0.0
         return out
