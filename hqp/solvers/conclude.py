@@ -32,6 +32,8 @@ def conclude(
             detail = "a pivot lay near rank_tolerance" if refined.uncertain else ""
             return flat.finish(problem, refined.x, status, stats, detail)
         uncertain = refined.uncertain
+        if certificate(problem, refined.x, accuracy).ok:
+            x = refined.x
     verdict = certificate(problem, x, accuracy)
     if verdict.ok:
         return flat.finish(problem, x, Status.RANK_UNCERTAIN if uncertain else Status.OPTIMAL, stats)

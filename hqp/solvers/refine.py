@@ -31,7 +31,7 @@ Mask: TypeAlias = np.ndarray[tuple[int], np.dtype[np.bool_]]
 
 @dataclass(frozen=True, slots=True)
 class Refined:
-    """The outcome: x, whether its optimality was confirmed, how many exchanges of rows that took."""
+    """The outcome: x, whether every sign confirmed it, how many exchanges of rows that took."""
 
     x: Vec
     confirmed: bool
@@ -69,20 +69,23 @@ class Refiner:
 
     def _descend(self, x: Vec, sides: Signs, count: int) -> Refined:
         """Monotone primal active set: to the first row in the way, or drop one wrong row where none is."""
-        begin, sides = x, sides.copy()
+        begin, sides, dropped = x, sides.copy(), -1
+        stuck = np.zeros(sides.size, dtype=bool)
         above, below = self._violated(x, sides)
         sides[above], sides[below] = 1, -1
         for count in range(count, self.exchanges):  # noqa: B020
             found, wrong = self._optimum(sides)
             step, row, side = self._blocking(x, found - x, sides)
+            wrong = wrong[~stuck[wrong]]
             if row >= 0:
                 x = x + step * (found - x)
                 sides[row] = side
+                stuck[row] = row == dropped and step < ZERO  # its sign is below what can be told: it stays
             elif wrong.size:
-                x = found
-                sides[wrong[0]] = 0
+                x, dropped = found, int(wrong[0])
+                sides[dropped] = 0
             else:
-                return Refined(found, True, count, self.recursion.uncertain)
+                return Refined(found, not stuck.any(), count, self.recursion.uncertain)
         return Refined(begin, False, count, self.recursion.uncertain)
 
     def _measure(self) -> None:
