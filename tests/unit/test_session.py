@@ -23,7 +23,7 @@ from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, Position, Posture
 
 DT = 0.002
-SOLVER = "cascade:proxqp"
+WITH_LIMITS = pytest.mark.parametrize("solver", ["lexicographic", "cascade:proxqp"])
 
 
 @pytest.fixture
@@ -228,9 +228,10 @@ def test_a_bad_state_holds_the_last_safe_command(robot: Robot) -> None:
         held.unwrap()
 
 
-def test_an_unreachable_hand_leaves_the_feet_alone(robot: Robot) -> None:
+@WITH_LIMITS
+def test_an_unreachable_hand_leaves_the_feet_alone(robot: Robot, solver: str) -> None:
     hand = Position(frame="r_palm", law=P(5.0))
-    session = hqp.Controller(paper(hand, subject_to=[JointLimits()]), solver=SOLVER).session(robot, DT)
+    session = hqp.Controller(paper(hand, subject_to=[JointLimits()]), solver=solver).session(robot, DT)
     session.step(robot.state())
     tick = session.step(robot.state(), hand.at([9.0, 0.0, 1.0]))
     assert tick.status in (Status.OPTIMAL, Status.NOT_CERTIFIED)
@@ -267,9 +268,10 @@ def test_the_same_task_twice_changes_nothing(robot: Robot) -> None:
     assert np.allclose(*commands, atol=1e-9)
 
 
-def test_start_outside_the_limits_comes_back(robot: Robot) -> None:
+@WITH_LIMITS
+def test_start_outside_the_limits_comes_back(robot: Robot, solver: str) -> None:
     stack = Stack(Level(Posture(law=P(0.0))), subject_to=[JointLimits()])
-    session = hqp.Controller(stack, solver=SOLVER).session(robot, DT)
+    session = hqp.Controller(stack, solver=solver).session(robot, DT)
     q, v = robot.home.copy(), np.zeros(robot.nv)
     knee = int(robot.joints("R_KFE")[0])
     q[knee + 1] = robot.lower[knee] - 0.05

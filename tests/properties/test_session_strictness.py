@@ -1,0 +1,66 @@
+"""The promise of the library, in the loop: what a lower level is asked for never moves a higher residual."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import hqp
+from hqp import Level, P, Stack, Status
+from hqp.robots import Robot
+from hqp.tasks import Com, FixedContact, JointLimits, Orientation, Position, Posture
+
+ROBOTS = ("cbi", "talos", "g1")
+SOLVERS = ("lexicographic", "cascade:proxqp")
+
+
+def stack(robot: Robot) -> Stack:
+    left, right = robot.landmarks["soles"]
+    return Stack(
+        Level(FixedContact(frame=left), FixedContact(frame=right), Com(axes="xy", name="com_xy"), name="balance"),
+        Level(Position(frame=robot.landmarks["palms"][1], name="hand", law=P(5.0)), name="hand"),
+        Level(Orientation(frame=robot.landmarks["base"][0], axes=("roll", "pitch"), name="trunk"), name="trunk"),
+        Level(Posture(), name="posture"),
+        subject_to=[JointLimits()],
+    )
+
+
+@pytest.fixture(scope="module")
+def robots() -> dict[str, Robot]:
+    missing = [name for name in ROBOTS if name not in hqp.robots.names()]
+    if missing:
+        pytest.skip(f"needs example-robot-data for {missing}")
+    return {name: hqp.robots.load(name) for name in ROBOTS}
+
+
+def residuals(robot: Robot, solver: str, q: np.ndarray, hand: np.ndarray, tilt: np.ndarray) -> list[float]:
+    controller = hqp.Controller(stack(robot), solver=solver)
+    session = controller.session(robot, 0.002)
+    session.step(robot.state())  # hold values are those of home
+    task, trunk = session.stack.find("hand", Position), session.stack.find("trunk", Orientation)
+    tick = session.step(robot.state(q), task.at(hand), trunk.at(tilt))
+    assert tick.status in (Status.OPTIMAL, Status.RANK_UNCERTAIN), tick.notes
+    assert tick.solution is not None
+    return tick.solution.norms.tolist()
+
+
+@pytest.mark.parametrize("robot_name", ROBOTS)
+@pytest.mark.parametrize("solver", SOLVERS)
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(seed=st.integers(0, 2**16), reach=st.floats(0.0, 3.0))
+def test_lower_references_never_move_higher_residuals(
+    robots: dict[str, Robot], robot_name: str, solver: str, seed: int, reach: float
+) -> None:
+    robot, rng = robots[robot_name], np.random.default_rng(seed)
+    q = robot.integrate(robot.home, 0.05 * rng.standard_normal(robot.nv), 1.0)
+    palm = robot.state(q).position(robot.landmarks["palms"][1])
+    goals = [palm + reach * rng.uniform(-1.0, 1.0, 3) for _ in range(2)]
+    tilts = [rng.uniform(-1.0, 1.0, 2) for _ in range(2)]
+    same_hand = [residuals(robot, solver, q, goals[0], tilt) for tilt in tilts]
+    other_hand = residuals(robot, solver, q, goals[1], tilts[0])
+    scale = 1.0 + 5.0 * reach
+    # limits, balance whatever the hand wants; limits, balance and hand whatever the trunk wants
+    assert np.abs(np.subtract(same_hand[0], other_hand))[:2].max() < 1e-8 * scale
+    assert np.abs(np.subtract(*same_hand))[:3].max() < 1e-8 * scale
