@@ -65,6 +65,13 @@ class ActiveSet {
     warm_ = true;
   }
 
+  // A x; the tableau's own where x is its point to the bit.
+  const double* values() {
+    for (int i = 0; i < table.n; ++i)
+      if (x[i] != tableau.x[i]) { table.product(x, v); return v; }
+    return target_;
+  }
+
  private:
   static constexpr int kSeen = 512;
   const Options* options_ = nullptr;

@@ -120,6 +120,31 @@ static inline void gram(double* H, int ldh, const double* P, int ld, int depth, 
   }
 }
 
+// H(i, j) -= sum_d P(d, i) P(d, j) for rows and columns from `from` on, blocks at or right of the row's own.
+template <int V>
+static inline void gram_subtract_block(double* H, int ldh, const double* P, int ld, int depth, int i, int j) {
+  Vec4 acc[4][V];
+  for (int a = 0; a < 4; ++a)
+    for (int k = 0; k < V; ++k) acc[a][k] = at(H + static_cast<std::ptrdiff_t>(i + a) * ldh + j + kLane * k);
+  for (int d = 0; d < depth; ++d) {
+    const double* row = P + static_cast<std::ptrdiff_t>(d) * ld;
+    for (int a = 0; a < 4; ++a) {
+      const Vec4 f = splat(row[i + a]);
+      for (int k = 0; k < V; ++k) acc[a][k] -= f * at(row + j + kLane * k);
+    }
+  }
+  for (int a = 0; a < 4; ++a)
+    for (int k = 0; k < V; ++k) at(H + static_cast<std::ptrdiff_t>(i + a) * ldh + j + kLane * k) = acc[a][k];
+}
+
+static inline void gram_subtract(double* H, int ldh, const double* P, int ld, int depth, int from, int width) {
+  for (int i = from; i < width; i += kLane) {
+    int j = i;
+    for (; j + 8 <= width; j += 8) gram_subtract_block<2>(H, ldh, P, ld, depth, i, j);
+    if (j < width) gram_subtract_block<1>(H, ldh, P, ld, depth, i, j);
+  }
+}
+
 // y(width) -= a x(width)
 static inline void subtract(double* y, const double* x, double a, int width) {
   const Vec4 f = splat(a);

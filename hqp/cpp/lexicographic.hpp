@@ -47,13 +47,13 @@ class Lexicographic final : public Kernel {
   void report(const Problem& problem, Answer& answer) {
     const Table& t = set_.table;
     for (int i = 0; i < n_; ++i) answer.x[i] = set_.x[i];
-    t.product(set_.x, set_.v);
+    const double* values = set_.values();
     int out = 0;
     bool violated = false;
     for (int k = 0; k < problem.count; ++k) {
       const Level& level = problem.levels[k];
       const bool constraint = k < problem.constraints;
-      const double* value = k >= t.first ? set_.v + t.block[k - t.first].begin : nullptr;
+      const double* value = k >= t.first ? values + t.block[k - t.first].begin : nullptr;
       for (int i = 0; i < level.m; ++i, ++out) {
         const double l = level.lower[i], u = level.upper[i];
         const double a = value ? value[i] : box_value(level, i);
@@ -85,7 +85,7 @@ class Lexicographic final : public Kernel {
       const int m = problem.levels[k].m, own = k - t.first;
       for (int i = 0; i < before + m; ++i) out[i] = 0.0;
       if (own >= 0) {
-        const double length = a.slack(own, set_.W, set_.v, span);
+        const double length = a.slack(own, set_.W, set_.values(), span);
         if (length > 0.0) {
           a.gradient(own, set_.W);
           for (int j = own - 1; j >= 0; --j) a.sweep(j, a.lambda);

@@ -69,7 +69,7 @@ struct Table {
     for (int k = 0, row = 0; k < problem.count; row += problem.levels[k++].m) {
       const Level level = simplest(problem.levels[k], row);
       if (k == 0 && !level.A && take_box(level)) first = 1;
-      else if (!add(level)) return false;
+      else if (!add(level)) { identity_ = -1; return false; }
     }
     return complete(problem);
   }
@@ -140,16 +140,27 @@ struct Table {
       Level level;
       level.A = metric_rows;
       level.m = root(problem.metric);
-      if (level.m < 0) return false;
+      if (level.m < 0) { identity_ = -1; return false; }
       for (int i = 0; i < level.m; ++i)
         metric_rhs[i] = problem.origin ? dot_any(metric_rows + static_cast<std::ptrdiff_t>(i) * n, problem.origin, n) : 0.0;
       level.lower = level.upper = metric_rhs;
-      if (!add(level)) return false;
+      if (!add(level)) { identity_ = -1; return false; }
     } else if (problem.origin) {
       last.lower = last.upper = problem.origin;
     }
+    if (last.lower == zeros && identity_ == rows) { add_identity(last); return true; }
+    identity_ = last.lower == zeros ? rows : -1;
     return add(last);
   }
+
+  // The least norm again at the same place: its rows are as they were.
+  void add_identity(const Level& level) {
+    Block& b = block[blocks++];
+    b.A = nullptr; b.index = level.index; b.scale = level.scale; b.damping = 0.0; b.norm = 1.0;
+    b.begin = rows; b.end = rows += level.m;
+  }
+
+  int identity_ = -1;   // where the rows of the least norm begin, if they are still there
 
   // Pivoted Cholesky: metric = rows' rows, stopped at 1e-10 of the largest entry; the number of rows, -1 if not finite.
   int root(const double* metric) {
@@ -219,9 +230,13 @@ struct Table {
 
   // How many entries are not zero, or are not numbers.
   int entries(const double* a) const {
-    int count = 0;
-    for (int j = 0; j < n; ++j) count += a[j] != 0.0;
-    return count;
+    const Vec4 zero = splat(0.0), one = splat(1.0);
+    Vec4 count = zero;
+    int j = 0;
+    for (; j + kLane <= n; j += kLane) count += *reinterpret_cast<const Vec4u*>(a + j) != zero ? one : zero;
+    double total = sum(count);
+    for (; j < n; ++j) total += a[j] != 0.0;
+    return static_cast<int>(total);
   }
 };
 

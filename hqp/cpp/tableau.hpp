@@ -218,12 +218,22 @@ struct Tableau {
     s.residual = std::sqrt(square);
   }
 
+  // Position of the largest size, the lowest of equal ones; column 0 is the right-hand side.
   int largest_column(int width) const {
-    Vec4 best = at(size);
-    for (int j = kLane; j < width; j += kLane) { const Vec4 t = at(size + j); best = t > best ? t : best; }
-    double top = larger(larger(best[0], best[1]), larger(best[2], best[3]));
-    for (int j = 1; j < width; ++j) if (size[j] >= top) return j;
-    return 1;
+    Vec4 best = at(size), where = Vec4{0, 1, 2, 3}, here = where;
+    const Vec4 step = splat(kLane);
+    for (int j = kLane; j < width; j += kLane) {
+      const Vec4 t = at(size + j);
+      here += step;
+      const auto more = t > best;
+      best = more ? t : best;
+      where = more ? here : where;
+    }
+    double top = best[0], place_of_top = where[0];
+    for (int q = 1; q < kLane; ++q)
+      if (best[q] > top || (best[q] == top && where[q] < place_of_top)) { top = best[q]; place_of_top = where[q]; }
+    const int found = static_cast<int>(place_of_top);
+    return found > 0 ? found : 1;
   }
 
   void note_pivot(double length, double floor) {
@@ -256,7 +266,7 @@ struct Tableau {
     rest = left;
     for (int i = r - 1; i >= 0; --i) {
       double* row = fresh + static_cast<std::ptrdiff_t>(i) * ld;
-      for (int j = i + 1; j < r; ++j) subtract(row, fresh + static_cast<std::ptrdiff_t>(j) * ld, s.R[i * ldr + j], width);
+      if (i + 1 < r) multiply_rows<1>(row, ld, s.R + i * ldr + i + 1, ldr, row + ld, ld, r - 1 - i, width);
       const Vec4 inverse = splat(1.0 / s.R[i * ldr + i]);
       for (int j = 0; j < width; j += kLane) at(row + j) *= inverse;
     }
@@ -319,20 +329,23 @@ struct Tableau {
     return true;
   }
 
-  // H = U' U on rows and columns 1..rest, upper triangle.
+  // H = U' U on rows and columns 1..rest, upper triangle, four rows at a time; 1 / U_ii goes to column 0.
   void cholesky(int width) {
-    for (int i = 1; i <= rest; ++i) {
-      double* top = H + static_cast<std::ptrdiff_t>(i) * ld;
-      const double inverse = 1.0 / std::sqrt(top[i]);
-      const int from = i / kLane * kLane;
-      const Vec4 f = splat(inverse);
-      for (int j = from; j < width; j += kLane) at(top + j) *= f;
-      for (int a = i + 1; a <= rest; ++a) {
-        double* row = H + static_cast<std::ptrdiff_t>(a) * ld;
-        const Vec4 h = splat(top[a]);
-        for (int j = a / kLane * kLane; j < width; j += kLane) at(row + j) -= h * at(top + j);
+    for (int first = 0; first <= rest; first += kLane) {
+      const int last = first + kLane <= rest + 1 ? first + kLane : rest + 1;
+      for (int i = first > 0 ? first : 1; i < last; ++i) {
+        double* top = H + static_cast<std::ptrdiff_t>(i) * ld;
+        const double inverse = 1.0 / std::sqrt(top[i]);
+        const Vec4 f = splat(inverse);
+        for (int j = first; j < width; j += kLane) at(top + j) *= f;
+        for (int a = i + 1; a < last; ++a) subtract(H + static_cast<std::ptrdiff_t>(a) * ld + first, top + first, top[a], width - first);
+        top[0] = inverse;
       }
-      top[0] = 1.0 / top[i];
+      if (first == 0) {   // row 0 is no row of the factor
+        double* row = H;
+        for (int j = 0; j < width; j += kLane) at(row + j) = splat(0.0);
+      }
+      gram_subtract(H, ld, H + static_cast<std::ptrdiff_t>(first) * ld, ld, last - first, first + kLane, width);
     }
   }
 
