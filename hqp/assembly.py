@@ -55,6 +55,7 @@ class Assembly:
         m, total = starts[len(dense)], starts[-1]
         self.order = order
         self.J: Mat = np.zeros((m, robot.nv))
+        self._flat = self.J.reshape(-1)
         self.error, self.rate, self.feedforward, self.drift = (np.zeros(total) for _ in range(4))
         self.bounds: Mat = np.empty((2, total))
         self.bounds[0], self.bounds[1] = -np.inf, np.inf
@@ -259,11 +260,15 @@ class Assembly:
                 damper *= hardest / size
 
     def unfit(self) -> tuple[str, ...]:
-        """Names of elements whose demand is not finite; () nearly always, told by one product."""
-        demand = self._demand
-        if float(demand @ demand) < np.inf:
+        """Names of elements whose demand or rows are not finite; () nearly always, told by two products."""
+        demand, J = self._demand, self._flat
+        if float(demand @ demand) + float(J @ J) < np.inf:
             return ()
-        return tuple(name for name, m in self.members.items() if not np.isfinite(demand[m.part]).all())
+        return tuple(
+            name
+            for name, m in self.members.items()
+            if not (np.isfinite(demand[m.part]).all() and np.isfinite(self.J[m.part]).all())
+        )
 
     def picks(self, part: slice) -> Index:
         """The coordinates that selection rows pick, ``(m,)``."""
@@ -271,8 +276,9 @@ class Assembly:
         return self._pick[part.start - m : part.stop - m]
 
     def leave_out(self, name: str) -> None:
-        """Free the rows of one element for this tick: (-inf, +inf)."""
+        """Free the rows of one element for this tick: (-inf, +inf), and no NaN in J."""
         part = self.members[name].part
+        self.J[part][~np.isfinite(self.J[part])] = 0.0
         self.lower[part] = -np.inf
         self.upper[part] = np.inf
 

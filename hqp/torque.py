@@ -221,6 +221,8 @@ class TorqueProgram(Program):
             rows = self.problem.levels[place.level]
             rows.lower[place.part] = -np.inf
             rows.upper[place.part] = np.inf
+            if not isinstance(rows.A, Selection):
+                rows.A[place.part][~np.isfinite(rows.A[place.part])] = 0.0
 
     def command(self, x: Vec) -> Vec:
         """The torques ``(n_actuated,)`` [N m]."""

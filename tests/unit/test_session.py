@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 import pytest
 
 import hqp
-from hqp import Level, P, Stack, Status
+from hqp import Level, P, Stack, Status, Task
 from hqp.errors import (
     DeclarationError,
     FrameNotFound,
@@ -211,6 +212,28 @@ def test_a_bad_reference_leaves_its_element_out(robot: Robot, bad: float) -> Non
     with pytest.raises(NotSolved, match="r_palm"):
         tick.unwrap()
     assert session.step(robot.state()).status is Status.OPTIMAL
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Broken(Position):
+    """A user's task whose Jacobian fails at runtime."""
+
+    def bind(self, robot: Any, out: Any) -> Any:
+        return Task.bind(self, robot, out)
+
+    def jacobian(self, state: Any) -> Any:
+        return super().jacobian(state) * np.nan
+
+
+@WITH_LIMITS
+def test_a_task_that_writes_nan_is_named_and_left_out(robot: Robot, solver: str) -> None:
+    stack = Stack(Level(*feet()), Level(Broken(frame="r_palm", name="broken")), Level(Posture()))
+    session = hqp.Controller(stack, solver=solver).session(robot, DT)
+    for _ in range(2):
+        tick = session.step(robot.state())
+        assert tick.status is Status.INVALID_REFERENCE
+        assert [note.element for note in tick.notes] == ["broken"]
+        checked(robot, tick)
 
 
 def test_a_bad_state_holds_the_last_safe_command(robot: Robot) -> None:
