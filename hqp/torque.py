@@ -17,7 +17,7 @@ from hqp.forces import Efforts, Forces
 from hqp.formulation import Formulation, Group, Place, Program
 from hqp.gravity import Gravity
 from hqp.law import PD, Law
-from hqp.problem import Hierarchy, Rows, Shape, Stacked
+from hqp.problem import Hierarchy, Rows, Selection, Shape, Stacked
 from hqp.reactions import reactions, require_actuation, split
 from hqp.reference import Reference
 from hqp.robot import Robot, State
