@@ -11,7 +11,7 @@ from scipy.linalg import get_lapack_funcs
 from hqp.arrays import Index, Mat, Vec
 from hqp.assembly import Assembly
 from hqp.element import Element
-from hqp.law import Law
+from hqp.law import P
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 
@@ -26,9 +26,9 @@ class Gravity:
     What the second needs is allocated at the first tick that has a reference with one.
     """
 
-    def __init__(self, held: Sequence[Element], robot: Robot, dt: float, laws: Mapping[str, Law]) -> None:
+    def __init__(self, held: Sequence[Element], robot: Robot, dt: float) -> None:
         self._held, self._robot, self._dt = held, robot, dt
-        self._laws = {e.name: laws[e.name] for e in held}
+        self._laws = {e.name: P(0.0) for e in held}  # only the rows are used: no drift
         self._rows: Assembly | None = None
 
     @staticmethod
@@ -40,8 +40,8 @@ class Gravity:
         """tau_g ``(n,)`` [N m] on the constraints J."""
         return holding_torque(J, state.gravity_force(), self._robot.actuated)
 
-    def shift(self, state: State, J: Mat, references: Mapping[str, Reference]) -> Vec:
-        """tau_g of the gravity normals minus tau_g of J ``(n,)`` [N m]."""
+    def other(self, state: State, references: Mapping[str, Reference]) -> Vec:
+        """tau_g ``(n,)`` [N m] on the ground of the gravity normals."""
         if self._rows is None:
             self._rows = Assembly(self._held, (), self._robot, self._dt, self._laws)
         other = {
@@ -50,7 +50,7 @@ class Gravity:
             for r in (references[e.name],)
         }
         self._rows.fill(state, other, ())
-        return self.torque(state, self._rows.J) - self.torque(state, J)
+        return self.torque(state, self._rows.J)
 
 
 def holding_torque(J: Mat, g: Vec, actuated: Index) -> Vec:

@@ -89,7 +89,7 @@ class TorqueProgram(Program):
         self._origin = np.zeros(robot.actuated.size) if formulation.gravity_compensation else None
         self._lay_out(groups, robot)
         self._self_motions = SelfMotions(stack, groups, held, robot, dt, laws, self.assembly)
-        self._gravity = Gravity(held, robot, dt, laws)
+        self._gravity = Gravity(held, robot, dt)
         self._needs_com = any(getattr(e, "subtree", 0) is None for e in stack)
         self._state: State | None = None
         self._targets = [
@@ -187,13 +187,15 @@ class TorqueProgram(Program):
         dynamics.update(state.inertia(), state.bias_force(), rows.J[:m], rows.lower[:m])
         X, c = dynamics.X, dynamics.c
         shift = None
-        if given and self._gravity.asked(given):
-            shift = self._gravity.shift(state, rows.J[:m], references)
-            c = c - X @ shift  # the model of the rows meets tau - shift
-        if self._origin is not None:
-            np.copyto(self._origin, self._gravity.torque(state, rows.J[:m]))
-            if shift is not None:
-                self._origin += shift
+        other_normals = bool(given) and self._gravity.asked(given)
+        if other_normals or self._origin is not None:
+            holding = self._gravity.torque(state, rows.J[:m])
+            if other_normals:
+                there = self._gravity.other(state, references)
+                shift, holding = there - holding, there
+                c = c - X @ shift  # the model of the rows meets tau - shift
+            if self._origin is not None:
+                np.copyto(self._origin, holding)
         for J, A, asked, level in self._products:
             np.matmul(J, X, out=A)
             np.subtract(asked, J @ c, out=level)
