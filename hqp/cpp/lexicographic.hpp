@@ -98,8 +98,8 @@ class Lexicographic final : public Kernel {
           }
           if (t.first) box_multipliers(problem.levels[0], out);
         }
-        for (int i = 0; i < m; ++i) out[before + i] = answer.slack[before + i];
       }
+      for (int i = 0; i < m; ++i) out[before + i] = answer.slack[before + i];
       out += before + m;
       before += m;
     }
