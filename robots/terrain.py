@@ -29,7 +29,7 @@ class Terrain(ABC):
 
     friction: sliding coefficient [-].  solref: MuJoCo's time constant [s] and damping ratio of contacts.
     impedance: MuJoCo's least and largest impedance of contacts, nearer to 1 for harder ground.
-    Raises DeclarationError for a negative friction, a time constant that is not positive or an impedance outside (0, 1).
+    Raises DeclarationError for a negative friction, a time constant not above 0, an impedance outside (0, 1).
     """
 
     friction: float = 0.8

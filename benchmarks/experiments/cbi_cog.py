@@ -16,7 +16,7 @@ from benchmarks.experiments.balance import (
     torque_share,
 )
 from benchmarks.experiments.curves import largest, response, rms, side
-from benchmarks.experiments.outcome import Figure, Outcome, holds, number, table
+from benchmarks.experiments.outcome import Figure, Outcome, Table, holds, number, table
 from benchmarks.experiments.setting import Setting
 
 AMPLITUDE, FREQUENCY = 0.04, 0.2
@@ -87,7 +87,7 @@ def experiment(setting: Setting) -> Outcome:
     return outcome
 
 
-def _larger(setting: Setting) -> object:
+def _larger(setting: Setting) -> Table:
     rows = []
     for amplitude, frequency, found in LARGER:
         run = swing(Swing(seconds=max(20.0, 3.0 / frequency), amplitude=amplitude, frequency=frequency), setting)
@@ -106,7 +106,7 @@ def _larger(setting: Setting) -> object:
     return table("How far and how fast", header, rows)
 
 
-def _gains(setting: Setting) -> object:
+def _gains(setting: Setting) -> Table:
     rows = []
     for k, before in ((1.0, "0.70"), (2.0, "0.433"), (4.0, "0.23")):
         run = swing(Swing(seconds=25.0, gain=k, feedforward=False), setting)
@@ -115,7 +115,7 @@ def _gains(setting: Setting) -> object:
     return table("Lag without feedforward", ("k_cog [1/s]", "lag [s]", "gain", "lag, earlier [s]"), rows)
 
 
-def _feedback(setting: Setting) -> object:
+def _feedback(setting: Setting) -> Table:
     rows = []
     for feedback, text in (
         ("task", "commands integrated on their own, tasks see the measured state"),

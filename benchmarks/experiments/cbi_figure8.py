@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.experiments.balance import Balance, Gains, follow, joint_margin, paper_stack, still
 from benchmarks.experiments.curves import figure_eight, largest, rms
-from benchmarks.experiments.outcome import Figure, Outcome, holds, number, table
+from benchmarks.experiments.outcome import Figure, Outcome, Table, holds, number, table
 from benchmarks.experiments.setting import Setting
 from hqp.solvers.base import Solver
 
@@ -52,7 +52,9 @@ def experiment(setting: Setting) -> Outcome:
         Figure("feet, max", 1e3 * largest(strict.log["soles"].max(axis=1)), "mm", high=1.0, before="0.11"),
         Figure("hand, RMS, eq. (16) as printed, k = 2/s", rms(ep), "mm", low=45.0, high=55.0, before="51"),
         Figure("CoG over the ground, max, eq. (16)", largest(com_errors(printed)), "mm"),
-        Figure("distance of a joint from its limit, min", joint_margin(strict.log, strict.robot), "rad", before="0.117"),
+        Figure(
+            "distance of a joint from its limit, min", joint_margin(strict.log, strict.robot), "rad", before="0.117"
+        ),
         *setting.speed(strict.real_time, 5.0),
     ]
     outcome.parameters = {"across [m]": ACROSS, "up [m]": UP, "frequency [Hz]": FREQUENCY, "k_hand [1/s]": 2.0}
@@ -67,7 +69,7 @@ def experiment(setting: Setting) -> Outcome:
     return outcome
 
 
-def _sweep(setting: Setting) -> object:
+def _sweep(setting: Setting) -> Table:
     cases: list[tuple[str | Solver, float, bool, str]] = [
         (PRINTED, 2.0, True, "51"),
         (PRINTED, 5.0, True, "38"),

@@ -28,9 +28,9 @@ def figure_eight(t: float, across: float, up: float, frequency: float) -> Vec:
 
 
 def response(t: Vec, wanted: Vec, actual: Vec, frequency: float) -> tuple[float, float]:
-    """(gain, lag [s]) of ``actual`` behind ``wanted`` at a frequency [Hz], over the last whole periods of half the time.
+    """(gain, lag [s]) of ``actual`` behind ``wanted``, both ``(ticks,)``: of their parts at a frequency [Hz].
 
-    Both ``(ticks,)``; the fundamental of each.
+    Over the last whole periods that fit half the time.
     """
     step = t[1] - t[0]
     periods = max(1, math.floor(0.5 * (t[-1] - t[0]) * frequency))

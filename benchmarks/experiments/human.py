@@ -1,0 +1,85 @@
+"""The human who pulls at a robot's hand: a spring and a damper whose other end walks along."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hqp.arrays import Vec
+
+
+@dataclass(frozen=True, kw_only=True)
+class Walk:
+    """Along a line: rest, out at a speed, a stop, back at the same speed, rest.
+
+    speed [m/s], distance [m], start: when it sets out [s], easing: time to take up the speed [s], stop: how long it
+    stays out [s]; back: whether it returns.
+    """
+
+    speed: float = 0.35
+    distance: float = 0.9
+    start: float = 1.0
+    easing: float = 1.5
+    stop: float = 2.0
+    back: bool = True
+
+    @property
+    def duration(self) -> float:
+        """Of one way [s]."""
+        return self.distance / self.speed + self.easing
+
+    @property
+    def turn(self) -> float:
+        """When the way back begins [s]."""
+        return self.start + self.duration + self.stop
+
+    @property
+    def end(self) -> float:
+        """When it has come to rest for good [s]."""
+        return self.turn + self.duration if self.back else self.start + self.duration
+
+    def at(self, t: float) -> tuple[float, float]:
+        """Place [m] and velocity [m/s] along the line."""
+        x, v = self._way(t - self.start)
+        if self.back:
+            y, w = self._way(t - self.turn)
+            x, v = x - y, v - w
+        return x, v
+
+    def _way(self, t: float) -> tuple[float, float]:
+        gain, whole = self.speed / self.easing, self.distance / self.speed
+        if t <= 0.0:
+            return 0.0, 0.0
+        if t < self.easing:
+            return 0.5 * gain * t * t, gain * t
+        if t < whole:
+            return self.speed * (t - 0.5 * self.easing), self.speed
+        left = whole + self.easing - t
+        if left > 0.0:
+            return self.distance - 0.5 * gain * left * left, gain * left
+        return self.distance, 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpringHand:
+    """A hold on the robot's hand in the ground plane: f = k (anchor - x) + d (anchor rate - v), |f| <= cap.
+
+    stiffness [N/m], damping [N s/m], cap [N].  direction: of the walk, azimuth in the world [rad].
+    """
+
+    stiffness: float = 200.0
+    damping: float = 200.0
+    cap: float = 120.0
+    direction: float = 0.0
+
+    def force(self, walk: Walk, t: float, at_rest: Vec, hand: Vec, velocity: Vec) -> Vec:
+        """Force ``(3,)`` [N] on the hand at ``hand`` [m] moving at ``velocity`` [m/s], both ``(3,)``."""
+        x, v = walk.at(t)
+        along = np.array([math.cos(self.direction), math.sin(self.direction)])
+        f = self.stiffness * (at_rest[:2] + x * along - hand[:2]) + self.damping * (v * along - velocity[:2])
+        size = math.hypot(*f.tolist())
+        if size > self.cap:
+            f *= self.cap / size
+        return np.array([f[0], f[1], 0.0])
