@@ -32,6 +32,7 @@ _STATUS = (
 )
 
 DAMPED = "damping kept a level from its optimum"
+STUCK = "the working sets repeated themselves, and widening the bounds did not help"
 
 
 def kernel() -> str:
@@ -137,7 +138,7 @@ class NativeWorkspace:
             tuple(slice(shape.n + a, shape.n + b) for a, b in pairwise(rows)),
             tuple(slice(a, b) for a, b in pairwise(rows)),
             tuple(slice(a, b) for a, b in pairwise(pairs)),
-            DAMPED if any(self._damping) else "",
+            DAMPED if any(self._damping) else STUCK,
         )
         self._bound: Hierarchy | None = None
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from hqp.solvers.lexicographic import Lexicographic
 
 DAMPED = "damping kept a level from its optimum"
+STUCK = "the working sets repeated themselves, and widening the bounds did not help"
 
 
 class ReferenceWorkspace:
@@ -45,7 +46,7 @@ class ReferenceWorkspace:
         run = ActiveSet(rows, self._solver, self._warm, begin)
         run.run()
         self._warm = run.W, run.F
-        status, detail = run.status, ""
+        status, detail = run.status, STUCK if run.status is Status.NOT_CERTIFIED else ""
         if run.shifted and status.solved:
             status, detail = Status.NOT_CERTIFIED, DAMPED
         stats = Stats(run.factorisations, run.factorisations, built - begin, perf_counter() - built)
