@@ -28,7 +28,8 @@ class Box:
 
     def clip(self, x: Vec) -> Vec:
         """The point of the box next to x."""
-        return np.minimum(np.maximum(x, self.lo), self.hi)
+        clipped: Vec = np.minimum(np.maximum(x, self.lo), self.hi)
+        return clipped
 
 
 @dataclass(slots=True, eq=False)
@@ -108,7 +109,8 @@ def _box(flat: Flat) -> Box:
         np.minimum.at(hi, index, np.maximum(a, b))
         if np.all(lo <= hi):
             for i, s, lower, upper in zip(index, scale, flat.lower[rows], flat.upper[rows], strict=True):
-                lo[i], hi[i] = _inside(lo[i], s, lower, upper), _inside(hi[i], s, lower, upper)
+                lo[i] = _inside(float(lo[i]), s, lower, upper)
+                hi[i] = _inside(float(hi[i]), s, lower, upper)
             return Box(lo, np.maximum(lo, hi), True)
     return Box(np.full(n, -np.inf), np.full(n, np.inf), False)
 
