@@ -16,5 +16,8 @@ Mat: TypeAlias = NDArray[np.float64]
 Index: TypeAlias = NDArray[np.intp]
 """A vector of positions ``(m,)``."""
 
+Mask: TypeAlias = NDArray[np.bool_]
+"""A vector of choices ``(m,)``."""
+
 Signs: TypeAlias = NDArray[np.int8]
 """A vector of activity marks ``(m,)``, see :class:`hqp.problem.Solution`."""

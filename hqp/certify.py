@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mask, Mat, Vec
 from hqp.errors import ProblemError
 from hqp.problem import Hierarchy
 
@@ -186,7 +186,7 @@ def nonnegative_least_squares(G: Mat, b: Vec) -> Vec:
     return mu
 
 
-def _restore(G: Mat, b: Vec, mu: Vec, passive: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> bool:
+def _restore(G: Mat, b: Vec, mu: Vec, passive: Mask) -> bool:
     """Move mu towards the least squares over the passive set, dropping what turns negative."""
     before = float(np.linalg.norm(b - G @ mu))
     while passive.any():

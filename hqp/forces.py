@@ -85,7 +85,9 @@ class Forces:
         self._places: dict[str, slice] = {}
         m = sum(rows.members[e.name].part.stop - rows.members[e.name].part.start for e in held)
         by_name = {e.name: e for e in held}
-        parts, lower, upper, turned = [np.zeros((0, m))], [np.zeros(0)], [np.zeros(0)], []
+        parts, turned = [np.zeros((0, m))], []
+        lower: list[Vec] = [np.zeros(0)]
+        upper: list[Vec] = [np.zeros(0)]
         at = 0
         for element in elements:
             contact = by_name.get(getattr(element, "contact", ""))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hqp.arrays import Index, Mat, Signs, Vec
+from hqp.arrays import Index, Mask, Mat, Signs, Vec
 from hqp.errors import NotSolved, ProblemError
 
 EQUALITY = 2
@@ -96,7 +96,7 @@ class Rows:
         return int(self.lower.shape[0])
 
     @property
-    def equality(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    def equality(self) -> Mask:
         """Which rows are equalities now, ``(m,)``."""
         return np.asarray(self.lower == self.upper)
 

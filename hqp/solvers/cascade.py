@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from hqp.arrays import Index, Mat, Vec
+from hqp.arrays import Index, Mask, Mat, Vec
 from hqp.errors import BackendError
 from hqp.problem import Hierarchy, Shape, Solution, Stats
 from hqp.solvers.backends import QpAnswer, QpWorkspace, load
@@ -81,7 +81,8 @@ class CascadeWorkspace:
         self._iterations, self._qp_s = 0, 0.0
         self._complaints: list[str] = []
         self._lengths = np.sqrt(np.einsum("ij,ij->i", flat.A, flat.A))
-        x, Z = np.zeros(problem.n), np.eye(problem.n)
+        x: Vec = np.zeros(problem.n)
+        Z: Mat = np.eye(problem.n)
         held: Index = np.zeros(0, dtype=np.intp)
         start = 0
         settled = self.refiner is not None and not flat.inequality.any()  # no active set to find: nothing to ask
@@ -102,7 +103,7 @@ class CascadeWorkspace:
         size = float(self._lengths[rows].max(initial=0.0))
         if size == 0.0 or not equal.size + unequal.size:
             return x, Z, held
-        pressed = np.zeros(held.size, dtype=bool)
+        pressed: Mask = np.zeros(held.size, dtype=bool)
         w = self._slack(rows, x)
         if np.any(np.abs(w) > 1e-14 * (self._lengths[rows] + np.abs(flat.A[rows]) @ np.abs(x))):
             if held.size or unequal.size:
@@ -121,7 +122,7 @@ class CascadeWorkspace:
 
     def _program(
         self, k: int, equal: Index, unequal: Index, held: Index, x: Vec, Z: Mat, size: float
-    ) -> tuple[Vec, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+    ) -> tuple[Vec, Mask]:
         """Level k as a QP in (y, w): its step y, and which held rows it presses against."""
         flat, r, m = self.flat, Z.shape[1], unequal.size
         J, e = (flat.A[equal] @ Z) / size, (flat.lower[equal] - flat.A[equal] @ x) / size

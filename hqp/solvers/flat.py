@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import TypeAlias, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
-from hqp.arrays import Mat, Signs, Vec
+from hqp.arrays import Mask, Mat, Signs, Vec
 from hqp.problem import EQUALITY, VIOLATION_TOLERANCE, Hierarchy, Selection, Shape, Solution, Stats, Status
 from hqp.solvers.base import ACTIVITY_TOLERANCE, check_shape
 from hqp.solvers.completion import metric_factor
 
-Mask: TypeAlias = np.ndarray[tuple[int], np.dtype[np.bool_]]
 _Array = TypeVar("_Array", Vec, Signs)
 
 

@@ -221,5 +221,5 @@ class _Step:
     ) -> None:
         self.rank, self.tail, self.tall = rank, tail, tall
         self.qr, self.tau, self.pivots, self.top = qr, tau, pivots, top
-        self.y = np.zeros(rank)
+        self.y: Vec = np.zeros(rank)
         self.start = self.stop = self.offset = 0

@@ -10,11 +10,10 @@ before a more important one gets better; an answer that cannot be confirmed is l
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 
-from hqp.arrays import Index, Signs, Vec
+from hqp.arrays import Index, Mask, Signs, Vec
 from hqp.solvers.flat import Flat
 from hqp.solvers.recursion import Recursion
 
@@ -25,8 +24,6 @@ BLOCK = 4
 """So many times all rows that fail are exchanged at once; then one at a time, never losing ground."""
 
 TINY = 1e-300
-
-Mask: TypeAlias = np.ndarray[tuple[int], np.dtype[np.bool_]]
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from hqp.arrays import Vec
+from hqp.arrays import Mask, Vec
 from hqp.errors import BackendError, DeclarationError
 from hqp.problem import Hierarchy, Shape, Solution, Stats, Status
 from hqp.solvers.backends import QpAnswer, QpWorkspace, load
@@ -100,7 +100,7 @@ class WeightedWorkspace:
         stats = Stats(answer.iterations if answer else 0, 0, built - began, perf_counter() - built)
         return flat.finish(problem, x, Status.NOT_CERTIFIED, stats, detail)
 
-    def _program(self, hard: np.ndarray[tuple[int], np.dtype[np.bool_]], weight: Vec) -> QpAnswer | None:
+    def _program(self, hard: Mask, weight: Vec) -> QpAnswer | None:
         """min over (x, w of the soft inequalities); None where the back end has no answer."""
         flat, n = self.flat, self.flat.shape.n
         sums = flat.equality & ~hard
