@@ -31,6 +31,7 @@ from .terrain import Plane, Ramp, Terrain
 __all__ = ["Contacts", "Noise", "Plane", "Plant", "Ramp", "Reading", "Sensors", "Servo", "StateMap", "Terrain"]
 
 _LEVEL, _PERFECT = Plane(), Sensors()
+_LINEAR_FIRST = np.array([3, 4, 5, 0, 1, 2])
 
 
 class Plant:
@@ -172,7 +173,8 @@ class Plant:
         point = self.place(frame)[0] if at is None else np.asarray(at)
         wrench = self.data.xfrc_applied[body]
         wrench[:3] += force
-        wrench[3:] += np.cross(point - self.data.xipos[body], force)
+        (x, y, z), (a, b, c) = (point - self.data.xipos[body]).tolist(), np.asarray(force).tolist()
+        wrench[3:] += (y * c - z * b, z * a - x * c, x * b - y * a)
         if moment is not None:
             wrench[3:] += moment
 
@@ -199,7 +201,7 @@ class Plant:
         kind = mujoco.mjtObj.mjOBJ_SITE if site else mujoco.mjtObj.mjOBJ_XBODY
         angular_linear = np.zeros(6)
         mujoco.mj_objectVelocity(self.model, self.data, kind, index, angular_linear, 0)
-        return np.roll(angular_linear, 3)
+        return angular_linear[_LINEAR_FIRST]
 
     def com(self) -> Vec:
         """The robot's centre of mass ``(3,)`` [m]."""

@@ -38,6 +38,7 @@ def _sky_and_light(spec: Any) -> None:
     spec.visual.headlight.diffuse = [0.25, 0.25, 0.25]
     spec.visual.headlight.specular = [0.0, 0.0, 0.0]
     spec.visual.quality.shadowsize = 4096
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 960  # of pictures without a screen
     spec.stat.extent = 2.5  # the shadow map spans this, not the whole ground
     # directional: MuJoCo lights planes by their few corners, where spots leave them dark
     for name, direction, strength in (("key", (-0.35, 0.55, -0.75), 0.5), ("fill", (0.5, -0.6, -0.6), 0.25)):

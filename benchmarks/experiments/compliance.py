@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -77,7 +77,7 @@ def stack(choice: Compliance) -> Stack:
     law = PD(choice.com, max_acceleration=choice.com_acceleration)
     wheels = [OmniWheelContact(wheel=name) for name in WHEELS]
     if choice.axle_rolling:
-        wheels = [OmniWheelContact(wheel=name, axle=_across(name)) for name in WHEELS]
+        wheels = [RollingAlongAxle(wheel=name) for name in WHEELS]
     limits = [
         TorqueLimits(),
         *(FrictionCone(contact=name, mu=choice.friction, edges=4) for name in WHEELS),
@@ -99,12 +99,6 @@ def stack(choice: Compliance) -> Stack:
             *(limits if choice.limits else []),
         ],
     )
-
-
-def _across(wheel: str) -> tuple[float, float, float]:
-    """In the place of a wheel's axle the direction it rolls in, as a hasty reading of the paper has it."""
-    x, y, _ = hqp.robots.load("dreamer").wheels[wheel].axle
-    return (y, -x, 0.0)
 
 
 def refusal(choice: Compliance) -> str:
@@ -161,6 +155,13 @@ class Targets:
         length = math.hypot(c, s)
         c, s = c / length, s / length
         return np.array([c * vector[0] + s * vector[1], c * vector[1] - s * vector[0]])
+
+
+@dataclass(frozen=True, kw_only=True)
+class RollingAlongAxle(OmniWheelContact):
+    """The rolling row in the direction of the wheel's axle, as the paper has it in words below eq. (9)."""
+
+    _picked: ClassVar[tuple[int, ...]] = (1, 2)
 
 
 class _Absolute(Task):

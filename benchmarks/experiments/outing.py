@@ -40,9 +40,10 @@ class Scene:
 
     plant: ``dreamer`` (ball wheels) or ``dreamer_rollers``.  slope [deg], top: height of a plateau [m].  heading: of
     the robot, the ramp rises towards 0 [rad].  out_of_place: posture errors at the start, of those in OFF.
-    enable: when upper body and base motors come on [s]; brakes hold them before.  payload at the hand [kg], extra_mass: factor on the upper body's
-    masses, both unknown to the controller.  push: force on the hand ``(3,)`` [N] in place of the walk, from 1 s to
-    2.5 s.  tilt: by which a helper lifts the front of the base [rad].
+    enable: when upper body and base motors come on [s]; brakes hold them before.
+    payload at the hand [kg], extra_mass: factor on the upper body's masses, both unknown to the controller.
+    push: force on the hand ``(3,)`` [N] in place of the walk, from 1 s to 2.5 s.
+    tilt: by which a helper lifts the front of the base [rad].
     """
 
     plant: str = "dreamer"

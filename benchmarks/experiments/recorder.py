@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -51,8 +52,14 @@ class Recorder:
         return path
 
 
+LEVELS = 8
+"""Room for the levels of a hierarchy."""
+
+
 def level_residuals(tick: Tick) -> Vec:
-    """Norm of what each level of a tick's hierarchy falls short by, NaN where there is no solution."""
-    if tick.solution is None:
-        return np.full(1, np.nan)
-    return np.array([np.linalg.norm(w) for w in tick.solution.residuals])
+    """Norm of what each level of a tick's hierarchy falls short by ``(LEVELS,)``, NaN beyond the last one."""
+    norms = np.full(LEVELS, np.nan)
+    if tick.solution is not None:
+        for k, w in enumerate(tick.solution.residuals[:LEVELS]):
+            norms[k] = math.sqrt(w @ w)
+    return norms

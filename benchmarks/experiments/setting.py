@@ -17,7 +17,8 @@ class Setting:
     """Options common to all experiments.
 
     full: everything, not the short version.  output: folder of logs and figures, None for none.  pictures, video:
-    render the scene.  show: called after every period with the run, for a viewer.  jobs: processes for sweeps.
+    render the scene.  show: called after every period with the run, for a viewer.  advance: called as work gets done.
+    jobs: processes for sweeps.  seeds: of cases with noise.
     """
 
     solver: str | Solver = "lexicographic"
@@ -28,6 +29,7 @@ class Setting:
     jobs: int = 1
     seeds: int = 5
     show: Callable[[Any], None] | None = field(default=None, compare=False)
+    advance: Callable[[], None] = field(default=lambda: None, compare=False)
 
     def log(self, outcome: Outcome, stem: str, recorder: Recorder) -> None:
         """Write a run's log as npz, where there is a folder."""
