@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.element import Block, Element, Plan, Task, Writer
+from hqp.element import Block, Element, Plan, Writer
 from hqp.errors import DeclarationError
 from hqp.law import PD, Law, P
 from hqp.reference import Reference
@@ -20,11 +20,14 @@ except ImportError:  # no compiler was there: the writers do it all
     native = None  # type: ignore[assignment]
 
 
+_UP = (0.0, 0.0, 1.0)
+
+
 @dataclass(eq=False)
 class Member:
     """An element bound to its rows: ``part`` of the vectors, and of J unless its rows are a selection.
 
-    target: buffer of the reference's value where a native operation stands in for the writer; seen: whose value.
+    target, normal: buffers of the reference's where a native operation stands in for the writer; seen: whose they are.
     """
 
     element: Element
@@ -34,6 +37,7 @@ class Member:
     saturation: tuple[float, float, float] | None = None
     scaled: Mat | None = None
     target: Mat | None = None
+    normal: Vec | None = None
     seen: Reference | None = None
 
 
@@ -48,7 +52,7 @@ class Assembly:
     def __init__(
         self, dense: Sequence[Element], selections: Sequence[Element], robot: Robot, dt: float, laws: Mapping[str, Law]
     ) -> None:
-        self._native = None if native is None else native.Assembly()
+        self._native = None if native is None else native.Assembly(robot.joint_twists, robot.bodies)
         order = next(iter(laws.values())).order if laws else 1
         counts = [e.rows(robot) for e in (*dense, *selections)]
         starts = np.concatenate(([0], np.cumsum(counts))).astype(int).tolist()
@@ -117,11 +121,17 @@ class Assembly:
         """Let a native operation do what the writer would."""
         operation = getattr(self._native, plan.kind)
         member.target = np.zeros(plan.shape)
-        if member.element.equality:
-            error, reference = member.block.error, member.target.reshape(-1)
-            operation(J=J, error=error, reference=reference, weight=member.element.weight, **plan.data)
+        block = member.block
+        if not member.element.equality:
+            operation(lower=block.lower, upper=block.upper, **plan.data)
+            return
+        drift = block.drift if self.order == 2 else None
+        rows = J, block.error, drift, member.target.reshape(-1), float(member.element.weight)
+        if plan.ground:
+            member.normal = np.array(_UP)
+            operation(rows=rows, normal=member.normal, **plan.data)
         else:
-            operation(lower=member.block.lower, upper=member.block.upper, **plan.data)
+            operation(rows=rows, **plan.data)
 
     def _take(self, m: int) -> Mat:
         start, self._used = self._used, self._used + m
@@ -153,8 +163,6 @@ class Assembly:
         members = self.members.values()
         self._writers = [(m.write, m.element.name) for m in members if m.target is None]
         self._targets = [m for m in members if m.target is not None and m.target.shape]
-        self._drifting = [m for m in members if m.target is not None and isinstance(m.element, Task)]
-        self._needs_com = any(m.block.plan is not None and m.block.plan.kind == "com" for m in members)
         self._scaled = [m for m in members if m.scaled is not None and m.target is None]
         self._saturated = [m for m in self.members.values() if m.saturation is not None]
 
@@ -177,11 +185,8 @@ class Assembly:
                 self.feedforward[member.part] = _fitting(member, "acceleration", reference.acceleration)
                 self._fed = True
         if self._native is not None:
-            self._feed(state, references)
+            self._feed(references)
             self._native.run(state.q, state.v)
-            if self.order == 2:
-                for member in self._drifting:
-                    member.block.drift[:] = member.element.drift(state)  # type: ignore[attr-defined]
         for write, name in self._writers:
             write(state, references[name])
         if self._runs:
@@ -192,7 +197,7 @@ class Assembly:
             np.multiply(member.block.J, member.element.weight, out=member.scaled)
         self._apply_laws(state.v)
 
-    def _feed(self, state: State, references: Mapping[str, Reference]) -> None:
+    def _feed(self, references: Mapping[str, Reference]) -> None:
         """Put what native operations read where they read it."""
         for member in self._targets:
             reference = references[member.element.name]
@@ -203,9 +208,9 @@ class Assembly:
                     shape = None if target is None else target.shape
                     raise DeclarationError(member.element.name, f"value has shape {given}", allowed=f"shape {shape}")
                 np.copyto(target, value)
+                if member.normal is not None:
+                    member.normal[:] = _UP if reference.normal is None else reference.normal
                 member.seen = reference
-        if self._needs_com:
-            state.com_jacobian()
 
     def _apply_laws(self, v: Vec) -> None:
         demand, scratch = self._demand, self._scratch

@@ -32,11 +32,13 @@ class Plan:
     """A writer as plain data, so that one native call may stand in for the writers of all elements that have one.
 
     kind: an operation of the native assembly.  data: its arguments.  shape: of the reference's value, () for none.
+    ground: whether the operation also takes the reference's normal, vertical by default.
     """
 
     kind: str
     data: Mapping[str, Any]
     shape: tuple[int, ...] = ()
+    ground: bool = False
 
 
 @dataclass(eq=False)

@@ -171,13 +171,10 @@ class MotionProgram(Program):
         self.shape = Shape(
             robot.nv, tuple(r.m for r in levels), tuple(group.selection for group in groups), inequalities
         )
-        self._needs_com = any(getattr(e, "subtree", 0) is None for e in stack)
 
     def prepare(self, state: State) -> None:
         """Compute the quantities of the state that the rows need."""
         state.kinematics()
-        if self._needs_com:
-            state.com_jacobian()
 
     def fill(self, state: State, references: Mapping[str, Reference], given: Sequence[Reference]) -> None:
         """Refill the hierarchy for a state and one reference an element; ``given`` may hold feedforward."""

@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 from hqp.arrays import Index, Mat, Vec
+
+Placement: TypeAlias = tuple[Vec, Mat]
+"""Live views of a position ``(3,)`` and a rotation ``(3, 3)`` in the world, as of the current state."""
+
+Body: TypeAlias = tuple[int, int, int, float, tuple[float, float, float], Placement]
+"""A link: the body that carries it, the first and the number of the tangent coordinates of the joint between them,
+its mass [kg], its centre of mass ``(3,)`` [m] in its own axes, its placement."""
 
 
 class Wheel(Protocol):
@@ -100,13 +107,17 @@ class Robot(Protocol):
         """Name of the joint of a tangent coordinate, 'base' for the free base."""
         ...
 
-    def placement(self, frame: int) -> tuple[Vec, Mat]:
-        """Live views of a frame's position ``(3,)`` and rotation ``(3, 3)`` in the world, as of the current state."""
+    def placement(self, frame: int) -> Placement:
+        """Live views of a frame's position and rotation."""
         ...
 
     @property
-    def centre(self) -> tuple[Vec, Mat]:
-        """Live views of the centre of mass ``(3,)`` and its Jacobian ``(3, nv)``, once the state has computed them."""
+    def bodies(self) -> Sequence[Body]:
+        """The world, then the moving bodies, parents before children; ``subtree`` and ``body`` give indices of it."""
+        ...
+
+    def body(self, frame: int) -> int:
+        """Index of the body that a frame is fixed in."""
         ...
 
     def positions(self, columns: Index) -> list[int] | None:
@@ -127,7 +138,7 @@ class Robot(Protocol):
         ...
 
     def subtree(self, joint: str) -> int:
-        """Index of the subtree that hangs on a joint, for the centre of mass; raises JointNotFound."""
+        """Index of the body that a joint carries, with all it carries in turn; raises JointNotFound."""
         ...
 
     def state(self, q: Vec | None = None, v: Vec | None = None) -> State:
@@ -211,7 +222,7 @@ class State(Protocol):
         ...
 
     def dynamics(self) -> None:
-        """Make kinematics, drifts, ``inertia`` and ``bias_force`` those of this state; raises StaleState."""
+        """Make kinematics, ``inertia`` and ``bias_force`` those of this state; raises StaleState."""
         ...
 
     def inertia(self) -> Mat:

@@ -90,7 +90,6 @@ class TorqueProgram(Program):
         self._lay_out(groups, robot)
         self._self_motions = SelfMotions(stack, groups, held, robot, dt, laws, self.assembly)
         self._gravity = Gravity(held, robot, dt)
-        self._needs_com = any(getattr(e, "subtree", 0) is None for e in stack)
         self._state: State | None = None
         self._targets = [
             (name, self.problem.levels[place.level].lower[place.part])
@@ -173,8 +172,6 @@ class TorqueProgram(Program):
     def prepare(self, state: State) -> None:
         """Compute inertia, forces and kinematics of the state."""
         state.dynamics()
-        if self._needs_com:
-            state.com_jacobian()
 
     def fill(self, state: State, references: Mapping[str, Reference], given: Sequence[Reference]) -> None:
         """Refill the hierarchy for a state and one reference an element; ``given`` may hold feedforward."""

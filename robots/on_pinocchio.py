@@ -65,6 +65,7 @@ class Robot:
         if self.home.shape != (self.nq,):
             raise DeclarationError(self.name, f"home has shape {self.home.shape}", allowed=f"({self.nq},)")
         self._views: dict[int, tuple[Vec, Mat]] = {}
+        self._bodies: tuple[Any, ...] = ()
         self.current: State | None = None
 
     def _read_joints(self) -> dict[str, int]:
@@ -150,9 +151,22 @@ class Robot:
         return self._views[frame]
 
     @property
-    def centre(self) -> tuple[Vec, Mat]:
-        """Live views of the centre of mass and its Jacobian, once the state has computed them."""
-        return self.data.com[0], self.data.Jcom
+    def bodies(self) -> tuple[Any, ...]:
+        """One for each of the model's joints; what is fixed in the world counts for nothing."""
+        if not self._bodies:
+            model, found = self.model, []
+            for i, placement in enumerate(self.data.oMi):
+                joint, inertia = model.joints[i], model.inertias[i]
+                first, count, mass = (joint.idx_v, joint.nv, inertia.mass) if i else (0, 0, 0.0)
+                views = placement.translation, placement.rotation
+                centre = tuple(inertia.lever.tolist())
+                found.append((int(model.parents[i]), int(first), int(count), float(mass), centre, views))
+            self._bodies = tuple(found)
+        return self._bodies
+
+    def body(self, frame: int) -> int:
+        """Index of the body that a frame is fixed in."""
+        return int(self.model.frames[frame].parentJoint)
 
     def positions(self, columns: Index) -> list[int] | None:
         """Places in q of single-axis joints, None if one of them is continuous (two numbers in q)."""
@@ -176,7 +190,7 @@ class Robot:
         return self.data.J  # type: ignore[no-any-return]
 
     def subtree(self, joint: str) -> int:
-        """Index of the subtree that hangs on a joint; raises JointNotFound."""
+        """Index of the body that a joint carries; raises JointNotFound."""
         self._column(joint)
         return int(self.model.getJointId(joint))
 

@@ -150,8 +150,8 @@ class State:
         return np.array(data.oMi[subtree].rotation @ data.acom[subtree])
 
     def dynamics(self) -> None:
-        """Make kinematics, drifts, ``inertia`` and ``bias_force`` those of this state; raises StaleState."""
-        for what in (_KINEMATICS, _DRIFT, _INERTIA, _BIAS):
+        """Make kinematics, ``inertia`` and ``bias_force`` those of this state; raises StaleState."""
+        for what in (_KINEMATICS, _INERTIA, _BIAS):
             self._need(what)
 
     def inertia(self) -> Mat:

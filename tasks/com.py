@@ -13,7 +13,7 @@ from hqp.reference import Reference
 from hqp.robot import Robot, State
 
 from .fields import check_axes, check_observer, indices, target
-from .live import Observer
+from .live import Observer, live_observer
 from .relative import View
 
 
@@ -86,6 +86,8 @@ class Com(Task):
 
     def bind(self, robot: Robot, out: Block) -> Writer:
         """Fill J from the robot's own Jacobian of the centre of mass."""
+        view = {"observer": live_observer(robot, self.relative_to, self.heading), "part": self._part(robot)}
+        out.plan = Plan("com", {**view, "axes": indices(self.axes)}, (len(self.axes),))
         if self.relative_to is not None:
             return self._bind_relative(robot, Observer(robot, self.relative_to, self.heading), out)
         part, J, error, second = self._part(robot), out.J, out.error, out.order == 2
@@ -94,9 +96,6 @@ class Com(Task):
         if axes == list(range(axes[0], axes[-1] + 1)):
             picked = slice(axes[0], axes[-1] + 1)
         errors = list(enumerate(axes))
-        if self.subtree is None:
-            com, jacobian = robot.centre
-            out.plan = Plan("com", {"com": com, "jacobian": jacobian, "axes": axes}, (len(axes),))
 
         def write(state: State, reference: Reference) -> None:
             J[:] = state.com_jacobian(part)[picked]

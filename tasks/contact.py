@@ -14,7 +14,7 @@ from hqp.reference import Reference
 from hqp.robot import Robot, State
 
 from .fields import check_frame, target
-from .live import live_frame
+from .live import live_view
 from .pose import _FramePose
 
 
@@ -77,8 +77,8 @@ class PointContact(Task, Constraint):
         """Fill twist rows in world axes."""
         index = robot.frame(self.frame)
         position, _ = robot.placement(index)
-        data = {**live_frame(robot, self.frame), "axes": [0, 1, 2], "offset": (0.0, 0.0, 0.0)}
-        out.plan = Plan("point", data, (3,))
+        data = {"axes": [0, 1, 2], "offset": (0.0, 0.0, 0.0)}
+        out.plan = Plan("point", {**live_view(robot, self.frame), **data}, (3,))
         twist = out.use_twist(robot.support(index))
         twist[:] = np.eye(3, 6)
         flat, error, second = twist.reshape(-1), out.error, out.order == 2

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.element import Block, Constraint, Task, Writer
+from hqp.element import Block, Constraint, Plan, Task, Writer
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 
@@ -102,6 +102,9 @@ class JointCoupling(Task, Constraint):
         out.J[:] = 0.0
         out.J[0, columns] = coefficients
         out.drift[:] = 0.0
+        positions = robot.positions(columns)
+        if positions is not None:
+            out.plan = Plan("coupling", {"positions": positions, "coefficients": coefficients.tolist()}, (1,))
         terms, error = list(zip(columns.tolist(), coefficients.tolist(), strict=True)), out.error
 
         def write(state: State, reference: Reference) -> None:

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hqp.arrays import Mat, Vec
-from hqp.element import Block, Constraint, Task, Writer
+from hqp.element import Block, Constraint, Plan, Task, Writer
 from hqp.reference import Reference, numbers
 from hqp.robot import Robot, State
 
 from .fields import check_frame, make_reference, set_vector, target
-from .live import cross, moment_row, turned
+from .live import cross, live_frame, moment_row, turned
 from .relative import skew
 
 _WORLD_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -111,6 +111,8 @@ class EdgeContact(Task, Constraint):
         position, rotation = robot.placement(index)
         axis, B = self._axes()
         edge, first, other = axis.tolist(), B[:, 0].tolist(), B[:, 1].tolist()
+        data = {"frame": live_frame(robot, self.frame), "axis": edge, "first": first, "other": other}
+        out.plan = Plan("edge", data, (6,))
         twist = out.use_twist(robot.support(index))
         flat, error, drift, second = twist.reshape(-1), out.error, out.drift, out.order == 2
 

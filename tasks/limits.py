@@ -70,9 +70,9 @@ class JointLimits(Constraint):
             data = {
                 "positions": positions,
                 "columns": picked.tolist(),
-                "low": low,
-                "high": high,
-                "speed": speed,
+                "low": low.tolist(),
+                "high": high.tolist(),
+                "speed": speed.tolist(),
                 "acceleration": math.inf if self.acceleration is None else self.acceleration,
                 "return_velocity": self.return_velocity,
                 "dt": out.dt,

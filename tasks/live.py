@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from hqp.arrays import Vec
-from hqp.robot import Robot, State
+from hqp.robot import Placement, Robot, State
 
-from .relative import Triple, heading_axes
+from .relative import UPRIGHT, Triple, heading_axes
 
 Numbers = Sequence[float]
 
@@ -143,12 +143,45 @@ class Observer:
         return (0.0, 0.0, rate), (0.0, 0.0, turning / self._square)
 
 
-def live_frame(robot: Robot, frame: str) -> dict[str, Any]:
-    """What a native operation reads of a frame: its placement, the joint twists, and the columns that move it."""
+class LiveFrame(NamedTuple):
+    """A frame as native operations read it: live placement, its body and the coordinates that move it."""
+
+    placement: Placement
+    body: int
+    columns: list[int]
+
+
+class LiveObserver(NamedTuple):
+    """A frame, or its heading, as native operations read an observer; upright: see UPRIGHT."""
+
+    frame: LiveFrame
+    heading: bool
+    upright: float
+
+
+def live_frame(robot: Robot, frame: str) -> LiveFrame:
+    """The frame of that name; raises FrameNotFound."""
     index = robot.frame(frame)
-    position, rotation = robot.placement(index)
-    columns = np.flatnonzero(robot.support(index)).tolist()
-    return {"position": position, "rotation": rotation, "twists": robot.joint_twists, "columns": columns}
+    return LiveFrame(robot.placement(index), robot.body(index), np.flatnonzero(robot.support(index)).tolist())
+
+
+def live_observer(robot: Robot, relative_to: str | None, heading: bool = False) -> LiveObserver | None:
+    """The observer of that name, None for the world; raises FrameNotFound."""
+    return None if relative_to is None else LiveObserver(live_frame(robot, relative_to), heading, UPRIGHT)
+
+
+def live_view(robot: Robot, frame: str, relative_to: str | None = None, heading: bool = False) -> dict[str, Any]:
+    """A frame and who sees it, as arguments of native operations; raises FrameNotFound.
+
+    Coordinates that carry both move nothing that an observer sees, unless only its heading turns.
+    """
+    own, observer = live_frame(robot, frame), live_observer(robot, relative_to, heading)
+    if observer is not None and not heading:
+        other = observer.frame
+        shared = {*own.columns} & {*other.columns}
+        own, other = (f._replace(columns=[c for c in f.columns if c not in shared]) for f in (own, other))
+        observer = observer._replace(frame=other)
+    return {"frame": own, "observer": observer}
 
 
 def turned(rows: list[list[float]], vector: Numbers) -> Triple:

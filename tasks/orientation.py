@@ -14,7 +14,7 @@ from hqp.reference import Reference, numbers
 from hqp.robot import Robot, State
 
 from .fields import check_frame, check_observer, make_reference, set_names, target
-from .live import Numbers, Observer, live_frame
+from .live import Numbers, Observer, live_view
 from .relative import Triple, View
 from .rotations import GIMBAL, as_rotation, axes_rate, rate_rows, roll_pitch_yaw
 
@@ -133,13 +133,11 @@ class Orientation(Task):
         support = robot.support(index)
         observer = None if self.relative_to is None else Observer(robot, self.relative_to)
         twist = out.use_twist(support if observer is None else support - observer.support)
-        if observer is None:
-            data = live_frame(robot, self.frame)
-            angles = {**data, "picked": self._indices, "gimbal": GIMBAL}
-            full = self.axes is None
-            out.plan = Plan("rotation", data, (3, 3)) if full else Plan("angles", angles, (len(self._indices),))
+        view, picked = live_view(robot, self.frame, self.relative_to), self._indices
         if self.axes is None:
+            out.plan = Plan("rotation", view, (3, 3))
             return self._bind_full(robot, rotation, observer, twist, out)
+        out.plan = Plan("angles", {**view, "picked": picked, "gimbal": GIMBAL}, (len(picked),))
         return self._bind_angles(rotation, observer, twist, out)
 
     def _bind_full(self, robot: Robot, rotation: Mat, observer: Observer | None, twist: Mat, out: Block) -> Writer:

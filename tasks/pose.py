@@ -15,7 +15,7 @@ from hqp.reference import Reference, numbers
 from hqp.robot import Robot, State
 
 from .fields import check_frame, check_observer, make_reference, target
-from .live import Observer, live_frame, moment_row
+from .live import Observer, live_view, moment_row
 from .relative import View
 from .rotations import as_rotation
 
@@ -74,7 +74,7 @@ class _FramePose(Task):
         """Fill the twist rows [e, p x e] and [0, e] of the world axes e."""
         index = robot.frame(self.frame)
         position, rotation = robot.placement(index)
-        out.plan = Plan("pose", live_frame(robot, self.frame), (4, 4))
+        out.plan = Plan("pose", live_view(robot, self.frame), (4, 4))
         twist = out.use_twist(robot.support(index))
         twist[:] = np.eye(6)
         flat, error, drift, second = twist.reshape(-1), out.error, out.drift, out.order == 2
@@ -150,6 +150,7 @@ class Pose(_FramePose):
         """Fill the twist rows [u, p x u] and [0, u] of the axes u."""
         if self.relative_to is None:
             return super().bind(robot, out)
+        out.plan = Plan("pose", live_view(robot, self.frame, self.relative_to), (4, 4))
         observer = Observer(robot, self.relative_to)
         index = robot.frame(self.frame)
         position, rotation = robot.placement(index)

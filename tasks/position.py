@@ -13,7 +13,7 @@ from hqp.reference import Reference
 from hqp.robot import Robot, State
 
 from .fields import check_axes, check_frame, check_observer, indices, set_vector, target
-from .live import Observer, Point, live_frame, moment_row
+from .live import Observer, Point, live_view, moment_row
 from .relative import View, skew
 
 
@@ -94,10 +94,9 @@ class Position(Task):
     def bind(self, robot: Robot, out: Block) -> Writer:
         """Fill twist rows [u, p x u] along the controlled axes u, or J itself for a heading."""
         point = Point(robot, self.frame, self.offset)
+        view = live_view(robot, self.frame, self.relative_to, self.heading)
+        out.plan = Plan("point", {**view, "axes": indices(self.axes), "offset": self.offset}, (len(self.axes),))
         if self.relative_to is None:
-            axes = indices(self.axes)
-            data = {**live_frame(robot, self.frame), "axes": axes, "offset": self.offset}
-            out.plan = Plan("point", data, (len(axes),))
             return self._bind_world(point, out)
         observer = Observer(robot, self.relative_to, self.heading)
         return self._bind_heading(robot, point, observer, out) if self.heading else self._bind(point, observer, out)

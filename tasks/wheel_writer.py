@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
-from hqp.element import Block
+from hqp.element import Block, Plan
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 
 from .fields import target
-from .live import Numbers, cross, moment_row, turned
+from .live import Numbers, cross, live_frame, moment_row, turned
 from .relative import Triple
 
 UP: Triple = (0.0, 0.0, 1.0)
@@ -37,6 +37,8 @@ class WheelWriter:
         self, robot: Robot, frame: str, radius: float, axle: Triple, picked: tuple[int, ...], out: Block
     ) -> None:
         index = robot.frame(frame)
+        geometry = {"radius": radius, "axle": axle, "picked": list(picked), "aligned": _ALIGNED}
+        out.plan = Plan("wheel", {"frame": live_frame(robot, frame), **geometry}, (3,), ground=True)
         self._frame, self._radius, self._axle = frame, radius, axle
         self._position, self._rotation = robot.placement(index)
         self._flat = out.use_twist(robot.support(index)).reshape(-1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,107 @@ import hqp
 import hqp.assembly
 import hqp.tasks as t
 from hqp import PD, Level, P, Stack
+from hqp.arrays import Mat, Vec
+from hqp.assembly import Assembly
+from hqp.element import Element
+from hqp.reference import Reference
 from hqp.robots import Robot
 
+from .test_derivatives import CLASSES, NAMES, examples
+
 pytestmark = pytest.mark.skipif(hqp.assembly.native is None, reason="no native assembly here")
+
+CASES = [(robot, name) for robot in ("cbi", "panda", "dreamer") for name in CLASSES]
+WHEELED = {"f": "hand", "o": "base", "a": "torso_yaw", "b": "torso_hip", "c": "torso_thorax"}
+
+
+@pytest.fixture(scope="module")
+def robots() -> dict[str, Any]:
+    if "panda" not in hqp.robots.names():
+        pytest.skip("needs example-robot-data")
+    return {name: hqp.robots.load(name) for name in {*NAMES, "dreamer"}}
+
+
+def assemblies(elements: list[Element], robot: Robot, order: int, patch: pytest.MonkeyPatch) -> tuple[Assembly, ...]:
+    """One that runs natively and one that does not."""
+    law = P(3.0) if order == 1 else PD(9.0, 5.0)
+    dense = [e for e in elements if e.selection(robot) is None]
+    picked = [e for e in elements if e.selection(robot) is not None]
+    laws: dict[str, Any] = {e.name: law for e in elements}
+    fast = Assembly(dense, picked, robot, 0.002, laws)
+    assert all(m.target is not None for m in fast.members.values()), "a writer in Python stayed"
+    patch.setattr(hqp.assembly, "native", None)
+    slow = Assembly(dense, picked, robot, 0.002, laws)
+    patch.undo()
+    return fast, slow
+
+
+def reference(element: Element, robot: Robot, rng: np.random.Generator, m: int) -> Reference:
+    """A goal somewhere else, with feedforward, and a ground that is not level for a wheel."""
+    hold = element.hold(robot.state(robot.random_configuration(rng)))
+    extra = {"velocity": rng.normal(size=m), "acceleration": rng.normal(size=m)}
+    if isinstance(element, (t.OmniWheelContact, t.WheelContact)):
+        normal = np.array([0.2, 0.2, 1.0]) * rng.normal(size=3)
+        return element.at(hold.value, normal=normal if rng.uniform() < 0.8 else None, **extra)
+    return dataclasses.replace(hold, **extra) if element.equality else hold
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(("robot_name", "name"), CASES)
+def test_native_rows_equal_written_rows(
+    robots: dict[str, Any], robot_name: str, name: str, order: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot, rng = robots[robot_name], np.random.default_rng(3)
+    table = examples(NAMES.get(robot_name, WHEELED))
+    elements: list[Element] = []
+    for example in table[name]:
+        for weight in (1.0, 2.5) if example.equality else (1.0,):
+            elements.append(dataclasses.replace(example, name=f"e{len(elements)}", weight=weight))
+    fast, slow = assemblies(elements, robot, order, monkeypatch)
+    counts = {e.name: e.rows(robot) for e in elements}
+    given: dict[str, Reference] = {}
+    for k in range(30):
+        for element in elements:
+            if k == 0 or rng.uniform() < 0.5:
+                given[element.name] = reference(element, robot, rng, counts[element.name])
+        state = robot.state(robot.random_configuration(rng), rng.normal(size=robot.nv))
+        for one in (fast, slow):
+            one.fill(state, given, [g for g in given.values() if k % 3])
+        for what in ("J", "error", "drift", "lower", "upper"):
+            _check(getattr(fast, what), getattr(slow, what), what)
+
+
+def _check(x: Mat | Vec, y: Mat | Vec, what: str) -> None:
+    finite = np.isfinite(y)
+    assert np.array_equal(finite, np.isfinite(x)), what
+    if finite.any():
+        scale = np.maximum(1.0, np.abs(y[finite]).max())
+        assert np.abs(x[finite] - y[finite]).max() < 1e-10 * scale, what
+
+
+def test_a_wheel_keeps_its_distance_when_the_ground_tilts(
+    robots: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rolling far with normals that change, as the same reference object does or a new one of the same value."""
+    robot, rng = robots["dreamer"], np.random.default_rng(4)
+    wheels: list[Any] = [t.OmniWheelContact(wheel=w) for w in robot.wheels]
+    wheels.append(t.WheelContact(wheel=next(iter(robot.wheels)), name="ordinary"))
+    fast, slow = assemblies(wheels, robot, 2, monkeypatch)
+    hold = {w.name: w.hold(robot.state()) for w in wheels}
+    given, q = dict(hold), robot.home.copy()
+    for k in range(200):
+        v = rng.normal(size=robot.nv)
+        q = robot.integrate(q, v, 0.02)
+        if k % 3 == 0:
+            tilt = np.array([0.3 * np.sin(0.1 * k), 0.2, 1.0])
+            given = {w.name: w.at(hold[w.name].value, normal=tilt if k % 2 else None) for w in wheels}
+        state = robot.state(q, v)
+        for one in (fast, slow):
+            one.fill(state, given, ())
+        for what in ("J", "error", "drift", "lower", "upper"):
+            _check(getattr(fast, what), getattr(slow, what), what)
+    assert np.abs(fast.error).max() > 0.1  # there was something to carry on
+
 
 STACK = Stack(
     Level(
@@ -51,7 +150,7 @@ def problems(robot: Robot, formulation: Any, monkeypatch: pytest.MonkeyPatch, na
     [hqp.Velocity(law=P(3.0), contact_law=P(7.0)), hqp.Acceleration(law=PD(9.0))],
     ids=["velocity", "acceleration"],
 )
-def test_native_rows_equal_written_rows(formulation: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_native_problems_equal_written_problems(formulation: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     robot = hqp.robots.load("cbi")
     fast = problems(robot, formulation, monkeypatch, native=True)
     slow = problems(robot, formulation, monkeypatch, native=False)

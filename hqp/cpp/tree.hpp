@@ -1,0 +1,81 @@
+// The kinematic tree: velocities and drifts of its bodies, centres of mass of its subtrees.
+#pragma once
+
+#include <utility>
+#include <vector>
+
+#include "spatial.hpp"
+
+namespace hqp {
+
+struct Body {  // a link and the joint that carries it; the first of a tree is the world, which carries the others
+  int parent;
+  int first, count;  // tangent coordinates of the joint
+  double mass;
+  Vec3 centre;                       // of mass, in the body's axes
+  const double *position, *rotation;  // live placement, the rotation column-major
+};
+
+class Tree {
+ public:
+  Tree(std::vector<Body> bodies, const double* twists)
+      : bodies_(std::move(bodies)), twists_(twists), motions_(bodies_.size()), drifts_(bodies_.size()),
+        centres_(bodies_.size()), masses_(bodies_.size()), moments_(bodies_.size()) {
+    for (std::size_t i = bodies_.size(); i-- > 0;) {
+      masses_[i] += bodies_[i].mass;
+      if (i > 0) masses_[bodies_[i].parent] += masses_[i];
+    }
+  }
+
+  void need_motions() { moving_ = true; }
+  void need_centres() { weighing_ = true; }
+
+  // Parents come before their children. A joint's own twists turn with its body: dJ_i/dt = V_i x J_i.
+  void update(const double* v) {
+    const std::size_t n = bodies_.size();
+    for (std::size_t i = 1; moving_ && i < n; ++i) {
+      const Body& body = bodies_[i];
+      Motion own{};
+      for (int c = body.first; c < body.first + body.count; ++c)
+        own = own + Motion{v[c] * load(twist(c)), v[c] * load(twist(c) + 3)};
+      motions_[i] = motions_[body.parent] + own;
+      drifts_[i] = drifts_[body.parent] + cross(motions_[i], own);
+    }
+    for (std::size_t i = 1; weighing_ && i < n; ++i) {
+      const Body& body = bodies_[i];
+      centres_[i] = load(body.position) + load_rotation(body.rotation) * body.centre;
+      moments_[i] = body.mass * centres_[i];
+    }
+    if (weighing_) moments_[0] = {};
+    for (std::size_t i = n; weighing_ && i-- > 1;)
+      moments_[bodies_[i].parent] = moments_[bodies_[i].parent] + moments_[i];
+  }
+
+  const double* twist(int column) const { return twists_ + 6 * column; }  // (6,) of one tangent coordinate
+  const std::vector<Body>& bodies() const { return bodies_; }
+
+  const Motion& motion(int body) const { return motions_[body]; }
+  const Motion& drift(int body) const { return drifts_[body]; }  // rate of the motion at zero acceleration
+  Vec3 point_drift(int body, const Vec3& p) const {
+    return drifts_[body].at(p) + cross(motions_[body].angular, motions_[body].at(p));
+  }
+
+  double mass(int body) const { return masses_[body]; }         // of the body and all it carries
+  const Vec3& moment(int body) const { return moments_[body]; }  // their mass times their centre
+  const Vec3& centre(int body) const { return centres_[body]; }  // of the body alone
+  bool carries(int carrier, int body) const {
+    while (body > carrier) body = bodies_[body].parent;
+    return body == carrier;
+  }
+
+ private:
+  std::vector<Body> bodies_;
+  const double* twists_;  // (6, nv) column-major
+  std::vector<Motion> motions_, drifts_;
+  std::vector<Vec3> centres_;
+  std::vector<double> masses_;
+  std::vector<Vec3> moments_;
+  bool moving_ = false, weighing_ = false;
+};
+
+}  // namespace hqp

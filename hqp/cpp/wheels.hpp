@@ -1,0 +1,58 @@
+// Wheels on the ground; see tasks/wheel.py for the rows and tasks/wheel_writer.py for the plane a wheel is held on.
+#pragma once
+
+#include "rows.hpp"
+
+namespace hqp {
+
+class Wheel final : public Operation, Rows {
+ public:
+  // normal: (3,) live.  picked: some of rolling, lateral and normal, which is last.  aligned: sine below which an axle
+  // is along the normal.
+  Wheel(Rows rows, const double* normal, double radius, Vec3 axle, std::vector<int> picked, double aligned)
+      : Rows(std::move(rows)), normal_(normal), radius_(radius), axle_(axle), picked_(std::move(picked)),
+        aligned_(aligned) {}
+  void run(const double*, const double*) override {
+    const Vec3 p = origin(), n = load(normal_), axle = rotation() * axle_;
+    settle(load(out_.reference), n, p);
+    const Vec3 across = cross(n, axle);
+    const double length = std::sqrt(dot(across, across)), scale = length > aligned_ ? 1.0 / length : 0.0;
+    const Vec3 rolling = scale * across, directions[3] = {rolling, cross(rolling, n), n};
+    const Vec3 contact = p - radius_ * n;
+    for (std::size_t i = 0; i < picked_.size(); ++i) write_velocity(i, directions[picked_[i]], contact);
+    out_.error[picked_.size() - 1] = dot(n, p - anchor_);
+    if (!out_.drift) return;
+    // What touches is always straight below the centre: delta stays, while the directions turn with the axle.
+    const Vec3 slip = motion().at(contact), delta = -radius_ * n, &omega = motion().angular;
+    const Vec3 drift = tree_.point_drift(frame_.body, p) + cross(body_drift().angular, delta);
+    const Vec3 turning = cross(n, cross(omega, axle));
+    const Vec3 rate = scale * (turning - dot(rolling, turning) * rolling);
+    const Vec3 rates[3] = {rate, cross(rate, n), {0.0, 0.0, 0.0}};
+    for (std::size_t i = 0; i < picked_.size(); ++i)
+      out_.drift[i] = dot(directions[picked_[i]], drift) + dot(rates[picked_[i]], slip);
+  }
+
+ private:
+  static bool same(const Vec3& a, const Vec3& b) { return a[0] == b[0] && a[1] == b[1] && a[2] == b[2]; }
+
+  // A new value is a new place of the plane; where only the normal changes, the plane is tilted about the wheel.
+  void settle(const Vec3& value, const Vec3& n, const Vec3& p) {
+    if (!placed_ || !same(value, value_)) {
+      value_ = anchor_ = value;
+      placed_ = true;
+    } else if (!same(n, plane_)) {
+      anchor_ = p - dot(plane_, p - anchor_) * n;
+    }
+    plane_ = n;
+  }
+
+  const double* normal_;
+  double radius_;
+  Vec3 axle_;
+  std::vector<int> picked_;
+  double aligned_;
+  bool placed_ = false;
+  Vec3 value_{}, anchor_{}, plane_{};
+};
+
+}  // namespace hqp
