@@ -18,9 +18,9 @@ PER_NEWTON = 1.0 / 60.0
 
 @dataclass(frozen=True)
 class Support:
-    """Seen from above in the robot's heading: support points ``(n, 2)``, CoM and its goal ``(2,)`` [m]."""
+    """Seen from above, x ahead: polygons that bear load ``(n, 2)``, CoM and its goal ``(2,)`` [m]."""
 
-    points: Mat
+    polygons: tuple[Mat, ...]
     com: Vec
     goal: Vec
 
@@ -68,13 +68,19 @@ def plumb_line(scene: Any, run: Any) -> None:
     line(scene, com, foot, YELLOW)
     ball(scene, com, 0.03, YELLOW)
     ball(scene, foot, 0.014, RED)
-    for name in ("l_sole", "r_sole"):
-        place, rotation = run.plant.place(name)
-        inner, outer = (-0.04, 0.06) if name == "l_sole" else (-0.06, 0.04)
-        corners = [(-0.065, outer), (-0.065, inner), (0.18, inner), (0.18, outer)]
-        points = [place + rotation @ np.array([x, y, 0.005]) for x, y in corners]
+    for points in _soles(run):
         for a, b in zip(points, [*points[1:], points[0]], strict=True):
             line(scene, a, b, GREEN, 0.004)
+
+
+def _soles(run: Any) -> list[list[Vec]]:
+    """Corners of both soles in the world, left first."""
+    soles = []
+    for name, (inner, outer) in (("l_sole", (-0.04, 0.06)), ("r_sole", (-0.06, 0.04))):
+        place, rotation = run.plant.place(name)
+        corners = [(-0.065, outer), (-0.065, inner), (0.18, inner), (0.18, outer)]
+        soles.append([place + rotation @ np.array([x, y, 0.005]) for x, y in corners])
+    return soles
 
 
 def human_and_plumb_line(scene: Any, run: Any) -> None:
@@ -82,7 +88,7 @@ def human_and_plumb_line(scene: Any, run: Any) -> None:
     plant = run.plant
     hand = plant.place("hand_point")[0]
     if np.linalg.norm(run.pull) > 1.0:
-        arrow(scene, hand + [0.0, 0.0, 0.06], PER_NEWTON * run.pull, RED)
+        arrow(scene, hand + [0.0, 0.0, 0.08], PER_NEWTON * run.pull, RED, 0.026)
     com = upper_com(run)
     base, rotation = plant.place("base")
     normal = rotation[:, 2]
@@ -104,19 +110,26 @@ def upper_com(run: Any) -> Vec:
 def place_hand(run: Any) -> None:
     """Draw the human hand where it holds the robot's, while it does."""
     held = run.t >= run.scene.walk.start
-    run.plant.move_hand(run.plant.place("hand_point")[0] + [0.03, 0.0, 0.0] if held else np.array([0.0, 0.0, -10.0]))
+    run.plant.move_hand(run.plant.place("hand_point")[0] if held else np.array([0.0, 0.0, -10.0]))
     mujoco.mj_kinematics(run.plant.model, run.plant.data)
 
 
-def support(run: Any) -> Support:
-    """Wheel triangle, CoM and goal in the heading of the base."""
+def wheels(run: Any) -> Support:
+    """Dreamer: wheel triangle, the upper body's CoM and its goal in the heading of the base."""
     plant = run.plant
     base, rotation = plant.place("base")
     x = rotation[:2, 0] / np.linalg.norm(rotation[:2, 0])
     heading = np.array([x, [-x[1], x[0]]])
     points = [heading @ (plant.place(f"wheel_contact_{k}")[0] - base)[:2] for k in range(3)]
-    goal = np.array(run.choice.com_goal)
-    return Support(np.array(points), heading @ (upper_com(run) - base)[:2], goal)
+    return Support((np.array(points),), heading @ (upper_com(run) - base)[:2], np.array(run.choice.com_goal))
+
+
+def feet(run: Any) -> Support:
+    """CBi: the soles that bear load, the CoM and where it should be."""
+    loaded = run.plant.contacts().load > 1.0
+    soles = [np.array(points)[:, :2] for points, on in zip(_soles(run), loaded, strict=True) if on]
+    goal = run.log["com_goal"][-1] if "com_goal" in run.log else run.goal
+    return Support(tuple(soles), run.plant.com()[:2], goal)
 
 
 class Trace:

@@ -24,12 +24,13 @@ FPS = 25
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """A camera: azimuth and elevation [deg], distance from what it follows, and height of that [m]."""
+    """A camera: azimuth and elevation [deg], distance from what it follows, and place of that over the base [m]."""
 
     azimuth: float
     elevation: float = -10.0
     distance: float = 2.4
     height: float = 0.75
+    ahead: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +41,7 @@ class Shoot:
     view: View
     instants: Callable[[Any], Sequence[tuple[str, float]]]
     draw: Callable[[Any, Any], None]
-    insets: bool = False
+    inset: Callable[[Any], overlay.Support] = overlay.feet
     columns: int = 4
 
 
@@ -67,22 +68,22 @@ SHOOTS = {
     ),
     "cbi-figure8": Shoot(
         wanted=lambda run: isinstance(run, Balance),
-        view=View(azimuth=150.0, elevation=-10.0, distance=2.1, height=0.8),
-        instants=lambda run: [("3 s", 3.0), ("5 s", 5.0), ("7 s", 7.0), ("10 s", 9.98)],
+        view=View(azimuth=158.0, elevation=-9.0, distance=2.15, height=0.8),
+        instants=lambda run: [("first arc", 3.0), ("first loop", 5.0), ("second arc", 7.0), ("closed", 9.98)],
         draw=overlay.Trace(),
     ),
     "cbi-switch": Shoot(
         wanted=lambda run: isinstance(run, Balance),
-        view=View(azimuth=160.0, elevation=-8.0, distance=2.3),
+        view=View(azimuth=200.0, elevation=-6.0, distance=2.35, height=0.78),
         instants=lambda run: [("both feet", 0.1), ("shifted", 3.0), ("lifted", 6.0), ("down again", 11.6)],
         draw=overlay.plumb_line,
     ),
     "dreamer-slope": Shoot(
         wanted=lambda run: isinstance(run, Outing) and run.scene.plant == "dreamer_rollers",
-        view=View(azimuth=105.0, elevation=-9.0, distance=2.4, height=0.72),
+        view=View(azimuth=98.0, elevation=-7.0, distance=2.75, height=0.85, ahead=0.12),
         instants=_slope_instants,
         draw=overlay.human_and_plumb_line,
-        insets=True,
+        inset=overlay.wheels,
         columns=3,
     ),
 }
@@ -97,7 +98,7 @@ class Photographer:
         self._run: Any = None
         self._renderer: Any = None
         self._left: list[tuple[str, float]] = []
-        self._images: list[tuple[str, Any, overlay.Support | None]] = []
+        self._images: list[tuple[str, Any, overlay.Support]] = []
         self._video: Video | None = None
         self._next_frame = 0.0
         self._trouble = ""
@@ -123,7 +124,7 @@ class Photographer:
             self._next_frame += 1.0 / FPS
         if due:
             label, _ = self._left.pop(0)
-            inset = overlay.support(run) if shoot.insets else None
+            inset = shoot.inset(run)
             self._images.append((f"{label}, {run.t:.1f} s", image, inset))
 
     def _begin(self, run: Any, shoot: Shoot) -> None:
@@ -142,7 +143,7 @@ class Photographer:
         camera, view = mujoco.MjvCamera(), shoot.view
         camera.azimuth, camera.elevation, camera.distance = view.azimuth, view.elevation, view.distance
         base = run.plant.data.xpos[1]
-        camera.lookat[:] = (base[0], base[1], overlay.ground_height(run, base[0]) + view.height)
+        camera.lookat[:] = (base[0] + view.ahead, base[1], overlay.ground_height(run, base[0]) + view.height)
         if hasattr(run, "pull"):
             overlay.place_hand(run)
         self._renderer.update_scene(run.plant.data, camera)

@@ -178,5 +178,5 @@ def _panels(run: Outing, output: Path, stem: str, title: str) -> Files:
         for number, when in enumerate(marks, 1 if instants else 3):
             axis.axvline(when, color="0.3", linestyle="--", linewidth=0.8)
             if axis is com:
-                axis.annotate(f"({number})", (when, 1.0), xycoords=("data", "axes fraction"), fontsize="small")
+                axis.annotate(f"({number})", (when, 0.85), xycoords=("data", "axes fraction"), fontsize="small")
     return _save(figure, output, stem, title)
