@@ -59,6 +59,7 @@ class ActiveSet {
     outcome = Outcome::optimal;
     cap_ = options.max_iterations > 0 ? options.max_iterations : 100 + 10 * (table.rows + table.n);
     deadline_ = options.time_limit > 0 ? now() + options.time_limit : 0.0;
+    tableau.choose_bias();
     working_set();
     if (table.inequalities == 0 && !table.boxed) { equality_point(); accept(); return; }
     if (!block_exchange()) primal();
@@ -81,6 +82,7 @@ class ActiveSet {
   int cap_ = 0, seen_count_ = 0;
   double deadline_ = 0.0;
   bool warm_ = false;
+  bool followed_ = false;     // v was kept up with x
 
   // The last working set where it still makes sense, else equalities and nothing more.
   void working_set() {
@@ -187,10 +189,12 @@ class ActiveSet {
     for (int i = 0; i < table.n; ++i) F[i] = first_F_[i];
     clip_first();
     seen_count_ = 0;
+    followed_ = false;
     int repeats = 0;
     bool disturbed = false;
     while (!out_of_time()) {
-      table.product(x, v);
+      if (iterations % 16 == 0 || !followed_) table.product(x, v);
+      followed_ = false;
       sort_rows();
       equality_point();
       if (!advance()) continue;
@@ -269,6 +273,8 @@ class ActiveSet {
     if (level < table.blocks) bend(level, size, alpha, row, variable, side);
     if (alpha >= 1.0 && row < 0 && variable < 0) return true;
     for (int i = 0; i < n; ++i) if (!F[i]) x[i] = inside_box(i, x[i] + alpha * step_[i]);
+    for (int r = 0; r < table.rows; ++r) v[r] += alpha * change_[r];
+    followed_ = true;
     if (variable >= 0) { F[variable] = side; x[variable] = side > 0 ? table.hi[variable] : table.lo[variable]; }
     if (row >= 0) W[row] = side;
     return false;

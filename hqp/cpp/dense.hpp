@@ -29,9 +29,9 @@ static inline Vec4 splat(double a) { return Vec4{a, a, a, a}; }
 static inline Vec4& at(double* p) { return *reinterpret_cast<Vec4*>(p); }
 static inline const Vec4& at(const double* p) { return *reinterpret_cast<const Vec4*>(p); }
 
-// T(rows, 4 * V) -= tau v (v' T), V vectors wide.
+// T(rows, 4 * V) -= tau v (v' T), V vectors wide; then size -= weight T(0, :)^2.
 template <int V>
-static inline void reflect_block(double* T, int ld, const double* v, int rows, double tau) {
+static inline void reflect_block(double* T, int ld, const double* v, int rows, double tau, double* size, const double* weight) {
   Vec4 sum[V];
   for (int k = 0; k < V; ++k) sum[k] = splat(0.0);
   for (int i = 0; i < rows; ++i) {
@@ -39,20 +39,26 @@ static inline void reflect_block(double* T, int ld, const double* v, int rows, d
     const double* row = T + static_cast<std::ptrdiff_t>(i) * ld;
     for (int k = 0; k < V; ++k) sum[k] += f * at(row + kLane * k);
   }
-  const Vec4 t = splat(tau);
-  for (int k = 0; k < V; ++k) sum[k] *= t;
-  for (int i = 0; i < rows; ++i) {
+  const Vec4 t = splat(tau), top = splat(v[0]);
+  for (int k = 0; k < V; ++k) {
+    sum[k] *= t;
+    const Vec4 r = at(T + kLane * k) - top * sum[k];
+    at(T + kLane * k) = r;
+    at(size + kLane * k) -= r * r * at(weight + kLane * k);
+  }
+  for (int i = 1; i < rows; ++i) {
     const Vec4 f = splat(v[i]);
     double* row = T + static_cast<std::ptrdiff_t>(i) * ld;
     for (int k = 0; k < V; ++k) at(row + kLane * k) -= f * sum[k];
   }
 }
 
-static inline void reflect(double* T, int ld, const double* v, int rows, double tau, int width) {
+static inline void reflect(double* T, int ld, const double* v, int rows, double tau, int width, double* size,
+                           const double* weight) {
   int j = 0;
-  for (; j + 16 <= width; j += 16) reflect_block<4>(T + j, ld, v, rows, tau);
-  if (j + 8 <= width) { reflect_block<2>(T + j, ld, v, rows, tau); j += 8; }
-  if (j < width) reflect_block<1>(T + j, ld, v, rows, tau);
+  for (; j + 16 <= width; j += 16) reflect_block<4>(T + j, ld, v, rows, tau, size + j, weight + j);
+  if (j + 8 <= width) { reflect_block<2>(T + j, ld, v, rows, tau, size + j, weight + j); j += 8; }
+  if (j < width) reflect_block<1>(T + j, ld, v, rows, tau, size + j, weight + j);
 }
 
 // C(R, 4 * V) -= L(R, depth) B(depth, 4 * V)

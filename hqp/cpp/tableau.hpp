@@ -38,7 +38,8 @@ struct Tableau {
   double* x = nullptr;        // (n,) the solution
   double* fixed_x = nullptr;  // (n,) values of the fixed variables, zero elsewhere
   int* place = nullptr;       // (n,) position: >= 0 in free, -1 - i in base, kNowhere fixed
-  int* keep = nullptr;
+  int* keep = nullptr;        // (n,) where columns that stay come from
+  int* hole = nullptr;       // (n,) where they go
   std::int8_t* biased = nullptr;
   Stage* stage = nullptr;
   double growth = 1.0;        // how much rounding the tableau may have magnified
@@ -59,7 +60,7 @@ struct Tableau {
     arena.place(H, (n + 8) * wide);
     arena.place(base, n); arena.place(free, n); arena.place(weight, ld); arena.place(size, ld);
     arena.place(diagonal, ld); arena.place(target, ld); arena.place(x, ld); arena.place(fixed_x, ld);
-    arena.place(place, n); arena.place(keep, n); arena.place(biased, n);
+    arena.place(place, n); arena.place(keep, n); arena.place(hole, n); arena.place(biased, n);
     arena.place(stage, blocks);
     for (int k = 0; k < blocks; ++k) {
       const int rank = m[k] < n ? m[k] : n;
@@ -98,9 +99,9 @@ struct Tableau {
         free[rest++] = i;
       }
     }
-    choose_bias();
   }
 
+ public:
   // Prefer as pivots the variables that the last selection does not see: it then needs no factorisation.
   void choose_bias() {
     for (int i = 0; i < n; ++i) biased[i] = 0;
@@ -113,6 +114,7 @@ struct Tableau {
     }
   }
 
+ private:
   void level(int k, const std::int8_t* W) {
     Stage& s = stage[k];
     const Block& b = table->block[k];
@@ -201,12 +203,11 @@ struct Tableau {
       const double alpha = v[rank], beta = alpha > 0 ? -length : length;
       v[rank] = alpha - beta;
       const double tau = 1.0 / (length * (length + std::fabs(alpha)));
-      reflect(T + static_cast<std::ptrdiff_t>(rank) * ld, ld, v + rank, m - rank, tau, width);
-      s.tau[rank] = tau;
       double* top = T + static_cast<std::ptrdiff_t>(rank) * ld;
+      reflect(top, ld, v + rank, m - rank, tau, width, size, weight);
+      s.tau[rank] = tau;
       top[p] = beta;
       for (int i = rank + 1; i < m; ++i) T[static_cast<std::ptrdiff_t>(i) * ld + p] = 0.0;
-      for (int j = 0; j < width; j += kLane) { const Vec4 t = at(top + j); at(size + j) -= t * t * at(weight + j); }
       weight[p] = 0.0; size[p] = 0.0;
       s.variables[rank++] = p - 1;   // positions now, variables after elimination
       smallest = smaller(smallest, length);
@@ -255,14 +256,26 @@ struct Tableau {
       const int variable = free[s.variables[j]];
       s.variables[j] = variable; place[variable] = -1 - (basic + j); base[basic + j] = variable;
     }
-    int left = 0;
-    for (int j = 0; j < rest; ++j)
-      if (place[free[j]] >= 0) keep[left++] = j;
-    const int width = lanes(left + 1);
-    for (int i = 0; i < basic; ++i) compact(G + static_cast<std::ptrdiff_t>(i) * ld, G + static_cast<std::ptrdiff_t>(i) * ld, left, width);
+    // columns that stay move from the end into the holes the pivots left
+    const int left = rest - r, old_width = lanes(rest + 1), width = lanes(left + 1);
+    int moves = 0;
+    for (int j = 0, tail = left; j < left; ++j) {
+      if (place[free[j]] >= 0) continue;
+      while (place[free[tail]] < 0) ++tail;
+      hole[moves] = j; keep[moves++] = tail;
+      free[j] = free[tail]; place[free[j]] = j; ++tail;
+    }
     double* fresh = G + static_cast<std::ptrdiff_t>(basic) * ld;
-    for (int i = 0; i < r; ++i) compact(T + static_cast<std::ptrdiff_t>(i) * ld, fresh + static_cast<std::ptrdiff_t>(i) * ld, left, width);
-    for (int j = 0; j < left; ++j) { free[j] = free[keep[j]]; place[free[j]] = j; }
+    for (int i = 0; i < r; ++i) {
+      const double* from = T + static_cast<std::ptrdiff_t>(i) * ld;
+      double* to = fresh + static_cast<std::ptrdiff_t>(i) * ld;
+      for (int j = 0; j < old_width; j += kLane) at(to + j) = at(from + j);
+    }
+    for (int i = 0; i < basic + r; ++i) {
+      double* row = G + static_cast<std::ptrdiff_t>(i) * ld;
+      for (int q = 0; q < moves; ++q) row[1 + hole[q]] = row[1 + keep[q]];
+      for (int j = left + 1; j < width; ++j) row[j] = 0.0;
+    }
     rest = left;
     for (int i = r - 1; i >= 0; --i) {
       double* row = fresh + static_cast<std::ptrdiff_t>(i) * ld;
@@ -272,12 +285,6 @@ struct Tableau {
     }
     multiply_subtract(G, ld, s.pivots, ldr, fresh, ld, basic, r, width);
     basic += r;
-  }
-
-  void compact(const double* from, double* to, int left, int width) const {
-    to[0] = from[0];
-    for (int j = 0; j < left; ++j) to[1 + j] = from[1 + keep[j]];
-    for (int j = left + 1; j < width; ++j) to[j] = 0.0;
   }
 
   // Whether a selection sees every variable that is left.
