@@ -5,12 +5,15 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: bench test check setup format clean sanitize
+.PHONY: bench experiments test check setup format clean sanitize
 
 bench: setup
 	$(BIN)/python -m benchmarks
 
 # The native parts must be there: a broken build would fall back to pure Python without a word.
+experiments: setup
+	$(BIN)/python -m benchmarks experiments --full --video
+
 test: setup
 	HQP_REQUIRE_NATIVE=1 $(BIN)/python -m pytest
 
