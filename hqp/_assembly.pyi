@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import TypeAlias
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Index, Mask, Mat, Vec
 
 _Placement: TypeAlias = tuple[Vec, Mat]
 _Body: TypeAlias = tuple[int, int, int, float, tuple[float, float, float], _Placement]
@@ -72,4 +72,29 @@ class Assembly:
         dt: float,
         order: int,
     ) -> None: ...
-    def run(self, q: Vec, v: Vec) -> None: ...
+    def laws(
+        self,
+        *,
+        order: int,
+        J: Mat,
+        error: Vec,
+        rate: Vec,
+        feedforward: Vec,
+        drift: Vec,
+        kp: Vec,
+        kd: Vec,
+        weight: Vec,
+        pick: Index,
+        equality: Mask,
+        demand: Vec,
+        lower: Vec,
+        upper: Vec,
+        saturations: Sequence[tuple[int, int, float, float, float]],
+    ) -> None:
+        """What ``demand`` does; as hqp.demands.Demands."""
+
+    def run(self, q: Vec, v: Vec) -> None:
+        """Write rows, errors and drifts."""
+
+    def demand(self, v: Vec) -> None:
+        """Write demands and bounds from what is in the arrays."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
+from hqp.demands import Demands, Saturation
 from hqp.element import Block, Element, Plan, Writer
 from hqp.errors import DeclarationError
 from hqp.law import PD, Law, P
@@ -20,7 +22,7 @@ except ImportError:  # no compiler was there: the writers do it all
     native = None  # type: ignore[assignment]
 
 
-_UP = (0.0, 0.0, 1.0)
+_UP: Vec = np.array((0.0, 0.0, 1.0))
 
 
 @dataclass(eq=False)
@@ -34,7 +36,6 @@ class Member:
     part: slice
     block: Block
     write: Writer
-    saturation: tuple[float, float, float] | None = None
     scaled: Mat | None = None
     target: Mat | None = None
     normal: Vec | None = None
@@ -69,7 +70,8 @@ class Assembly:
         self._pool, self._used = np.zeros((m, 6)), 0
         self._twists: Mat = robot.joint_twists
         self._pick = np.zeros(total - m, dtype=np.intp)
-        self._demand, self._scratch = np.zeros(total), np.zeros(total)
+        self._demand = np.zeros(total)
+        self._saturations: list[Saturation] = []
         self._fed = False
         self.members: dict[str, Member] = {}
         for i, element in enumerate((*dense, *selections)):
@@ -106,7 +108,7 @@ class Assembly:
             self._kp[part], self._kd[part] = law.kp, law.kd
         if law is not None and min(law.max_velocity, law.max_acceleration) < np.inf:
             kd = float(np.max(law.kd)) if isinstance(law, PD) else 1.0
-            member.saturation = (law.max_velocity, law.max_acceleration, kd)
+            self._saturations.append((part.start, part.stop, law.max_velocity, law.max_acceleration, kd))
         if not dense:
             index = element.selection(robot)
             assert index is not None  # only elements that select come here
@@ -128,7 +130,7 @@ class Assembly:
         drift = block.drift if self.order == 2 else None
         rows = J, block.error, drift, member.target.reshape(-1), float(member.element.weight)
         if plan.ground:
-            member.normal = np.array(_UP)
+            member.normal = _UP.copy()
             operation(rows=rows, normal=member.normal, **plan.data)
         else:
             operation(rows=rows, **plan.data)
@@ -157,14 +159,36 @@ class Assembly:
         self._runs = [
             (self._product[a : a + m], self._support[a : a + m], self.J[start : start + m]) for a, start, m in runs
         ]
-        self._plain = bool(np.all(self.weight == 1.0))
-        self._inverse_weight = 1.0 / self.weight
-        self._all_equal = bool(self._equality.all())
         members = self.members.values()
         self._writers = [(m.write, m.element.name) for m in members if m.target is None]
         self._targets = [m for m in members if m.target is not None and m.target.shape]
         self._scaled = [m for m in members if m.scaled is not None and m.target is None]
-        self._saturated = [m for m in self.members.values() if m.saturation is not None]
+        self._finish_laws()
+
+    def _finish_laws(self) -> None:
+        laws: dict[str, Any] = {
+            "order": self.order,
+            "J": self.J,
+            "error": self.error,
+            "rate": self.rate,
+            "feedforward": self.feedforward,
+            "drift": self.drift,
+            "kp": self._kp,
+            "kd": self._kd,
+            "weight": self.weight,
+            "pick": self._pick,
+            "equality": self._equality,
+            "demand": self._demand,
+            "lower": self.lower,
+            "upper": self.upper,
+            "saturations": self._saturations,
+        }
+        self._apply_laws: Callable[[Vec], None]
+        if self._native is None:
+            self._apply_laws = Demands(**laws).run
+        else:
+            self._native.laws(**laws)
+            self._apply_laws = self._native.demand
 
     def fill(self, state: State, references: Mapping[str, Reference], given: Sequence[Reference]) -> None:
         """Refill J, lower and upper; ``references`` has one for every element, ``given`` those with feedforward.
@@ -209,60 +233,8 @@ class Assembly:
                     raise DeclarationError(member.element.name, f"value has shape {given}", allowed=f"shape {shape}")
                 np.copyto(target, value)
                 if member.normal is not None:
-                    member.normal[:] = _UP if reference.normal is None else reference.normal
+                    np.copyto(member.normal, _UP if reference.normal is None else reference.normal)
                 member.seen = reference
-
-    def _apply_laws(self, v: Vec) -> None:
-        demand, scratch = self._demand, self._scratch
-        np.multiply(self._kp, self.error, out=demand)
-        if self.order == 1:
-            if self._saturated:
-                self._saturate_first()
-            np.subtract(self.rate, demand, out=demand)
-        else:
-            m = self.J.shape[0]
-            np.matmul(self.J, v, out=scratch[:m])
-            np.take(v, self._pick, out=scratch[m:])
-            if not self._plain:
-                np.multiply(scratch[:m], self._inverse_weight[:m], out=scratch[:m])
-            np.subtract(scratch, self.rate, out=scratch)
-            np.multiply(scratch, self._kd, out=scratch)
-            if self._saturated:
-                self._saturate_second()
-            np.add(demand, scratch, out=demand)
-            np.subtract(self.feedforward, demand, out=demand)
-            np.subtract(demand, self.drift, out=demand)
-        if self._all_equal:
-            np.multiply(demand, self.weight, out=self.lower)
-            np.copyto(self.upper, self.lower)
-        else:
-            np.copyto(self.lower, demand, where=self._equality)
-            np.copyto(self.upper, demand, where=self._equality)
-            if not self._plain:
-                np.multiply(self.lower, self.weight, out=self.lower)
-                np.multiply(self.upper, self.weight, out=self.upper)
-
-    def _saturate_first(self) -> None:
-        for member in self._saturated:
-            fastest, hardest, _ = member.saturation  # type: ignore[misc]
-            feedback, error = self._demand[member.part], self.error[member.part]
-            speed = float(np.sqrt(feedback @ feedback))
-            allowed = min(fastest, float(np.sqrt(2.0 * hardest * np.sqrt(error @ error))))
-            if speed > allowed:
-                feedback *= allowed / speed
-
-    def _saturate_second(self) -> None:
-        for member in self._saturated:
-            fastest, hardest, kd = member.saturation  # type: ignore[misc]
-            spring, damper = self._demand[member.part], self._scratch[member.part]
-            pull = float(np.sqrt(spring @ spring))
-            if pull > kd * fastest:
-                spring *= kd * fastest / pull
-            total = spring + damper
-            size = float(np.sqrt(total @ total))
-            if size > hardest:
-                spring *= hardest / size
-                damper *= hardest / size
 
     def unfit(self) -> tuple[str, ...]:
         """Names of elements whose demand or rows are not finite; () nearly always, told by two products."""

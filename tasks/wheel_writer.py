@@ -69,12 +69,14 @@ class WheelWriter:
             self._write_drift(state, axle, normal, along)
 
     def _settle(self, value: list[float], normal: Numbers, p: Numbers) -> None:
+        finite = math.isfinite(sum(normal))  # if not, this tick's error is NaN, but the plane stays as it was
         if value != self._value:
             self._value = self._anchor = value
-        elif tuple(normal) != tuple(self._plane):
+        elif finite and tuple(normal) != tuple(self._plane):
             height = sum(n * (x - y) for n, x, y in zip(self._plane, p, self._anchor, strict=True))
             self._anchor = [x - height * n for x, n in zip(p, normal, strict=True)]
-        self._plane = normal
+        if finite:
+            self._plane = normal
 
     def _write_drift(self, state: State, axle: Triple, normal: Numbers, along: tuple[Triple, Triple, Triple]) -> None:
         vx, vy, vz, *omega = state.velocity(self._frame).tolist()

@@ -13,6 +13,7 @@
 #include "com.hpp"
 #include "frames.hpp"
 #include "joints.hpp"
+#include "laws.hpp"
 #include "wheels.hpp"
 
 namespace nb = nanobind;
@@ -24,6 +25,8 @@ using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::
 using Written = nb::ndarray<double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Block = nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using Columns = nb::ndarray<const double, nb::ndim<2>, nb::f_contig, nb::device::cpu>;
+using Picks = nb::ndarray<const std::intptr_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Flags = nb::ndarray<const bool, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Ints = std::vector<int>;
 using Numbers = std::vector<double>;
 
@@ -60,8 +63,7 @@ class Assembly {
   }
   void wheel(const Rows& rows, const Frame& f, const Vector& normal, double radius, const Numbers& axle, Ints picked,
              double aligned) {
-    keep(normal);
-    add(std::make_unique<hqp::Wheel>(seen(rows, f, {}), normal.data(), radius, vector(axle), std::move(picked),
+    add(std::make_unique<hqp::Wheel>(seen(rows, f, {}), keep(normal), radius, vector(axle), std::move(picked),
                                      aligned));
   }
   void com(const Rows& rows, const std::optional<Observer>& o, int part, Ints axes) {
@@ -77,20 +79,31 @@ class Assembly {
   }
   void box(const Written& lower, const Written& upper, Ints positions, Ints columns, Numbers low, Numbers high,
            Numbers speed, double acceleration, double return_velocity, double dt, int order) {
-    keep(lower);
-    keep(upper);
     hqp::Limits limits{std::move(positions), std::move(columns), std::move(low), std::move(high), std::move(speed),
                        acceleration,         return_velocity,    dt,             order};
-    add(std::make_unique<hqp::Box>(lower.data(), upper.data(), std::move(limits)));
+    add(std::make_unique<hqp::Box>(keep(lower), keep(upper), std::move(limits)));
+  }
+  void laws(int order, const Block& J, const Vector& error, const Vector& rate, const Vector& feedforward,
+            const Vector& drift, const Vector& kp, const Vector& kd, const Vector& weight, const Picks& pick,
+            const Flags& equality, const Written& demand, const Written& lower, const Written& upper,
+            const std::vector<std::tuple<int, int, double, double, double>>& saturations) {
+    hqp::Laws laws{order, static_cast<int>(J.shape(0)), static_cast<int>(J.shape(1)),
+                   static_cast<int>(error.shape(0)), keep(J), keep(error), keep(rate), keep(feedforward), keep(drift),
+                   keep(kp), keep(kd), keep(weight), keep(pick), keep(equality), keep(demand), keep(lower),
+                   keep(upper), {}};
+    for (const auto& [start, stop, fastest, hardest, damping] : saturations)
+      laws.saturations.push_back({start, stop, fastest, hardest, damping});
+    demands_ = std::make_unique<hqp::Demands>(std::move(laws));
   }
   void run(const Vector& q, const Vector& v) {
     tree_.update(v.data());
     for (const auto& operation : operations_) operation->run(q.data(), v.data());
   }
+  void demand(const Vector& v) { demands_->run(v.data()); }
 
  private:
   template <typename Array>
-  const double* keep(const Array& array) {
+  auto keep(const Array& array) -> decltype(array.data()) {
     kept_.push_back(nb::cast(array));
     return array.data();
   }
@@ -104,12 +117,8 @@ class Assembly {
   }
   hqp::Target target(const Rows& rows) {
     auto [J, error, drift, reference, weight] = rows;
-    keep(J);
-    keep(error);
-    keep(reference);
-    if (drift) keep(*drift);
     if (drift) tree_.need_motions();
-    return {J.data(), error.data(), drift ? drift->data() : nullptr, reference.data(), weight,
+    return {keep(J), keep(error), drift ? keep(*drift) : nullptr, keep(reference), weight,
             static_cast<int>(J.shape(1))};
   }
   hqp::Frame frame(const Frame& given) {
@@ -128,6 +137,7 @@ class Assembly {
   std::vector<nb::object> kept_;  // before what points into it
   hqp::Tree tree_;
   std::vector<std::unique_ptr<hqp::Operation>> operations_;
+  std::unique_ptr<hqp::Demands> demands_;
 };
 
 }  // namespace
@@ -152,5 +162,10 @@ NB_MODULE(_assembly, module) {
       .def("coupling", &Assembly::coupling, nb::kw_only(), rows, "positions"_a, "coefficients"_a)
       .def("box", &Assembly::box, nb::kw_only(), "lower"_a.noconvert(), "upper"_a.noconvert(), "positions"_a,
            "columns"_a, "low"_a, "high"_a, "speed"_a, "acceleration"_a, "return_velocity"_a, "dt"_a, "order"_a)
-      .def("run", &Assembly::run, "q"_a, "v"_a);
+      .def("laws", &Assembly::laws, nb::kw_only(), "order"_a, "J"_a.noconvert(), "error"_a.noconvert(),
+           "rate"_a.noconvert(), "feedforward"_a.noconvert(), "drift"_a.noconvert(), "kp"_a.noconvert(),
+           "kd"_a.noconvert(), "weight"_a.noconvert(), "pick"_a.noconvert(), "equality"_a.noconvert(),
+           "demand"_a.noconvert(), "lower"_a.noconvert(), "upper"_a.noconvert(), "saturations"_a)
+      .def("run", &Assembly::run, "q"_a, "v"_a)
+      .def("demand", &Assembly::demand, "v"_a);
 }

@@ -35,15 +35,17 @@ class Wheel final : public Operation, Rows {
  private:
   static bool same(const Vec3& a, const Vec3& b) { return a[0] == b[0] && a[1] == b[1] && a[2] == b[2]; }
 
-  // A new value is a new place of the plane; where only the normal changes, the plane is tilted about the wheel.
+  // A new value is a new place of the plane; where only the normal changes, the plane is tilted about the wheel. A
+  // normal that is none makes this tick's error NaN, and leaves the plane as it was.
   void settle(const Vec3& value, const Vec3& n, const Vec3& p) {
+    const bool finite = std::isfinite(n[0] + n[1] + n[2]);
     if (!placed_ || !same(value, value_)) {
       value_ = anchor_ = value;
       placed_ = true;
-    } else if (!same(n, plane_)) {
+    } else if (finite && !same(n, plane_)) {
       anchor_ = p - dot(plane_, p - anchor_) * n;
     }
-    plane_ = n;
+    if (finite) plane_ = n;
   }
 
   const double* normal_;
@@ -52,7 +54,7 @@ class Wheel final : public Operation, Rows {
   std::vector<int> picked_;
   double aligned_;
   bool placed_ = false;
-  Vec3 value_{}, anchor_{}, plane_{};
+  Vec3 value_{}, anchor_{}, plane_{0.0, 0.0, 1.0};
 };
 
 }  // namespace hqp

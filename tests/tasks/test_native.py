@@ -35,10 +35,12 @@ def robots() -> dict[str, Any]:
 
 def assemblies(elements: list[Element], robot: Robot, order: int, patch: pytest.MonkeyPatch) -> tuple[Assembly, ...]:
     """One that runs natively and one that does not."""
-    law = P(3.0) if order == 1 else PD(9.0, 5.0)
+    free, bound = (P(3.0), P(3.0, max_velocity=0.8, max_acceleration=2.0))
+    if order == 2:
+        free, bound = PD(9.0, 5.0), PD(9.0, 5.0, max_velocity=0.5, max_acceleration=4.0)
     dense = [e for e in elements if e.selection(robot) is None]
     picked = [e for e in elements if e.selection(robot) is not None]
-    laws: dict[str, Any] = {e.name: law for e in elements}
+    laws: dict[str, Any] = {e.name: bound if k % 2 else free for k, e in enumerate(elements)}
     fast = Assembly(dense, picked, robot, 0.002, laws)
     assert all(m.target is not None for m in fast.members.values()), "a writer in Python stayed"
     patch.setattr(hqp.assembly, "native", None)
@@ -112,6 +114,24 @@ def test_a_wheel_keeps_its_distance_when_the_ground_tilts(
         for what in ("J", "error", "drift", "lower", "upper"):
             _check(getattr(fast, what), getattr(slow, what), what)
     assert np.abs(fast.error).max() > 0.1  # there was something to carry on
+
+
+@pytest.mark.parametrize("native", [True, False], ids=["native", "python"])
+def test_a_normal_of_nan_does_not_stay(robots: dict[str, Any], native: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The tick after it is as if it had not been."""
+    robot = robots["dreamer"]
+    wheel = t.OmniWheelContact(wheel=next(iter(robot.wheels)))
+    rows = assemblies([wheel], robot, 2, monkeypatch)[0 if native else 1]
+    hold = wheel.hold(robot.state())
+    lost, tilted = (wheel.at(hold.value, normal=n) for n in ([np.nan, 0.0, 1.0], [0.1, 0.0, 1.0]))
+    state = robot.state(robot.integrate(robot.home, np.full(robot.nv, 0.1), 1.0))
+    found = []
+    for reference in (hold, tilted, lost, tilted):
+        rows.fill(state, {wheel.name: reference}, ())
+        found.append(rows.error.copy())
+        assert bool(rows.unfit()) is (reference is lost)
+    assert np.abs(found[1]).max() > 0.0
+    assert np.array_equal(found[1], found[3])
 
 
 STACK = Stack(
