@@ -39,9 +39,10 @@ HAND_GOAL = (0.397, -0.216, 1.063)
 
 WHEELS = ("wheel_0", "wheel_1", "wheel_2")
 
-Normals = Literal["contact", "base", "contact in all", "vertical"]
-"""Ground normals: ``contact``, the base's in the rows and each wheel's own in the gravity compensation; ``base``, the
-base's (what an IMU alone can tell); ``contact in all``, each wheel's own in the rows too; ``vertical``."""
+Normals = Literal["contact", "map", "base", "contact in all", "vertical"]
+"""Ground normals: ``contact``, the base's in the rows and each wheel's own in the gravity compensation; ``map``, the
+same with the wheels' normals from a map of heights that the robot makes as it goes; ``base``, the base's (what an IMU
+alone can tell); ``contact in all``, each wheel's own in the rows too; ``vertical``."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,7 +140,7 @@ class Targets:
 
     def _grounds(self, base: Vec, contact: Mat) -> list[Reference]:
         normals, share = self._choice.normals, self._choice.gravity_share
-        if normals == "contact":
+        if normals in ("contact", "map"):
             return [w.at(normal=base, gravity_normal=n) for w, n in zip(self._wheels, contact, strict=True)]
         if normals == "contact in all":
             return [w.at(normal=n) for w, n in zip(self._wheels, contact, strict=True)]

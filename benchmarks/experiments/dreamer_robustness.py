@@ -96,6 +96,10 @@ def cells(full: bool) -> list[Cell]:
         limit=9.0, earlier="7.9", seeds=True,
     )  # fmt: skip
     add("noise", "all sensors, ball wheels", replace(ball, sensors=NOISY), limit=9.0, seeds=True)
+    add(
+        "noise", "all sensors, 4 ms, rollers, own map", replace(rollers, delay=0.004, sensors=NOISY),
+        Compliance(normals="map"), limit=ONE_CM, seeds=True,
+    )  # fmt: skip
     for degrees, limit, earlier in ((0.25, 10.0, "7.4"), (0.5, 15.0, "12.2"), (1.0, None, "22.9"), (2.0, None, "44")):
         biased = Sensors(orientation=Noise(bias=(0.0, math.radians(degrees), 0.0)))
         add(

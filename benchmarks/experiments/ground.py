@@ -1,4 +1,4 @@
-"""What a wheeled robot knows of the ground and of its own motion: filtered contact normals, odometry."""
+"""What a wheeled robot knows of the ground and of its own motion: contact normals, a map of its own, odometry."""
 
 from __future__ import annotations
 
@@ -61,3 +61,56 @@ class Odometry:
         Neglects what the turning about x and y does at the contact points, which lie near their plane.
         """
         return np.asarray(self._rims @ v[:3] + self._turning * v[5] - self._radius * v[self._wheels])
+
+
+class HeightMap:
+    """Ground normals under the wheels from the IMU and the wheels' own turning: no force sensor, no map given.
+
+    The base's tilt theta says how much higher the front wheel stands than the rear ones, and that ground was driven
+    over by the front wheel before:  h(x + front) = h(x - rear) + (front + rear) sin(theta), x from odometry.  The
+    slope under a wheel is the difference of h over a few centimetres.  One dimension, along the heading; ground that
+    no wheel has touched is taken to go on as it began.
+    """
+
+    CELL, SPAN = 0.01, 4
+    FRONT, REAR, REACH = 0.24, 0.12, 6.0
+
+    def __init__(self, period: float) -> None:
+        self._period, self._x = period, 0.0
+        count = round(2.0 * self.REACH / self.CELL)
+        self._height = np.full(count, np.nan)
+        self._known, self._samples = 0, 1
+
+    def update(self, rotation: Mat, velocity: Vec) -> Mat:
+        """Unit normals ``(3, 3)``, world axes, for the base's rotation and its velocity in its own axes [m/s]."""
+        tilt = math.asin(min(max(rotation[2, 0], -1.0), 1.0))
+        if not self._known:
+            self._known = self._cell(self.FRONT)
+            places = (np.arange(self._known + 1) + 0.5) * self.CELL - self.REACH
+            self._height[: self._known + 1] = math.tan(tilt) * places
+        self._x += self._period * float(velocity[0])
+        ahead = self._cell(self._x + self.FRONT)
+        if ahead >= self._known:
+            behind = self._height[self._cell(self._x - self.REAR)]
+            new = behind + (self.FRONT + self.REAR) * math.sin(tilt)
+            if ahead > self._known:
+                steps = np.arange(1, ahead - self._known + 1) / (ahead - self._known)
+                last = self._height[self._known]
+                self._height[self._known + 1 : ahead + 1] = last + steps * (new - last)
+                self._known, self._samples = ahead, 1
+            else:  # the mean of what the cell has seen
+                self._samples += 1
+                self._height[ahead] += (new - self._height[ahead]) / self._samples
+        front, rear = self._normal(self.FRONT, rotation), self._normal(-self.REAR, rotation)
+        return np.array([front, rear, rear])
+
+    def _cell(self, x: float) -> int:
+        return int((x + self.REACH) / self.CELL)
+
+    def _normal(self, offset: float, rotation: Mat) -> Vec:
+        last = min(self._cell(self._x + offset) + self.SPAN // 2, self._known)
+        first = last - self.SPAN
+        slope = math.atan((self._height[last] - self._height[first]) / (self.SPAN * self.CELL))
+        c, s = rotation[0, 0], rotation[1, 0]
+        length = math.hypot(c, s)
+        return np.array([-math.sin(slope) * c / length, -math.sin(slope) * s / length, math.cos(slope)])

@@ -12,7 +12,7 @@ import numpy as np
 
 import hqp
 from benchmarks.experiments.compliance import COM_GOAL, HAND_GOAL, Compliance, Targets, stack
-from benchmarks.experiments.ground import ContactNormals, Odometry
+from benchmarks.experiments.ground import ContactNormals, HeightMap, Odometry
 from benchmarks.experiments.human import SpringHand, Walk
 from benchmarks.experiments.recorder import Recorder, level_residuals
 from hqp.arrays import Vec
@@ -107,6 +107,7 @@ class Outing:
         self.q, self.v = self.plant.reset(self._start())
         self._targets = Targets(choice, tasks, self.posture, scene.heading)
         self._normals = ContactNormals(3, choice.period)
+        self._map = HeightMap(choice.period) if choice.normals == "map" else None
         self._odometry = Odometry(self.robot)
         self._actuated = self.robot.actuated
         self._limit = self.robot.effort_limit[self._actuated]
@@ -185,7 +186,7 @@ class Outing:
             v[3:5] = 0.0  # what wheels on the base's own plane say
         state = self.robot.state(q, v)
         rotation = state.rotation("base")
-        normals = self._normals.update(contacts)
+        normals = self._normals.update(contacts) if self._map is None else self._map.update(rotation, v[:3])
         tick = self.session.step(state, *self._targets(rotation, v[:3], normals))
         torque = tick.command + self._damping * v[self._actuated]
         self._brake(torque)
