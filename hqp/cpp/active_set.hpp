@@ -81,6 +81,10 @@ class ActiveSet {
   std::uint64_t* seen_ = nullptr;
   int cap_ = 0, seen_count_ = 0;
   double deadline_ = 0.0;
+  int joins_[Tableau::kExtras] = {};
+  std::int8_t join_sides_[Tableau::kExtras] = {};
+  int joined_ = 0;
+  bool joins_only_ = false;   // the working set is the tableau's and the joins, nothing else
   bool warm_ = false;
   bool followed_ = false;     // v was kept up with x
 
@@ -99,9 +103,29 @@ class ActiveSet {
 
   // tableau.x and target_ = A tableau.x for the working set.
   void equality_point() {
-    tableau.factorise(W, F);
+    if (!extend()) { tableau.factorise(W, F); ++factorisations; }
+    joined_ = 0; joins_only_ = false;
     table.product(tableau.x, target_);
-    ++factorisations; ++iterations;
+    ++iterations;
+  }
+
+  void note_join(int what, std::int8_t side) {
+    if (joined_ == Tableau::kExtras) { joins_only_ = false; return; }
+    joins_[joined_] = what; join_sides_[joined_++] = side;
+  }
+
+  // Where the working set only grew since the tableau was made, let the newcomers join it.
+  bool extend() {
+    if (!joins_only_ || joined_ == 0 || !tableau.extensible() || tableau.extras + joined_ > Tableau::kExtras) return false;
+    for (int q = 0; q < joined_; ++q) {
+      const int what = joins_[q];
+      const bool upper = join_sides_[q] > 0;
+      if (what < table.rows ? !tableau.meet(what, upper ? table.upper[what] : table.lower[what])
+                            : !tableau.hold(what - table.rows, upper ? table.hi[what - table.rows] : table.lo[what - table.rows]))
+        return false;
+    }
+    tableau.resume(W);
+    return true;
   }
 
   void accept() {
@@ -161,6 +185,10 @@ class ActiveSet {
       if (trouble < best) best = trouble;
       else if (--credit < 0) return false;
       if (iterations > 1 && out_of_time()) { clip_first(); return true; }
+      joined_ = 0;
+      joins_only_ = multipliers.count == 0;
+      for (int r = 0; r < table.rows && joins_only_; ++r) if (side_[r]) note_join(r, side_[r]);
+      for (int i = 0; i < table.n && joins_only_; ++i) if (side_x_[i]) note_join(table.rows + i, side_x_[i]);
       for (int r = 0; r < table.rows; ++r) if (side_[r]) W[r] = side_[r];
       for (int i = 0; i < table.n; ++i) if (side_x_[i]) F[i] = side_x_[i];
       for (int q = 0; q < multipliers.count; ++q) release(multipliers.wrong[q]);
@@ -168,6 +196,7 @@ class ActiveSet {
   }
 
   void release(const Wrong& wrong) {
+    joins_only_ = false;
     if (wrong.variable) F[wrong.index] = kFree;
     else W[wrong.index] = kFree;
   }
@@ -188,6 +217,7 @@ class ActiveSet {
     for (int r = 0; r < table.rows; ++r) W[r] = first_W_[r];
     for (int i = 0; i < table.n; ++i) F[i] = first_F_[i];
     clip_first();
+    joins_only_ = false;
     seen_count_ = 0;
     followed_ = false;
     int repeats = 0;
@@ -224,10 +254,12 @@ class ActiveSet {
     for (int r = 0; r < table.rows; ++r) {
       if (table.kind[r] != kUpper) continue;
       const double above = slackness(r, table.upper[r], size), below = slackness(r, table.lower[r], size);
+      const std::int8_t old = W[r];
       if (v[r] > table.upper[r] + above) W[r] = kUpper;
       else if (v[r] < table.lower[r] - below) W[r] = kLower;
       else if (W[r] == kUpper && v[r] < table.upper[r] - above) W[r] = kFree;
       else if (W[r] == kLower && v[r] > table.lower[r] + below) W[r] = kFree;
+      joins_only_ = joins_only_ && W[r] == old;
     }
   }
 
@@ -275,8 +307,13 @@ class ActiveSet {
     for (int i = 0; i < n; ++i) if (!F[i]) x[i] = inside_box(i, x[i] + alpha * step_[i]);
     for (int r = 0; r < table.rows; ++r) v[r] += alpha * change_[r];
     followed_ = true;
-    if (variable >= 0) { F[variable] = side; x[variable] = side > 0 ? table.hi[variable] : table.lo[variable]; }
-    if (row >= 0) W[row] = side;
+    joins_only_ = variable >= 0 || row >= 0;
+    if (variable >= 0) {
+      F[variable] = side;
+      x[variable] = side > 0 ? table.hi[variable] : table.lo[variable];
+      note_join(table.rows + variable, side);
+    }
+    if (row >= 0) { W[row] = side; note_join(row, side); }
     return false;
   }
 
@@ -362,6 +399,7 @@ class ActiveSet {
   // Last resort against a degenerate vertex: widen every inequality by its own tiny amount, undone at the end.
   void disturb() {
     std::uint64_t state = 88172645463325252ull;
+    joins_only_ = false;
     const double size = table.span(x);
     auto tiny = [&state]() {
       state ^= state << 13; state ^= state >> 7; state ^= state << 17;
@@ -384,6 +422,7 @@ class ActiveSet {
   }
 
   void restore() {
+    joins_only_ = false;
     for (int r = 0; r < table.rows; ++r)
       if (jitter_[r] != 0.0) { table.upper[r] -= jitter_[r]; table.lower[r] += jitter_[r]; }
     const double* box = jitter_ + table.rows;

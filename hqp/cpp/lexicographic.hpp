@@ -88,7 +88,7 @@ class Lexicographic final : public Kernel {
         const double length = a.slack(own, set_.W, set_.values(), span);
         if (length > 0.0) {
           a.gradient(own, set_.W);
-          for (int j = own - 1; j >= 0; --j) a.sweep(j, a.lambda);
+          a.sweep_above(own, a.lambda);
           a.refine(own);
           int at = before;
           for (int j = own - 1; j >= 0; --j) {
@@ -110,14 +110,14 @@ class Lexicographic final : public Kernel {
   // A fixed variable's multiplier goes to the first row that holds it.
   void box_multipliers(const Level& level, double* out) {
     const Table& t = set_.table;
-    double* g = set_.multipliers.g;
+    double* mu = set_.multipliers.mu;
     for (int i = 0; i < level.m; ++i) {
       const int j = static_cast<int>(level.A ? t.single_index[i] : level.index[i]);
       const double s = level.A ? t.single_scale[i] : level.scale[i];
-      if (!set_.F[j] || g[j] == 0.0) continue;
+      if (!set_.F[j] || mu[j] == 0.0) continue;
       if (!meets(level.lower[i], s * set_.x[j]) && !meets(level.upper[i], s * set_.x[j])) continue;
-      out[i] = -g[j] / s;
-      g[j] = 0.0;
+      out[i] = mu[j] / s;
+      mu[j] = 0.0;
     }
   }
 };

@@ -22,7 +22,8 @@ struct Multipliers {
   double* w = nullptr;        // (rows,) slack of the working rows
   double* lambda = nullptr;   // (rows,)
   double* delta = nullptr;    // (rows,) what refinement changed
-  double* before = nullptr;   // (n,) g before it
+  double* mu = nullptr;       // (n,) multipliers of the held variables
+  double* before = nullptr;   // (n,) mu before refinement
   double* y = nullptr;        // scratch
   std::int8_t* open = nullptr;      // (rows,) sign not known yet
   std::int8_t* open_x = nullptr;    // (n,)
@@ -31,7 +32,7 @@ struct Multipliers {
   int pending = 0;
 
   void layout(Arena& arena, int n, int rows, int most) {
-    arena.place(g, n); arena.place(w, rows); arena.place(lambda, rows); arena.place(delta, rows); arena.place(before, n); arena.place(y, most + n + 16);
+    arena.place(g, n); arena.place(w, rows); arena.place(lambda, rows); arena.place(delta, rows); arena.place(before, n); arena.place(mu, n); arena.place(y, most + n + 16);
     arena.place(open, rows); arena.place(open_x, n); arena.place(wrong, static_cast<std::size_t>(rows) + n);
   }
 
@@ -49,7 +50,7 @@ struct Multipliers {
       own_signs(k, W);
       if (!pending) break;
       gradient(k, W);
-      for (int j = k - 1; j >= 0; --j) sweep(j, lambda);
+      sweep_above(k, lambda);
       const double norm = t.block[k].norm;
       const double limit = norm * ((tolerance + 1e-15 * tableau->growth) * length + 1e-15 * norm * span);
       const bool refined = doubtful(k, limit);
@@ -83,27 +84,54 @@ struct Multipliers {
 
   void gradient(int k, const std::int8_t* W) {
     for (int i = 0; i < table->n; ++i) g[i] = 0.0;
+    for (int q = 0; q < tableau->extras; ++q) tableau->extra[q].lambda = 0.0;
     const Block& b = table->block[k];
     for (int r = b.begin; r < b.end; ++r)
       if (W[r] && w[r] != 0.0) add_row(b, r, w[r]);
+  }
+
+  // Multipliers of everything above block k that clear its gradient; mu is what the held variables take.
+  void sweep_above(int k, double* out) {
+    for (int r = 0; r < table->block[k].begin; ++r) out[r] = 0.0;
+    for (int j = k; j >= 0; --j) {
+      if (j < k) sweep(j, out);
+      if (j == tableau->extra_level) sweep_extras(out);   // they stand in front of that level
+    }
+    for (int i = 0; i < table->n; ++i) mu[i] = -g[i];
+    for (int q = 0; q < tableau->extras; ++q)
+      if (tableau->extra[q].variable >= 0) mu[tableau->extra[q].variable] = tableau->extra[q].lambda;
   }
 
   // The multipliers of block j that clear its pivot variables from the gradient; the gradient follows.
   void sweep(int j, double* out) {
     const Stage& s = tableau->stage[j];
     const Block& b = table->block[j];
-    for (int r = b.begin; r < b.end; ++r) out[r] = 0.0;
     if (s.kind == Stage::kIdle || s.rank == 0) return;
     if (s.kind == Stage::kGram) gram_multipliers(s, b, out);
     else reflector_multipliers(s, out);
     for (int i = 0; i < s.m; ++i) add_row(b, s.rows[i], out[s.rows[i]]);
   }
 
+  void sweep_extras(double* out) {
+    for (int q = tableau->extras - 1; q >= 0; --q) {
+      Extra& e = tableau->extra[q];
+      double h = g[e.pivot];
+      for (int i = 0; i < e.before; ++i) h -= e.column[i] * g[tableau->base[i]];
+      const double f = -h / e.coefficient;
+      e.lambda += f;
+      if (e.variable >= 0) { g[e.variable] += f; continue; }
+      out[e.row] = f;
+      const Block* b = table->block;
+      while (b->end <= e.row) ++b;
+      add_row(*b, e.row, f);
+    }
+  }
+
   // A second sweep over what the first one left of the gradient; its size tells the error of the first.
   void refine(int k) {
     const Table& t = *table;
-    for (int i = 0; i < t.n; ++i) before[i] = g[i];
-    for (int j = k - 1; j >= 0; --j) sweep(j, delta);
+    for (int i = 0; i < t.n; ++i) before[i] = mu[i];
+    sweep_above(k, delta);
     for (int r = 0; r < t.block[k].begin; ++r) lambda[r] += delta[r];
   }
 
@@ -126,7 +154,7 @@ struct Multipliers {
       if (force > limit && force < small) return true;
     }
     for (int i = 0; i < table->n; ++i)
-      if (open_x[i] && std::fabs(g[i]) > limit && std::fabs(g[i]) < small) return true;
+      if (open_x[i] && std::fabs(mu[i]) > limit && std::fabs(mu[i]) < small) return true;
     return false;
   }
 
@@ -141,9 +169,9 @@ struct Multipliers {
       open[r] = 0; --pending;
     }
     for (int i = 0; i < t.n; ++i) {
-      if (!open_x[i] || !(std::fabs(g[i]) > limit)) continue;
-      if (refined && !(std::fabs(g[i]) > 10.0 * std::fabs(g[i] - before[i]))) continue;
-      if (g[i] * F[i] > 0.0) wrong[count++] = Wrong{k, i, true, std::fabs(g[i])};
+      if (!open_x[i] || !(std::fabs(mu[i]) > limit)) continue;
+      if (refined && !(std::fabs(mu[i]) > 10.0 * std::fabs(mu[i] - before[i]))) continue;
+      if (mu[i] * F[i] < 0.0) wrong[count++] = Wrong{k, i, true, std::fabs(mu[i])};
       open_x[i] = 0; --pending;
     }
   }

@@ -22,6 +22,15 @@ struct Stage {
   double excess;           // how much of it damping added, on the first `rank` rotated rows
 };
 
+// A constraint joined after the factorisation: the reduced row's pivot, and the tableau's column at that moment.
+struct Extra {
+  int row, variable;       // row of the table, or the variable it holds; the other is -1
+  int pivot, before;       // variable that became basic, basic variables then
+  double coefficient;      // of the pivot in the reduced row
+  double* column;          // (before,)
+  double lambda;           // its multiplier in the sweep at hand
+};
+
 struct Tableau {
   const Table* table = nullptr;
   int n = 0, ld = 0, basic = 0, rest = 0;
@@ -42,6 +51,10 @@ struct Tableau {
   int* hole = nullptr;       // (n,) where they go
   std::int8_t* biased = nullptr;
   Stage* stage = nullptr;
+  Extra* extra = nullptr;
+  int extras = 0;
+  int extra_level = -1;       // the level in front of which they stand
+  int gram_level = -1;        // the level that ended the tableau by a normal matrix, -1 if none did
   double growth = 1.0;        // how much rounding the tableau may have magnified
   double closest = 1e300;     // nearest a pivot came to the rank tolerance, as a ratio >= 1
   bool any_fixed = false;
@@ -50,6 +63,7 @@ struct Tableau {
   double rank_tolerance = 1e-9;
   double least = 0.0;         // smallest entry of `diagonal`
   static constexpr int kNowhere = 1 << 30;
+  static constexpr int kExtras = 24;
 
   void layout(Arena& arena, int n_, int blocks, const int* m) {
     n = n_; ld = padded(n + 1);
@@ -61,7 +75,12 @@ struct Tableau {
     arena.place(base, n); arena.place(free, n); arena.place(weight, ld); arena.place(size, ld);
     arena.place(diagonal, ld); arena.place(target, ld); arena.place(x, ld); arena.place(fixed_x, ld);
     arena.place(place, n); arena.place(keep, n); arena.place(hole, n); arena.place(biased, n);
-    arena.place(stage, blocks);
+    arena.place(stage, blocks); arena.place(extra, kExtras);
+    for (int q = 0; q < kExtras; ++q) {
+      double* column = nullptr;
+      arena.place(column, n);
+      if (extra) extra[q].column = column;
+    }
     for (int k = 0; k < blocks; ++k) {
       const int rank = m[k] < n ? m[k] : n;
       int* rows = nullptr; double* V = nullptr; double* tau = nullptr; double* R = nullptr;
@@ -80,14 +99,112 @@ struct Tableau {
   // Solve for the working set: W marks rows of the table, F variables held at a bound.
   void factorise(const std::int8_t* W, const std::int8_t* F) {
     begin(F);
-    for (int k = 0; k < table->blocks; ++k) level(k, W);
+    descend(0, W);
+  }
+
+  // Whether constraints can join without a new factorisation.
+  bool extensible() const {
+    return gram_level >= 0 && extras < kExtras && (extras == 0 || extra_level == gram_level);
+  }
+
+  // Hold a variable at its value within what the levels above gram_level leave free; false if they leave too little.
+  bool hold(int variable, double value) {
+    const int p = place[variable];
+    if (p == kNowhere) return false;
+    if (p >= 0) {
+      for (int i = 0; i < basic; ++i) {
+        double* g = G + static_cast<std::ptrdiff_t>(i) * ld;
+        g[0] -= g[1 + p] * value;
+      }
+      place[variable] = kNowhere;
+      fixed_x[variable] = x[variable] = value;
+      any_fixed = any_fixed || value != 0.0;
+      drop(p);
+      return gram_free > 0;
+    }
+    const double* g = G + static_cast<std::ptrdiff_t>(-1 - p) * ld;
+    for (int j = 0; j <= gram_free; ++j) size[j] = -g[j];
+    size[0] += value;
+    if (!join(-1, variable, 1.0)) return false;
+    double* held = G + static_cast<std::ptrdiff_t>(-1 - p) * ld;
+    for (int j = 0; j < lanes(gram_free + 1); ++j) held[j] = 0.0;
+    held[0] = value;
+    return gram_free > 0;
+  }
+
+  // The same for a row of a level above gram_level.
+  bool meet(int r, double bound) {
+    const Block* b = table->block;
+    while (b->end <= r) ++b;
+    if (b - table->block >= gram_level) return false;
+    const int width = lanes(gram_free + 1);
+    for (int j = 0; j < width; ++j) size[j] = 0.0;
+    if (!b->A) return false;
+    const double* a = b->A + static_cast<std::ptrdiff_t>(r - b->begin) * n;
+    size[0] = bound - (any_fixed ? dot_any(a, fixed_x, n) : 0.0);
+    for (int j = 0; j < gram_free; ++j) size[1 + j] = a[free[j]];
+    for (int i = 0; i < basic; ++i)
+      if (a[base[i]] != 0.0) subtract(size, G + static_cast<std::ptrdiff_t>(i) * ld, a[base[i]], width);
+    return join(r, -1, table->norm[r]) && gram_free > 0;
+  }
+
+  // Solve the last levels again after constraints joined.
+  void resume(const std::int8_t* W) {
+    const int from = gram_level;
+    rest = gram_free;
+    gram_free = 0; gram_level = -1;
+    descend(from, W);
+  }
+
+ private:
+  void descend(int from, const std::int8_t* W) {
+    for (int k = from; k < table->blocks; ++k) level(k, W);
     for (int i = 0; i < basic; ++i) x[base[i]] = G[static_cast<std::ptrdiff_t>(i) * ld];
     if (gram_free) solution_of_gram();
   }
 
- private:
+  // The column of a variable that is free no more: the last one takes its place.
+  void drop(int p) {
+    const int last = gram_free - 1;
+    for (int i = 0; i < basic; ++i) {
+      double* g = G + static_cast<std::ptrdiff_t>(i) * ld;
+      g[1 + p] = g[1 + last];
+      g[1 + last] = 0.0;
+    }
+    if (p != last) { free[p] = free[last]; place[free[p]] = p; }
+    gram_free = last;
+  }
+
+  // The reduced row in `size`, sum_j size_j x_j = size_0, makes its largest variable basic.
+  bool join(int row, int variable, double norm) {
+    int q = 1;
+    for (int j = 2; j <= gram_free; ++j) if (std::fabs(size[j]) > std::fabs(size[q])) q = j;
+    const double pivot = size[q];
+    if (!(std::fabs(pivot) > 1e-3 * norm) || basic >= n) return false;
+    Extra& e = extra[extras++];
+    extra_level = gram_level;
+    e.row = row; e.variable = variable; e.pivot = free[q - 1]; e.before = basic; e.coefficient = pivot; e.lambda = 0.0;
+    double* fresh = G + static_cast<std::ptrdiff_t>(basic) * ld;
+    const int width = lanes(gram_free + 1);
+    for (int j = 0; j < width; ++j) fresh[j] = j <= gram_free ? size[j] / pivot : 0.0;
+    fresh[q] = 0.0;
+    for (int i = 0; i < basic; ++i) {
+      double* g = G + static_cast<std::ptrdiff_t>(i) * ld;
+      const double f = e.column[i] = g[q];
+      g[q] = 0.0;
+      subtract(g, fresh, f, width);
+    }
+    const int entered = e.pivot;
+    base[basic] = entered;
+    ++basic;
+    drop(q - 1);
+    place[entered] = -1 - (basic - 1);
+    growth = larger(growth, norm / std::fabs(pivot));
+    return true;
+  }
+
   void begin(const std::int8_t* F) {
-    basic = 0; rest = 0; growth = 1.0; closest = 1e300; any_fixed = false; shifted = false; gram_free = 0;
+    basic = 0; rest = 0; growth = 1.0; closest = 1e300; any_fixed = false; shifted = false; gram_free = 0; gram_level = -1; extras = 0; extra_level = -1;
     for (int i = 0; i < n; ++i) {
       fixed_x[i] = 0.0;
       if (F[i]) {
@@ -330,6 +447,7 @@ struct Tableau {
     cholesky(width);
     solve_gram(target);
     gram_free = rest;
+    gram_level = k;
     s.rank = rest;
     s.residual = -1.0;
     rest = 0;
