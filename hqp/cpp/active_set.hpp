@@ -62,6 +62,7 @@ class ActiveSet {
     tableau.choose_bias();
     working_set();
     if (table.inequalities == 0 && !table.boxed) { equality_point(); accept(); return; }
+    tableau.recording = false;
     if (!block_exchange()) primal();
     warm_ = true;
   }
@@ -83,7 +84,7 @@ class ActiveSet {
   double deadline_ = 0.0;
   int joins_[Tableau::kExtras] = {};
   std::int8_t join_sides_[Tableau::kExtras] = {};
-  int joined_ = 0;
+  int joined_ = 0, progress_ = -1;
   bool joins_only_ = false;   // the working set is the tableau's and the joins, nothing else
   bool warm_ = false;
   bool followed_ = false;     // v was kept up with x
@@ -114,14 +115,22 @@ class ActiveSet {
     joins_[joined_] = what; join_sides_[joined_++] = side;
   }
 
-  // Where the working set only grew since the tableau was made, let the newcomers join it.
+  // Where the working set only grew since the tableau was made, let the newcomers join it: in front of the level
+  // that ended it, or else of the one the last step went for.
   bool extend() {
-    if (!joins_only_ || joined_ == 0 || !tableau.extensible() || tableau.extras + joined_ > Tableau::kExtras) return false;
+    if (!joins_only_ || joined_ == 0) return false;
+    const int last = tableau.gram_level;
+    if (last >= 0 && tableau.rewind(last) && join_all()) return true;
+    if (joined_ > 1 || progress_ == last || !tableau.rewind(progress_)) return false;
+    return join_all();
+  }
+
+  bool join_all() {
     for (int q = 0; q < joined_; ++q) {
-      const int what = joins_[q];
+      const int what = joins_[q], i = what - table.rows;
       const bool upper = join_sides_[q] > 0;
-      if (what < table.rows ? !tableau.meet(what, upper ? table.upper[what] : table.lower[what])
-                            : !tableau.hold(what - table.rows, upper ? table.hi[what - table.rows] : table.lo[what - table.rows]))
+      if (i < 0 ? !tableau.meet(what, upper ? table.upper[what] : table.lower[what])
+                : !tableau.hold(i, upper ? table.hi[i] : table.lo[i]))
         return false;
     }
     tableau.resume(W);
@@ -218,6 +227,7 @@ class ActiveSet {
     for (int i = 0; i < table.n; ++i) F[i] = first_F_[i];
     clip_first();
     joins_only_ = false;
+    tableau.recording = true;
     seen_count_ = 0;
     followed_ = false;
     int repeats = 0;
@@ -281,7 +291,7 @@ class ActiveSet {
     for (int i = 0; i < n; ++i) { step_[i] = tableau.x[i] - x[i]; length += step_[i] * step_[i]; }
     for (int r = 0; r < table.rows; ++r) change_[r] = target_[r] - v[r];
     const double size = table.span(tableau.x), tolerance = options_->feasibility_tolerance;
-    const int level = progress(std::sqrt(length), table.span(x));
+    const int level = progress_ = progress(std::sqrt(length), table.span(x));
     double alpha = 1.0;
     int row = -1, variable = -1;
     std::int8_t side = 0;

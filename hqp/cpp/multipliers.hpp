@@ -93,9 +93,11 @@ struct Multipliers {
   // Multipliers of everything above block k that clear its gradient; mu is what the held variables take.
   void sweep_above(int k, double* out) {
     for (int r = 0; r < table->block[k].begin; ++r) out[r] = 0.0;
+    int q = tableau->extras - 1;
+    while (q >= 0 && tableau->extra[q].level > k) --q;
     for (int j = k; j >= 0; --j) {
       if (j < k) sweep(j, out);
-      if (j == tableau->extra_level) sweep_extras(out);   // they stand in front of that level
+      for (; q >= 0 && tableau->extra[q].level == j; --q) sweep_extra(tableau->extra[q], out);
     }
     for (int i = 0; i < table->n; ++i) mu[i] = -g[i];
     for (int q = 0; q < tableau->extras; ++q)
@@ -112,19 +114,16 @@ struct Multipliers {
     for (int i = 0; i < s.m; ++i) add_row(b, s.rows[i], out[s.rows[i]]);
   }
 
-  void sweep_extras(double* out) {
-    for (int q = tableau->extras - 1; q >= 0; --q) {
-      Extra& e = tableau->extra[q];
-      double h = g[e.pivot];
-      for (int i = 0; i < e.before; ++i) h -= e.column[i] * g[tableau->base[i]];
-      const double f = -h / e.coefficient;
-      e.lambda += f;
-      if (e.variable >= 0) { g[e.variable] += f; continue; }
-      out[e.row] = f;
-      const Block* b = table->block;
-      while (b->end <= e.row) ++b;
-      add_row(*b, e.row, f);
-    }
+  void sweep_extra(Extra& e, double* out) {
+    double h = g[e.pivot];
+    for (int i = 0; i < e.before; ++i) h -= e.column[i] * g[tableau->base[i]];
+    const double f = -h / e.coefficient;
+    e.lambda += f;
+    if (e.variable >= 0) { g[e.variable] += f; return; }
+    out[e.row] = f;
+    const Block* b = table->block;
+    while (b->end <= e.row) ++b;
+    add_row(*b, e.row, f);
   }
 
   // A second sweep over what the first one left of the gradient; its size tells the error of the first.

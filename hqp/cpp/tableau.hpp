@@ -26,9 +26,18 @@ struct Stage {
 struct Extra {
   int row, variable;       // row of the table, or the variable it holds; the other is -1
   int pivot, before;       // variable that became basic, basic variables then
+  int level;               // in front of which it stands
   double coefficient;      // of the pivot in the reduced row
   double* column;          // (before,)
   double lambda;           // its multiplier in the sweep at hand
+};
+
+// The tableau as it was when a level was reached.
+struct Snapshot {
+  double* G;
+  int* free;
+  int basic, rest;
+  bool valid;
 };
 
 struct Tableau {
@@ -51,9 +60,10 @@ struct Tableau {
   int* hole = nullptr;       // (n,) where they go
   std::int8_t* biased = nullptr;
   Stage* stage = nullptr;
+  Snapshot* snapshot = nullptr;
+  bool recording = false;     // keep snapshots, for constraints that join above the last level
   Extra* extra = nullptr;
   int extras = 0;
-  int extra_level = -1;       // the level in front of which they stand
   int gram_level = -1;        // the level that ended the tableau by a normal matrix, -1 if none did
   double growth = 1.0;        // how much rounding the tableau may have magnified
   double closest = 1e300;     // nearest a pivot came to the rank tolerance, as a ratio >= 1
@@ -75,7 +85,12 @@ struct Tableau {
     arena.place(base, n); arena.place(free, n); arena.place(weight, ld); arena.place(size, ld);
     arena.place(diagonal, ld); arena.place(target, ld); arena.place(x, ld); arena.place(fixed_x, ld);
     arena.place(place, n); arena.place(keep, n); arena.place(hole, n); arena.place(biased, n);
-    arena.place(stage, blocks); arena.place(extra, kExtras);
+    arena.place(stage, blocks); arena.place(extra, kExtras); arena.place(snapshot, blocks);
+    for (int k = 0; k < blocks; ++k) {
+      double* kept = nullptr; int* left = nullptr;
+      arena.place(kept, n * wide); arena.place(left, n);
+      if (snapshot) { snapshot[k].G = kept; snapshot[k].free = left; }
+    }
     for (int q = 0; q < kExtras; ++q) {
       double* column = nullptr;
       arena.place(column, n);
@@ -102,9 +117,23 @@ struct Tableau {
     descend(0, W);
   }
 
-  // Whether constraints can join without a new factorisation.
-  bool extensible() const {
-    return gram_level >= 0 && extras < kExtras && (extras == 0 || extra_level == gram_level);
+  // Go back to where `level` was reached, so that constraints can join in front of it; false where that is lost.
+  bool rewind(int level) {
+    if (level < 0 || level >= table->blocks || extras >= kExtras) return false;
+    if (extras && extra[extras - 1].level > level) return false;
+    if (level == gram_level) return true;
+    const Snapshot& s = snapshot[level];
+    if (!recording || !s.valid) return false;
+    const int width = lanes(s.rest + 1);
+    for (int i = 0; i < s.basic; ++i) {
+      const double* from = s.G + static_cast<std::ptrdiff_t>(i) * ld;
+      double* to = G + static_cast<std::ptrdiff_t>(i) * ld;
+      for (int j = 0; j < width; j += kLane) at(to + j) = at(from + j);
+    }
+    basic = s.basic; gram_free = s.rest; gram_level = level;
+    for (int i = 0; i < basic; ++i) place[base[i]] = -1 - i;
+    for (int j = 0; j < gram_free; ++j) { free[j] = s.free[j]; place[free[j]] = j; }
+    return true;
   }
 
   // Hold a variable at its value within what the levels above gram_level leave free; false if they leave too little.
@@ -120,7 +149,7 @@ struct Tableau {
       fixed_x[variable] = x[variable] = value;
       any_fixed = any_fixed || value != 0.0;
       drop(p);
-      return gram_free > 0;
+      return true;
     }
     const double* g = G + static_cast<std::ptrdiff_t>(-1 - p) * ld;
     for (int j = 0; j <= gram_free; ++j) size[j] = -g[j];
@@ -129,7 +158,7 @@ struct Tableau {
     double* held = G + static_cast<std::ptrdiff_t>(-1 - p) * ld;
     for (int j = 0; j < lanes(gram_free + 1); ++j) held[j] = 0.0;
     held[0] = value;
-    return gram_free > 0;
+    return true;
   }
 
   // The same for a row of a level above gram_level.
@@ -145,7 +174,7 @@ struct Tableau {
     for (int j = 0; j < gram_free; ++j) size[1 + j] = a[free[j]];
     for (int i = 0; i < basic; ++i)
       if (a[base[i]] != 0.0) subtract(size, G + static_cast<std::ptrdiff_t>(i) * ld, a[base[i]], width);
-    return join(r, -1, table->norm[r]) && gram_free > 0;
+    return join(r, -1, table->norm[r]);
   }
 
   // Solve the last levels again after constraints joined.
@@ -163,6 +192,20 @@ struct Tableau {
     if (gram_free) solution_of_gram();
   }
 
+  void record(int k) {
+    Snapshot& s = snapshot[k];
+    s.valid = rest > 0;
+    if (!s.valid) return;
+    s.basic = basic; s.rest = rest;
+    const int width = lanes(rest + 1);
+    for (int i = 0; i < basic; ++i) {
+      const double* from = G + static_cast<std::ptrdiff_t>(i) * ld;
+      double* to = s.G + static_cast<std::ptrdiff_t>(i) * ld;
+      for (int j = 0; j < width; j += kLane) at(to + j) = at(from + j);
+    }
+    for (int j = 0; j < rest; ++j) s.free[j] = free[j];
+  }
+
   // The column of a variable that is free no more: the last one takes its place.
   void drop(int p) {
     const int last = gram_free - 1;
@@ -177,12 +220,13 @@ struct Tableau {
 
   // The reduced row in `size`, sum_j size_j x_j = size_0, makes its largest variable basic.
   bool join(int row, int variable, double norm) {
+    if (gram_free == 0 || extras == kExtras) return false;
     int q = 1;
     for (int j = 2; j <= gram_free; ++j) if (std::fabs(size[j]) > std::fabs(size[q])) q = j;
     const double pivot = size[q];
     if (!(std::fabs(pivot) > 1e-3 * norm) || basic >= n) return false;
     Extra& e = extra[extras++];
-    extra_level = gram_level;
+    e.level = gram_level;
     e.row = row; e.variable = variable; e.pivot = free[q - 1]; e.before = basic; e.coefficient = pivot; e.lambda = 0.0;
     double* fresh = G + static_cast<std::ptrdiff_t>(basic) * ld;
     const int width = lanes(gram_free + 1);
@@ -204,7 +248,8 @@ struct Tableau {
   }
 
   void begin(const std::int8_t* F) {
-    basic = 0; rest = 0; growth = 1.0; closest = 1e300; any_fixed = false; shifted = false; gram_free = 0; gram_level = -1; extras = 0; extra_level = -1;
+    basic = 0; rest = 0; growth = 1.0; closest = 1e300; any_fixed = false; shifted = false; gram_free = 0; gram_level = -1; extras = 0;
+    for (int k = 0; k < table->blocks; ++k) snapshot[k].valid = false;
     for (int i = 0; i < n; ++i) {
       fixed_x[i] = 0.0;
       if (F[i]) {
@@ -237,6 +282,7 @@ struct Tableau {
     const Block& b = table->block[k];
     s.kind = Stage::kIdle; s.rank = 0; s.before = basic; s.residual = 0.0; s.excess = 0.0;
     s.m = 0;
+    if (recording) record(k);
     if (rest == 0) { s.residual = -1.0; return; }   // nothing left to decide: the residual is what it is
     for (int r = b.begin; r < b.end; ++r)
       if (W[r] && (b.A || place[b.index[r - b.begin]] != kNowhere)) s.rows[s.m++] = r;
