@@ -11,6 +11,23 @@ _Rows: TypeAlias = tuple[Mat, Vec, Vec | None, Vec, float]
 _Frame: TypeAlias = tuple[_Placement, int, Sequence[int]]
 _Observer: TypeAlias = tuple[_Frame, bool, float]
 
+class Elimination:
+    """The sparse and small parts of ``hqp.dynamics.ConstrainedDynamics.update``.
+
+    parents: the tangent coordinate before each on its way to the world, -1 for none.  rows: m constraints.
+    """
+
+    def __init__(self, parents: Sequence[int], actuated: Sequence[int], rows: int) -> None: ...
+    def eliminate(self, A: Mat, bias: Vec, J: Mat, gamma: Vec, tolerance: float, Y: Mat, Q: Mat, T: Mat, y: Vec) -> int:
+        """A = H^T H, Y = H^-T [U^T, -bias], H^-T J^T = Q T, y = T^-T gamma.
+
+        A by columns, the rest by rows.  1; 0 with no Q, T, y for dependent constraints; -1 with nothing for an A
+        that is not positive definite.
+        """
+
+    def motions(self, B: Mat) -> None:
+        """H^-1 B in the place of B ``(nv, n + 1)``."""
+
 class Assembly:
     """Operations over live arrays, run in the order in which they were added; keeps references to the arrays.
 

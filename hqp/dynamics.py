@@ -9,10 +9,12 @@ Everything rests on one orthogonal factorisation, so that no inverse and no norm
 
 S ``(m, r)`` an orthonormal basis of the independent constraints (the identity if they all are).  The accelerations
 that the constraints allow are L^-T Q_2 z, and with V = Q_2^T L^-1 U^T the reduced inverse inertia is phi* = V^T V.
+The native elimination takes for L the factor that is as sparse as the tree, and projects, V = (1 - Q_1 Q_1^T) L^-1 U^T.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +22,12 @@ from scipy.linalg import get_lapack_funcs
 
 from hqp.arrays import Index, Mat, Vec
 from hqp.errors import ModelError
+from hqp.robot import Robot
+
+try:
+    from hqp import _assembly as native
+except ImportError:  # no compiler was there: LAPACK does it all
+    native = None  # type: ignore[assignment]
 
 RANK_TOLERANCE = 1e-9
 """Singular values and pivots below this fraction of the largest count as zero."""
@@ -35,12 +43,13 @@ class ConstrainedDynamics:
     """qdd, tau and lambda of eq. (2) as maps of each other, refilled by ``update`` in preallocated arrays.
 
     nv: tangent coordinates.  rows: m constraint rows.  actuated: tangent coordinate of each of n actuated joints.
+    parents: of the coordinates, see ``coordinate_parents``; A is zero between branches.  A full A without them.
     After ``update``:  X ``(nv, n)`` and c ``(nv,)``: qdd = X tau + c.  phi ``(n, n)``: phi* (eq. 15), symmetric,
     singular where constraints take a direction from the actuators.  rank: number r of independent constraints.
     The live arrays are overwritten by the next update; the properties are computed anew at every access.
     """
 
-    def __init__(self, nv: int, rows: int, actuated: Index) -> None:
+    def __init__(self, nv: int, rows: int, actuated: Index, parents: Sequence[int] | None = None) -> None:
         self.nv, self.m, self.n = nv, rows, int(actuated.size)
         self.actuated = actuated
         self.rank = rows
@@ -48,32 +57,65 @@ class ConstrainedDynamics:
         self._columns: Mat = np.zeros((nv, self.n + 1), order="F")
         self._columns[actuated, np.arange(self.n)] = 1.0
         self._image: Mat = np.zeros((nv, rows), order="F")
-        self._map: Mat = np.zeros((nv, self.n + 1), order="F")
+        self._whole: Mat = np.zeros((nv, self.n + 1), order="F")
+        self._map: Mat = np.zeros((nv, self.n + 1))
         self._top: Mat = np.zeros((rows, self.n + 1))
         self._qr, self._tau = self._image, np.zeros(rows)
         self._T: Mat = np.zeros((rows, rows))
-        self._lower = 0
+        self._lower, self._factored = 0, False
         self._S: Mat | None = None
-        self._y: Vec = np.zeros(rows)
         self.J: Mat = np.zeros((rows, nv))
         self.X: Mat = self._map[:, : self.n]
         self.c: Vec = self._map[:, self.n]
         self.phi: Mat = np.zeros((self.n, self.n))
+        self._native = None
+        if native is not None:
+            chain = range(-1, nv - 1) if parents is None else parents
+            self._native = native.Elimination(list(chain), actuated.tolist(), rows)
+            self._Y, self._Q, self._R = np.zeros((nv, self.n + 1)), np.zeros((nv, rows)), np.zeros((rows, rows))
+            self._forced = np.zeros(rows)
 
     def update(self, A: Mat, bias: Vec, J: Mat, gamma: Vec) -> None:
         """Take the inertia A (its upper triangle is read), bias = b + g, J and gamma of a state.
 
         Raises ModelError where A is not positive definite.
         """
-        n, m = self.n, self.m
         self.J = J
         np.copyto(self._factor, A)
+        self._factored = False
+        if self._native is None or not self._eliminate(bias, J, gamma):
+            self._eliminate_densely(bias, J, gamma)
+
+    def _eliminate(self, bias: Vec, J: Mat, gamma: Vec) -> bool:
+        """The sparse way; False where constraints are dependent."""
+        Y, Q, y, both = self._Y, self._Q, self._forced, self._map
+        J, gamma, A = np.ascontiguousarray(J), np.ascontiguousarray(gamma), self._factor
+        found = self._native.eliminate(A, bias, J, gamma, RANK_TOLERANCE, Y, Q, self._R, y)  # type: ignore[union-attr]
+        if found < 0:
+            raise ModelError("the joint-space inertia is not positive definite")
+        if found == 0:
+            return False
+        if self.m:
+            np.matmul(Q.T, Y, out=self._top)
+            self._top[:, self.n] -= y
+            np.matmul(Q, self._top, out=both)
+            np.subtract(Y, both, out=both)
+        else:
+            np.copyto(both, Y)
+        P = self.X
+        np.matmul(P.T, P, out=self.phi)
+        self._native.motions(both)  # type: ignore[union-attr]
+        self.rank, self._T, self._lower, self._S = self.m, self._R, 0, None
+        return True
+
+    def _eliminate_densely(self, bias: Vec, J: Mat, gamma: Vec) -> None:
+        n, m = self.n, self.m
         L, info = potrf(self._factor, lower=0, clean=0, overwrite_a=1)  # A = L' L here: the upper factor
         if info:
             raise ModelError(f"the joint-space inertia is not positive definite (pivot {info})")
-        self._factor = L
+        self._factor, self._factored = L, True
         np.negative(bias, out=self._columns[:, n])
-        image = self._map
+        image = self._whole
         np.copyto(image, self._columns)
         trtrs(L, image, trans=1, overwrite_b=1)
         if m:
@@ -87,11 +129,13 @@ class ConstrainedDynamics:
         V = image[r:, :n]
         np.matmul(V.T, V, out=self.phi)
         if r:
-            self._y = self._towards(gamma)
+            y = self._towards(gamma)
+            self._top[:r, n] -= y
             image[:r, :n] = 0.0
-            image[:r, n] = self._y
+            image[:r, n] = y
             ormqr("L", "N", self._qr, self._tau, image, _WORK, overwrite_c=1)
         trtrs(L, image, trans=0, overwrite_b=1)
+        np.copyto(self._map, image)
 
     def _factorise(self) -> None:
         """Q and T of the constraints; S too where they turn out to be dependent."""
@@ -125,9 +169,7 @@ class ConstrainedDynamics:
         """(F ``(m, n)``, f ``(m,)``) with lambda = F tau + f (eq. 3); of least norm where constraints are dependent."""
         if not self.rank:
             return np.zeros((self.m, self.n)), np.zeros(self.m)
-        top = self._top[: self.rank].copy()
-        top[:, self.n] -= self._y
-        both = self._expand(top)
+        both = self._expand(self._top[: self.rank])
         return both[:, : self.n], both[:, self.n]
 
     def forces(self, tau: Vec) -> Vec:
@@ -135,7 +177,7 @@ class ConstrainedDynamics:
         if not self.rank:
             return np.zeros(self.m)
         top = self._top[: self.rank]
-        return np.asarray(self._expand(top[:, : self.n] @ tau + top[:, self.n] - self._y))
+        return np.asarray(self._expand(top[:, : self.n] @ tau + top[:, self.n]))
 
     def acceleration(self, tau: Vec) -> Vec:
         """qdd ``(nv,)`` of a torque (eq. 4)."""
@@ -179,7 +221,22 @@ class ConstrainedDynamics:
         return symmetric_pinv(self.phi) @ -self.c[self.actuated]
 
     def _solve(self, right: Mat) -> Mat:
+        if not self._factored:
+            self._factor, self._factored = potrf(self._factor, lower=0, clean=0)[0], True
         return potrs(self._factor, right, lower=0)[0]  # type: ignore[no-any-return]
+
+
+def coordinate_parents(robot: Robot) -> list[int]:
+    """For each tangent coordinate the one before it on its way to the world, -1 for none, ``(nv,)``."""
+    last: list[int] = []
+    parents = [-1] * robot.nv
+    for i, (parent, first, count, *_) in enumerate(robot.bodies):
+        carrier = last[parent] if i else -1
+        for coordinate in range(first, first + count):
+            parents[coordinate] = carrier
+            carrier = coordinate
+        last.append(carrier)
+    return parents
 
 
 def symmetric_pinv(M: Mat, tolerance: float = RANK_TOLERANCE) -> Mat:

@@ -10,7 +10,7 @@ import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
 from hqp.assembly import Assembly
-from hqp.dynamics import ConstrainedDynamics
+from hqp.dynamics import ConstrainedDynamics, coordinate_parents
 from hqp.element import Element
 from hqp.errors import DeclarationError, StaleState
 from hqp.forces import Efforts, Forces
@@ -83,7 +83,7 @@ class TorqueProgram(Program):
         self.assembly = Assembly(dense, picked, robot, dt, laws)
         self.held = held
         self._m = sum(self.assembly.members[e.name].part.stop - self.assembly.members[e.name].part.start for e in held)
-        self.dynamics = ConstrainedDynamics(robot.nv, self._m, robot.actuated)
+        self.dynamics = ConstrainedDynamics(robot.nv, self._m, robot.actuated, coordinate_parents(robot))
         self._efforts = Efforts([e for e in stack if e.quantity == "effort"], robot, dt)
         self._forces = Forces([e for e in stack if e.quantity == "force"], held, self.assembly, robot)
         self._origin = np.zeros(robot.actuated.size) if formulation.gravity_compensation else None
@@ -108,7 +108,7 @@ class TorqueProgram(Program):
         self.lower, self.upper = self.bounds
         self.places: dict[str, Place] = {}
         runs: list[list[int]] = []
-        self._takes: list[tuple[Index, Vec | None, Mat, Mat, Mat]] = []
+        self._takes: list[tuple[slice | Index, Vec | None, Mat, Mat, Mat]] = []
         levels: list[Rows] = []
         slices: list[slice | None] = []
         at = 0
@@ -161,7 +161,10 @@ class TorqueProgram(Program):
         if part.start >= rows.J.shape[0]:
             weight = rows.weight[part]
             scale = None if np.all(weight == 1.0) else weight
-            self._takes.append((rows.picks(part), scale, self.A[here], rows.bounds[:, part], self.bounds[:, here]))
+            picks = rows.picks(part)
+            whole = bool(picks.size) and bool(np.all(np.diff(picks) == 1))  # neighbours: a slice copies faster
+            index = slice(int(picks[0]), int(picks[-1]) + 1) if whole else picks
+            self._takes.append((index, scale, self.A[here], rows.bounds[:, part], self.bounds[:, here]))
             return
         last = runs[-1] if runs else None
         if last and last[1] == part.start and last[3] == here.start:

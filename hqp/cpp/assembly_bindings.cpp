@@ -11,6 +11,7 @@
 #include <nanobind/stl/vector.h>
 
 #include "com.hpp"
+#include "elimination.hpp"
 #include "frames.hpp"
 #include "joints.hpp"
 #include "laws.hpp"
@@ -140,6 +141,14 @@ class Assembly {
   std::unique_ptr<hqp::Demands> demands_;
 };
 
+// -1: the inertia is not positive definite; 0: the constraints are dependent; 1: all is written.
+int eliminate(hqp::Elimination& e, const Columns& A, const Vector& bias, const Block& J, const Vector& gamma,
+              double tolerance, const Block& Y, const Block& Q, const Block& T, const Written& y) {
+  if (!e.factor(A.data())) return -1;
+  e.columns(bias.data(), Y.data());
+  return e.constraints(J.data(), gamma.data(), tolerance, Q.data(), T.data(), y.data()) ? 1 : 0;
+}
+
 }  // namespace
 
 NB_MODULE(_assembly, module) {
@@ -168,4 +177,10 @@ NB_MODULE(_assembly, module) {
            "demand"_a.noconvert(), "lower"_a.noconvert(), "upper"_a.noconvert(), "saturations"_a)
       .def("run", &Assembly::run, "q"_a, "v"_a)
       .def("demand", &Assembly::demand, "v"_a);
+  nb::class_<hqp::Elimination>(module, "Elimination")
+      .def(nb::init<Ints, Ints, int>(), "parents"_a, "actuated"_a, "rows"_a)
+      .def("eliminate", &eliminate, "A"_a.noconvert(), "bias"_a.noconvert(), "J"_a.noconvert(), "gamma"_a.noconvert(),
+           "tolerance"_a, "Y"_a.noconvert(), "Q"_a.noconvert(), "T"_a.noconvert(), "y"_a.noconvert())
+      .def(
+          "motions", [](const hqp::Elimination& e, const Block& B) { e.motions(B.data()); }, "B"_a.noconvert());
 }

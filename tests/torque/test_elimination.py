@@ -1,0 +1,87 @@
+"""The native elimination of constraint forces does what the dense one does."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hqp
+import hqp.dynamics
+from hqp.dynamics import ConstrainedDynamics, coordinate_parents
+
+pytestmark = pytest.mark.skipif(hqp.dynamics.native is None, reason="no native assembly here")
+
+FRAMES = {"dreamer": ["wheel_0", "hand"], "talos": [], "cbi": ["l_sole", "r_sole"], "panda": ["panda_hand"]}
+
+
+def both(robot: Any, m: int, patch: pytest.MonkeyPatch) -> tuple[ConstrainedDynamics, ConstrainedDynamics]:
+    """Native on the tree, and dense."""
+    fast = ConstrainedDynamics(robot.nv, m, robot.actuated, coordinate_parents(robot))
+    patch.setattr(hqp.dynamics, "native", None)
+    slow = ConstrainedDynamics(robot.nv, m, robot.actuated)
+    patch.undo()
+    return fast, slow
+
+
+def compare(fast: ConstrainedDynamics, slow: ConstrainedDynamics, tau: Any) -> None:
+    assert fast.rank == slow.rank
+    pairs = [(getattr(fast, name), getattr(slow, name)) for name in ("X", "c", "phi")]
+    pairs += list(zip(fast.force_map(), slow.force_map(), strict=True))
+    pairs += [(fast.forces(tau), slow.forces(tau)), (fast.acceleration(tau), slow.acceleration(tau))]
+    if fast.m:
+        pairs += [(getattr(fast, name), getattr(slow, name)) for name in ("Lambda_constr", "Jbar_constr", "N_constr")]
+    for x, y in pairs:
+        assert np.abs(x - y).max(initial=0.0) < 1e-9 * max(1.0, np.abs(y).max(initial=0.0))
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+@pytest.mark.parametrize("name", ["dreamer", "talos", "cbi", "panda"])
+def test_native_elimination_equals_the_dense_one(name: str, count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    if name not in hqp.robots.names():
+        pytest.skip("needs example-robot-data")
+    robot, rng = hqp.robots.load(name), np.random.default_rng(5)
+    frames = (FRAMES[name] or list(robot.landmarks["soles"]))[:count]
+    m = 6 * len(frames) if name != "dreamer" else 3 * len(frames)
+    fast, slow = both(robot, m, monkeypatch)
+    for _ in range(10):
+        state = robot.state(robot.random_configuration(rng), rng.normal(size=robot.nv))
+        jacobians = [state.jacobian(f) if name != "dreamer" else state.jacobian(f)[:3] for f in frames]
+        J = np.vstack(jacobians) if frames else np.zeros((0, robot.nv))
+        gamma, A, bias = rng.normal(size=m), state.inertia(), state.bias_force()
+        for dynamics in (fast, slow):
+            dynamics.update(A, bias, J, gamma)
+        assert fast.rank == m
+        compare(fast, slow, rng.normal(size=robot.actuated.size))
+
+
+def test_dependent_constraints_then_independent_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same object goes the dense way for one state and the native one for the next."""
+    robot, rng = hqp.robots.load("cbi"), np.random.default_rng(6)
+    fast, slow = both(robot, 12, monkeypatch)
+    for k in range(6):
+        state = robot.state(robot.random_configuration(rng), rng.normal(size=robot.nv))
+        left, right = state.jacobian("l_sole"), state.jacobian("r_sole")
+        J = np.vstack((left, left if k % 2 else right))
+        gamma = J @ rng.normal(size=robot.nv)
+        for dynamics in (fast, slow):
+            dynamics.update(state.inertia(), state.bias_force(), J, gamma)
+        assert fast.rank == (6 if k % 2 else 12)
+        compare(fast, slow, rng.normal(size=robot.actuated.size))
+
+
+def test_parents_are_the_pattern_of_the_inertia() -> None:
+    robot = hqp.robots.load("cbi")
+    state = robot.state(robot.random_configuration(np.random.default_rng(7)), None)
+    parents, A = coordinate_parents(robot), state.mass_matrix()
+    found = np.abs(A) > 1e-12
+    carried = np.zeros_like(found)
+    for i in range(robot.nv):
+        j = i
+        while j >= 0:
+            carried[i, j] = carried[j, i] = True
+            assert parents[j] < j
+            j = parents[j]
+    assert not (found & ~carried).any()
+    assert carried.sum() < 0.6 * carried.size
