@@ -53,6 +53,15 @@ def run(arguments: argparse.Namespace) -> int:
     if importlib.util.find_spec("mujoco") is None:
         report.console.print("experiments need MuJoCo: pip install 'hqp\\[mujoco]'", style="bold red")
         return 1
+    if (
+        arguments.view
+        and sys.platform == "linux"
+        and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    ):
+        print(
+            "benchmarks experiments: --view needs a screen, and there is none; --video writes a film", file=sys.stderr
+        )
+        return 2
     rendering = choose_renderer()
     full = (arguments.full or bool(arguments.names)) and not arguments.quick
     setting = _setting(arguments, full)

@@ -229,7 +229,7 @@ class Outing:
         scene = self.scene
         goal = 0.36 * math.sin(scene.tilt) * math.sin(math.pi * self.t / scene.duration) ** 2
         height, rate = self.plant.place("wheel_contact_0")[0][2], self.plant.velocity("wheel_contact_0")[2]
-        force = 2e4 * (goal - height) - 2e3 * rate if goal > 1e-3 else 0.0
+        force = 1e5 * (goal - height) - 5e3 * rate if goal > 1e-3 else 0.0
         self.plant.push("wheel_contact_0", np.array([0.0, 0.0, min(max(force, 0.0), 600.0)]))
 
     def _record(self, torque: Vec, contacts: Contacts, tick: Tick, spent: float) -> None:

@@ -87,7 +87,7 @@ def human_and_plumb_line(scene: Any, run: Any) -> None:
     """The pull as an arrow at the hand, the upper body's CoM over the triangle of the wheels."""
     plant = run.plant
     hand = plant.place("hand_point")[0]
-    if np.linalg.norm(run.pull) > 1.0:
+    if np.linalg.norm(run.pull) > 5.0:  # a shorter arrow is all head
         arrow(scene, hand + [0.0, 0.0, 0.08], PER_NEWTON * run.pull, RED, 0.026)
     com = upper_com(run)
     base, rotation = plant.place("base")

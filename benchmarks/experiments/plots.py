@@ -172,7 +172,7 @@ def _panels(run: Outing, output: Path, stem: str, title: str) -> Files:
     for axis in (com, base, pull):
         axis.legend(loc="upper right", ncols=3, fontsize="small")
     instants = [*scene.enable] if scene.enable[1] > 0.0 else []
-    on_ramp = np.flatnonzero(log["base"][:, 4] > math.radians(0.2))
+    on_ramp = np.flatnonzero((log["base"][:, 4] > math.radians(0.3)) & (t > scene.walk.start))
     marks = [*instants, *([t[on_ramp[0]]] if on_ramp.size else [])]
     for axis in (com, hand, posture, base, pull):
         for number, when in enumerate(marks, 1 if instants else 3):
