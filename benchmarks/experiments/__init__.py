@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
     for outcome in outcomes:
         _show(outcome)
     _write(arguments, outcomes, full)
-    failed = [f"{o.name}: {f.what}" for o in outcomes for f in o.figures if not f.passed]
+    failed = [f"{o.name}: {f.what}" for o in outcomes for f in o.missed]
     for text in failed:
         report.console.print(f"missed: {text}", style="bold red", markup=False)
     return int(bool(failed))

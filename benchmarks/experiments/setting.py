@@ -52,6 +52,6 @@ class Setting:
     def speed(self, factors: tuple[float, float], wanted: float) -> tuple[Figure, Figure]:
         """The real-time factor by processor time, which is judged, and by wall time, which other programs spoil."""
         return (
-            Figure("real-time factor, processor time", factors[0], "", low=wanted),
-            Figure("real-time factor, wall time", factors[1], ""),
+            Figure("real-time factor, processor time", factors[0], low=wanted, binding=False),
+            Figure("real-time factor, wall time", factors[1], binding=False),
         )
