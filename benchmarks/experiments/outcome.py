@@ -14,8 +14,8 @@ from typing import Any
 class Figure:
     """A number with what was asked of it; passed if ``low <= measured <= high``, and never where it is NaN.
 
-    before: the number found for it in earlier studies on the same tables, or the paper's.  binding: whether a miss fails
-    the experiment; speed is not, for it is the machine's as much as ours.
+    before: the number found for it in earlier studies on the same tables, or the paper's.
+    binding: whether a miss fails the experiment; speed does not, for it is the machine's as much as ours.
     """
 
     what: str
