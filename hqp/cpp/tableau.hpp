@@ -120,7 +120,6 @@ struct Tableau {
   // Go back to where `level` was reached, so that constraints can join in front of it; false where that is lost.
   bool rewind(int level) {
     if (level < 0 || level >= table->blocks || extras >= kExtras) return false;
-    if (extras && extra[extras - 1].level > level) return false;
     if (level == gram_level) return true;
     const Snapshot& s = snapshot[level];
     if (!recording || !s.valid) return false;
@@ -180,6 +179,7 @@ struct Tableau {
   // Solve the last levels again after constraints joined.
   void resume(const std::int8_t* W) {
     const int from = gram_level;
+    for (int k = 0; k < from; ++k) snapshot[k].valid = false;   // they know nothing of the newcomers
     rest = gram_free;
     gram_free = 0; gram_level = -1;
     descend(from, W);
