@@ -7,8 +7,8 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from hqp.actuation import Actuation, actuation
 from hqp.assembly import Assembly
-from hqp.dynamics import Actuation, actuation
 from hqp.element import Constraint, Element
 from hqp.errors import DeclarationError
 from hqp.formulation import Group

@@ -10,8 +10,9 @@ import pinocchio as pin
 
 from benchmarks.rows import Check, at_most, exactly, seen_to_fail
 from benchmarks.sentis2012.ground import WHEELS, Ground, Snapshot, largest, relative, skew
+from hqp.actuation import actuation
 from hqp.arrays import Mat, Vec
-from hqp.dynamics import ConstrainedDynamics, actuation
+from hqp.dynamics import ConstrainedDynamics
 
 SEED = 2012
 STEP = 1e-6

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import hqp
+from hqp.actuation import actuation
 from hqp.arrays import Mat, Vec
-from hqp.dynamics import ConstrainedDynamics, actuation, symmetric_pinv
+from hqp.dynamics import ConstrainedDynamics, symmetric_pinv
 from hqp.errors import ModelError
 from hqp.robots import Robot
 
