@@ -1,0 +1,178 @@
+// A working set: which rows work, which variables are held, its solution, and what that violates.
+#pragma once
+
+#include <ctime>
+
+#include "multipliers.hpp"
+
+namespace hqp {
+inline namespace HQP_ISA {
+
+static inline double now() {
+  timespec t;
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+}
+
+class WorkingSet {
+ public:
+  Table table;
+  Tableau tableau;
+  Multipliers multipliers;
+  std::int8_t* W = nullptr;   // (rows,) working rows
+  std::int8_t* F = nullptr;   // (n,) variables held at a bound
+  double* x = nullptr;        // (n,) the point
+  double* v = nullptr;        // (rows,) A x
+  int factorisations = 0, iterations = 0;
+  Outcome outcome = Outcome::optimal;
+
+  void layout(Arena& arena, int n, int levels, const int* m, int* blocks_m, bool metric) {
+    table.layout(arena, n, levels, m, metric);
+    int total = 0, most = n, count = 0;
+    for (int k = 0; k < levels; ++k) { total += m[k]; most = m[k] > most ? m[k] : most; blocks_m[count++] = m[k]; }
+    if (metric) { blocks_m[count++] = n; total += n; }
+    blocks_m[count++] = n; total += n;
+    // the box may leave level 0 out, which shifts the blocks: room for either numbering
+    for (int k = 0; k + 1 < count; ++k) blocks_m[k] = blocks_m[k + 1] > blocks_m[k] ? blocks_m[k + 1] : blocks_m[k];
+    tableau.layout(arena, n, count, blocks_m);
+    multipliers.layout(arena, n, total, most);
+    arena.place(W, total); arena.place(F, n); arena.place(x, n); arena.place(v, total);
+    arena.place(first_W_, total); arena.place(first_F_, n); arena.place(first_x_, n);
+    arena.place(step_, n); arena.place(change_, total); arena.place(target_, total);
+    arena.place(side_, total); arena.place(side_x_, n); arena.place(seen_, kSeen); arena.place(jitter_, total + 2 * n);
+  }
+
+  void start() {
+    table.start();
+    tableau.table = &table;
+    multipliers.table = &table;
+    multipliers.tableau = &tableau;
+  }
+
+  void forget() { warm_ = false; }
+
+  // A x; the tableau's own where x is its point to the bit.
+  const double* values() {
+    for (int i = 0; i < table.n; ++i)
+      if (x[i] != tableau.x[i]) { table.product(x, v); return v; }
+    return target_;
+  }
+
+ protected:
+  static constexpr int kSeen = 512;
+  const Options* options_ = nullptr;
+  std::int8_t *first_W_ = nullptr, *first_F_ = nullptr, *side_ = nullptr, *side_x_ = nullptr;
+  double *first_x_ = nullptr, *step_ = nullptr, *change_ = nullptr, *target_ = nullptr, *jitter_ = nullptr;
+  std::uint64_t* seen_ = nullptr;
+  int cap_ = 0, seen_count_ = 0;
+  double deadline_ = 0.0;
+  int joins_[Tableau::kExtras] = {};
+  std::int8_t join_sides_[Tableau::kExtras] = {};
+  int joined_ = 0, progress_ = -1;
+  bool joins_only_ = false;   // the working set is the tableau's and the joins, nothing else
+  bool warm_ = false;
+  bool followed_ = false;     // v was kept up with x
+
+  // The last working set where it still makes sense, else equalities and nothing more.
+  void working_set() {
+    for (int r = 0; r < table.rows; ++r) {
+      if (table.kind[r] == kEquality) W[r] = kEquality;
+      else if (table.kind[r] == kFree || !warm_ || W[r] == kEquality) W[r] = kFree;
+      else if ((W[r] == kUpper && table.upper[r] == kInfinity) || (W[r] == kLower && table.lower[r] == -kInfinity)) W[r] = kFree;
+    }
+    for (int i = 0; i < table.n; ++i) {
+      if (table.fixed[i]) F[i] = kUpper;
+      else if (!warm_ || (F[i] > 0 && table.hi[i] == kInfinity) || (F[i] < 0 && table.lo[i] == -kInfinity)) F[i] = kFree;
+    }
+  }
+
+  // tableau.x and target_ = A tableau.x for the working set.
+  void equality_point() {
+    if (!extend()) { tableau.factorise(W, F); ++factorisations; }
+    joined_ = 0; joins_only_ = false;
+    table.product(tableau.x, target_);
+    ++iterations;
+  }
+
+  void note_join(int what, std::int8_t side) {
+    if (joined_ == Tableau::kExtras) { joins_only_ = false; return; }
+    joins_[joined_] = what; join_sides_[joined_++] = side;
+  }
+
+  // Where the working set only grew since the tableau was made, let the newcomers join it: in front of the level
+  // that ended it, or else of the one the last step went for.
+  bool extend() {
+    if (!joins_only_ || joined_ == 0) return false;
+    const int last = tableau.gram_level;
+    if (last >= 0 && tableau.rewind(last) && join_all()) return true;
+    if (joined_ > 1 || progress_ == last || !tableau.rewind(progress_)) return false;
+    return join_all();
+  }
+
+  bool join_all() {
+    for (int q = 0; q < joined_; ++q) {
+      const int what = joins_[q], i = what - table.rows;
+      const bool upper = join_sides_[q] > 0;
+      if (i < 0 ? !tableau.meet(what, upper ? table.upper[what] : table.lower[what])
+                : !tableau.hold(i, upper ? table.hi[i] : table.lo[i]))
+        return false;
+    }
+    tableau.resume(W);
+    return true;
+  }
+
+  void accept() {
+    for (int i = 0; i < table.n; ++i) {
+      const double t = tableau.x[i];
+      x[i] = t < table.lo[i] ? table.lo[i] : t > table.hi[i] ? table.hi[i] : t;
+    }
+    if (tableau.closest < 100.0) outcome = Outcome::rank_uncertain;
+    if (tableau.shifted) outcome = Outcome::not_certified;
+  }
+
+  bool out_of_time() {
+    if (iterations >= cap_) outcome = Outcome::iteration_limit;
+    else if (deadline_ > 0.0 && now() > deadline_) outcome = Outcome::time_limit;
+    else return false;
+    return true;
+  }
+
+  double slackness(int r, double bound, double size) const {
+    return options_->feasibility_tolerance * (std::fabs(bound) + table.norm[r] * size);
+  }
+
+  // Which rows and variables outside the working set are violated at the tableau's point; their number.
+  int violations() {
+    const double size = table.span(tableau.x);
+    int number = 0;
+    for (int r = 0; r < table.rows; ++r) {
+      side_[r] = 0;
+      if (table.kind[r] != kUpper || W[r]) continue;
+      const double value = target_[r];
+      if (value > table.upper[r] && value > table.upper[r] + slackness(r, table.upper[r], size)) side_[r] = kUpper;
+      else if (value < table.lower[r] && value < table.lower[r] - slackness(r, table.lower[r], size)) side_[r] = kLower;
+      number += side_[r] != 0;
+    }
+    const double tolerance = options_->feasibility_tolerance;
+    for (int i = 0; i < table.n; ++i) {
+      side_x_[i] = 0;
+      if (F[i]) continue;
+      const double value = tableau.x[i];
+      if (value > table.hi[i] && value > table.hi[i] + tolerance * (std::fabs(table.hi[i]) + size)) side_x_[i] = kUpper;
+      else if (value < table.lo[i] && value < table.lo[i] - tolerance * (std::fabs(table.lo[i]) + size)) side_x_[i] = kLower;
+      number += side_x_[i] != 0;
+    }
+    return number;
+  }
+
+  double inside_box(int i, double t) const { return t < table.lo[i] ? table.lo[i] : t > table.hi[i] ? table.hi[i] : t; }
+
+  void release(const Wrong& wrong) {
+    joins_only_ = false;
+    if (wrong.variable) F[wrong.index] = kFree;
+    else W[wrong.index] = kFree;
+  }
+};
+
+}  // namespace HQP_ISA
+}  // namespace hqp
