@@ -22,8 +22,8 @@ def side(t: float, amplitude: float, frequency: float) -> Vec:
 
 
 def figure_eight(t: float, across: float, up: float, frequency: float) -> Vec:
-    """Offset ``(3,)`` [m] on a figure-8 in the frontal plane, grown over the first half period."""
-    phase, grown = 2.0 * math.pi * frequency * t, smooth(2.0 * frequency * t)
+    """Offset ``(3,)`` [m] on a figure-8 in the frontal plane, grown over the first quarter of a period."""
+    phase, grown = 2.0 * math.pi * frequency * t, smooth(4.0 * frequency * t)
     return np.array([0.0, grown * across * math.sin(phase), grown * up * math.sin(2.0 * phase)])
 
 

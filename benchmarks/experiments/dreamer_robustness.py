@@ -154,6 +154,12 @@ def pairs(full: bool) -> list[Pair]:
             ("10 deg, ball wheels, projector without cap", replace(ball, slope=10.0), uncapped, bounded),
             ("step pull of 80 N, flat", Scene(slope=0.0, push=(80.0, 0.0, 0.0), seconds=5.0), Compliance(), bounded),
             ("step pull of 120 N, flat", Scene(slope=0.0, push=(120.0, 0, 0), seconds=5.0), Compliance(), bounded),
+            (
+                "step pull of 60 N aside, flat",
+                Scene(slope=0.0, push=(0.0, 60.0, 0), seconds=5.0),
+                Compliance(),
+                bounded,
+            ),
             ("start out of place, no cap", Scene(out_of_place=1.0, walk=away), uncapped, bounded),
             ("7 deg, rollers", rollers, Compliance(), bounded),
         ]
