@@ -30,7 +30,7 @@ struct Options {
   double feasibility_tolerance = 1e-11;
   double time_limit = 0.0;   // seconds, none if zero
   int max_iterations = 0;    // automatic if zero
-  int credit = 5;
+  int credit = 3;
   bool multipliers = false;
 };
 

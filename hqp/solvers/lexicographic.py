@@ -46,7 +46,7 @@ class Lexicographic(Solver):
 
     rank_tolerance: a pivot below this times the largest row norm of its level is no direction of that level.
     multiplier_tolerance, feasibility_tolerance: relative, below them a multiplier has no sign and a bound is met.
-    max_iterations: factorisations, None for 100 + 10 (rows + n).  time_limit: [s], None for none; either cap
+    max_iterations: working sets solved, None for 100 + 10 (rows + n).  time_limit: [s], None for none; either cap
     returns the best point so far.  exchange_credit: how many block exchanges may fail to lessen the number of
     violated bounds and wrong signs before single changes take over.  multipliers: return them.  damping: lambda
     [unit of A], one for all levels or one a level, min ||w_k||^2 + lambda^2 ||step||^2; the levels above never
@@ -63,7 +63,7 @@ class Lexicographic(Solver):
     feasibility_tolerance: float = 1e-11
     max_iterations: int | None = None
     time_limit: float | None = None
-    exchange_credit: int = 5
+    exchange_credit: int = 3
     multipliers: bool = False
     damping: float | tuple[float, ...] = 0.0
     native: bool | None = None
