@@ -201,7 +201,8 @@ class Plant:
         kind = mujoco.mjtObj.mjOBJ_SITE if site else mujoco.mjtObj.mjOBJ_XBODY
         angular_linear = np.zeros(6)
         mujoco.mj_objectVelocity(self.model, self.data, kind, index, angular_linear, 0)
-        return angular_linear[_LINEAR_FIRST]
+        linear_first: Vec = angular_linear[_LINEAR_FIRST]
+        return linear_first
 
     def com(self) -> Vec:
         """The robot's centre of mass ``(3,)`` [m]."""
