@@ -37,6 +37,12 @@ hqp::Kernel* make(int n, int levels, const int* m, bool metric) {
 
 [[noreturn]] void refuse(const std::string& text) { throw nb::value_error(text.c_str()); }
 
+// Names of the fields that solution() sets.
+struct Keys {
+  nb::str x{"x"}, status{"status"}, residuals{"residuals"}, active{"active"}, detail{"detail"}, multipliers{"multipliers"}, iterations{"iterations"}, factorisations{"factorisations"},
+      build_s{"build_s"}, solve_s{"solve_s"}, stats{"stats"}, copy{"copy"};
+};
+
 class Workspace {
  public:
   Workspace(int n, const std::vector<int>& rows, bool metric, const hqp::Options& options)
@@ -116,20 +122,20 @@ class Workspace {
     const auto begin = std::chrono::steady_clock::now();
     const hqp::Answer answer = run();
     if (answer.outcome == hqp::Outcome::invalid) return nb::none();
-    const nb::object values = all_values.attr("copy")(), marks = all_marks.attr("copy")();
+    const nb::object values = copy(all_values), marks = copy(all_marks);
     const nb::object made = fresh(solution_), stats = fresh(stats_);
-    set(made, "x", nb::object(values[head_]));
-    set(made, "status", nb::object(statuses_[static_cast<std::size_t>(answer.outcome)]));
-    set(made, "residuals", split(values, slack_));
-    set(made, "active", split(marks, marks_));
-    set(made, "detail", answer.outcome == hqp::Outcome::not_certified ? nb::object(stopped_) : nb::object(empty_));
-    if (options_.multipliers) set(made, "multipliers", split(all_multipliers.attr("copy")(), pairs_of_levels_));
-    else set(made, "multipliers", nb::none());
-    set(stats, "iterations", nb::int_(answer.iterations));
-    set(stats, "factorisations", nb::int_(answer.factorisations));
-    set(stats, "build_s", nb::float_(build_seconds));
-    set(stats, "solve_s", nb::float_(std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count()));
-    set(made, "stats", stats);
+    set(made, key_.x, nb::object(values[head_]));
+    set(made, key_.status, nb::object(statuses_[static_cast<std::size_t>(answer.outcome)]));
+    set(made, key_.residuals, split(values, slack_));
+    set(made, key_.active, split(marks, marks_));
+    set(made, key_.detail, answer.outcome == hqp::Outcome::not_certified ? nb::object(stopped_) : nb::object(empty_));
+    if (options_.multipliers) set(made, key_.multipliers, split(copy(all_multipliers), pairs_of_levels_));
+    else set(made, key_.multipliers, nb::none());
+    set(stats, key_.iterations, nb::int_(answer.iterations));
+    set(stats, key_.factorisations, nb::int_(answer.factorisations));
+    set(stats, key_.build_s, nb::float_(build_seconds));
+    set(stats, key_.solve_s, nb::float_(std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count()));
+    set(made, key_.stats, stats);
     return made;
   }
 
@@ -173,9 +179,14 @@ class Workspace {
     return nb::steal(made);
   }
 
-  static void set(const nb::object& made, const char* name, const nb::object& value) {
-    const nb::object key = nb::steal(PyUnicode_InternFromString(name));
-    if (PyObject_GenericSetAttr(made.ptr(), key.ptr(), value.ptr())) nb::raise_python_error();
+  static void set(const nb::object& made, const nb::str& name, const nb::object& value) {
+    if (PyObject_GenericSetAttr(made.ptr(), name.ptr(), value.ptr())) nb::raise_python_error();
+  }
+
+  nb::object copy(const nb::object& array) const {
+    PyObject* made = PyObject_CallMethodNoArgs(array.ptr(), key_.copy.ptr());
+    if (!made) nb::raise_python_error();
+    return nb::steal(made);
   }
 
   static nb::object split(const nb::object& values, const nb::tuple& parts) {
@@ -236,6 +247,7 @@ class Workspace {
   nb::object kept_, solution_, stats_, head_;
   nb::tuple statuses_, slack_, marks_, pairs_of_levels_, none_;
   nb::str stopped_{""}, empty_{""};
+  Keys key_;
   bool bound_ = false;
   std::atomic<bool> busy_{false};
 };
