@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from time import perf_counter
 from typing import Any, ClassVar
@@ -12,9 +12,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hqp.arrays import Mat, Vec
+from hqp.certify import certificate
 from hqp.errors import DeclarationError, SolverNotInstalled
 from hqp.problem import Hierarchy, Selection, Shape, Solution, Stats, Status
-from hqp.solvers.base import Solver, Workspace, check_shape
+from hqp.solvers.base import Solver, Workspace, check_shape, finish
 from hqp.solvers.flat import Flat
 
 try:
@@ -154,7 +155,22 @@ class NativeWorkspace:
             self._bind(problem)
             build = perf_counter() - begin
         solution: Solution | None = self._kernel.solution(build, *self._views)
-        return _refuse(problem, self._shape, Stats(build_s=build)) if solution is None else solution
+        if solution is None:
+            return _refuse(problem, self._shape, Stats(build_s=build))
+        if solution.status is Status.NOT_CERTIFIED and not any(self._damping):
+            return self._second_opinion(problem, solution)
+        return solution
+
+    def _second_opinion(self, problem: Hierarchy, stuck: Solution) -> Solution:
+        """A degenerate vertex from which no working set was right: once more without history, judged by certificate."""
+        for attempt in (stuck, None):
+            if attempt is None:
+                self._kernel.reset()
+                attempt = self._kernel.solution(0.0, *self._views)
+            if certificate(problem, attempt.x, Lexicographic.accuracy).ok:
+                status = finish(problem, attempt.x, Status.OPTIMAL, attempt.stats).status
+                return replace(attempt, status=status, detail="")
+        return stuck
 
     def _bind(self, problem: Hierarchy) -> None:
         check_shape(problem, self._shape)
