@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--repeat", type=int, default=None, metavar="N", help="solves a problem, default 20")
     parser.add_argument(
         "--random", type=int, default=None, metavar="N",
-        help="hard random hierarchies to certify, default 10000; 1000000 takes over an hour",
+        help="hard random hierarchies to certify, default 100000; 1000000 takes over an hour",
     )  # fmt: skip
 
 
@@ -72,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
                 if label == FLOOR or all(_takes(solver, problem) for problem in chosen_problems):
                     found += _measure(name, label, solver, chosen_problems, repeat, walls)
                 bar.advance(task)
-    count = arguments.random if arguments.random is not None else (500 if arguments.quick else 10_000)
+    count = arguments.random if arguments.random is not None else (500 if arguments.quick else 100_000)
     drawn = _random(count) if count else None
     if arguments.json is not None:
         write_json(arguments.json, [*found, *([drawn] if drawn else [])])
