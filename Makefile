@@ -10,10 +10,10 @@ export OPENBLAS_NUM_THREADS = 1
 bench: setup
 	$(BIN)/python -m benchmarks
 
-# The native parts must be there: a broken build would fall back to pure Python without a word.
 experiments: setup
 	$(BIN)/python -m benchmarks experiments --full --video
 
+# The native parts must be there: a broken build would fall back to pure Python without a word.
 test: setup
 	HQP_REQUIRE_NATIVE=1 $(BIN)/python -m pytest
 
