@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.output,
         "torque",
         f"{count} ticks of 1 kHz, one BLAS thread, garbage collection off, "
-        f"{'native kernel' if machine.native() else 'pure Python, no native kernel'}. Times in us, medians where not "
+        f"{machine.native()}. Times in us, medians where not "
         "said otherwise. The state holds kinematics, inertia, bias forces and drifts; *of it dynamics* is the "
         "elimination of the constraint forces, timed by itself after the tick. *gap*: largest certificate gap of every "
         f"{JUDGED}th tick. Solvers marked (limits ignored) take no inequalities: they do less.",
