@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -74,6 +75,14 @@ def check_number(
     if not number or not (above <= value if closed else above < value) or not value < below:  # type: ignore[operator]
         low = f"from {above:g}" if closed else f"above {above:g}"
         raise DeclarationError(solver, f"bad {field}", value=value, allowed=f"{low}, below {below:g}")
+
+
+def check_fields(solver: Solver, shares: Sequence[str], counts: Sequence[str]) -> None:
+    """Raise DeclarationError unless the named options of a solver lie in (0, 1), and from 1 up."""
+    for field in shares:
+        check_number(solver.name, field, getattr(solver, field), below=1.0)
+    for field in counts:
+        check_number(solver.name, field, getattr(solver, field), above=1, closed=True)
 
 
 def check_shape(problem: Hierarchy, shape: Shape) -> None:

@@ -12,7 +12,7 @@ from hqp.arrays import Index, Mask, Mat, Vec
 from hqp.errors import BackendError
 from hqp.problem import Hierarchy, Shape, Solution, Stats
 from hqp.solvers.backends import QpAnswer, QpWorkspace, load
-from hqp.solvers.base import Solver, check_number
+from hqp.solvers.base import Solver, check_fields
 from hqp.solvers.conclude import conclude
 from hqp.solvers.flat import Flat
 from hqp.solvers.recursion import Recursion, geqp3, ormqr
@@ -45,10 +45,7 @@ class Cascade(Solver):
     exchanges: int = 100
 
     def __post_init__(self) -> None:
-        for field in ("tolerance", "rank_tolerance"):
-            check_number("cascade", field, getattr(self, field), below=1.0)
-        for field in ("max_iterations", "exchanges"):
-            check_number("cascade", field, getattr(self, field), above=1, closed=True)
+        check_fields(self, shares=("tolerance", "rank_tolerance"), counts=("max_iterations", "exchanges"))
 
     def workspace(self, shape: Shape) -> CascadeWorkspace:
         """Allocate; raises DeclarationError for a back end that nobody knows."""

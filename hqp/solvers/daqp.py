@@ -12,7 +12,7 @@ import numpy as np
 from hqp.arrays import Vec
 from hqp.errors import BackendError
 from hqp.problem import Hierarchy, Shape, Solution, Stats
-from hqp.solvers.base import Solver, check_number
+from hqp.solvers.base import Solver, check_fields
 from hqp.solvers.conclude import conclude
 from hqp.solvers.flat import Flat
 from hqp.solvers.refine import Refiner
@@ -39,10 +39,7 @@ class Daqp(Solver):
     exchanges: int = 100
 
     def __post_init__(self) -> None:
-        for field in ("tolerance", "rank_tolerance"):
-            check_number("daqp", field, getattr(self, field), below=1.0)
-        for field in ("max_iterations", "exchanges"):
-            check_number("daqp", field, getattr(self, field), above=1, closed=True)
+        check_fields(self, shares=("tolerance", "rank_tolerance"), counts=("max_iterations", "exchanges"))
 
     def workspace(self, shape: Shape) -> DaqpWorkspace:
         """Allocate."""
