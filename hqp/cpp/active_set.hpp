@@ -17,6 +17,8 @@ class ActiveSet final : public Step {
     cap_ = options.max_iterations > 0 ? options.max_iterations : 100 + 10 * (table.rows + table.n);
     deadline_ = options.time_limit > 0 ? now() + options.time_limit : 0.0;
     tableau.choose_bias();
+    multipliers.listen();
+    uncertain_ = false;
     working_set();
     if (table.inequalities == 0 && !table.boxed) { equality_point(); accept(); return; }
     tableau.recording = false;
@@ -28,16 +30,17 @@ class ActiveSet final : public Step {
   // Swap everything that is violated or wrong-signed at once; true if that ends at the optimum.
   bool block_exchange() {
     int credit = options_->credit, best = 1 << 30;
-    for (bool first = true;; first = false) {
+    for (int k = 0; k < table.blocks; ++k) start_slack_[k] = kInfinity;
+    for (;;) {
       equality_point();
       const int outside = violations();
       multipliers.judge(W, F, target_);
       const int trouble = outside + multipliers.count;
       if (trouble == 0) { accept(); return true; }
-      if (first) save_first();
+      keep_start();
       if (trouble < best) best = trouble;
-      else if (--credit < 0) return false;
-      if (iterations > 1 && out_of_time()) { clip_first(); return true; }
+      else if (--credit < 0 || trouble > 2 * best) return false;
+      if (iterations > 1 && out_of_time()) { go_to_start(); return true; }
       joined_ = 0;
       joins_only_ = multipliers.count == 0;
       for (int r = 0; r < table.rows && joins_only_; ++r) if (side_[r]) note_join(r, side_[r]);
@@ -48,68 +51,97 @@ class ActiveSet final : public Step {
     }
   }
 
-  void save_first() {
-    for (int r = 0; r < table.rows; ++r) first_W_[r] = side_[r] ? side_[r] : W[r];
-    for (int i = 0; i < table.n; ++i) {
-      first_F_[i] = side_x_[i] ? side_x_[i] : F[i];
-      const double t = tableau.x[i];
-      first_x_[i] = t < table.lo[i] ? table.lo[i] : t > table.hi[i] ? table.hi[i] : t;
+  // The point of the box next to the tableau's, with what works there, if it is lexicographically the best so far.
+  void keep_start() {
+    for (int i = 0; i < table.n; ++i) x[i] = inside_box(i, tableau.x[i]);
+    table.product(x, v);
+    bool better = false;
+    for (int k = 0; k + 1 < table.blocks; ++k) {
+      const double slack = outside(k), old = start_slack_[k];
+      const double same = kSame * (1.0 + smaller(slack, old));
+      if (!better && slack > old + same) return;
+      better = better || slack < old - same;
+      change_[k] = slack;
     }
+    if (!better) return;
+    for (int k = 0; k + 1 < table.blocks; ++k) start_slack_[k] = change_[k];
+    for (int r = 0; r < table.rows; ++r) start_W_[r] = side_[r] ? side_[r] : W[r];
+    for (int i = 0; i < table.n; ++i) { start_F_[i] = side_x_[i] ? side_x_[i] : F[i]; start_x_[i] = x[i]; }
   }
 
-  void clip_first() { for (int i = 0; i < table.n; ++i) x[i] = first_x_[i]; }
+  // Norm of what the rows of a level miss at v.
+  double outside(int level) const {
+    double square = 0.0;
+    for (int r = table.block[level].begin; r < table.block[level].end; ++r) {
+      const double out = v[r] > table.upper[r] ? v[r] - table.upper[r] : v[r] < table.lower[r] ? table.lower[r] - v[r] : 0.0;
+      square += out * out;
+    }
+    return std::sqrt(square);
+  }
 
-  // Lexicographic descent from the clipped first point: x never leaves the box, no level rises for a lower one.
+  void go_to_start() { for (int i = 0; i < table.n; ++i) x[i] = start_x_[i]; }
+
+  // Lexicographic descent from the best point so far: x never leaves the box, no level rises for a lower one.
   void primal() {
-    for (int r = 0; r < table.rows; ++r) W[r] = first_W_[r];
-    for (int i = 0; i < table.n; ++i) F[i] = first_F_[i];
-    clip_first();
+    for (int r = 0; r < table.rows; ++r) W[r] = start_W_[r];
+    for (int i = 0; i < table.n; ++i) F[i] = start_F_[i];
+    go_to_start();
     joins_only_ = false;
     tableau.recording = true;
     seen_count_ = 0;
     followed_ = false;
-    int repeats = 0;
+    int repeats = 0, let_go = 0;      // let_go: how many of multipliers.wrong were released for the step at hand
     bool disturbed = false;
     while (!out_of_time()) {
       if (iterations % 16 == 0 || !followed_) table.product(x, v);
       followed_ = false;
       sort_rows();
       equality_point();
-      if (!advance()) continue;
+      const bool whole = advance();
+      if (let_go && progress_ > multipliers.wrong[0].level) silence(let_go);
+      let_go = 0;
+      if (!whole) continue;
       for (int i = 0; i < table.n; ++i) x[i] = inside_box(i, tableau.x[i]);
       if (violations()) continue;
-      multipliers.judge(W, F, target_);
+      multipliers.judge(W, F, target_, true);
       if (multipliers.count == 0) {
-        if (disturbed) { restore(); settle(); return; }
-        accept();
-        return;
+        if (!disturbed) { accept(); return; }
+        restore();
+        disturbed = followed_ = false;
+        continue;
       }
       if (repeated()) {
         seen_count_ = 0;
         if (++repeats == 3) { disturb(); disturbed = true; continue; }
         if (repeats > 20) { outcome = Outcome::not_certified; break; }
       }
-      release_some(repeats > 0);
+      let_go = release_some(repeats > 0);
     }
     if (disturbed) restore();
   }
 
-  // At the highest level that is held back: the strongest and those at least half as strong, or one by index.
-  void release_some(bool careful) {
-    int level = 1 << 30, lowest = -1;
+  // At the highest level that is held back: the strongest and those at least half as strong, or one by index; they
+  // come first in `wrong` then, and their number is returned.
+  int release_some(bool careful) {
+    Wrong* wrong = multipliers.wrong;
+    int level = 1 << 30, lowest = -1, count = 0;
     double most = 0.0;
-    for (int q = 0; q < multipliers.count; ++q) level = multipliers.wrong[q].level < level ? multipliers.wrong[q].level : level;
+    for (int q = 0; q < multipliers.count; ++q) level = wrong[q].level < level ? wrong[q].level : level;
     for (int q = 0; q < multipliers.count; ++q) {
-      const Wrong& wrong = multipliers.wrong[q];
-      if (wrong.level != level) continue;
-      most = larger(most, wrong.size);
-      if (lowest < 0 || order(wrong) < order(multipliers.wrong[lowest])) lowest = q;
+      if (wrong[q].level != level) continue;
+      most = larger(most, wrong[q].size);
+      if (lowest < 0 || order(wrong[q]) < order(wrong[lowest])) lowest = q;
     }
-    if (careful) { release(multipliers.wrong[lowest]); return; }
-    for (int q = 0; q < multipliers.count; ++q) {
-      const Wrong& wrong = multipliers.wrong[q];
-      if (wrong.level == level && wrong.size >= 0.5 * most) release(wrong);
-    }
+    for (int q = 0; q < multipliers.count; ++q)
+      if (careful ? q == lowest : wrong[q].level == level && wrong[q].size >= 0.5 * most) wrong[count++] = wrong[q];
+    for (int q = 0; q < count; ++q) release(wrong[q]);
+    return count;
+  }
+
+  // The level for whose sake these were let go did not move: by its rank it has no say in them.
+  void silence(int count) {
+    for (int q = 0; q < count; ++q) multipliers.silence(multipliers.wrong[q]);
+    uncertain_ = true;
   }
 
   int order(const Wrong& wrong) const { return wrong.variable ? wrong.index : table.n + wrong.index; }
@@ -155,20 +187,6 @@ class ActiveSet final : public Step {
       if (jitter_[r] != 0.0) { table.upper[r] -= jitter_[r]; table.lower[r] += jitter_[r]; }
     const double* box = jitter_ + table.rows;
     for (int i = 0; i < table.n; ++i) { table.lo[i] = box[2 * i]; table.hi[i] = box[2 * i + 1]; x[i] = inside_box(i, x[i]); }
-  }
-
-  // The working set of the disturbed problem, judged on the undisturbed one.
-  void settle() {
-    equality_point();
-    accept();
-    const double size = table.span(tableau.x);
-    for (int i = 0; i < table.n; ++i)
-      if (std::fabs(tableau.x[i] - x[i]) > 1e-7 * (size + std::fabs(x[i]))) outcome = Outcome::not_certified;
-    for (int r = 0; r < table.rows; ++r) {
-      if (table.kind[r] != kUpper || W[r]) continue;
-      const double limit = 1e-7 * table.norm[r] * size;
-      if (target_[r] > table.upper[r] + limit || target_[r] < table.lower[r] - limit) outcome = Outcome::not_certified;
-    }
   }
 };
 

@@ -28,16 +28,31 @@ struct Multipliers {
   std::int8_t* open = nullptr;      // (rows,) sign not known yet
   std::int8_t* open_x = nullptr;    // (n,)
   Wrong* wrong = nullptr;
+  int* quiet = nullptr;       // (rows + n,) levels above this one say nothing about a row or variable
+  bool quieted = false;
   int count = 0;
   int pending = 0;
 
   void layout(Arena& arena, int n, int rows, int most) {
     arena.place(g, n); arena.place(w, rows); arena.place(lambda, rows); arena.place(delta, rows); arena.place(before, n); arena.place(mu, n); arena.place(y, most + n + 16);
-    arena.place(open, rows); arena.place(open_x, n); arena.place(wrong, static_cast<std::size_t>(rows) + n);
+    arena.place(open, rows); arena.place(open_x, n); arena.place(wrong, static_cast<std::size_t>(rows) + n); arena.place(quiet, static_cast<std::size_t>(rows) + n);
   }
 
-  // Fill `wrong` for the working set (W, F) whose solution is the tableau's x, v = A x.
-  void judge(const std::int8_t* W, const std::int8_t* F, const double* v) {
+  // Hear all levels about everything.
+  void listen() {
+    if (quieted) for (int i = 0; i < table->rows + table->n; ++i) quiet[i] = 0;
+    quieted = false;
+  }
+
+  // A level that did not move when this was let go has no say in it: its multiplier lies below the rank tolerance.
+  void silence(const Wrong& void_) {
+    quiet[void_.variable ? table->rows + void_.index : void_.index] = void_.level + 1;
+    quieted = true;
+  }
+
+  // Fill `wrong` for the working set (W, F) whose solution is the tableau's x, v = A x; or only for the highest
+  // level that has any.
+  void judge(const std::int8_t* W, const std::int8_t* F, const double* v, bool highest = false) {
     const Table& t = *table;
     count = 0; pending = 0;
     for (int i = 0; i < t.n; ++i) { open_x[i] = F[i] && !t.fixed[i]; pending += open_x[i]; }
@@ -52,10 +67,12 @@ struct Multipliers {
       gradient(k, W);
       sweep_above(k, lambda);
       const double norm = t.block[k].norm;
-      const double limit = norm * ((tolerance + 1e-15 * tableau->growth) * length + 1e-15 * norm * span);
-      const bool refined = doubtful(k, limit);
+      const double least = norm * (tolerance * length + 1e-15 * norm * span);
+      const double rounding = norm * 1e-15 * tableau->growth * length;   // of one sweep; refinement tells its own
+      const bool refined = doubtful(k, least, least + rounding);
       if (refined) refine(k);
-      decide(k, W, F, limit, refined);
+      decide(k, W, F, refined ? least : least + rounding, refined);
+      if (highest && count) return;
     }
   }
 
@@ -145,8 +162,8 @@ struct Multipliers {
   }
 
   // Whether some sign rests on a multiplier so small that rounding may have made it.
-  bool doubtful(int k, double limit) const {
-    const double small = 1e6 * limit;
+  bool doubtful(int k, double limit, double rounded) const {
+    const double small = 1e6 * rounded;
     for (int r = 0; r < table->block[k].begin; ++r) {
       if (!open[r]) continue;
       const double force = std::fabs(lambda[r]) * table->norm[r];
@@ -163,12 +180,12 @@ struct Multipliers {
       if (!open[r]) continue;
       const double force = std::fabs(lambda[r]) * t.norm[r];
       const double error = refined ? 10.0 * std::fabs(delta[r]) * t.norm[r] : 0.0;
-      if (!(force > limit && force > error)) continue;
+      if (!(force > limit && force > error) || k < quiet[r]) continue;
       if (lambda[r] * W[r] < 0.0) wrong[count++] = Wrong{k, r, false, force};
       open[r] = 0; --pending;
     }
     for (int i = 0; i < t.n; ++i) {
-      if (!open_x[i] || !(std::fabs(mu[i]) > limit)) continue;
+      if (!open_x[i] || !(std::fabs(mu[i]) > limit) || k < quiet[t.rows + i]) continue;
       if (refined && !(std::fabs(mu[i]) > 10.0 * std::fabs(mu[i] - before[i]))) continue;
       if (mu[i] * F[i] < 0.0) wrong[count++] = Wrong{k, i, true, std::fabs(mu[i])};
       open_x[i] = 0; --pending;

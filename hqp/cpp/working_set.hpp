@@ -37,7 +37,7 @@ class WorkingSet {
     tableau.layout(arena, n, count, blocks_m);
     multipliers.layout(arena, n, total, most);
     arena.place(W, total); arena.place(F, n); arena.place(x, n); arena.place(v, total);
-    arena.place(first_W_, total); arena.place(first_F_, n); arena.place(first_x_, n);
+    arena.place(start_W_, total); arena.place(start_F_, n); arena.place(start_x_, n); arena.place(start_slack_, count);
     arena.place(step_, n); arena.place(change_, total); arena.place(target_, total);
     arena.place(side_, total); arena.place(side_x_, n); arena.place(seen_, kSeen); arena.place(jitter_, total + 2 * n);
   }
@@ -60,9 +60,10 @@ class WorkingSet {
 
  protected:
   static constexpr int kSeen = 512;
+  static constexpr double kSame = 1e-9;   // slacks nearer than this, relative to 1 + slack, are no progress
   const Options* options_ = nullptr;
-  std::int8_t *first_W_ = nullptr, *first_F_ = nullptr, *side_ = nullptr, *side_x_ = nullptr;
-  double *first_x_ = nullptr, *step_ = nullptr, *change_ = nullptr, *target_ = nullptr, *jitter_ = nullptr;
+  std::int8_t *start_W_ = nullptr, *start_F_ = nullptr, *side_ = nullptr, *side_x_ = nullptr;
+  double *start_x_ = nullptr, *start_slack_ = nullptr, *step_ = nullptr, *change_ = nullptr, *target_ = nullptr, *jitter_ = nullptr;
   std::uint64_t* seen_ = nullptr;
   int cap_ = 0, seen_count_ = 0;
   double deadline_ = 0.0;
@@ -72,6 +73,7 @@ class WorkingSet {
   bool joins_only_ = false;   // the working set is the tableau's and the joins, nothing else
   bool warm_ = false;
   bool followed_ = false;     // v was kept up with x
+  bool uncertain_ = false;    // a rank decision overruled a sign
 
   // The last working set where it still makes sense, else equalities and nothing more.
   void working_set() {
@@ -126,7 +128,7 @@ class WorkingSet {
       const double t = tableau.x[i];
       x[i] = t < table.lo[i] ? table.lo[i] : t > table.hi[i] ? table.hi[i] : t;
     }
-    if (tableau.closest < 100.0) outcome = Outcome::rank_uncertain;
+    if (tableau.closest < 100.0 || uncertain_) outcome = Outcome::rank_uncertain;
     if (tableau.shifted) outcome = Outcome::not_certified;
   }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from time import perf_counter
@@ -158,19 +159,13 @@ class NativeWorkspace:
         if solution is None:
             return _refuse(problem, self._shape, Stats(build_s=build))
         if solution.status is Status.NOT_CERTIFIED and not any(self._damping):
-            return self._second_opinion(problem, solution)
+            return second_opinion(problem, solution, self._again)
         return solution
 
-    def _second_opinion(self, problem: Hierarchy, stuck: Solution) -> Solution:
-        """A degenerate vertex from which no working set was right: once more without history, judged by certificate."""
-        for attempt in (stuck, None):
-            if attempt is None:
-                self._kernel.reset()
-                attempt = self._kernel.solution(0.0, *self._views)
-            if certificate(problem, attempt.x, Lexicographic.accuracy).ok:
-                status = finish(problem, attempt.x, Status.OPTIMAL, attempt.stats).status
-                return replace(attempt, status=status, detail="")
-        return stuck
+    def _again(self) -> Solution:
+        self._kernel.reset()
+        solution: Solution = self._kernel.solution(0.0, *self._views)
+        return solution
 
     def _bind(self, problem: Hierarchy) -> None:
         check_shape(problem, self._shape)
@@ -192,6 +187,18 @@ class NativeWorkspace:
             )
         )
         self._bound = problem if live and metric is problem.metric and origin is problem.origin else None
+
+
+def second_opinion(problem: Hierarchy, stuck: Solution, again: Callable[[], Solution]) -> Solution:
+    """At a vertex so degenerate that no working set was right: that answer, or one without history, if certified."""
+    found = stuck
+    for attempt in range(2):
+        if attempt:
+            found = again()
+        if certificate(problem, found.x, Lexicographic.accuracy).ok:
+            status = finish(problem, found.x, Status.OPTIMAL, found.stats).status
+            return replace(found, status=status, detail="")
+    return stuck
 
 
 def _refuse(problem: Hierarchy, shape: Shape, stats: Stats) -> Solution:

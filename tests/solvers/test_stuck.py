@@ -1,6 +1,8 @@
 """Vertices so degenerate that the active set once gave up: legs stretched, every joint at a limit, a hand far away.
 
-tests/data/stuck.npz: two ticks of Talos in a loop of its own, five levels under joint limits.
+Ticks of Talos in loops of its own, five levels under joint limits.  tests/data/stuck.npz: where the working sets
+repeat.  tests/data/uncertain.npz: where a multiplier's sign lies near its rounding (1), or where the direction that it
+speaks for is below the rank tolerance (0, 2).
 """
 
 from __future__ import annotations
@@ -13,11 +15,11 @@ import pytest
 import hqp
 from hqp import Hierarchy, Rows, Status, certificate
 
-DATA = Path(__file__).parents[1] / "data" / "stuck.npz"
+DATA = Path(__file__).parents[1] / "data"
 
 
-def problem(i: int) -> Hierarchy:
-    with np.load(DATA) as data:
+def problem(i: int, file: str = "stuck") -> Hierarchy:
+    with np.load(DATA / f"{file}.npz") as data:
         count = sum(1 for name in data.files if name.startswith(f"{i}_A"))
         levels = tuple(Rows(*(data[f"{i}_{part}{k}"] for part in "Alu")) for k in range(count))
         return Hierarchy(levels, constraints=int(data[f"{i}_constraints"]))
@@ -32,3 +34,20 @@ def test_the_answer_is_judged_before_it_is_given_up(i: int, options: dict[str, b
         assert solution.status in (Status.OPTIMAL, Status.RANK_UNCERTAIN), solution.detail
         assert certificate(problem(i), solution.x).ok
         assert np.all(problem(i).levels[0].slack(solution.x) == 0.0)
+
+
+@pytest.mark.parametrize("options", [{}, {"native": False}], ids=str)
+def test_a_sign_near_its_rounding_is_read_right(options: dict[str, bool]) -> None:
+    tick = problem(1, "uncertain")
+    solution = hqp.solvers.load("lexicographic", **options).solve(tick)
+    assert solution.status.solved, solution.detail
+    assert certificate(tick, solution.x).gap <= 1e-10
+
+
+@pytest.mark.parametrize("i", [0, 2])
+@pytest.mark.parametrize("options", [{}, {"native": False}], ids=str)
+def test_what_the_certificate_doubts_is_told(i: int, options: dict[str, bool]) -> None:
+    tick = problem(i, "uncertain")
+    solution = hqp.solvers.load("lexicographic", **options).solve(tick)
+    assert solution.status is Status.RANK_UNCERTAIN, solution.detail
+    assert np.all(certificate(tick, solution.x).gaps[:3] <= 1e-9)

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 NEAR = 100.0
 """A pivot within this factor of the rank tolerance makes the rank uncertain."""
 
+SAME = 1e-9
+"""Slacks nearer than this, relative to 1 + slack, are no progress."""
+
 
 class _Capped(Exception):
     """A cap was met."""
@@ -33,7 +36,7 @@ class ActiveSet:
         self.x: Vec = table.box.clip(np.zeros(table.A.shape[1]))
         self.factorisations = 0
         self.status = Status.OPTIMAL
-        self.shifted = False
+        self.shifted = self.uncertain = False
         self.point: Point | None = None
         self._cap = options.max_iterations or 100 + 10 * (table.M + self.x.size)
         self._deadline = np.inf if options.time_limit is None else begin + options.time_limit
@@ -87,12 +90,13 @@ class ActiveSet:
     def _accept(self, point: Point) -> None:
         self.x = self.table.box.clip(point.x)
         self.shifted = point.shifted
-        if point.closest < NEAR:
+        if point.closest < NEAR or self.uncertain:
             self.status = Status.RANK_UNCERTAIN
 
     def _block_exchange(self) -> bool:
         """Swap everything violated or wrong-signed at once; False once that no longer lessens the trouble."""
-        credit, best, first = self.options.exchange_credit, 1 << 30, None
+        credit, best = self.options.exchange_credit, 1 << 30
+        start, slacks = (self.W, self.F), np.full(len(self.table.levels), np.inf)
         while True:
             point = self._solve()
             rows, variables = self._violations(point)
@@ -102,17 +106,25 @@ class ActiveSet:
                 self._accept(point)
                 return True
             W, F = np.where(rows != 0, rows, self.W), np.where(variables != 0, variables, self.F)
-            if first is None:
-                first = (W.copy(), F.copy())
-                self.x = self.table.box.clip(point.x)
+            x = self.table.box.clip(point.x)
+            missed = self._missed(x)
+            if _better(missed, slacks):
+                start, slacks, self.x = (W.copy(), F.copy()), missed, x
             credit -= int(trouble >= best)
             best = min(best, trouble)
-            if credit < 0:
-                self.W, self.F = first
+            if credit < 0 or trouble > 2 * best:
+                self.W, self.F = start
                 return False
             self.W, self.F = W, F
             for item in wrong:
                 self._release(item)
+
+    def _missed(self, x: Vec) -> Vec:
+        """Norm of what each level's rows miss at x."""
+        t = self.table
+        value = t.A @ x
+        out = value - np.minimum(np.maximum(value, t.lower), t.upper)
+        return np.array([np.sqrt(out[rows] @ out[rows]) for rows in t.levels])
 
     def _release(self, item: Wrong) -> None:
         if item.variable:
@@ -121,25 +133,31 @@ class ActiveSet:
             self.W[item.index] = 0
 
     def _descend(self) -> None:
-        """From the clipped first point: x stays in the box, and no level rises for the sake of a lower one."""
+        """From the best point so far: x stays in the box, and no level rises for the sake of a lower one."""
         seen: set[bytes] = set()
+        silent: set[tuple[int, bool, int]] = set()
+        released: list[Wrong] = []
         repeats, original = 0, None
         while True:
             step = Step(self.table, self, self._solve_from_here())
+            if released and step.level > released[0].level:  # it did not move: its rank gives it no say in them
+                silent |= {(item.level, item.variable, item.index) for item in released}
+                self.uncertain = True
+            released = []
             if not step.take():
                 continue
             point = step.point
             self.x = self.table.box.clip(point.x)
             if any(side.any() for side in self._violations(point)):
                 continue
-            wrong = judge(self.table, self.W, self.F, point, self.options)
+            wrong = judge(self.table, self.W, self.F, point, self.options, silent)
             if not wrong:
-                if original is not None:
-                    self._undisturb(*original)
-                    point = self._solve()
-                    self._settle(point)
-                self._accept(point)
-                return
+                if original is None:
+                    self._accept(point)
+                    return
+                self._undisturb(*original)
+                original = None
+                continue
             key = self.W.tobytes() + self.F.tobytes()
             if key in seen:
                 seen.clear()
@@ -151,18 +169,19 @@ class ActiveSet:
                     self.status = Status.NOT_CERTIFIED
                     return
             seen.add(key)
-            self._release_some(wrong, careful=repeats > 0)
+            released = self._release_some(wrong, careful=repeats > 0)
 
-    def _release_some(self, wrong: list[Wrong], careful: bool) -> None:
+    def _release_some(self, wrong: list[Wrong], careful: bool) -> list[Wrong]:
         """At the highest level held back: the strongest and those at least half as strong, or one by index."""
         level = min(item.level for item in wrong)
         wrong = [item for item in wrong if item.level == level]
         if careful:
             wrong = [min(wrong, key=lambda item: (not item.variable, item.index))]
         most = max(item.size for item in wrong)
+        wrong = [item for item in wrong if item.size >= 0.5 * most]
         for item in wrong:
-            if item.size >= 0.5 * most:
-                self._release(item)
+            self._release(item)
+        return wrong
 
     def _solve_from_here(self) -> Point:
         """Rows violated at x work at their side, rows well inside do not; then solve."""
@@ -188,11 +207,13 @@ class ActiveSet:
 
     def _undisturb(self, lower: Vec, upper: Vec, box: Box) -> None:
         self.table.lower, self.table.upper, self.table.box = lower, upper, box
+        self.x = box.clip(self.x)
 
-    def _settle(self, point: Point) -> None:
-        """The working set of the widened problem, judged on the original one."""
-        t, size = self.table, self.table.span(point.x)
-        limit = 1e-7 * t.norm * size
-        off = t.usable & (self.W == 0) & ((point.value > t.upper + limit) | (point.value < t.lower - limit))
-        if off.any() or np.any(abs(point.x - t.box.clip(point.x)) > 1e-7 * size):
-            self.status = Status.NOT_CERTIFIED
+
+def _better(slacks: Vec, best: Vec) -> bool:
+    """Whether slacks are lexicographically smaller; the last level, the least norm, does not count."""
+    for new, old in zip(slacks[:-1], best[:-1], strict=True):
+        same = SAME * (1.0 + min(new, old))
+        if abs(new - old) > same:
+            return bool(new < old)
+    return False

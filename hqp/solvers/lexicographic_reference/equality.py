@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,10 @@ class Wrong:
     size: float
     variable: bool
     index: int
+
+
+Silent: TypeAlias = "set[tuple[int, bool, int]] | frozenset[tuple[int, bool, int]]"
+"""Levels that have no say in a row or a variable: (level, variable, index)."""
 
 
 @dataclass(slots=True, eq=False)
@@ -110,7 +114,9 @@ def _sweep(table: Table, point: Point, k: int, g: Vec) -> tuple[list[Vec], Vec]:
     return found[::-1], g
 
 
-def judge(table: Table, W: Signs, F: Signs, point: Point, options: Lexicographic) -> list[Wrong]:
+def judge(
+    table: Table, W: Signs, F: Signs, point: Point, options: Lexicographic, silent: Silent = frozenset()
+) -> list[Wrong]:
     """Working rows and fixed variables that hold a level back: the first level with a clear sign decides."""
     open_rows, open_x = (W != 0) & table.usable, (F != 0) & ~table.box.fixed
     wrong: list[Wrong] = []
@@ -118,6 +124,7 @@ def judge(table: Table, W: Signs, F: Signs, point: Point, options: Lexicographic
     def settle(k: int, rows: NDArray[np.intp], values: Vec, error: Vec, limit: float) -> None:
         force = abs(values) * table.norm[rows]
         decided = open_rows[rows] & (force > limit) & (abs(values) > 10.0 * abs(error))
+        decided &= np.array([(k, False, int(r)) not in silent for r in rows], dtype=bool)
         bad = decided & (values * W[rows] < 0.0)
         wrong.extend(Wrong(k, float(force[i]), False, int(rows[i])) for i in np.flatnonzero(bad))
         open_rows[rows[decided]] = False
@@ -130,12 +137,12 @@ def judge(table: Table, W: Signs, F: Signs, point: Point, options: Lexicographic
             continue
         settle(k, link.rows, w, np.zeros_like(w), 0.0)
         multipliers, errors, g, error = adjoint(table, point, k, w)
-        relative = options.multiplier_tolerance + 1e-15 * point.growth
         scale = table.scale[k]
-        limit = scale * (relative * float(np.sqrt(w @ w)) + 1e-15 * scale * table.span(point.x))
+        limit = scale * (options.multiplier_tolerance * float(np.sqrt(w @ w)) + 1e-15 * scale * table.span(point.x))
         for above, values, change in zip(point.chain, multipliers, errors, strict=False):
             settle(k, above.rows, values, change, limit)
         decided = open_x & (abs(g) > limit) & (abs(g) > 10.0 * abs(error))
+        decided &= np.array([(k, True, i) not in silent for i in range(g.size)], dtype=bool)
         wrong.extend(Wrong(k, float(abs(g[i])), True, int(i)) for i in np.flatnonzero(decided & (g * F > 0.0)))
         open_x &= ~decided
     return wrong

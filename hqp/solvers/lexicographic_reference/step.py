@@ -26,11 +26,12 @@ class Step:
         self.value = table.A @ owner.x
         self.change = point.value - self.value
         self.size = table.span(point.x)
+        self.level = self._level()
 
     def take(self) -> bool:
         """Move x; True if the whole step was taken."""
         t, owner = self.table, self.owner
-        level = self._level()
+        level = self.level
         alpha, blocking = self._variables()
         above = t.usable & (owner.W == 0) & (t.level < level)
         ratio, row = self._rows(above)

@@ -10,15 +10,13 @@ import numpy as np
 from hqp.arrays import Signs, Vec
 from hqp.problem import Hierarchy, Shape, Solution, Stats, Status
 from hqp.solvers.flat import Flat
+from hqp.solvers.lexicographic import DAMPED, STUCK, second_opinion
 from hqp.solvers.lexicographic_reference.active_set import ActiveSet
 from hqp.solvers.lexicographic_reference.equality import adjoint, slack
 from hqp.solvers.lexicographic_reference.table import Table, table
 
 if TYPE_CHECKING:
     from hqp.solvers.lexicographic import Lexicographic
-
-DAMPED = "damping kept a level from its optimum"
-STUCK = "the working sets repeated themselves, and widening the bounds did not help"
 
 
 class ReferenceWorkspace:
@@ -36,6 +34,13 @@ class ReferenceWorkspace:
 
     def solve(self, problem: Hierarchy) -> Solution:
         """The solution; raises ProblemError for a wrong shape, and marks numbers that are not usable."""
+        solution = self._solve(problem)
+        if solution.detail != STUCK:
+            return solution
+        self.reset()
+        return second_opinion(problem, solution, lambda: self._solve(problem))
+
+    def _solve(self, problem: Hierarchy) -> Solution:
         begin = perf_counter()
         unusable = self._flat.load(problem)
         if unusable:
