@@ -28,12 +28,16 @@ _OWN = ("cbi", "dreamer")
 _DATA = "example-robot-data"
 
 
-def load(source: str | Path | Any, *, floating: bool | None = None, name: str | None = None) -> Robot:
+def load(
+    source: str | Path | Any, *, floating: bool | None = None, name: str | None = None, rotors: bool = False
+) -> Robot:
     """A robot from a catalogue name, a URDF or MJCF path, a robot_descriptions name or a pinocchio.Model.
 
     floating: whether the root is free to move; None takes what the catalogue says, a free root for other URDF
-    files, and what an MJCF or a pinocchio.Model itself says.  Raises ModelError where nothing of that name
-    is found (with the closest names) or the file cannot be read, DeclarationError for another type.
+    files, and what an MJCF or a pinocchio.Model itself says.  rotors: give our own robots the reflected rotor
+    inertia of their simulated plant, which their tables lack (an MJCF brings its own).  Raises ModelError where
+    nothing of that name is found (with the closest names) or the file cannot be read, DeclarationError for another
+    type.
     """
     if isinstance(source, pin.Model):
         return Robot(source, name=name)
@@ -44,7 +48,7 @@ def load(source: str | Path | Any, *, floating: bool | None = None, name: str | 
         return _from_file(path, floating, name)
     key = str(source)
     if key in _OWN:
-        return _own(key)
+        return _own(key, rotors)
     if key in _catalogue() or key in _stems():
         return _example(key, floating, name)
     found = _description(key)
@@ -60,7 +64,7 @@ def names() -> tuple[str, ...]:
     return (*_OWN, *listed, *(s for s in sorted(stems) if s not in listed))
 
 
-def _own(key: str) -> Robot:
+def _own(key: str, rotors: bool) -> Robot:
     folder = _HERE / key
     about = tomllib.loads((folder / "robot.toml").read_text())
     model = pin.buildModelFromUrdf(str(folder / about["urdf"]), pin.JointModelFreeFlyer())
@@ -76,6 +80,8 @@ def _own(key: str) -> Robot:
         wheels=wheels,
         landmarks=landmarks,
     )
+    for joints, inertia in about["plant"]["armature"].items() if rotors else ():
+        model.armature[robot.joints(joints)] = inertia
     _stand(robot, about["posture"], [c["frame"] for c in about.get("contacts", ())] or landmarks["wheel_contacts"])
     return robot
 

@@ -20,13 +20,13 @@ TOLERANCE = 1e-10
 
 @pytest.fixture(scope="module", params=[*OWN, ("hopper", "hopper")], ids=lambda pair: pair[1])
 def plant(request: pytest.FixtureRequest, hopper: Path) -> tuple[Plant, Any]:
-    """A plant without armature, which Pinocchio's model does not know, and Pinocchio's model."""
+    """A plant and Pinocchio's model, with the same armature."""
     name, stem = request.param
     if name == "hopper":
         robot = hqp.robots.load(hopper)
         return Plant(robot, hopper), robot.model
-    robot = hqp.robots.load(name)
-    return Plant(robot, stem, armature={}), robot.model
+    robot = hqp.robots.load(name, rotors=True)
+    return Plant(robot, stem), robot.model
 
 
 def random_state(model: Any, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
