@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks import chosen, hard, machine, problems, report, stopwatch
+from benchmarks import chosen, hard, machine, problems, report, sequences, stopwatch
 from benchmarks.rows import write_json
 from hqp import Hierarchy, Status, certificate, solvers
 from hqp.solvers import Solver, lexicographic
@@ -20,11 +20,14 @@ TARGETS = {
 """Median of a whole cold solve to reach, in units of dgeqp3 on the equality stack of the same n."""
 
 SEQUENCES = ("e38", "e57")
-"""Sets in the order of a closed loop: each problem is also solved warm from the one before."""
+"""Sets in the order of a closed loop, every 20th tick of it: each problem is also solved warm from the one before."""
 
 FLOOR = "dgeqp3"
 SLOW_PROBLEMS, QUICK_PROBLEMS = 8, 4
 """Problems of a set that a slow solver is given, and all solvers with --quick."""
+
+SLOW_TICKS, LOOP_REPEATS = 50, 3
+"""Ticks of a loop that a slow solver is given, and all solvers with --quick; times that a loop is run through."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,8 @@ class Measured:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of this part."""
-    parser.add_argument("--sets", nargs="+", default=list(problems.names()), metavar="SET", help="default: all")
+    every = [*problems.names(), *sequences.ROBOTS]
+    parser.add_argument("--sets", nargs="+", choices=every, default=every, metavar="SET", help="default: all")
     parser.add_argument("--solvers", nargs="+", default=None, metavar="NAME", help="default: all available")
     parser.add_argument("--repeat", type=int, default=None, metavar="N", help="solves a problem, default 20")
     parser.add_argument(
@@ -67,6 +71,11 @@ def run(arguments: argparse.Namespace) -> int:
         for name in arguments.sets:
             for label, solver in subjects.items():
                 bar.update(task, description=f"{label} on {name}")
+                if name in sequences.ROBOTS:
+                    ticks = SLOW_TICKS if arguments.quick or not _fast(label) else sequences.TICKS
+                    found += _loop(name, label, solver, sequences.load(name)[:ticks])
+                    bar.advance(task)
+                    continue
                 limit = QUICK_PROBLEMS if arguments.quick else None if _fast(label) else SLOW_PROBLEMS
                 chosen_problems = problems.load(name, limit)
                 if label == FLOOR or all(_takes(solver, problem) for problem in chosen_problems):
@@ -123,6 +132,16 @@ def _measure(
         laps = stopwatch.sequence(solver, chosen_problems, floors[0], repeat)
         certified = [certificate(p, lap.solution.x).ok for p, lap in zip(chosen_problems, laps, strict=True)]
         yield _row(name, label, "sequence", laps, certified)
+
+
+def _loop(name: str, label: str, solver: Solver | None, ticks: Sequence[Hierarchy]) -> Iterator[Measured]:
+    if solver is None or not _takes(solver, ticks[0]):
+        return
+    floor = stopwatch.stacks(name.replace("loop", "a"))[0]
+    laps = stopwatch.sequence(solver, ticks, floor, LOOP_REPEATS)
+    judged = slice(None, None, max(1, len(ticks) // SLOW_TICKS))
+    certified = [certificate(p, lap.solution.x).ok for p, lap in zip(ticks[judged], laps[judged], strict=True)]
+    yield _row(name, label, "every tick", laps, certified)
 
 
 def _row(name: str, label: str, start: str, laps: Sequence[stopwatch.Lap], certified: Sequence[bool]) -> Measured:
@@ -189,7 +208,8 @@ def _show(
         "solvers",
         f"Whole solve calls from Python, one thread, {machine.native()}; median over the problems of the fastest of "
         "each, p99 and max over all calls; the unit is one column-pivoted QR (LAPACK dgeqp3) of the equality stack "
-        "with the same n, timed in between. Warm: the same problem again; sequence: warm from the problem before.",
+        "with the same n, timed in between. Warm: the same problem again; every tick: warm from the tick before in a "
+        "loop at 500 Hz (loop38: Talos, loop57: CBi); sequence: warm from the problem before, 20 ticks earlier.",
         text,
         "Goals of the native solver:",
         goals,
@@ -205,8 +225,8 @@ def _goals(found: Sequence[Measured]) -> list[tuple[str, str, str, str]]:
     cold = {name: row.ratio for (name, start), row in mine.items() if start == "cold"}
     wanted = [(name, "cold", goal, cold[name]) for name, goal in TARGETS.items() if name in cold]
     for (name, start), row in mine.items():
-        base = name.replace("e", "a")
-        if name in SEQUENCES and start != "cold" and base in cold:
+        base = "a" + name[-2:]
+        if (name in SEQUENCES or name in sequences.ROBOTS) and start != "cold" and base in cold:
             wanted.append((name, start, 1.15 * cold[base], row.ratio))
     if "f62eq" in cold and "f62" in cold:
         wanted.append(("f62", "cold", 15.0 * cold["f62eq"], cold["f62"]))

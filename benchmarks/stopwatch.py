@@ -12,6 +12,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from benchmarks import problems
+from benchmarks.sequences import refill
 from hqp import Hierarchy, Solution
 from hqp.arrays import Mat, Vec
 from hqp.solvers import Solver
@@ -64,16 +65,18 @@ def solve(solver: Solver, problem: Hierarchy, A: Mat, repeat: int, warm: bool) -
 
 
 def sequence(solver: Solver, sequence: Sequence[Hierarchy], A: Mat, repeat: int) -> list[Lap]:
-    """The problems in order in one workspace, each warm from the one before, the whole sequence ``repeat`` times."""
-    workspace = solver.workspace(sequence[0].shape)
+    """The problems in order, each refilled in place and warm from the one before, the whole ``repeat`` times."""
+    live = sequence[0].copy()
+    workspace = solver.workspace(live.shape)
     times, floors = np.zeros((repeat, len(sequence))), np.zeros((repeat, len(sequence)))
     solutions: list[Solution] = []
     for i in range(repeat):
         workspace.reset()
         solutions = []
         for j, problem in enumerate(sequence):
+            refill(live, problem)
             begin = perf_counter()
-            solutions.append(workspace.solve(problem))
+            solutions.append(workspace.solve(live))
             times[i, j] = perf_counter() - begin
             floors[i, j] = _unit(A)
     return [Lap(1e6 * times[:, j], float(floors[:, j].min()), solution) for j, solution in enumerate(solutions)]
