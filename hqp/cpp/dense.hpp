@@ -178,6 +178,10 @@ static inline double dot_any(const double* x, const double* y, int n) {
     a += *reinterpret_cast<const Vec4u*>(x + j) * *reinterpret_cast<const Vec4u*>(y + j);
     b += *reinterpret_cast<const Vec4u*>(x + j + 4) * *reinterpret_cast<const Vec4u*>(y + j + 4);
   }
+  if (j + 4 <= n) {
+    a += *reinterpret_cast<const Vec4u*>(x + j) * *reinterpret_cast<const Vec4u*>(y + j);
+    j += 4;
+  }
   double s = sum(a + b);
   for (; j < n; ++j) s += x[j] * y[j];
   return s;

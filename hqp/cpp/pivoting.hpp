@@ -18,7 +18,8 @@ struct Pivoting : Gram {
       if (b.A) {
         const double* a = b.A + static_cast<std::ptrdiff_t>(local) * n;
         row[0] = bound(r, W) - (any_fixed ? dot_any(a, fixed_x, n) : 0.0);
-        for (int j = 0; j < rest; ++j) row[1 + j] = a[free[j]];
+        if (rest == n) std::memcpy(row + 1, a, sizeof(double) * static_cast<std::size_t>(n));   // all, in order
+        else for (int j = 0; j < rest; ++j) row[1 + j] = a[free[j]];
         for (int j = rest + 1; j < width; ++j) row[j] = 0.0;
         double* left = L + static_cast<std::ptrdiff_t>(i) * ld;
         for (int j = 0; j < basic; ++j) left[j] = a[base[j]];
