@@ -102,6 +102,8 @@ class Balance:
         self.soles = np.array(soles)
         self.goal: Vec = self.soles.mean(axis=0)[:2] + [AHEAD, 0.0]
         self.log = Recorder()
+        self.instants: list[tuple[str, float]] = []
+        """What is worth a picture, and when [s]."""
 
     @property
     def fallen(self) -> bool:

@@ -9,7 +9,9 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 
 from benchmarks.experiments.compliance import Compliance
-from benchmarks.experiments.outing import Measures, Outing, Scene, measure
+from benchmarks.experiments.measures import Measures, measure
+from benchmarks.experiments.outing import Outing
+from benchmarks.experiments.scene import Scene
 from hqp.solvers.base import Solver
 
 

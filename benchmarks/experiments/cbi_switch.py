@@ -55,18 +55,19 @@ def switch(setting: Setting, schedule: Schedule) -> tuple[Balance, list[float]]:
     gains = Gains()
     double, single = paper_stack(gains), single_support(gains)
     run = Balance(double, setting.solver, seen=setting.show)
+    shift, ready, lifted, held, lowered, rested, back, end = schedule.ends
+    run.instants = [("both feet", 0.1), ("shifted", ready), ("lifted", 0.5 * (lifted + held)), ("down again", rested)]
     run.settle()
-    shift, _, lifted, _, lowered, _, back, end = ends = schedule.ends
-    lift_off, touch_down = ends[1], lowered
+    lift_off, touch_down = ready, lowered
     onto = run.soles[0][:2] + [run.goal[0] - run.soles[:, 0].mean(), 0.0] - run.goal
     stance = run.plant.place("r_sole")
 
     def com_path(t: float) -> Vec:
-        there = smooth(t / shift) - smooth((t - ends[5]) / (back - ends[5]))
+        there = smooth(t / shift) - smooth((t - rested) / (back - rested))
         return np.asarray(run.goal + there * onto)
 
     def height(t: float) -> float:
-        return LIFT * (smooth((t - lift_off) / (lifted - lift_off)) - smooth((t - ends[3]) / (lowered - ends[3])))
+        return LIFT * (smooth((t - lift_off) / (lifted - lift_off)) - smooth((t - held) / (lowered - held)))
 
     com, swing = double.find("com_xy", Com), single.find("swing", Pose)
     jumps: list[float] = []

@@ -13,7 +13,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 import hqp
-from benchmarks.experiments.ground import UP
+from benchmarks.experiments.ground import UP, Heading
 from hqp import PD, Level, Stack
 from hqp.arrays import Mat, Vec
 from hqp.element import Block, Task, Writer
@@ -50,7 +50,8 @@ class Compliance:
     """Gains [1/s^2], critically damped, and choices; the last five are there to be seen to fail.
 
     gravity_share: of the wheels' gravity compensation with base normals, by their tilt.  limits: torque limits and
-    friction bounds as inequalities, with friction as the coefficient assumed.  period: of control [s].
+    friction bounds as inequalities, with friction as the coefficient assumed.  turn: largest rate at which the robot
+    turns to where it is led [rad/s], 0 to keep its heading.  period: of control [s].
     """
 
     com: float = 400.0
@@ -63,6 +64,7 @@ class Compliance:
     gravity_share: float = 1.0
     limits: bool = False
     friction: float = 0.8
+    turn: float = 0.0
     com_goal: tuple[float, float] = COM_GOAL
     gyro: bool = True
     absolute_jacobians: bool = False
@@ -118,7 +120,8 @@ class Targets:
         self._choice = choice
         self._com, self._hand = tasks.find("com", Com), tasks.find("hand", Position)
         self._wheels = [tasks.find(name, OmniWheelContact) for name in WHEELS]
-        self._fixed = (tasks.find("yaw", Orientation).at(yaw), tasks.find("posture", Posture).at(posture))
+        self._posture = tasks.find("posture", Posture).at(posture)
+        self._yaw, self._heading = tasks.find("yaw", Orientation), Heading(yaw, choice.turn, choice.period)
 
     def __call__(self, rotation: Mat, velocity: Vec, contact_normals: Mat) -> tuple[Reference, ...]:
         """For a base with a rotation ``(3, 3)`` and velocity ``(3,)`` [m/s] in its own axes, and normals at wheels."""
@@ -126,15 +129,17 @@ class Targets:
         goal = np.array(choice.com_goal)
         if choice.goal_at_axles:
             goal = goal + 0.101 * self._level(rotation, base)
+        moving = rotation @ velocity
+        turning = self._heading.update(moving[:2])
         rate, hand_rate = None, None
         if choice.absolute_damping:
-            moving = rotation @ velocity
             rate = -self._level(rotation, moving)
             hand_rate = np.append(rate, -moving[2])
         return (
             self._com.at(goal, velocity=rate),
             self._hand.at(HAND_GOAL, velocity=hand_rate),
-            *self._fixed,
+            self._yaw.at(self._heading.yaw, velocity=turning),
+            self._posture,
             *self._grounds(base, contact_normals),
         )
 

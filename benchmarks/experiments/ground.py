@@ -14,22 +14,46 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 class ContactNormals:
-    """Ground normal under each wheel from its contact force, low-passed; an unloaded wheel keeps its last one.
+    """Ground normal under each wheel from its contact force, n ~ lowpass(load normal) + least_load up.
 
-    In simulation this is a privileged signal; on hardware it takes load cells at the wheels, or a map of the terrain.
+    Load is the weight: a wheel that strikes the flat at the foot of a slope tells so at once, and one that carries
+    nothing turns upright, for it has no slope to hold.  With unweighted normals and 30 ms the wheels on the flat go on
+    holding the slope for a moment; that tips the robot back, and a wheel in the air keeps it so.
+    time_constant [s], least_load [N].  In simulation this is a privileged signal; on hardware it takes load cells at
+    the wheels, or a map of the terrain.
     """
 
-    def __init__(self, wheels: int, period: float, time_constant: float = 0.03, least_load: float = 1.0) -> None:
+    def __init__(self, wheels: int, period: float, time_constant: float = 0.01, least_load: float = 10.0) -> None:
         self._share = 1.0 - math.exp(-period / time_constant)
-        self._least = least_load
-        self._sum = np.tile(UP, (wheels, 1))
+        self._upright = least_load * UP
+        self._force = np.zeros((wheels, 3))
 
     def update(self, contacts: Contacts) -> Mat:
         """Unit normals ``(wheels, 3)``, world axes."""
-        for k, load in enumerate(contacts.load):
-            if load > self._least:
-                self._sum[k] += self._share * (contacts.normal[k] - self._sum[k])
-        return self._sum / np.linalg.norm(self._sum, axis=1, keepdims=True)
+        self._force += self._share * (contacts.load[:, None] * contacts.normal - self._force)
+        normals = self._force + self._upright
+        return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+
+class Heading:
+    """Where to face: where the base is led, at most at ``rate`` [rad/s]; backwards and slowly, where it faces."""
+
+    GAIN, LEAST, FORWARD, TIME_CONSTANT = 1.0, 0.1, math.radians(100.0), 0.3  # [1/s], [m/s], [rad], [s]
+
+    def __init__(self, yaw: float, rate: float, period: float) -> None:
+        self.yaw, self._rate, self._period = yaw, rate, period
+        self._velocity = np.zeros(2)
+
+    def update(self, velocity: Vec) -> float:
+        """Turn for a velocity of the base in the world ``(2,)`` [m/s]; the rate of the heading ``yaw`` [rad/s]."""
+        self._velocity += self._period / self.TIME_CONSTANT * (velocity - self._velocity)
+        x, y = self._velocity.tolist()
+        off = math.remainder(math.atan2(y, x) - self.yaw, 2.0 * math.pi)
+        if math.hypot(x, y) < self.LEAST or abs(off) > self.FORWARD:
+            return 0.0
+        rate = max(-self._rate, min(self._rate, self.GAIN * off))
+        self.yaw += self._period * rate
+        return rate
 
 
 class Odometry:

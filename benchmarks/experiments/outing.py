@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,68 +12,12 @@ import numpy as np
 import hqp
 from benchmarks.experiments.compliance import COM_GOAL, HAND_GOAL, Compliance, Targets, stack
 from benchmarks.experiments.ground import ContactNormals, HeightMap, Odometry
-from benchmarks.experiments.human import SpringHand, Walk
 from benchmarks.experiments.recorder import Recorder, level_residuals
+from benchmarks.experiments.scene import OFF, Scene
 from hqp.arrays import Vec
-from hqp.robots.on_mujoco import Contacts, Plane, Plant, Ramp, Sensors, Terrain
+from hqp.robots.on_mujoco import Contacts, Plant, Sensors
 from hqp.session import Tick
 from hqp.solvers.base import Solver
-
-ARMATURE = 0.02
-"""Rotor inertia of torso and arm [kg m^2], known to the controller as the plant has it."""
-
-GROUND = {"impedance": (0.99, 0.99), "solref": (0.03, 1.0)}
-"""Hard but damping ground.  With MuJoCo's defaults the rollers, 10 g each, make a contact so soft that the robot rocks
-on it at 15 Hz; with a shorter time constant wheels bounce off the lower edge of the ramp."""
-
-RAMP_START = 0.35
-"""From the middle of the base to the ramp's lower edge, at the start [m]."""
-
-OFF = (0.20, 0.12, 0.25, 0.20, -0.12, 0.35, -0.20, 0.15, 0.20)
-"""Posture error of a start out of place, upper body's order, 7 to 20 degrees [rad]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Scene:
-    """Where and how: everything of a run but the controller.
-
-    plant: ``dreamer`` (ball wheels) or ``dreamer_rollers``.  slope [deg], top: height of a plateau [m].  heading: of
-    the robot, the ramp rises towards 0 [rad].  out_of_place: posture errors at the start, of those in OFF.
-    enable: when upper body and base motors come on [s]; brakes hold them before.
-    payload at the hand [kg], extra_mass: factor on the upper body's masses, both unknown to the controller.
-    push: force on the hand ``(3,)`` [N] in place of the walk, from 1 s to 2.5 s.
-    tilt: by which a helper lifts the front of the base [rad].
-    """
-
-    plant: str = "dreamer"
-    slope: float = 7.0
-    top: float | None = None
-    friction: float = 0.8
-    walk: Walk = field(default_factory=Walk)
-    hand: SpringHand = field(default_factory=SpringHand)
-    heading: float = 0.0
-    out_of_place: float = 0.0
-    enable: tuple[float, float] = (0.0, 0.0)
-    delay: float = 0.0
-    sensors: Sensors = field(default_factory=Sensors)
-    payload: float = 0.0
-    extra_mass: float = 1.0
-    push: tuple[float, float, float] | None = None
-    tilt: float = 0.0
-    seconds: float | None = None
-    seed: int = 0
-
-    @property
-    def duration(self) -> float:
-        """Of the run [s]."""
-        return self.walk.end + 1.5 if self.seconds is None else self.seconds
-
-    def terrain(self) -> Terrain:
-        """The ground."""
-        ground: dict[str, Any] = {"friction": self.friction, **GROUND}
-        if self.slope == 0.0:
-            return Plane(**ground)
-        return Ramp(start=RAMP_START, angle=math.radians(self.slope), top=self.top, **ground)
 
 
 class Outing:
@@ -88,8 +31,7 @@ class Outing:
         seen: Callable[[Outing], None] | None = None,
     ) -> None:
         self.scene, self.choice, self._seen = scene, choice, seen
-        self.robot = hqp.robots.load("dreamer")
-        self.robot.model.armature[self.robot.joints(("torso", "arm"))] = ARMATURE
+        self.robot = hqp.robots.load("dreamer", rotors=True)
         tasks = stack(choice)
         formulation = hqp.Torque(gravity_compensation=True)
         self.session = hqp.Controller(tasks, formulation, solver=solver).session(self.robot, choice.period)
@@ -110,11 +52,13 @@ class Outing:
         self._map = HeightMap(choice.period) if choice.normals == "map" else None
         self._odometry = Odometry(self.robot)
         self._actuated = self.robot.actuated
-        self._limit = self.robot.effort_limit[self._actuated]
-        damping = self.robot.model.damping.copy()
-        damping[self.robot.joints("torso_hip")] += damping[self.robot.joints("torso_thorax")]  # one motor, both joints
-        self._damping = damping[self._actuated]
+        self._limit = scene.strength * self.robot.effort_limit[self._actuated]
         model = self.plant.model
+        # fed forward.  A ball wheel has half of the table's damping, since it turns about two axes at once; feeding
+        # the whole forward would balance the drag, but spin up a wheel that leaves the ground
+        self._damping = np.array([model.joint(name).damping[0] for name in self.robot.joint_names])
+        one_motor = self.robot.joint_names.index("torso_hip")  # bends the thorax as much
+        self._damping[one_motor] += model.joint("torso_thorax").damping[0]
         self._subtree = int(model.joint("torso_yaw").bodyid[0])
         self._perfect = scene.sensors == Sensors()
         self._held = self.q.copy()
@@ -125,6 +69,8 @@ class Outing:
         self.log = Recorder()
 
     def _edit(self, spec: Any) -> None:
+        for motor in spec.actuators:
+            motor.ctrlrange = self.scene.strength * np.asarray(motor.ctrlrange)
         if self.scene.payload:
             body = spec.body("hand").add_body(name="payload")
             body.mass, body.inertia, body.explicitinertial = self.scene.payload, [1e-4] * 3, True
@@ -259,89 +205,3 @@ class Outing:
             status=tick.status.severity,
             tick=spent,
         )
-
-
-@dataclass(frozen=True)
-class Measures:
-    """Numbers of one run: errors [mm], forces [N], angles [deg], speeds [m/s], torques [N m]; NaN where not reached.
-
-    com_up, com_back: largest CoM error before and after the turn.  speed: median over the pull's steady part.
-    load_quantile: 0.5 % quantile of the least wheel load from half a second on; unloaded: seconds without load.
-    rate_ratio: largest joint speed over its table limit, and whose.
-    """
-
-    fell: float
-    com_up: float
-    com_back: float
-    travel: float
-    speed: float
-    peak_speed: float
-    pull: float
-    hand_pulled: float
-    hand_rest: float
-    posture: float
-    coupling: float
-    load_least: float
-    load_quantile: float
-    unloaded: float
-    wheel_torque: float
-    torque_ratio: float
-    slip: float
-    yaw: float
-    rate_ratio: float
-    rate_joint: str
-    tick_us: float
-    real_time: float
-
-    @property
-    def com(self) -> float:
-        """Largest CoM error of the whole run [mm], inf after a fall."""
-        return math.inf if math.isfinite(self.fell) else max(self.com_up, self.com_back)
-
-
-def measure(outing: Outing, since: float = 0.5) -> Measures:
-    """The numbers of a run, from ``since`` [s] on (after the robot has settled on its wheels)."""
-    log, scene, robot = outing.log, outing.scene, outing.robot
-    t = log["t"]
-    on = t >= since
-    com = 1e3 * np.linalg.norm(log["com"], axis=1)
-    turn = scene.walk.turn if scene.push is None else 2.5
-    up, back = on & (t < turn), on & (t >= turn)
-    speed = np.linalg.norm(log["velocity"][:, :2], axis=1)
-    easing = scene.walk.start + scene.walk.easing
-    steady = (t >= easing) & (t < max(scene.walk.start + scene.walk.distance / scene.walk.speed, easing + 0.01))
-    hand = 1e3 * np.linalg.norm(log["hand"], axis=1)
-    rest = on & (t < scene.walk.start) & (t >= max(since, scene.walk.start - 0.1))
-    moved = np.linalg.norm(log["base"][:, :2] - log["base"][0, :2], axis=1)
-    load = log["load"][on].min(axis=1)
-    limit = robot.velocity_limit[robot.actuated]
-    ratio = np.abs(log["rate"][on]) / limit
-    worst = int(np.argmax(ratio.max(axis=0))) if len(ratio) else 0
-    return Measures(
-        fell=float(t[-1]) if outing.fallen else math.nan,
-        com_up=_largest(com[up]),
-        com_back=_largest(com[back]),
-        travel=_largest(moved),
-        speed=float(np.median(speed[steady])) if steady.any() else math.nan,
-        peak_speed=_largest(speed[on]),
-        pull=_largest(np.linalg.norm(log["pull"], axis=1)),
-        hand_pulled=_largest(hand[on]),
-        hand_rest=_largest(hand[rest]),
-        posture=math.degrees(_largest(np.abs(log["posture"][on]).max(axis=1))),
-        coupling=math.degrees(_largest(np.abs(log["coupling"][on]))),
-        load_least=float(load.min()) if load.size else math.nan,
-        load_quantile=float(np.quantile(load, 0.005)) if load.size else math.nan,
-        unloaded=float(np.count_nonzero(load <= 0.0) * outing.choice.period),
-        wheel_torque=_largest(np.abs(log["torque"][on][:, 9:]).max(axis=1)),
-        torque_ratio=_largest((np.abs(log["torque"][on]) / robot.effort_limit[robot.actuated]).max(axis=1)),
-        slip=_largest(np.abs(log["slip"][on]).max(axis=1)),
-        yaw=math.degrees(_largest(np.abs(np.unwrap(log["base"][on][:, 3]) - scene.heading))),
-        rate_ratio=float(ratio.max()) if ratio.size else math.nan,
-        rate_joint=robot.joint_names[worst],
-        tick_us=float(1e6 * np.median(log["tick"])),
-        real_time=outing.real_time[0],
-    )
-
-
-def _largest(values: Vec) -> float:
-    return float(values.max()) if values.size else math.nan

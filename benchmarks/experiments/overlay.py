@@ -12,7 +12,9 @@ from hqp.arrays import Mat, Vec
 
 RED, GREEN, BLUE, YELLOW = (0.85, 0.1, 0.1, 1.0), (0.1, 0.6, 0.2, 1.0), (0.1, 0.3, 0.8, 1.0), (0.95, 0.7, 0.1, 1.0)
 
-PER_NEWTON = 1.0 / 60.0
+ORANGE, GLASS = (0.9, 0.45, 0.1, 1.0), (0.75, 0.77, 0.8, 0.35)
+
+PER_NEWTON = 1.0 / 40.0
 """Length of a force arrow [m/N]."""
 
 
@@ -55,6 +57,16 @@ def ball(scene: Any, centre: Vec, radius: float, colour: tuple[float, ...]) -> N
     scene.ngeom += 1
 
 
+def recolour(scene: Any, run: Any, body: str, colour: tuple[float, ...]) -> None:
+    """Draw all of a body in a colour, the model stays as it is."""
+    model = run.plant.model
+    number, kind = model.body(body).id, int(mujoco.mjtObj.mjOBJ_GEOM)
+    for geom in scene.geoms[: scene.ngeom]:
+        if geom.objtype == kind and model.geom_bodyid[geom.objid] == number:
+            geom.rgba[:] = colour
+            geom.transparent = int(colour[3] < 1.0)
+
+
 def ground_height(run: Any, x: float) -> float:
     """Of the terrain at x [m]."""
     terrain = run.plant.terrain
@@ -84,8 +96,10 @@ def _soles(run: Any) -> list[list[Vec]]:
 
 
 def human_and_plumb_line(scene: Any, run: Any) -> None:
-    """The pull as an arrow at the hand, the upper body's CoM over the triangle of the wheels."""
+    """The pull as an arrow at the hand, the upper body's CoM over the triangle of the wheels, seen through the base."""
     plant = run.plant
+    recolour(scene, run, "hand", ORANGE)
+    recolour(scene, run, "base", GLASS)
     hand = plant.place("hand_point")[0]
     if np.linalg.norm(run.pull) > 5.0:  # a shorter arrow is all head
         arrow(scene, hand + [0.0, 0.0, 0.08], PER_NEWTON * run.pull, RED, 0.026)
@@ -108,9 +122,10 @@ def upper_com(run: Any) -> Vec:
 
 
 def place_hand(run: Any) -> None:
-    """Draw the human hand where it holds the robot's, while it does."""
+    """Draw the human hand with its fingers at the robot's, while it holds it."""
     held = run.t >= run.scene.walk.start
-    run.plant.move_hand(run.plant.place("hand_point")[0] if held else np.array([0.0, 0.0, -10.0]))
+    fingers = run.plant.place("hand_point")[0] + [0.05, 0.0, 0.0]
+    run.plant.move_hand(fingers if held else np.array([0.0, 0.0, -10.0]))
     mujoco.mj_kinematics(run.plant.model, run.plant.data)
 
 

@@ -75,7 +75,7 @@ SHOOTS = {
     "cbi-switch": Shoot(
         wanted=lambda run: isinstance(run, Balance),
         view=View(azimuth=200.0, elevation=-6.0, distance=2.35, height=0.78),
-        instants=lambda run: [("both feet", 0.1), ("shifted", 3.0), ("lifted", 6.0), ("down again", 11.6)],
+        instants=lambda run: run.instants,
         draw=overlay.plumb_line,
     ),
     "dreamer-slope": Shoot(

@@ -38,6 +38,11 @@ def _axes(rows: int, height: float) -> tuple[plt.Figure, np.ndarray]:
     return figure, axes[:, 0]
 
 
+def _legend_below(figure: plt.Figure, axis: plt.Axes) -> None:
+    """One legend for all axes, where it hides nothing."""
+    figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize="small")
+
+
 def cog_in_time(output: Path, steady: Balance, lagging: Balance) -> Files:
     """Fig. 6: CoG left-right and front-back, desired, with feedforward and without, the last 15 s."""
     figure, (side, front) = _axes(2, 5.0)
@@ -51,7 +56,7 @@ def cog_in_time(output: Path, steady: Balance, lagging: Balance) -> Files:
         axis.plot(lagging.log["t"][last], other, ":", color=OTHER, label="actual, no feedforward")
     side.set(ylabel="left-right [cm]", title="CoG of CBi in simulation (compare Mistry 2008, Fig. 6)")
     front.set(ylabel="front-back [cm]", xlabel="time [s]", ylim=(-2.0, 2.0))
-    side.legend(loc="upper right", ncols=3, fontsize="small")
+    _legend_below(figure, side)
     return _save(figure, output, "cbi_cog", "CoG from side to side (Fig. 6)")
 
 
@@ -67,7 +72,7 @@ def hand_in_time(output: Path, strict: Balance, printed: Balance) -> Files:
         axis.set_ylabel(text)
     axes[0].set_title("Right hand on a figure-8 (compare Mistry 2008, Fig. 7)")
     axes[1].set_xlabel("time [s]")
-    axes[0].legend(loc="upper right", ncols=3, fontsize="small")
+    _legend_below(figure, axes[0])
     return _save(figure, output, "cbi_hand_in_time", "right hand over time (Fig. 7)")
 
 
@@ -99,7 +104,7 @@ def cog_during_hand(output: Path, strict: Balance, printed: Balance) -> Files:
         axis.set(ylabel=text, ylim=(-0.6, 0.6))
     axes[0].set_title("CoG during the figure-8 (compare Mistry 2008, Fig. 9)")
     axes[1].set_xlabel("time [s]")
-    axes[0].legend(loc="upper right", ncols=3, fontsize="small")
+    _legend_below(figure, axes[0])
     return _save(figure, output, "cbi_cog_during_hand", "CoG during the figure-8 (Fig. 9)")
 
 
@@ -119,7 +124,7 @@ def switch(output: Path, run: Balance) -> Files:
     rate.plot(t, np.abs(log["command"]).max(axis=1), color=ACTUAL)
     rate.set(ylabel="fastest joint [rad/s]", xlabel="time [s]")
     for axis in (com, foot, load):
-        axis.legend(loc="upper right", ncols=2, fontsize="small")
+        axis.legend(loc="best", ncols=2, fontsize="small")
     for k in np.flatnonzero(np.diff(log["aloft"])):
         for axis in (com, foot, load, rate):
             axis.axvline(t[k + 1], color="0.4", linestyle="--", linewidth=0.8)
@@ -170,7 +175,7 @@ def _panels(run: Outing, output: Path, stem: str, title: str) -> Files:
     pull.plot(t, 0.1 * log["load"].min(axis=1), color="0.5", label="least wheel load [10 N]")
     pull.set(ylabel="forces", xlabel="time [s]")
     for axis in (com, base, pull):
-        axis.legend(loc="upper right", ncols=3, fontsize="small")
+        axis.legend(loc="best", ncols=3, fontsize="small")
     instants = [*scene.enable] if scene.enable[1] > 0.0 else []
     on_ramp = np.flatnonzero((log["base"][:, 4] > math.radians(0.3)) & (t > scene.walk.start))
     marks = [*instants, *([t[on_ramp[0]]] if on_ramp.size else [])]

@@ -21,7 +21,7 @@ def compose(images: Sequence[tuple[str, Any, Support]], columns: int, path: Path
     rows = -(-len(images) // columns)
     height, width = images[0][1].shape[:2]
     figure, axes = plt.subplots(
-        rows, columns, figsize=(2.6 * columns, 2.6 * rows * height / width + 0.4 * rows), squeeze=False,
+        rows, columns, figsize=(2.6 * columns, 2.6 * rows * height / width + 0.3 * rows), squeeze=False,
         layout="constrained",
     )  # fmt: skip
     for axis in axes.flat:

@@ -7,6 +7,8 @@ from typing import Any
 
 import mujoco.viewer
 
+from benchmarks.experiments import overlay
+
 
 class Viewer:
     """Called after every period of a run; opens a window for each new run, raises RuntimeError without a screen."""
@@ -25,9 +27,8 @@ class Viewer:
             self._window = mujoco.viewer.launch_passive(run.plant.model, run.plant.data)
         if not self._window.is_running():
             return
-        hand = getattr(run, "pull", None)
-        if hand is not None and hand.any():
-            run.plant.move_hand(run.plant.place("hand_point")[0])
+        if hasattr(run, "pull"):
+            overlay.place_hand(run)
         self._window.sync()
         ahead = run.t - (time.perf_counter() - self._began)
         if ahead > 0.0:

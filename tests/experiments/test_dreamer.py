@@ -10,7 +10,9 @@ import pytest
 
 from benchmarks.experiments.compliance import Compliance, refusal
 from benchmarks.experiments.human import Walk
-from benchmarks.experiments.outing import Outing, Scene, measure
+from benchmarks.experiments.measures import measure
+from benchmarks.experiments.outing import Outing
+from benchmarks.experiments.scene import Scene
 
 UP = Scene(walk=Walk(speed=0.33, distance=0.55, start=0.5, easing=1.0, back=False), seconds=3.6)
 
@@ -30,6 +32,22 @@ def test_pulled_onto_the_slope(plant: str) -> None:
     assert m.unloaded == 0.0
     assert m.wheel_torque < 10.0
     assert m.pull < 50.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("plant", ["dreamer", "dreamer_rollers"])
+def test_wheels_of_both_plants_sink_in_by_a_millimetre(plant: str) -> None:
+    run = Outing(Scene(plant=plant, slope=0.0, seconds=0.5), Compliance(), "nullspace").run()
+    assert run.log["base"][-1, 2] == pytest.approx(-1.0e-3, abs=1.0e-4)
+
+
+@pytest.mark.slow
+def test_led_aside_it_turns_and_the_com_stays() -> None:
+    scene = replace(UP, heading=math.radians(60.0), walk=replace(UP.walk, distance=0.9), seconds=4.2)
+    assert Outing(scene, Compliance(), "nullspace").run().fallen
+    turned = Outing(scene, Compliance(turn=0.6), "nullspace").run()
+    assert math.degrees(turned.log["base"][-1, 4]) > 5.5
+    assert measure(turned, since=0.3).com_up < 6.0
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ import pytest
 import hqp.robots
 from benchmarks import experiments
 from benchmarks.experiments.curves import figure_eight, response, rms, smooth
-from benchmarks.experiments.ground import UP, ContactNormals, Odometry
+from benchmarks.experiments.ground import UP, ContactNormals, Heading, Odometry
 from benchmarks.experiments.human import SpringHand, Walk
 from benchmarks.experiments.outcome import Figure, Outcome, holds
 from benchmarks.experiments.recorder import Recorder
@@ -105,17 +105,36 @@ def test_odometry_inverts_rolling() -> None:
     np.testing.assert_allclose(odometry.slip(v), 0.0, atol=1e-12)
 
 
-def test_contact_normals_are_low_passed_and_kept_without_load() -> None:
-    normals = ContactNormals(2, period=0.002, time_constant=0.03)
+def test_contact_normals_are_low_passed_by_load_and_upright_without() -> None:
+    normals = ContactNormals(2, period=0.002, time_constant=0.01, least_load=10.0)
     tilted = np.array([-math.sin(0.1), 0.0, math.cos(0.1)])
-    contacts = Contacts(np.zeros((2, 3)), np.array([100.0, 0.0]), np.array([tilted, [0, 0, 0]]), np.zeros((2, 3)))
+    contacts = Contacts(np.zeros((2, 3)), np.array([200.0, 0.0]), np.array([tilted, [0, 0, 0]]), np.zeros((2, 3)))
     first = normals.update(contacts)
     np.testing.assert_allclose(first[1], UP)
-    assert 0.0 < -first[0, 0] < 0.1 * math.sin(0.1)
+    assert 0.0 < -first[0, 0] < math.sin(0.1)
     for _ in range(200):
         last = normals.update(contacts)
-    np.testing.assert_allclose(last[0], tilted, atol=1e-5)
+    expected = 200.0 * tilted + 10.0 * UP
+    np.testing.assert_allclose(last[0], expected / np.linalg.norm(expected), atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(last, axis=1), 1.0)
+    lifted = Contacts(np.zeros((2, 3)), np.zeros(2), np.zeros((2, 3)), np.zeros((2, 3)))
+    for _ in range(100):
+        last = normals.update(lifted)
+    np.testing.assert_allclose(last, [UP, UP], atol=1e-6)
+
+
+def test_heading_turns_to_where_it_is_led_and_not_backwards() -> None:
+    heading = Heading(1.0, rate=0.6, period=0.002)
+    rates = np.array([heading.update(np.array([0.3, 0.0])) for _ in range(4000)])
+    assert rates.min() == pytest.approx(-0.6)
+    assert heading.yaw == pytest.approx(0.0, abs=1e-2)
+    assert 0.002 * rates.sum() == pytest.approx(heading.yaw - 1.0)
+    for velocity in ([-0.3, 0.0], [0.0, 0.05]):  # backwards; too slow to tell
+        settled = Heading(0.0, rate=0.6, period=0.002)
+        assert [settled.update(np.array(velocity)) for _ in range(2000)] == [0.0] * 2000
+    kept = Heading(1.0, rate=0.0, period=0.002)
+    assert all(kept.update(np.array([0.3, 0.0])) == 0.0 for _ in range(1000))
+    assert kept.yaw == 1.0
 
 
 def test_log_survives_the_disk(tmp_path: Path) -> None:
