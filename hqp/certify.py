@@ -27,6 +27,9 @@ RANK_TOLERANCE = 1e-10
 LOCK_TOLERANCE = 1e-5
 """A met row counts as fixed for the levels below above this relative multiplier."""
 
+SMALLEST_LOCK = 1e-13
+"""From here to LOCK_TOLERANCE a multiplier may be rounding or not: an answer that fits either reading passes."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Certificate:
@@ -75,7 +78,15 @@ def certificate(problem: Hierarchy, x: Vec, tolerance: float = 1e-6) -> Certific
         return Certificate(
             np.full(levels + 1, np.inf), tolerance, np.full(levels, np.inf), (0,) * (levels + 1), nothing
         )
-    judge = _Judge(problem.n, tolerance)
+    verdict = _verdict(problem, x, tolerance, max(LOCK_TOLERANCE, 10.0 * tolerance))
+    if verdict.ok:
+        return verdict
+    other = _verdict(problem, x, tolerance, SMALLEST_LOCK)
+    return other if other.ok else verdict
+
+
+def _verdict(problem: Hierarchy, x: Vec, tolerance: float, lock: float) -> Certificate:
+    judge = _Judge(problem.n, tolerance, lock)
     gaps, norms, ranks, multipliers = [], [], [], []
     for rows in problem.levels:
         A, w = rows.dense(problem.n), rows.slack(x)
@@ -108,8 +119,8 @@ def _completion(problem: Hierarchy, x: Vec, judge: _Judge) -> tuple[float, int]:
 class _Judge:
     """What the levels above leave: a basis Z of the null space of fixed rows, and the active rows' cone."""
 
-    def __init__(self, n: int, tolerance: float) -> None:
-        self.tolerance = tolerance
+    def __init__(self, n: int, tolerance: float, lock: float) -> None:
+        self.tolerance, self.lock = tolerance, lock
         self.Z: Mat = np.eye(n)
         self.unit: Mat = np.zeros((0, n))  # every row so far, of unit length
         self.lengths: Vec = np.zeros(0)
@@ -129,7 +140,7 @@ class _Judge:
         mu = nonnegative_least_squares(cone, target)
         gap = float(np.linalg.norm(target - cone @ mu))
         shares[active] = self.side[active] * mu
-        self._positive[active] = mu > max(LOCK_TOLERANCE, 10.0 * self.tolerance)
+        self._positive[active] = mu > max(self.lock, 100.0 * gap)  # what the gap could have made says nothing
         rest = -gradient / scale - self.unit.T @ shares
         if self.fixed.any():
             shares[self.fixed] = np.linalg.lstsq(self.unit[self.fixed].T, rest, rcond=1e-12)[0]

@@ -90,7 +90,7 @@ class ActiveSet final : public Step {
     tableau.recording = true;
     seen_count_ = 0;
     followed_ = false;
-    int repeats = 0, let_go = 0;      // let_go: how many of multipliers.wrong were released for the step at hand
+    int repeats = 0, let_go = 0, rank = 0;   // how many of multipliers.wrong were released for the step at hand, from which rank
     bool disturbed = false;
     while (!out_of_time()) {
       if (iterations % 16 == 0 || !followed_) table.product(x, v);
@@ -98,7 +98,7 @@ class ActiveSet final : public Step {
       sort_rows();
       equality_point();
       const bool whole = advance();
-      if (let_go && progress_ > multipliers.wrong[0].level) silence(let_go);
+      if (let_go && progress_ > multipliers.wrong[0].level && rank_of(multipliers.wrong[0].level) <= rank) silence(let_go);
       let_go = 0;
       if (!whole) continue;
       for (int i = 0; i < table.n; ++i) x[i] = inside_box(i, tableau.x[i]);
@@ -116,6 +116,7 @@ class ActiveSet final : public Step {
         if (repeats > 20) { outcome = Outcome::not_certified; break; }
       }
       let_go = release_some(repeats > 0);
+      rank = rank_of(multipliers.wrong[0].level);
     }
     if (disturbed) restore();
   }
@@ -138,7 +139,9 @@ class ActiveSet final : public Step {
     return count;
   }
 
-  // The level for whose sake these were let go did not move: by its rank it has no say in them.
+  int rank_of(int level) const { return tableau.stage[level].rank; }
+
+  // The level for whose sake these were let go neither moved nor gained rank: it has no say in them.
   void silence(int count) {
     for (int q = 0; q < count; ++q) multipliers.silence(multipliers.wrong[q]);
     uncertain_ = true;

@@ -62,7 +62,7 @@ struct Multipliers {
     for (int k = 0; k < t.blocks && pending; ++k) {
       const double length = slack(k, W, v, span);
       if (length == 0.0) continue;
-      own_signs(k, W);
+      own_signs(k, W, span);
       if (!pending) break;
       gradient(k, W);
       sweep_above(k, lambda);
@@ -76,27 +76,31 @@ struct Multipliers {
     }
   }
 
-  // w_k of the working rows with rounding set to zero, and its norm.
+  // w_k of the working rows and its norm; zero where each row is met within rounding.
   double slack(int k, const std::int8_t* W, const double* v, double span) {
     const Table& t = *table;
     const Block& b = t.block[k];
     const Stage& s = tableau->stage[k];
-    double square = 0.0;
-    for (int r = b.begin; r < b.end; ++r) {
-      if (!W[r]) { w[r] = 0.0; continue; }
-      const double bound = W[r] == kLower ? t.lower[r] : t.upper[r];
-      w[r] = v[r] - bound;
-    }
+    for (int r = b.begin; r < b.end; ++r) w[r] = W[r] ? v[r] - (W[r] == kLower ? t.lower[r] : t.upper[r]) : 0.0;
     if (s.kind == Stage::kReflectors) {
       if (s.rank == s.m) for (int i = 0; i < s.m; ++i) w[s.rows[i]] = 0.0;
       else if (s.rank) project(s);
     }
+    double square = 0.0;
+    bool missed = false;
     for (int r = b.begin; r < b.end; ++r) {
-      const double bound = W[r] == kLower ? t.lower[r] : t.upper[r];
-      if (W[r] && std::fabs(w[r]) <= tolerance * (std::fabs(bound) + t.norm[r] * span)) w[r] = 0.0;
       square += w[r] * w[r];
+      missed = missed || (w[r] != 0.0 && !met(r, W, span));
     }
-    return std::sqrt(square);
+    if (missed) return std::sqrt(square);
+    for (int r = b.begin; r < b.end; ++r) w[r] = 0.0;
+    return 0.0;
+  }
+
+  // Whether what a working row misses is no more than rounding.
+  bool met(int r, const std::int8_t* W, double span) const {
+    const double bound = W[r] == kLower ? table->lower[r] : table->upper[r];
+    return std::fabs(w[r]) <= tolerance * (std::fabs(bound) + table->norm[r] * span);
   }
 
   void gradient(int k, const std::int8_t* W) {
@@ -152,10 +156,10 @@ struct Multipliers {
   }
 
  private:
-  void own_signs(int k, const std::int8_t* W) {
+  void own_signs(int k, const std::int8_t* W, double span) {
     const Block& b = table->block[k];
     for (int r = b.begin; r < b.end; ++r) {
-      if (!open[r] || w[r] == 0.0) continue;
+      if (!open[r] || met(r, W, span)) continue;
       if (w[r] * W[r] < 0.0) wrong[count++] = Wrong{k, r, false, std::fabs(w[r]) * table->norm[r]};
       open[r] = 0; --pending;
     }

@@ -52,7 +52,8 @@ struct Pivoting : Gram {
   void reflect_all(int k) {
     Stage& s = stage[k];
     const int width = lanes(rest + 1), m = s.m;
-    const double floor = larger(rank_tolerance, 1e-14 * growth) * table->block[k].norm;
+    const Block& b = table->block[k];
+    const double floor = larger(larger(rank_tolerance, 1e-14 * growth) * b.norm, b.rounding);
     weight[0] = 0.0;
     for (int j = 0; j < rest; ++j) weight[1 + j] = biased[free[j]] ? 9.0 : 1.0;
     for (int j = rest + 1; j < width; ++j) weight[j] = 0.0;

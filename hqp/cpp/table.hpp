@@ -19,13 +19,14 @@ struct Block {
   const double* scale;
   double damping;
   double norm;                // largest norm of a row that is not left out
+  double rounding;            // no direction of the level is shorter: what rounding leaves of zero in this problem
   int begin, end;
 };
 
 struct Table {
   int n = 0, blocks = 0, rows = 0, inequalities = 0;
   int first = 0;              // 1 if level 0 became the box
-  double reach = 0.0;         // largest distance that a row asks for, |bound| / norm: the scale of rounding in x
+  double reach = 0.0;         // largest distance that a row of usual length asks for, |bound| / norm: the scale of rounding in x
   bool boxed = false;         // some variable has a finite bound or is fixed
   Block* block = nullptr;
   double* lower = nullptr;    // (rows,) of the table, copies
@@ -71,6 +72,7 @@ struct Table {
       if (k == 0 && !level.A && take_box(level)) first = 1;
       else if (!add(level)) { identity_ = -1; return false; }
     }
+    measure();
     return complete(problem);
   }
 
@@ -106,10 +108,26 @@ struct Table {
     return index >= 0 && index < n && scale != 0.0 && std::fabs(scale) < kInfinity;
   }
 
+  // Row lengths known: what counts as zero, and how far the rows reach; those that are nearly zero reach anywhere.
+  void measure() {
+    double most = 0.0;
+    for (int k = 0; k < blocks; ++k) most = larger(most, block[k].norm);
+    for (int k = 0; k < blocks; ++k) {
+      Block& b = block[k];
+      b.rounding = 2e-15 * most;
+      const double usual = larger(1e-3 * b.norm, b.rounding);
+      for (int r = b.begin; r < b.end; ++r) {
+        if (kind[r] == kFree || norm[r] <= usual) continue;
+        const double nearest = smaller(std::fabs(lower[r]), std::fabs(upper[r]));
+        if (nearest > reach * norm[r]) reach = nearest / norm[r];
+      }
+    }
+  }
+
   bool add(const Level& level) {
     Block& b = block[blocks++];
     b.A = level.A; b.index = level.index; b.scale = level.scale; b.damping = level.damping;
-    b.begin = rows; b.end = rows + level.m; b.norm = 0.0;
+    b.begin = rows; b.end = rows + level.m; b.norm = b.rounding = 0.0;
     for (int i = 0; i < level.m; ++i) {
       const int r = rows + i;
       const double l = level.lower[i], u = level.upper[i];
@@ -124,8 +142,6 @@ struct Table {
       inequalities += kind[r] == kUpper;
       if (kind[r] == kFree) continue;
       if (norm[r] > b.norm) b.norm = norm[r];
-      const double nearest = smaller(std::fabs(l), std::fabs(u));
-      if (nearest > reach * norm[r] && norm[r] > 0.0) reach = nearest / norm[r];
     }
     rows += level.m;
     return true;
@@ -156,7 +172,7 @@ struct Table {
   // The least norm again at the same place: its rows are as they were.
   void add_identity(const Level& level) {
     Block& b = block[blocks++];
-    b.A = nullptr; b.index = level.index; b.scale = level.scale; b.damping = 0.0; b.norm = 1.0;
+    b.A = nullptr; b.index = level.index; b.scale = level.scale; b.damping = b.rounding = 0.0; b.norm = 1.0;
     b.begin = rows; b.end = rows += level.m;
   }
 

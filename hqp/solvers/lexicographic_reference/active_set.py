@@ -137,10 +137,11 @@ class ActiveSet:
         seen: set[bytes] = set()
         silent: set[tuple[int, bool, int]] = set()
         released: list[Wrong] = []
-        repeats, original = 0, None
+        repeats, rank, original = 0, 0, None
         while True:
             step = Step(self.table, self, self._solve_from_here())
-            if released and step.level > released[0].level:  # it did not move: its rank gives it no say in them
+            level = released[0].level if released else step.level
+            if step.level > level and step.point.chain[level].s.size <= rank:  # by its rank it has no say in them
                 silent |= {(item.level, item.variable, item.index) for item in released}
                 self.uncertain = True
             released = []
@@ -170,6 +171,7 @@ class ActiveSet:
                     return
             seen.add(key)
             released = self._release_some(wrong, careful=repeats > 0)
+            rank = point.chain[released[0].level].s.size
 
     def _release_some(self, wrong: list[Wrong], careful: bool) -> list[Wrong]:
         """At the highest level held back: the strongest and those at least half as strong, or one by index."""

@@ -69,7 +69,7 @@ def equality_point(table: Table, W: Signs, F: Signs, options: Lexicographic) -> 
         Y, U, s = np.zeros((n, 0)), np.zeros((rows.size, 0)), np.zeros(0)
         if rows.size and Z.shape[1]:
             U, s, Vt = np.linalg.svd(A @ Z)
-            floor = max(options.rank_tolerance, 1e-14 * growth) * table.scale[k]
+            floor = max(max(options.rank_tolerance, 1e-14 * growth) * table.scale[k], table.rounding[k])
             rank = int(np.sum(s > floor))
             closest = min(closest, *(max(v / floor, floor / max(v, 1e-300)) for v in s)) if floor > 0 else closest
             Y, U, s, Z = Z @ Vt[:rank].T, U[:, :rank], s[:rank], Z @ Vt[rank:].T
@@ -82,18 +82,19 @@ def equality_point(table: Table, W: Signs, F: Signs, options: Lexicographic) -> 
     return Point(x, table.A @ x, chain, closest, growth, shifted)
 
 
-def slack(table: Table, W: Signs, point: Point, k: int, tolerance: float) -> Vec:
-    """w_k of the working rows of level k; rounding, and what damping asked for, count as zero."""
+def slack(table: Table, W: Signs, point: Point, k: int, tolerance: float) -> tuple[Vec, Vec]:
+    """w_k of the working rows of level k, zero where all are met, and what of each counts as rounding."""
     link = point.chain[k]
     target = bounds(table, W, link.rows)
     w = point.value[link.rows] - target
-    span = table.span(point.x)
     if link.s.size == link.rows.size:
         w[:] = 0.0
     elif link.s.size:
-        w = w - link.U @ (link.U.T @ w)
-    w[abs(w) <= tolerance * (abs(target) + table.norm[link.rows] * span)] = 0.0
-    return np.asarray(w)
+        w = w - link.U @ (link.U.T @ w)  # what damping asked for does not count
+    rounding = tolerance * (abs(target) + table.norm[link.rows] * table.span(point.x))
+    if np.all(abs(w) <= rounding):
+        w[:] = 0.0
+    return np.asarray(w), np.asarray(rounding)
 
 
 def adjoint(table: Table, point: Point, k: int, w: Vec) -> tuple[list[Vec], list[Vec], Vec, Vec]:
@@ -121,7 +122,7 @@ def judge(
     open_rows, open_x = (W != 0) & table.usable, (F != 0) & ~table.box.fixed
     wrong: list[Wrong] = []
 
-    def settle(k: int, rows: NDArray[np.intp], values: Vec, error: Vec, limit: float) -> None:
+    def settle(k: int, rows: NDArray[np.intp], values: Vec, error: Vec, limit: float | Vec) -> None:
         force = abs(values) * table.norm[rows]
         decided = open_rows[rows] & (force > limit) & (abs(values) > 10.0 * abs(error))
         decided &= np.array([(k, False, int(r)) not in silent for r in rows], dtype=bool)
@@ -132,10 +133,10 @@ def judge(
     for k, link in enumerate(point.chain):
         if not open_rows.any() and not open_x.any():
             break
-        w = slack(table, W, point, k, options.multiplier_tolerance)
+        w, rounding = slack(table, W, point, k, options.multiplier_tolerance)
         if not w.any():
             continue
-        settle(k, link.rows, w, np.zeros_like(w), 0.0)
+        settle(k, link.rows, w, np.zeros_like(w), rounding * table.norm[link.rows])
         multipliers, errors, g, error = adjoint(table, point, k, w)
         scale = table.scale[k]
         limit = scale * (options.multiplier_tolerance * float(np.sqrt(w @ w)) + 1e-15 * scale * table.span(point.x))

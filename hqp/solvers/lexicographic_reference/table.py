@@ -12,6 +12,9 @@ from hqp.solvers.flat import Flat
 
 Mask = NDArray[np.bool_]
 
+ZERO = 2e-15
+"""What rounding leaves of zero, relative to the longest row of the problem."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Box:
@@ -53,7 +56,9 @@ class Table:
     """``(M,)`` working marks of a cold start: 2 for an equality, 0 otherwise."""
     damping: tuple[float, ...]
     reach: float
-    """Largest distance that a row asks for, |bound| / norm: the scale of rounding in x."""
+    """Largest distance that a row of usual length asks for, |bound| / norm: the scale of rounding in x."""
+    rounding: list[float]
+    """Per level, no direction is shorter: what rounding leaves of zero in this problem."""
 
     def span(self, x: Vec) -> float:
         """The size of x for tolerances: of its largest entry, and not below what the rows' rounding leaves."""
@@ -73,6 +78,9 @@ def table(flat: Flat, damping: tuple[float, ...]) -> Table:
     used = (flat.equality | flat.inequality) & ~gone
     levels = [np.flatnonzero(flat.level == k) for k in range(len(flat.sizes))]
     scale = [float(norm[rows[used[rows]]].max(initial=0.0)) for rows in levels]
+    own = len(flat.shape.rows)
+    zero = ZERO * max(scale[:own], default=0.0)
+    usual = np.maximum(1e-3 * np.array(scale)[flat.level], zero)  # rows that are nearly zero reach anywhere
     start: Signs = np.where(flat.equality & ~gone, 2, 0).astype(np.int8)
     padded = damping + (0.0,) * (len(levels) - len(damping))
     return Table(
@@ -87,7 +95,8 @@ def table(flat: Flat, damping: tuple[float, ...]) -> Table:
         box,
         start,
         padded,
-        _reach(flat, used & (norm > 0.0), norm),
+        _reach(flat, used & (norm > usual) & (flat.level < own), norm),
+        [zero] * own + [0.0] * (len(levels) - own),
     )
 
 

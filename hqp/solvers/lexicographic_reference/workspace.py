@@ -76,7 +76,7 @@ class ReferenceWorkspace:
         found = []
         for k, w in enumerate(solution.residuals):
             values: list[Vec] = [np.zeros(r.size) for r in solution.residuals[: k + 1]]
-            inner = slack(rows, run.W, point, k, self._solver.multiplier_tolerance)
+            inner, _ = slack(rows, run.W, point, k, self._solver.multiplier_tolerance)
             if inner.any():
                 above, _, g, _ = adjoint(rows, point, k, inner)
                 for j, lam in enumerate(above):
