@@ -19,6 +19,7 @@ class ActiveSet final : public Step {
     tableau.choose_bias();
     multipliers.listen();
     uncertain_ = false;
+    doubted_ = kInfinity;
     working_set();
     if (table.inequalities == 0 && !table.boxed) { equality_point(); accept(); return; }
     tableau.recording = false;
@@ -112,7 +113,11 @@ class ActiveSet final : public Step {
       }
       if (repeated()) {
         seen_count_ = 0;
-        if (++repeats == 3) { disturb(); disturbed = true; continue; }
+        if (doubted_ < kDoubt && tableau.rank_tolerance < kLoosest) {   // a rank that comes and goes: let it go
+          tableau.rank_tolerance *= 10.0;
+          uncertain_ = true;
+          doubted_ = kInfinity;
+        } else if (++repeats == 3) { disturb(); disturbed = true; continue; }
         if (repeats > 20) { outcome = Outcome::not_certified; break; }
       }
       let_go = release_some(repeats > 0);

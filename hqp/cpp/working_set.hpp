@@ -60,6 +60,8 @@ class WorkingSet {
 
  protected:
   static constexpr int kSeen = 512;
+  static constexpr double kDoubt = 100.0;    // a pivot this near the rank tolerance, as a ratio, is no clear decision
+  static constexpr double kLoosest = 1e-6;   // beyond it the rank tolerance is not raised
   static constexpr double kSame = 1e-9;   // slacks nearer than this, relative to 1 + slack, are no progress
   const Options* options_ = nullptr;
   std::int8_t *start_W_ = nullptr, *start_F_ = nullptr, *side_ = nullptr, *side_x_ = nullptr;
@@ -74,6 +76,7 @@ class WorkingSet {
   bool warm_ = false;
   bool followed_ = false;     // v was kept up with x
   bool uncertain_ = false;    // a rank decision overruled a sign
+  double doubted_ = 0.0;      // nearest that a pivot came to the rank tolerance since the working sets last repeated
 
   // The last working set where it still makes sense, else equalities and nothing more.
   void working_set() {
@@ -92,6 +95,7 @@ class WorkingSet {
   void equality_point() {
     if (!extend()) { tableau.factorise(W, F); ++factorisations; }
     joined_ = 0; joins_only_ = false;
+    doubted_ = smaller(doubted_, tableau.closest);
     table.product(tableau.x, target_);
     ++iterations;
   }
@@ -128,7 +132,7 @@ class WorkingSet {
       const double t = tableau.x[i];
       x[i] = t < table.lo[i] ? table.lo[i] : t > table.hi[i] ? table.hi[i] : t;
     }
-    if (tableau.closest < 100.0 || uncertain_) outcome = Outcome::rank_uncertain;
+    if (tableau.closest < kDoubt || uncertain_) outcome = Outcome::rank_uncertain;
     if (tableau.shifted) outcome = Outcome::not_certified;
   }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
 NEAR = 100.0
 """A pivot within this factor of the rank tolerance makes the rank uncertain."""
 
+LOOSEST = 1e-6
+"""Beyond it the rank tolerance is not raised where working sets repeat because of it."""
+
 SAME = 1e-9
 """Slacks nearer than this, relative to 1 + slack, are no progress."""
 
@@ -35,6 +39,7 @@ class ActiveSet:
         self.W, self.F = self._start(warm)
         self.x: Vec = table.box.clip(np.zeros(table.A.shape[1]))
         self.factorisations = 0
+        self._doubted = np.inf
         self.status = Status.OPTIMAL
         self.shifted = self.uncertain = False
         self.point: Point | None = None
@@ -69,6 +74,7 @@ class ActiveSet:
             raise _Capped(Status.ITERATION_LIMIT)
         self.factorisations += 1
         self.point = equality_point(self.table, self.W, self.F, self.options)
+        self._doubted = min(self._doubted, self.point.closest)
         return self.point
 
     def room(self, bound: Vec, size: float, norm: Vec | float = 1.0) -> Vec:
@@ -162,10 +168,14 @@ class ActiveSet:
             key = self.W.tobytes() + self.F.tobytes()
             if key in seen:
                 seen.clear()
-                repeats += 1
-                if repeats == 3:
-                    original = self._disturb()
-                    continue
+                if self._doubted < NEAR and self.options.rank_tolerance < LOOSEST:  # a rank that comes and goes
+                    self.options = replace(self.options, rank_tolerance=10.0 * self.options.rank_tolerance)
+                    self.uncertain, self._doubted = True, np.inf
+                else:
+                    repeats += 1
+                    if repeats == 3:
+                        original = self._disturb()
+                        continue
                 if repeats > 20:
                     self.status = Status.NOT_CERTIFIED
                     return
