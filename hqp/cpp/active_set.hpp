@@ -113,11 +113,11 @@ class ActiveSet final : public Step {
       }
       if (repeated()) {
         seen_count_ = 0;
-        if (doubted_ < kDoubt && tableau.rank_tolerance < kLoosest) {   // a rank that comes and goes: let it go
+        if (repeats > 0 && doubted_ < kDoubt && tableau.rank_tolerance < kLoosest) {   // a rank that comes and goes: let it go
           tableau.rank_tolerance *= 10.0;
           uncertain_ = true;
-          doubted_ = kInfinity;
         } else if (++repeats == 3) { disturb(); disturbed = true; continue; }
+        doubted_ = kInfinity;
         if (repeats > 20) { outcome = Outcome::not_certified; break; }
       }
       let_go = release_some(repeats > 0);

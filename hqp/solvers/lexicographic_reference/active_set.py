@@ -168,9 +168,10 @@ class ActiveSet:
             key = self.W.tobytes() + self.F.tobytes()
             if key in seen:
                 seen.clear()
-                if self._doubted < NEAR and self.options.rank_tolerance < LOOSEST:  # a rank that comes and goes
+                doubted, self._doubted = self._doubted < NEAR, np.inf
+                if repeats and doubted and self.options.rank_tolerance < LOOSEST:  # a rank that comes and goes
                     self.options = replace(self.options, rank_tolerance=10.0 * self.options.rank_tolerance)
-                    self.uncertain, self._doubted = True, np.inf
+                    self.uncertain = True
                 else:
                     repeats += 1
                     if repeats == 3:
