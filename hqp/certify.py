@@ -19,7 +19,7 @@ import numpy as np
 
 from hqp.arrays import Mask, Mat, Vec
 from hqp.errors import ProblemError
-from hqp.problem import Hierarchy
+from hqp.problem import ROUNDING, Hierarchy
 
 RANK_TOLERANCE = 1e-10
 """Rows of unit length add a fixed direction above this singular value: the smallest that is no rounding."""
@@ -88,16 +88,19 @@ def certificate(problem: Hierarchy, x: Vec, tolerance: float = 1e-6) -> Certific
 def _verdict(problem: Hierarchy, x: Vec, tolerance: float, lock: float) -> Certificate:
     judge = _Judge(problem.n, tolerance, lock)
     gaps, norms, ranks, multipliers = [], [], [], []
-    for rows in problem.levels:
-        A, w = rows.dense(problem.n), rows.slack(x)
-        lengths, terms = _lengths(A), _terms(A, x)
+    matrices = [rows.dense(problem.n) for rows in problem.levels]
+    zero = ROUNDING * max((float(_lengths(A).max(initial=0.0)) for A in matrices), default=0.0)
+    for rows, A in zip(problem.levels, matrices, strict=True):
+        w, lengths, terms = rows.slack(x), _lengths(A), _terms(A, x)
         longest = float(lengths.max(initial=0.0))
+        if longest <= zero:
+            longest = 0.0
         scale = longest * (longest + np.abs(w).max(initial=0.0) + terms.max(initial=0.0))
         gap, shares = judge.judge(A.T @ w, scale)
         gaps.append(gap)
         norms.append(float(np.linalg.norm(w)))
         multipliers.append(np.concatenate([shares, w]))
-        ranks.append(judge.descend(A, A @ x, rows.lower, rows.upper, lengths, terms))
+        ranks.append(judge.descend(A, A @ x, rows.lower, rows.upper, lengths, terms, zero))
     gap, rank = _completion(problem, x, judge)
     return Certificate(np.array([*gaps, gap]), tolerance, np.array(norms), (*ranks, rank), tuple(multipliers))
 
@@ -146,9 +149,9 @@ class _Judge:
             shares[self.fixed] = np.linalg.lstsq(self.unit[self.fixed].T, rest, rcond=1e-12)[0]
         return gap, scale * np.divide(shares, self.lengths, out=shares, where=self.lengths > 0.0)
 
-    def descend(self, A: Mat, value: Vec, lower: Vec, upper: Vec, lengths: Vec, terms: Vec) -> int:
-        """Take in the level just judged; return how many directions it fixed."""
-        floor = 1e-13 * lengths.max(initial=0.0)
+    def descend(self, A: Mat, value: Vec, lower: Vec, upper: Vec, lengths: Vec, terms: Vec, zero: float) -> int:
+        """Take in the level just judged; return how many directions it fixed.  zero: rows of this length have none."""
+        floor = max(1e-13 * lengths.max(initial=0.0), zero)
         real = lengths > floor
         unit = np.divide(A, lengths[:, None], out=np.zeros_like(A), where=real[:, None])
         slop = self.tolerance * (lengths + terms)

@@ -17,6 +17,9 @@ EQUALITY = 2
 VIOLATION_TOLERANCE = 1e-8
 """A constraint row counts as violated above this slack, relative to 1 + |bound|."""
 
+ROUNDING = 2e-15
+"""Rows shorter than this fraction of a problem's longest row are what rounding left of zero: no solver follows them."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Selection:

@@ -60,13 +60,14 @@ struct Multipliers {
     if (!pending) return;
     const double span = t.span(tableau->x);
     for (int k = 0; k < t.blocks && pending; ++k) {
+      const double norm = t.block[k].norm;
+      if (norm <= t.block[k].rounding) continue;
       const double length = slack(k, W, v, span);
       if (length == 0.0) continue;
       own_signs(k, W, span);
       if (!pending) break;
       gradient(k, W);
       sweep_above(k, lambda);
-      const double norm = t.block[k].norm;
       const double least = norm * (tolerance * length + 1e-15 * norm * span);
       const double rounding = norm * 1e-15 * tableau->growth * length;   // of one sweep; refinement tells its own
       const bool refined = doubtful(k, least, least + rounding);

@@ -29,7 +29,7 @@ class Step : public WorkingSet {
       const Block& b = table.block[k];
       double square = 0.0;
       for (int r = b.begin; r < b.end; ++r) if (W[r]) square += change_[r] * change_[r];
-      if (std::sqrt(square) > 1e-9 * b.norm * (length + 1e-3 * size)) return k;
+      if (std::sqrt(square) > larger(1e-9 * b.norm, b.rounding) * (length + 1e-3 * size)) return k;
     }
     return table.blocks;
   }

@@ -10,7 +10,7 @@ import numpy as np
 
 from hqp.arrays import Index, Mask, Mat, Vec
 from hqp.errors import BackendError
-from hqp.problem import Hierarchy, Shape, Solution, Stats
+from hqp.problem import ROUNDING, Hierarchy, Shape, Solution, Stats
 from hqp.solvers.backends import QpAnswer, QpWorkspace, load
 from hqp.solvers.base import Solver, check_fields
 from hqp.solvers.conclude import conclude
@@ -98,7 +98,7 @@ class CascadeWorkspace:
         flat = self.flat
         equal, unequal = rows[flat.equality[rows]], rows[flat.inequality[rows]]
         size = float(self._lengths[rows].max(initial=0.0))
-        if size == 0.0 or not equal.size + unequal.size:
+        if size <= ROUNDING * float(self._lengths.max()) or not equal.size + unequal.size:
             return x, Z, held
         pressed: Mask = np.zeros(held.size, dtype=bool)
         w = self._slack(rows, x)

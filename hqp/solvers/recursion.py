@@ -13,6 +13,7 @@ import numpy as np
 from scipy.linalg import get_lapack_funcs
 
 from hqp.arrays import Index, Mat, Vec
+from hqp.problem import ROUNDING
 
 NEAR = 100.0
 """A pivot within this factor of the rank tolerance makes a rank decision uncertain."""
@@ -25,7 +26,8 @@ class Recursion:
     """min ||A_0 x - b_0||, then ||A_1 x - b_1|| with the first kept minimal, and so on, then min ||x||.
 
     Not a solver: it knows neither inequalities nor hierarchies.  tolerance: a row adds no direction where its
-    pivot is below this fraction of the largest row norm of its level, before any projection.
+    pivot is below this fraction of the largest row norm of its level, before any projection, or below ROUNDING of
+    the largest of all.
     """
 
     def __init__(self, n: int, tolerance: float) -> None:
@@ -34,6 +36,7 @@ class Recursion:
         self.uncertain = False
         self.factorisations = 0
         self._taken = 0
+        self._least = 0.0
         self._steps: list[_Step] = []
 
     @property
@@ -47,17 +50,18 @@ class Recursion:
         """Go through the levels; level k's rows of A ``(M, n)``, b ``(M,)`` end at stops[k], level k + 1's begin there.
 
         damping: lambda of each level, ||w_k||^2 + lambda_k^2 ||step||^2; the levels above never notice it.
-        sizes: what each level's pivots are judged against, its largest row norm by default.
+        sizes: what each level's pivots are judged against, its largest row norm by default, none below ROUNDING.
         """
         self.ranks, self._steps, self.uncertain, self.factorisations = [], [], False, 0
         self._taken = start = 0
         tail, b = A.T, b.copy()
         norms = np.zeros(0) if sizes else np.sqrt(np.einsum("ij,ij->i", A, A))
+        self._least = ROUNDING / self.tolerance * float(max(sizes) if sizes else norms.max(initial=0.0))
         for k, stop in enumerate(stops):
             m = stop - start
             if m and self.free:
                 size = sizes[k] if sizes else float(norms[start:stop].max())
-                step = self._level(tail, m, b[start:], size, damping[k] if damping else 0.0)
+                step = self._level(tail, m, b[start:], max(size, self._least), damping[k] if damping else 0.0)
             else:
                 step = _Step(0, tail[:, m:])
             step.start, step.stop, step.offset = start, stop, self._taken
@@ -76,7 +80,8 @@ class Recursion:
                 tail, _, _ = ormqr("L", "T", step.qr, step.tau, tail, _WORK)
                 b -= step.y @ tail[: step.rank]
                 tail = tail[step.rank :]
-        step = self._level(tail, A.shape[0], b, float(np.sqrt(np.einsum("ij,ij->i", A, A).max())), 0.0)
+        size = float(np.sqrt(np.einsum("ij,ij->i", A, A).max()))
+        step = self._level(tail, A.shape[0], b, max(size, self._least), 0.0)
         step.offset = self._taken
         self._steps.append(step)
         self._taken += step.rank

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hqp.arrays import Index, Mask, Signs, Vec
+from hqp.problem import ROUNDING
 from hqp.solvers.flat import Flat
 from hqp.solvers.recursion import Recursion
 
@@ -92,6 +93,7 @@ class Refiner:
         self._longest = np.array(
             [self._lengths[a:z].max(initial=0.0) for a, z in zip(starts, flat.stops, strict=False)]
         )
+        self._longest[self._longest <= ROUNDING * self._longest.max(initial=0.0)] = np.inf  # no say in any sign
 
     def _guess(self, x: Vec, nearness: float) -> Signs:
         flat = self.flat

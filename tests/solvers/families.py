@@ -154,6 +154,28 @@ def zero_rows(rng: Generator) -> Hierarchy:
 
 
 @family
+def rows_of_rounding(rng: Generator) -> Hierarchy:
+    """Rows that only rounding keeps from zero, as of a frame that no joint moves in some direction, asked to move."""
+    n = 6
+    A = rng.normal(size=(4, n))
+    A[rng.integers(0, 4)] = 3e-16 * rng.normal(size=n)
+    still = equality(3e-16 * rng.normal(size=(2, n)), rng.normal(size=2))
+    reach = equality(A, 3.0 * rng.normal(size=4))
+    return Hierarchy(
+        (bounds(n, 0.5), reach, still, equality(rng.normal(size=(3, n)), rng.normal(size=3))), constraints=1
+    )
+
+
+@family
+def levels_of_rounding(rng: Generator) -> Hierarchy:
+    n = 5
+    A = rng.normal(size=(2, n))
+    A[0] *= 1e-16
+    still = equality(1e-16 * rng.normal(size=(2, n)), rng.normal(size=2))
+    return Hierarchy((equality(A, rng.normal(size=2)), still, equality(rng.normal(size=(2, n)), rng.normal(size=2))))
+
+
+@family
 def one_variable(rng: Generator) -> Hierarchy:
     limit = Rows(np.array([[2.0]]), np.array([-1.0]), np.array([rng.uniform(0.1, 1.0)]))
     wish = equality(np.array([[1.0], [-1.0]]), rng.normal(size=2))

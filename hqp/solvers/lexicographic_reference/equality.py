@@ -134,7 +134,7 @@ def judge(
         if not open_rows.any() and not open_x.any():
             break
         w, rounding = slack(table, W, point, k, options.multiplier_tolerance)
-        if not w.any():
+        if not w.any() or table.scale[k] <= table.rounding[k]:
             continue
         settle(k, link.rows, w, np.zeros_like(w), rounding * table.norm[link.rows])
         multipliers, errors, g, error = adjoint(table, point, k, w)

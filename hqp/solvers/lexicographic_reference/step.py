@@ -56,7 +56,7 @@ class Step:
         length = float(np.sqrt(self.d @ self.d)) + 1e-3 * t.span(self.owner.x)
         for k, rows in enumerate(t.levels):
             change = self.change[rows[W[rows] != 0]]
-            if np.sqrt(change @ change) > 1e-9 * t.scale[k] * length:
+            if np.sqrt(change @ change) > max(1e-9 * t.scale[k], t.rounding[k]) * length:
                 return k
         return len(t.levels)
 

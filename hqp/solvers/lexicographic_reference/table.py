@@ -8,12 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hqp.arrays import Mat, Signs, Vec
+from hqp.problem import ROUNDING
 from hqp.solvers.flat import Flat
 
 Mask = NDArray[np.bool_]
-
-ZERO = 2e-15
-"""What rounding leaves of zero, relative to the longest row of the problem."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +77,7 @@ def table(flat: Flat, damping: tuple[float, ...]) -> Table:
     levels = [np.flatnonzero(flat.level == k) for k in range(len(flat.sizes))]
     scale = [float(norm[rows[used[rows]]].max(initial=0.0)) for rows in levels]
     own = len(flat.shape.rows)
-    zero = ZERO * max(scale[:own], default=0.0)
+    zero = ROUNDING * max(scale[:own], default=0.0)
     usual = np.maximum(1e-3 * np.array(scale)[flat.level], zero)  # rows that are nearly zero reach anywhere
     start: Signs = np.where(flat.equality & ~gone, 2, 0).astype(np.int8)
     padded = damping + (0.0,) * (len(levels) - len(damping))
