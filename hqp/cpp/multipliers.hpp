@@ -68,11 +68,11 @@ struct Multipliers {
       if (!pending) break;
       gradient(k, W);
       sweep_above(k, lambda);
-      const double least = norm * (tolerance * length + 1e-15 * norm * span);
-      const double rounding = norm * 1e-15 * tableau->growth * length;   // of one sweep; refinement tells its own
-      const bool refined = doubtful(k, least, least + rounding);
+      const double least = norm * (1e-3 * tolerance * length + 1e-15 * norm * span);
+      const double limit = norm * ((tolerance + 1e-15 * tableau->growth) * length + 1e-15 * norm * span);
+      const bool refined = doubtful(k, least, limit);
       if (refined) refine(k);
-      decide(k, W, F, refined ? least : least + rounding, refined);
+      decide(k, W, F, refined ? least : limit, refined);
       if (highest && count) return;
     }
   }
@@ -166,9 +166,9 @@ struct Multipliers {
     }
   }
 
-  // Whether some sign rests on a multiplier so small that rounding may have made it.
-  bool doubtful(int k, double limit, double rounded) const {
-    const double small = 1e6 * rounded;
+  // Whether some sign rests on a multiplier so small that rounding of one sweep may have made it.
+  bool doubtful(int k, double limit, double rounding) const {
+    const double small = 1e6 * rounding;
     for (int r = 0; r < table->block[k].begin; ++r) {
       if (!open[r]) continue;
       const double force = std::fabs(lambda[r]) * table->norm[r];

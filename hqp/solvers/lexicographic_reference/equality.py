@@ -139,7 +139,8 @@ def judge(
         settle(k, link.rows, w, np.zeros_like(w), rounding * table.norm[link.rows])
         multipliers, errors, g, error = adjoint(table, point, k, w)
         scale = table.scale[k]
-        limit = scale * (options.multiplier_tolerance * float(np.sqrt(w @ w)) + 1e-15 * scale * table.span(point.x))
+        length = 1e-3 * float(np.sqrt(w @ w))  # refined, signs count from a thousandth of the tolerance
+        limit = scale * (options.multiplier_tolerance * length + 1e-15 * scale * table.span(point.x))
         for above, values, change in zip(point.chain, multipliers, errors, strict=False):
             settle(k, above.rows, values, change, limit)
         decided = open_x & (abs(g) > limit) & (abs(g) > 10.0 * abs(error))
