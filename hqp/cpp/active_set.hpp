@@ -114,7 +114,7 @@ class ActiveSet final : public Step {
       if (repeated()) {
         seen_count_ = 0;
         if (repeats > 0 && doubted_ < kDoubt && tableau.rank_tolerance < kLoosest) {   // a rank that comes and goes: let it go
-          tableau.rank_tolerance *= 10.0;
+          multipliers.deaf = tableau.rank_tolerance *= 10.0;
           uncertain_ = true;
         } else if (++repeats == 3) { disturb(); disturbed = true; continue; }
         doubted_ = kInfinity;

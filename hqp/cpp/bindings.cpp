@@ -106,10 +106,10 @@ class Workspace {
 
   // What solution() builds: the two classes, the statuses by outcome, and the slices of each level.
   void report_as(const nb::object& solution, const nb::object& stats, const nb::tuple& statuses, const nb::tuple& slack,
-                 const nb::tuple& active, const nb::tuple& multipliers, const nb::str& stopped) {
+                 const nb::tuple& active, const nb::tuple& multipliers, const nb::str& stopped, const nb::str& unsure) {
     if (!PyType_Check(solution.ptr()) || !PyType_Check(stats.ptr()) || statuses.size() != kOutcomes)
       refuse("report_as takes two classes and one status an outcome");
-    solution_ = solution; stats_ = stats; statuses_ = statuses; stopped_ = stopped;
+    solution_ = solution; stats_ = stats; statuses_ = statuses; stopped_ = stopped; unsure_ = unsure;
     slack_ = slack; marks_ = active; pairs_of_levels_ = multipliers;
     head_ = nb::steal(PySlice_New(nullptr, nb::int_(n_).ptr(), nullptr));
   }
@@ -128,7 +128,7 @@ class Workspace {
     set(made, key_.status, nb::object(statuses_[static_cast<std::size_t>(answer.outcome)]));
     set(made, key_.residuals, split(values, slack_));
     set(made, key_.active, split(marks, marks_));
-    set(made, key_.detail, answer.outcome == hqp::Outcome::not_certified ? nb::object(stopped_) : nb::object(empty_));
+    set(made, key_.detail, answer.outcome == hqp::Outcome::not_certified ? stopped_ : answer.unsure ? unsure_ : empty_);
     if (options_.multipliers) set(made, key_.multipliers, split(copy(all_multipliers), pairs_of_levels_));
     else set(made, key_.multipliers, nb::none());
     set(stats, key_.iterations, nb::int_(answer.iterations));
@@ -246,7 +246,7 @@ class Workspace {
   hqp::Options options_;
   nb::object kept_, solution_, stats_, head_;
   nb::tuple statuses_, slack_, marks_, pairs_of_levels_, none_;
-  nb::str stopped_{""}, empty_{""};
+  nb::str stopped_{""}, unsure_{""}, empty_{""};
   Keys key_;
   bool bound_ = false;
   std::atomic<bool> busy_{false};
@@ -286,7 +286,7 @@ NB_MODULE(_lexicographic, m) {
       .def("bind", &Workspace::bind, "levels"_a, "constraints"_a, "metric"_a.none(), "origin"_a.none())
       .def("solve", &Workspace::solve)
       .def("report_as", &Workspace::report_as, "solution"_a, "stats"_a, "statuses"_a, "slack"_a, "active"_a,
-           "multipliers"_a, "stopped"_a)
+           "multipliers"_a, "stopped"_a, "unsure"_a)
       .def("solution", &Workspace::solution, "build_seconds"_a, "values"_a, "active"_a, "multipliers"_a)
       .def("reset", &Workspace::reset)
       .def("values", &Workspace::values)

@@ -66,7 +66,9 @@ class Lexicographic final : public Kernel {
       }
     }
     const bool solved = answer.outcome == Outcome::optimal || answer.outcome == Outcome::rank_uncertain;
-    if (solved && violated) answer.outcome = Outcome::constraints_violated;
+    if (!solved || !violated) return;
+    answer.unsure = answer.outcome == Outcome::rank_uncertain;
+    answer.outcome = Outcome::constraints_violated;
   }
 
   double box_value(const Level& level, int i) const {

@@ -18,6 +18,7 @@ struct Multipliers {
   const Table* table = nullptr;
   Tableau* tableau = nullptr;
   double tolerance = 1e-11;
+  double deaf = 0.0;          // relative, below it nothing is heard: directions that a raised rank tolerance gave up
   double* g = nullptr;        // (n,) gradient
   double* w = nullptr;        // (rows,) slack of the working rows
   double* lambda = nullptr;   // (rows,)
@@ -42,6 +43,7 @@ struct Multipliers {
   void listen() {
     if (quieted) for (int i = 0; i < table->rows + table->n; ++i) quiet[i] = 0;
     quieted = false;
+    deaf = 0.0;
   }
 
   // A level that did not move when this was let go has no say in it: its multiplier lies below the rank tolerance.
@@ -68,8 +70,8 @@ struct Multipliers {
       if (!pending) break;
       gradient(k, W);
       sweep_above(k, lambda);
-      const double least = norm * (1e-3 * tolerance * length + 1e-15 * norm * span);
-      const double limit = norm * ((tolerance + 1e-15 * tableau->growth) * length + 1e-15 * norm * span);
+      const double least = norm * ((1e-3 * tolerance + deaf) * length + 1e-15 * norm * span);
+      const double limit = norm * ((tolerance + deaf + 1e-15 * tableau->growth) * length + 1e-15 * norm * span);
       const bool refined = doubtful(k, least, limit);
       if (refined) refine(k);
       decide(k, W, F, refined ? least : limit, refined);

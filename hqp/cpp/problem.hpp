@@ -51,6 +51,7 @@ struct Answer {
   std::int8_t* active = nullptr;   // (sum m,)
   double* multipliers = nullptr;   // level k after level k - 1, (m_0 + ... + m_k) each; null if not asked
   Outcome outcome = Outcome::optimal;
+  bool unsure = false;             // constraints are violated by an answer whose ranks were uncertain
   int iterations = 0;
   int factorisations = 0;
 };

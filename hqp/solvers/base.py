@@ -26,6 +26,10 @@ ACTIVITY_TOLERANCE = 1e-9
 """An inequality row counts as active within this distance of its bound, relative to 1 + |bound|."""
 
 
+UNSURE = "a rank decision was uncertain"
+"""Detail of an answer that is RANK_UNCERTAIN, where a violated constraint has its status."""
+
+
 class Workspace(Protocol):
     """Everything that changes while solving, allocated once for one Shape; keeps the warm start."""
 
@@ -105,6 +109,7 @@ def finish(problem: Hierarchy, x: Vec, status: Status, stats: Stats, detail: str
     residuals = problem.slacks(x)
     active = tuple(activity(rows, x) for rows in problem.levels)
     if status.solved and violated(problem, residuals):
+        detail = detail or (UNSURE if status is Status.RANK_UNCERTAIN else "")
         status = Status.worst(status, Status.CONSTRAINTS_VIOLATED)
     return Solution(x, status, residuals, active, stats, detail)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from hqp.arrays import Mask, Mat, Signs, Vec
 from hqp.problem import EQUALITY, VIOLATION_TOLERANCE, Hierarchy, Selection, Shape, Solution, Stats, Status
-from hqp.solvers.base import ACTIVITY_TOLERANCE, check_shape
+from hqp.solvers.base import ACTIVITY_TOLERANCE, UNSURE, check_shape
 from hqp.solvers.completion import metric_factor
 
 _Array = TypeVar("_Array", Vec, Signs)
@@ -120,6 +120,7 @@ class Flat:
         if problem.constraints and status.solved:
             stop = self.stops[problem.constraints - 1]
             if np.any(np.abs(w[:stop]) > VIOLATION_TOLERANCE * (1.0 + np.abs(nearest[:stop]))):
+                detail = detail or (UNSURE if status is Status.RANK_UNCERTAIN else "")
                 status = Status.worst(status, Status.CONSTRAINTS_VIOLATED)
         return Solution(x, status, self._split(w), self._split(marks), stats, detail)
 

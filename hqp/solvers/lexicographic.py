@@ -16,7 +16,7 @@ from hqp.arrays import Mat, Vec
 from hqp.certify import certificate
 from hqp.errors import DeclarationError, SolverNotInstalled
 from hqp.problem import Hierarchy, Selection, Shape, Solution, Stats, Status
-from hqp.solvers.base import Solver, Workspace, check_shape, finish
+from hqp.solvers.base import UNSURE, Solver, Workspace, check_shape, finish
 from hqp.solvers.flat import Flat
 
 try:
@@ -141,6 +141,7 @@ class NativeWorkspace:
             tuple(slice(a, b) for a, b in pairwise(rows)),
             tuple(slice(a, b) for a, b in pairwise(pairs)),
             DAMPED if any(self._damping) else STUCK,
+            UNSURE,
         )
         self._bound: Hierarchy | None = None
 

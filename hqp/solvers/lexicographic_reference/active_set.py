@@ -170,7 +170,10 @@ class ActiveSet:
                 seen.clear()
                 doubted, self._doubted = self._doubted < NEAR, np.inf
                 if repeats and doubted and self.options.rank_tolerance < LOOSEST:  # a rank that comes and goes
-                    self.options = replace(self.options, rank_tolerance=10.0 * self.options.rank_tolerance)
+                    rank_tolerance = 10.0 * self.options.rank_tolerance
+                    self.options = replace(
+                        self.options, rank_tolerance=rank_tolerance, multiplier_tolerance=1e3 * rank_tolerance
+                    )  # signs of directions given up are not heard
                     self.uncertain = True
                 else:
                     repeats += 1
