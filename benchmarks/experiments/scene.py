@@ -10,12 +10,12 @@ from benchmarks.experiments.human import SpringHand, Walk
 from hqp.robots.on_mujoco import Plane, Ramp, Sensors, Terrain
 
 GROUND: dict[str, dict[str, Any]] = {
-    "dreamer": {"impedance": (0.95, 0.95), "solref": (0.04, 1.0)},
-    "dreamer_rollers": {"impedance": (0.998, 0.998), "solref": (0.05, 1.0)},
+    "dreamer": {"impedance": (0.95, 0.95), "solref": (0.033, 1.0)},
+    "dreamer_rollers": {"impedance": (0.998, 0.998), "solref": (0.04, 1.0)},
 }
-"""The same rubber under both plants: wheels sink in by 1 mm at rest, critically damped.  It takes other numbers for
+"""The same rubber under both plants: wheels sink in by 0.7 mm at rest, critically damped.  It takes other numbers for
 each, since MuJoCo scales a contact's stiffness with the apparent mass of what touches, here a sphere that carries the
-robot, there a roller of 10 g that spins freely: with the ball wheels' numbers, rollers sink in by 9 mm, and with
+robot, there a roller of 10 g that spins freely: with the ball wheels' numbers, rollers sink in by some 5 mm, and with
 MuJoCo's defaults the robot rocks on them at 15 Hz."""
 
 RAMP_START = 0.35
