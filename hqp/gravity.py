@@ -17,7 +17,7 @@ from hqp.robot import Robot, State
 
 _WORK = 4096
 
-(gels,) = get_lapack_funcs(("gels",), (np.zeros(1),))
+gels, gesv = get_lapack_funcs(("gels", "gesv"), (np.zeros(1),))
 
 
 class Gravity:
@@ -58,8 +58,14 @@ def holding_torque(J: Mat, g: Vec, actuated: Index) -> Vec:
 
     Needs rank [J; U] full; of the internal forces of redundant constraints it takes those of least norm.
     """
-    nv, n = g.size, actuated.size
-    system = np.zeros((nv, n + J.shape[0]), order="F")
+    nv, n, m = g.size, actuated.size, J.shape[0]
+    if m == nv - n:  # as many forces as motors are missing: theirs are the only equations that have to be solved
+        missing = np.ones(nv, dtype=bool)
+        missing[actuated] = False
+        *_, force, singular = gesv(J[:, missing].T, g[missing])
+        if not singular:
+            return np.asarray(g[actuated] - force @ J[:, actuated])
+    system = np.zeros((nv, n + m), order="F")
     system[actuated, np.arange(n)] = 1.0
     system[:, n:] = -J.T
     right = np.zeros(max(system.shape))
