@@ -82,8 +82,7 @@ struct Pivoting : Gram {
       double* top = T + static_cast<std::ptrdiff_t>(rank) * ld;
       reflect(top, ld, v + rank, m - rank, tau, width, size, weight);
       s.tau[rank] = tau;
-      top[p] = beta;
-      for (int i = rank + 1; i < m; ++i) T[static_cast<std::ptrdiff_t>(i) * ld + p] = 0.0;
+      top[p] = beta;   // below it rounding, which nothing reads
       weight[p] = 0.0; size[p] = 0.0;
       s.variables[rank++] = p - 1;   // positions now, variables after elimination
       smallest = smaller(smallest, length);
@@ -133,7 +132,7 @@ struct Pivoting : Gram {
       s.variables[j] = variable; place[variable] = -1 - (basic + j); base[basic + j] = variable;
     }
     // columns that stay move from the end into the holes the pivots left
-    const int left = rest - r, old_width = lanes(rest + 1), width = lanes(left + 1);
+    const int left = rest - r, width = lanes(left + 1);
     int moves = 0;
     for (int j = 0, tail = left; j < left; ++j) {
       if (place[free[j]] >= 0) continue;
@@ -142,14 +141,11 @@ struct Pivoting : Gram {
       free[j] = free[tail]; place[free[j]] = j; ++tail;
     }
     double* fresh = G + static_cast<std::ptrdiff_t>(basic) * ld;
-    for (int i = 0; i < r; ++i) {
-      const double* from = T + static_cast<std::ptrdiff_t>(i) * ld;
-      double* to = fresh + static_cast<std::ptrdiff_t>(i) * ld;
-      for (int j = 0; j < old_width; j += kLane) at(to + j) = at(from + j);
-    }
     for (int i = 0; i < basic + r; ++i) {
+      const double* from = i < basic ? G + static_cast<std::ptrdiff_t>(i) * ld : T + static_cast<std::ptrdiff_t>(i - basic) * ld;
       double* row = G + static_cast<std::ptrdiff_t>(i) * ld;
-      for (int q = 0; q < moves; ++q) row[1 + hole[q]] = row[1 + keep[q]];
+      if (i >= basic) for (int j = 0; j < width; j += kLane) at(row + j) = at(from + j);
+      for (int q = 0; q < moves; ++q) row[1 + hole[q]] = from[1 + keep[q]];
       for (int j = left + 1; j < width; ++j) row[j] = 0.0;
     }
     rest = left;
