@@ -91,8 +91,9 @@ class ActiveSet final : public Step {
     tableau.recording = true;
     seen_count_ = 0;
     followed_ = false;
-    int repeats = 0, let_go = 0, rank = 0;   // how many of multipliers.wrong were released for the step at hand, from which rank
-    bool disturbed = false;
+    int let_go = 0, rank = 0;   // how many of multipliers.wrong were released for the step at hand, and from which rank
+    repeats_ = 0;
+    disturbed_ = false;
     while (!out_of_time()) {
       if (iterations % 16 == 0 || !followed_) table.product(x, v);
       followed_ = false;
@@ -106,24 +107,17 @@ class ActiveSet final : public Step {
       if (violations()) continue;
       multipliers.judge(W, F, target_, true);
       if (multipliers.count == 0) {
-        if (!disturbed) { accept(); return; }
+        if (!disturbed_) { accept(); return; }
         restore();
-        disturbed = followed_ = false;
+        followed_ = false;
         continue;
       }
-      if (repeated()) {
-        seen_count_ = 0;
-        if (repeats > 0 && doubted_ < kDoubt && tableau.rank_tolerance < kLoosest) {   // a rank that comes and goes: let it go
-          multipliers.deaf = tableau.rank_tolerance *= 10.0;
-          uncertain_ = true;
-        } else if (++repeats == 3) { disturb(); disturbed = true; continue; }
-        doubted_ = kInfinity;
-        if (repeats > 20) { outcome = Outcome::not_certified; break; }
-      }
-      let_go = release_some(repeats > 0);
+      if (repeated() && get_unstuck()) continue;
+      if (repeats_ > kRepeats) { outcome = Outcome::not_certified; break; }
+      let_go = release_some(repeats_ > 0);
       rank = rank_of(multipliers.wrong[0].level);
     }
-    if (disturbed) restore();
+    if (disturbed_) restore();
   }
 
   // At the highest level that is held back: the strongest and those at least half as strong, or one by index; they
@@ -142,6 +136,22 @@ class ActiveSet final : public Step {
       if (careful ? q == lowest : wrong[q].level == level && wrong[q].size >= 0.5 * most) wrong[count++] = wrong[q];
     for (int q = 0; q < count; ++q) release(wrong[q]);
     return count;
+  }
+
+  // The working sets repeat: first single changes, then a rank that comes and goes is let go, then every bound is
+  // widened; true in that case.
+  bool get_unstuck() {
+    seen_count_ = 0;
+    const bool doubted = doubted_ < kDoubt && tableau.rank_tolerance < kLoosest;
+    doubted_ = kInfinity;
+    if (repeats_ > 0 && doubted) {
+      multipliers.deaf = tableau.rank_tolerance *= 10.0;
+      uncertain_ = true;
+      return false;
+    }
+    if (++repeats_ != 3) return false;
+    disturb();
+    return true;
   }
 
   int rank_of(int level) const { return tableau.stage[level].rank; }
@@ -166,6 +176,7 @@ class ActiveSet final : public Step {
 
   // Last resort against a degenerate vertex: widen every inequality by its own tiny amount, undone at the end.
   void disturb() {
+    disturbed_ = true;
     std::uint64_t state = 88172645463325252ull;
     joins_only_ = false;
     const double size = table.span(x);
@@ -190,6 +201,7 @@ class ActiveSet final : public Step {
   }
 
   void restore() {
+    disturbed_ = false;
     joins_only_ = false;
     for (int r = 0; r < table.rows; ++r)
       if (jitter_[r] != 0.0) { table.upper[r] -= jitter_[r]; table.lower[r] += jitter_[r]; }

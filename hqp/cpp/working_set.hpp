@@ -60,6 +60,7 @@ class WorkingSet {
 
  protected:
   static constexpr int kSeen = 512;
+  static constexpr int kRepeats = 20;        // so often may the working sets repeat before the search is given up
   static constexpr double kDoubt = 100.0;    // a pivot this near the rank tolerance, as a ratio, is no clear decision
   static constexpr double kLoosest = 1e-6;   // beyond it the rank tolerance is not raised
   static constexpr double kSame = 1e-9;   // slacks nearer than this, relative to 1 + slack, are no progress
@@ -75,6 +76,8 @@ class WorkingSet {
   bool joins_only_ = false;   // the working set is the tableau's and the joins, nothing else
   bool warm_ = false;
   bool followed_ = false;     // v was kept up with x
+  int repeats_ = 0;
+  bool disturbed_ = false;    // bounds are widened
   bool uncertain_ = false;    // a rank decision overruled a sign
   double doubted_ = 0.0;      // nearest that a pivot came to the rank tolerance since the working sets last repeated
 
