@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -44,13 +43,14 @@ class Gravity:
         """tau_g ``(n,)`` [N m] on the ground of the gravity normals."""
         if self._rows is None:
             self._rows = Assembly(self._held, (), self._robot, self._dt, self._laws)
-        other = {
-            e.name: dataclasses.replace(r, normal=r.gravity_normal) if r.gravity_normal is not None else r
-            for e in self._held
-            for r in (references[e.name],)
-        }
+        other = {e.name: _on_gravity_normal(references[e.name]) for e in self._held}
         self._rows.fill(state, other, ())
         return self.torque(state, self._rows.J)
+
+
+def _on_gravity_normal(r: Reference) -> Reference:
+    normal = r.normal if r.gravity_normal is None else r.gravity_normal
+    return Reference(r.name, r.value, r.velocity, r.acceleration, normal)
 
 
 def holding_torque(J: Mat, g: Vec, actuated: Index) -> Vec:
