@@ -73,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
                 bar.update(task, description=f"{label} on {name}")
                 if name in sequences.ROBOTS:
                     ticks = SLOW_TICKS if arguments.quick or not _fast(label) else sequences.TICKS
-                    found += _loop(name, label, solver, sequences.load(name)[:ticks])
+                    found += _loop(name, label, solver, sequences.load(name, ticks))
                     bar.advance(task)
                     continue
                 limit = QUICK_PROBLEMS if arguments.quick else None if _fast(label) else SLOW_PROBLEMS

@@ -12,8 +12,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from benchmarks import problems
-from benchmarks.sequences import refill
-from hqp import Hierarchy, Solution
+from hqp import Hierarchy, Selection, Solution
 from hqp.arrays import Mat, Vec
 from hqp.solvers import Solver
 
@@ -74,12 +73,23 @@ def sequence(solver: Solver, sequence: Sequence[Hierarchy], A: Mat, repeat: int)
         workspace.reset()
         solutions = []
         for j, problem in enumerate(sequence):
-            refill(live, problem)
+            _refill(live, problem)
             begin = perf_counter()
             solutions.append(workspace.solve(live))
             times[i, j] = perf_counter() - begin
             floors[i, j] = _unit(A)
     return [Lap(1e6 * times[:, j], float(floors[:, j].min()), solution) for j, solution in enumerate(solutions)]
+
+
+def _refill(live: Hierarchy, problem: Hierarchy) -> None:
+    """Copy a problem's numbers into the arrays of another of its shape, as a session does each tick."""
+    for into, rows in zip(live.levels, problem.levels, strict=True):
+        if isinstance(into.A, Selection) and isinstance(rows.A, Selection):
+            into.A.index[:], into.A.scale[:] = rows.A.index, rows.A.scale
+        else:
+            np.copyto(into.A, rows.A)
+        np.copyto(into.lower, rows.lower)
+        np.copyto(into.upper, rows.upper)
 
 
 def _unit(A: Mat) -> float:

@@ -88,10 +88,11 @@ def certificate(problem: Hierarchy, x: Vec, tolerance: float = 1e-6) -> Certific
 def _verdict(problem: Hierarchy, x: Vec, tolerance: float, lock: float) -> Certificate:
     judge = _Judge(problem.n, tolerance, lock)
     gaps, norms, ranks, multipliers = [], [], [], []
-    matrices = [rows.dense(problem.n) for rows in problem.levels]
-    zero = ROUNDING * max((float(_lengths(A).max(initial=0.0)) for A in matrices), default=0.0)
-    for rows, A in zip(problem.levels, matrices, strict=True):
-        w, lengths, terms = rows.slack(x), _lengths(A), _terms(A, x)
+    dense = [rows.dense(problem.n) for rows in problem.levels]
+    every = [_lengths(A) for A in dense]
+    zero = ROUNDING * max((float(lengths.max(initial=0.0)) for lengths in every), default=0.0)
+    for rows, A, lengths in zip(problem.levels, dense, every, strict=True):
+        w, terms = rows.slack(x), _terms(A, x)
         longest = float(lengths.max(initial=0.0))
         if longest <= zero:
             longest = 0.0

@@ -49,8 +49,9 @@ class Gravity:
 
 
 def _on_gravity_normal(r: Reference) -> Reference:
-    normal = r.normal if r.gravity_normal is None else r.gravity_normal
-    return Reference(r.name, r.value, r.velocity, r.acceleration, normal)
+    if r.gravity_normal is None:
+        return r
+    return Reference(r.name, r.value, r.velocity, r.acceleration, r.gravity_normal)
 
 
 def holding_torque(J: Mat, g: Vec, actuated: Index) -> Vec:

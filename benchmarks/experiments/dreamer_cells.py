@@ -68,7 +68,6 @@ def cells(full: bool) -> list[Cell]:
                     replace(scene, slope=float(slope)),
                     limit=limit,
                     earlier=earlier[plant == "rollers"],
-                    seeds=False,
                 )
     for friction, earlier in ((1.0, "4.7"), (0.5, "4.9"), (0.3, "5.0"), (0.25, "5.2"), (0.2, "falls"), (0.15, "16")):
         limit = 6.0 if friction >= 0.25 else None
@@ -173,7 +172,7 @@ def pairs(full: bool) -> list[Pair]:
         ]
     return [
         Pair(
-            f"{name}",
+            name,
             Case(name=f"{name}, projector", scene=scene, choice=plain, solver="nullspace"),
             Case(name=f"{name}, HQP", scene=scene, choice=hqp, solver="lexicographic"),
         )

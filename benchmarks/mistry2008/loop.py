@@ -92,11 +92,12 @@ def run(
     contact_gain: float = 20.0,
     dt: float = DT,
     q: Vec | None = None,
+    seen: Callable[[hqp.Session], None] = lambda session: None,
 ) -> Trace:
     """Integrate eq. (19) with the base carried along exactly.
 
     feedforward: the target's mean velocity over the coming period.  contact_gain [1/s] feeds the feet's pose back;
-    0 is eq. (19) alone.  q: where to start, home by default.
+    0 is eq. (19) alone.  q: where to start, home by default.  seen: called after each tick.
     """
     stack = stack or paper_stack(robot)
     frames = roles(robot)
@@ -121,6 +122,7 @@ def run(
             com_task.at(goal, velocity=rate),
             hand_task.at(aim, velocity=speed),
         )
+        seen(session)
         trace.com[i], trace.com_target[i] = state.com()[:2], goal
         trace.hand[i], trace.hand_target[i] = state.position(frames.hand), aim
         trace.feet[i] = max(

@@ -54,7 +54,7 @@ class ActiveSet final : public Step {
 
   // The point of the box next to the tableau's, with what works there, if it is lexicographically the best so far.
   void keep_start() {
-    for (int i = 0; i < table.n; ++i) x[i] = inside_box(i, tableau.x[i]);
+    go_to_point();
     table.product(x, v);
     bool better = false;
     for (int k = 0; k + 1 < table.blocks; ++k) {
@@ -74,7 +74,7 @@ class ActiveSet final : public Step {
   double outside(int level) const {
     double square = 0.0;
     for (int r = table.block[level].begin; r < table.block[level].end; ++r) {
-      const double out = v[r] > table.upper[r] ? v[r] - table.upper[r] : v[r] < table.lower[r] ? table.lower[r] - v[r] : 0.0;
+      const double out = table.beyond(r, v[r]);
       square += out * out;
     }
     return std::sqrt(square);
@@ -103,7 +103,7 @@ class ActiveSet final : public Step {
       if (let_go && progress_ > multipliers.wrong[0].level && rank_of(multipliers.wrong[0].level) <= rank) silence(let_go);
       let_go = 0;
       if (!whole) continue;
-      for (int i = 0; i < table.n; ++i) x[i] = inside_box(i, tableau.x[i]);
+      go_to_point();
       if (violations()) continue;
       multipliers.judge(W, F, target_, true);
       if (multipliers.count == 0) {

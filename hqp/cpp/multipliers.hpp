@@ -47,8 +47,8 @@ struct Multipliers {
   }
 
   // A level that did not move when this was let go has no say in it: its multiplier lies below the rank tolerance.
-  void silence(const Wrong& void_) {
-    quiet[void_.variable ? table->rows + void_.index : void_.index] = void_.level + 1;
+  void silence(const Wrong& item) {
+    quiet[item.variable ? table->rows + item.index : item.index] = item.level + 1;
     quieted = true;
   }
 
@@ -84,7 +84,7 @@ struct Multipliers {
     const Table& t = *table;
     const Block& b = t.block[k];
     const Stage& s = tableau->stage[k];
-    for (int r = b.begin; r < b.end; ++r) w[r] = W[r] ? v[r] - (W[r] == kLower ? t.lower[r] : t.upper[r]) : 0.0;
+    for (int r = b.begin; r < b.end; ++r) w[r] = W[r] ? v[r] - tableau->bound(r, W) : 0.0;
     if (s.kind == Stage::kReflectors) {
       if (s.rank == s.m) for (int i = 0; i < s.m; ++i) w[s.rows[i]] = 0.0;
       else if (s.rank) project(s);
@@ -102,8 +102,7 @@ struct Multipliers {
 
   // Whether what a working row misses is no more than rounding.
   bool met(int r, const std::int8_t* W, double span) const {
-    const double bound = W[r] == kLower ? table->lower[r] : table->upper[r];
-    return std::fabs(w[r]) <= tolerance * (std::fabs(bound) + table->norm[r] * span);
+    return std::fabs(w[r]) <= tolerance * (std::fabs(tableau->bound(r, W)) + table->norm[r] * span);
   }
 
   void gradient(int k, const std::int8_t* W) {

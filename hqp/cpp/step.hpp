@@ -99,11 +99,7 @@ class Step : public WorkingSet {
 
   double slope(int begin, int end, double alpha) const {
     double s = 0.0;
-    for (int r = begin; r < end; ++r) {
-      const double value = v[r] + alpha * change_[r];
-      const double out = value > table.upper[r] ? value - table.upper[r] : value < table.lower[r] ? value - table.lower[r] : 0.0;
-      s += change_[r] * out;
-    }
+    for (int r = begin; r < end; ++r) s += change_[r] * table.beyond(r, v[r] + alpha * change_[r]);
     return s;
   }
 

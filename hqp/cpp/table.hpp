@@ -83,6 +83,11 @@ struct Table {
     return s;
   }
 
+  // By how much a value of row r lies above its upper or, negative, below its lower bound.
+  double beyond(int r, double value) const {
+    return value > upper[r] ? value - upper[r] : value < lower[r] ? value - lower[r] : 0.0;
+  }
+
   // v = A x over the rows of the table.
   void product(const double* x, double* v) const {
     for (int k = 0; k < blocks; ++k) {

@@ -130,11 +130,11 @@ class WorkingSet {
     return true;
   }
 
+  // To the point of the box next to the tableau's.
+  void go_to_point() { for (int i = 0; i < table.n; ++i) x[i] = inside_box(i, tableau.x[i]); }
+
   void accept() {
-    for (int i = 0; i < table.n; ++i) {
-      const double t = tableau.x[i];
-      x[i] = t < table.lo[i] ? table.lo[i] : t > table.hi[i] ? table.hi[i] : t;
-    }
+    go_to_point();
     if (tableau.closest < kDoubt || uncertain_) outcome = Outcome::rank_uncertain;
     if (tableau.shifted) outcome = Outcome::not_certified;
   }

@@ -10,7 +10,7 @@ import numpy as np
 
 from hqp.arrays import Mat, Vec
 from hqp.errors import UnsupportedProblem
-from hqp.problem import ROUNDING, Hierarchy, Shape, Solution, Stats, Status
+from hqp.problem import Hierarchy, Shape, Solution, Stats, Status
 from hqp.solvers.base import Solver, check_number
 from hqp.solvers.flat import Flat
 from hqp.solvers.recursion import Recursion
@@ -86,12 +86,9 @@ class ChiaveriniWorkspace:
         x = np.zeros(problem.n)
         uncertain, start = False, 0
         self.above.solve(A, b, stops)
-        lengths = np.sqrt(np.einsum("ij,ij->i", A, A))
-        least = ROUNDING / self.alone.tolerance * float(lengths.max(initial=0.0))
         for k, stop in enumerate(stops):
             if stop > start:
-                size = max(float(lengths[start:stop].max()), least)
-                self.alone.solve(A[start:stop], b[start:stop], [stop - start], sizes=[size])
+                self.alone.solve(A[start:stop], b[start:stop], [stop - start], least=self.above.least)
                 uncertain |= self.alone.uncertain
                 x += self._project(self.alone.point(), k, A[:start])
             start = stop

@@ -192,14 +192,15 @@ class NativeWorkspace:
 
 def second_opinion(problem: Hierarchy, stuck: Solution, again: Callable[[], Solution]) -> Solution:
     """At a vertex so degenerate that no working set was right: that answer, or one without history, if certified."""
-    found = stuck
-    for attempt in range(2):
-        if attempt:
-            found = again()
-        if certificate(problem, found.x, Lexicographic.accuracy).ok:
-            status = finish(problem, found.x, Status.OPTIMAL, found.stats).status
-            return replace(found, status=status, detail="")
-    return stuck
+
+    def certified(solution: Solution) -> bool:
+        return certificate(problem, solution.x, Lexicographic.accuracy).ok
+
+    found = stuck if certified(stuck) else again()
+    if found is not stuck and not certified(found):
+        return stuck
+    status = finish(problem, found.x, Status.OPTIMAL, found.stats).status
+    return replace(found, status=status, detail="")
 
 
 def _refuse(problem: Hierarchy, shape: Shape, stats: Stats) -> Solution:

@@ -36,7 +36,7 @@ class Recursion:
         self.uncertain = False
         self.factorisations = 0
         self._taken = 0
-        self._least = 0.0
+        self.least = 0.0
         self._steps: list[_Step] = []
 
     @property
@@ -45,23 +45,30 @@ class Recursion:
         return self.n - self._taken
 
     def solve(
-        self, A: Mat, b: Vec, stops: Sequence[int], damping: Sequence[float] = (), sizes: Sequence[float] = ()
+        self,
+        A: Mat,
+        b: Vec,
+        stops: Sequence[int],
+        damping: Sequence[float] = (),
+        sizes: Sequence[float] = (),
+        least: float = 0.0,
     ) -> None:
         """Go through the levels; level k's rows of A ``(M, n)``, b ``(M,)`` end at stops[k], level k + 1's begin there.
 
         damping: lambda of each level, ||w_k||^2 + lambda_k^2 ||step||^2; the levels above never notice it.
-        sizes: what each level's pivots are judged against, its largest row norm by default, none below ROUNDING.
+        sizes: what each level's pivots are judged against, its largest row norm by default.  least: none is taken as
+        smaller, nor than what makes ROUNDING of the largest the cut; the attribute of that name is what came of it.
         """
         self.ranks, self._steps, self.uncertain, self.factorisations = [], [], False, 0
         self._taken = start = 0
         tail, b = A.T, b.copy()
         norms = np.zeros(0) if sizes else np.sqrt(np.einsum("ij,ij->i", A, A))
-        self._least = ROUNDING / self.tolerance * float(max(sizes) if sizes else norms.max(initial=0.0))
+        self.least = max(least, ROUNDING / self.tolerance * float(max(sizes) if sizes else norms.max(initial=0.0)))
         for k, stop in enumerate(stops):
             m = stop - start
             if m and self.free:
                 size = sizes[k] if sizes else float(norms[start:stop].max())
-                step = self._level(tail, m, b[start:], max(size, self._least), damping[k] if damping else 0.0)
+                step = self._level(tail, m, b[start:], max(size, self.least), damping[k] if damping else 0.0)
             else:
                 step = _Step(0, tail[:, m:])
             step.start, step.stop, step.offset = start, stop, self._taken
@@ -81,7 +88,7 @@ class Recursion:
                 b -= step.y @ tail[: step.rank]
                 tail = tail[step.rank :]
         size = float(np.sqrt(np.einsum("ij,ij->i", A, A).max()))
-        step = self._level(tail, A.shape[0], b, max(size, self._least), 0.0)
+        step = self._level(tail, A.shape[0], b, max(size, self.least), 0.0)
         step.offset = self._taken
         self._steps.append(step)
         self._taken += step.rank

@@ -23,6 +23,9 @@ NEAR = 100.0
 LOOSEST = 1e-6
 """Beyond it the rank tolerance is not raised where working sets repeat because of it."""
 
+REPEATS = 20
+"""So often may the working sets repeat before the search is given up."""
+
 SAME = 1e-9
 """Slacks nearer than this, relative to 1 + slack, are no progress."""
 
@@ -39,7 +42,7 @@ class ActiveSet:
         self.W, self.F = self._start(warm)
         self.x: Vec = table.box.clip(np.zeros(table.A.shape[1]))
         self.factorisations = 0
-        self._doubted = np.inf
+        self._doubted, self._repeats = np.inf, 0
         self.status = Status.OPTIMAL
         self.shifted = self.uncertain = False
         self.point: Point | None = None
@@ -143,7 +146,7 @@ class ActiveSet:
         seen: set[bytes] = set()
         silent: set[tuple[int, bool, int]] = set()
         released: list[Wrong] = []
-        repeats, rank, original = 0, 0, None
+        rank, original = 0, None
         while True:
             step = Step(self.table, self, self._solve_from_here())
             level = released[0].level if released else step.level
@@ -168,24 +171,28 @@ class ActiveSet:
             key = self.W.tobytes() + self.F.tobytes()
             if key in seen:
                 seen.clear()
-                doubted, self._doubted = self._doubted < NEAR, np.inf
-                if repeats and doubted and self.options.rank_tolerance < LOOSEST:  # a rank that comes and goes
-                    rank_tolerance = 10.0 * self.options.rank_tolerance
-                    self.options = replace(
-                        self.options, rank_tolerance=rank_tolerance, multiplier_tolerance=1e3 * rank_tolerance
-                    )  # signs of directions given up are not heard
-                    self.uncertain = True
-                else:
-                    repeats += 1
-                    if repeats == 3:
-                        original = self._disturb()
-                        continue
-                if repeats > 20:
+                if self._get_unstuck():
+                    original = self._disturb()
+                    continue
+                if self._repeats > REPEATS:
                     self.status = Status.NOT_CERTIFIED
                     return
             seen.add(key)
-            released = self._release_some(wrong, careful=repeats > 0)
+            released = self._release_some(wrong, careful=self._repeats > 0)
             rank = point.chain[released[0].level].s.size
+
+    def _get_unstuck(self) -> bool:
+        """The working sets repeat: single changes, then a rank that comes and goes is let go; True to widen bounds."""
+        doubted, self._doubted = self._doubted < NEAR, np.inf
+        if self._repeats and doubted and self.options.rank_tolerance < LOOSEST:
+            rank_tolerance = 10.0 * self.options.rank_tolerance
+            self.options = replace(  # signs of directions given up are not heard
+                self.options, rank_tolerance=rank_tolerance, multiplier_tolerance=1e3 * rank_tolerance
+            )
+            self.uncertain = True
+            return False
+        self._repeats += 1
+        return self._repeats == 3
 
     def _release_some(self, wrong: list[Wrong], careful: bool) -> list[Wrong]:
         """At the highest level held back: the strongest and those at least half as strong, or one by index."""

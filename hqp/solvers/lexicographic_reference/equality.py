@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hqp.arrays import Mat, Signs, Vec
+from hqp.arrays import Mask, Mat, Signs, Vec
 from hqp.solvers.lexicographic_reference.table import Table
 
 if TYPE_CHECKING:
@@ -122,10 +122,15 @@ def judge(
     open_rows, open_x = (W != 0) & table.usable, (F != 0) & ~table.box.fixed
     wrong: list[Wrong] = []
 
+    def heard(k: int, variable: bool, which: NDArray[np.intp]) -> Mask:
+        if not silent:
+            return np.ones(which.size, dtype=bool)
+        return np.array([(k, variable, int(i)) not in silent for i in which], dtype=bool)
+
     def settle(k: int, rows: NDArray[np.intp], values: Vec, error: Vec, limit: float | Vec) -> None:
         force = abs(values) * table.norm[rows]
         decided = open_rows[rows] & (force > limit) & (abs(values) > 10.0 * abs(error))
-        decided &= np.array([(k, False, int(r)) not in silent for r in rows], dtype=bool)
+        decided &= heard(k, False, rows)
         bad = decided & (values * W[rows] < 0.0)
         wrong.extend(Wrong(k, float(force[i]), False, int(rows[i])) for i in np.flatnonzero(bad))
         open_rows[rows[decided]] = False
@@ -144,7 +149,7 @@ def judge(
         for above, values, change in zip(point.chain, multipliers, errors, strict=False):
             settle(k, above.rows, values, change, limit)
         decided = open_x & (abs(g) > limit) & (abs(g) > 10.0 * abs(error))
-        decided &= np.array([(k, True, i) not in silent for i in range(g.size)], dtype=bool)
+        decided &= heard(k, True, np.arange(g.size))
         wrong.extend(Wrong(k, float(abs(g[i])), True, int(i)) for i in np.flatnonzero(decided & (g * F > 0.0)))
         open_x &= ~decided
     return wrong
