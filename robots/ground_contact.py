@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from operator import add
 from typing import Any
 
 import numpy as np
 
-from hqp.arrays import Index, Mat, Vec
+from hqp.arrays import Mat, Vec
+
+Triple = tuple[float, float, float]
+_NOWHERE = (0.0,) * 6  # normal and point of what carries nothing
 
 
 @dataclass(frozen=True)
@@ -38,46 +43,46 @@ class ContactReader:
             row_of_body[body] = row_of_body[model.body_parentid[body]]
             if body in bodies:
                 row_of_body[body] = bodies.index(body)
-        self._row: Index = row_of_body[model.geom_bodyid]
+        self._row: list[int] = row_of_body[model.geom_bodyid].tolist()
         self._count = len(bodies)
-        self._raw: tuple[Any, ...] | None = None
+        self._kept: tuple[list[Any], ...] = ([], [], [], [], [])
+        self._efc: list[float] = []
 
     def keep(self, data: Any) -> None:
         """Keep the contacts of a step; to be called while the constraint forces are those of data.contact."""
         if self._count:
+            # lists: contacts are few, and their numbers are added one by one in less time than arrays take
             c = data.contact
-            kept = (c.geom, c.efc_address, c.dim, c.frame, c.pos, data.efc_force)
-            self._raw = tuple(np.array(array) for array in kept)
+            self._kept = tuple(a.tolist() for a in (c.geom, c.efc_address, c.dim, c.frame, c.pos))
+            self._efc = data.efc_force.tolist()
 
     def contacts(self, disturb: Callable[[Vec], Vec] | None = None) -> Contacts:
-        """Sums over each watched body; ``disturb`` adds noise to the forces of its contacts, ``(k, 3)`` [N]."""
-        n = self._count
-        if self._raw is None:
-            return Contacts(np.zeros((n, 3)), np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3)))
-        row, force, normals, points = self._forces(*self._raw)
-        if disturb is not None:
-            force = disturb(force)
-        load = np.maximum((force * normals).sum(axis=1, keepdims=True), 0.0)
-        member = (row == np.arange(n)[:, None]).astype(np.float64)
-        sums = member @ np.hstack((force, load, load * normals, load * points))
-        total, loads, normal, point = sums[:, :3], sums[:, 3], sums[:, 4:7], sums[:, 7:]
-        loaded = loads > 1e-9
-        length = np.sqrt((normal * normal).sum(axis=1))
-        normal = np.divide(normal, length[:, None], where=loaded[:, None], out=np.zeros((n, 3)))
-        point = np.divide(point, loads[:, None], where=loaded[:, None], out=np.zeros((n, 3)))
-        return Contacts(total, loads, normal, point)
+        """Sums over each watched body; ``disturb`` adds noise to the force of each of its contacts, ``(3,)`` [N]."""
+        sums = [[0.0] * 10 for _ in range(self._count)]  # force, load, load * normal, load * point
+        for row, force, normal, (x, y, z) in self._touching():
+            if disturb is not None:
+                force = disturb(np.array(force)).tolist()
+            (fx, fy, fz), (nx, ny, nz) = force, normal
+            load = max(fx * nx + fy * ny + fz * nz, 0.0)
+            terms = fx, fy, fz, load, load * nx, load * ny, load * nz, load * x, load * y, load * z
+            sums[row] = list(map(add, sums[row], terms))
+        for total in sums:
+            load, nx, ny, nz, x, y, z = total[3:]
+            length = math.hypot(nx, ny, nz) or 1.0
+            loaded = load > 1e-9
+            total[4:] = (nx / length, ny / length, nz / length, x / load, y / load, z / load) if loaded else _NOWHERE
+        table = np.array(sums).reshape(-1, 10)
+        return Contacts(table[:, :3], table[:, 3], table[:, 4:7], table[:, 7:])
 
-    def _forces(
-        self, geom: Index, address: Index, dim: Index, frame: Mat, place: Mat, efc: Vec
-    ) -> tuple[Index, Mat, Mat, Mat]:
+    def _touching(self) -> Iterator[tuple[int, Triple, Triple, Triple]]:
         """Row, force, normal and point of every contact of a watched body, world axes."""
-        rows = self._row[geom].reshape(-1, 2)
-        # exactly one side watched: neither the robot's contacts with itself nor those of other parts
-        found = np.flatnonzero(((rows >= 0).sum(axis=1) == 1) & (address >= 0) & (dim >= 3))
-        second = rows[found, 1] >= 0
-        # a contact's axes are the rows of its frame, the first one from its first body to its second
-        axes = frame[found].reshape(-1, 3, 3)
-        local = efc[address[found, None] + np.arange(3)]  # elliptic cones: normal and tangents
-        sign = np.where(second, 1.0, -1.0)[:, None]
-        row = np.where(second, rows[found, 1], rows[found, 0])
-        return row, sign * (local[:, None] @ axes)[:, 0], sign * axes[:, 0], place[found]
+        for (one, other), address, dim, axes, point in zip(*self._kept, strict=True):
+            first, second = self._row[one], self._row[other]
+            # exactly one side watched: neither the robot's contacts with itself nor those of other parts
+            if (first >= 0) == (second >= 0) or address < 0 or dim < 3:
+                continue
+            # the rows of a contact's frame: a normal, from its first body to its second, and two tangents
+            nx, ny, nz, sx, sy, sz, tx, ty, tz = axes if second >= 0 else [-x for x in axes]
+            n, s, t = self._efc[address : address + 3]  # elliptic cones: forces along the three
+            force = (n * nx + s * sx + t * tx, n * ny + s * sy + t * ty, n * nz + s * sz + t * tz)
+            yield max(first, second), force, (nx, ny, nz), point
