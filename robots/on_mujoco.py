@@ -8,6 +8,7 @@ q, v = plant.state()                        # the truth;  plant.measure(): what 
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -128,7 +129,7 @@ class Plant:
         Forces of ``push`` act during this call.  Raises DeclarationError for a wrong shape or number.
         """
         command = np.asarray(command, dtype=np.float64)
-        if command.shape != self._order.shape or not np.isfinite(command).all():
+        if command.shape != self._order.shape or not all(map(math.isfinite, command.tolist())):
             allowed = f"finite, shape {self._order.shape}"
             raise DeclarationError("plant", "bad command", value=command, allowed=allowed)
         if rate is not None:
@@ -171,10 +172,9 @@ class Plant:
         """
         body = self._frames.body(frame)
         point = self.place(frame)[0] if at is None else np.asarray(at)
-        wrench = self.data.xfrc_applied[body]
-        wrench[:3] += force
         (x, y, z), (a, b, c) = (point - self.data.xipos[body]).tolist(), np.asarray(force).tolist()
-        wrench[3:] += (y * c - z * b, z * a - x * c, x * b - y * a)
+        wrench = self.data.xfrc_applied[body]
+        wrench += (a, b, c, y * c - z * b, z * a - x * c, x * b - y * a)
         if moment is not None:
             wrench[3:] += moment
 

@@ -24,7 +24,7 @@ from hqp.errors import JointNotFound, ModelError
 
 from .mujoco_extra import mujoco
 
-_XYZW, _WXYZ = [1, 2, 3, 0], [3, 0, 1, 2]  # positions of a quaternion's numbers in the other order
+_XYZW = [1, 2, 3, 0]  # where Pinocchio's numbers of a quaternion are in MuJoCo's
 
 
 class StateMap:
@@ -43,7 +43,7 @@ class StateMap:
         self._base_q, self._base_v = self._match_base(model)
         simple: list[tuple[int, int, int, int]] = []  # idx_q, qposadr, idx_v, dofadr
         self._turning: list[tuple[int, int, int, int]] = []  # the same of continuous joints, (cos, sin) in q
-        self._balls: list[tuple[int, int, int, int]] = []  # spherical in both
+        balls: list[tuple[int, int, int, int]] = []  # spherical in both
         self.wheels: dict[str, tuple[int, int, int, int]] = {}  # ball in MuJoCo, one axle in Pinocchio
         self.axles: dict[str, Vec] = {}
         names = [simulated.joint(i).name for i in range(simulated.njnt)]
@@ -66,7 +66,7 @@ class StateMap:
             elif single and (joint.nq, joint.nv) == (2, 1):
                 self._turning.append(entry)
             elif ball and (joint.nq, joint.nv) == (4, 3):
-                self._balls.append(entry)
+                balls.append(entry)
             elif ball and (joint.nq, joint.nv) == (1, 1):
                 self.wheels[name] = entry
                 self.axles[name] = _axis(model, i)
@@ -75,7 +75,20 @@ class StateMap:
                     f"joint {name!r} is a {joint.shortname()} in Pinocchio and a "
                     f"{mujoco.mjtJoint(kind).name} in MuJoCo: no map between them"
                 )
-        self._table: Index = np.array(simple, dtype=np.intp).reshape(-1, 4)
+        self._single_q: Index = np.array([i for i, *_ in simple], dtype=np.intp)
+        self._single_v: Index = np.array([j for *_, j, _ in simple], dtype=np.intp)
+        same_q = [(i, a) for i, a, *_ in simple]  # coordinates that are the same number here and there
+        same_v = [(j, b) for *_, j, b in simple]
+        if self.floating:
+            same_q += [(k, self._base_q + k) for k in range(3)]
+            same_v += [(k, self._base_v + k) for k in range(3)]  # once they are turned
+            balls.append((3, self._base_q + 3, 3, self._base_v + 3))
+        for i, a, j, b in balls:
+            same_q += [(i + k, a + _XYZW[k]) for k in range(4)]
+            same_v += [(j + k, b + k) for k in range(3)]
+        self._q, self._qpos = np.array(same_q, dtype=np.intp).reshape(-1, 2).T.copy()
+        self._v, self._qvel = np.array(same_v, dtype=np.intp).reshape(-1, 2).T.copy()
+        self._back: Vec = np.zeros(4)  # the conjugate of the base's quaternion
 
     def _match_base(self, model: Any) -> tuple[int, int]:
         """Addresses of the free base in qpos and qvel."""
@@ -96,19 +109,12 @@ class StateMap:
     def to_mujoco(self, q: Vec, v: Vec) -> tuple[Vec, Vec]:
         """``(qpos, qvel)`` of a state ``(q, v)``; coordinates that only MuJoCo has are at their neutral value."""
         qpos, qvel = self._model.qpos0.copy(), np.zeros(self._model.nv)
+        qpos[self._qpos], qvel[self._qvel] = q[self._q], v[self._v]
         if self.floating:
             a, b = self._base_q, self._base_v
-            qpos[a : a + 3] = q[:3]
-            qpos[a + 3 : a + 7] = q[3:7][_WXYZ]
             qvel[b : b + 3] = _rotation(qpos[a + 3 : a + 7]) @ v[:3]
-            qvel[b + 3 : b + 6] = v[3:6]
-        qi, pi, vi, di = self._table.T
-        qpos[pi], qvel[di] = q[qi], v[vi]
         for i, a, j, b in self._turning:
             qpos[a], qvel[b] = math.atan2(q[i + 1], q[i]), v[j]
-        for i, a, j, b in self._balls:
-            qpos[a : a + 4] = q[i : i + 4][_WXYZ]
-            qvel[b : b + 3] = v[j : j + 3]
         for name, (i, a, j, b) in self.wheels.items():
             qpos[a] = math.cos(0.5 * q[i])
             qpos[a + 1 : a + 4] = math.sin(0.5 * q[i]) * self.axles[name]
@@ -122,19 +128,13 @@ class StateMap:
         while the ball has not rolled sideways.
         """
         q, v = np.zeros(self.nq), np.zeros(self.nv)
+        q[self._q], v[self._v] = qpos[self._qpos], qvel[self._qvel]
         if self.floating:
             a, b = self._base_q, self._base_v
-            q[:3] = qpos[a : a + 3]
-            q[3:7] = qpos[a + 3 : a + 7][_XYZW]
-            v[:3] = _rotation(qpos[a + 3 : a + 7]).T @ qvel[b : b + 3]
-            v[3:6] = qvel[b + 3 : b + 6]
-        qi, pi, vi, di = self._table.T
-        q[qi], v[vi] = qpos[pi], qvel[di]
+            mujoco.mju_negQuat(self._back, qpos[a + 3 : a + 7])
+            mujoco.mju_rotVecQuat(v[:3], qvel[b : b + 3], self._back)
         for i, a, j, b in self._turning:
             q[i], q[i + 1], v[j] = math.cos(qpos[a]), math.sin(qpos[a]), qvel[b]
-        for i, a, j, b in self._balls:
-            q[i : i + 4] = qpos[a : a + 4][_XYZW]
-            v[j : j + 3] = qvel[b : b + 3]
         for name, (i, a, j, b) in self.wheels.items():
             axle, ball = self.axles[name], qpos[a : a + 4]
             angle = 2.0 * math.atan2(axle @ ball[1:], ball[0])
@@ -147,24 +147,19 @@ class StateMap:
     def tangent(self, qpos: Vec) -> Mat:
         """B ``(nv_mujoco, nv)`` with qvel = B v at qpos, so that Pinocchio's mass matrix is B' M B."""
         B = np.zeros((self._model.nv, self.nv))
+        B[self._qvel, self._v] = 1.0
         if self.floating:
             a, b = self._base_q, self._base_v
             B[b : b + 3, :3] = _rotation(qpos[a + 3 : a + 7])
-            B[b + 3 : b + 6, 3:6] = np.eye(3)
-        _, _, vi, di = self._table.T
-        B[di, vi] = 1.0
         for _, _, j, b in self._turning:
             B[b, j] = 1.0
-        for _, _, j, b in self._balls:
-            B[b : b + 3, j : j + 3] = np.eye(3)
         for name, (_, a, j, b) in self.wheels.items():
             B[b : b + 3, j] = _rotation(qpos[a : a + 4]).T @ self.axles[name]
         return B
 
     def turn_joints(self, q: Vec, angles: Vec) -> None:
         """Add angles ``(nv,)`` [rad] to the single-axis joints of q, in place."""
-        qi, _, vi, _ = self._table.T
-        q[qi] += angles[vi]
+        q[self._single_q] += angles[self._single_v]
         for i, _, j, _ in self.wheels.values():
             q[i] += angles[j]
         for i, _, j, _ in self._turning:
