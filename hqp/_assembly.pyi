@@ -18,15 +18,14 @@ class Elimination:
     """
 
     def __init__(self, parents: Sequence[int], actuated: Sequence[int], rows: int) -> None: ...
-    def eliminate(self, A: Mat, bias: Vec, J: Mat, gamma: Vec, tolerance: float, Y: Mat, Q: Mat, T: Mat, y: Vec) -> int:
-        """A = H^T H, Y = H^-T [U^T, -bias], H^-T J^T = Q T, y = T^-T gamma.
+    def eliminate(
+        self, A: Mat, bias: Vec, J: Mat, gamma: Vec, tolerance: float, X: Mat, phi: Mat, Q: Mat, T: Mat, top: Mat
+    ) -> int:
+        """A = H^T H, Y = H^-T [U^T, -bias], H^-T J^T = Q T, top = Q^T Y - [0, T^-T gamma], P = Y - Q top.
 
-        A by columns, the rest by rows.  1; 0 with no Q, T, y for dependent constraints; -1 with nothing for an A
-        that is not positive definite.
+        X = H^-1 P ``(nv, n + 1)`` and phi, the products of P's first n columns.  A by columns, the rest by rows.
+        1; 0 with no such X, phi, Q, T, top for dependent constraints; -1 for an A that is not positive definite.
         """
-
-    def motions(self, B: Mat) -> None:
-        """H^-1 B in the place of B ``(nv, n + 1)``."""
 
 class Assembly:
     """Operations over live arrays, run in the order in which they were added; keeps references to the arrays.

@@ -71,8 +71,7 @@ class ConstrainedDynamics:
         if native is not None:
             chain = range(-1, nv - 1) if parents is None else parents
             self._native = native.Elimination(list(chain), actuated.tolist(), rows)
-            self._Y, self._Q, self._R = np.zeros((nv, self.n + 1)), np.zeros((nv, rows)), np.zeros((rows, rows))
-            self._forced = np.zeros(rows)
+            self._Q, self._R = np.zeros((nv, rows)), np.zeros((rows, rows))
 
     def update(self, A: Mat, bias: Vec, J: Mat, gamma: Vec) -> None:
         """Take the inertia A (its upper triangle is read), bias = b + g, J and gamma of a state.
@@ -87,23 +86,13 @@ class ConstrainedDynamics:
 
     def _eliminate(self, bias: Vec, J: Mat, gamma: Vec) -> bool:
         """The sparse way; False where constraints are dependent."""
-        Y, Q, y, both = self._Y, self._Q, self._forced, self._map
-        J, gamma, A = np.ascontiguousarray(J), np.ascontiguousarray(gamma), self._factor
-        found = self._native.eliminate(A, bias, J, gamma, RANK_TOLERANCE, Y, Q, self._R, y)  # type: ignore[union-attr]
+        J, gamma = np.ascontiguousarray(J), np.ascontiguousarray(gamma)
+        written = self._map, self.phi, self._Q, self._R, self._top
+        found = self._native.eliminate(self._factor, bias, J, gamma, RANK_TOLERANCE, *written)  # type: ignore[union-attr]
         if found < 0:
             raise ModelError("the joint-space inertia is not positive definite")
         if found == 0:
             return False
-        if self.m:
-            np.matmul(Q.T, Y, out=self._top)
-            self._top[:, self.n] -= y
-            np.matmul(Q, self._top, out=both)
-            np.subtract(Y, both, out=both)
-        else:
-            np.copyto(both, Y)
-        P = self.X
-        np.matmul(P.T, P, out=self.phi)
-        self._native.motions(both)  # type: ignore[union-attr]
         self.rank, self._T, self._lower, self._S = self.m, self._R, 0, None
         return True
 

@@ -143,10 +143,13 @@ class Assembly {
 
 // -1: the inertia is not positive definite; 0: the constraints are dependent; 1: all is written.
 int eliminate(hqp::Elimination& e, const Columns& A, const Vector& bias, const Block& J, const Vector& gamma,
-              double tolerance, const Block& Y, const Block& Q, const Block& T, const Written& y) {
+              double tolerance, const Block& X, const Block& phi, const Block& Q, const Block& T, const Block& top) {
   if (!e.factor(A.data())) return -1;
-  e.columns(bias.data(), Y.data());
-  return e.constraints(J.data(), gamma.data(), tolerance, Q.data(), T.data(), y.data()) ? 1 : 0;
+  e.columns(bias.data(), X.data());
+  if (!e.constraints(J.data(), gamma.data(), tolerance, Q.data(), T.data())) return 0;
+  e.project(Q.data(), top.data(), X.data(), phi.data());
+  e.motions(X.data());
+  return 1;
 }
 
 }  // namespace
@@ -180,7 +183,6 @@ NB_MODULE(_assembly, module) {
   nb::class_<hqp::Elimination>(module, "Elimination")
       .def(nb::init<Ints, Ints, int>(), "parents"_a, "actuated"_a, "rows"_a)
       .def("eliminate", &eliminate, "A"_a.noconvert(), "bias"_a.noconvert(), "J"_a.noconvert(), "gamma"_a.noconvert(),
-           "tolerance"_a, "Y"_a.noconvert(), "Q"_a.noconvert(), "T"_a.noconvert(), "y"_a.noconvert())
-      .def(
-          "motions", [](const hqp::Elimination& e, const Block& B) { e.motions(B.data()); }, "B"_a.noconvert());
+           "tolerance"_a, "X"_a.noconvert(), "phi"_a.noconvert(), "Q"_a.noconvert(), "T"_a.noconvert(),
+           "top"_a.noconvert());
 }

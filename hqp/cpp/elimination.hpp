@@ -16,7 +16,7 @@ class Elimination {
   // parents: the coordinate before each on its way to the world, -1 for none; lower than itself.
   Elimination(std::vector<int> parents, std::vector<int> actuated, int rows)
       : parents_(std::move(parents)), actuated_(std::move(actuated)), nv_(static_cast<int>(parents_.size())),
-        n_(static_cast<int>(actuated_.size())), m_(rows), H_(nv_ * nv_), ranges_(nv_), R_(nv_ * rows) {
+        n_(static_cast<int>(actuated_.size())), m_(rows), H_(nv_ * nv_), ranges_(nv_), R_(nv_ * rows), y_(rows) {
     for (int i = 0; i < nv_; ++i) ranges_[i] = {n_, 0};
     for (int k = 0; k < n_; ++k)
       for (int i = actuated_[k]; i >= 0; i = parents_[i])
@@ -58,8 +58,9 @@ class Elimination {
     }
   }
 
-  // Q (nv, m) and T (m, m) row-major with H^-T J^T = Q T, y = T^-T gamma. False where T is singular within tolerance.
-  bool constraints(const double* J, const double* gamma, double tolerance, double* Q, double* T, double* y) {
+  // Q (nv, m) and T (m, m) row-major with H^-T J^T = Q T; keeps y = T^-T gamma. False where T is singular within
+  // tolerance.
+  bool constraints(const double* J, const double* gamma, double tolerance, double* Q, double* T) {
     if (m_ > nv_) return false;
     for (int i = 0; i < nv_; ++i)
       for (int k = 0; k < m_; ++k) R(i)[k] = J[k * nv_ + i];
@@ -73,10 +74,27 @@ class Elimination {
     accumulate(Q);
     for (int k = 0; k < m_; ++k) {
       double left = gamma[k];
-      for (int c = 0; c < k; ++c) left -= T[c * m_ + k] * y[c];
-      y[k] = left / T[k * m_ + k];
+      for (int c = 0; c < k; ++c) left -= T[c * m_ + k] * y_[c];
+      y_[k] = left / T[k * m_ + k];
     }
     return true;
+  }
+
+  // With Y as columns() writes it: top (m, n + 1) = Q^T Y - [0, y], Y - Q top in the place of Y, and phi (n, n), the
+  // products of its first n columns.
+  void project(const double* Q, double* top, double* Y, double* phi) const {
+    const int w = n_ + 1;
+    std::fill(top, top + m_ * w, 0.0);
+    for (int k = 0; k < m_; ++k) top[k * w + n_] = -y_[k];
+    for (int i = 0; i < nv_; ++i)
+      for (int k = 0; k < m_; ++k) subtract(top + k * w, -Q[i * m_ + k], Y + i * w, w);
+    for (int i = 0; i < nv_; ++i)
+      for (int k = 0; k < m_; ++k) subtract(Y + i * w, Q[i * m_ + k], top + k * w, w);
+    std::fill(phi, phi + n_ * n_, 0.0);
+    for (int i = 0; i < nv_; ++i)
+      for (int k = 0; k < n_; ++k) subtract(phi + k * n_ + k, -Y[i * w + k], Y + i * w + k, n_ - k);
+    for (int k = 0; k < n_; ++k)
+      for (int c = 0; c < k; ++c) phi[k * n_ + c] = phi[c * n_ + k];
   }
 
   // B (nv, n + 1) row-major: H^-1 B in its place.
@@ -144,7 +162,7 @@ class Elimination {
   int nv_, n_, m_;
   std::vector<double> H_;
   std::vector<std::pair<int, int>> ranges_;  // of actuated joints that a coordinate carries
-  std::vector<double> R_, taus_, work_;
+  std::vector<double> R_, y_, taus_, work_;
 };
 
 }  // namespace hqp
