@@ -231,9 +231,9 @@ class Assembly:
                     given = None if value is None else value.shape
                     shape = None if target is None else target.shape
                     raise DeclarationError(member.element.name, f"value has shape {given}", allowed=f"shape {shape}")
-                np.copyto(target, value)
+                target[:] = value
                 if member.normal is not None:
-                    np.copyto(member.normal, _UP if reference.normal is None else reference.normal)
+                    member.normal[:] = _UP if reference.normal is None else reference.normal
                 member.seen = reference
 
     def unfit(self) -> tuple[str, ...]:

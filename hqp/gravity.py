@@ -27,6 +27,7 @@ class Gravity:
 
     def __init__(self, held: Sequence[Element], robot: Robot, dt: float) -> None:
         self._held, self._robot, self._dt = held, robot, dt
+        self._unactuated = np.setdiff1d(np.arange(robot.nv), robot.actuated)
         self._laws = {e.name: P(0.0) for e in held}  # only the rows are used: no drift
         self._rows: Assembly | None = None
 
@@ -37,7 +38,7 @@ class Gravity:
 
     def torque(self, state: State, J: Mat) -> Vec:
         """tau_g ``(n,)`` [N m] on the constraints J."""
-        return holding_torque(J, state.gravity_force(), self._robot.actuated)
+        return holding_torque(J, state.gravity_force(), self._robot.actuated, self._unactuated)
 
     def other(self, state: State, references: Mapping[str, Reference]) -> Vec:
         """tau_g ``(n,)`` [N m] on the ground of the gravity normals."""
@@ -54,18 +55,16 @@ def _on_gravity_normal(r: Reference) -> Reference:
     return Reference(r.name, r.value, r.velocity, r.acceleration, r.gravity_normal)
 
 
-def holding_torque(J: Mat, g: Vec, actuated: Index) -> Vec:
+def holding_torque(J: Mat, g: Vec, actuated: Index, unactuated: Index) -> Vec:
     """tau ``(n,)`` with U^T tau - J^T lambda = g: what holds the robot at rest, UNbar^T g (Sentis 2012, eqs. 22, 57).
 
     Needs rank [J; U] full; of the internal forces of redundant constraints it takes those of least norm.
     """
     nv, n, m = g.size, actuated.size, J.shape[0]
-    if m == nv - n:  # as many forces as motors are missing: theirs are the only equations that have to be solved
-        missing = np.ones(nv, dtype=bool)
-        missing[actuated] = False
-        *_, force, singular = gesv(J[:, missing].T, g[missing])
+    if m == unactuated.size:  # as many forces as motors are missing: only their equations have to be solved
+        *_, force, singular = gesv(J.take(unactuated, axis=1).T, g[unactuated])
         if not singular:
-            return np.asarray(g[actuated] - force @ J[:, actuated])
+            return np.asarray(g[actuated] - force @ J.take(actuated, axis=1))
     system = np.zeros((nv, n + m), order="F")
     system[actuated, np.arange(n)] = 1.0
     system[:, n:] = -J.T

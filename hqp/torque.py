@@ -108,7 +108,7 @@ class TorqueProgram(Program):
         self.lower, self.upper = self.bounds
         self.places: dict[str, Place] = {}
         runs: list[list[int]] = []
-        self._takes: list[tuple[slice | Index, Vec | None, Mat, Mat, Mat]] = []
+        self._takes: list[tuple[Index, Vec | None, Mat, Mat, Mat]] = []
         levels: list[Rows] = []
         slices: list[slice | None] = []
         at = 0
@@ -161,10 +161,7 @@ class TorqueProgram(Program):
         if part.start >= rows.J.shape[0]:
             weight = rows.weight[part]
             scale = None if np.all(weight == 1.0) else weight
-            picks = rows.picks(part)
-            whole = bool(picks.size) and bool(np.all(np.diff(picks) == 1))  # neighbours: a slice copies faster
-            index = slice(int(picks[0]), int(picks[-1]) + 1) if whole else picks
-            self._takes.append((index, scale, self.A[here], rows.bounds[:, part], self.bounds[:, here]))
+            self._takes.append((rows.picks(part), scale, self.A[here], rows.bounds[:, part], self.bounds[:, here]))
             return
         last = runs[-1] if runs else None
         if last and last[1] == part.start and last[3] == here.start:
@@ -200,7 +197,7 @@ class TorqueProgram(Program):
             np.matmul(J, X, out=A)
             np.subtract(asked, J @ c, out=level)
         for index, scale, A, asked, level in self._takes:
-            A[:] = X[index]
+            X.take(index, axis=0, out=A, mode="clip")
             offset = c[index]
             if scale is not None:
                 A *= scale[:, None]
