@@ -120,10 +120,10 @@ class Orientation(Task):
             R = None if value is None else as_rotation(self.name, value)
             return make_reference(self.name, 3, R, velocity, acceleration)
         k = len(self._names)
-        angles = None
-        if value is not None:
-            angles = numbers(self.name, "value", np.atleast_1d(np.asarray(value)) if k == 1 else value, (k,))
-            velocity = velocity if k > 1 or velocity is None else np.atleast_1d(velocity)
+        if k == 1:  # a number will do
+            given = value, velocity, acceleration
+            value, velocity, acceleration = (None if x is None else np.array(x, ndmin=1) for x in given)
+        angles = None if value is None else numbers(self.name, "value", value, (k,))
         return make_reference(self.name, k, angles, velocity, acceleration)
 
     def bind(self, robot: Robot, out: Block) -> Writer:

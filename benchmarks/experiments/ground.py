@@ -32,7 +32,8 @@ class ContactNormals:
         """Unit normals ``(wheels, 3)``, world axes."""
         self._force += self._share * (contacts.load[:, None] * contacts.normal - self._force)
         normals = self._force + self._upright
-        return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+        lengths = [math.hypot(*normal) for normal in normals.tolist()]
+        return np.asarray(normals / np.array(lengths)[:, None])
 
 
 class Heading:
@@ -42,12 +43,13 @@ class Heading:
 
     def __init__(self, yaw: float, rate: float, period: float) -> None:
         self.yaw, self._rate, self._period = yaw, rate, period
-        self._velocity = np.zeros(2)
+        self._velocity = 0.0, 0.0
 
     def update(self, velocity: Vec) -> float:
         """Turn for a velocity of the base in the world ``(2,)`` [m/s]; the rate of the heading ``yaw`` [rad/s]."""
-        self._velocity += self._period / self.TIME_CONSTANT * (velocity - self._velocity)
-        x, y = self._velocity.tolist()
+        share = self._period / self.TIME_CONSTANT
+        x, y = (old + share * (new - old) for old, new in zip(self._velocity, velocity.tolist(), strict=True))
+        self._velocity = x, y
         off = math.remainder(math.atan2(y, x) - self.yaw, 2.0 * math.pi)
         if math.hypot(x, y) < self.LEAST or abs(off) > self.FORWARD:
             return 0.0
@@ -67,24 +69,23 @@ class Odometry:
         names = tuple(robot.wheels)
         contacts = [state.position(frame) for frame in robot.landmarks["wheel_contacts"]]
         rims = [np.cross(robot.wheels[name].axle, UP) for name in names]
-        self._radius = np.array([robot.wheels[name].radius for name in names])
-        self._wheels = robot.joints("wheels")
         self._rims = np.array(rims)
-        self._turning = np.array([np.cross(p, rim)[2] for p, rim in zip(contacts, rims, strict=True)])
-        self._inverse = np.linalg.pinv(self._rims[:, :2])
+        self._rolled = np.zeros((len(names), robot.nv))  # r qd less the part of the yaw rate
+        self._rolled[:, 5] = [-np.cross(p, rim)[2] for p, rim in zip(contacts, rims, strict=True)]
+        self._rolled[range(len(names)), robot.joints("wheels")] = [robot.wheels[name].radius for name in names]
+        self._velocity = np.zeros((3, robot.nv))
+        self._velocity[:2] = np.linalg.pinv(self._rims[:, :2]) @ self._rolled
 
     def velocity(self, v: Vec) -> Vec:
         """(v_x, v_y, 0) in the base ``(3,)`` [m/s], from the wheel rates and the yaw rate in v ``(nv,)``."""
-        rolled = self._radius * v[self._wheels] - self._turning * v[5]
-        x, y = self._inverse @ rolled
-        return np.array([x, y, 0.0])
+        return np.asarray(self._velocity @ v)
 
     def slip(self, v: Vec) -> Vec:
         """Speed of each wheel's rim over the ground along its rolling direction, from the true v, ``(wheels,)`` [m/s].
 
         Neglects what the turning about x and y does at the contact points, which lie near their plane.
         """
-        return np.asarray(self._rims @ v[:3] + self._turning * v[5] - self._radius * v[self._wheels])
+        return np.asarray(self._rims @ v[:3] - self._rolled @ v)
 
 
 class HeightMap:

@@ -77,9 +77,10 @@ class SpringHand:
     def force(self, walk: Walk, t: float, at_rest: Vec, hand: Vec, velocity: Vec) -> Vec:
         """Force ``(3,)`` [N] on the hand at ``hand`` [m] moving at ``velocity`` [m/s], both ``(3,)``."""
         x, v = walk.at(t)
-        along = np.array([math.cos(self.direction), math.sin(self.direction)])
-        f = self.stiffness * (at_rest[:2] + x * along - hand[:2]) + self.damping * (v * along - velocity[:2])
-        size = math.hypot(*f.tolist())
-        if size > self.cap:
-            f *= self.cap / size
-        return np.array([f[0], f[1], 0.0])
+        c, s = math.cos(self.direction), math.sin(self.direction)
+        (ax, ay, _), (hx, hy, _), (vx, vy, _) = at_rest.tolist(), hand.tolist(), velocity.tolist()
+        fx = self.stiffness * (ax + x * c - hx) + self.damping * (v * c - vx)
+        fy = self.stiffness * (ay + x * s - hy) + self.damping * (v * s - vy)
+        size = math.hypot(fx, fy)
+        scale = self.cap / size if size > self.cap else 1.0
+        return np.array([scale * fx, scale * fy, 0.0])

@@ -136,7 +136,7 @@ class Outing:
         tick = self.session.step(state, *self._targets(rotation, v[:3], normals))
         torque = tick.command + self._damping * v[self._actuated]
         self._brake(torque)
-        np.clip(torque, -self._limit, self._limit, out=torque)
+        torque = np.minimum(np.maximum(torque, -self._limit), self._limit)
         spent = time.perf_counter() - began
         self._disturb()
         plant.step(torque, steps=round(choice.period / plant.timestep))
