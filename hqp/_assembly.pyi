@@ -27,6 +27,13 @@ class Elimination:
         1; 0 with no such X, phi, Q, T, top for dependent constraints; -1 for an A that is not positive definite.
         """
 
+class Holding:
+    """``hqp.gravity.holding_torque`` for as many constraints as ``others``, the coordinates without a motor."""
+
+    def __init__(self, actuated: Sequence[int], others: Sequence[int]) -> None: ...
+    def torque(self, J: Mat, g: Vec, tau: Vec) -> bool:
+        """tau = g - J^T f on the actuated coordinates, f zeroing it on the others; False where no f does."""
+
 class Assembly:
     """Operations over live arrays, run in the order in which they were added; keeps references to the arrays.
 

@@ -14,9 +14,14 @@ from hqp.law import P
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 
+try:
+    from hqp import _assembly as native
+except ImportError:  # no compiler was there: LAPACK does it all
+    native = None  # type: ignore[assignment]
+
 _WORK = 4096
 
-gels, gesv = get_lapack_funcs(("gels", "gesv"), (np.zeros(1),))
+(gels,) = get_lapack_funcs(("gels",), (np.zeros(1),))
 
 
 class Gravity:
@@ -27,9 +32,12 @@ class Gravity:
 
     def __init__(self, held: Sequence[Element], robot: Robot, dt: float) -> None:
         self._held, self._robot, self._dt = held, robot, dt
-        self._unactuated = np.setdiff1d(np.arange(robot.nv), robot.actuated)
         self._laws = {e.name: P(0.0) for e in held}  # only the rows are used: no drift
         self._rows: Assembly | None = None
+        others = np.setdiff1d(np.arange(robot.nv), robot.actuated)
+        self._native = None
+        if native is not None and sum(e.rows(robot) for e in held) == others.size:
+            self._native = native.Holding(robot.actuated.tolist(), others.tolist())
 
     @staticmethod
     def asked(given: Sequence[Reference]) -> bool:
@@ -38,7 +46,11 @@ class Gravity:
 
     def torque(self, state: State, J: Mat) -> Vec:
         """tau_g ``(n,)`` [N m] on the constraints J."""
-        return holding_torque(J, state.gravity_force(), self._robot.actuated, self._unactuated)
+        g, actuated = state.gravity_force(), self._robot.actuated
+        tau = np.empty(actuated.size)
+        if self._native is not None and self._native.torque(J, g, tau):
+            return tau
+        return holding_torque(J, g, actuated)
 
     def other(self, state: State, references: Mapping[str, Reference]) -> Vec:
         """tau_g ``(n,)`` [N m] on the ground of the gravity normals."""
@@ -55,16 +67,12 @@ def _on_gravity_normal(r: Reference) -> Reference:
     return Reference(r.name, r.value, r.velocity, r.acceleration, r.gravity_normal)
 
 
-def holding_torque(J: Mat, g: Vec, actuated: Index, unactuated: Index) -> Vec:
+def holding_torque(J: Mat, g: Vec, actuated: Index) -> Vec:
     """tau ``(n,)`` with U^T tau - J^T lambda = g: what holds the robot at rest, UNbar^T g (Sentis 2012, eqs. 22, 57).
 
     Needs rank [J; U] full; of the internal forces of redundant constraints it takes those of least norm.
     """
     nv, n, m = g.size, actuated.size, J.shape[0]
-    if m == unactuated.size:  # as many forces as motors are missing: only their equations have to be solved
-        *_, force, singular = gesv(J.take(unactuated, axis=1).T, g[unactuated])
-        if not singular:
-            return np.asarray(g[actuated] - force @ J.take(actuated, axis=1))
     system = np.zeros((nv, n + m), order="F")
     system[actuated, np.arange(n)] = 1.0
     system[:, n:] = -J.T

@@ -13,6 +13,7 @@
 #include "com.hpp"
 #include "elimination.hpp"
 #include "frames.hpp"
+#include "holding.hpp"
 #include "joints.hpp"
 #include "laws.hpp"
 #include "wheels.hpp"
@@ -185,4 +186,12 @@ NB_MODULE(_assembly, module) {
       .def("eliminate", &eliminate, "A"_a.noconvert(), "bias"_a.noconvert(), "J"_a.noconvert(), "gamma"_a.noconvert(),
            "tolerance"_a, "X"_a.noconvert(), "phi"_a.noconvert(), "Q"_a.noconvert(), "T"_a.noconvert(),
            "top"_a.noconvert());
+  nb::class_<hqp::Holding>(module, "Holding")
+      .def(nb::init<Ints, Ints>(), "actuated"_a, "others"_a)
+      .def(
+          "torque",
+          [](hqp::Holding& h, const Block& J, const Vector& g, const Written& tau) {
+            return h.torque(J.data(), g.data(), tau.data());
+          },
+          "J"_a.noconvert(), "g"_a.noconvert(), "tau"_a.noconvert());
 }

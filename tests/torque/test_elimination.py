@@ -10,6 +10,7 @@ import pytest
 import hqp
 import hqp.dynamics
 from hqp.dynamics import ConstrainedDynamics, coordinate_parents
+from hqp.gravity import holding_torque
 
 pytestmark = pytest.mark.skipif(hqp.dynamics.native is None, reason="no native assembly here")
 
@@ -85,3 +86,17 @@ def test_parents_are_the_pattern_of_the_inertia() -> None:
             j = parents[j]
     assert not (found & ~carried).any()
     assert carried.sum() < 0.6 * carried.size
+
+
+def test_native_holding_torque_equals_the_dense_one() -> None:
+    assert hqp.dynamics.native is not None
+    rng, actuated, others = np.random.default_rng(3), [1, 3, 4, 6], [0, 2, 5]
+    holding, tau = hqp.dynamics.native.Holding(actuated, others), np.empty(4)
+    for _ in range(20):
+        J, g = rng.normal(size=(3, 7)), rng.normal(size=7)
+        J[0, 0] = 0.0  # another row has to go first
+        assert holding.torque(J, g, tau)
+        expected = holding_torque(J, g, np.array(actuated))
+        assert np.abs(tau - expected).max() < 1e-9 * np.abs(expected).max()
+    J[:, 2] = 0.0  # nothing holds this coordinate
+    assert not holding.torque(J, g, tau)
