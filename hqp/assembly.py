@@ -161,7 +161,7 @@ class Assembly:
         ]
         members = self.members.values()
         self._writers = [(m.write, m.element.name) for m in members if m.target is None]
-        self._targets = [m for m in members if m.target is not None and m.target.shape]
+        self._targets = [(m.element.name, m.target, m) for m in members if m.target is not None and m.target.shape]
         self._scaled = [m for m in members if m.scaled is not None and m.target is None]
         self._finish_laws()
 
@@ -223,18 +223,18 @@ class Assembly:
 
     def _feed(self, references: Mapping[str, Reference]) -> None:
         """Put what native operations read where they read it."""
-        for member in self._targets:
-            reference = references[member.element.name]
-            if reference is not member.seen:
-                value, target = reference.value, member.target
-                if value is None or target is None or value.shape != target.shape:
-                    given = None if value is None else value.shape
-                    shape = None if target is None else target.shape
-                    raise DeclarationError(member.element.name, f"value has shape {given}", allowed=f"shape {shape}")
-                target[:] = value
-                if member.normal is not None:
-                    member.normal[:] = _UP if reference.normal is None else reference.normal
-                member.seen = reference
+        for name, target, member in self._targets:
+            reference = references[name]
+            if reference is member.seen:
+                continue
+            value = reference.value
+            if value is None or value.shape != target.shape:
+                given = None if value is None else value.shape
+                raise DeclarationError(name, f"value has shape {given}", allowed=f"shape {target.shape}")
+            target[:] = value
+            if member.normal is not None:
+                member.normal[:] = _UP if reference.normal is None else reference.normal
+            member.seen = reference
 
     def unfit(self) -> tuple[str, ...]:
         """Names of elements whose demand or rows are not finite; () nearly always, told by two products."""

@@ -32,6 +32,7 @@ from .terrain import Plane, Ramp, Terrain
 __all__ = ["Contacts", "Noise", "Plane", "Plant", "Ramp", "Reading", "Sensors", "Servo", "StateMap", "Terrain"]
 
 _LEVEL, _PERFECT = Plane(), Sensors()
+_SITE, _BODY = int(mujoco.mjtObj.mjOBJ_SITE), int(mujoco.mjtObj.mjOBJ_XBODY)
 _LINEAR_FIRST = np.array([3, 4, 5, 0, 1, 2])
 
 
@@ -156,7 +157,7 @@ class Plant:
     def state(self) -> tuple[Vec, Vec]:
         """The true (q, v) in Pinocchio's coordinates; the angle of a ball wheel is the integral of its rate."""
         q, v = self.map.to_pinocchio(self.data.qpos, self.data.qvel)
-        for angle, (i, *_) in zip(self._turned, self.map.wheels.values(), strict=True):
+        for angle, (i, *_) in zip(self._turned.tolist(), self.map.wheels.values(), strict=True):
             q[i] = angle
         return q, v
 
@@ -198,9 +199,8 @@ class Plant:
     def velocity(self, frame: str) -> Vec:
         """Velocity ``(6,)`` of a frame's origin [m/s] and its rotation [rad/s], world axes."""
         site, index = self._frames.find(frame)
-        kind = mujoco.mjtObj.mjOBJ_SITE if site else mujoco.mjtObj.mjOBJ_XBODY
         angular_linear = np.zeros(6)
-        mujoco.mj_objectVelocity(self.model, self.data, kind, index, angular_linear, 0)
+        mujoco.mj_objectVelocity(self.model, self.data, _SITE if site else _BODY, index, angular_linear, 0)
         linear_first: Vec = angular_linear[_LINEAR_FIRST]
         return linear_first
 

@@ -48,8 +48,8 @@ class Heading:
     def update(self, velocity: Vec) -> float:
         """Turn for a velocity of the base in the world ``(2,)`` [m/s]; the rate of the heading ``yaw`` [rad/s]."""
         share = self._period / self.TIME_CONSTANT
-        x, y = (old + share * (new - old) for old, new in zip(self._velocity, velocity.tolist(), strict=True))
-        self._velocity = x, y
+        (x, y), (led_x, led_y) = self._velocity, velocity.tolist()
+        x, y = self._velocity = x + share * (led_x - x), y + share * (led_y - y)
         off = math.remainder(math.atan2(y, x) - self.yaw, 2.0 * math.pi)
         if math.hypot(x, y) < self.LEAST or abs(off) > self.FORWARD:
             return 0.0
