@@ -16,41 +16,74 @@ class ActiveSet final : public Step {
     outcome = Outcome::optimal;
     cap_ = options.max_iterations > 0 ? options.max_iterations : 100 + 10 * (table.rows + table.n);
     deadline_ = options.time_limit > 0 ? now() + options.time_limit : 0.0;
+    changes_.forget();
     tableau.choose_bias();
     multipliers.listen();
     uncertain_ = false;
     doubted_ = kInfinity;
     working_set();
-    if (table.inequalities == 0 && !table.boxed) { equality_point(); accept(); return; }
     tableau.recording = false;
-    if (!block_exchange()) primal();
+    if (table.inequalities == 0 && !table.boxed) { equality_point(); accept(); }
+    else if (!block_exchange()) primal();
     warm_ = true;
+    plain_ = false;
   }
 
  private:
   // Swap everything that is violated or wrong-signed at once; true if that ends at the optimum.
   bool block_exchange() {
     int credit = options_->credit, best = 1 << 30;
-    for (int k = 0; k < table.blocks; ++k) start_slack_[k] = kInfinity;
+    forget_start();
     for (;;) {
       equality_point();
       const int outside = violations();
       multipliers.judge(W, F, target_);
       const int trouble = outside + multipliers.count;
-      if (trouble == 0) { accept(); return true; }
+      if (trouble == 0) {
+        if (!reduced()) { accept(); return true; }
+        unreduce();
+        forget_start();
+        continue;
+      }
+      const bool reduces = iterations == 1 && kCrowd * outside > table.n && reduce();
+      if (reduces) credit = 0;
       keep_start();
       if (trouble < best) best = trouble;
       else if (--credit < 0 || trouble > 2 * best) return false;
-      if (iterations > 1 && out_of_time()) { go_to_start(); return true; }
-      joined_ = 0;
-      joins_only_ = multipliers.count == 0;
-      for (int r = 0; r < table.rows && joins_only_; ++r) if (side_[r]) note_join(r, side_[r]);
-      for (int i = 0; i < table.n && joins_only_; ++i) if (side_x_[i]) note_join(table.rows + i, side_x_[i]);
-      for (int r = 0; r < table.rows; ++r) if (side_[r]) W[r] = side_[r];
-      for (int i = 0; i < table.n; ++i) if (side_x_[i]) F[i] = side_x_[i];
+      if (iterations > 1 && out_of_time()) {
+        go_to_start();
+        if (reduced()) unreduce();
+        return true;
+      }
+      changes_.start();
+      for (int r = 0; r < table.rows; ++r) if (side_[r]) { W[r] = side_[r]; changes_.note_join(r, side_[r]); }
+      for (int i = 0; i < table.n; ++i) if (side_x_[i]) { F[i] = side_x_[i]; changes_.note_join(table.rows + i, side_x_[i]); }
+      if (reduces || multipliers.count) changes_.forget();
       for (int q = 0; q < multipliers.count; ++q) release(multipliers.wrong[q]);
     }
   }
+
+  // Far from the optimum: go on in fewer variables, with the same working sets; false where that saves too little.
+  bool reduce() {
+    if (plain_ || !tableau.reduce(table)) return false;
+    tableau.reduction.mark(W, kFree);
+    return true;
+  }
+
+  bool reduced() const { return tableau.reduction.count > 0; }
+
+  // Back to all variables, where the answer is judged.
+  void unreduce() {
+    tableau.reduction.mark(W, kEquality);
+    tableau.reduction.undo(table);
+    changes_.forget();
+    followed_ = false;
+    seen_count_ = 0;
+    if (options_->multipliers) tableau.factorise(W, F);   // a cap may leave it at that
+    table.product(tableau.x, target_);
+  }
+
+  void forget_start() { for (int k = 0; k < table.blocks; ++k) start_slack_[k] = kInfinity; }
 
   // The point of the box next to the tableau's, with what works there, if it is lexicographically the best so far.
   void keep_start() {
@@ -58,7 +91,7 @@ class ActiveSet final : public Step {
     table.product(x, v);
     bool better = false;
     for (int k = 0; k + 1 < table.blocks; ++k) {
-      const double slack = outside(k), old = start_slack_[k];
+      const double slack = outside(k, v), old = start_slack_[k];
       const double same = kSame * (1.0 + smaller(slack, old));
       if (!better && slack > old + same) return;
       better = better || slack < old - same;
@@ -70,16 +103,6 @@ class ActiveSet final : public Step {
     for (int i = 0; i < table.n; ++i) { start_F_[i] = side_x_[i] ? side_x_[i] : F[i]; start_x_[i] = x[i]; }
   }
 
-  // Norm of what the rows of a level miss at v.
-  double outside(int level) const {
-    double square = 0.0;
-    for (int r = table.block[level].begin; r < table.block[level].end; ++r) {
-      const double out = table.beyond(r, v[r]);
-      square += out * out;
-    }
-    return std::sqrt(square);
-  }
-
   void go_to_start() { for (int i = 0; i < table.n; ++i) x[i] = start_x_[i]; }
 
   // Lexicographic descent from the best point so far: x never leaves the box, no level rises for a lower one.
@@ -87,7 +110,7 @@ class ActiveSet final : public Step {
     for (int r = 0; r < table.rows; ++r) W[r] = start_W_[r];
     for (int i = 0; i < table.n; ++i) F[i] = start_F_[i];
     go_to_start();
-    joins_only_ = false;
+    changes_.forget();
     tableau.recording = true;
     seen_count_ = 0;
     followed_ = false;
@@ -99,24 +122,34 @@ class ActiveSet final : public Step {
       followed_ = false;
       sort_rows();
       equality_point();
+      bool unmoved = let_go && rank_of(multipliers.wrong[0].level) <= rank;
+      if (unmoved && tableau.loosened) {   // no update may say so
+        equality_point();
+        unmoved = rank_of(multipliers.wrong[0].level) <= rank;
+      }
       const bool whole = advance();
-      if (let_go && progress_ > multipliers.wrong[0].level && rank_of(multipliers.wrong[0].level) <= rank) silence(let_go);
+      if (unmoved && progress_ > multipliers.wrong[0].level) silence(let_go);
       let_go = 0;
       if (!whole) continue;
       go_to_point();
       if (violations()) continue;
       multipliers.judge(W, F, target_, true);
       if (multipliers.count == 0) {
+        if (reduced()) { unreduce(); continue; }
+        if (tableau.loosened) { changes_.forget(); continue; }   // judged on a tableau of its own
         if (!disturbed_) { accept(); return; }
         restore();
         followed_ = false;
         continue;
       }
-      if (repeated() && get_unstuck()) continue;
+      const bool again = repeated();
+      if (again && reduced()) { unreduce(); continue; }
+      if (again && get_unstuck()) continue;
       if (repeats_ > kRepeats) { outcome = Outcome::not_certified; break; }
       let_go = release_some(repeats_ > 0);
       rank = rank_of(multipliers.wrong[0].level);
     }
+    if (reduced()) unreduce();
     if (disturbed_) restore();
   }
 
@@ -134,6 +167,7 @@ class ActiveSet final : public Step {
     }
     for (int q = 0; q < multipliers.count; ++q)
       if (careful ? q == lowest : wrong[q].level == level && wrong[q].size >= 0.5 * most) wrong[count++] = wrong[q];
+    changes_.start(level);
     for (int q = 0; q < count; ++q) release(wrong[q]);
     return count;
   }
@@ -178,7 +212,7 @@ class ActiveSet final : public Step {
   void disturb() {
     disturbed_ = true;
     std::uint64_t state = 88172645463325252ull;
-    joins_only_ = false;
+    changes_.forget();
     const double size = table.span(x);
     auto tiny = [&state]() {
       state ^= state << 13; state ^= state >> 7; state ^= state << 17;
@@ -202,7 +236,7 @@ class ActiveSet final : public Step {
 
   void restore() {
     disturbed_ = false;
-    joins_only_ = false;
+    changes_.forget();
     for (int r = 0; r < table.rows; ++r)
       if (jitter_[r] != 0.0) { table.upper[r] -= jitter_[r]; table.lower[r] += jitter_[r]; }
     const double* box = jitter_ + table.rows;

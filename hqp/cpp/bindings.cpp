@@ -139,9 +139,9 @@ class Workspace {
     return made;
   }
 
-  void reset() {
+  void reset(bool plain) {
     const Lock lock(busy_);
-    kernel_->reset();
+    kernel_->reset(plain);
   }
 
   int traverse(visitproc visit, void* arg) {
@@ -288,7 +288,7 @@ NB_MODULE(_lexicographic, m) {
       .def("report_as", &Workspace::report_as, "solution"_a, "stats"_a, "statuses"_a, "slack"_a, "active"_a,
            "multipliers"_a, "stopped"_a, "unsure"_a)
       .def("solution", &Workspace::solution, "build_seconds"_a, "values"_a, "active"_a, "multipliers"_a)
-      .def("reset", &Workspace::reset)
+      .def("reset", &Workspace::reset, "plain"_a = false)
       .def("values", &Workspace::values)
       .def("active", &Workspace::active)
       .def("multipliers", &Workspace::multipliers);

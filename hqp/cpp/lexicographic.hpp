@@ -22,11 +22,11 @@ class Lexicographic final : public Kernel {
     set_.start();
   }
 
-  void reset() override { set_.forget(); }
+  void reset(bool plain = false) override { set_.forget(plain); }
 
   void solve(const Problem& problem, const Options& options, Answer& answer) override {
     if (!set_.table.read(problem)) {
-      set_.forget();
+      set_.forget(false);
       answer.outcome = Outcome::invalid;
       return;
     }

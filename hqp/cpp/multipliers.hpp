@@ -70,7 +70,7 @@ struct Multipliers {
       if (!pending) break;
       gradient(k, W);
       sweep_above(k, lambda);
-      const double least = norm * ((1e-3 * tolerance + deaf) * length + 1e-15 * norm * span);
+      const double least = norm * ((0.1 * tolerance + deaf) * length + 1e-15 * norm * span);
       const double limit = norm * ((tolerance + deaf + 1e-15 * tableau->growth) * length + 1e-15 * norm * span);
       const bool refined = doubtful(k, least, limit);
       if (refined) refine(k);
@@ -122,6 +122,7 @@ struct Multipliers {
       if (j < k) sweep(j, out);
       for (; q >= 0 && tableau->extra[q].level == j; --q) sweep_extra(tableau->extra[q], out);
     }
+    tableau->reduction.pull(g, table->n);
     for (int i = 0; i < table->n; ++i) mu[i] = -g[i];
     for (int q = 0; q < tableau->extras; ++q)
       if (tableau->extra[q].variable >= 0) mu[tableau->extra[q].variable] = tableau->extra[q].lambda;

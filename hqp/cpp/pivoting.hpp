@@ -11,18 +11,18 @@ struct Pivoting : Gram {
   void form(int k, const std::int8_t* W) {
     Stage& s = stage[k];
     const Block& b = table->block[k];
-    const int width = lanes(rest + 1);
+    const int width = lanes(rest + 1), known = reduction.count;   // rows of a reduced table are zero there
     for (int i = 0; i < s.m; ++i) {
       const int r = s.rows[i], local = r - b.begin;
       double* row = T + static_cast<std::ptrdiff_t>(i) * ld;
       if (b.A) {
         const double* a = b.A + static_cast<std::ptrdiff_t>(local) * n;
         row[0] = bound(r, W) - (any_fixed ? dot_any(a, fixed_x, n) : 0.0);
-        if (rest == n) std::memcpy(row + 1, a, sizeof(double) * static_cast<std::size_t>(n));   // all, in order
+        if (rest == n && !loosened) std::memcpy(row + 1, a, sizeof(double) * static_cast<std::size_t>(n));   // all, in order
         else for (int j = 0; j < rest; ++j) row[1 + j] = a[free[j]];
         for (int j = rest + 1; j < width; ++j) row[j] = 0.0;
         double* left = L + static_cast<std::ptrdiff_t>(i) * ld;
-        for (int j = 0; j < basic; ++j) left[j] = a[base[j]];
+        for (int j = known; j < basic; ++j) left[j - known] = a[base[j]];
       } else {
         const int at_place = place[b.index[local]];
         const double scale = b.scale[local];
@@ -37,7 +37,7 @@ struct Pivoting : Gram {
         }
       }
     }
-    if (b.A) multiply_subtract(T, ld, L, ld, G, ld, s.m, basic, width);
+    if (b.A) multiply_subtract(T, ld, L, ld, G + static_cast<std::ptrdiff_t>(known) * ld, ld, s.m, basic - known, width);
   }
 
   void exact_sizes(int first, int m, int width) {
@@ -48,14 +48,12 @@ struct Pivoting : Gram {
     }
   }
 
-  // Householder with column pivoting on T, in place; columns stay where they are.
-  void reflect_all(int k) {
+  // Householder with column pivoting on T, in place, down to pivots of length `floor`; columns stay where they are.
+  void reflect_all(int k, double floor) {
     Stage& s = stage[k];
     const int width = lanes(rest + 1), m = s.m;
-    const Block& b = table->block[k];
-    const double floor = larger(larger(rank_tolerance, 1e-14 * growth) * b.norm, b.rounding);
     weight[0] = 0.0;
-    for (int j = 0; j < rest; ++j) weight[1 + j] = biased[free[j]] ? 9.0 : 1.0;
+    for (int j = 0; j < rest; ++j) weight[1 + j] = preference[free[j]];
     for (int j = rest + 1; j < width; ++j) weight[j] = 0.0;
     exact_sizes(0, m, width);
     double reference = 0.0;
@@ -70,6 +68,7 @@ struct Pivoting : Gram {
         p = largest_column(width);
         reference = size[p];
       }
+      if (!(size[p] > 0.0)) break;
       double* v = s.V + static_cast<std::ptrdiff_t>(rank) * s.ldv;
       double square = 0.0;
       for (int i = rank; i < m; ++i) { v[i] = T[static_cast<std::ptrdiff_t>(i) * ld + p]; square += v[i] * v[i]; }

@@ -1,7 +1,8 @@
 // The tableau x_basic = c - G x_rest and what each level leaves behind: storage, nothing computed.
 #pragma once
 
-#include "table.hpp"
+#include "changes.hpp"
+#include "reduction.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
@@ -31,11 +32,17 @@ struct Extra {
   double lambda;           // its multiplier in the sweep at hand
 };
 
+// A row that was met, or a variable that was held, since the factorisation.
+struct Newcomer {
+  int row, variable;       // the other is -1
+  double value;
+};
+
 // The tableau as it was when a level was reached.
 struct Snapshot {
   double* G;
   int* free;
-  int basic, rest;
+  int basic, rest, extras, newcomers;
   bool valid;
 };
 
@@ -57,12 +64,17 @@ struct TableauData {
   int* place = nullptr;       // (n,) position: >= 0 in free, -1 - i in base, kNowhere fixed
   int* keep = nullptr;        // (n,) where columns that stay come from
   int* hole = nullptr;       // (n,) where they go
-  std::int8_t* biased = nullptr;
+  double* preference = nullptr;   // (n,) weight of a variable among the pivots, 0 for never
   Stage* stage = nullptr;
   Snapshot* snapshot = nullptr;
+  Reduction reduction;
   bool recording = false;     // keep snapshots, for constraints that join above the last level
   Extra* extra = nullptr;
   int extras = 0;
+  Newcomer* newcomer = nullptr;
+  int newcomers = 0;
+  bool loosened = false;      // variables left since the factorisation
+  double* direction = nullptr;   // (n,)
   int gram_level = -1;        // the level that ended the tableau by a normal matrix, -1 if none did
   double growth = 1.0;        // how much rounding the tableau may have magnified
   double closest = 1e300;     // nearest a pivot came to the rank tolerance, as a ratio >= 1
@@ -72,7 +84,6 @@ struct TableauData {
   double rank_tolerance = 1e-9;
   double least = 0.0;         // smallest entry of `diagonal`
   static constexpr int kNowhere = 1 << 30;
-  static constexpr int kExtras = 24;
 
   void layout(Arena& arena, int n_, int blocks, const int* m) {
     n = n_; ld = padded(n + 1);
@@ -82,15 +93,19 @@ struct TableauData {
     arena.place(G, (n + 4) * wide); arena.place(T, (most + 4) * wide); arena.place(L, (most + 4) * wide);
     arena.place(H, (n + 8) * wide);
     arena.place(base, n); arena.place(free, n); arena.place(weight, ld); arena.place(size, ld);
-    arena.place(diagonal, ld); arena.place(target, ld); arena.place(x, ld); arena.place(fixed_x, ld);
-    arena.place(place, n); arena.place(keep, n); arena.place(hole, n); arena.place(biased, n);
-    arena.place(stage, blocks); arena.place(extra, kExtras); arena.place(snapshot, blocks);
+    arena.place(diagonal, ld); arena.place(target, most + ld); arena.place(x, ld); arena.place(fixed_x, ld);
+    arena.place(place, n); arena.place(keep, n); arena.place(hole, n); arena.place(preference, n);
+    arena.place(stage, blocks); arena.place(snapshot, blocks);
+    arena.place(extra, kChanges); arena.place(newcomer, kChanges); arena.place(direction, n);
     for (int k = 0; k < blocks; ++k) {
       double* kept = nullptr; int* left = nullptr;
       arena.place(kept, n * wide); arena.place(left, n);
       if (snapshot) { snapshot[k].G = kept; snapshot[k].free = left; }
     }
-    for (int q = 0; q < kExtras; ++q) {
+    int rows = 0;
+    for (int k = 0; k < blocks; ++k) rows += m[k];
+    reduction.layout(arena, n, rows, blocks);
+    for (int q = 0; q < kChanges; ++q) {
       double* column = nullptr;
       arena.place(column, n);
       if (extra) extra[q].column = column;

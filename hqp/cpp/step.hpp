@@ -8,6 +8,8 @@ inline namespace HQP_ISA {
 
 class Step : public WorkingSet {
  protected:
+  static constexpr double kLengths[] = {0.2, 0.04, 0.008};   // parts of a step that are tried clipped
+
   // Rows violated at x work at their side, rows well inside do not, rows at a bound stay as they are.
   void sort_rows() {
     const double size = table.span(x);
@@ -19,7 +21,7 @@ class Step : public WorkingSet {
       else if (v[r] < table.lower[r] - below) W[r] = kLower;
       else if (W[r] == kUpper && v[r] < table.upper[r] - above) W[r] = kFree;
       else if (W[r] == kLower && v[r] > table.lower[r] + below) W[r] = kFree;
-      joins_only_ = joins_only_ && W[r] == old;
+      if (W[r] != old) changes_.forget();
     }
   }
 
@@ -64,17 +66,47 @@ class Step : public WorkingSet {
     }
     if (level < table.blocks) bend(level, size, alpha, row, variable, side);
     if (alpha >= 1.0 && row < 0 && variable < 0) return true;
+    if (level == 0 && project(alpha)) return false;
     for (int i = 0; i < n; ++i) if (!F[i]) x[i] = inside_box(i, x[i] + alpha * step_[i]);
     for (int r = 0; r < table.rows; ++r) v[r] += alpha * change_[r];
     followed_ = true;
-    joins_only_ = variable >= 0 || row >= 0;
+    changes_.start();
     if (variable >= 0) {
       F[variable] = side;
       x[variable] = side > 0 ? table.hi[variable] : table.lo[variable];
-      note_join(table.rows + variable, side);
+      changes_.note_join(table.rows + variable, side);
     }
-    if (row >= 0) { W[row] = side; note_join(row, side); }
+    if (row >= 0) { W[row] = side; changes_.note_join(row, side); }
     return false;
+  }
+
+  // At the top level only the box is in the way: a longer step, clipped into it, where that lowers the level more.
+  bool project(double alpha) {
+    for (int r = table.block[0].begin; r < table.block[0].end; ++r) trial_v_[r] = v[r] + alpha * change_[r];
+    const double straight = outside(0, trial_v_);
+    for (const double a : kLengths) {
+      if (a <= 2.0 * alpha) return false;
+      if (!(clipped(a) < straight)) continue;
+      changes_.start();
+      for (int i = 0; i < table.n; ++i) {
+        const double end = x[i] + a * step_[i];
+        const std::int8_t side = F[i] ? kFree : end > table.hi[i] ? kUpper : end < table.lo[i] ? kLower : kFree;
+        if (side) { F[i] = side; changes_.note_join(table.rows + i, side); }
+      }
+      for (int i = 0; i < table.n; ++i) x[i] = trial_x_[i];
+      for (int r = 0; r < table.rows; ++r) v[r] = trial_v_[r];
+      followed_ = true;
+      return true;
+    }
+    return false;
+  }
+
+  // What the top level misses where the step to a is clipped into the box.
+  double clipped(double a) {
+    for (int i = 0; i < table.n; ++i) trial_x_[i] = F[i] ? x[i] : inside_box(i, x[i] + a * step_[i]);
+    tableau.reduction.follow(trial_x_, table.n);
+    table.product(trial_x_, trial_v_);
+    return outside(0, trial_v_);
   }
 
   // Rows of the level itself that the step would violate make its norm bend: stop where it is lowest. Where that
@@ -97,29 +129,42 @@ class Step : public WorkingSet {
     }
   }
 
-  double slope(int begin, int end, double alpha) const {
-    double s = 0.0;
-    for (int r = begin; r < end; ++r) s += change_[r] * table.beyond(r, v[r] + alpha * change_[r]);
+  // Slope and curvature of ||w_level||^2 / 2 along the step.
+  double slope(int level, double alpha, double& curvature) const {
+    const Block& b = table.block[level];
+    const Vec4 a = splat(alpha), zero = splat(0.0);
+    Vec4 slopes = zero, curvatures = zero;
+    int r = b.begin;
+    for (; r + kLane <= b.end; r += kLane) {
+      const Vec4 c = *reinterpret_cast<const Vec4u*>(change_ + r), value = *reinterpret_cast<const Vec4u*>(v + r) + a * c;
+      const Vec4 lower = *reinterpret_cast<const Vec4u*>(table.lower + r), upper = *reinterpret_cast<const Vec4u*>(table.upper + r);
+      const Vec4 out = value > upper ? value - upper : value < lower ? value - lower : zero;
+      slopes += c * out;
+      curvatures += out != zero ? c * c : zero;
+    }
+    double s = sum(slopes);
+    curvature = sum(curvatures);
+    for (; r < b.end; ++r) {
+      const double c = change_[r], out = table.beyond(r, v[r] + alpha * c);
+      s += c * out;
+      if (out != 0.0) curvature += c * c;
+    }
     return s;
   }
 
-  // Where a level, a convex piecewise quadratic along the step, is lowest on [0, alpha].
+  // Where a level, a convex piecewise quadratic along the step, is lowest on [0, alpha]: Newton within a bracket.
   double lowest(int level, double alpha) const {
-    const int begin = table.block[level].begin, end = table.block[level].end;
-    const double start = slope(begin, end, 0.0);
-    double low = 0.0, high = alpha, at_high = slope(begin, end, alpha), at_low = start;
-    if (at_high <= 1e-12 * std::fabs(start)) return alpha;
-    for (int r = begin; r < end; ++r) {              // shrink the bracket over the kinks inside it
-      if (table.kind[r] != kUpper || change_[r] == 0.0) continue;
-      for (int q = 0; q < 2; ++q) {
-        const double kink = ((q ? table.upper[r] : table.lower[r]) - v[r]) / change_[r];
-        if (!(kink > low && kink < high)) continue;
-        const double s = slope(begin, end, kink);
-        if (s >= 0.0) { high = kink; at_high = s; } else { low = kink; at_low = s; }
-      }
+    double curvature, low = 0.0, high = alpha, a = alpha;
+    const double least = 1e-12 * std::fabs(slope(level, 0.0, curvature));
+    for (int turn = 0; turn < 60; ++turn) {
+      const double s = slope(level, a, curvature);
+      if (a == alpha && s <= least) return alpha;
+      if (std::fabs(s) <= least) break;
+      if (s > 0.0) high = a; else low = a;
+      const double newton = a - s / curvature;
+      a = newton > low && newton < high ? newton : 0.5 * (low + high);
     }
-    const double a = at_high > at_low ? low - (high - low) * at_low / (at_high - at_low) : high;
-    return a < alpha * (1.0 - 1e-12) ? larger(a, 0.0) : alpha;
+    return a < alpha * (1.0 - 1e-12) ? a : alpha;
   }
 };
 

@@ -83,6 +83,8 @@ struct Table {
     return s;
   }
 
+  bool bounded(int i) const { return lo[i] > -kInfinity || hi[i] < kInfinity; }
+
   // By how much a value of row r lies above its upper or, negative, below its lower bound.
   double beyond(int r, double value) const {
     return value > upper[r] ? value - upper[r] : value < lower[r] ? value - lower[r] : 0.0;

@@ -1,52 +1,39 @@
-// Equality-constrained lexicographic least squares, level by level, and constraints that join afterwards.
+// Small changes of the working set, made in front of one level: only the levels from there on are solved again.
 #pragma once
 
-#include "pivoting.hpp"
+#include "levels.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
 
-struct Tableau : Pivoting {
-  // Solve for the working set: W marks rows of the table, F variables held at a bound.
-  void factorise(const std::int8_t* W, const std::int8_t* F) {
-    begin(F);
-    descend(0, W);
-  }
-
-  // Prefer as pivots the variables that the last selection does not see: it then needs no factorisation.
-  void choose_bias() {
-    for (int i = 0; i < n; ++i) biased[i] = 0;
-    for (int k = table->blocks - 2; k >= 0; --k) {
-      const Block& b = table->block[k];
-      if (b.A) continue;
-      for (int i = 0; i < n; ++i) biased[i] = 1;
-      for (int i = 0; i < b.end - b.begin; ++i) biased[b.index[i]] = 0;
-      break;
-    }
-  }
-
-  // Go back to where `level` was reached, so that constraints can join in front of it; false where that is lost.
+struct Tableau : Levels {
+  // Go back to where `level` was reached, now with all that joined since; false where that is lost.
   bool rewind(int level) {
-    if (level < 0 || level >= table->blocks || extras >= kExtras) return false;
+    if (level < 0 || level >= table->blocks) return false;
     if (level == gram_level) return true;
     const Snapshot& s = snapshot[level];
     if (!recording || !s.valid) return false;
-    const int width = lanes(s.rest + 1);
+    const int width = lanes(s.rest + 1), known = newcomers;
     for (int i = 0; i < s.basic; ++i) {
       const double* from = s.G + static_cast<std::ptrdiff_t>(i) * ld;
       double* to = G + static_cast<std::ptrdiff_t>(i) * ld;
       for (int j = 0; j < width; j += kLane) at(to + j) = at(from + j);
     }
     basic = s.basic; gram_free = s.rest; gram_level = level;
-    for (int i = 0; i < basic; ++i) place[base[i]] = -1 - i;
-    for (int j = 0; j < gram_free; ++j) { free[j] = s.free[j]; place[free[j]] = j; }
+    extras = s.extras; newcomers = s.newcomers;
+    for (int i = 0; i < basic; ++i) { place[base[i]] = -1 - i; fixed_x[base[i]] = 0.0; }
+    for (int j = 0; j < gram_free; ++j) { free[j] = s.free[j]; place[free[j]] = j; fixed_x[free[j]] = 0.0; }
+    for (int q = newcomers; q < known; ++q) {
+      const Newcomer c = newcomer[q];   // noted again where it still has to be
+      if (!(c.row >= 0 ? meet(c.row, c.value) : hold(c.variable, c.value))) return false;
+    }
     return true;
   }
 
   // Hold a variable at its value within what the levels above gram_level leave free; false if they leave too little.
   bool hold(int variable, double value) {
     const int p = place[variable];
-    if (p == kNowhere) return false;
+    if (p == kNowhere || newcomers == kChanges) return false;
     if (p >= 0) {
       for (int i = 0; i < basic; ++i) {
         double* g = G + static_cast<std::ptrdiff_t>(i) * ld;
@@ -56,95 +43,113 @@ struct Tableau : Pivoting {
       fixed_x[variable] = x[variable] = value;
       any_fixed = any_fixed || value != 0.0;
       drop(p);
-      return true;
+    } else {
+      const double* g = G + static_cast<std::ptrdiff_t>(-1 - p) * ld;
+      for (int j = 0; j <= gram_free; ++j) size[j] = -g[j];
+      size[0] += value;
+      if (!join(-1, variable, 1.0)) return false;
+      double* held = G + static_cast<std::ptrdiff_t>(-1 - p) * ld;
+      for (int j = 0; j < lanes(gram_free + 1); ++j) held[j] = 0.0;
+      held[0] = value;
     }
-    const double* g = G + static_cast<std::ptrdiff_t>(-1 - p) * ld;
-    for (int j = 0; j <= gram_free; ++j) size[j] = -g[j];
-    size[0] += value;
-    if (!join(-1, variable, 1.0)) return false;
-    double* held = G + static_cast<std::ptrdiff_t>(-1 - p) * ld;
-    for (int j = 0; j < lanes(gram_free + 1); ++j) held[j] = 0.0;
-    held[0] = value;
+    newcomer[newcomers++] = Newcomer{-1, variable, value};
     return true;
   }
 
-  // The same for a row of a level above gram_level.
+  // The same for a row; one of gram_level or below joins by itself when its level is solved.
   bool meet(int r, double bound) {
     const Block* b = table->block;
     while (b->end <= r) ++b;
-    if (b - table->block >= gram_level) return false;
+    if (b - table->block >= gram_level) return true;
+    if (!b->A || newcomers == kChanges) return false;
     const int width = lanes(gram_free + 1);
     for (int j = 0; j < width; ++j) size[j] = 0.0;
-    if (!b->A) return false;
     const double* a = b->A + static_cast<std::ptrdiff_t>(r - b->begin) * n;
     size[0] = bound - (any_fixed ? dot_any(a, fixed_x, n) : 0.0);
     for (int j = 0; j < gram_free; ++j) size[1 + j] = a[free[j]];
-    for (int i = 0; i < basic; ++i)
+    for (int i = reduction.count; i < basic; ++i)
       if (a[base[i]] != 0.0) subtract(size, G + static_cast<std::ptrdiff_t>(i) * ld, a[base[i]], width);
-    return join(r, -1, table->norm[r]);
+    if (!join(r, -1, table->norm[r])) return false;
+    newcomer[newcomers++] = Newcomer{r, -1, bound};
+    return true;
   }
 
-  // Solve the last levels again after constraints joined.
+  // Let go of a held variable; false where a level above gram_level would notice, or the variable is a basic one.
+  bool let_go(int variable) {
+    if (place[variable] != kNowhere || !respond(variable)) return false;
+    const int before = lanes(gram_free + 1), width = lanes(gram_free + 2);
+    for (int i = 0; i < basic; ++i) {
+      double* g = G + static_cast<std::ptrdiff_t>(i) * ld;
+      for (int j = before; j < width; ++j) g[j] = 0.0;
+      g[1 + gram_free] = -direction[base[i]];
+      g[0] -= direction[base[i]] * fixed_x[variable];
+    }
+    free[gram_free] = variable; place[variable] = gram_free++;
+    fixed_x[variable] = 0.0;
+    loosened = true;
+    for (int k = 0; k < gram_level; ++k) snapshot[k].valid = false;   // they do not know that it left
+    return true;
+  }
+
+  // Solve the levels from gram_level on again.
   void resume(const std::int8_t* W) {
     const int from = gram_level;
-    for (int k = 0; k < from; ++k) snapshot[k].valid = false;   // they know nothing of the newcomers
     rest = gram_free;
     gram_free = 0; gram_level = -1;
     descend(from, W);
   }
 
  private:
-  void descend(int from, const std::int8_t* W) {
-    for (int k = from; k < table->blocks; ++k) level(k, W);
-    for (int i = 0; i < basic; ++i) x[base[i]] = G[static_cast<std::ptrdiff_t>(i) * ld];
-    if (gram_free) solution_of_gram();
-  }
-
-  void begin(const std::int8_t* F) {
-    basic = 0; rest = 0; growth = 1.0; closest = 1e300; any_fixed = false; shifted = false; gram_free = 0; gram_level = -1; extras = 0;
-    for (int k = 0; k < table->blocks; ++k) snapshot[k].valid = false;
-    for (int i = 0; i < n; ++i) {
-      fixed_x[i] = 0.0;
-      if (F[i]) {
-        x[i] = fixed_x[i] = F[i] > 0 ? table->hi[i] : table->lo[i];
-        any_fixed = any_fixed || fixed_x[i] != 0.0;
-        place[i] = kNowhere;
-      } else {
-        place[i] = rest;
-        free[rest++] = i;
-      }
+  // How the basic variables follow a held one that moves by one, in `direction`; false where levels above would not.
+  bool respond(int variable) {
+    double* d = direction;
+    for (int i = 0; i < n; ++i) d[i] = 0.0;
+    d[variable] = 1.0;
+    for (int i = 0; i < reduction.count; ++i) d[reduction.base[i]] = -reduction.row_of_G(i, n)[variable];
+    int q = 0;
+    for (int k = 0; k <= gram_level; ++k) {
+      for (; q < extras && extra[q].level == k; ++q) follow(extra[q], d);
+      if (k < gram_level && !follow(k, variable, d)) return false;
     }
+    return true;
   }
 
-  void level(int k, const std::int8_t* W) {
-    Stage& s = stage[k];
+  void follow(const Extra& e, double* d) const {
+    const double step = (e.row >= 0 ? value(e.row, d) : d[e.variable]) / e.coefficient;
+    for (int i = 0; i < e.before; ++i) d[base[i]] += e.column[i] * step;
+    d[e.pivot] -= step;
+    if (e.variable >= 0) d[e.variable] = 0.0;
+  }
+
+  bool follow(int k, int variable, double* d) {
+    const Stage& s = stage[k];
     const Block& b = table->block[k];
-    s.kind = Stage::kIdle; s.rank = 0; s.before = basic; s.residual = 0.0; s.excess = 0.0;
-    s.m = 0;
-    if (recording) record(k);
-    if (rest == 0) { s.residual = -1.0; return; }   // nothing left to decide: the residual is what it is
-    for (int r = b.begin; r < b.end; ++r)
-      if (W[r] && (b.A || place[b.index[r - b.begin]] != kNowhere)) s.rows[s.m++] = r;
-    if (s.m == 0) return;
-    if (!b.A && b.damping == 0.0 && gram_fits(k) && by_gram(k, W)) return;
-    form(k, W);
-    reflect_all(k);
-    if (b.damping > 0.0 && s.rank) damp(k);
-    if (s.rank) eliminate(k);
+    if (s.residual < 0.0 || b.damping > 0.0) return false;
+    if (!b.A) for (int i = 0; i < b.end - b.begin; ++i) if (b.index[i] == variable) return false;
+    double* left = target;
+    for (int i = 0; i < s.m; ++i) left[i] = value(s.rows[i], d);
+    for (int i = 0; i < s.rank; ++i) {
+      const double* v = s.V + static_cast<std::ptrdiff_t>(i) * s.ldv;
+      add_any(left + i, v + i, -s.tau[i] * dot_any(v + i, left + i, s.m - i), s.m - i);
+    }
+    double square = 0.0;
+    for (int i = s.rank; i < s.m; ++i) square += left[i] * left[i];
+    if (!(std::sqrt(square) <= zero(k))) return false;
+    for (int i = s.rank - 1; i >= 0; --i) {
+      const double* R = s.R + static_cast<std::ptrdiff_t>(i) * s.ldr;
+      left[i] = (left[i] - dot_any(R + i + 1, left + i + 1, s.rank - i - 1)) / R[i];
+    }
+    for (int i = 0; i < s.before; ++i) d[base[i]] += dot_any(s.pivots + static_cast<std::ptrdiff_t>(i) * s.ldr, left, s.rank);
+    for (int i = 0; i < s.rank; ++i) d[s.variables[i]] -= left[i];
+    return true;
   }
 
-  void record(int k) {
-    Snapshot& s = snapshot[k];
-    s.valid = rest > 0;
-    if (!s.valid) return;
-    s.basic = basic; s.rest = rest;
-    const int width = lanes(rest + 1);
-    for (int i = 0; i < basic; ++i) {
-      const double* from = G + static_cast<std::ptrdiff_t>(i) * ld;
-      double* to = s.G + static_cast<std::ptrdiff_t>(i) * ld;
-      for (int j = 0; j < width; j += kLane) at(to + j) = at(from + j);
-    }
-    for (int j = 0; j < rest; ++j) s.free[j] = free[j];
+  // A row of the table on a direction of the variables.
+  double value(int r, const double* d) const {
+    const Block* b = table->block;
+    while (b->end <= r) ++b;
+    const int i = r - b->begin;
+    return b->A ? dot_any(b->A + static_cast<std::ptrdiff_t>(i) * n, d, n) : b->scale[i] * d[b->index[i]];
   }
 
   // The column of a variable that is free no more: the last one takes its place.
@@ -161,7 +166,7 @@ struct Tableau : Pivoting {
 
   // The reduced row in `size`, sum_j size_j x_j = size_0, makes its largest variable basic.
   bool join(int row, int variable, double norm) {
-    if (gram_free == 0 || extras == kExtras) return false;
+    if (gram_free == 0 || extras == kChanges) return false;
     int q = 1;
     for (int j = 2; j <= gram_free; ++j) if (std::fabs(size[j]) > std::fabs(size[q])) q = j;
     const double pivot = size[q];

@@ -39,6 +39,7 @@ class WorkingSet {
     arena.place(W, total); arena.place(F, n); arena.place(x, n); arena.place(v, total);
     arena.place(start_W_, total); arena.place(start_F_, n); arena.place(start_x_, n); arena.place(start_slack_, count);
     arena.place(step_, n); arena.place(change_, total); arena.place(target_, total);
+    arena.place(trial_x_, n); arena.place(trial_v_, total);
     arena.place(side_, total); arena.place(side_x_, n); arena.place(seen_, kSeen); arena.place(jitter_, total + 2 * n);
   }
 
@@ -49,7 +50,7 @@ class WorkingSet {
     multipliers.tableau = &tableau;
   }
 
-  void forget() { warm_ = false; }
+  void forget(bool plain) { warm_ = false; plain_ = plain; }
 
   // A x; the tableau's own where x is its point to the bit.
   const double* values() {
@@ -63,18 +64,19 @@ class WorkingSet {
   static constexpr int kRepeats = 20;        // so often may the working sets repeat before the search is given up
   static constexpr double kDoubt = 100.0;    // a pivot this near the rank tolerance, as a ratio, is no clear decision
   static constexpr double kLoosest = 1e-6;   // beyond it the rank tolerance is not raised
+  static constexpr int kCrowd = 4;           // a first point that violates more than one bound for so many variables is far off
   static constexpr double kSame = 1e-9;   // slacks nearer than this, relative to 1 + slack, are no progress
   const Options* options_ = nullptr;
   std::int8_t *start_W_ = nullptr, *start_F_ = nullptr, *side_ = nullptr, *side_x_ = nullptr;
   double *start_x_ = nullptr, *start_slack_ = nullptr, *step_ = nullptr, *change_ = nullptr, *target_ = nullptr, *jitter_ = nullptr;
+  double *trial_x_ = nullptr, *trial_v_ = nullptr;
   std::uint64_t* seen_ = nullptr;
   int cap_ = 0, seen_count_ = 0;
   double deadline_ = 0.0;
-  int joins_[Tableau::kExtras] = {};
-  std::int8_t join_sides_[Tableau::kExtras] = {};
-  int joined_ = 0, progress_ = -1;
-  bool joins_only_ = false;   // the working set is the tableau's and the joins, nothing else
+  Changes changes_;           // since the tableau was made
+  int progress_ = -1;         // first level that the last step changed
   bool warm_ = false;
+  bool plain_ = false;        // this search factorises every working set
   bool followed_ = false;     // v was kept up with x
   int repeats_ = 0;
   bool disturbed_ = false;    // bounds are widened
@@ -96,32 +98,30 @@ class WorkingSet {
 
   // tableau.x and target_ = A tableau.x for the working set.
   void equality_point() {
-    if (!extend()) { tableau.factorise(W, F); ++factorisations; }
-    joined_ = 0; joins_only_ = false;
+    if (!update()) { tableau.factorise(W, F); ++factorisations; }
+    changes_.forget();
     doubted_ = smaller(doubted_, tableau.closest);
     table.product(tableau.x, target_);
     ++iterations;
   }
 
-  void note_join(int what, std::int8_t side) {
-    if (joined_ == Tableau::kExtras) { joins_only_ = false; return; }
-    joins_[joined_] = what; join_sides_[joined_++] = side;
-  }
-
-  // Where the working set only grew since the tableau was made, let the newcomers join it: in front of the level
-  // that ended it, or else of the one the last step went for.
-  bool extend() {
-    if (!joins_only_ || joined_ == 0) return false;
-    const int last = tableau.gram_level;
+  // Without a factorisation, where the changes are known: what left leaves in front of the level that asked for it;
+  // what joined joins in front of the level that ended the tableau, or else of the one the last step went for.
+  bool update() {
+    if (plain_ || !changes_.known) return false;
+    if (changes_.front >= 0) return tableau.rewind(changes_.front) && leave_all();
+    if (changes_.joined == 0) return false;
+    const int last = tableau.gram_level, before = tableau.newcomers;
     if (last >= 0 && tableau.rewind(last) && join_all()) return true;
-    if (joined_ > 1 || progress_ == last || !tableau.rewind(progress_)) return false;
+    tableau.newcomers = before;
+    if (changes_.joined > 1 || progress_ == last || !tableau.rewind(progress_)) return false;
     return join_all();
   }
 
   bool join_all() {
-    for (int q = 0; q < joined_; ++q) {
-      const int what = joins_[q], i = what - table.rows;
-      const bool upper = join_sides_[q] > 0;
+    for (int q = 0; q < changes_.joined; ++q) {
+      const int what = changes_.join[q], i = what - table.rows;
+      const bool upper = changes_.side[q] > 0;
       if (i < 0 ? !tableau.meet(what, upper ? table.upper[what] : table.lower[what])
                 : !tableau.hold(i, upper ? table.hi[i] : table.lo[i]))
         return false;
@@ -130,8 +130,17 @@ class WorkingSet {
     return true;
   }
 
+  bool leave_all() {
+    for (int q = 0; q < changes_.left; ++q) if (!tableau.let_go(changes_.leave[q])) return false;
+    tableau.resume(W);
+    return true;
+  }
+
   // To the point of the box next to the tableau's.
-  void go_to_point() { for (int i = 0; i < table.n; ++i) x[i] = inside_box(i, tableau.x[i]); }
+  void go_to_point() {
+    for (int i = 0; i < table.n; ++i) x[i] = inside_box(i, tableau.x[i]);
+    tableau.reduction.follow(x, table.n);
+  }
 
   void accept() {
     go_to_point();
@@ -174,12 +183,26 @@ class WorkingSet {
     return number;
   }
 
+  // Norm of what the rows of a level miss at values (rows,).
+  double outside(int level, const double* values) const {
+    double square = 0.0;
+    for (int r = table.block[level].begin; r < table.block[level].end; ++r) {
+      const double out = table.beyond(r, values[r]);
+      square += out * out;
+    }
+    return std::sqrt(square);
+  }
+
   double inside_box(int i, double t) const { return t < table.lo[i] ? table.lo[i] : t > table.hi[i] ? table.hi[i] : t; }
 
   void release(const Wrong& wrong) {
-    joins_only_ = false;
-    if (wrong.variable) F[wrong.index] = kFree;
-    else W[wrong.index] = kFree;
+    if (wrong.variable) {
+      F[wrong.index] = kFree;
+      changes_.note_leave(wrong.index);
+    } else {
+      W[wrong.index] = kFree;
+      if (wrong.index < table.block[wrong.level].begin) changes_.forget();   // one of its own level is not in front of it
+    }
   }
 };
 

@@ -164,7 +164,7 @@ class NativeWorkspace:
         return solution
 
     def _again(self) -> Solution:
-        self._kernel.reset()
+        self._kernel.reset(plain=True)
         solution: Solution = self._kernel.solution(0.0, *self._views)
         return solution
 

@@ -116,7 +116,8 @@ class ActiveSet:
                 return True
             W, F = np.where(rows != 0, rows, self.W), np.where(variables != 0, variables, self.F)
             x = self.table.box.clip(point.x)
-            missed = self._missed(x)
+            value = self.table.A @ x
+            missed = np.array([self.table.missed(k, value) for k in range(len(slacks))])
             if _better(missed, slacks):
                 start, slacks, self.x = (W.copy(), F.copy()), missed, x
             credit -= int(trouble >= best)
@@ -127,13 +128,6 @@ class ActiveSet:
             self.W, self.F = W, F
             for item in wrong:
                 self._release(item)
-
-    def _missed(self, x: Vec) -> Vec:
-        """Norm of what each level's rows miss at x."""
-        t = self.table
-        value = t.A @ x
-        out = value - np.minimum(np.maximum(value, t.lower), t.upper)
-        return np.array([np.sqrt(out[rows] @ out[rows]) for rows in t.levels])
 
     def _release(self, item: Wrong) -> None:
         if item.variable:

@@ -144,7 +144,7 @@ def judge(
         settle(k, link.rows, w, np.zeros_like(w), rounding * table.norm[link.rows])
         multipliers, errors, g, error = adjoint(table, point, k, w)
         scale = table.scale[k]
-        length = 1e-3 * float(np.sqrt(w @ w))  # refined, signs count from a thousandth of the tolerance
+        length = 0.1 * float(np.sqrt(w @ w))  # refined, signs count from a tenth of the tolerance
         limit = scale * (options.multiplier_tolerance * length + 1e-15 * scale * table.span(point.x))
         for above, values, change in zip(point.chain, multipliers, errors, strict=False):
             settle(k, above.rows, values, change, limit)

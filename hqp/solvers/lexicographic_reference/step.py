@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 _Blocking: TypeAlias = tuple[str, int]
 
+LENGTHS = (0.2, 0.04, 0.008)
+"""Parts of a step at the top level that are tried clipped into the box."""
+
 
 class Step:
     """From x along d = point.x - x; a blocking bound joins the working set."""
@@ -41,6 +44,8 @@ class Step:
             alpha, blocking = self._bend(level, alpha, blocking)
         if blocking is None:
             return True
+        if level == 0 and self._project(alpha):
+            return False
         owner.x = np.where(owner.F == 0, t.box.clip(owner.x + alpha * self.d), owner.x)
         kind, index = blocking
         if kind == "row":
@@ -48,6 +53,21 @@ class Step:
         elif kind == "variable":
             owner.F[index] = 1 if self.d[index] > 0.0 else -1
             owner.x[index] = t.box.hi[index] if self.d[index] > 0.0 else t.box.lo[index]
+        return False
+
+    def _project(self, alpha: float) -> bool:
+        """At the top level only the box blocks: a longer step, clipped into it, if that lowers the level more."""
+        t, owner = self.table, self.owner
+        straight = t.missed(0, self.value + alpha * self.change)
+        for a in LENGTHS:
+            if a <= 2.0 * alpha:
+                return False
+            end = np.where(owner.F == 0, owner.x + a * self.d, owner.x)
+            x = t.box.clip(end)
+            if t.missed(0, t.A @ x) < straight:
+                owner.x = x
+                owner.F = np.where(owner.F == 0, (end > t.box.hi).astype(np.int8) - (end < t.box.lo), owner.F)
+                return True
         return False
 
     def _level(self) -> int:

@@ -62,6 +62,12 @@ class Table:
         """The size of x for tolerances: of its largest entry, and not below what the rows' rounding leaves."""
         return max(float(abs(x).max(initial=0.0)), 1e-3 * self.reach)
 
+    def missed(self, level: int, value: Vec) -> float:
+        """Norm of what the rows of a level miss at value = A x, ``(M,)``."""
+        rows = self.levels[level]
+        out = value[rows] - np.minimum(np.maximum(value[rows], self.lower[rows]), self.upper[rows])
+        return float(np.sqrt(out @ out))
+
     @property
     def M(self) -> int:
         """Number of rows."""
