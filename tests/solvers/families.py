@@ -154,6 +154,27 @@ def zero_rows(rng: Generator) -> Hierarchy:
 
 
 @family
+def dynamics(rng: Generator) -> Hierarchy:
+    """Accelerations in a box and forces without one, bound by equations; limits on both, most of them in the way."""
+    base, joints, forces = 2, 6, 6
+    n = base + joints + forces
+    limited = Selection(np.arange(base, base + joints))
+    M = rng.normal(size=(base + joints, base + joints))
+    M = M @ M.T + np.eye(base + joints)
+    J = rng.normal(size=(forces // 2, base + joints))
+    both = np.hstack((M, -np.vstack((J, rng.normal(size=J.shape))).T))
+    motion = equality(both[:base], rng.normal(size=base))
+    contact = equality(np.hstack((J, np.zeros((len(J), forces)))), rng.normal(size=len(J)))
+    torque, cone = both[base:], np.hstack((np.zeros((forces, base + joints)), rng.normal(size=(forces, forces))))
+    limit = np.full(joints, rng.uniform(1.0, 20.0))
+    top = [motion, contact, Rows(torque, -limit, limit), Rows(cone, np.full(forces, -np.inf), np.ones(forces))]
+    physics = Rows(*(np.concatenate([getattr(part, name) for part in top]) for name in ("A", "lower", "upper")))
+    tasks = [equality(10.0 * rng.normal(size=(m, n)), 100.0 * rng.normal(size=m)) for m in (3, 2)]
+    box = Rows(limited, np.full(joints, -5.0), np.full(joints, 5.0))
+    return Hierarchy((box, physics, *tasks, equality(np.eye(n), rng.normal(size=n))), constraints=2)
+
+
+@family
 def rows_of_rounding(rng: Generator) -> Hierarchy:
     """Rows that only rounding keeps from zero, as of a frame that no joint moves in some direction, asked to move."""
     n = 6

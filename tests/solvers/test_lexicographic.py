@@ -71,6 +71,13 @@ def test_hard_random_hierarchies(part: int) -> None:
 
 
 @needs_kernel
+@pytest.mark.parametrize("seed", [312603])
+def test_problems_that_were_wrong_once(seed: int) -> None:
+    problem = hard.hierarchy(seed)
+    certified(problem, Lexicographic().solve(problem))
+
+
+@needs_kernel
 def test_kernel_and_reference_agree() -> None:
     for seed in range(400):
         problem = hard.hierarchy(seed, largest=40)
