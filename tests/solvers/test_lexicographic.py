@@ -166,7 +166,7 @@ def test_the_same_bits_again(native: bool) -> None:
 @kinds
 def test_iteration_cap_returns_the_best_point_so_far(native: bool) -> None:
     seen = 0
-    for problem in problems.load("d38", 8):
+    for problem in (*problems.load("d38", 8), problems.load("f62", 2)[1]):
         worst = np.full(len(problem.levels), np.inf)
         for cap in range(2, 30, 3):
             solution = Lexicographic(native=native, max_iterations=cap).solve(problem)
