@@ -197,7 +197,7 @@ class TorqueProgram(Program):
             np.matmul(J, X, out=A)
             np.subtract(asked, J @ c, out=level)
         for index, scale, A, asked, level in self._takes:
-            X.take(index, axis=0, out=A, mode="clip")
+            X.take(index, axis=0, out=A, mode="clip")  # the default mode buffers what it writes
             offset = c[index]
             if scale is not None:
                 A *= scale[:, None]

@@ -151,6 +151,12 @@ static inline void gram_subtract(double* H, int ldh, const double* P, int ld, in
   }
 }
 
+static inline void copy_rows(double* to, const double* from, int ld, int rows, int width) {
+  for (int i = 0; i < rows; ++i)
+    for (int j = 0; j < width; j += kLane)
+      at(to + static_cast<std::ptrdiff_t>(i) * ld + j) = at(from + static_cast<std::ptrdiff_t>(i) * ld + j);
+}
+
 // y(width) -= a x(width)
 static inline void subtract(double* y, const double* x, double a, int width) {
   const Vec4 f = splat(a);

@@ -64,7 +64,10 @@ struct Levels : Pivoting {
 
   // Nothing but the held variables, and those of the reduction, is decided; null: no variable is held.
   void begin(const std::int8_t* F) {
-    basic = 0; rest = 0; growth = 1.0; closest = 1e300; any_fixed = false; shifted = false; gram_free = 0; gram_level = -1; extras = newcomers = 0; loosened = false;
+    basic = rest = gram_free = extras = newcomers = 0;
+    gram_level = -1;
+    growth = 1.0; closest = 1e300;
+    any_fixed = shifted = loosened = false;
     for (int k = 0; k < table->blocks; ++k) snapshot[k].valid = false;
     for (int i = 0; i < n; ++i) { place[i] = kNowhere; fixed_x[i] = 0.0; }
     for (int i = 0; i < reduction.count; ++i) { base[i] = reduction.base[i]; place[base[i]] = -1 - i; }
@@ -129,12 +132,7 @@ struct Levels : Pivoting {
     s.valid = rest > 0;
     if (!s.valid) return;
     s.basic = basic; s.rest = rest; s.extras = extras; s.newcomers = newcomers;
-    const int width = lanes(rest + 1);
-    for (int i = 0; i < basic; ++i) {
-      const double* from = G + static_cast<std::ptrdiff_t>(i) * ld;
-      double* to = s.G + static_cast<std::ptrdiff_t>(i) * ld;
-      for (int j = 0; j < width; j += kLane) at(to + j) = at(from + j);
-    }
+    copy_rows(s.G, G, ld, basic, lanes(rest + 1));
     for (int j = 0; j < rest; ++j) s.free[j] = free[j];
   }
 };

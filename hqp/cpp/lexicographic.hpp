@@ -22,7 +22,7 @@ class Lexicographic final : public Kernel {
     set_.start();
   }
 
-  void reset(bool plain = false) override { set_.forget(plain); }
+  void reset(bool plain) override { set_.forget(plain); }
 
   void solve(const Problem& problem, const Options& options, Answer& answer) override {
     if (!set_.table.read(problem)) {

@@ -145,9 +145,7 @@ struct Multipliers {
     e.lambda += f;
     if (e.variable >= 0) { g[e.variable] += f; return; }
     out[e.row] = f;
-    const Block* b = table->block;
-    while (b->end <= e.row) ++b;
-    add_row(*b, e.row, f);
+    add_row(table->block_of(e.row), e.row, f);
   }
 
   // A second sweep over what the first one left of the gradient; its size tells the error of the first.
@@ -209,16 +207,10 @@ struct Multipliers {
   // Keep what is orthogonal to the level's range: the rest is rounding, or slack that damping asked for.
   void project(const Stage& s) {
     for (int i = 0; i < s.m; ++i) y[i] = w[s.rows[i]];
-    for (int i = 0; i < s.rank; ++i) reflect_vector(s, i);
+    for (int i = 0; i < s.rank; ++i) Tableau::reflect_vector(s, i, y);
     for (int i = 0; i < s.rank; ++i) y[i] = 0.0;
-    for (int i = s.rank - 1; i >= 0; --i) reflect_vector(s, i);
+    for (int i = s.rank - 1; i >= 0; --i) Tableau::reflect_vector(s, i, y);
     for (int i = 0; i < s.m; ++i) w[s.rows[i]] = y[i];
-  }
-
-  void reflect_vector(const Stage& s, int i) {
-    const double* v = s.V + static_cast<std::ptrdiff_t>(i) * s.ldv;
-    const double f = s.tau[i] * dot_any(v + i, y + i, s.m - i);
-    add_any(y + i, v + i, -f, s.m - i);
   }
 
   void reflector_multipliers(const Stage& s, double* out) {
@@ -234,7 +226,7 @@ struct Multipliers {
       add_any(y + i + 1, row + i + 1, -y[i], r - i - 1);
     }
     for (int i = r; i < s.m; ++i) y[i] = 0.0;
-    for (int i = r - 1; i >= 0; --i) reflect_vector(s, i);
+    for (int i = r - 1; i >= 0; --i) Tableau::reflect_vector(s, i, y);
     for (int i = 0; i < s.m; ++i) out[s.rows[i]] = -y[i];
   }
 

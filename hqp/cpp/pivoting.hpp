@@ -93,6 +93,13 @@ struct Pivoting : Gram {
     s.residual = std::sqrt(square);
   }
 
+  // y := Q_i y with reflector i of a stage.
+  static void reflect_vector(const Stage& s, int i, double* y) {
+    const double* v = s.V + static_cast<std::ptrdiff_t>(i) * s.ldv;
+    const double f = s.tau[i] * dot_any(v + i, y + i, s.m - i);
+    add_any(y + i, v + i, -f, s.m - i);
+  }
+
   // Position of the largest size, the lowest of equal ones; column 0 is the right-hand side.
   int largest_column(int width) const {
     Vec4 best = at(size), where = Vec4{0, 1, 2, 3}, here = where;

@@ -75,7 +75,7 @@ struct Reduction {
   }
 
   // Mark the rows that are gone from the table.
-  void mark(std::int8_t* W, Mark mark) const { for (int q = 0; q < gone_count_; ++q) W[gone_[q]] = mark; }
+  void mark(std::int8_t* W, Mark as) const { for (int q = 0; q < gone_count_; ++q) W[gone_[q]] = as; }
 
   const double* row_of_G(int i, int n) const { return G + static_cast<std::ptrdiff_t>(i) * n; }
 

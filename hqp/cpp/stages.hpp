@@ -68,7 +68,7 @@ struct TableauData {
   Stage* stage = nullptr;
   Snapshot* snapshot = nullptr;
   Reduction reduction;
-  bool recording = false;     // keep snapshots, for constraints that join above the last level
+  bool recording = false;     // keep snapshots, for changes in front of any level
   Extra* extra = nullptr;
   int extras = 0;
   Newcomer* newcomer = nullptr;

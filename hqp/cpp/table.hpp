@@ -90,6 +90,19 @@ struct Table {
     return value > upper[r] ? value - upper[r] : value < lower[r] ? value - lower[r] : 0.0;
   }
 
+  const Block& block_of(int r) const {
+    const Block* b = block;
+    while (b->end <= r) ++b;
+    return *b;
+  }
+
+  // Row r of A x.
+  double value(int r, const double* x) const {
+    const Block& b = block_of(r);
+    const int i = r - b.begin;
+    return b.A ? dot_any(b.A + static_cast<std::ptrdiff_t>(i) * n, x, n) : b.scale[i] * x[b.index[i]];
+  }
+
   // v = A x over the rows of the table.
   void product(const double* x, double* v) const {
     for (int k = 0; k < blocks; ++k) {

@@ -13,12 +13,8 @@ struct Tableau : Levels {
     if (level == gram_level) return true;
     const Snapshot& s = snapshot[level];
     if (!recording || !s.valid) return false;
-    const int width = lanes(s.rest + 1), known = newcomers;
-    for (int i = 0; i < s.basic; ++i) {
-      const double* from = s.G + static_cast<std::ptrdiff_t>(i) * ld;
-      double* to = G + static_cast<std::ptrdiff_t>(i) * ld;
-      for (int j = 0; j < width; j += kLane) at(to + j) = at(from + j);
-    }
+    const int known = newcomers;
+    copy_rows(G, s.G, ld, s.basic, lanes(s.rest + 1));
     basic = s.basic; gram_free = s.rest; gram_level = level;
     extras = s.extras; newcomers = s.newcomers;
     for (int i = 0; i < basic; ++i) { place[base[i]] = -1 - i; fixed_x[base[i]] = 0.0; }
@@ -58,13 +54,12 @@ struct Tableau : Levels {
 
   // The same for a row; one of gram_level or below joins by itself when its level is solved.
   bool meet(int r, double bound) {
-    const Block* b = table->block;
-    while (b->end <= r) ++b;
-    if (b - table->block >= gram_level) return true;
-    if (!b->A || newcomers == kChanges) return false;
+    const Block& b = table->block_of(r);
+    if (&b - table->block >= gram_level) return true;
+    if (!b.A || newcomers == kChanges) return false;
     const int width = lanes(gram_free + 1);
     for (int j = 0; j < width; ++j) size[j] = 0.0;
-    const double* a = b->A + static_cast<std::ptrdiff_t>(r - b->begin) * n;
+    const double* a = b.A + static_cast<std::ptrdiff_t>(r - b.begin) * n;
     size[0] = bound - (any_fixed ? dot_any(a, fixed_x, n) : 0.0);
     for (int j = 0; j < gram_free; ++j) size[1 + j] = a[free[j]];
     for (int i = reduction.count; i < basic; ++i)
@@ -115,7 +110,7 @@ struct Tableau : Levels {
   }
 
   void follow(const Extra& e, double* d) const {
-    const double step = (e.row >= 0 ? value(e.row, d) : d[e.variable]) / e.coefficient;
+    const double step = (e.row >= 0 ? table->value(e.row, d) : d[e.variable]) / e.coefficient;
     for (int i = 0; i < e.before; ++i) d[base[i]] += e.column[i] * step;
     d[e.pivot] -= step;
     if (e.variable >= 0) d[e.variable] = 0.0;
@@ -127,11 +122,8 @@ struct Tableau : Levels {
     if (s.residual < 0.0 || b.damping > 0.0) return false;
     if (!b.A) for (int i = 0; i < b.end - b.begin; ++i) if (b.index[i] == variable) return false;
     double* left = target;
-    for (int i = 0; i < s.m; ++i) left[i] = value(s.rows[i], d);
-    for (int i = 0; i < s.rank; ++i) {
-      const double* v = s.V + static_cast<std::ptrdiff_t>(i) * s.ldv;
-      add_any(left + i, v + i, -s.tau[i] * dot_any(v + i, left + i, s.m - i), s.m - i);
-    }
+    for (int i = 0; i < s.m; ++i) left[i] = table->value(s.rows[i], d);
+    for (int i = 0; i < s.rank; ++i) reflect_vector(s, i, left);
     double square = 0.0;
     for (int i = s.rank; i < s.m; ++i) square += left[i] * left[i];
     if (!(std::sqrt(square) <= zero(k))) return false;
@@ -142,14 +134,6 @@ struct Tableau : Levels {
     for (int i = 0; i < s.before; ++i) d[base[i]] += dot_any(s.pivots + static_cast<std::ptrdiff_t>(i) * s.ldr, left, s.rank);
     for (int i = 0; i < s.rank; ++i) d[s.variables[i]] -= left[i];
     return true;
-  }
-
-  // A row of the table on a direction of the variables.
-  double value(int r, const double* d) const {
-    const Block* b = table->block;
-    while (b->end <= r) ++b;
-    const int i = r - b->begin;
-    return b->A ? dot_any(b->A + static_cast<std::ptrdiff_t>(i) * n, d, n) : b->scale[i] * d[b->index[i]];
   }
 
   // The column of a variable that is free no more: the last one takes its place.

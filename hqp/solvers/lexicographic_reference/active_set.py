@@ -181,7 +181,7 @@ class ActiveSet:
         if self._repeats and doubted and self.options.rank_tolerance < LOOSEST:
             rank_tolerance = 10.0 * self.options.rank_tolerance
             self.options = replace(  # signs of directions given up are not heard
-                self.options, rank_tolerance=rank_tolerance, multiplier_tolerance=1e3 * rank_tolerance
+                self.options, rank_tolerance=rank_tolerance, multiplier_tolerance=10.0 * rank_tolerance
             )
             self.uncertain = True
             return False
