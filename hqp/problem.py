@@ -244,16 +244,50 @@ class Hierarchy:
 
 
 class Status(enum.Enum):
-    """How a solve or a tick ended; each member explains itself, later members are worse."""
+    """How a solve or a tick ended; each member says what may be the cause and what to do, later members are worse."""
 
-    OPTIMAL = "solved: every level is as small as the levels above allow"
-    RANK_UNCERTAIN = "solved, but a pivot lay near the rank tolerance: a small change may move the answer by much"
-    CONSTRAINTS_VIOLATED = "the constraints cannot all hold: this is their least violation"
-    INVALID_REFERENCE = "a reference was not usable: its element was left out of this tick"
-    NOT_CERTIFIED = "the back end stopped short of the accuracy asked: levels may not be optimal"
-    ITERATION_LIMIT = "the iteration limit was met: this is the best point so far"
-    TIME_LIMIT = "the time limit was met: this is the best point so far"
-    INVALID_STATE = "the state was not usable: the last safe command is held"
+    OPTIMAL = "solved: every level is as small as the levels above and its price on motion allow"
+    RANK_UNCERTAIN = (
+        "solved, but a pivot lay near the rank tolerance, so a small change of the data may move the answer by much: "
+        "give the level a price, or a better target"
+    )
+    NOT_STRICT = (
+        "the answer of a solver that does not keep the levels apart: lower levels may move higher ones; "
+        "take a strict solver, such as 'lexicographic'"
+    )
+    CONSTRAINTS_VIOLATED = (
+        "subject_to cannot hold as a whole, this is its least violation: the notes name rows and amounts, "
+        "tick.conflict() the rows that exclude each other"
+    )
+    INVALID_REFERENCE = (
+        "a reference was not finite: a member of subject_to fell back to its hold value, any other element was left "
+        "out of this tick; check the source of the reference that the note names"
+    )
+    INVALID_ELEMENT = (
+        "the rows of an element were not usable (not finite, too large, crossed bounds, a wrong shape, an exception): "
+        "it was left out of this tick; correct the element that the note names"
+    )
+    CONTACT_LOST = (
+        "a contact of the stack is not there by what was measured: the forces computed for it will not appear; "
+        "change the stack"
+    )
+    ITERATION_LIMIT = (
+        "the iteration limit was met, this is the best point so far: raise max_iterations, or look for constraints "
+        "that nearly exclude each other"
+    )
+    TIME_LIMIT = "the deadline was met, this is the best point so far: raise the deadline, or take fewer rows"
+    NOT_CERTIFIED = (
+        "the solver could not certify its answer to the accuracy asked, levels may not be optimal: try another "
+        "solver, and report it if the solver was 'lexicographic'"
+    )
+    DYNAMICS_FAILED = (
+        "the dynamics of this state could not be solved: the joint-space inertia is not positive definite or a "
+        "result is not finite; check the state and the model's masses and inertias"
+    )
+    INVALID_STATE = (
+        "the state was not usable (not finite, too large, too old, or a quaternion not of length one): the command "
+        "comes to rest; check the sensor or estimate that the note names"
+    )
 
     @property
     def severity(self) -> int:
@@ -263,7 +297,12 @@ class Status(enum.Enum):
     @property
     def solved(self) -> bool:
         """Whether the answer is the problem's optimum (its constraints may still be violated)."""
-        return self.severity <= Status.CONSTRAINTS_VIOLATED.severity
+        return self in _SOLVED
+
+    @property
+    def usable(self) -> bool:
+        """Whether the answer may be carried out and become the safe command of a session."""
+        return self.severity < _SEVERITY[Status.NOT_CERTIFIED]
 
     @staticmethod
     def worst(*statuses: Status) -> Status:
@@ -272,6 +311,7 @@ class Status(enum.Enum):
 
 
 _SEVERITY = {status: rank for rank, status in enumerate(Status)}
+_SOLVED = frozenset((Status.OPTIMAL, Status.RANK_UNCERTAIN, Status.CONSTRAINTS_VIOLATED))
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,8 +343,8 @@ class Solution:
     multipliers: tuple[Vec, ...] | None = None
 
     def unwrap(self, problem: Hierarchy | None = None) -> Vec:
-        """x if the status is OPTIMAL; raises NotSolved with a copy of the problem otherwise."""
-        if self.status is not Status.OPTIMAL:
+        """x if the status is ``solved``; raises NotSolved with a copy of the problem otherwise."""
+        if not self.status.solved:
             text = f"{self.status.name}: {self.status.value}" + (f" ({self.detail})" if self.detail else "")
             raise NotSolved(text, None if problem is None else problem.copy())
         return self.x

@@ -99,8 +99,8 @@ class Tick:
         return self._session.program.advance(self._state, x)
 
     def unwrap(self) -> Vec:
-        """The command if the status is OPTIMAL; raises NotSolved with a copy of the problem otherwise."""
-        if self.status is not Status.OPTIMAL:
+        """The command if the status is ``solved``; raises NotSolved with a copy of the problem otherwise."""
+        if not self.status.solved:
             detail = "; ".join(f"{n.element}: {n.detail}" for n in self.notes)
             raise NotSolved(
                 f"{self.status.name}: {self.status.value}" + (f" ({detail})" if detail else ""),
@@ -174,7 +174,7 @@ class Session:
             status = Status.worst(status, Status.INVALID_REFERENCE)
         if solution.status is not Status.OPTIMAL:
             notes += self._culprits(solution)
-        if status.severity <= Status.INVALID_REFERENCE.severity:
+        if status.usable:
             self.safe_x, self._safe_command = x, command
         times = Times(prepared - start, filled - prepared, solved - filled, perf_counter() - solved)
         return Tick(self, state, command, status, notes, solution, times)

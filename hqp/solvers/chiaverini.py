@@ -24,7 +24,7 @@ class Chiaverini(Solver):
     """x = J_A^+ x_A + N_A J_B^+ x_B + N_AB J_E^+ x_E + ..., N_AB = I - [J_A; J_B]^+ [J_A; J_B] (Mistry 2008, 16-17).
 
     Each task is inverted by itself and then projected (Chiaverini 1997), so that only the first level reaches its
-    optimum for certain: strict is False, and a lower level whose residual is not zero marks the answer NOT_CERTIFIED.
+    optimum for certain: strict is False, and a lower level whose residual is not zero marks the answer NOT_STRICT.
     Constraints that a stack is subject to are the first level ("critical"), the next one is B.
     damping: lambda of footnote 3, N_A N_AB^lambda in place of N_AB from the third level on, 0 as printed in (16).
     rank_tolerance, ignore_inequalities: as in nullspace.
@@ -73,7 +73,7 @@ class ChiaveriniWorkspace:
         """Nothing is kept between solves."""
 
     def solve(self, problem: Hierarchy) -> Solution:
-        """The sum of projected inverses; OPTIMAL where every level below the first is met, else NOT_CERTIFIED."""
+        """The sum of projected inverses; OPTIMAL where every level below the first is met, else NOT_STRICT."""
         began = perf_counter()
         flat = self.flat
         unusable = flat.load(problem)
@@ -94,7 +94,7 @@ class ChiaveriniWorkspace:
             start = stop
         status, detail = Status.OPTIMAL, ""
         if not self._met(x, self.flat.stops[0] if self.flat.stops else 0):
-            status, detail = Status.NOT_CERTIFIED, "(16) does not minimise the levels below the first"
+            status, detail = Status.NOT_STRICT, "(16) does not minimise the levels below the first"
         elif uncertain or self.above.uncertain:
             status, detail = Status.RANK_UNCERTAIN, "a pivot lay near rank_tolerance"
         return flat.finish(problem, x, status, Stats(0, len(stops) + 1, built - began, perf_counter() - built), detail)

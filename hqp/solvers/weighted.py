@@ -80,7 +80,7 @@ class WeightedWorkspace:
         self._programs.clear()
 
     def solve(self, problem: Hierarchy) -> Solution:
-        """The weighted compromise, always NOT_CERTIFIED."""
+        """The weighted compromise, NOT_STRICT, or NOT_CERTIFIED where the back end failed."""
         began = perf_counter()
         flat = self.flat
         unusable = flat.load(problem)
@@ -94,11 +94,13 @@ class WeightedWorkspace:
             detail += "; the constraints were softened"
             softened = np.where(hard, self._softened, self._weight)
             answer = self._program(np.zeros_like(hard), softened)
+        status = Status.NOT_STRICT
         if answer is None or not answer.solved:
+            status = Status.NOT_CERTIFIED
             detail += f"; {self.solver.backend} did not reach its tolerance"
         x = np.zeros(problem.n) if answer is None else answer.x[: problem.n]
         stats = Stats(answer.iterations if answer else 0, 0, built - began, perf_counter() - built)
-        return flat.finish(problem, x, Status.NOT_CERTIFIED, stats, detail)
+        return flat.finish(problem, x, status, stats, detail)
 
     def _program(self, hard: Mask, weight: Vec) -> QpAnswer | None:
         """min over (x, w of the soft inequalities); None where the back end has no answer."""

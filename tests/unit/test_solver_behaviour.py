@@ -148,7 +148,7 @@ class TestChiaverini:
         printed = pinv(A) @ a + N_A @ pinv(B) @ b + third @ pinv(E) @ e
         found = hqp.solvers.load("chiaverini", damping=damping).solve(hierarchy([A, B, E], [a, b, e]))
         np.testing.assert_allclose(found.x, printed, atol=1e-12)
-        assert found.status is Status.NOT_CERTIFIED
+        assert found.status is Status.NOT_STRICT
         np.testing.assert_allclose(found.residuals[0], 0.0, atol=1e-12)
 
     def test_it_is_the_hierarchical_optimum_for_orthogonal_tasks(self) -> None:
@@ -261,7 +261,7 @@ class TestWeighted:
         problem = Hierarchy((bounds(3, 0.1), equality(np.eye(3), np.ones(3))), constraints=1)
         solution = hqp.solvers.load("weighted").solve(problem)
         np.testing.assert_allclose(solution.x, 0.1, atol=1e-7)
-        assert solution.status is Status.NOT_CERTIFIED
+        assert solution.status is Status.NOT_STRICT
         assert "weighted" in solution.detail
 
     def test_constraints_that_cannot_hold_are_softened(self) -> None:
