@@ -29,7 +29,7 @@ sanitize: setup
 	mkdir -p $(SANITIZED)
 	$(BIN)/python -m tests.solvers.native.dump $(SANITIZED)
 	$(CXX) -std=c++17 -O1 -g -Wall -Wextra -Wno-psabi -fsanitize=address,undefined -fno-sanitize-recover=all \
-	    -Ihqp/cpp -DHQP_ISA=generic tests/solvers/native/drive.cpp -o $(SANITIZED)/drive
+	    -Ihqp/cpp/solver -DHQP_ISA=generic tests/solvers/native/drive.cpp -o $(SANITIZED)/drive
 	$(SANITIZED)/drive $(SANITIZED)/*.bin
 
 format: setup
@@ -38,7 +38,7 @@ format: setup
 
 setup: $(VENV)/ready
 
-$(VENV)/ready: pyproject.toml $(wildcard hqp/cpp/*)
+$(VENV)/ready: pyproject.toml $(wildcard hqp/cpp/*.txt hqp/cpp/*/*)
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10) and "hqp needs Python 3.10 or newer")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade pip

@@ -18,7 +18,7 @@ _PACKAGES = (
 
 def native() -> str:
     """Which of hqp's compiled parts are there: the solver's kernel, the assembly of rows, both or neither."""
-    parts = {"_lexicographic": "solver", "_assembly": "assembly"}
+    parts = {"_lexicographic": "solver", "_assembly": "assembly", "_torque": "torque"}
     found = [text for module, text in parts.items() if importlib.util.find_spec(f"hqp.{module}") is not None]
     missing = [text for text in parts.values() if text not in found]
     if not found:

@@ -31,7 +31,7 @@ from hqp.tasks import (
     Posture,
     TorqueLimits,
 )
-from hqp.torque import TorqueProgram
+from hqp.torque.program import TorqueProgram
 
 GOALS_US = {"dreamer": 200.0, "talos": 400.0}
 """To reach with the native solver, median of the whole tick."""

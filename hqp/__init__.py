@@ -17,7 +17,7 @@ from hqp.session import Controller, Note, Session, Tick
 from hqp.stack import Level, Stack
 
 if TYPE_CHECKING:
-    from hqp import robots, tasks
+    from hqp import robots, serial, tasks
     from hqp.comparison import compare
     from hqp.torque import Torque
 
@@ -50,6 +50,7 @@ __all__ = [
     "certificate",
     "compare",
     "robots",
+    "serial",
     "solvers",
     "tasks",
 ]
@@ -57,10 +58,14 @@ __all__ = [
 
 def __getattr__(name: str) -> object:
     """Import the parts that need Pinocchio or tables only when asked for."""
-    if name in ("robots", "tasks"):
+    if name in ("robots", "serial", "tasks"):
         return importlib.import_module(f"hqp.{name}")
     if name == "Torque":
         return importlib.import_module("hqp.torque").Torque
     if name == "compare":
         return importlib.import_module("hqp.comparison").compare
     raise AttributeError(f"module 'hqp' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__doc__", "__file__", "__name__", "__path__", "__version__"]

@@ -10,9 +10,9 @@ import pinocchio as pin
 
 from benchmarks.rows import Check, at_most, exactly, seen_to_fail
 from benchmarks.sentis2012.ground import WHEELS, Ground, Snapshot, largest, relative, skew
-from hqp.actuation import actuation
 from hqp.arrays import Mat, Vec
-from hqp.dynamics import ConstrainedDynamics
+from hqp.torque.dynamics import ConstrainedDynamics
+from hqp.torque.reactions import actuation
 
 SEED = 2012
 STEP = 1e-6

@@ -28,7 +28,7 @@ from hqp.tasks import (
     TorqueLimits,
     UnilateralContact,
 )
-from hqp.torque import TorqueProgram
+from hqp.torque.program import TorqueProgram
 
 SEED = 2013
 COM = Com(axes="xy", subtree="torso_yaw", relative_to="base", heading=True, law=PD(400.0, 40.0), name="com")

@@ -6,12 +6,27 @@ import dataclasses
 import importlib
 import importlib.metadata
 import importlib.util
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hqp.errors import DeclarationError, SolverNotInstalled, closest
 from hqp.solvers.base import Solver, Workspace
 
-__all__ = ["Solver", "Workspace", "available", "known", "load"]
+if TYPE_CHECKING:
+    from hqp.solvers import cascade, chiaverini, daqp, lexicographic, nullspace, weighted
+
+__all__ = [
+    "Solver",
+    "Workspace",
+    "available",
+    "cascade",
+    "chiaverini",
+    "daqp",
+    "known",
+    "lexicographic",
+    "load",
+    "nullspace",
+    "weighted",
+]
 
 GROUP = "hqp.solvers"
 
@@ -27,6 +42,13 @@ _BUILT_IN = {
 _BACKENDS = ("proxqp", "osqp", "daqp", "piqp", "clarabel", "quadprog")
 _PACKAGES = {"proxqp": "proxsuite", "highs": "highspy", "qpswift": "qpSWIFT"}
 _DEFAULT_BACKEND = "proxqp"  # of cascade and weighted
+
+
+def __getattr__(name: str) -> object:
+    """``hqp.solvers.lexicographic`` and the other modules of solvers, imported when asked for."""
+    if name in _BUILT_IN:
+        return importlib.import_module(f"hqp.solvers.{name}")
+    raise AttributeError(f"module 'hqp.solvers' has no attribute {name!r}")
 
 
 def known() -> dict[str, str]:

@@ -124,3 +124,15 @@ def test_public_names_exist() -> None:
         "for name in t.__all__: getattr(t, name)"
     )
     assert result.returncode == 0, result.stderr
+
+
+def test_libraries_are_attributes_after_import() -> None:
+    result = run("import hqp\nhqp.serial.to_dict\nhqp.solvers.lexicographic.Lexicographic\nhqp.solvers.cascade.Cascade")
+    assert result.returncode == 0, result.stderr
+
+
+def test_dir_shows_the_public_names_and_nothing_private() -> None:
+    result = run("import hqp\nprint(*dir(hqp))\nprint(*hqp.__all__)")
+    shown, public = (set(line.split()) for line in result.stdout.splitlines())
+    assert {name for name in shown if not name.startswith("__")} == public
+    assert {"Torque", "compare", "robots", "serial", "tasks"} <= shown

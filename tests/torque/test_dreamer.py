@@ -11,7 +11,6 @@ import hqp
 from hqp import PD, Level, SelfMotion, Stack
 from hqp.arrays import Vec
 from hqp.errors import DeclarationError, StaleState
-from hqp.gravity import holding_torque
 from hqp.robots import Robot
 from hqp.tasks import (
     Com,
@@ -24,7 +23,8 @@ from hqp.tasks import (
     TorqueLimits,
     UnilateralContact,
 )
-from hqp.torque import TorqueProgram
+from hqp.torque.gravity import holding_torque
+from hqp.torque.program import TorqueProgram
 
 WHEELS = tuple(OmniWheelContact(wheel=f"wheel_{i}") for i in range(3))
 HELD = (JointCoupling({"torso_hip": 1.0, "torso_thorax": -1.0}, name="biarticular"), *WHEELS)

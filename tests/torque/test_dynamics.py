@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import hqp
-from hqp.actuation import actuation
 from hqp.arrays import Mat, Vec
-from hqp.dynamics import ConstrainedDynamics, symmetric_pinv
 from hqp.errors import ModelError
 from hqp.robots import Robot
+from hqp.torque.dynamics import ConstrainedDynamics, symmetric_pinv
+from hqp.torque.reactions import actuation
 
 CORNERS = ((0.1, 0.05, 0.0), (0.1, -0.05, 0.0), (-0.1, 0.05, 0.0), (-0.1, -0.05, 0.0))
 

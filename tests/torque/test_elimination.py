@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import hqp
-import hqp.dynamics
-from hqp.dynamics import ConstrainedDynamics, coordinate_parents
-from hqp.gravity import holding_torque
+import hqp.torque.dynamics
+from hqp.torque.dynamics import ConstrainedDynamics, coordinate_parents
+from hqp.torque.gravity import holding_torque
 
-pytestmark = pytest.mark.skipif(hqp.dynamics.native is None, reason="no native assembly here")
+pytestmark = pytest.mark.skipif(hqp.torque.dynamics.native is None, reason="no native assembly here")
 
 FRAMES = {"dreamer": ["wheel_0", "hand"], "talos": [], "cbi": ["l_sole", "r_sole"], "panda": ["panda_hand"]}
 
@@ -20,7 +20,7 @@ FRAMES = {"dreamer": ["wheel_0", "hand"], "talos": [], "cbi": ["l_sole", "r_sole
 def both(robot: Any, m: int, patch: pytest.MonkeyPatch) -> tuple[ConstrainedDynamics, ConstrainedDynamics]:
     """Native on the tree, and dense."""
     fast = ConstrainedDynamics(robot.nv, m, robot.actuated, coordinate_parents(robot))
-    patch.setattr(hqp.dynamics, "native", None)
+    patch.setattr(hqp.torque.dynamics, "native", None)
     slow = ConstrainedDynamics(robot.nv, m, robot.actuated)
     patch.undo()
     return fast, slow
@@ -89,9 +89,9 @@ def test_parents_are_the_pattern_of_the_inertia() -> None:
 
 
 def test_native_holding_torque_equals_the_dense_one() -> None:
-    assert hqp.dynamics.native is not None
+    assert hqp.torque.dynamics.native is not None
     rng, actuated, others = np.random.default_rng(3), [1, 3, 4, 6], [0, 2, 5]
-    holding, tau = hqp.dynamics.native.Holding(actuated, others), np.empty(4)
+    holding, tau = hqp.torque.dynamics.native.Holding(actuated, others), np.empty(4)
     for _ in range(20):
         J, g = rng.normal(size=(3, 7)), rng.normal(size=7)
         J[0, 0] = 0.0  # another row has to go first

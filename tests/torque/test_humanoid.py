@@ -22,7 +22,7 @@ from hqp.tasks import (
     Posture,
     TorqueLimits,
 )
-from hqp.torque import TorqueProgram
+from hqp.torque.program import TorqueProgram
 from tests.torque.inverse_dynamics import InverseDynamics
 
 MU, HALF = 0.6, (0.05, 0.04)

@@ -11,7 +11,7 @@ import pytest
 import hqp
 from hqp import Level, P, Stack, serial
 from hqp.__main__ import main
-from hqp.table import Comparison
+from hqp.comparison.table import Comparison
 from hqp.tasks import Com, FixedContact, JointLimits, Position, Posture
 
 SOLVERS = ("nullspace", "chiaverini", "cascade:proxqp")

@@ -10,6 +10,7 @@ import numpy as np
 
 from hqp.arrays import Vec
 from hqp.certify import certificate
+from hqp.comparison.table import Comparison, Line
 from hqp.errors import UnsupportedProblem
 from hqp.formulation import Formulation, Velocity
 from hqp.problem import Hierarchy, Rows, Solution, Status, has_inequalities
@@ -19,7 +20,6 @@ from hqp.session import Controller
 from hqp.solvers import available, load
 from hqp.solvers.base import Solver, Workspace
 from hqp.stack import Stack
-from hqp.table import Comparison, Line
 
 BUDGET_US = 2000.0
 """The period of a 500 Hz loop [us]."""

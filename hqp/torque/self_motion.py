@@ -8,7 +8,6 @@ import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
 from hqp.assembly import Assembly
-from hqp.dynamics import RANK_TOLERANCE
 from hqp.element import Element
 from hqp.errors import DeclarationError
 from hqp.formulation import Group
@@ -16,6 +15,7 @@ from hqp.law import Law, SelfMotion
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 from hqp.stack import Stack
+from hqp.torque.dynamics import RANK_TOLERANCE
 
 STEP = 2e-3
 """Tangent step [m, rad] of the differences that give dPhi/dt y; their error is of fourth order in it."""

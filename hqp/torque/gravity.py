@@ -15,7 +15,7 @@ from hqp.reference import Reference
 from hqp.robot import Robot, State
 
 try:
-    from hqp import _assembly as native
+    from hqp import _torque as native
 except ImportError:  # no compiler was there: LAPACK does it all
     native = None  # type: ignore[assignment]
 

@@ -9,12 +9,12 @@ import numpy as np
 
 from hqp.arrays import Mat, Vec
 from hqp.assembly import Assembly
-from hqp.dynamics import ConstrainedDynamics
 from hqp.element import Block, Element, Writer
 from hqp.errors import DeclarationError
 from hqp.problem import Rows, Selection
 from hqp.reference import Reference
 from hqp.robot import Robot, State
+from hqp.torque.dynamics import ConstrainedDynamics
 
 
 class Efforts:

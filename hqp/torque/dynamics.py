@@ -24,7 +24,7 @@ from hqp.errors import ModelError
 from hqp.robot import Robot
 
 try:
-    from hqp import _assembly as native
+    from hqp import _torque as native
 except ImportError:  # no compiler was there: LAPACK does it all
     native = None  # type: ignore[assignment]
 

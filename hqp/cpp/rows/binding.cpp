@@ -11,9 +11,7 @@
 #include <nanobind/stl/vector.h>
 
 #include "com.hpp"
-#include "elimination.hpp"
 #include "frames.hpp"
-#include "holding.hpp"
 #include "joints.hpp"
 #include "laws.hpp"
 #include "wheels.hpp"
@@ -142,17 +140,6 @@ class Assembly {
   std::unique_ptr<hqp::Demands> demands_;
 };
 
-// -1: the inertia is not positive definite; 0: the constraints are dependent; 1: all is written.
-int eliminate(hqp::Elimination& e, const Columns& A, const Vector& bias, const Block& J, const Vector& gamma,
-              double tolerance, const Block& X, const Block& phi, const Block& Q, const Block& T, const Block& top) {
-  if (!e.factor(A.data())) return -1;
-  e.columns(bias.data(), X.data());
-  if (!e.constraints(J.data(), gamma.data(), tolerance, Q.data(), T.data())) return 0;
-  e.project(Q.data(), top.data(), X.data(), phi.data());
-  e.motions(X.data());
-  return 1;
-}
-
 }  // namespace
 
 NB_MODULE(_assembly, module) {
@@ -181,17 +168,4 @@ NB_MODULE(_assembly, module) {
            "demand"_a.noconvert(), "lower"_a.noconvert(), "upper"_a.noconvert(), "saturations"_a)
       .def("run", &Assembly::run, "q"_a, "v"_a)
       .def("demand", &Assembly::demand, "v"_a);
-  nb::class_<hqp::Elimination>(module, "Elimination")
-      .def(nb::init<Ints, Ints, int>(), "parents"_a, "actuated"_a, "rows"_a)
-      .def("eliminate", &eliminate, "A"_a.noconvert(), "bias"_a.noconvert(), "J"_a.noconvert(), "gamma"_a.noconvert(),
-           "tolerance"_a, "X"_a.noconvert(), "phi"_a.noconvert(), "Q"_a.noconvert(), "T"_a.noconvert(),
-           "top"_a.noconvert());
-  nb::class_<hqp::Holding>(module, "Holding")
-      .def(nb::init<Ints, Ints>(), "actuated"_a, "others"_a)
-      .def(
-          "torque",
-          [](hqp::Holding& h, const Block& J, const Vector& g, const Written& tau) {
-            return h.torque(J.data(), g.data(), tau.data());
-          },
-          "J"_a.noconvert(), "g"_a.noconvert(), "tau"_a.noconvert());
 }

@@ -10,19 +10,19 @@ import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
 from hqp.assembly import Assembly
-from hqp.dynamics import ConstrainedDynamics, coordinate_parents
 from hqp.element import Element
 from hqp.errors import DeclarationError, StaleState
-from hqp.forces import Efforts, Forces
 from hqp.formulation import Formulation, Group, Place, Program
-from hqp.gravity import Gravity
 from hqp.law import PD, Law
 from hqp.problem import Hierarchy, Rows, Selection, Shape, Stacked
-from hqp.reactions import reactions, require_actuation, split
 from hqp.reference import Reference
 from hqp.robot import Robot, State
-from hqp.self_motion import SelfMotions
 from hqp.stack import Stack
+from hqp.torque.dynamics import ConstrainedDynamics, coordinate_parents
+from hqp.torque.forces import Efforts, Forces
+from hqp.torque.gravity import Gravity
+from hqp.torque.reactions import reactions, require_actuation, split
+from hqp.torque.self_motion import SelfMotions
 
 
 @dataclass(frozen=True, kw_only=True)
