@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -16,22 +17,36 @@ from hqp.robot import Robot, State
 
 from .fields import check_number, joint_columns, motor_positions, set_names
 
+ACCELERATION = 50.0
+"""Default of the acceleration window [rad/s^2, m/s^2]."""
+
+BRAKING = 5.0
+"""Default of the deceleration that the braking curve counts on [rad/s^2, m/s^2]."""
+
+RISE = 0.02
+"""The default window lets no joint reach its top speed sooner than this [s]."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class JointLimits(Constraint):
-    """Position, velocity and acceleration limits as one box on the velocity u of the next step, q+ = q + dt u.
+    """Position, speed and acceleration limits as one box on the velocity u of the next step, q+ = q + dt u.
 
-    With d the way left to a position limit, v_max the speed limit and a the acceleration limit, towards each limit
+    With d the way left to a position limit, v_max the speed limit and b the braking deceleration, towards each limit
 
-        u <= v_max,    u <= d / dt  or, with a,  u^2 / (2 a) + dt u <= d:   u <= a (sqrt(dt^2 + 2 d / a) - dt),
+        u <= min(v_max, f(d)),    u^2 / (2 b) + dt u <= d  at u = f(d) = b (sqrt(dt^2 + 2 d / b) - dt),
 
-    the second so that the joint can always stop in time; d < 0 asks for u <= max(d / dt, -return_velocity): from
-    outside a joint comes back at bounded speed.  With a, the box is clipped into [v - a dt, v + a dt]; where the
-    two do not meet, it is the end of that window nearest to it, so that the box is never empty.  Where x is an
-    acceleration the bounds are those of u = v + dt x.
+    so that after the step the joint can still stop in time at b, step by step: the braking curve.  From outside,
+    d < 0, it comes back at least at min(return_velocity, v_max, f(-d)), bounded and at rest on the limit.  With a,
+    the acceleration window, the box is then clipped into [v - a dt, v + a dt]; where the two do not meet it is the
+    end of the window nearest to it, so that the box is never empty.  v is the velocity of the state: at velocity
+    level the one commanded last, as ``tick.advance()`` returns it.  Where x is an acceleration the bounds are those
+    of u = v + dt x.
 
     joints: joints or groups, all single-axis joints by default.  margin [rad or m] is kept to both position limits.
-    acceleration [rad/s^2 or m/s^2]: None for no limit.  return_velocity [rad/s or m/s].
+    acceleration [rad/s^2 or m/s^2]: a.  The default of 50 is lowered, joint by joint, to what the robot's data
+    allow: effort limit / inertia about the joint at home, and v_max / 20 ms; another number is taken as it is.
+    braking [rad/s^2 or m/s^2]: b, at most a (a joint brakes inside its window).  0 or None switches either off:
+    without both f(d) = d / dt.  return_velocity [rad/s or m/s].
     Raises DeclarationError for fields and for a margin that leaves no room, JointNotFound on binding.
     """
 
@@ -39,7 +54,8 @@ class JointLimits(Constraint):
 
     joints: str | Sequence[str] | None = None
     margin: float = 0.0
-    acceleration: float | None = None
+    acceleration: float | None = ACCELERATION
+    braking: float | None = BRAKING
     return_velocity: float = 0.5
 
     def __post_init__(self) -> None:
@@ -47,8 +63,10 @@ class JointLimits(Constraint):
         set_names(self, "joints")
         check_number(self, "margin", self.margin, 0.0)
         check_number(self, "return_velocity", self.return_velocity, 0.0, strict=True)
-        if self.acceleration is not None:
-            check_number(self, "acceleration", self.acceleration, 0.0, strict=True)
+        for name in ("acceleration", "braking"):
+            value = getattr(self, name)
+            object.__setattr__(self, name, 0.0 if value is None else value)  # files cannot say None
+            check_number(self, name, getattr(self, name), 0.0)
 
     def rows(self, robot: Robot) -> int:
         """Number of joints k; raises JointNotFound."""
@@ -58,6 +76,15 @@ class JointLimits(Constraint):
         """Tangent coordinates of the joints ``(k,)``; raises JointNotFound."""
         return joint_columns(self, robot, self.joints)
 
+    def rates(self, robot: Robot) -> tuple[Vec, Vec]:
+        """(a, b): window and braking deceleration of each joint, ``(k,)`` [rad/s^2 or m/s^2], infinite where off."""
+        picked = self.selection(robot)
+        a = np.full(picked.size, self.acceleration or math.inf)
+        if self.acceleration == ACCELERATION:
+            a = np.minimum(a, robot.velocity_limit[picked] / RISE)
+            a = np.minimum(a, robot.effort_limit[picked] / home_inertia(robot)[picked])
+        return a, np.minimum(a, self.braking or math.inf)
+
     def bind(self, robot: Robot, out: Block) -> Writer:
         """Write J once, and lower and upper each tick."""
         picked = self.selection(robot)
@@ -66,6 +93,7 @@ class JointLimits(Constraint):
         if np.any(low > high):
             raise self.bad("margin", self.margin, f"at most {np.min(high - low) / 2 + self.margin:g} on {robot.name}")
         speed, positions = robot.velocity_limit[picked], robot.positions(picked)
+        a, b = self.rates(robot)
         if positions is not None:
             data = {
                 "positions": positions,
@@ -73,64 +101,43 @@ class JointLimits(Constraint):
                 "low": low.tolist(),
                 "high": high.tolist(),
                 "speed": speed.tolist(),
-                "acceleration": math.inf if self.acceleration is None else self.acceleration,
+                "acceleration": a.tolist(),
+                "braking": b.tolist(),
                 "return_velocity": self.return_velocity,
                 "dt": out.dt,
                 "order": out.order,
             }
             out.plan = Plan("box", data)
-        return _Box(picked, low, high, speed, self, out)
+        dt, order, back = out.dt, out.order, self.return_velocity
+
+        def write(state: State, reference: Reference) -> None:
+            q, v = state.angles[picked], state.v[picked]
+            upper = np.clip(fastest(high - q, speed, b, back, dt), v - a * dt, v + a * dt)
+            lower = np.clip(-fastest(q - low, speed, b, back, dt), v - a * dt, v + a * dt)
+            out.lower[:], out.upper[:] = (lower, upper) if order == 1 else ((lower - v) / dt, (upper - v) / dt)
+
+        return write
 
 
-class _Box:
-    """The writer: bounds on the way towards the upper limits, then on that towards the lower ones, ``(2 k,)``.
+_INERTIA: WeakKeyDictionary[Robot, Vec] = WeakKeyDictionary()
 
-    Constants are whole arrays: NumPy takes longer to convert a number than to work through so few joints.
-    """
 
-    def __init__(self, picked: Index, low: Vec, high: Vec, speed: Vec, limits: JointLimits, out: Block) -> None:
-        k, dt = picked.size, out.dt
-        self._picked = np.concatenate((picked, picked))
-        self._sign = np.repeat((1.0, -1.0), k)
-        self._limit, self._speed = np.concatenate((high, -low)), np.concatenate((speed, speed))
-        self._back = np.maximum(-self._speed, -limits.return_velocity)
-        self._rate = np.full(2 * k, 1.0 / dt)
-        self._way, self._v, self._bound = np.zeros(2 * k), np.zeros(2 * k), np.zeros(2 * k)
-        self._windowed, self._second = limits.acceleration is not None, out.order == 2
-        a = limits.acceleration or 0.0
-        self._step, self._square, self._double = (np.full(2 * k, c) for c in (a * dt, (a * dt) ** 2, 2.0 * a))
-        self._towards_upper, self._towards_lower = self._bound[:k], self._bound[k:]
-        self._lower, self._upper = out.lower, out.upper
+def home_inertia(robot: Robot) -> Vec:
+    """Diagonal of the joint-space inertia at home, ``(nv,)`` [kg m^2, kg], found once a robot."""
+    if robot not in _INERTIA:
+        twin = robot.copy()
+        _INERTIA[robot] = np.maximum(np.diag(twin.state(twin.home).mass_matrix()), np.finfo(float).tiny)
+    return _INERTIA[robot]
 
-    def __call__(self, state: State, reference: Reference) -> None:
-        """Write lower and upper for joints at q moving at v."""
-        way, v, bound = self._way, self._v, self._bound
-        state.angles.take(self._picked, out=way, mode="clip")
-        np.multiply(way, self._sign, out=way)
-        np.subtract(self._limit, way, out=way)
-        np.multiply(way, self._rate, out=bound)
-        np.maximum(bound, self._back, out=bound)
-        np.minimum(bound, self._speed, out=bound)
-        if self._windowed or self._second:
-            state.v.take(self._picked, out=v, mode="clip")
-            np.multiply(v, self._sign, out=v)
-        if self._windowed:
-            # a (sqrt(dt^2 + 2 d / a) - dt), nowhere above d / dt, and zero outside
-            np.multiply(way, self._double, out=way)
-            np.add(way, self._square, out=way)
-            np.maximum(way, self._square, out=way)
-            np.sqrt(way, out=way)
-            np.subtract(way, self._step, out=way)
-            np.minimum(bound, way, out=bound)
-            np.subtract(v, self._step, out=way)
-            np.maximum(bound, way, out=bound)
-            np.add(v, self._step, out=way)
-            np.minimum(bound, way, out=bound)
-        if self._second:
-            np.subtract(bound, v, out=bound)
-            np.multiply(bound, self._rate, out=bound)
-        self._upper[:] = self._towards_upper
-        np.negative(self._towards_lower, out=self._lower)
+
+def fastest(way: Vec, speed: Vec, b: Vec, back: float, dt: float) -> Vec:
+    """Largest velocity ``(k,)`` towards a limit that is ``way`` off; from outside the one that leads back."""
+    off = np.abs(way)
+    with np.errstate(invalid="ignore"):  # no limit is infinitely far
+        # b (sqrt(dt^2 + 2 d / b) - dt) without the cancellation; d / dt where b is infinite
+        curve = np.where(off < math.inf, 2.0 * off / (np.sqrt(dt * dt + 2.0 * off / b) + dt), math.inf)
+    most = np.minimum(curve, speed)
+    return np.where(way >= 0.0, most, -np.minimum(most, back))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -55,6 +55,7 @@ SCENES = st.fixed_dictionaries(
         "speed": st.floats(0.1, 20.0) | st.just(math.inf),
         "span": st.floats(0.05, 6.0),
         "acceleration": st.none() | st.floats(0.5, 500.0),
+        "braking": st.none() | st.floats(0.5, 500.0),
         "margin": st.floats(0.0, 0.02),
         "order": st.sampled_from([1, 2]),
         "seed": st.integers(0, 2**32 - 1),
@@ -72,14 +73,15 @@ def controls(rng: np.random.Generator, k: int, steps: int) -> Any:
 @given(SCENES)
 def test_from_a_viable_state_limits_are_never_crossed(scene: dict[str, Any]) -> None:
     rng, k, dt, a = np.random.default_rng(scene["seed"]), 12, scene["dt"], scene["acceleration"]
+    b = min(a or math.inf, scene["braking"] or math.inf)
     low, high = np.full(k, -scene["span"] / 2), np.full(k, scene["span"] / 2)
-    limits = JointLimits(margin=scene["margin"], acceleration=a)
+    limits = JointLimits(margin=scene["margin"], acceleration=a, braking=scene["braking"])
     bounds = box(limits, robot_of(low, high, np.full(k, scene["speed"])), dt, scene["order"])
     low, high = low + scene["margin"], high - scene["margin"]
     q = rng.uniform(low, high)
     up = rng.random(k) < 0.5
-    way = np.where(up, high - q, q - low)  # viable: u^2 / (2 a) <= the way left
-    v = np.where(up, 1.0, -1.0) * np.minimum(np.sqrt(2.0 * (a or 1e3) * way), scene["speed"])
+    way = np.where(up, high - q, q - low)  # viable: u^2 / (2 b) <= the way left
+    v = np.where(up, 1.0, -1.0) * np.minimum(np.sqrt(2.0 * min(b, 1e3) * way), scene["speed"])
     for control in controls(rng, k, 400):
         lower, upper = bounds(q, v)
         if scene["order"] == 2:
@@ -91,6 +93,8 @@ def test_from_a_viable_state_limits_are_never_crossed(scene: dict[str, Any]) -> 
         assert np.all(np.abs(u) <= scene["speed"] + 1e-9)
         if a is not None:
             assert np.all(np.abs(u - v) <= a * dt + 1e-9), "an acceleration beyond its limit"
+        pushed = (control == 1.0) & (v >= 0.0) & (u < v) | (control == 0.0) & (v <= 0.0) & (u > v)
+        assert np.all(np.abs(u - v)[pushed] <= b * dt + 1e-9), "a limit is met harder than the curve says"
         q, v = q + dt * u, u
         assert np.all((q >= low - 1e-9) & (q <= high + 1e-9)), "a position limit is crossed"
 
@@ -100,22 +104,24 @@ def test_from_a_viable_state_limits_are_never_crossed(scene: dict[str, Any]) -> 
 def test_from_outside_joints_come_back_at_bounded_speed(scene: dict[str, Any], back: float) -> None:
     rng, k, dt, a = np.random.default_rng(scene["seed"]), 12, scene["dt"], scene["acceleration"]
     low, high = np.full(k, -1.0), np.full(k, 1.0)
-    limits = JointLimits(acceleration=a, return_velocity=back)
+    b = min(a or math.inf, scene["braking"] or math.inf)
+    limits = JointLimits(acceleration=a, braking=scene["braking"], return_velocity=back)
     bounds = box(limits, robot_of(low, high, np.full(k, scene["speed"])), dt)
     q, v = rng.choice([-1.0, 1.0], k) * rng.uniform(1.0, 1.05, k), np.zeros(k)
-    settled = 0.05 / min(back, scene["speed"]) + (0.0 if a is None else 2.0 * back / a)
-    for _ in range(int(settled / dt) + 3):
+    settled = 0.05 / min(back, scene["speed"]) + (0.0 if a is None else 2.0 * back / a) + back / b
+    for _ in range(int(settled / dt) + 20):
         lower, upper = bounds(q, v)
         assert np.all(lower <= upper)
         u = np.clip(0.0, lower, upper)  # as slow as the box allows
         assert np.all(np.abs(u) <= back + 1e-12)
+        assert np.all((np.abs(v) - np.abs(u)) <= b * dt + 1e-12), "it comes to rest harder than the curve says"
         q, v = q + dt * u, u
     assert np.all(np.abs(q) <= 1.0 + 1e-9)
 
 
 def test_box_by_hand() -> None:
     robot = robot_of([-1.0] * 4, [1.0] * 4, [2.0, 2.0, 2.0, math.inf])
-    lower, upper = box(JointLimits(), robot, 0.01)([0.0, 0.995, 1.1, -1.0], np.zeros(4))
+    lower, upper = box(JointLimits(acceleration=None, braking=0), robot, 0.01)([0.0, 0.995, 1.1, -1.0], np.zeros(4))
     np.testing.assert_allclose(upper, [2.0, 0.5, -0.5, 200.0], atol=1e-12)
     np.testing.assert_allclose(lower, [-2.0, -2.0, -2.0, 0.0], atol=1e-12)
     lower, upper = box(JointLimits(acceleration=10.0), robot, 0.01)([0.0, 0.995, 1.1, -1.0], [1.0, 1.0, 1.0, 0.0])
@@ -124,12 +130,39 @@ def test_box_by_hand() -> None:
     np.testing.assert_allclose(upper, [1.1, max(viable, 0.9), 0.9, 0.1], atol=1e-12)
     np.testing.assert_allclose(lower, [0.9, 0.9, 0.9, 0.0], atol=1e-12)
     assert viable < 0.9
+    slow = 2.0 * (math.sqrt(1e-4 + 2 * 0.005 / 2.0) - 0.01)
+    lower, upper = box(JointLimits(acceleration=20.0, braking=2.0), robot, 0.01)([0.0, 0.995, 1.1, -1.0], np.zeros(4))
+    np.testing.assert_allclose(upper, [0.2, slow, -0.2, 0.2], atol=1e-12)
+    np.testing.assert_allclose(lower, [-0.2, -0.2, -0.2, 0.0], atol=1e-12)
+    lower, upper = box(JointLimits(acceleration=None, braking=2.0), robot, 0.01)([0.0, 0.995, 1.001, 0.0], np.ones(4))
+    near, back = 2.0 * (math.sqrt(1e-4 + 1.0) - 0.01), 2.0 * (math.sqrt(1e-4 + 1e-3) - 0.01)
+    np.testing.assert_allclose(upper, [near, slow, -back, near], atol=1e-12)
+
+
+def test_defaults_follow_the_robot() -> None:
+    """50 and 5 rad/s^2, less where the motor is weaker than that or the joint slow; other numbers are taken."""
+    robot = hqp.robots.load("talos")
+    picked = JointLimits().selection(robot)
+    inertia = np.diag(robot.state(robot.home).mass_matrix())[picked]
+    a, b = JointLimits().rates(robot)
+    expected = np.minimum(50.0, robot.effort_limit[picked] / inertia)
+    np.testing.assert_allclose(a, np.minimum(expected, robot.velocity_limit[picked] / 0.02))
+    np.testing.assert_array_equal(b, np.minimum(5.0, a))
+    assert 10.0 < a.min() < 20.0
+    assert np.median(a) == 50.0
+    a, b = JointLimits(acceleration=60.0, braking=70.0).rates(robot)
+    assert np.all(a == 60.0)
+    assert np.all(b == 60.0)
+    a, b = JointLimits(acceleration=None, braking=0).rates(robot)
+    assert np.all(np.isinf(a))
+    assert np.all(np.isinf(b))
+    assert JointLimits(acceleration=None) == JointLimits(acceleration=0.0)  # what a file can say
 
 
 def test_unlimited_joints_are_free() -> None:
     robot = robot_of([-math.inf], [math.inf], [math.inf])
     for acceleration in (None, 5.0):
-        lower, upper = box(JointLimits(acceleration=acceleration), robot, 0.1)([3.0], [1.0])
+        lower, upper = box(JointLimits(acceleration=acceleration, braking=3.0), robot, 0.1)([3.0], [1.0])
         assert (lower[0], upper[0]) == ((-math.inf, math.inf) if acceleration is None else (0.5, 1.5))
 
 
@@ -137,7 +170,9 @@ def test_fields() -> None:
     for bad in (
         {"margin": -0.1},
         {"margin": math.nan},
-        {"acceleration": 0.0},
+        {"acceleration": -1.0},
+        {"braking": -1.0},
+        {"braking": math.nan},
         {"acceleration": math.inf},
         {"return_velocity": 0.0},
         {"joints": ()},
@@ -148,7 +183,7 @@ def test_fields() -> None:
         with pytest.raises(DeclarationError, match=next(iter(bad))):
             JointLimits(**bad)  # type: ignore[arg-type]
     with pytest.raises(DeclarationError, match="margin"):
-        box(JointLimits(margin=1.5), robot_of([-1.0], [1.0], [1.0]), 0.01)
+        box(JointLimits(margin=1.5, acceleration=5.0), robot_of([-1.0], [1.0], [1.0]), 0.01)
     assert JointLimits(joints=["b", "a"]).joints == ("b", "a")
     assert hash(JointLimits(joints=["b"])) == hash(JointLimits(joints=("b",)))
 

@@ -78,9 +78,9 @@ class Assembly {
     add(std::make_unique<hqp::Coupling>(target(rows), std::move(positions), std::move(coefficients)));
   }
   void box(const Written& lower, const Written& upper, Ints positions, Ints columns, Numbers low, Numbers high,
-           Numbers speed, double acceleration, double return_velocity, double dt, int order) {
-    hqp::Limits limits{std::move(positions), std::move(columns), std::move(low), std::move(high), std::move(speed),
-                       acceleration,         return_velocity,    dt,             order};
+           Numbers speed, Numbers acceleration, Numbers braking, double return_velocity, double dt, int order) {
+    hqp::Limits limits{std::move(positions),    std::move(columns), std::move(low), std::move(high), std::move(speed),
+                       std::move(acceleration), std::move(braking), return_velocity, dt,             order};
     add(std::make_unique<hqp::Box>(keep(lower), keep(upper), std::move(limits)));
   }
   void laws(int order, const Block& J, const Vector& error, const Vector& rate, const Vector& feedforward,
@@ -161,7 +161,8 @@ NB_MODULE(_assembly, module) {
       .def("joints", &Assembly::joints, nb::kw_only(), rows, "positions"_a)
       .def("coupling", &Assembly::coupling, nb::kw_only(), rows, "positions"_a, "coefficients"_a)
       .def("box", &Assembly::box, nb::kw_only(), "lower"_a.noconvert(), "upper"_a.noconvert(), "positions"_a,
-           "columns"_a, "low"_a, "high"_a, "speed"_a, "acceleration"_a, "return_velocity"_a, "dt"_a, "order"_a)
+           "columns"_a, "low"_a, "high"_a, "speed"_a, "acceleration"_a, "braking"_a, "return_velocity"_a,
+           "dt"_a, "order"_a)
       .def("laws", &Assembly::laws, nb::kw_only(), "order"_a, "J"_a.noconvert(), "error"_a.noconvert(),
            "rate"_a.noconvert(), "feedforward"_a.noconvert(), "drift"_a.noconvert(), "kp"_a.noconvert(),
            "kd"_a.noconvert(), "weight"_a.noconvert(), "pick"_a.noconvert(), "equality"_a.noconvert(),

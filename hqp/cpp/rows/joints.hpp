@@ -35,8 +35,7 @@ class Coupling final : public Operation {  // a linear relation of joints; J is 
 
 struct Limits {  // of k joints; see JointLimits for the equations
   std::vector<int> positions, columns;
-  std::vector<double> low, high, speed;
-  double acceleration;  // infinite for none
+  std::vector<double> low, high, speed, acceleration, braking;  // infinite for none
   double return_velocity;
   double dt;
   int order;
@@ -49,12 +48,9 @@ class Box final : public Operation {  // one consistent box for the next step
     const Limits& l = limits_;
     for (std::size_t i = 0; i < l.positions.size(); ++i) {
       const double at = q[l.positions[i]], rate = v[l.columns[i]];
-      double up = towards(l.high[i] - at, l.speed[i]), down = -towards(at - l.low[i], l.speed[i]);
-      if (std::isfinite(l.acceleration)) {
-        const double reach = l.acceleration * l.dt;
-        down = std::min(std::max(down, rate - reach), rate + reach);
-        up = std::min(std::max(up, rate - reach), rate + reach);
-      }
+      const double reach = l.acceleration[i] * l.dt;
+      double up = clip(fastest(l.high[i] - at, i), rate - reach, rate + reach);
+      double down = clip(-fastest(at - l.low[i], i), rate - reach, rate + reach);
       if (l.order == 2) {
         down = (down - rate) / l.dt;
         up = (up - rate) / l.dt;
@@ -65,13 +61,14 @@ class Box final : public Operation {  // one consistent box for the next step
   }
 
  private:
-  double towards(double way, double speed) const {  // largest speed towards a limit that is `way` off
+  static double clip(double u, double low, double high) { return std::min(std::max(u, low), high); }
+
+  double fastest(double way, std::size_t i) const {  // velocity towards a limit that is `way` off, or back to it
     const Limits& l = limits_;
-    if (way < 0.0) return std::max(way / l.dt, -std::min(speed, l.return_velocity));
-    double most = way / l.dt;
-    if (std::isfinite(l.acceleration))
-      most = l.acceleration * (std::sqrt(l.dt * l.dt + 2.0 * way / l.acceleration) - l.dt);
-    return std::min(most, speed);
+    const double off = std::fabs(way);
+    double most = l.speed[i];
+    if (std::isfinite(off)) most = std::min(most, 2.0 * off / (std::sqrt(l.dt * l.dt + 2.0 * off / l.braking[i]) + l.dt));
+    return way >= 0.0 ? most : -std::min(most, l.return_velocity);
   }
 
   double *lower_, *upper_;
