@@ -58,7 +58,7 @@ def paper_stack(robot: Robot, *, limits: bool = False, posture: bool = True, han
     ]
     if posture:
         levels.append(Level(Posture(law=P(K_POSTURE)), name="posture"))
-    return Stack(*levels, subject_to=[JointLimits()] if limits else [])
+    return Stack(*levels, subject_to=[JointLimits(acceleration=None, braking=None)] if limits else [])
 
 
 def states(robot: Robot, count: int, seed: int, spread: float = 1.0) -> Iterator[tuple[Vec, Vec]]:
