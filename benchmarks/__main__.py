@@ -23,7 +23,10 @@ PARTS = {
 }
 """Parts of the main job in order; a part is there if its module is.  A module has ``add_arguments`` and ``run``."""
 
-SHORTER = {"torque": ("--ticks", "1000"), "solvers": ("--repeat", "3", "--random", "2000")}
+ROOMS = {"timing": "speed.timing", "torque": "speed.torque", "solvers": "speed.solvers"}
+"""Modules of parts that do not bear the part's name."""
+
+FULL_RUN_OPTIONS = {"torque": ("--ticks", "1000"), "solvers": ("--repeat", "3", "--random", "2000")}
 """What the main job asks less of than a part run by itself, to end within ten minutes on two cores."""
 
 
@@ -50,8 +53,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def present(part: str) -> bool:
     """Whether the module of a part exists (a folder without ``__init__`` is none)."""
-    spec = importlib.util.find_spec(f"benchmarks.{part}")
+    spec = importlib.util.find_spec(_module(part))
     return spec is not None and spec.origin is not None
+
+
+def _module(part: str) -> str:
+    return f"benchmarks.{ROOMS.get(part, part)}"
 
 
 def _common(parser: argparse.ArgumentParser) -> None:
@@ -61,7 +68,7 @@ def _common(parser: argparse.ArgumentParser) -> None:
 
 
 def _parser(part: str) -> tuple[argparse.ArgumentParser, ModuleType]:
-    module = importlib.import_module(f"benchmarks.{part}")
+    module = importlib.import_module(_module(part))
     parser = argparse.ArgumentParser(
         prog=f"python -m benchmarks {part}", description=module.__doc__, conflict_handler="resolve"
     )
@@ -81,7 +88,7 @@ def _part(part: str, argv: Sequence[str]) -> int:
 
 
 def _main_job(arguments: argparse.Namespace) -> int:
-    from benchmarks import report
+    from benchmarks.reports import report
 
     start = time.perf_counter()
     output: Path = arguments.output
@@ -95,7 +102,7 @@ def _main_job(arguments: argparse.Namespace) -> int:
             continue
         report.heading(name)
         began = time.perf_counter()
-        options = ["--output", str(output), "--json", str(output / f"{name}.json"), *SHORTER.get(name, ())]
+        options = ["--output", str(output), "--json", str(output / f"{name}.json"), *FULL_RUN_OPTIONS.get(name, ())]
         status = _part(name, [*options, *(["--quick"] if arguments.quick else [])])
         outcomes.append(report.Outcome(name, PARTS[name], status, time.perf_counter() - began))
     report.write(output, outcomes, arguments.quick)

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 import hqp
-from benchmarks import chosen, report
-from benchmarks.mistry2008.algebra import largest
-from benchmarks.mistry2008.stance import HZ, near_home, paper_stack
-from benchmarks.mistry2008.theorems import alone, asked
-from benchmarks.rows import Check, at_most, exactly, seen_to_fail, write_json
+from benchmarks.mistry2008.equations.algebra import largest
+from benchmarks.mistry2008.equations.theorems import alone, asked
+from benchmarks.mistry2008.stack import HZ, near_home, paper_stack
+from benchmarks.reports import report, solver_sets
+from benchmarks.reports.checks import Check, at_most, exactly, seen_to_fail, write_json
 from hqp import robots, solvers
 from hqp.arrays import Vec
 from hqp.problem import Hierarchy, Solution
@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
             checks += agreement(robot, count) + under_limits(robot, count)
             bar.advance(task)
             bar.update(task, description=f"compare on {name}, table")
-            table = hqp.compare(paper_stack(robot, limits=True), robot, solvers=list(chosen.every()), repeats=3)
+            table = hqp.compare(paper_stack(robot, limits=True), robot, solvers=list(solver_sets.every()), repeats=3)
             tables.append(table.markdown())
             bar.advance(task)
     report.show(checks)
@@ -106,7 +106,7 @@ def agreement(robot: Robot, count: int) -> list[Check]:
         exactly("no active limit", "states among those drawn: none would be a test of nothing", robot.name, 0,
                 [int(not inside)], f"{len(inside)} of {count} states")
     ]  # fmt: skip
-    for name, solver in chosen.bounded().items():
+    for name, solver in solver_sets.bounded().items():
         errors = []
         for case in inside:
             answer = solver.solve(case.problem)
@@ -136,7 +136,7 @@ def under_limits(robot: Robot, count: int) -> list[Check]:
     ]  # fmt: skip
     reference = solvers.load(REFERENCE)
     best = [reference.solve(case.problem) for case in beyond]
-    for key, solver in chosen.bounded().items():
+    for key, solver in solver_sets.bounded().items():
         gaps, violation, levels, silent, unsolved = [], [], [], 0, 0
         for case, other in zip(beyond, best, strict=True):
             answer = solver.solve(case.problem)

@@ -7,9 +7,10 @@ import importlib
 import importlib.util
 from pathlib import Path
 
-from benchmarks import chosen, report
-from benchmarks.mistry2008 import contacts, integration, kinematics, prioritised, second_order, theorems
-from benchmarks.rows import Check, write_json
+from benchmarks.mistry2008.equations import contacts, integration, kinematics, prioritised, second_order, theorems
+from benchmarks.reports import report, solver_sets
+from benchmarks.reports.checks import Check, write_json
+from benchmarks.sentis2012 import equations as sentis2012
 from hqp import robots
 
 ROBOTS = ("cbi", "talos")
@@ -54,8 +55,8 @@ def mistry(names: tuple[str, ...], count: int, output: Path | None) -> tuple[lis
     """The rows of Mistry 2008 on robots by name; with ``output``, figures there and paragraphs that show them."""
     checks: list[Check] = []
     notes: list[str] = []
-    if chosen.broken():
-        notes.append(f"Announced but not loading: {', '.join(chosen.broken())}.")
+    if solver_sets.broken():
+        notes.append(f"Announced but not loading: {', '.join(solver_sets.broken())}.")
     with report.bar() as bar:
         task = bar.add_task("Mistry 2008", total=len(names) * (len(POINTWISE) + 1))
         for name in names:
@@ -68,22 +69,18 @@ def mistry(names: tuple[str, ...], count: int, output: Path | None) -> tuple[lis
             runs = integration.experiments(robot)
             checks += integration.checks(robot, runs)
             if output is not None and importlib.util.find_spec("matplotlib") is not None:
-                figures = importlib.import_module("benchmarks.figures")
+                figures = importlib.import_module("benchmarks.mistry2008.equations.figures")
                 notes += [f"![{text}]({path.name})" for text, path in figures.experiments(runs, name, output)]
             bar.advance(task)
     return checks, notes
 
 
 def sentis(quick: bool, output: Path | None) -> tuple[list[Check], list[str]]:
-    """The rows of Sentis 2012 where its module is here; with ``output``, its figures there."""
-    spec = importlib.util.find_spec("benchmarks.sentis2012")
-    if spec is None or spec.origin is None:
-        return [], []
-    module = importlib.import_module("benchmarks.sentis2012")
+    """The rows of Sentis 2012; with ``output``, its figures there."""
     with report.bar() as bar:
         task = bar.add_task("Sentis 2012", total=None)
-        checks = module.rows(progress=lambda text: bar.update(task, description=text), quick=quick)
+        checks = sentis2012.rows(progress=lambda text: bar.update(task, description=text), quick=quick)
         if output is None or importlib.util.find_spec("matplotlib") is None:
             return checks, []
         bar.update(task, description="Sentis 2012, figures")
-        return checks, [f"![{path.stem}]({path.name})" for path in module.figures(output, quick=quick)]
+        return checks, [f"![{path.stem}]({path.name})" for path in sentis2012.figures(output, quick=quick)]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import hqp
-from benchmarks.mistry2008.stance import HZ, paper_stack, roles
+from benchmarks.mistry2008.stack import HZ, paper_stack, roles
 from hqp import P, Stack
 from hqp.arrays import Mat, Vec
 from hqp.robot import Robot

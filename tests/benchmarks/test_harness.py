@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 from benchmarks import __main__ as command
-from benchmarks import papers, report, ticks, timing
-from benchmarks.mistry2008 import theorems
-from benchmarks.rows import Check, at_most, exactly, seen_to_fail, write_json
+from benchmarks import papers
+from benchmarks.mistry2008.equations import theorems
+from benchmarks.reports import report
+from benchmarks.reports.checks import Check, at_most, exactly, seen_to_fail, write_json
+from benchmarks.speed import ticks, timing
 from hqp import robots, solvers
 from hqp.problem import Stats
 
@@ -106,7 +108,7 @@ class _Unasked(solvers.Solver):
 
 
 def test_a_back_end_that_was_not_asked_fails_its_row(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(theorems.chosen, "exact", lambda: {"unasked": _Unasked()})
+    monkeypatch.setattr(theorems.solver_sets, "exact", lambda: {"unasked": _Unasked()})
     checks = list(theorems._equal_to_projector(robots.load("talos"), 1))
     assert checks
     assert not any(check.passed for check in checks)

@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.experiments import cbi_cog, cbi_figure8, cbi_switch
-from benchmarks.experiments.cbi_cog import Swing
-from benchmarks.experiments.curves import largest, rms
-from benchmarks.experiments.setting import Setting
+from benchmarks.lab.curves import largest, rms
+from benchmarks.lab.setting import Setting
+from benchmarks.mistry2008.experiments import cog, figure8, switch
+from benchmarks.mistry2008.experiments.cog import Swing
 
 SETTING = Setting(solver="nullspace")
 
 
 @pytest.mark.slow
 def test_side_to_side_follows_and_repeats_to_the_bit() -> None:
-    first, second = (cbi_cog.swing(Swing(seconds=4.0), SETTING) for _ in range(2))
+    first, second = (cog.swing(Swing(seconds=4.0), SETTING) for _ in range(2))
     assert not first.fallen
-    e = cbi_cog.errors(first)
+    e = cog.errors(first)
     assert rms(e[:, 1]) < 2.0
     assert rms(e[:, 0]) < 2.0
     assert 1e3 * largest(first.log["soles"].max(axis=1)) < 1.0
@@ -28,23 +28,23 @@ def test_side_to_side_follows_and_repeats_to_the_bit() -> None:
 
 @pytest.mark.slow
 def test_starting_every_command_from_the_measured_joints_falls() -> None:
-    assert cbi_cog.swing(Swing(seconds=10.0, feedback="reset"), SETTING).fallen
+    assert cog.swing(Swing(seconds=10.0, feedback="reset"), SETTING).fallen
 
 
 @pytest.mark.slow
 def test_strict_priority_draws_where_the_printed_law_does_not() -> None:
-    strict = cbi_figure8.draw(SETTING, "nullspace", 7.0)
-    printed = cbi_figure8.draw(SETTING, "chiaverini", 7.0)
-    assert rms(cbi_figure8.hand_errors(strict)) < 1.0
-    assert rms(cbi_figure8.hand_errors(printed)) > 20.0
+    strict = figure8.draw(SETTING, "nullspace", 7.0)
+    printed = figure8.draw(SETTING, "chiaverini", 7.0)
+    assert rms(figure8.hand_errors(strict)) < 1.0
+    assert rms(figure8.hand_errors(printed)) > 20.0
     for run in (strict, printed):
-        assert largest(cbi_figure8.com_errors(run)) < 0.5
+        assert largest(figure8.com_errors(run)) < 0.5
 
 
 @pytest.mark.slow
 def test_a_foot_is_lifted_and_put_down() -> None:
-    schedule = cbi_switch.Schedule(shift=2.5, lift=1.0, hold=0.6, settle=0.4)
-    run, jumps = cbi_switch.switch(SETTING, schedule)
+    schedule = switch.Schedule(shift=2.5, lift=1.0, hold=0.6, settle=0.4)
+    run, jumps = switch.switch(SETTING, schedule)
     assert not run.fallen
     assert len(jumps) == 2
     assert run.log["lift"].max() > 0.035

@@ -11,11 +11,11 @@ import pytest
 
 import hqp.robots
 from benchmarks import experiments
-from benchmarks.experiments.curves import figure_eight, response, rms, smooth
-from benchmarks.experiments.ground import UP, ContactNormals, Heading, Odometry
-from benchmarks.experiments.human import SpringHand, Walk
-from benchmarks.experiments.outcome import Figure, Outcome, holds
-from benchmarks.experiments.recorder import Recorder
+from benchmarks.lab.curves import figure_eight, response, rms, smooth
+from benchmarks.lab.outcome import Figure, Outcome, holds
+from benchmarks.lab.recorder import Recorder
+from benchmarks.sentis2012.experiments.ground import UP, ContactNormals, Heading, Odometry
+from benchmarks.sentis2012.experiments.human import SpringHand, Walk
 from hqp.robots.on_mujoco import Contacts
 
 

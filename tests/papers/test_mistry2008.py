@@ -6,9 +6,10 @@ from types import ModuleType
 
 import pytest
 
-from benchmarks.mistry2008 import contacts, kinematics, loop, prioritised, second_order, theorems
-from benchmarks.mistry2008.integration import COG_ERROR, FOOT_ERROR, GAIN, HAND_RMS
-from benchmarks.mistry2008.stance import K_COG, paper_stack
+from benchmarks.mistry2008 import loop
+from benchmarks.mistry2008.equations import contacts, kinematics, prioritised, second_order, theorems
+from benchmarks.mistry2008.equations.integration import COG_ERROR, FOOT_ERROR, GAIN, HAND_RMS
+from benchmarks.mistry2008.stack import K_COG, paper_stack
 from hqp import robots
 from hqp.robots import Robot
 

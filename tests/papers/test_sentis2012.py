@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from benchmarks.rows import Check
-from benchmarks.sentis2012 import constraints, equivalence, posture, sessions, tasks
-from benchmarks.sentis2012.ground import Ground
+from benchmarks.reports.checks import Check
+from benchmarks.sentis2012.equations import constraints, equivalence, posture, sessions, tasks
+from benchmarks.sentis2012.equations.ground import Ground
 
 PARTS: dict[str, Callable[[Ground, int], Iterator[Check]]] = {
     "constraints": constraints.checks,

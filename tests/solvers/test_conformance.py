@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks import problems
+from benchmarks.speed import problems
 from hqp import Hierarchy, Rows, Selection, Status, certificate
 from hqp.errors import ProblemError
 from hqp.solvers import Solver

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hqp.solvers
-from benchmarks import hard, problems
+from benchmarks.speed import problems, random_hierarchies
 from hqp import Hierarchy, Rows, Selection, Solution, Status, certificate
 from hqp.errors import DeclarationError
 from hqp.solvers import lexicographic
@@ -63,7 +63,7 @@ def test_sequences_warm_from_the_problem_before(name: str) -> None:
 def test_hard_random_hierarchies(part: int) -> None:
     solver = Lexicographic()
     for seed in range(part * RANDOM // 10, (part + 1) * RANDOM // 10):
-        problem = hard.hierarchy(seed)
+        problem = random_hierarchies.hierarchy(seed)
         solution = solver.solve(problem)
         verdict = certificate(problem, solution.x)
         assert solution.status.solved, (seed, solution.status)
@@ -73,14 +73,14 @@ def test_hard_random_hierarchies(part: int) -> None:
 @needs_kernel
 @pytest.mark.parametrize("seed", [312603])
 def test_problems_that_were_wrong_once(seed: int) -> None:
-    problem = hard.hierarchy(seed)
+    problem = random_hierarchies.hierarchy(seed)
     certified(problem, Lexicographic().solve(problem))
 
 
 @needs_kernel
 def test_kernel_and_reference_agree() -> None:
     for seed in range(400):
-        problem = hard.hierarchy(seed, largest=40)
+        problem = random_hierarchies.hierarchy(seed, largest=40)
         kernel, reference = Lexicographic().solve(problem), Lexicographic(native=False).solve(problem)
         if Status.RANK_UNCERTAIN in (kernel.status, reference.status):
             continue  # each judges its own pivots
@@ -113,7 +113,7 @@ def test_multipliers_are_those_of_the_optimum(native: bool) -> None:
     drawn = [
         *problems.load("b5_38", 3),
         *problems.load("rand12", 10),
-        *(hard.hierarchy(seed, 20) for seed in range(60)),
+        *(random_hierarchies.hierarchy(seed, 20) for seed in range(60)),
     ]
     for problem in drawn:
         solution = solver.solve(problem)
@@ -210,7 +210,7 @@ def test_damping_never_moves_the_levels_above(native: bool) -> None:
 @needs_kernel
 def test_damping_is_the_same_in_the_reference() -> None:
     for seed in range(40):
-        problem = hard.hierarchy(seed, 15)
+        problem = random_hierarchies.hierarchy(seed, 15)
         options: dict[str, Any] = {"damping": 0.2, "max_iterations": 50}
         if not all(level.equality.all() for level in problem.levels):
             continue

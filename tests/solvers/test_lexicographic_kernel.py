@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import problems
+from benchmarks.speed import problems
 from hqp.solvers import lexicographic
 from hqp.solvers.lexicographic import Lexicographic
 from tests.solvers.native.dump import dump

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.random import Generator
 
-from benchmarks import problems
+from benchmarks.speed import problems
 from hqp import Hierarchy, Rows, Selection, certificate
 from hqp.certify import nonnegative_least_squares
 from hqp.errors import ProblemError

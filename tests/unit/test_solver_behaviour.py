@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import hqp.solvers
-from benchmarks import problems
+from benchmarks.speed import problems
 from hqp import Hierarchy, Rows, Selection, Status, certificate
 from hqp.errors import BackendError
 from hqp.solvers.backends import QpAnswer, load

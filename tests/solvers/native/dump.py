@@ -30,10 +30,10 @@ def dump(problems: Iterable[Hierarchy], path: Path) -> Path:
 
 
 if __name__ == "__main__":  # every stored set and some hard random problems into a folder
-    from benchmarks import hard
-    from benchmarks import problems as stored
+    from benchmarks.speed import problems as stored
+    from benchmarks.speed import random_hierarchies
 
     folder = Path(sys.argv[1])
     for name in stored.names():
         print(dump(stored.load(name), folder / f"{name}.bin"))
-    print(dump((hard.hierarchy(seed) for seed in range(400)), folder / "hard.bin"))
+    print(dump((random_hierarchies.hierarchy(seed) for seed in range(400)), folder / "random_hierarchies.bin"))

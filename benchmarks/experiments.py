@@ -1,0 +1,174 @@
+"""Both papers' experiments in simulation: CBi balances and draws, Dreamer is pulled up a slope.
+
+Without a name the short versions of all, in about a minute; a name, or --full, means the whole thing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes.util
+import dataclasses
+import importlib
+import importlib.metadata
+import importlib.util
+import json
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+NAMES = {
+    "cbi-cog": "mistry2008.experiments.cog",
+    "cbi-figure8": "mistry2008.experiments.figure8",
+    "cbi-switch": "mistry2008.experiments.switch",
+    "dreamer-slope": "sentis2012.experiments.slope",
+    "dreamer-robustness": "sentis2012.experiments.robustness",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of this part."""
+    listed = ", ".join(NAMES)
+    parser.add_argument("names", nargs="*", metavar="EXPERIMENT", help=f"{listed}; all of them by default")
+    parser.add_argument("--solver", default=None, help="any solver of the library; lexicographic where it is native")
+    parser.add_argument("--full", action="store_true", help="long runs, sweeps and seeds; implied by a name")
+    parser.add_argument("--view", action="store_true", help="watch in MuJoCo's viewer; needs a screen")
+    parser.add_argument(
+        "--video", action="store_true", help="write an mp4 of each scene; needs imageio-ffmpeg or ffmpeg"
+    )
+    parser.add_argument("--no-pictures", action="store_true", help="render nothing")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes for sweeps")
+    parser.add_argument("--seeds", type=int, default=5, metavar="N", help="seeds of cases with noise, default 5")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run, show, write; returns 1 if a figure misses its limit, 2 for a name that is none."""
+    from benchmarks.reports import report
+
+    unknown = [name for name in arguments.names if name not in NAMES]
+    if unknown:
+        print(f"benchmarks experiments: no {', '.join(unknown)}; there are {', '.join(NAMES)}", file=sys.stderr)
+        return 2
+    if importlib.util.find_spec("mujoco") is None:
+        report.console.print("experiments need MuJoCo: pip install 'hqp\\[mujoco]'", style="bold red")
+        return 1
+    if (
+        arguments.view
+        and sys.platform == "linux"
+        and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    ):
+        print(
+            "benchmarks experiments: --view needs a screen, and there is none; --video writes a film", file=sys.stderr
+        )
+        return 2
+    rendering = choose_renderer()
+    full = (arguments.full or bool(arguments.names)) and not arguments.quick
+    setting = _setting(arguments, full)
+    outcomes = []
+    with report.bar() as bar:
+        for name in arguments.names or NAMES:
+            task = bar.add_task(name, total=None)
+            setting = dataclasses.replace(setting, advance=lambda task=task: bar.advance(task))
+            outcomes.append(_one(name, setting, rendering))
+            bar.remove_task(task)
+    for outcome in outcomes:
+        _show(outcome)
+    _write(arguments, outcomes, full)
+    failed = [f"{o.name}: {f.what}" for o in outcomes for f in o.missed]
+    for text in failed:
+        report.console.print(f"missed: {text}", style="bold red", markup=False)
+    return int(bool(failed))
+
+
+def choose_renderer() -> str:
+    """Have MuJoCo render without a screen where it can: EGL, else OSMesa; before it is imported.  What was chosen."""
+    if "MUJOCO_GL" not in os.environ and sys.platform == "linux" and not os.environ.get("DISPLAY"):
+        libraries = {"egl": "EGL", "osmesa": "OSMesa"}
+        found = next((name for name, library in libraries.items() if ctypes.util.find_library(library)), "disable")
+        os.environ["MUJOCO_GL"] = found
+    return os.environ.get("MUJOCO_GL", "")
+
+
+def _setting(arguments: argparse.Namespace, full: bool) -> Any:
+    from benchmarks.lab.setting import Setting
+    from benchmarks.reports.machine import native
+
+    solver = arguments.solver or ("lexicographic" if native() else "nullspace")
+    viewer = None
+    if arguments.view:
+        from benchmarks.lab.viewer import Viewer
+
+        viewer = Viewer()
+    return Setting(
+        solver=solver,
+        full=full,
+        output=arguments.output,
+        pictures=not arguments.no_pictures,
+        video=arguments.video,
+        show=viewer,
+        jobs=1 if arguments.view else max(1, arguments.jobs),
+        seeds=max(1, arguments.seeds),
+    )
+
+
+def _one(name: str, setting: Any, rendering: str) -> Any:
+    began = time.perf_counter()
+    photographer = None
+    if setting.pictures and setting.output is not None and rendering != "disable" and setting.show is None:
+        from benchmarks.lab.pictures import Photographer
+
+        photographer = Photographer(name, setting)
+        setting = dataclasses.replace(setting, show=photographer)
+    outcome = importlib.import_module(f"benchmarks.{NAMES[name]}").experiment(setting)
+    if photographer is not None:
+        photographer.finish(outcome)
+    elif rendering == "disable":
+        outcome.notes.append("No pictures: neither EGL nor OSMesa here (on Debian: apt install libegl1 or libosmesa6).")
+    outcome.parameters |= {
+        "solver": str(setting.solver),
+        "version": "full" if setting.full else "short",
+        "versions": {p: importlib.metadata.version(p) for p in ("mujoco", "pin", "numpy")},
+        "wall time [s]": round(time.perf_counter() - began, 1),
+    }
+    return outcome
+
+
+def _show(outcome: Any) -> None:
+    from benchmarks.lab.outcome import HEADER
+    from benchmarks.reports import report
+
+    console = report.console
+    console.print(f"\n[bold]{outcome.name}[/bold]")
+    rows = [figure.cells() for figure in outcome.figures]
+    widths = [max(len(row[i]) for row in (HEADER, *rows)) for i in range(len(HEADER))]
+    for row in (HEADER, *rows):
+        text = "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        console.print(text, style="bold red" if row[0] == "FAIL" else None, markup=False, soft_wrap=True)
+    for table in outcome.tables:
+        console.print(f"\n{table.title}", markup=False)
+        widths = [max(len(row[i]) for row in (table.header, *table.rows)) for i in range(len(table.header))]
+        for row in (table.header, *table.rows):
+            text = "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+            console.print(text, style="bold red" if "FAIL" in row else None, markup=False, soft_wrap=True)
+    for note in outcome.notes:
+        console.print(note, markup=False)
+
+
+def _write(arguments: argparse.Namespace, outcomes: list[Any], full: bool) -> None:
+    from benchmarks.lab.outcome import HEADER, parameter_rows
+    from benchmarks.reports import report
+
+    paragraphs = [] if full else ["Short versions; `make experiments` runs the long ones."]
+    for outcome in outcomes:
+        paragraphs += [f"### {outcome.name}", report.table(HEADER, (figure.cells() for figure in outcome.figures))]
+        for table in outcome.tables:
+            paragraphs += [f"**{table.title}**", report.table(table.header, table.rows)]
+        paragraphs += [f"![{text}]({path.name})" for text, path in outcome.files if path.suffix == ".png"]
+        paragraphs += outcome.notes
+        paragraphs.append(report.table(("parameter", "value"), parameter_rows(outcome.parameters)))
+    report.section(Path(arguments.output), "experiments", *paragraphs)
+    if arguments.json is not None:
+        arguments.json.parent.mkdir(parents=True, exist_ok=True)
+        plain = [outcome.plain() for outcome in outcomes]
+        arguments.json.write_text(json.dumps(plain, indent=1, ensure_ascii=False, default=str) + "\n")

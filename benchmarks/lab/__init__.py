@@ -1,0 +1,1 @@
+"""What a simulated experiment is recorded, drawn and filmed with."""

@@ -1,0 +1,57 @@
+"""How experiments are run: how long, with which solver, what is written and shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from benchmarks.lab.outcome import Figure, Outcome
+from benchmarks.lab.recorder import Recorder
+from hqp.solvers.base import Solver
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """Options common to all experiments.
+
+    full: everything, not the short version.  output: folder of logs and figures, None for none.  pictures, video:
+    render the scene.  show: called after every period with the run, for a viewer.  advance: called as work gets done.
+    jobs: processes for sweeps.  seeds: of cases with noise.
+    """
+
+    solver: str | Solver = "lexicographic"
+    full: bool = False
+    output: Path | None = None
+    pictures: bool = True
+    video: bool = False
+    jobs: int = 1
+    seeds: int = 5
+    show: Callable[[Any], None] | None = field(default=None, compare=False)
+    advance: Callable[[], None] = field(default=lambda: None, compare=False)
+
+    def log(self, outcome: Outcome, stem: str, recorder: Recorder) -> None:
+        """Write a run's log as npz, where there is a folder."""
+        if self.output is not None:
+            path = recorder.save(self.output / f"{outcome.name}_{stem}.npz", outcome.parameters)
+            outcome.files.append((f"log, {stem}", path))
+
+    def plot(self, outcome: Outcome, plot: str, *runs: Any) -> None:
+        """Draw a figure of ``benchmarks.lab.plots`` by name, where there are a folder and matplotlib."""
+        if self.output is None:
+            return
+        try:
+            from benchmarks.lab import plots
+        except ImportError as missing:
+            outcome.notes.append(f"No plots: {missing}.")
+            return
+        for caption, path in getattr(plots, plot)(self.output, *runs):
+            outcome.files.append((caption, path))
+
+    def speed(self, factors: tuple[float, float], wanted: float) -> tuple[Figure, Figure]:
+        """The real-time factor by processor time, which is judged, and by wall time, which other programs spoil."""
+        return (
+            Figure("real-time factor, processor time", factors[0], low=wanted, binding=False),
+            Figure("real-time factor, wall time", factors[1], binding=False),
+        )

@@ -1,0 +1,35 @@
+"""MuJoCo's interactive viewer on a run, at the speed of a clock."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import mujoco.viewer
+
+from benchmarks.lab import overlay
+
+
+class Viewer:
+    """Called after every period of a run; opens a window for each new run, raises RuntimeError without a screen."""
+
+    def __init__(self) -> None:
+        self._run: Any = None
+        self._window: Any = None
+        self._began = 0.0
+
+    def __call__(self, run: Any) -> None:
+        """Show the present state, and wait until it is due."""
+        if run is not self._run:
+            if self._window is not None:
+                self._window.close()
+            self._run, self._began = run, time.perf_counter() - run.t
+            self._window = mujoco.viewer.launch_passive(run.plant.model, run.plant.data)
+        if not self._window.is_running():
+            return
+        if hasattr(run, "pull"):
+            overlay.place_hand(run)
+        self._window.sync()
+        ahead = run.t - (time.perf_counter() - self._began)
+        if ahead > 0.0:
+            time.sleep(ahead)

@@ -1,0 +1,1 @@
+"""Mistry 2008's experiments in MuJoCo: CBi balances, draws and switches contacts."""

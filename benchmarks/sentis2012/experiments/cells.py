@@ -1,0 +1,180 @@
+"""The scenes in which Dreamer's controller is tried: one change at a time, and where limits bind."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from benchmarks.sentis2012.experiments.cases import Case
+from benchmarks.sentis2012.experiments.compliance import Compliance
+from benchmarks.sentis2012.experiments.human import SpringHand
+from benchmarks.sentis2012.experiments.scene import Scene
+from benchmarks.sentis2012.experiments.variants import NAMES, PULL
+from hqp.robots.on_mujoco import Noise, Sensors
+
+ONE_CM = 10.0
+"""The paper's claim [mm]."""
+
+NOISY = Sensors(
+    orientation=Noise(1e-3), gyro=Noise(0.01), angle=Noise(1e-4), rate=Noise(0.01), force=Noise(3.0)
+)  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """A case with what was promised of it: the CoM error's limit [mm], inf for no fall, None for nothing."""
+
+    case: Case
+    group: str
+    limit: float | None = None
+    earlier: str = ""
+    seeds: bool = False
+
+
+def cells(full: bool) -> list[Cell]:
+    """The table, or a few of its cells."""
+    found: list[Cell] = []
+
+    def add(
+        group: str,
+        name: str,
+        scene: Scene,
+        choice: Compliance = Compliance(),  # noqa: B008 (a frozen value)
+        *,
+        limit: float | None = None,
+        earlier: str = "",
+        seeds: bool = False,
+    ) -> None:
+        case = Case(name=f"{group}, {name}", scene=scene, choice=choice)
+        found.append(Cell(case=case, group=group, limit=limit, earlier=earlier, seeds=seeds))
+
+    ball, rollers = Scene(walk=PULL), Scene(plant="dreamer_rollers", walk=PULL)
+    if not full:
+        add("slope", "5 deg, ball wheels", replace(ball, slope=5.0), limit=6.0, earlier="2.6")
+        add("friction", "0.25, rollers", replace(rollers, friction=0.25), limit=6.0, earlier="5.2")
+        return found
+    for scene in (ball, rollers):
+        plant = NAMES[scene.plant]
+        before = {0: ("2.6", "3.0"), 3: ("2.6", "3.0"), 5: ("2.6", "3.7"), 7: ("4.4", "4.8"), 8: ("5.7", "6.4"),
+                  10: ("8.6", "falls"), 12: ("19", ""), 15: ("170", ""), 20: ("falls", "")}  # fmt: skip
+        for slope, earlier in before.items():
+            limit = 6.0 if slope <= 7 else 8.0 if slope == 8 else None
+            if slope in (10, 12) and plant != "rollers":
+                limit = math.inf
+            if slope <= 12 or plant != "rollers":
+                add(
+                    "slope",
+                    f"{slope} deg, {plant}",
+                    replace(scene, slope=float(slope)),
+                    limit=limit,
+                    earlier=earlier[plant == "rollers"],
+                )
+    for friction, earlier in ((1.0, "4.7"), (0.5, "4.9"), (0.3, "5.0"), (0.25, "5.2"), (0.2, "falls"), (0.15, "16")):
+        limit = 6.0 if friction >= 0.25 else None
+        add("friction", f"{friction:g}, rollers", replace(rollers, friction=friction), limit=limit, earlier=earlier)
+    for speed, earlier in ((0.2, "1.9"), (0.5, "10.3"), (0.6, "13.6"), (0.8, "16.7")):
+        scene = replace(ball, walk=replace(PULL, speed=0.95 * speed, distance=max(0.95, 2.0 * speed)))
+        add("pull speed", f"{speed:g} m/s, ball wheels", scene, limit=2.5 if speed <= 0.2 else None, earlier=earlier)
+    for force, earlier in ((20.0, "1.8"), (40.0, "3.5"), (60.0, "5.3"), (80.0, "127")):
+        scene = Scene(slope=0.0, push=(force, 0.0, 0.0), seconds=5.0)
+        add("step pull", f"{force:g} N ahead, flat", scene, limit=6.0 if force <= 60.0 else None, earlier=earlier)
+    for force, earlier in ((40.0, ""), (50.0, ""), (60.0, "4.8")):
+        scene = Scene(slope=0.0, push=(0.0, force, 0.0), seconds=5.0)
+        add("step pull", f"{force:g} N aside, flat", scene, limit=6.0, earlier=earlier)
+    add("step pull", "60 N aside, flat, motors twice as strong", replace(scene, strength=2.0))
+    for hz, earlier in ((100, "4.8"), (200, "4.5"), (500, "4.4"), (1000, "4.4")):
+        add("control rate", f"{hz} Hz, ball wheels", ball, Compliance(period=1.0 / hz), limit=6.0, earlier=earlier)
+    for ms, limit, earlier in ((2, 6.0, "4.8"), (4, 8.0, "5.2"), (10, 8.0, "6.4")):
+        add("delay", f"{ms} ms, ball wheels", replace(ball, delay=1e-3 * ms), limit=limit, earlier=earlier)
+    add("delay", "4 ms, rollers", replace(rollers, delay=0.004), limit=9.0)
+    add(
+        "noise", "all sensors, 4 ms, rollers", replace(rollers, delay=0.004, sensors=NOISY),
+        limit=9.0, earlier="7.9", seeds=True,
+    )  # fmt: skip
+    add("noise", "all sensors, ball wheels", replace(ball, sensors=NOISY), limit=9.0, seeds=True)
+    add(
+        "noise", "all sensors, 4 ms, rollers, own map", replace(rollers, delay=0.004, sensors=NOISY),
+        Compliance(normals="map"), limit=ONE_CM, seeds=True,
+    )  # fmt: skip
+    for degrees, limit, earlier in ((0.25, 10.0, "7.4"), (0.5, 15.0, "12.2"), (1.0, None, "22.9"), (2.0, None, "44")):
+        biased = Sensors(orientation=Noise(bias=(0.0, math.radians(degrees), 0.0)))
+        add(
+            "pitch bias", f"{degrees:g} deg, ball wheels", replace(ball, sensors=biased), limit=limit, earlier=earlier
+        )  # fmt: skip
+    for degrees, earlier in ((0.5, "12"), (1.0, "21")):
+        biased = Sensors(orientation=Noise(bias=(math.radians(degrees), 0.0, 0.0)))
+        scene = replace(ball, sensors=biased)
+        add("roll bias", f"{degrees:g} deg, ball wheels", scene, limit=math.inf, earlier=earlier)
+    for mass, earlier in ((0.5, "11"), (1.0, "17.6")):
+        add("payload", f"{mass:g} kg at the hand, ball wheels", replace(ball, payload=mass), earlier=earlier)
+    add("mass error", "upper body 10 % heavier, ball wheels", replace(ball, extra_mass=1.1), earlier="8.1")
+    for degrees, earlier in ((5, "4.4"), (10, "5.8"), (20, "4.3"), (30, "8.1"), (45, "7.4"), (60, "13"), (90, "97")):
+        limit = 10.0 if degrees <= 45 else math.inf
+        scene = replace(rollers if degrees <= 45 else ball, heading=math.radians(degrees))
+        add("heading", f"{degrees} deg, {NAMES[scene.plant]}", scene, limit=limit, earlier=earlier)
+    for degrees in (60, 90):
+        for scene in (ball, rollers):
+            name = f"{degrees} deg, turns to where it is led, {NAMES[scene.plant]}"
+            turned = replace(scene, heading=math.radians(degrees))
+            add("heading", name, turned, Compliance(turn=0.6), limit=ONE_CM)
+    add("heading", "180 deg, ball wheels", replace(ball, heading=math.pi), earlier="49")
+    combined = replace(
+        rollers, slope=7.0, friction=0.5, delay=0.004, heading=math.radians(5.0), extra_mass=1.02,
+        sensors=replace(NOISY, orientation=Noise(1e-3, (0.0, math.radians(0.25), 0.0))),
+        hand=SpringHand(stiffness=300.0),
+    )  # fmt: skip
+    add("combined", "rollers", combined, limit=14.0, earlier="11.1", seeds=True)
+    return found
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The projector and the HQP in one scene; text says what the HQP is told."""
+
+    text: str
+    projector: Case
+    bounded: Case
+
+
+def pairs(full: bool) -> list[Pair]:
+    """Where torque limits and friction bind; the HQP assumes 5 % less friction than there is where it is little."""
+    ball, rollers = Scene(walk=PULL), Scene(plant="dreamer_rollers", walk=PULL)
+    bounded = Compliance(limits=True, com_acceleration=math.inf)
+    uncapped = Compliance(com_acceleration=math.inf)
+    scenes = [
+        ("friction 0.2, rollers", replace(rollers, friction=0.2), Compliance(), replace(bounded, friction=0.19)),
+    ]
+    if full:
+        away = replace(PULL, distance=0.3, back=False)
+        scenes += [
+            (
+                "friction 0.15, rollers",
+                replace(rollers, friction=0.15),
+                Compliance(),
+                replace(bounded, friction=0.1425),
+            ),
+            ("10 deg, ball wheels", replace(ball, slope=10.0), Compliance(), bounded),
+            ("10 deg, rollers", replace(rollers, slope=10.0), Compliance(), bounded),
+            ("12 deg, ball wheels", replace(ball, slope=12.0), Compliance(), bounded),
+            ("15 deg, ball wheels", replace(ball, slope=15.0), Compliance(), bounded),
+            ("10 deg, ball wheels, projector without cap", replace(ball, slope=10.0), uncapped, bounded),
+            ("step pull of 80 N, flat", Scene(slope=0.0, push=(80.0, 0.0, 0.0), seconds=5.0), Compliance(), bounded),
+            ("step pull of 120 N, flat", Scene(slope=0.0, push=(120.0, 0, 0), seconds=5.0), Compliance(), bounded),
+            (
+                "step pull of 60 N aside, flat",
+                Scene(slope=0.0, push=(0.0, 60.0, 0), seconds=5.0),
+                Compliance(),
+                bounded,
+            ),
+            ("heading 60 deg, ball wheels", replace(ball, heading=math.radians(60.0)), Compliance(), bounded),
+            ("start out of place, no cap", Scene(out_of_place=1.0, walk=away), uncapped, bounded),
+            ("7 deg, rollers", rollers, Compliance(), bounded),
+        ]
+    return [
+        Pair(
+            name,
+            Case(name=f"{name}, projector", scene=scene, choice=plain, solver="nullspace"),
+            Case(name=f"{name}, HQP", scene=scene, choice=hqp, solver="lexicographic"),
+        )
+        for name, scene, plain, hqp in scenes
+    ]

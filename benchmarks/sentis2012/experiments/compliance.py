@@ -1,0 +1,207 @@
+"""Dreamer's compliant controller (Sentis et al. 2012, section IV) as a stack, and the mistakes that a reader can make.
+
+CoM of the upper body over the wheel triangle > yaw > hand, relative to the base > posture; the base is in no task but
+its heading, so that whoever pulls the hand moves the whole robot.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+
+import hqp
+from benchmarks.sentis2012.experiments.ground import UP, Heading
+from hqp import PD, Level, Stack
+from hqp.arrays import Mat, Vec
+from hqp.element import Block, Task, Writer
+from hqp.errors import DeclarationError
+from hqp.reference import Reference
+from hqp.robot import Robot, State
+from hqp.tasks import (
+    Com,
+    FrictionCone,
+    JointCoupling,
+    OmniWheelContact,
+    Orientation,
+    Position,
+    Posture,
+    TorqueLimits,
+)
+
+COM_GOAL = (0.0289, -0.0522)
+"""Where the upper body's CoM is over the base in the posture goal, in the base's heading [m]."""
+
+HAND_GOAL = (0.397, -0.216, 1.063)
+"""Of the palm in the base's heading frame [m]: that of the posture goal."""
+
+WHEELS = ("wheel_0", "wheel_1", "wheel_2")
+
+Normals = Literal["contact", "map", "base", "contact in all", "vertical"]
+"""Ground normals: ``contact``, the base's in the rows and each wheel's own in the gravity compensation; ``map``, the
+same with the wheels' normals from a map of heights that the robot makes as it goes; ``base``, the base's (what an IMU
+alone can tell); ``contact in all``, each wheel's own in the rows too; ``vertical``."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compliance:
+    """Gains [1/s^2], critically damped, and choices; the last five are there to be seen to fail.
+
+    gravity_share: of the wheels' gravity compensation with base normals, by their tilt.  limits: torque limits and
+    friction bounds as inequalities, with friction as the coefficient assumed.  turn: largest rate at which the robot
+    turns to where it is led [rad/s], 0 to keep its heading.  period: of control [s].
+    """
+
+    com: float = 400.0
+    com_acceleration: float = 2.5
+    yaw: float = 25.0
+    hand: float = 400.0
+    posture: float = 100.0
+    period: float = 0.002
+    normals: Normals = "contact"
+    gravity_share: float = 1.0
+    limits: bool = False
+    friction: float = 0.8
+    turn: float = 0.0
+    com_goal: tuple[float, float] = COM_GOAL
+    gyro: bool = True
+    absolute_jacobians: bool = False
+    absolute_damping: bool = False
+    goal_at_axles: bool = False
+    axle_rolling: bool = False
+
+
+def stack(choice: Compliance) -> Stack:
+    """Eqs. (48) to (59) with the yaw task added, under coupling, wheels and, if asked, limits."""
+    com_kind: type[Com] = AbsoluteCom if choice.absolute_jacobians else Com
+    hand_kind: type[Position] = AbsolutePosition if choice.absolute_jacobians else Position
+    law = PD(choice.com, max_acceleration=choice.com_acceleration)
+    wheels = [OmniWheelContact(wheel=name) for name in WHEELS]
+    if choice.axle_rolling:
+        wheels = [RollingAlongAxle(wheel=name) for name in WHEELS]
+    limits = [
+        TorqueLimits(),
+        *(FrictionCone(contact=name, mu=choice.friction, edges=4) for name in WHEELS),
+    ]
+    return Stack(
+        Level(
+            com_kind(axes="xy", subtree="torso_yaw", relative_to="base", heading=True, law=law, name="com"),
+            name="balance",
+        ),
+        Level(Orientation(frame="base", axes="yaw", law=PD(choice.yaw), name="yaw"), name="heading"),
+        Level(
+            hand_kind(frame="hand_point", relative_to="base", heading=True, law=PD(choice.hand), name="hand"),
+            name="hand",
+        ),
+        Level(Posture(joints="upper_body", law=PD(choice.posture)), name="posture"),
+        subject_to=[
+            JointCoupling({"torso_hip": 1.0, "torso_thorax": -1.0}, name="biarticular"),
+            *wheels,
+            *(limits if choice.limits else []),
+        ],
+    )
+
+
+def refusal(choice: Compliance) -> str:
+    """What the library says of a stack that it refuses to compile, empty if it takes it."""
+    try:
+        hqp.Controller(stack(choice), hqp.Torque()).session(hqp.robots.load("dreamer"), choice.period)
+    except DeclarationError as error:
+        return str(error)
+    return ""
+
+
+class Targets:
+    """The references of every tick."""
+
+    def __init__(self, choice: Compliance, tasks: Stack, posture: Vec, yaw: float) -> None:
+        self._choice = choice
+        self._com, self._hand = tasks.find("com", Com), tasks.find("hand", Position)
+        self._wheels = [tasks.find(name, OmniWheelContact) for name in WHEELS]
+        self._posture = tasks.find("posture", Posture).at(posture)
+        self._yaw, self._heading = tasks.find("yaw", Orientation), Heading(yaw, choice.turn, choice.period)
+
+    def __call__(self, rotation: Mat, velocity: Vec, contact_normals: Mat) -> tuple[Reference, ...]:
+        """For a base with a rotation ``(3, 3)`` and velocity ``(3,)`` [m/s] in its own axes, and normals at wheels."""
+        choice, base = self._choice, rotation[:, 2]
+        goal = np.array(choice.com_goal)
+        if choice.goal_at_axles:
+            goal = goal + 0.101 * self._level(rotation, base)
+        moving = rotation @ velocity
+        turning = self._heading.update(moving[:2])
+        rate, hand_rate = None, None
+        if choice.absolute_damping:
+            rate = -self._level(rotation, moving)
+            hand_rate = np.append(rate, -moving[2])
+        return (
+            self._com.at(goal, velocity=rate),
+            self._hand.at(HAND_GOAL, velocity=hand_rate),
+            self._yaw.at(self._heading.yaw, velocity=turning),
+            self._posture,
+            *self._grounds(base, contact_normals),
+        )
+
+    def _grounds(self, base: Vec, contact: Mat) -> list[Reference]:
+        normals, share = self._choice.normals, self._choice.gravity_share
+        if normals in ("contact", "map"):
+            return [w.at(normal=base, gravity_normal=n) for w, n in zip(self._wheels, contact, strict=True)]
+        if normals == "contact in all":
+            return [w.at(normal=n) for w, n in zip(self._wheels, contact, strict=True)]
+        if normals == "vertical":
+            return [w.at(normal=UP) for w in self._wheels]
+        reduced = None if share == 1.0 else (1.0 - share) * UP + share * base
+        return [w.at(normal=base, gravity_normal=reduced) for w in self._wheels]
+
+    @staticmethod
+    def _level(rotation: Mat, vector: Vec) -> Vec:
+        """Horizontal part of a world vector in the heading's axes ``(2,)``."""
+        c, s = rotation[0, 0], rotation[1, 0]
+        length = math.hypot(c, s)
+        c, s = c / length, s / length
+        return np.array([c * vector[0] + s * vector[1], c * vector[1] - s * vector[0]])
+
+
+@dataclass(frozen=True, kw_only=True)
+class RollingAlongAxle(OmniWheelContact):
+    """The rolling row in the direction of the wheel's axle, as the paper has it in words below eq. (9)."""
+
+    _picked: ClassVar[tuple[int, ...]] = (1, 2)
+
+
+class _Absolute(Task):
+    """A goal that moves with the base, but the rate of the point alone, a literal reading of eqs. (46) to (50)."""
+
+    def bind(self, robot: Robot, out: Block) -> Writer:
+        """The readable writer, which asks ``jacobian``."""
+        return Task.bind(self, robot, out)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AbsoluteCom(_Absolute, Com):
+    """Com relative to a heading whose Jacobian forgets that the goal moves."""
+
+    def jacobian(self, state: State) -> Mat:
+        return _heading(state, self.relative_to) @ state.com_jacobian(state.robot.subtree(str(self.subtree)))
+
+    def drift(self, state: State) -> Vec:
+        return _heading(state, self.relative_to) @ state.com_drift(state.robot.subtree(str(self.subtree)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class AbsolutePosition(_Absolute, Position):
+    """Position relative to a heading whose Jacobian forgets that the goal moves."""
+
+    def jacobian(self, state: State) -> Mat:
+        return _heading(state, self.relative_to, 3) @ state.jacobian(self.frame)[:3]
+
+    def drift(self, state: State) -> Vec:
+        return _heading(state, self.relative_to, 3) @ state.drift(self.frame)[:3]
+
+
+def _heading(state: State, frame: str | None, rows: int = 2) -> Mat:
+    x = state.rotation(str(frame))[:, 0]
+    length = math.hypot(x[0], x[1])
+    c, s = x[0] / length, x[1] / length
+    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])[:rows]

@@ -1,0 +1,1 @@
+"""How long solvers and ticks take, on stored problems and in the loop."""

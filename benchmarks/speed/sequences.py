@@ -1,0 +1,34 @@
+"""Consecutive hierarchies of a 500 Hz control loop, as a solver meets them there."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import hqp
+from benchmarks.mistry2008 import loop
+from benchmarks.mistry2008.stack import HZ, paper_stack
+from hqp import Hierarchy
+from hqp.arrays import Vec
+
+ROBOTS = {"loop38": "talos", "loop57": "cbi"}
+"""Sets of this module and the robot in the loop; the number is that of its variables."""
+
+TICKS = 2000
+SIZE, PACE = 2.0, 5.0
+"""The hand's figure is so much larger and faster than the paper's, so that joint limits come and go."""
+
+
+@cache
+def load(name: str, ticks: int = TICKS) -> tuple[Hierarchy, ...]:
+    """The hierarchies of a loop: CoG side to side, hand on a figure-8 under joint limits, commands carried out."""
+    robot, found = hqp.robots.load(ROBOTS[name]), []
+
+    def hand(t: float) -> Vec:
+        return SIZE * loop.figure_eight(PACE * t)
+
+    def keep(session: hqp.Session) -> None:
+        found.append(session.problem.copy())
+
+    stack = paper_stack(robot, limits=True)
+    loop.run(robot, "lexicographic", ticks / HZ, stack=stack, hand=hand, com=loop.side_to_side, seen=keep)
+    return tuple(found)

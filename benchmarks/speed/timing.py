@@ -1,0 +1,144 @@
+"""Ticks of 500 Hz through every solver, split into parts, against 2 ms and the bare Pinocchio calls."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.reports import machine, report, solver_sets
+from benchmarks.reports.checks import write_json
+from benchmarks.speed import ticks
+from benchmarks.speed.ticks import BUDGET_US, PARTS, Ticks
+from hqp import robots, solvers
+
+ROBOTS = ("cbi", "talos")
+
+WITHOUT_SOLVE_US, TIMES_FLOOR, WHOLE_US = 45.0, 7.0, 250.0
+"""To reach on Talos, median: all but the solve, also as a multiple of the floor; the fastest strict solver's tick."""
+
+
+GAP = 1e-6
+"""Certificate gap that a solved tick of a strict solver must keep."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of this part."""
+    parser.add_argument("--ticks", type=int, default=None, metavar="N", help="ticks a solver, default 2000")
+    parser.add_argument("--robots", nargs="+", default=list(ROBOTS), metavar="NAME", help="default: cbi talos")
+    parser.add_argument("--solvers", nargs="+", default=None, metavar="NAME", help="default: all available")
+    parser.add_argument("--rivals", action="store_true", help="pink and mink on the same stack, where installed")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Measure, show, write; 1 where a solved answer was wrong.  Times depend on the machine and fail nothing."""
+    count = arguments.ticks or (200 if arguments.quick else 2000)
+    names = arguments.solvers or list(solver_sets.every())
+    runs: list[Ticks] = []
+    with report.bar() as bar:
+        task = bar.add_task("timing", total=len(arguments.robots) * len(names))
+        for name in arguments.robots:
+            robot = robots.load(name)
+            for solver in names:
+                bar.update(task, description=f"timing {solver} on {name}")
+                runs.append(ticks.run(robot, *_solver(solver), count))
+                bar.advance(task)
+    rivals = _rivals(arguments.robots, count) if arguments.rivals else []
+    records = [r.record() for r in runs] + rivals
+    if arguments.json is not None:
+        write_json(arguments.json, records)
+    text, goals = report.table(HEADER, map(_cells, records)), report.table(GOAL_HEADER, _goals(runs))
+    report.console.print(text, markup=False, soft_wrap=True)
+    report.console.print(goals, markup=False, soft_wrap=True)
+    report.section(
+        arguments.output,
+        "timing",
+        f"{count} ticks each of 500 Hz (budget {BUDGET_US:g} us), one BLAS thread, garbage collection off, "
+        f"{machine.native()}. Times in us. "
+        "*floor*: the bare Pinocchio calls of the stack at the same states in the same run. "
+        "*gap*: largest certificate gap of every "
+        f"{ticks.JUDGED}th tick. Solvers marked (limits ignored) take no inequalities: they do less. `daqp` and "
+        "`cascade:*` include the refinement of the back end's answer.",
+        f"Stack: `{runs[0].stack}`" if runs else "",
+        text,
+        "To reach on Talos (medians):",
+        goals,
+        *_figures(runs, arguments.output),
+    )
+    return int(any(wrong(run) for run in runs))
+
+
+def wrong(run: Ticks) -> bool:
+    """Whether a strict solver under limits called an answer solved that the certificate refuses."""
+    return run.solver in solver_sets.bounded() and not run.unsolved and not run.gap <= GAP
+
+
+def _solver(name: str) -> tuple[str, solvers.Solver]:
+    solver = solvers.load(name)
+    if solver.inequalities:
+        return name, solver
+    return f"{name} (limits ignored)", solvers.load(name, ignore_inequalities=True)
+
+
+HEADER = (
+    "robot", "solver", "median", "p99", "max", "cpu", *PARTS, "without solve", "floor", "over 2 ms", "unsolved",
+    "gap", "hand RMS mm",
+)  # fmt: skip
+
+
+def _cells(record: dict[str, object]) -> tuple[str, ...]:
+    wall, cpu, split = (dict(record[key]) for key in ("wall_us", "cpu_us", "split_us"))  # type: ignore[call-overload]
+    parts = (f"{split[part]:.1f}" if part in split else "" for part in PARTS)
+    gap = f"{record['gap']:.0e}" if "gap" in record else ""
+    without = f"{record['without_solve_us']:.1f}" if split else ""
+    return (
+        str(record["robot"]), str(record["solver"]), *(f"{wall[key]:.0f}" for key in ("median", "p99", "max")),
+        f"{cpu['median']:.0f}", *parts, without, f"{record['floor_us']:.1f}",
+        f"{record['misses_2ms']}/{record['ticks']}", str(record["unsolved"]), gap, f"{record['hand_rms_mm']:.3f}",
+    )  # fmt: skip
+
+
+GOAL_HEADER = ("", "goal", "measured", "outcome")
+
+
+def _goals(runs: list[Ticks]) -> list[tuple[str, str, str, str]]:
+    """The goals on Talos with what was measured, misses as misses."""
+    limited = [r for r in runs if r.robot == "talos" and "ignored" not in r.solver]
+    strict = [r for r in limited if r.solver in solver_sets.strict() and not r.unsolved]
+    if not strict:
+        return []
+    best = min(strict, key=lambda r: float(np.median(r.wall)))
+    floor, median = float(np.median(best.floor)), float(np.median(best.wall))
+    ratio = best.without_solve / floor
+    return [
+        _goal(f"state + references + assemble + command ({best.solver})", WITHOUT_SOLVE_US, best.without_solve, "us"),
+        _goal(f"the same over the floor of {floor:.1f} us", TIMES_FLOOR, ratio, "times"),
+        _goal(f"whole tick with limits, fastest strict solver ({best.solver})", WHOLE_US, median, "us"),
+    ]
+
+
+def _goal(text: str, goal: float, measured: float, unit: str) -> tuple[str, str, str, str]:
+    return text, f"{goal:g} {unit}", f"{measured:.1f} {unit}", "reached" if measured <= goal else "MISSED"
+
+
+def _figures(runs: list[Ticks], output: Path) -> list[str]:
+    if importlib.util.find_spec("matplotlib") is None:
+        return []
+    from benchmarks.speed import figures
+
+    found = []
+    for name in dict.fromkeys(r.robot for r in runs):
+        walls = {r.solver: r.wall for r in runs if r.robot == name}
+        path = figures.tick_times(
+            walls, BUDGET_US, f"{name}: share of ticks finished in time", output / f"ticks_{name}.png"
+        )
+        found.append(f"![tick times on {name}]({path.name})")
+    return found
+
+
+def _rivals(names: list[str], count: int) -> list[dict[str, object]]:
+    from benchmarks.speed import rivals
+
+    return [record for name in names for record in rivals.measure(robots.load(name), count)]
