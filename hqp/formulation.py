@@ -14,6 +14,7 @@ from hqp.assembly import Assembly
 from hqp.element import Element
 from hqp.errors import DeclarationError
 from hqp.law import PD, Law, P, SelfMotion
+from hqp.layout import lay_out
 from hqp.problem import Hierarchy, Rows, Selection, Shape, Stacked
 from hqp.reference import Reference
 from hqp.robot import Robot, State
@@ -143,7 +144,7 @@ class MotionProgram(Program):
     def __init__(self, formulation: Formulation, stack: Stack, robot: Robot, dt: float) -> None:
         formulation.check(stack)
         laws = formulation.laws(stack)
-        groups = split(stack, robot)
+        groups = lay_out(stack, robot)
         dense = [e for group in groups if not group.selection for e in group.elements]
         selections = [e for group in groups if group.selection for e in group.elements]
         self.assembly = rows = Assembly(dense, selections, robot, dt, laws)
@@ -192,32 +193,3 @@ class MotionProgram(Program):
         """Semi-implicit: v+ = x or v + dt x, then q+ = q + dt v+ (eqs. 19 to 22, the index of eq. 22 set right)."""
         v = x.copy() if self._order == 1 else state.v + self.dt * x
         return state.robot.integrate(state.q, v, self.dt), v
-
-
-@dataclass(frozen=True)
-class Group:
-    """Elements that become one level of the hierarchy."""
-
-    elements: tuple[Element, ...]
-    name: str
-    selection: bool
-    constraint: bool
-
-
-def split(stack: Stack, robot: Robot) -> list[Group]:
-    """The levels of the hierarchy: at most three for ``subject_to`` (simple bounds, equalities, other inequalities)."""
-
-    def selects(elements: Sequence[Element]) -> bool:
-        return all(e.selection(robot) is not None for e in elements)
-
-    bounds = tuple(e for e in stack.subject_to if not e.equality and selects((e,)))
-    equalities = tuple(e for e in stack.subject_to if e.equality)
-    others = tuple(e for e in stack.subject_to if not e.equality and e not in bounds)
-    groups = [
-        Group(members, "subject_to", selection, True)
-        for members, selection in ((bounds, True), (equalities, False), (others, False))
-        if members
-    ]
-    for k, level in enumerate(stack.levels):
-        groups.append(Group(level.elements, level.name or f"level {k}", selects(level.elements), False))
-    return groups

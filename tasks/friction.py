@@ -92,7 +92,8 @@ class FrictionCone(_ContactForce):
     With edge directions at 2 pi i / edges from x, the face between two of them asks
     cos(b) f_x + sin(b) f_y <= mu cos(pi / edges) f_z, b halfway: conservative, exact along the edge directions, so
     also along x (and with an even number of edges along -x, with a multiple of four along y).  f_z >= 0 is implied.
-    mu: friction coefficient.  edges: at least 3.  torsion [m]: with a wrench also |m_z| <= torsion f_z, two rows;
+    mu: friction coefficient.  edges: at least 3.  torsion [m]: with a wrench also |m_z| <= torsion f_z, two rows,
+    divided by torsion, so that they are in N as the others are (a torsion of zero leaves |m_z| <= 0 in N m);
     None asks nothing of m_z.  Raises DeclarationError for fields.
     """
 
@@ -111,7 +112,7 @@ class FrictionCone(_ContactForce):
             check_number(self, "torsion", self.torsion, 0.0)
 
     def force_rows(self, dimension: int) -> tuple[Mat, Vec, Vec]:
-        """mu cos(pi / edges) f_z - cos(b) f_x - sin(b) f_y >= 0, then torsion f_z -+ m_z >= 0."""
+        """mu cos(pi / edges) f_z - cos(b) f_x - sin(b) f_y >= 0, then f_z -+ m_z / torsion >= 0 [N]."""
         if self.torsion is None:
             self._check_dimension(dimension, 3, 6)
         else:
@@ -123,6 +124,7 @@ class FrictionCone(_ContactForce):
         C[: self.edges, 0], C[: self.edges, 1], C[: self.edges, 2] = -np.cos(b), -np.sin(b), self.mu * math.cos(half)
         if self.torsion is not None:
             C[self.edges :, 2], C[self.edges :, 5] = self.torsion, (-1.0, 1.0)
+            C[self.edges :] /= self.torsion or 1.0
         return C, np.zeros(k), np.full(k, math.inf)
 
 
@@ -130,7 +132,8 @@ class FrictionCone(_ContactForce):
 class CenterOfPressure(_ContactForce):
     """No tipping: the centre of pressure (-m_y, m_x) / f_z stays inside a convex polygon, one row a side.
 
-    For a side from a to b, counter-clockwise, with unit outward normal n: (n . a) f_z + n_x m_y - n_y m_x >= 0; all
+    For a side from a to b, counter-clockwise, with unit outward normal n: ((n . a) f_z + n_x m_y - n_y m_x) / h >= 0
+    [N], h half the longer side of the polygon's box, so that it weighs as much as friction where not all can hold; all
     sides together ask f_z >= 0.  Exactly one of rectangle: (x_min, x_max, y_min, y_max), and polygon: at least
     three corners (x, y) in order, in the contact frame [m].  Raises DeclarationError for fields.
     """
@@ -178,7 +181,7 @@ class CenterOfPressure(_ContactForce):
         return corners if _area(corners) > 0.0 else corners[::-1]
 
     def force_rows(self, dimension: int) -> tuple[Mat, Vec, Vec]:
-        """(n . a) f_z + n_x m_y - n_y m_x >= 0 for every side."""
+        """((n . a) f_z + n_x m_y - n_y m_x) / h >= 0 for every side [N]."""
         self._check_dimension(dimension, 6)
         a = np.array(self.corners())
         side = np.roll(a, -1, axis=0) - a
@@ -186,6 +189,7 @@ class CenterOfPressure(_ContactForce):
         C = np.zeros((len(a), 6))
         C[:, 2] = np.sum(normal * a, axis=1)
         C[:, 3], C[:, 4] = -normal[:, 1], normal[:, 0]
+        C /= 0.5 * float(np.max(np.ptp(a, axis=0)))
         return C, np.zeros(len(a)), np.full(len(a), math.inf)
 
 

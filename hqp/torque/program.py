@@ -12,8 +12,9 @@ from hqp.arrays import Index, Mat, Vec
 from hqp.assembly import Assembly
 from hqp.element import Element
 from hqp.errors import DeclarationError, StaleState
-from hqp.formulation import Formulation, Group, Place, Program
+from hqp.formulation import Formulation, Place, Program
 from hqp.law import PD, Law
+from hqp.layout import Group, lay_out
 from hqp.problem import Hierarchy, Rows, Selection, Shape, Stacked
 from hqp.reference import Reference
 from hqp.robot import Robot, State
@@ -21,7 +22,7 @@ from hqp.stack import Stack
 from hqp.torque.dynamics import ConstrainedDynamics, coordinate_parents
 from hqp.torque.forces import Efforts, Forces
 from hqp.torque.gravity import Gravity
-from hqp.torque.reactions import reactions, require_actuation, split
+from hqp.torque.reactions import reactions, require_actuation
 from hqp.torque.self_motion import SelfMotions
 
 
@@ -76,7 +77,7 @@ class TorqueProgram(Program):
         held = reactions(stack)
         self.dt, self._laws = dt, laws
         self.actuation = require_actuation(held, robot, dt, laws)
-        groups = split(stack, held)
+        groups = lay_out(stack, robot, held=held, torque=True)
         motion = [e for group in groups for e in group.elements if e.quantity == "motion"]
         picked = [e for e in motion if e.selection(robot) is not None]
         dense = [*held, *(e for e in motion if e.selection(robot) is None)]

@@ -12,7 +12,6 @@ from hqp.arrays import Index, Mat
 from hqp.assembly import Assembly
 from hqp.element import Constraint, Element
 from hqp.errors import DeclarationError
-from hqp.formulation import Group
 from hqp.law import Law
 from hqp.robot import Robot
 from hqp.stack import Stack
@@ -22,22 +21,6 @@ from hqp.torque.dynamics import RANK_TOLERANCE
 def reactions(stack: Stack) -> tuple[Element, ...]:
     """The constraints that act by a reaction force: contacts and couplings in ``subject_to``."""
     return tuple(e for e in stack.subject_to if isinstance(e, Constraint) and e.equality and e.quantity == "motion")
-
-
-def split(stack: Stack, held: Sequence[Element]) -> list[Group]:
-    """The levels of the hierarchy: at most three for ``subject_to`` (bounds on tau, equalities, other inequalities)."""
-
-    def bounds(elements: Sequence[Element]) -> bool:
-        return all(e.quantity == "effort" for e in elements)
-
-    rest = [e for e in stack.subject_to if e not in held]
-    simple = tuple(e for e in rest if e.quantity == "effort" and not e.equality)
-    equalities = tuple(e for e in rest if e.equality)
-    others = tuple(e for e in rest if not e.equality and e not in simple)
-    groups = [Group(part, "subject_to", bounds(part), True) for part in (simple, equalities, others) if part]
-    for k, level in enumerate(stack.levels):
-        groups.append(Group(level.elements, level.name or f"level {k}", bounds(level.elements), False))
-    return groups
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,8 @@ from hqp.arrays import Index, Mat, Vec
 from hqp.assembly import Assembly
 from hqp.element import Element
 from hqp.errors import DeclarationError
-from hqp.formulation import Group
 from hqp.law import Law, SelfMotion
+from hqp.layout import Group
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 from hqp.stack import Stack

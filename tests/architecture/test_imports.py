@@ -28,6 +28,7 @@ MAY = {
     "floating_base": {"arrays", "errors"},
     "element": {"arrays", "errors", "law", "reference", "robot"},
     "stack": {"element", "errors", "law"},
+    "layout": {"element", "robot", "stack"},
     "demands": {"arrays"},
     "assembly": {"_assembly", "arrays", "demands", "element", "errors", "law", "reference", "robot"},
     "solvers": {"arrays", "errors", "problem", "certify", "_lexicographic"},

@@ -89,6 +89,19 @@ def test_rectangle_is_the_polygon_of_its_corners() -> None:
         np.testing.assert_allclose(a, b)
 
 
+def test_rows_are_forces() -> None:
+    """A newton of violation is a newton in every row: a moment counts by the lever of the sole, or of the torsion."""
+    for size in (0.1, 1.0, 10.0):
+        box = (-0.2 * size, 0.2 * size, -0.1 * size, 0.1 * size)
+        C, _, _ = CenterOfPressure(contact="foot", rectangle=box).force_rows(6)
+        np.testing.assert_allclose(sorted(C[:, 2]), [0.5, 0.5, 1.0, 1.0])
+        np.testing.assert_allclose(np.linalg.norm(C[:, 3:5], axis=1), 1.0 / (0.2 * size))
+    C, _, _ = FrictionCone(contact="foot", mu=0.6, torsion=0.05).force_rows(6)
+    np.testing.assert_allclose(C[-2:, [2, 5]], [[1.0, -20.0], [1.0, 20.0]])
+    C, _, _ = FrictionCone(contact="foot", mu=0.6, torsion=0.0).force_rows(6)
+    np.testing.assert_allclose(C[-2:, [2, 5]], [[0.0, -1.0], [0.0, 1.0]])
+
+
 @pytest.mark.parametrize(
     ("cls", "fields", "what"),
     [
