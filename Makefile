@@ -17,9 +17,12 @@ experiments: setup
 test: setup
 	HQP_REQUIRE_NATIVE=1 $(BIN)/python -m pytest
 
+CPP := $(wildcard hqp/cpp/*/*.hpp hqp/cpp/*/*.cpp tests/solvers/native/*.cpp)
+
 check: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/clang-format --dry-run -Werror $(CPP)
 	$(BIN)/mypy
 	$(BIN)/pyright
 
@@ -35,6 +38,7 @@ sanitize: setup
 format: setup
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+	$(BIN)/clang-format -i $(CPP)
 
 setup: $(VENV)/ready
 

@@ -30,11 +30,11 @@ using Flags = nb::ndarray<const bool, nb::ndim<1>, nb::c_contig, nb::device::cpu
 using Ints = std::vector<int>;
 using Numbers = std::vector<double>;
 
-using Placement = std::tuple<Vector, Columns>;                                  // position, rotation
+using Placement = std::tuple<Vector, Columns>;                                      // position, rotation
 using Bodies = std::vector<std::tuple<int, int, int, double, Numbers, Placement>>;  // hqp.robot.Body
-using Rows = std::tuple<Block, Written, std::optional<Written>, Vector, double>;   // J, error, drift, reference, weight
-using Frame = std::tuple<Placement, int, Ints>;                                 // placement, body, columns
-using Observer = std::tuple<Frame, bool, double>;                               // frame, heading, upright
+using Rows = std::tuple<Block, Written, std::optional<Written>, Vector, double>;  // J, error, drift, reference, weight
+using Frame = std::tuple<Placement, int, Ints>;                                   // placement, body, columns
+using Observer = std::tuple<Frame, bool, double>;                                 // frame, heading, upright
 
 hqp::Vec3 vector(const Numbers& a) {
   if (a.size() != 3) throw nb::value_error("a vector has three numbers");
@@ -79,18 +79,40 @@ class Assembly {
   }
   void box(const Written& lower, const Written& upper, Ints positions, Ints columns, Numbers low, Numbers high,
            Numbers speed, Numbers acceleration, Numbers braking, double return_velocity, double dt, int order) {
-    hqp::Limits limits{std::move(positions),    std::move(columns), std::move(low), std::move(high), std::move(speed),
-                       std::move(acceleration), std::move(braking), return_velocity, dt,             order};
+    hqp::Limits limits{std::move(positions),
+                       std::move(columns),
+                       std::move(low),
+                       std::move(high),
+                       std::move(speed),
+                       std::move(acceleration),
+                       std::move(braking),
+                       return_velocity,
+                       dt,
+                       order};
     add(std::make_unique<hqp::Box>(keep(lower), keep(upper), std::move(limits)));
   }
   void laws(int order, const Block& J, const Vector& error, const Vector& rate, const Vector& feedforward,
             const Vector& drift, const Vector& kp, const Vector& kd, const Vector& weight, const Picks& pick,
             const Flags& equality, const Written& demand, const Written& lower, const Written& upper,
             const std::vector<std::tuple<int, int, double, double, double>>& saturations) {
-    hqp::Laws laws{order, static_cast<int>(J.shape(0)), static_cast<int>(J.shape(1)),
-                   static_cast<int>(error.shape(0)), keep(J), keep(error), keep(rate), keep(feedforward), keep(drift),
-                   keep(kp), keep(kd), keep(weight), keep(pick), keep(equality), keep(demand), keep(lower),
-                   keep(upper), {}};
+    hqp::Laws laws{order,
+                   static_cast<int>(J.shape(0)),
+                   static_cast<int>(J.shape(1)),
+                   static_cast<int>(error.shape(0)),
+                   keep(J),
+                   keep(error),
+                   keep(rate),
+                   keep(feedforward),
+                   keep(drift),
+                   keep(kp),
+                   keep(kd),
+                   keep(weight),
+                   keep(pick),
+                   keep(equality),
+                   keep(demand),
+                   keep(lower),
+                   keep(upper),
+                   {}};
     for (const auto& [start, stop, fastest, hardest, damping] : saturations)
       laws.saturations.push_back({start, stop, fastest, hardest, damping});
     demands_ = std::make_unique<hqp::Demands>(std::move(laws));
@@ -118,8 +140,8 @@ class Assembly {
   hqp::Target target(const Rows& rows) {
     auto [J, error, drift, reference, weight] = rows;
     if (drift) tree_.need_motions();
-    return {keep(J), keep(error), drift ? keep(*drift) : nullptr, keep(reference), weight,
-            static_cast<int>(J.shape(1))};
+    return {keep(J),         keep(error), drift ? keep(*drift) : nullptr,
+            keep(reference), weight,      static_cast<int>(J.shape(1))};
   }
   hqp::Frame frame(const Frame& given) {
     const auto& [placement, body, columns] = given;
@@ -161,8 +183,8 @@ NB_MODULE(_assembly, module) {
       .def("joints", &Assembly::joints, nb::kw_only(), rows, "positions"_a)
       .def("coupling", &Assembly::coupling, nb::kw_only(), rows, "positions"_a, "coefficients"_a)
       .def("box", &Assembly::box, nb::kw_only(), "lower"_a.noconvert(), "upper"_a.noconvert(), "positions"_a,
-           "columns"_a, "low"_a, "high"_a, "speed"_a, "acceleration"_a, "braking"_a, "return_velocity"_a,
-           "dt"_a, "order"_a)
+           "columns"_a, "low"_a, "high"_a, "speed"_a, "acceleration"_a, "braking"_a, "return_velocity"_a, "dt"_a,
+           "order"_a)
       .def("laws", &Assembly::laws, nb::kw_only(), "order"_a, "J"_a.noconvert(), "error"_a.noconvert(),
            "rate"_a.noconvert(), "feedforward"_a.noconvert(), "drift"_a.noconvert(), "kp"_a.noconvert(),
            "kd"_a.noconvert(), "weight"_a.noconvert(), "pick"_a.noconvert(), "equality"_a.noconvert(),

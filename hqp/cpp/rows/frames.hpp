@@ -7,7 +7,8 @@ namespace hqp {
 
 class Point final : public Operation, Rows {  // position of a frame's point along chosen axes
  public:
-  Point(Rows rows, std::vector<int> axes, Vec3 offset) : Rows(std::move(rows)), axes_(std::move(axes)), offset_(offset) {}
+  Point(Rows rows, std::vector<int> axes, Vec3 offset)
+      : Rows(std::move(rows)), axes_(std::move(axes)), offset_(offset) {}
   void run(const double*, const double*) override {
     observer_.look();
     const Vec3 p = origin() + rotation() * offset_, d = p - observer_.origin();

@@ -67,7 +67,8 @@ class Box final : public Operation {  // one consistent box for the next step
     const Limits& l = limits_;
     const double off = std::fabs(way);
     double most = l.speed[i];
-    if (std::isfinite(off)) most = std::min(most, 2.0 * off / (std::sqrt(l.dt * l.dt + 2.0 * off / l.braking[i]) + l.dt));
+    if (std::isfinite(off))
+      most = std::min(most, 2.0 * off / (std::sqrt(l.dt * l.dt + 2.0 * off / l.braking[i]) + l.dt));
     return way >= 0.0 ? most : -std::min(most, l.return_velocity);
   }
 

@@ -35,8 +35,7 @@ class Demands {
     } else {
       for (int i = 0; i < l_.total; ++i) damper_[i] = l_.kd[i] * (speed(i, v) - l_.rate[i]);
       for (const Saturation& s : l_.saturations) saturate_second(s);
-      for (int i = 0; i < l_.total; ++i)
-        l_.demand[i] = l_.feedforward[i] - (l_.demand[i] + damper_[i]) - l_.drift[i];
+      for (int i = 0; i < l_.total; ++i) l_.demand[i] = l_.feedforward[i] - (l_.demand[i] + damper_[i]) - l_.drift[i];
     }
     for (int i = 0; i < l_.total; ++i) {
       const double w = l_.weight[i];

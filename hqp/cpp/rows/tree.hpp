@@ -12,15 +12,20 @@ struct Body {  // a link and the joint that carries it; the first of a tree is t
   int parent;
   int first, count;  // tangent coordinates of the joint
   double mass;
-  Vec3 centre;                       // of mass, in the body's axes
+  Vec3 centre;                        // of mass, in the body's axes
   const double *position, *rotation;  // live placement, the rotation column-major
 };
 
 class Tree {
  public:
   Tree(std::vector<Body> bodies, const double* twists)
-      : bodies_(std::move(bodies)), twists_(twists), motions_(bodies_.size()), drifts_(bodies_.size()),
-        centres_(bodies_.size()), masses_(bodies_.size()), moments_(bodies_.size()) {
+      : bodies_(std::move(bodies)),
+        twists_(twists),
+        motions_(bodies_.size()),
+        drifts_(bodies_.size()),
+        centres_(bodies_.size()),
+        masses_(bodies_.size()),
+        moments_(bodies_.size()) {
     for (std::size_t i = bodies_.size(); i-- > 0;) {
       masses_[i] += bodies_[i].mass;
       if (i > 0) masses_[bodies_[i].parent] += masses_[i];
@@ -60,7 +65,7 @@ class Tree {
     return drifts_[body].at(p) + cross(motions_[body].angular, motions_[body].at(p));
   }
 
-  double mass(int body) const { return masses_[body]; }         // of the body and all it carries
+  double mass(int body) const { return masses_[body]; }          // of the body and all it carries
   const Vec3& moment(int body) const { return moments_[body]; }  // their mass times their centre
   const Vec3& centre(int body) const { return centres_[body]; }  // of the body alone
   bool carries(int carrier, int body) const {

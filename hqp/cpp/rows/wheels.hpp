@@ -10,7 +10,11 @@ class Wheel final : public Operation, Rows {
   // normal: (3,) live.  picked: some of rolling, lateral and normal, which is last.  aligned: sine below which an axle
   // is along the normal.
   Wheel(Rows rows, const double* normal, double radius, Vec3 axle, std::vector<int> picked, double aligned)
-      : Rows(std::move(rows)), normal_(normal), radius_(radius), axle_(axle), picked_(std::move(picked)),
+      : Rows(std::move(rows)),
+        normal_(normal),
+        radius_(radius),
+        axle_(axle),
+        picked_(std::move(picked)),
         aligned_(aligned) {}
   void run(const double*, const double*) override {
     const Vec3 p = origin(), n = load(normal_), axle = rotation() * axle_;

@@ -23,8 +23,10 @@ class ActiveSet final : public Step {
     doubted_ = kInfinity;
     working_set();
     tableau.recording = false;
-    if (table.inequalities == 0 && !table.boxed) { equality_point(); accept(); }
-    else if (!block_exchange()) primal();
+    if (table.inequalities == 0 && !table.boxed) {
+      equality_point();
+      accept();
+    } else if (!block_exchange()) primal();
     warm_ = true;
     plain_ = false;
   }
@@ -40,7 +42,10 @@ class ActiveSet final : public Step {
       multipliers.judge(W, F, target_);
       const int trouble = outside + multipliers.count;
       if (trouble == 0) {
-        if (!reduced()) { accept(); return true; }
+        if (!reduced()) {
+          accept();
+          return true;
+        }
         unreduce();
         forget_start();
         continue;
@@ -56,8 +61,16 @@ class ActiveSet final : public Step {
         return true;
       }
       changes_.start();
-      for (int r = 0; r < table.rows; ++r) if (side_[r]) { W[r] = side_[r]; changes_.note_join(r, side_[r]); }
-      for (int i = 0; i < table.n; ++i) if (side_x_[i]) { F[i] = side_x_[i]; changes_.note_join(table.rows + i, side_x_[i]); }
+      for (int r = 0; r < table.rows; ++r)
+        if (side_[r]) {
+          W[r] = side_[r];
+          changes_.note_join(r, side_[r]);
+        }
+      for (int i = 0; i < table.n; ++i)
+        if (side_x_[i]) {
+          F[i] = side_x_[i];
+          changes_.note_join(table.rows + i, side_x_[i]);
+        }
       if (reduces || multipliers.count) changes_.forget();
       for (int q = 0; q < multipliers.count; ++q) release(multipliers.wrong[q]);
     }
@@ -79,11 +92,13 @@ class ActiveSet final : public Step {
     changes_.forget();
     followed_ = false;
     seen_count_ = 0;
-    if (options_->multipliers) tableau.factorise(W, F);   // a cap may leave it at that
+    if (options_->multipliers) tableau.factorise(W, F);  // a cap may leave it at that
     table.product(tableau.x, target_);
   }
 
-  void forget_start() { for (int k = 0; k < table.blocks; ++k) start_slack_[k] = kInfinity; }
+  void forget_start() {
+    for (int k = 0; k < table.blocks; ++k) start_slack_[k] = kInfinity;
+  }
 
   // The point of the box next to the tableau's, with what works there, if it is lexicographically the best so far.
   void keep_start() {
@@ -100,10 +115,15 @@ class ActiveSet final : public Step {
     if (!better) return;
     for (int k = 0; k + 1 < table.blocks; ++k) start_slack_[k] = change_[k];
     for (int r = 0; r < table.rows; ++r) start_W_[r] = side_[r] ? side_[r] : W[r];
-    for (int i = 0; i < table.n; ++i) { start_F_[i] = side_x_[i] ? side_x_[i] : F[i]; start_x_[i] = x[i]; }
+    for (int i = 0; i < table.n; ++i) {
+      start_F_[i] = side_x_[i] ? side_x_[i] : F[i];
+      start_x_[i] = x[i];
+    }
   }
 
-  void go_to_start() { for (int i = 0; i < table.n; ++i) x[i] = start_x_[i]; }
+  void go_to_start() {
+    for (int i = 0; i < table.n; ++i) x[i] = start_x_[i];
+  }
 
   // Lexicographic descent from the best point so far: x never leaves the box, no level rises for a lower one.
   void primal() {
@@ -114,7 +134,7 @@ class ActiveSet final : public Step {
     tableau.recording = true;
     seen_count_ = 0;
     followed_ = false;
-    int let_go = 0, rank = 0;   // how many of multipliers.wrong were released for the step at hand, and from which rank
+    int let_go = 0, rank = 0;  // how many of multipliers.wrong were released for the step at hand, and from which rank
     repeats_ = 0;
     disturbed_ = false;
     while (!out_of_time()) {
@@ -123,7 +143,7 @@ class ActiveSet final : public Step {
       sort_rows();
       equality_point();
       bool unmoved = let_go && rank_of(multipliers.wrong[0].level) <= rank;
-      if (unmoved && tableau.loosened) {   // no update may say so
+      if (unmoved && tableau.loosened) {  // no update may say so
         equality_point();
         unmoved = rank_of(multipliers.wrong[0].level) <= rank;
       }
@@ -135,17 +155,32 @@ class ActiveSet final : public Step {
       if (violations()) continue;
       multipliers.judge(W, F, target_, true);
       if (multipliers.count == 0) {
-        if (reduced()) { unreduce(); continue; }
-        if (tableau.loosened) { changes_.forget(); continue; }   // judged on a tableau of its own
-        if (!disturbed_) { accept(); return; }
+        if (reduced()) {
+          unreduce();
+          continue;
+        }
+        if (tableau.loosened) {
+          changes_.forget();
+          continue;
+        }  // judged on a tableau of its own
+        if (!disturbed_) {
+          accept();
+          return;
+        }
         restore();
         followed_ = false;
         continue;
       }
       const bool again = repeated();
-      if (again && reduced()) { unreduce(); continue; }
+      if (again && reduced()) {
+        unreduce();
+        continue;
+      }
       if (again && get_unstuck()) continue;
-      if (repeats_ > kRepeats) { outcome = Outcome::not_certified; break; }
+      if (repeats_ > kRepeats) {
+        outcome = Outcome::not_certified;
+        break;
+      }
       let_go = release_some(repeats_ > 0);
       rank = rank_of(multipliers.wrong[0].level);
     }
@@ -203,7 +238,8 @@ class ActiveSet final : public Step {
     std::uint64_t hash = 1469598103934665603ull;
     for (int r = 0; r < table.rows; ++r) hash = (hash ^ static_cast<std::uint8_t>(W[r] + 1)) * 1099511628211ull;
     for (int i = 0; i < table.n; ++i) hash = (hash ^ static_cast<std::uint8_t>(F[i] + 1)) * 1099511628211ull;
-    for (int q = 0; q < (seen_count_ < kSeen ? seen_count_ : kSeen); ++q) if (seen_[q] == hash) return true;
+    for (int q = 0; q < (seen_count_ < kSeen ? seen_count_ : kSeen); ++q)
+      if (seen_[q] == hash) return true;
     seen_[seen_count_++ % kSeen] = hash;
     return false;
   }
@@ -215,32 +251,45 @@ class ActiveSet final : public Step {
     changes_.forget();
     const double size = table.span(x);
     auto tiny = [&state]() {
-      state ^= state << 13; state ^= state >> 7; state ^= state << 17;
+      state ^= state << 13;
+      state ^= state >> 7;
+      state ^= state << 17;
       return 1e-9 * (0.5 + 0.5 * static_cast<double>(state >> 11) / 9007199254740992.0);
     };
     for (int r = 0; r < table.rows; ++r) {
       jitter_[r] = 0.0;
       if (table.kind[r] != kUpper) continue;
       jitter_[r] = tiny() * table.norm[r] * size;
-      table.upper[r] += jitter_[r]; table.lower[r] -= jitter_[r];
+      table.upper[r] += jitter_[r];
+      table.lower[r] -= jitter_[r];
     }
     double* box = jitter_ + table.rows;
     for (int i = 0; i < table.n; ++i) {
-      box[2 * i] = table.lo[i]; box[2 * i + 1] = table.hi[i];
+      box[2 * i] = table.lo[i];
+      box[2 * i + 1] = table.hi[i];
       if (table.fixed[i]) continue;
       const double t = tiny() * size;
-      table.lo[i] -= t; table.hi[i] += t;
+      table.lo[i] -= t;
+      table.hi[i] += t;
     }
-    for (int i = 0; i < table.n; ++i) if (F[i] && !table.fixed[i]) x[i] = F[i] > 0 ? table.hi[i] : table.lo[i];
+    for (int i = 0; i < table.n; ++i)
+      if (F[i] && !table.fixed[i]) x[i] = F[i] > 0 ? table.hi[i] : table.lo[i];
   }
 
   void restore() {
     disturbed_ = false;
     changes_.forget();
     for (int r = 0; r < table.rows; ++r)
-      if (jitter_[r] != 0.0) { table.upper[r] -= jitter_[r]; table.lower[r] += jitter_[r]; }
+      if (jitter_[r] != 0.0) {
+        table.upper[r] -= jitter_[r];
+        table.lower[r] += jitter_[r];
+      }
     const double* box = jitter_ + table.rows;
-    for (int i = 0; i < table.n; ++i) { table.lo[i] = box[2 * i]; table.hi[i] = box[2 * i + 1]; x[i] = inside_box(i, x[i]); }
+    for (int i = 0; i < table.n; ++i) {
+      table.lo[i] = box[2 * i];
+      table.hi[i] = box[2 * i + 1];
+      x[i] = inside_box(i, x[i]);
+    }
   }
 };
 

@@ -39,8 +39,9 @@ hqp::Kernel* make(int n, int levels, const int* m, bool metric) {
 
 // Names of the fields that solution() sets.
 struct Keys {
-  nb::str x{"x"}, status{"status"}, residuals{"residuals"}, active{"active"}, detail{"detail"}, multipliers{"multipliers"}, iterations{"iterations"}, factorisations{"factorisations"},
-      build_s{"build_s"}, solve_s{"solve_s"}, stats{"stats"}, copy{"copy"};
+  nb::str x{"x"}, status{"status"}, residuals{"residuals"}, active{"active"}, detail{"detail"},
+      multipliers{"multipliers"}, iterations{"iterations"}, factorisations{"factorisations"}, build_s{"build_s"},
+      solve_s{"solve_s"}, stats{"stats"}, copy{"copy"};
 };
 
 class Workspace {
@@ -88,13 +89,11 @@ class Workspace {
     bound_ = true;
   }
 
-  nb::ndarray<nb::numpy, double, nb::ndim<1>> values() { 
-    return {values_.data(), {values_.size()}, nb::find(this)};
-  }
-  nb::ndarray<nb::numpy, std::int8_t, nb::ndim<1>> active() { 
+  nb::ndarray<nb::numpy, double, nb::ndim<1>> values() { return {values_.data(), {values_.size()}, nb::find(this)}; }
+  nb::ndarray<nb::numpy, std::int8_t, nb::ndim<1>> active() {
     return {active_.data(), {std::size_t(total_)}, nb::find(this)};
   }
-  nb::ndarray<nb::numpy, double, nb::ndim<1>> multipliers() { 
+  nb::ndarray<nb::numpy, double, nb::ndim<1>> multipliers() {
     return {lambda_.data(), {std::size_t(options_.multipliers ? pairs_ : 0)}, nb::find(this)};
   }
 
@@ -109,13 +108,19 @@ class Workspace {
                  const nb::tuple& active, const nb::tuple& multipliers, const nb::str& stopped, const nb::str& unsure) {
     if (!PyType_Check(solution.ptr()) || !PyType_Check(stats.ptr()) || statuses.size() != kOutcomes)
       refuse("report_as takes two classes and one status an outcome");
-    solution_ = solution; stats_ = stats; statuses_ = statuses; stopped_ = stopped; unsure_ = unsure;
-    slack_ = slack; marks_ = active; pairs_of_levels_ = multipliers;
+    solution_ = solution;
+    stats_ = stats;
+    statuses_ = statuses;
+    stopped_ = stopped;
+    unsure_ = unsure;
+    slack_ = slack;
+    marks_ = active;
+    pairs_of_levels_ = multipliers;
     head_ = nb::steal(PySlice_New(nullptr, nb::int_(n_).ptr(), nullptr));
   }
 
-  // Solve and build the Solution from copies of the views given, None if the numbers were not usable. The fields are set past the frozen class's
-  // own initialiser, which would cost as much as the factorisation.
+  // Solve and build the Solution from copies of the views given, None if the numbers were not usable. The fields are
+  // set past the frozen class's own initialiser, which would cost as much as the factorisation.
   nb::object solution(double build_seconds, const nb::object& all_values, const nb::object& all_marks,
                       const nb::object& all_multipliers) {
     if (!solution_.is_valid()) refuse("call report_as first");
@@ -134,7 +139,8 @@ class Workspace {
     set(stats, key_.iterations, nb::int_(answer.iterations));
     set(stats, key_.factorisations, nb::int_(answer.factorisations));
     set(stats, key_.build_s, nb::float_(build_seconds));
-    set(stats, key_.solve_s, nb::float_(std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count()));
+    set(stats, key_.solve_s,
+        nb::float_(std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count()));
     set(made, key_.stats, stats);
     return made;
   }
@@ -152,7 +158,10 @@ class Workspace {
     return 0;
   }
   void clear() {
-    kept_.reset(); solution_.reset(); stats_.reset(); statuses_.reset();
+    kept_.reset();
+    solution_.reset();
+    stats_.reset();
+    statuses_.reset();
     bound_ = false;
   }
 
@@ -202,7 +211,8 @@ class Workspace {
 
   struct Lock {
     explicit Lock(std::atomic<bool>& flag) : flag(flag) {
-      if (flag.exchange(true)) throw std::runtime_error("this workspace is solving in another thread; give each thread its own");
+      if (flag.exchange(true))
+        throw std::runtime_error("this workspace is solving in another thread; give each thread its own");
     }
     ~Lock() { flag.store(false); }
     std::atomic<bool>& flag;
@@ -265,9 +275,8 @@ int clear(PyObject* self) {
   return 0;
 }
 
-PyType_Slot slots[] = {{Py_tp_traverse, reinterpret_cast<void*>(traverse)},
-                       {Py_tp_clear, reinterpret_cast<void*>(clear)},
-                       {0, nullptr}};
+PyType_Slot slots[] = {
+    {Py_tp_traverse, reinterpret_cast<void*>(traverse)}, {Py_tp_clear, reinterpret_cast<void*>(clear)}, {0, nullptr}};
 
 }  // namespace
 
@@ -275,14 +284,17 @@ NB_MODULE(_lexicographic, m) {
   m.doc() = "Native kernel of the lexicographic solver.";
   m.attr("instruction_set") = has_avx2() ? "avx2" : "generic";
   nb::class_<Workspace>(m, "Workspace", nb::type_slots(slots))
-      .def("__init__", [](Workspace* self, int n, const nb::list& rows, bool metric, double rank, double multiplier,
-                          double feasibility, double time_limit, int max_iterations, int credit, bool multipliers) {
-             std::vector<int> sizes;
-             for (nb::handle h : rows) sizes.push_back(nb::cast<int>(h));
-             new (self) Workspace(n, sizes, metric,
-                                  {rank, multiplier, feasibility, time_limit, max_iterations, credit, multipliers});
-           }, "n"_a, "rows"_a, "metric"_a, "rank_tolerance"_a, "multiplier_tolerance"_a, "feasibility_tolerance"_a,
-           "time_limit"_a, "max_iterations"_a, "credit"_a, "multipliers"_a)
+      .def(
+          "__init__",
+          [](Workspace* self, int n, const nb::list& rows, bool metric, double rank, double multiplier,
+             double feasibility, double time_limit, int max_iterations, int credit, bool multipliers) {
+            std::vector<int> sizes;
+            for (nb::handle h : rows) sizes.push_back(nb::cast<int>(h));
+            new (self) Workspace(n, sizes, metric,
+                                 {rank, multiplier, feasibility, time_limit, max_iterations, credit, multipliers});
+          },
+          "n"_a, "rows"_a, "metric"_a, "rank_tolerance"_a, "multiplier_tolerance"_a, "feasibility_tolerance"_a,
+          "time_limit"_a, "max_iterations"_a, "credit"_a, "multipliers"_a)
       .def("bind", &Workspace::bind, "levels"_a, "constraints"_a, "metric"_a.none(), "origin"_a.none())
       .def("solve", &Workspace::solve)
       .def("report_as", &Workspace::report_as, "solution"_a, "stats"_a, "statuses"_a, "slack"_a, "active"_a,

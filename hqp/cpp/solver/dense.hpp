@@ -16,8 +16,8 @@ inline namespace HQP_ISA {
 
 typedef double Vec4 __attribute__((vector_size(32), may_alias));
 
-constexpr int kLane = 4;    // doubles in a vector
-constexpr int kPad = 8;     // strides are multiples of this
+constexpr int kLane = 4;  // doubles in a vector
+constexpr int kPad = 8;   // strides are multiples of this
 
 static inline double larger(double a, double b) { return a > b ? a : b; }
 static inline double smaller(double a, double b) { return a < b ? a : b; }
@@ -31,7 +31,8 @@ static inline const Vec4& at(const double* p) { return *reinterpret_cast<const V
 
 // T(rows, 4 * V) -= tau v (v' T), V vectors wide; then size -= weight T(0, :)^2.
 template <int V>
-static inline void reflect_block(double* T, int ld, const double* v, int rows, double tau, double* size, const double* weight) {
+static inline void reflect_block(double* T, int ld, const double* v, int rows, double tau, double* size,
+                                 const double* weight) {
   Vec4 sum[V];
   for (int k = 0; k < V; ++k) sum[k] = splat(0.0);
   for (int i = 0; i < rows; ++i) {
@@ -57,7 +58,10 @@ static inline void reflect(double* T, int ld, const double* v, int rows, double 
                            const double* weight) {
   int j = 0;
   for (; j + 16 <= width; j += 16) reflect_block<4>(T + j, ld, v, rows, tau, size + j, weight + j);
-  if (j + 8 <= width) { reflect_block<2>(T + j, ld, v, rows, tau, size + j, weight + j); j += 8; }
+  if (j + 8 <= width) {
+    reflect_block<2>(T + j, ld, v, rows, tau, size + j, weight + j);
+    j += 8;
+  }
   if (j < width) reflect_block<1>(T + j, ld, v, rows, tau, size + j, weight + j);
 }
 
@@ -169,7 +173,10 @@ static inline double sum(Vec4 v) { return (v[0] + v[2]) + (v[1] + v[3]); }
 static inline double dot(const double* x, const double* y, int width) {
   Vec4 a = splat(0.0), b = splat(0.0);
   int j = 0;
-  for (; j + 8 <= width; j += 8) { a += at(x + j) * at(y + j); b += at(x + j + kLane) * at(y + j + kLane); }
+  for (; j + 8 <= width; j += 8) {
+    a += at(x + j) * at(y + j);
+    b += at(x + j + kLane) * at(y + j + kLane);
+  }
   if (j < width) a += at(x + j) * at(y + j);
   return sum(a + b);
 }
@@ -197,8 +204,7 @@ static inline double dot_any(const double* x, const double* y, int n) {
 static inline void add_any(double* y, const double* x, double a, int n) {
   const Vec4 f = splat(a);
   int j = 0;
-  for (; j + 4 <= n; j += 4)
-    *reinterpret_cast<Vec4u*>(y + j) += f * *reinterpret_cast<const Vec4u*>(x + j);
+  for (; j + 4 <= n; j += 4) *reinterpret_cast<Vec4u*>(y + j) += f * *reinterpret_cast<const Vec4u*>(x + j);
   for (; j < n; ++j) y[j] += a * x[j];
 }
 

@@ -34,15 +34,25 @@ struct Gram : TableauData {
     for (int i = 0; i < s.m; ++i) {
       const int r = s.rows[i], local = r - b.begin, p = place[b.index[local]];
       const double scale = b.scale[local];
-      if (p >= 0) { target[p] += scale * bound(r, W); continue; }
+      if (p >= 0) {
+        target[p] += scale * bound(r, W);
+        continue;
+      }
       const double* g = G + static_cast<std::ptrdiff_t>(-1 - p) * ld;
       double* row = T + static_cast<std::ptrdiff_t>(depth++) * ld;
-      if (scale == 1.0) for (int j = 0; j < width; j += kLane) at(row + j) = at(g + j);
-      else { const Vec4 f = splat(scale); for (int j = 0; j < width; j += kLane) at(row + j) = f * at(g + j); }
+      if (scale == 1.0)
+        for (int j = 0; j < width; j += kLane) at(row + j) = at(g + j);
+      else {
+        const Vec4 f = splat(scale);
+        for (int j = 0; j < width; j += kLane) at(row + j) = f * at(g + j);
+      }
       row[0] -= bound(r, W);
     }
     gram(H, ld, T, ld, depth, width);
-    for (int j = 0; j < rest; ++j) { H[static_cast<std::ptrdiff_t>(j + 1) * ld + j + 1] += diagonal[j]; target[j] += H[1 + j]; }
+    for (int j = 0; j < rest; ++j) {
+      H[static_cast<std::ptrdiff_t>(j + 1) * ld + j + 1] += diagonal[j];
+      target[j] += H[1 + j];
+    }
     double trace = 0.0;
     for (int j = 0; j < rest; ++j) trace += H[static_cast<std::ptrdiff_t>(j + 1) * ld + j + 1];
     if (!(trace < 1e10 * least)) return false;
@@ -66,10 +76,11 @@ struct Gram : TableauData {
         const double inverse = 1.0 / std::sqrt(top[i]);
         const Vec4 f = splat(inverse);
         for (int j = first; j < width; j += kLane) at(top + j) *= f;
-        for (int a = i + 1; a < last; ++a) subtract(H + static_cast<std::ptrdiff_t>(a) * ld + first, top + first, top[a], width - first);
+        for (int a = i + 1; a < last; ++a)
+          subtract(H + static_cast<std::ptrdiff_t>(a) * ld + first, top + first, top[a], width - first);
         top[0] = inverse;
       }
-      if (first == 0) {   // row 0 is no row of the factor
+      if (first == 0) {  // row 0 is no row of the factor
         double* row = H;
         for (int j = 0; j < width; j += kLane) at(row + j) = splat(0.0);
       }
@@ -104,10 +115,13 @@ struct Gram : TableauData {
     const double square = table->block[k].damping * table->block[k].damping;
     const int width = lanes(rest + 1), r = s.rank;
     gram(H, ld, G, ld, basic, width);
-    for (int j = 0; j < rest; ++j) { H[static_cast<std::ptrdiff_t>(j + 1) * ld + j + 1] += 1.0; target[j] = H[1 + j]; }
+    for (int j = 0; j < rest; ++j) {
+      H[static_cast<std::ptrdiff_t>(j + 1) * ld + j + 1] += 1.0;
+      target[j] = H[1 + j];
+    }
     cholesky(width);
     solve_gram(target);
-    double* error = size;                 // free again once the pivots are chosen
+    double* error = size;  // free again once the pivots are chosen
     for (int i = 0; i < r; ++i) {
       const double* row = T + static_cast<std::ptrdiff_t>(i) * ld;
       error[i] = row[0] - dot_any(row + 1, target, rest);
@@ -123,11 +137,13 @@ struct Gram : TableauData {
         add_any(out + j + 1, u + j + 2, -out[j], rest - j - 1);
       }
     }
-    double* S = s.R;                      // overwritten by eliminate()
+    double* S = s.R;  // overwritten by eliminate()
     for (int i = 0; i < r; ++i)
       for (int j = 0; j <= i; ++j)
-        S[i * s.ldr + j] = dot_any(L + static_cast<std::ptrdiff_t>(i) * ld, L + static_cast<std::ptrdiff_t>(j) * ld, rest) + (i == j ? square : 0.0);
-    for (int i = 0; i < r; ++i) {         // lower Cholesky with both solves
+        S[i * s.ldr + j] =
+            dot_any(L + static_cast<std::ptrdiff_t>(i) * ld, L + static_cast<std::ptrdiff_t>(j) * ld, rest) +
+            (i == j ? square : 0.0);
+    for (int i = 0; i < r; ++i) {  // lower Cholesky with both solves
       for (int j = 0; j <= i; ++j) {
         double t = S[i * s.ldr + j] - dot_any(S + i * s.ldr, S + j * s.ldr, j);
         S[i * s.ldr + j] = i == j ? std::sqrt(t) : t / S[j * s.ldr + j];

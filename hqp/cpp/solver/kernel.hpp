@@ -9,7 +9,7 @@ class Kernel {
  public:
   virtual ~Kernel() = default;
   virtual void solve(const Problem& problem, const Options& options, Answer& answer) = 0;
-  virtual void reset(bool plain) = 0;   // forget the warm start; plain: the next search factorises every working set
+  virtual void reset(bool plain) = 0;  // forget the warm start; plain: the next search factorises every working set
 };
 
 // n variables, m[k] rows in level k, a metric or not; throws std::bad_alloc.

@@ -7,9 +7,9 @@ namespace hqp {
 inline namespace HQP_ISA {
 
 struct Levels : Pivoting {
-  static constexpr double kBias = 3.0;     // of pivots towards variables that the last selection does not see
-  static constexpr double kSound = 1e-6;   // pivots of a reduction are no shorter, relative to the level's longest row
-  static constexpr int kWorth = 6;         // a reduction eliminates at least one variable in so many
+  static constexpr double kBias = 3.0;    // of pivots towards variables that the last selection does not see
+  static constexpr double kSound = 1e-6;  // pivots of a reduction are no shorter, relative to the level's longest row
+  static constexpr int kWorth = 6;        // a reduction eliminates at least one variable in so many
 
   // Solve for the working set: W marks rows of the table, F variables held at a bound.
   void factorise(const std::int8_t* W, const std::int8_t* F) {
@@ -36,11 +36,14 @@ struct Levels : Pivoting {
     Stage& s = stage[0];
     if (!b.A || b.damping > 0.0) return false;
     begin(nullptr);
-    s.m = 0; s.before = 0;
-    for (int r = b.begin; r < b.end; ++r) if (whole.kind[r] == kEquality) s.rows[s.m++] = r;
+    s.m = 0;
+    s.before = 0;
+    for (int r = b.begin; r < b.end; ++r)
+      if (whole.kind[r] == kEquality) s.rows[s.m++] = r;
     if (kWorth * s.m < n) return false;
     form(0, whole.kind);
-    for (int i = 0; i < n; ++i) if (whole.bounded(i)) preference[i] = 0.0;
+    for (int i = 0; i < n; ++i)
+      if (whole.bounded(i)) preference[i] = 0.0;
     reflect_all(0, kSound * b.norm);
     choose_bias();
     if (kWorth * s.rank < n) return false;
@@ -66,11 +69,18 @@ struct Levels : Pivoting {
   void begin(const std::int8_t* F) {
     basic = rest = gram_free = extras = newcomers = 0;
     gram_level = -1;
-    growth = 1.0; closest = 1e300;
+    growth = 1.0;
+    closest = 1e300;
     any_fixed = shifted = loosened = false;
     for (int k = 0; k < table->blocks; ++k) snapshot[k].valid = false;
-    for (int i = 0; i < n; ++i) { place[i] = kNowhere; fixed_x[i] = 0.0; }
-    for (int i = 0; i < reduction.count; ++i) { base[i] = reduction.base[i]; place[base[i]] = -1 - i; }
+    for (int i = 0; i < n; ++i) {
+      place[i] = kNowhere;
+      fixed_x[i] = 0.0;
+    }
+    for (int i = 0; i < reduction.count; ++i) {
+      base[i] = reduction.base[i];
+      place[base[i]] = -1 - i;
+    }
     for (int i = 0; i < n; ++i) {
       if (place[i] < 0) continue;
       if (F && F[i]) {
@@ -113,10 +123,17 @@ struct Levels : Pivoting {
   void level(int k, const std::int8_t* W) {
     Stage& s = stage[k];
     const Block& b = table->block[k];
-    s.kind = Stage::kIdle; s.rank = 0; s.before = basic; s.residual = 0.0; s.excess = 0.0;
+    s.kind = Stage::kIdle;
+    s.rank = 0;
+    s.before = basic;
+    s.residual = 0.0;
+    s.excess = 0.0;
     s.m = 0;
     if (recording) record(k);
-    if (rest == 0) { s.residual = -1.0; return; }   // nothing left to decide: the residual is what it is
+    if (rest == 0) {
+      s.residual = -1.0;
+      return;
+    }  // nothing left to decide: the residual is what it is
     for (int r = b.begin; r < b.end; ++r)
       if (W[r] && (b.A || place[b.index[r - b.begin]] != kNowhere)) s.rows[s.m++] = r;
     if (s.m == 0) return;
@@ -131,7 +148,10 @@ struct Levels : Pivoting {
     Snapshot& s = snapshot[k];
     s.valid = rest > 0;
     if (!s.valid) return;
-    s.basic = basic; s.rest = rest; s.extras = extras; s.newcomers = newcomers;
+    s.basic = basic;
+    s.rest = rest;
+    s.extras = extras;
+    s.newcomers = newcomers;
     copy_rows(s.G, G, ld, basic, lanes(rest + 1));
     for (int j = 0; j < rest; ++j) s.free[j] = free[j];
   }

@@ -7,8 +7,8 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kActive = 1e-9;     // a row is active this near its bound, relative to 1 + |bound|
-constexpr double kViolated = 1e-8;   // a constraint is violated above this slack, relative to 1 + |bound|
+constexpr double kActive = 1e-9;    // a row is active this near its bound, relative to 1 + |bound|
+constexpr double kViolated = 1e-8;  // a constraint is violated above this slack, relative to 1 + |bound|
 
 class Lexicographic final : public Kernel {
  public:
@@ -62,7 +62,8 @@ class Lexicographic final : public Kernel {
         if (l == u) answer.active[out] = kEquality;
         else if (u < kInfinity && a >= u - kActive * (1.0 + std::fabs(u))) answer.active[out] = kUpper;
         else answer.active[out] = l > -kInfinity && a <= l + kActive * (1.0 + std::fabs(l)) ? kLower : kFree;
-        if (constraint && w != 0.0) violated = violated || std::fabs(w) > kViolated * (1.0 + std::fabs(w > 0.0 ? u : l));
+        if (constraint && w != 0.0)
+          violated = violated || std::fabs(w) > kViolated * (1.0 + std::fabs(w > 0.0 ? u : l));
       }
     }
     const bool solved = answer.outcome == Outcome::optimal || answer.outcome == Outcome::rank_uncertain;
@@ -107,7 +108,9 @@ class Lexicographic final : public Kernel {
     }
   }
 
-  static bool meets(double bound, double value) { return std::fabs(value - bound) <= kActive * (1.0 + std::fabs(bound)); }
+  static bool meets(double bound, double value) {
+    return std::fabs(value - bound) <= kActive * (1.0 + std::fabs(bound));
+  }
 
   // A fixed variable's multiplier goes to the first row that holds it.
   void box_multipliers(const Level& level, double* out) {

@@ -8,40 +8,50 @@ inline namespace HQP_ISA {
 
 // A working row or a fixed variable that holds the optimum back.
 struct Wrong {
-  int level;      // block that says so
-  int index;      // row of the table, or variable
+  int level;  // block that says so
+  int index;  // row of the table, or variable
   bool variable;
-  double size;    // length of the force in x
+  double size;  // length of the force in x
 };
 
 struct Multipliers {
   const Table* table = nullptr;
   Tableau* tableau = nullptr;
   double tolerance = 1e-11;
-  double deaf = 0.0;          // relative, below it nothing is heard: directions that a raised rank tolerance gave up
-  double* g = nullptr;        // (n,) gradient
-  double* w = nullptr;        // (rows,) slack of the working rows
-  double* lambda = nullptr;   // (rows,)
-  double* delta = nullptr;    // (rows,) what refinement changed
-  double* mu = nullptr;       // (n,) multipliers of the held variables
-  double* before = nullptr;   // (n,) mu before refinement
-  double* y = nullptr;        // scratch
-  std::int8_t* open = nullptr;      // (rows,) sign not known yet
-  std::int8_t* open_x = nullptr;    // (n,)
+  double deaf = 0.0;            // relative, below it nothing is heard: directions that a raised rank tolerance gave up
+  double* g = nullptr;          // (n,) gradient
+  double* w = nullptr;          // (rows,) slack of the working rows
+  double* lambda = nullptr;     // (rows,)
+  double* delta = nullptr;      // (rows,) what refinement changed
+  double* mu = nullptr;         // (n,) multipliers of the held variables
+  double* before = nullptr;     // (n,) mu before refinement
+  double* y = nullptr;          // scratch
+  std::int8_t* open = nullptr;  // (rows,) sign not known yet
+  std::int8_t* open_x = nullptr;  // (n,)
   Wrong* wrong = nullptr;
-  int* quiet = nullptr;       // (rows + n,) levels above this one say nothing about a row or variable
+  int* quiet = nullptr;  // (rows + n,) levels above this one say nothing about a row or variable
   bool quieted = false;
   int count = 0;
   int pending = 0;
 
   void layout(Arena& arena, int n, int rows, int most) {
-    arena.place(g, n); arena.place(w, rows); arena.place(lambda, rows); arena.place(delta, rows); arena.place(before, n); arena.place(mu, n); arena.place(y, most + n + 16);
-    arena.place(open, rows); arena.place(open_x, n); arena.place(wrong, static_cast<std::size_t>(rows) + n); arena.place(quiet, static_cast<std::size_t>(rows) + n);
+    arena.place(g, n);
+    arena.place(w, rows);
+    arena.place(lambda, rows);
+    arena.place(delta, rows);
+    arena.place(before, n);
+    arena.place(mu, n);
+    arena.place(y, most + n + 16);
+    arena.place(open, rows);
+    arena.place(open_x, n);
+    arena.place(wrong, static_cast<std::size_t>(rows) + n);
+    arena.place(quiet, static_cast<std::size_t>(rows) + n);
   }
 
   // Hear all levels about everything.
   void listen() {
-    if (quieted) for (int i = 0; i < table->rows + table->n; ++i) quiet[i] = 0;
+    if (quieted)
+      for (int i = 0; i < table->rows + table->n; ++i) quiet[i] = 0;
     quieted = false;
     deaf = 0.0;
   }
@@ -56,9 +66,16 @@ struct Multipliers {
   // level that has any.
   void judge(const std::int8_t* W, const std::int8_t* F, const double* v, bool highest = false) {
     const Table& t = *table;
-    count = 0; pending = 0;
-    for (int i = 0; i < t.n; ++i) { open_x[i] = F[i] && !t.fixed[i]; pending += open_x[i]; }
-    for (int r = 0; r < t.rows; ++r) { open[r] = W[r] && t.kind[r] == kUpper; pending += open[r]; }
+    count = 0;
+    pending = 0;
+    for (int i = 0; i < t.n; ++i) {
+      open_x[i] = F[i] && !t.fixed[i];
+      pending += open_x[i];
+    }
+    for (int r = 0; r < t.rows; ++r) {
+      open[r] = W[r] && t.kind[r] == kUpper;
+      pending += open[r];
+    }
     if (!pending) return;
     const double span = t.span(tableau->x);
     for (int k = 0; k < t.blocks && pending; ++k) {
@@ -86,7 +103,8 @@ struct Multipliers {
     const Stage& s = tableau->stage[k];
     for (int r = b.begin; r < b.end; ++r) w[r] = W[r] ? v[r] - tableau->bound(r, W) : 0.0;
     if (s.kind == Stage::kReflectors) {
-      if (s.rank == s.m) for (int i = 0; i < s.m; ++i) w[s.rows[i]] = 0.0;
+      if (s.rank == s.m)
+        for (int i = 0; i < s.m; ++i) w[s.rows[i]] = 0.0;
       else if (s.rank) project(s);
     }
     double square = 0.0;
@@ -143,7 +161,10 @@ struct Multipliers {
     for (int i = 0; i < e.before; ++i) h -= e.column[i] * g[tableau->base[i]];
     const double f = -h / e.coefficient;
     e.lambda += f;
-    if (e.variable >= 0) { g[e.variable] += f; return; }
+    if (e.variable >= 0) {
+      g[e.variable] += f;
+      return;
+    }
     out[e.row] = f;
     add_row(table->block_of(e.row), e.row, f);
   }
@@ -162,7 +183,8 @@ struct Multipliers {
     for (int r = b.begin; r < b.end; ++r) {
       if (!open[r] || met(r, W, span)) continue;
       if (w[r] * W[r] < 0.0) wrong[count++] = Wrong{k, r, false, std::fabs(w[r]) * table->norm[r]};
-      open[r] = 0; --pending;
+      open[r] = 0;
+      --pending;
     }
   }
 
@@ -187,13 +209,15 @@ struct Multipliers {
       const double error = refined ? 10.0 * std::fabs(delta[r]) * t.norm[r] : 0.0;
       if (!(force > limit && force > error) || k < quiet[r]) continue;
       if (lambda[r] * W[r] < 0.0) wrong[count++] = Wrong{k, r, false, force};
-      open[r] = 0; --pending;
+      open[r] = 0;
+      --pending;
     }
     for (int i = 0; i < t.n; ++i) {
       if (!open_x[i] || !(std::fabs(mu[i]) > limit) || k < quiet[t.rows + i]) continue;
       if (refined && !(std::fabs(mu[i]) > 10.0 * std::fabs(mu[i] - before[i]))) continue;
       if (mu[i] * F[i] < 0.0) wrong[count++] = Wrong{k, i, true, std::fabs(mu[i])};
-      open_x[i] = 0; --pending;
+      open_x[i] = 0;
+      --pending;
     }
   }
 
@@ -220,7 +244,7 @@ struct Multipliers {
       const double f = g[tableau->base[i]];
       if (f != 0.0) add_any(y, s.pivots + static_cast<std::ptrdiff_t>(i) * s.ldr, -f, r);
     }
-    for (int i = 0; i < r; ++i) {                     // R' y = h
+    for (int i = 0; i < r; ++i) {  // R' y = h
       const double* row = s.R + static_cast<std::ptrdiff_t>(i) * s.ldr;
       y[i] /= row[i];
       add_any(y + i + 1, row + i + 1, -y[i], r - i - 1);
@@ -242,7 +266,7 @@ struct Multipliers {
     for (int i = 0; i < s.m; ++i) {
       const int local = s.rows[i] - b.begin, p = t.place[b.index[local]];
       out[s.rows[i]] = p >= 0 ? -b.scale[local] * y[p]
-                                 : b.scale[local] * dot_any(t.G + static_cast<std::ptrdiff_t>(-1 - p) * t.ld + 1, y, c);
+                              : b.scale[local] * dot_any(t.G + static_cast<std::ptrdiff_t>(-1 - p) * t.ld + 1, y, c);
     }
   }
 };

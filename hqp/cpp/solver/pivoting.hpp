@@ -11,15 +11,17 @@ struct Pivoting : Gram {
   void form(int k, const std::int8_t* W) {
     Stage& s = stage[k];
     const Block& b = table->block[k];
-    const int width = lanes(rest + 1), known = reduction.count;   // rows of a reduced table are zero there
+    const int width = lanes(rest + 1), known = reduction.count;  // rows of a reduced table are zero there
     for (int i = 0; i < s.m; ++i) {
       const int r = s.rows[i], local = r - b.begin;
       double* row = T + static_cast<std::ptrdiff_t>(i) * ld;
       if (b.A) {
         const double* a = b.A + static_cast<std::ptrdiff_t>(local) * n;
         row[0] = bound(r, W) - (any_fixed ? dot_any(a, fixed_x, n) : 0.0);
-        if (rest == n && !loosened) std::memcpy(row + 1, a, sizeof(double) * static_cast<std::size_t>(n));   // all, in order
-        else for (int j = 0; j < rest; ++j) row[1 + j] = a[free[j]];
+        if (rest == n && !loosened)
+          std::memcpy(row + 1, a, sizeof(double) * static_cast<std::size_t>(n));  // all, in order
+        else
+          for (int j = 0; j < rest; ++j) row[1 + j] = a[free[j]];
         for (int j = rest + 1; j < width; ++j) row[j] = 0.0;
         double* left = L + static_cast<std::ptrdiff_t>(i) * ld;
         for (int j = known; j < basic; ++j) left[j - known] = a[base[j]];
@@ -37,13 +39,17 @@ struct Pivoting : Gram {
         }
       }
     }
-    if (b.A) multiply_subtract(T, ld, L, ld, G + static_cast<std::ptrdiff_t>(known) * ld, ld, s.m, basic - known, width);
+    if (b.A)
+      multiply_subtract(T, ld, L, ld, G + static_cast<std::ptrdiff_t>(known) * ld, ld, s.m, basic - known, width);
   }
 
   void exact_sizes(int first, int m, int width) {
     for (int j = 0; j < width; j += kLane) {
       Vec4 total = splat(0.0);
-      for (int i = first; i < m; ++i) { const Vec4 t = at(T + static_cast<std::ptrdiff_t>(i) * ld + j); total += t * t; }
+      for (int i = first; i < m; ++i) {
+        const Vec4 t = at(T + static_cast<std::ptrdiff_t>(i) * ld + j);
+        total += t * t;
+      }
       at(size + j) = total * at(weight + j);
     }
   }
@@ -71,7 +77,10 @@ struct Pivoting : Gram {
       if (!(size[p] > 0.0)) break;
       double* v = s.V + static_cast<std::ptrdiff_t>(rank) * s.ldv;
       double square = 0.0;
-      for (int i = rank; i < m; ++i) { v[i] = T[static_cast<std::ptrdiff_t>(i) * ld + p]; square += v[i] * v[i]; }
+      for (int i = rank; i < m; ++i) {
+        v[i] = T[static_cast<std::ptrdiff_t>(i) * ld + p];
+        square += v[i] * v[i];
+      }
       const double length = std::sqrt(square);
       note_pivot(length, floor);
       if (!(length > floor)) break;
@@ -81,15 +90,19 @@ struct Pivoting : Gram {
       double* top = T + static_cast<std::ptrdiff_t>(rank) * ld;
       reflect(top, ld, v + rank, m - rank, tau, width, size, weight);
       s.tau[rank] = tau;
-      top[p] = beta;   // below it rounding, which nothing reads
-      weight[p] = 0.0; size[p] = 0.0;
-      s.variables[rank++] = p - 1;   // positions now, variables after elimination
+      top[p] = beta;  // below it rounding, which nothing reads
+      weight[p] = 0.0;
+      size[p] = 0.0;
+      s.variables[rank++] = p - 1;  // positions now, variables after elimination
       smallest = smaller(smallest, length);
     }
     s.rank = rank;
     if (rank) growth = larger(growth, table->block[k].norm / smallest);
     double square = 0.0;
-    for (int i = rank; i < m; ++i) { const double t = T[static_cast<std::ptrdiff_t>(i) * ld]; square += t * t; }
+    for (int i = rank; i < m; ++i) {
+      const double t = T[static_cast<std::ptrdiff_t>(i) * ld];
+      square += t * t;
+    }
     s.residual = std::sqrt(square);
   }
 
@@ -113,7 +126,10 @@ struct Pivoting : Gram {
     }
     double top = best[0], place_of_top = where[0];
     for (int q = 1; q < kLane; ++q)
-      if (best[q] > top || (best[q] == top && where[q] < place_of_top)) { top = best[q]; place_of_top = where[q]; }
+      if (best[q] > top || (best[q] == top && where[q] < place_of_top)) {
+        top = best[q];
+        place_of_top = where[q];
+      }
     const int found = static_cast<int>(place_of_top);
     return found > 0 ? found : 1;
   }
@@ -135,7 +151,9 @@ struct Pivoting : Gram {
     }
     for (int j = 0; j < r; ++j) {
       const int variable = free[s.variables[j]];
-      s.variables[j] = variable; place[variable] = -1 - (basic + j); base[basic + j] = variable;
+      s.variables[j] = variable;
+      place[variable] = -1 - (basic + j);
+      base[basic + j] = variable;
     }
     // columns that stay move from the end into the holes the pivots left
     const int left = rest - r, width = lanes(left + 1);
@@ -143,14 +161,19 @@ struct Pivoting : Gram {
     for (int j = 0, tail = left; j < left; ++j) {
       if (place[free[j]] >= 0) continue;
       while (place[free[tail]] < 0) ++tail;
-      hole[moves] = j; keep[moves++] = tail;
-      free[j] = free[tail]; place[free[j]] = j; ++tail;
+      hole[moves] = j;
+      keep[moves++] = tail;
+      free[j] = free[tail];
+      place[free[j]] = j;
+      ++tail;
     }
     double* fresh = G + static_cast<std::ptrdiff_t>(basic) * ld;
     for (int i = 0; i < basic + r; ++i) {
-      const double* from = i < basic ? G + static_cast<std::ptrdiff_t>(i) * ld : T + static_cast<std::ptrdiff_t>(i - basic) * ld;
+      const double* from =
+          i < basic ? G + static_cast<std::ptrdiff_t>(i) * ld : T + static_cast<std::ptrdiff_t>(i - basic) * ld;
       double* row = G + static_cast<std::ptrdiff_t>(i) * ld;
-      if (i >= basic) for (int j = 0; j < width; j += kLane) at(row + j) = at(from + j);
+      if (i >= basic)
+        for (int j = 0; j < width; j += kLane) at(row + j) = at(from + j);
       for (int q = 0; q < moves; ++q) row[1 + hole[q]] = from[1 + keep[q]];
       for (int j = left + 1; j < width; ++j) row[j] = 0.0;
     }

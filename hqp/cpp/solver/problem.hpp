@@ -7,11 +7,11 @@ namespace hqp {
 
 // One level of the caller's problem; A is null for a selection.
 struct Level {
-  const double* A = nullptr;           // (m, n) row-major
-  const std::int64_t* index = nullptr; // (m,)
-  const double* scale = nullptr;       // (m,)
-  const double* lower = nullptr;       // (m,)
-  const double* upper = nullptr;       // (m,)
+  const double* A = nullptr;            // (m, n) row-major
+  const std::int64_t* index = nullptr;  // (m,)
+  const double* scale = nullptr;        // (m,)
+  const double* lower = nullptr;        // (m,)
+  const double* upper = nullptr;        // (m,)
   double damping = 0.0;
   int m = 0;
 };
@@ -28,8 +28,8 @@ struct Options {
   double rank_tolerance = 1e-9;
   double multiplier_tolerance = 1e-11;
   double feasibility_tolerance = 1e-11;
-  double time_limit = 0.0;   // seconds, none if zero
-  int max_iterations = 0;    // automatic if zero
+  double time_limit = 0.0;  // seconds, none if zero
+  int max_iterations = 0;   // automatic if zero
   int credit = 3;
   bool multipliers = false;
 };
@@ -46,12 +46,12 @@ enum class Outcome : int {
 
 // Where the answer goes; the arrays are the caller's.
 struct Answer {
-  double* x = nullptr;             // (n,)
-  double* slack = nullptr;         // (sum m,)
-  std::int8_t* active = nullptr;   // (sum m,)
-  double* multipliers = nullptr;   // level k after level k - 1, (m_0 + ... + m_k) each; null if not asked
+  double* x = nullptr;            // (n,)
+  double* slack = nullptr;        // (sum m,)
+  std::int8_t* active = nullptr;  // (sum m,)
+  double* multipliers = nullptr;  // level k after level k - 1, (m_0 + ... + m_k) each; null if not asked
   Outcome outcome = Outcome::optimal;
-  bool unsure = false;             // constraints are violated by an answer whose ranks were uncertain
+  bool unsure = false;  // constraints are violated by an answer whose ranks were uncertain
   int iterations = 0;
   int factorisations = 0;
 };

@@ -10,31 +10,31 @@ inline namespace HQP_ISA {
 // What one level left behind: its rows, its orthogonal factor, its triangle, and the tableau's pivot columns.
 struct Stage {
   enum Kind { kIdle, kReflectors, kGram } kind;
-  int m, rank, before;     // rows that took part, pivots, basic variables of the levels above
-  int* rows;               // (m,) of the table
-  double* V;               // reflector i in V + i * ldv, entries i..m-1
+  int m, rank, before;  // rows that took part, pivots, basic variables of the levels above
+  int* rows;            // (m,) of the table
+  double* V;            // reflector i in V + i * ldv, entries i..m-1
   double* tau;
-  double* R;               // (rank, rank), row stride ldr
-  double* pivots;          // (before, rank) pivot columns of the tableau when the level was reached
-  int* variables;          // (rank,)
+  double* R;       // (rank, rank), row stride ldr
+  double* pivots;  // (before, rank) pivot columns of the tableau when the level was reached
+  int* variables;  // (rank,)
   int ldv, ldr;
-  double residual;         // norm of what no x can reach
-  double excess;           // how much of it damping added, on the first `rank` rotated rows
+  double residual;  // norm of what no x can reach
+  double excess;    // how much of it damping added, on the first `rank` rotated rows
 };
 
 // A constraint joined after the factorisation: the reduced row's pivot, and the tableau's column at that moment.
 struct Extra {
-  int row, variable;       // row of the table, or the variable it holds; the other is -1
-  int pivot, before;       // variable that became basic, basic variables then
-  int level;               // in front of which it stands
-  double coefficient;      // of the pivot in the reduced row
-  double* column;          // (before,)
-  double lambda;           // its multiplier in the sweep at hand
+  int row, variable;   // row of the table, or the variable it holds; the other is -1
+  int pivot, before;   // variable that became basic, basic variables then
+  int level;           // in front of which it stands
+  double coefficient;  // of the pivot in the reduced row
+  double* column;      // (before,)
+  double lambda;       // its multiplier in the sweep at hand
 };
 
 // A row that was met, or a variable that was held, since the factorisation.
 struct Newcomer {
-  int row, variable;       // the other is -1
+  int row, variable;  // the other is -1
   double value;
 };
 
@@ -49,58 +49,78 @@ struct Snapshot {
 struct TableauData {
   const Table* table = nullptr;
   int n = 0, ld = 0, basic = 0, rest = 0;
-  double* G = nullptr;        // (n, ld): column 0 is c, then the coefficients of the variables in `free`
-  int* base = nullptr;        // (basic,) variables
-  int* free = nullptr;        // (rest,) variables
-  double* T = nullptr;        // (most rows of a level, ld)
-  double* L = nullptr;        // (most rows of a level, ld)
-  double* H = nullptr;        // (n + 1 padded, ld)
-  double* weight = nullptr;   // (ld,) bias of a column
-  double* size = nullptr;     // (ld,) biased squared norms
-  double* diagonal = nullptr; // (ld,)
-  double* target = nullptr;   // (ld,)
-  double* x = nullptr;        // (n,) the solution
-  double* fixed_x = nullptr;  // (n,) values of the fixed variables, zero elsewhere
-  int* place = nullptr;       // (n,) position: >= 0 in free, -1 - i in base, kNowhere fixed
-  int* keep = nullptr;        // (n,) where columns that stay come from
-  int* hole = nullptr;       // (n,) where they go
-  double* preference = nullptr;   // (n,) weight of a variable among the pivots, 0 for never
+  double* G = nullptr;           // (n, ld): column 0 is c, then the coefficients of the variables in `free`
+  int* base = nullptr;           // (basic,) variables
+  int* free = nullptr;           // (rest,) variables
+  double* T = nullptr;           // (most rows of a level, ld)
+  double* L = nullptr;           // (most rows of a level, ld)
+  double* H = nullptr;           // (n + 1 padded, ld)
+  double* weight = nullptr;      // (ld,) bias of a column
+  double* size = nullptr;        // (ld,) biased squared norms
+  double* diagonal = nullptr;    // (ld,)
+  double* target = nullptr;      // (ld,)
+  double* x = nullptr;           // (n,) the solution
+  double* fixed_x = nullptr;     // (n,) values of the fixed variables, zero elsewhere
+  int* place = nullptr;          // (n,) position: >= 0 in free, -1 - i in base, kNowhere fixed
+  int* keep = nullptr;           // (n,) where columns that stay come from
+  int* hole = nullptr;           // (n,) where they go
+  double* preference = nullptr;  // (n,) weight of a variable among the pivots, 0 for never
   Stage* stage = nullptr;
   Snapshot* snapshot = nullptr;
   Reduction reduction;
-  bool recording = false;     // keep snapshots, for changes in front of any level
+  bool recording = false;  // keep snapshots, for changes in front of any level
   Extra* extra = nullptr;
   int extras = 0;
   Newcomer* newcomer = nullptr;
   int newcomers = 0;
-  bool loosened = false;      // variables left since the factorisation
-  double* direction = nullptr;   // (n,)
-  int gram_level = -1;        // the level that ended the tableau by a normal matrix, -1 if none did
-  double growth = 1.0;        // how much rounding the tableau may have magnified
-  double closest = 1e300;     // nearest a pivot came to the rank tolerance, as a ratio >= 1
+  bool loosened = false;        // variables left since the factorisation
+  double* direction = nullptr;  // (n,)
+  int gram_level = -1;          // the level that ended the tableau by a normal matrix, -1 if none did
+  double growth = 1.0;          // how much rounding the tableau may have magnified
+  double closest = 1e300;       // nearest a pivot came to the rank tolerance, as a ratio >= 1
   bool any_fixed = false;
-  bool shifted = false;       // damping kept a level from its optimum
+  bool shifted = false;  // damping kept a level from its optimum
   int gram_free = 0;
   double rank_tolerance = 1e-9;
-  double least = 0.0;         // smallest entry of `diagonal`
+  double least = 0.0;  // smallest entry of `diagonal`
   static constexpr int kNowhere = 1 << 30;
 
   void layout(Arena& arena, int n_, int blocks, const int* m) {
-    n = n_; ld = padded(n + 1);
+    n = n_;
+    ld = padded(n + 1);
     int most = n;
     for (int k = 0; k < blocks; ++k) most = m[k] > most ? m[k] : most;
     const std::size_t wide = static_cast<std::size_t>(ld);
-    arena.place(G, (n + 4) * wide); arena.place(T, (most + 4) * wide); arena.place(L, (most + 4) * wide);
+    arena.place(G, (n + 4) * wide);
+    arena.place(T, (most + 4) * wide);
+    arena.place(L, (most + 4) * wide);
     arena.place(H, (n + 8) * wide);
-    arena.place(base, n); arena.place(free, n); arena.place(weight, ld); arena.place(size, ld);
-    arena.place(diagonal, ld); arena.place(target, most + ld); arena.place(x, ld); arena.place(fixed_x, ld);
-    arena.place(place, n); arena.place(keep, n); arena.place(hole, n); arena.place(preference, n);
-    arena.place(stage, blocks); arena.place(snapshot, blocks);
-    arena.place(extra, kChanges); arena.place(newcomer, kChanges); arena.place(direction, n);
+    arena.place(base, n);
+    arena.place(free, n);
+    arena.place(weight, ld);
+    arena.place(size, ld);
+    arena.place(diagonal, ld);
+    arena.place(target, most + ld);
+    arena.place(x, ld);
+    arena.place(fixed_x, ld);
+    arena.place(place, n);
+    arena.place(keep, n);
+    arena.place(hole, n);
+    arena.place(preference, n);
+    arena.place(stage, blocks);
+    arena.place(snapshot, blocks);
+    arena.place(extra, kChanges);
+    arena.place(newcomer, kChanges);
+    arena.place(direction, n);
     for (int k = 0; k < blocks; ++k) {
-      double* kept = nullptr; int* left = nullptr;
-      arena.place(kept, n * wide); arena.place(left, n);
-      if (snapshot) { snapshot[k].G = kept; snapshot[k].free = left; }
+      double* kept = nullptr;
+      int* left = nullptr;
+      arena.place(kept, n * wide);
+      arena.place(left, n);
+      if (snapshot) {
+        snapshot[k].G = kept;
+        snapshot[k].free = left;
+      }
     }
     int rows = 0;
     for (int k = 0; k < blocks; ++k) rows += m[k];
@@ -112,15 +132,28 @@ struct TableauData {
     }
     for (int k = 0; k < blocks; ++k) {
       const int rank = m[k] < n ? m[k] : n;
-      int* rows = nullptr; double* V = nullptr; double* tau = nullptr; double* R = nullptr;
-      double* pivots = nullptr; int* variables = nullptr;
-      arena.place(rows, m[k]); arena.place(V, static_cast<std::size_t>(m[k]) * rank + 8); arena.place(tau, rank);
-      arena.place(R, static_cast<std::size_t>(rank) * padded(rank)); arena.place(pivots, static_cast<std::size_t>(n) * padded(rank));
+      int* rows = nullptr;
+      double* V = nullptr;
+      double* tau = nullptr;
+      double* R = nullptr;
+      double* pivots = nullptr;
+      int* variables = nullptr;
+      arena.place(rows, m[k]);
+      arena.place(V, static_cast<std::size_t>(m[k]) * rank + 8);
+      arena.place(tau, rank);
+      arena.place(R, static_cast<std::size_t>(rank) * padded(rank));
+      arena.place(pivots, static_cast<std::size_t>(n) * padded(rank));
       arena.place(variables, rank);
       if (stage) {
         Stage& s = stage[k];
-        s.rows = rows; s.V = V; s.tau = tau; s.R = R; s.pivots = pivots; s.variables = variables;
-        s.ldv = m[k]; s.ldr = padded(rank);
+        s.rows = rows;
+        s.V = V;
+        s.tau = tau;
+        s.R = R;
+        s.pivots = pivots;
+        s.variables = variables;
+        s.ldv = m[k];
+        s.ldr = padded(rank);
       }
     }
   }

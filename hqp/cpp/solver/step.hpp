@@ -8,7 +8,7 @@ inline namespace HQP_ISA {
 
 class Step : public WorkingSet {
  protected:
-  static constexpr double kLengths[] = {0.2, 0.04, 0.008};   // parts of a step that are tried clipped
+  static constexpr double kLengths[] = {0.2, 0.04, 0.008};  // parts of a step that are tried clipped
 
   // Rows violated at x work at their side, rows well inside do not, rows at a bound stay as they are.
   void sort_rows() {
@@ -30,7 +30,8 @@ class Step : public WorkingSet {
     for (int k = 0; k < table.blocks; ++k) {
       const Block& b = table.block[k];
       double square = 0.0;
-      for (int r = b.begin; r < b.end; ++r) if (W[r]) square += change_[r] * change_[r];
+      for (int r = b.begin; r < b.end; ++r)
+        if (W[r]) square += change_[r] * change_[r];
       if (std::sqrt(square) > larger(1e-9 * b.norm, b.rounding) * (length + 1e-3 * size)) return k;
     }
     return table.blocks;
@@ -40,7 +41,10 @@ class Step : public WorkingSet {
   bool advance() {
     const int n = table.n;
     double length = 0.0;
-    for (int i = 0; i < n; ++i) { step_[i] = tableau.x[i] - x[i]; length += step_[i] * step_[i]; }
+    for (int i = 0; i < n; ++i) {
+      step_[i] = tableau.x[i] - x[i];
+      length += step_[i] * step_[i];
+    }
     for (int r = 0; r < table.rows; ++r) change_[r] = target_[r] - v[r];
     const double size = table.span(tableau.x), tolerance = options_->feasibility_tolerance;
     const int level = progress_ = progress(std::sqrt(length), table.span(x));
@@ -53,7 +57,11 @@ class Step : public WorkingSet {
       const double over = step_[i] > 0 ? tableau.x[i] - bound : bound - tableau.x[i];
       if (!(over > tolerance * (std::fabs(bound) + size))) continue;
       const double a = larger(0.0, (bound - x[i]) / step_[i]);
-      if (a < alpha) { alpha = a; variable = i; side = step_[i] > 0 ? kUpper : kLower; }
+      if (a < alpha) {
+        alpha = a;
+        variable = i;
+        side = step_[i] > 0 ? kUpper : kLower;
+      }
     }
     const int rows = level < table.blocks ? table.block[level].begin : table.rows;
     for (int r = 0; r < rows; ++r) {
@@ -62,12 +70,18 @@ class Step : public WorkingSet {
       const double over = change_[r] > 0 ? target_[r] - bound : bound - target_[r];
       if (!(over > slackness(r, bound, size))) continue;
       const double a = larger(0.0, (bound - v[r]) / change_[r]);
-      if (a < alpha) { alpha = a; row = r; variable = -1; side = change_[r] > 0 ? kUpper : kLower; }
+      if (a < alpha) {
+        alpha = a;
+        row = r;
+        variable = -1;
+        side = change_[r] > 0 ? kUpper : kLower;
+      }
     }
     if (level < table.blocks) bend(level, size, alpha, row, variable, side);
     if (alpha >= 1.0 && row < 0 && variable < 0) return true;
     if (level == 0 && project(alpha)) return false;
-    for (int i = 0; i < n; ++i) if (!F[i]) x[i] = inside_box(i, x[i] + alpha * step_[i]);
+    for (int i = 0; i < n; ++i)
+      if (!F[i]) x[i] = inside_box(i, x[i] + alpha * step_[i]);
     for (int r = 0; r < table.rows; ++r) v[r] += alpha * change_[r];
     followed_ = true;
     changes_.start();
@@ -76,7 +90,10 @@ class Step : public WorkingSet {
       x[variable] = side > 0 ? table.hi[variable] : table.lo[variable];
       changes_.note_join(table.rows + variable, side);
     }
-    if (row >= 0) { W[row] = side; changes_.note_join(row, side); }
+    if (row >= 0) {
+      W[row] = side;
+      changes_.note_join(row, side);
+    }
     return false;
   }
 
@@ -91,7 +108,10 @@ class Step : public WorkingSet {
       for (int i = 0; i < table.n; ++i) {
         const double end = x[i] + a * step_[i];
         const std::int8_t side = F[i] ? kFree : end > table.hi[i] ? kUpper : end < table.lo[i] ? kLower : kFree;
-        if (side) { F[i] = side; changes_.note_join(table.rows + i, side); }
+        if (side) {
+          F[i] = side;
+          changes_.note_join(table.rows + i, side);
+        }
       }
       for (int i = 0; i < table.n; ++i) x[i] = trial_x_[i];
       for (int r = 0; r < table.rows; ++r) v[r] = trial_v_[r];
@@ -119,13 +139,21 @@ class Step : public WorkingSet {
       const double bound = change_[r] > 0 ? table.upper[r] : table.lower[r];
       if (!((change_[r] > 0 ? target_[r] - bound : bound - target_[r]) > slackness(r, bound, size))) continue;
       const double a = larger(0.0, (bound - v[r]) / change_[r]);
-      if (a < first) { first = a; nearest = r; }
+      if (a < first) {
+        first = a;
+        nearest = r;
+      }
     }
     if (nearest < 0) return;
     const double bottom = lowest(level, alpha);
-    if (bottom > 1e-12 && bottom < alpha) { alpha = bottom; row = variable = -1; }
-    else if (bottom <= 1e-12 && first <= alpha) {
-      alpha = first; row = nearest; variable = -1; side = change_[nearest] > 0 ? kUpper : kLower;
+    if (bottom > 1e-12 && bottom < alpha) {
+      alpha = bottom;
+      row = variable = -1;
+    } else if (bottom <= 1e-12 && first <= alpha) {
+      alpha = first;
+      row = nearest;
+      variable = -1;
+      side = change_[nearest] > 0 ? kUpper : kLower;
     }
   }
 
@@ -136,8 +164,10 @@ class Step : public WorkingSet {
     Vec4 slopes = zero, curvatures = zero;
     int r = b.begin;
     for (; r + kLane <= b.end; r += kLane) {
-      const Vec4 c = *reinterpret_cast<const Vec4u*>(change_ + r), value = *reinterpret_cast<const Vec4u*>(v + r) + a * c;
-      const Vec4 lower = *reinterpret_cast<const Vec4u*>(table.lower + r), upper = *reinterpret_cast<const Vec4u*>(table.upper + r);
+      const Vec4 c = *reinterpret_cast<const Vec4u*>(change_ + r),
+                 value = *reinterpret_cast<const Vec4u*>(v + r) + a * c;
+      const Vec4 lower = *reinterpret_cast<const Vec4u*>(table.lower + r),
+                 upper = *reinterpret_cast<const Vec4u*>(table.upper + r);
       const Vec4 out = value > upper ? value - upper : value < lower ? value - lower : zero;
       slopes += c * out;
       curvatures += out != zero ? c * c : zero;
@@ -160,7 +190,8 @@ class Step : public WorkingSet {
       const double s = slope(level, a, curvature);
       if (a == alpha && s <= least) return alpha;
       if (std::fabs(s) <= least) break;
-      if (s > 0.0) high = a; else low = a;
+      if (s > 0.0) high = a;
+      else low = a;
       const double newton = a - s / curvature;
       a = newton > low && newton < high ? newton : 0.5 * (low + high);
     }

@@ -18,22 +18,23 @@ struct Block {
   const std::int64_t* index;  // selection
   const double* scale;
   double damping;
-  double norm;                // largest norm of a row that is not left out
-  double rounding;            // no direction of the level is shorter: what rounding leaves of zero in this problem
+  double norm;      // largest norm of a row that is not left out
+  double rounding;  // no direction of the level is shorter: what rounding leaves of zero in this problem
   int begin, end;
 };
 
 struct Table {
   int n = 0, blocks = 0, rows = 0, inequalities = 0;
-  int first = 0;              // 1 if level 0 became the box
-  double reach = 0.0;         // largest distance that a row of usual length asks for, |bound| / norm: the scale of rounding in x
-  bool boxed = false;         // some variable has a finite bound or is fixed
+  int first = 0;  // 1 if level 0 became the box
+  double reach =
+      0.0;  // largest distance that a row of usual length asks for, |bound| / norm: the scale of rounding in x
+  bool boxed = false;  // some variable has a finite bound or is fixed
   Block* block = nullptr;
-  double* lower = nullptr;    // (rows,) of the table, copies
+  double* lower = nullptr;  // (rows,) of the table, copies
   double* upper = nullptr;
   double* norm = nullptr;
-  std::int8_t* kind = nullptr;   // kEquality, kFree = left out, kUpper = inequality
-  double* lo = nullptr;       // (n,) the box
+  std::int8_t* kind = nullptr;  // kEquality, kFree = left out, kUpper = inequality
+  double* lo = nullptr;         // (n,) the box
   double* hi = nullptr;
   std::int8_t* fixed = nullptr;  // (n,) lo == hi
   double* metric_rows = nullptr;
@@ -41,7 +42,7 @@ struct Table {
   double* zeros = nullptr;
   std::int64_t* every = nullptr;
   double* ones = nullptr;
-  std::int64_t* single_index = nullptr;   // (caller's rows,) dense levels with one entry a row, as selections
+  std::int64_t* single_index = nullptr;  // (caller's rows,) dense levels with one entry a row, as selections
   double* single_scale = nullptr;
   double* scratch = nullptr;
 
@@ -51,26 +52,45 @@ struct Table {
     for (int k = 0; k < levels; ++k) total += m[k];
     const int all = total + n + (metric ? n : 0);
     arena.place(block, static_cast<std::size_t>(levels) + 2);
-    arena.place(lower, all); arena.place(upper, all); arena.place(norm, all); arena.place(kind, all);
-    arena.place(lo, n); arena.place(hi, n); arena.place(fixed, n);
+    arena.place(lower, all);
+    arena.place(upper, all);
+    arena.place(norm, all);
+    arena.place(kind, all);
+    arena.place(lo, n);
+    arena.place(hi, n);
+    arena.place(fixed, n);
     arena.place(metric_rows, metric ? static_cast<std::size_t>(n) * n : 0);
-    arena.place(metric_rhs, n); arena.place(zeros, n); arena.place(every, n); arena.place(ones, n);
-    arena.place(single_index, total + 1); arena.place(single_scale, total + 1);
+    arena.place(metric_rhs, n);
+    arena.place(zeros, n);
+    arena.place(every, n);
+    arena.place(ones, n);
+    arena.place(single_index, total + 1);
+    arena.place(single_scale, total + 1);
     arena.place(scratch, metric ? static_cast<std::size_t>(n) * n : 0);
   }
 
   void start() {
-    for (int i = 0; i < n; ++i) { every[i] = i; ones[i] = 1.0; }
+    for (int i = 0; i < n; ++i) {
+      every[i] = i;
+      ones[i] = 1.0;
+    }
   }
 
   // Read the problem; false if a number is not usable.
   bool read(const Problem& problem) {
-    rows = 0; blocks = 0; inequalities = 0; first = 0; reach = 0.0;
+    rows = 0;
+    blocks = 0;
+    inequalities = 0;
+    first = 0;
+    reach = 0.0;
     no_box();
     for (int k = 0, row = 0; k < problem.count; row += problem.levels[k++].m) {
       const Level level = simplest(problem.levels[k], row);
       if (k == 0 && !level.A && take_box(level)) first = 1;
-      else if (!add(level)) { identity_ = -1; return false; }
+      else if (!add(level)) {
+        identity_ = -1;
+        return false;
+      }
     }
     measure();
     return complete(problem);
@@ -146,13 +166,19 @@ struct Table {
 
   bool add(const Level& level) {
     Block& b = block[blocks++];
-    b.A = level.A; b.index = level.index; b.scale = level.scale; b.damping = level.damping;
-    b.begin = rows; b.end = rows + level.m; b.norm = b.rounding = 0.0;
+    b.A = level.A;
+    b.index = level.index;
+    b.scale = level.scale;
+    b.damping = level.damping;
+    b.begin = rows;
+    b.end = rows + level.m;
+    b.norm = b.rounding = 0.0;
     for (int i = 0; i < level.m; ++i) {
       const int r = rows + i;
       const double l = level.lower[i], u = level.upper[i];
       if (!(l <= u) || l == kInfinity || u == -kInfinity) return false;
-      lower[r] = l; upper[r] = u;
+      lower[r] = l;
+      upper[r] = u;
       const double* a = level.A ? level.A + static_cast<std::ptrdiff_t>(i) * n : nullptr;
       if (!a && !picks(level.index[i], level.scale[i])) return false;
       const double square = a ? dot_any(a, a, n) : level.scale[i] * level.scale[i];
@@ -170,21 +196,33 @@ struct Table {
   // The last levels: (x - origin)' metric (x - origin) as rows of a root of the metric, then the least norm.
   bool complete(const Problem& problem) {
     Level last;
-    last.index = every; last.scale = ones; last.m = n;
+    last.index = every;
+    last.scale = ones;
+    last.m = n;
     last.lower = last.upper = zeros;
     if (problem.metric) {
       Level level;
       level.A = metric_rows;
       level.m = root(problem.metric);
-      if (level.m < 0) { identity_ = -1; return false; }
+      if (level.m < 0) {
+        identity_ = -1;
+        return false;
+      }
       for (int i = 0; i < level.m; ++i)
-        metric_rhs[i] = problem.origin ? dot_any(metric_rows + static_cast<std::ptrdiff_t>(i) * n, problem.origin, n) : 0.0;
+        metric_rhs[i] =
+            problem.origin ? dot_any(metric_rows + static_cast<std::ptrdiff_t>(i) * n, problem.origin, n) : 0.0;
       level.lower = level.upper = metric_rhs;
-      if (!add(level)) { identity_ = -1; return false; }
+      if (!add(level)) {
+        identity_ = -1;
+        return false;
+      }
     } else if (problem.origin) {
       last.lower = last.upper = problem.origin;
     }
-    if (last.lower == zeros && identity_ == rows) { add_identity(last); return true; }
+    if (last.lower == zeros && identity_ == rows) {
+      add_identity(last);
+      return true;
+    }
     identity_ = last.lower == zeros ? rows : -1;
     return add(last);
   }
@@ -192,11 +230,16 @@ struct Table {
   // The least norm again at the same place: its rows are as they were.
   void add_identity(const Level& level) {
     Block& b = block[blocks++];
-    b.A = nullptr; b.index = level.index; b.scale = level.scale; b.damping = b.rounding = 0.0; b.norm = 1.0;
-    b.begin = rows; b.end = rows += level.m;
+    b.A = nullptr;
+    b.index = level.index;
+    b.scale = level.scale;
+    b.damping = b.rounding = 0.0;
+    b.norm = 1.0;
+    b.begin = rows;
+    b.end = rows += level.m;
   }
 
-  int identity_ = -1;   // where the rows of the least norm begin, if they are still there
+  int identity_ = -1;  // where the rows of the least norm begin, if they are still there
 
   // Pivoted Cholesky: metric = rows' rows, stopped at 1e-10 of the largest entry; the number of rows, -1 if not finite.
   int root(const double* metric) {
@@ -210,7 +253,8 @@ struct Table {
     int rank = 0;
     for (; rank < n; ++rank) {
       int p = 0;
-      for (int i = 1; i < n; ++i) if (rest[i * n + i] > rest[p * n + p]) p = i;
+      for (int i = 1; i < n; ++i)
+        if (rest[i * n + i] > rest[p * n + p]) p = i;
       const double pivot = rest[p * n + p];
       if (!(pivot > 1e-10 * largest)) break;
       double* row = metric_rows + static_cast<std::ptrdiff_t>(rank) * n;
@@ -226,7 +270,10 @@ struct Table {
   bool take_box(const Level& level) {
     for (int i = 0; i < level.m; ++i) {
       const double l = level.lower[i], u = level.upper[i], s = level.scale[i];
-      if (!(l <= u) || l == kInfinity || u == -kInfinity || !picks(level.index[i], s)) { no_box(); return false; }
+      if (!(l <= u) || l == kInfinity || u == -kInfinity || !picks(level.index[i], s)) {
+        no_box();
+        return false;
+      }
       const int j = static_cast<int>(level.index[i]);
       double a = l, b = u;
       if (s != 1.0) {
@@ -234,18 +281,26 @@ struct Table {
         b = s > 0 ? (u < kInfinity ? inside(u, s, l, u) : u) : (l > -kInfinity ? inside(l, s, l, u) : kInfinity);
         if (a > b) a = b;
       }
-      lo[j] = larger(lo[j], a); hi[j] = smaller(hi[j], b);
+      lo[j] = larger(lo[j], a);
+      hi[j] = smaller(hi[j], b);
       boxed = boxed || a > -kInfinity || b < kInfinity;
     }
     bool agree = true;
-    for (int i = 0; i < n; ++i) { agree = agree && lo[i] <= hi[i]; fixed[i] = lo[i] == hi[i]; }
+    for (int i = 0; i < n; ++i) {
+      agree = agree && lo[i] <= hi[i];
+      fixed[i] = lo[i] == hi[i];
+    }
     if (!agree) no_box();
     return agree;
   }
 
   void no_box() {
     boxed = false;
-    for (int i = 0; i < n; ++i) { lo[i] = -kInfinity; hi[i] = kInfinity; fixed[i] = 0; }
+    for (int i = 0; i < n; ++i) {
+      lo[i] = -kInfinity;
+      hi[i] = kInfinity;
+      fixed[i] = 0;
+    }
   }
 
   // A dense level whose every row has one entry is a selection; rows start at `row` of the caller's rows.
@@ -255,12 +310,15 @@ struct Table {
     for (int i = 0; i < given.m; ++i) {
       const double* a = given.A + static_cast<std::ptrdiff_t>(i) * n;
       if (entries(a) != 1) return given;
-      j = j + 1 < n && a[j + 1] != 0.0 ? j + 1 : 0;    // most often the next one
+      j = j + 1 < n && a[j + 1] != 0.0 ? j + 1 : 0;  // most often the next one
       while (a[j] == 0.0) ++j;
-      single_index[row + i] = j; single_scale[row + i] = a[j];
+      single_index[row + i] = j;
+      single_scale[row + i] = a[j];
     }
     Level level = given;
-    level.A = nullptr; level.index = single_index + row; level.scale = single_scale + row;
+    level.A = nullptr;
+    level.index = single_index + row;
+    level.scale = single_scale + row;
     return level;
   }
 

@@ -15,12 +15,22 @@ struct Tableau : Levels {
     if (!recording || !s.valid) return false;
     const int known = newcomers;
     copy_rows(G, s.G, ld, s.basic, lanes(s.rest + 1));
-    basic = s.basic; gram_free = s.rest; gram_level = level;
-    extras = s.extras; newcomers = s.newcomers;
-    for (int i = 0; i < basic; ++i) { place[base[i]] = -1 - i; fixed_x[base[i]] = 0.0; }
-    for (int j = 0; j < gram_free; ++j) { free[j] = s.free[j]; place[free[j]] = j; fixed_x[free[j]] = 0.0; }
+    basic = s.basic;
+    gram_free = s.rest;
+    gram_level = level;
+    extras = s.extras;
+    newcomers = s.newcomers;
+    for (int i = 0; i < basic; ++i) {
+      place[base[i]] = -1 - i;
+      fixed_x[base[i]] = 0.0;
+    }
+    for (int j = 0; j < gram_free; ++j) {
+      free[j] = s.free[j];
+      place[free[j]] = j;
+      fixed_x[free[j]] = 0.0;
+    }
     for (int q = newcomers; q < known; ++q) {
-      const Newcomer c = newcomer[q];   // noted again where it still has to be
+      const Newcomer c = newcomer[q];  // noted again where it still has to be
       if (!(c.row >= 0 ? meet(c.row, c.value) : hold(c.variable, c.value))) return false;
     }
     return true;
@@ -79,10 +89,11 @@ struct Tableau : Levels {
       g[1 + gram_free] = -direction[base[i]];
       g[0] -= direction[base[i]] * fixed_x[variable];
     }
-    free[gram_free] = variable; place[variable] = gram_free++;
+    free[gram_free] = variable;
+    place[variable] = gram_free++;
     fixed_x[variable] = 0.0;
     loosened = true;
-    for (int k = 0; k < gram_level; ++k) snapshot[k].valid = false;   // they do not know that it left
+    for (int k = 0; k < gram_level; ++k) snapshot[k].valid = false;  // they do not know that it left
     return true;
   }
 
@@ -90,7 +101,8 @@ struct Tableau : Levels {
   void resume(const std::int8_t* W) {
     const int from = gram_level;
     rest = gram_free;
-    gram_free = 0; gram_level = -1;
+    gram_free = 0;
+    gram_level = -1;
     descend(from, W);
   }
 
@@ -120,7 +132,9 @@ struct Tableau : Levels {
     const Stage& s = stage[k];
     const Block& b = table->block[k];
     if (s.residual < 0.0 || b.damping > 0.0) return false;
-    if (!b.A) for (int i = 0; i < b.end - b.begin; ++i) if (b.index[i] == variable) return false;
+    if (!b.A)
+      for (int i = 0; i < b.end - b.begin; ++i)
+        if (b.index[i] == variable) return false;
     double* left = target;
     for (int i = 0; i < s.m; ++i) left[i] = table->value(s.rows[i], d);
     for (int i = 0; i < s.rank; ++i) reflect_vector(s, i, left);
@@ -131,7 +145,8 @@ struct Tableau : Levels {
       const double* R = s.R + static_cast<std::ptrdiff_t>(i) * s.ldr;
       left[i] = (left[i] - dot_any(R + i + 1, left + i + 1, s.rank - i - 1)) / R[i];
     }
-    for (int i = 0; i < s.before; ++i) d[base[i]] += dot_any(s.pivots + static_cast<std::ptrdiff_t>(i) * s.ldr, left, s.rank);
+    for (int i = 0; i < s.before; ++i)
+      d[base[i]] += dot_any(s.pivots + static_cast<std::ptrdiff_t>(i) * s.ldr, left, s.rank);
     for (int i = 0; i < s.rank; ++i) d[s.variables[i]] -= left[i];
     return true;
   }
@@ -144,7 +159,10 @@ struct Tableau : Levels {
       g[1 + p] = g[1 + last];
       g[1 + last] = 0.0;
     }
-    if (p != last) { free[p] = free[last]; place[free[p]] = p; }
+    if (p != last) {
+      free[p] = free[last];
+      place[free[p]] = p;
+    }
     gram_free = last;
   }
 
@@ -152,12 +170,18 @@ struct Tableau : Levels {
   bool join(int row, int variable, double norm) {
     if (gram_free == 0 || extras == kChanges) return false;
     int q = 1;
-    for (int j = 2; j <= gram_free; ++j) if (std::fabs(size[j]) > std::fabs(size[q])) q = j;
+    for (int j = 2; j <= gram_free; ++j)
+      if (std::fabs(size[j]) > std::fabs(size[q])) q = j;
     const double pivot = size[q];
     if (!(std::fabs(pivot) > 1e-3 * norm) || basic >= n) return false;
     Extra& e = extra[extras++];
     e.level = gram_level;
-    e.row = row; e.variable = variable; e.pivot = free[q - 1]; e.before = basic; e.coefficient = pivot; e.lambda = 0.0;
+    e.row = row;
+    e.variable = variable;
+    e.pivot = free[q - 1];
+    e.before = basic;
+    e.coefficient = pivot;
+    e.lambda = 0.0;
     double* fresh = G + static_cast<std::ptrdiff_t>(basic) * ld;
     const int width = lanes(gram_free + 1);
     for (int j = 0; j < width; ++j) fresh[j] = j <= gram_free ? size[j] / pivot : 0.0;

@@ -19,28 +19,48 @@ class WorkingSet {
   Table table;
   Tableau tableau;
   Multipliers multipliers;
-  std::int8_t* W = nullptr;   // (rows,) working rows
-  std::int8_t* F = nullptr;   // (n,) variables held at a bound
-  double* x = nullptr;        // (n,) the point
-  double* v = nullptr;        // (rows,) A x
+  std::int8_t* W = nullptr;  // (rows,) working rows
+  std::int8_t* F = nullptr;  // (n,) variables held at a bound
+  double* x = nullptr;       // (n,) the point
+  double* v = nullptr;       // (rows,) A x
   int factorisations = 0, iterations = 0;
   Outcome outcome = Outcome::optimal;
 
   void layout(Arena& arena, int n, int levels, const int* m, int* blocks_m, bool metric) {
     table.layout(arena, n, levels, m, metric);
     int total = 0, most = n, count = 0;
-    for (int k = 0; k < levels; ++k) { total += m[k]; most = m[k] > most ? m[k] : most; blocks_m[count++] = m[k]; }
-    if (metric) { blocks_m[count++] = n; total += n; }
-    blocks_m[count++] = n; total += n;
+    for (int k = 0; k < levels; ++k) {
+      total += m[k];
+      most = m[k] > most ? m[k] : most;
+      blocks_m[count++] = m[k];
+    }
+    if (metric) {
+      blocks_m[count++] = n;
+      total += n;
+    }
+    blocks_m[count++] = n;
+    total += n;
     // the box may leave level 0 out, which shifts the blocks: room for either numbering
     for (int k = 0; k + 1 < count; ++k) blocks_m[k] = blocks_m[k + 1] > blocks_m[k] ? blocks_m[k + 1] : blocks_m[k];
     tableau.layout(arena, n, count, blocks_m);
     multipliers.layout(arena, n, total, most);
-    arena.place(W, total); arena.place(F, n); arena.place(x, n); arena.place(v, total);
-    arena.place(start_W_, total); arena.place(start_F_, n); arena.place(start_x_, n); arena.place(start_slack_, count);
-    arena.place(step_, n); arena.place(change_, total); arena.place(target_, total);
-    arena.place(trial_x_, n); arena.place(trial_v_, total);
-    arena.place(side_, total); arena.place(side_x_, n); arena.place(seen_, kSeen); arena.place(jitter_, total + 2 * n);
+    arena.place(W, total);
+    arena.place(F, n);
+    arena.place(x, n);
+    arena.place(v, total);
+    arena.place(start_W_, total);
+    arena.place(start_F_, n);
+    arena.place(start_x_, n);
+    arena.place(start_slack_, count);
+    arena.place(step_, n);
+    arena.place(change_, total);
+    arena.place(target_, total);
+    arena.place(trial_x_, n);
+    arena.place(trial_v_, total);
+    arena.place(side_, total);
+    arena.place(side_x_, n);
+    arena.place(seen_, kSeen);
+    arena.place(jitter_, total + 2 * n);
   }
 
   void start() {
@@ -50,55 +70,67 @@ class WorkingSet {
     multipliers.tableau = &tableau;
   }
 
-  void forget(bool plain) { warm_ = false; plain_ = plain; }
+  void forget(bool plain) {
+    warm_ = false;
+    plain_ = plain;
+  }
 
   // A x; the tableau's own where x is its point to the bit.
   const double* values() {
     for (int i = 0; i < table.n; ++i)
-      if (x[i] != tableau.x[i]) { table.product(x, v); return v; }
+      if (x[i] != tableau.x[i]) {
+        table.product(x, v);
+        return v;
+      }
     return target_;
   }
 
  protected:
   static constexpr int kSeen = 512;
-  static constexpr int kRepeats = 20;        // so often may the working sets repeat before the search is given up
-  static constexpr double kDoubt = 100.0;    // a pivot this near the rank tolerance, as a ratio, is no clear decision
-  static constexpr double kLoosest = 1e-6;   // beyond it the rank tolerance is not raised
-  static constexpr int kCrowd = 4;           // a first point that violates more than one bound for so many variables is far off
-  static constexpr double kSame = 1e-9;   // slacks nearer than this, relative to 1 + slack, are no progress
+  static constexpr int kRepeats = 20;       // so often may the working sets repeat before the search is given up
+  static constexpr double kDoubt = 100.0;   // a pivot this near the rank tolerance, as a ratio, is no clear decision
+  static constexpr double kLoosest = 1e-6;  // beyond it the rank tolerance is not raised
+  static constexpr int kCrowd = 4;  // a first point that violates more than one bound for so many variables is far off
+  static constexpr double kSame = 1e-9;  // slacks nearer than this, relative to 1 + slack, are no progress
   const Options* options_ = nullptr;
   std::int8_t *start_W_ = nullptr, *start_F_ = nullptr, *side_ = nullptr, *side_x_ = nullptr;
-  double *start_x_ = nullptr, *start_slack_ = nullptr, *step_ = nullptr, *change_ = nullptr, *target_ = nullptr, *jitter_ = nullptr;
+  double *start_x_ = nullptr, *start_slack_ = nullptr, *step_ = nullptr, *change_ = nullptr, *target_ = nullptr,
+         *jitter_ = nullptr;
   double *trial_x_ = nullptr, *trial_v_ = nullptr;
   std::uint64_t* seen_ = nullptr;
   int cap_ = 0, seen_count_ = 0;
   double deadline_ = 0.0;
-  Changes changes_;           // since the tableau was made
-  int progress_ = -1;         // first level that the last step changed
+  Changes changes_;    // since the tableau was made
+  int progress_ = -1;  // first level that the last step changed
   bool warm_ = false;
-  bool plain_ = false;        // this search factorises every working set
-  bool followed_ = false;     // v was kept up with x
+  bool plain_ = false;     // this search factorises every working set
+  bool followed_ = false;  // v was kept up with x
   int repeats_ = 0;
-  bool disturbed_ = false;    // bounds are widened
-  bool uncertain_ = false;    // a rank decision overruled a sign
-  double doubted_ = 0.0;      // nearest that a pivot came to the rank tolerance since the working sets last repeated
+  bool disturbed_ = false;  // bounds are widened
+  bool uncertain_ = false;  // a rank decision overruled a sign
+  double doubted_ = 0.0;    // nearest that a pivot came to the rank tolerance since the working sets last repeated
 
   // The last working set where it still makes sense, else equalities and nothing more.
   void working_set() {
     for (int r = 0; r < table.rows; ++r) {
       if (table.kind[r] == kEquality) W[r] = kEquality;
       else if (table.kind[r] == kFree || !warm_ || W[r] == kEquality) W[r] = kFree;
-      else if ((W[r] == kUpper && table.upper[r] == kInfinity) || (W[r] == kLower && table.lower[r] == -kInfinity)) W[r] = kFree;
+      else if ((W[r] == kUpper && table.upper[r] == kInfinity) || (W[r] == kLower && table.lower[r] == -kInfinity))
+        W[r] = kFree;
     }
     for (int i = 0; i < table.n; ++i) {
       if (table.fixed[i]) F[i] = kUpper;
-      else if (!warm_ || (F[i] > 0 && table.hi[i] == kInfinity) || (F[i] < 0 && table.lo[i] == -kInfinity)) F[i] = kFree;
+      else if (!warm_ || (F[i] > 0 && table.hi[i] == kInfinity) || (F[i] < 0 && table.lo[i] == -kInfinity))
+        F[i] = kFree;
     }
   }
 
   // tableau.x and target_ = A tableau.x for the working set.
   void equality_point() {
-    if (!update()) { tableau.factorise(W, F); ++factorisations; }
+    if (!update()) {
+      tableau.factorise(W, F);
+      ++factorisations;
+    }
     changes_.forget();
     doubted_ = smaller(doubted_, tableau.closest);
     table.product(tableau.x, target_);
@@ -131,7 +163,8 @@ class WorkingSet {
   }
 
   bool leave_all() {
-    for (int q = 0; q < changes_.left; ++q) if (!tableau.let_go(changes_.leave[q])) return false;
+    for (int q = 0; q < changes_.left; ++q)
+      if (!tableau.let_go(changes_.leave[q])) return false;
     tableau.resume(W);
     return true;
   }
@@ -177,7 +210,8 @@ class WorkingSet {
       if (F[i]) continue;
       const double value = tableau.x[i];
       if (value > table.hi[i] && value > table.hi[i] + tolerance * (std::fabs(table.hi[i]) + size)) side_x_[i] = kUpper;
-      else if (value < table.lo[i] && value < table.lo[i] - tolerance * (std::fabs(table.lo[i]) + size)) side_x_[i] = kLower;
+      else if (value < table.lo[i] && value < table.lo[i] - tolerance * (std::fabs(table.lo[i]) + size))
+        side_x_[i] = kLower;
       number += side_x_[i] != 0;
     }
     return number;
@@ -201,7 +235,8 @@ class WorkingSet {
       changes_.note_leave(wrong.index);
     } else {
       W[wrong.index] = kFree;
-      if (wrong.index < table.block[wrong.level].begin) changes_.forget();   // one of its own level is not in front of it
+      if (wrong.index < table.block[wrong.level].begin)
+        changes_.forget();  // one of its own level is not in front of it
     }
   }
 };

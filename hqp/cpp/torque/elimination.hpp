@@ -15,8 +15,15 @@ class Elimination {
  public:
   // parents: the coordinate before each on its way to the world, -1 for none; lower than itself.
   Elimination(std::vector<int> parents, std::vector<int> actuated, int rows)
-      : parents_(std::move(parents)), actuated_(std::move(actuated)), nv_(static_cast<int>(parents_.size())),
-        n_(static_cast<int>(actuated_.size())), m_(rows), H_(nv_ * nv_), ranges_(nv_), R_(nv_ * rows), y_(rows) {
+      : parents_(std::move(parents)),
+        actuated_(std::move(actuated)),
+        nv_(static_cast<int>(parents_.size())),
+        n_(static_cast<int>(actuated_.size())),
+        m_(rows),
+        H_(nv_ * nv_),
+        ranges_(nv_),
+        R_(nv_ * rows),
+        y_(rows) {
     for (int i = 0; i < nv_; ++i) ranges_[i] = {n_, 0};
     for (int k = 0; k < n_; ++k)
       for (int i = actuated_[k]; i >= 0; i = parents_[i])

@@ -1,5 +1,5 @@
-// The torque that holds a robot at rest where the constraints are as many as the motors that are missing; hqp/gravity.py
-// has the equation.
+// The torque that holds a robot at rest where the constraints are as many as the motors that are missing;
+// hqp/gravity.py has the equation.
 #pragma once
 
 #include <algorithm>
@@ -13,8 +13,11 @@ class Holding {
  public:
   // Every coordinate is one of actuated and others; the latter are as many as constraints.
   Holding(std::vector<int> actuated, std::vector<int> others)
-      : actuated_(std::move(actuated)), others_(std::move(others)), m_(static_cast<int>(others_.size())),
-        nv_(m_ + static_cast<int>(actuated_.size())), rows_(m_ * (m_ + 1)) {}
+      : actuated_(std::move(actuated)),
+        others_(std::move(others)),
+        m_(static_cast<int>(others_.size())),
+        nv_(m_ + static_cast<int>(actuated_.size())),
+        rows_(m_ * (m_ + 1)) {}
 
   // J (m, nv) row-major: tau = g - J^T f on the actuated coordinates, with the f that makes it zero on the others.
   // False where no f does.

@@ -14,10 +14,22 @@ extern "C" void* __libc_malloc(std::size_t);
 extern "C" void* __libc_calloc(std::size_t, std::size_t);
 extern "C" void* __libc_realloc(void*, std::size_t);
 extern "C" void* __libc_memalign(std::size_t, std::size_t);
-extern "C" void* malloc(std::size_t size) { allocations += counting; return __libc_malloc(size); }
-extern "C" void* calloc(std::size_t count, std::size_t size) { allocations += counting; return __libc_calloc(count, size); }
-extern "C" void* realloc(void* p, std::size_t size) { allocations += counting; return __libc_realloc(p, size); }
-extern "C" void* aligned_alloc(std::size_t to, std::size_t size) { allocations += counting; return __libc_memalign(to, size); }
+extern "C" void* malloc(std::size_t size) {
+  allocations += counting;
+  return __libc_malloc(size);
+}
+extern "C" void* calloc(std::size_t count, std::size_t size) {
+  allocations += counting;
+  return __libc_calloc(count, size);
+}
+extern "C" void* realloc(void* p, std::size_t size) {
+  allocations += counting;
+  return __libc_realloc(p, size);
+}
+extern "C" void* aligned_alloc(std::size_t to, std::size_t size) {
+  allocations += counting;
+  return __libc_memalign(to, size);
+}
 extern "C" int posix_memalign(void** p, std::size_t to, std::size_t size) {
   allocations += counting;
   *p = __libc_memalign(to, size);
@@ -77,11 +89,17 @@ int main(int argc, char** argv) {
       problem.count = size[1];
       hqp::Options options;
       hqp::Answer answer;
-      answer.x = x.data(); answer.slack = slack.data(); answer.active = active.data(); answer.multipliers = lambda.data();
+      answer.x = x.data();
+      answer.slack = slack.data();
+      answer.active = active.data();
+      answer.multipliers = lambda.data();
       counting = true;
       for (int warm = 0; warm < 2; ++warm, ++solves) {
         workspace.solve(problem, options, answer);
-        if (static_cast<int>(answer.outcome) > 2) { std::fprintf(stderr, "%s %d not solved\n", argv[argument], q); return 1; }
+        if (static_cast<int>(answer.outcome) > 2) {
+          std::fprintf(stderr, "%s %d not solved\n", argv[argument], q);
+          return 1;
+        }
       }
       counting = false;
       for (double value : x) total += value;
