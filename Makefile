@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: bench experiments test check setup format clean sanitize
+.PHONY: corpus bench experiments test check setup format clean sanitize
 
 bench: setup
 	$(BIN)/python -m benchmarks
@@ -18,6 +18,14 @@ test: setup
 	HQP_REQUIRE_NATIVE=1 $(BIN)/python -m pytest
 
 CPP := $(wildcard hqp/cpp/*/*.hpp hqp/cpp/*/*.cpp tests/solvers/native/*.cpp)
+
+# Every MJCF of two PyPI packages (80 MB), read and compared with MuJoCo.
+CORPUS := build/corpus
+corpus: setup
+	mkdir -p $(CORPUS)
+	$(BIN)/python -m pip download --quiet --no-deps --dest $(CORPUS) dm_control gymnasium-robotics
+	for wheel in $(CORPUS)/*.whl; do $(BIN)/python -m zipfile -e $$wheel $(CORPUS); done
+	HQP_CORPUS=$(CORPUS) $(BIN)/python -m pytest -s -m corpus tests/robots
 
 check: setup
 	$(BIN)/ruff check .

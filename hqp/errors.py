@@ -32,6 +32,10 @@ class ModelError(HqpError):
     """A robot model lacks what was asked of it, or cannot be loaded."""
 
 
+class ModelWarning(UserWarning):
+    """Something in a robot's file is taken otherwise than it may be meant; the message names joint or link."""
+
+
 class FrameNotFound(ModelError, KeyError):
     """A frame name is unknown to the robot; the message names the closest ones."""
 

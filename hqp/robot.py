@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 from hqp.arrays import Index, Mat, Vec
 
@@ -66,6 +66,11 @@ class Robot(Protocol):
         ...
 
     @property
+    def couplings(self) -> Sequence[Any]:
+        """Linear relations of joints that the robot's file states: mimic joints, as constraints of a stack."""
+        ...
+
+    @property
     def continuous(self) -> Index:
         """Tangent coordinates of joints that turn without end and whose angle is known up to full turns."""
         ...
@@ -100,7 +105,7 @@ class Robot(Protocol):
         ...
 
     def joints(self, names: str | Sequence[str] | None) -> Index:
-        """Tangent coordinates of joints or groups, all single-axis joints for None; raises JointNotFound."""
+        """Tangent coordinates of joints or groups, of all joints but free ones for None; raises JointNotFound."""
         ...
 
     def joint_name(self, column: int) -> str:
@@ -174,7 +179,7 @@ class State(Protocol):
 
     @property
     def angles(self) -> Vec:
-        """Joint positions by tangent coordinate ``(nv,)`` [rad or m], zero for the free base."""
+        """Joint positions by tangent coordinate ``(nv,)`` [rad or m], zero for free bodies."""
         ...
 
     def difference(self, q: Vec) -> Vec:

@@ -17,7 +17,7 @@ from hqp.reference import Reference
 from hqp.robot import Robot, State
 from hqp.solvers import load
 from hqp.solvers.base import Solver
-from hqp.stack import Stack
+from hqp.stack import Stack, coupled
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +128,7 @@ class Session:
     def _compile(self, stack: Stack) -> None:
         solver = self.controller.solver
         assert isinstance(solver, Solver)  # Controller has loaded it
-        self.stack = stack
+        self.stack = stack = coupled(stack, self.robot)
         self.program: Program = self.controller.formulation.compile(stack, self.robot, self.dt)
         solver.require(self.program.shape)
         self.workspace = solver.workspace(self.program.shape)

@@ -9,6 +9,7 @@ from typing import Any, TypeVar, overload
 from hqp.element import Element
 from hqp.errors import DeclarationError, closest
 from hqp.law import Law
+from hqp.robot import Robot
 
 E = TypeVar("E", bound=Element)
 
@@ -133,3 +134,16 @@ class Stack:
     def __repr__(self) -> str:
         levels = ", ".join(map(repr, self.levels))
         return f"Stack({levels}, subject_to={list(self.subject_to)!r})"
+
+
+def coupled(stack: Stack, robot: Robot) -> Stack:
+    """The stack under the robot's own couplings too (mimic joints), but for those it binds already."""
+    held = {_ratios(c) for c in stack if hasattr(c, "coefficients")}
+    own = [c for c in robot.couplings if _ratios(c) not in held and c.name not in stack]
+    return Stack(*stack.levels, subject_to=(*own, *stack.subject_to)) if own else stack
+
+
+def _ratios(coupling: Any) -> frozenset[tuple[str, float]]:
+    """Coefficients by joint, scaled so that the first joint by name has 1."""
+    pairs = sorted(dict(coupling.coefficients).items())
+    return frozenset((joint, round(value / pairs[0][1], 9)) for joint, value in pairs)

@@ -6,6 +6,7 @@ import importlib
 import importlib.metadata
 import importlib.util
 import sys
+import warnings
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -14,8 +15,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from hqp.errors import DeclarationError, ModelError, closest
+from hqp.errors import DeclarationError, ModelError, ModelWarning, closest
 
+from . import from_urdf
+from .description import Description
 from .on_pinocchio import Robot, Wheel
 
 if sys.version_info >= (3, 11):
@@ -67,7 +70,8 @@ def names() -> tuple[str, ...]:
 def _own(key: str, rotors: bool) -> Robot:
     folder = _HERE / key
     about = tomllib.loads((folder / "robot.toml").read_text())
-    model = pin.buildModelFromUrdf(str(folder / about["urdf"]), pin.JointModelFreeFlyer())
+    found = _read(folder / about["urdf"], True)
+    model = found.model
     unactuated = set(about["unactuated"])
     wheels = {w["frame"]: Wheel(w["radius"], tuple(w["axle"])) for w in about.get("wheels", ())}
     landmarks = {k: (v,) if isinstance(v, str) else tuple(v) for k, v in about["frames"].items()}
@@ -79,6 +83,7 @@ def _own(key: str, rotors: bool) -> Robot:
         groups=about["groups"],
         wheels=wheels,
         landmarks=landmarks,
+        description=found,
     )
     for joints, inertia in about["plant"]["armature"].items() if rotors else ():
         model.armature[robot.joints(joints)] = inertia
@@ -94,14 +99,13 @@ def _example(key: str, floating: bool | None, name: str | None) -> Robot:
     if floating is None:
         floating = bool(entry.get("floating", True))
     landmarks = {k: tuple(np.atleast_1d(entry[k]).tolist()) for k in ("soles", "palms", "base") if k in entry}
-    model = _build(path, floating)
+    found = _read(path, floating)
     srdf = _files(".srdf").get(entry.get("srdf", ""))
-    home = None
     if srdf is not None:
-        pin.loadReferenceConfigurations(model, str(srdf), False)
-        poses = {pose.key(): pose.data() for pose in model.referenceConfigurations}
-        home = poses.get(entry.get("pose", ""))
-    robot = Robot(model, name=name or key, groups=entry.get("groups"), home=home, landmarks=landmarks)
+        pin.loadReferenceConfigurations(found.model, str(srdf), False)
+        found.configurations |= {pose.key(): pose.data() for pose in found.model.referenceConfigurations}
+        found.home = found.configurations.get(entry.get("pose", ""))
+    robot = Robot(found.model, name=name or key, groups=entry.get("groups"), landmarks=landmarks, description=found)
     if floating:
         _stand(robot, entry.get("posture", {}), landmarks.get("soles", ()))
     return robot
@@ -109,9 +113,11 @@ def _example(key: str, floating: bool | None, name: str | None) -> Robot:
 
 def _stand(robot: Robot, posture: Mapping[str, float], feet: Any) -> None:
     """Put the joints at the posture and the base where the lowest of the feet is at height zero."""
-    q = robot.home
+    q = robot.home.copy()
     for joint, angle in posture.items():
         q[robot.model.joints[robot.model.getJointId(joint)].idx_q] = angle
+    robot.set_home(q)
+    q = robot.home
     if feet:
         state = robot.state(q)
         q[2] -= min(state.position(frame)[2] for frame in feet)
@@ -121,20 +127,21 @@ def _stand(robot: Robot, posture: Mapping[str, float], feet: Any) -> None:
 def _from_file(path: Path, floating: bool | None, name: str | None) -> Robot:
     if not path.is_file():
         raise ModelError(f"no such file: {path}")
-    return Robot(_build(path, floating), name=name or path.stem)
+    found = _read(path, floating)
+    robot = Robot(found.model, name=name or path.stem, description=found)
+    for text in found.warnings:
+        warnings.warn(f"{path.name}: {text}", ModelWarning, stacklevel=4)
+    return robot
 
 
-def _build(path: Path, floating: bool | None) -> Any:
-    try:
-        if path.suffix == ".urdf":
-            if floating is False:
-                return pin.buildModelFromUrdf(str(path))
-            return pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
-        if floating:
-            return pin.buildModelFromMJCF(str(path), pin.JointModelFreeFlyer())
-        return pin.buildModelFromMJCF(str(path))
-    except (ValueError, RuntimeError) as error:
-        raise ModelError(f"{path} could not be read: {error}") from error
+def _read(path: Path, floating: bool | None) -> Description:
+    if path.suffix == ".urdf":
+        return from_urdf.read(path, floating is not False)
+    from . import agreement, from_mjcf  # MuJoCo is an extra
+
+    found = from_mjcf.read(path, floating)
+    agreement.check(found)
+    return found
 
 
 @cache

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.errors import DeclarationError, FrameNotFound, JointNotFound, ModelError
+from hqp.errors import DeclarationError, FrameNotFound, ModelError
 
+from .joints import Joints, actuation, matrix
+from .placement import se3
 from .state import State
 
-_UNLIMITED = 1e6  # a limit at or beyond this [rad, m] is no limit
+if TYPE_CHECKING:
+    from hqp.tasks import JointCoupling
+
+    from .description import Description
 
 
 @dataclass(frozen=True)
@@ -29,9 +37,11 @@ class Robot:
     """A Pinocchio model with one Data; see hqp.robot.Robot for what the properties mean.
 
     model: a pinocchio.Model, floating if its first joint is a free flyer.  actuated: names of the actuated
-    joints, all single-axis joints by default.  groups: joint groups by name.  home: ``(nq,)``.
-    wheels: by frame.  landmarks: frames by role, such as ``soles``, ``palms``, ``base``.
-    Raises ModelError where the model has joints that are neither free flyer nor single-axis.
+    joints, all single-axis joints by default.  groups: joint groups by name.  home: ``(nq,)``, moved into the joint
+    limits.  wheels: by frame.  landmarks: frames by role, such as ``soles``, ``palms``, ``base``.
+    description: what the file of the robot says besides.  geometry, visual: pinocchio.GeometryModel of a model that
+    comes from no file.
+    Raises ModelError where joints share a coordinate (mimic joints of Pinocchio), DeclarationError for home.
     """
 
     log3 = staticmethod(pin.log3)
@@ -46,76 +56,66 @@ class Robot:
         home: Vec | None = None,
         wheels: Mapping[str, Wheel] | None = None,
         landmarks: Mapping[str, Sequence[str]] | None = None,
+        description: Description | None = None,
+        geometry: Any = None,
+        visual: Any = None,
     ) -> None:
         self.model = model
+        self._geometry, self._visual = geometry, visual
         self.data = model.createData()
         self.name: str = name or model.name
         self.nq, self.nv = int(model.nq), int(model.nv)
-        self.floating = model.njoints > 1 and model.joints[1].shortname() == "JointModelFreeFlyer"
-        self._columns = self._read_joints()
+        self._joints = joints = Joints(model, self.name)
+        self.floating, self.continuous = joints.floating, joints.continuous
+        self.description = description
+        self.source: Path | None = description.source if description else None
         self.groups = {key: tuple(value) for key, value in (groups or {}).items()}
         self.wheels = dict(wheels or {})
         self.landmarks = {key: tuple(value) for key, value in (landmarks or {}).items()}
-        self.joint_names = tuple(self._columns) if actuated is None else tuple(actuated)
+        if actuated is None and description is not None:
+            actuated = description.actuated
+        single = (n for n, (_, count) in joints.columns.items() if count == 1)
+        self.joint_names: tuple[str, ...] = tuple(single if actuated is None else actuated)
         self.actuated: Index = np.array([self._column(n) for n in self.joint_names], dtype=np.intp)
-        self.lower, self.upper, self.velocity_limit, self.effort_limit = self._read_limits()
+        self.lower, self.upper, self.velocity_limit, self.effort_limit = joints.limits(model)
         self.frame_names: tuple[str, ...] = tuple(f.name for f in model.frames)
         self._frames = {n: i for i, n in reversed(list(enumerate(self.frame_names)))}
-        self.home: Vec = pin.neutral(model) if home is None else np.array(home, dtype=np.float64)
-        if self.home.shape != (self.nq,):
-            raise DeclarationError(self.name, f"home has shape {self.home.shape}", allowed=f"({self.nq},)")
+        self.notes: tuple[str, ...] = (*description.warnings, *description.notes) if description else ()
+        self.cones: dict[str, float] = dict(description.cones) if description else {}
+        self.configurations: dict[str, Vec] = dict(description.configurations) if description else {}
+        if home is None:
+            home = description.home if description and description.home is not None else pin.neutral(model)
+        self.set_home(home)
         self._views: dict[int, tuple[Vec, Mat]] = {}
         self._bodies: tuple[Any, ...] = ()
         self.current: State | None = None
 
-    def _read_joints(self) -> dict[str, int]:
-        model = self.model
-        columns: dict[str, int] = {}
-        single: list[tuple[int, int]] = []
-        double: list[tuple[int, int]] = []
-        for i in range(2 if self.floating else 1, model.njoints):
-            joint = model.joints[i]
-            if joint.nv != 1:
-                raise ModelError(
-                    f"{self.name}: joint {model.names[i]!r} is a {joint.shortname()}; "
-                    "hqp takes a free flyer as first joint and single-axis joints after it"
-                )
-            columns[model.names[i]] = joint.idx_v
-            (single if joint.nq == 1 else double).append((joint.idx_v, joint.idx_q))
-        pairs: Index = np.array(single, dtype=np.intp).reshape(-1, 2)
-        self._single_v, self._single_q = pairs[:, 0].copy(), pairs[:, 1].copy()
-        self._double = tuple(double)
-        self.continuous: Index = np.array([v for v, _ in double], dtype=np.intp)
-        return columns
+    def set_home(self, q: ArrayLike) -> None:
+        """Make q ``(nq,)`` the standing configuration, its joints moved into their limits; raises DeclarationError."""
+        q = np.array(q, dtype=np.float64)
+        if q.shape != (self.nq,):
+            raise DeclarationError(self.name, f"home has shape {q.shape}", allowed=f"({self.nq},)")
+        self.home, moved = self._joints.inside(self.model, q, self.lower, self.upper)
+        for terms, offset in self.description.couplings if self.description else ():
+            (follower, factor), *leaders = terms.items()
+            angle = (offset - sum(c * self._angle(leader) for leader, c in leaders)) / factor
+            self.home = self._joints.turned(self.home, self._column(follower), angle)
+        if moved:
+            self.notes += (f"home was moved into the limits of {', '.join(moved)}",)
 
-    def _read_limits(self) -> tuple[Vec, Vec, Vec, Vec]:
-        model = self.model
-        lower, upper = np.full(self.nv, -np.inf), np.full(self.nv, np.inf)
-        lower[self._single_v] = model.lowerPositionLimit[self._single_q]
-        upper[self._single_v] = model.upperPositionLimit[self._single_q]
-        velocity, effort = np.array(model.velocityLimit), np.array(model.effortLimit)
-        if self.floating:
-            velocity[:6] = effort[:6] = np.inf
-        for limit in (lower, upper, velocity, effort):
-            limit[np.abs(limit) >= _UNLIMITED] = np.copysign(np.inf, limit[np.abs(limit) >= _UNLIMITED])
-        velocity[velocity <= 0.0] = np.inf  # zero in a description means that nobody gave one
-        effort[effort <= 0.0] = np.inf
-        unset = lower >= upper
-        lower[unset], upper[unset] = -np.inf, np.inf
-        return lower, upper, velocity, effort
+    def _angle(self, joint: str) -> float:
+        return float(self._joints.angles(self.model, self.home)[self._column(joint)])
 
     def _column(self, joint: str) -> int:
-        try:
-            return self._columns[joint]
-        except KeyError:
-            raise JointNotFound(joint, [*self._columns, *self.groups], self.name) from None
+        columns = self._joints.find(joint, self.groups)
+        if len(columns) != 1:
+            raise DeclarationError(self.name, f"joint {joint!r} has {len(columns)} axes", allowed="a joint of one axis")
+        return columns[0]
 
     @property
     def actuation(self) -> Mat:
         """U ``(n_actuated, nv)``: maps generalised to actuated velocities (Sentis 2012, eq. 6)."""
-        U = np.zeros((self.actuated.size, self.nv))
-        U[np.arange(self.actuated.size), self.actuated] = 1.0
-        return U
+        return actuation(self.actuated, self.nv)
 
     @property
     def mass(self) -> float:
@@ -130,18 +130,18 @@ class Robot:
             raise FrameNotFound(str(name), self.frame_names, self.name) from None
 
     def joints(self, names: str | Sequence[str] | None = None) -> Index:
-        """Tangent coordinates of joints or groups, all single-axis joints for None; raises JointNotFound."""
+        """Tangent coordinates of joints or groups, of all joints but free ones for None; raises JointNotFound."""
         if names is None:
-            return np.array(list(self._columns.values()), dtype=np.intp)
+            return np.array(self._joints.bodies_columns(), dtype=np.intp)
         found: list[int] = []
         for name in (names,) if isinstance(names, str) else names:
-            members = self.groups.get(name)
-            found += [self._column(name)] if members is None else [self._column(m) for m in members]
+            for member in self.groups.get(name, (name,)):
+                found += self._joints.find(member, self.groups)
         return np.array(found, dtype=np.intp)
 
     def joint_name(self, column: int) -> str:
         """Name of the joint of a tangent coordinate, 'base' for the free base."""
-        return next((name for name, c in self._columns.items() if c == column), "base")
+        return self._joints.name(column)
 
     def placement(self, frame: int) -> tuple[Vec, Mat]:
         """Live views of a frame's position and rotation in the world, as of the current state."""
@@ -169,10 +169,65 @@ class Robot:
         return int(self.model.frames[frame].parentJoint)
 
     def positions(self, columns: Index) -> list[int] | None:
-        """Places in q of single-axis joints, None if one of them is continuous (two numbers in q)."""
-        places = dict(zip(self._single_v.tolist(), self._single_q.tolist(), strict=True))
-        found = [places.get(c) for c in columns.tolist()]
-        return None if None in found else [i for i in found if i is not None]
+        """Places in q of single-axis joints, None if one is no single number of q (continuous joints, balls)."""
+        return self._joints.places(columns)
+
+    @property
+    def couplings(self) -> tuple[JointCoupling, ...]:
+        """Mimic joints and linear joint equalities of the file; a session adds those its stack does not hold."""
+        from hqp.tasks import JointCoupling
+
+        given = self.description.couplings if self.description else []
+        return tuple(JointCoupling(terms, offset=offset) for terms, offset in given)
+
+    @property
+    def spherical(self) -> dict[str, tuple[int, float]]:
+        """Joints of three axes: first tangent coordinate, and the largest turn from the zero [rad], inf for none."""
+        found = {n: v for n, (_, nq, v, nv) in self._joints.several.items() if (nq, nv) == (4, 3) and self._ball(n)}
+        return {n: (v, self.cones.get(n, np.inf)) for n, v in found.items()}
+
+    def _ball(self, name: str) -> bool:
+        joint = self.model.joints[self.model.getJointId(name)]
+        return bool(joint.shortname() == "JointModelSpherical")
+
+    @property
+    def geometry(self) -> Any:
+        """Collision shapes, a pinocchio.GeometryModel, read when first asked for; raises ModelError without any."""
+        if self._geometry is None:
+            self._geometry = self._shapes("collision")
+        return self._geometry
+
+    @property
+    def visual(self) -> Any:
+        """Shapes to be drawn, a pinocchio.GeometryModel; raises ModelError without any."""
+        if self._visual is None:
+            self._visual = self._shapes("visual")
+        return self._visual
+
+    def _shapes(self, kind: Literal["collision", "visual"]) -> Any:
+        from .geometry import read
+
+        if self.description is None:
+            raise ModelError(f"{self.name} comes from no file and was given no {kind} shapes: Robot(..., geometry=...)")
+        return read(self.description, self.model, kind)
+
+    def with_frame(self, name: str, parent: str, placement: Any = None) -> Robot:
+        """The same robot with one more frame, fixed in that of ``parent``.
+
+        placement: of the new frame in its parent, a pinocchio.SE3, a matrix ``(4, 4)`` or a position ``(3,)`` [m].
+        Raises FrameNotFound for the parent, DeclarationError for a name that is taken or a placement that is none.
+        """
+        if name in self._frames:
+            raise DeclarationError(self.name, "a frame of that name is there", value=name, allowed="another name")
+        host = self.model.frames[self.frame(parent)]
+        model = self.model.copy()
+        at = host.placement * se3(name, placement)
+        model.addFrame(pin.Frame(name, host.parentJoint, self.frame(parent), at, pin.FrameType.OP_FRAME))
+        clone = self.copy()
+        clone.model, clone.data = model, model.createData()
+        clone.frame_names = (*self.frame_names, name)
+        clone._frames = {**self._frames, name: len(self.frame_names)}
+        return clone
 
     def support(self, frame: int) -> Vec:
         """1 for each tangent coordinate that moves the frame, 0 elsewhere, ``(nv,)``."""
@@ -187,11 +242,11 @@ class Robot:
     @property
     def joint_twists(self) -> Mat:
         """Live view ``(6, nv)``: world twist at the origin of each tangent coordinate, linear first."""
-        return self.data.J  # type: ignore[no-any-return]
+        return matrix(self.data.J)
 
     def subtree(self, joint: str) -> int:
         """Index of the body that a joint carries; raises JointNotFound."""
-        self._column(joint)
+        self._joints.find(joint, self.groups)
         return int(self.model.getJointId(joint))
 
     def state(self, q: Vec | None = None, v: Vec | None = None) -> State:
@@ -215,7 +270,7 @@ class Robot:
         """Home plus a random tangent step: joints within limits, the base within ``spread`` [m, rad]."""
         step = rng.uniform(-spread, spread, self.nv)
         q = self.integrate(self.home, step, 1.0)
-        for v, i in zip(self._single_v, self._single_q, strict=True):
+        for v, i in zip(self._joints.single_v, self._joints.single_q, strict=True):
             low, high = max(self.lower[v], -np.pi), min(self.upper[v], np.pi)
             middle, half = 0.5 * (low + high), 0.5 * (high - low)
             q[i] = middle + 0.95 * half * rng.uniform(-1.0, 1.0) * min(spread, 1.0)
@@ -223,16 +278,19 @@ class Robot:
 
     def copy(self) -> Robot:
         """The same robot with data of its own; the model is shared."""
-        return Robot(
-            self.model,
-            name=self.name,
-            actuated=self.joint_names,
-            groups=self.groups,
-            home=self.home,
-            wheels=self.wheels,
-            landmarks=self.landmarks,
-        )
+        clone = copy.copy(self)
+        clone.data, clone._views, clone._bodies, clone.current = self.model.createData(), {}, (), None
+        clone.home = self.home.copy()
+        return clone
 
     def __repr__(self) -> str:
         base = "floating" if self.floating else "fixed"
         return f"<Robot {self.name}: {base} base, nv = {self.nv}, {len(self.joint_names)} actuated>"
+
+    def __str__(self) -> str:
+        lines = [repr(self)[1:-1]]
+        if self.source is not None:
+            lines.append(f"from {self.source}")
+        lines += [f"coupled by the file: {c.name}" for c in self.couplings]
+        lines += [f"configurations: {', '.join(self.configurations)}"] if self.configurations else []
+        return "\n  ".join([*lines, *self.notes])

@@ -11,6 +11,8 @@ import pinocchio as pin
 from hqp.arrays import Mat, Vec
 from hqp.errors import ModelError, StaleState
 
+from .joints import matrix
+
 if TYPE_CHECKING:
     from .on_pinocchio import Robot
 
@@ -77,13 +79,8 @@ class State:
 
     @property
     def angles(self) -> Vec:
-        """Joint positions by tangent coordinate ``(nv,)``, zero for the free base."""
-        robot = self.robot
-        angles = np.zeros(robot.nv)
-        angles[robot._single_v] = self.q[robot._single_q]
-        for v, i in robot._double:
-            angles[v] = math.atan2(self.q[i + 1], self.q[i])
-        return angles
+        """Joint positions by tangent coordinate ``(nv,)``, zero for free bodies; a ball's is its rotation vector."""
+        return self.robot._joints.angles(self.robot.model, self.q)
 
     def difference(self, q: Vec) -> Vec:
         """Tangent vector from q to this state's configuration, ``(nv,)``."""
@@ -103,7 +100,7 @@ class State:
         """Geometric Jacobian ``(6, nv)`` of a frame, linear first, world axes."""
         self.kinematics()
         robot = self.robot
-        return pin.getFrameJacobian(robot.model, robot.data, robot.frame(frame), _WORLD)  # type: ignore[no-any-return]
+        return matrix(pin.getFrameJacobian(robot.model, robot.data, robot.frame(frame), _WORLD))
 
     def velocity(self, frame: str) -> Vec:
         """Velocity ``(6,)`` of a frame's origin [m/s] and its rotation [rad/s], world axes."""
@@ -134,10 +131,10 @@ class State:
         robot = self.robot
         if subtree == 0:
             self._need(_COM)
-            return robot.data.Jcom  # type: ignore[no-any-return]
+            return matrix(robot.data.Jcom)
         self.kinematics()
         self._done &= ~(_COM | _SUBTREES)  # Pinocchio writes the subtree's Jacobian over the whole robot's
-        return np.array(pin.jacobianSubtreeCenterOfMass(robot.model, robot.data, subtree))
+        return np.array(matrix(pin.jacobianSubtreeCenterOfMass(robot.model, robot.data, subtree)))
 
     def com_velocity(self, subtree: int = 0) -> Vec:
         """Velocity of the centre of mass, ``(3,)`` [m/s]."""

@@ -1,7 +1,7 @@
 """States of one robot in Pinocchio's coordinates and in MuJoCo's.
 
 =====================  ==============================  =======================================
-of a free base         Pinocchio (q, v)                MuJoCo (qpos, qvel)
+of a free body         Pinocchio (q, v)                MuJoCo (qpos, qvel)
 =====================  ==============================  =======================================
 orientation            quaternion x y z w              quaternion w x y z
 linear velocity        base axes                       world axes
@@ -22,6 +22,7 @@ import numpy as np
 from hqp.arrays import Index, Mat, Vec
 from hqp.errors import JointNotFound, ModelError
 
+from .mjcf_names import joint_names
 from .mujoco_extra import mujoco
 
 _XYZW = [1, 2, 3, 0]  # where Pinocchio's numbers of a quaternion are in MuJoCo's
@@ -40,15 +41,16 @@ class StateMap:
         self.nq, self.nv = int(model.nq), int(model.nv)
         self._model = simulated
         self.floating = model.njoints > 1 and model.joints[1].nv == 6
-        self._base_q, self._base_v = self._match_base(model)
+        names = list(joint_names(simulated))
+        base = self._match_base(model, names)
+        self._free: list[tuple[int, int, int, int]] = []  # the same of free bodies
         simple: list[tuple[int, int, int, int]] = []  # idx_q, qposadr, idx_v, dofadr
         self._turning: list[tuple[int, int, int, int]] = []  # the same of continuous joints, (cos, sin) in q
         balls: list[tuple[int, int, int, int]] = []  # spherical in both
         self.wheels: dict[str, tuple[int, int, int, int]] = {}  # ball in MuJoCo, one axle in Pinocchio
         self.axles: dict[str, Vec] = {}
-        names = [simulated.joint(i).name for i in range(simulated.njnt)]
-        for i in range(2 if self.floating else 1, model.njoints):
-            name, joint = model.names[i], model.joints[i]
+        for i in range(1, model.njoints):
+            name, joint = base if i == 1 and self.floating else model.names[i], model.joints[i]
             if name not in names:
                 raise JointNotFound(name, filter(None, names), "the MuJoCo model")
             there = names.index(name)
@@ -67,6 +69,8 @@ class StateMap:
                 self._turning.append(entry)
             elif ball and (joint.nq, joint.nv) == (4, 3):
                 balls.append(entry)
+            elif kind == mujoco.mjtJoint.mjJNT_FREE and (joint.nq, joint.nv) == (7, 6):
+                self._free.append(entry)
             elif ball and (joint.nq, joint.nv) == (1, 1):
                 self.wheels[name] = entry
                 self.axles[name] = _axis(model, i)
@@ -79,40 +83,46 @@ class StateMap:
         self._single_v: Index = np.array([j for *_, j, _ in simple], dtype=np.intp)
         same_q = [(i, a) for i, a, *_ in simple]  # coordinates that are the same number here and there
         same_v = [(j, b) for *_, j, b in simple]
-        if self.floating:
-            same_q += [(k, self._base_q + k) for k in range(3)]
-            same_v += [(k, self._base_v + k) for k in range(3)]  # once they are turned
-            balls.append((3, self._base_q + 3, 3, self._base_v + 3))
+        for i, a, j, b in self._free:
+            same_q += [(i + k, a + k) for k in range(3)]
+            same_v += [(j + k, b + k) for k in range(3)]  # once they are turned
+            balls.append((i + 3, a + 3, j + 3, b + 3))
         for i, a, j, b in balls:
             same_q += [(i + k, a + _XYZW[k]) for k in range(4)]
             same_v += [(j + k, b + k) for k in range(3)]
         self._q, self._qpos = np.array(same_q, dtype=np.intp).reshape(-1, 2).T.copy()
         self._v, self._qvel = np.array(same_v, dtype=np.intp).reshape(-1, 2).T.copy()
-        self._back: Vec = np.zeros(4)  # the conjugate of the base's quaternion
+        self._back: Vec = np.zeros(4)  # the conjugate of a free body's quaternion
 
-    def _match_base(self, model: Any) -> tuple[int, int]:
-        """Addresses of the free base in qpos and qvel."""
-        simulated = self._model
-        free = np.flatnonzero(simulated.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE))
-        if self.floating != bool(free.size):
-            words = {True: "floating", False: "fixed"}
-            raise ModelError(f"the base is {words[self.floating]} in Pinocchio and {words[bool(free.size)]} in MuJoCo")
+    def _match_base(self, model: Any, names: list[str]) -> str:
+        """Name in MuJoCo of the joint that the free base is, empty for a fixed base."""
+        simulated, free = self._model, int(mujoco.mjtJoint.mjJNT_FREE)
+        carried = {j for j in range(simulated.njnt) if names[j] in set(model.names[1:])}
+        roots = {int(simulated.body_rootid[simulated.jnt_bodyid[j]]) for j in carried}
+        found = [
+            j
+            for j in np.flatnonzero(simulated.jnt_type == free).tolist()
+            if names[j] in model.names[1:2] or int(simulated.jnt_bodyid[j]) in roots
+        ]
         if not self.floating:
-            return 0, 0
+            strange = [names[j] for j in found if names[j] not in set(model.names[1:])]
+            if strange:
+                raise ModelError(f"the base is fixed in Pinocchio and floating in MuJoCo ({strange[0]})")
+            return ""
+        if not found and not carried:  # a lone free body, whatever its joint is called
+            found = np.flatnonzero(simulated.jnt_type == free).tolist()
+        if not found:
+            raise ModelError("the base is floating in Pinocchio and fixed in MuJoCo")
         if not model.jointPlacements[1].isIdentity(1e-9):
-            raise ModelError(
-                "the Pinocchio model's free base starts from a displaced frame; read it from a URDF, or from an "
-                "MJCF whose root body is not rotated"
-            )
-        return int(simulated.jnt_qposadr[free[0]]), int(simulated.jnt_dofadr[free[0]])
+            raise ModelError("the Pinocchio model's free base starts from a displaced frame; read it from its file")
+        return next((names[j] for j in found if names[j] == model.names[1]), names[found[0]])
 
     def to_mujoco(self, q: Vec, v: Vec) -> tuple[Vec, Vec]:
         """``(qpos, qvel)`` of a state ``(q, v)``; coordinates that only MuJoCo has are at their neutral value."""
         qpos, qvel = self._model.qpos0.copy(), np.zeros(self._model.nv)
         qpos[self._qpos], qvel[self._qvel] = q[self._q], v[self._v]
-        if self.floating:
-            a, b = self._base_q, self._base_v
-            qvel[b : b + 3] = _rotation(qpos[a + 3 : a + 7]) @ v[:3]
+        for _, a, j, b in self._free:
+            qvel[b : b + 3] = _rotation(qpos[a + 3 : a + 7]) @ v[j : j + 3]
         for i, a, j, b in self._turning:
             qpos[a], qvel[b] = math.atan2(q[i + 1], q[i]), v[j]
         for name, (i, a, j, b) in self.wheels.items():
@@ -129,10 +139,9 @@ class StateMap:
         """
         q, v = np.zeros(self.nq), np.zeros(self.nv)
         q[self._q], v[self._v] = qpos[self._qpos], qvel[self._qvel]
-        if self.floating:
-            a, b = self._base_q, self._base_v
+        for _, a, j, b in self._free:
             mujoco.mju_negQuat(self._back, qpos[a + 3 : a + 7])
-            mujoco.mju_rotVecQuat(v[:3], qvel[b : b + 3], self._back)
+            mujoco.mju_rotVecQuat(v[j : j + 3], qvel[b : b + 3], self._back)
         for i, a, j, b in self._turning:
             q[i], q[i + 1], v[j] = math.cos(qpos[a]), math.sin(qpos[a]), qvel[b]
         for name, (i, a, j, b) in self.wheels.items():
@@ -148,9 +157,8 @@ class StateMap:
         """B ``(nv_mujoco, nv)`` with qvel = B v at qpos, so that Pinocchio's mass matrix is B' M B."""
         B = np.zeros((self._model.nv, self.nv))
         B[self._qvel, self._v] = 1.0
-        if self.floating:
-            a, b = self._base_q, self._base_v
-            B[b : b + 3, :3] = _rotation(qpos[a + 3 : a + 7])
+        for _, a, j, b in self._free:
+            B[b : b + 3, j : j + 3] = _rotation(qpos[a + 3 : a + 7])
         for _, _, j, b in self._turning:
             B[b, j] = 1.0
         for name, (_, a, j, b) in self.wheels.items():

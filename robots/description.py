@@ -1,0 +1,33 @@
+"""What the reader of a model file found: the model, and all that a Pinocchio model does not hold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hqp.arrays import Vec
+
+
+@dataclass
+class Description:
+    """A model read from a file.
+
+    model: pinocchio.Model.  source: the file.  simulated: the MjModel behind an MJCF.  carriers: for each of its
+    bodies the joint that moves it and its placement there.  actuated: joints with a motor, None for all of one axis.
+    home ``(nq,)`` and named configurations.  couplings: (coefficients by joint, offset), sum c_j q_j = offset.
+    cones: by joint of three axes the largest turn from its zero [rad].  notes: what
+    the file has and the model lacks.  warnings: what in the file is probably a mistake.
+    """
+
+    model: Any
+    source: Path
+    simulated: Any = None
+    carriers: list[tuple[int, Any]] = field(default_factory=list)
+    actuated: tuple[str, ...] | None = None
+    home: Vec | None = None
+    configurations: dict[str, Vec] = field(default_factory=dict)
+    couplings: list[tuple[dict[str, float], float]] = field(default_factory=list)
+    cones: dict[str, float] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)

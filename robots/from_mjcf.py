@@ -1,0 +1,183 @@
+"""MJCF files as Pinocchio models, through MuJoCo's compiled model: what MuJoCo simulates is what is controlled.
+
+Every body of the tree is taken: several roots, several joints on a body, hinges, slides, balls, free bodies, bodies
+without a joint and mocap bodies (fixed in the world where the file has them).  Joint positions are MuJoCo's qpos,
+measured from the same zero.  ``agreement.check`` compares the result with MuJoCo.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from hqp.arrays import Mat, Vec
+from hqp.errors import DeclarationError, ModelError
+
+from . import mjcf_limits
+from .description import Description
+from .mjcf_names import body_names, joint_names
+from .mujoco_extra import mujoco
+
+_FREE, _BALL, _SLIDE, _HINGE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{k}")) for k in ("FREE", "BALL", "SLIDE", "HINGE"))
+
+
+def compiled(path: Path, floating: bool | None = None) -> Any:
+    """The file as a MjModel, its root freed or fixed if asked; raises ModelError."""
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        if floating is not None:
+            set_root(spec, floating)
+        return spec.compile()
+    except ValueError as error:
+        raise ModelError(f"{path} could not be read: {error}") from error
+
+
+def set_root(spec: Any, floating: bool) -> None:
+    """Give the one root body of a MjSpec a free joint, or take it away; raises DeclarationError where unclear."""
+    roots = list(spec.worldbody.bodies)
+    free = [j for body in roots for j in body.joints if j.type == mujoco.mjtJoint.mjJNT_FREE]
+    if floating == bool(free):
+        return
+    if len(free) > 1 or (floating and (len(roots) != 1 or list(roots[0].joints))):
+        raise DeclarationError(
+            "floating",
+            f"the file has {len(roots)} root bodies, {len(free)} of them free",
+            value=floating,
+            allowed="None, to take the file as it is",
+        )
+    for key in list(spec.keys):
+        spec.delete(key)  # their qpos no longer fit
+    if floating:
+        roots[0].add_freejoint(name="root_joint")
+    else:
+        spec.delete(free[0])
+
+
+def read(path: Path, floating: bool | None = None) -> Description:
+    """The file's model, home, keyframes, motors, couplings and limits; raises ModelError, DeclarationError."""
+    simulated = compiled(path, floating)
+    if simulated.nv == 0:
+        raise ModelError(f"{path}: no body of it moves (MuJoCo compiles it with nv = 0), so it is no robot")
+    found = describe(simulated, path)
+    free = found.model.joints[1].shortname() == "JointModelFreeFlyer"
+    if floating is not None and free != floating:
+        raise DeclarationError(
+            "floating", "the file's root is another", value=floating, allowed="None, to take it as is"
+        )
+    return found
+
+
+def describe(simulated: Any, path: Path) -> Description:
+    """A compiled MjModel as a description of a robot."""
+    tree = _Tree(simulated)
+    found = Description(model=tree.model, source=path, simulated=simulated, carriers=tree.carriers)
+    mjcf_limits.read(simulated, found)
+    return found
+
+
+class _Tree:
+    """Builds the Pinocchio model: a chain of joints for each body, inertias and frames where the body ends up."""
+
+    def __init__(self, simulated: Any) -> None:
+        self.source = simulated
+        self.model = model = pin.Model()
+        model.name = bytes(simulated.names).split(b"\0")[0].decode() or "mjcf"
+        model.gravity.linear = np.array(simulated.opt.gravity)
+        if simulated.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY:
+            model.gravity.linear = np.zeros(3)
+        self.bodies, self.joints = body_names(simulated), joint_names(simulated)
+        self.carriers: list[tuple[int, Any]] = [(0, pin.SE3.Identity())] * simulated.nbody
+        for body in self._order():
+            self._add(body)
+        self._add_frames()
+
+    def _order(self) -> list[int]:
+        """Bodies, parents first; the root that carries most motors, then joints, first, other free bodies last."""
+        source = self.source
+        driven = {int(source.jnt_bodyid[j]) for j in mjcf_limits.driven(source)}
+        members: dict[int, list[int]] = {}
+        for body in range(1, source.nbody):
+            members.setdefault(int(source.body_rootid[body]), []).append(body)
+
+        def rank(root: int) -> tuple[int, int]:
+            carried = members[root]
+            return sum(b in driven for b in carried), sum(int(source.body_jntnum[b]) for b in carried)
+
+        base = max(members, key=rank)
+        ordered = sorted(members, key=lambda root: (root != base, self._is_free(root)))
+        return [body for root in ordered for body in members[root]]
+
+    def _is_free(self, body: int) -> bool:
+        source = self.source
+        return bool(source.body_jntnum[body]) and source.jnt_type[source.body_jntadr[body]] == _FREE
+
+    def _add(self, body: int) -> None:
+        source, model = self.source, self.model
+        joint, placement = self.carriers[int(source.body_parentid[body])]
+        placement = placement * _placement(source.body_pos[body], source.body_quat[body])
+        first = int(source.body_jntadr[body])
+        for j in range(first, first + int(source.body_jntnum[body])):
+            kind, anchor, axis = int(source.jnt_type[j]), np.array(source.jnt_pos[j]), np.array(source.jnt_axis[j])
+            zero = float(source.qpos0[source.jnt_qposadr[j]])
+            if kind == _FREE:
+                joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), self.joints[j])
+                placement = pin.SE3.Identity()
+                continue
+            at = placement * pin.SE3(np.eye(3), anchor)
+            if kind == _HINGE and zero:
+                at = at * pin.SE3(pin.AngleAxis(-zero, axis).toRotationMatrix(), np.zeros(3))
+            elif kind == _SLIDE and zero:
+                at = at * pin.SE3(np.eye(3), -zero * axis)
+            joint = model.addJoint(joint, _joint(kind, axis), at, self.joints[j])
+            placement = pin.SE3(np.eye(3), -anchor)
+        self.carriers[body] = (joint, placement)
+        turn = _placement(source.body_ipos[body], source.body_iquat[body])
+        moments = turn.rotation @ np.diag(source.body_inertia[body]) @ turn.rotation.T
+        if joint:
+            own = pin.Inertia(float(source.body_mass[body]), turn.translation, moments)
+            model.appendBodyToJoint(joint, own, placement)
+
+    def _add_frames(self) -> None:
+        """Sites, then bodies, then joints: the first of a name keeps it."""
+        source, model = self.source, self.model
+        taken = {frame.name for frame in model.frames}
+        wanted = []
+        for s in range(source.nsite):
+            joint, placement = self.carriers[int(source.site_bodyid[s])]
+            local = _placement(source.site_pos[s], source.site_quat[s])
+            wanted.append((source.site(s).name, joint, placement * local, pin.FrameType.OP_FRAME))
+        for name, (joint, placement) in zip(self.bodies, self.carriers, strict=True):
+            wanted.append((name, joint, placement, pin.FrameType.BODY))
+        for joint in range(1, model.njoints):
+            wanted.append((model.names[joint], joint, pin.SE3.Identity(), pin.FrameType.JOINT))
+        for name, joint, placement, kind in wanted:
+            if name and name not in taken:
+                taken.add(name)
+                model.addFrame(pin.Frame(name, joint, 0, placement, kind), False)
+
+
+def _joint(kind: int, axis: Vec) -> Any:
+    if kind == _BALL:
+        return pin.JointModelSpherical()
+    plain = (
+        ("JointModelRX", "JointModelRY", "JointModelRZ")
+        if kind == _HINGE
+        else ("JointModelPX", "JointModelPY", "JointModelPZ")
+    )
+    for unit, name in zip(np.eye(3), plain, strict=True):
+        if np.array_equal(axis, unit):
+            return getattr(pin, name)()
+    return pin.JointModelRevoluteUnaligned(axis) if kind == _HINGE else pin.JointModelPrismaticUnaligned(axis)
+
+
+def _placement(position: Vec, wxyz: Vec) -> Any:
+    return pin.SE3(_rotation(wxyz), np.array(position, dtype=np.float64))
+
+
+def _rotation(wxyz: Vec) -> Mat:
+    flat = np.empty(9)
+    mujoco.mju_quat2Mat(flat, np.asarray(wxyz, dtype=np.float64))
+    return flat.reshape(3, 3)

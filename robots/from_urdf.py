@@ -1,0 +1,139 @@
+"""URDF files as Pinocchio models, with what the reader would let pass: limits, inertias, axes, mimic joints."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from hqp.errors import ModelError
+
+from .description import Description
+
+_AXIAL = ("revolute", "prismatic", "continuous", "planar")
+_SLACK = 1e-6  # of the triangle inequality, relative to the largest moment: decimals in files
+
+
+def read(path: Path, floating: bool) -> Description:
+    """The file's model, couplings and notes; raises ModelError that names the link or joint.
+
+    Refused: numbers that are not finite, negative masses, inertias of links that make that of the joints negative,
+    axes of no length, lower limits above upper ones.  Warned of: other negative moments of inertia, those against the
+    triangle inequality, limits that say nothing (zero or missing), joints that their limits hold in one place, mimic
+    joints that follow an unknown one.
+    """
+    try:
+        root = ET.parse(path).getroot()
+    except (ET.ParseError, UnicodeDecodeError) as error:
+        raise ModelError(f"{path} could not be read: {error}") from error
+    warnings: list[str] = []
+    negative = [name for link in root.findall("link") if (name := _check_link(path, link, warnings))]
+    _check_joints(path, root, warnings)
+    try:
+        model = pin.buildModelFromUrdf(str(path), *((pin.JointModelFreeFlyer(),) if floating else ()))
+    except (ValueError, RuntimeError) as error:
+        raise ModelError(f"{path} could not be read: {error}") from error
+    if model.nv == (6 if floating else 0) and not floating:
+        raise ModelError(f"{path}: no joint of it moves, so it is no robot; floating=True frees its root")
+    if negative and _indefinite(model):
+        raise ModelError(f"{path}: {negative[0]} makes the joint-space inertia negative")
+    found = Description(model=model, source=path, warnings=warnings)
+    _read_mimics(path, root, found)
+    return found
+
+
+def _indefinite(model: Any) -> bool:
+    data = model.createData()
+    pin.crba(model, data, pin.neutral(model))
+    moments = np.linalg.eigvalsh(data.M, UPLO="U")
+    return bool(moments[0] < -1e-9 * abs(moments[-1]))
+
+
+def _numbers(path: Path, what: str, element: ET.Element | None, default: str, *names: str) -> list[float]:
+    values = []
+    for name in names:
+        text = default if element is None else element.get(name, default)
+        try:
+            parts = [float(word) for word in text.split()]
+        except ValueError:
+            raise ModelError(f"{path}: {what}: {name}={text!r} is no number") from None
+        if not all(map(math.isfinite, parts)):
+            raise ModelError(f"{path}: {what}: {name}={text!r} is not finite")
+        values += parts
+    return values
+
+
+def _check_link(path: Path, link: ET.Element, warnings: list[str]) -> str:
+    """What is wrong if a principal moment is negative, empty otherwise."""
+    inertial, what = link.find("inertial"), f"link {link.get('name')!r}"
+    if inertial is None:
+        return ""
+    _numbers(path, what, inertial.find("origin"), "0 0 0", "xyz", "rpy")
+    mass = _numbers(path, what, inertial.find("mass"), "0", "value")[0]
+    xx, yy, zz, xy, xz, yz = _numbers(
+        path, what, inertial.find("inertia"), "0", "ixx", "iyy", "izz", "ixy", "ixz", "iyz"
+    )
+    if mass < 0.0:
+        raise ModelError(f"{path}: {what} has a negative mass ({mass:g} kg)")
+    moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    size = max(float(np.abs(moments).max()), 1e-9)
+    if moments[0] < -_SLACK * size:
+        warnings.append(f"{what} has a negative principal moment of inertia ({moments[0]:g} kg m^2)")
+        return warnings[-1]
+    if moments[2] > moments[0] + moments[1] + _SLACK * size:
+        a, b, c = moments
+        warnings.append(f"{what}: principal moments {a:.3g} + {b:.3g} < {c:.3g} kg m^2: no body has such an inertia")
+    return ""
+
+
+def _check_joints(path: Path, root: ET.Element, warnings: list[str]) -> None:
+    silent: dict[str, list[str]] = {}
+    for joint in root.findall("joint"):
+        name, kind = str(joint.get("name")), joint.get("type")
+        what, limit = f"joint {name!r}", joint.find("limit")
+        _numbers(path, what, joint.find("origin"), "0 0 0", "xyz", "rpy")
+        axis = _numbers(path, what, joint.find("axis"), "1 0 0", "xyz")
+        if kind in _AXIAL and (len(axis) != 3 or not any(axis)):
+            raise ModelError(f"{path}: {what}: its axis is {axis}, which has no direction")
+        lower, upper, speed, effort = _numbers(path, what, limit, "0", "lower", "upper", "velocity", "effort")
+        if kind not in ("revolute", "prismatic", "continuous"):
+            continue
+        if speed < 0.0 or effort < 0.0:
+            raise ModelError(f"{path}: {what} has a negative limit (velocity {speed:g}, effort {effort:g})")
+        for word, value in (("velocity", speed), ("effort", effort)):
+            if value == 0.0:
+                silent.setdefault(word, []).append(name)
+        if kind == "continuous":
+            continue
+        if lower > upper:
+            raise ModelError(f"{path}: {what}: lower limit {lower:g} above the upper one {upper:g}: swapped?")
+        if lower == upper == 0.0:
+            silent.setdefault("position", []).append(name)
+        elif lower == upper:
+            warnings.append(f"{what}: its limits hold it at {lower:g}")
+    for word, joints in silent.items():
+        warnings.append(f"{word} limit zero or missing, taken as none: {', '.join(joints)}")
+
+
+def _read_mimics(path: Path, root: ET.Element, found: Description) -> None:
+    followers = []
+    for joint in root.findall("joint"):
+        mimic, name = joint.find("mimic"), str(joint.get("name"))
+        if mimic is None or joint.get("type") == "fixed":
+            continue
+        leader, what = str(mimic.get("joint")), f"joint {name!r}, mimic"
+        if not found.model.existJointName(leader) or leader == name:
+            found.warnings.append(f"joint {name!r} mimics {leader!r}, no other moving joint of the file: left free")
+            continue
+        factor = _numbers(path, what, mimic, "1", "multiplier")[0]
+        offset = _numbers(path, what, mimic, "0", "offset")[0]
+        found.couplings.append(({name: 1.0, **({leader: -factor} if factor else {})}, offset))
+        followers.append(name)
+    if followers:
+        model = found.model
+        single = [n for n, j in list(zip(model.names, model.joints, strict=True))[1:] if j.nv == 1]
+        found.actuated = tuple(n for n in single if n not in followers)

@@ -1,0 +1,143 @@
+"""The shapes of a robot: collision and visual geometry of its file, as pinocchio.GeometryModel."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pinocchio as pin
+
+from hqp.arrays import Mat, Vec
+from hqp.errors import ModelError
+
+from .description import Description
+
+Kind = Literal["collision", "visual"]
+
+
+def read(found: Description, model: Any, kind: Kind) -> Any:
+    """The shapes of a file, placed in the joints of ``model``; raises ModelError where a mesh is missing."""
+    if found.simulated is not None:
+        return _from_mujoco(found, kind)
+    what = pin.GeometryType.COLLISION if kind == "collision" else pin.GeometryType.VISUAL
+    path = found.source
+    try:
+        return pin.buildGeomFromUrdf(model, str(path), what, None, folders(path))
+    except (ValueError, RuntimeError) as error:
+        raise ModelError(f"{path}: a {kind} shape could not be read: {error}") from error
+
+
+def folders(path: Path) -> list[str]:
+    """Where ``package://`` is looked for: the folders above the file, then the paths of ROS."""
+    above = [str(parent) for parent in path.resolve().parents if parent != parent.parent]
+    ros = os.environ.get("ROS_PACKAGE_PATH", "").split(":")
+    ament = [f"{prefix}/share" for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if prefix]
+    return [*above, *filter(None, ros), *ament]
+
+
+def _from_mujoco(found: Description, kind: Kind) -> Any:
+    """Geoms that can touch others for collision, those of the groups shown by default for visual."""
+    simulated, model = found.simulated, pin.GeometryModel()
+    collides = (np.asarray(simulated.geom_contype) != 0) | (np.asarray(simulated.geom_conaffinity) != 0)
+    shown = np.asarray(simulated.geom_group) <= 2
+    for g in np.flatnonzero(collides if kind == "collision" else shown):
+        shape = _shape(simulated, int(g))
+        if shape is None:
+            continue
+        body = int(simulated.geom_bodyid[g])
+        joint, placement = found.carriers[body]
+        local = pin.SE3(pin.Quaternion(*np.array(simulated.geom_quat[g])).matrix(), np.array(simulated.geom_pos[g]))
+        name = simulated.geom(g).name or f"{simulated.body(body).name or body}_{g - simulated.body_geomadr[body]}"
+        while model.existGeometryName(name):
+            name += "_"
+        item = pin.GeometryObject(name, joint, placement * local, shape)
+        item.meshColor = np.array(simulated.geom_rgba[g], dtype=np.float64)
+        model.addGeometryObject(item)
+    return model
+
+
+def _shape(simulated: Any, geom: int) -> Any:
+    """The coal shape of a geom; None for height fields and signed distance functions."""
+    import coal
+
+    from .mujoco_extra import mujoco
+
+    size = np.array(simulated.geom_size[geom])
+    kind = mujoco.mjtGeom(int(simulated.geom_type[geom])).name.removeprefix("mjGEOM_")
+    if kind == "SPHERE":
+        return coal.Sphere(size[0])
+    if kind == "CAPSULE":
+        return coal.Capsule(size[0], 2.0 * size[1])
+    if kind == "CYLINDER":
+        return coal.Cylinder(size[0], 2.0 * size[1])
+    if kind == "ELLIPSOID":
+        return coal.Ellipsoid(*size)
+    if kind == "BOX":
+        return coal.Box(*(2.0 * size))
+    if kind == "PLANE":
+        return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
+    if kind == "MESH":
+        mesh = int(simulated.geom_dataid[geom])
+        first, count = int(simulated.mesh_vertadr[mesh]), int(simulated.mesh_vertnum[mesh])
+        start, faces = int(simulated.mesh_faceadr[mesh]), int(simulated.mesh_facenum[mesh])
+        return mesh_shape(simulated.mesh_vert[first : first + count], simulated.mesh_face[start : start + faces])
+    return None
+
+
+def mesh_shape(points: Mat, faces: Any) -> Any:
+    """A coal mesh of points ``(n, 3)`` [m] and triangles ``(m, 3)``."""
+    import coal
+
+    mesh = coal.BVHModelOBBRSS()
+    mesh.beginModel(len(faces), len(points))
+    vertices = coal.StdVec_Vec3s()
+    for point in np.asarray(points, dtype=np.float64):
+        vertices.append(point)
+    triangles = coal.StdVec_Triangle()
+    for a, b, c in np.asarray(faces):
+        triangles.append(coal.Triangle(int(a), int(b), int(c)))
+    mesh.addSubModel(vertices, triangles)
+    mesh.endModel()
+    return mesh
+
+
+def points(shape: Any) -> tuple[Mat, float]:
+    """Points ``(n, 3)`` [m] whose hull, blown up by a radius [m], is the shape or holds it."""
+    kind = type(shape).__name__
+    if kind == "Sphere":
+        return np.zeros((1, 3)), float(shape.radius)
+    if kind == "Capsule":
+        return np.array([[0.0, 0.0, -shape.halfLength], [0.0, 0.0, shape.halfLength]]), float(shape.radius)
+    if kind == "Box":
+        return _corners(np.asarray(shape.halfSide)), 0.0
+    if kind == "Cylinder":
+        ring = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
+        side = shape.radius * np.column_stack((np.cos(ring), np.sin(ring)))
+        return np.vstack([np.column_stack((side, np.full(32, z))) for z in (-shape.halfLength, shape.halfLength)]), 0.0
+    if kind == "Ellipsoid":
+        ball = np.array([p / np.linalg.norm(p) for p in _corners(np.ones(3))] + list(np.eye(3)) + list(-np.eye(3)))
+        return ball * np.asarray(shape.radii), 0.0
+    if hasattr(shape, "vertices"):
+        found = shape.vertices()
+        return np.array(found, dtype=np.float64).reshape(-1, 3), 0.0
+    if hasattr(shape, "points"):
+        return np.array(shape.points(), dtype=np.float64).reshape(-1, 3), 0.0
+    raise ModelError(f"a {kind} has no points")
+
+
+def _corners(half: Vec) -> Mat:
+    return np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]) * half
+
+
+def lowest(model: Any, data: Any, geometry: Any, joint: int) -> float:
+    """Height of the lowest point of what a joint carries itself [m], inf where it carries no shape."""
+    height = np.inf
+    for item in geometry.geometryObjects:
+        if item.parentJoint == joint:
+            at, radius = points(item.geometry)
+            placed = data.oMi[joint] * item.placement
+            scaled = at * np.asarray(item.meshScale) if hasattr(item.geometry, "vertices") else at
+            height = min(height, float((scaled @ placed.rotation.T + placed.translation)[:, 2].min()) - radius)
+    return height

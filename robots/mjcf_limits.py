@@ -1,0 +1,129 @@
+"""What an MJCF says besides the tree: limits, motors, keyframes, couplings, and what has no counterpart here."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from .description import Description
+from .mjcf_names import body_names, joint_names
+from .mujoco_extra import mujoco
+from .state_map import StateMap
+
+_SLIDE, _HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)
+_HOMES = ("home", "stand", "standing")
+
+
+def read(simulated: Any, found: Description) -> None:
+    """Fill in all of a description but its model, from a compiled MjModel."""
+    _read_joints(simulated, found)
+    _read_motors(simulated, found)
+    _read_couplings(simulated, found)
+    _read_notes(simulated, found)
+
+
+def _read_joints(simulated: Any, found: Description) -> None:
+    """Position, effort and friction of each joint, rotor inertia, home and keyframes, in Pinocchio's order."""
+    model, names = found.model, joint_names(simulated)
+    lower, upper = np.full(model.nq, -np.inf), np.full(model.nq, np.inf)
+    model.velocityLimit = np.full(model.nv, np.inf)
+    effort = np.full(model.nv, np.inf)
+    for j, name in enumerate(names):
+        joint, dof = model.joints[model.getJointId(name)], int(simulated.jnt_dofadr[j])
+        columns = slice(joint.idx_v, joint.idx_v + joint.nv)
+        model.armature[columns] = simulated.dof_armature[dof : dof + joint.nv]
+        model.damping[columns] = np.asarray(simulated.dof_damping[dof : dof + joint.nv]).reshape(joint.nv, -1)[:, 0]
+        model.friction[columns] = simulated.dof_frictionloss[dof : dof + joint.nv]
+        low, high = (float(x) for x in simulated.jnt_range[j])
+        if simulated.jnt_limited[j] and joint.nq == 1:
+            lower[joint.idx_q], upper[joint.idx_q] = low, high
+        elif simulated.jnt_limited[j] and joint.nv == 3:
+            found.cones[name] = high
+        if joint.nv == 1:
+            effort[joint.idx_v] = _effort(simulated, j)
+    model.lowerPositionLimit, model.upperPositionLimit, model.effortLimit = lower, upper, effort
+    convert = StateMap(simulated, model)
+    rest = np.zeros(simulated.nv)
+    for k in range(simulated.nkey):
+        name = simulated.key(k).name or f"key_{k}"
+        found.configurations[name] = convert.to_pinocchio(np.array(simulated.key_qpos[k]), rest)[0]
+    initial = convert.to_pinocchio(np.array(simulated.qpos0), rest)[0]
+    named = [found.configurations[h] for h in (*_HOMES, *list(found.configurations)[:1]) if h in found.configurations]
+    found.home = named[0].copy() if named else initial
+
+
+def driven(simulated: Any) -> list[int]:
+    """Joints that an actuator drives directly, in the order of the model's joints."""
+    kinds = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+    on_joint = np.isin(simulated.actuator_trntype, [int(k) for k in kinds])
+    return sorted({int(j) for j in simulated.actuator_trnid[on_joint, 0]})
+
+
+def _read_motors(simulated: Any, found: Description) -> None:
+    """Actuated joints: those of joint actuators, all of one axis where the file has no such actuator."""
+    names, moved = joint_names(simulated), driven(simulated)
+    single = {j for j in range(simulated.njnt) if int(simulated.jnt_type[j]) in (_SLIDE, _HINGE)}
+    motors = [names[j] for j in moved if j in single]
+    found.actuated = tuple(motors) if motors else None
+    if balls := [names[j] for j in moved if j not in single]:
+        found.notes.append(f"motors on joints of several axes are left out: {', '.join(balls)}")
+    others = simulated.nu - int(np.isin(simulated.actuator_trnid[:, 0], moved).sum()) if motors else 0
+    if others > 0:
+        found.notes.append(f"{others} actuators of the file drive no joint directly (tendons, sites, bodies)")
+
+
+def _effort(simulated: Any, joint: int) -> float:
+    """The larger end of the effort range of a joint [N m or N], inf where the file gives none."""
+    ranges = [simulated.jnt_actfrcrange[joint]] if simulated.jnt_actfrclimited[joint] else []
+    for a in np.flatnonzero(simulated.actuator_trnid[:, 0] == joint):
+        if simulated.actuator_trntype[a] != mujoco.mjtTrn.mjTRN_JOINT:
+            continue
+        gear = float(simulated.actuator_gear[a, 0])
+        if simulated.actuator_forcelimited[a]:
+            ranges.append(gear * simulated.actuator_forcerange[a])
+        plain = simulated.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
+        plain &= simulated.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_NONE
+        plain &= simulated.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_NONE
+        if plain and simulated.actuator_ctrllimited[a]:
+            ranges.append(gear * float(simulated.actuator_gainprm[a, 0]) * simulated.actuator_ctrlrange[a])
+    ends = [float(np.abs(np.asarray(r)).max()) for r in ranges]
+    return min((e for e in ends if e > 0.0), default=math.inf)
+
+
+def _read_couplings(simulated: Any, found: Description) -> None:
+    """Linear equalities of joints: q1 - ref1 = a0 + a1 (q2 - ref2)."""
+    names, ref = joint_names(simulated), simulated.qpos0[simulated.jnt_qposadr]
+    for e in np.flatnonzero(simulated.eq_active0):
+        kind, one, two = (
+            mujoco.mjtEq(int(simulated.eq_type[e])),
+            *(int(simulated.eq_obj1id[e]), int(simulated.eq_obj2id[e])),
+        )
+        a = np.array(simulated.eq_data[e, :5])
+        if kind == mujoco.mjtEq.mjEQ_JOINT and not a[2:].any():
+            terms, offset = {names[one]: 1.0}, float(a[0] + ref[one])
+            if two >= 0 and a[1]:
+                terms[names[two]] = -float(a[1])
+                offset -= float(a[1] * ref[two])
+            found.couplings.append((terms, offset))
+        else:
+            word = kind.name.removeprefix("mjEQ_").lower()
+            name = simulated.eq(e).name or str(e)
+            found.warnings.append(f"equality constraint {name} ({word}) of the file is not taken over")
+
+
+def _read_notes(simulated: Any, found: Description) -> None:
+    names, bodies = joint_names(simulated), body_names(simulated)
+    if springs := [
+        names[j] for j in np.flatnonzero(np.asarray(simulated.jnt_stiffness).reshape(simulated.njnt, -1)[:, 0])
+    ]:
+        found.notes.append(f"springs of the file are no part of the model's forces: {_some(springs)}")
+    if light := [bodies[b] for b in np.flatnonzero(simulated.body_gravcomp)]:
+        found.notes.append(f"gravity compensation of the file is no part of the model's forces: {_some(light)}")
+    if simulated.ntendon and np.any(simulated.tendon_armature):
+        found.notes.append("rotor inertia of tendons is no part of the model's inertia")
+
+
+def _some(names: list[str]) -> str:
+    return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")

@@ -1,0 +1,133 @@
+"""MJCF through MuJoCo's compiled model: what is taken over, what is refused, what is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import hqp.robots
+from hqp.errors import DeclarationError, ModelError, ModelWarning
+from hqp.robots import agreement, from_mjcf
+from hqp.robots.state_map import StateMap
+
+pytestmark = pytest.mark.filterwarnings("ignore:arm.xml:hqp.errors.ModelWarning")
+DATA = Path(__file__).parents[1] / "data" / "mjcf"
+FILES = sorted(DATA.glob("*.xml"))
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
+def test_frames_mass_matrix_and_bias_are_mujocos(path: Path) -> None:
+    """Beside the check at load: every body's place, M and the bias forces at states of every joint."""
+    robot, simulated = hqp.robots.load(path), mujoco.MjModel.from_xml_path(str(path))
+    assert robot.nv == simulated.nv
+    data, convert = mujoco.MjData(simulated), StateMap(simulated, robot)
+    rng = np.random.default_rng(3)
+    for _ in range(5):
+        q = robot.integrate(robot.home, rng.uniform(-1, 1, robot.nv), 1.0)
+        v = rng.normal(size=robot.nv)
+        data.qpos[:], data.qvel[:] = convert.to_mujoco(q, v)
+        mujoco.mj_forward(simulated, data)
+        state = robot.state(q, v)
+        for b in range(1, simulated.nbody):
+            name = simulated.body(b).name
+            if name and name not in [simulated.site(s).name for s in range(simulated.nsite)]:
+                np.testing.assert_allclose(state.position(name), data.xpos[b], atol=1e-12)
+                np.testing.assert_allclose(state.rotation(name).ravel(), data.xmat[b], atol=1e-12)
+        for s in range(simulated.nsite):
+            np.testing.assert_allclose(state.position(simulated.site(s).name), data.site_xpos[s], atol=1e-12)
+        full = np.zeros((simulated.nv, simulated.nv))
+        mujoco.mj_fullM(simulated, data, full)
+        B = convert.tangent(data.qpos)
+        np.testing.assert_allclose(state.mass_matrix(), B.T @ full @ B, atol=1e-11)
+        # bias forces of MuJoCo at zero acceleration in its own coordinates: M dB/dt v more in Pinocchio's
+        h = 1e-6
+        later = robot.integrate(q, v, h), robot.integrate(q, v, -h)
+        turn = [convert.tangent(convert.to_mujoco(at, v)[0]) @ v for at in later]
+        drift = (turn[0] - turn[1]) / (2 * h)
+        expected = B.T @ (data.qfrc_bias + full @ drift)
+        np.testing.assert_allclose(state.bias_force(), expected, rtol=0, atol=2e-6 * np.abs(expected).max())
+
+
+def test_mobile_arm_is_taken_over() -> None:
+    robot = hqp.robots.load(DATA / "mobile_arm.xml")
+    assert not robot.floating
+    assert robot.nv == 3 + 2 + 3 + 2 + 1 + 6
+    assert robot.joint_names == ("base_x", "base_y", "base_yaw", "shoulder", "lift", "left")
+    assert robot.effort_limit[robot.joints("shoulder")[0]] == 40.0
+    assert robot.effort_limit[robot.joints("lift")[0]] == 100.0
+    assert robot.lower[robot.joints("lift")[0]] == -0.1
+    assert robot.spherical == {"wrist": (robot.joints("wrist")[0], 1.2)}
+    assert set(robot.configurations) == {"stand", "reach"}
+    np.testing.assert_array_equal(robot.home, robot.configurations["stand"])
+    angles = robot.state().angles
+    assert angles[robot.joints("lift")[0]] == 0.2
+    (coupling,) = robot.couplings
+    assert dict(coupling.coefficients) == {"right": 1.0, "left": -1.0}
+    assert coupling.offset == 0.001
+    assert "coupled by the file: right_left" in str(robot)
+    mocap = robot.state().position("goal")
+    np.testing.assert_allclose(mocap, [0.8, 0.1, 0.6])
+    assert robot.support(robot.frame("goal")).sum() == 0.0
+    assert {g.name for g in robot.geometry.geometryObjects} >= {"floor", "cube", "upper", "door"}
+
+
+def test_base_is_the_free_body_with_joints_and_starts_where_the_file_says() -> None:
+    robot = hqp.robots.load(DATA / "two_legs.xml")
+    assert robot.floating
+    assert robot.nv == 6 + 3 + 1 + 1 + 6
+    np.testing.assert_allclose(robot.home[:3], [0.3, 0.1, 0.75])
+    assert robot.joint_name(0) == "base"
+    assert robot.support(robot.frame("left_leg"))[:6].all()
+    assert not robot.support(robot.frame("ball"))[:6].any()
+    assert robot.joint_names == ("hip_x", "hip_z", "left_leg_joint_2", "left_knee", "right_leg_joint")
+    assert any("left_knee" in note for note in robot.notes)  # zero is below its lower limit
+    assert robot.state().angles[robot.joints("left_knee")[0]] == pytest.approx(np.deg2rad(10))
+
+
+def test_what_does_not_move_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "still.xml"
+    path.write_text("<mujoco><worldbody><body name='table'><geom size='0.1'/></body></worldbody></mujoco>")
+    with pytest.raises(ModelError, match="no body of it moves"):
+        hqp.robots.load(path)
+    path.write_text("<mujoco><worldbody><body><joint/></body></worldbody></mujoco>")
+    with pytest.raises(ModelError, match="could not be read"):
+        hqp.robots.load(path)
+
+
+def test_root_freed_and_fixed() -> None:
+    fixed = hqp.robots.load(DATA / "arm.xml")
+    free = hqp.robots.load(DATA / "arm.xml", floating=True)
+    assert (fixed.floating, free.floating, free.nv) == (False, True, fixed.nv + 6)
+    np.testing.assert_allclose(free.state().position("hand"), fixed.state().position("hand"), atol=1e-12)
+    with pytest.raises(DeclarationError, match="root"):
+        hqp.robots.load(DATA / "mobile_arm.xml", floating=True)
+
+
+def test_equality_that_is_no_linear_coupling_is_told() -> None:
+    with pytest.warns(ModelWarning, match=r"equality constraint loop \(connect\)"):
+        robot = hqp.robots.load(DATA / "arm.xml")
+    assert "loop" in str(robot)
+
+
+@pytest.mark.parametrize("fault", ["mass", "axis", "anchor", "ref"])
+def test_a_fault_in_the_reader_is_seen(fault: str) -> None:
+    """The check at load refuses a model whose mass, axis, anchor or zero is not MuJoCo's."""
+    simulated = from_mjcf.compiled(DATA / "mobile_arm.xml")
+    found = from_mjcf.describe(simulated, DATA / "mobile_arm.xml")
+    agreement.check(found)
+    model, joint = found.model, found.model.getJointId("wrist" if fault == "mass" else "shoulder")
+    if fault == "mass":
+        own = model.inertias[joint]
+        model.inertias[joint] = pin.Inertia(1.01 * own.mass, own.lever, own.inertia)
+    elif fault == "axis":
+        model.jointPlacements[joint].rotation = model.jointPlacements[joint].rotation @ pin.utils.rotate("x", 0.01)
+    elif fault == "anchor":
+        model.jointPlacements[joint].translation += np.array([0.0, 1e-4, 0.0])
+    else:
+        model.jointPlacements[joint].rotation = model.jointPlacements[joint].rotation @ pin.utils.rotate("y", -0.4)
+    with pytest.raises(ModelError, match="in MuJoCo"):
+        agreement.check(found)
