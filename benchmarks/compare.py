@@ -10,7 +10,7 @@ import numpy as np
 import hqp
 from benchmarks.mistry2008.equations.algebra import largest
 from benchmarks.mistry2008.equations.theorems import alone, asked
-from benchmarks.mistry2008.stack import HZ, near_home, paper_stack
+from benchmarks.mistry2008.stack import HZ, near_home, paper_stack, roles
 from benchmarks.reports import report, solver_sets
 from benchmarks.reports.checks import Check, at_most, exactly, seen_to_fail, write_json
 from hqp import robots, solvers
@@ -51,7 +51,9 @@ def run(arguments: argparse.Namespace) -> int:
             checks += agreement(robot, count) + under_limits(robot, count)
             bar.advance(task)
             bar.update(task, description=f"compare on {name}, table")
-            table = hqp.compare(paper_stack(robot, limits=True), robot, solvers=list(solver_sets.every()), repeats=3)
+            table = hqp.compare(
+                paper_stack(roles(robot), limits=True), robot, solvers=list(solver_sets.every()), repeats=3
+            )
             tables.append(table.markdown())
             bar.advance(task)
     report.show(checks)
@@ -78,7 +80,7 @@ class Case:
 def cases(robot: Robot, count: int, away: tuple[float, float], seed: int) -> list[Case]:
     """The paper's stack with joint limits at states near home, CoM and hand asked to move by up to ``away`` [m]."""
     rng = np.random.default_rng([seed, robot.nv])
-    stack = paper_stack(robot, limits=True)
+    stack = paper_stack(roles(robot), limits=True)
     com, hand = stack.find("com_xy", Com), stack.find("hand", Position)
     session = hqp.Controller(stack, solver="lexicographic").session(robot, dt=1.0 / HZ)
     session.step(robot.state())

@@ -99,7 +99,7 @@ def run(
     feedforward: the target's mean velocity over the coming period.  contact_gain [1/s] feeds the feet's pose back;
     0 is eq. (19) alone.  q: where to start, home by default.  seen: called after each tick.
     """
-    stack = stack or paper_stack(robot)
+    stack = stack or paper_stack(roles(robot))
     frames = roles(robot)
     formulation = hqp.Velocity(contact_law=P(contact_gain))
     session = hqp.Controller(stack, formulation, solver=solver).session(robot, dt)

@@ -14,13 +14,10 @@ from hqp.tasks import Com, FixedContact, JointLimits, Orientation, Position, Pos
 HZ = 500.0
 """Rate of the paper's position commands [Hz]."""
 
-K_COG, K_HAND, K_BASE, K_POSTURE = 2.0, 5.0, 2.0, 1.0
-"""Gains [1/s]; the paper gives none."""
-
 
 @dataclass(frozen=True)
 class Roles:
-    """Frames of a humanoid by what the paper does with them; joints is the last level's posture."""
+    """Frames of a humanoid by what the paper does with them."""
 
     left: str
     right: str
@@ -34,25 +31,45 @@ def roles(robot: Robot) -> Roles:
     return Roles(left, right, robot.landmarks["palms"][1], robot.landmarks["base"][0])
 
 
-def paper_stack(robot: Robot, *, limits: bool = False, posture: bool = True, hand_gain: float = K_HAND) -> Stack:
+CBI = Roles(left="l_sole", right="r_sole", hand="r_palm", base="pelvis")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gains:
+    """Feedback gains [1/s]; the paper gives none.  foot: None for the formulation's contact law."""
+
+    cog: float = 2.0
+    foot: float | None = None
+    hand: float = 5.0
+    extraneous: float = 2.0
+    posture: float = 1.0
+
+
+GAINS = Gains()
+
+
+def paper_stack(
+    frames: Roles, gains: Gains = GAINS, *, hand: bool = True, posture: bool = True, limits: bool = False
+) -> Stack:
     """Eqs. (12) to (15): feet and CoG over the ground, then the hand, then base orientation and CoG height."""
-    frames = roles(robot)
+    foot = None if gains.foot is None else P(gains.foot)
     levels = [
         Level(
-            FixedContact(frame=frames.left, name="l_sole"),
-            FixedContact(frame=frames.right, name="r_sole"),
-            Com(axes="xy", law=P(K_COG), name="com_xy"),
+            FixedContact(frame=frames.left, name="l_sole", law=foot),
+            FixedContact(frame=frames.right, name="r_sole", law=foot),
+            Com(axes="xy", law=P(gains.cog), name="com_xy"),
             name="critical",
         ),
-        Level(Position(frame=frames.hand, law=P(hand_gain), name="hand"), name="functional"),
         Level(
-            Orientation(frame=frames.base, law=P(K_BASE), name="base"),
-            Com(axes="z", law=P(K_BASE), name="com_z"),
+            Orientation(frame=frames.base, law=P(gains.extraneous), name="base"),
+            Com(axes="z", law=P(gains.extraneous), name="com_z"),
             name="extraneous",
         ),
     ]
+    if hand:
+        levels.insert(1, Level(Position(frame=frames.hand, law=P(gains.hand), name="hand"), name="functional"))
     if posture:
-        levels.append(Level(Posture(law=P(K_POSTURE)), name="posture"))
+        levels.append(Level(Posture(law=P(gains.posture)), name="posture"))
     return Stack(*levels, subject_to=[JointLimits(acceleration=None, braking=None)] if limits else [])
 
 

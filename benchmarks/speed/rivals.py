@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.mistry2008 import loop
-from benchmarks.mistry2008.stack import HZ, K_BASE, K_COG, K_HAND, K_POSTURE, roles
+from benchmarks.mistry2008.stack import GAINS, HZ, roles
 from benchmarks.speed import ticks
 from hqp.arrays import Vec
 from hqp.robots import Robot
@@ -93,10 +93,10 @@ def _pink(robot: Robot) -> tuple[Step, Callable[[Any], Vec], Vec, Vec]:
     frames, dt = roles(robot), 1.0 / HZ
     configuration = pink.Configuration(robot.model, robot.model.createData(), robot.home)
     feet = [FrameTask(f, 1.0, 1.0, gain=20.0 * dt) for f in (frames.left, frames.right)]
-    com = ComTask([COM_COST, COM_COST, BASE_COST], gain=K_COG * dt)
-    hand = FrameTask(frames.hand, HAND_COST, 0.0, gain=K_HAND * dt)
-    base = FrameTask(frames.base, 0.0, BASE_COST, gain=K_BASE * dt)
-    posture = PostureTask(POSTURE_COST, gain=K_POSTURE * dt)
+    com = ComTask([COM_COST, COM_COST, BASE_COST], gain=GAINS.cog * dt)
+    hand = FrameTask(frames.hand, HAND_COST, 0.0, gain=GAINS.hand * dt)
+    base = FrameTask(frames.base, 0.0, BASE_COST, gain=GAINS.extraneous * dt)
+    posture = PostureTask(POSTURE_COST, gain=GAINS.posture * dt)
     for task in (*feet, com, hand, base, posture):
         task.set_target_from_configuration(configuration)
     aimed = configuration.get_transform_frame_to_world(frames.hand)
@@ -130,10 +130,10 @@ def _mink(robot: Robot) -> tuple[Step, Callable[[Any], Vec], Vec, Vec]:
     held = {"q": configuration.q.copy()}
     kinds = {f: _kind(model, f) for f in (frames.left, frames.right, frames.hand, frames.base)}
     feet = [mink.FrameTask(f, kinds[f], 1.0, 1.0, gain=20.0 * dt) for f in (frames.left, frames.right)]
-    com = mink.ComTask([COM_COST, COM_COST, BASE_COST], gain=K_COG * dt)
-    hand = mink.FrameTask(frames.hand, kinds[frames.hand], HAND_COST, 0.0, gain=K_HAND * dt)
-    base = mink.FrameTask(frames.base, kinds[frames.base], 0.0, BASE_COST, gain=K_BASE * dt)
-    posture = mink.PostureTask(model, POSTURE_COST, gain=K_POSTURE * dt)
+    com = mink.ComTask([COM_COST, COM_COST, BASE_COST], gain=GAINS.cog * dt)
+    hand = mink.FrameTask(frames.hand, kinds[frames.hand], HAND_COST, 0.0, gain=GAINS.hand * dt)
+    base = mink.FrameTask(frames.base, kinds[frames.base], 0.0, BASE_COST, gain=GAINS.extraneous * dt)
+    posture = mink.PostureTask(model, POSTURE_COST, gain=GAINS.posture * dt)
     for task in (*feet, com, hand, base, posture):
         task.set_target_from_configuration(configuration)
     aimed = configuration.get_transform_frame_to_world(frames.hand, kinds[frames.hand])

@@ -6,7 +6,7 @@ from functools import cache
 
 import hqp
 from benchmarks.mistry2008 import loop
-from benchmarks.mistry2008.stack import HZ, paper_stack
+from benchmarks.mistry2008.stack import HZ, paper_stack, roles
 from hqp import Hierarchy
 from hqp.arrays import Vec
 
@@ -29,6 +29,6 @@ def load(name: str, ticks: int = TICKS) -> tuple[Hierarchy, ...]:
     def keep(session: hqp.Session) -> None:
         found.append(session.problem.copy())
 
-    stack = paper_stack(robot, limits=True)
+    stack = paper_stack(roles(robot), limits=True)
     loop.run(robot, "lexicographic", ticks / HZ, stack=stack, hand=hand, com=loop.side_to_side, seen=keep)
     return tuple(found)

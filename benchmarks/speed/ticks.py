@@ -12,7 +12,7 @@ import pinocchio as pin
 
 import hqp
 from benchmarks.mistry2008 import loop
-from benchmarks.mistry2008.stack import HZ, paper_stack
+from benchmarks.mistry2008.stack import HZ, paper_stack, roles
 from hqp.arrays import Vec
 from hqp.robots import Robot
 from hqp.solvers.base import Solver
@@ -102,7 +102,7 @@ def bare_calls(robot: Robot) -> Callable[[Vec], None]:
 
 def run(robot: Robot, name: str, solver: Solver, ticks: int) -> Ticks:
     """CoG side to side and hand on a figure-8 under joint limits, the command carried out exactly between ticks."""
-    stack = paper_stack(robot, limits=True)
+    stack = paper_stack(roles(robot), limits=True)
     com, hand = stack.find("com_xy", Com), stack.find("hand", Position)
     session = hqp.Controller(stack, solver=solver).session(robot, dt=1.0 / HZ)
     floor_calls = bare_calls(robot)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import gc
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter_ns
 
 import numpy as np
@@ -13,6 +13,7 @@ import numpy as np
 import hqp
 from benchmarks.reports import machine, report, solver_sets
 from benchmarks.reports.checks import write_json
+from benchmarks.sentis2012 import stack as sentis2012
 from benchmarks.speed.ticks import spread
 from hqp import PD, Level, Stack, robots, solvers
 from hqp.arrays import Vec
@@ -24,8 +25,6 @@ from hqp.tasks import (
     Com,
     FixedContact,
     FrictionCone,
-    JointCoupling,
-    OmniWheelContact,
     Orientation,
     Position,
     Posture,
@@ -91,23 +90,15 @@ def dreamer() -> tuple[Robot, Stack, Guide]:
     """Eqs. (48) to (59): balance, hand, posture, goals that move with the base."""
     robot = robots.load("dreamer")
     law = PD(400.0, 40.0, max_acceleration=2.5)
-    com = Com(axes="xy", subtree="torso_yaw", relative_to="base", heading=True, law=law, name="com")
-    hand = Position(frame="hand", relative_to="base", heading=True, law=PD(30.0, 11.0))
-    wheels = [OmniWheelContact(wheel=w) for w in robot.wheels]
-    coupling = JointCoupling({"torso_hip": 1.0, "torso_thorax": -1.0}, name="biarticular")
-    stack = Stack(
-        Level(com, name="balance"),
-        Level(hand, name="hand"),
-        Level(Posture(joints="upper_body", law=PD(100.0)), name="posture"),
-        subject_to=[coupling, *wheels, TorqueLimits()],
-    )
+    com, hand = replace(sentis2012.COM, law=law), sentis2012.HAND
+    stack = sentis2012.paper_stack([TorqueLimits()], com=com)
     at_home = robot.state()
     centre, place = com.value(at_home), hand.value(at_home)
     normal = np.array([0.0, 0.0, 1.0])
 
     def guide(state: State, t: float) -> list[Reference]:
         reach = 0.05 * np.array([np.sin(3.0 * t), np.cos(3.0 * t) - 1.0, np.sin(2.0 * t)])
-        return [com.at(centre), hand.at(place + reach), *(w.at(normal=normal) for w in wheels)]
+        return [com.at(centre), hand.at(place + reach), *(w.at(normal=normal) for w in sentis2012.CONTACTS)]
 
     return robot, stack, guide
 

@@ -9,6 +9,10 @@ from types import ModuleType
 
 import pytest
 
+from benchmarks.mistry2008 import stack as mistry2008
+from benchmarks.sentis2012 import stack as sentis2012
+from hqp import Stack
+
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
@@ -43,3 +47,26 @@ def test_toml_blocks_are_stacks() -> None:
 def test_links_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#:\s]+)\)", page.read_text()):
         assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def _shape(stack: Stack) -> list[list[tuple[str, object, object]]]:
+    """Kind, frame and axes of every member of every level, and of ``subject_to`` without limits."""
+    parts = [*(level.elements for level in stack.levels), [e for e in stack.subject_to if e.equality]]
+    return [[(type(e).__name__, getattr(e, "frame", None), getattr(e, "axes", None)) for e in part] for part in parts]
+
+
+@pytest.mark.parametrize(
+    ("page", "theirs"),
+    [
+        ("README.md", mistry2008.paper_stack(mistry2008.CBI)),
+        ("docs/cbi-experiments.md", mistry2008.paper_stack(mistry2008.CBI)),
+        ("docs/torque.md", sentis2012.paper_stack()),
+    ],
+)
+def test_stacks_of_the_papers_are_shown_as_they_are_run(page: str, theirs: Stack) -> None:
+    module: dict[str, object] = {}
+    code = blocks(ROOT / page, "python")[0][1]
+    exec(compile(code.partition("\nsession =")[0], page, "exec", dont_inherit=True), module)
+    shown = module["stack"]
+    assert isinstance(shown, Stack)
+    assert _shape(shown) == _shape(theirs)

@@ -9,7 +9,7 @@ import pytest
 from benchmarks.mistry2008 import loop
 from benchmarks.mistry2008.equations import contacts, kinematics, prioritised, second_order, theorems
 from benchmarks.mistry2008.equations.integration import COG_ERROR, FOOT_ERROR, GAIN, HAND_RMS
-from benchmarks.mistry2008.stack import K_COG, paper_stack
+from benchmarks.mistry2008.stack import GAINS, Gains, paper_stack, roles
 from hqp import robots
 from hqp.robots import Robot
 
@@ -40,7 +40,7 @@ def test_printed_errata_are_among_the_rows(robot: Robot) -> None:
 
 
 def test_figure_eight_in_the_loop(robot: Robot) -> None:
-    stack = paper_stack(robot, hand_gain=GAIN)
+    stack = paper_stack(roles(robot), Gains(hand=GAIN))
     recursive = loop.run(robot, "nullspace", 1.0, stack=stack)
     printed = loop.run(robot, "chiaverini", 1.0, stack=stack)
     assert recursive.hand_rms < HAND_RMS
@@ -54,7 +54,7 @@ def test_cog_without_feedforward_lags_as_a_first_order_system(robot: Robot) -> N
     trace = loop.run(robot, "nullspace", 10.0, hand=loop.rest, com=loop.side_to_side, feedforward=False, dt=0.01)
     gain, _ = loop.response(trace)
     w = 2.0 * 3.141592653589793 / loop.COG_PERIOD
-    assert gain == pytest.approx(K_COG / (K_COG**2 + w**2) ** 0.5, abs=5e-3)
+    assert gain == pytest.approx(GAINS.cog / (GAINS.cog**2 + w**2) ** 0.5, abs=5e-3)
 
 
 def test_feet_drift_in_proportion_to_the_period(robot: Robot) -> None:

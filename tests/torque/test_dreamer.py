@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import hqp
+from benchmarks.sentis2012.stack import CONTACTS as WHEELS
+from benchmarks.sentis2012.stack import HELD
 from hqp import PD, Level, SelfMotion, Stack
 from hqp.arrays import Vec
 from hqp.errors import DeclarationError, StaleState
@@ -15,9 +17,7 @@ from hqp.robots import Robot
 from hqp.tasks import (
     Com,
     FrictionCone,
-    JointCoupling,
     JointLimits,
-    OmniWheelContact,
     Position,
     Posture,
     TorqueLimits,
@@ -26,8 +26,6 @@ from hqp.tasks import (
 from hqp.torque.gravity import holding_torque
 from hqp.torque.program import TorqueProgram
 
-WHEELS = tuple(OmniWheelContact(wheel=f"wheel_{i}") for i in range(3))
-HELD = (JointCoupling({"torso_hip": 1.0, "torso_thorax": -1.0}, name="biarticular"), *WHEELS)
 HAND = Position(frame="hand", relative_to="base", law=PD(30.0, 11.0))
 POSTURE = Posture(joints="upper_body", law=PD(100.0), name="posture")
 LEVELS = (Level(Com(axes="xy", subtree="torso_yaw", relative_to="base", name="com")), Level(HAND), Level(POSTURE))

@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.mistry2008 import loop
 from benchmarks.mistry2008.loop import Trace
-from benchmarks.mistry2008.stack import K_COG, near_home, paper_stack
+from benchmarks.mistry2008.stack import GAINS, Gains, near_home, paper_stack, roles
 from benchmarks.reports.checks import Check, at_most, seen_to_fail
 from hqp.robots import Robot
 
@@ -36,7 +36,7 @@ class Experiments:
 
 def experiments(robot: Robot) -> Experiments:
     """Run the paper's two experiments on one robot, 500 Hz, 10 s each."""
-    stack = paper_stack(robot, hand_gain=GAIN)
+    stack = paper_stack(roles(robot), Gains(hand=GAIN))
     return Experiments(
         loop.run(robot, "nullspace", 10.0, stack=stack),
         loop.run(robot, "chiaverini", 10.0, stack=stack),
@@ -87,8 +87,8 @@ def _side_to_side(robot: Robot, runs: Experiments) -> Iterator[Check]:
     yield at_most("M Fig. 6", "CoG side to side: feet [m]", name, FOOT_ERROR, [runs.cog.slip, runs.cog_lagging.slip])
     gain, delay = loop.response(runs.cog_lagging)
     w = 2.0 * np.pi / loop.COG_PERIOD
-    errors = [abs(gain - K_COG / np.hypot(K_COG, w)), abs(delay - np.arctan2(w, K_COG) / w)]
-    note = f"gain {gain:.3f}, lag {delay:.3f} s at k = {K_COG:g}/s"
+    errors = [abs(gain - GAINS.cog / np.hypot(GAINS.cog, w)), abs(delay - np.arctan2(w, GAINS.cog) / w)]
+    note = f"gain {gain:.3f}, lag {delay:.3f} s at k = {GAINS.cog:g}/s"
     yield at_most(
         "M Fig. 6", "without feedforward the lag of the paper's figure: first order", name, 2e-3, errors, note
     )
@@ -96,7 +96,7 @@ def _side_to_side(robot: Robot, runs: Experiments) -> Iterator[Check]:
 
 def _regulation(robot: Robot) -> Iterator[Check]:
     """Statement 6 of the equivalences: a reachable target is met by both, by (16) more slowly."""
-    stack = paper_stack(robot, hand_gain=GAIN)
+    stack = paper_stack(roles(robot), Gains(hand=GAIN))
     aside = np.array([-0.02, 0.03, 0.04])
     errors = {}
     for solver in ("nullspace", "chiaverini"):

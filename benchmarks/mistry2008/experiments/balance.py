@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -16,13 +15,14 @@ import numpy as np
 import hqp
 from benchmarks.lab.curves import smooth
 from benchmarks.lab.recorder import Recorder, level_residuals
-from hqp import Level, P, Stack
+from benchmarks.mistry2008.stack import Gains
+from hqp import Stack
 from hqp.arrays import Vec
 from hqp.reference import Reference
 from hqp.robots.on_mujoco import Plane, Plant
 from hqp.session import Tick
 from hqp.solvers.base import Solver
-from hqp.tasks import Com, FixedContact, Orientation, Position, Posture
+from hqp.tasks import Com, Position
 
 PERIOD = 0.002
 """Of position commands: 500 Hz, as on the robot [s]."""
@@ -38,36 +38,8 @@ Feedback = Literal["task", "none", "reset"]
 ``none``, the commanded one; ``reset``, the measured one, from which every command starts again."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Gains:
-    """Feedback gains [1/s]; the paper gives none."""
-
-    cog: float = 2.0
-    foot: float = 1.0
-    hand: float = 2.0
-    extraneous: float = 1.0
-    posture: float = 1.0
-
-
-def paper_stack(gains: Gains, *, hand: bool = False) -> Stack:
-    """Feet and CoG over the ground > right hand > pelvis orientation and CoG height > posture."""
-    levels = [
-        Level(
-            FixedContact(frame="l_sole", law=P(gains.foot)),
-            FixedContact(frame="r_sole", law=P(gains.foot)),
-            Com(axes="xy", law=P(gains.cog), name="com_xy"),
-            name="critical",
-        ),
-        Level(
-            Orientation(frame="pelvis", law=P(gains.extraneous)),
-            Com(axes="z", law=P(gains.extraneous), name="com_z"),
-            name="extraneous",
-        ),
-        Level(Posture(law=P(gains.posture)), name="posture"),
-    ]
-    if hand:
-        levels.insert(1, Level(Position(frame="r_palm", law=P(gains.hand), name="hand"), name="functional"))
-    return Stack(*levels)
+GAINS = Gains(foot=1.0, hand=2.0, extraneous=1.0)
+"""What the stiff position servos of the plant take well [1/s]."""
 
 
 class Balance:

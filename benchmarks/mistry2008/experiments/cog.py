@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,14 +10,14 @@ from benchmarks.lab.curves import largest, response, rms, side
 from benchmarks.lab.outcome import Figure, Outcome, Table, holds, number, table
 from benchmarks.lab.setting import Setting
 from benchmarks.mistry2008.experiments.balance import (
+    GAINS,
     Balance,
     Feedback,
-    Gains,
     follow,
     joint_margin,
-    paper_stack,
     torque_share,
 )
+from benchmarks.mistry2008.stack import CBI, paper_stack
 
 AMPLITUDE, FREQUENCY = 0.04, 0.2
 """Side to side [m], [Hz]; the paper's Fig. 6 shows no more than the shape."""
@@ -40,7 +40,13 @@ class Swing:
 
 def swing(plan: Swing, setting: Setting) -> Balance:
     """Carry it out; the run's log holds ``com`` and ``com_goal``."""
-    run = Balance(paper_stack(Gains(cog=plan.gain)), setting.solver, feedback=plan.feedback, seen=setting.show)
+    stack = paper_stack(CBI, replace(GAINS, cog=plan.gain), hand=False)
+    run = Balance(
+        stack,
+        setting.solver,
+        feedback=plan.feedback,
+        seen=setting.show,
+    )
     run.settle()
     follow(run, plan.seconds, lambda t: side(t, plan.amplitude, plan.frequency), feedforward=plan.feedforward)
     return run

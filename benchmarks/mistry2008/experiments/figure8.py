@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from benchmarks.lab.curves import figure_eight, largest, rms
 from benchmarks.lab.outcome import Figure, Outcome, Table, holds, number, table
 from benchmarks.lab.setting import Setting
-from benchmarks.mistry2008.experiments.balance import Balance, Gains, follow, joint_margin, paper_stack, still
+from benchmarks.mistry2008.experiments.balance import GAINS, Balance, follow, joint_margin, still
+from benchmarks.mistry2008.stack import CBI, paper_stack
 from hqp.solvers.base import Solver
 
 ACROSS, UP, FREQUENCY = 0.10, 0.06, 0.1
@@ -21,7 +24,7 @@ def draw(
     setting: Setting, solver: str | Solver, seconds: float, *, gain: float = 2.0, feedforward: bool = True
 ) -> Balance:
     """One run; the log holds ``hand``, ``hand_goal``, ``com``, ``com_goal``."""
-    run = Balance(paper_stack(Gains(hand=gain), hand=True), solver, seen=setting.show)
+    run = Balance(paper_stack(CBI, replace(GAINS, hand=gain)), solver, seen=setting.show)
     run.settle()
     follow(run, seconds, still, lambda t: figure_eight(t, ACROSS, UP, FREQUENCY), feedforward=feedforward)
     return run

@@ -9,10 +9,11 @@ import numpy as np
 from benchmarks.lab.curves import largest, smooth
 from benchmarks.lab.outcome import Figure, Outcome, holds
 from benchmarks.lab.setting import Setting
-from benchmarks.mistry2008.experiments.balance import PERIOD, Balance, Gains, joint_margin, paper_stack, torque_share
+from benchmarks.mistry2008.experiments.balance import GAINS, PERIOD, Balance, joint_margin, torque_share
+from benchmarks.mistry2008.stack import CBI, Gains, paper_stack
 from hqp import Level, P, Stack
 from hqp.arrays import Vec
-from hqp.tasks import Com, Orientation, Pose, Posture
+from hqp.tasks import Com, Pose
 
 LIFT = 0.04
 """Height of the lifted foot [m]."""
@@ -36,24 +37,17 @@ class Schedule:
 
 def single_support(gains: Gains) -> Stack:
     """Left foot and CoG > pose of the right foot > pelvis orientation and CoG height > posture."""
-    both = paper_stack(gains)
-    left, com = both.find("l_sole"), both.find("com_xy")
+    both = paper_stack(CBI, gains, hand=False)
     return Stack(
-        Level(left, com, name="critical"),
+        Level(both.find("l_sole"), both.find("com_xy"), name="critical"),
         Level(Pose(frame="r_sole", law=P(gains.cog), name="swing"), name="functional"),
-        Level(
-            Orientation(frame="pelvis", law=P(gains.extraneous)),
-            Com(axes="z", law=P(gains.extraneous), name="com_z"),
-            name="extraneous",
-        ),
-        Level(Posture(law=P(gains.posture)), name="posture"),
+        *both.levels[1:],
     )
 
 
 def switch(setting: Setting, schedule: Schedule) -> tuple[Balance, list[float]]:
     """One run; the log holds ``com_goal`` and ``lift`` [m].  Also the jumps of the commanded joint velocity [rad/s]."""
-    gains = Gains()
-    double, single = paper_stack(gains), single_support(gains)
+    double, single = paper_stack(CBI, GAINS, hand=False), single_support(GAINS)
     run = Balance(double, setting.solver, seen=setting.show)
     shift, ready, lifted, held, lowered, rested, back, end = schedule.ends
     run.instants = [("both feet", 0.1), ("shifted", ready), ("lifted", 0.5 * (lifted + held)), ("down again", rested)]

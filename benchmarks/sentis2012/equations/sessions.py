@@ -10,7 +10,7 @@ import numpy as np
 import hqp
 from benchmarks.reports.checks import Check, at_most, seen_to_fail
 from benchmarks.sentis2012.equations.constraints import dynamics
-from benchmarks.sentis2012.equations.ground import WHEELS, Ground, Snapshot, largest, relative
+from benchmarks.sentis2012.equations.ground import Ground, Snapshot, largest, relative
 from benchmarks.sentis2012.equations.law import (
     Demand,
     compensated,
@@ -18,6 +18,7 @@ from benchmarks.sentis2012.equations.law import (
     posture_demand,
     projector_rate,
 )
+from benchmarks.sentis2012.stack import COM, CONTACTS, HAND, HELD, POSTURE, WHEELS, paper_stack
 from hqp import PD, Level, SelfMotion, Stack
 from hqp.arrays import Vec
 from hqp.errors import DeclarationError
@@ -27,7 +28,6 @@ from hqp.solvers.base import Solver
 from hqp.tasks import (
     Com,
     FrictionCone,
-    JointCoupling,
     OmniWheelContact,
     Position,
     Posture,
@@ -37,12 +37,6 @@ from hqp.tasks import (
 from hqp.torque.program import TorqueProgram
 
 SEED = 2013
-COM = Com(axes="xy", subtree="torso_yaw", relative_to="base", heading=True, law=PD(400.0, 40.0), name="com")
-HAND = Position(frame="hand", relative_to="base", heading=True, law=PD(30.0, 11.0))
-POSTURE = Posture(joints="upper_body", law=PD(100.0, 20.0))
-WHEELED = tuple(OmniWheelContact(wheel=w) for w in WHEELS)
-HELD = (JointCoupling({"torso_hip": 1.0, "torso_thorax": -1.0}, name="biarticular"), *WHEELED)
-LEVELS = (Level(COM, name="balance"), Level(HAND, name="hand"), Level(POSTURE, name="posture"))
 
 
 def checks(ground: Ground, count: int) -> Iterator[Check]:
@@ -53,11 +47,6 @@ def checks(ground: Ground, count: int) -> Iterator[Check]:
     yield from _limits(ground, max(count // 4, 3))
     yield from _friction(ground)
     yield from _refusal(ground)
-
-
-def dreamer(extra: Sequence[hqp.Element] = ()) -> Stack:
-    """Eqs. (48) to (59) as a stack: balance over hand over posture, goals that move with the body."""
-    return Stack(*LEVELS, subject_to=[*HELD, *extra])
 
 
 def at_states(
@@ -74,7 +63,7 @@ def references(ground: Ground, s: Snapshot, stack: Stack) -> list[Reference]:
     """Ground normals for the wheels, and goals near the state, the same for every solver."""
     state = ground.robot.state(s.q, s.v)
     rng = np.random.default_rng(int(1e6 * abs(s.q[7])) % 2**31)
-    found: list[Reference] = [w.at(normal=ground.normal) for w in WHEELED]
+    found: list[Reference] = [w.at(normal=ground.normal) for w in CONTACTS]
     for task, size in ((COM, 0.002), (HAND, 0.05), (POSTURE, 0.1)):
         if task.name in stack:
             value = task.value(state)
@@ -103,7 +92,7 @@ def paper(s: Snapshot, program: TorqueProgram, names: Sequence[str] = ("com", "h
 
 def _rows(ground: Ground, count: int) -> Iterator[Check]:
     label, robot = ground.label, ground.robot
-    session = hqp.Controller(dreamer(), hqp.Torque(), solver="nullspace").session(robot, dt=0.001)
+    session = hqp.Controller(paper_stack(), hqp.Torque(), solver="nullspace").session(robot, dt=0.001)
     rows, drift, forces, absolute = [], [], [], []
     for s in ground.free_states(count, SEED):
         given = references(ground, s, session.stack)
@@ -131,7 +120,7 @@ def _rows(ground: Ground, count: int) -> Iterator[Check]:
 def _torques(ground: Ground, count: int) -> Iterator[Check]:
     label = ground.label
     reference = []
-    for s, session, tick in at_states(ground, dreamer(), "nullspace", count, SEED + 1):
+    for s, session, tick in at_states(ground, paper_stack(), "nullspace", count, SEED + 1):
         law = paper(s, _program(session))
         reference.append((tick.command, law))
     text = "session with relative tasks vs compensated law: {}, relative torque"
@@ -141,7 +130,7 @@ def _torques(ground: Ground, count: int) -> Iterator[Check]:
         off = [
             relative(tick.command - law, law)
             for (_, _, tick), (_, law) in zip(
-                at_states(ground, dreamer(), solver, count, SEED + 1), reference, strict=True
+                at_states(ground, paper_stack(), solver, count, SEED + 1), reference, strict=True
             )
         ]
         yield at_most("S(48)-(62)", text.format(solver), label, 1e-8, off)
@@ -166,7 +155,7 @@ def _self_motion(ground: Ground, count: int) -> Iterator[Check]:
         goal = actuated.value(state) + 0.3 * s.rng.normal(size=12)
         aim = hand.at(hand.value(state) + 0.01)
         state = ground.robot.state(s.q, s.v)
-        session.step(state, aim, actuated.at(goal), *(w.at(normal=ground.normal) for w in WHEELED))
+        session.step(state, aim, actuated.at(goal), *(w.at(normal=ground.normal) for w in CONTACTS))
         J, dJ = s.star(*s.hand)
         Phi, dPhi = orthogonal_projector(J), projector_rate(J, dJ)
         error = actuated.value(ground.robot.state(s.q, s.v)) - goal
@@ -181,7 +170,7 @@ def _limits(ground: Ground, count: int) -> Iterator[Check]:
     label = ground.label
     for share in (0.8, 0.6, 0.4):
         kept, gaps, clipped, posture = [], [], [], []
-        for _, session, tick in at_states(ground, dreamer(), "nullspace", count, SEED + 3):
+        for _, session, tick in at_states(ground, paper_stack(), "nullspace", count, SEED + 3):
             problem, tau = session.problem.copy(), tick.command
             limit = np.full(12, share * largest(tau))
             bounds = hqp.Rows(hqp.Selection(np.arange(12)), -limit, limit)
@@ -206,7 +195,6 @@ def _friction(ground: Ground) -> Iterator[Check]:
     mu = 0.1
     com = Com(axes="xy", subtree="torso_yaw", law=PD(400.0, 40.0), name="com")
     hand = Position(frame="hand", law=PD(30.0, 11.0))
-    levels = (Level(com), Level(hand), Level(POSTURE))
     limits = [
         *(FrictionCone(contact=w, mu=mu) for w in WHEELS),
         *(UnilateralContact(contact=w) for w in WHEELS),
@@ -216,12 +204,12 @@ def _friction(ground: Ground) -> Iterator[Check]:
     for s in ground.states(5, SEED + 4, speed=1e-9):
         loads = []
         for extra, solver in (((), "nullspace"), (limits, "lexicographic")):
-            stack = Stack(*levels, subject_to=[*HELD, *extra])
+            stack = paper_stack(extra, com=com, hand=hand)
             session = hqp.Controller(stack, hqp.Torque(), solver=solver).session(ground.robot, dt=0.001)
             state = ground.robot.state(s.q, s.v)
             goals = [task.at(task.value(state)) for task in (com, hand, POSTURE)]
             state = ground.robot.state(s.q, s.v)
-            tick = session.step(state, *(w.at(normal=ground.normal) for w in WHEELED), *goals)
+            tick = session.step(state, *(w.at(normal=ground.normal) for w in CONTACTS), *goals)
             forces = _program(session).contact_forces(tick.command)
             excess = [abs(forces[w][0]) - mu * forces[w][1] for w in WHEELS]
             loads.append((max(excess), min(forces[w][1] for w in WHEELS)))
@@ -245,7 +233,7 @@ def _refusal(ground: Ground) -> Iterator[Check]:
     refused = 0
     wrong = [_AlongTheAxle(wheel=w) for w in WHEELS]
     try:
-        hqp.Controller(Stack(*LEVELS, subject_to=[HELD[0], *wrong]), hqp.Torque()).session(ground.robot, dt=0.001)
+        hqp.Controller(paper_stack(contacts=wrong), hqp.Torque()).session(ground.robot, dt=0.001)
     except DeclarationError as error:
         refused = int("rank [J_constr; U] = 18 of 19" in str(error))
     text = "rolling rows along the axle: stack refused, naming rank 18 of 19"

@@ -14,7 +14,8 @@ import numpy as np
 
 import hqp
 from benchmarks.sentis2012.experiments.ground import UP, Heading
-from hqp import PD, Level, Stack
+from benchmarks.sentis2012.stack import WHEELS, paper_stack
+from hqp import PD, Stack
 from hqp.arrays import Mat, Vec
 from hqp.element import Block, Task, Writer
 from hqp.errors import DeclarationError
@@ -23,7 +24,6 @@ from hqp.robot import Robot, State
 from hqp.tasks import (
     Com,
     FrictionCone,
-    JointCoupling,
     OmniWheelContact,
     Orientation,
     Position,
@@ -36,8 +36,6 @@ COM_GOAL = (0.0289, -0.0522)
 
 HAND_GOAL = (0.397, -0.216, 1.063)
 """Of the palm in the base's heading frame [m]: that of the posture goal."""
-
-WHEELS = ("wheel_0", "wheel_1", "wheel_2")
 
 Normals = Literal["contact", "map", "base", "contact in all", "vertical"]
 """Ground normals: ``contact``, the base's in the rows and each wheel's own in the gravity compensation; ``map``, the
@@ -78,29 +76,15 @@ def stack(choice: Compliance) -> Stack:
     com_kind: type[Com] = AbsoluteCom if choice.absolute_jacobians else Com
     hand_kind: type[Position] = AbsolutePosition if choice.absolute_jacobians else Position
     law = PD(choice.com, max_acceleration=choice.com_acceleration)
-    wheels = [OmniWheelContact(wheel=name) for name in WHEELS]
-    if choice.axle_rolling:
-        wheels = [RollingAlongAxle(wheel=name) for name in WHEELS]
-    limits = [
-        TorqueLimits(),
-        *(FrictionCone(contact=name, mu=choice.friction, edges=4) for name in WHEELS),
-    ]
-    return Stack(
-        Level(
-            com_kind(axes="xy", subtree="torso_yaw", relative_to="base", heading=True, law=law, name="com"),
-            name="balance",
-        ),
-        Level(Orientation(frame="base", axes="yaw", law=PD(choice.yaw), name="yaw"), name="heading"),
-        Level(
-            hand_kind(frame="hand_point", relative_to="base", heading=True, law=PD(choice.hand), name="hand"),
-            name="hand",
-        ),
-        Level(Posture(joints="upper_body", law=PD(choice.posture)), name="posture"),
-        subject_to=[
-            JointCoupling({"torso_hip": 1.0, "torso_thorax": -1.0}, name="biarticular"),
-            *wheels,
-            *(limits if choice.limits else []),
-        ],
+    wheels = [RollingAlongAxle(wheel=name) if choice.axle_rolling else OmniWheelContact(wheel=name) for name in WHEELS]
+    limits = [TorqueLimits(), *(FrictionCone(contact=name, mu=choice.friction, edges=4) for name in WHEELS)]
+    return paper_stack(
+        limits if choice.limits else (),
+        com=com_kind(axes="xy", subtree="torso_yaw", relative_to="base", heading=True, law=law, name="com"),
+        yaw=Orientation(frame="base", axes="yaw", law=PD(choice.yaw), name="yaw"),
+        hand=hand_kind(frame="hand_point", relative_to="base", heading=True, law=PD(choice.hand), name="hand"),
+        posture=Posture(joints="upper_body", law=PD(choice.posture)),
+        contacts=wheels,
     )
 
 

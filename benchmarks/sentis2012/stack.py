@@ -1,0 +1,35 @@
+"""Eqs. (48) to (59) as a stack: balance > hand > posture under coupling and wheels, goals that move with the base."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from hqp import PD, Level, Stack
+from hqp.element import Element
+from hqp.tasks import Com, JointCoupling, OmniWheelContact, Orientation, Position, Posture
+
+WHEELS = ("wheel_0", "wheel_1", "wheel_2")
+CONTACTS = tuple(OmniWheelContact(wheel=name) for name in WHEELS)
+COUPLING = JointCoupling({"torso_hip": 1.0, "torso_thorax": -1.0}, name="biarticular")
+HELD = (COUPLING, *CONTACTS)
+"""What acts by a reaction force."""
+
+COM = Com(axes="xy", subtree="torso_yaw", relative_to="base", heading=True, law=PD(400.0, 40.0), name="com")
+HAND = Position(frame="hand", relative_to="base", heading=True, law=PD(30.0, 11.0), name="hand")
+POSTURE = Posture(joints="upper_body", law=PD(100.0, 20.0))
+
+
+def paper_stack(
+    limits: Sequence[Element] = (),
+    *,
+    com: Com = COM,
+    hand: Position = HAND,
+    posture: Posture = POSTURE,
+    yaw: Orientation | None = None,
+    contacts: Sequence[OmniWheelContact] = CONTACTS,
+) -> Stack:
+    """Balance, hand, posture; with ``yaw`` a level of its own below balance, which the paper does not have."""
+    levels = [Level(com, name="balance"), Level(hand, name="hand"), Level(posture, name="posture")]
+    if yaw is not None:
+        levels.insert(1, Level(yaw, name="heading"))
+    return Stack(*levels, subject_to=[COUPLING, *contacts, *limits])
