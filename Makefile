@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: corpus bench experiments test check setup format clean sanitize
+.PHONY: corpus bench experiments test test-sweeps check setup format clean sanitize
 
 bench: setup
 	$(BIN)/python -m benchmarks
@@ -16,6 +16,11 @@ experiments: setup
 # The native parts must be there: a broken build would fall back to pure Python without a word.
 test: setup
 	HQP_REQUIRE_NATIVE=1 $(BIN)/python -m pytest
+
+# Sweeps on a Ray cluster of this machine; a worker is killed on the way.
+test-sweeps: setup
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'ray[client]>=2.9'
+	HQP_TEST_CLUSTER=1 $(BIN)/python -m pytest tests/sweep
 
 CPP := $(wildcard hqp/cpp/*/*.hpp hqp/cpp/*/*.cpp tests/solvers/native/*.cpp)
 

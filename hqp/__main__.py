@@ -18,7 +18,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.print_help()
         return 0
     commands: dict[str, Callable[[argparse.Namespace], int]]
-    commands = {"solvers": _solvers, "robots": _robots, "compare": _compare}
+    commands = {"solvers": _solvers, "robots": _robots, "compare": _compare, "sweep": _sweep}
     try:
         return commands[arguments.command](arguments)
     except HqpError as error:
@@ -48,6 +48,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     compare.add_argument("--dt", type=float, default=0.002, metavar="S", help="control period [s], default 0.002")
     compare.add_argument("--format", choices=("table", "markdown", "csv", "json"), default="table")
+    from hqp.sweep import command
+
+    sweep = commands.add_parser("sweep", help="call a function at many cases", description=command.DESCRIPTION)
+    command.add_arguments(sweep)
     return parser
 
 
@@ -82,6 +86,12 @@ def _compare(arguments: argparse.Namespace) -> int:
     shown = {"table": result.__str__, "markdown": result.markdown, "csv": result.csv, "json": result.json}
     print(shown[arguments.format]())
     return 0
+
+
+def _sweep(arguments: argparse.Namespace) -> int:
+    from hqp.sweep.command import execute
+
+    return execute(arguments)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,66 @@
+"""Sweeps on Ray: the same rows as in one process, and a worker that is killed costs nothing.
+
+Starts a Ray cluster of two workers on this machine, some ten seconds each: `make test-sweeps`.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from hqp import sweep
+
+if "HQP_TEST_CLUSTER" not in os.environ:
+    pytest.skip("starts Ray: `make test-sweeps`", allow_module_level=True)
+pytest.importorskip("ray")
+
+HERE = str(Path(__file__).parent)
+
+
+@pytest.fixture(autouse=True)
+def _beside() -> Iterator[None]:
+    sys.path.insert(0, HERE)
+    yield
+    sys.path.remove(HERE)
+
+
+def cases(**fixed: object) -> sweep.Sweep:
+    return sweep.Sweep("toy_function:square", [{"x": x, **fixed} for x in range(40)], folder=HERE)
+
+
+def test_the_same_as_in_one_process(tmp_path: Path) -> None:
+    here = sweep.run(cases(), tmp_path / "serial", on="serial", show=False)
+    there = sweep.run(cases(), tmp_path / "ray", on="local", jobs=2, show=False)
+    assert here == there == sweep.Summary(cases=40, found=0, ran=40, failed=1)
+    kept = ("key", "ok", "result.square")
+    first, second = (
+        sorted(([r[k] for k in kept] for r in sweep.read(tmp_path / name).to_pylist()), key=str)
+        for name in ("serial", "ray")
+    )
+    assert first == second
+
+
+def test_a_killed_worker_s_cases_run_again(tmp_path: Path) -> None:
+    marks = tmp_path / "marks"
+    marks.mkdir()
+    done = sweep.run(cases(folder=str(marks), kill_at=20), tmp_path / "out", on="local", jobs=2, show=False)
+    assert done == sweep.Summary(cases=40, found=0, ran=40, failed=1)  # the one that refuses 7
+    assert len((marks / "call-20").read_text()) == 2  # killed once, done the second time
+    rows = {r["case.x"]: r for r in sweep.read(tmp_path / "out").to_pylist()}
+    assert rows[20]["result.square"] == 400.0
+
+
+def test_a_case_that_kills_every_worker_is_a_row(tmp_path: Path) -> None:
+    marks = tmp_path / "marks"
+    marks.mkdir()
+    poison = cases(folder=str(marks), kill_at=20, once=False)
+    done = sweep.run(poison, tmp_path / "out", on="local", jobs=2, show=False)
+    assert done.ran == 40
+    assert done.failed == 2
+    rows = {r["case.x"]: r for r in sweep.read(tmp_path / "out").to_pylist()}
+    assert "its worker died" in rows[20]["error"]
+    assert sum(r["ok"] for r in rows.values()) == 38
