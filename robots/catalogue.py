@@ -98,8 +98,12 @@ def _example(key: str, floating: bool | None, name: str | None) -> Robot:
         raise ModelError(f"robot {key!r} is in the package {_DATA}: pip install {_DATA}")
     if floating is None:
         floating = bool(entry.get("floating", True))
-    landmarks = {k: tuple(np.atleast_1d(entry[k]).tolist()) for k in ("soles", "palms", "base") if k in entry}
+    landmarks = {k: tuple(np.atleast_1d(entry[k]).tolist()) for k in ("soles", "feet", "palms", "base") if k in entry}
     found = _read(path, floating)
+    for frame, place in entry.get("frames", {}).items():
+        host = found.model.frames[found.model.getFrameId(place["parent"])]
+        at = host.placement * pin.SE3(np.eye(3), np.array(place["position"]))
+        found.model.addFrame(pin.Frame(frame, host.parentJoint, 0, at, pin.FrameType.OP_FRAME), False)
     srdf = _files(".srdf").get(entry.get("srdf", ""))
     if srdf is not None:
         pin.loadReferenceConfigurations(found.model, str(srdf), False)
@@ -107,12 +111,13 @@ def _example(key: str, floating: bool | None, name: str | None) -> Robot:
         found.home = found.configurations.get(entry.get("pose", ""))
     robot = Robot(found.model, name=name or key, groups=entry.get("groups"), landmarks=landmarks, description=found)
     if floating:
-        _stand(robot, entry.get("posture", {}), landmarks.get("soles", ()))
+        feet = landmarks.get("soles", landmarks.get("feet", ()))
+        _stand(robot, entry.get("posture", {}), feet, entry.get("foot_radius", 0.0))
     return robot
 
 
-def _stand(robot: Robot, posture: Mapping[str, float], feet: Any) -> None:
-    """Put the joints at the posture and the base where the lowest of the feet is at height zero."""
+def _stand(robot: Robot, posture: Mapping[str, float], feet: Any, height: float = 0.0) -> None:
+    """Put the joints at the posture and the base where the lowest of the feet is at a height [m]."""
     q = robot.home.copy()
     for joint, angle in posture.items():
         q[robot.model.joints[robot.model.getJointId(joint)].idx_q] = angle
@@ -120,7 +125,7 @@ def _stand(robot: Robot, posture: Mapping[str, float], feet: Any) -> None:
     q = robot.home
     if feet:
         state = robot.state(q)
-        q[2] -= min(state.position(frame)[2] for frame in feet)
+        q[2] += height - min(state.position(frame)[2] for frame in feet)
         robot.current = None
 
 

@@ -1,0 +1,54 @@
+"""Every robot of the catalogue: it loads, its home is inside its limits, its soles are at the ground."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import hqp.robots
+from hqp.robots import geometry
+
+NAMES = hqp.robots.names()
+STANDING = ("cbi", "dreamer", "talos", "g1", "icub", "romeo", "solo12", "anymal", "go2")
+_LEVEL, _HEIGHT = 0.005, 0.001  # tilt of a sole [rad], height of the lowest point of a foot's shape [m]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_loads_with_home_inside_its_limits(name: str) -> None:
+    robot = hqp.robots.load(name)
+    angles = robot.state().angles
+    assert (angles >= robot.lower - 1e-12).all()
+    assert (angles <= robot.upper + 1e-12).all()
+    assert np.isfinite(robot.state().jacobian(robot.frame_names[-1])).all()
+    assert robot.source is not None
+    assert robot.source.is_file()
+
+
+def test_all_of_the_package_are_listed() -> None:
+    assert len(NAMES) >= 70
+    assert set(STANDING) <= set(NAMES)
+
+
+@pytest.mark.parametrize("name", ["talos", "g1", "icub", "romeo", "solo12", "anymal", "go2"])
+def test_feet_stand_on_the_ground(name: str) -> None:
+    """Soles are at the lowest point of the foot's shape, level, and that is at height zero."""
+    robot = hqp.robots.load(name)
+    state = robot.state()
+    state.kinematics()
+    soles = robot.landmarks.get("soles", ())
+    for frame in soles or robot.landmarks["feet"]:
+        lowest = geometry.lowest(robot.model, robot.data, robot.geometry, robot.body(robot.frame(frame)))
+        assert abs(lowest) < _HEIGHT
+        if soles:
+            assert abs(state.position(frame)[2] - lowest) < _HEIGHT
+            assert np.hypot(*state.rotation(frame)[2, :2]) < _LEVEL
+
+
+@pytest.mark.parametrize("name", ["talos", "panda", "ur5"])
+def test_shapes_to_touch_and_to_draw(name: str) -> None:
+    robot = hqp.robots.load(name)
+    for shapes in (robot.geometry, robot.visual):
+        assert isinstance(shapes, pin.GeometryModel)
+        assert shapes.ngeoms >= 6
+        assert max(item.parentJoint for item in shapes.geometryObjects) < robot.model.njoints
