@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from hqp.errors import DeclarationError, ModelError
+from hqp.errors import DeclarationError, JointNotFound
 
 from .mujoco_extra import mujoco
 
 Actuation = Literal["torque", "position", "native"]
+_SINGLE = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,44 +48,55 @@ class Servo:
         return cls(kp=kp, other=table["other"], damping_time=table["damping_time"])
 
 
-def fit(spec: Any, actuation: Actuation, servo: Servo | None) -> tuple[str, ...]:
+def fit(spec: Any, actuation: Actuation, servo: Servo | None, wanted: Sequence[str] | None = None) -> tuple[str, ...]:
     """Make every actuator of a MjSpec a motor or a servo; names of the driven joints, in actuator order.
 
-    A model without actuators gets one per hinge and slide. Limits are kept: the actuator's force range, a plain
-    motor's control range, or the joint's force range. ``native`` leaves everything as the file has it.
-    Raises ModelError for tendons and other transmissions unless ``native``.
+    wanted: the joints to be driven; by default those of the file's actuators, or all hinges and slides where it has
+    none.  One actuator a joint is kept, those of tendons, sites and bodies go.  Limits are kept: the actuator's force
+    range, a plain motor's control range, or the joint's force range.  ``native`` leaves everything as the file has it.
+    Raises JointNotFound for a wanted joint that the file lacks, DeclarationError for servos without gains.
     """
     joints = {joint.name: joint for joint in spec.joints}
-    if not list(spec.actuators) and actuation != "native":
-        for name, joint in joints.items():
-            if joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
-                spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    driven = []
-    for actuator in spec.actuators:
+    if actuation == "native":
+        return tuple(a.target if a.trntype == mujoco.mjtTrn.mjTRN_JOINT else a.name for a in spec.actuators)
+    driven: list[str] = []
+    for actuator in list(spec.actuators):
         on_joint = actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT
-        driven.append(actuator.target if on_joint else actuator.name)
-        if actuation == "native":
-            continue
-        if not on_joint and not (actuator.trntype == mujoco.mjtTrn.mjTRN_SITE and actuator.refsite):
-            raise ModelError(
-                f"actuator {actuator.name!r} drives no joint ({actuator.trntype.name}); "
-                "such a model takes actuation='native'"
-            )
-        effort = _effort(actuator, joints[actuator.target] if on_joint else None)
-        if actuation == "torque":
-            actuator.set_to_motor()
-            actuator.ctrlrange = effort
-            actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_FALSE
+        on_wheel = actuator.trntype == mujoco.mjtTrn.mjTRN_SITE and bool(actuator.refsite)
+        name = actuator.target if on_joint else actuator.name
+        known = wanted is None or name in wanted
+        if name in driven or not known or not (on_wheel or (on_joint and joints[name].type in _SINGLE)):
+            spec.delete(actuator)
         else:
-            if servo is None:
-                raise DeclarationError("plant", "a position servo needs gains", allowed="servo=Servo(kp=...)")
-            kp = servo.gain(driven[-1])
-            actuator.set_to_position(kp=kp, kv=servo.damping_time * kp)
-            actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
-            actuator.forcerange = effort
-        if on_joint:
-            actuator.gear = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+            driven.append(name)
+    missing = [n for n in wanted if n not in driven] if wanted else []
+    if not driven and wanted is None:
+        missing = [name for name, joint in joints.items() if joint.type in _SINGLE]
+    for name in missing:
+        if name not in joints or joints[name].type not in _SINGLE:
+            raise JointNotFound(name, driven or joints, "the MuJoCo model, among its motors,")
+        spec.add_actuator(name=f"{name}_motor", target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        driven.append(name)
+    for actuator, name in zip(spec.actuators, driven, strict=True):
+        _make(actuator, name, joints.get(name), actuation, servo)
     return tuple(driven)
+
+
+def _make(actuator: Any, name: str, joint: Any | None, actuation: Actuation, servo: Servo | None) -> None:
+    effort = _effort(actuator, joint if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT else None)
+    if actuation == "torque":
+        actuator.set_to_motor()
+        actuator.ctrlrange = effort
+        actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_FALSE
+    else:
+        if servo is None:
+            raise DeclarationError("plant", "a position servo needs gains", allowed="servo=Servo(kp=...)")
+        kp = servo.gain(name)
+        actuator.set_to_position(kp=kp, kv=servo.damping_time * kp)
+        actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
+        actuator.forcerange = effort
+    if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT:
+        actuator.gear = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
 
 
 def _effort(actuator: Any, joint: Any | None) -> tuple[float, float]:

@@ -8,40 +8,86 @@ from typing import Any
 
 from hqp.errors import FrameNotFound, JointNotFound, ModelError
 
+from . import urdf_plant
+from .from_mjcf import set_root
 from .from_tables import FOLDER, OWN
+from .mjcf_names import body_names, joint_names
 from .mujoco_extra import mujoco
 from .tables import Tables
 
 
-def find(robot: Any, mjcf: str | Path | None) -> tuple[Path, dict[str, Any]]:
-    """The model file, and the ``robot.toml`` of our own ones; raises ModelError where there is no such file."""
+def find(robot: Any, mjcf: str | Path | None, timestep: float) -> tuple[Any, Path, dict[str, Any]]:
+    """The robot's model as a MjSpec, its file, and the ``robot.toml`` of our own ones; raises ModelError.
+
+    mjcf: a file or one of our own; by default the one of the robot's name if that is ours, else the robot's file, a
+    URDF through MuJoCo's reader.
+    """
+    source = getattr(robot, "source", None)
     stem = str(getattr(robot, "name", "") if mjcf is None else mjcf)
     own: dict[str, str] = {}
     for name in OWN:
-        about = Tables.read(FOLDER / name).description
-        if stem in about["mjcf"]:
-            return FOLDER / name / f"{stem}.xml", about
-        own |= about["mjcf"]
-    if not Path(stem).is_file():
+        description = Tables.read(FOLDER / name).description
+        if stem in description["mjcf"] and (mjcf is not None or source is None or source.parent == FOLDER / name):
+            path = FOLDER / name / f"{stem}.xml"
+            return prepared(parsed(path), timestep), path, description
+        own |= description["mjcf"]
+    if mjcf is None and source is not None:
+        path = Path(source)
+        spec = urdf_plant.read(robot) if path.suffix == ".urdf" else parsed(path)
+        if path.suffix != ".urdf" and robot.description.rooted is not None:
+            set_root(spec, robot.description.rooted)
+    elif Path(stem).is_file():
+        path = Path(stem)
+        spec = parsed(path)
+    else:
         raise ModelError(f"no MJCF {stem!r}: neither a file nor one of {', '.join(own)}")
-    return Path(stem), {}
+    name_all(spec)
+    return prepared(spec, timestep), path, {}
 
 
-def read(path: Path, timestep: float) -> Any:
-    """The file as a MjSpec with the plant's solver: implicitfast, elliptic cones; raises ModelError.
+def parsed(path: Path) -> Any:
+    """The file as a MjSpec; raises ModelError."""
+    try:
+        return mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise ModelError(f"{path} could not be read: {error}") from error
+
+
+def prepared(spec: Any, timestep: float) -> Any:
+    """The MjSpec with the plant's solver: implicitfast, elliptic cones.
 
     Divergence is not reset silently: the state stays not finite.
     """
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-    except ValueError as error:
-        raise ModelError(f"{path} could not be read: {error}") from error
     spec.option.timestep = timestep
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10.0
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     return spec
+
+
+def name_all(spec: Any) -> None:
+    """Give bodies and joints without a name the one that the robot knows them by."""
+    simulated = spec.compile()
+    bodies, joints = body_names(simulated), joint_names(simulated)
+    for body in spec.bodies:
+        if not body.name:
+            body.name = bodies[body.id]
+    for joint in spec.joints:
+        if not joint.name:
+            joint.name = joints[joint.id]
+
+
+def root_of(spec: Any, robot: Any) -> str:
+    """The root body of the robot among those of a MjSpec: that of its first joint."""
+    names = set(getattr(robot, "model", robot).names[1:])
+    for body in spec.worldbody.bodies:
+        if any(j.name in names for j in body.find_all("joint")) or any(j.name in names for j in body.joints):
+            free = [j for j in body.joints if j.type == mujoco.mjtJoint.mjJNT_FREE]
+            floating = getattr(robot, "floating", False)
+            if not free or floating == (free[0].name == getattr(robot, "model", robot).names[1]):
+                return str(body.name)
+    return str(spec.worldbody.first_body().name)
 
 
 def set_armature(spec: Any, armature: Mapping[str, float], groups: Mapping[str, Sequence[str]]) -> None:

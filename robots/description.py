@@ -13,7 +13,8 @@ from hqp.arrays import Vec
 class Description:
     """A model read from a file.
 
-    model: pinocchio.Model.  source: the file.  simulated: the MjModel behind an MJCF.  carriers: for each of its
+    model: pinocchio.Model.  source: the file.  rooted: whether its
+    root was freed or fixed on reading.  simulated: the MjModel behind an MJCF.  carriers: for each of its
     bodies the joint that moves it and its placement there.  actuated: joints with a motor, None for all of one axis.
     home ``(nq,)`` and named configurations.  couplings: (coefficients by joint, offset), sum c_j q_j = offset.
     cones: by joint of three axes the largest turn from its zero [rad].  notes: what
@@ -23,6 +24,7 @@ class Description:
     model: Any
     source: Path
     simulated: Any = None
+    rooted: bool | None = None
     carriers: list[tuple[int, Any]] = field(default_factory=list)
     actuated: tuple[str, ...] | None = None
     home: Vec | None = None

@@ -62,6 +62,7 @@ def read(path: Path, floating: bool | None = None) -> Description:
     if simulated.nv == 0:
         raise ModelError(f"{path}: no body of it moves (MuJoCo compiles it with nv = 0), so it is no robot")
     found = describe(simulated, path)
+    found.rooted = floating
     free = found.model.joints[1].shortname() == "JointModelFreeFlyer"
     if floating is not None and free != floating:
         raise DeclarationError(

@@ -21,7 +21,7 @@ from hqp.errors import DeclarationError, JointNotFound, ModelError
 
 from . import scene
 from .actuators import Actuation, Servo, fit
-from .assembly import add_imu, find, read, set_armature
+from .assembly import add_imu, find, root_of, set_armature
 from .frames import Frames
 from .ground_contact import ContactReader, Contacts
 from .mujoco_extra import mujoco
@@ -40,9 +40,10 @@ class Plant:
     """A simulated robot that takes commands and gives states, forces and sensor readings.
 
     robot: the Robot that controls, or a pinocchio.Model; states and commands are in its order.
-    mjcf: a path, or the stem of one of our own files (``cbi``, ``dreamer``, ``dreamer_rollers``); by default the
-    one of the robot's name.  actuation: ``torque``, ``position`` (servos with the gains of ``servo``), or
-    ``native``, the file's own actuators.  terrain: the ground, None where the file has one.
+    mjcf: a path, or the stem of one of our own files (``cbi``, ``dreamer``, ``dreamer_rollers``); by default our own
+    of the robot's name, else the robot's file: a URDF through MuJoCo's reader, with a motor for each of its joints.
+    actuation: ``torque``, ``position`` (servos with the gains of ``servo``), or ``native``, the file's own actuators.
+    terrain: the ground, which takes the place of planes in the file, None to keep those.
     timestep, delay: of a step, and from command to motor [s].  armature: reflected rotor inertia by joint or group
     [kg m^2] in place of the default (our own models) or the file's.  imu: a frame of the root body.
     watched: frames whose ground contact is measured, each with all that hangs on it; soles or wheels by default.
@@ -69,15 +70,14 @@ class Plant:
     ) -> None:
         if not timestep > 0.0 or not delay >= 0.0:
             raise DeclarationError("plant", "bad timestep or delay", value=(timestep, delay), unit="s")
-        path, about = find(robot, mjcf)
-        spec = read(path, timestep)
+        spec, path, about = find(robot, mjcf, timestep)
         self.servo = servo or Servo.from_description(about)
-        driven = fit(spec, actuation, self.servo)
+        driven = fit(spec, actuation, self.servo, getattr(robot, "joint_names", None))
         inertia = about.get("plant", {}).get("armature", {}) if armature is None else armature
         set_armature(spec, inertia, {**about.get("groups", {}), **getattr(robot, "groups", {})})
         if edit is not None:
             edit(spec)
-        root = spec.worldbody.first_body().name
+        root = root_of(spec, robot)
         site = add_imu(spec, imu or about.get("imu", root))
         scene.dress(spec, root, terrain)
         self.model, self.terrain, self.sensors, self.actuation = spec.compile(), terrain, sensors, actuation
@@ -85,6 +85,7 @@ class Plant:
         self._frames = Frames(self.model)
         self._gyro, self._accelerometer = (self.data.sensor(f"plant_{s}").data for s in ("gyro", "accelerometer"))
         self.map = StateMap(self.model, robot)
+        self._home: Vec | None = getattr(robot, "home", None) if path == getattr(robot, "source", None) else None
         self._root, self._site = self.model.body(root).id, self.model.site(site).id
         if self.map.floating and self.model.body_weldid[self.model.site_bodyid[self._site]] != self._root:
             raise ModelError(f"IMU {imu!r} is not fixed to the root body {root!r}")
@@ -105,7 +106,8 @@ class Plant:
     def reset(self, q: Vec | None = None, v: Vec | None = None) -> tuple[Vec, Vec]:
         """Start at (q, v); noise starts anew.  Returns the state.
 
-        The default is at rest in the file's first keyframe, or in its initial configuration.
+        The default is at rest in the robot's home if it came from the same file, else in the file's first keyframe or
+        its initial configuration.
         """
         mujoco.mj_resetData(self.model, self.data)
         if q is None:
@@ -246,5 +248,7 @@ class Plant:
         return Reading(self.time, q, v, rotation, gyro, accelerometer, contacts)
 
     def _initial(self) -> Vec:
+        if self._home is not None:
+            return np.array(self._home)
         qpos = self.model.key_qpos[0] if self.model.nkey else self.model.qpos0
         return self.map.to_pinocchio(qpos, np.zeros(self.model.nv))[0]

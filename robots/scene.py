@@ -25,6 +25,9 @@ def dress(spec: Any, root: str, terrain: Terrain | None) -> None:
         spec.delete(light)
     _sky_and_light(spec)
     if terrain is not None:
+        for geom in list(spec.worldbody.geoms):
+            if geom.type == mujoco.mjtGeom.mjGEOM_PLANE:
+                spec.delete(geom)
         _ground(spec, terrain)
     _hand(spec)
     _cameras(spec, root)

@@ -1,0 +1,129 @@
+"""A URDF robot for the plant: MuJoCo's own URDF reader, with the collision shapes that Pinocchio reads."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from hqp.arrays import Mat
+from hqp.errors import ModelError
+
+from .geometry import points
+from .mujoco_extra import mujoco
+
+_SHOWN = (0.75, 0.76, 0.79, 1.0)
+
+
+def read(robot: Any) -> Any:
+    """A MjSpec of a robot from a URDF: bodies, joints, inertias by MuJoCo's reader; raises ModelError.
+
+    Meshes are taken as their convex hulls.  Pairs of links that touch at home do not collide.
+    """
+    root = ET.parse(robot.source).getroot()
+    for link in root.findall("link"):
+        for kind in ("visual", "collision"):
+            for shape in link.findall(kind):
+                link.remove(shape)
+    for old in root.findall("mujoco"):
+        root.remove(old)
+    compiler = ET.SubElement(ET.SubElement(root, "mujoco"), "compiler")
+    compiler.attrib.update(fusestatic="false", inertiafromgeom="false", autolimits="true")
+    try:
+        spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
+    except ValueError as error:
+        raise ModelError(f"{robot.source}: MuJoCo cannot read it: {error}") from error
+    if robot.floating:
+        free = spec.worldbody.first_body().add_freejoint()
+        free.name = robot.model.names[1]
+    _free_frames(spec, robot)
+    _shapes(spec, robot)
+    try:
+        simulated = spec.compile()
+    except ValueError as error:
+        raise ModelError(f"{robot.source}: MuJoCo cannot compile it: {error}") from error
+    _exclude(spec, simulated, robot)
+    return spec
+
+
+def _free_frames(spec: Any, robot: Any) -> None:
+    """Frames that only the robot has (soles of the catalogue, ``with_frame``) become sites."""
+    bodies = {body.name for body in spec.bodies}
+    for frame in robot.model.frames:
+        host = _host(robot, frame)
+        if frame.type == pin.FrameType.OP_FRAME and host in bodies and frame.name not in bodies:
+            local = _placement_in(robot, host, frame.placement)
+            wxyz = pin.Quaternion(local.rotation)
+            spec.body(host).add_site(name=frame.name, pos=local.translation, quat=[wxyz.w, wxyz.x, wxyz.y, wxyz.z])
+
+
+def _host(robot: Any, frame: Any) -> str:
+    """The first body of the joint that carries a frame."""
+    for other in robot.model.frames:
+        if other.type == pin.FrameType.BODY and other.parentJoint == frame.parentJoint:
+            return str(other.name)
+    return ""
+
+
+def _placement_in(robot: Any, body: str, placement: Any) -> Any:
+    """A placement in a joint, seen from a body of that joint."""
+    index = robot.model.getFrameId(body, pin.FrameType.BODY)
+    return robot.model.frames[index].placement.inverse() * placement
+
+
+def _shapes(spec: Any, robot: Any) -> None:
+    bodies = {body.name: body for body in spec.bodies}
+    for item in robot.geometry.geometryObjects:
+        name = robot.model.frames[item.parentFrame].name
+        body = bodies.get(name)
+        if body is None:
+            raise ModelError(f"{robot.name}: MuJoCo has no body {name!r} for the shape {item.name!r}")
+        local = _placement_in(robot, name, item.placement)
+        wxyz = pin.Quaternion(local.rotation)
+        geom = body.add_geom(name=item.name, pos=local.translation, rgba=_SHOWN, mass=0.0)
+        geom.quat = [wxyz.w, wxyz.x, wxyz.y, wxyz.z]
+        _fill(spec, geom, item)
+
+
+def _fill(spec: Any, geom: Any, item: Any) -> None:
+    shape, kinds = item.geometry, mujoco.mjtGeom
+    kind = type(shape).__name__
+    if kind == "Sphere":
+        geom.type, geom.size = kinds.mjGEOM_SPHERE, [shape.radius, 0.0, 0.0]
+    elif kind in ("Capsule", "Cylinder"):
+        geom.type = kinds.mjGEOM_CAPSULE if kind == "Capsule" else kinds.mjGEOM_CYLINDER
+        geom.size = [shape.radius, shape.halfLength, 0.0]
+    elif kind == "Box":
+        geom.type, geom.size = kinds.mjGEOM_BOX, list(shape.halfSide)
+    else:
+        vertices, faces = hull(points(shape)[0])
+        spec.add_mesh(name=item.name, uservert=vertices.ravel().tolist(), userface=faces.ravel().tolist())
+        geom.type, geom.meshname = kinds.mjGEOM_MESH, item.name
+
+
+def hull(cloud: Mat) -> tuple[Mat, Any]:
+    """Corners ``(n, 3)`` and triangles ``(m, 3)``, turned outwards, of the convex hull of points."""
+    from scipy.spatial import ConvexHull
+
+    found = ConvexHull(cloud)
+    place = np.full(len(cloud), -1)
+    place[found.vertices] = np.arange(len(found.vertices))
+    corners, faces = cloud[found.vertices], place[found.simplices]
+    a, b, c = (corners[faces[:, k]] for k in range(3))
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), found.equations[:, :3]) < 0.0
+    faces[inward] = faces[inward][:, ::-1]
+    return corners, faces
+
+
+def _exclude(spec: Any, simulated: Any, robot: Any) -> None:
+    from .state_map import StateMap
+
+    data = mujoco.MjData(simulated)
+    data.qpos[:] = StateMap(simulated, robot).to_mujoco(robot.home, np.zeros(robot.nv))[0]
+    mujoco.mj_forward(simulated, data)
+    names = {int(b): simulated.body(int(b)).name for b in simulated.geom_bodyid}
+    pairs = {tuple(sorted(int(simulated.geom_bodyid[g]) for g in pair)) for pair in data.contact.geom}
+    for one, two in sorted(pairs):
+        spec.add_exclude(bodyname1=names[one], bodyname2=names[two])
