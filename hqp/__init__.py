@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from hqp import solvers
 from hqp.certify import Certificate, certificate
-from hqp.element import Constraint, Element, Task
+from hqp.element import Constraint, Element, Inequality, Task
 from hqp.errors import HqpError
 from hqp.formulation import Acceleration, Velocity
 from hqp.law import PD, P, SelfMotion
@@ -18,6 +18,7 @@ from hqp.stack import Level, Stack
 
 if TYPE_CHECKING:
     from hqp import robots, serial, tasks
+    from hqp.checking import check
     from hqp.comparison import compare
     from hqp.torque import Torque
 
@@ -32,6 +33,7 @@ __all__ = [
     "Element",
     "Hierarchy",
     "HqpError",
+    "Inequality",
     "Level",
     "Note",
     "P",
@@ -48,6 +50,7 @@ __all__ = [
     "Torque",
     "Velocity",
     "certificate",
+    "check",
     "compare",
     "robots",
     "serial",
@@ -62,6 +65,8 @@ def __getattr__(name: str) -> object:
         return importlib.import_module(f"hqp.{name}")
     if name == "Torque":
         return importlib.import_module("hqp.torque").Torque
+    if name == "check":
+        return importlib.import_module("hqp.checking").check
     if name == "compare":
         return importlib.import_module("hqp.comparison").compare
     raise AttributeError(f"module 'hqp' has no attribute {name!r}")

@@ -1,4 +1,4 @@
-"""Tasks and constraints: frozen declarations that, bound to a robot, write their rows into a block each tick."""
+"""Tasks and constraints: frozen declarations with readable functions of a state that say what their rows are."""
 
 from __future__ import annotations
 
@@ -6,75 +6,26 @@ import dataclasses
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cache
 from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hqp.arrays import Index, Mat, Vec
 from hqp.errors import DeclarationError
 from hqp.law import Law
+from hqp.plans import Plan
 from hqp.reference import Reference, numbers
 from hqp.robot import Robot, State
-
-Writer: TypeAlias = Callable[[State, Reference], None]
-"""Fills the views of one Block for a state and a reference; keeps ids, masks and scratch of its own."""
 
 Quantity: TypeAlias = Literal["motion", "force", "effort"]
 
 REGISTRY: dict[str, type[Element]] = {}
 """Concrete element classes by name, for stacks read from files."""
 
-
-@dataclass(frozen=True, eq=False)
-class Plan:
-    """A writer as plain data, so that one native call may stand in for the writers of all elements that have one.
-
-    kind: an operation of the native assembly.  data: its arguments.  shape: of the reference's value, () for none.
-    ground: whether the operation also takes the reference's normal, vertical by default.
-    """
-
-    kind: str
-    data: Mapping[str, Any]
-    shape: tuple[int, ...] = ()
-    ground: bool = False
-
-
-@dataclass(eq=False)
-class Block:
-    """One element's rows: views into the arrays of the stack, to be filled by its writer.
-
-    J ``(m, nv)``; error ``(m,)``: value minus reference; rate ``(m,)``: reference velocity; feedforward ``(m,)``:
-    reference acceleration; drift ``(m,)``: dJ/dt v; lower, upper ``(m,)``: for elements that are no equalities.
-    order: 1 where x is a velocity, 2 where it is an acceleration.  dt: control period [s].
-    twist: after ``use_twist``, ``(m, 6)`` to fill in place of J.  plan: what the writer does, if it is a common thing.
-    """
-
-    J: Mat
-    error: Vec
-    rate: Vec
-    feedforward: Vec
-    drift: Vec
-    lower: Vec
-    upper: Vec
-    order: int
-    dt: float
-    twist: Mat | None = None
-    support: Mat | None = field(default=None, repr=False)
-    plan: Plan | None = field(default=None, repr=False)
-    pool: Callable[[int], Mat] | None = field(default=None, repr=False)
-
-    def use_twist(self, support: Vec) -> Mat:
-        """Declare that J = (twist @ joint_twists) * support; returns twist ``(m, 6)``, filled by the writer each tick.
-
-        support: ``(nv,)``, 1 where a coordinate moves the frame; a difference of two for a relative motion.
-        All such rows of a stack become one matrix product.
-        """
-        m = self.J.shape[0]
-        self.twist = np.zeros((m, 6)) if self.pool is None else self.pool(m)
-        self.support = np.tile(support, (m, 1))
-        return self.twist
+_APART = frozenset({"at", "hold", "default_name", "row_names"})  # say nothing of the rows' numbers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,6 +44,8 @@ class Element(ABC):
     quantity: ClassVar[Quantity] = "motion"
     equality: ClassVar[bool] = True
     is_contact: ClassVar[bool] = False
+    grounded: ClassVar[bool] = False
+    """Whether the readable functions take the ground's normal ``(3,)``, which comes with the reference, too."""
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -134,9 +87,16 @@ class Element(ABC):
         """The reference that keeps the element where it is at ``state``."""
         return Reference(self.name)
 
-    @abstractmethod
-    def bind(self, robot: Robot, out: Block) -> Writer:
-        """Resolve names once and return the writer that fills ``out`` each tick."""
+    def row_names(self, robot: Robot) -> tuple[str, ...]:
+        """Names of single rows ``(m,)`` for notes and explanations, none by default: rows are then numbered."""
+        return ()
+
+    def plan(self, robot: Robot) -> Plan | None:
+        """The native operation that writes the same rows, names resolved; None where there is none.
+
+        It counts only where no subclass of the class that gives it redefines a function of the element.
+        """
+        return None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,7 +104,7 @@ class Task(Element):
     """Something to bring to zero: error e = value - reference, with rows J x = law(e, ...).
 
     A subclass gives ``rows``, ``value``, ``jacobian``, for accelerations and torques ``drift``, and ``error`` where
-    the value is no vector; J v must be the rate of the value.  A faster ``bind`` is optional.
+    the value is no vector; J v must be the rate of the value.  ``hqp.check`` tells whether they fit.
     """
 
     @abstractmethod
@@ -185,24 +145,77 @@ class Task(Element):
             None if acceleration is None else numbers(self.name, "acceleration", acceleration, shape[:1]),
         )
 
-    def bind(self, robot: Robot, out: Block) -> Writer:
-        """A writer made of value, error, jacobian and drift: right for every task, not the fastest."""
-        if out.order == 2 and type(self).drift is Task.drift:
-            raise self.bad("has no drift(state), which accelerations and torques need", type(self).__name__, "drift")
-
-        def write(state: State, reference: Reference) -> None:
-            out.J[:] = self.jacobian(state)
-            out.error[:] = self.error(state, reference.value)
-            if out.order == 2:
-                out.drift[:] = self.drift(state)
-
-        return write
-
 
 @dataclass(frozen=True, kw_only=True)
 class Constraint(Element):
     """Rows that bind; in a level they are met as well as its priority allows.
 
-    Contacts and couplings are tasks too (error, Jacobian, law); limits and friction set ``equality = False`` and
-    write lower and upper themselves.
+    Contacts and couplings are tasks too (error, Jacobian, law); what has bounds instead is an ``Inequality``.
     """
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inequality(Constraint):
+    """Something kept between bounds: J x lies between what its law makes of the way left to either bound.
+
+    A subclass gives ``rows``, ``jacobian``, ``bounds``, and for accelerations and torques ``drift``.  With P, each row
+    approaches its bound at gain times the way left, J x <= gain d, a velocity damper; with PD,
+    J x <= kp d - kd J v - dJ/dt v.  max_velocity and max_acceleration hold for each row.
+    """
+
+    equality: ClassVar[bool] = False
+
+    @abstractmethod
+    def jacobian(self, state: State) -> Mat:
+        """J ``(m, nv)``, or ``(nv,)`` for a single row."""
+
+    @abstractmethod
+    def bounds(self, state: State) -> tuple[ArrayLike, ArrayLike]:
+        """(lower, upper), how far what J moves may still go: ``(m,)`` or a number for all rows, infinite for no bound.
+
+        lower is negative and upper positive inside.  Where the quantity is an effort they bound J x itself [N m].
+        """
+
+    def step_bounds(self, state: State, dt: float, order: int) -> tuple[Vec, Vec]:
+        """(lower, upper) ``(m,)`` of J x itself for one period dt [s], in place of what a law makes of ``bounds``.
+
+        order: 1 where x is a velocity, 2 where it is an acceleration.
+        """
+        raise NotImplementedError
+
+    def drift(self, state: State) -> Vec:
+        """dJ/dt v ``(m,)``; rows without it are refused where accelerations are asked for."""
+        raise NotImplementedError
+
+
+def has(element: Element, function: str) -> bool:
+    """Whether a class of the element defines that function, the base classes of this file aside."""
+    found = getattr(type(element), function, None)
+    return found is not None and getattr(found, "__module__", "") != __name__
+
+
+def plan_of(element: Element, robot: Robot) -> Plan | None:
+    """The plan of an element, unless a subclass of the one that gives it redefines a function of the rows."""
+    return None if redefined(type(element), "plan") else element.plan(robot)
+
+
+def selection_of(element: Element, robot: Robot) -> Index | None:
+    """The selection of an element, unless a subclass of the one that gives it redefines ``jacobian``."""
+    return None if "jacobian" in redefined(type(element), "selection") else element.selection(robot)
+
+
+@cache
+def redefined(cls: type[Element], name: str) -> frozenset[str]:
+    """Functions of the class that defines ``name`` which a subclass of it, down to ``cls``, redefines."""
+    order = cls.__mro__
+    owner = next(i for i, c in enumerate(order) if name in vars(c))
+    return frozenset(
+        key
+        for c in order[:owner]
+        for key, value in vars(c).items()
+        if not key.startswith("__") and key not in _APART and _is_function(value) and hasattr(order[owner], key)
+    )
+
+
+def _is_function(value: object) -> bool:
+    return callable(value) or isinstance(value, (property, classmethod, staticmethod))

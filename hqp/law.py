@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
-from abc import ABC
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, TypeAlias
 
+import numpy as np
+
+from hqp.arrays import Vec
 from hqp.errors import DeclarationError
 
 Gain: TypeAlias = "float | tuple[float, ...]"
@@ -23,6 +26,13 @@ class Law(ABC):
 
     max_velocity: float = math.inf
     max_acceleration: float = math.inf
+
+    @abstractmethod
+    def demand(self, error: Vec, rate: Vec, feedforward: Vec, speed: Vec, drift: Vec, *, each: bool = False) -> Vec:
+        """What J x should be ``(m,)``, for an error and the reference's velocity and acceleration ``(m,)``.
+
+        speed: J v.  drift: dJ/dt v.  each: saturate every row by itself, not the norm over all.
+        """
 
     def _check(self, gains: tuple[str, ...]) -> None:
         name = type(self).__name__
@@ -54,6 +64,14 @@ class P(Law):
     def __post_init__(self) -> None:
         self._check(("gain",))
 
+    def demand(self, error: Vec, rate: Vec, feedforward: Vec, speed: Vec, drift: Vec, *, each: bool = False) -> Vec:
+        """v ``(m,)``; feedforward, speed and drift are not used."""
+        feedback = held(scaled(self.gain, error), self.max_velocity, each)
+        if self.max_acceleration < math.inf:
+            far = np.abs(error) if each else math.sqrt(float(error @ error))
+            feedback = held(feedback, np.sqrt(2.0 * self.max_acceleration * far), each)
+        return rate - feedback
+
 
 @dataclass(frozen=True)
 class PD(Law):
@@ -74,6 +92,14 @@ class PD(Law):
             kd = tuple(2.0 * math.sqrt(k) for k in kp)
             object.__setattr__(self, "kd", kd if isinstance(self.kp, tuple) else kd[0])
         self._check(("kp", "kd"))
+
+    def demand(self, error: Vec, rate: Vec, feedforward: Vec, speed: Vec, drift: Vec, *, each: bool = False) -> Vec:
+        """a - dJ/dt v ``(m,)``."""
+        pull = scaled(self.kp, error)
+        if self.max_velocity < math.inf:
+            pull = held(pull, float(np.max(self.kd)) * self.max_velocity, each)
+        feedback = pull + np.asarray(self.kd) * (speed - rate)
+        return feedforward - held(feedback, self.max_acceleration, each) - drift
 
 
 @dataclass(frozen=True)
@@ -99,6 +125,24 @@ class SelfMotion(Law):
                 raise DeclarationError(f"SelfMotion.{gain}", "bad gain", value=value, allowed="a positive number")
         if min(self.max_velocity, self.max_acceleration) < math.inf:
             raise DeclarationError("SelfMotion", "takes no saturation, which would void its Lyapunov function")
+
+    def demand(self, error: Vec, rate: Vec, feedforward: Vec, speed: Vec, drift: Vec, *, each: bool = False) -> Vec:
+        """a - dJ/dt v without v, which needs the levels above; hqp.torque adds it."""
+        return feedforward - drift
+
+
+def scaled(gain: Gain, error: Vec) -> Vec:
+    """gain times error; an infinite error, a bound that is not there, stays infinite."""
+    with np.errstate(invalid="ignore"):
+        return np.where(np.isinf(error), error, np.asarray(gain) * error)
+
+
+def held(feedback: Vec, bound: float | Vec, each: bool) -> Vec:
+    """Feedback whose norm, or that of each row, is no larger than bound."""
+    if each:
+        return np.clip(feedback, -np.asarray(bound), bound)
+    size = math.sqrt(float(feedback @ feedback))
+    return feedback * (bound / size) if size > bound else feedback
 
 
 def _is_number(x: object) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hqp.element import Constraint, Element
+from hqp.element import Constraint, Element, selection_of
 from hqp.robot import Robot
 from hqp.stack import Stack
 
@@ -46,14 +46,14 @@ def lay_out(
     def selects(elements: Sequence[Element]) -> bool:
         if torque:
             return all(e.quantity == "effort" for e in elements)
-        return all(e.selection(robot) is not None for e in elements)
+        return all(selection_of(e, robot) is not None for e in elements)
 
     def place(element: Element) -> tuple[int, int]:
         quantity = ("force", "effort", "motion").index(element.quantity)
         if element.equality and not isinstance(element, Constraint):
             return 6, quantity
         if element.quantity == "motion":
-            limits = not element.equality and element.selection(robot) is not None
+            limits = not element.equality and selection_of(element, robot) is not None
             if limits:
                 return (4, quantity) if torque else (1, quantity)
             return (2, quantity) if element.equality else (5, quantity)

@@ -126,7 +126,10 @@ class Robot(Protocol):
         ...
 
     def positions(self, columns: Index) -> list[int] | None:
-        """Places in q of single-axis joints, None if one of them is continuous (two numbers in q)."""
+        """Places in q of single-axis joints; a continuous one has its cosine there, its sine after it.
+
+        None if one is of a joint of several axes.
+        """
         ...
 
     def support(self, frame: int) -> Vec:

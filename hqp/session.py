@@ -260,12 +260,5 @@ class Session:
         """The account of the latest tick; raises HqpError for an earlier one, whose rows are overwritten."""
         if tick._count != self.count or tick.solution is None:
             raise HqpError("explain() tells of the latest step with a solution; call it before the next step")
-        row_names = {
-            element.name: tuple(
-                self.robot.joint_names[c] if element.quantity == "effort" else self.robot.joint_name(int(c))
-                for c in picks
-            )
-            for element in self.stack
-            if not element.equality and (picks := element.selection(self.robot)) is not None
-        }
+        row_names = {element.name: element.row_names(self.robot) for element in self.stack if not element.equality}
         return explain(self.problem, tick.solution, self.program.places, row_names)

@@ -73,8 +73,9 @@ class Joints:
         ]
 
     def places(self, columns: Index) -> list[int] | None:
-        """Places in q of coordinates that are numbers of q, None if one of them is not."""
-        found = [self._places.get(c) for c in columns.tolist()]
+        """Places in q of coordinates that are numbers of q, or whose cosine is; None if one of them is neither."""
+        known = {**self._places, **dict(self.double)}
+        found = [known.get(c) for c in columns.tolist()]
         return None if None in found else [i for i in found if i is not None]
 
     def angles(self, model: Any, q: Vec) -> Vec:

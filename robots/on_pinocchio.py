@@ -169,7 +169,7 @@ class Robot:
         return int(self.model.frames[frame].parentJoint)
 
     def positions(self, columns: Index) -> list[int] | None:
-        """Places in q of single-axis joints, None if one is no single number of q (continuous joints, balls)."""
+        """Places in q of single-axis joints, a continuous one's cosine; None if one is neither (balls)."""
         return self._joints.places(columns)
 
     @property

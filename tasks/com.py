@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 from numpy.typing import ArrayLike
 
+from hqp import plans
 from hqp.arrays import Mat, Vec
-from hqp.element import Block, Plan, Task, Writer
+from hqp.element import Task
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 
-from .fields import check_axes, check_observer, indices, target
-from .live import Observer, live_observer
-from .relative import View
+from .fields import check_axes, check_relative, indices
+from .relative import UPRIGHT, View
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +35,7 @@ class Com(Task):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_axes(self, self.axes)
-        check_observer(self, self.relative_to, self.heading)
+        check_relative(self, self.relative_to, self.heading)
         if self.subtree is not None and (not isinstance(self.subtree, str) or not self.subtree):
             raise self.bad("subtree", self.subtree, "the name of a joint, or None for the whole robot")
 
@@ -51,7 +50,7 @@ class Com(Task):
         return 0 if self.subtree is None else robot.subtree(self.subtree)
 
     def value(self, state: State) -> Vec:
-        """Centre of mass ``(k,)`` [m], in world axes or as ``relative_to`` sees it."""
+        """Centre of mass ``(k,)`` [m], in world axes or in those of ``relative_to``."""
         centre = state.com(self._part(state.robot))
         if self.relative_to is not None:
             centre = View(state, self.relative_to, self.heading).point(centre)
@@ -84,56 +83,11 @@ class Com(Task):
         """Target ``(k,)`` [m] with velocity [m/s] and acceleration [m/s^2]; raises DeclarationError for shapes."""
         return self._at((len(self.axes),), value, velocity, acceleration)
 
-    def bind(self, robot: Robot, out: Block) -> Writer:
-        """Fill J from the robot's own Jacobian of the centre of mass."""
-        view = {"observer": live_observer(robot, self.relative_to, self.heading), "part": self._part(robot)}
-        out.plan = Plan("com", {**view, "axes": indices(self.axes)}, (len(self.axes),))
-        if self.relative_to is not None:
-            return self._bind_relative(robot, Observer(robot, self.relative_to, self.heading), out)
-        part, J, error, second = self._part(robot), out.J, out.error, out.order == 2
-        axes = indices(self.axes)
-        picked: slice | list[int] = axes
-        if axes == list(range(axes[0], axes[-1] + 1)):
-            picked = slice(axes[0], axes[-1] + 1)
-        errors = list(enumerate(axes))
+    def row_names(self, robot: Robot) -> tuple[str, ...]:
+        """The axes."""
+        return tuple(self.axes)
 
-        def write(state: State, reference: Reference) -> None:
-            J[:] = state.com_jacobian(part)[picked]
-            c = state.com(part).tolist()
-            r = target(reference).tolist()
-            for i, axis in errors:
-                error[i] = c[axis] - r[i]
-            if second:
-                out.drift[:] = state.com_drift(part)[picked]
-
-        return write
-
-    def _bind_relative(self, robot: Robot, observer: Observer, out: Block) -> Writer:
-        part, J, error, second = self._part(robot), out.J, out.error, out.order == 2
-        selected, twists, support = indices(self.axes), robot.joint_twists, observer.support
-        m = len(selected)
-        directions, twist, carried = np.zeros((m, 3)), np.zeros((m, 6)), np.zeros((m, robot.nv))
-        flat = twist.reshape(-1)
-
-        def write(state: State, reference: Reference) -> None:
-            J_com = state.com_jacobian(part)
-            observer.look()
-            c, axes = state.com(part).tolist(), observer.axes
-            x, y, z = observer.position
-            x, y, z = c[0] - x, c[1] - y, c[2] - z
-            r = target(reference).tolist()
-            for i, axis in enumerate(selected):
-                u = directions[i] = axes[axis]
-                observer.carried_row(flat, 6 * i, u, c)
-                error[i] = u[0] * x + u[1] * y + u[2] * z - r[i]
-            np.matmul(directions, J_com, out=J)
-            np.matmul(twist, twists, out=carried)
-            np.multiply(carried, support, out=carried)
-            np.subtract(J, carried, out=J)
-            if second:
-                velocity, drift = (J_com @ state.v).tolist(), state.com_drift(part).tolist()
-                a = observer.point_drift(state, c, velocity, drift)
-                for i, axis in enumerate(selected):
-                    out.drift[i] = a[axis]
-
-        return write
+    def plan(self, robot: Robot) -> plans.Com:
+        """The native operation."""
+        relative = plans.relative_frame(robot, self.relative_to, self.heading, UPRIGHT)
+        return plans.Com(relative, self._part(robot), tuple(indices(self.axes)))

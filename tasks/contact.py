@@ -5,16 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
 from numpy.typing import ArrayLike
 
+from hqp import plans
 from hqp.arrays import Mat, Vec
-from hqp.element import Block, Constraint, Plan, Task, Writer
+from hqp.element import Constraint, Task
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 
-from .fields import check_frame, target
-from .live import live_view
+from .fields import check_frame
 from .pose import _FramePose
 
 
@@ -73,30 +72,10 @@ class PointContact(Task, Constraint):
         """Place to keep ``(3,)`` [m], and the ground's motion if it moves; raises DeclarationError for shapes."""
         return self._at((3,), value, velocity, acceleration)
 
-    def bind(self, robot: Robot, out: Block) -> Writer:
-        """Fill twist rows in world axes."""
-        index = robot.frame(self.frame)
-        position, _ = robot.placement(index)
-        data = {"axes": [0, 1, 2], "offset": (0.0, 0.0, 0.0)}
-        out.plan = Plan("point", {**live_view(robot, self.frame), **data}, (3,))
-        twist = out.use_twist(robot.support(index))
-        twist[:] = np.eye(3, 6)
-        flat, error, second = twist.reshape(-1), out.error, out.order == 2
+    def row_names(self, robot: Robot) -> tuple[str, ...]:
+        """The axes."""
+        return ("x", "y", "z")
 
-        def write(state: State, reference: Reference) -> None:
-            state.kinematics()
-            x, y, z = position.tolist()
-            flat[4] = z
-            flat[5] = -y
-            flat[9] = -z
-            flat[11] = x
-            flat[15] = y
-            flat[16] = -x
-            a, b, c = target(reference).tolist()
-            error[0] = x - a
-            error[1] = y - b
-            error[2] = z - c
-            if second:
-                out.drift[:] = self.drift(state)
-
-        return write
+    def plan(self, robot: Robot) -> plans.Point:
+        """The native operation."""
+        return plans.Point(plans.frame(robot, self.frame), None, (0, 1, 2))

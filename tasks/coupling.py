@@ -8,12 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hqp import plans
 from hqp.arrays import Index, Mat, Vec
-from hqp.element import Block, Constraint, Plan, Task, Writer
+from hqp.element import Constraint, Task
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 
-from .fields import check_number, target
+from .fields import check_number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,22 +97,8 @@ class JointCoupling(Task, Constraint):
         parts = (None if x is None else np.atleast_1d(x) for x in (value, velocity, acceleration))
         return self._at((1,), *parts)
 
-    def bind(self, robot: Robot, out: Block) -> Writer:
-        """Write J once, and the error each tick."""
+    def plan(self, robot: Robot) -> plans.Coupling | None:
+        """The native operation; none for joints of several axes."""
         columns, coefficients = self._columns(robot)
-        out.J[:] = 0.0
-        out.J[0, columns] = coefficients
-        out.drift[:] = 0.0
-        positions = robot.positions(columns)
-        if positions is not None:
-            out.plan = Plan("coupling", {"positions": positions, "coefficients": coefficients.tolist()}, (1,))
-        terms, error = list(zip(columns.tolist(), coefficients.tolist(), strict=True)), out.error
-
-        def write(state: State, reference: Reference) -> None:
-            angles = state.angles
-            total = -target(reference).item()
-            for column, coefficient in terms:
-                total += coefficient * angles.item(column)
-            error[0] = total
-
-        return write
+        joints = plans.Joints.of(robot, columns)
+        return None if joints is None else plans.Coupling(joints, tuple(coefficients.tolist()))

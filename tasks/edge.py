@@ -9,16 +9,14 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hqp import plans
 from hqp.arrays import Mat, Vec
-from hqp.element import Block, Constraint, Plan, Task, Writer
+from hqp.element import Constraint, Task
 from hqp.reference import Reference, numbers
 from hqp.robot import Robot, State
 
-from .fields import check_frame, make_reference, set_vector, target
-from .live import cross, live_frame, moment_row, turned
+from .fields import check_frame, make_reference, set_vector
 from .relative import skew
-
-_WORLD_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,33 +103,12 @@ class EdgeContact(Task, Constraint):
             raise self.bad("direction", line[3:], "a unit vector")
         return make_reference(self.name, 5, line, velocity, acceleration)
 
-    def bind(self, robot: Robot, out: Block) -> Writer:
-        """Fill twist rows: [e, p x e] in world axes, [0, b] across the edge."""
-        index = robot.frame(self.frame)
-        position, rotation = robot.placement(index)
+    def row_names(self, robot: Robot) -> tuple[str, ...]:
+        """The axes, then the two tilts across the edge."""
+        return ("x", "y", "z", "tilt 1", "tilt 2")
+
+    def plan(self, robot: Robot) -> plans.Edge:
+        """The native operation."""
         axis, B = self._axes()
-        edge, first, other = axis.tolist(), B[:, 0].tolist(), B[:, 1].tolist()
-        data = {"frame": live_frame(robot, self.frame), "axis": edge, "first": first, "other": other}
-        out.plan = Plan("edge", data, (6,))
-        twist = out.use_twist(robot.support(index))
-        flat, error, drift, second = twist.reshape(-1), out.error, out.drift, out.order == 2
-
-        def write(state: State, reference: Reference) -> None:
-            state.kinematics()
-            p, rows, line = position.tolist(), rotation.tolist(), target(reference).tolist()
-            for i, u in enumerate(_WORLD_AXES):
-                moment_row(flat, 6 * i, u, p)
-                error[i] = p[i] - line[i]
-            tx, ty, tz = cross(line[3:], turned(rows, edge))
-            flat[21:24] = x, y, z = turned(rows, first)
-            flat[27:30] = a, b, c = turned(rows, other)
-            error[3] = x * tx + y * ty + z * tz
-            error[4] = a * tx + b * ty + c * tz
-            if second:
-                acceleration = state.drift(self.frame)
-                drift[:3] = acceleration[:3]
-                tx, ty, tz = acceleration[3:].tolist()
-                drift[3] = x * tx + y * ty + z * tz
-                drift[4] = a * tx + b * ty + c * tz
-
-        return write
+        edge, first, other = ((float(x), float(y), float(z)) for x, y, z in (axis, B[:, 0], B[:, 1]))
+        return plans.Edge(plans.frame(robot, self.frame), edge, first, other)

@@ -1,4 +1,4 @@
-"""Checks of declared fields, and what writers need from a reference."""
+"""Checks of declared fields and of references."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
 from hqp.element import Element
-from hqp.errors import DeclarationError
 from hqp.reference import Reference, numbers
 from hqp.robot import Robot
 
@@ -34,7 +33,7 @@ def check_frame(element: Element, what: str, frame: object) -> None:
         raise element.bad(what, frame, "the name of a frame")
 
 
-def check_observer(element: Element, relative_to: object, heading: object = False) -> None:
+def check_relative(element: Element, relative_to: object, heading: object = False) -> None:
     """Raise DeclarationError unless ``relative_to`` is a name or None, and there is one where ``heading`` is set."""
     if relative_to is not None:
         check_frame(element, "relative_to", relative_to)
@@ -90,13 +89,6 @@ def motor_positions(element: Element, robot: Robot, joints: str | Sequence[str] 
     if not set(columns) <= set(motors):
         raise element.bad("joints", joints, f"joints with a motor: {', '.join(robot.joint_names)}")
     return np.array([motors.index(column) for column in columns], dtype=np.intp)
-
-
-def target(reference: Reference) -> Vec | Mat:
-    """The value of a reference; raises DeclarationError where nobody put a hold value in its place."""
-    if reference.value is None:
-        raise DeclarationError(reference.name, "a writer needs a value", allowed="at(value) or the hold value")
-    return reference.value
 
 
 def make_reference(name: str, rows: int, value: Vec | Mat | None, velocity: Any, acceleration: Any) -> Reference:

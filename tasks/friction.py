@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.element import Block, Constraint, Quantity, Writer
+from hqp.element import Constraint, Quantity
 from hqp.robot import Robot
 
 from .fields import check_number
@@ -49,10 +49,6 @@ class _ContactForce(Constraint):
     def rows(self, robot: Robot) -> int:
         """Number of rows k, the same on every robot."""
         return self.force_rows(6)[1].size
-
-    def bind(self, robot: Robot, out: Block) -> Writer:
-        """Raises DeclarationError: only a formulation that knows the forces can make rows of these."""
-        raise self.bad("has no rows on the robot's motion", type(self).__name__, "Torque, which maps contact forces")
 
     def _check_dimension(self, dimension: int, *allowed: int) -> None:
         if dimension not in allowed:

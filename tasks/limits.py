@@ -10,9 +10,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from hqp.arrays import Index, Vec
-from hqp.element import Block, Constraint, Plan, Quantity, Writer
-from hqp.reference import Reference
+from hqp import plans
+from hqp.arrays import Index, Mat, Vec
+from hqp.element import Inequality, Quantity
 from hqp.robot import Robot, State
 
 from .fields import check_number, joint_columns, motor_positions, set_names
@@ -28,7 +28,7 @@ RISE = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
-class JointLimits(Constraint):
+class JointLimits(Inequality):
     """Position, speed and acceleration limits as one box on the velocity u of the next step, q+ = q + dt u.
 
     With d the way left to a position limit, v_max the speed limit and b the braking deceleration, towards each limit
@@ -49,8 +49,6 @@ class JointLimits(Constraint):
     without both f(d) = d / dt.  return_velocity [rad/s or m/s].
     Raises DeclarationError for fields and for a margin that leaves no room, JointNotFound on binding.
     """
-
-    equality: ClassVar[bool] = False
 
     joints: str | Sequence[str] | None = None
     margin: float = 0.0
@@ -85,38 +83,45 @@ class JointLimits(Constraint):
             a = np.minimum(a, robot.effort_limit[picked] / home_inertia(robot)[picked])
         return a, np.minimum(a, self.braking or math.inf)
 
-    def bind(self, robot: Robot, out: Block) -> Writer:
-        """Write J once, and lower and upper each tick."""
+    def _positions(self, robot: Robot) -> tuple[Vec, Vec]:
+        """Position limits within the margin, ``(k,)``; raises DeclarationError where it leaves no room."""
         picked = self.selection(robot)
-        out.J[:] = np.eye(robot.nv)[picked]
         low, high = robot.lower[picked] + self.margin, robot.upper[picked] - self.margin
         if np.any(low > high):
             raise self.bad("margin", self.margin, f"at most {np.min(high - low) / 2 + self.margin:g} on {robot.name}")
-        speed, positions = robot.velocity_limit[picked], robot.positions(picked)
-        a, b = self.rates(robot)
-        if positions is not None:
-            data = {
-                "positions": positions,
-                "columns": picked.tolist(),
-                "low": low.tolist(),
-                "high": high.tolist(),
-                "speed": speed.tolist(),
-                "acceleration": a.tolist(),
-                "braking": b.tolist(),
-                "return_velocity": self.return_velocity,
-                "dt": out.dt,
-                "order": out.order,
-            }
-            out.plan = Plan("box", data)
-        dt, order, back = out.dt, out.order, self.return_velocity
+        return low, high
 
-        def write(state: State, reference: Reference) -> None:
-            q, v = state.angles[picked], state.v[picked]
-            upper = np.clip(fastest(high - q, speed, b, back, dt), v - a * dt, v + a * dt)
-            lower = np.clip(-fastest(q - low, speed, b, back, dt), v - a * dt, v + a * dt)
-            out.lower[:], out.upper[:] = (lower, upper) if order == 1 else ((lower - v) / dt, (upper - v) / dt)
+    def jacobian(self, state: State) -> Mat:
+        """A row of the identity for each joint, ``(k, nv)``."""
+        return np.eye(state.robot.nv)[self.selection(state.robot)]
 
-        return write
+    def bounds(self, state: State) -> tuple[Vec, Vec]:
+        """Ways left to the position limits, ``(k,)`` each [rad or m]."""
+        (low, high), q = self._positions(state.robot), state.angles[self.selection(state.robot)]
+        return low - q, high - q
+
+    def step_bounds(self, state: State, dt: float, order: int) -> tuple[Vec, Vec]:
+        """The box: bounds of the joints' velocity or acceleration, ``(k,)`` each."""
+        picked, back = self.selection(state.robot), self.return_velocity
+        speed, v = state.robot.velocity_limit[picked], state.v[picked]
+        (down, up), (a, b) = self.bounds(state), self.rates(state.robot)
+        upper = np.clip(fastest(up, speed, b, back, dt), v - a * dt, v + a * dt)
+        lower = np.clip(-fastest(-down, speed, b, back, dt), v - a * dt, v + a * dt)
+        return (lower, upper) if order == 1 else ((lower - v) / dt, (upper - v) / dt)
+
+    def row_names(self, robot: Robot) -> tuple[str, ...]:
+        """The joints."""
+        return tuple(robot.joint_name(int(c)) for c in self.selection(robot))
+
+    def plan(self, robot: Robot) -> plans.JointBox | None:
+        """The native operation, none for joints of several axes; raises DeclarationError for too wide a margin."""
+        picked = self.selection(robot)
+        joints = plans.Joints.of(robot, picked)
+        if joints is None:
+            return None
+        bounds = (*self._positions(robot), robot.velocity_limit[picked], *self.rates(robot))
+        low, high, speed, a, b = (tuple(x.tolist()) for x in bounds)
+        return plans.JointBox(joints, low, high, speed, a, b, self.return_velocity)
 
 
 _INERTIA: WeakKeyDictionary[Robot, Vec] = WeakKeyDictionary()
@@ -141,7 +146,7 @@ def fastest(way: Vec, speed: Vec, b: Vec, back: float, dt: float) -> Vec:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TorqueLimits(Constraint):
+class TorqueLimits(Inequality):
     """Motor limits: -scale tau_max <= tau <= scale tau_max, rows that each pick one of the actuated efforts.
 
     joints: actuated joints or groups of them, all by default.  scale: fraction of the robot's limits that may be
@@ -149,7 +154,6 @@ class TorqueLimits(Constraint):
     """
 
     quantity: ClassVar[Quantity] = "effort"
-    equality: ClassVar[bool] = False
 
     joints: str | Sequence[str] | None = None
     scale: float = 1.0
@@ -167,15 +171,21 @@ class TorqueLimits(Constraint):
         """Positions of the motors among ``robot.actuated``, ``(k,)``; raises JointNotFound, DeclarationError."""
         return motor_positions(self, robot, self.joints)
 
-    def bind(self, robot: Robot, out: Block) -> Writer:
-        """Write J, lower and upper once, on x = tau."""
-        picked = self.selection(robot)
-        out.J[:] = np.eye(robot.actuated.size)[picked]
-        limit = self.scale * robot.effort_limit[robot.actuated][picked]
-        lower, upper = out.lower, out.upper
+    def jacobian(self, state: State) -> Mat:
+        """A row of the identity on x = tau for each motor, ``(k, n_actuated)``."""
+        return np.eye(state.robot.actuated.size)[self.selection(state.robot)]
 
-        def write(state: State, reference: Reference) -> None:
-            np.negative(limit, out=lower)
-            np.copyto(upper, limit)
+    def bounds(self, state: State) -> tuple[Vec, Vec]:
+        """The motors' limits, ``(k,)`` each [N m]."""
+        robot = state.robot
+        limit = self.scale * robot.effort_limit[robot.actuated][self.selection(robot)]
+        return -limit, limit
 
-        return write
+    def row_names(self, robot: Robot) -> tuple[str, ...]:
+        """The joints."""
+        return tuple(robot.joint_names[i] for i in self.selection(robot))
+
+    def plan(self, robot: Robot) -> plans.Constant:
+        """The limits, which never change."""
+        limit = self.scale * robot.effort_limit[robot.actuated][self.selection(robot)]
+        return plans.Constant(-limit, limit)

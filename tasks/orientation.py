@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hqp import plans
 from hqp.arrays import Mat, Vec
-from hqp.element import Block, Plan, Task, Writer
+from hqp.element import Task
 from hqp.reference import Reference, numbers
 from hqp.robot import Robot, State
 
-from .fields import check_frame, check_observer, make_reference, set_names, target
-from .live import Numbers, Observer, live_view
-from .relative import Triple, View
+from .fields import check_frame, check_relative, make_reference, set_names
+from .relative import UPRIGHT, View
 from .rotations import GIMBAL, as_rotation, axes_rate, rate_rows, roll_pitch_yaw
 
 ANGLES = ("roll", "pitch", "yaw")
@@ -40,7 +40,7 @@ class Orientation(Task):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_frame(self, "frame", self.frame)
-        check_observer(self, self.relative_to)
+        check_relative(self, self.relative_to)
         set_names(self, "axes")
         if not set(self._names) <= set(ANGLES):
             raise self.bad("axes", self.axes, "None or some of roll, pitch, yaw")
@@ -126,86 +126,12 @@ class Orientation(Task):
         angles = None if value is None else numbers(self.name, "value", value, (k,))
         return make_reference(self.name, k, angles, velocity, acceleration)
 
-    def bind(self, robot: Robot, out: Block) -> Writer:
-        """Fill twist rows [0, u]: constant in world axes, the rates of the angles otherwise."""
-        index = robot.frame(self.frame)
-        _, rotation = robot.placement(index)
-        support = robot.support(index)
-        observer = None if self.relative_to is None else Observer(robot, self.relative_to)
-        twist = out.use_twist(support if observer is None else support - observer.support)
-        view, picked = live_view(robot, self.frame, self.relative_to), self._indices
-        if self.axes is None:
-            out.plan = Plan("rotation", view, (3, 3))
-            return self._bind_full(robot, rotation, observer, twist, out)
-        out.plan = Plan("angles", {**view, "picked": picked, "gimbal": GIMBAL}, (len(picked),))
-        return self._bind_angles(rotation, observer, twist, out)
+    def row_names(self, robot: Robot) -> tuple[str, ...]:
+        """The angles, or the axes of rotation."""
+        return self._names or ("rx", "ry", "rz")
 
-    def _bind_full(self, robot: Robot, rotation: Mat, observer: Observer | None, twist: Mat, out: Block) -> Writer:
-        error, drift, second, log3 = out.error, out.drift, out.order == 2, robot.log3
-        angular = twist[:, 3:]
-        angular[:] = np.eye(3)
-
-        def write(state: State, reference: Reference) -> None:
-            state.kinematics()
-            goal = target(reference)
-            if observer is None:
-                error[:] = log3(rotation @ goal.T)
-                if second:
-                    drift[:] = state.drift(self.frame)[3:]
-                return
-            back = observer.rotation.T
-            angular[:] = back
-            error[:] = log3(back @ rotation @ goal.T)
-            if second:
-                observer.look()
-                omega, alpha = state.velocity(self.frame)[3:].tolist(), state.drift(self.frame)[3:].tolist()
-                drift[:] = observer.turn_drift(state, omega, alpha)
-
-        return write
-
-    def _bind_angles(self, rotation: Mat, observer: Observer | None, twist: Mat, out: Block) -> Writer:
-        error, drift, second, selected = out.error, out.drift, out.order == 2, list(enumerate(self._indices))
-        flat = twist.reshape(-1)
-
-        def write(state: State, reference: Reference) -> None:
-            state.kinematics()
-            R = rotation if observer is None else observer.rotation.T @ rotation
-            angles = roll_pitch_yaw(R.tolist())
-            rows = rate_rows(angles[1], angles[2])
-            r = target(reference).tolist()
-            if observer is not None:
-                observer.look()
-            for i, axis in selected:
-                error[i] = math.remainder(angles[axis] - r[i], math.tau)
-                a, b, c = rows[axis]
-                if observer is not None:
-                    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = observer.axes
-                    a, b, c = a * ax + b * bx + c * cx, a * ay + b * by + c * cy, a * az + b * bz + c * cz
-                at = 6 * i + 3
-                flat[at] = a
-                flat[at + 1] = b
-                flat[at + 2] = c
-            if second:
-                self._angle_drift(state, observer, angles, rows, drift)
-
-        return write
-
-    def _angle_drift(
-        self,
-        state: State,
-        observer: Observer | None,
-        angles: Triple,
-        rows: tuple[Triple, Triple, Triple],
-        drift: Vec,
-    ) -> None:
-        omega: Numbers = state.velocity(self.frame)[3:].tolist()
-        alpha: Numbers = state.drift(self.frame)[3:].tolist()
-        if observer is not None:
-            omega, alpha = observer.turn_velocity(state, omega), observer.turn_drift(state, omega, alpha)
-        x, y, z = omega
-        rates = tuple(a * x + b * y + c * z for a, b, c in rows)
-        left = axes_rate(angles[1], angles[2], rates)
-        x, y, z = alpha[0] - left[0], alpha[1] - left[1], alpha[2] - left[2]
-        for i, axis in enumerate(self._indices):
-            a, b, c = rows[axis]
-            drift[i] = a * x + b * y + c * z
+    def plan(self, robot: Robot) -> plans.Rotation | plans.Angles:
+        """The native operation."""
+        relative = plans.relative_frame(robot, self.relative_to, False, UPRIGHT)
+        own = plans.apart(plans.frame(robot, self.frame), relative)
+        return plans.Rotation(*own) if self.axes is None else plans.Angles(*own, tuple(self._indices), GIMBAL)

@@ -8,15 +8,15 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hqp import plans
 from hqp.arrays import Mat, Vec
-from hqp.element import Block, Plan, Task, Writer
+from hqp.element import Task
 from hqp.errors import DeclarationError
 from hqp.reference import Reference, numbers
 from hqp.robot import Robot, State
 
-from .fields import check_frame, check_observer, make_reference, target
-from .live import Observer, live_view, moment_row
-from .relative import View
+from .fields import check_frame, check_relative, make_reference
+from .relative import UPRIGHT, View
 from .rotations import as_rotation
 
 PoseLike: TypeAlias = "ArrayLike | tuple[ArrayLike, ArrayLike]"
@@ -70,35 +70,13 @@ class _FramePose(Task):
         pose = None if value is None else as_pose(self.name, value)
         return make_reference(self.name, 6, pose, velocity, acceleration)
 
-    def bind(self, robot: Robot, out: Block) -> Writer:
-        """Fill the twist rows [e, p x e] and [0, e] of the world axes e."""
-        index = robot.frame(self.frame)
-        position, rotation = robot.placement(index)
-        out.plan = Plan("pose", live_view(robot, self.frame), (4, 4))
-        twist = out.use_twist(robot.support(index))
-        twist[:] = np.eye(6)
-        flat, error, drift, second = twist.reshape(-1), out.error, out.drift, out.order == 2
-        angular_error, log3 = error[3:], robot.log3
+    def row_names(self, robot: Robot) -> tuple[str, ...]:
+        """The axes, then those of rotation."""
+        return ("x", "y", "z", "rx", "ry", "rz")
 
-        def write(state: State, reference: Reference) -> None:
-            state.kinematics()
-            x, y, z = position.tolist()
-            flat[4] = z
-            flat[5] = -y
-            flat[9] = -z
-            flat[11] = x
-            flat[15] = y
-            flat[16] = -x
-            pose = target(reference)
-            (_, _, _, a), (_, _, _, b), (_, _, _, c), _ = pose.tolist()
-            error[0] = x - a
-            error[1] = y - b
-            error[2] = z - c
-            angular_error[:] = log3(rotation @ pose[:3, :3].T)
-            if second:
-                drift[:] = state.drift(self.frame)
-
-        return write
+    def plan(self, robot: Robot) -> plans.Pose:
+        """The native operation."""
+        return plans.Pose(plans.frame(robot, self.frame), None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +92,7 @@ class Pose(_FramePose):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_observer(self, self.relative_to)
+        check_relative(self, self.relative_to)
 
     def rows(self, robot: Robot) -> int:
         """6; raises FrameNotFound."""
@@ -146,36 +124,10 @@ class Pose(_FramePose):
         linear = view.point_drift(state.position(self.frame), velocity[:3], drift[:3])
         return np.concatenate((linear, view.turn_drift(velocity[3:], drift[3:])))
 
-    def bind(self, robot: Robot, out: Block) -> Writer:
-        """Fill the twist rows [u, p x u] and [0, u] of the axes u."""
-        if self.relative_to is None:
-            return super().bind(robot, out)
-        out.plan = Plan("pose", live_view(robot, self.frame, self.relative_to), (4, 4))
-        observer = Observer(robot, self.relative_to)
-        index = robot.frame(self.frame)
-        position, rotation = robot.placement(index)
-        twist = out.use_twist(robot.support(index) - observer.support)
-        flat, angular, error, drift, second = twist[:3].reshape(-1), twist[3:, 3:], out.error, out.drift, out.order == 2
-        angular_error, log3 = error[3:], robot.log3
-
-        def write(state: State, reference: Reference) -> None:
-            state.kinematics()
-            observer.look()
-            p, (x, y, z), back = position.tolist(), observer.position, observer.rotation.T
-            x, y, z = p[0] - x, p[1] - y, p[2] - z
-            pose = target(reference)
-            goal = pose.tolist()
-            for i, u in enumerate(observer.axes):
-                moment_row(flat, 6 * i, u, p)
-                error[i] = u[0] * x + u[1] * y + u[2] * z - goal[i][3]
-            angular[:] = back
-            angular_error[:] = log3(back @ rotation @ pose[:3, :3].T)
-            if second:
-                velocity, acceleration = state.velocity(self.frame).tolist(), state.drift(self.frame).tolist()
-                drift[:3] = observer.point_drift(state, p, velocity[:3], acceleration[:3])
-                drift[3:] = observer.turn_drift(state, velocity[3:], acceleration[3:])
-
-        return write
+    def plan(self, robot: Robot) -> plans.Pose:
+        """The native operation."""
+        relative = plans.relative_frame(robot, self.relative_to, False, UPRIGHT)
+        return plans.Pose(*plans.apart(plans.frame(robot, self.frame), relative))
 
 
 def homogeneous(position: Vec, rotation: Mat) -> Mat:

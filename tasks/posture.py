@@ -9,13 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hqp import plans
 from hqp.arrays import Index, Mat, Vec
-from hqp.element import Block, Plan, Task, Writer
+from hqp.element import Task
 from hqp.errors import DeclarationError
 from hqp.reference import Reference, numbers
 from hqp.robot import Robot, State
 
-from .fields import joint_columns, make_reference, set_names, target
+from .fields import joint_columns, make_reference, set_names
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +48,10 @@ class Posture(Task):
 
     def error(self, state: State, reference: Vec) -> Vec:
         """Positions minus their reference ``(k,)``, wrapped where a joint is continuous."""
-        error: Vec = self.value(state) - reference
+        value = self.value(state)
+        if reference.shape != value.shape:  # at() could not know the number of joints
+            raise DeclarationError(self.name, f"value has shape {reference.shape}", allowed=f"shape {value.shape}")
+        error: Vec = value - reference
         turns = _turning(state.robot, self.selection(state.robot))
         error[turns] -= math.tau * np.rint(error[turns] / math.tau)
         return error
@@ -75,27 +79,13 @@ class Posture(Task):
         array = None if value is None else numbers(self.name, "value", value, (size,))
         return make_reference(self.name, size, array, velocity, acceleration)
 
-    def bind(self, robot: Robot, out: Block) -> Writer:
-        """Write J once, and the error each tick."""
-        picked = self.selection(robot)
-        out.J[:] = np.eye(robot.nv)[picked]
-        out.drift[:] = 0.0
-        error, turns = out.error, _turning(robot, picked)
-        wraps = bool(turns.size)
-        positions = robot.positions(picked)
-        if positions is not None:
-            out.plan = Plan("joints", {"positions": positions}, (picked.size,))
+    def row_names(self, robot: Robot) -> tuple[str, ...]:
+        """The joints."""
+        return tuple(robot.joint_name(int(c)) for c in self.selection(robot))
 
-        def write(state: State, reference: Reference) -> None:
-            goal = target(reference)
-            if goal.shape != error.shape:  # at() could not know the number of joints
-                raise DeclarationError(self.name, f"value has shape {goal.shape}", allowed=f"shape {error.shape}")
-            state.angles.take(picked, out=error, mode="clip")
-            np.subtract(error, goal, out=error)
-            if wraps:
-                error[turns] -= math.tau * np.rint(error[turns] / math.tau)
-
-        return write
+    def plan(self, robot: Robot) -> plans.Joints | None:
+        """The native operation; none for joints of several axes."""
+        return plans.Joints.of(robot, self.selection(robot))
 
 
 def _turning(robot: Robot, picked: Index) -> Index:

@@ -1,8 +1,8 @@
-"""Points and rotations as another frame sees them: values, relative Jacobians and drifts.
+"""Points and rotations relative to another frame: values, Jacobians and drifts.
 
 A frame o with origin p_o and axes R turns with Omega = H omega_o: H = I for the frame itself, H = z h^T for its
-heading, where h gives the rate of yaw.  A point x at d = x - p_o is seen at R^T d and moves with
-R^T (dx/dt - dp_o/dt - Omega x d).
+heading, where h gives the rate of yaw.  A point x at d = x - p_o is at R^T d in it
+and moves with R^T (dx/dt - dp_o/dt - Omega x d).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def heading_axes(x: Triple) -> tuple[float, float, float, Triple]:
 
 
 class View:
-    """One state as seen from a frame; computes what is asked for, readably.  The reference for the fast writers."""
+    """One state relative to a frame, or to its heading; natively this is cpp/rows/relative_frame.hpp."""
 
     def __init__(self, state: State, frame: str, heading: bool = False) -> None:
         self.state, self.frame, self.heading = state, frame, heading
@@ -58,7 +58,7 @@ class View:
         return self.rotation.T @ (J - J_o[:3] + skew(point - self.origin) @ (self.H @ J_o[3:]))
 
     def point_drift(self, point: Vec, velocity: Vec, drift: Vec) -> Vec:
-        """Rate of the seen velocity at zero generalised acceleration, ``(3,)``.
+        """Rate of the relative velocity at zero generalised acceleration, ``(3,)``.
 
         R^T (a - a_o - dOmega/dt x d - 2 Omega x dd/dt + Omega x (Omega x d)).
         """

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.element import Block, Element, Quantity, Writer
+from hqp.element import Element, Quantity
 from hqp.reference import Reference, numbers
-from hqp.robot import Robot, State
+from hqp.robot import Robot
 
 from .fields import motor_positions, set_names
 
@@ -48,20 +48,9 @@ class JointTorque(Element):
         """Torques to have ``(k,)`` [N m]; raises DeclarationError for what is no vector."""
         return Reference(self.name, numbers(self.name, "value", value, (np.size(value),)))
 
-    def bind(self, robot: Robot, out: Block) -> Writer:
-        """Write J once, lower = upper = target each tick, on x = tau."""
-        picked = self.selection(robot)
-        out.J[:] = np.eye(robot.actuated.size)[picked]
-        lower, upper = out.lower, out.upper
-
-        def write(state: State, reference: Reference) -> None:
-            value = reference.value
-            if value is not None and value.shape != lower.shape:
-                raise self.bad("value of shape", value.shape, f"shape {lower.shape}")
-            lower[:] = 0.0 if value is None else value
-            np.copyto(upper, lower)
-
-        return write
+    def row_names(self, robot: Robot) -> tuple[str, ...]:
+        """The joints."""
+        return tuple(robot.joint_names[i] for i in self.selection(robot))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,6 +96,6 @@ class ContactForce(Element):
         """Force to have ``(k,)`` [N, N m]; raises DeclarationError for shapes."""
         return Reference(self.name, numbers(self.name, "value", value, (len(self.components),)))
 
-    def bind(self, robot: Robot, out: Block) -> Writer:
-        """Raises DeclarationError: only a formulation that knows the forces can make rows of these."""
-        raise self.bad("has no rows on the robot's motion", type(self).__name__, "Torque, which maps contact forces")
+    def row_names(self, robot: Robot) -> tuple[str, ...]:
+        """The components."""
+        return tuple(self.components)

@@ -9,15 +9,18 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hqp import plans
 from hqp.arrays import Mat, Vec
-from hqp.element import Block, Constraint, Task, Writer
+from hqp.element import Constraint, Task
 from hqp.errors import DeclarationError
 from hqp.reference import Reference, numbers
 from hqp.robot import Robot, State
 
 from .fields import check_frame, check_number, set_vector
 from .relative import Triple, skew
-from .wheel_writer import UP, WheelWriter, directions
+
+UP: Triple = (0.0, 0.0, 1.0)
+ALIGNED = 1e-9  # below this sine an axle is along the normal
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +35,7 @@ class _Wheel(Task, Constraint):
     """
 
     is_contact: ClassVar[bool] = True
+    grounded: ClassVar[bool] = True
     _picked: ClassVar[tuple[int, ...]]
 
     wheel: str
@@ -102,7 +106,7 @@ class _Wheel(Task, Constraint):
         radius, axle = self.geometry(state.robot)
         a = state.rotation(self.wheel) @ np.array(axle)
         picked = list(self._picked)
-        along = np.array(directions(a.tolist(), n.tolist()))
+        along = directions(a, n)
         w = skew(n) @ a
         turning = skew(n) @ skew(state.velocity(self.wheel)[3:]) @ a
         rolling = np.zeros(3)
@@ -141,9 +145,21 @@ class _Wheel(Task, Constraint):
         """Force ``(3, m)`` along (rolling, lateral, normal) of the forces that act along the rows."""
         return np.eye(3)[:, list(self._picked)]
 
-    def bind(self, robot: Robot, out: Block) -> Writer:
-        """Fill twist rows [u, (p + delta) x u]."""
-        return WheelWriter(robot, self.wheel, *self.geometry(robot), self._picked, out)
+    def row_names(self, robot: Robot) -> tuple[str, ...]:
+        """The directions."""
+        return tuple(("rolling", "lateral", "normal")[k] for k in self._picked)
+
+    def plan(self, robot: Robot) -> plans.Wheel:
+        """The native operation."""
+        return plans.Wheel(plans.frame(robot, self.wheel), *self.geometry(robot), self._picked, ALIGNED)
+
+
+def directions(axle: Vec, normal: Vec) -> Mat:
+    """Rolling, lateral and normal direction ``(3, 3)``; the first two zero where the axle is along the normal."""
+    across = skew(normal) @ axle
+    length = math.hypot(*across)
+    rolling = across / length if length > ALIGNED else np.zeros(3)
+    return np.array([rolling, skew(rolling) @ normal, normal])
 
 
 def _unit(name: str, what: str, value: Any) -> Vec | None:

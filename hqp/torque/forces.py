@@ -3,73 +3,101 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Index, Mat, Vec
 from hqp.assembly import Assembly
-from hqp.element import Block, Element, Writer
+from hqp.element import Element, Inequality, plan_of, selection_of
 from hqp.errors import DeclarationError
+from hqp.plans import Constant
 from hqp.problem import Rows, Selection
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 from hqp.torque.dynamics import ConstrainedDynamics
 
 
-class Efforts:
-    """Elements on tau itself: their own rows J ``(k, n_actuated)``, bounds refilled each tick."""
+@dataclass(frozen=True, eq=False)
+class _Effort:
+    """An element on tau and the bounds it writes each tick; constant: its plan where those never change."""
 
-    def __init__(self, elements: Sequence[Element], robot: Robot, dt: float) -> None:
-        self._blocks: dict[str, Block] = {}
-        self._elements = {e.name: e for e in elements}
-        self._plan: list[tuple[Writer, str, Block, Vec, Vec, float]] = []
+    element: Element
+    lower: Vec
+    upper: Vec
+    constant: Constant | None
+
+
+class Efforts:
+    """Elements that each pick torques: targets or bounds of tau, refilled each tick.
+
+    Raises DeclarationError for an element without a selection.
+    """
+
+    def __init__(self, elements: Sequence[Element], robot: Robot) -> None:
+        self._elements: dict[str, Element] = {}
+        self._picks: dict[str, Index] = {}
+        self._written: list[_Effort] = []
         self._robot = robot
-        n = robot.actuated.size
         for element in elements:
-            k = element.rows(robot)
-            J, error, rate, feedforward, drift = np.zeros((k, n)), *(np.zeros(k) for _ in range(4))
-            self._blocks[element.name] = Block(
-                J, error, rate, feedforward, drift, np.full(k, -np.inf), np.full(k, np.inf), order=2, dt=dt
-            )
-        self._writers = {e.name: e.bind(robot, self._blocks[e.name]) for e in elements}
+            picks = selection_of(element, robot)
+            if picks is None:
+                raise element.bad(
+                    "picks no torques", type(element).__name__, "selection(robot) where quantity is effort"
+                )
+            self._elements[element.name], self._picks[element.name] = element, picks
 
     def __bool__(self) -> bool:
         return bool(self._elements)
 
     def rows(self, name: str) -> int:
         """Number of rows of an element."""
-        return int(self._blocks[name].lower.size)
+        return int(self._picks[name].size)
 
     def place(self, name: str, here: slice, A: Mat, lower: Vec, upper: Vec) -> None:
         """Write an element's rows at ``here`` of a block, its bounds there each tick."""
-        element, block = self._elements[name], self._blocks[name]
-        np.multiply(block.J, element.weight, out=A[here])
-        self._add(element, block, lower[here], upper[here])
+        picks = self._picks[name]
+        A[here] = 0.0
+        A[here][np.arange(picks.size), picks] = self._elements[name].weight
+        self._add(name, lower[here], upper[here])
 
     def bounds(self, names: Sequence[str]) -> Rows:
-        """Elements that each pick torques, as one level of simple bounds."""
-        picks = [self._elements[name].selection(self._robot) for name in names]
+        """Elements as one level of simple bounds."""
         scale = np.concatenate([np.full(self.rows(name), self._elements[name].weight) for name in names])
         lower, upper = np.full(scale.size, -np.inf), np.full(scale.size, np.inf)
         at = 0
         for name in names:
             here = slice(at, at + self.rows(name))
-            self._add(self._elements[name], self._blocks[name], lower[here], upper[here])
+            self._add(name, lower[here], upper[here])
             at = here.stop
-        index = np.concatenate([p for p in picks if p is not None])
-        return Rows(Selection(index, scale), lower, upper)
+        return Rows(Selection(np.concatenate([self._picks[name] for name in names]), scale), lower, upper)
 
-    def _add(self, element: Element, block: Block, lower: Vec, upper: Vec) -> None:
-        writer = self._writers[element.name]
-        self._plan.append((writer, element.name, block, lower, upper, element.weight))
+    def _add(self, name: str, lower: Vec, upper: Vec) -> None:
+        element = self._elements[name]
+        plan = plan_of(element, self._robot)
+        constant = plan if isinstance(plan, Constant) else None
+        if not element.equality and constant is None and not isinstance(element, Inequality):
+            raise element.bad("has no bounds(state)", type(element).__name__, "an Inequality, or a target")
+        self._written.append(_Effort(element, lower, upper, constant))
 
     def fill(self, state: State, references: Mapping[str, Reference]) -> None:
-        """Refill the bounds; a writer writes lower and upper, equal ones for a target."""
-        for write, name, block, lower, upper, weight in self._plan:
-            write(state, references[name])
-            np.multiply(block.lower, weight, out=lower)
-            np.multiply(block.upper, weight, out=upper)
+        """Refill the bounds; a target is the reference's value, zero without one."""
+        for effort in self._written:
+            element, lower, upper = effort.element, effort.lower, effort.upper
+            if effort.constant is not None:
+                np.copyto(lower, effort.constant.lower)
+                np.copyto(upper, effort.constant.upper)
+            elif element.equality:
+                value = references[element.name].value
+                if value is not None and value.shape != lower.shape:
+                    raise element.bad("value of shape", value.shape, f"shape {lower.shape}")
+                lower[:] = upper[:] = 0.0 if value is None else value
+            elif isinstance(element, Inequality):
+                lower[:], upper[:] = element.bounds(state)
+            if element.weight != 1.0:
+                lower *= element.weight
+                upper *= element.weight
 
 
 class Forces:

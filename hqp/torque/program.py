@@ -10,7 +10,7 @@ import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
 from hqp.assembly import Assembly
-from hqp.element import Element
+from hqp.element import Element, selection_of
 from hqp.errors import DeclarationError, StaleState
 from hqp.formulation import Formulation, Place, Program
 from hqp.law import PD, Law
@@ -79,13 +79,13 @@ class TorqueProgram(Program):
         self.actuation = require_actuation(held, robot, dt, laws)
         groups = lay_out(stack, robot, held=held, torque=True)
         motion = [e for group in groups for e in group.elements if e.quantity == "motion"]
-        picked = [e for e in motion if e.selection(robot) is not None]
-        dense = [*held, *(e for e in motion if e.selection(robot) is None)]
+        picked = [e for e in motion if selection_of(e, robot) is not None]
+        dense = [*held, *(e for e in motion if selection_of(e, robot) is None)]
         self.assembly = Assembly(dense, picked, robot, dt, laws)
         self.held = held
         self._m = sum(self.assembly.members[e.name].part.stop - self.assembly.members[e.name].part.start for e in held)
         self.dynamics = ConstrainedDynamics(robot.nv, self._m, robot.actuated, coordinate_parents(robot))
-        self._efforts = Efforts([e for e in stack if e.quantity == "effort"], robot, dt)
+        self._efforts = Efforts([e for e in stack if e.quantity == "effort"], robot)
         self._forces = Forces([e for e in stack if e.quantity == "force"], held, self.assembly, robot)
         self._origin = np.zeros(robot.actuated.size) if formulation.gravity_compensation else None
         self._lay_out(groups, robot)

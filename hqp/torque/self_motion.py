@@ -8,7 +8,7 @@ import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
 from hqp.assembly import Assembly
-from hqp.element import Element
+from hqp.element import Element, selection_of
 from hqp.errors import DeclarationError
 from hqp.law import Law, SelfMotion
 from hqp.layout import Group
@@ -41,7 +41,7 @@ class SelfMotions:
                 law = laws[element.name]
                 if not isinstance(law, SelfMotion):
                     continue
-                index = element.selection(robot)
+                index = selection_of(element, robot)
                 if index is None or not element.equality or len(group.elements) > 1:
                     raise DeclarationError(
                         element.name, "SelfMotion is a law for a Posture alone in its level", value=law, allowed="PD"

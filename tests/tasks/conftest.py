@@ -1,44 +1,52 @@
-"""Blocks made by hand, and what a session would make of them."""
+"""The rows of one element, native where it has a plan or by its readable functions."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
-import numpy as np
 import pytest
 
-from hqp.element import Block, Element, Writer
+import hqp.assembly
+from hqp import PD, P
+from hqp.arrays import Mat, Vec
+from hqp.assembly import Assembly
+from hqp.element import Element
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 
-Bind = Callable[[Robot, Block], Writer]
+
+@dataclass(frozen=True)
+class Written:
+    """The arrays of one element's rows after a fill."""
+
+    J: Mat
+    error: Vec
+    drift: Vec
+    lower: Vec
+    upper: Vec
 
 
-def make_block(element: Element, robot: Robot, order: int, dt: float = 0.002) -> Block:
-    """A block for one element, filled with NaN but for J, so that whatever a writer leaves out shows."""
-    m = element.rows(robot)
-    n = robot.nv if element.quantity == "motion" else robot.actuated.size
-    error, drift, lower, upper = (np.full(m, np.nan) for _ in range(4))
-    return Block(np.zeros((m, n)), error, np.zeros(m), np.zeros(m), drift, lower, upper, order, dt)
+def assembly(element: Element, robot: Robot, order: int, native: bool, dt: float = 0.002) -> Assembly:
+    """One element, all its rows dense."""
+    laws: dict[str, Any] = {element.name: P(1.0) if order == 1 else PD(1.0, 1.0)}
+    patch = pytest.MonkeyPatch()
+    if not native:
+        patch.setattr(hqp.assembly, "native", None)
+    try:
+        return Assembly([element], [], robot, dt, laws)
+    finally:
+        patch.undo()
 
 
 @pytest.fixture
-def written() -> Callable[..., Block]:
-    """A block after one call of an element's writer: ``written(element, state, reference, order, bind=...)``."""
+def written() -> Callable[..., Written]:
+    """The rows of an element: ``written(element, state, reference, order=2, native=True)``."""
 
-    def run(
-        element: Element,
-        state: State,
-        reference: Reference,
-        order: int = 2,
-        bind: Bind | None = None,
-        dt: float = 0.002,
-    ) -> Block:
-        block = make_block(element, state.robot, order, dt)
-        write = (bind or element.bind)(state.robot, block)
-        write(state, reference)
-        if block.twist is not None and block.support is not None:
-            block.J[:] = (block.twist @ state.robot.joint_twists) * block.support
-        return block
+    def run(element: Element, state: State, reference: Reference, order: int = 2, native: bool = True) -> Written:
+        rows = assembly(element, state.robot, order, native)
+        rows.fill(state, {element.name: reference}, ())
+        return Written(rows.J / element.weight, rows.error, rows.drift, rows.lower, rows.upper)
 
     return run

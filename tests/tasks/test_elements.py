@@ -15,10 +15,10 @@ import hqp
 import hqp.robots
 import hqp.tasks as t
 from hqp import Level, P, Stack
-from hqp.element import REGISTRY, Block, Constraint, Element, Task
+from hqp.element import REGISTRY, Constraint, Element, Task
 from hqp.errors import DeclarationError, FrameNotFound, JointNotFound
 
-Written = Callable[..., Block]
+Written = Callable[..., Any]
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 import hqp.robots
 from hqp.arrays import Vec
-from hqp.element import Block
 from hqp.errors import DeclarationError
 from hqp.tasks import CenterOfPressure, FrictionCone, UnilateralContact
 
@@ -139,6 +138,6 @@ def test_a_point_has_no_centre_of_pressure() -> None:
 
 
 def test_no_rows_on_motion() -> None:
-    block = Block(np.zeros((1, 57)), *(np.zeros(1) for _ in range(6)), order=1, dt=0.002)
+    stack = hqp.Stack(hqp.Level(UnilateralContact(contact="l_sole")))
     with pytest.raises(DeclarationError, match="Torque"):
-        UnilateralContact(contact="l_sole").bind(hqp.robots.load("cbi"), block)
+        hqp.Controller(stack, hqp.Velocity()).session(hqp.robots.load("cbi"), 0.002)

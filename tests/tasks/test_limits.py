@@ -13,12 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import hqp.robots
-from hqp.element import Block
 from hqp.errors import DeclarationError, JointNotFound
-from hqp.reference import Reference
 from hqp.tasks import JointLimits, TorqueLimits
-
-NONE = Reference("joint_limits")
 
 
 def robot_of(low: Any, high: Any, speed: Any) -> Any:
@@ -31,20 +27,15 @@ def robot_of(low: Any, high: Any, speed: Any) -> Any:
         upper=np.array(high, dtype=float),
         velocity_limit=np.array(speed, dtype=float),
         joints=lambda names: np.arange(k),
-        positions=lambda columns: None,
     )
 
 
 def box(limits: JointLimits, robot: Any, dt: float, order: int = 1) -> Callable[[Any, Any], tuple[Any, Any]]:
     """(q, v) -> (lower, upper)."""
-    k = robot.nv
-    arrays = [np.zeros(k) for _ in range(6)]
-    out = Block(np.zeros((k, k)), *arrays, order=order, dt=dt)
-    write = limits.bind(robot, out)
 
     def run(q: Any, v: Any) -> tuple[Any, Any]:
-        write(SimpleNamespace(angles=np.array(q, dtype=float), v=np.array(v, dtype=float)), NONE)  # type: ignore[arg-type]
-        return out.lower.copy(), out.upper.copy()
+        state: Any = SimpleNamespace(robot=robot, angles=np.array(q, dtype=float), v=np.array(v, dtype=float))
+        return limits.step_bounds(state, dt, order)
 
     return run
 
@@ -183,7 +174,7 @@ def test_fields() -> None:
         with pytest.raises(DeclarationError, match=next(iter(bad))):
             JointLimits(**bad)  # type: ignore[arg-type]
     with pytest.raises(DeclarationError, match="margin"):
-        box(JointLimits(margin=1.5, acceleration=5.0), robot_of([-1.0], [1.0], [1.0]), 0.01)
+        box(JointLimits(margin=1.5, acceleration=5.0), robot_of([-1.0], [1.0], [1.0]), 0.01)([0.0], [0.0])
     assert JointLimits(joints=["b", "a"]).joints == ("b", "a")
     assert hash(JointLimits(joints=["b"])) == hash(JointLimits(joints=("b",)))
 
@@ -194,11 +185,13 @@ def test_torque_limits() -> None:
     picked = limits.selection(robot)
     assert [robot.joint_names[i] for i in picked] == [f"arm_j{i}" for i in range(7)]
     n = robot.actuated.size
-    out = Block(np.zeros((7, n)), *(np.zeros(7) for _ in range(6)), order=2, dt=0.001)
-    limits.bind(robot, out)(robot.state(), NONE)
-    np.testing.assert_array_equal(out.upper, 0.5 * robot.effort_limit[robot.actuated][picked])
-    np.testing.assert_array_equal(out.lower, -out.upper)
-    np.testing.assert_array_equal(out.J, np.eye(n)[picked])
+    lower, upper = limits.bounds(robot.state())
+    np.testing.assert_array_equal(upper, 0.5 * robot.effort_limit[robot.actuated][picked])
+    np.testing.assert_array_equal(lower, -np.array(upper))
+    np.testing.assert_array_equal(limits.jacobian(robot.state()), np.eye(n)[picked])
+    plan = limits.plan(robot)
+    np.testing.assert_array_equal(plan.lower, lower)
+    np.testing.assert_array_equal(plan.upper, upper)
     assert TorqueLimits().rows(robot) == n
     with pytest.raises(DeclarationError, match="with a motor"):
         TorqueLimits(joints="torso_thorax").rows(robot)

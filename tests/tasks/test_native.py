@@ -1,4 +1,4 @@
-"""The native assembly writes what the writers write."""
+"""Every native operation writes what the readable functions of its element say."""
 
 from __future__ import annotations
 
@@ -22,15 +22,26 @@ from .test_derivatives import CLASSES, NAMES, examples
 
 pytestmark = pytest.mark.skipif(hqp.assembly.native is None, reason="no native assembly here")
 
-CASES = [(robot, name) for robot in ("cbi", "panda", "dreamer") for name in CLASSES]
-WHEELED = {"f": "hand", "o": "base", "a": "torso_yaw", "b": "torso_hip", "c": "torso_thorax"}
+CASES = [(robot, name) for robot in ("cbi", "panda", "dreamer", "tiago") for name in CLASSES]
+PLANLESS: set[str] = set()
+"""Classes with rows on motion that have no native operation, and may do without."""
+OTHER = {
+    "dreamer": {"f": "hand", "o": "base", "a": "torso_yaw", "b": "torso_hip", "c": "torso_thorax"},
+    "tiago": {
+        "f": "arm_tool_link",
+        "o": "torso_lift_link",
+        "a": "arm_2_joint",
+        "b": "wheel_left_joint",
+        "c": "head_1_joint",
+    },
+}
 
 
 @pytest.fixture(scope="module")
 def robots() -> dict[str, Any]:
     if "panda" not in hqp.robots.names():
         pytest.skip("needs example-robot-data")
-    return {name: hqp.robots.load(name) for name in {*NAMES, "dreamer"}}
+    return {name: hqp.robots.load(name) for name in {*NAMES, *OTHER}}
 
 
 def assemblies(elements: list[Element], robot: Robot, order: int, patch: pytest.MonkeyPatch) -> tuple[Assembly, ...]:
@@ -42,7 +53,8 @@ def assemblies(elements: list[Element], robot: Robot, order: int, patch: pytest.
     picked = [e for e in elements if e.selection(robot) is not None]
     laws: dict[str, Any] = {e.name: bound if k % 2 else free for k, e in enumerate(elements)}
     fast = Assembly(dense, picked, robot, 0.002, laws)
-    assert all(m.target is not None for m in fast.members.values()), "a writer in Python stayed"
+    without = {type(m.element).__name__ for m in fast.members.values() if m.write is not None}
+    assert without <= PLANLESS, f"no plan, or one that does not count: {without}"
     patch.setattr(hqp.assembly, "native", None)
     slow = Assembly(dense, picked, robot, 0.002, laws)
     patch.undo()
@@ -61,14 +73,14 @@ def reference(element: Element, robot: Robot, rng: np.random.Generator, m: int) 
 
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize(("robot_name", "name"), CASES)
-def test_native_rows_equal_written_rows(
+def test_native_rows_equal_readable_rows(
     robots: dict[str, Any], robot_name: str, name: str, order: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     robot, rng = robots[robot_name], np.random.default_rng(3)
-    table = examples(NAMES.get(robot_name, WHEELED))
+    table = examples({**NAMES, **OTHER}[robot_name])
     elements: list[Element] = []
     for example in table[name]:
-        for weight in (1.0, 2.5) if example.equality else (1.0,):
+        for weight in (1.0, 2.5):
             elements.append(dataclasses.replace(example, name=f"e{len(elements)}", weight=weight))
     fast, slow = assemblies(elements, robot, order, monkeypatch)
     counts = {e.name: e.rows(robot) for e in elements}
@@ -116,7 +128,7 @@ def test_a_wheel_keeps_its_distance_when_the_ground_tilts(
     assert np.abs(fast.error).max() > 0.1  # there was something to carry on
 
 
-@pytest.mark.parametrize("native", [True, False], ids=["native", "python"])
+@pytest.mark.parametrize("native", [True, False], ids=["native", "readable"])
 def test_a_normal_of_nan_does_not_stay(robots: dict[str, Any], native: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """The tick after it is as if it had not been."""
     robot = robots["dreamer"]
@@ -141,7 +153,7 @@ STACK = Stack(
         t.Com(axes="yx", weight=2.0),
         t.Position(frame="l_palm", axes="zx", offset=(0.1, 0.2, 0.3), weight=0.5),
     ),
-    Level(t.Position(frame="r_palm"), t.Position(frame="r_palm", relative_to="pelvis", name="seen")),
+    Level(t.Position(frame="r_palm"), t.Position(frame="r_palm", relative_to="pelvis", name="near")),
     Level(t.Orientation(frame="pelvis", axes=("yaw", "roll"), weight=3.0), t.Com(axes="z", name="com_z")),
     Level(t.Orientation(frame="head"), t.Pose(frame="l_palm", name="palm"), t.Com(subtree="B_TFE", name="trunk")),
     Level(t.Posture(weight=0.3)),
@@ -170,7 +182,7 @@ def problems(robot: Robot, formulation: Any, monkeypatch: pytest.MonkeyPatch, na
     [hqp.Velocity(law=P(3.0), contact_law=P(7.0)), hqp.Acceleration(law=PD(9.0))],
     ids=["velocity", "acceleration"],
 )
-def test_native_problems_equal_written_problems(formulation: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_native_problems_equal_readable_problems(formulation: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     robot = hqp.robots.load("cbi")
     fast = problems(robot, formulation, monkeypatch, native=True)
     slow = problems(robot, formulation, monkeypatch, native=False)

@@ -12,12 +12,13 @@ import hqp
 import hqp.robots
 from hqp import Level, P, Stack
 from hqp.arrays import Mat
-from hqp.element import Block
 from hqp.errors import DeclarationError, FrameNotFound
 from hqp.tasks import JointCoupling, OmniWheelContact, Position, WheelContact
 
+from .conftest import assembly
+
 WHEELS = ("wheel_0", "wheel_1", "wheel_2")
-Written = Callable[..., Block]
+Written = Callable[..., Any]
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +76,7 @@ def test_base_rolls_as_the_wheels_turn(dreamer: Any) -> None:
 
 @pytest.mark.parametrize("kind", [OmniWheelContact, WheelContact])
 def test_rows_on_any_ground(dreamer: Any, kind: Any, written: Written) -> None:
-    """With any fixed normal: rows are the contact point's velocity, drift is the rate of J v, the writer agrees."""
+    """With any fixed normal: rows are the contact point's velocity, drift is the rate of J v, the native ones agree."""
     rng = np.random.default_rng(1)
     element = kind(wheel="wheel_1", radius=0.3, axle=(0.2, 1.0, -0.4))
     for _ in range(5):
@@ -103,18 +104,18 @@ def test_rows_on_any_ground(dreamer: Any, kind: Any, written: Written) -> None:
         np.testing.assert_allclose((rate[0] - rate[1]) / (2 * h), block.drift, atol=1e-6 * max(1, np.abs(v).max() ** 2))
 
 
-def test_a_change_of_normal_does_not_throw_the_wheel_off_its_plane(dreamer: Any) -> None:
+@pytest.mark.parametrize("native", [True, False], ids=["native", "readable"])
+def test_a_change_of_normal_does_not_throw_the_wheel_off_its_plane(dreamer: Any, native: bool) -> None:
     element = OmniWheelContact(wheel="wheel_0")
-    block = Block(np.zeros((2, 19)), *(np.zeros(2) for _ in range(6)), order=1, dt=0.002)
-    write = element.bind(dreamer, block)
+    rows = assembly(element, dreamer, 1, native=native)
     hold = element.hold(dreamer.state())
 
     def height(x: float, z: float, normal: Any) -> float:
         q = dreamer.home.copy()
         q[0] += x
         q[2] += z
-        write(dreamer.state(q), element.at(hold.value, normal=normal))
-        return float(block.error[1])
+        rows.fill(dreamer.state(q), {element.name: element.at(hold.value, normal=normal)}, ())
+        return float(rows.error[1])
 
     slope = [-np.sin(0.12), 0.0, np.cos(0.12)]
     assert height(0.0, 0.0, None) == 0.0

@@ -10,9 +10,10 @@ import numpy as np
 import hqp
 import hqp.robots
 from hqp import Level, P, Stack
-from hqp.element import Block, Constraint, Element, Writer
+from hqp.arrays import Mat
+from hqp.element import Element, Inequality
 from hqp.layout import lay_out
-from hqp.robot import Robot
+from hqp.robot import Robot, State
 from hqp.tasks import (
     CenterOfPressure,
     Com,
@@ -32,16 +33,17 @@ FEET = FixedContact(frame="l_sole"), FixedContact(frame="r_sole")
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Ceiling(Constraint):
+class _Ceiling(Inequality):
     """A user's inequality with one dense row."""
-
-    equality = False
 
     def rows(self, robot: Robot) -> int:
         return 1
 
-    def bind(self, robot: Robot, out: Block) -> Writer:
-        raise NotImplementedError
+    def jacobian(self, state: State) -> Mat:
+        return state.com_jacobian()[2]
+
+    def bounds(self, state: State) -> tuple[float, float]:
+        return -np.inf, 2.0 - state.com()[2]
 
 
 MEMBERS: tuple[Element, ...] = (

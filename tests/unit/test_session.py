@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import hqp
-from hqp import Level, P, Stack, Status, Task
+from hqp import Level, P, Stack, Status
 from hqp.errors import (
     DeclarationError,
     FrameNotFound,
@@ -217,9 +217,6 @@ def test_a_bad_reference_leaves_its_element_out(robot: Robot, bad: float) -> Non
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Broken(Position):
     """A user's task whose Jacobian fails at runtime."""
-
-    def bind(self, robot: Any, out: Any) -> Any:
-        return Task.bind(self, robot, out)
 
     def jacobian(self, state: Any) -> Any:
         return super().jacobian(state) * np.nan

@@ -17,10 +17,9 @@ from benchmarks.sentis2012.experiments.ground import UP, Heading
 from benchmarks.sentis2012.stack import WHEELS, paper_stack
 from hqp import PD, Stack
 from hqp.arrays import Mat, Vec
-from hqp.element import Block, Task, Writer
 from hqp.errors import DeclarationError
 from hqp.reference import Reference
-from hqp.robot import Robot, State
+from hqp.robot import State
 from hqp.tasks import (
     Com,
     FrictionCone,
@@ -154,16 +153,8 @@ class RollingAlongAxle(OmniWheelContact):
     _picked: ClassVar[tuple[int, ...]] = (1, 2)
 
 
-class _Absolute(Task):
-    """A goal that moves with the base, but the rate of the point alone, a literal reading of eqs. (46) to (50)."""
-
-    def bind(self, robot: Robot, out: Block) -> Writer:
-        """The readable writer, which asks ``jacobian``."""
-        return Task.bind(self, robot, out)
-
-
 @dataclass(frozen=True, kw_only=True)
-class AbsoluteCom(_Absolute, Com):
+class AbsoluteCom(Com):
     """Com relative to a heading whose Jacobian forgets that the goal moves."""
 
     def jacobian(self, state: State) -> Mat:
@@ -174,7 +165,7 @@ class AbsoluteCom(_Absolute, Com):
 
 
 @dataclass(frozen=True, kw_only=True)
-class AbsolutePosition(_Absolute, Position):
+class AbsolutePosition(Position):
     """Position relative to a heading whose Jacobian forgets that the goal moves."""
 
     def jacobian(self, state: State) -> Mat:

@@ -1,12 +1,15 @@
 // Python's view of the row operations: they are added once, when a stack is compiled, and run together each tick.
 #include <memory>
 #include <optional>
+#include <string>
 #include <tuple>
+#include <unordered_map>
 #include <vector>
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
+#include <nanobind/stl/string.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
@@ -26,76 +29,88 @@ using Written = nb::ndarray<double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Block = nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using Columns = nb::ndarray<const double, nb::ndim<2>, nb::f_contig, nb::device::cpu>;
 using Picks = nb::ndarray<const std::intptr_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using Flags = nb::ndarray<const bool, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Kinds = nb::ndarray<const std::int8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Ints = std::vector<int>;
 using Numbers = std::vector<double>;
 
 using Placement = std::tuple<Vector, Columns>;                                      // position, rotation
 using Bodies = std::vector<std::tuple<int, int, int, double, Numbers, Placement>>;  // hqp.robot.Body
-using Rows = std::tuple<Block, Written, std::optional<Written>, Vector, double>;  // J, error, drift, reference, weight
-using Frame = std::tuple<Placement, int, Ints>;                                   // placement, body, columns
-using Observer = std::tuple<Frame, bool, double>;                                 // frame, heading, upright
 
 hqp::Vec3 vector(const Numbers& a) {
   if (a.size() != 3) throw nb::value_error("a vector has three numbers");
   return hqp::load(a.data());
 }
 
+// An object of hqp/plans.py, its fields by name. Live arrays are taken as they are: a converted copy would never
+// change.
+class Plan {
+ public:
+  Plan(nb::handle object, std::vector<nb::object>& kept) : object_(object), kept_(kept) {}
+
+  std::string name() const { return nb::cast<std::string>(nb::handle(object_.type()).attr("__name__")); }
+  double number(const char* field) const { return nb::cast<double>(object_.attr(field)); }
+  Ints ints(const char* field) const { return nb::cast<Ints>(object_.attr(field)); }
+  Numbers numbers(const char* field) const { return nb::cast<Numbers>(object_.attr(field)); }
+  hqp::Vec3 vec3(const char* field) const { return vector(numbers(field)); }
+
+  hqp::Frame frame() const {
+    return {live<Vector>("position"), live<Columns>("rotation"), nb::cast<int>(object_.attr("body")), ints("columns")};
+  }
+  hqp::Frame frame_of(const char* field) const { return part(field).frame(); }
+  hqp::RelativeFrame relative() const {
+    if (object_.attr("relative_to").is_none()) return {};
+    const Plan other = part("relative_to");
+    return {other.frame_of("frame"), nb::cast<bool>(other.object_.attr("heading")), other.number("upright")};
+  }
+  hqp::Joints joints() const {
+    return {ints("columns"), ints("positions"), nb::cast<std::vector<bool>>(object_.attr("continuous"))};
+  }
+  Plan part(const char* field) const {
+    kept_.push_back(nb::object(object_.attr(field)));
+    return {kept_.back(), kept_};
+  }
+
+ private:
+  template <typename Array>
+  const double* live(const char* field) const {
+    const auto array = nb::cast<Array>(object_.attr(field), false);
+    kept_.push_back(nb::cast(array));
+    return array.data();
+  }
+
+  nb::handle object_;
+  std::vector<nb::object>& kept_;
+};
+
 class Assembly {
  public:
-  Assembly(const Columns& twists, const Bodies& bodies) : tree_(tree(twists, bodies)) {}
+  Assembly(const Columns& twists, const Bodies& bodies, double dt, int order)
+      : dt_(dt), order_(order), tree_(tree(twists, bodies)) {}
   Assembly(const Assembly&) = delete;
 
-  void point(const Rows& rows, const Frame& f, const std::optional<Observer>& o, Ints axes, const Numbers& offset) {
-    add(std::make_unique<hqp::Point>(seen(rows, f, o), std::move(axes), vector(offset)));
+  void add(const nb::object& object, const std::optional<Block>& J, const Written& error,
+           const std::optional<Written>& drift, const Written& lower, const Written& upper, const Vector& reference,
+           const std::optional<Vector>& normal, double weight) {
+    kept_.push_back(object);
+    const Plan plan(object, kept_);
+    const hqp::Target out{J ? keep(*J) : nullptr,
+                          keep(error),
+                          drift ? keep(*drift) : nullptr,
+                          keep(lower),
+                          keep(upper),
+                          keep(reference),
+                          normal ? keep(*normal) : nullptr,
+                          weight,
+                          J ? static_cast<int>(J->shape(1)) : 0};
+    if (drift) tree_.need_motions();
+    operations_.push_back(make(plan, out));
   }
-  void pose(const Rows& rows, const Frame& f, const std::optional<Observer>& o) {
-    add(std::make_unique<hqp::Pose>(seen(rows, f, o)));
-  }
-  void rotation(const Rows& rows, const Frame& f, const std::optional<Observer>& o) {
-    add(std::make_unique<hqp::Rotation>(seen(rows, f, o)));
-  }
-  void angles(const Rows& rows, const Frame& f, const std::optional<Observer>& o, Ints picked, double gimbal) {
-    add(std::make_unique<hqp::Angles>(seen(rows, f, o), std::move(picked), gimbal));
-  }
-  void edge(const Rows& rows, const Frame& f, const Numbers& axis, const Numbers& first, const Numbers& other) {
-    add(std::make_unique<hqp::Edge>(seen(rows, f, {}), vector(axis), vector(first), vector(other)));
-  }
-  void wheel(const Rows& rows, const Frame& f, const Vector& normal, double radius, const Numbers& axle, Ints picked,
-             double aligned) {
-    add(std::make_unique<hqp::Wheel>(seen(rows, f, {}), keep(normal), radius, vector(axle), std::move(picked),
-                                     aligned));
-  }
-  void com(const Rows& rows, const std::optional<Observer>& o, int part, Ints axes) {
-    tree_.need_centres();
-    hqp::Rows seen{target(rows), tree_, hqp::Frame{}, observer(o)};
-    add(std::make_unique<hqp::Com>(std::move(seen), part, std::move(axes)));
-  }
-  void joints(const Rows& rows, Ints positions) {
-    add(std::make_unique<hqp::Joints>(target(rows), std::move(positions)));
-  }
-  void coupling(const Rows& rows, Ints positions, Numbers coefficients) {
-    add(std::make_unique<hqp::Coupling>(target(rows), std::move(positions), std::move(coefficients)));
-  }
-  void box(const Written& lower, const Written& upper, Ints positions, Ints columns, Numbers low, Numbers high,
-           Numbers speed, Numbers acceleration, Numbers braking, double return_velocity, double dt, int order) {
-    hqp::Limits limits{std::move(positions),
-                       std::move(columns),
-                       std::move(low),
-                       std::move(high),
-                       std::move(speed),
-                       std::move(acceleration),
-                       std::move(braking),
-                       return_velocity,
-                       dt,
-                       order};
-    add(std::make_unique<hqp::Box>(keep(lower), keep(upper), std::move(limits)));
-  }
-  void laws(int order, const Block& J, const Vector& error, const Vector& rate, const Vector& feedforward,
-            const Vector& drift, const Vector& kp, const Vector& kd, const Vector& weight, const Picks& pick,
-            const Flags& equality, const Written& demand, const Written& lower, const Written& upper,
+
+  void laws(const Block& J, const Vector& error, const Vector& rate, const Vector& feedforward, const Vector& drift,
+            const Vector& kp, const Vector& kd, const Vector& weight, const Picks& pick, const Kinds& kind,
+            const Written& demand, const Written& lower, const Written& upper,
             const std::vector<std::tuple<int, int, double, double, double>>& saturations) {
-    hqp::Laws laws{order,
+    hqp::Laws laws{order_,
                    static_cast<int>(J.shape(0)),
                    static_cast<int>(J.shape(1)),
                    static_cast<int>(error.shape(0)),
@@ -108,7 +123,7 @@ class Assembly {
                    keep(kd),
                    keep(weight),
                    keep(pick),
-                   keep(equality),
+                   keep(kind),
                    keep(demand),
                    keep(lower),
                    keep(upper),
@@ -117,6 +132,7 @@ class Assembly {
       laws.saturations.push_back({start, stop, fastest, hardest, damping});
     demands_ = std::make_unique<hqp::Demands>(std::move(laws));
   }
+
   void run(const Vector& q, const Vector& v) {
     tree_.update(v.data());
     for (const auto& operation : operations_) operation->run(q.data(), v.data());
@@ -124,6 +140,44 @@ class Assembly {
   void demand(const Vector& v) { demands_->run(v.data()); }
 
  private:
+  using Operation = std::unique_ptr<hqp::Operation>;
+
+  Operation make(const Plan& p, const hqp::Target& out) {
+    const std::string name = p.name();
+    const auto rows = [&] { return hqp::Rows(out, tree_, p.frame_of("frame"), p.relative()); };
+    const auto fixed = [&] { return hqp::Rows(out, tree_, p.frame_of("frame"), {}); };
+    if (name == "Point") return std::make_unique<hqp::Point>(rows(), p.ints("axes"), p.vec3("offset"));
+    if (name == "Pose") return std::make_unique<hqp::Pose>(rows());
+    if (name == "Rotation") return std::make_unique<hqp::Rotation>(rows());
+    if (name == "Angles") return std::make_unique<hqp::Angles>(rows(), p.ints("picked"), p.number("gimbal"));
+    if (name == "Edge") return std::make_unique<hqp::Edge>(fixed(), p.vec3("axis"), p.vec3("first"), p.vec3("other"));
+    if (name == "Wheel") {
+      if (!out.normal) throw nb::value_error("a wheel needs the ground's normal");
+      return std::make_unique<hqp::Wheel>(fixed(), p.number("radius"), p.vec3("axle"), p.ints("picked"),
+                                          p.number("aligned"));
+    }
+    if (name == "Com") {
+      tree_.need_centres();
+      return std::make_unique<hqp::Com>(hqp::Rows(out, tree_, {}, p.relative()), static_cast<int>(p.number("part")),
+                                        p.ints("axes"));
+    }
+    if (name == "Joints") return std::make_unique<hqp::Posture>(out, p.joints());
+    if (name == "Coupling")
+      return std::make_unique<hqp::Coupling>(out, p.part("joints").joints(), p.numbers("coefficients"));
+    if (name == "JointBox") {
+      hqp::Limits limits{p.numbers("low"),
+                         p.numbers("high"),
+                         p.numbers("speed"),
+                         p.numbers("acceleration"),
+                         p.numbers("braking"),
+                         p.number("return_velocity"),
+                         dt_,
+                         order_};
+      return std::make_unique<hqp::JointBox>(out, p.part("joints").joints(), std::move(limits));
+    }
+    throw nb::type_error(("no native operation for a plan of class " + name).c_str());
+  }
+
   template <typename Array>
   auto keep(const Array& array) -> decltype(array.data()) {
     kept_.push_back(nb::cast(array));
@@ -137,28 +191,12 @@ class Assembly {
     }
     return {std::move(found), keep(twists)};
   }
-  hqp::Target target(const Rows& rows) {
-    auto [J, error, drift, reference, weight] = rows;
-    if (drift) tree_.need_motions();
-    return {keep(J),         keep(error), drift ? keep(*drift) : nullptr,
-            keep(reference), weight,      static_cast<int>(J.shape(1))};
-  }
-  hqp::Frame frame(const Frame& given) {
-    const auto& [placement, body, columns] = given;
-    return {keep(std::get<0>(placement)), keep(std::get<1>(placement)), body, columns};
-  }
-  hqp::Observer observer(const std::optional<Observer>& given) {
-    if (!given) return {};
-    return {frame(std::get<0>(*given)), std::get<1>(*given), std::get<2>(*given)};
-  }
-  hqp::Rows seen(const Rows& rows, const Frame& f, const std::optional<Observer>& o) {
-    return {target(rows), tree_, frame(f), observer(o)};
-  }
-  void add(std::unique_ptr<hqp::Operation> operation) { operations_.push_back(std::move(operation)); }
 
+  double dt_;
+  int order_;
   std::vector<nb::object> kept_;  // before what points into it
   hqp::Tree tree_;
-  std::vector<std::unique_ptr<hqp::Operation>> operations_;
+  std::vector<Operation> operations_;
   std::unique_ptr<hqp::Demands> demands_;
 };
 
@@ -166,29 +204,16 @@ class Assembly {
 
 NB_MODULE(_assembly, module) {
   module.doc() = "Rows of the common tasks, written by one call a tick.";
-  // Live arrays must be taken as they are: a converted copy would never change.
-  const auto rows = "rows"_a.noconvert();
-  const auto frame = "frame"_a.noconvert();
-  const auto observer = "observer"_a.noconvert().none();
   nb::class_<Assembly>(module, "Assembly")
-      .def(nb::init<const Columns&, const Bodies&>(), "twists"_a.noconvert(), "bodies"_a.noconvert())
-      .def("point", &Assembly::point, nb::kw_only(), rows, frame, observer, "axes"_a, "offset"_a)
-      .def("pose", &Assembly::pose, nb::kw_only(), rows, frame, observer)
-      .def("rotation", &Assembly::rotation, nb::kw_only(), rows, frame, observer)
-      .def("angles", &Assembly::angles, nb::kw_only(), rows, frame, observer, "picked"_a, "gimbal"_a)
-      .def("edge", &Assembly::edge, nb::kw_only(), rows, frame, "axis"_a, "first"_a, "other"_a)
-      .def("wheel", &Assembly::wheel, nb::kw_only(), rows, frame, "normal"_a.noconvert(), "radius"_a, "axle"_a,
-           "picked"_a, "aligned"_a)
-      .def("com", &Assembly::com, nb::kw_only(), rows, observer, "part"_a, "axes"_a)
-      .def("joints", &Assembly::joints, nb::kw_only(), rows, "positions"_a)
-      .def("coupling", &Assembly::coupling, nb::kw_only(), rows, "positions"_a, "coefficients"_a)
-      .def("box", &Assembly::box, nb::kw_only(), "lower"_a.noconvert(), "upper"_a.noconvert(), "positions"_a,
-           "columns"_a, "low"_a, "high"_a, "speed"_a, "acceleration"_a, "braking"_a, "return_velocity"_a, "dt"_a,
-           "order"_a)
-      .def("laws", &Assembly::laws, nb::kw_only(), "order"_a, "J"_a.noconvert(), "error"_a.noconvert(),
-           "rate"_a.noconvert(), "feedforward"_a.noconvert(), "drift"_a.noconvert(), "kp"_a.noconvert(),
-           "kd"_a.noconvert(), "weight"_a.noconvert(), "pick"_a.noconvert(), "equality"_a.noconvert(),
-           "demand"_a.noconvert(), "lower"_a.noconvert(), "upper"_a.noconvert(), "saturations"_a)
+      .def(nb::init<const Columns&, const Bodies&, double, int>(), "twists"_a.noconvert(), "bodies"_a.noconvert(),
+           "dt"_a, "order"_a)
+      .def("add", &Assembly::add, "plan"_a, nb::kw_only(), "J"_a.noconvert().none(), "error"_a.noconvert(),
+           "drift"_a.noconvert().none(), "lower"_a.noconvert(), "upper"_a.noconvert(), "reference"_a.noconvert(),
+           "normal"_a.noconvert().none(), "weight"_a)
+      .def("laws", &Assembly::laws, nb::kw_only(), "J"_a.noconvert(), "error"_a.noconvert(), "rate"_a.noconvert(),
+           "feedforward"_a.noconvert(), "drift"_a.noconvert(), "kp"_a.noconvert(), "kd"_a.noconvert(),
+           "weight"_a.noconvert(), "pick"_a.noconvert(), "kind"_a.noconvert(), "demand"_a.noconvert(),
+           "lower"_a.noconvert(), "upper"_a.noconvert(), "saturations"_a)
       .def("run", &Assembly::run, "q"_a, "v"_a)
       .def("demand", &Assembly::demand, "v"_a);
 }

@@ -19,12 +19,12 @@ class Com final : public Operation, Rows {
     }
   }
   void run(const double*, const double*) override {
-    observer_.look();
+    relative_.update();
     const double share = 1.0 / tree_.mass(part_);
-    const Vec3 p = share * tree_.moment(part_), d = p - observer_.origin();
-    const Vec3 drift = out_.drift ? seen_centre_drift(p, share) : Vec3{};
+    const Vec3 p = share * tree_.moment(part_), d = p - relative_.origin();
+    const Vec3 drift = out_.drift ? relative_centre_drift(p, share) : Vec3{};
     for (std::size_t i = 0; i < axes_.size(); ++i) {
-      const Vec3& u = observer_.axes().column[axes_[i]];
+      const Vec3& u = relative_.axes().column[axes_[i]];
       clear_carried(i);
       double* J = out_.row(i);
       for (const Column& column : columns_) {
@@ -32,7 +32,7 @@ class Com final : public Operation, Rows {
         const Vec3 moved = tree_.mass(column.body) * load(t) + cross(load(t + 3), tree_.moment(column.body));
         J[column.index] = out_.weight * share * dot(u, moved);
       }
-      subtract_carried(i, observer_.carried(u, p));
+      subtract_carried(i, relative_.carried(u, p));
       out_.error[i] = dot(u, d) - out_.reference[i];
       if (out_.drift) out_.drift[i] = drift[axes_[i]];
     }
@@ -43,14 +43,14 @@ class Com final : public Operation, Rows {
     int index, body;
   };
 
-  Vec3 seen_centre_drift(const Vec3& p, double share) const {
+  Vec3 relative_centre_drift(const Vec3& p, double share) const {
     Vec3 velocity{}, drift{};
     for (const int b : bodies_) {
       const double m = share * tree_.bodies()[b].mass;
       velocity = velocity + m * tree_.motion(b).at(tree_.centre(b));
       drift = drift + m * tree_.point_drift(b, tree_.centre(b));
     }
-    return observer_.point_drift(tree_, p, velocity, drift);
+    return relative_.point_drift(tree_, p, velocity, drift);
   }
 
   int part_;

@@ -1,4 +1,4 @@
-// Position, orientation and pose of a frame, in the world or as another frame sees them; a fixed edge.
+// Position, orientation and pose of a frame, in the world or relative to another frame; a fixed edge.
 #pragma once
 
 #include "rows.hpp"
@@ -10,11 +10,11 @@ class Point final : public Operation, Rows {  // position of a frame's point alo
   Point(Rows rows, std::vector<int> axes, Vec3 offset)
       : Rows(std::move(rows)), axes_(std::move(axes)), offset_(offset) {}
   void run(const double*, const double*) override {
-    observer_.look();
-    const Vec3 p = origin() + rotation() * offset_, d = p - observer_.origin();
-    const Vec3 drift = out_.drift ? seen_drift(p) : Vec3{};
+    relative_.update();
+    const Vec3 p = origin() + rotation() * offset_, d = p - relative_.origin();
+    const Vec3 drift = out_.drift ? relative_drift(p) : Vec3{};
     for (std::size_t i = 0; i < axes_.size(); ++i) {
-      const Vec3& u = observer_.axes().column[axes_[i]];
+      const Vec3& u = relative_.axes().column[axes_[i]];
       write_velocity(i, u, p);
       out_.error[i] = dot(u, d) - out_.reference[i];
       if (out_.drift) out_.drift[i] = drift[axes_[i]];
@@ -30,18 +30,18 @@ class Pose final : public Operation, Rows {  // reference (4, 4) row-major
  public:
   explicit Pose(Rows rows) : Rows(std::move(rows)) {}
   void run(const double*, const double*) override {
-    observer_.look();
-    const Vec3 p = origin(), d = p - observer_.origin();
-    const Vec3 turn = rotation_error(transposed(observer_.axes(), rotation()), out_.reference, 4);
+    relative_.update();
+    const Vec3 p = origin(), d = p - relative_.origin();
+    const Vec3 turn = rotation_error(transposed(relative_.axes(), rotation()), out_.reference, 4);
     for (int i = 0; i < 3; ++i) {
-      const Vec3& u = observer_.axes().column[i];
+      const Vec3& u = relative_.axes().column[i];
       write_velocity(i, u, p);
       write_turning(3 + i, u);
       out_.error[i] = dot(u, d) - out_.reference[4 * i + 3];
       out_.error[3 + i] = turn[i];
     }
     if (!out_.drift) return;
-    const Vec3 linear = seen_drift(p), angular = observer_.turn_drift(tree_, motion(), body_drift());
+    const Vec3 linear = relative_drift(p), angular = relative_.turn_drift(tree_, motion(), body_drift());
     for (int i = 0; i < 3; ++i) {
       out_.drift[i] = linear[i];
       out_.drift[3 + i] = angular[i];
@@ -53,11 +53,11 @@ class Rotation final : public Operation, Rows {  // reference (3, 3) row-major
  public:
   explicit Rotation(Rows rows) : Rows(std::move(rows)) {}
   void run(const double*, const double*) override {
-    observer_.look();
-    const Vec3 turn = rotation_error(transposed(observer_.axes(), rotation()), out_.reference, 3);
-    const Vec3 drift = out_.drift ? observer_.turn_drift(tree_, motion(), body_drift()) : Vec3{};
+    relative_.update();
+    const Vec3 turn = rotation_error(transposed(relative_.axes(), rotation()), out_.reference, 3);
+    const Vec3 drift = out_.drift ? relative_.turn_drift(tree_, motion(), body_drift()) : Vec3{};
     for (int i = 0; i < 3; ++i) {
-      write_turning(i, observer_.axes().column[i]);
+      write_turning(i, relative_.axes().column[i]);
       out_.error[i] = turn[i];
       if (out_.drift) out_.drift[i] = drift[i];
     }
@@ -70,23 +70,23 @@ class Angles final : public Operation, Rows {  // roll, pitch, yaw: rows of E(rp
       : Rows(std::move(rows)), picked_(std::move(picked)), gimbal_(gimbal) {}
   void run(const double*, const double*) override {
     constexpr double kTurn = 6.283185307179586476925;
-    observer_.look();
-    const Mat3 R = transposed(observer_.axes(), rotation());
+    relative_.update();
+    const Mat3 R = transposed(relative_.axes(), rotation());
     const Vec3 &x = R.column[0], angle{std::atan2(R.column[1][2], R.column[2][2]),
                                        std::atan2(-x[2], std::sqrt(x[0] * x[0] + x[1] * x[1])), std::atan2(x[1], x[0])};
     const double c = std::cos(angle[2]), s = std::sin(angle[2]), cp = std::cos(angle[1]), sp = std::sin(angle[1]);
     const double inverse = 1.0 / std::max(cp, gimbal_), tangent = sp * inverse;
     const Vec3 rows[3] = {{c * inverse, s * inverse, 0.0}, {-s, c, 0.0}, {c * tangent, s * tangent, 1.0}};
     for (std::size_t i = 0; i < picked_.size(); ++i) {
-      write_turning(i, observer_.axes() * rows[picked_[i]]);
+      write_turning(i, relative_.axes() * rows[picked_[i]]);
       out_.error[i] = std::remainder(angle[picked_[i]] - out_.reference[i], kTurn);
     }
     if (!out_.drift) return;
-    const Vec3 omega = observer_.turn_velocity(tree_, motion());
+    const Vec3 omega = relative_.turn_velocity(tree_, motion());
     const double roll = dot(rows[0], omega), pitch = dot(rows[1], omega), yaw = dot(rows[2], omega);
     const Vec3 axes_rate{roll * (-sp * c * pitch - cp * s * yaw) - pitch * c * yaw,  // dE/dt (roll, pitch, yaw rates)
                          roll * (-sp * s * pitch + cp * c * yaw) - pitch * s * yaw, -roll * cp * pitch};
-    const Vec3 left = observer_.turn_drift(tree_, motion(), body_drift()) - axes_rate;
+    const Vec3 left = relative_.turn_drift(tree_, motion(), body_drift()) - axes_rate;
     for (std::size_t i = 0; i < picked_.size(); ++i) out_.drift[i] = dot(rows[picked_[i]], left);
   }
 
@@ -106,7 +106,7 @@ class Edge final : public Operation, Rows {  // position, and tilt across an edg
       write_velocity(i, axis(i), p);
       out_.error[i] = p[i] - out_.reference[i];
     }
-    const Vec3 linear = out_.drift ? seen_drift(p) : Vec3{};
+    const Vec3 linear = out_.drift ? relative_drift(p) : Vec3{};
     for (int i = 0; out_.drift && i < 3; ++i) out_.drift[i] = linear[i];
     for (int k = 0; k < 2; ++k) {
       const Vec3 u = R * across_[k];

@@ -5,49 +5,73 @@
 
 namespace hqp {
 
-class Joints final : public Operation {  // positions of single-axis joints; J is constant and not written
+struct Joints {  // single-axis joints; a continuous one has cosine and sine in q
+  std::vector<int> columns, positions;
+  std::vector<bool> continuous;
+
+  std::size_t size() const { return columns.size(); }
+  double angle(std::size_t i, const double* q) const {
+    const double* at = q + positions[i];
+    return continuous[i] ? std::atan2(at[1], at[0]) : at[0];
+  }
+  // J is constant: one entry a row, written once.
+  void write(const Target& out) const {
+    for (std::size_t i = 0; out.J && i < size(); ++i) out.row(i)[columns[i]] = out.weight;
+  }
+};
+
+class Posture final : public Operation {
  public:
-  Joints(Target out, std::vector<int> positions) : out_(out), positions_(std::move(positions)) {}
+  Posture(Target out, Joints joints) : out_(out), joints_(std::move(joints)) { joints_.write(out_); }
   void run(const double* q, const double*) override {
-    for (std::size_t i = 0; i < positions_.size(); ++i) out_.error[i] = q[positions_[i]] - out_.reference[i];
+    constexpr double kTurn = 6.283185307179586476925;
+    for (std::size_t i = 0; i < joints_.size(); ++i) {
+      const double off = joints_.angle(i, q) - out_.reference[i];
+      out_.error[i] = joints_.continuous[i] ? off - kTurn * std::rint(off / kTurn) : off;
+    }
   }
 
  private:
   Target out_;
-  std::vector<int> positions_;
+  Joints joints_;
 };
 
-class Coupling final : public Operation {  // a linear relation of joints; J is constant and not written
+class Coupling final : public Operation {  // a linear relation of joints
  public:
-  Coupling(Target out, std::vector<int> positions, std::vector<double> coefficients)
-      : out_(out), positions_(std::move(positions)), coefficients_(std::move(coefficients)) {}
+  Coupling(Target out, Joints joints, std::vector<double> coefficients)
+      : out_(out), joints_(std::move(joints)), coefficients_(std::move(coefficients)) {
+    for (std::size_t i = 0; out_.J && i < joints_.size(); ++i)
+      out_.J[joints_.columns[i]] = out_.weight * coefficients_[i];
+  }
   void run(const double* q, const double*) override {
     double total = -out_.reference[0];
-    for (std::size_t i = 0; i < positions_.size(); ++i) total += coefficients_[i] * q[positions_[i]];
+    for (std::size_t i = 0; i < joints_.size(); ++i) total += coefficients_[i] * joints_.angle(i, q);
     out_.error[0] = total;
   }
 
  private:
   Target out_;
-  std::vector<int> positions_;
+  Joints joints_;
   std::vector<double> coefficients_;
 };
 
-struct Limits {  // of k joints; see JointLimits for the equations
-  std::vector<int> positions, columns;
-  std::vector<double> low, high, speed, acceleration, braking;  // infinite for none
+struct Limits {  // of each joint, infinite for none; see JointLimits for the equations
+  std::vector<double> low, high, speed, acceleration, braking;
   double return_velocity;
   double dt;
   int order;
 };
 
-class Box final : public Operation {  // one consistent box for the next step
+class JointBox final : public Operation {  // one consistent box for the next step
  public:
-  Box(double* lower, double* upper, Limits limits) : lower_(lower), upper_(upper), limits_(std::move(limits)) {}
+  JointBox(Target out, Joints joints, Limits limits)
+      : out_(out), joints_(std::move(joints)), limits_(std::move(limits)) {
+    joints_.write(out_);
+  }
   void run(const double* q, const double* v) override {
     const Limits& l = limits_;
-    for (std::size_t i = 0; i < l.positions.size(); ++i) {
-      const double at = q[l.positions[i]], rate = v[l.columns[i]];
+    for (std::size_t i = 0; i < joints_.size(); ++i) {
+      const double at = joints_.angle(i, q), rate = v[joints_.columns[i]];
       const double reach = l.acceleration[i] * l.dt;
       double up = clip(fastest(l.high[i] - at, i), rate - reach, rate + reach);
       double down = clip(-fastest(at - l.low[i], i), rate - reach, rate + reach);
@@ -55,8 +79,8 @@ class Box final : public Operation {  // one consistent box for the next step
         down = (down - rate) / l.dt;
         up = (up - rate) / l.dt;
       }
-      lower_[i] = down;
-      upper_[i] = up;
+      out_.lower[i] = down;
+      out_.upper[i] = up;
     }
   }
 
@@ -72,7 +96,8 @@ class Box final : public Operation {  // one consistent box for the next step
     return way >= 0.0 ? most : -std::min(most, l.return_velocity);
   }
 
-  double *lower_, *upper_;
+  Target out_;
+  Joints joints_;
   Limits limits_;
 };
 

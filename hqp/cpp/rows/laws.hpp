@@ -1,4 +1,4 @@
-// From errors to demands: the laws of all rows of a stack at once; see hqp/law.py and hqp/assembly.py.
+// From errors to demands, from ways left to bounds: the laws of all rows of a stack at once; see hqp/law.py.
 #pragma once
 
 #include <algorithm>
@@ -9,6 +9,9 @@
 
 namespace hqp {
 
+// How rows become bounds on J x: a law on the error, a law on the way left to either bound, bounds as they stand.
+enum Kind : std::int8_t { kEquality = 0, kLimited = 1, kBounded = 2 };
+
 struct Saturation {  // of the rows of one element; damping: its largest kd
   int start, stop;
   double fastest, hardest, damping;
@@ -18,14 +21,19 @@ struct Laws {  // live arrays, (total,) but for J (m, nv) row-major and the coor
   int order, m, nv, total;
   const double *J, *error, *rate, *feedforward, *drift, *kp, *kd, *weight;
   const std::intptr_t* pick;
-  const bool* equality;
+  const std::int8_t* kind;
   double *demand, *lower, *upper;
   std::vector<Saturation> saturations;
 };
 
 class Demands {
  public:
-  explicit Demands(Laws laws) : l_(std::move(laws)), damper_(l_.total) {}
+  explicit Demands(Laws laws)
+      : l_(std::move(laws)), damper_(l_.total), speed_(l_.total), saturation_(l_.total, nullptr) {
+    for (const Saturation& s : l_.saturations)
+      for (int i = s.start; i < s.stop; ++i) saturation_[i] = &s;
+  }
+  Demands(const Demands&) = delete;
 
   void run(const double* v) {
     for (int i = 0; i < l_.total; ++i) l_.demand[i] = l_.kp[i] * l_.error[i];
@@ -33,14 +41,22 @@ class Demands {
       for (const Saturation& s : l_.saturations) saturate_first(s);
       for (int i = 0; i < l_.total; ++i) l_.demand[i] = l_.rate[i] - l_.demand[i];
     } else {
-      for (int i = 0; i < l_.total; ++i) damper_[i] = l_.kd[i] * (speed(i, v) - l_.rate[i]);
+      for (int i = 0; i < l_.total; ++i) {
+        speed_[i] = speed(i, v);
+        damper_[i] = l_.kd[i] * (speed_[i] - l_.rate[i]);
+      }
       for (const Saturation& s : l_.saturations) saturate_second(s);
       for (int i = 0; i < l_.total; ++i) l_.demand[i] = l_.feedforward[i] - (l_.demand[i] + damper_[i]) - l_.drift[i];
     }
     for (int i = 0; i < l_.total; ++i) {
       const double w = l_.weight[i];
-      l_.lower[i] = w * (l_.equality[i] ? l_.demand[i] : l_.lower[i]);
-      l_.upper[i] = l_.equality[i] ? l_.lower[i] : w * l_.upper[i];
+      if (l_.kind[i] == kLimited) {
+        l_.lower[i] = w * towards(i, l_.lower[i]);
+        l_.upper[i] = w * towards(i, l_.upper[i]);
+      } else {
+        l_.lower[i] = w * (l_.kind[i] == kEquality ? l_.demand[i] : l_.lower[i]);
+        l_.upper[i] = l_.kind[i] == kEquality ? l_.lower[i] : w * l_.upper[i];
+      }
     }
   }
 
@@ -64,6 +80,21 @@ class Demands {
     for (int i = s.start; i < s.stop; ++i) a[i] *= factor;
   }
 
+  // The law of a row whose value may still go `way`: its error is -way. No bound, an infinite way, is none after it.
+  double towards(int i, double way) const {
+    const Saturation* s = saturation_[i];
+    double pull = std::isinf(way) ? way : l_.kp[i] * way;
+    if (l_.order == 1) {
+      if (s) pull = held(pull, std::min(s->fastest, std::isinf(s->hardest) ? s->hardest : reach(s->hardest, way)));
+      return l_.rate[i] + pull;
+    }
+    if (s && std::isfinite(s->fastest)) pull = held(pull, s->damping * s->fastest);
+    const double feedback = pull - l_.kd[i] * (speed_[i] - l_.rate[i]);
+    return l_.feedforward[i] + (s ? held(feedback, s->hardest) : feedback) - l_.drift[i];
+  }
+  static double held(double x, double bound) { return std::min(std::max(x, -bound), bound); }
+  static double reach(double hardest, double way) { return std::sqrt(2.0 * hardest * std::fabs(way)); }
+
   void saturate_first(const Saturation& s) {
     const double fast = norm(l_.demand, s.start, s.stop), far = norm(l_.error, s.start, s.stop);
     const double allowed = std::min(s.fastest, std::sqrt(2.0 * s.hardest * far));
@@ -81,7 +112,8 @@ class Demands {
   }
 
   Laws l_;
-  std::vector<double> damper_;
+  std::vector<double> damper_, speed_;
+  std::vector<const Saturation*> saturation_;  // of each row, null for none
 };
 
 }  // namespace hqp

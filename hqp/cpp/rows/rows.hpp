@@ -1,15 +1,17 @@
 // Where the rows of an element go, and how one is written.
 #pragma once
 
-#include "observer.hpp"
+#include "relative_frame.hpp"
 
 namespace hqp {
 
 struct Target {
-  double* J;  // (m, nv) row-major
+  double* J;  // (m, nv) row-major, null where the rows are a selection
   double* error;
-  double* drift;  // null where nobody asks for it
+  double* drift;  // null at velocity level
+  double *lower, *upper;
   const double* reference;
+  const double* normal;  // (3,) of the ground, null where the rows do not ask for it
   double weight;
   int nv;
   double* row(int i) const { return J + static_cast<std::ptrdiff_t>(i) * nv; }
@@ -21,35 +23,35 @@ class Operation {
   virtual void run(const double* q, const double* v) = 0;
 };
 
-class Rows {  // of a frame as somebody sees it
+class Rows {  // of a frame, in the world or relative to another
  public:
-  Rows(Target out, const Tree& tree, Frame frame, Observer observer)
-      : out_(out), tree_(tree), frame_(std::move(frame)), observer_(std::move(observer)) {}
+  Rows(Target out, const Tree& tree, Frame frame, RelativeFrame relative)
+      : out_(out), tree_(tree), frame_(std::move(frame)), relative_(std::move(relative)) {}
 
  protected:
   Vec3 origin() const { return load(frame_.position); }
   Mat3 rotation() const { return load_rotation(frame_.rotation); }
   const Motion& motion() const { return tree_.motion(frame_.body); }
   const Motion& body_drift() const { return tree_.drift(frame_.body); }
-  Vec3 seen_drift(const Vec3& p) const {
-    return observer_.point_drift(tree_, p, motion().at(p), tree_.point_drift(frame_.body, p));
+  Vec3 relative_drift(const Vec3& p) const {
+    return relative_.point_drift(tree_, p, motion().at(p), tree_.point_drift(frame_.body, p));
   }
 
-  void write_velocity(int i, const Vec3& u, const Vec3& p) { write(i, along(u, p), observer_.carried(u, p)); }
-  void write_turning(int i, const Vec3& u) { write(i, about(u), observer_.turned(u)); }
+  void write_velocity(int i, const Vec3& u, const Vec3& p) { write(i, along(u, p), relative_.carried(u, p)); }
+  void write_turning(int i, const Vec3& u) { write(i, about(u), relative_.turned(u)); }
   void subtract_carried(int i, const Form& carried) {
     double* J = out_.row(i);
-    for (const int c : observer_.columns()) J[c] -= value(carried, c);
+    for (const int c : relative_.columns()) J[c] -= value(carried, c);
   }
   void clear_carried(int i) {
     double* J = out_.row(i);
-    for (const int c : observer_.columns()) J[c] = 0.0;
+    for (const int c : relative_.columns()) J[c] = 0.0;
   }
 
   Target out_;
   const Tree& tree_;
   Frame frame_;
-  Observer observer_;
+  RelativeFrame relative_;
 
  private:
   double value(const Form& form, int column) const {

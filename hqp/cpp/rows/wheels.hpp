@@ -1,4 +1,4 @@
-// Wheels on the ground; see tasks/wheel.py for the rows and tasks/wheel_writer.py for the plane a wheel is held on.
+// Wheels on the ground; see tasks/wheel.py for the rows and hqp/readable.py for the plane a wheel is held on.
 #pragma once
 
 #include "rows.hpp"
@@ -7,17 +7,11 @@ namespace hqp {
 
 class Wheel final : public Operation, Rows {
  public:
-  // normal: (3,) live.  picked: some of rolling, lateral and normal, which is last.  aligned: sine below which an axle
-  // is along the normal.
-  Wheel(Rows rows, const double* normal, double radius, Vec3 axle, std::vector<int> picked, double aligned)
-      : Rows(std::move(rows)),
-        normal_(normal),
-        radius_(radius),
-        axle_(axle),
-        picked_(std::move(picked)),
-        aligned_(aligned) {}
+  // picked: some of rolling, lateral and normal, which is last.  aligned: sine below which an axle is along the normal.
+  Wheel(Rows rows, double radius, Vec3 axle, std::vector<int> picked, double aligned)
+      : Rows(std::move(rows)), radius_(radius), axle_(axle), picked_(std::move(picked)), aligned_(aligned) {}
   void run(const double*, const double*) override {
-    const Vec3 p = origin(), n = load(normal_), axle = rotation() * axle_;
+    const Vec3 p = origin(), n = load(out_.normal), axle = rotation() * axle_;
     settle(load(out_.reference), n, p);
     const Vec3 across = cross(n, axle);
     const double length = std::sqrt(dot(across, across)), scale = length > aligned_ ? 1.0 / length : 0.0;
@@ -52,7 +46,6 @@ class Wheel final : public Operation, Rows {
     if (finite) plane_ = n;
   }
 
-  const double* normal_;
   double radius_;
   Vec3 axle_;
   std::vector<int> picked_;

@@ -1,4 +1,5 @@
-// Frames, and who sees them: the world, another frame, or that frame's heading. Formulas in tasks/relative.py.
+// Frames, and what they are relative to: the world, another frame, or that frame's heading. Formulas in
+// tasks/relative.py.
 #pragma once
 
 #include <algorithm>
@@ -18,16 +19,16 @@ struct Frame {  // a frame's live placement, the body it is on and the coordinat
 };
 
 // Turns with Omega = H omega of its frame: H = 0 for the world, I for a frame, z h^T for a heading.
-class Observer {
+class RelativeFrame {
  public:
   enum class Kind { kWorld, kFrame, kHeading };
 
-  Observer() = default;
+  RelativeFrame() = default;
   // upright: least horizontal length of the x axis that a heading rate is computed with.
-  Observer(Frame frame, bool heading, double upright)
+  RelativeFrame(Frame frame, bool heading, double upright)
       : kind_(heading ? Kind::kHeading : Kind::kFrame), frame_(std::move(frame)), least_(upright * upright) {}
 
-  void look() {  // once a tick, before anything else
+  void update() {  // once a tick, before anything else
     if (kind_ == Kind::kWorld) return;
     origin_ = load(frame_.position);
     axes_ = load_rotation(frame_.rotation);
@@ -45,7 +46,7 @@ class Observer {
   const Mat3& axes() const { return axes_; }
   const std::vector<int>& columns() const { return frame_.columns; }
 
-  // u . (dp_o/dt + Omega x d) and u . Omega as forms on the motion of the observer's body.
+  // u . (dp_o/dt + Omega x d) and u . Omega as forms on the motion of its body.
   Form carried(const Vec3& u, const Vec3& point) const {
     if (kind_ != Kind::kHeading) return along(u, point);
     const Vec3 d = point - origin_;

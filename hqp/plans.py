@@ -1,0 +1,208 @@
+"""What a native operation needs to know of an element: one typed class an operation, read by name in cpp/rows.
+
+An element's ``plan(robot)`` returns one of these, with names resolved and live arrays in place.  The operation writes
+the rows that the element's readable functions give; tests compare the two.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from hqp.arrays import Index, Mat, Vec
+from hqp.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A frame: live position ``(3,)`` and rotation ``(3, 3)``, its body and the coordinates that move it."""
+
+    position: Vec
+    rotation: Mat
+    body: int
+    columns: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class RelativeFrame:
+    """A frame whose axes and origin others are seen in; heading: only its yaw turns the axes.
+
+    upright: least horizontal length of its x axis with which the rate of a heading is computed.
+    """
+
+    frame: Frame
+    heading: bool
+    upright: float
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Position of the point ``offset`` of a frame along ``axes``; reference ``(k,)``."""
+
+    frame: Frame
+    relative_to: RelativeFrame | None
+    axes: tuple[int, ...]
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the reference's value."""
+        return (len(self.axes),)
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Position and rotation of a frame; reference ``(4, 4)``."""
+
+    frame: Frame
+    relative_to: RelativeFrame | None
+    shape: tuple[int, ...] = field(default=(4, 4), init=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Rotation:
+    """Rotation of a frame; reference ``(3, 3)``."""
+
+    frame: Frame
+    relative_to: RelativeFrame | None
+    shape: tuple[int, ...] = field(default=(3, 3), init=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Angles:
+    """Some of roll, pitch, yaw (0, 1, 2) of a frame; gimbal: least |cos pitch| of their rates; reference ``(k,)``."""
+
+    frame: Frame
+    relative_to: RelativeFrame | None
+    picked: tuple[int, ...]
+    gimbal: float
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the reference's value."""
+        return (len(self.picked),)
+
+
+@dataclass(frozen=True, eq=False)
+class Edge:
+    """An edge along ``axis`` of a frame, ``first`` and ``other`` its orthonormal complement; reference ``(6,)``."""
+
+    frame: Frame
+    axis: tuple[float, float, float]
+    first: tuple[float, float, float]
+    other: tuple[float, float, float]
+    shape: tuple[int, ...] = field(default=(6,), init=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Wheel:
+    """Some of rolling, lateral, normal (0, 1, 2) of a wheel; aligned: sine below which its axle is along the normal.
+
+    The reference is ``(3,)``, with the ground's normal.
+    """
+
+    frame: Frame
+    radius: float
+    axle: tuple[float, float, float]
+    picked: tuple[int, ...]
+    aligned: float
+    shape: tuple[int, ...] = field(default=(3,), init=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Com:
+    """Centre of mass of what body ``part`` carries, itself included, along ``axes``; reference ``(k,)``."""
+
+    relative_to: RelativeFrame | None
+    part: int
+    axes: tuple[int, ...]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the reference's value."""
+        return (len(self.axes),)
+
+
+@dataclass(frozen=True, eq=False)
+class Joints:
+    """Single-axis joints: tangent coordinates and places in q; ``continuous`` ones have cosine and sine there.
+
+    Errors of continuous joints are wrapped.  Reference ``(k,)``.
+    """
+
+    columns: tuple[int, ...]
+    positions: tuple[int, ...]
+    continuous: tuple[bool, ...]
+
+    @classmethod
+    def of(cls, robot: Robot, columns: Index) -> Joints | None:
+        """The joints of these tangent coordinates, None where one is of a joint of several axes."""
+        positions = robot.positions(columns)
+        if positions is None:
+            return None
+        turning = set(robot.continuous.tolist())
+        picked = tuple(int(c) for c in columns)
+        return cls(picked, tuple(positions), tuple(c in turning for c in picked))
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the reference's value."""
+        return (len(self.columns),)
+
+
+@dataclass(frozen=True, eq=False)
+class Coupling:
+    """sum c_j q_j of joints; reference ``(1,)``."""
+
+    joints: Joints
+    coefficients: tuple[float, ...]
+    shape: tuple[int, ...] = field(default=(1,), init=False)
+
+
+@dataclass(frozen=True, eq=False)
+class JointBox:
+    """Bounds of joints as JointLimits has them, infinite where there are none; no reference."""
+
+    joints: Joints
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    speed: tuple[float, ...]
+    acceleration: tuple[float, ...]
+    braking: tuple[float, ...]
+    return_velocity: float
+    shape: tuple[int, ...] = field(default=(), init=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Constant:
+    """Bounds ``(m,)`` that never change; no reference."""
+
+    lower: Vec
+    upper: Vec
+    shape: tuple[int, ...] = field(default=(), init=False)
+
+
+Plan: TypeAlias = Point | Pose | Rotation | Angles | Edge | Wheel | Com | Joints | Coupling | JointBox | Constant
+
+
+def frame(robot: Robot, name: str) -> Frame:
+    """The frame of that name; raises FrameNotFound."""
+    index = robot.frame(name)
+    columns = np.flatnonzero(robot.support(index)).tolist()
+    return Frame(*robot.placement(index), robot.body(index), tuple(columns))
+
+
+def relative_frame(robot: Robot, name: str | None, heading: bool, upright: float) -> RelativeFrame | None:
+    """The relative frame of that name, None for the world; raises FrameNotFound."""
+    return None if name is None else RelativeFrame(frame(robot, name), heading, upright)
+
+
+def apart(own: Frame, other: RelativeFrame | None) -> tuple[Frame, RelativeFrame | None]:
+    """The same without the coordinates that carry both: they move nothing relative, unless only a heading turns."""
+    if other is None or other.heading:
+        return own, other
+    shared = {*own.columns} & {*other.frame.columns}
+    first, second = (replace(f, columns=tuple(c for c in f.columns if c not in shared)) for f in (own, other.frame))
+    return first, replace(other, frame=second)
