@@ -24,6 +24,7 @@ NAMES = {
     "cbi-switch": "mistry2008.experiments.switch",
     "dreamer-slope": "sentis2012.experiments.slope",
     "dreamer-robustness": "sentis2012.experiments.robustness",
+    "dreamer-statistics": "sentis2012.experiments.statistics",
 }
 
 
@@ -40,6 +41,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-pictures", action="store_true", help="render nothing")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes for sweeps")
     parser.add_argument("--seeds", type=int, default=5, metavar="N", help="seeds of cases with noise, default 5")
+    group = parser.add_argument_group("dreamer-statistics, which by itself is the whole table")
+    about = "nominal, nominal-imu, nominal-tilt, promised, all, or names of the table of robustness"
+    group.add_argument("--cells", nargs="+", metavar="NAME", default=["nominal", "nominal-imu"], help=about)
+    group.add_argument("--runs", type=int, default=None, metavar="N", help="a cell; default 300, or 30 unpromised")
+    group.add_argument("--seed", type=int, default=0, metavar="S", help="of what differs between runs, default 0")
+    group.add_argument("--kept", type=Path, default=None, metavar="DIR", help="folder of the runs, to resume from")
+    group.add_argument("--code", default="", metavar="TEXT", help="version of the code that you vouch for")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -63,6 +71,10 @@ def run(arguments: argparse.Namespace) -> int:
         )
         return 2
     rendering = choose_renderer()
+    if arguments.names == ["dreamer-statistics"]:
+        from benchmarks.sentis2012.experiments import statistics
+
+        return statistics.command(arguments)
     full = (arguments.full or bool(arguments.names)) and not arguments.quick
     setting = _setting(arguments, full)
     outcomes = []

@@ -46,7 +46,8 @@ alone can tell); ``contact in all``, each wheel's own in the rows too; ``vertica
 class Compliance:
     """Gains [1/s^2], critically damped, and choices; the last five are there to be seen to fail.
 
-    gravity_share: of the wheels' gravity compensation with base normals, by their tilt.  limits: torque limits and
+    carried: with the base's normals, what the human carries of the weight along the slope: this share of it, at most
+    so many newtons; the wheels hold the rest (see ``gravity_share``).  limits: torque limits and
     friction bounds as inequalities, with friction as the coefficient assumed.  turn: largest rate at which the robot
     turns to where it is led [rad/s], 0 to keep its heading.  period: of control [s].
     """
@@ -58,7 +59,7 @@ class Compliance:
     posture: float = 100.0
     period: float = 0.002
     normals: Normals = "contact"
-    gravity_share: float = 1.0
+    carried: tuple[float, float] = (0.0, 0.0)
     limits: bool = False
     friction: float = 0.8
     turn: float = 0.0
@@ -96,11 +97,23 @@ def refusal(choice: Compliance) -> str:
     return ""
 
 
+def gravity_share(normal: Vec, carried: tuple[float, float], weight: float) -> float:
+    """Share of the weight along the slope that the wheels hold: 1 - min(share, newtons / (m g sin tilt)).
+
+    An IMU cannot tell which wheels stand on the slope yet.  With all of it held, the robot pushes uphill by up to
+    m g sin(tilt) while its rear wheels are down already, and tips over; what the human carries takes from that push.
+    The bound in newtons is that on the human's pull.
+    """
+    share, most = carried
+    along = weight * math.hypot(normal[0], normal[1])
+    return 1.0 - min(share, most / along) if along > 0.0 else 1.0 - share
+
+
 class Targets:
     """The references of every tick."""
 
-    def __init__(self, choice: Compliance, tasks: Stack, posture: Vec, yaw: float) -> None:
-        self._choice = choice
+    def __init__(self, choice: Compliance, tasks: Stack, posture: Vec, yaw: float, weight: float) -> None:
+        self._choice, self._weight = choice, weight
         self._com, self._hand = tasks.find("com", Com), tasks.find("hand", Position)
         self._wheels = [tasks.find(name, OmniWheelContact) for name in WHEELS]
         self._posture = tasks.find("posture", Posture).at(posture)
@@ -127,13 +140,14 @@ class Targets:
         )
 
     def _grounds(self, base: Vec, contact: Mat) -> list[Reference]:
-        normals, share = self._choice.normals, self._choice.gravity_share
+        normals = self._choice.normals
         if normals in ("contact", "map"):
             return [w.at(normal=base, gravity_normal=n) for w, n in zip(self._wheels, contact, strict=True)]
         if normals == "contact in all":
             return [w.at(normal=n) for w, n in zip(self._wheels, contact, strict=True)]
         if normals == "vertical":
             return [w.at(normal=UP) for w in self._wheels]
+        share = gravity_share(base, self._choice.carried, self._weight)
         reduced = None if share == 1.0 else (1.0 - share) * UP + share * base
         return [w.at(normal=base, gravity_normal=reduced) for w in self._wheels]
 

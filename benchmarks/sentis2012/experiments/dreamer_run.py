@@ -47,9 +47,9 @@ class Outing:
         self._upper = self.robot.joints("upper_body")
         self.posture = self.robot.state(self.robot.home).angles[self._upper]
         self.q, self.v = self.plant.reset(self._start())
-        self._targets = Targets(choice, tasks, self.posture, scene.heading)
+        self._targets = Targets(choice, tasks, self.posture, scene.heading, 9.81 * self.robot.mass)
         self._normals = ContactNormals(3, choice.period)
-        self._map = HeightMap(choice.period) if choice.normals == "map" else None
+        self._map = HeightMap(self.robot, choice.period) if choice.normals == "map" else None
         self._odometry = Odometry(self.robot)
         self._actuated = self.robot.actuated
         self._limit = scene.strength * self.robot.effort_limit[self._actuated]
@@ -98,6 +98,11 @@ class Outing:
         return not (upright > math.cos(math.radians(self.scene.slope + 20.0)) and error < 0.3)
 
     @property
+    def ignored_normals(self) -> int:
+        """Samples of contact normals that were too far off the base's to be ground."""
+        return self._normals.ignored
+
+    @property
     def real_time(self) -> tuple[float, float]:
         """Simulated over processor time, and over wall time, of controller and plant together."""
         return self.t / max(self.processor, 1e-9), self.t / max(self.wall, 1e-9)
@@ -132,7 +137,10 @@ class Outing:
             v[3:5] = 0.0  # what wheels on the base's own plane say
         state = self.robot.state(q, v)
         rotation = state.rotation("base")
-        normals = self._normals.update(contacts) if self._map is None else self._map.update(rotation, v[:3])
+        if self._map is None:
+            normals = self._normals.update(contacts, rotation[:, 2])
+        else:
+            normals = self._map.update(rotation, v[:3])
         tick = self.session.step(state, *self._targets(rotation, v[:3], normals))
         torque = tick.command + self._damping * v[self._actuated]
         self._brake(torque)

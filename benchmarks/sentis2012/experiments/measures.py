@@ -15,12 +15,14 @@ from hqp.arrays import Vec
 class Measures:
     """Numbers of one run: errors [mm], forces [N], angles [deg], speeds [m/s], torques [N m]; NaN where not reached.
 
-    com_up, com_back: largest CoM error before and after the turn.  speed: median over the pull's steady part.
+    com_first, com_up, com_back: largest CoM error before the measuring begins, while the robot settles on its wheels,
+    and then before and after the turn.  speed: median over the pull's steady part.
     load_quantile: 0.5 % quantile of the least wheel load from half a second on; unloaded: seconds without load.
     rate_ratio: largest joint speed over its table limit, and whose.
     """
 
     fell: float
+    com_first: float
     com_up: float
     com_back: float
     travel: float
@@ -69,6 +71,7 @@ def measure(outing: Outing, since: float = 0.5) -> Measures:
     worst = int(np.argmax(ratio.max(axis=0))) if len(ratio) else 0
     return Measures(
         fell=float(t[-1]) if outing.fallen else math.nan,
+        com_first=_largest(com[~on]),
         com_up=_largest(com[up]),
         com_back=_largest(com[back]),
         travel=_largest(moved),

@@ -18,7 +18,7 @@ NAMES = {"dreamer": "ball wheels", "dreamer_rollers": "rollers"}
 PULL = Walk(speed=0.33, distance=0.95)
 """The human's way; the robot, on a spring, runs at 0.35 m/s."""
 
-IMU_ONLY = Compliance(normals="base", gravity_share=0.65)
+IMU_ONLY = Compliance(normals="base", carried=(0.35, 35.0))
 IMU_WALK = Walk(speed=0.30, distance=1.1)
 """The spring that carries a third of the robot's weight along the slope stretches: a longer way."""
 
@@ -42,7 +42,7 @@ def variants(full: bool) -> list[Case]:
     return [
         *imu,
         Case(name="IMU only, ball wheels", scene=Scene(walk=IMU_WALK), choice=IMU_ONLY),
-        Case(name="IMU only, full compensation, rollers", scene=rollers, choice=replace(IMU_ONLY, gravity_share=1.0)),
+        Case(name="IMU only, full compensation, rollers", scene=rollers, choice=replace(IMU_ONLY, carried=(0.0, 0.0))),
         Case(name="own map of heights, ball wheels", scene=Scene(walk=PULL), choice=MAPPED),
         Case(
             name="own map of heights, onto a plateau, rollers",

@@ -1,0 +1,236 @@
+"""Dreamer's figures as distributions: each cell many times, with trifles changed from run to run.
+
+Runs differ in when the human sets out (up to half a second), in friction (2 percent) and in the sensors' noise (a tenth
+of the table's noisy cells, where a cell has none of its own).  A fall counts as an infinite error.  A promise holds
+if no run fell and the 99th percentile, rounded up to a run that was made, is within it.
+
+Every run is a case of ``hqp.sweep``: the table takes hours, may be stopped at any time, and goes on where it was.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.lab.outcome import Figure, Outcome, Table, number, table
+from benchmarks.lab.setting import Setting
+from benchmarks.sentis2012.experiments.cases import Case, carry_out
+from benchmarks.sentis2012.experiments.cells import Cell, cells
+from benchmarks.sentis2012.experiments.dreamer_run import Outing
+from benchmarks.sentis2012.experiments.measures import measure
+from benchmarks.sentis2012.experiments.scene import Scene
+from benchmarks.sentis2012.experiments.variants import IMU_ONLY, IMU_WALK, MAPPED, PULL
+from hqp.robots.on_mujoco import Noise, Sensors
+
+TRIFLES = Sensors(
+    orientation=Noise(1e-4), gyro=Noise(1e-3), angle=Noise(1e-5), rate=Noise(1e-3), force=Noise(0.3)
+)  # fmt: skip
+"""Noise of runs whose cell has none."""
+
+LATER, SLIPPERIER = 0.5, 0.02
+"""The human sets out up to so much later [s]; friction differs by up to this share."""
+
+MANY, FEW = 300, 30
+"""Runs of a cell that promises something, and of another."""
+
+CONFIDENCE = 0.95
+"""Of the one-sided bound on the fall rate."""
+
+ABOUT = {
+    "nominal": "7 degrees on rollers, contact normals from the simulator: privileged",
+    "nominal-imu": "the same by IMU, encoders and wheel odometry alone: normals from the robot's own map",
+    "nominal-tilt": "the same by the IMU's tilt alone, the human carries a share of the weight",
+}
+
+
+@cache
+def registry() -> Mapping[str, Cell]:
+    """Every cell by name: the nominal ones, then the table of robustness."""
+    rollers = Scene(plant="dreamer_rollers", walk=PULL)
+    nominal = {
+        "nominal": Cell(case=Case(name="nominal", scene=rollers), group="nominal", limit=6.0),
+        "nominal-imu": Cell(case=Case(name="nominal-imu", scene=rollers, choice=MAPPED), group="nominal", limit=10.0),
+        "nominal-tilt": Cell(
+            case=Case(name="nominal-tilt", scene=replace(rollers, walk=IMU_WALK), choice=IMU_ONLY),
+            group="nominal",
+            limit=10.0,
+        ),
+    }
+    return {**nominal, **{cell.case.name: cell for cell in cells(True)}}
+
+
+def varied(case: Case, run: int, seed: int) -> Case:
+    """The case with the trifles of one run changed."""
+    rng = np.random.default_rng([seed, zlib.crc32(case.name.encode()), run])
+    scene = case.scene
+    return replace(
+        case,
+        scene=replace(
+            scene,
+            walk=replace(scene.walk, start=scene.walk.start + LATER * rng.uniform()),
+            friction=scene.friction * (1.0 + SLIPPERIER * rng.uniform(-1.0, 1.0)),
+            sensors=TRIFLES if scene.sensors == Sensors() else scene.sensors,
+            seed=int(rng.integers(2**31)),
+        ),
+    )
+
+
+def one_run(cell: str, run: int, seed: int, solver: str = "lexicographic") -> dict[str, Any]:
+    """The measures of one run, as a case of a sweep calls it."""
+    case = varied(registry()[cell].case, run, seed)
+    outing = Outing(case.scene, case.choice, case.solver or solver).run()
+    return {**asdict(measure(outing, case.since)), "ignored_normals": outing.ignored_normals}
+
+
+def summary(cell: str, rows: Sequence[Mapping[str, float]]) -> dict[str, Any]:
+    """A cell's line: percentiles over its runs, falls, what was promised and whether it holds."""
+    fell = np.array([math.isfinite(row["fell"]) for row in rows])
+    figures = {}
+    for name, key, scale in (
+        ("com_up_mm", "com_up", 1.0),
+        ("com_back_mm", "com_back", 1.0),
+        ("unloaded_ms", "unloaded", 1e3),
+    ):
+        values = scale * np.array([row[key] for row in rows])
+        figures[name] = percentiles(np.where(fell | np.isnan(values), np.inf, values))
+    limit = registry()[cell].limit
+    worst = np.where(fell, np.inf, np.array([np.nanmax((row["com_up"], row["com_back"])) for row in rows]))
+    holds = not fell.any() and (limit is None or percentiles(worst)["p99"] <= limit)
+    return {
+        "cell": cell,
+        "runs": len(rows),
+        **figures,
+        "falls": int(fell.sum()),
+        "promised": "no fall" if limit == math.inf else limit,
+        "passed": bool(limit is None or holds),
+    }
+
+
+def percentiles(values: Sequence[float] | np.ndarray) -> dict[str, float]:
+    """Median, 95th, 99th percentile and worst; each is a value that was met, none is interpolated."""
+    ordered = np.sort(np.asarray(values, dtype=np.float64))
+    at = {"median": 0.5, "p95": 0.95, "p99": 0.99, "worst": 1.0}
+    return {name: float(ordered[max(0, math.ceil(share * ordered.size) - 1)]) for name, share in at.items()}
+
+
+def fall_rate_bound(falls: int, runs: int, confidence: float = CONFIDENCE) -> float:
+    """The fall rate that is not exceeded with that confidence, one-sided, exact (Clopper and Pearson 1934)."""
+    from scipy.stats import beta
+
+    return 1.0 if falls >= runs else float(beta.ppf(confidence, falls + 1, runs - falls))
+
+
+def lines(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> list[dict[str, Any]]:
+    """A line a cell that has runs, from the rows of a sweep."""
+    found = []
+    for name in names:
+        own = [
+            {key.removeprefix("result."): value for key, value in row.items() if key.startswith("result.")}
+            for row in rows
+            if row["ok"] and row["case.cell"] == name
+        ]
+        if own:
+            found.append(summary(name, own))
+    return found
+
+
+def shown(found: Sequence[Mapping[str, Any]]) -> Table:
+    """The lines for people, with the bound on the fall rate."""
+
+    def spread(figures: Mapping[str, float]) -> str:
+        return " / ".join(number(figures[name]) for name in ("median", "p95", "p99", "worst"))
+
+    rows = []
+    for line in found:
+        limit = line["promised"]
+        asked = "nothing" if limit is None else limit if isinstance(limit, str) else f"{limit:g}"
+        bound = 100.0 * fall_rate_bound(line["falls"], line["runs"])
+        rows.append((
+            line["cell"], str(line["runs"]), spread(line["com_up_mm"]), spread(line["com_back_mm"]),
+            spread(line["unloaded_ms"]), f"{line['falls']} (< {bound:.2g} %)", asked,
+            "" if limit is None else "pass" if line["passed"] else "FAIL",
+        ))  # fmt: skip
+    header = (
+        "cell", "runs", "CoM up [mm]", "CoM back [mm]", "a wheel unloaded [ms]", "falls (rate, 95 %)", "asked [mm]", "",
+    )  # fmt: skip
+    return table("Statistics: median / 95th / 99th percentile / worst", header, rows)
+
+
+def command(arguments: Any) -> int:
+    """Make the runs that are missing, show and write the lines; 1 if a promise fails, 2 for an unknown cell."""
+    from hqp import sweep
+
+    names = _names(arguments.cells)
+    if unknown := [name for name in names if name not in registry()]:
+        known = ", ".join(registry())
+        print(f"benchmarks experiments: no cell {', '.join(unknown)}; there are {known}", file=sys.stderr)
+        return 2
+    solver = arguments.solver or "lexicographic"
+    each = {name: arguments.runs or (FEW if registry()[name].limit is None else MANY) for name in names}
+    # the first run of every cell, then the second: a table that is stopped has all of its cells
+    wanted = [
+        {"cell": name, "run": run, "seed": arguments.seed, "solver": solver}
+        for run in range(max(each.values()))
+        for name in names
+        if run < each[name]
+    ]
+    cases = sweep.Sweep("benchmarks.sentis2012.experiments.statistics:one_run", wanted, arguments.code)
+    kept = arguments.kept or Path(arguments.output) / "dreamer-statistics"
+    sweep.run(cases, kept, on="serial" if arguments.jobs == 1 else "local", jobs=arguments.jobs)
+    keys = {case.key(cases.code) for case in cases}
+    found = lines([row for row in sweep.read(kept).to_pylist() if row["key"] in keys], names)
+    _print(shown(found))
+    if arguments.json is not None:
+        arguments.json.parent.mkdir(parents=True, exist_ok=True)
+        arguments.json.write_text(json.dumps(finite(found), indent=1) + "\n")
+    return int(not all(line["passed"] for line in found))
+
+
+def _names(asked: Sequence[str]) -> list[str]:
+    promised = [name for name, cell in registry().items() if cell.limit is not None]
+    groups = {"promised": promised, "all": list(registry())}
+    return list(dict.fromkeys(name for word in asked for name in groups.get(word, [word])))
+
+
+def _print(made: Table) -> None:
+    from benchmarks.reports import report
+
+    report.console.print(report.table(made.header, made.rows), markup=False, soft_wrap=True)
+
+
+def finite(value: Any) -> Any:
+    """Infinity, which JSON lacks, as null."""
+    if isinstance(value, dict):
+        return {name: finite(part) for name, part in value.items()}
+    if isinstance(value, list):
+        return [finite(part) for part in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def experiment(setting: Setting) -> Outcome:
+    """A look: half a dozen runs each, in full thirty, of the privileged run and of that on the robot's own sensing."""
+    runs = FEW if setting.full else 6
+    outcome = Outcome("dreamer-statistics")
+    outcome.parameters = {"runs": runs, "sets out later by up to [s]": LATER, "friction": f"+-{100 * SLIPPERIER:g} %"}
+    outcome.parameters |= {name: ABOUT[name] for name in ("nominal", "nominal-imu")}
+    found = []
+    for name in ("nominal", "nominal-imu"):
+        cases = [replace(varied(registry()[name].case, run, 0), name=f"{name}#{run}") for run in range(runs)]
+        made = carry_out(cases, setting.solver, setting.jobs, setting.advance)
+        line = summary(name, [asdict(m) for m in made.values()])
+        worst = max(line["com_up_mm"]["worst"], line["com_back_mm"]["worst"])
+        limit = registry()[name].limit
+        outcome.figures.append(Figure(f"{name}: CoM error, worst of {runs}", worst, "mm", high=limit or math.inf))
+        outcome.figures.append(Figure(f"{name}: falls of {runs}", line["falls"], high=0.0))
+        found.append(line)
+    outcome.tables.append(shown(found))
+    return outcome
