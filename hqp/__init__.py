@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from hqp.checking import check
     from hqp.comparison import compare
     from hqp.torque import Torque
+    from hqp.viewer import view
 
 __version__ = "0.1.0"
 
@@ -56,6 +57,7 @@ __all__ = [
     "serial",
     "solvers",
     "tasks",
+    "view",
 ]
 
 
@@ -69,6 +71,8 @@ def __getattr__(name: str) -> object:
         return importlib.import_module("hqp.checking").check
     if name == "compare":
         return importlib.import_module("hqp.comparison").compare
+    if name == "view":
+        return importlib.import_module("hqp.viewer").view
     raise AttributeError(f"module 'hqp' has no attribute {name!r}")
 
 

@@ -1,0 +1,236 @@
+"""What the page says in words: who is met, who gives way and to what, which joints stand at a limit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.explain import Explanation, explain
+from hqp.formulation import Place
+from hqp.problem import Hierarchy, Rows, Selection, Solution, Status
+
+from .description import Member, StackDescription
+
+MET = 0.01
+"""A residual below this fraction of what was asked counts as met on the page."""
+
+NEAR = 0.01
+"""A target nearer than this counts as reached [m, rad]."""
+
+
+@dataclass(frozen=True)
+class ElementView:
+    """One element: state is ``met``, ``moving``, ``short`` (gives way) or ``violated``; why says what to."""
+
+    name: str
+    state: str
+    residual: float
+    distance: str
+    why: str
+
+
+@dataclass(frozen=True)
+class LevelView:
+    """One level as a card: its members, the worst of their states, the norm of its residual."""
+
+    index: int
+    title: str
+    elements: tuple[ElementView, ...]
+    state: str
+    residual: float
+
+
+@dataclass(frozen=True)
+class JointView:
+    """A joint at a limit: which one, in words, and how far through its range it is, 0 to 1."""
+
+    name: str
+    what: str
+    place: float | None
+
+
+@dataclass(frozen=True)
+class Account:
+    """Everything the page says of one tick."""
+
+    status: str
+    headline: str
+    reason: str
+    tone: str
+    levels: tuple[LevelView, ...]
+    joints: tuple[JointView, ...]
+    notes: tuple[str, ...]
+    explanation: Explanation | None = field(repr=False, default=None)
+
+
+def make_account(
+    snapshot: Mapping[str, Any],
+    errors: Mapping[str, tuple[float, str]],
+    joints: tuple[tuple[str, ...], Vec, Vec, Vec],
+    motion: tuple[Vec, Vec],
+) -> Account:
+    """The account of a snapshot.
+
+    errors: distance of each target from its frame [m, rad] and the same in words.  joints: names, lower, upper and
+    speed limits by tangent coordinate.  motion: angles and velocities by tangent coordinate.
+    """
+    stack: StackDescription = snapshot["stack"]
+    told = _explain(snapshot, stack)
+    places = {m.name: m for m in stack.members}
+    active = _active(snapshot, stack)
+    limited = _joints(active, joints, motion)
+    levels = []
+    for k, title in enumerate(stack.levels):
+        members = stack.of_level(k)
+        views = tuple(_element(m, snapshot, told, errors.get(m.name), stack, active) for m in members)
+        residual = float(np.linalg.norm(snapshot["residuals"][k]))
+        levels.append(LevelView(k, title, views, _worst(views), residual))
+    missing = tuple(m for m in stack.members if m.level < 0)
+    if missing:
+        views = tuple(ElementView(m.name, "met", 0.0, "", "") for m in missing)
+        levels.insert(0, LevelView(-1, "subject_to", views, "met", 0.0))
+    notes = tuple(f"{element}: {detail}" for element, detail in snapshot["notes"])
+    headline, reason, tone = _headline(snapshot["status"], levels, notes, errors, places)
+    return Account(snapshot["status"], headline, reason, tone, tuple(levels), limited, notes, told)
+
+
+def _explain(snapshot: Mapping[str, Any], stack: StackDescription) -> Explanation | None:
+    """The library's own account, of the rows as they were."""
+    levels = tuple(
+        Rows(Selection(*A) if isinstance(A, tuple) else A, lower, upper) for A, lower, upper in snapshot["rows"]
+    )
+    try:
+        problem = Hierarchy(levels, stack.constraints, snapshot["metric"], snapshot["origin"], snapshot["n"])
+        solution = Solution(
+            snapshot["x"], Status[snapshot["solved"]], snapshot["residuals"], snapshot["active"]
+        )
+        places: dict[str, Any] = {
+            m.name: Place(
+                SimpleNamespace(weight=m.weight, equality=m.equality, name=m.name),  # type: ignore[arg-type]
+                m.level,
+                m.part,
+                m.declared,
+            )
+            for m in stack.members
+            if m.level >= 0
+        }
+        return explain(problem, solution, places, {m.name: m.rows for m in stack.members if m.rows})
+    except (ValueError, np.linalg.LinAlgError, ArithmeticError):  # rows of a tick that went wrong
+        return None
+
+
+def _active(snapshot: Mapping[str, Any], stack: StackDescription) -> dict[str, list[tuple[str, int]]]:
+    """Rows of inequalities that bind, by element: their names and sides."""
+    found: dict[str, list[tuple[str, int]]] = {}
+    for m in stack.members:
+        if m.equality or m.level < 0 or m.level >= len(snapshot["active"]):
+            continue
+        marks = np.asarray(snapshot["active"][m.level])[m.part]
+        found[m.name] = [
+            (m.rows[i] if i < len(m.rows) else f"row {i}", int(mark)) for i, mark in enumerate(marks) if mark
+        ]
+    return found
+
+
+def _joints(
+    active: Mapping[str, list[tuple[str, int]]],
+    joints: tuple[tuple[str, ...], Vec, Vec, Vec],
+    motion: tuple[Vec, Vec],
+) -> tuple[JointView, ...]:
+    """Joints at the end of their range or at top speed, and those that a row brakes."""
+    names, lower, upper, speed = joints
+    angles, v = motion
+    marked = {name: side for rows in active.values() for name, side in rows}
+    views = []
+    for i, name in enumerate(names):
+        if name == "base":
+            continue
+        span = upper[i] - lower[i]
+        place = float((angles[i] - lower[i]) / span) if 0.0 < span < np.inf else None
+        if angles[i] >= upper[i] - 2e-3:
+            views.append(JointView(name, "upper end of its range", place))
+        elif angles[i] <= lower[i] + 2e-3:
+            views.append(JointView(name, "lower end of its range", place))
+        elif abs(v[i]) >= 0.99 * speed[i]:
+            views.append(JointView(name, f"top speed, {speed[i]:.3g} rad/s", place))
+        elif name in marked:
+            views.append(JointView(name, "held by its limits", place))
+    order = ("upper end", "lower end", "top speed", "held by")
+    return tuple(sorted(views, key=lambda view: next(i for i, start in enumerate(order) if view.what.startswith(start))))
+
+
+def _element(
+    m: Member,
+    snapshot: Mapping[str, Any],
+    told: Explanation | None,
+    error: tuple[float, str] | None,
+    stack: StackDescription,
+    active: Mapping[str, list[tuple[str, int]]],
+) -> ElementView:
+    w = np.asarray(snapshot["residuals"][m.level])[m.part] / m.weight
+    residual = float(np.sqrt(w @ w))
+    _, lower, _upper = snapshot["rows"][m.level]
+    asked = lower[m.part]
+    asked = np.where(np.isfinite(asked), asked, 0.0)
+    size = float(np.sqrt(asked @ asked)) / m.weight
+    distance = "" if error is None else error[1]
+    if not m.equality:
+        rows = active.get(m.name, [])
+        state = "violated" if residual > 1e-6 * (1.0 + size) else "met"
+        return ElementView(m.name, state, residual, "", f"{len(rows)} active" if rows else "")
+    met = residual <= 1e-5 + MET * size
+    if met:
+        far = error is not None and error[0] > NEAR
+        return ElementView(m.name, "moving" if far else "met", residual, distance, "")
+    if m.level < stack.constraints or m.contact:
+        return ElementView(m.name, "violated", residual, distance, _why(told, m.name))
+    return ElementView(m.name, "short", residual, distance, _why(told, m.name))
+
+
+def _why(told: Explanation | None, name: str) -> str:
+    """To which elements one lost, in words."""
+    if told is None:
+        return ""
+    losses = told[name].losses
+    if not losses:
+        return "nothing above stands in its way: out of reach"
+    parts = [f"{loss.element} {100.0 * loss.share:.0f} %" for loss in losses[:3]]
+    return "gives way to " + ", ".join(parts)
+
+
+_ORDER = ("met", "moving", "short", "violated")
+
+
+def _worst(views: tuple[ElementView, ...]) -> str:
+    return max((v.state for v in views), key=_ORDER.index, default="met")
+
+
+def _headline(
+    status: str,
+    levels: list[LevelView],
+    notes: tuple[str, ...],
+    errors: Mapping[str, tuple[float, str]],
+    members: Mapping[str, Member],
+) -> tuple[str, str, str]:
+    """One sentence for a visitor, the reason in another, and its tone: good, warn or bad."""
+    first = notes[0] if notes else ""
+    if status == "CONSTRAINTS_VIOLATED":
+        return "Constraints cannot all hold", first, "bad"
+    if status not in ("OPTIMAL", "RANK_UNCERTAIN"):
+        return status.replace("_", " ").capitalize(), first, "bad"
+    views = [view for level in levels for view in level.elements]
+    for view in views:
+        if view.state == "violated" and members[view.name].contact:
+            return f"{view.name} slips", view.why, "bad"
+    for view in views:
+        if view.state == "short" and view.name in errors and errors[view.name][0] > NEAR:
+            return f"{view.name} stays {view.distance} short of its target", view.why or "out of reach", "warn"
+    moving = [view for view in views if view.state == "moving"]
+    if moving:
+        return f"{moving[0].name} is on its way, {moving[0].distance} to go", "every level above it holds", "good"
+    return "Every target is reached", "every contact and every limit holds", "good"

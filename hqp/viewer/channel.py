@@ -1,0 +1,197 @@
+"""Memory shared by a control loop and the viewer's process: a ring of ticks one way, targets the other way."""
+
+from __future__ import annotations
+
+import mmap
+import os
+import pickle
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec
+
+SLOTS = 2048
+"""Ticks that the ring keeps: 4 s at 500 Hz, far more than the viewer's period."""
+
+HEAD = 8
+"""Numbers before the vectors of a tick: sequence, clock [s], version of the stack, status, four times [s]."""
+
+SNAPSHOT_BYTES = 4 << 20
+TARGET = 17
+"""Numbers of a target: a version and at most sixteen values."""
+
+_COUNT, _SNAPSHOT, _CLOSED, _PAUSED, _STEPS, _READY, _TARGETS = range(7)
+_HEADER = 16
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Sizes of a channel: numbers in the vectors of a tick, and targets that the page may move."""
+
+    room: int
+    targets: int
+
+    @property
+    def width(self) -> int:
+        """Numbers in one slot: head, vectors and the sequence again."""
+        return HEAD + self.room + 1
+
+    @property
+    def bytes(self) -> int:
+        """Size of the shared file."""
+        return 8 * (_HEADER + SLOTS * self.width + 2 * TARGET * self.targets) + 2 * SNAPSHOT_BYTES
+
+
+class Channel:
+    """Both ends of the shared memory; one process writes ticks, the other writes targets and the pause flag.
+
+    A tick's slot carries its sequence number at both ends, so that a reader leaves out a slot that is being written.
+    """
+
+    def __init__(self, layout: Layout, path: str | Path | None = None) -> None:
+        self.layout = layout
+        self.owner = path is None
+        if path is None:
+            folder = "/dev/shm" if os.path.isdir("/dev/shm") else None
+            handle, name = tempfile.mkstemp(prefix="hqp_view_", dir=folder)
+            os.ftruncate(handle, layout.bytes)
+            path = name
+        else:
+            handle = os.open(path, os.O_RDWR)
+        self.path = Path(path)
+        self._map = mmap.mmap(handle, layout.bytes)
+        os.close(handle)
+        numbers: Vec = np.frombuffer(self._map, dtype=np.float64)
+        self._header = memoryview(self._map).cast("d")
+        ring = numbers[_HEADER : _HEADER + SLOTS * layout.width].reshape(SLOTS, layout.width)
+        self._ring = ring
+        self._slots = [ring[i] for i in range(SLOTS)]
+        self._bodies = [ring[i, HEAD:-1] for i in range(SLOTS)]
+        at = _HEADER + SLOTS * layout.width
+        size = TARGET * layout.targets
+        self._wanted: Mat = numbers[at : at + size].reshape(-1, TARGET)
+        self._current: Mat = numbers[at + size : at + 2 * size].reshape(-1, TARGET)
+        self._blob = 8 * (at + 2 * size)
+
+    # the loop's end
+
+    def write(self, head: tuple[float, ...], vectors: tuple[Vec, ...]) -> None:
+        """Put one tick into the ring: the seven numbers after the sequence, and vectors that fill the room."""
+        header = self._header
+        count = int(header[_COUNT])
+        index = count % SLOTS
+        slot = self._slots[index]
+        slot[0] = count + 0.5
+        np.concatenate(vectors, out=self._bodies[index])
+        slot[1:HEAD] = head
+        slot[-1] = count
+        slot[0] = count
+        header[_COUNT] = count + 1
+
+    def write_snapshot(self, content: Any) -> bool:
+        """Publish a picklable account of one tick; False if it is too large to pass."""
+        data = pickle.dumps(content, 5)
+        if len(data) > SNAPSHOT_BYTES - 8:
+            return False
+        turn = int(self._header[_SNAPSHOT]) + 1
+        start = self._blob + (turn % 2) * SNAPSHOT_BYTES
+        self._map[start : start + 8] = len(data).to_bytes(8, "little")
+        self._map[start + 8 : start + 8 + len(data)] = data
+        self._header[_SNAPSHOT] = turn
+        return True
+
+    @property
+    def targets_version(self) -> float:
+        """Number of targets that the page has set so far; unchanged means nothing new."""
+        return self._header[_TARGETS]
+
+    def wanted(self, index: int, size: int) -> Vec | None:
+        """The value that the page asks of a target, None where it asks none."""
+        return self._wanted[index, 1 : 1 + size].copy() if self._wanted[index, 0] else None
+
+    def set_current(self, index: int, value: Vec) -> None:
+        """Tell the page where a target is."""
+        self._current[index, 1 : 1 + value.size] = value
+        self._current[index, 0] = 1.0
+
+    @property
+    def paused(self) -> bool:
+        """Whether the page asks the loop to wait."""
+        return self._header[_PAUSED] != 0.0
+
+    @property
+    def steps(self) -> int:
+        """Single steps asked for so far."""
+        return int(self._header[_STEPS])
+
+    @property
+    def ready(self) -> float:
+        """Port of the page once it is served, 0 before, -1 if it failed."""
+        return self._header[_READY]
+
+    # the page's end
+
+    @property
+    def count(self) -> int:
+        """Ticks written so far."""
+        return int(self._header[_COUNT])
+
+    @property
+    def closed(self) -> bool:
+        """Whether the loop has ended."""
+        return self._header[_CLOSED] != 0.0
+
+    def read(self, since: int) -> Mat:
+        """Slots of ticks ``since`` and later that are still in the ring, ``(k, width)``, oldest first."""
+        count = self.count
+        first = max(since, count - SLOTS + 64, 0)
+        if count <= first:
+            return np.empty((0, self.layout.width))
+        wanted = np.arange(first, count)
+        slots = self._ring[wanted % SLOTS]
+        return slots[(slots[:, 0] == wanted) & (slots[:, -1] == wanted)]
+
+    def read_snapshot(self, since: int) -> tuple[int, Any] | None:
+        """The newest snapshot and its number, None if there is none after ``since`` or it is being replaced."""
+        turn = int(self._header[_SNAPSHOT])
+        if turn <= since:
+            return None
+        start = self._blob + (turn % 2) * SNAPSHOT_BYTES
+        size = int.from_bytes(self._map[start : start + 8], "little")
+        data = self._map[start + 8 : start + 8 + size]
+        if int(self._header[_SNAPSHOT]) > turn + 1:
+            return None
+        return turn, pickle.loads(data)
+
+    def set_wanted(self, index: int, value: Vec | None) -> None:
+        """Ask for a target, or give it back to the loop with None."""
+        if value is not None:
+            self._wanted[index, 1 : 1 + value.size] = value
+        self._wanted[index, 0] = 0.0 if value is None else self._wanted[index, 0] + 1.0
+        self._header[_TARGETS] = self._header[_TARGETS] + 1.0
+
+    def current(self, index: int, size: int) -> Vec | None:
+        """Where the loop says a target is, None before it has said so."""
+        return self._current[index, 1 : 1 + size].copy() if self._current[index, 0] else None
+
+    def set_paused(self, paused: bool) -> None:
+        """Ask the loop to wait, or to go on."""
+        self._header[_PAUSED] = float(paused)
+
+    def add_step(self) -> None:
+        """Ask a waiting loop for one tick."""
+        self._header[_STEPS] = self._header[_STEPS] + 1.0
+
+    def set_ready(self, port: float) -> None:
+        """Tell the loop that the page is served at a port, or -1 that it cannot be."""
+        self._header[_READY] = port
+
+    def close(self) -> None:
+        """The loop has ended; the file goes with it."""
+        self._header[_CLOSED] = 1.0
+        if self.owner:
+            self.path.unlink(missing_ok=True)

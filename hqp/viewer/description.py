@@ -1,0 +1,165 @@
+"""What the viewer's process must know of a session: plain data, so that no class of the user has to be found there."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from hqp.session import Session
+
+
+@dataclass(frozen=True)
+class Member:
+    """One element: where its rows are, and what the page calls it and them."""
+
+    name: str
+    kind: str
+    level: int
+    part: slice
+    declared: str
+    weight: float
+    equality: bool
+    contact: bool
+    frame: str
+    rows: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Target:
+    """A task whose reference can be moved in the page.
+
+    kind: ``point``, ``pose``, ``rotation`` or ``com``.  size: numbers of its value.
+    """
+
+    name: str
+    kind: str
+    axes: str
+    size: int
+    frame: str = ""
+    relative_to: str | None = None
+    heading: bool = False
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class StackDescription:
+    """A compiled stack: sizes of a tick's vectors, levels, members and targets.
+
+    sizes: of q, v, command, x and of each level's residual.
+    """
+
+    version: int
+    text: str
+    formulation: str
+    sizes: tuple[int, ...]
+    constraints: int
+    levels: tuple[str, ...]
+    members: tuple[Member, ...]
+    targets: tuple[Target, ...]
+
+    def of_level(self, level: int) -> tuple[Member, ...]:
+        """Members with rows in that level of the hierarchy."""
+        return tuple(m for m in self.members if m.level == level)
+
+
+@dataclass(frozen=True)
+class RobotDescription:
+    """A robot for drawing: its model, names and limits, and the shapes of its bodies."""
+
+    name: str
+    model: bytes
+    joint_names: tuple[str, ...]
+    actuated: tuple[int, ...]
+    limits: tuple[Any, Any, Any]
+    home: Any
+    shapes: tuple[Any, ...] = field(repr=False, default=())
+
+
+def describe_robot(robot: Any) -> RobotDescription:
+    """A robot as the viewer draws it."""
+    from hqp.robots.shapes import shapes
+
+    return RobotDescription(
+        robot.name,
+        pickle.dumps(robot.model),
+        tuple(robot.joint_names),
+        tuple(int(c) for c in robot.actuated),
+        (np.array(robot.lower), np.array(robot.upper), np.array(robot.velocity_limit)),
+        np.array(robot.home),
+        shapes(robot),
+    )
+
+
+def describe_stack(session: Session, version: int) -> StackDescription:
+    """A session's stack as the viewer shows it."""
+    robot, program, problem = session.robot, session.program, session.program.problem
+    members = tuple(
+        Member(
+            name,
+            type(place.element).__name__,
+            place.level,
+            place.part,
+            place.declared,
+            float(place.element.weight),
+            bool(place.element.equality),
+            bool(place.element.is_contact),
+            frame_of(place.element),
+            _row_names(robot, place.element),
+        )
+        for name, place in program.places.items()
+    )
+    # contacts that torque control turns into reactions have no rows in the problem
+    missing = [e for e in session.stack if e.name not in program.places]
+    members += tuple(
+        Member(e.name, type(e).__name__, -1, slice(0, 0), "subject_to", 1.0, True, bool(e.is_contact), frame_of(e), ())
+        for e in missing
+    )
+    names = dict.fromkeys(range(len(problem.levels)), "")
+    for member in members:
+        names[member.level] = member.declared
+    sizes = (robot.nq, robot.nv, len(robot.joint_names), problem.n, *(rows.m for rows in problem.levels))
+    return StackDescription(
+        version,
+        str(session.stack),
+        type(session.controller.formulation).__name__,
+        sizes,
+        problem.constraints,
+        tuple(names[k] for k in range(len(problem.levels))),
+        members,
+        tuple(t for t in map(_target, session.stack) if t is not None),
+    )
+
+
+def frame_of(element: Any) -> str:
+    """The frame that an element is about, an empty string where there is none."""
+    frame = getattr(element, "frame", "")
+    return frame if isinstance(frame, str) else ""
+
+
+def _row_names(robot: Any, element: Any) -> tuple[str, ...]:
+    if element.equality or (picks := element.selection(robot)) is None:
+        return ()
+    if element.quantity == "effort":
+        return tuple(robot.joint_names[c] for c in picks)
+    return tuple(robot.joint_name(int(c)) for c in picks)
+
+
+def _target(element: Any) -> Target | None:
+    from hqp import tasks
+
+    axes = getattr(element, "axes", "xyz") or "xyz"
+    relative = getattr(element, "relative_to", None)
+    if isinstance(element, tasks.Position):
+        return Target(
+            element.name, "point", axes, len(axes), element.frame, relative, element.heading, element.offset
+        )
+    if isinstance(element, tasks.Pose):
+        return Target(element.name, "pose", "xyz", 16, element.frame, relative)
+    if isinstance(element, tasks.Orientation) and relative is None and axes == "xyz":
+        return Target(element.name, "rotation", axes, 9, element.frame)
+    if isinstance(element, tasks.Com) and relative is None and getattr(element, "subtree", None) is None:
+        return Target(element.name, "com", axes, len(axes))
+    return None

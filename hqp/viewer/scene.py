@@ -1,0 +1,168 @@
+"""The scene: robot, contacts and their forces, centre of mass and support polygon, targets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec
+
+from .channel import Channel
+from .description import RobotDescription, StackDescription
+from .meshes import color_of, footprint, hull, links, load, quaternion
+from .targets import Handle
+
+_GREEN, _RED, _BLUE = (26, 143, 76), (207, 42, 42), (22, 104, 199)
+_NEWTONS = 0.0012
+"""Length of an arrow a newton [m/N]."""
+
+
+class Scene:
+    """What viser draws; ``update`` moves it to a state."""
+
+    def __init__(self, server: Any, about: RobotDescription, robot: Any, channel: Channel) -> None:
+        self._server, self._robot, self._channel = server, robot, channel
+        self._state = robot.state(about.home)
+        self._state.kinematics()
+        server.scene.set_up_direction("+z")
+        self._frames: dict[int, Any] = {}
+        self._vertices: dict[int, list[Mat]] = {}
+        self._draw_robot(about)
+        self.handles: list[Handle] = []
+        self._contacts: list[tuple[str, str]] = []
+        self._soles: dict[str, Mat] = {}
+        self._arrows: Any = None
+        self._polygon: Any = None
+        self._com: tuple[Any, Any, Any] | None = None
+        self._aim()
+
+    def _draw_robot(self, about: RobotDescription) -> None:
+        scene = self._server.scene
+        scene.add_grid("/ground", width=20.0, height=20.0, cell_size=0.25, section_size=1.0, cell_color=(225, 229, 234),
+                       section_color=(196, 203, 212), shadow_opacity=0.25)  # fmt: skip
+        drawn = False
+        for i, shape in enumerate(about.shapes):
+            mesh = load(shape)
+            if mesh is None:
+                continue
+            drawn = True
+            self._vertices.setdefault(shape.body, []).append(np.asarray(mesh.vertices))
+            self._add(f"{i}", shape.body, mesh, color_of(shape, mesh))
+        if not drawn:
+            for i, (body, mesh) in enumerate(links(self._robot)):
+                self._add(f"link{i}", body, mesh, (120, 132, 150))
+
+    def _add(self, name: str, body: int, mesh: Any, color: tuple[int, int, int] | None) -> None:
+        scene = self._server.scene
+        if body not in self._frames:
+            self._frames[body] = scene.add_frame(f"/robot/{body}", show_axes=False)
+        path = f"/robot/{body}/{name}"
+        if color is None:
+            scene.add_mesh_trimesh(path, mesh)
+        else:
+            scene.add_mesh_simple(path, np.asarray(mesh.vertices), np.asarray(mesh.faces), color=color, side="double")
+
+    def show_stack(self, stack: StackDescription, frames: Mapping[str, str]) -> None:
+        """Targets and contacts of a stack; frames: of its contacts, by name."""
+        for handle in self.handles:
+            handle.remove()
+        self.handles = [
+            Handle(self._server, self._channel, i, target, self._robot) for i, target in enumerate(stack.targets)
+        ]
+        self._contacts = list(frames.items())
+        self._soles = {name: self._sole(frame) for name, frame in self._contacts}
+        if self._contacts and self._robot.floating and self._com is None:
+            scene = self._server.scene
+            self._com = (
+                scene.add_icosphere("/com/centre", radius=0.03, color=_BLUE),
+                scene.add_cylinder("/com/ground", radius=0.028, height=0.004, color=_BLUE),
+                scene.add_line_segments("/com/line", np.zeros((1, 2, 3)), _BLUE, thickness=2.5, thickness_units="screen"),
+            )
+
+    def _sole(self, frame: str) -> Mat:
+        """Corners of what touches the ground at a contact, in the frame's axes ``(k, 3)``."""
+        robot = self._robot
+        index = robot.frame(frame)
+        body = robot.body(index)
+        p, R = robot.placement(index)
+        _, _, _, _, _, (origin, turn) = robot.bodies[body]
+        clouds = [v @ turn.T + origin for v in self._vertices.get(body, ())]
+        if not clouds:
+            return np.array([[0.1, 0.05, 0.0], [0.1, -0.05, 0.0], [-0.08, -0.05, 0.0], [-0.08, 0.05, 0.0]])
+        cloud = np.vstack(clouds)
+        corners = footprint(cloud)
+        world = np.column_stack((corners, np.full(len(corners), cloud[:, 2].min())))
+        return np.asarray((world - p) @ R)
+
+    def update(self, q: Vec, v: Vec, forces: Mapping[str, Vec]) -> dict[str, tuple[float, str]]:
+        """Move everything to a state; the distance of each target, in numbers and words."""
+        robot = self._robot
+        self._state = state = robot.state(q, v)
+        state.kinematics()
+        for body, frame in self._frames.items():
+            _, _, _, _, _, (p, R) = robot.bodies[body]
+            frame.position, frame.wxyz = p, quaternion(R)
+        errors = {}
+        for handle in self.handles:
+            error = handle.update(state)
+            if error is not None:
+                errors[handle.target.name] = error
+        if self._com is not None:
+            self._update_balance(state)
+        self._update_forces(state, forces)
+        return errors
+
+    def _update_balance(self, state: Any) -> None:
+        corners = []
+        for name, frame in self._contacts:
+            p, R = state.position(frame), state.rotation(frame)
+            corners.append(self._soles[name] @ R.T + p)
+        points = np.vstack(corners)
+        outline = hull(points[:, :2])
+        height = float(points[:, 2].min()) + 0.004
+        com = state.com()
+        assert self._com is not None
+        ball, disc, line = self._com
+        ground = np.array([com[0], com[1], height + 0.002])
+        ball.position, disc.position = com, ground
+        line.points = np.array([[com, ground]])
+        ring = np.column_stack((outline, np.full(len(outline), height)))
+        inside = _inside(com[:2], outline)
+        edges = np.stack((ring, np.roll(ring, -1, axis=0)), axis=1)
+        self._polygon = self._server.scene.add_line_segments(
+            "/com/support", edges, _GREEN if inside else _RED, thickness=6.0, thickness_units="screen"
+        )
+
+    def _update_forces(self, state: Any, forces: Mapping[str, Vec]) -> None:
+        """Arrows of the forces that the ground puts on the robot."""
+        arrows = []
+        for name, frame in self._contacts:
+            if name in forces and forces[name].size >= 3:
+                p = state.position(frame)
+                arrows.append([p, p + _NEWTONS * forces[name][:3]])
+        if arrows:
+            self._arrows = self._server.scene.add_arrows(
+                "/forces", np.array(arrows), _RED, shaft_radius=0.012, head_radius=0.03, head_length=0.06
+            )
+
+    def _aim(self) -> None:
+        """A first view in which the robot fills the space below the overlay."""
+        state = self._state
+        points = np.array([np.array(p) for *_, (p, _R) in self._robot.bodies[1:]])
+        low, high = points.min(axis=0), points.max(axis=0)
+        size = max(float(np.linalg.norm(high - low)), 0.5)
+        centre = 0.5 * (low + high)
+        del state
+        look = centre + np.array([0.0, 0.0, 0.26 * size])
+        camera = self._server.initial_camera
+        camera.position = look + size * np.array([1.65, -1.0, 0.25])
+        camera.look_at = look
+
+
+def _inside(point: Vec, outline: Mat) -> bool:
+    """Whether a point is inside a convex outline, counter-clockwise."""
+    edge = np.roll(outline, -1, axis=0) - outline
+    way = point - outline
+    return bool(np.all(edge[:, 0] * way[:, 1] - edge[:, 1] * way[:, 0] >= 0.0))

@@ -1,0 +1,143 @@
+"""The viewer's process: reads what the loop shares, draws it, and gives back what is dragged."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import sys
+import threading
+import time
+import traceback
+from typing import Any
+
+import numpy as np
+
+from .account import Account, make_account
+from .channel import Channel
+from .description import RobotDescription, StackDescription
+from .history import History
+from .page import overlay, panel
+
+SCENE_PERIOD, PAGE_PERIOD = 1.0 / 30.0, 0.2
+PANEL = "var(--hqp-panel, 27em)"
+_UNITS = {"Velocity": "rad/s", "Acceleration": "rad/s²", "Torque": "N m"}
+
+
+class Server:
+    """One page for one session."""
+
+    def __init__(self, about: dict[str, Any]) -> None:
+        import viser
+
+        from hqp import robots
+
+        from .scene import Scene
+
+        self._about: RobotDescription = about["robot"]
+        self._stack: StackDescription = about["stack"]
+        self._title, self._budget = about["title"], 1e6 * about["dt"]
+        self._channel = Channel(about["layout"], about["path"])
+        self._robot = robots.load(pickle.loads(self._about.model))
+        names = [self._robot.joint_name(c) for c in range(self._robot.nv)]
+        self._joints = (tuple(names), *self._about.limits)
+        self._history = History(self._stack)
+        self._server = viser.ViserServer(port=about["port"], verbose=False, label="hqp")
+        self._server.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
+        self._server.gui.main_panel.dock_right()
+        self._scene = Scene(self._server, self._about, self._robot, self._channel)
+        self._scene.show_stack(self._stack, _contact_frames(self._stack))
+        self._add_controls()
+        self._overlay = self._server.gui.add_html("")
+        self._panel = self._server.gui.add_html("")
+        self._forces: dict[str, Any] = {}
+        self._snapshot: dict[str, Any] | None = None
+        self._seen, self._turn = 0, 0
+        self._errors: dict[str, tuple[float, str]] = {}
+        self._channel.set_ready(float(self._server.get_port()))
+
+    def _add_controls(self) -> None:
+        gui = self._server.gui
+        buttons = gui.add_button_group("Loop", ("Pause", "Step", "Run"))
+        home = gui.add_button("Give targets back", hint="Let go of every dragged target")
+
+        @buttons.on_click
+        def _(event: Any) -> None:
+            choice = buttons.value
+            if choice == "Step":
+                self._channel.set_paused(True)
+                self._channel.add_step()
+            else:
+                self._channel.set_paused(choice == "Pause")
+
+        @home.on_click
+        def _(event: Any) -> None:
+            for handle in self._scene.handles:
+                handle.release()
+
+    def run(self, alive: threading.Event) -> None:
+        """Draw until the loop ends or its process does."""
+        due = 0.0
+        while alive.is_set() and not self._channel.closed:
+            start = time.monotonic()
+            self._read()
+            if self._history.latest is not None:
+                self._errors = self._scene.update(self._history.part(0), self._history.part(1), self._forces)
+                if start >= due and self._snapshot is not None:
+                    due = start + PAGE_PERIOD
+                    self._show(self._snapshot)
+            time.sleep(max(0.0, SCENE_PERIOD - (time.monotonic() - start)))
+        self._server.stop()
+
+    def _read(self) -> None:
+        snapshot = self._channel.read_snapshot(self._turn)
+        if snapshot is not None:
+            self._turn, self._snapshot = snapshot
+            self._forces = self._snapshot["forces"]
+            stack = self._snapshot["stack"]
+            if stack.version != self._stack.version:
+                self._stack = stack
+                self._history.restart(stack)
+                self._scene.show_stack(stack, _contact_frames(stack))
+        count = self._channel.count
+        self._history.add(self._channel.read(self._seen))
+        self._seen = count
+
+    def _show(self, snapshot: dict[str, Any]) -> None:
+        state = self._robot.current
+        motion = (state.angles, np.nan_to_num(self._history.part(1)))
+        account: Account = make_account(snapshot, self._errors, self._joints, motion)
+        curves = self._history.curves()
+        unit = _UNITS.get(self._stack.formulation, "")
+        self._overlay.content = overlay(account, curves, self._title, PANEL)
+        self._panel.content = panel(account, curves, self._budget, unit)
+
+
+def _contact_frames(stack: StackDescription) -> dict[str, str]:
+    return {m.name: m.frame for m in stack.members if m.contact and m.frame}
+
+
+def main() -> int:
+    """Serve the session described on standard input until that is closed."""
+    if hasattr(os, "nice"):
+        os.nice(5)  # the loop comes first
+    about = pickle.load(sys.stdin.buffer)
+    alive = threading.Event()
+    alive.set()
+
+    def watch() -> None:
+        sys.stdin.buffer.read()  # ends with the process that started this one
+        alive.clear()
+
+    threading.Thread(target=watch, daemon=True).start()
+    try:
+        server = Server(about)
+    except Exception:
+        traceback.print_exc()
+        Channel(about["layout"], about["path"]).set_ready(-1.0)
+        return 1
+    server.run(alive)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,215 @@
+"""The loop's side of the viewer: a few copies a tick, the page lives in a process of its own."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pickle
+import subprocess
+import sys
+import time
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from hqp.errors import HqpError
+from hqp.problem import Selection, Status
+from hqp.reference import Reference
+from hqp.robot import State
+from hqp.session import Session, Tick
+
+from .channel import TARGET, Channel, Layout
+from .description import StackDescription, Target, describe_robot, describe_stack
+
+STATUSES = tuple(Status)
+_NO_TIMES = (0.0, 0.0, 0.0, 0.0)
+_TARGETS = 24
+
+
+class View:
+    """A page that shows a session: the robot, its targets, every level's residual, and what holds what back.
+
+    Call ``view.step(state, *references)`` in place of ``session.step``: targets dragged in the page replace references
+    of the same name.  Or keep ``session.step`` and call ``view.show(state, tick, *references)`` after it.  The page is
+    served by another process, so that the loop pays for copies only.
+
+    port: of the page, another one where it is taken.  period: between two accounts of who holds what back [s].
+    Raises HqpError where viser is missing or the page does not come up.
+    """
+
+    def __init__(self, session: Session, *, port: int = 8080, period: float = 0.1, title: str = "") -> None:
+        self.session, self.period = session, period
+        self._codes = {status: i for i, status in enumerate(STATUSES)}
+        self._version = 0
+        self._program: Any = None
+        self.description: StackDescription
+        room = sum(describe_stack(session, 0).sizes)
+        self._channel = Channel(Layout(2 * room + 256, _TARGETS))
+        self._asked = 0.0
+        self._dragged: dict[str, Reference] = {}
+        self._due = 0.0
+        self._steps = 0
+        try:
+            self._describe()
+            self._start(port, title)
+        except BaseException:
+            self._channel.close()
+            raise
+
+    @property
+    def url(self) -> str:
+        """Address of the page."""
+        return f"http://localhost:{int(self._channel.ready)}"
+
+    def step(self, state: State, *references: Reference) -> Tick:
+        """One tick of the session with dragged targets in place of references of the same name, then shown."""
+        if self._channel.targets_version != self._asked:
+            self._take_targets()
+        if self._dragged:
+            references = (*(r for r in references if r.name not in self._dragged), *self._dragged.values())
+        tick = self.session.step(state, *references)
+        self.show(state, tick, *references)
+        return tick
+
+    def show(self, state: State, tick: Tick, *references: Reference) -> None:
+        """Show a tick that the session has just made; costs a few microseconds."""
+        clock = perf_counter()
+        if self.session.program is not self._program:
+            self._describe()
+        for reference in references:
+            index = self._places.get(reference.name)
+            if index is not None and reference.value is not None and reference is not self._shown.get(reference.name):
+                self._channel.set_current(index, reference.value.ravel())
+                self._shown[reference.name] = reference
+        solution = tick.solution
+        if solution is None:
+            vectors = (state.q, state.v, tick.command, self._nothing)
+        else:
+            vectors = (state.q, state.v, tick.command, solution.x, *solution.residuals, self._rest)
+        times = tick.times
+        parts = _NO_TIMES if times is None else (times.state, times.assemble, times.solve, times.command)
+        self._channel.write((clock, self._version, self._codes[tick.status], *parts), vectors)
+        if clock >= self._due and solution is not None:
+            self._due = clock + self.period
+            self._snapshot(state, tick)
+
+    @property
+    def paused(self) -> bool:
+        """Whether the page asks for a pause; a simulation calls ``wait``, a robot's loop goes on."""
+        return self._channel.paused
+
+    def wait(self) -> None:
+        """Return at once, or, while the page asks for a pause, when it goes on or asks for one step."""
+        while self._channel.paused and self._channel.steps == self._steps:
+            if self._server.poll() is not None:
+                return
+            time.sleep(0.02)
+        self._steps = self._channel.steps
+
+    def close(self) -> None:
+        """Stop the page."""
+        self._channel.close()
+        if self._server.stdin is not None:
+            with contextlib.suppress(OSError):
+                self._server.stdin.close()
+        try:
+            self._server.wait(timeout=5.0)
+        except subprocess.TimeoutExpired:
+            self._server.terminate()
+
+    def __enter__(self) -> View:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<View of {self.session.robot.name} at {self.url}>"
+
+    def _describe(self) -> None:
+        """After a change of stack: new sizes, new targets at their hold values."""
+        self._version += 1
+        description = describe_stack(self.session, self._version)
+        left = self._channel.layout.room - sum(description.sizes)
+        if left < 0:
+            raise HqpError("the new stack is more than twice as large as the one the viewer was started with")
+        self._program, self.description = self.session.program, description
+        self._rest = np.full(left, np.nan)
+        self._nothing = np.full(self._channel.layout.room - sum(description.sizes[:3]), np.nan)
+        self._places = {t.name: i for i, t in enumerate(description.targets[:_TARGETS])}
+        self._shown: dict[str, Reference] = {}
+        self._due = 0.0
+
+    def _start(self, port: int, title: str) -> None:
+        try:
+            import viser  # noqa: F401  (said here, where the user sees it)
+        except ImportError as error:
+            raise HqpError("the viewer needs viser and trimesh: pip install 'hqp[view]'") from error
+        environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        self._server = subprocess.Popen(
+            [sys.executable, "-m", "hqp.viewer.server"], stdin=subprocess.PIPE, env=environment
+        )
+        session = self.session
+        about = {
+            "path": str(self._channel.path),
+            "layout": self._channel.layout,
+            "robot": describe_robot(session.robot),
+            "stack": self.description,
+            "port": port,
+            "dt": session.dt,
+            "title": title or f"{session.robot.name}, {type(session.controller.formulation).__name__.lower()} level",
+        }
+        assert self._server.stdin is not None
+        pickle.dump(about, self._server.stdin)
+        self._server.stdin.flush()
+        until = time.monotonic() + 60.0
+        while not self._channel.ready:
+            if self._server.poll() is not None or time.monotonic() > until:
+                raise HqpError("the viewer's page did not come up; its process says why above")
+            time.sleep(0.02)
+        if self._channel.ready < 0:
+            raise HqpError("the viewer's page did not come up; its process says why above")
+
+    def _take_targets(self) -> None:
+        """Read what was dragged in the page since the last tick."""
+        self._asked = self._channel.targets_version
+        self._dragged = {}
+        for target in self.description.targets[:_TARGETS]:
+            value = self._channel.wanted(self._places[target.name], target.size)
+            if value is not None:
+                self._dragged[target.name] = Reference(target.name, value.reshape(_shape(target)))
+
+    def _snapshot(self, state: State, tick: Tick) -> None:
+        """Publish the rows of this tick, from which the page's process tells what holds what back."""
+        problem, solution = self.session.program.problem, tick.solution
+        assert solution is not None
+        held = getattr(self.session, "_holds", {})
+        for name, index in self._places.items():
+            if name not in self._shown and name in held:
+                self._channel.set_current(index, np.asarray(held[name].value).ravel()[: TARGET - 1])
+                self._shown[name] = held[name]
+        forces = getattr(self.session.program, "contact_forces", None)
+        self._channel.write_snapshot(
+            {
+                "stack": self.description,
+                "rows": [
+                    ((r.A.index, r.A.scale) if isinstance(r.A, Selection) else r.A, r.lower, r.upper)
+                    for r in problem.levels
+                ],
+                "metric": problem.metric,
+                "origin": problem.origin,
+                "n": problem.n,
+                "x": solution.x,
+                "residuals": solution.residuals,
+                "active": solution.active,
+                "status": tick.status.name,
+                "solved": solution.status.name,
+                "notes": [(note.element, note.detail) for note in tick.notes],
+                "forces": {} if forces is None else forces(solution.x),
+            }
+        )
+
+
+def _shape(target: Target) -> tuple[int, ...]:
+    return {"pose": (4, 4), "rotation": (3, 3)}.get(target.kind, (target.size,))
