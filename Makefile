@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: corpus bench experiments test test-sweeps check setup format clean sanitize
+.PHONY: corpus bench experiments test test-sweeps test-browser check setup format clean sanitize
 
 bench: setup
 	$(BIN)/python -m benchmarks
@@ -15,7 +15,12 @@ experiments: setup
 
 # The native parts must be there: a broken build would fall back to pure Python without a word.
 test: setup
-	HQP_REQUIRE_NATIVE=1 $(BIN)/python -m pytest
+	HQP_REQUIRE_NATIVE=1 $(BIN)/python -m pytest --ignore=tests/browser
+
+# The viewer in headless Chromium; on Debian: apt-get install --no-install-recommends chromium
+test-browser: setup
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[browser]'
+	$(BIN)/python -m pytest tests/viewer tests/browser -m "" -s
 
 # Sweeps on a Ray cluster of this machine; a worker is killed on the way.
 test-sweeps: setup

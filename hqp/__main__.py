@@ -1,13 +1,18 @@
-"""The command `hqp`: which solvers and robots are there, and one stack through many solvers."""
+"""The command `hqp`: which solvers and robots are there, one stack through many solvers, and the packages' own."""
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import sys
 from collections.abc import Callable, Sequence
 
 from hqp import __version__
+from hqp.arguments import add_stack, read_stack
 from hqp.errors import HqpError
+
+PACKAGES = {"view": "hqp.viewer.command", "sweep": "hqp.sweep.command"}
+"""Commands of a package of their own: a module with HELP, DESCRIPTION, add_arguments and execute."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -18,7 +23,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.print_help()
         return 0
     commands: dict[str, Callable[[argparse.Namespace], int]]
-    commands = {"solvers": _solvers, "robots": _robots, "compare": _compare, "sweep": _sweep}
+    commands = {"solvers": _solvers, "robots": _robots, "compare": _compare}
+    commands.update({name: importlib.import_module(module).execute for name, module in PACKAGES.items()})
     try:
         return commands[arguments.command](arguments)
     except HqpError as error:
@@ -40,18 +46,12 @@ def _parser() -> argparse.ArgumentParser:
         description="Solve one stack with many solvers at states near the robot's home posture and compare "
         "residuals of each level, optimality and time against the 2 ms of a 500 Hz loop.",
     )
-    compare.add_argument("stack", metavar="STACK.toml", help="the stack, see docs/quickstart.md for the format")
-    compare.add_argument("--robot", required=True, metavar="NAME", help="a name from `hqp robots`, a URDF or MJCF file")
+    add_stack(compare)
     compare.add_argument("--solvers", nargs="+", default="all", metavar="NAME", help="default: all available ones")
-    compare.add_argument(
-        "--formulation", choices=("velocity", "acceleration"), default="velocity", help="default: velocity"
-    )
-    compare.add_argument("--dt", type=float, default=0.002, metavar="S", help="control period [s], default 0.002")
     compare.add_argument("--format", choices=("table", "markdown", "csv", "json"), default="table")
-    from hqp.sweep import command
-
-    sweep = commands.add_parser("sweep", help="call a function at many cases", description=command.DESCRIPTION)
-    command.add_arguments(sweep)
+    for name, module in PACKAGES.items():
+        package = importlib.import_module(module)
+        package.add_arguments(commands.add_parser(name, help=package.HELP, description=package.DESCRIPTION))
     return parser
 
 
@@ -71,27 +71,13 @@ def _robots(arguments: argparse.Namespace) -> int:
 
 
 def _compare(arguments: argparse.Namespace) -> int:
-    from hqp import robots, serial
     from hqp.comparison import compare
-    from hqp.formulation import Acceleration, Velocity
 
-    formulation = Acceleration() if arguments.formulation == "acceleration" else Velocity()
-    result = compare(
-        serial.load(arguments.stack),
-        robots.load(arguments.robot),
-        solvers=arguments.solvers,
-        formulation=formulation,
-        dt=arguments.dt,
-    )
+    stack, robot, formulation = read_stack(arguments)
+    result = compare(stack, robot, solvers=arguments.solvers, formulation=formulation, dt=arguments.dt)
     shown = {"table": result.__str__, "markdown": result.markdown, "csv": result.csv, "json": result.json}
     print(shown[arguments.format]())
     return 0
-
-
-def _sweep(arguments: argparse.Namespace) -> int:
-    from hqp.sweep.command import execute
-
-    return execute(arguments)
 
 
 if __name__ == "__main__":

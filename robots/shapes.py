@@ -7,11 +7,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import pinocchio as pin
 
 from hqp.arrays import Mat, Vec
-
-from . import catalogue
+from hqp.errors import ModelError
 
 Kind = Literal["mesh", "box", "sphere", "cylinder", "capsule"]
 
@@ -22,7 +20,7 @@ class Shape:
 
     body: index into ``robot.bodies``.  position ``(3,)`` [m], rotation ``(3, 3)``: in the body's axes.
     size: scale of a mesh ``(3,)``; sides of a box ``(3,)``; radius of a sphere; radius and length of the others [m],
-    along z.  path: of a mesh file.  color: red, green, blue, opacity, 0 to 1, None where the file names none.
+    along z.  path: of a mesh file; triangles: corners and triangles of a mesh without one.  color: red, green, blue, opacity, 0 to 1, None where the file names none.
     """
 
     body: int
@@ -32,58 +30,54 @@ class Shape:
     size: tuple[float, ...]
     path: str = ""
     color: tuple[float, float, float, float] | None = None
+    triangles: tuple[Mat, Mat] | None = None
 
 
 def shapes(robot: Any) -> tuple[Shape, ...]:
-    """The visual shapes of a robot, none where its model came without a file or its meshes are missing."""
-    geometry = getattr(robot, "visual", None)
-    if geometry is None:
-        geometry = _read(robot)
-    if geometry is None:
+    """The visual shapes of a robot, none where its model came without a file or a mesh is missing."""
+    try:
+        geometry = robot.visual
+    except ModelError:
         return ()
     found = (_shape(item) for item in geometry.geometryObjects)
     return tuple(shape for shape in found if shape is not None)
 
 
-def _read(robot: Any) -> Any:
-    path = _path(robot.name)
-    if path is None or path.suffix != ".urdf":
-        return None
-    folders = [str(folder) for folder in path.parents[:5]]
-    try:
-        return pin.buildGeomFromUrdf(robot.model, str(path), pin.VISUAL, None, folders)
-    except (ValueError, RuntimeError):
-        return None
-
-
-def _path(name: str) -> Path | None:
-    own = Path(__file__).parent / name / f"{name}.urdf"
-    if own.is_file():
-        return own
-    stem = catalogue._catalogue().get(name, {"stem": name})["stem"]
-    return catalogue._stems().get(stem)
-
-
 def _shape(item: Any) -> Shape | None:
     geometry, path = item.geometry, str(item.meshPath)
     kind, size = _primitive(geometry)
+    triangles = None
     if kind is None:
-        if not Path(path).is_file():
-            return None
-        kind, size = "mesh", tuple(float(s) for s in item.meshScale)
-    rgba = [float(c) for c in item.meshColor]
-    plain = rgba[:3] == [rgba[0]] * 3 and 0.89 < rgba[0] < 0.91  # Pinocchio's grey where the file has no colour
-    color = None if plain else (rgba[0], rgba[1], rgba[2], rgba[3])
-    placement = item.placement
+        if Path(path).is_file():
+            size = tuple(float(s) for s in item.meshScale)
+        else:
+            triangles, size, path = _triangles(geometry), (1.0, 1.0, 1.0), ""
+            if triangles is None:
+                return None
+        kind = "mesh"
+    r, g, b, a = (float(c) for c in item.meshColor)
+    plain = r == g == b and 0.89 < r < 0.91  # Pinocchio's grey where the file has no colour
     return Shape(
         int(item.parentJoint),
         kind,
-        np.array(placement.translation),
-        np.array(placement.rotation),
+        np.array(item.placement.translation),
+        np.array(item.placement.rotation),
         size,
         path if kind == "mesh" else "",
-        color,
+        None if plain else (r, g, b, a),
+        triangles,
     )
+
+
+def _triangles(geometry: Any) -> tuple[Mat, Mat] | None:
+    """Corners ``(k, 3)`` and triangles ``(m, 3)`` of a mesh in memory; None for another shape."""
+    if hasattr(geometry, "num_tris") and hasattr(geometry, "vertices"):
+        faces = [list(geometry.tri_indices(i)) for i in range(geometry.num_tris)]
+        return np.array(geometry.vertices()), np.array(faces)
+    if hasattr(geometry, "polygons") and hasattr(geometry, "points"):
+        faces = [list(geometry.polygons(i)) for i in range(geometry.num_polygons)]
+        return np.array(geometry.points()), np.array(faces)
+    return None
 
 
 def _primitive(geometry: Any) -> tuple[Kind | None, tuple[float, ...]]:

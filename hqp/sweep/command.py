@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+HELP = "call a function at many cases"
 DESCRIPTION = """Call one function at many cases and keep what it returns, one row a case, in Parquet files.
 The same command again does what is missing."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from .view import View
+from .session_view import View
 
 __all__ = ["View", "view"]
 

@@ -69,17 +69,17 @@ class Account:
 
 
 def make_account(
+    stack: StackDescription,
     snapshot: Mapping[str, Any],
     errors: Mapping[str, tuple[float, str]],
     joints: tuple[tuple[str, ...], Vec, Vec, Vec],
     motion: tuple[Vec, Vec],
 ) -> Account:
-    """The account of a snapshot.
+    """The account of a snapshot of that stack.
 
     errors: distance of each target from its frame [m, rad] and the same in words.  joints: names, lower, upper and
     speed limits by tangent coordinate.  motion: angles and velocities by tangent coordinate.
     """
-    stack: StackDescription = snapshot["stack"]
     told = _explain(snapshot, stack)
     places = {m.name: m for m in stack.members}
     active = _active(snapshot, stack)
@@ -106,9 +106,7 @@ def _explain(snapshot: Mapping[str, Any], stack: StackDescription) -> Explanatio
     )
     try:
         problem = Hierarchy(levels, stack.constraints, snapshot["metric"], snapshot["origin"], snapshot["n"])
-        solution = Solution(
-            snapshot["x"], Status[snapshot["solved"]], snapshot["residuals"], snapshot["active"]
-        )
+        solution = Solution(snapshot["x"], Status[snapshot["solved"]], snapshot["residuals"], snapshot["active"])
         places: dict[str, Any] = {
             m.name: Place(
                 SimpleNamespace(weight=m.weight, equality=m.equality, name=m.name),  # type: ignore[arg-type]
@@ -161,7 +159,7 @@ def _joints(
         elif name in marked:
             views.append(JointView(name, "held by its limits", place))
     order = ("upper end", "lower end", "top speed", "held by")
-    return tuple(sorted(views, key=lambda view: next(i for i, start in enumerate(order) if view.what.startswith(start))))
+    return tuple(sorted(views, key=lambda view: [not view.what.startswith(start) for start in order]))
 
 
 def _element(
@@ -221,7 +219,7 @@ def _headline(
     first = notes[0] if notes else ""
     if status == "CONSTRAINTS_VIOLATED":
         return "Constraints cannot all hold", first, "bad"
-    if status not in ("OPTIMAL", "RANK_UNCERTAIN"):
+    if status not in ("OPTIMAL", "RANK_UNCERTAIN", "NOT_STRICT"):
         return status.replace("_", " ").capitalize(), first, "bad"
     views = [view for level in levels for view in level.elements]
     for view in views:

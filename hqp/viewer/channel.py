@@ -5,6 +5,7 @@ from __future__ import annotations
 import mmap
 import os
 import pickle
+import struct
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +15,8 @@ import numpy as np
 
 from hqp.arrays import Mat, Vec
 
-SLOTS = 2048
-"""Ticks that the ring keeps: 4 s at 500 Hz, far more than the viewer's period."""
+SLOTS = 512
+"""Ticks that the ring keeps: 1 s at 500 Hz, far more than the viewer's period."""
 
 HEAD = 8
 """Numbers before the vectors of a tick: sequence, clock [s], version of the stack, status, four times [s]."""
@@ -26,6 +27,7 @@ TARGET = 17
 
 _COUNT, _SNAPSHOT, _CLOSED, _PAUSED, _STEPS, _READY, _TARGETS = range(7)
 _HEADER = 16
+_pack = struct.Struct(f"{HEAD}d").pack_into
 
 
 @dataclass(frozen=True)
@@ -67,10 +69,11 @@ class Channel:
         os.close(handle)
         numbers: Vec = np.frombuffer(self._map, dtype=np.float64)
         self._header = memoryview(self._map).cast("d")
+        self._width = layout.width
         ring = numbers[_HEADER : _HEADER + SLOTS * layout.width].reshape(SLOTS, layout.width)
         self._ring = ring
-        self._slots = [ring[i] for i in range(SLOTS)]
-        self._bodies = [ring[i, HEAD:-1] for i in range(SLOTS)]
+        self._ends = ring[:, -1]
+        self.set_used(layout.room)
         at = _HEADER + SLOTS * layout.width
         size = TARGET * layout.targets
         self._wanted: Mat = numbers[at : at + size].reshape(-1, TARGET)
@@ -79,18 +82,21 @@ class Channel:
 
     # the loop's end
 
+    def set_used(self, used: int) -> None:
+        """How many numbers the vectors of a tick have from now on, at most the layout's room."""
+        self._bodies = [slot[HEAD : HEAD + used] for slot in self._ring]
+
     def write(self, head: tuple[float, ...], vectors: tuple[Vec, ...]) -> None:
-        """Put one tick into the ring: the seven numbers after the sequence, and vectors that fill the room."""
+        """Put one tick into the ring: the seven numbers after the sequence, and vectors that fill what is used."""
         header = self._header
-        count = int(header[_COUNT])
-        index = count % SLOTS
-        slot = self._slots[index]
-        slot[0] = count + 0.5
+        count = header[_COUNT]
+        index = int(count) % SLOTS
+        at = 8 * (_HEADER + index * self._width)
+        _pack(self._map, at, count + 0.5, *head)
         np.concatenate(vectors, out=self._bodies[index])
-        slot[1:HEAD] = head
-        slot[-1] = count
-        slot[0] = count
-        header[_COUNT] = count + 1
+        self._ends[index] = count
+        header[_HEADER + index * self._width] = count
+        header[_COUNT] = count + 1.0
 
     def write_snapshot(self, content: Any) -> bool:
         """Publish a picklable account of one tick; False if it is too large to pass."""
@@ -148,12 +154,13 @@ class Channel:
     def read(self, since: int) -> Mat:
         """Slots of ticks ``since`` and later that are still in the ring, ``(k, width)``, oldest first."""
         count = self.count
-        first = max(since, count - SLOTS + 64, 0)
+        first = max(since, count - SLOTS + 16, 0)
         if count <= first:
             return np.empty((0, self.layout.width))
         wanted = np.arange(first, count)
         slots = self._ring[wanted % SLOTS]
-        return slots[(slots[:, 0] == wanted) & (slots[:, -1] == wanted)]
+        whole = (slots[:, 0] == wanted) & (slots[:, -1] == wanted)
+        return np.asarray(slots[whole])
 
     def read_snapshot(self, since: int) -> tuple[int, Any] | None:
         """The newest snapshot and its number, None if there is none after ``since`` or it is being replaced."""

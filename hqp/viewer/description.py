@@ -153,9 +153,7 @@ def _target(element: Any) -> Target | None:
     axes = getattr(element, "axes", "xyz") or "xyz"
     relative = getattr(element, "relative_to", None)
     if isinstance(element, tasks.Position):
-        return Target(
-            element.name, "point", axes, len(axes), element.frame, relative, element.heading, element.offset
-        )
+        return Target(element.name, "point", axes, len(axes), element.frame, relative, element.heading, element.offset)
     if isinstance(element, tasks.Pose):
         return Target(element.name, "pose", "xyz", 16, element.frame, relative)
     if isinstance(element, tasks.Orientation) and relative is None and axes == "xyz":

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Index, Mat, Vec
 
 from .channel import HEAD
 from .description import StackDescription
@@ -42,10 +43,8 @@ class History:
         if not len(slots):
             return
         bounds = np.cumsum((0, *self.stack.sizes)) + HEAD
-        norms = np.stack(
-            [np.sqrt(np.square(slots[:, i:j]).sum(axis=1)) for i, j in zip(bounds[4:], bounds[5:], strict=False)],
-            axis=1,
-        )
+        residuals = [slots[:, i:j] for i, j in pairwise(bounds[4:])]
+        norms = np.stack([np.sqrt(np.square(w).sum(axis=1)) for w in residuals], axis=1)
         commands = slots[:, bounds[2] : bounds[3]]
         follows = self._last is not None and slots[0, 0] == self._last_sequence + 1
         before = self._last[None] if follows and self._last is not None else commands[:1]
@@ -73,7 +72,7 @@ class History:
             nothing = np.zeros(0)
             return Curves(np.zeros((len(self.stack.levels), 0)), nothing, nothing, nothing)
         clock, norms, change, times = (np.concatenate(part) for part in zip(*self._chunks, strict=True))
-        place = np.clip((BINS * (clock - clock[-1] + SECONDS) / SECONDS).astype(int), 0, BINS - 1)
+        place = np.clip((BINS * (clock - clock[-1] + SECONDS) / SECONDS).astype(np.intp), 0, BINS - 1)
         binned = [_largest(place, norms[:, k]) for k in range(norms.shape[1])]
         return Curves(np.array(binned), _largest(place, change), _largest(place, times), times)
 
@@ -88,7 +87,7 @@ class Curves:
     all_times: Vec
 
 
-def _largest(place: Vec, values: Vec) -> Vec:
+def _largest(place: Index, values: Vec) -> Vec:
     curve = np.full(BINS, -np.inf)
     np.maximum.at(curve, place, np.nan_to_num(values, nan=0.0))
     curve[np.isneginf(curve)] = np.nan

@@ -16,14 +16,16 @@ def load(shape: Any) -> Any:
     """A trimesh.Trimesh of a shape in its body's axes; None where the file cannot be read."""
     import trimesh
 
-    if shape.kind == "mesh":
+    if shape.triangles is not None:
+        mesh: Any = trimesh.Trimesh(*shape.triangles, process=False)
+    elif shape.kind == "mesh":
         try:
             mesh = trimesh.load(Path(shape.path), force="mesh", process=False)
         except (ValueError, ImportError, OSError, NotImplementedError):
             return None
         if not len(getattr(mesh, "faces", ())):
             return None
-        mesh.apply_scale(np.asarray(shape.size))
+        mesh.vertices = np.asarray(mesh.vertices) * np.asarray(shape.size)
     elif shape.kind == "box":
         mesh = trimesh.creation.box(extents=shape.size)
     elif shape.kind == "sphere":

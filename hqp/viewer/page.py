@@ -83,7 +83,7 @@ def _constraints(levels: list[LevelView]) -> str:
         )
     return (
         f'<div style="flex:0 1 auto;background:rgba(255,255,255,.94);border-radius:8px;border-top:6px solid {LINE};'
-        f'padding:8px 12px;font-size:14px;line-height:1.45;font-weight:600;'
+        f"padding:8px 12px;font-size:14px;line-height:1.45;font-weight:600;"
         f'box-shadow:0 2px 8px rgba(20,30,50,.12)">{"".join(lines)}</div>'
     )
 
@@ -188,8 +188,8 @@ def sparkline(
 
     def level(value: Vec) -> Vec:
         if log:
-            return np.log10(np.maximum(value, floor) / floor) / np.log10(top / floor)
-        return value / top
+            return np.asarray(np.log10(np.maximum(value, floor) / floor) / np.log10(top / floor))
+        return np.asarray(value / top)
 
     y = height - 3.0 - (height - 6.0) * level(values)
     x = np.linspace(0.0, width, values.size)

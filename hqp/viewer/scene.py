@@ -15,6 +15,7 @@ from .meshes import color_of, footprint, hull, links, load, quaternion
 from .targets import Handle
 
 _GREEN, _RED, _BLUE = (26, 143, 76), (207, 42, 42), (22, 104, 199)
+_NO_LINE = np.zeros((1, 2, 3))
 _NEWTONS = 0.0012
 """Length of an arrow a newton [m/N]."""
 
@@ -78,7 +79,7 @@ class Scene:
             self._com = (
                 scene.add_icosphere("/com/centre", radius=0.03, color=_BLUE),
                 scene.add_cylinder("/com/ground", radius=0.028, height=0.004, color=_BLUE),
-                scene.add_line_segments("/com/line", np.zeros((1, 2, 3)), _BLUE, thickness=2.5, thickness_units="screen"),
+                scene.add_line_segments("/com/line", _NO_LINE, _BLUE, thickness=2.5, thickness_units="screen"),
             )
 
     def _sole(self, frame: str) -> Mat:
@@ -157,7 +158,7 @@ class Scene:
         del state
         look = centre + np.array([0.0, 0.0, 0.26 * size])
         camera = self._server.initial_camera
-        camera.position = look + size * np.array([1.65, -1.0, 0.25])
+        camera.position = look + size * np.array([1.45, -0.88, 0.2])
         camera.look_at = look
 
 

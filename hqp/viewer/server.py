@@ -93,9 +93,8 @@ class Server:
         if snapshot is not None:
             self._turn, self._snapshot = snapshot
             self._forces = self._snapshot["forces"]
-            stack = self._snapshot["stack"]
-            if stack.version != self._stack.version:
-                self._stack = stack
+            if self._snapshot["version"] != self._stack.version:
+                self._stack = stack = pickle.loads(self._snapshot["stack"])
                 self._history.restart(stack)
                 self._scene.show_stack(stack, _contact_frames(stack))
         count = self._channel.count
@@ -104,8 +103,9 @@ class Server:
 
     def _show(self, snapshot: dict[str, Any]) -> None:
         state = self._robot.current
+        assert state is not None
         motion = (state.angles, np.nan_to_num(self._history.part(1)))
-        account: Account = make_account(snapshot, self._errors, self._joints, motion)
+        account: Account = make_account(self._stack, snapshot, self._errors, self._joints, motion)
         curves = self._history.curves()
         unit = _UNITS.get(self._stack.formulation, "")
         self._overlay.content = overlay(account, curves, self._title, PANEL)

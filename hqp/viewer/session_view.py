@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from hqp.arrays import Vec
 from hqp.errors import HqpError
 from hqp.problem import Selection, Status
 from hqp.reference import Reference
@@ -23,7 +24,12 @@ from .channel import TARGET, Channel, Layout
 from .description import StackDescription, Target, describe_robot, describe_stack
 
 STATUSES = tuple(Status)
-_NO_TIMES = (0.0, 0.0, 0.0, 0.0)
+BATCH = 8
+"""Ticks that are copied to the page together, 16 ms at 500 Hz."""
+
+TARGET_PERIOD = 1.0 / 30.0
+"""Between two looks at where the loop has its targets [s]."""
+
 _TARGETS = 24
 
 
@@ -48,7 +54,9 @@ class View:
         self._channel = Channel(Layout(2 * room + 256, _TARGETS))
         self._asked = 0.0
         self._dragged: dict[str, Reference] = {}
-        self._due = 0.0
+        self._batch: list[tuple[tuple[float, ...], tuple[Vec, ...]]] = []
+        self._hurry = session.dt > 0.01
+        self._due = self._targets_due = 0.0
         self._steps = 0
         try:
             self._describe()
@@ -77,22 +85,34 @@ class View:
         clock = perf_counter()
         if self.session.program is not self._program:
             self._describe()
-        for reference in references:
-            index = self._places.get(reference.name)
-            if index is not None and reference.value is not None and reference is not self._shown.get(reference.name):
-                self._channel.set_current(index, reference.value.ravel())
-                self._shown[reference.name] = reference
         solution = tick.solution
         if solution is None:
-            vectors = (state.q, state.v, tick.command, self._nothing)
+            vectors: tuple[Vec, ...] = (state.q, state.v, tick.command, self._nothing)
         else:
-            vectors = (state.q, state.v, tick.command, solution.x, *solution.residuals, self._rest)
+            vectors = (state.q, state.v, tick.command, solution.x, *solution.residuals)
         times = tick.times
-        parts = _NO_TIMES if times is None else (times.state, times.assemble, times.solve, times.command)
-        self._channel.write((clock, self._version, self._codes[tick.status], *parts), vectors)
-        if clock >= self._due and solution is not None:
-            self._due = clock + self.period
-            self._snapshot(state, tick)
+        if times is None:
+            head = (clock, self._version, self._codes[tick.status], 0.0, 0.0, 0.0, 0.0)
+        else:
+            head = (
+                clock, self._version, self._codes[tick.status],
+                times.state, times.assemble, times.solve, times.command,
+            )  # fmt: skip
+        # copied to the page in batches: a tick pays for its own arrays being kept, not for cold memory
+        self._batch.append((head, vectors))
+        if len(self._batch) >= BATCH or self._hurry:
+            self._flush()
+        if clock >= self._targets_due:
+            self._targets_due = clock + TARGET_PERIOD
+            self._show_targets(references)
+            if clock >= self._due and solution is not None:
+                self._due = clock + self.period
+                self._snapshot(tick)
+
+    def _flush(self) -> None:
+        for head, vectors in self._batch:
+            self._channel.write(head, vectors)
+        self._batch.clear()
 
     @property
     def paused(self) -> bool:
@@ -101,6 +121,8 @@ class View:
 
     def wait(self) -> None:
         """Return at once, or, while the page asks for a pause, when it goes on or asks for one step."""
+        if self._channel.paused:
+            self._flush()
         while self._channel.paused and self._channel.steps == self._steps:
             if self._server.poll() is not None:
                 return
@@ -109,6 +131,7 @@ class View:
 
     def close(self) -> None:
         """Stop the page."""
+        self._flush()
         self._channel.close()
         if self._server.stdin is not None:
             with contextlib.suppress(OSError):
@@ -129,16 +152,18 @@ class View:
 
     def _describe(self) -> None:
         """After a change of stack: new sizes, new targets at their hold values."""
+        self._flush()
         self._version += 1
         description = describe_stack(self.session, self._version)
-        left = self._channel.layout.room - sum(description.sizes)
-        if left < 0:
+        used = sum(description.sizes)
+        if used > self._channel.layout.room:
             raise HqpError("the new stack is more than twice as large as the one the viewer was started with")
         self._program, self.description = self.session.program, description
-        self._rest = np.full(left, np.nan)
-        self._nothing = np.full(self._channel.layout.room - sum(description.sizes[:3]), np.nan)
+        self._pickled = pickle.dumps(description, 5)
+        self._channel.set_used(used)
+        self._nothing = np.full(used - sum(description.sizes[:3]), np.nan)
         self._places = {t.name: i for i, t in enumerate(description.targets[:_TARGETS])}
-        self._shown: dict[str, Reference] = {}
+        self._shown: set[str] = set()
         self._due = 0.0
 
     def _start(self, port: int, title: str) -> None:
@@ -180,7 +205,15 @@ class View:
             if value is not None:
                 self._dragged[target.name] = Reference(target.name, value.reshape(_shape(target)))
 
-    def _snapshot(self, state: State, tick: Tick) -> None:
+    def _show_targets(self, references: tuple[Reference, ...]) -> None:
+        """Tell the page where the targets are that the loop moves."""
+        for reference in references:
+            index = self._places.get(reference.name)
+            if index is not None and reference.value is not None:
+                self._channel.set_current(index, reference.value.ravel())
+                self._shown.add(reference.name)
+
+    def _snapshot(self, tick: Tick) -> None:
         """Publish the rows of this tick, from which the page's process tells what holds what back."""
         problem, solution = self.session.program.problem, tick.solution
         assert solution is not None
@@ -188,11 +221,12 @@ class View:
         for name, index in self._places.items():
             if name not in self._shown and name in held:
                 self._channel.set_current(index, np.asarray(held[name].value).ravel()[: TARGET - 1])
-                self._shown[name] = held[name]
+                self._shown.add(name)
         forces = getattr(self.session.program, "contact_forces", None)
         self._channel.write_snapshot(
             {
-                "stack": self.description,
+                "version": self._version,
+                "stack": self._pickled,
                 "rows": [
                     ((r.A.index, r.A.scale) if isinstance(r.A, Selection) else r.A, r.lower, r.upper)
                     for r in problem.levels

@@ -1,0 +1,42 @@
+"""The command `hqp view`."""
+
+from __future__ import annotations
+
+import argparse
+
+from hqp.arguments import add_stack, read_stack
+
+HELP = "see a stack on a robot in a browser, with targets to drag"
+DESCRIPTION = """Run a stack on a robot that carries out every command exactly, and show it in a browser: drag the
+targets and watch which level gives way to which."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command's own arguments."""
+    add_stack(parser)
+    parser.add_argument("--solver", default="lexicographic", metavar="NAME", help="default: lexicographic")
+    parser.add_argument("--port", type=int, default=8080, help="of the page, default 8080, or the next that is free")
+    parser.add_argument("--seconds", type=float, metavar="S", help="stop after that long; default: on Ctrl-C")
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Run until interrupted; returns the exit status."""
+    from .run import run as run_loop
+    from .session_view import View
+
+    stack, robot, formulation = read_stack(arguments)
+
+    def tell(view: View) -> None:
+        print(f"{stack}\non {robot.name}: open {view.url} (Ctrl-C ends)", flush=True)
+
+    run_loop(
+        stack,
+        robot,
+        formulation=formulation,
+        solver=arguments.solver,
+        dt=arguments.dt,
+        port=arguments.port,
+        seconds=arguments.seconds,
+        started=tell,
+    )
+    return 0

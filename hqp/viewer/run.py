@@ -1,0 +1,53 @@
+"""A stack on a robot whose commands are carried out exactly, in real time, with its page: the command `hqp view`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from hqp.formulation import Formulation
+from hqp.robot import Robot
+from hqp.session import Controller
+from hqp.solvers.base import Solver
+from hqp.stack import Stack
+
+from .session_view import View
+
+
+def run(
+    stack: Stack,
+    robot: Robot,
+    *,
+    formulation: Formulation,
+    solver: str | Solver = "lexicographic",
+    dt: float = 0.002,
+    port: int = 8080,
+    seconds: float | None = None,
+    started: Callable[[View], None] | None = None,
+) -> int:
+    """Run until interrupted, or for some seconds of the clock; returns the number of ticks.
+
+    Every element holds the value it has at home until it is dragged in the page.  A tick that is late is not made up
+    for.  started: called with the view once the page is served.  Raises what ``Controller.session`` raises.
+    """
+    session = Controller(stack, formulation, solver).session(robot, dt)
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    count = 0
+    with View(session, port=port) as view:
+        if started is not None:
+            started(view)
+        start = due = time.perf_counter()
+        try:
+            while seconds is None or time.perf_counter() - start < seconds:
+                view.wait()
+                tick = view.step(robot.state(q, v))
+                if tick.solution is not None:
+                    q, v = tick.advance()
+                count += 1
+                due = max(due + dt, time.perf_counter())
+                time.sleep(due - time.perf_counter() if due > time.perf_counter() else 0.0)
+        except KeyboardInterrupt:
+            pass
+    return count

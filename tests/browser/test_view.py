@@ -1,0 +1,184 @@
+"""The page in a real browser: it shows the robot, a target is dragged, the loop hardly notices."""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import hqp
+from hqp import Level, P, Stack
+from hqp.tasks import Com, FixedContact, JointLimits, Orientation, Position, Posture
+
+CHROMIUM = os.environ.get("HQP_CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
+FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--use-gl=angle", "--enable-unsafe-swiftshader")
+SHOTS = Path(os.environ.get("HQP_SHOTS", "build/screenshots"))
+DT = 0.002
+REACH = np.array([0.12, 0.05, 0.15])
+ARROW = np.array([54, 142, 226])
+"""Colour of a handle's upward arrow in viser."""
+pytestmark = pytest.mark.browser
+
+
+class Loop(threading.Thread):
+    """A robot that carries out every command, at 500 Hz beside its page."""
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        self.robot = robot = hqp.robots.load("g1")
+        left, right = robot.landmarks["soles"]
+        feet = [FixedContact(frame=left, name="left_foot"), FixedContact(frame=right, name="right_foot")]
+        self.hand = Position(frame="right_wrist_yaw_link", law=P(5.0, max_velocity=0.5), name="right_hand")
+        stack = Stack(
+            Level(*feet, Com(axes="xy", law=P(2.0)), name="balance"),
+            Level(self.hand, name="hand"),
+            Level(Orientation(frame="pelvis", law=P(2.0)), name="base"),
+            Level(Posture(law=P(1.0)), name="posture"),
+            subject_to=[JointLimits()],
+        )
+        self.session = hqp.Controller(stack).session(robot, DT)
+        self.view = hqp.view(self.session, port=8123)
+        self.q, self.v = robot.home.copy(), np.zeros(robot.nv)
+        self.goal: Any = None
+        self.home = self.position()
+        self.seen = True
+        self.took: dict[bool, list[float]] = {True: [], False: []}
+        self.tick: Any = None
+        self.going = True
+
+    def run(self) -> None:
+        due = time.perf_counter()
+        while self.going:
+            self.view.wait()
+            references = () if self.goal is None else (self.hand.at(self.goal),)
+            state = self.robot.state(self.q, self.v)
+            start = time.perf_counter()
+            self.tick = (self.view if self.seen else self.session).step(state, *references)
+            self.took[self.seen].append(time.perf_counter() - start)
+            self.q, self.v = self.tick.advance()
+            due = max(due + DT, time.perf_counter())
+            time.sleep(max(0.0, due - time.perf_counter()))
+
+    def position(self) -> Any:
+        return hqp.robots.load("g1").state(self.q).position("right_wrist_yaw_link")
+
+
+@pytest.fixture(scope="module")
+def page() -> Iterator[tuple[Loop, Any]]:
+    sync_api = pytest.importorskip("playwright.sync_api")
+    if CHROMIUM is None:
+        pytest.skip("no Chromium: apt-get install --no-install-recommends chromium, or set HQP_CHROMIUM")
+    loop = Loop()
+    loop.start()
+    try:
+        with sync_api.sync_playwright() as playwright:
+            browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
+            tab = browser.new_page(viewport={"width": 1500, "height": 900})
+            tab.goto(loop.view.url)
+            tab.wait_for_selector("text=Time of a tick", timeout=90_000)
+            tab.wait_for_timeout(8_000)
+            for button in tab.query_selector_all(".mantine-Notification-closeButton"):
+                button.click()
+            yield loop, tab
+            browser.close()
+    finally:
+        loop.going = False
+        loop.join(timeout=5.0)
+        loop.view.close()
+
+
+def shoot(tab: Any, name: str) -> None:
+    SHOTS.mkdir(parents=True, exist_ok=True)
+    tab.screenshot(path=str(SHOTS / f"{name}.png"), timeout=120_000)
+
+
+def wait_for(tab: Any, text: str) -> None:
+    tab.wait_for_selector(f"text={text}", timeout=60_000)
+
+
+def test_reachable(page: tuple[Loop, Any]) -> None:
+    loop, tab = page
+    loop.goal = loop.home + REACH
+    wait_for(tab, "Every target is reached")
+    tab.wait_for_timeout(1_000)
+    shoot(tab, "reached")
+
+
+def test_out_of_reach(page: tuple[Loop, Any]) -> None:
+    loop, tab = page
+    loop.goal = loop.home + [0.7, 0.0, 0.25]
+    wait_for(tab, "right_hand stays")
+    tab.wait_for_timeout(6_000)
+    shoot(tab, "out_of_reach")
+    assert "right_hand" in tab.inner_text("body")
+
+
+def test_a_target_is_dragged(page: tuple[Loop, Any]) -> None:
+    loop, tab = page
+    loop.goal = loop.home + REACH
+    tab.wait_for_timeout(6_000)
+    assert not loop.view._dragged
+    x, y = _tip(tab)
+    before = loop.position()
+    tab.mouse.move(x, y)
+    tab.mouse.down()
+    for k in range(1, 12):
+        tab.mouse.move(x, y - 5 * k)
+        tab.wait_for_timeout(80)
+    tab.mouse.up()
+    tab.wait_for_timeout(4_000)
+    assert "right_hand" in loop.view._dragged, "the drag did not arrive in the loop"
+    assert loop.position()[2] > before[2] + 0.02  # along the arrow upwards
+    shoot(tab, "dragged")
+    tab.click("text=Give targets back")
+    tab.wait_for_timeout(1_000)
+    assert not loop.view._dragged
+
+
+def _tip(tab: Any) -> tuple[int, int]:
+    """A pixel near the tip of the highest blue arrow of a handle, the hand target's."""
+    picture = np.asarray(Image.open(io.BytesIO(tab.screenshot(timeout=120_000))).convert("RGB")).astype(int)
+    scene = picture[290:, :1100]
+    rows, columns = np.nonzero(abs(scene - ARROW).sum(axis=2) < 40)
+    assert rows.size > 20, "no handle to be seen"
+    top = rows.min()
+    near = rows < top + 14
+    return int(np.median(columns[near])), int(top) + 310 - 10
+
+
+def test_the_loop_hardly_notices(page: tuple[Loop, Any]) -> None:
+    """With and without in turns of half a second, in one run, one browser connected."""
+    loop, tab = page
+    loop.took = {True: [], False: []}
+    for _ in range(8):
+        for seen in (False, True):
+            loop.seen = seen
+            tab.wait_for_timeout(500)
+    loop.seen = True
+    cost = 1e6 * (np.median(loop.took[True]) - np.median(loop.took[False]))
+    print(f"\nthe view costs {cost:.1f} us a tick of {1e6 * np.median(loop.took[False]):.0f} us at the median")
+    assert cost < 10.0
+
+
+def test_pause_and_step(page: tuple[Loop, Any]) -> None:
+    loop, tab = page
+    tab.click("text=Pause")
+    tab.wait_for_timeout(800)
+    before = loop.session.count
+    tab.wait_for_timeout(800)
+    assert loop.session.count == before
+    tab.click("text=Step")
+    tab.wait_for_timeout(800)
+    assert loop.session.count == before + 1
+    tab.click("text=Run")
+    tab.wait_for_timeout(800)
+    assert loop.session.count > before + 10

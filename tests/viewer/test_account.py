@@ -1,0 +1,138 @@
+"""What the page says of a tick, without a browser: words, states, curves, HTML."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import hqp
+from hqp import Level, P, Stack
+from hqp.tasks import Com, FixedContact, JointLimits, Position, Posture
+from hqp.viewer.account import Account, make_account
+from hqp.viewer.channel import HEAD, Channel, Layout
+from hqp.viewer.description import describe_robot, describe_stack
+from hqp.viewer.history import History
+from hqp.viewer.page import number, overlay, panel, sparkline
+from hqp.viewer.session_view import View
+
+
+class Recorded(View):
+    """A view whose page is not served: the channel is read here."""
+
+    def _start(self, port: int, title: str) -> None:
+        self._channel.set_ready(1.0)
+
+    def close(self) -> None:
+        self._channel.close()
+
+
+def run(offset: list[float], ticks: int = 200) -> tuple[Account, History]:
+    robot = hqp.robots.load("cbi")
+    hand = Position(frame="r_palm", law=P(5.0, max_velocity=0.5))
+    stack = Stack(
+        Level(FixedContact(frame="l_sole"), FixedContact(frame="r_sole"), Com(axes="xy"), name="balance"),
+        Level(hand, name="hand"),
+        Level(Posture(law=P(1.0)), name="posture"),
+        subject_to=[JointLimits()],
+    )
+    view = Recorded(hqp.Controller(stack).session(robot, 0.002), period=0.0)
+    q, v = robot.home, np.zeros(robot.nv)
+    goal = robot.state(q).position("r_palm") + offset
+    history = History(view.description)
+    for _ in range(ticks):
+        tick = view.step(robot.state(q, v), hand.at(goal))
+        q, v = tick.advance()
+    view._flush()
+    history.add(view._channel.read(0))
+    _, snapshot = view._channel.read_snapshot(0)
+    view.close()
+    state = robot.state(q, v)
+    far = float(np.linalg.norm(state.position("r_palm") - goal))
+    joints = (tuple(robot.joint_name(i) for i in range(robot.nv)), robot.lower, robot.upper, robot.velocity_limit)
+    return make_account(view.description, snapshot, {"r_palm": (far, f"{100 * far:.1f} cm")}, joints, (state.angles, v)), history
+
+
+def test_within_reach_all_is_well() -> None:
+    account, history = run([0.02, 0.0, 0.02], 1500)
+    assert account.tone == "good"
+    assert account.headline == "Every target is reached"
+    assert all(e.state == "met" for level in account.levels[:2] for e in level.elements)
+    assert history.part(0).size == hqp.robots.load("cbi").nq
+    curves = history.curves()
+    assert np.nanmax(curves.norms[1]) < 1e-9  # the hand's level is met all the way
+    assert curves.all_times.min() > 0.0
+
+
+def test_out_of_reach_says_who_gives_way_to_whom() -> None:
+    account, _ = run([2.0, 0.0, 0.5], 1500)
+    assert account.tone == "warn"
+    assert account.headline.startswith("r_palm stays")
+    views = {e.name: e for level in account.levels for e in level.elements}
+    assert views["r_palm"].state == "short"
+    assert views["l_sole"].state == "met"
+    assert views["r_palm"].why
+    text = overlay(account, run([0.0, 0.0, 0.0], 5)[1].curves(), "title", "20em")
+    assert "r_palm stays" in text
+    assert "≻" in text
+
+
+def test_the_page_escapes_names_and_draws_limits() -> None:
+    account, history = run([0.0, 0.0, 0.0], 20)
+    html = panel(account, history.curves(), 2000.0, "rad/s")
+    assert "stroke" in html
+    assert "over budget" in html
+    assert "nan" not in html.lower().replace("nano", "")
+
+
+def test_curves_show_the_largest_of_each_stretch() -> None:
+    robot = hqp.robots.load("cbi")
+    session = hqp.Controller(Stack(Level(Posture()))).session(robot, 0.002)
+    stack = describe_stack(session, 1)
+    history = History(stack)
+    slots = np.zeros((1000, HEAD + sum(stack.sizes) + 1))
+    slots[:, 0], slots[:, 1], slots[:, 2] = np.arange(1000), 0.002 * np.arange(1000), 1
+    slots[500, -2] = 3.0  # the last row of the only level
+    history.add(slots)
+    curves = history.curves()
+    assert np.nanmax(curves.norms[0]) == pytest.approx(3.0)
+    history.add(slots[:10] * 0 + 5.0)  # of another stack
+    assert history.status == 0
+
+
+def test_a_changed_stack_is_described_anew() -> None:
+    robot = hqp.robots.load("cbi")
+    session = hqp.Controller(Stack(Level(Posture()))).session(robot, 0.002)
+    view = Recorded(session)
+    view.step(robot.state())
+    session.change(Stack(Level(Com(axes="xy")), Level(Posture())))
+    view.step(robot.state())
+    assert view.description.version == 2
+    assert [t.name for t in view.description.targets] == ["com"]
+    view.close()
+
+
+def test_dragged_targets_replace_references() -> None:
+    robot = hqp.robots.load("cbi")
+    hand = Position(frame="r_palm")
+    view = Recorded(hqp.Controller(Stack(Level(hand))).session(robot, 0.002))
+    there = robot.state().position("r_palm")
+    page = Channel(view._channel.layout, view._channel.path)
+    page.set_wanted(0, there + [0.1, 0.0, 0.0])
+    view.step(robot.state(), hand.at(there))
+    assert page.current(0, 3) == pytest.approx(there + [0.1, 0.0, 0.0])
+    page.set_wanted(0, None)
+    view.step(robot.state(), hand.at(there))
+    assert page.current(0, 3) == pytest.approx(there)
+    view.close()
+
+
+def test_shapes_of_a_robot_of_our_own() -> None:
+    about = describe_robot(hqp.robots.load("cbi"))
+    assert {shape.kind for shape in about.shapes} <= {"box", "cylinder", "sphere", "mesh", "capsule"}
+    assert len(about.shapes) > 20
+
+
+def test_numbers_and_empty_curves() -> None:
+    assert [number(x) for x in (0.0, 1e-12, 2e-5, 0.1234, 123.4)] == ["0", "0", "2e-5", "0.123", "123"]
+    assert "polyline" not in sparkline(np.full(5, np.nan), "red")
+    assert Layout(3, 1).width == HEAD + 4
