@@ -17,7 +17,7 @@ def load(shape: Any) -> Any:
     import trimesh
 
     if shape.triangles is not None:
-        mesh: Any = trimesh.Trimesh(*shape.triangles, process=False)
+        mesh: Any = trimesh.Trimesh(vertices=shape.triangles[0], faces=shape.triangles[1], process=False)
     elif shape.kind == "mesh":
         try:
             mesh = trimesh.load(Path(shape.path), force="mesh", process=False)

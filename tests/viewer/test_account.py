@@ -49,7 +49,9 @@ def run(offset: list[float], ticks: int = 200) -> tuple[Account, History]:
     state = robot.state(q, v)
     far = float(np.linalg.norm(state.position("r_palm") - goal))
     joints = (tuple(robot.joint_name(i) for i in range(robot.nv)), robot.lower, robot.upper, robot.velocity_limit)
-    return make_account(view.description, snapshot, {"r_palm": (far, f"{100 * far:.1f} cm")}, joints, (state.angles, v)), history
+    return make_account(
+        view.description, snapshot, {"r_palm": (far, f"{100 * far:.1f} cm")}, joints, (state.angles, v)
+    ), history
 
 
 def test_within_reach_all_is_well() -> None:
