@@ -10,7 +10,7 @@ import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
 from hqp.element import Element, has, plan_of, selection_of
-from hqp.errors import DeclarationError
+from hqp.errors import DeclarationError, StaleState
 from hqp.law import PD, Law, P
 from hqp.plans import Constant, Plan
 from hqp.readable import UP, Readable, Views
@@ -24,6 +24,9 @@ try:
     from hqp import _assembly as native
 except ImportError:  # no compiler was there: the readable functions do it all
     native = None  # type: ignore[assignment]
+
+LARGEST = 1e10
+"""Rows and demands with larger numbers than this are a fault of their element."""
 
 EQUALITY, LIMITED, BOUNDED = 0, 1, 2
 """How rows become bounds on J x: a law on the error, a law on the way left to either bound, bounds as they stand."""
@@ -75,6 +78,7 @@ class Assembly:
         if native is not None:
             self._native = native.Assembly(robot.joint_twists, robot.bodies, dt, self.order)
         self.members: dict[str, Member] = {}
+        self.errors: dict[str, Exception] = {}
         for i, element in enumerate((*dense, *selections)):
             part = slice(starts[i], starts[i + 1])
             J = self.J[part] if i < len(dense) else None
@@ -85,6 +89,7 @@ class Assembly:
             self._bind(member, robot, dt)
         members = self.members.values()
         self._written = [m for m in members if m.write is not None]
+        self._own_bounds = [m.views for m in self._written if not m.element.equality]
         self._targets = [(m.element.name, m.target, m) for m in members if m.target is not None and m.target.shape]
         if self._native is not None:
             self._hand_over_laws(self._native)
@@ -150,19 +155,34 @@ class Assembly:
             saturations=saturations,
         )
 
-    def fill(self, state: State, references: Mapping[str, Reference], given: Sequence[Reference]) -> None:
+    def fill(
+        self,
+        state: State,
+        references: Mapping[str, Reference],
+        given: Sequence[Reference],
+        left_out: Sequence[str] = (),
+    ) -> None:
         """Refill J, lower and upper; ``references`` has one for every element, ``given`` those with feedforward.
 
-        Raises StaleState if the robot has moved on.
+        left_out: elements whose rows are free in this tick.  What a readable function raises is kept in ``errors``,
+        and its element is ``unusable``.  Raises StaleState if the robot has moved on.
         """
         state.kinematics()
+        if self.errors:
+            self.errors.clear()
         self._copy_feedforward(given)
         if self._native is not None:
             self._copy_targets(references)
             self._native.run(state.q, state.v)
         for member in self._written:
             element, J = member.element, member.views.J
-            member.write(state, references[element.name])  # type: ignore[misc]
+            try:
+                member.write(state, references[element.name])  # type: ignore[misc]
+            except StaleState:
+                raise
+            except Exception as error:  # of the user's own: told by a status, and the tick goes on without the element
+                self.errors[element.name] = error
+                continue
             if J is not None and element.weight != 1.0:
                 np.multiply(J, element.weight, out=J)
         if self._native is not None:
@@ -170,6 +190,8 @@ class Assembly:
         else:
             for member in self._written:
                 self._apply_law(member, state.v)
+        for name in left_out:
+            self._leave_out(name)
 
     def _copy_feedforward(self, given: Sequence[Reference]) -> None:
         if self._has_feedforward:
@@ -216,26 +238,47 @@ class Assembly:
         views.lower *= weight
         views.upper *= weight
 
-    def unfit(self) -> tuple[str, ...]:
-        """Names of elements whose demand or rows are not finite; () nearly always, told by two products."""
+    def unusable(self) -> tuple[str, ...]:
+        """Names of elements whose rows are not finite, too large or crossed; () nearly always, told by two products."""
         demand, J = self._demand, self._flat
-        if float(demand @ demand) + float(J @ J) < np.inf:
-            return ()
-        return tuple(
-            name
-            for name, m in self.members.items()
-            if not (np.isfinite(demand[m.part]).all() and np.isfinite(self.J[m.part]).all())
-        )
+        fine = float(demand.dot(demand)) + float(J.dot(J)) < LARGEST**2
+        for views in self._own_bounds:
+            fine &= bool((views.lower <= views.upper).all())
+        return () if fine and not self.errors else tuple(name for name in self.members if self.reason(name))
+
+    def reason(self, name: str) -> str:
+        """Why an element's rows are not usable, "" if they are."""
+        if name in self.errors:
+            error = self.errors[name]
+            return f"it raised {type(error).__name__}: {error}"
+        member = self.members.get(name)
+        if member is None:
+            return ""
+        part, lower, upper = member.part, member.views.lower, member.views.upper
+        for what, numbers in (("Jacobian", self.J[part]), ("demand", self._demand[part])):
+            if not np.isfinite(numbers).all():
+                return f"its {what} is not finite"
+            if numbers.size and float(np.abs(numbers).max()) > LARGEST:
+                return f"its {what} is too large ({float(np.abs(numbers).max()):.1e}, allowed {LARGEST:.0e})"
+        fine = (lower <= upper) & (lower < np.inf) & (upper > -np.inf)
+        if not fine.all():
+            i = int(np.argmin(fine))
+            return f"its bounds are NaN or crossed in row {i} ({lower[i]:g}, {upper[i]:g})"
+        return ""
 
     def picks(self, part: slice) -> Index:
         """The coordinates that selection rows pick, ``(m,)``."""
         m = self.J.shape[0]
         return self._pick[part.start - m : part.stop - m]
 
-    def leave_out(self, name: str) -> None:
-        """Free the rows of one element for this tick: (-inf, +inf), and no NaN in J."""
+    def _leave_out(self, name: str) -> None:
+        """Free the rows of one element for this tick: (-inf, +inf), and no number in J that is none."""
+        self.errors.pop(name, None)
         part = self.members[name].part
-        self.J[part][~np.isfinite(self.J[part])] = 0.0
+        J = self.J[part]
+        with np.errstate(invalid="ignore"):
+            J[~(np.abs(J) <= LARGEST)] = 0.0
+        self._demand[part] = 0.0
         self.lower[part] = -np.inf
         self.upper[part] = np.inf
 

@@ -131,9 +131,9 @@ class Task(Element):
         """The target for one tick, with velocity and acceleration feedforward; None keeps the hold value."""
         return Reference(
             self.name,
-            None if value is None else np.asarray(value, dtype=np.float64),
-            None if velocity is None else np.atleast_1d(np.asarray(velocity, dtype=np.float64)),
-            None if acceleration is None else np.atleast_1d(np.asarray(acceleration, dtype=np.float64)),
+            None if value is None else np.array(value, dtype=np.float64),
+            None if velocity is None else np.atleast_1d(np.array(velocity, dtype=np.float64)),
+            None if acceleration is None else np.atleast_1d(np.array(acceleration, dtype=np.float64)),
         )
 
     def _at(self, shape: tuple[int, ...], value: Any, velocity: Any, acceleration: Any) -> Reference:

@@ -58,6 +58,14 @@ class StaleState(ModelError):
     """A state was used after its robot had moved on to another one."""
 
 
+class DynamicsFailed(ModelError):
+    """The equations of motion of a state cannot be solved; in the control loop it becomes a status."""
+
+
+class ConcurrentUse(HqpError, RuntimeError):
+    """Two threads were in one session or workspace at a time."""
+
+
 class UnknownReference(HqpError, KeyError):
     """A reference was given for an element that the stack does not hold."""
 

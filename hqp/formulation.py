@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -17,7 +17,9 @@ from hqp.law import PD, Law, P, SelfMotion
 from hqp.layout import lay_out
 from hqp.problem import Hierarchy, Rows, Selection, Shape, Stacked
 from hqp.reference import Reference
+from hqp.rest import Brake, Rest, SlowDown
 from hqp.robot import Robot, State
+from hqp.safety import Braking
 from hqp.stack import Stack
 
 
@@ -34,6 +36,7 @@ class Place:
 class Program(ABC):
     """A stack compiled for one robot: a live hierarchy, refilled each tick, and what x means."""
 
+    kind: Literal["velocity", "acceleration", "torque"]
     problem: Hierarchy
     shape: Shape
     places: dict[str, Place]
@@ -44,16 +47,35 @@ class Program(ABC):
         """Compute the quantities of the state that the rows need."""
 
     @abstractmethod
-    def fill(self, state: State, references: Mapping[str, Reference], given: Sequence[Reference]) -> None:
-        """Refill the hierarchy for a state and one reference an element; ``given`` may hold feedforward."""
+    def fill(
+        self,
+        state: State,
+        references: Mapping[str, Reference],
+        given: Sequence[Reference],
+        left_out: Sequence[str] = (),
+    ) -> None:
+        """Refill the hierarchy for a state and one reference an element; ``given`` may hold feedforward.
 
-    def unfit(self) -> tuple[str, ...]:
-        """Names of elements whose rows came out not finite."""
-        return self.assembly.unfit()
+        left_out: elements whose rows are free in this tick.  Where ``unusable`` names elements afterwards, the
+        hierarchy is complete only once it is filled again without them.
+        """
+
+    def unusable(self) -> tuple[str, ...]:
+        """Names of elements whose rows of the latest fill are not usable."""
+        return self.assembly.unusable()
+
+    def reason(self, name: str) -> str:
+        """Why an element's rows are not usable."""
+        return self.assembly.reason(name)
+
+    @property
+    def errors(self) -> Mapping[str, Exception]:
+        """What elements raised in the latest fill."""
+        return self.assembly.errors
 
     @abstractmethod
-    def leave_out(self, name: str) -> None:
-        """Free the rows of one element for this tick."""
+    def rest(self, robot: Robot, braking: Braking) -> Rest:
+        """What is sent while no answer is usable."""
 
     @abstractmethod
     def command(self, x: Vec) -> Vec:
@@ -150,6 +172,7 @@ class MotionProgram(Program):
         self.assembly = rows = Assembly(dense, selections, robot, dt, laws)
         self.dt = dt
         self._order = formulation.order
+        self.kind = "velocity" if self._order == 1 else "acceleration"
         self._actuated = robot.actuated
         levels, slices = [], []
         self.places = {}
@@ -177,13 +200,19 @@ class MotionProgram(Program):
         """Compute the quantities of the state that the rows need."""
         state.kinematics()
 
-    def fill(self, state: State, references: Mapping[str, Reference], given: Sequence[Reference]) -> None:
+    def fill(
+        self,
+        state: State,
+        references: Mapping[str, Reference],
+        given: Sequence[Reference],
+        left_out: Sequence[str] = (),
+    ) -> None:
         """Refill the hierarchy for a state and one reference an element; ``given`` may hold feedforward."""
-        self.assembly.fill(state, references, given)
+        self.assembly.fill(state, references, given, left_out)
 
-    def leave_out(self, name: str) -> None:
-        """Free the rows of one element for this tick."""
-        self.assembly.leave_out(name)
+    def rest(self, robot: Robot, braking: Braking) -> Rest:
+        """A deceleration that keeps contacts, at either level."""
+        return (SlowDown if self._order == 1 else Brake)(robot, braking, self.dt)
 
     def command(self, x: Vec) -> Vec:
         """The actuated joints' part of x, ``(n_actuated,)`` (eq. 16, the first factor)."""

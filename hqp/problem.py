@@ -232,6 +232,16 @@ class Hierarchy:
             rows.slack(x) if part is None else w[part] for rows, part in zip(self.levels, block.slices, strict=True)
         )
 
+    def boxed(self, x: Vec) -> Vec:
+        """x moved into the bounds of single variables that lead the hierarchy, ``(n,)``."""
+        x = x.copy()
+        for rows in self.levels[: self.constraints]:
+            if isinstance(rows.A, Selection):
+                index, scale = rows.A.index, rows.A.scale
+                low, high = rows.lower / scale, rows.upper / scale
+                x[index] = np.clip(x[index], np.minimum(low, high), np.maximum(low, high))
+        return x
+
     def copy(self) -> Hierarchy:
         """The same problem in arrays of its own, free of any session's buffers."""
         return replace(

@@ -37,9 +37,9 @@ class Reference:
 
 
 def numbers(element: str, what: str, value: object, shape: tuple[int, ...]) -> Vec:
-    """``value`` as a float64 array of that shape; raises DeclarationError naming what was given."""
+    """A float64 copy of ``value``, of that shape; raises DeclarationError naming what was given."""
     try:
-        array = np.asarray(value, dtype=np.float64)
+        array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise DeclarationError(element, f"{what} is not numeric", value=value) from error
     if array.shape != shape:

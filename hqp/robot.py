@@ -149,8 +149,8 @@ class Robot(Protocol):
         """Index of the body that a joint carries, with all it carries in turn; raises JointNotFound."""
         ...
 
-    def state(self, q: Vec | None = None, v: Vec | None = None) -> State:
-        """Move the robot to (q, v) and return that state; earlier states become stale."""
+    def state(self, q: Vec | None = None, v: Vec | None = None, time: float | None = None) -> State:
+        """Move the robot to (q, v), measured at ``time`` [s], and return that state; earlier states become stale."""
         ...
 
     def integrate(self, q: Vec, v: Vec, dt: float) -> Vec:
@@ -176,8 +176,28 @@ class State(Protocol):
     @property
     def v(self) -> Vec: ...
     @property
+    def time(self) -> float | None:
+        """When it was measured [s], on the clock of the session; None where nobody said."""
+        ...
+
+    @property
     def finite(self) -> bool:
         """Whether q and v hold neither NaN nor infinities."""
+        ...
+
+    @property
+    def valid(self) -> bool:
+        """Whether q and v are finite and every quaternion has length one within 1e-3."""
+        ...
+
+    @property
+    def fault(self) -> str:
+        """Why the state is not valid, naming the joint or the base; "" where it is."""
+        ...
+
+    @property
+    def square(self) -> float:
+        """q'q + v'v: a bound on the magnitude of every number in it."""
         ...
 
     @property

@@ -3,52 +3,57 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from time import perf_counter
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from time import monotonic, perf_counter
+from typing import NoReturn
 
 import numpy as np
 
 from hqp.arrays import Vec
-from hqp.errors import DeclarationError, HqpError, ModelError, NotSolved, UnknownReference, closest
+from hqp.element import Element
+from hqp.errors import (
+    ConcurrentUse,
+    DeclarationError,
+    DynamicsFailed,
+    HqpError,
+    ModelError,
+    UnknownReference,
+    closest,
+)
 from hqp.explain import Explanation, explain
 from hqp.formulation import Formulation, Program, Velocity
 from hqp.problem import VIOLATION_TOLERANCE, Hierarchy, Solution, Status
 from hqp.reference import Reference
 from hqp.robot import Robot, State
+from hqp.safety import Braking, RateLimits, StateBounds, StateCheck, positive, rate_limiter
 from hqp.solvers import load
 from hqp.solvers.base import Solver
 from hqp.stack import Stack, coupled
+from hqp.tick import Note, Tick, Times
 
-
-@dataclass(frozen=True, slots=True)
-class Note:
-    """What went wrong with which element."""
-
-    element: str
-    status: Status
-    detail: str
-
-
-@dataclass(frozen=True, slots=True)
-class Times:
-    """Where a tick's wall time went [s]."""
-
-    state: float
-    assemble: float
-    solve: float
-    command: float
+DEADLINE = 0.8
+"""Share of the control period that a tick may take before its solver returns the best point so far."""
 
 
 @dataclass(frozen=True)
 class Controller:
     """A stack, a formulation and a solver: everything of a controller but the robot.
 
-    solver: a name for ``hqp.solvers.load`` or a Solver.
+    solver: a name for ``hqp.solvers.load`` or a Solver.  deadline [s]: after the start of a tick, when its solver
+    returns the best point so far; 0.8 dt for None, ``math.inf`` for none; the first answer of a session may take
+    longer, and only ``lexicographic`` takes notice.  rates: how fast a command may change, no limit for None.
+    bounds: of a state that is believed.  braking: how a command comes to rest.
     """
 
     stack: Stack
     formulation: Formulation = field(default_factory=Velocity)
     solver: str | Solver = "lexicographic"
+    deadline: float | None = None
+    rates: RateLimits | None = None
+    bounds: StateBounds = field(default_factory=StateBounds)
+    braking: Braking = field(default_factory=Braking)
 
     def __post_init__(self) -> None:
         if not isinstance(self.stack, Stack):
@@ -57,204 +62,261 @@ class Controller:
             raise DeclarationError("controller", "not a formulation", value=self.formulation, allowed="Velocity(), ...")
         if isinstance(self.solver, str):
             object.__setattr__(self, "solver", load(self.solver))
+        if self.deadline is not None and self.deadline != math.inf:
+            positive("controller", "deadline", self.deadline)
+        for name, kind in (("rates", RateLimits), ("bounds", StateBounds), ("braking", Braking)):
+            value = getattr(self, name)
+            if not isinstance(value, kind) and not (name == "rates" and value is None):
+                raise DeclarationError("controller", name, value=value, allowed=f"{kind.__name__}(...)")
 
-    def session(self, robot: Robot, dt: float) -> Session:
-        """Compile for a robot at a control period dt [s].
+    def session(self, robot: Robot, dt: float, *, max_age: float | None = None) -> Session:
+        """Compile for a robot at a control period dt [s]; states older than max_age [s] are refused.
 
         Raises DeclarationError, ModelError or UnsupportedProblem for what does not fit, before the loop.
         """
-        return Session(self, robot, dt)
-
-
-class Tick:
-    """What one step gave.
-
-    command: ``(n_actuated,)``, in robot.joint_names order.  status: the worst of the tick.  notes: the culprits.
-    solution: None where none was computed (invalid state).  times: where the time went.
-    """
-
-    __slots__ = ("_count", "_session", "_state", "command", "notes", "solution", "status", "times")
-
-    def __init__(
-        self,
-        session: Session,
-        state: State,
-        command: Vec,
-        status: Status,
-        notes: tuple[Note, ...],
-        solution: Solution | None,
-        times: Times | None,
-    ) -> None:
-        self._session, self._state, self._count = session, state, session.count
-        self.command, self.status, self.notes = command, status, notes
-        self.solution, self.times = solution, times
-
-    def explain(self) -> Explanation:
-        """Which element got what and lost to which; raises HqpError once the session has taken another step."""
-        return self._session.explain(self)
-
-    def advance(self) -> tuple[Vec, Vec]:
-        """(q, v) one period later if the command is carried out exactly (Mistry 2008, eqs. 19 to 22)."""
-        x = self._session.safe_x if self.solution is None else self.solution.x
-        return self._session.program.advance(self._state, x)
-
-    def unwrap(self) -> Vec:
-        """The command if the status is ``solved``; raises NotSolved with a copy of the problem otherwise."""
-        if not self.status.solved:
-            detail = "; ".join(f"{n.element}: {n.detail}" for n in self.notes)
-            raise NotSolved(
-                f"{self.status.name}: {self.status.value}" + (f" ({detail})" if detail else ""),
-                self._session.problem.copy(),
-            )
-        return self.command
-
-    def __repr__(self) -> str:
-        return f"<Tick {self.status.name}, {len(self.notes)} notes>"
+        return Session(self, robot, dt, max_age=max_age)
 
 
 class Session:
-    """A controller on one robot; keeps hold values, the last safe command and the solver's warm start."""
+    """A controller on one robot; keeps hold values, the last safe command and the solver's warm start.
 
-    def __init__(self, controller: Controller, robot: Robot, dt: float) -> None:
-        if not isinstance(dt, (int, float)) or not 0.0 < dt < math.inf:
+    max_age [s]: states must tell their ``time`` on the clock of ``time.monotonic`` (or of ``step(..., now=)``) and be
+    no older.  One thread at a time may step.
+    """
+
+    def __init__(self, controller: Controller, robot: Robot, dt: float, *, max_age: float | None = None) -> None:
+        if not isinstance(dt, (int, float, np.floating)) or not 0.0 < dt < math.inf:
             raise DeclarationError("session", "bad control period", value=dt, unit="s", allowed="dt > 0")
         self.controller, self.robot, self.dt = controller, robot, float(dt)
         self.count = 0
+        self._lock = threading.Lock()
+        self._check = StateCheck(robot, controller.bounds, max_age)
+        self._deadline = DEADLINE * self.dt if controller.deadline is None else controller.deadline
         self._holds: dict[str, Reference] = {}
         self._compile(controller.stack)
-        self.safe_x: Vec = np.zeros(self.program.problem.n)
-        self._safe_command: Vec = np.zeros(len(robot.joint_names))
+        self._limiter = rate_limiter(robot, controller.rates, self.program.kind, self.dt)
+        self._x: Vec = np.zeros(self.program.problem.n)
+        self._good: State | None = None
+        self._held = 0
 
     def _compile(self, stack: Stack) -> None:
-        solver = self.controller.solver
-        assert isinstance(solver, Solver)  # Controller has loaded it
         self.stack = stack = coupled(stack, self.robot)
         self.program: Program = self.controller.formulation.compile(stack, self.robot, self.dt)
+        solver = self.controller.solver
+        assert isinstance(solver, Solver)  # Controller has loaded it
         solver.require(self.program.shape)
         self.workspace = solver.workspace(self.program.shape)
+        own = getattr(solver, "deadline", 0.0) is not None or self._deadline == math.inf
+        self._limit: Callable[[float], None] | None = None if own else getattr(self.workspace, "limit", None)
+        self._rest = self.program.rest(self.robot, self.controller.braking)
         self._current: dict[str, Reference] = {}
         self._given: list[Reference] = []
+        self._hard = frozenset(element.name for element in stack.subject_to)
 
     @property
     def problem(self) -> Hierarchy:
         """The hierarchy of the latest tick: live, refilled by the next step; ``problem.copy()`` is not."""
         return self.program.problem
 
-    def step(self, state: State, *references: Reference) -> Tick:
+    def step(self, state: State, *references: Reference, now: float | None = None) -> Tick:
         """One tick: the command for a state, with references good for this tick only.
 
-        Data never raises: what is wrong with it is told by status and notes.  Raises StaleState, UnknownReference
-        or ModelError (a state of another robot), which are errors of the program.
+        Data never raises: what is wrong with it is told by status and notes.  now [s]: the time of this tick, that of
+        ``time.monotonic`` for None.  Raises StaleState, UnknownReference, ConcurrentUse, ModelError (a state of
+        another robot) or DeclarationError (a reference of another shape), which are errors of the program.
         """
+        if not self._lock.acquire(blocking=False):
+            raise ConcurrentUse(
+                "another thread is in a step of this session; make one session a thread, of robot.copy()"
+            )
+        try:
+            return self._step(state, references, now)
+        except FloatingPointError:  # the caller asked NumPy to raise; here what is not finite is told by a status
+            with np.errstate(all="ignore"):
+                return self._step(state, references, now)
+        finally:
+            self._lock.release()
+
+    def _step(self, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
         start = perf_counter()
         self.count += 1
         if state.robot is not self.robot:
             raise ModelError(f"the session runs on {self.robot!r}, the state belongs to {state.robot!r}")
-        if not state.finite:
-            return self._hold_still(state, Note("state", Status.INVALID_STATE, "q or v is not finite"))
+        if self._check.ages and now is None:
+            now = monotonic()
+        fault = self._check.fault(state, now)
+        if fault:
+            return self._held_tick(state, None, (Note("state", Status.INVALID_STATE, fault),), fit=False)
         program = self.program
-        program.prepare(state)
-        if not self._current:
-            self._take_holds(state)
-        prepared = perf_counter()
-        if references or self._given:
-            self._take(references)
-        program.fill(state, self._current, self._given)
-        unfit = program.unfit()
-        left_out = self._leave_out(state, unfit) if unfit else ()
+        notes: tuple[Note, ...] = ()
+        try:
+            program.prepare(state)
+            if not self._current:
+                self._take_holds(state)
+            prepared = perf_counter()
+            if references or self._given:
+                self._apply_references(references)
+            program.fill(state, self._current, self._given)
+            unusable = program.unusable()
+            if unusable:
+                notes = self._repair(state, unusable)
+        except (DynamicsFailed, np.linalg.LinAlgError) as error:
+            return self._held_tick(state, None, (Note("robot", Status.DYNAMICS_FAILED, str(error)),), fit=False)
         filled = perf_counter()
+        if self._limit is not None and self._good is not None:  # the very first answer may take its time
+            self._limit(max(self._deadline - (filled - start), 1e-6))
         solution = self.workspace.solve(program.problem)
         solved = perf_counter()
-        x = solution.x
-        if not float(x @ x) < math.inf:
-            return self._hold_still(state, Note("solver", Status.NOT_CERTIFIED, "the answer is not finite"), *left_out)
-        command = program.command(x)
-        status, notes = solution.status, left_out
-        if left_out:
-            status = Status.worst(status, Status.INVALID_REFERENCE)
-        if solution.status is not Status.OPTIMAL:
+        x, status = solution.x, solution.status
+        if status is not Status.OPTIMAL:
             notes += self._culprits(solution)
-        if status.usable:
-            self.safe_x, self._safe_command = x, command
+            if not status.usable or not float(x.dot(x)) < math.inf:
+                return self._held_tick(state, solution, notes, fit=True)
+            if not status.solved and status is not Status.NOT_STRICT:
+                x = self._best(x)
+        elif not float(x.dot(x)) < math.inf:
+            notes += (Note("solver", Status.NOT_CERTIFIED, "the answer is not finite"),)
+            return self._held_tick(state, solution, notes, fit=True)
+        if self._limiter is not None:
+            x, notes = self._within_rates(x, notes)
+        last, self._x, self._good, self._held = self._x, x.copy(), state, 0
+        for note in notes:
+            status = status if note.status.severity <= status.severity else note.status
+        command = program.command(x)
         times = Times(prepared - start, filled - prepared, solved - filled, perf_counter() - solved)
-        return Tick(self, state, command, status, notes, solution, times)
+        return Tick(self, state, self._x, command, program.command(last), status, notes, solution, times, 0)
 
     def _take_holds(self, state: State) -> None:
         """Hold values of elements that have none yet, at the first step or after a change of stack."""
         for element in self.stack:
             if element.name not in self._holds:
                 self._holds[element.name] = element.hold(state)
-        self._current = dict(self._holds)
+        self._current = {element.name: self._holds[element.name] for element in self.stack}
 
-    def _take(self, references: tuple[Reference, ...]) -> None:
-        """Put this tick's references in place of the hold values; raises UnknownReference."""
+    def _apply_references(self, references: tuple[Reference, ...]) -> None:
+        """Put this tick's references in place of the hold values; raises UnknownReference, DeclarationError."""
         current, holds = self._current, self._holds
         for old in self._given:
             current[old.name] = holds[old.name]
         self._given = []
         for reference in references:
+            if not isinstance(reference, Reference):
+                raise DeclarationError("step", "not a reference", value=reference, allowed="element.at(...)")
             name = reference.name
             if name not in current:
                 near = ", ".join(closest(name, current) or list(current)[:3])
                 raise UnknownReference(f"a reference for {name!r}, which the stack does not hold; closest: {near}")
+            held = holds[name].value
             if reference.value is None:
-                reference = Reference(
-                    name,
-                    holds[name].value,
-                    reference.velocity,
-                    reference.acceleration,
-                    reference.normal,
-                    reference.gravity_normal,
-                )
+                reference = replace(reference, value=held)
+            elif held is not None and reference.value.shape != held.shape:
+                given = reference.value.shape
+                raise DeclarationError(name, f"value has shape {given}", allowed=f"shape {held.shape}")
             current[name] = reference
             self._given.append(reference)
 
-    def _leave_out(self, state: State, unfit: tuple[str, ...]) -> tuple[Note, ...]:
-        """Fill again with hold values for what was not finite, free its rows, and say so."""
-        self._given = [reference for reference in self._given if reference.name not in unfit]
+    def _repair(self, state: State, unusable: tuple[str, ...]) -> tuple[Note, ...]:
+        """Refill without what cannot be used: hold values for members of ``subject_to``, free rows for all others."""
+        given = {reference.name for reference in self._given}
+        for name, error in self.program.errors.items():
+            if name in given and isinstance(error, DeclarationError):
+                raise error  # a reference of the wrong length
+        wrong = tuple(name for name in unusable if name in given and not self._current[name].finite)
         notes = []
-        for name in unfit:
-            what = "rows" if self._current[name].finite else "reference"
-            notes.append(Note(name, Status.INVALID_REFERENCE, f"its {what} came out not finite: left out of this tick"))
+        for name in wrong:
             self._current[name] = self._holds[name]
-        self.program.fill(state, self._current, self._given)
-        for name in unfit:
-            self.program.leave_out(name)
+        self._given = [reference for reference in self._given if reference.name not in wrong]
+        broken = unusable
+        out = tuple(name for name in wrong if name not in self._hard)
+        if wrong:
+            self.program.fill(state, self._current, self._given)
+            broken = self.program.unusable()
+        for name in wrong:
+            done = "left out of this tick" if name in out or name in broken else "its hold value was taken instead"
+            notes.append(Note(name, Status.INVALID_REFERENCE, f"its reference is not finite: {done}"))
+        for name in broken:
+            if name not in wrong:
+                reason = self.program.reason(name)
+                notes.append(Note(name, Status.INVALID_ELEMENT, f"{reason}: left out of this tick"))
+        left_out = dict.fromkeys((*out, *broken))
+        if left_out:
+            self.program.fill(state, self._current, self._given, tuple(left_out))
         return tuple(notes)
 
-    def _hold_still(self, state: State, *notes: Note) -> Tick:
+    def _held_tick(self, state: State, solution: Solution | None, notes: tuple[Note, ...], *, fit: bool) -> Tick:
+        """No answer is usable: the command comes to rest.  fit: whether this state is one to start from."""
+        start, self._held = perf_counter(), self._held + 1
+        if fit or self._held == 1:
+            self._rest.begin(state if fit else self._good, self._x, now=fit)
+        if self._good is None and not fit:
+            notes += (Note("session", notes[0].status, "no good state so far: the command is zero"),)
+        x = self._rest.next()
+        if self._limiter is not None:
+            x, notes = self._within_rates(x, notes)
+        last, self._x = self._x, x
         status = Status.worst(*(note.status for note in notes))
-        return Tick(self, state, self._safe_command.copy(), status, notes, None, None)
+        times = Times(0.0, 0.0, 0.0, perf_counter() - start)
+        command, before = self.program.command(x), self.program.command(last)
+        return Tick(self, state, x, command, before, status, notes, solution, times, self._held)
+
+    def _best(self, x: Vec) -> Vec:
+        """Of an unfinished answer and the last x, both clipped into today's box, the one whose levels are less off."""
+        problem = self.problem
+        candidates = [problem.boxed(x), problem.boxed(self._x)]
+        found = [[float(np.sqrt(w @ w)) for w in problem.slacks(candidate)] for candidate in candidates]
+        for new, old in zip(*found, strict=True):
+            if abs(new - old) > VIOLATION_TOLERANCE * (1.0 + old):
+                return candidates[0] if new < old else candidates[1]
+        return candidates[0]
+
+    def _within_rates(self, x: Vec, notes: tuple[Note, ...]) -> tuple[Vec, tuple[Note, ...]]:
+        """x, or the point towards it that the rate limits allow, and what of ``subject_to`` is off by that."""
+        assert self._limiter is not None
+        command = self.program.command
+        share, why = self._limiter.share(command(self._x), command(x))
+        if share == 1.0:
+            return x, notes
+        x = self._x + share * (x - self._x)
+        limited = (Note("rates", Status.OPTIMAL, why),)
+        return x, notes + limited + self._violations(self.problem.slacks(x), " by the rate limit")
+
+    def _violations(self, residuals: tuple[Vec, ...], why: str = "") -> tuple[Note, ...]:
+        """Notes on the members of ``subject_to`` that are off."""
+        notes, constraints = [], self.problem.constraints
+        for name, place in self.program.places.items():
+            if place.level < constraints:
+                rows, w = self.problem.levels[place.level], np.abs(residuals[place.level][place.part])
+                bound = np.minimum(np.abs(rows.lower[place.part]), np.abs(rows.upper[place.part]))
+                if np.any(w > VIOLATION_TOLERANCE * (1.0 + bound)):
+                    notes.append(Note(name, Status.CONSTRAINTS_VIOLATED, f"off by up to {w.max():.3g}{why}"))
+        return tuple(notes)
 
     def _culprits(self, solution: Solution) -> tuple[Note, ...]:
         """Notes on the constraints that are violated, or on the solver where none is."""
-        notes = []
-        constraints = self.problem.constraints
-        for name, place in self.program.places.items():
-            if place.level < constraints:
-                w = solution.residuals[place.level][place.part]
-                worst = float(np.abs(w).max(initial=0.0))
-                if worst > VIOLATION_TOLERANCE:
-                    notes.append(Note(name, Status.CONSTRAINTS_VIOLATED, f"off by up to {worst:.3g}"))
+        notes = self._violations(solution.residuals)
         if not notes or solution.status is not Status.CONSTRAINTS_VIOLATED:
-            notes.append(Note("solver", solution.status, solution.detail or solution.status.value))
-        return tuple(notes)
+            notes += (Note("solver", solution.status, solution.detail or solution.status.value),)
+        return notes
 
     def change(self, stack: Stack) -> None:
-        """Switch to another stack; elements whose name survives keep hold values, the robot its last command.
+        """Switch to another stack; hold values survive where class, frame, axes, observer and shape agree.
 
         Raises what ``Controller.session`` raises, and then leaves the session as it was.
         """
-        before = self.program, self.workspace, self.stack, self._current, self._given
+        before = dict(self.__dict__)
         try:
             self._compile(stack)
         except HqpError:
-            self.program, self.workspace, self.stack, self._current, self._given = before
+            self.__dict__.update(before)
             raise
-        if self.program.shape == before[0].shape:
-            self.workspace = before[1]  # warm: the rows keep their places
-        names = {element.name for element in stack}
-        self._holds = {name: hold for name, hold in self._holds.items() if name in names}
+        if self.program.shape == before["program"].shape:
+            self.workspace = before["workspace"]  # warm: the rows keep their places
+        old = {element.name: element for element in before["stack"]}
+        self._holds = {
+            element.name: self._holds[element.name]
+            for element in stack
+            if element.name in self._holds and same_quantity(element, old[element.name])
+        }
 
     def explain(self, tick: Tick) -> Explanation:
         """The account of the latest tick; raises HqpError for an earlier one, whose rows are overwritten."""
@@ -262,3 +324,20 @@ class Session:
             raise HqpError("explain() tells of the latest step with a solution; call it before the next step")
         row_names = {element.name: element.row_names(self.robot) for element in self.stack if not element.equality}
         return explain(self.problem, tick.solution, self.program.places, row_names)
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError(
+            "a Session holds live arrays of Pinocchio and of the kernel; pickle session.controller, the robot's name, "
+            "dt and (q, v), and make a session of them, or pickle its ticks"
+        )
+
+
+def same_quantity(one: Element, other: Element) -> bool:
+    """Whether a hold value of one is one of the other: class and every field but name, law and weight agree."""
+    if type(one) is not type(other) or not is_dataclass(one):
+        return False
+    names = [item.name for item in fields(one) if item.name not in ("name", "law", "weight")]
+    return all(getattr(one, name) == getattr(other, name) for name in names)
+
+
+__all__ = ["Controller", "Note", "Session", "Tick", "Times"]

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from hqp.arrays import Index, Mat, Vec
 from hqp.errors import DeclarationError, FrameNotFound, ModelError
 
+from .checks import unit_parts
 from .joints import Joints, actuation, matrix
 from .placement import se3
 from .state import State
@@ -86,6 +87,7 @@ class Robot:
         if home is None:
             home = description.home if description and description.home is not None else pin.neutral(model)
         self.set_home(home)
+        self._units = unit_parts(model)
         self._views: dict[int, tuple[Vec, Mat]] = {}
         self._bodies: tuple[Any, ...] = ()
         self.current: State | None = None
@@ -249,12 +251,14 @@ class Robot:
         self._joints.find(joint, self.groups)
         return int(self.model.getJointId(joint))
 
-    def state(self, q: Vec | None = None, v: Vec | None = None) -> State:
+    def state(self, q: Vec | None = None, v: Vec | None = None, time: float | None = None) -> State:
         """Move the robot to (q, v), home at rest by default; earlier states become stale.
 
-        Raises ModelError for wrong shapes; NaN is taken and shows as ``state.finite``.
+        time [s]: when it was measured, on the clock of the session (``Session(max_age=...)``).
+        Raises ModelError for wrong shapes; NaN and quaternions that are not unit are taken and show as
+        ``state.valid`` and ``state.fault``.
         """
-        state = State(self, self.home if q is None else q, v)
+        state = State(self, self.home if q is None else q, v, time)
         self.current = state
         return state
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -11,22 +11,36 @@ import pinocchio as pin
 from hqp.arrays import Mat, Vec
 from hqp.errors import ModelError, StaleState
 
+from .checks import normalise, not_finite
 from .joints import matrix
 
 if TYPE_CHECKING:
     from .on_pinocchio import Robot
 
 _WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+_ROUNDING = 1e-12  # a squared length this near to one is left as it is
 _KINEMATICS, _COM, _SUBTREES, _DRIFT, _INERTIA, _MASS, _BIAS = (1 << i for i in range(7))
 
 
+class PlainState(NamedTuple):
+    """What is left of a state that was pickled: robot by name, q ``(nq,)``, v ``(nv,)``, time [s]."""
+
+    robot: str
+    q: Vec
+    v: Vec
+    time: float | None
+
+
 class State:
-    """One (q, v) of a robot; see hqp.robot.State.  Computes each quantity when first asked for, and once."""
+    """One (q, v) of a robot; see hqp.robot.State.  Computes each quantity when first asked for, and once.
 
-    __slots__ = ("_done", "_gravity", "finite", "q", "robot", "v")
+    q and v are copies that cannot be written to; quaternions within 1e-3 of length one are normalised.
+    """
 
-    def __init__(self, robot: Robot, q: Vec, v: Vec | None) -> None:
-        self.robot = robot
+    __slots__ = ("_done", "_gravity", "_unit", "finite", "q", "robot", "square", "time", "v")
+
+    def __init__(self, robot: Robot, q: Vec, v: Vec | None, time: float | None = None) -> None:
+        self.robot, self.time = robot, time
         self.q = np.array(q, dtype=np.float64)
         self.v = np.zeros(robot.nv) if v is None else np.array(v, dtype=np.float64)
         if self.q.shape != (robot.nq,) or self.v.shape != (robot.nv,):
@@ -35,9 +49,34 @@ class State:
                 f"given {self.q.shape} and {self.v.shape}"
             )
         # a dot product is finite only if every entry is (entries whose square overflows are no states either)
-        self.finite = bool(self.q @ self.q + self.v @ self.v < math.inf)
+        self.square = float(self.q.dot(self.q) + self.v.dot(self.v))
+        self.finite, self._unit = self.square < math.inf, True
+        if self.finite:
+            for a, z in robot._units:
+                part = self.q[a:z]
+                if not -_ROUNDING < float(part.dot(part)) - 1.0 < _ROUNDING:
+                    self._unit = not normalise(robot, self.q)
+                    break
+        self.q.setflags(write=False)
+        self.v.setflags(write=False)
         self._done = 0
         self._gravity: Vec | None = None
+
+    @property
+    def valid(self) -> bool:
+        """Whether q and v are finite and every quaternion has length one within 1e-3."""
+        return self.finite and self._unit
+
+    @property
+    def fault(self) -> str:
+        """Why the state is not valid, naming the joint or the base; "" where it is."""
+        if not self.finite:
+            return not_finite(self.robot, self.q, self.v)
+        return "" if self._unit else normalise(self.robot, self.q.copy())
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A state pickles as plain numbers: what it computes lives in its robot."""
+        return PlainState, (self.robot.name, self.q, self.v, self.time)
 
     def _compute(self, what: int) -> None:
         robot = self.robot

@@ -48,7 +48,7 @@ class Lexicographic(Solver):
 
     rank_tolerance: a pivot below this times the largest row norm of its level is no direction of that level.
     multiplier_tolerance, feasibility_tolerance: relative, below them a multiplier has no sign and a bound is met.
-    max_iterations: working sets solved, None for 100 + 10 (rows + n).  time_limit: [s], None for none; either cap
+    max_iterations: working sets solved, None for 100 + 10 (rows + n).  deadline: [s] of one solve, None for none; either cap
     returns the best point so far.  exchange_credit: how many block exchanges may fail to lessen the number of
     violated bounds and wrong signs before single changes take over.  multipliers: return them.  damping: lambda
     [unit of A], one for all levels or one a level, min ||w_k||^2 + lambda^2 ||step||^2; the levels above never
@@ -64,7 +64,7 @@ class Lexicographic(Solver):
     multiplier_tolerance: float = 1e-11
     feasibility_tolerance: float = 1e-11
     max_iterations: int | None = None
-    time_limit: float | None = None
+    deadline: float | None = None
     exchange_credit: int = 3
     multipliers: bool = False
     damping: float | tuple[float, ...] = 0.0
@@ -79,8 +79,8 @@ class Lexicographic(Solver):
                 raise DeclarationError(f"lexicographic.{option}", "out of range", value=value, allowed="(0, 0.01)")
         if self.max_iterations is not None and not 1 <= self.max_iterations < 2**31:
             raise DeclarationError("lexicographic.max_iterations", "need at least one", value=self.max_iterations)
-        if self.time_limit is not None and not self.time_limit > 0.0:
-            raise DeclarationError("lexicographic.time_limit", "must be positive", value=self.time_limit, unit="s")
+        if self.deadline is not None and not self.deadline > 0.0:
+            raise DeclarationError("lexicographic.deadline", "must be positive", value=self.deadline, unit="s")
         if not 0 <= self.exchange_credit < 2**31:
             raise DeclarationError("lexicographic.exchange_credit", "negative", value=self.exchange_credit)
         if not all(math.isfinite(d) and d >= 0.0 for d in np.atleast_1d(self.damping)):
@@ -125,7 +125,7 @@ class NativeWorkspace:
             solver.rank_tolerance,
             solver.multiplier_tolerance,
             solver.feasibility_tolerance,
-            solver.time_limit or 0.0,
+            solver.deadline or 0.0,
             solver.max_iterations or 0,
             solver.exchange_credit,
             solver.multipliers,
@@ -149,6 +149,10 @@ class NativeWorkspace:
         """Forget the warm start."""
         self._kernel.reset()
 
+    def limit(self, seconds: float) -> None:
+        """Time for the next solves [s], none for zero: a session gives what is left of its tick."""
+        self._kernel.limit(seconds)
+
     def solve(self, problem: Hierarchy) -> Solution:
         """The solution; raises ProblemError for a wrong shape, and marks numbers that are not usable."""
         build = 0.0
@@ -159,7 +163,9 @@ class NativeWorkspace:
         solution: Solution | None = self._kernel.solution(build, *self._views)
         if solution is None:
             return _refuse(problem, self._shape, Stats(build_s=build))
-        if solution.status is Status.NOT_CERTIFIED and not any(self._damping):
+        if solution.status is Status.NOT_CERTIFIED:
+            if any(self._damping):
+                return replace(solution, status=Status.NOT_STRICT) if solution.detail == DAMPED else solution
             return second_opinion(problem, solution, self._again)
         return solution
 

@@ -110,7 +110,7 @@ class NullspaceWorkspace:
             left = np.abs(A.T @ self.recursion.multipliers(A @ x - b, stops)).max(axis=0, initial=0.0)
             sizes = [np.abs(A[a:z]).max(initial=0.0) for a, z in zip([0, *stops], stops, strict=False)]
             if np.any(left > self._accuracy * np.square(sizes)):
-                return Status.NOT_CERTIFIED, "damping keeps a level from its optimum"
+                return Status.NOT_STRICT, "damping keeps a level from its optimum"
         if self.recursion.uncertain:
             return Status.RANK_UNCERTAIN, "a pivot lay near rank_tolerance"
         return Status.OPTIMAL, ""

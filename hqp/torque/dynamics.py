@@ -20,7 +20,7 @@ import numpy as np
 from scipy.linalg import get_lapack_funcs
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.errors import ModelError
+from hqp.errors import DynamicsFailed
 from hqp.robot import Robot
 
 try:
@@ -76,7 +76,7 @@ class ConstrainedDynamics:
     def update(self, A: Mat, bias: Vec, J: Mat, gamma: Vec) -> None:
         """Take the inertia A (its upper triangle is read), bias = b + g, J and gamma of a state.
 
-        Raises ModelError where A is not positive definite.
+        Raises DynamicsFailed where A is not positive definite.
         """
         self.J = J
         np.copyto(self._factor, A)
@@ -90,7 +90,7 @@ class ConstrainedDynamics:
         written = self._map, self.phi, self._Q, self._R, self._top
         found = self._native.eliminate(self._factor, bias, J, gamma, RANK_TOLERANCE, *written)  # type: ignore[union-attr]
         if found < 0:
-            raise ModelError("the joint-space inertia is not positive definite")
+            raise DynamicsFailed("the joint-space inertia is not positive definite")
         if found == 0:
             return False
         self.rank, self._T, self._lower, self._S = self.m, self._R, 0, None
@@ -100,7 +100,7 @@ class ConstrainedDynamics:
         n, m = self.n, self.m
         L, info = potrf(self._factor, lower=0, clean=0, overwrite_a=1)  # A = L' L here: the upper factor
         if info:
-            raise ModelError(f"the joint-space inertia is not positive definite (pivot {info})")
+            raise DynamicsFailed(f"the joint-space inertia is not positive definite (pivot {info})")
         self._factor, self._factored = L, True
         np.negative(bias, out=self._columns[:, n])
         image = self._whole

@@ -11,18 +11,21 @@ import numpy as np
 from hqp.arrays import Index, Mat, Vec
 from hqp.assembly import Assembly
 from hqp.element import Element, selection_of
-from hqp.errors import DeclarationError, StaleState
+from hqp.errors import DeclarationError, DynamicsFailed, StaleState
 from hqp.formulation import Formulation, Place, Program
 from hqp.law import PD, Law
 from hqp.layout import Group, lay_out
-from hqp.problem import Hierarchy, Rows, Selection, Shape, Stacked
+from hqp.problem import Hierarchy, Rows, Shape, Stacked
 from hqp.reference import Reference
+from hqp.rest import Rest
 from hqp.robot import Robot, State
+from hqp.safety import Braking
 from hqp.stack import Stack
 from hqp.torque.dynamics import ConstrainedDynamics, coordinate_parents
 from hqp.torque.forces import Efforts, Forces
 from hqp.torque.gravity import Gravity
 from hqp.torque.reactions import reactions, require_actuation
+from hqp.torque.rest import Hold
 from hqp.torque.self_motion import SelfMotions
 
 
@@ -71,6 +74,8 @@ class Torque(Formulation):
 class TorqueProgram(Program):
     """A stack whose x is the torque; ``dynamics`` and ``assembly`` are those of the latest fill."""
 
+    kind = "torque"
+
     def __init__(self, formulation: Torque, stack: Stack, robot: Robot, dt: float) -> None:
         formulation.check(stack)
         laws = formulation.laws(stack)
@@ -92,6 +97,8 @@ class TorqueProgram(Program):
         self._self_motions = SelfMotions(stack, groups, held, robot, dt, laws, self.assembly)
         self._gravity = Gravity(held, robot, dt)
         self._state: State | None = None
+        self._held_names = frozenset(e.name for e in held)
+        self._unusable: tuple[str, ...] = ()
         self._targets = [
             (name, self.problem.levels[place.level].lower[place.part])
             for name, place in self.places.items()
@@ -174,16 +181,32 @@ class TorqueProgram(Program):
         """Compute inertia, forces and kinematics of the state."""
         state.dynamics()
 
-    def fill(self, state: State, references: Mapping[str, Reference], given: Sequence[Reference]) -> None:
-        """Refill the hierarchy for a state and one reference an element; ``given`` may hold feedforward."""
+    def fill(
+        self,
+        state: State,
+        references: Mapping[str, Reference],
+        given: Sequence[Reference],
+        left_out: Sequence[str] = (),
+    ) -> None:
+        """Refill the hierarchy for a state and one reference an element; ``given`` may hold feedforward.
+
+        Raises DynamicsFailed where the inertia is not positive definite or the elimination is not finite.
+        """
         rows, dynamics, m = self.assembly, self.dynamics, self._m
         self._state = state
         mine = [r for r in given if r.name in rows.members] if given else given
-        rows.fill(state, references, mine)
+        rows.fill(state, references, mine, [name for name in left_out if name in rows.members])
+        for name in left_out:
+            self._rest_in_place(name)
+        self._unusable = rows.unusable()
+        if self._unusable:
+            return  # no elimination with constraints that are no numbers
         if self._self_motions:
             self._self_motions.add(state, references)
         dynamics.update(state.inertia(), state.bias_force(), rows.J[:m], rows.lower[:m])
         X, c = dynamics.X, dynamics.c
+        if not float(c.dot(c)) < np.inf:
+            raise DynamicsFailed("the constrained dynamics are not finite")
         shift = None
         other_normals = bool(given) and self._gravity.asked(given)
         if other_normals or self._origin is not None:
@@ -208,21 +231,35 @@ class TorqueProgram(Program):
             self._efforts.fill(state, references)
         if self._forces:
             self._forces.fill(references, dynamics, shift)
+        for name in left_out:
+            self._free(name)
 
-    def unfit(self) -> tuple[str, ...]:
-        """Names of elements whose rows came out not finite."""
+    def unusable(self) -> tuple[str, ...]:
+        """Names of elements whose rows of the latest fill are not usable."""
         lost = tuple(name for name, target in self._targets if not np.isfinite(target).all())
-        return self.assembly.unfit() + lost
+        return self._unusable + lost
 
-    def leave_out(self, name: str) -> None:
-        """Free the rows of one element for this tick; a reaction constraint stays, on its hold value."""
+    def reason(self, name: str) -> str:
+        """Why an element's rows are not usable."""
+        return self.assembly.reason(name) or "its target is not finite"
+
+    def rest(self, robot: Robot, braking: Braking) -> Rest:
+        """Holding torque with damping."""
+        return Hold(self.held, robot, braking, self.dt, self._laws)
+
+    def _rest_in_place(self, name: str) -> None:
+        """Of a reaction constraint keep the rows that are numbers, with no acceleration asked: J qdd = 0."""
+        if name in self._held_names:
+            part = self.assembly.members[name].part
+            self.assembly.lower[part] = self.assembly.upper[part] = 0.0
+
+    def _free(self, name: str) -> None:
+        """Free the rows of one element for this tick."""
         place = self.places.get(name)
         if place is not None:
             rows = self.problem.levels[place.level]
             rows.lower[place.part] = -np.inf
             rows.upper[place.part] = np.inf
-            if not isinstance(rows.A, Selection):
-                rows.A[place.part][~np.isfinite(rows.A[place.part])] = 0.0
 
     def command(self, x: Vec) -> Vec:
         """The torques ``(n_actuated,)`` [N m]."""

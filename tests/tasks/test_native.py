@@ -141,7 +141,7 @@ def test_a_normal_of_nan_does_not_stay(robots: dict[str, Any], native: bool, mon
     for reference in (hold, tilted, lost, tilted):
         rows.fill(state, {wheel.name: reference}, ())
         found.append(rows.error.copy())
-        assert bool(rows.unfit()) is (reference is lost)
+        assert bool(rows.unusable()) is (reference is lost)
     assert np.abs(found[1]).max() > 0.0
     assert np.array_equal(found[1], found[3])
 

@@ -46,6 +46,9 @@ struct Keys {
 
 class Workspace {
  public:
+  // Seconds for the next solves, none if zero.
+  void limit(double seconds) { options_.time_limit = seconds; }
+
   Workspace(int n, const std::vector<int>& rows, bool metric, const hqp::Options& options)
       : n_(n), rows_(rows), metric_(metric), options_(options) {
     if (n < 1 || n > kMost) refuse("n must lie in 1.." + std::to_string(kMost) + ", given " + std::to_string(n));
@@ -297,6 +300,7 @@ NB_MODULE(_lexicographic, m) {
           "time_limit"_a, "max_iterations"_a, "credit"_a, "multipliers"_a)
       .def("bind", &Workspace::bind, "levels"_a, "constraints"_a, "metric"_a.none(), "origin"_a.none())
       .def("solve", &Workspace::solve)
+      .def("limit", &Workspace::limit, "seconds"_a)
       .def("report_as", &Workspace::report_as, "solution"_a, "stats"_a, "statuses"_a, "slack"_a, "active"_a,
            "multipliers"_a, "stopped"_a, "unsure"_a)
       .def("solution", &Workspace::solution, "build_seconds"_a, "values"_a, "active"_a, "multipliers"_a)

@@ -47,7 +47,7 @@ class ActiveSet:
         self.shifted = self.uncertain = False
         self.point: Point | None = None
         self._cap = options.max_iterations or 100 + 10 * (table.M + self.x.size)
-        self._deadline = np.inf if options.time_limit is None else begin + options.time_limit
+        self._deadline = np.inf if options.deadline is None else begin + options.deadline
 
     def run(self) -> None:
         """To the optimum, or to a cap with its status."""

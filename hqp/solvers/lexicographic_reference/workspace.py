@@ -53,7 +53,7 @@ class ReferenceWorkspace:
         self._warm = run.W, run.F
         status, detail = run.status, STUCK if run.status is Status.NOT_CERTIFIED else ""
         if run.shifted and status.solved:
-            status, detail = Status.NOT_CERTIFIED, DAMPED
+            status, detail = Status.NOT_STRICT, DAMPED
         stats = Stats(run.factorisations, run.factorisations, built - begin, perf_counter() - built)
         solution = self._flat.finish(problem, run.x, status, stats, detail)
         if not self._solver.multipliers or run.point is None:

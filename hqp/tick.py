@@ -1,0 +1,132 @@
+"""What one step of a session gave: a command, a status, and notes that name the culprits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.errors import HqpError, NotSolved
+from hqp.explain import Explanation
+from hqp.problem import Solution, Status
+
+if TYPE_CHECKING:
+    from hqp.robot import State
+    from hqp.session import Session
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """What went wrong with which element."""
+
+    element: str
+    status: Status
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
+class Times:
+    """Where a tick's wall time went [s]."""
+
+    state: float
+    assemble: float
+    solve: float
+    command: float
+
+
+@dataclass(frozen=True, slots=True)
+class Jump:
+    """The largest change of a command since the tick before, and its joint."""
+
+    joint: str
+    change: float
+
+    def __str__(self) -> str:
+        return f"{self.joint} by {self.change:+.3g}"
+
+
+class Tick:
+    """What one step gave; plain data once pickled.
+
+    command: ``(n_actuated,)``, in robot.joint_names order, the caller's own copy.  status: the worst of the tick.
+    notes: the culprits.  solution: what the solver gave, None where it was not asked (invalid state).
+    held: for how many ticks the command has been coming to rest because no answer was usable, 0 in normal operation.
+    times: where the time went.  transition: how far a change of stack has come, 1 where none is under way.
+    """
+
+    __slots__ = (
+        "_count", "_last", "_names", "_session", "_state", "_x",
+        "command", "held", "notes", "solution", "status", "times", "transition",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        session: Session,
+        state: State,
+        x: Vec,
+        command: Vec,
+        last: Vec,
+        status: Status,
+        notes: tuple[Note, ...],
+        solution: Solution | None,
+        times: Times | None,
+        held: int,
+    ) -> None:
+        self._session: Session | None = session
+        self._state, self._count, self._x, self._last = state, session.count, x, last
+        self.command, self.status, self.notes = command, status, notes
+        self.solution, self.times, self.held = solution, times, held
+        self.transition = 1.0
+        self._names = session.robot.joint_names
+
+    @property
+    def state(self) -> State:
+        """The state of the tick; of a tick that was pickled its plain numbers."""
+        return self._state
+
+    @property
+    def jump(self) -> Jump:
+        """The largest change of the command since the tick before."""
+        change = self.command - self._last
+        i = int(np.abs(change).argmax()) if change.size else 0
+        return Jump(self._names[i], float(change[i])) if change.size else Jump("", 0.0)
+
+    def explain(self) -> Explanation:
+        """Which element got what and lost to which; raises HqpError once the session has taken another step."""
+        return self._live().explain(self)
+
+    def advance(self) -> tuple[Vec, Vec]:
+        """(q, v) one period later if the command is carried out exactly (Mistry 2008, eqs. 19 to 22).
+
+        Raises HqpError where the state of the tick is not valid, for then there is nothing to start from.
+        """
+        if not self._state.valid:
+            raise HqpError(f"nothing to advance from: {self._state.fault}")
+        return self._live().program.advance(self._state, self._x)
+
+    def unwrap(self) -> Vec:
+        """The command if the status is ``solved``; raises NotSolved with a copy of the problem otherwise."""
+        if not self.status.solved:
+            detail = "; ".join(f"{n.element}: {n.detail}" for n in self.notes)
+            problem = None if self._session is None else self._session.problem.copy()
+            raise NotSolved(f"{self.status.name}: {self.status.value}" + (f" ({detail})" if detail else ""), problem)
+        return self.command
+
+    def _live(self) -> Session:
+        if self._session is None:
+            raise HqpError("a tick that was pickled has no session any more; pickle what tick.explain() gives")
+        return self._session
+
+    def __getstate__(self) -> dict[str, Any]:
+        kept = {name: getattr(self, name) for name in self.__slots__ if name != "_session"}
+        return {**kept, "_x": self._x.copy(), "_last": self._last.copy(), "_session": None}
+
+    def __setstate__(self, kept: dict[str, Any]) -> None:
+        for name, value in kept.items():
+            setattr(self, name, value)
+
+    def __repr__(self) -> str:
+        held = f", held for {self.held} ticks" if self.held else ""
+        return f"<Tick {self.status.name}, {len(self.notes)} notes{held}>"

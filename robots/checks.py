@@ -1,0 +1,68 @@
+"""What makes (q, v) a state: finite numbers, quaternions and (cos, sin) pairs of length one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from hqp.arrays import Vec
+
+UNIT_TOLERANCE = 1e-3
+"""A quaternion this far from length one is normalised; beyond it the state is refused."""
+
+_UNIT_PARTS = {"JointModelFreeFlyer": (3, 7), "JointModelSpherical": (0, 4), "JointModelPlanar": (2, 4)}
+
+
+def unit_parts(model: Any) -> tuple[tuple[int, int], ...]:
+    """Where q holds quaternions or (cos, sin) pairs, as (start, stop)."""
+    found: list[tuple[int, int]] = []
+
+    def visit(joint: Any) -> None:
+        kind = joint.shortname()
+        if kind == "JointModelComposite":
+            for part in joint.extract().joints:
+                visit(part)
+            return
+        start, stop = _UNIT_PARTS.get(kind, (0, 2) if (joint.nq, joint.nv) == (2, 1) else (0, 0))
+        if stop:
+            found.append((joint.idx_q + start, joint.idx_q + stop))
+
+    for joint in list(model.joints)[1:]:
+        visit(joint)
+    return tuple(found)
+
+
+def owner(robot: Any, place: int, *, velocity: bool) -> str:
+    """The joint that a place of q, or of v, belongs to; 'base' for the free base."""
+    model = robot.model
+    for i in range(1, model.njoints):
+        joint = model.joints[i]
+        first, count = (joint.idx_v, joint.nv) if velocity else (joint.idx_q, joint.nq)
+        if first <= place < first + count:
+            return "base" if i == 1 and robot.floating else str(model.names[i])
+    return "base"
+
+
+def not_finite(robot: Any, q: Vec, v: Vec) -> str:
+    """Which number of q or v is not finite, or too large to be squared."""
+    for what, numbers, velocity in (("position", q, False), ("velocity", v, True)):
+        with np.errstate(over="ignore", invalid="ignore"):
+            wrong = ~np.isfinite(numbers * numbers)
+        if wrong.any():
+            place = int(np.argmax(wrong))
+            return f"{owner(robot, place, velocity=velocity)}: {what} {numbers[place]:g} is not a finite number"
+    return "q and v are too large"
+
+
+def normalise(robot: Any, q: Vec) -> str:
+    """Give unit parts of q length one in place; the fault's text where one is too far from it."""
+    for a, z in robot._units:
+        part = q[a:z]
+        length = float(np.sqrt(part @ part))
+        if abs(length - 1.0) > UNIT_TOLERANCE:
+            what = "quaternion" if z - a == 4 else "(cos, sin) pair"
+            name = owner(robot, a, velocity=False)
+            return f"{name}: {what} of length {length:.4g}, allowed 1 within {UNIT_TOLERANCE:g}"
+        part /= length
+    return ""
