@@ -137,6 +137,10 @@ class Session:
         finally:
             self._lock.release()
 
+    def _enter(self) -> None:
+        if not self._lock.acquire(blocking=False):
+            raise ConcurrentUse("another thread is in this session; make a session a thread, each of its robot.copy()")
+
     def _step(self, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
         start = perf_counter()
         self.count += 1
@@ -303,6 +307,13 @@ class Session:
 
         Raises what ``Controller.session`` raises, and then leaves the session as it was.
         """
+        self._enter()
+        try:
+            self._change(stack)
+        finally:
+            self._lock.release()
+
+    def _change(self, stack: Stack) -> None:
         before = dict(self.__dict__)
         try:
             self._compile(stack)

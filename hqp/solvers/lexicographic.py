@@ -48,9 +48,9 @@ class Lexicographic(Solver):
 
     rank_tolerance: a pivot below this times the largest row norm of its level is no direction of that level.
     multiplier_tolerance, feasibility_tolerance: relative, below them a multiplier has no sign and a bound is met.
-    max_iterations: working sets solved, None for 100 + 10 (rows + n).  deadline [s]: of one solve, None for none; either
-    cap returns the best point so far.  exchange_credit: how many block exchanges may fail to lessen the number of
-    violated bounds and wrong signs before single changes take over.  multipliers: return them.  damping: lambda
+    max_iterations: working sets solved, None for 100 + 10 (rows + n).  deadline [s]: of one solve, None for none;
+    either cap returns the best point so far.  exchange_credit: how many block exchanges may fail to lessen the number
+    of violated bounds and wrong signs before single changes take over.  multipliers: return them.  damping: lambda
     [unit of A], one for all levels or one a level, min ||w_k||^2 + lambda^2 ||step||^2; the levels above never
     notice, residuals are the undamped ones, and the answer is marked where a level is kept from its optimum.
     native: True insists on the kernel, False takes the NumPy reference, None the kernel where it was built.

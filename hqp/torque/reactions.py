@@ -11,7 +11,7 @@ import numpy as np
 from hqp.arrays import Index, Mat
 from hqp.assembly import Assembly
 from hqp.element import Constraint, Element
-from hqp.errors import DeclarationError
+from hqp.errors import DeclarationError, ModelError
 from hqp.law import Law
 from hqp.robot import Robot
 from hqp.stack import Stack
@@ -63,6 +63,9 @@ def actuation(J: Mat, actuated: Index, tolerance: float = RANK_TOLERANCE) -> Act
     return Actuation(m, rank, least, full, float(both[-1]) if full == nv and both.size >= nv else 0.0, nv)
 
 
+INERTIA_TOLERANCE = 1e-12
+"""Least eigenvalue of the inertia, its diagonal scaled to one, that Torque takes."""
+
 _KNOWN: WeakKeyDictionary[Robot, dict[tuple[Element, ...], Actuation]] = WeakKeyDictionary()
 """What was found complete before: a change of stack within the loop need not find it again."""
 
@@ -76,8 +79,25 @@ def require_actuation(held: Sequence[Element], robot: Robot, dt: float, laws: Ma
     return known[key]
 
 
+def require_inertia(robot: Robot) -> None:
+    """Raise ModelError, naming the joint, where the inertia at home is not positive definite: a chain without mass."""
+    M = robot.state().mass_matrix()
+    size = np.diagonal(M).copy()
+    i, least = int(np.argmin(size)), 0.0
+    if np.isfinite(M).all() and size[i] > 0.0:
+        root = np.sqrt(size)
+        values, vectors = np.linalg.eigh(M / np.outer(root, root))
+        i, least = int(np.argmax(np.abs(vectors[:, 0]))), float(values[0])
+    if least < INERTIA_TOLERANCE:
+        raise ModelError(
+            f"{robot.name}, joint {robot.joint_name(i)}: the joint-space inertia at home is not positive definite; "
+            "give the links it moves a mass, or the joint a rotor inertia"
+        )
+
+
 def _find_actuation(held: Sequence[Element], robot: Robot, dt: float, laws: Mapping[str, Law]) -> Actuation:
     twin = robot.copy()
+    require_inertia(twin)
     rng = np.random.default_rng(0)
     steps = [np.zeros(robot.nv), *(rng.uniform(-0.3, 0.3, robot.nv) for _ in range(2))]
     found = []

@@ -1,0 +1,550 @@
+"""What goes into a session, what leaves it, and what is sent while no answer is usable."""
+
+from __future__ import annotations
+
+import dataclasses
+import pickle
+import threading
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hqp
+from hqp import Constraint, Level, P, Stack, Status, Task
+from hqp.errors import ConcurrentUse, DeclarationError, HqpError, ModelError, UnknownReference
+from hqp.robots import Robot
+from hqp.safety import Braking, RateLimits, StateBounds
+from hqp.tasks import Com, FixedContact, JointLimits, JointTorque, Position, Posture, TorqueLimits
+
+DT = 0.002
+
+
+@pytest.fixture
+def robot() -> Robot:
+    return hqp.robots.load("cbi")
+
+
+def feet() -> list[FixedContact]:
+    return [FixedContact(frame="l_sole"), FixedContact(frame="r_sole")]
+
+
+def stack(*more: Any, hand: Any = None) -> Stack:
+    return Stack(Level(hand or Position(frame="r_palm", name="hand")), Level(Posture()), subject_to=[*feet(), *more])
+
+
+FORMULATIONS = pytest.mark.parametrize(
+    "formulation", [hqp.Velocity(), hqp.Acceleration(), hqp.Torque()], ids=["velocity", "acceleration", "torque"]
+)
+
+
+def session(robot: Robot, formulation: Any = None, declared: Stack | None = None, **options: Any) -> hqp.Session:
+    limits = TorqueLimits() if isinstance(formulation, hqp.Torque) else JointLimits()
+    made = hqp.Controller(declared or stack(limits), formulation or hqp.Velocity(), deadline=np.inf, **options)
+    return made.session(robot, DT)
+
+
+# in -----------------------------------------------------------------------------------------------------------------
+
+
+def states(robot: Robot) -> dict[str, tuple[Any, Any]]:
+    q, v = robot.home, np.zeros(robot.nv)
+    knee = int(robot.joints("R_KFE")[0])
+
+    def with_q(i: Any, value: Any) -> np.ndarray:
+        changed = q.copy()
+        changed[i] = value
+        return changed
+
+    def with_v(i: int, value: float) -> np.ndarray:
+        changed = v.copy()
+        changed[i] = value
+        return changed
+
+    return {
+        "R_KFE: position nan": (with_q(knee + 1, np.nan), v),
+        "R_KFE: velocity inf": (q, with_v(knee, np.inf)),
+        "R_KFE: velocity 1e+30 is too large": (q, with_v(knee, 1e30)),
+        "R_KFE: position 200 is too large": (with_q(knee + 1, 200.0), v),
+        "base: quaternion of length 0,": (with_q(slice(3, 7), 0.0), v),
+        "base: quaternion of length 1.01": (with_q(slice(3, 7), 1.01 * q[3:7]), v),
+        "base: position 1e+06 m is too far": (with_q(0, 1e6), v),
+        "base: velocity 1e+05 is too large": (q, with_v(1, 1e5)),
+        "R_KFE: velocity 1e+200 is not a finite number": (q, with_v(knee, 1e200)),
+    }
+
+
+@FORMULATIONS
+def test_a_state_that_is_none_is_refused_by_joint(robot: Robot, formulation: Any) -> None:
+    for said, (q, v) in states(robot).items():
+        run = session(robot, formulation)
+        run.step(robot.state())
+        with np.errstate(over="ignore"):
+            tick = run.step(robot.state(q, v))
+        assert tick.status is Status.INVALID_STATE, said
+        assert said.split(" too")[0] in tick.notes[0].detail
+        assert np.isfinite(tick.command).all()
+        assert tick.held == 1
+        assert run.step(robot.state()).held == 0
+
+
+def test_a_quaternion_nearly_of_length_one_is_used_as_one(robot: Robot) -> None:
+    q = robot.home.copy()
+    q[3:7] *= 1.0 + 9e-4
+    run, plain = session(robot), session(robot)
+    goal = robot.state().position("r_palm") + [0.0, 0.0, 0.01]
+    hand = run.stack.find("hand", Position)
+    run.step(robot.state())
+    plain.step(robot.state())
+    tick = run.step(robot.state(q), hand.at(goal))
+    assert tick.status is Status.OPTIMAL
+    assert np.allclose(tick.command, plain.step(robot.state(), hand.at(goal)).command, atol=1e-9)
+
+
+def test_bounds_of_a_state_are_declared(robot: Robot) -> None:
+    v = np.zeros(robot.nv)
+    v[6:] = 3.0
+    assert session(robot).step(robot.state(None, v)).held == 0
+    bounds = StateBounds(speed=1e-6)  # ten times a joint's limit is believed all the same
+    v[0] = 1.0
+    tick = session(robot, bounds=bounds).step(robot.state(None, v))
+    assert "base: velocity 1 is too large" in tick.notes[0].detail
+    for wrong in ({"outside": 0.0}, {"speed": np.nan}, {"distance": "far"}, {"angle": -1.0}):
+        with pytest.raises(DeclarationError, match="StateBounds"):
+            StateBounds(**wrong)  # type: ignore[arg-type]
+
+
+def test_old_states_are_refused(robot: Robot) -> None:
+    run = hqp.Controller(stack()).session(robot, DT, max_age=0.01)
+    assert run.step(robot.state(time=5.0), now=5.005).status is Status.OPTIMAL
+    assert "0.02 s old" in run.step(robot.state(time=5.0), now=5.02).notes[0].detail
+    assert "time" in run.step(robot.state(), now=5.02).notes[0].detail
+    assert run.step(robot.state(time=np.nan), now=5.02).status is Status.INVALID_STATE
+    with pytest.raises(DeclarationError, match="max_age"):
+        hqp.Controller(stack()).session(robot, DT, max_age=0.0)
+
+
+def test_the_callers_arrays_are_copied(robot: Robot) -> None:
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    state = robot.state(q, v)
+    q[:] = np.nan
+    assert state.valid
+    with pytest.raises(ValueError, match="read-only"):
+        state.q[0] = 1.0
+    hand = Position(frame="r_palm", name="hand")
+    goal, rate = np.array([0.3, -0.2, 1.0]), np.ones(3)
+    reference = hand.at(goal, velocity=rate)
+    goal[:], rate[:] = np.nan, np.nan
+    assert reference.finite
+    run = session(robot)
+    run.step(robot.state())
+    palm = robot.state().position("r_palm")
+    first = run.step(robot.state(), hand.at(palm + 0.02))
+    sent = first.command.copy()
+    first.command[:] = 1e9
+    bad = run.step(robot.state(np.full(robot.nq, np.nan)))
+    assert np.abs(bad.command).max() <= np.abs(sent).max()
+
+
+# out ----------------------------------------------------------------------------------------------------------------
+
+
+@FORMULATIONS
+@pytest.mark.parametrize("solver", ["lexicographic", "weighted"])
+def test_a_lasting_bad_state_brings_the_command_to_rest(robot: Robot, formulation: Any, solver: str) -> None:
+    run = session(robot, formulation, solver=solver)
+    rng = np.random.default_rng(3)
+    v = 0.2 * rng.standard_normal(robot.nv)
+    hand = run.stack.find("hand", Position)
+    run.step(robot.state())
+    palm = robot.state().position("r_palm")
+    good = run.step(robot.state(None, v), hand.at(palm + 0.05))
+    assert good.status.usable
+    lost, sent = np.full(robot.nq, np.nan), [good.command]
+    for k in range(1, 600):
+        tick = run.step(robot.state(lost))
+        assert tick.held == k
+        assert np.isfinite(tick.command).all()
+        sent.append(tick.command)
+    if formulation.order == 1:
+        moved = robot.home[7:] + DT * np.cumsum(sent, axis=0)[:-1]
+        near = np.minimum(moved - robot.lower[6:], robot.upper[6:] - moved) < 1e-3  # a joint stops at its limit at once
+        assert np.where(near, 0.0, np.abs(np.diff(sent, axis=0))).max() <= 50.0 * DT + 1e-12
+    if isinstance(formulation, hqp.Torque):
+        J = np.vstack([robot.state().jacobian(frame) for frame in ("l_sole", "r_sole")])
+        g = robot.state().gravity_force()
+        rest = g.copy()
+        rest[robot.actuated] -= sent[-1]  # carried by the feet alone
+        forces = np.linalg.lstsq(J.T, rest, rcond=None)[0]
+        assert np.abs(J.T @ forces - rest).max() < 1e-6 * np.abs(g).max()
+        assert np.abs(sent[-1]).max() > 1.0
+    else:
+        assert np.abs(sent[-1]).max() < 1e-9
+    assert run.step(robot.state()).held == 0
+
+
+def test_a_command_on_its_way_to_rest_stops_at_the_limits(robot: Robot) -> None:
+    run = hqp.Controller(Stack(Level(Posture(law=P(0.0)))), braking=Braking(deceleration=1.0), deadline=np.inf).session(
+        robot, DT
+    )
+    posture = run.stack.find("posture", Posture)
+    elbow = int(robot.joints("R_EB")[0])
+    q = robot.home.copy()
+    q[elbow + 1] = robot.upper[elbow] - 0.01
+    rate = np.zeros(robot.nv - 6)
+    rate[elbow - 6] = 2.0
+    tick = run.step(robot.state(q), posture.at(velocity=rate))
+    place = float(q[elbow + 1]) + DT * float(tick.command[elbow - 6])
+    for _ in range(2000):
+        place += DT * float(run.step(robot.state(np.full(robot.nq, np.nan))).command[elbow - 6])
+        assert place <= robot.upper[elbow] + 1e-12
+
+
+def test_contacts_hold_on_the_way_to_rest(robot: Robot) -> None:
+    run = session(robot, declared=stack())
+    hand = run.stack.find("hand", Position)
+    run.step(robot.state())
+    state = robot.state()
+    good = run.step(state, hand.at(state.position("r_palm") + 0.3))
+    assert good.solution is not None
+    J = robot.state().jacobian("l_sole")
+    for _ in range(5):
+        held = run.step(robot.state(np.full(robot.nq, np.nan)))
+        assert np.abs(held._x).max() > 1e-3
+        assert np.abs(J @ held._x).max() < 1e-9
+
+
+def test_an_answer_that_is_not_certified_is_not_sent(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = session(robot, declared=stack())
+    hand = run.stack.find("hand", Position)
+    run.step(robot.state())
+    state = robot.state()
+    goal = hand.at(state.position("r_palm") + 0.02)
+    good = run.step(state, goal)
+    solve = run.workspace.solve
+
+    def refused(problem: Any) -> Any:
+        return dataclasses.replace(solve(problem), status=Status.NOT_CERTIFIED, detail="refused", x=np.full(57, 3.0))
+
+    monkeypatch.setattr(run, "workspace", type("W", (), {"solve": staticmethod(refused)}))
+    ticks = [run.step(robot.state(), goal) for _ in range(3)]
+    assert [tick.held for tick in ticks] == [1, 2, 3]
+    assert all(tick.status is Status.NOT_CERTIFIED for tick in ticks)
+    assert all(np.abs(tick.command).max() < np.abs(good.command).max() for tick in ticks)
+
+
+def test_an_unfinished_answer_is_no_worse_than_the_last_command(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = session(robot)
+    hand = run.stack.find("hand", Position)
+    state = robot.state()
+    goal = hand.at(state.position("r_palm") + 0.02)
+    good = run.step(state, goal)
+    solve = run.workspace.solve
+    for spoilt in (np.full(57, 1e3), np.zeros(57)):
+
+        def unfinished(problem: Any, x: Any = spoilt) -> Any:
+            return dataclasses.replace(solve(problem), status=Status.TIME_LIMIT, x=x)
+
+        monkeypatch.setattr(run, "workspace", type("W", (), {"solve": staticmethod(unfinished)}))
+        tick = run.step(robot.state(), goal)
+        assert tick.status is Status.TIME_LIMIT
+        assert tick.held == 0
+        assert np.allclose(tick.command, good.command)
+
+
+def test_rates_hold_in_every_tick_and_say_what_they_cost(robot: Robot) -> None:
+    limits = RateLimits(velocity=2.0, acceleration=100.0, torque=500.0)
+    for formulation, rate in ((hqp.Velocity(), 2.0), (hqp.Acceleration(), 100.0), (hqp.Torque(), 500.0)):
+        run = session(robot, formulation, rates=limits)
+        hand = run.stack.find("hand", Position)
+        start = robot.state()
+        last = run.step(start).command
+        goal = start.position("r_palm") + 0.1
+        limited = 0
+        for k in range(60):
+            q = np.full(robot.nq, np.nan) if k % 7 == 3 else robot.home
+            tick = run.step(robot.state(q), hand.at(goal * (1.0 if k < 30 else np.nan)))
+            assert np.abs(tick.command - last).max() <= rate * DT * (1.0 + 1e-9)
+            limited += any(note.element == "rates" for note in tick.notes)
+            last = tick.command
+        assert limited > 0
+    for wrong in ({"velocity": 0.0}, {"torque": [1.0, -1.0]}, {"acceleration": np.inf}):
+        with pytest.raises(DeclarationError, match="RateLimits"):
+            RateLimits(**wrong)  # type: ignore[arg-type]
+    with pytest.raises(DeclarationError, match="51 on"):
+        session(robot, rates=RateLimits(velocity=[1.0, 2.0]))
+
+
+# elements of the user's ---------------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Faulty(Position):
+    """A user's task that fails in a way of its own from its third evaluation on."""
+
+    kind: str = ""
+
+    def bind(self, robot: Any, out: Any) -> Any:
+        write, count = Task.bind(self, robot, out), [0]
+
+        def counted(state: Any, reference: Any) -> None:
+            count[0] += 1
+            object.__setattr__(self, "_ill", count[0] > 2)
+            write(state, reference)
+
+        return counted
+
+    @property
+    def ill(self) -> bool:
+        return bool(getattr(self, "_ill", False))
+
+    def jacobian(self, state: Any) -> Any:
+        J = super().jacobian(state).copy()
+        if not self.ill:
+            return J
+        if self.kind == "raises":
+            raise RuntimeError("the camera is gone")
+        return {"nan": J * np.nan, "huge": J * 1e200, "shape": J[:1], "vector": J[0], "none": None}.get(self.kind, J)
+
+    def error(self, state: Any, reference: Any) -> Any:
+        e = super().error(state, reference)
+        return e[:2] if self.ill and self.kind == "short" else e
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Wall(Constraint):
+    """A user's inequality with bounds that come out wrong after the first tick."""
+
+    kind: str = ""
+
+    def rows(self, robot: Any) -> int:
+        return 1
+
+    def bind(self, robot: Any, out: Any) -> Any:
+        count = [0]
+
+        def write(state: Any, reference: Any) -> None:
+            count[0] += 1
+            out.J[:] = state.jacobian("r_palm")[:1]
+            out.lower[:], out.upper[:] = -5.0, 5.0
+            if count[0] > 1 and self.kind == "crossed":
+                out.lower[:], out.upper[:] = 1.0, -1.0
+            elif count[0] > 1:
+                out.upper[:] = np.nan if self.kind == "nan" else -np.inf
+
+        return write
+
+    equality = False
+
+
+@FORMULATIONS
+@pytest.mark.parametrize("kind", ["raises", "nan", "huge", "shape", "vector", "none", "short"])
+def test_a_faulty_task_costs_no_other_element_its_rows(robot: Robot, formulation: Any, kind: str) -> None:
+    run = session(robot, formulation, stack(hand=Faulty(frame="r_palm", name="hand", kind=kind)))
+    without = session(robot, formulation, stack().without("hand"))
+    rng = np.random.default_rng(0)
+    for k in range(6):
+        v = 0.1 * rng.standard_normal(robot.nv)
+        tick, plain = run.step(robot.state(None, v)), without.step(robot.state(None, v))
+        if k < 2:
+            assert tick.status is Status.OPTIMAL
+            continue
+        assert tick.status is Status.INVALID_ELEMENT
+        assert [note.element for note in tick.notes] == ["hand"]
+        assert np.abs(tick.command - plain.command).max() < 1e-9 * (1.0 + np.abs(plain.command).max())
+
+
+@FORMULATIONS
+@pytest.mark.parametrize("kind", ["crossed", "nan", "infinite"])
+def test_a_faulty_constraint_costs_no_other_element_its_rows(robot: Robot, formulation: Any, kind: str) -> None:
+    run, without = (
+        session(robot, formulation, stack(Wall(name="wall", kind=kind))),
+        session(robot, formulation, stack()),
+    )
+    for k in range(3):
+        tick, plain = run.step(robot.state()), without.step(robot.state())
+        assert tick.status is (Status.INVALID_ELEMENT if k else Status.OPTIMAL)
+        if k:
+            assert [note.element for note in tick.notes] == ["wall"]
+            assert "bounds" in tick.notes[0].detail
+        assert np.abs(tick.command - plain.command).max() < 1e-9 * (1.0 + np.abs(plain.command).max())
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FaultyContact(FixedContact):
+    """A user's contact whose Jacobian is lost."""
+
+    def bind(self, robot: Any, out: Any) -> Any:
+        return Task.bind(self, robot, out)
+
+    def jacobian(self, state: Any) -> Any:
+        return super().jacobian(state) * (np.nan if state.q[0] > 0.05 else 1.0)
+
+
+@FORMULATIONS
+def test_a_faulty_contact_is_named_and_the_command_stays_finite(robot: Robot, formulation: Any) -> None:
+    contacts = [FixedContact(frame="l_sole"), FaultyContact(frame="r_sole")]
+    declared = Stack(Level(Posture()), subject_to=contacts)
+    run = session(robot, formulation, declared)
+    assert run.step(robot.state()).status is Status.OPTIMAL
+    q = robot.home.copy()
+    q[0] = 0.1
+    tick = run.step(robot.state(q))
+    assert tick.status is Status.INVALID_ELEMENT
+    assert tick.notes[0].element == "r_sole"
+    assert np.isfinite(tick.command).all()
+    assert tick.held == 0
+    assert run.step(robot.state()).status is Status.OPTIMAL
+
+
+@FORMULATIONS
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_reference_of_nan_leaves_a_stance_foot_where_it_is(robot: Robot, formulation: Any, bad: float) -> None:
+    run, plain = session(robot, formulation), session(robot, formulation)
+    foot = run.stack.find("r_sole", FixedContact)
+    pose = foot.value(robot.state()).copy()
+    pose[0, 3] = bad
+    rng = np.random.default_rng(0)
+    run.step(robot.state())
+    plain.step(robot.state())
+    v = 0.1 * rng.standard_normal(robot.nv)
+    for reference in (foot.at(pose), foot.at(velocity=[bad, 0.0, 0.0, 0.0, 0.0, 0.0])):
+        tick = run.step(robot.state(None, v), reference)
+        assert tick.status is Status.INVALID_REFERENCE
+        assert "hold value" in tick.notes[0].detail
+        assert np.allclose(tick.command, plain.step(robot.state(None, v)).command, rtol=1e-9, atol=1e-9)
+
+
+# dynamics -----------------------------------------------------------------------------------------------------------
+
+
+def test_dynamics_that_fail_are_a_status(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = session(robot, hqp.Torque())
+    good = run.step(robot.state())
+    kind, broken = type(robot.state()), np.zeros((robot.nv, robot.nv))
+    monkeypatch.setattr(kind, "inertia", lambda self: broken if self.robot is robot else kind_inertia(self))
+    tick = run.step(robot.state())
+    assert tick.status is Status.DYNAMICS_FAILED
+    assert "positive definite" in tick.notes[0].detail
+    assert tick.held == 1
+    assert np.abs(tick.command).max() > 1.0
+    assert np.abs(tick.command - good.command).max() < np.abs(good.command).max() + 100.0
+
+
+def kind_inertia(state: Any) -> Any:
+    state._need(16)
+    return state.robot.data.M
+
+
+def test_absurd_but_finite_states_never_raise(robot: Robot) -> None:
+    run = session(robot, hqp.Torque())
+    run.step(robot.state())
+    rng = np.random.default_rng(1)
+    for size in (1.0, 1e2, 9e2):
+        for _ in range(10):
+            q = robot.integrate(robot.home, size * rng.standard_normal(robot.nv), 1.0)
+            tick = run.step(robot.state(q, size * rng.standard_normal(robot.nv)))
+            assert np.isfinite(tick.command).all()
+
+
+def test_a_chain_without_mass_is_found_before_the_loop(robot: Robot) -> None:
+    import pinocchio as pin
+
+    model = pin.Model()
+    joint = 0
+    for i in range(3):
+        joint = model.addJoint(joint, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.0])), f"j{i}")
+        if i < 2:
+            model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
+    light = Robot(model, name="light")
+    hqp.Controller(Stack(Level(Posture()))).session(light, DT)
+    with pytest.raises(ModelError, match=r"light.*j2.*positive definite"):
+        hqp.Controller(Stack(Level(Posture())), hqp.Torque()).session(light, DT)
+
+
+# the program's own errors, threads, pickles -------------------------------------------------------------------------
+
+
+def test_what_is_no_reference_is_refused_by_name(robot: Robot) -> None:
+    run = session(robot)
+    with pytest.raises(DeclarationError, match="not a reference"):
+        run.step(robot.state(), [0.0, 0.0, 0.0])  # type: ignore[arg-type]
+    with pytest.raises(UnknownReference):
+        run.step(robot.state(), Com().at([0.0, 0.0, 0.0]))
+    torque = session(robot, hqp.Torque(), Stack(Level(JointTorque()), subject_to=feet()))
+    torque.step(robot.state())
+    with pytest.raises(DeclarationError, match="shape"):
+        torque.step(robot.state(), torque.stack.find("joint_torque", JointTorque).at(np.zeros(3)))
+    assert run.step(robot.state()).status is Status.OPTIMAL
+    assert torque.step(robot.state()).status is Status.OPTIMAL
+
+
+def test_numpy_that_raises_changes_nothing(robot: Robot) -> None:
+    for formulation in (hqp.Velocity(), hqp.Acceleration(), hqp.Torque()):
+        run, plain = session(robot, formulation), session(robot, formulation)
+        hand = run.stack.find("hand", Position)
+        for goal in ([0.3, -0.2, 1.0], [np.nan, 0.0, 0.0]):
+            expected = plain.step(robot.state(), hand.at(goal))
+            with np.errstate(all="raise"):
+                tick = run.step(robot.state(), hand.at(goal))
+            assert tick.status is expected.status
+            assert np.array_equal(tick.command, expected.command)
+
+
+def test_the_second_thread_is_refused(robot: Robot) -> None:
+    inside, go = threading.Event(), threading.Event()
+
+    @dataclasses.dataclass(frozen=True, kw_only=True)
+    class Slow(Position):
+        def bind(self, robot: Any, out: Any) -> Any:
+            return Task.bind(self, robot, out)
+
+        def jacobian(self, state: Any) -> Any:
+            inside.set()
+            go.wait(5.0)
+            return super().jacobian(state)
+
+    run = session(robot, declared=stack(hand=Slow(frame="r_palm", name="hand")))
+    state, found = robot.state(), []
+    worker = threading.Thread(target=lambda: found.append(run.step(state)))
+    worker.start()
+    assert inside.wait(5.0)
+    with pytest.raises(ConcurrentUse, match="thread"):
+        run.step(state)
+    with pytest.raises(ConcurrentUse, match="thread"):
+        run.change(run.stack)
+    go.set()
+    worker.join()
+    assert found[0].status is Status.OPTIMAL
+    assert run.step(robot.state()).status is Status.OPTIMAL
+
+
+def test_ticks_pickle_and_sessions_say_what_to_pickle(robot: Robot) -> None:
+    run = session(robot)
+    tick = run.step(robot.state())
+    copy = pickle.loads(pickle.dumps(tick))
+    assert copy.status is tick.status
+    assert np.array_equal(copy.command, tick.command)
+    assert np.array_equal(copy.state.q, tick.state.q)
+    assert copy.jump == tick.jump
+    assert copy.solution is not None
+    with pytest.raises(HqpError, match="pickled"):
+        copy.explain()
+    with pytest.raises(TypeError, match="controller"):
+        pickle.dumps(run)
+    assert pickle.loads(pickle.dumps(run.controller)) == run.controller
+
+
+def test_every_status_that_is_usable_becomes_the_safe_command(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    for status in Status:
+        run = session(robot)
+        solve = run.workspace.solve
+
+        def said(problem: Any, status: Any = status, solve: Any = solve) -> Any:
+            return dataclasses.replace(solve(problem), status=status, x=np.full(57, 0.01))
+
+        monkeypatch.setattr(run, "workspace", type("W", (), {"solve": staticmethod(said)}))
+        tick = run.step(robot.state())
+        assert (tick.held == 0) is status.usable
+        bad = run.step(robot.state(np.full(robot.nq, np.nan)))
+        assert bad.held == (1 if status.usable else 2)
