@@ -223,8 +223,8 @@ class Session:
         """Refill without what cannot be used: hold values for members of ``subject_to``, free rows for all others."""
         given = {reference.name for reference in self._given}
         for name, error in self.program.errors.items():
-            if name in given and isinstance(error, DeclarationError):
-                raise error  # a reference of the wrong length
+            if name in given and isinstance(error, DeclarationError) and self._holds[name].value is None:
+                raise error  # a reference of the wrong length, which only the element could tell
         wrong = tuple(name for name in unusable if name in given and not self._current[name].finite)
         notes = []
         for name in wrong:

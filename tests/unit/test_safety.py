@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import hqp
-from hqp import Constraint, Level, P, Stack, Status, Task
+from hqp import Level, P, Stack, Status
+from hqp.element import Inequality
 from hqp.errors import ConcurrentUse, DeclarationError, HqpError, ModelError, UnknownReference
 from hqp.robots import Robot
 from hqp.safety import Braking, RateLimits, StateBounds
@@ -284,19 +285,9 @@ class Faulty(Position):
 
     kind: str = ""
 
-    def bind(self, robot: Any, out: Any) -> Any:
-        write, count = Task.bind(self, robot, out), [0]
-
-        def counted(state: Any, reference: Any) -> None:
-            count[0] += 1
-            object.__setattr__(self, "_ill", count[0] > 2)
-            write(state, reference)
-
-        return counted
-
     @property
     def ill(self) -> bool:
-        return bool(getattr(self, "_ill", False))
+        return getattr(self, "_count", 0) > 2
 
     def jacobian(self, state: Any) -> Any:
         J = super().jacobian(state).copy()
@@ -307,12 +298,13 @@ class Faulty(Position):
         return {"nan": J * np.nan, "huge": J * 1e200, "shape": J[:1], "vector": J[0], "none": None}.get(self.kind, J)
 
     def error(self, state: Any, reference: Any) -> Any:
+        object.__setattr__(self, "_count", getattr(self, "_count", 0) + 1)
         e = super().error(state, reference)
         return e[:2] if self.ill and self.kind == "short" else e
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Wall(Constraint):
+class Wall(Inequality):
     """A user's inequality with bounds that come out wrong after the first tick."""
 
     kind: str = ""
@@ -320,21 +312,17 @@ class Wall(Constraint):
     def rows(self, robot: Any) -> int:
         return 1
 
-    def bind(self, robot: Any, out: Any) -> Any:
-        count = [0]
+    def jacobian(self, state: Any) -> Any:
+        return state.jacobian("r_palm")[:1]
 
-        def write(state: Any, reference: Any) -> None:
-            count[0] += 1
-            out.J[:] = state.jacobian("r_palm")[:1]
-            out.lower[:], out.upper[:] = -5.0, 5.0
-            if count[0] > 1 and self.kind == "crossed":
-                out.lower[:], out.upper[:] = 1.0, -1.0
-            elif count[0] > 1:
-                out.upper[:] = np.nan if self.kind == "nan" else -np.inf
+    def drift(self, state: Any) -> Any:
+        return state.drift("r_palm")[:1]
 
-        return write
-
-    equality = False
+    def bounds(self, state: Any) -> Any:
+        object.__setattr__(self, "_count", getattr(self, "_count", 0) + 1)
+        if getattr(self, "_count", 0) == 1:
+            return -5.0, 5.0
+        return {"crossed": (1.0, -1.0), "nan": (-1.0, np.nan), "infinite": (-1.0, -np.inf)}[self.kind]
 
 
 @FORMULATIONS
@@ -373,9 +361,6 @@ def test_a_faulty_constraint_costs_no_other_element_its_rows(robot: Robot, formu
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FaultyContact(FixedContact):
     """A user's contact whose Jacobian is lost."""
-
-    def bind(self, robot: Any, out: Any) -> Any:
-        return Task.bind(self, robot, out)
 
     def jacobian(self, state: Any) -> Any:
         return super().jacobian(state) * (np.nan if state.q[0] > 0.05 else 1.0)
@@ -496,9 +481,6 @@ def test_the_second_thread_is_refused(robot: Robot) -> None:
 
     @dataclasses.dataclass(frozen=True, kw_only=True)
     class Slow(Position):
-        def bind(self, robot: Any, out: Any) -> Any:
-            return Task.bind(self, robot, out)
-
         def jacobian(self, state: Any) -> Any:
             inside.set()
             go.wait(5.0)
