@@ -144,7 +144,8 @@ class _Judge:
         mu = nonnegative_least_squares(cone, target)
         gap = float(np.linalg.norm(target - cone @ mu))
         shares[active] = self.side[active] * mu
-        self._positive[active] = mu > max(self.lock, 100.0 * gap)  # what the gap could have made says nothing
+        force = mu * np.linalg.norm(cone, axis=0)  # in the null space: what the level rises by, a unit step off the row
+        self._positive[active] = force > max(self.lock, 100.0 * gap)  # what the gap could have made says nothing
         rest = -gradient / scale - self.unit.T @ shares
         if self.fixed.any():
             shares[self.fixed] = np.linalg.lstsq(self.unit[self.fixed].T, rest, rcond=1e-12)[0]
@@ -188,7 +189,7 @@ def nonnegative_least_squares(G: Mat, b: Vec) -> Vec:
     k = G.shape[1]
     mu = np.zeros(k)
     passive = np.zeros(k, dtype=bool)
-    enough = 1e-15 * (1.0 + float(np.abs(b).max(initial=0.0)))
+    enough = 1e-15 * float(np.abs(b).max(initial=0.0))
     for _ in range(3 * (k + b.size)):
         pull = G.T @ (b - G @ mu)
         pull[passive] = 0.0

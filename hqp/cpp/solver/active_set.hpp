@@ -12,21 +12,18 @@ class ActiveSet final : public Step {
     options_ = &options;
     tableau.rank_tolerance = options.rank_tolerance;
     multipliers.tolerance = options.multiplier_tolerance;
-    factorisations = iterations = 0;
+    factorisations = iterations = judged = 0;
     outcome = Outcome::optimal;
     cap_ = options.max_iterations > 0 ? options.max_iterations : 100 + 10 * (table.rows + table.n);
     deadline_ = options.time_limit > 0 ? now() + options.time_limit : 0.0;
     changes_.forget();
     tableau.choose_bias();
-    multipliers.listen();
-    uncertain_ = false;
-    doubted_ = kInfinity;
+    stopped_ = stalled_ = false;
     working_set();
     tableau.recording = false;
-    if (table.inequalities == 0 && !table.boxed) {
-      equality_point();
-      accept();
-    } else if (!block_exchange()) primal();
+    if (table.inequalities == 0 && !table.boxed) { equality_point(); accept(); }
+    else if (!block_exchange()) primal();
+    if (outcome != Outcome::time_limit && (stopped_ || (outcome <= Outcome::rank_uncertain && doubtful()))) certify();
     warm_ = true;
     plain_ = false;
   }
@@ -125,7 +122,8 @@ class ActiveSet final : public Step {
     for (int i = 0; i < table.n; ++i) x[i] = start_x_[i];
   }
 
-  // Lexicographic descent from the best point so far: x never leaves the box, no level rises for a lower one.
+  // Lexicographic descent from the best point so far: x never leaves the box, no level rises for a lower one. It stops where
+  // steps of no length follow one another or a working set comes again.
   void primal() {
     for (int r = 0; r < table.rows; ++r) W[r] = start_W_[r];
     for (int i = 0; i < table.n; ++i) F[i] = start_F_[i];
@@ -134,104 +132,49 @@ class ActiveSet final : public Step {
     tableau.recording = true;
     seen_count_ = 0;
     followed_ = false;
-    int let_go = 0, rank = 0;  // how many of multipliers.wrong were released for the step at hand, and from which rank
-    repeats_ = 0;
-    disturbed_ = false;
+    int idle = 0;
     while (!out_of_time()) {
       if (iterations % 16 == 0 || !followed_) table.product(x, v);
       followed_ = false;
       sort_rows();
       equality_point();
-      bool unmoved = let_go && rank_of(multipliers.wrong[0].level) <= rank;
-      if (unmoved && tableau.loosened) {  // no update may say so
-        equality_point();
-        unmoved = rank_of(multipliers.wrong[0].level) <= rank;
+      if (!advance()) {
+        idle = alpha_ > 0.0 ? 0 : idle + 1;
+        stalled_ = stalled_ || idle > 0;
+        if (idle <= kIdle) continue;
+        stopped_ = true;
+        break;
       }
-      const bool whole = advance();
-      if (unmoved && progress_ > multipliers.wrong[0].level) silence(let_go);
-      let_go = 0;
-      if (!whole) continue;
       go_to_point();
       if (violations()) continue;
       multipliers.judge(W, F, target_, true);
       if (multipliers.count == 0) {
-        if (reduced()) {
-          unreduce();
-          continue;
-        }
-        if (tableau.loosened) {
-          changes_.forget();
-          continue;
-        }  // judged on a tableau of its own
-        if (!disturbed_) {
-          accept();
-          return;
-        }
-        restore();
-        followed_ = false;
-        continue;
+        if (reduced()) { unreduce(); continue; }
+        if (tableau.loosened) { changes_.forget(); continue; }   // judged on a tableau of its own
+        accept();
+        return;
       }
-      const bool again = repeated();
-      if (again && reduced()) {
-        unreduce();
-        continue;
-      }
-      if (again && get_unstuck()) continue;
-      if (repeats_ > kRepeats) {
-        outcome = Outcome::not_certified;
+      if (repeated()) {
+        if (reduced()) { unreduce(); continue; }
+        stopped_ = true;
         break;
       }
-      let_go = release_some(repeats_ > 0);
-      rank = rank_of(multipliers.wrong[0].level);
+      release_some();
     }
     if (reduced()) unreduce();
-    if (disturbed_) restore();
   }
 
-  // At the highest level that is held back: the strongest and those at least half as strong, or one by index; they
-  // come first in `wrong` then, and their number is returned.
-  int release_some(bool careful) {
-    Wrong* wrong = multipliers.wrong;
-    int level = 1 << 30, lowest = -1, count = 0;
+  // At the highest level that is held back: the strongest and those at least half as strong.
+  void release_some() {
+    const Wrong* wrong = multipliers.wrong;
+    int level = 1 << 30;
     double most = 0.0;
     for (int q = 0; q < multipliers.count; ++q) level = wrong[q].level < level ? wrong[q].level : level;
-    for (int q = 0; q < multipliers.count; ++q) {
-      if (wrong[q].level != level) continue;
-      most = larger(most, wrong[q].size);
-      if (lowest < 0 || order(wrong[q]) < order(wrong[lowest])) lowest = q;
-    }
-    for (int q = 0; q < multipliers.count; ++q)
-      if (careful ? q == lowest : wrong[q].level == level && wrong[q].size >= 0.5 * most) wrong[count++] = wrong[q];
+    for (int q = 0; q < multipliers.count; ++q) if (wrong[q].level == level) most = larger(most, wrong[q].size);
     changes_.start(level);
-    for (int q = 0; q < count; ++q) release(wrong[q]);
-    return count;
+    for (int q = 0; q < multipliers.count; ++q)
+      if (wrong[q].level == level && wrong[q].size >= 0.5 * most) release(wrong[q]);
   }
-
-  // The working sets repeat: first single changes, then a rank that comes and goes is let go, then every bound is
-  // widened; true in that case.
-  bool get_unstuck() {
-    seen_count_ = 0;
-    const bool doubted = doubted_ < kDoubt && tableau.rank_tolerance < kLoosest;
-    doubted_ = kInfinity;
-    if (repeats_ > 0 && doubted) {
-      multipliers.deaf = tableau.rank_tolerance *= 10.0;
-      uncertain_ = true;
-      return false;
-    }
-    if (++repeats_ != 3) return false;
-    disturb();
-    return true;
-  }
-
-  int rank_of(int level) const { return tableau.stage[level].rank; }
-
-  // The level for whose sake these were let go neither moved nor gained rank: it has no say in them.
-  void silence(int count) {
-    for (int q = 0; q < count; ++q) multipliers.silence(multipliers.wrong[q]);
-    uncertain_ = true;
-  }
-
-  int order(const Wrong& wrong) const { return wrong.variable ? wrong.index : table.n + wrong.index; }
 
   // Whether this working set was left before (64-bit hash).
   bool repeated() {
@@ -244,52 +187,50 @@ class ActiveSet final : public Step {
     return false;
   }
 
-  // Last resort against a degenerate vertex: widen every inequality by its own tiny amount, undone at the end.
-  void disturb() {
-    disturbed_ = true;
-    std::uint64_t state = 88172645463325252ull;
-    changes_.forget();
-    const double size = table.span(x);
-    auto tiny = [&state]() {
-      state ^= state << 13;
-      state ^= state >> 7;
-      state ^= state << 17;
-      return 1e-9 * (0.5 + 0.5 * static_cast<double>(state >> 11) / 9007199254740992.0);
-    };
-    for (int r = 0; r < table.rows; ++r) {
-      jitter_[r] = 0.0;
-      if (table.kind[r] != kUpper) continue;
-      jitter_[r] = tiny() * table.norm[r] * size;
-      table.upper[r] += jitter_[r];
-      table.lower[r] -= jitter_[r];
-    }
-    double* box = jitter_ + table.rows;
-    for (int i = 0; i < table.n; ++i) {
-      box[2 * i] = table.lo[i];
-      box[2 * i + 1] = table.hi[i];
-      if (table.fixed[i]) continue;
-      const double t = tiny() * size;
-      table.lo[i] -= t;
-      table.hi[i] += t;
-    }
-    for (int i = 0; i < table.n; ++i)
-      if (F[i] && !table.fixed[i]) x[i] = F[i] > 0 ? table.hi[i] : table.lo[i];
+  // Whether rounding or a rank decision may have made the answer what it is.
+  bool doubtful() const {
+    return tableau.closest < kNear || tableau.growth > kGrown || multipliers.doubted || table.uneven;
   }
 
-  void restore() {
-    disturbed_ = false;
-    changes_.forget();
-    for (int r = 0; r < table.rows; ++r)
-      if (jitter_[r] != 0.0) {
-        table.upper[r] -= jitter_[r];
-        table.lower[r] += jitter_[r];
-      }
-    const double* box = jitter_ + table.rows;
-    for (int i = 0; i < table.n; ++i) {
-      table.lo[i] = box[2 * i];
-      table.hi[i] = box[2 * i + 1];
-      x[i] = inside_box(i, x[i]);
+  // The answer is judged in orthogonal coordinates; what is not optimal is lowered level by level, from x and then from zero.
+  void certify() {
+    if (options_->max_iterations > 0 && outcome == Outcome::iteration_limit) return;
+    judged = 1 + 4 * stalled_ + 8 * (tableau.closest < kNear) + 16 * (tableau.growth > kGrown) + 32 * multipliers.doubted + 64 * table.uneven + 128 * stopped_;
+    if (outcome == Outcome::iteration_limit) outcome = Outcome::optimal;
+    const bool uncertain = tableau.closest < kDoubt;
+    const bool passed = stages.judge(x);
+    if (passed && stages.gap <= kGood) {
+      if (stopped_) take_working_set();
+      if (uncertain) outcome = Outcome::rank_uncertain;
+      return;
     }
+    judged += 1;
+    bool found = stages.search(x, deadline_);
+    iterations += stages.solves;
+    if (!found && !passed && !stages.late) {
+      for (int i = 0; i < table.n; ++i) v[i] = inside_box(i, 0.0);
+      for (int i = 0; i < table.n; ++i) x[i] = stages.x[i];
+      found = stages.search(v, deadline_);
+      iterations += stages.solves;
+    }
+    if (!found && passed) { outcome = Outcome::rank_uncertain; return; }   // as good as it gets
+    if (found || stages.late) for (int i = 0; i < table.n; ++i) x[i] = stages.x[i];
+    if (stages.late) { outcome = Outcome::time_limit; return; }
+    take_working_set();
+    outcome = !found ? Outcome::not_certified : uncertain ? Outcome::rank_uncertain : Outcome::optimal;
+  }
+
+  // The working set that the stages ended with, for the next problem.
+  void take_working_set() {
+    table.product(x, v);
+    for (int r = 0; r < table.rows; ++r) {
+      if (table.kind[r] != kUpper) continue;
+      const double out = table.beyond(r, v[r]);
+      const std::int8_t side = out > 0.0 ? kUpper : out < 0.0 ? kLower : kFree, held = stages.held(table.n + r);
+      W[r] = held ? held : side;
+    }
+    for (int i = 0; i < table.n; ++i) if (!table.fixed[i]) F[i] = stages.held(i);
+    if (options_->multipliers) { tableau.factorise(W, F); ++factorisations; }
   }
 };
 

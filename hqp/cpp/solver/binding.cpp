@@ -100,10 +100,10 @@ class Workspace {
     return {lambda_.data(), {std::size_t(options_.multipliers ? pairs_ : 0)}, nb::find(this)};
   }
 
-  // Outcome, iterations, factorisations; the numbers are in values(), active() and multipliers().
+  // Outcome, iterations, factorisations, judged; the numbers are in values(), active() and multipliers().
   nb::tuple solve() {
     const hqp::Answer answer = run();
-    return nb::make_tuple(static_cast<int>(answer.outcome), answer.iterations, answer.factorisations);
+    return nb::make_tuple(static_cast<int>(answer.outcome), answer.iterations, answer.factorisations, answer.judged);
   }
 
   // What solution() builds: the two classes, the statuses by outcome, and the slices of each level.

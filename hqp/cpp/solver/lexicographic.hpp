@@ -34,6 +34,7 @@ class Lexicographic final : public Kernel {
     answer.outcome = set_.outcome;
     answer.iterations = set_.iterations;
     answer.factorisations = set_.factorisations;
+    answer.judged = set_.judged;
     report(problem, answer);
     if (answer.multipliers) multipliers(problem, answer);
   }

@@ -18,64 +18,32 @@ struct Multipliers {
   const Table* table = nullptr;
   Tableau* tableau = nullptr;
   double tolerance = 1e-11;
-  double deaf = 0.0;            // relative, below it nothing is heard: directions that a raised rank tolerance gave up
-  double* g = nullptr;          // (n,) gradient
-  double* w = nullptr;          // (rows,) slack of the working rows
-  double* lambda = nullptr;     // (rows,)
-  double* delta = nullptr;      // (rows,) what refinement changed
-  double* mu = nullptr;         // (n,) multipliers of the held variables
-  double* before = nullptr;     // (n,) mu before refinement
-  double* y = nullptr;          // scratch
-  std::int8_t* open = nullptr;  // (rows,) sign not known yet
-  std::int8_t* open_x = nullptr;  // (n,)
+  double* g = nullptr;        // (n,) gradient
+  double* w = nullptr;        // (rows,) slack of the working rows
+  double* lambda = nullptr;   // (rows,)
+  double* delta = nullptr;    // (rows,) what refinement changed
+  double* mu = nullptr;       // (n,) multipliers of the held variables
+  double* before = nullptr;   // (n,) mu before refinement
+  double* y = nullptr;        // scratch
+  std::int8_t* open = nullptr;      // (rows,) sign not known yet
+  std::int8_t* open_x = nullptr;    // (n,)
   Wrong* wrong = nullptr;
-  int* quiet = nullptr;  // (rows + n,) levels above this one say nothing about a row or variable
-  bool quieted = false;
+  bool doubted = false;       // a multiplier was near rounding, or a residual was taken for it
   int count = 0;
   int pending = 0;
 
   void layout(Arena& arena, int n, int rows, int most) {
-    arena.place(g, n);
-    arena.place(w, rows);
-    arena.place(lambda, rows);
-    arena.place(delta, rows);
-    arena.place(before, n);
-    arena.place(mu, n);
-    arena.place(y, most + n + 16);
-    arena.place(open, rows);
-    arena.place(open_x, n);
-    arena.place(wrong, static_cast<std::size_t>(rows) + n);
-    arena.place(quiet, static_cast<std::size_t>(rows) + n);
-  }
-
-  // Hear all levels about everything.
-  void listen() {
-    if (quieted)
-      for (int i = 0; i < table->rows + table->n; ++i) quiet[i] = 0;
-    quieted = false;
-    deaf = 0.0;
-  }
-
-  // A level that did not move when this was let go has no say in it: its multiplier lies below the rank tolerance.
-  void silence(const Wrong& item) {
-    quiet[item.variable ? table->rows + item.index : item.index] = item.level + 1;
-    quieted = true;
+    arena.place(g, n); arena.place(w, rows); arena.place(lambda, rows); arena.place(delta, rows); arena.place(before, n); arena.place(mu, n); arena.place(y, most + n + 16);
+    arena.place(open, rows); arena.place(open_x, n); arena.place(wrong, static_cast<std::size_t>(rows) + n);
   }
 
   // Fill `wrong` for the working set (W, F) whose solution is the tableau's x, v = A x; or only for the highest
   // level that has any.
   void judge(const std::int8_t* W, const std::int8_t* F, const double* v, bool highest = false) {
     const Table& t = *table;
-    count = 0;
-    pending = 0;
-    for (int i = 0; i < t.n; ++i) {
-      open_x[i] = F[i] && !t.fixed[i];
-      pending += open_x[i];
-    }
-    for (int r = 0; r < t.rows; ++r) {
-      open[r] = W[r] && t.kind[r] == kUpper;
-      pending += open[r];
-    }
+    count = 0; pending = 0; doubted = false;
+    for (int i = 0; i < t.n; ++i) { open_x[i] = F[i] && !t.fixed[i]; pending += open_x[i]; }
+    for (int r = 0; r < t.rows; ++r) { open[r] = W[r] && t.kind[r] == kUpper; pending += open[r]; }
     if (!pending) return;
     const double span = t.span(tableau->x);
     for (int k = 0; k < t.blocks && pending; ++k) {
@@ -87,10 +55,11 @@ struct Multipliers {
       if (!pending) break;
       gradient(k, W);
       sweep_above(k, lambda);
-      const double least = norm * ((0.1 * tolerance + deaf) * length + 1e-15 * norm * span);
-      const double limit = norm * ((tolerance + deaf + 1e-15 * tableau->growth) * length + 1e-15 * norm * span);
+      const double least = norm * ((0.1 * tolerance) * length + 1e-15 * norm * span);
+      const double limit = norm * ((tolerance + 1e-15 * tableau->growth) * length + 1e-15 * norm * span);
       const bool refined = doubtful(k, least, limit);
       if (refined) refine(k);
+      faint_ = 1e-13 * norm * length; clear_ = 1e-9 * norm * length;
       decide(k, W, F, refined ? least : limit, refined);
       if (highest && count) return;
     }
@@ -114,6 +83,7 @@ struct Multipliers {
       missed = missed || (w[r] != 0.0 && !met(r, W, span));
     }
     if (missed) return std::sqrt(square);
+    doubted = doubted || std::sqrt(square) > 1e-3 * tolerance * b.norm * span;
     for (int r = b.begin; r < b.end; ++r) w[r] = 0.0;
     return 0.0;
   }
@@ -178,6 +148,8 @@ struct Multipliers {
   }
 
  private:
+  double faint_ = 0.0, clear_ = 0.0;   // a multiplier between them is doubtful
+
   void own_signs(int k, const std::int8_t* W, double span) {
     const Block& b = table->block[k];
     for (int r = b.begin; r < b.end; ++r) {
@@ -207,17 +179,19 @@ struct Multipliers {
       if (!open[r]) continue;
       const double force = std::fabs(lambda[r]) * t.norm[r];
       const double error = refined ? 10.0 * std::fabs(delta[r]) * t.norm[r] : 0.0;
-      if (!(force > limit && force > error) || k < quiet[r]) continue;
+      doubted = doubted || (force > faint_ && force < larger(clear_, 10.0 * error));
+      if (!(force > limit && force > error)) continue;
       if (lambda[r] * W[r] < 0.0) wrong[count++] = Wrong{k, r, false, force};
       open[r] = 0;
       --pending;
     }
     for (int i = 0; i < t.n; ++i) {
-      if (!open_x[i] || !(std::fabs(mu[i]) > limit) || k < quiet[t.rows + i]) continue;
-      if (refined && !(std::fabs(mu[i]) > 10.0 * std::fabs(mu[i] - before[i]))) continue;
-      if (mu[i] * F[i] < 0.0) wrong[count++] = Wrong{k, i, true, std::fabs(mu[i])};
-      open_x[i] = 0;
-      --pending;
+      if (!open_x[i]) continue;
+      const double force = std::fabs(mu[i]), error = refined ? 10.0 * std::fabs(mu[i] - before[i]) : 0.0;
+      doubted = doubted || (force > faint_ && force < larger(clear_, 10.0 * error));
+      if (!(force > limit && force > error)) continue;
+      if (mu[i] * F[i] < 0.0) wrong[count++] = Wrong{k, i, true, force};
+      open_x[i] = 0; --pending;
     }
   }
 

@@ -1,29 +1,24 @@
 // A working set: which rows work, which variables are held, its solution, and what that violates.
 #pragma once
 
-#include <ctime>
-
 #include "multipliers.hpp"
+#include "stage_search.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
-
-static inline double now() {
-  timespec t;
-  clock_gettime(CLOCK_MONOTONIC, &t);
-  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
-}
 
 class WorkingSet {
  public:
   Table table;
   Tableau tableau;
   Multipliers multipliers;
-  std::int8_t* W = nullptr;  // (rows,) working rows
-  std::int8_t* F = nullptr;  // (n,) variables held at a bound
-  double* x = nullptr;       // (n,) the point
-  double* v = nullptr;       // (rows,) A x
+  StageSearch stages;
+  std::int8_t* W = nullptr;   // (rows,) working rows
+  std::int8_t* F = nullptr;   // (n,) variables held at a bound
+  double* x = nullptr;        // (n,) the point
+  double* v = nullptr;        // (rows,) A x
   int factorisations = 0, iterations = 0;
+  int judged = 0;             // 1: the answer was doubted and judged, 2: it was refused and searched for by stages
   Outcome outcome = Outcome::optimal;
 
   void layout(Arena& arena, int n, int levels, const int* m, int* blocks_m, bool metric) {
@@ -44,23 +39,12 @@ class WorkingSet {
     for (int k = 0; k + 1 < count; ++k) blocks_m[k] = blocks_m[k + 1] > blocks_m[k] ? blocks_m[k + 1] : blocks_m[k];
     tableau.layout(arena, n, count, blocks_m);
     multipliers.layout(arena, n, total, most);
-    arena.place(W, total);
-    arena.place(F, n);
-    arena.place(x, n);
-    arena.place(v, total);
-    arena.place(start_W_, total);
-    arena.place(start_F_, n);
-    arena.place(start_x_, n);
-    arena.place(start_slack_, count);
-    arena.place(step_, n);
-    arena.place(change_, total);
-    arena.place(target_, total);
-    arena.place(trial_x_, n);
-    arena.place(trial_v_, total);
-    arena.place(side_, total);
-    arena.place(side_x_, n);
-    arena.place(seen_, kSeen);
-    arena.place(jitter_, total + 2 * n);
+    stages.layout(arena, n, total, most);
+    arena.place(W, total); arena.place(F, n); arena.place(x, n); arena.place(v, total);
+    arena.place(start_W_, total); arena.place(start_F_, n); arena.place(start_x_, n); arena.place(start_slack_, count);
+    arena.place(step_, n); arena.place(change_, total); arena.place(target_, total);
+    arena.place(trial_x_, n); arena.place(trial_v_, total);
+    arena.place(side_, total); arena.place(side_x_, n); arena.place(seen_, kSeen);
   }
 
   void start() {
@@ -68,6 +52,7 @@ class WorkingSet {
     tableau.table = &table;
     multipliers.table = &table;
     multipliers.tableau = &tableau;
+    stages.start(&table);
   }
 
   void forget(bool plain) {
@@ -87,15 +72,16 @@ class WorkingSet {
 
  protected:
   static constexpr int kSeen = 512;
-  static constexpr int kRepeats = 20;       // so often may the working sets repeat before the search is given up
-  static constexpr double kDoubt = 100.0;   // a pivot this near the rank tolerance, as a ratio, is no clear decision
-  static constexpr double kLoosest = 1e-6;  // beyond it the rank tolerance is not raised
-  static constexpr int kCrowd = 4;  // a first point that violates more than one bound for so many variables is far off
-  static constexpr double kSame = 1e-9;  // slacks nearer than this, relative to 1 + slack, are no progress
+  static constexpr int kIdle = 8;            // so many steps of no length may follow one another
+  static constexpr double kNear = 1e4;       // a pivot this near it, or one that magnifies rounding by kGrown, is judged
+  static constexpr double kGrown = 1e6;
+  static constexpr double kGood = 1e-11;     // an answer that was judged and has a larger gap is lowered by stages
+  static constexpr double kDoubt = 100.0;    // a pivot this near the rank tolerance, as a ratio, is no clear decision
+  static constexpr int kCrowd = 4;           // a first point that violates more than one bound for so many variables is far off
+  static constexpr double kSame = 1e-9;   // slacks nearer than this, relative to 1 + slack, are no progress
   const Options* options_ = nullptr;
   std::int8_t *start_W_ = nullptr, *start_F_ = nullptr, *side_ = nullptr, *side_x_ = nullptr;
-  double *start_x_ = nullptr, *start_slack_ = nullptr, *step_ = nullptr, *change_ = nullptr, *target_ = nullptr,
-         *jitter_ = nullptr;
+  double *start_x_ = nullptr, *start_slack_ = nullptr, *step_ = nullptr, *change_ = nullptr, *target_ = nullptr;
   double *trial_x_ = nullptr, *trial_v_ = nullptr;
   std::uint64_t* seen_ = nullptr;
   int cap_ = 0, seen_count_ = 0;
@@ -103,12 +89,11 @@ class WorkingSet {
   Changes changes_;    // since the tableau was made
   int progress_ = -1;  // first level that the last step changed
   bool warm_ = false;
-  bool plain_ = false;     // this search factorises every working set
-  bool followed_ = false;  // v was kept up with x
-  int repeats_ = 0;
-  bool disturbed_ = false;  // bounds are widened
-  bool uncertain_ = false;  // a rank decision overruled a sign
-  double doubted_ = 0.0;    // nearest that a pivot came to the rank tolerance since the working sets last repeated
+  bool plain_ = false;        // this search factorises every working set
+  bool followed_ = false;     // v was kept up with x
+  double alpha_ = 0.0;        // length of the last step, 1 for a whole one
+  bool stalled_ = false;      // a step had no length
+  bool stopped_ = false;      // the search was given up at x, which need not be optimal
 
   // The last working set where it still makes sense, else equalities and nothing more.
   void working_set() {
@@ -132,7 +117,6 @@ class WorkingSet {
       ++factorisations;
     }
     changes_.forget();
-    doubted_ = smaller(doubted_, tableau.closest);
     table.product(tableau.x, target_);
     ++iterations;
   }
@@ -177,7 +161,7 @@ class WorkingSet {
 
   void accept() {
     go_to_point();
-    if (tableau.closest < kDoubt || uncertain_) outcome = Outcome::rank_uncertain;
+    if (tableau.closest < kDoubt) outcome = Outcome::rank_uncertain;
     if (tableau.shifted) outcome = Outcome::not_certified;
   }
 

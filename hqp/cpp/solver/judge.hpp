@@ -1,0 +1,323 @@
+// Optimality level by level, in orthogonal coordinates, believing no tableau: the conditions of hqp/certify.py.
+#pragma once
+
+#ifdef HQP_TRACE
+#include <cstdio>
+#endif
+
+#include "nonnegative.hpp"
+#include "null_space.hpp"
+#include "table.hpp"
+
+namespace hqp {
+inline namespace HQP_ISA {
+
+// Verdict on a point. At level k the gradient A_k' w_k, in the null space of the rows fixed so far, must be a combination of
+// the active rows of the levels above with multipliers of the right sign. Rows are numbered: the box first, by variable, then
+// the table's. All rows count with unit length.
+class Judge {
+ public:
+  static constexpr double kRank = 1e-10;      // a row of unit length adds a fixed direction above this
+  static constexpr double kWell = 1e-5;       // a verdict with shorter directions than this is ill-conditioned
+  static constexpr double kClear = 1e-6;      // one that leaves less than this is nearly dependent,
+  static constexpr double kRounding = 1e-13;  // unless it is no longer than this
+  static constexpr double kSlop = 1e-8;       // activity, relative to the row's terms, and largest gap of an optimum
+  static constexpr double kLock = 1e-5;       // a row counts as fixed for the levels below above this relative multiplier,
+  static constexpr double kLeastLock = 1e-13; // or above this one: either reading may be the right one
+
+  double* x = nullptr;       // (n,) the point
+  double gap = 0.0;          // the largest so far
+
+  void layout(Arena& arena, int n, int rows, int most) {
+    n_ = n; all_ = n + rows; ld_ = padded(n);
+    null_.layout(arena, n);
+    columns_.layout(arena, n, all_);
+    arena.place(x, n); arena.place(v_, all_); arena.place(terms_, all_); arena.place(state_, all_); arena.place(side_, all_);
+    arena.place(held_, all_); arena.place(applied_, all_); arena.place(row_, static_cast<std::size_t>(all_) * ld_);
+    arena.place(open_, all_); arena.place(list_, all_); arena.place(id_, all_); arena.place(w_, most); arena.place(g_, n);
+    arena.place(y_, n);
+  }
+
+  void start(const Table* table) { table_ = table; }
+
+  // Whether the point is optimal under either reading of small multipliers.
+  bool judge(const double* at) {
+    for (int i = 0; i < n_; ++i) x[i] = at[i];
+    twisted_ = false;
+    const double lock = pass(kLeastLock) ? kLeastLock : pass(kLock) ? kLock : 0.0;
+    if (lock == 0.0 || shortest_ > kWell) return lock > 0.0;
+    twisted_ = true;   // ill-conditioned: the same verdict where rounding falls otherwise
+    const bool again = pass(lock);
+    twisted_ = false;
+    return again;
+  }
+
+  // The side at which a row held a level back, 0 if at none.
+  std::int8_t held(int q) const { return held_[q]; }
+
+ protected:
+  enum State : std::int8_t { kAhead = 0, kFixed = 1, kOpen = 2 };   // not reached or without a direction, fixed, an inequality
+  const Table* table_ = nullptr;
+  NullSpace null_;
+  NonnegativeLeastSquares columns_;
+  int n_ = 0, all_ = 0, ld_ = 0, open_count_ = 0, active_ = 0, listed_ = 0;
+  double *v_ = nullptr, *terms_ = nullptr, *row_ = nullptr, *w_ = nullptr, *g_ = nullptr, *y_ = nullptr;
+  std::int8_t *state_ = nullptr, *side_ = nullptr, *held_ = nullptr;
+  int *applied_ = nullptr, *open_ = nullptr, *list_ = nullptr, *id_ = nullptr;
+  double scale_ = 0.0, slop_ = kSlop;
+  bool twisted_ = false;     // the verdict is made in coordinates turned by a reflection
+  double shortest_ = 1.0;    // of what rows added to the null space's complement: its inverse magnifies rounding
+
+  void begin() {
+    null_.rank = 0; open_count_ = 0; gap = 0.0; shortest_ = 1.0;
+    for (int q = 0; q < all_; ++q) { state_[q] = kAhead; side_[q] = held_[q] = 0; applied_[q] = -1; }
+    measure();
+    take_box();
+  }
+
+  bool pass(double lock) {
+    slop_ = kSlop;
+    begin();
+    for (int k = 0; k < table_->blocks && null_.freedom(); ++k) {
+      const double own = gap_of(k);
+      gap = larger(gap, own);
+#ifdef HQP_TRACE
+      std::fprintf(stderr, "judge lock %g level %d gap %g rank before %d active %d\n", lock, k, own, null_.rank, active_);
+      for (int a = 0; a < active_; ++a) std::fprintf(stderr, "    row %d side %d mu %g length %g\n", id_[a], side_[id_[a]], columns_.mu[a], null_.length(projected(id_[a])));
+#endif
+      if (!(own <= kSlop)) return false;
+      descend(k, lock, own);
+    }
+    return true;
+  }
+
+  double lower(int q) const { return q < n_ ? table_->lo[q] : table_->lower[q - n_]; }
+  double upper(int q) const { return q < n_ ? table_->hi[q] : table_->upper[q - n_]; }
+  double norm(int q) const { return q < n_ ? 1.0 : table_->norm[q - n_]; }
+  double slop(int q) const { return slop_ * (norm(q) + terms_[q]); }
+
+  // Value and size of the terms of every row.
+  void measure() {
+    for (int i = 0; i < n_; ++i) { v_[i] = x[i]; terms_[i] = std::fabs(x[i]); }
+    const Table& t = *table_;
+    t.product(x, v_ + n_);
+    for (int k = 0; k < t.blocks; ++k) {
+      const Block& b = t.block[k];
+      for (int r = b.begin; r < b.end; ++r) {
+        const int i = r - b.begin;
+        terms_[n_ + r] = b.A ? absolute_dot(b.A + static_cast<std::ptrdiff_t>(i) * n_, x, n_) : std::fabs(v_[n_ + r]);
+      }
+    }
+  }
+
+  static double absolute_dot(const double* a, const double* b, int n) {
+    double s = 0.0;
+    for (int i = 0; i < n; ++i) s += std::fabs(a[i] * b[i]);
+    return s;
+  }
+
+  // Row q of unit length as Q' a, brought up to date.
+  const double* projected(int q) {
+    double* y = row_ + static_cast<std::ptrdiff_t>(q) * ld_;
+    if (applied_[q] < 0) { unit_row(q, y); twist(y); applied_[q] = 0; }
+    null_.project(y, applied_[q]);
+    applied_[q] = null_.rank;
+    return y;
+  }
+
+  // Reflect along (1, ..., 1).
+  void twist(double* y) const {
+    if (!twisted_) return;
+    double sum = 0.0;
+    for (int i = 0; i < n_; ++i) sum += (1.0 + 0.3 * (i % 3)) * y[i];
+    double square = 0.0;
+    for (int i = 0; i < n_; ++i) square += (1.0 + 0.3 * (i % 3)) * (1.0 + 0.3 * (i % 3));
+    for (int i = 0; i < n_; ++i) y[i] -= 2.0 * sum / square * (1.0 + 0.3 * (i % 3));
+  }
+
+  void unit_row(int q, double* y) const {
+    if (q >= n_) {
+      const Block& b = table_->block_of(q - n_);
+      const int i = q - n_ - b.begin;
+      if (b.A) {
+        const double* a = b.A + static_cast<std::ptrdiff_t>(i) * n_;
+        const double f = 1.0 / norm(q);
+        for (int j = 0; j < n_; ++j) y[j] = f * a[j];
+        return;
+      }
+      for (int j = 0; j < n_; ++j) y[j] = 0.0;
+      y[b.index[i]] = b.scale[i] > 0.0 ? 1.0 : -1.0;
+      return;
+    }
+    for (int j = 0; j < n_; ++j) y[j] = 0.0;
+    y[q] = 1.0;
+  }
+
+  void take_box() {
+    listed_ = 0;
+    if (table_->boxed)
+      for (int i = 0; i < n_; ++i) if (table_->bounded(i)) take(i, table_->fixed[i]);
+    fix();
+  }
+
+  // Take in a row of a level that was just judged.
+  void take(int q, bool equality) {
+    const double tolerance = slop(q), u = upper(q), l = lower(q);
+    const bool at_upper = v_[q] >= u - tolerance, at_lower = v_[q] <= l + tolerance;
+    const bool beyond = v_[q] > u + tolerance || v_[q] < l - tolerance;
+    if (equality || beyond || (at_upper && at_lower)) {
+      state_[q] = kFixed;
+      held_[q] = v_[q] > u ? kUpper : v_[q] < l ? kLower : kFree;
+      list_[listed_++] = q;
+    } else {
+      state_[q] = kOpen;
+      side_[q] = at_upper ? kUpper : at_lower ? kLower : kFree;
+      open_[open_count_++] = q;
+    }
+  }
+
+  // Which open rows are active at x.
+  void find_active() {
+    for (int a = 0; a < open_count_; ++a) {
+      const int q = open_[a];
+      if (state_[q] != kOpen) continue;
+      const double tolerance = slop(q);
+      side_[q] = v_[q] >= upper(q) - tolerance ? kUpper : v_[q] <= lower(q) + tolerance ? kLower : kFree;
+    }
+  }
+
+  // Shrink the null space by the rows in `list_`, the longest that is left first. Where one is nearly dependent their
+  // singular values decide.
+  void fix() {
+    const int base = null_.rank, listed = listed_;
+    bool grey = false;
+    while (listed_ && null_.freedom()) {
+      int best = 0;
+      double longest = -1.0;
+      for (int i = 0; i < listed_; ++i) {
+        const double length = null_.length(projected(list_[i]));
+        if (length > longest) { longest = length; best = i; }
+      }
+      grey = grey || (longest < kClear && longest > kRounding);
+      if (grey || !(longest > kRank)) break;
+      null_.add(projected(list_[best]), longest);
+      shortest_ = smaller(shortest_, longest);
+      --listed_;
+      const int q = list_[best];
+      list_[best] = list_[listed_]; list_[listed_] = q;
+    }
+    if (grey) {
+      null_.rank = base; listed_ = listed;
+      fix_by_singular_values();
+    }
+    listed_ = 0;
+  }
+
+
+  // One-sided Jacobi: rotations make the rows orthogonal, their lengths are the singular values.
+  void fix_by_singular_values() {
+    const int base = null_.rank, f = null_.freedom();
+    for (int i = 0; i < listed_; ++i) { applied_[list_[i]] = -1; projected(list_[i]); }
+    bool turned = true;
+    for (int sweep = 0; sweep < 30 && turned; ++sweep) {
+      turned = false;
+      for (int i = 0; i < listed_; ++i)
+        for (int j = i + 1; j < listed_; ++j) turned = rotate(tail(list_[i], base), tail(list_[j], base), f) || turned;
+    }
+    for (int i = 0; i < listed_ && null_.freedom(); ++i) {
+      int best = i;
+      double longest = -1.0;
+      for (int j = i; j < listed_; ++j) {
+        const double length = std::sqrt(dot_any(tail(list_[j], base), tail(list_[j], base), f));
+        if (length > longest) { longest = length; best = j; }
+      }
+      if (!(longest > kRank)) break;
+      shortest_ = smaller(shortest_, longest);
+      const int q = list_[best];
+      list_[best] = list_[i]; list_[i] = q;
+      double* y = row_ + static_cast<std::ptrdiff_t>(q) * ld_;
+      for (int j = base; j < n_; ++j) y[j] /= longest;
+      null_.project(y, base);
+      null_.add(y, null_.length(y));
+    }
+    for (int i = 0; i < listed_; ++i) applied_[list_[i]] = -1;
+  }
+
+  double* tail(int q, int from) { return row_ + static_cast<std::ptrdiff_t>(q) * ld_ + from; }
+
+  static bool rotate(double* a, double* b, int f) {
+    const double aa = dot_any(a, a, f), bb = dot_any(b, b, f), ab = dot_any(a, b, f);
+    if (!(std::fabs(ab) > 1e-15 * std::sqrt(aa) * std::sqrt(bb)) || std::fabs(ab) < 1e-300) return false;
+    const double zeta = (bb - aa) / (2.0 * ab);
+    const double t = (zeta >= 0.0 ? 1.0 : -1.0) / (std::fabs(zeta) + std::sqrt(1.0 + zeta * zeta));
+    const double c = 1.0 / std::sqrt(1.0 + t * t), s = c * t;
+    for (int i = 0; i < f; ++i) {
+      const double u = a[i], v = b[i];
+      a[i] = c * u - s * v;
+      b[i] = s * u + c * v;
+    }
+    return true;
+  }
+
+  // w_k and A_k' w_k at x; the length of w_k.
+  double gradient(int k) {
+    const Table& t = *table_;
+    const Block& b = t.block[k];
+    double square = 0.0, most = 0.0, terms = 0.0;
+    for (int i = 0; i < n_; ++i) g_[i] = 0.0;
+    for (int r = b.begin; r < b.end; ++r) {
+      const int i = r - b.begin;
+      const double w = w_[i] = t.kind[r] == kFree ? 0.0 : t.beyond(r, v_[n_ + r]);
+      terms = larger(terms, terms_[n_ + r]);
+      if (w == 0.0) continue;
+      square += w * w;
+      most = larger(most, std::fabs(w));
+      if (b.A) add_any(g_, b.A + static_cast<std::ptrdiff_t>(i) * n_, w, n_);
+      else g_[b.index[i]] += w * b.scale[i];
+    }
+    scale_ = b.norm * (b.norm + most + terms);
+    return std::sqrt(square);
+  }
+
+  // What is left of the level's gradient once the best multipliers of the active rows are taken away, relative.
+  double gap_of(int k) {
+    const Block& b = table_->block[k];
+    active_ = columns_.count = 0;
+    if (b.norm <= b.rounding || gradient(k) == 0.0) return 0.0;
+    for (int i = 0; i < n_; ++i) y_[i] = -g_[i] / scale_;
+    twist(y_);
+    null_.project(y_);
+    for (int a = 0; a < open_count_; ++a) {
+      const int q = open_[a];
+      if (state_[q] != kOpen || !side_[q]) continue;
+      const double* y = projected(q);
+      if (!(null_.length(y) > kRank)) continue;
+      columns_.column[active_] = y + null_.rank;
+      columns_.sign[active_] = side_[q];
+      id_[active_++] = q;
+    }
+    columns_.count = active_;
+    return columns_.solve(y_ + null_.rank, null_.freedom());
+  }
+
+  // Below level k: rows that held it back are fixed, and its own are taken in.
+  void descend(int k, double lock, double own) {
+    const Table& t = *table_;
+    const Block& b = t.block[k];
+    listed_ = 0;
+    const double least = larger(lock, 100.0 * own);   // of a force in the null space; what the gap could have made says nothing
+    for (int a = 0; a < active_; ++a) {
+      const int q = id_[a];
+      if (!(columns_.mu[a] * null_.length(projected(q)) > least)) continue;
+      state_[q] = kFixed; held_[q] = side_[q];
+      list_[listed_++] = q;
+    }
+    const double floor = larger(1e-13 * b.norm, b.rounding);
+    for (int r = b.begin; r < b.end; ++r)
+      if (t.kind[r] != kFree && t.norm[r] > floor) take(n_ + r, t.kind[r] == kEquality);
+    fix();
+  }
+};
+
+}  // namespace HQP_ISA
+}  // namespace hqp
