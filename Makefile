@@ -53,6 +53,12 @@ sanitize: setup
 	    -Ihqp/cpp/solver -DHQP_ISA=generic tests/solvers/native/drive.cpp -o $(SANITIZED)/drive
 	$(SANITIZED)/drive $(SANITIZED)/*.bin
 
+# Random hierarchies of many kinds, judged by the certificate: COUNT of each kind, at most SECONDS in all.
+COUNT ?= 5000
+SECONDS ?= 3600
+fuzz: setup
+	HQP_REQUIRE_NATIVE=1 $(BIN)/python -m tests.solvers.fuzz --count $(COUNT) --seconds $(SECONDS)
+
 format: setup
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .

@@ -1,4 +1,4 @@
-"""Random hierarchies of many kinds through the native solver, judged by the certificate: ``python -m tests.solvers.fuzz``.
+"""Random hierarchies of many kinds, solved and judged by the certificate: ``python -m tests.solvers.fuzz``.
 
 Every answer that calls itself solved must pass the certificate; a problem solved again in the same workspace must give
 the same level norms.  A failure is told as ``kind seed tick``, and ``problem(kind, seed)`` makes it again.
@@ -21,7 +21,7 @@ from hqp import Hierarchy, Solution, Status, certificate
 from tests.solvers.kinds import KINDS
 
 TOLERANCES = (1e-6, 1e-8)
-"""An answer is wrong if the certificate refuses it at all of these (the looser one also reads activity more loosely)."""
+"""An answer is wrong if the certificate refuses it at all of these; the looser one reads activity more loosely too."""
 
 AGREEMENT = 1e-8
 """Norms of two solves of one problem may differ by this, relative to the terms of the level."""
@@ -70,13 +70,19 @@ def run(kinds: list[str], start: int, count: int, seconds: float, **options: obj
             if found[name].problems >= count:
                 continue
             sequence = problem(name, seed)
-            workspace, before = solver.workspace(sequence[0].shape), None
+            workspace = solver.workspace(sequence[0].shape)
+            before: Solution | None = None
             for tick, one in enumerate(sequence):
                 now = workspace.solve(one)
                 _judge(found[name], f"{name} {seed} {tick}", one, now)
-                if before is not None and sequence[tick - 1] is one and now.status.solved and before.status.solved:
-                    if differ(one, before, now):
-                        found[name].disagree.append(f"{name} {seed} {tick}")
+                if (
+                    before is not None
+                    and sequence[tick - 1] is one
+                    and now.status.solved
+                    and before.status.solved
+                    and differ(one, before, now)
+                ):
+                    found[name].disagree.append(f"{name} {seed} {tick}")
                 before = now
         seed += 1
     return found

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.random import Generator
 
-from benchmarks import hard
+from benchmarks.speed import random_hierarchies
 from hqp import Hierarchy, Rows, Selection
 from hqp.arrays import Mat, Vec
 from tests.solvers.families import FAMILIES
@@ -279,5 +279,5 @@ def families(rng: Generator) -> list[Hierarchy]:
 
 @kind
 def mixture(rng: Generator) -> list[Hierarchy]:
-    """One of benchmarks.hard."""
-    return [hard.hierarchy(int(rng.integers(2**31)), largest=60)]
+    """One of benchmarks.speed.random_hierarchies."""
+    return [random_hierarchies.hierarchy(int(rng.integers(2**31)), largest=60)]

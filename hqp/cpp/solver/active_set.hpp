@@ -21,8 +21,10 @@ class ActiveSet final : public Step {
     stopped_ = stalled_ = false;
     working_set();
     tableau.recording = false;
-    if (table.inequalities == 0 && !table.boxed) { equality_point(); accept(); }
-    else if (!block_exchange()) primal();
+    if (table.inequalities == 0 && !table.boxed) {
+      equality_point();
+      accept();
+    } else if (!block_exchange()) primal();
     if (outcome != Outcome::time_limit && (stopped_ || (outcome <= Outcome::rank_uncertain && doubtful()))) certify();
     warm_ = true;
     plain_ = false;
@@ -122,8 +124,8 @@ class ActiveSet final : public Step {
     for (int i = 0; i < table.n; ++i) x[i] = start_x_[i];
   }
 
-  // Lexicographic descent from the best point so far: x never leaves the box, no level rises for a lower one. It stops where
-  // steps of no length follow one another or a working set comes again.
+  // Lexicographic descent from the best point so far: x never leaves the box, no level rises for a lower one. It stops
+  // where steps of no length follow one another or a working set comes again.
   void primal() {
     for (int r = 0; r < table.rows; ++r) W[r] = start_W_[r];
     for (int i = 0; i < table.n; ++i) F[i] = start_F_[i];
@@ -149,13 +151,22 @@ class ActiveSet final : public Step {
       if (violations()) continue;
       multipliers.judge(W, F, target_, true);
       if (multipliers.count == 0) {
-        if (reduced()) { unreduce(); continue; }
-        if (tableau.loosened) { changes_.forget(); continue; }   // judged on a tableau of its own
+        if (reduced()) {
+          unreduce();
+          continue;
+        }
+        if (tableau.loosened) {
+          changes_.forget();
+          continue;
+        }  // judged on a tableau of its own
         accept();
         return;
       }
       if (repeated()) {
-        if (reduced()) { unreduce(); continue; }
+        if (reduced()) {
+          unreduce();
+          continue;
+        }
         stopped_ = true;
         break;
       }
@@ -170,7 +181,8 @@ class ActiveSet final : public Step {
     int level = 1 << 30;
     double most = 0.0;
     for (int q = 0; q < multipliers.count; ++q) level = wrong[q].level < level ? wrong[q].level : level;
-    for (int q = 0; q < multipliers.count; ++q) if (wrong[q].level == level) most = larger(most, wrong[q].size);
+    for (int q = 0; q < multipliers.count; ++q)
+      if (wrong[q].level == level) most = larger(most, wrong[q].size);
     changes_.start(level);
     for (int q = 0; q < multipliers.count; ++q)
       if (wrong[q].level == level && wrong[q].size >= 0.5 * most) release(wrong[q]);
@@ -192,10 +204,12 @@ class ActiveSet final : public Step {
     return tableau.closest < kNear || tableau.growth > kGrown || multipliers.doubted || table.uneven;
   }
 
-  // The answer is judged in orthogonal coordinates; what is not optimal is lowered level by level, from x and then from zero.
+  // The answer is judged in orthogonal coordinates; what is not optimal is lowered level by level, from x and then from
+  // zero.
   void certify() {
     if (options_->max_iterations > 0 && outcome == Outcome::iteration_limit) return;
-    judged = 1 + 4 * stalled_ + 8 * (tableau.closest < kNear) + 16 * (tableau.growth > kGrown) + 32 * multipliers.doubted + 64 * table.uneven + 128 * stopped_;
+    judged = 1 + 4 * stalled_ + 8 * (tableau.closest < kNear) + 16 * (tableau.growth > kGrown) +
+             32 * multipliers.doubted + 64 * table.uneven + 128 * stopped_;
     if (outcome == Outcome::iteration_limit) outcome = Outcome::optimal;
     const bool uncertain = tableau.closest < kDoubt;
     const bool passed = stages.judge(x);
@@ -213,9 +227,16 @@ class ActiveSet final : public Step {
       found = stages.search(v, deadline_);
       iterations += stages.solves;
     }
-    if (!found && passed) { outcome = Outcome::rank_uncertain; return; }   // as good as it gets
-    if (found || stages.late) for (int i = 0; i < table.n; ++i) x[i] = stages.x[i];
-    if (stages.late) { outcome = Outcome::time_limit; return; }
+    if (!found && passed) {
+      outcome = Outcome::rank_uncertain;
+      return;
+    }  // as good as it gets
+    if (found || stages.late)
+      for (int i = 0; i < table.n; ++i) x[i] = stages.x[i];
+    if (stages.late) {
+      outcome = Outcome::time_limit;
+      return;
+    }
     take_working_set();
     outcome = !found ? Outcome::not_certified : uncertain ? Outcome::rank_uncertain : Outcome::optimal;
   }
@@ -229,8 +250,12 @@ class ActiveSet final : public Step {
       const std::int8_t side = out > 0.0 ? kUpper : out < 0.0 ? kLower : kFree, held = stages.held(table.n + r);
       W[r] = held ? held : side;
     }
-    for (int i = 0; i < table.n; ++i) if (!table.fixed[i]) F[i] = stages.held(i);
-    if (options_->multipliers) { tableau.factorise(W, F); ++factorisations; }
+    for (int i = 0; i < table.n; ++i)
+      if (!table.fixed[i]) F[i] = stages.held(i);
+    if (options_->multipliers) {
+      tableau.factorise(W, F);
+      ++factorisations;
+    }
   }
 };
 

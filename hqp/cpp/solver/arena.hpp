@@ -1,6 +1,7 @@
 // One block of memory, taken at construction and never again.
 #pragma once
 
+#include <cstdint>
 #include <cstdlib>
 #include <cstring>
 #include <new>
@@ -12,7 +13,7 @@ class Arena {
  public:
   Arena() = default;
   ~Arena() {
-    std::free(block_);
+    std::free(memory_);
 #ifdef __SANITIZE_ADDRESS__
     for (int i = 0; i < pieces_; ++i) std::free(piece_[i]);
 #endif
@@ -36,15 +37,18 @@ class Arena {
     used_ += bytes;
   }
 
-  // Take the memory that the dry run counted, zeroed, and start placing.
+  // Take the memory that the dry run counted, zeroed (large blocks by the system, when first touched), and start
+  // placing.
   void take() {
-    block_ = static_cast<char*>(std::aligned_alloc(64, used_ + 64));
-    if (!block_) throw std::bad_alloc();
-    std::memset(block_, 0, used_ + 64);
+    memory_ = std::calloc(used_ + 128, 1);
+    if (!memory_) throw std::bad_alloc();
+    const std::uintptr_t start = reinterpret_cast<std::uintptr_t>(memory_);
+    block_ = reinterpret_cast<char*>((start + 63) / 64 * 64);
     used_ = 0;
   }
 
  private:
+  void* memory_ = nullptr;
   char* block_ = nullptr;
   std::size_t used_ = 0;
 #ifdef __SANITIZE_ADDRESS__

@@ -1,10 +1,6 @@
 // Optimality level by level, in orthogonal coordinates, believing no tableau: the conditions of hqp/certify.py.
 #pragma once
 
-#ifdef HQP_TRACE
-#include <cstdio>
-#endif
-
 #include "nonnegative.hpp"
 #include "null_space.hpp"
 #include "table.hpp"
@@ -12,9 +8,9 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-// Verdict on a point. At level k the gradient A_k' w_k, in the null space of the rows fixed so far, must be a combination of
-// the active rows of the levels above with multipliers of the right sign. Rows are numbered: the box first, by variable, then
-// the table's. All rows count with unit length.
+// Verdict on a point. At level k the gradient A_k' w_k, in the null space of the rows fixed so far, must be a
+// combination of the active rows of the levels above with multipliers of the right sign. Rows are numbered: the box
+// first, by variable, then the table's. All rows count with unit length.
 class Judge {
  public:
   static constexpr double kRank = 1e-10;      // a row of unit length adds a fixed direction above this
@@ -22,19 +18,31 @@ class Judge {
   static constexpr double kClear = 1e-6;      // one that leaves less than this is nearly dependent,
   static constexpr double kRounding = 1e-13;  // unless it is no longer than this
   static constexpr double kSlop = 1e-8;       // activity, relative to the row's terms, and largest gap of an optimum
-  static constexpr double kLock = 1e-5;       // a row counts as fixed for the levels below above this relative multiplier,
-  static constexpr double kLeastLock = 1e-13; // or above this one: either reading may be the right one
+  static constexpr double kLock = 1e-5;  // a row counts as fixed for the levels below above this relative multiplier,
+  static constexpr double kLeastLock = 1e-13;  // or above this one: either reading may be the right one
 
-  double* x = nullptr;       // (n,) the point
-  double gap = 0.0;          // the largest so far
+  double* x = nullptr;  // (n,) the point
+  double gap = 0.0;     // the largest so far
 
   void layout(Arena& arena, int n, int rows, int most) {
-    n_ = n; all_ = n + rows; ld_ = padded(n);
+    n_ = n;
+    all_ = n + rows;
+    ld_ = padded(n);
     null_.layout(arena, n);
     columns_.layout(arena, n, all_);
-    arena.place(x, n); arena.place(v_, all_); arena.place(terms_, all_); arena.place(state_, all_); arena.place(side_, all_);
-    arena.place(held_, all_); arena.place(applied_, all_); arena.place(row_, static_cast<std::size_t>(all_) * ld_);
-    arena.place(open_, all_); arena.place(list_, all_); arena.place(id_, all_); arena.place(w_, most); arena.place(g_, n);
+    arena.place(x, n);
+    arena.place(v_, all_);
+    arena.place(terms_, all_);
+    arena.place(state_, all_);
+    arena.place(side_, all_);
+    arena.place(held_, all_);
+    arena.place(applied_, all_);
+    arena.place(row_, static_cast<std::size_t>(all_) * ld_);
+    arena.place(open_, all_);
+    arena.place(list_, all_);
+    arena.place(id_, all_);
+    arena.place(w_, most);
+    arena.place(g_, n);
     arena.place(y_, n);
   }
 
@@ -46,7 +54,7 @@ class Judge {
     twisted_ = false;
     const double lock = pass(kLeastLock) ? kLeastLock : pass(kLock) ? kLock : 0.0;
     if (lock == 0.0 || shortest_ > kWell) return lock > 0.0;
-    twisted_ = true;   // ill-conditioned: the same verdict where rounding falls otherwise
+    twisted_ = true;  // ill-conditioned: the same verdict where rounding falls otherwise
     const bool again = pass(lock);
     twisted_ = false;
     return again;
@@ -56,7 +64,11 @@ class Judge {
   std::int8_t held(int q) const { return held_[q]; }
 
  protected:
-  enum State : std::int8_t { kAhead = 0, kFixed = 1, kOpen = 2 };   // not reached or without a direction, fixed, an inequality
+  enum State : std::int8_t {
+    kAhead = 0,
+    kFixed = 1,
+    kOpen = 2
+  };  // not reached or without a direction, fixed, an inequality
   const Table* table_ = nullptr;
   NullSpace null_;
   NonnegativeLeastSquares columns_;
@@ -65,12 +77,19 @@ class Judge {
   std::int8_t *state_ = nullptr, *side_ = nullptr, *held_ = nullptr;
   int *applied_ = nullptr, *open_ = nullptr, *list_ = nullptr, *id_ = nullptr;
   double scale_ = 0.0, slop_ = kSlop;
-  bool twisted_ = false;     // the verdict is made in coordinates turned by a reflection
-  double shortest_ = 1.0;    // of what rows added to the null space's complement: its inverse magnifies rounding
+  bool twisted_ = false;   // the verdict is made in coordinates turned by a reflection
+  double shortest_ = 1.0;  // of what rows added to the null space's complement: its inverse magnifies rounding
 
   void begin() {
-    null_.rank = 0; open_count_ = 0; gap = 0.0; shortest_ = 1.0;
-    for (int q = 0; q < all_; ++q) { state_[q] = kAhead; side_[q] = held_[q] = 0; applied_[q] = -1; }
+    null_.rank = 0;
+    open_count_ = 0;
+    gap = 0.0;
+    shortest_ = 1.0;
+    for (int q = 0; q < all_; ++q) {
+      state_[q] = kAhead;
+      side_[q] = held_[q] = 0;
+      applied_[q] = -1;
+    }
     measure();
     take_box();
   }
@@ -81,10 +100,6 @@ class Judge {
     for (int k = 0; k < table_->blocks && null_.freedom(); ++k) {
       const double own = gap_of(k);
       gap = larger(gap, own);
-#ifdef HQP_TRACE
-      std::fprintf(stderr, "judge lock %g level %d gap %g rank before %d active %d\n", lock, k, own, null_.rank, active_);
-      for (int a = 0; a < active_; ++a) std::fprintf(stderr, "    row %d side %d mu %g length %g\n", id_[a], side_[id_[a]], columns_.mu[a], null_.length(projected(id_[a])));
-#endif
       if (!(own <= kSlop)) return false;
       descend(k, lock, own);
     }
@@ -98,7 +113,10 @@ class Judge {
 
   // Value and size of the terms of every row.
   void measure() {
-    for (int i = 0; i < n_; ++i) { v_[i] = x[i]; terms_[i] = std::fabs(x[i]); }
+    for (int i = 0; i < n_; ++i) {
+      v_[i] = x[i];
+      terms_[i] = std::fabs(x[i]);
+    }
     const Table& t = *table_;
     t.product(x, v_ + n_);
     for (int k = 0; k < t.blocks; ++k) {
@@ -119,7 +137,11 @@ class Judge {
   // Row q of unit length as Q' a, brought up to date.
   const double* projected(int q) {
     double* y = row_ + static_cast<std::ptrdiff_t>(q) * ld_;
-    if (applied_[q] < 0) { unit_row(q, y); twist(y); applied_[q] = 0; }
+    if (applied_[q] < 0) {
+      unit_row(q, y);
+      twist(y);
+      applied_[q] = 0;
+    }
     null_.project(y, applied_[q]);
     applied_[q] = null_.rank;
     return y;
@@ -156,7 +178,8 @@ class Judge {
   void take_box() {
     listed_ = 0;
     if (table_->boxed)
-      for (int i = 0; i < n_; ++i) if (table_->bounded(i)) take(i, table_->fixed[i]);
+      for (int i = 0; i < n_; ++i)
+        if (table_->bounded(i)) take(i, table_->fixed[i]);
     fix();
   }
 
@@ -196,7 +219,10 @@ class Judge {
       double longest = -1.0;
       for (int i = 0; i < listed_; ++i) {
         const double length = null_.length(projected(list_[i]));
-        if (length > longest) { longest = length; best = i; }
+        if (length > longest) {
+          longest = length;
+          best = i;
+        }
       }
       grey = grey || (longest < kClear && longest > kRounding);
       if (grey || !(longest > kRank)) break;
@@ -204,20 +230,24 @@ class Judge {
       shortest_ = smaller(shortest_, longest);
       --listed_;
       const int q = list_[best];
-      list_[best] = list_[listed_]; list_[listed_] = q;
+      list_[best] = list_[listed_];
+      list_[listed_] = q;
     }
     if (grey) {
-      null_.rank = base; listed_ = listed;
+      null_.rank = base;
+      listed_ = listed;
       fix_by_singular_values();
     }
     listed_ = 0;
   }
 
-
   // One-sided Jacobi: rotations make the rows orthogonal, their lengths are the singular values.
   void fix_by_singular_values() {
     const int base = null_.rank, f = null_.freedom();
-    for (int i = 0; i < listed_; ++i) { applied_[list_[i]] = -1; projected(list_[i]); }
+    for (int i = 0; i < listed_; ++i) {
+      applied_[list_[i]] = -1;
+      projected(list_[i]);
+    }
     bool turned = true;
     for (int sweep = 0; sweep < 30 && turned; ++sweep) {
       turned = false;
@@ -229,12 +259,16 @@ class Judge {
       double longest = -1.0;
       for (int j = i; j < listed_; ++j) {
         const double length = std::sqrt(dot_any(tail(list_[j], base), tail(list_[j], base), f));
-        if (length > longest) { longest = length; best = j; }
+        if (length > longest) {
+          longest = length;
+          best = j;
+        }
       }
       if (!(longest > kRank)) break;
       shortest_ = smaller(shortest_, longest);
       const int q = list_[best];
-      list_[best] = list_[i]; list_[i] = q;
+      list_[best] = list_[i];
+      list_[i] = q;
       double* y = row_ + static_cast<std::ptrdiff_t>(q) * ld_;
       for (int j = base; j < n_; ++j) y[j] /= longest;
       null_.project(y, base);
@@ -305,11 +339,13 @@ class Judge {
     const Table& t = *table_;
     const Block& b = t.block[k];
     listed_ = 0;
-    const double least = larger(lock, 100.0 * own);   // of a force in the null space; what the gap could have made says nothing
+    const double least =
+        larger(lock, 100.0 * own);  // of a force in the null space; what the gap could have made says nothing
     for (int a = 0; a < active_; ++a) {
       const int q = id_[a];
       if (!(columns_.mu[a] * null_.length(projected(q)) > least)) continue;
-      state_[q] = kFixed; held_[q] = side_[q];
+      state_[q] = kFixed;
+      held_[q] = side_[q];
       list_[listed_++] = q;
     }
     const double floor = larger(1e-13 * b.norm, b.rounding);

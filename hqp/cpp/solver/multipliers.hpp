@@ -18,32 +18,48 @@ struct Multipliers {
   const Table* table = nullptr;
   Tableau* tableau = nullptr;
   double tolerance = 1e-11;
-  double* g = nullptr;        // (n,) gradient
-  double* w = nullptr;        // (rows,) slack of the working rows
-  double* lambda = nullptr;   // (rows,)
-  double* delta = nullptr;    // (rows,) what refinement changed
-  double* mu = nullptr;       // (n,) multipliers of the held variables
-  double* before = nullptr;   // (n,) mu before refinement
-  double* y = nullptr;        // scratch
-  std::int8_t* open = nullptr;      // (rows,) sign not known yet
-  std::int8_t* open_x = nullptr;    // (n,)
+  double* g = nullptr;            // (n,) gradient
+  double* w = nullptr;            // (rows,) slack of the working rows
+  double* lambda = nullptr;       // (rows,)
+  double* delta = nullptr;        // (rows,) what refinement changed
+  double* mu = nullptr;           // (n,) multipliers of the held variables
+  double* before = nullptr;       // (n,) mu before refinement
+  double* y = nullptr;            // scratch
+  std::int8_t* open = nullptr;    // (rows,) sign not known yet
+  std::int8_t* open_x = nullptr;  // (n,)
   Wrong* wrong = nullptr;
-  bool doubted = false;       // a multiplier was near rounding, or a residual was taken for it
+  bool doubted = false;  // a multiplier was near rounding, or a residual was taken for it
   int count = 0;
   int pending = 0;
 
   void layout(Arena& arena, int n, int rows, int most) {
-    arena.place(g, n); arena.place(w, rows); arena.place(lambda, rows); arena.place(delta, rows); arena.place(before, n); arena.place(mu, n); arena.place(y, most + n + 16);
-    arena.place(open, rows); arena.place(open_x, n); arena.place(wrong, static_cast<std::size_t>(rows) + n);
+    arena.place(g, n);
+    arena.place(w, rows);
+    arena.place(lambda, rows);
+    arena.place(delta, rows);
+    arena.place(before, n);
+    arena.place(mu, n);
+    arena.place(y, most + n + 16);
+    arena.place(open, rows);
+    arena.place(open_x, n);
+    arena.place(wrong, static_cast<std::size_t>(rows) + n);
   }
 
   // Fill `wrong` for the working set (W, F) whose solution is the tableau's x, v = A x; or only for the highest
   // level that has any.
   void judge(const std::int8_t* W, const std::int8_t* F, const double* v, bool highest = false) {
     const Table& t = *table;
-    count = 0; pending = 0; doubted = false;
-    for (int i = 0; i < t.n; ++i) { open_x[i] = F[i] && !t.fixed[i]; pending += open_x[i]; }
-    for (int r = 0; r < t.rows; ++r) { open[r] = W[r] && t.kind[r] == kUpper; pending += open[r]; }
+    count = 0;
+    pending = 0;
+    doubted = false;
+    for (int i = 0; i < t.n; ++i) {
+      open_x[i] = F[i] && !t.fixed[i];
+      pending += open_x[i];
+    }
+    for (int r = 0; r < t.rows; ++r) {
+      open[r] = W[r] && t.kind[r] == kUpper;
+      pending += open[r];
+    }
     if (!pending) return;
     const double span = t.span(tableau->x);
     for (int k = 0; k < t.blocks && pending; ++k) {
@@ -59,7 +75,8 @@ struct Multipliers {
       const double limit = norm * ((tolerance + 1e-15 * tableau->growth) * length + 1e-15 * norm * span);
       const bool refined = doubtful(k, least, limit);
       if (refined) refine(k);
-      faint_ = 1e-13 * norm * length; clear_ = 1e-9 * norm * length;
+      faint_ = 1e-13 * norm * length;
+      clear_ = 1e-9 * norm * length;
       decide(k, W, F, refined ? least : limit, refined);
       if (highest && count) return;
     }
@@ -148,7 +165,7 @@ struct Multipliers {
   }
 
  private:
-  double faint_ = 0.0, clear_ = 0.0;   // a multiplier between them is doubtful
+  double faint_ = 0.0, clear_ = 0.0;  // a multiplier between them is doubtful
 
   void own_signs(int k, const std::int8_t* W, double span) {
     const Block& b = table->block[k];
@@ -191,7 +208,8 @@ struct Multipliers {
       doubted = doubted || (force > faint_ && force < larger(clear_, 10.0 * error));
       if (!(force > limit && force > error)) continue;
       if (mu[i] * F[i] < 0.0) wrong[count++] = Wrong{k, i, true, force};
-      open_x[i] = 0; --pending;
+      open_x[i] = 0;
+      --pending;
     }
   }
 

@@ -9,27 +9,43 @@ inline namespace HQP_ISA {
 
 class NonnegativeLeastSquares {
  public:
-  int count = 0;                 // columns
-  const double** column = nullptr;   // (count,) each of length `size`
-  double* sign = nullptr;        // (count,) +1 or -1: c_a = sign_a column_a
-  double* mu = nullptr;          // (count,)
-  double* rest = nullptr;        // (size,) t - sum_a mu_a c_a
+  int count = 0;                    // columns
+  const double** column = nullptr;  // (count,) each of length `size`
+  double* sign = nullptr;           // (count,) +1 or -1: c_a = sign_a column_a
+  double* mu = nullptr;             // (count,)
+  double* rest = nullptr;           // (size,) t - sum_a mu_a c_a
   std::int8_t* passive = nullptr;   // (count,) mu_a > 0
 
   void layout(Arena& arena, int n, int most) {
     ld_ = padded(n);
     const std::size_t wide = static_cast<std::size_t>(ld_);
-    arena.place(column, most); arena.place(sign, most); arena.place(mu, most); arena.place(passive, most);
-    arena.place(order_, n + 1); arena.place(skip_, most); arena.place(rest, n); arena.place(aim_, n + 1);
-    arena.place(q_, (n + 1) * wide); arena.place(r_, (n + 1) * wide); arena.place(along_, n + 1); arena.place(t_, n);
+    arena.place(column, most);
+    arena.place(sign, most);
+    arena.place(mu, most);
+    arena.place(passive, most);
+    arena.place(order_, n + 1);
+    arena.place(skip_, most);
+    arena.place(rest, n);
+    arena.place(aim_, n + 1);
+    arena.place(q_, (n + 1) * wide);
+    arena.place(r_, (n + 1) * wide);
+    arena.place(along_, n + 1);
+    arena.place(t_, n);
   }
 
   // Returns the length of the rest. At its end c_a' rest <= 0 for every column, up to rounding.
   double solve(const double* t, int size) {
-    size_ = size; chosen_ = 0;
+    size_ = size;
+    chosen_ = 0;
     double most = 0.0;
-    for (int i = 0; i < size; ++i) { t_[i] = rest[i] = t[i]; most = larger(most, std::fabs(t[i])); }
-    for (int a = 0; a < count; ++a) { mu[a] = 0.0; passive[a] = skip_[a] = 0; }
+    for (int i = 0; i < size; ++i) {
+      t_[i] = rest[i] = t[i];
+      most = larger(most, std::fabs(t[i]));
+    }
+    for (int a = 0; a < count; ++a) {
+      mu[a] = 0.0;
+      passive[a] = skip_[a] = 0;
+    }
     const double enough = 1e-15 * most;
     double length = norm(rest);
     for (int turn = 0; turn < 3 * (count + size) && count; ++turn) {
@@ -38,10 +54,13 @@ class NonnegativeLeastSquares {
       for (int a = 0; a < count; ++a) {
         if (passive[a] || skip_[a]) continue;
         const double pull = sign[a] * dot_any(column[a], rest, size);
-        if (pull > most_pull) { most_pull = pull; best = a; }
+        if (pull > most_pull) {
+          most_pull = pull;
+          best = a;
+        }
       }
       if (best < 0) break;
-      if (chosen_ == size || !join(best) || aim_[chosen_ - 1] <= 0.0) {   // dependent but for rounding
+      if (chosen_ == size || !join(best) || aim_[chosen_ - 1] <= 0.0) {  // dependent but for rounding
         if (chosen_ && order_[chosen_ - 1] == best) leave(chosen_ - 1);
         skip_[best] = 1;
         continue;
@@ -49,7 +68,8 @@ class NonnegativeLeastSquares {
       back_off();
       const double before = length;
       length = update_rest();
-      if (length < before * (1.0 - 1e-14)) for (int a = 0; a < count; ++a) skip_[a] = 0;
+      if (length < before * (1.0 - 1e-14))
+        for (int a = 0; a < count; ++a) skip_[a] = 0;
       else skip_[best] = 1;
     }
     return length;
@@ -57,13 +77,14 @@ class NonnegativeLeastSquares {
 
  private:
   int ld_ = 0, size_ = 0, chosen_ = 0;
-  int* order_ = nullptr;             // (chosen,) passive columns in the order of the factor
+  int* order_ = nullptr;  // (chosen,) passive columns in the order of the factor
   std::int8_t* skip_ = nullptr;
-  double *q_ = nullptr, *r_ = nullptr, *aim_ = nullptr, *along_ = nullptr, *t_ = nullptr;   // columns = Q' R, along = Q t
+  double *q_ = nullptr, *r_ = nullptr, *aim_ = nullptr, *along_ = nullptr,
+         *t_ = nullptr;  // columns = Q' R, along = Q t
 
   double norm(const double* y) const { return std::sqrt(dot_any(y, y, size_)); }
   double* q(int i) { return q_ + static_cast<std::ptrdiff_t>(i) * ld_; }
-  double* r(int i) { return r_ + static_cast<std::ptrdiff_t>(i) * ld_; }   // column i of R
+  double* r(int i) { return r_ + static_cast<std::ptrdiff_t>(i) * ld_; }  // column i of R
 
   // Orthogonalise a column against those chosen, twice; false where nothing but rounding is left.
   bool join(int a) {
@@ -100,11 +121,15 @@ class NonnegativeLeastSquares {
   // Drop the column at a place of the factor and orthogonalise the later ones again.
   void leave(int place) {
     const int last = chosen_;
-    passive[order_[place]] = 0; mu[order_[place]] = 0.0;
+    passive[order_[place]] = 0;
+    mu[order_[place]] = 0.0;
     chosen_ = place;
     for (int j = place + 1; j < last; ++j) {
       const int a = order_[j];
-      if (!join(a)) { passive[a] = 0; mu[a] = 0.0; }
+      if (!join(a)) {
+        passive[a] = 0;
+        mu[a] = 0.0;
+      }
     }
     solve_triangle();
   }
@@ -117,7 +142,10 @@ class NonnegativeLeastSquares {
       for (int i = 0; i < chosen_; ++i) {
         if (aim_[i] > 0.0) continue;
         const double here = mu[order_[i]], part = here / larger(here - aim_[i], 1e-300);
-        if (worst < 0 || part < step) { step = smaller(part, 1.0); worst = i; }
+        if (worst < 0 || part < step) {
+          step = smaller(part, 1.0);
+          worst = i;
+        }
       }
       if (worst < 0) break;
       for (int i = 0; i < chosen_; ++i) {

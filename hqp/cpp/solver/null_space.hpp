@@ -1,5 +1,5 @@
-// An orthonormal basis of the null space of rows, as a product of reflections Q = H_0 H_1 ... : the first `rank` entries of
-// Q' a are what the rows determine of a, the others its coordinates in the null space.
+// An orthonormal basis of the null space of rows, as a product of reflections Q = H_0 H_1 ... : the first `rank`
+// entries of Q' a are what the rows determine of a, the others its coordinates in the null space.
 #pragma once
 
 #include "arena.hpp"
@@ -12,8 +12,10 @@ struct NullSpace {
   int n = 0, ld = 0, rank = 0;
 
   void layout(Arena& arena, int n_) {
-    n = n_; ld = padded(n);
-    arena.place(v_, static_cast<std::size_t>(n) * ld); arena.place(tau_, n);
+    n = n_;
+    ld = padded(n);
+    arena.place(v_, static_cast<std::size_t>(n) * ld);
+    arena.place(tau_, n);
   }
 
   int freedom() const { return n - rank; }

@@ -54,7 +54,7 @@ struct Answer {
   bool unsure = false;  // constraints are violated by an answer whose ranks were uncertain
   int iterations = 0;
   int factorisations = 0;
-  int judged = 0;                  // 1: the answer was judged, 2: it was refused and found by stages
+  int judged = 0;  // 1: the answer was judged, 2: it was refused and found by stages
 };
 
 }  // namespace hqp

@@ -14,27 +14,39 @@ static inline double now() {
   return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
 
-// At level k the multipliers of the active rows that explain the gradient best (non-negative least squares) are found. If
-// something is left of it, that is a direction along which the level falls and no active row is in the way, however many meet
-// at x: a degenerate vertex is left by it. Otherwise, and after it, x goes to the lowest point of the level where the rows
-// with a multiplier and those met on the way are held. Each such point is lower than the last, so no set of rows comes again.
+// At level k the multipliers of the active rows that explain the gradient best (non-negative least squares) are found.
+// If something is left of it, that is a direction along which the level falls and no active row is in the way, however
+// many meet at x: a degenerate vertex is left by it. Otherwise, and after it, x goes to the lowest point of the level
+// where the rows with a multiplier and those met on the way are held. Each such point is lower than the last, so no set
+// of rows comes again.
 class StageSearch : public Judge {
  public:
-  bool late = false;    // the deadline ended the search
-  int solves = 0;       // subspaces minimised
+  bool late = false;  // the deadline ended the search
+  int solves = 0;     // subspaces minimised
 
   void layout(Arena& arena, int n, int rows, int most) {
     Judge::layout(arena, n, rows, most);
     const std::size_t wide = static_cast<std::size_t>(padded(n + 1));
     wide_ = static_cast<int>(wide);
-    arena.place(B_, (most + 1) * wide); arena.place(rhs_, most + 1); arena.place(length_, most + 1); arena.place(order_, most + 1);
-    arena.place(column_, n + 1); arena.place(size_, wide); arena.place(mix_, wide); arena.place(z_, n + 1); arena.place(d_, n);
-    arena.place(dv_, n + rows); arena.place(kept_, n + rows); arena.place(t_, n);
+    arena.place(B_, (most + 1) * wide);
+    arena.place(rhs_, most + 1);
+    arena.place(length_, most + 1);
+    arena.place(order_, most + 1);
+    arena.place(column_, n + 1);
+    arena.place(size_, wide);
+    arena.place(mix_, wide);
+    arena.place(z_, n + 1);
+    arena.place(d_, n);
+    arena.place(dv_, n + rows);
+    arena.place(kept_, n + rows);
+    arena.place(t_, n);
   }
 
   // Lower level after level from x, which keeps the box; true if what is reached is optimal.
   bool search(const double* from, double deadline) {
-    deadline_ = deadline; late = false; solves = 0;
+    deadline_ = deadline;
+    late = false;
+    solves = 0;
     for (int i = 0; i < n_; ++i) x[i] = from[i];
     for (int turn = 0; turn < kPasses; ++turn) {
       const bool moved = lower_all();
@@ -47,15 +59,16 @@ class StageSearch : public Judge {
   }
 
  private:
-  static constexpr int kPasses = 4;          // over all levels
-  static constexpr int kTurns = 400;         // non-negative least squares a level
-  static constexpr double kGoal = 1e-12;     // gap of a level that is not worth lowering
-  static constexpr double kActive = 1e-10;   // activity, relative to the row's terms
-  static constexpr double kFlat = 1e-9;      // a row whose rest is no longer than this, relative, adds no direction to its level
+  static constexpr int kPasses = 4;         // over all levels
+  static constexpr int kTurns = 400;        // non-negative least squares a level
+  static constexpr double kGoal = 1e-12;    // gap of a level that is not worth lowering
+  static constexpr double kActive = 1e-10;  // activity, relative to the row's terms
+  static constexpr double kFlat =
+      1e-9;  // a row whose rest is no longer than this, relative, adds no direction to its level
   int wide_ = 0, kept_count_ = 0;
   double deadline_ = 0.0;
-  double *B_ = nullptr, *rhs_ = nullptr, *length_ = nullptr, *size_ = nullptr, *mix_ = nullptr, *z_ = nullptr, *d_ = nullptr,
-         *dv_ = nullptr, *t_ = nullptr;
+  double *B_ = nullptr, *rhs_ = nullptr, *length_ = nullptr, *size_ = nullptr, *mix_ = nullptr, *z_ = nullptr,
+         *d_ = nullptr, *dv_ = nullptr, *t_ = nullptr;
   int *order_ = nullptr, *column_ = nullptr, *kept_ = nullptr;
 
   double* row(int i) { return B_ + static_cast<std::ptrdiff_t>(i) * wide_; }
@@ -71,7 +84,10 @@ class StageSearch : public Judge {
     bool moved = false;
     for (int k = 0; k < table_->blocks && null_.freedom(); ++k) {
       double own = gap_of(k);
-      if (own > kGoal) { own = lower_level(k, own); moved = true; }
+      if (own > kGoal) {
+        own = lower_level(k, own);
+        moved = true;
+      }
       if (late) break;
       descend(k, kLeastLock, own);
     }
@@ -84,7 +100,8 @@ class StageSearch : public Judge {
     int stalls = 0;
     for (int turn = 0; turn < kTurns && own > kGoal && !out_of_time(); ++turn) {
       kept_count_ = 0;
-      for (int a = 0; a < active_; ++a) if (columns_.passive[a]) kept_[kept_count_++] = id_[a];
+      for (int a = 0; a < active_; ++a)
+        if (columns_.passive[a]) kept_[kept_count_++] = id_[a];
       minimise(k);
       measure();
       find_active();
@@ -92,7 +109,8 @@ class StageSearch : public Judge {
       own = gap_of(k);
       if (size < least * (1.0 - 1e-14) || own < 0.5 * nearest) stalls = 0;
       else if (++stalls > 3) break;
-      least = smaller(least, size); nearest = smaller(nearest, own);
+      least = smaller(least, size);
+      nearest = smaller(nearest, own);
     }
     return own;
   }
@@ -107,17 +125,13 @@ class StageSearch : public Judge {
       if (blocking >= 0 && !(alpha > 0.0)) {
         if (!moved && steepest(k)) {
           alpha = step(k, blocking);
-          if (!(alpha > 0.0)) return;   // rounding alone
+          if (!(alpha > 0.0)) return;  // rounding alone
         } else {
           keep(blocking);
           continue;
         }
       }
       const bool same = move(k, alpha, blocking);
-#ifdef HQP_TRACE
-      { double big = 0, dd = 0; for (int i = 0; i < n_; ++i) { big = larger(big, std::fabs(x[i])); dd = larger(dd, std::fabs(d_[i])); }
-      std::fprintf(stderr, "  level %d turn %d alpha %g blocking %d |d| %g |x| %g kept %d rank %d |w| %.16g\n", k, turn, alpha, blocking, dd, big, kept_count_, null_.rank, gradient(k)); }
-#endif
       moved = true;
       if (blocking >= 0) keep(blocking);
       else if (alpha >= 1.0 && same) return;
@@ -190,7 +204,7 @@ class StageSearch : public Judge {
     return reach > 1e-14 * most;
   }
 
-  void sort_by_length(int m) {   // insertion: most levels have rows of similar length in order
+  void sort_by_length(int m) {  // insertion: most levels have rows of similar length in order
     for (int i = 1; i < m; ++i) {
       const int r = order_[i];
       int j = i;
@@ -199,8 +213,8 @@ class StageSearch : public Judge {
     }
   }
 
-  // min || B z - rhs ||, rows sorted by length: Householder with column pivoting (row-wise stable: Cox and Higham 1998). A row of
-  // which less than kFlat is left adds no direction. Returns the length of what B z takes away of rhs.
+  // min || B z - rhs ||, rows sorted by length: Householder with column pivoting (row-wise stable: Cox and Higham
+  // 1998). A row of which less than kFlat is left adds no direction. Returns the length of what B z takes away of rhs.
   double least_squares(int m, int f) {
     for (int j = 0; j < f; ++j) column_[j] = j;
     const double flat = larger(kFlat, 1e-14 / shortest_);
@@ -210,21 +224,33 @@ class StageSearch : public Judge {
       for (int i = rank; i < m;) {
         double most = 0.0;
         for (int j = rank; j < f; ++j) most = larger(most, std::fabs(row(i)[j]));
-        if (most > flat * length_[i]) { ++i; continue; }
+        if (most > flat * length_[i]) {
+          ++i;
+          continue;
+        }
         --m;
-        for (int q = i; q < m; ++q) {   // the others keep their order
+        for (int q = i; q < m; ++q) {  // the others keep their order
           for (int j = 0; j < f; ++j) row(q)[j] = row(q + 1)[j];
-          rhs_[q] = rhs_[q + 1]; length_[q] = length_[q + 1];
+          rhs_[q] = rhs_[q + 1];
+          length_[q] = length_[q + 1];
         }
       }
       if (rank == m) break;
       for (int j = rank; j < f; ++j) size_[j] = 0.0;
-      for (int i = rank; i < m; ++i) for (int j = rank; j < f; ++j) size_[j] += row(i)[j] * row(i)[j];
+      for (int i = rank; i < m; ++i)
+        for (int j = rank; j < f; ++j) size_[j] += row(i)[j] * row(i)[j];
       int p = rank;
-      for (int j = rank + 1; j < f; ++j) if (size_[j] > size_[p]) p = j;
+      for (int j = rank + 1; j < f; ++j)
+        if (size_[j] > size_[p]) p = j;
       if (p != rank) {
-        for (int i = 0; i < m; ++i) { const double s = row(i)[p]; row(i)[p] = row(i)[rank]; row(i)[rank] = s; }
-        const int s = column_[p]; column_[p] = column_[rank]; column_[rank] = s;
+        for (int i = 0; i < m; ++i) {
+          const double s = row(i)[p];
+          row(i)[p] = row(i)[rank];
+          row(i)[rank] = s;
+        }
+        const int s = column_[p];
+        column_[p] = column_[rank];
+        column_[rank] = s;
       }
       reflect_column(rank, m, f);
       reach += rhs_[rank] * rhs_[rank];
@@ -265,13 +291,17 @@ class StageSearch : public Judge {
     const Table& t = *table_;
     t.product(d_, dv_ + n_);
     double length = 0.0;
-    for (int i = 0; i < n_; ++i) { dv_[i] = d_[i]; length += d_[i] * d_[i]; }
+    for (int i = 0; i < n_; ++i) {
+      dv_[i] = d_[i];
+      length += d_[i] * d_[i];
+    }
     length = std::sqrt(length);
     double most = 1.0;
-    for (int a = 0; a < open_count_; ++a) {   // Harris: the bounds a little wider first
+    for (int a = 0; a < open_count_; ++a) {  // Harris: the bounds a little wider first
       const int q = open_[a];
       if (!towards(q, length)) continue;
-      const double bound = dv_[q] > 0.0 ? upper(q) : lower(q), room = (dv_[q] > 0.0 ? bound - v_[q] : v_[q] - bound) + margin(q);
+      const double bound = dv_[q] > 0.0 ? upper(q) : lower(q),
+                   room = (dv_[q] > 0.0 ? bound - v_[q] : v_[q] - bound) + margin(q);
       if (room < most * std::fabs(dv_[q])) most = larger(room, 0.0) / std::fabs(dv_[q]);
     }
     blocking = -1;
@@ -283,7 +313,8 @@ class StageSearch : public Judge {
         const double bound = dv_[q] > 0.0 ? upper(q) : lower(q), room = dv_[q] > 0.0 ? bound - v_[q] : v_[q] - bound;
         const double slope = std::fabs(dv_[q]);
         if (!(room <= most * slope) || slope <= steepest * norm(q)) continue;
-        steepest = slope / norm(q); blocking = q;
+        steepest = slope / norm(q);
+        blocking = q;
         alpha = larger(room, 0.0) / slope;
       }
     const double bottom = lowest(k, alpha);
@@ -297,7 +328,8 @@ class StageSearch : public Judge {
   bool towards(int q, double length) const {
     if (state_[q] != kOpen || !(std::fabs(dv_[q]) > 1e-13 * norm(q) * length)) return false;
     if (!(std::fabs(dv_[q] > 0.0 ? upper(q) : lower(q)) < kInfinity)) return false;
-    for (int i = 0; i < kept_count_; ++i) if (kept_[i] == q) return false;
+    for (int i = 0; i < kept_count_; ++i)
+      if (kept_[i] == q) return false;
     return true;
   }
 
@@ -322,7 +354,8 @@ class StageSearch : public Judge {
       const double s = slope_at(k, a, curvature);
       if (a == alpha && s <= least) return alpha;
       if (std::fabs(s) <= least) break;
-      if (s > 0.0) high = a; else low = a;
+      if (s > 0.0) high = a;
+      else low = a;
       const double newton = a - s / curvature;
       a = newton > low && newton < high ? newton : 0.5 * (low + high);
     }

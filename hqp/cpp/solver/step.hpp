@@ -80,8 +80,12 @@ class Step : public WorkingSet {
     if (level < table.blocks) bend(level, size, alpha, row, variable, side);
     alpha_ = alpha;
     if (alpha >= 1.0 && row < 0 && variable < 0) return true;
-    if (level == 0 && project(alpha)) { alpha_ = 1.0; return false; }
-    for (int i = 0; i < n; ++i) if (!F[i]) x[i] = inside_box(i, x[i] + alpha * step_[i]);
+    if (level == 0 && project(alpha)) {
+      alpha_ = 1.0;
+      return false;
+    }
+    for (int i = 0; i < n; ++i)
+      if (!F[i]) x[i] = inside_box(i, x[i] + alpha * step_[i]);
     for (int r = 0; r < table.rows; ++r) v[r] += alpha * change_[r];
     followed_ = true;
     changes_.start();

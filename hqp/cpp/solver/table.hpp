@@ -25,10 +25,11 @@ struct Block {
 
 struct Table {
   int n = 0, blocks = 0, rows = 0, inequalities = 0;
-  int first = 0;              // 1 if level 0 became the box
-  double reach = 0.0;         // largest distance that a row of usual length asks for, |bound| / norm: the scale of rounding in x
-  bool uneven = false;        // rows of one level differ in length by more than 1e5
-  bool boxed = false;         // some variable has a finite bound or is fixed
+  int first = 0;  // 1 if level 0 became the box
+  double reach =
+      0.0;  // largest distance that a row of usual length asks for, |bound| / norm: the scale of rounding in x
+  bool uneven = false;  // rows of one level differ in length by more than 1e5
+  bool boxed = false;   // some variable has a finite bound or is fixed
   Block* block = nullptr;
   double* lower = nullptr;  // (rows,) of the table, copies
   double* upper = nullptr;
@@ -78,7 +79,12 @@ struct Table {
 
   // Read the problem; false if a number is not usable.
   bool read(const Problem& problem) {
-    rows = 0; blocks = 0; inequalities = 0; first = 0; reach = 0.0; uneven = false;
+    rows = 0;
+    blocks = 0;
+    inequalities = 0;
+    first = 0;
+    reach = 0.0;
+    uneven = false;
     no_box();
     for (int k = 0, row = 0; k < problem.count; row += problem.levels[k++].m) {
       const Level level = simplest(problem.levels[k], row);

@@ -13,12 +13,12 @@ class WorkingSet {
   Tableau tableau;
   Multipliers multipliers;
   StageSearch stages;
-  std::int8_t* W = nullptr;   // (rows,) working rows
-  std::int8_t* F = nullptr;   // (n,) variables held at a bound
-  double* x = nullptr;        // (n,) the point
-  double* v = nullptr;        // (rows,) A x
+  std::int8_t* W = nullptr;  // (rows,) working rows
+  std::int8_t* F = nullptr;  // (n,) variables held at a bound
+  double* x = nullptr;       // (n,) the point
+  double* v = nullptr;       // (rows,) A x
   int factorisations = 0, iterations = 0;
-  int judged = 0;             // 1: the answer was doubted and judged, 2: it was refused and searched for by stages
+  int judged = 0;  // 1: the answer was doubted and judged, 2: it was refused and searched for by stages
   Outcome outcome = Outcome::optimal;
 
   void layout(Arena& arena, int n, int levels, const int* m, int* blocks_m, bool metric) {
@@ -40,11 +40,22 @@ class WorkingSet {
     tableau.layout(arena, n, count, blocks_m);
     multipliers.layout(arena, n, total, most);
     stages.layout(arena, n, total, most);
-    arena.place(W, total); arena.place(F, n); arena.place(x, n); arena.place(v, total);
-    arena.place(start_W_, total); arena.place(start_F_, n); arena.place(start_x_, n); arena.place(start_slack_, count);
-    arena.place(step_, n); arena.place(change_, total); arena.place(target_, total);
-    arena.place(trial_x_, n); arena.place(trial_v_, total);
-    arena.place(side_, total); arena.place(side_x_, n); arena.place(seen_, kSeen);
+    arena.place(W, total);
+    arena.place(F, n);
+    arena.place(x, n);
+    arena.place(v, total);
+    arena.place(start_W_, total);
+    arena.place(start_F_, n);
+    arena.place(start_x_, n);
+    arena.place(start_slack_, count);
+    arena.place(step_, n);
+    arena.place(change_, total);
+    arena.place(target_, total);
+    arena.place(trial_x_, n);
+    arena.place(trial_v_, total);
+    arena.place(side_, total);
+    arena.place(side_x_, n);
+    arena.place(seen_, kSeen);
   }
 
   void start() {
@@ -72,13 +83,13 @@ class WorkingSet {
 
  protected:
   static constexpr int kSeen = 512;
-  static constexpr int kIdle = 8;            // so many steps of no length may follow one another
-  static constexpr double kNear = 1e4;       // a pivot this near it, or one that magnifies rounding by kGrown, is judged
+  static constexpr int kIdle = 8;       // so many steps of no length may follow one another
+  static constexpr double kNear = 1e4;  // a pivot this near it, or one that magnifies rounding by kGrown, is judged
   static constexpr double kGrown = 1e6;
-  static constexpr double kGood = 1e-11;     // an answer that was judged and has a larger gap is lowered by stages
-  static constexpr double kDoubt = 100.0;    // a pivot this near the rank tolerance, as a ratio, is no clear decision
-  static constexpr int kCrowd = 4;           // a first point that violates more than one bound for so many variables is far off
-  static constexpr double kSame = 1e-9;   // slacks nearer than this, relative to 1 + slack, are no progress
+  static constexpr double kGood = 1e-11;   // an answer that was judged and has a larger gap is lowered by stages
+  static constexpr double kDoubt = 100.0;  // a pivot this near the rank tolerance, as a ratio, is no clear decision
+  static constexpr int kCrowd = 4;  // a first point that violates more than one bound for so many variables is far off
+  static constexpr double kSame = 1e-9;  // slacks nearer than this, relative to 1 + slack, are no progress
   const Options* options_ = nullptr;
   std::int8_t *start_W_ = nullptr, *start_F_ = nullptr, *side_ = nullptr, *side_x_ = nullptr;
   double *start_x_ = nullptr, *start_slack_ = nullptr, *step_ = nullptr, *change_ = nullptr, *target_ = nullptr;
@@ -89,11 +100,11 @@ class WorkingSet {
   Changes changes_;    // since the tableau was made
   int progress_ = -1;  // first level that the last step changed
   bool warm_ = false;
-  bool plain_ = false;        // this search factorises every working set
-  bool followed_ = false;     // v was kept up with x
-  double alpha_ = 0.0;        // length of the last step, 1 for a whole one
-  bool stalled_ = false;      // a step had no length
-  bool stopped_ = false;      // the search was given up at x, which need not be optimal
+  bool plain_ = false;     // this search factorises every working set
+  bool followed_ = false;  // v was kept up with x
+  double alpha_ = 0.0;     // length of the last step, 1 for a whole one
+  bool stalled_ = false;   // a step had no length
+  bool stopped_ = false;   // the search was given up at x, which need not be optimal
 
   // The last working set where it still makes sense, else equalities and nothing more.
   void working_set() {

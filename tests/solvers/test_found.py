@@ -1,0 +1,67 @@
+"""Problems that were once answered wrongly and called solved, and a short run of the fuzz.
+
+tests/data/found.npz: four hierarchies of a few rows, cut down from 400 000 random ones (m rows a level, A, lb, ub):
+rows of two levels that agree but for 4e-12; rows whose lengths differ by 5e5; an entry of 5.8e-12, below the rank tolerance,
+that decided a sign; many constraints through one vertex.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hqp
+from hqp import Hierarchy, Rows, Status, certificate
+from hqp.solvers import lexicographic
+from tests.solvers import fuzz
+from tests.solvers.kinds import KINDS
+
+FOUND = Path(__file__).parents[1] / "data" / "found.npz"
+NAMES = (
+    "degenerate_uncertain_wrong_n10",
+    "parallel_optimal_wrong_1",
+    "robotlike_optimal_wrong",
+    "rowscale_optimal_wrong",
+)
+needs_kernel = pytest.mark.skipif(lexicographic.kernel() == "", reason="built without the native kernel")
+
+
+def found(name: str) -> Hierarchy:
+    with np.load(FOUND) as data:
+        m, A, lower, upper = (data[f"{name}_{part}"] for part in ("m", "A", "lb", "ub"))
+    ends = np.cumsum(m[0])
+    return Hierarchy(
+        tuple(Rows(A[e - k : e], lower[e - k : e], upper[e - k : e]) for k, e in zip(m[0], ends, strict=True))
+    )
+
+
+@needs_kernel
+@pytest.mark.parametrize("name", NAMES)
+def test_what_was_wrong_once_is_right_cold_and_warm(name: str) -> None:
+    problem = found(name)
+    workspace = hqp.solvers.load("lexicographic").workspace(problem.shape)
+    norms = []
+    for _ in range(3):
+        solution = workspace.solve(problem)
+        assert solution.status.solved, solution.detail
+        assert certificate(problem, solution.x, 1e-8).ok
+        norms.append(solution.norms)
+    np.testing.assert_allclose(norms[1:], norms[:1] * 2, rtol=1e-9, atol=1e-12)
+
+
+@needs_kernel
+def test_the_vertex_has_the_optimum_of_the_finding() -> None:
+    solution = hqp.solvers.load("lexicographic").solve(found("degenerate_uncertain_wrong_n10"))
+    assert solution.norms[1] == pytest.approx(0.7154834, abs=1e-7)  # 0.8307570 was returned
+
+
+@needs_kernel
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "large"])
+def test_fuzz(kind: str) -> None:
+    count = fuzz.run([kind], start=10**6, count=60, seconds=60.0)[kind]
+    assert count.refused == []
+    assert count.disagree == []
+    assert count.status[Status.ITERATION_LIMIT.name] == 0
+    assert len(count.unsolved) <= (3 if kind in ("near_parallel", "conflicts") else 0), count.unsolved
