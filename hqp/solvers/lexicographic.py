@@ -34,7 +34,7 @@ _STATUS = (
 )
 
 DAMPED = "damping kept a level from its optimum"
-STUCK = "the working sets repeated themselves, and widening the bounds did not help"
+STUCK = "no answer that was found passed the certificate: the problem is too ill-conditioned to be judged"
 
 
 def kernel() -> str:

@@ -1,8 +1,8 @@
 """Problems that were once answered wrongly and called solved, and a short run of the fuzz.
 
 tests/data/found.npz: four hierarchies of a few rows, cut down from 400 000 random ones (m rows a level, A, lb, ub):
-rows of two levels that agree but for 4e-12; rows whose lengths differ by 5e5; an entry of 5.8e-12, below the rank tolerance,
-that decided a sign; many constraints through one vertex.
+rows of two levels that agree but for 4e-12; rows whose lengths differ by 5e5; an entry of 5.8e-12, below the rank
+tolerance, that decided a sign; many constraints through one vertex.
 """
 
 from __future__ import annotations
