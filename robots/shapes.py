@@ -20,7 +20,8 @@ class Shape:
 
     body: index into ``robot.bodies``.  position ``(3,)`` [m], rotation ``(3, 3)``: in the body's axes.
     size: scale of a mesh ``(3,)``; sides of a box ``(3,)``; radius of a sphere; radius and length of the others [m],
-    along z.  path: of a mesh file; triangles: corners and triangles of a mesh without one.  color: red, green, blue, opacity, 0 to 1, None where the file names none.
+    along z.  path: of a mesh file; triangles: corners and triangles of a mesh without one.  color: red, green, blue,
+    opacity, 0 to 1, None where the file names none.
     """
 
     body: int
