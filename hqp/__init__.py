@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from hqp import robots, serial, tasks
     from hqp.checking import check
     from hqp.comparison import compare
+    from hqp.lab import bench
     from hqp.torque import Torque
     from hqp.viewer import view
 
@@ -50,6 +51,7 @@ __all__ = [
     "Tick",
     "Torque",
     "Velocity",
+    "bench",
     "certificate",
     "check",
     "compare",
@@ -71,6 +73,8 @@ def __getattr__(name: str) -> object:
         return importlib.import_module("hqp.checking").check
     if name == "compare":
         return importlib.import_module("hqp.comparison").compare
+    if name == "bench":
+        return importlib.import_module("hqp.lab").bench
     if name == "view":
         return importlib.import_module("hqp.viewer").view
     raise AttributeError(f"module 'hqp' has no attribute {name!r}")

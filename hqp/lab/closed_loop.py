@@ -1,0 +1,79 @@
+"""One stack in closed loop through several solvers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from hqp.errors import HqpError, UnsupportedProblem
+from hqp.formulation import Formulation, Velocity
+from hqp.solvers import available, load
+from hqp.solvers.base import Solver
+from hqp.stack import Stack
+
+from .manifest import manifest
+from .measures import Summary, refused, summarise
+from .result import Bench
+from .run import Run, run
+from .trajectory import Motion, Trajectory
+
+
+def bench(
+    stack: Stack,
+    robot: Any,
+    *,
+    trajectory: str | Path | Motion = "circle",
+    solvers: str | Sequence[str | Solver] = ("lexicographic",),
+    formulation: Formulation | None = None,
+    dt: float = 0.002,
+    seconds: float = 2.0,
+    plant: str = "integrator",
+    certify_every: int = 10,
+    progress: Callable[[str, float], None] | None = None,
+) -> Bench:
+    """Run a stack in closed loop with each solver and measure time, accuracy and calm.
+
+    trajectory: see Trajectory.  solvers: names, Solver values, or "all" that are available.  plant: ``integrator`` or
+    ``mujoco``.  certify_every: every how many ticks the answer is judged by the certificate, outside the timed step.
+    progress: called with a solver's name and the share of its loop that is done.
+    A solver that refuses the stack has a line that says why.  Raises DeclarationError for a bad trajectory or plant.
+    """
+    formulation = formulation or Velocity()
+    chosen = available() if solvers == "all" else (solvers,) if isinstance(solvers, str) else solvers
+    ticks = max(2, round(seconds / dt))
+    motion = Trajectory(trajectory, stack, robot, seconds)
+    lines: list[Summary] = []
+    runs: list[Run] = []
+    for item in chosen:
+        solver = load(item) if isinstance(item, str) else item
+        name = item if isinstance(item, str) else item.name
+
+        def told(done: int, name: str = name) -> None:
+            if progress is not None:
+                progress(name, done / ticks)
+
+        try:
+            one = run(
+                stack, robot, solver, name, formulation, motion,
+                dt=dt, ticks=ticks, plant=plant, certify_every=certify_every, told=told,
+            )  # fmt: skip
+        except UnsupportedProblem as error:
+            lines.append(refused(name, solver.strict, str(error)))
+            told(ticks)
+            continue
+        runs.append(one)
+        lines.append(summarise(one))
+    if not lines:
+        raise HqpError("no solver to run")
+    about = manifest(
+        stack=str(stack),
+        robot=robot.name,
+        formulation=type(formulation).__name__,
+        trajectory=motion.name,
+        plant=plant,
+        dt=dt,
+        ticks=ticks,
+        seed=0,
+    )
+    return Bench(about, tuple(lines), tuple(runs))

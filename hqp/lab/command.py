@@ -1,0 +1,90 @@
+"""The command `hqp bench`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from hqp.arguments import add_stack, read_stack
+
+HELP = "run a stack in closed loop through solvers: time, accuracy, calm, as a report"
+DESCRIPTION = """Run a stack in closed loop with each solver and measure times against the period, residuals and
+certificates of every level, and how calm the commands are; write one page of HTML, Markdown, JSON or Parquet."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command's own arguments."""
+    from .plants import PLANTS
+    from .trajectory import NAMED
+
+    add_stack(parser)
+    named = "; ".join(f"{name}: {text}" for name, text in NAMED.items())
+    parser.add_argument(
+        "--trajectory", default="circle", metavar="WHAT", help=f"FILE.csv, FILE.parquet, module:function, or {named}"
+    )
+    parser.add_argument("--solvers", nargs="+", default=["lexicographic"], metavar="NAME", help="or all")
+    parser.add_argument("--plant", choices=PLANTS, default="integrator", help="default: integrator")
+    parser.add_argument("--seconds", type=float, default=2.0, metavar="S", help="of each loop, default 2")
+    for suffix, what in (("html", "one page with plots"), ("md", "Markdown"), ("json", "JSON"), ("parquet", "ticks")):
+        parser.add_argument(f"--{suffix}", type=Path, metavar="FILE", help=f"write {what} there")
+    parser.add_argument("--against", type=Path, metavar="OLD.json", help="compare with an older run's JSON")
+    parser.add_argument(
+        "--rivals", nargs="+", default=[], metavar="NAME", help="pink, mink: the same stack there, each in its own venv"
+    )
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Run the loops, print the table, write what is asked; 1 if a solver has become slower than before."""
+    from .closed_loop import bench
+
+    stack, robot, formulation = read_stack(arguments)
+    solvers = "all" if arguments.solvers == ["all"] else arguments.solvers
+    show, done = _progress()
+    try:
+        result = bench(
+            stack,
+            robot,
+            trajectory=arguments.trajectory,
+            solvers=solvers,
+            formulation=formulation,
+            dt=arguments.dt,
+            seconds=arguments.seconds,
+            plant=arguments.plant,
+            progress=show,
+        )
+    finally:
+        done()
+    print(result)
+    changes = result.against(arguments.against) if arguments.against else ()
+    for change in changes:
+        print(f"{change.solver}: {change.verdict}, {change.ratio:.2f} times (noise {100.0 * change.noise:.0f} %)")
+    if arguments.json:
+        arguments.json.write_text(result.json())
+    if arguments.md:
+        arguments.md.write_text(result.markdown())
+    if arguments.parquet:
+        result.parquet(arguments.parquet)
+    if arguments.html:
+        print(f"report: {result.html(arguments.html, changes)}")
+    return int(any(change.verdict == "slower" for change in changes))
+
+
+def _progress() -> tuple[Callable[[str, float], None], Callable[[], None]]:
+    """A bar on standard error for each solver; nothing where that is no terminal."""
+    if not sys.stderr.isatty():
+        return (lambda name, share: None), (lambda: None)
+    from rich.console import Console
+    from rich.progress import Progress, TaskID
+
+    bar = Progress(console=Console(stderr=True), transient=True)
+    bar.start()
+    tasks: dict[str, TaskID] = {}
+
+    def show(name: str, share: float) -> None:
+        if name not in tasks:
+            tasks[name] = bar.add_task(name, total=1.0)
+        bar.update(tasks[name], completed=share)
+
+    return show, bar.stop
