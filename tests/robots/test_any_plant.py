@@ -69,7 +69,7 @@ def test_free_base_beside_a_ball_and_names_left_out() -> None:
     height = q[2]
     assert plant.model.body(plant._root).name == "pelvis"
     plant.step(robot.state(q).angles[robot.actuated], steps=50)
-    q, v = plant.state()
+    q, _ = plant.state()
     assert height - q[2] == pytest.approx(0.5 * 9.81 * 0.05**2, rel=0.1)
 
 
