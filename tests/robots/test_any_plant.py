@@ -65,7 +65,7 @@ def test_free_base_beside_a_ball_and_names_left_out() -> None:
     q, v = plant.state()
     np.testing.assert_allclose(q, robot.home, atol=1e-12)
     q[2] += 1.0
-    q, v = plant.reset(q)
+    q, _ = plant.reset(q)
     height = q[2]
     assert plant.model.body(plant._root).name == "pelvis"
     plant.step(robot.state(q).angles[robot.actuated], steps=50)
