@@ -62,7 +62,7 @@ def test_free_base_beside_a_ball_and_names_left_out() -> None:
     robot = hqp.robots.load(DATA / "two_legs.xml")
     plant = Plant(robot, actuation="position", servo=Servo(other=50.0))
     assert plant.joint_names == robot.joint_names
-    q, v = plant.state()
+    q, _ = plant.state()
     np.testing.assert_allclose(q, robot.home, atol=1e-12)
     q[2] += 1.0
     q, _ = plant.reset(q)
