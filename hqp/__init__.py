@@ -11,7 +11,8 @@ from hqp.element import Constraint, Element, Inequality, Task
 from hqp.errors import HqpError
 from hqp.formulation import Acceleration, Velocity
 from hqp.law import PD, P, SelfMotion
-from hqp.problem import Hierarchy, Rows, Selection, Solution, Status
+from hqp.price import Price
+from hqp.problem import Hierarchy, Motion, Rows, Selection, Solution, Status
 from hqp.reference import Reference
 from hqp.session import Controller, Note, Session, Tick
 from hqp.stack import Level, Stack
@@ -37,8 +38,10 @@ __all__ = [
     "HqpError",
     "Inequality",
     "Level",
+    "Motion",
     "Note",
     "P",
+    "Price",
     "Reference",
     "Rows",
     "Selection",

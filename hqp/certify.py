@@ -9,6 +9,14 @@ unique, hence their value is) and rows whose multiplier was positive at a level 
 inequalities at a bound, s_i = +1 at upper and -1 at lower.  The gap is the length of what is left of A_k' w_k in
 the null space of the fixed rows once the best mu >= 0 is taken away.  Levels are judged at the same x, so level
 k's verdict means something only if the levels above it pass: all of them are needed.
+
+A level with a price is judged at the optimum x_k of its own stage, the witness: x_k lies in the set that the levels
+above leave, and with mu >= 0 for the active rows of that set
+
+    A_k' u + c_k F'(F x_k - f) + sum_fixed a_i nu_i + sum_active s_i a_i mu_i = 0,
+
+u = w_k / ||w_k|| where the level is not met, and some ||u|| <= 1 where it is.  The answer x is then judged as above on
+the exact hierarchy in which every priced level is replaced by what it hands down (hqp.pricing).
 """
 
 from __future__ import annotations
@@ -17,9 +25,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hqp.arrays import Mask, Mat, Vec
+from hqp.arrays import Mat, Vec
 from hqp.errors import ProblemError
-from hqp.problem import ROUNDING, Hierarchy
+from hqp.nnls import nonnegative_least_squares
+from hqp.pricing import Coordinates, after_stages, feasible_set, is_met
+from hqp.problem import ROUNDING, Hierarchy, Rows
 
 RANK_TOLERANCE = 1e-10
 """Rows of unit length add a fixed direction above this singular value: the smallest that is no rounding."""
@@ -63,11 +73,12 @@ class Certificate:
         return f"{'optimal' if self.ok else 'NOT optimal'} within {self.tolerance:g}: gaps {gaps}"
 
 
-def certificate(problem: Hierarchy, x: Vec, tolerance: float = 1e-6) -> Certificate:
+def certificate(problem: Hierarchy, x: Vec, tolerance: float = 1e-6, stages: Mat | None = None) -> Certificate:
     """Whether x solves the problem, level by level and completion included.
 
     x: ``(n,)``; a value that is not finite has infinite gaps.  tolerance: on the gaps, and on how far from its
-    bound a row still counts as active, relative to its terms.  Raises ProblemError for a wrong shape of x.
+    bound a row still counts as active, relative to its terms.  stages: ``(levels, n)``, Solution.stage_points of a
+    priced problem; what it lacks (NaN) is computed by the reference solver.  Raises ProblemError for a wrong shape.
     """
     x = np.asarray(x, dtype=np.float64)
     if x.shape != (problem.n,):
@@ -78,11 +89,79 @@ def certificate(problem: Hierarchy, x: Vec, tolerance: float = 1e-6) -> Certific
         return Certificate(
             np.full(levels + 1, np.inf), tolerance, np.full(levels, np.inf), (0,) * (levels + 1), nothing
         )
+    if problem.priced:
+        return _priced(problem, x, tolerance, stages)
     verdict = _verdict(problem, x, tolerance, max(LOCK_TOLERANCE, 10.0 * tolerance))
     if verdict.ok:
         return verdict
     other = _verdict(problem, x, tolerance, SMALLEST_LOCK)
     return other if other.ok else verdict
+
+
+def _priced(problem: Hierarchy, x: Vec, tolerance: float, stages: Mat | None) -> Certificate:
+    from hqp.solvers.reference import witness  # a solver: needed only where the caller has no witness
+
+    if stages is not None and stages.shape != (len(problem.levels), problem.n):
+        raise ProblemError(f"certificate: stages must be {(len(problem.levels), problem.n)}, given {stages.shape}")
+    known = witness(problem, stages)
+    at = Coordinates.of(problem.motion, problem.n)
+    exact = after_stages(problem, known, at)
+    final = certificate(exact, x, tolerance)
+    gaps = final.gaps.copy()
+    for k, priced in enumerate(problem.priced):
+        if priced:
+            gaps[k] = max(gaps[k], _stage_gap(problem, known, k, x, at, tolerance))
+    norms = np.array([float(np.linalg.norm(w)) for w in problem.slacks(x)])
+    own = [rows.m for rows in problem.levels]
+    places = [np.arange(m) + sum(rows.m for rows in exact.levels[:k]) for k, m in enumerate(own)]
+    multipliers = tuple(final.multipliers[k][np.concatenate(places[: k + 1])] for k in range(len(own)))
+    return Certificate(gaps, tolerance, norms, final.ranks, multipliers)
+
+
+def _stage_gap(problem: Hierarchy, stages: Mat, k: int, x: Vec, at: Coordinates, tolerance: float) -> float:
+    """How far x_k is from the set that the levels above leave, and from the optimality conditions on it."""
+    x_k, rows = stages[k], problem.levels[k]
+    A = at.rows(rows.dense(problem.n))  # in coordinates in which E is 1/2 ||y||^2
+    price = 0.0 if problem.prices is None else float(problem.prices[k])
+    above = feasible_set(problem, stages, k, x_k, at.still)
+    exact = [j for j in range(k) if not problem.priced[j]]
+    moved = [float(np.abs(problem.levels[j].slack(x_k) - problem.levels[j].slack(x)).max(initial=0.0)) for j in exact]
+    raw = above.dense(problem.n)
+    reach = _lengths(raw) + _terms(raw, x_k)
+    outside = np.divide(np.abs(above.slack(x_k)), reach, out=np.zeros(above.m), where=reach > 0.0)
+    judge = _Judge(problem.n, tolerance, LOCK_TOLERANCE)
+    C, shift, y = at.rows(raw), raw @ at.still, at.motion(x_k)
+    lengths = _lengths(C)
+    judge.descend(C, C @ y, above.lower - shift, above.upper - shift, lengths, _terms(C, y), 0.0)
+    gap = _conditions(judge, A, rows, x_k, price * y)
+    size = 1.0 + float(np.abs(x_k).max(initial=0.0))
+    return max(gap, float(outside.max(initial=0.0)), max(moved, default=0.0) / size)
+
+
+def _conditions(judge: _Judge, A: Mat, rows: Rows, x: Vec, motion: Vec) -> float:
+    """Gap of A'u + c y + (rows above) = 0, with u = w / ||w|| or, where w = 0, the shortest u that will do."""
+    w = rows.slack(x)
+    longest = float(_lengths(A).max(initial=0.0))
+    scale = longest + float(np.linalg.norm(motion))
+    if scale == 0.0:
+        return 0.0
+    if not is_met(rows, x):
+        return judge.judge(A.T @ (w / np.linalg.norm(w)) + motion, scale)[0]
+    active = np.flatnonzero((judge.side != 0.0) & ~judge.fixed)
+    cone = (judge.side[active, None] * (judge.unit[active] @ judge.Z)).T
+    value = rows.A @ x
+    slop = judge.tolerance * (_lengths(rows.dense(x.size)) + _terms(rows.dense(x.size), x))
+    upper, lower = value >= rows.upper - slop, value <= rows.lower + slop
+    U = np.concatenate([A[upper], -A[lower]])
+    small = 1e-7 * np.eye(len(U))
+    pull = -(motion @ judge.Z) / scale
+    G = np.block([[(U @ judge.Z).T / scale, cone], [small, np.zeros((len(U), active.size))]])
+    both = nonnegative_least_squares(G, np.concatenate([pull, np.zeros(len(U))]))
+    u = np.zeros(rows.m)
+    u[upper] += both[: int(upper.sum())]
+    u[lower] -= both[int(upper.sum()) : len(U)]
+    gap = float(np.linalg.norm(pull - G[: pull.size] @ both))
+    return max(gap, float(np.linalg.norm(u)) - 1.0)
 
 
 def _verdict(problem: Hierarchy, x: Vec, tolerance: float, lock: float) -> Certificate:
@@ -179,49 +258,6 @@ class _Judge:
         rank = int(np.count_nonzero(sigma > RANK_TOLERANCE))
         self.Z = self.Z @ Vt[rank:].T
         return rank
-
-
-def nonnegative_least_squares(G: Mat, b: Vec) -> Vec:
-    """min ||G mu - b|| over mu >= 0, ``(k,)``, by the active set of Lawson and Hanson (1974), chapter 23.
-
-    Columns may be dependent or zero.  Stopping early leaves a feasible mu, so a residual is never too small.
-    """
-    k = G.shape[1]
-    mu = np.zeros(k)
-    passive = np.zeros(k, dtype=bool)
-    enough = 1e-15 * float(np.abs(b).max(initial=0.0))
-    for _ in range(3 * (k + b.size)):
-        pull = G.T @ (b - G @ mu)
-        pull[passive] = 0.0
-        entering = int(np.argmax(pull)) if k else 0
-        if not k or pull[entering] <= enough:
-            break
-        passive[entering] = True
-        if not _restore(G, b, mu, passive):
-            break
-    return mu
-
-
-def _restore(G: Mat, b: Vec, mu: Vec, passive: Mask) -> bool:
-    """Move mu towards the least squares over the passive set, dropping what turns negative."""
-    before = float(np.linalg.norm(b - G @ mu))
-    while passive.any():
-        chosen = np.flatnonzero(passive)
-        aim = np.linalg.lstsq(G[:, chosen], b, rcond=1e-13)[0]
-        if np.all(aim > 0.0):
-            mu[:] = 0.0
-            mu[chosen] = aim
-            break
-        blocked = aim <= 0.0
-        here = mu[chosen]
-        step = float(np.min(here[blocked] / np.maximum(here[blocked] - aim[blocked], 1e-300)))
-        moved = here + min(1.0, step) * (aim - here)
-        drop = blocked & (moved <= 1e-14 * (1.0 + np.abs(here)))
-        if not drop.any():
-            drop = blocked & (moved == moved[blocked].min())
-        mu[chosen] = np.where(drop, 0.0, np.maximum(moved, 0.0))
-        passive[chosen[drop]] = False
-    return float(np.linalg.norm(b - G @ mu)) < before
 
 
 def _lengths(A: Mat) -> Vec:

@@ -22,6 +22,8 @@ from hqp.robot import Robot, State
 
 Quantity: TypeAlias = Literal["motion", "force", "effort"]
 
+Unit: TypeAlias = Literal["m", "rad"]
+
 REGISTRY: dict[str, type[Element]] = {}
 """Concrete element classes by name, for stacks read from files."""
 
@@ -46,6 +48,8 @@ class Element(ABC):
     is_contact: ClassVar[bool] = False
     grounded: ClassVar[bool] = False
     """Whether the readable functions take the ground's normal ``(3,)``, which comes with the reference, too."""
+    units: ClassVar[tuple[Unit, ...]] = ()
+    """Unit of each block of rows, ``()`` where it is neither; a Pose has two blocks."""
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)

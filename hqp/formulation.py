@@ -15,7 +15,8 @@ from hqp.element import Element
 from hqp.errors import DeclarationError
 from hqp.law import PD, Law, P, SelfMotion
 from hqp.layout import lay_out
-from hqp.problem import Hierarchy, Rows, Selection, Shape, Stacked
+from hqp.price import Price, level_prices
+from hqp.problem import Hierarchy, Motion, Rows, Selection, Shape, Stacked
 from hqp.reference import Reference
 from hqp.rest import Brake, Rest, SlowDown
 from hqp.robot import Robot, State
@@ -97,8 +98,11 @@ class Formulation(ABC):
     contact_law: Law
 
     @abstractmethod
-    def compile(self, stack: Stack, robot: Robot, dt: float) -> Program:
-        """Resolve names, allocate, bind; raises DeclarationError or ModelError for what does not fit."""
+    def compile(self, stack: Stack, robot: Robot, dt: float, price: Price | None = None) -> Program:
+        """Resolve names, allocate, bind; raises DeclarationError or ModelError for what does not fit.
+
+        price: of levels that declare none, the default for None; one with tau = 0 makes every level exact.
+        """
 
     def laws(self, stack: Stack) -> dict[str, Law]:
         """The law of each element, defaults filled in; raises DeclarationError for a law of another order."""
@@ -139,9 +143,9 @@ class Velocity(Formulation):
     law: Law = field(default=P(5.0))
     contact_law: Law = field(default=P(20.0))
 
-    def compile(self, stack: Stack, robot: Robot, dt: float) -> Program:
+    def compile(self, stack: Stack, robot: Robot, dt: float, price: Price | None = None) -> Program:
         """Resolve names, allocate, bind; raises DeclarationError or ModelError for what does not fit."""
-        return MotionProgram(self, stack, robot, dt)
+        return MotionProgram(self, stack, robot, dt, price)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,18 +159,21 @@ class Acceleration(Formulation):
     law: Law = field(default=PD(100.0, 20.0))
     contact_law: Law = field(default=PD(400.0, 40.0))
 
-    def compile(self, stack: Stack, robot: Robot, dt: float) -> Program:
+    def compile(self, stack: Stack, robot: Robot, dt: float, price: Price | None = None) -> Program:
         """Resolve names, allocate, bind; raises DeclarationError or ModelError for what does not fit."""
-        return MotionProgram(self, stack, robot, dt)
+        return MotionProgram(self, stack, robot, dt, price)
 
 
 class MotionProgram(Program):
     """A stack whose x is the whole robot's velocity or acceleration."""
 
-    def __init__(self, formulation: Formulation, stack: Stack, robot: Robot, dt: float) -> None:
+    def __init__(
+        self, formulation: Formulation, stack: Stack, robot: Robot, dt: float, price: Price | None = None
+    ) -> None:
         formulation.check(stack)
         laws = formulation.laws(stack)
-        groups = lay_out(stack, robot)
+        exact = price is not None and price.tau == 0.0
+        groups = lay_out(stack, robot, contacts_first=not exact)
         dense = [e for group in groups if not group.selection for e in group.elements]
         selections = [e for group in groups if group.selection for e in group.elements]
         self.assembly = rows = Assembly(dense, selections, robot, dt, laws)
@@ -190,10 +197,24 @@ class MotionProgram(Program):
         m = rows.J.shape[0]
         stacked = Stacked(rows.J, rows.lower[:m], rows.upper[:m], tuple(slices)) if m else None
         constraints = sum(group.constraint for group in groups)
-        self.problem = Hierarchy(tuple(levels), constraints=constraints, n=robot.nv, stacked=stacked)
+        paid = level_prices(groups, robot, laws, formulation.order, dt, price)
+        prices, shares, motion = (None, None, None) if paid is None else (*paid[:2], Motion(paid[2].scale))
+        self.problem = Hierarchy(
+            tuple(levels),
+            constraints=constraints,
+            n=robot.nv,
+            stacked=stacked,
+            prices=prices,
+            shares=shares,
+            motion=motion,
+        )
         inequalities = any(not element.equality for element in stack)
         self.shape = Shape(
-            robot.nv, tuple(r.m for r in levels), tuple(group.selection for group in groups), inequalities
+            robot.nv,
+            tuple(r.m for r in levels),
+            tuple(group.selection for group in groups),
+            inequalities,
+            priced=self.problem.priced,
         )
 
     def prepare(self, state: State) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hqp.element import Constraint, Element, selection_of
+from hqp.price import Price
 from hqp.robot import Robot
 from hqp.stack import Stack
 
@@ -15,7 +16,7 @@ class Group:
     """Elements that become one level of the hierarchy.
 
     selection: every row picks one variable.  constraint: from ``subject_to``.  tasks: whether it holds anything that
-    may have a price (a level of contacts or of constraints of ``subject_to`` does not).
+    may have a price (a level of contacts or of constraints of ``subject_to`` does not).  price: as declared.
     """
 
     elements: tuple[Element, ...]
@@ -23,6 +24,7 @@ class Group:
     selection: bool
     constraint: bool
     tasks: bool = True
+    price: Price | None = None
 
 
 def lay_out(
@@ -73,7 +75,7 @@ def lay_out(
         rest = tuple(e for e in level.elements if not e.is_contact)
         if contacts_first and contacts and rest:
             groups.append(Group(contacts, f"{name}: contacts", selects(contacts), False, tasks=False))
-            groups.append(Group(rest, name, selects(rest), False))
+            groups.append(Group(rest, name, selects(rest), False, price=level.price))
         else:
-            groups.append(Group(level.elements, name, selects(level.elements), False, tasks=bool(rest)))
+            groups.append(Group(level.elements, name, selects(level.elements), False, bool(rest), level.price))
     return groups

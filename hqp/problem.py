@@ -17,6 +17,9 @@ EQUALITY = 2
 VIOLATION_TOLERANCE = 1e-8
 """A constraint row counts as violated above this slack, relative to 1 + |bound|."""
 
+SHARE = 1e-3
+"""By how much of its ||w_k|| the levels below may move the rows of an unmet priced level, by default."""
+
 ROUNDING = 2e-15
 """Rows shorter than this fraction of a problem's longest row are what rounding left of zero: no solver follows them."""
 
@@ -118,9 +121,55 @@ class Rows:
         return Rows(A, self.lower.copy(), self.upper.copy())
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """E(x) = 1/2 ||F x - f||^2, the motion that priced levels pay for.
+
+    F: ``(r, n)``, or ``(n,)`` positive numbers for a diagonal matrix.  f: ``(r,)``, zero by default.  Where F leaves
+    directions free, E is flat along them.  Arrays that are float64 already are kept, so that a caller may refill them.
+    Raises ProblemError for shapes that disagree, numbers that are not finite, a diagonal that is not positive.
+    """
+
+    F: Mat | Vec
+    f: Vec | None = None
+
+    def __post_init__(self) -> None:
+        F = np.asarray(self.F, dtype=np.float64)
+        if F.ndim not in (1, 2) or not np.isfinite(F).all() or (F.ndim == 1 and not np.all(F > 0.0)):
+            raise ProblemError(f"motion: F must be a finite matrix or a positive vector, given shape {F.shape}")
+        object.__setattr__(self, "F", F)
+        if self.f is not None:
+            f = np.asarray(self.f, dtype=np.float64)
+            if f.shape != F.shape[:1] or not np.isfinite(f).all():
+                raise ProblemError(f"motion: f must be finite with shape {F.shape[:1]}, given {f.shape}")
+            object.__setattr__(self, "f", f)
+
+    def __call__(self, x: Vec) -> float:
+        """E(x)."""
+        moved = self.offset(x)
+        return 0.5 * float(moved @ moved)
+
+    def offset(self, x: Vec) -> Vec:
+        """F x - f, ``(r,)``."""
+        moved = self.F * x if self.F.ndim == 1 else self.F @ x
+        return np.asarray(moved if self.f is None else moved - self.f)
+
+    def gradient(self, x: Vec) -> Vec:
+        """F' (F x - f), ``(n,)``."""
+        moved = self.offset(x)
+        return np.asarray(self.F * moved if self.F.ndim == 1 else moved @ self.F)
+
+    def copy(self) -> Motion:
+        """The same motion in arrays of its own."""
+        return Motion(self.F.copy(), None if self.f is None else self.f.copy())
+
+
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """What a workspace is made for: n variables, rows a level, which are selections, and the extras."""
+    """What a workspace is made for: n variables, rows a level, which are selections, and the extras.
+
+    priced: whether each level may have a price, empty where none has.
+    """
 
     n: int
     rows: tuple[int, ...]
@@ -128,6 +177,7 @@ class Shape:
     inequalities: bool = True
     metric: bool = False
     origin: bool = False
+    priced: tuple[bool, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,7 +201,13 @@ class Hierarchy:
     constraints: how many leading levels are meant to hold exactly.  metric: ``(n, n)`` symmetric positive
     semidefinite, the identity by default.  origin: ``(n,)``, zero by default.  n: number of variables,
     needed only where no dense level, metric or origin tells it.
-    Raises ProblemError for shapes that disagree, n = 0, a metric that is not symmetric positive semidefinite.
+
+    prices: ``(levels,)`` c_k [unit of w / unit of E]; where c_k > 0 level k is x_k = argmin ||w_k|| + c_k E(x) and
+    hands down to the levels below what hqp.pricing.handed_down says (docs/calm.md); 0 is exact.  None: no prices.
+    shares: ``(levels,)`` eta, by how much of ||w_k|| the levels below may move the rows of an unmet level, 1e-3 by
+    default.  motion: E, 1/2 ||x||^2 by default.  guard: keep half of the motion that an unmet level made.
+    Raises ProblemError for shapes that disagree, n = 0, a metric that is not symmetric positive semidefinite, prices
+    or shares that are negative or not finite.
     """
 
     levels: tuple[Rows, ...]
@@ -160,6 +216,10 @@ class Hierarchy:
     origin: Vec | None = None
     n: int = 0
     stacked: Stacked | None = field(default=None, repr=False)
+    prices: Vec | None = None
+    shares: Vec | None = None
+    motion: Motion | None = None
+    guard: bool = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "levels", tuple(self.levels))
@@ -188,6 +248,18 @@ class Hierarchy:
                 raise ProblemError(f"hierarchy: level {k} selects variable {rows.A.index.max()} of {n}")
         if not 0 <= self.constraints <= len(self.levels):
             raise ProblemError(f"hierarchy: constraints = {self.constraints}, there are {len(self.levels)} levels")
+        self._check_prices(n)
+
+    def _check_prices(self, n: int) -> None:
+        for name in ("prices", "shares"):
+            given = getattr(self, name)
+            if given is not None:
+                values = np.asarray(given, dtype=np.float64)
+                if values.shape != (len(self.levels),) or not np.all(np.isfinite(values) & (values >= 0.0)):
+                    raise ProblemError(f"hierarchy: {name} must be one number from 0 up a level, given {given}")
+                object.__setattr__(self, name, values)
+        if self.motion is not None and self.motion.F.shape[-1] != n:
+            raise ProblemError(f"hierarchy: motion.F has shape {self.motion.F.shape}, the problem has n = {n}")
 
     @staticmethod
     def _check_metric(metric: Mat, n: int) -> None:
@@ -219,7 +291,21 @@ class Hierarchy:
             any(has_inequalities(rows) for rows in self.levels),
             self.metric is not None,
             self.origin is not None,
+            self.priced,
         )
+
+    @property
+    def priced(self) -> tuple[bool, ...]:
+        """Which levels have a price, ``()`` if none has."""
+        return () if self.prices is None or not self.prices.any() else tuple(bool(c > 0.0) for c in self.prices)
+
+    def share(self, level: int) -> float:
+        """eta of a level."""
+        return SHARE if self.shares is None else float(self.shares[level])
+
+    def exact(self) -> Hierarchy:
+        """The same hierarchy without prices; the arrays are shared."""
+        return replace(self, prices=None, shares=None, motion=None)
 
     def slacks(self, x: Vec) -> tuple[Vec, ...]:
         """The slack of every level at x, computed in one product where the levels are stored as one block."""
@@ -250,6 +336,9 @@ class Hierarchy:
             metric=None if self.metric is None else self.metric.copy(),
             origin=None if self.origin is None else self.origin.copy(),
             stacked=None,
+            prices=None if self.prices is None else self.prices.copy(),
+            shares=None if self.shares is None else self.shares.copy(),
+            motion=None if self.motion is None else self.motion.copy(),
         )
 
 
@@ -342,6 +431,8 @@ class Solution:
     active: per level ``(m_k,)`` int8, -1 at or below lower, +1 at or above upper, 0 free, 2 equality.
     multipliers: where the solver was asked for them, per level k ``(m_0 + ... + m_k,)`` with
     sum_j A_j' lambda_kj = 0, lambda_kk = w_k, lambda_kj >= 0 at upper and <= 0 at lower sides.
+    stage_points: ``(levels, n)``, the optimum x_k of each priced level in its own stage (NaN where it was not needed:
+    the level has no price, or is met for its price by x), None for an answer without prices.
     """
 
     x: Vec
@@ -351,6 +442,7 @@ class Solution:
     stats: Stats = Stats()
     detail: str = ""
     multipliers: tuple[Vec, ...] | None = None
+    stage_points: Mat | None = None
 
     def unwrap(self, problem: Hierarchy | None = None) -> Vec:
         """x if the status is ``solved``; raises NotSolved with a copy of the problem otherwise."""

@@ -13,6 +13,7 @@ from hqp import law as laws
 from hqp.element import REGISTRY, Element
 from hqp.errors import DeclarationError, closest
 from hqp.law import Law
+from hqp.price import Price
 from hqp.stack import Level, Stack
 
 if sys.version_info >= (3, 11):
@@ -30,6 +31,8 @@ def to_dict(stack: Stack) -> dict[str, Any]:
     tree: dict[str, Any] = {"level": []}
     for level in stack.levels:
         entry: dict[str, Any] = {"name": level.name} if level.name else {}
+        if level.price is not None:
+            entry["price"] = _price(level.price)
         tree["level"].append({**entry, "element": [_element(e) for e in level]})
     if stack.subject_to:
         tree["subject_to"] = [_element(e) for e in stack.subject_to]
@@ -41,8 +44,12 @@ def from_dict(tree: Mapping[str, Any]) -> Stack:
     _known(tree, ("level", "subject_to"), "stack")
     levels = []
     for entry in tree.get("level", ()):
-        _known(entry, ("name", "element"), "level")
-        levels.append(Level(*(_build(e) for e in entry.get("element", ())), name=entry.get("name", "")))
+        _known(entry, ("name", "price", "element"), "level")
+        price = entry.get("price")
+        if isinstance(price, Mapping):
+            price = _construct(Price, price)
+        members = (_build(e) for e in entry.get("element", ()))
+        levels.append(Level(*members, name=entry.get("name", ""), price=price))
     return Stack(*levels, subject_to=[_build(e) for e in tree.get("subject_to", ())])
 
 
@@ -78,6 +85,10 @@ def dumps(stack: Stack) -> str:
 
 def _element(element: Element) -> dict[str, Any]:
     return {"type": type(element).__name__, **_fields(element, element.default_name())}
+
+
+def _price(price: Price) -> Any:
+    return 0 if price.tau == 0.0 else _fields(price)
 
 
 def _fields(value: Any, default_name: str = "") -> dict[str, Any]:

@@ -24,6 +24,7 @@ from hqp.errors import (
 )
 from hqp.explain import Explanation, explain
 from hqp.formulation import Formulation, Program, Velocity
+from hqp.price import Priced, affordable, as_price
 from hqp.problem import VIOLATION_TOLERANCE, Hierarchy, Solution, Status
 from hqp.reference import Reference
 from hqp.robot import Robot, State
@@ -44,7 +45,8 @@ class Controller:
     solver: a name for ``hqp.solvers.load`` or a Solver.  deadline [s]: after the start of a tick, when its solver
     returns the best point so far; 0.8 dt for None, ``math.inf`` for none; the first answer of a session may take
     longer, and only ``lexicographic`` takes notice.  rates: how fast a command may change, no limit for None.
-    bounds: of a state that is believed.  braking: how a command comes to rest.
+    bounds: of a state that is believed.  braking: how a command comes to rest.  price: of levels that declare none, a
+    Price, None for the default (docs/calm.md); 0 makes every level exact, whatever it declares.
     """
 
     stack: Stack
@@ -54,12 +56,14 @@ class Controller:
     rates: RateLimits | None = None
     bounds: StateBounds = field(default_factory=StateBounds)
     braking: Braking = field(default_factory=Braking)
+    price: Priced = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.stack, Stack):
             raise DeclarationError("controller", "stack is not a Stack", value=self.stack)
         if not isinstance(self.formulation, Formulation):
             raise DeclarationError("controller", "not a formulation", value=self.formulation, allowed="Velocity(), ...")
+        object.__setattr__(self, "price", as_price("controller", self.price))
         if isinstance(self.solver, str):
             object.__setattr__(self, "solver", load(self.solver))
         if self.deadline is not None and self.deadline != math.inf:
@@ -101,9 +105,10 @@ class Session:
 
     def _compile(self, stack: Stack) -> None:
         self.stack = stack = coupled(stack, self.robot)
-        self.program: Program = self.controller.formulation.compile(stack, self.robot, self.dt)
         solver = self.controller.solver
         assert isinstance(solver, Solver)  # Controller has loaded it
+        price, self.dropped = affordable(stack, as_price("controller", self.controller.price), solver)
+        self.program: Program = self.controller.formulation.compile(stack, self.robot, self.dt, price)
         solver.require(self.program.shape)
         self.workspace = solver.workspace(self.program.shape)
         own = getattr(solver, "deadline", 0.0) is not None or self._deadline == math.inf

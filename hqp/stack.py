@@ -9,42 +9,53 @@ from typing import Any, TypeVar, overload
 from hqp.element import Element
 from hqp.errors import DeclarationError, closest
 from hqp.law import Law
+from hqp.price import Price, Priced, as_price
 from hqp.robot import Robot
 
 E = TypeVar("E", bound=Element)
 
 
 class Level:
-    """Members of one priority.  Raises DeclarationError for a member that is no task or constraint."""
+    """Members of one priority.
 
-    __slots__ = ("elements", "name")
+    price: what motion costs the level where it is out of reach, a Price, 0 for the exact problem, None for the
+    default (docs/calm.md).  Raises DeclarationError for a member that is no task or constraint, or a bad price.
+    """
 
-    def __init__(self, *elements: Element, name: str = "") -> None:
+    __slots__ = ("elements", "name", "price")
+
+    def __init__(self, *elements: Element, name: str = "", price: Priced = None) -> None:
         for element in elements:
             if not isinstance(element, Element):
                 raise DeclarationError(f"level {name or '?'}", "not a task or constraint", value=element)
         self.elements = elements
         self.name = name
+        self.price: Price | None = as_price(f"level {name or '?'}", price)
 
     def replace(self, *elements: Element, name: str | None = None) -> Level:
         """The same level with other members."""
-        return Level(*elements, name=self.name if name is None else name)
+        return Level(*elements, name=self.name if name is None else name, price=self.price)
 
     def __iter__(self) -> Iterator[Element]:
         return iter(self.elements)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Level) and (self.elements, self.name) == (other.elements, other.name)
+        return isinstance(other, Level) and self._key == other._key
 
     def __hash__(self) -> int:
-        return hash((self.elements, self.name))
+        return hash(self._key)
+
+    @property
+    def _key(self) -> tuple[object, ...]:
+        return self.elements, self.name, self.price
 
     def __str__(self) -> str:
         return " + ".join(e.name for e in self.elements)
 
     def __repr__(self) -> str:
         members = ", ".join(map(repr, self.elements))
-        return f"Level({members}, name={self.name!r})"
+        price = "" if self.price is None else f", price={self.price!r}"
+        return f"Level({members}, name={self.name!r}{price})"
 
 
 class Stack:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from numpy.typing import ArrayLike
 
 from hqp import plans
 from hqp.arrays import Mat, Vec
-from hqp.element import Task
+from hqp.element import Task, Unit
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 
@@ -31,6 +32,7 @@ class Com(Task):
     subtree: str | None = None
     relative_to: str | None = None
     heading: bool = False
+    units: ClassVar[tuple[Unit, ...]] = ("m",)
 
     def __post_init__(self) -> None:
         super().__post_init__()

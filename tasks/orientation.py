@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hqp import plans
 from hqp.arrays import Mat, Vec
-from hqp.element import Task
+from hqp.element import Task, Unit
 from hqp.reference import Reference, numbers
 from hqp.robot import Robot, State
 
@@ -36,6 +37,7 @@ class Orientation(Task):
     frame: str
     axes: str | tuple[str, ...] | None = None
     relative_to: str | None = None
+    units: ClassVar[tuple[Unit, ...]] = ("rad",)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hqp import plans
 from hqp.arrays import Mat, Vec
-from hqp.element import Task
+from hqp.element import Task, Unit
 from hqp.errors import DeclarationError
 from hqp.reference import Reference, numbers
 from hqp.robot import Robot, State
@@ -89,6 +89,7 @@ class Pose(_FramePose):
     """
 
     relative_to: str | None = None
+    units: ClassVar[tuple[Unit, ...]] = ("m", "rad")
 
     def __post_init__(self) -> None:
         super().__post_init__()

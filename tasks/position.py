@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hqp import plans
 from hqp.arrays import Mat, Vec
-from hqp.element import Task
+from hqp.element import Task, Unit
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 
@@ -32,6 +33,7 @@ class Position(Task):
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     relative_to: str | None = None
     heading: bool = False
+    units: ClassVar[tuple[Unit, ...]] = ("m",)
 
     def __post_init__(self) -> None:
         super().__post_init__()

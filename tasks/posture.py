@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hqp import plans
 from hqp.arrays import Index, Mat, Vec
-from hqp.element import Task
+from hqp.element import Task, Unit
 from hqp.errors import DeclarationError
 from hqp.reference import Reference, numbers
 from hqp.robot import Robot, State
@@ -29,6 +30,7 @@ class Posture(Task):
     """
 
     joints: str | Sequence[str] | None = None
+    units: ClassVar[tuple[Unit, ...]] = ("rad",)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -40,7 +40,8 @@ def compare(
 
     states: (q, v) pairs, 20 random ones near home by default; hold values are taken at home, so that every task
     has an error to reduce.  solvers: names, Solver values, or "all" that are available.  repeats: solves per state.
-    A solver without inequalities gets the problem without them and is judged on the whole of it.
+    A solver without inequalities gets the problem without them and is judged on the whole of it.  Every level is
+    exact, price = 0, so that all solvers have one answer.
     """
     chosen = available() if solvers == "all" else (solvers,) if isinstance(solvers, str) else solvers
     problems = _problems(stack, robot, states, references, formulation or Velocity(), dt)
@@ -71,7 +72,7 @@ def _problems(
     dt: float,
 ) -> list[Hierarchy]:
     robot = robot.copy()
-    session = Controller(stack, formulation, solver=_Copier()).session(robot, dt)
+    session = Controller(stack, formulation, solver=_Copier(), price=0).session(robot, dt)
     session.step(robot.state())
     if states is None:
         rng = np.random.default_rng(0)

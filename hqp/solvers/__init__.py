@@ -36,6 +36,7 @@ _BUILT_IN = {
     "cascade": "hqp.solvers.cascade:Cascade",
     "daqp": "hqp.solvers.daqp:Daqp",
     "lexicographic": "hqp.solvers.lexicographic:Lexicographic",
+    "reference": "hqp.solvers.reference:Reference",  # loads by name, but is not listed: it is there to judge others
     "weighted": "hqp.solvers.weighted:Weighted",
 }
 
@@ -53,7 +54,7 @@ def __getattr__(name: str) -> object:
 
 def known() -> dict[str, str]:
     """Every solver name hqp can speak of, and '' if it loads or the pip line that would make it."""
-    names = {name: _missing(_needs(name, {})) for name in _BUILT_IN if name != "cascade"}
+    names = {name: _missing(_needs(name, {})) for name in _BUILT_IN if name not in ("cascade", "reference")}
     names.update({f"cascade:{backend}": _missing(backend) for backend in _BACKENDS})
     names.update({point.name: "" for point in importlib.metadata.entry_points(group=GROUP)})
     return names

@@ -9,7 +9,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from hqp.arrays import Signs, Vec
+from hqp.arrays import Mat, Signs, Vec
 from hqp.errors import DeclarationError, ProblemError, UnsupportedProblem
 from hqp.problem import (
     EQUALITY,
@@ -46,13 +46,16 @@ class Solver(ABC):
     """A way of solving hierarchies: options are fields of a frozen dataclass, capabilities class attributes.
 
     inequalities: takes them at all.  strict: a lower level never moves a higher residual.
-    metric: honours Hierarchy.metric and origin.  accuracy: the certificate gap it guarantees if OPTIMAL.
+    metric: honours Hierarchy.metric and origin.  priced: solves levels with a price; shares: hands down bands of an
+    unmet level, too.  accuracy: the certificate gap it guarantees if OPTIMAL.
     """
 
     name: ClassVar[str]
     inequalities: ClassVar[bool] = True
     strict: ClassVar[bool] = True
     metric: ClassVar[bool] = True
+    priced: ClassVar[bool] = False
+    shares: ClassVar[bool] = True
     accuracy: ClassVar[float] = 1e-6
 
     @abstractmethod
@@ -69,6 +72,8 @@ class Solver(ABC):
             raise UnsupportedProblem(f"{self.name} takes no inequalities; take an HQP solver such as 'lexicographic'")
         if (shape.metric or shape.origin) and not self.metric:
             raise UnsupportedProblem(f"{self.name} takes neither metric nor origin")
+        if any(shape.priced) and not self.priced:
+            raise UnsupportedProblem(f"{self.name} solves no priced levels; take 'lexicographic', or price=0")
 
 
 def check_number(
@@ -99,7 +104,9 @@ def check_shape(problem: Hierarchy, shape: Shape) -> None:
         raise ProblemError(f"workspace made {'with' if shape.metric else 'without'} a metric; given {given}")
 
 
-def finish(problem: Hierarchy, x: Vec, status: Status, stats: Stats, detail: str = "") -> Solution:
+def finish(
+    problem: Hierarchy, x: Vec, status: Status, stats: Stats, detail: str = "", stages: Mat | None = None
+) -> Solution:
     """A Solution whose residuals, active sets and violation of constraints are computed from (problem, x).
 
     An x that is not finite becomes x = 0, NOT_CERTIFIED.
@@ -111,7 +118,7 @@ def finish(problem: Hierarchy, x: Vec, status: Status, stats: Stats, detail: str
     if status.solved and violated(problem, residuals):
         detail = detail or (UNSURE if status is Status.RANK_UNCERTAIN else "")
         status = Status.worst(status, Status.CONSTRAINTS_VIOLATED)
-    return Solution(x, status, residuals, active, stats, detail)
+    return Solution(x, status, residuals, active, stats, detail, stage_points=stages)
 
 
 def activity(rows: Rows, x: Vec, tolerance: float = ACTIVITY_TOLERANCE) -> Signs:

@@ -12,11 +12,12 @@ from hqp.arrays import Index, Mask, Mat, Vec
 from hqp.errors import BackendError
 from hqp.problem import ROUNDING, Hierarchy, Shape, Solution, Stats
 from hqp.solvers.backends import QpAnswer, QpWorkspace, load
-from hqp.solvers.base import Solver, check_fields
+from hqp.solvers.base import Solver, Workspace, check_fields
 from hqp.solvers.conclude import conclude
 from hqp.solvers.flat import Flat
 from hqp.solvers.recursion import Recursion, geqp3, ormqr
 from hqp.solvers.refine import Refiner
+from hqp.solvers.stages import StagedWorkspace
 
 RELAXATION = 1e-11
 """Rows met above may be left by this much [unit of the row, its length taken as 1]: the next level is degenerate."""
@@ -36,6 +37,7 @@ class Cascade(Solver):
 
     name: ClassVar[str] = "cascade"
     accuracy: ClassVar[float] = 1e-8
+    priced: ClassVar[bool] = True
 
     backend: str = "proxqp"
     tolerance: float = 1e-9
@@ -47,9 +49,11 @@ class Cascade(Solver):
     def __post_init__(self) -> None:
         check_fields(self, shares=("tolerance", "rank_tolerance"), counts=("max_iterations", "exchanges"))
 
-    def workspace(self, shape: Shape) -> CascadeWorkspace:
+    def workspace(self, shape: Shape) -> Workspace:
         """Allocate; raises DeclarationError for a back end that nobody knows."""
         self.require(shape)
+        if shape.priced:
+            return StagedWorkspace(shape, self.workspace)
         return CascadeWorkspace(self, shape)
 
 

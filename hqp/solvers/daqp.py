@@ -12,10 +12,11 @@ import numpy as np
 from hqp.arrays import Vec
 from hqp.errors import BackendError
 from hqp.problem import Hierarchy, Shape, Solution, Stats
-from hqp.solvers.base import Solver, check_fields
+from hqp.solvers.base import Solver, Workspace, check_fields
 from hqp.solvers.conclude import conclude
 from hqp.solvers.flat import Flat
 from hqp.solvers.refine import Refiner
+from hqp.solvers.stages import StagedWorkspace
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,7 @@ class Daqp(Solver):
 
     name: ClassVar[str] = "daqp"
     accuracy: ClassVar[float] = 1e-8
+    priced: ClassVar[bool] = True
 
     tolerance: float = 1e-6
     max_iterations: int = 1000
@@ -41,9 +43,11 @@ class Daqp(Solver):
     def __post_init__(self) -> None:
         check_fields(self, shares=("tolerance", "rank_tolerance"), counts=("max_iterations", "exchanges"))
 
-    def workspace(self, shape: Shape) -> DaqpWorkspace:
+    def workspace(self, shape: Shape) -> Workspace:
         """Allocate."""
         self.require(shape)
+        if shape.priced:
+            return StagedWorkspace(shape, self.workspace)
         return DaqpWorkspace(self, shape)
 
 

@@ -18,6 +18,7 @@ from hqp.errors import DeclarationError, SolverNotInstalled
 from hqp.problem import Hierarchy, Selection, Shape, Solution, Stats, Status
 from hqp.solvers.base import UNSURE, Solver, Workspace, check_shape, finish
 from hqp.solvers.flat import Flat
+from hqp.solvers.stages import StagedWorkspace
 
 try:
     _native: Any = importlib.import_module("hqp._lexicographic")
@@ -59,6 +60,7 @@ class Lexicographic(Solver):
 
     name: ClassVar[str] = "lexicographic"
     accuracy: ClassVar[float] = 1e-8
+    priced: ClassVar[bool] = True
 
     rank_tolerance: float = 1e-9
     multiplier_tolerance: float = 1e-11
@@ -90,6 +92,8 @@ class Lexicographic(Solver):
 
     def workspace(self, shape: Shape) -> Workspace:
         """Allocate for problems of this shape."""
+        if shape.priced:
+            return StagedWorkspace(shape, self.workspace)
         if self.is_native:
             return NativeWorkspace(self, shape)
         from hqp.solvers.lexicographic_reference import ReferenceWorkspace

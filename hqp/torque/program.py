@@ -15,7 +15,8 @@ from hqp.errors import DeclarationError, DynamicsFailed, StaleState
 from hqp.formulation import Formulation, Place, Program
 from hqp.law import PD, Law
 from hqp.layout import Group, lay_out
-from hqp.problem import Hierarchy, Rows, Shape, Stacked
+from hqp.price import Price, Sizes, level_prices
+from hqp.problem import Hierarchy, Motion, Rows, Shape, Stacked
 from hqp.reference import Reference
 from hqp.rest import Rest
 from hqp.robot import Robot, State
@@ -62,13 +63,13 @@ class Torque(Formulation):
                 )
         return given
 
-    def compile(self, stack: Stack, robot: Robot, dt: float) -> Program:
+    def compile(self, stack: Stack, robot: Robot, dt: float, price: Price | None = None) -> Program:
         """Resolve names, allocate, bind.
 
         Raises DeclarationError or ModelError for what does not fit, and DeclarationError where the constraints
         leave rank [J_constr; U] short, so that the actuators do not determine the motion (after eq. 12).
         """
-        return TorqueProgram(self, stack, robot, dt)
+        return TorqueProgram(self, stack, robot, dt, price)
 
 
 class TorqueProgram(Program):
@@ -76,13 +77,14 @@ class TorqueProgram(Program):
 
     kind = "torque"
 
-    def __init__(self, formulation: Torque, stack: Stack, robot: Robot, dt: float) -> None:
+    def __init__(self, formulation: Torque, stack: Stack, robot: Robot, dt: float, price: Price | None = None) -> None:
         formulation.check(stack)
         laws = formulation.laws(stack)
         held = reactions(stack)
         self.dt, self._laws = dt, laws
         self.actuation = require_actuation(held, robot, dt, laws)
-        groups = lay_out(stack, robot, held=held, torque=True)
+        exact = price is not None and price.tau == 0.0
+        groups = lay_out(stack, robot, held=held, torque=True, contacts_first=not exact)
         motion = [e for group in groups for e in group.elements if e.quantity == "motion"]
         picked = [e for e in motion if selection_of(e, robot) is not None]
         dense = [*held, *(e for e in motion if selection_of(e, robot) is None)]
@@ -92,8 +94,9 @@ class TorqueProgram(Program):
         self.dynamics = ConstrainedDynamics(robot.nv, self._m, robot.actuated, coordinate_parents(robot))
         self._efforts = Efforts([e for e in stack if e.quantity == "effort"], robot)
         self._forces = Forces([e for e in stack if e.quantity == "force"], held, self.assembly, robot)
+        self._still = np.zeros(robot.nv)
         self._origin = np.zeros(robot.actuated.size) if formulation.gravity_compensation else None
-        self._lay_out(groups, robot)
+        self._lay_out(groups, robot, level_prices(groups, robot, laws, formulation.order, dt, price))
         self._self_motions = SelfMotions(stack, groups, held, robot, dt, laws, self.assembly)
         self._gravity = Gravity(held, robot, dt)
         self._state: State | None = None
@@ -105,7 +108,7 @@ class TorqueProgram(Program):
             if place.element.quantity != "motion" and place.element.equality
         ]
 
-    def _lay_out(self, groups: Sequence[Group], robot: Robot) -> None:
+    def _lay_out(self, groups: Sequence[Group], robot: Robot, paid: tuple[Vec, Vec, Sizes] | None) -> None:
         """Where every element's rows go: levels that only bound tau are selections, the others slices of one block."""
         n, members = robot.actuated.size, self.assembly.members
         sizes = [sum(self._size(e) for e in group.elements) for group in groups]
@@ -144,6 +147,8 @@ class TorqueProgram(Program):
         J, asked = self.assembly.J, self.assembly.bounds
         self._products = [(J[i:j], self.A[k:m], asked[:, i:j], self.bounds[:, k:m]) for i, j, k, m in runs]
         stacked = Stacked(self.A, self.lower, self.upper, tuple(slices)) if total else None
+        self._scale = np.ones(robot.nv) if paid is None else paid[2].scale
+        motion = None if paid is None else Motion(np.zeros((robot.nv, n)), self._still)
         self.problem = Hierarchy(
             tuple(levels),
             constraints=sum(group.constraint for group in groups),
@@ -151,10 +156,15 @@ class TorqueProgram(Program):
             origin=self._origin,
             n=n,
             stacked=stacked,
+            prices=None if paid is None else paid[0],
+            shares=None if paid is None else paid[1],
+            motion=motion,
         )
         inequalities = any(not e.equality for group in groups for e in group.elements)
         selections = tuple(group.selection for group in groups)
-        self.shape = Shape(n, tuple(sizes), selections, inequalities, True, self._origin is not None)
+        self.shape = Shape(
+            n, tuple(sizes), selections, inequalities, True, self._origin is not None, self.problem.priced
+        )
 
     def _size(self, element: Element) -> int:
         if element.quantity == "motion":
@@ -207,6 +217,9 @@ class TorqueProgram(Program):
         X, c = dynamics.X, dynamics.c
         if not float(c.dot(c)) < np.inf:
             raise DynamicsFailed("the constrained dynamics are not finite")
+        if self.problem.motion is not None:  # S qdd = S (X tau + c)
+            np.multiply(X, self._scale[:, None], out=self.problem.motion.F)
+            np.multiply(c, -self._scale, out=self._still)
         shift = None
         other_normals = bool(given) and self._gravity.asked(given)
         if other_normals or self._origin is not None:

@@ -40,8 +40,8 @@ hqp::Kernel* make(int n, int levels, const int* m, bool metric) {
 // Names of the fields that solution() sets.
 struct Keys {
   nb::str x{"x"}, status{"status"}, residuals{"residuals"}, active{"active"}, detail{"detail"},
-      multipliers{"multipliers"}, iterations{"iterations"}, factorisations{"factorisations"}, build_s{"build_s"},
-      solve_s{"solve_s"}, stats{"stats"}, copy{"copy"};
+      multipliers{"multipliers"}, stage_points{"stage_points"}, iterations{"iterations"},
+      factorisations{"factorisations"}, build_s{"build_s"}, solve_s{"solve_s"}, stats{"stats"}, copy{"copy"};
 };
 
 class Workspace {
@@ -139,6 +139,7 @@ class Workspace {
     set(made, key_.detail, answer.outcome == hqp::Outcome::not_certified ? stopped_ : answer.unsure ? unsure_ : empty_);
     if (options_.multipliers) set(made, key_.multipliers, split(copy(all_multipliers), pairs_of_levels_));
     else set(made, key_.multipliers, nb::none());
+    set(made, key_.stage_points, nb::none());
     set(stats, key_.iterations, nb::int_(answer.iterations));
     set(stats, key_.factorisations, nb::int_(answer.factorisations));
     set(stats, key_.build_s, nb::float_(build_seconds));

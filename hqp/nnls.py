@@ -1,0 +1,50 @@
+"""Non-negative least squares, the test of optimality conditions with multipliers of one sign."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hqp.arrays import Mask, Mat, Vec
+
+
+def nonnegative_least_squares(G: Mat, b: Vec) -> Vec:
+    """min ||G mu - b|| over mu >= 0, ``(k,)``, by the active set of Lawson and Hanson (1974), chapter 23.
+
+    Columns may be dependent or zero.  Stopping early leaves a feasible mu, so a residual is never too small.
+    """
+    k = G.shape[1]
+    mu = np.zeros(k)
+    passive = np.zeros(k, dtype=bool)
+    enough = 1e-15 * float(np.abs(b).max(initial=0.0))
+    for _ in range(3 * (k + b.size)):
+        pull = G.T @ (b - G @ mu)
+        pull[passive] = 0.0
+        entering = int(np.argmax(pull)) if k else 0
+        if not k or pull[entering] <= enough:
+            break
+        passive[entering] = True
+        if not _restore(G, b, mu, passive):
+            break
+    return mu
+
+
+def _restore(G: Mat, b: Vec, mu: Vec, passive: Mask) -> bool:
+    """Move mu towards the least squares over the passive set, dropping what turns negative."""
+    before = float(np.linalg.norm(b - G @ mu))
+    while passive.any():
+        chosen = np.flatnonzero(passive)
+        aim = np.linalg.lstsq(G[:, chosen], b, rcond=1e-13)[0]
+        if np.all(aim > 0.0):
+            mu[:] = 0.0
+            mu[chosen] = aim
+            break
+        blocked = aim <= 0.0
+        here = mu[chosen]
+        step = float(np.min(here[blocked] / np.maximum(here[blocked] - aim[blocked], 1e-300)))
+        moved = here + min(1.0, step) * (aim - here)
+        drop = blocked & (moved <= 1e-14 * (1.0 + np.abs(here)))
+        if not drop.any():
+            drop = blocked & (moved == moved[blocked].min())
+        mu[chosen] = np.where(drop, 0.0, np.maximum(moved, 0.0))
+        passive[chosen[drop]] = False
+    return float(np.linalg.norm(b - G @ mu)) < before

@@ -1,0 +1,208 @@
+"""The price of motion: declared in seconds on a level, turned into c_k by the robot's size and the laws' gains."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol, TypeAlias
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.element import Element, selection_of
+from hqp.errors import DeclarationError, UnsupportedProblem
+from hqp.law import PD, Law, P, SelfMotion
+from hqp.problem import SHARE
+from hqp.robot import Robot
+
+if TYPE_CHECKING:
+    from hqp.solvers.base import Solver
+    from hqp.stack import Stack
+
+LONGEST_TAU = {1: 0.05, 2: 0.1}
+"""tau [s] of a level by the order of its laws, where no gain asks for less."""
+
+PARTIAL_POSTURE_TAU = 0.2
+"""tau [s] of a level that selects single joints above levels that do more."""
+
+GAIN_TIME = 0.15
+"""At order 1, tau is at most this over the gain: a demand that speed limits cut would slow all rows of its level."""
+
+
+ON_BY_DEFAULT = False
+"""Whether a controller that declares no price takes the default one."""
+
+
+@dataclass(frozen=True)
+class Price:
+    """What motion costs a level: min ||w|| + c E(x), c = tau^order L, instead of min ||w|| (docs/calm.md).
+
+    tau: [s] a direction in which the level is nearly lost closes no faster than 1/tau; None follows from the laws:
+    max(dt, min(0.05, 0.15 / gain)) at order 1, min(0.1, 1 / sqrt(kp)) at order 2.  A level that can be met for its
+    price is exact; the price shows where it is out of reach.  share: where the level is not met, levels below may move
+    its rows by this fraction of its residual; 0 locks them.  Raises DeclarationError for numbers out of range.
+    """
+
+    tau: float | None = None
+    share: float = SHARE
+
+    def __post_init__(self) -> None:
+        for name, value, most in (("tau", self.tau, math.inf), ("share", self.share, 1.0)):
+            number = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if not (name == "tau" and value is None) and not (number and 0.0 <= value < most):  # type: ignore[operator]
+                raise DeclarationError(f"Price.{name}", "out of range", value=value, allowed=f"from 0, below {most:g}")
+
+
+Priced: TypeAlias = "Price | float | None"
+"""A Price, 0 for the exact problem, None for the default."""
+
+
+def as_price(owner: str, value: object) -> Price | None:
+    """A declared price: None for the default, Price(0) for 0; raises DeclarationError for anything else."""
+    if value is None or isinstance(value, Price):
+        return value
+    if isinstance(value, (int, float)) and not isinstance(value, bool) and value == 0:
+        return Price(0.0, 0.0)
+    raise DeclarationError(owner, "not a price", value=value, allowed="Price(tau=..., share=...), or 0 for exact")
+
+
+class Group(Protocol):
+    """Elements that become one level of the hierarchy; tasks: whether they may have a price."""
+
+    @property
+    def elements(self) -> tuple[Element, ...]: ...
+    @property
+    def tasks(self) -> bool: ...
+    @property
+    def price(self) -> Price | None: ...
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """The scales of a robot: length [m], mass [kg], and whether each tangent coordinate is a length.
+
+    length: the longest lever of any turning joint on any frame at home, 1 where there is none.
+    """
+
+    length: float
+    mass: float
+    linear: tuple[bool, ...]
+
+    @staticmethod
+    def of(robot: Robot) -> Sizes:
+        """Measured at home on a copy of the robot."""
+        twin = robot.copy()
+        state = twin.state()
+        state.kinematics()
+        twists = twin.joint_twists
+        moving = np.linalg.norm(twists[3:], axis=0) > 1e-9
+        turning = moving & np.isin(np.arange(twin.nv), twin.actuated)
+        length = 0.0
+        for name in twin.frame_names:
+            frame = twin.frame(name)
+            columns = turning & (twin.support(frame) != 0.0)
+            if columns.any():
+                position = twin.placement(frame)[0]
+                levers = twists[:3, columns] + np.cross(twists[3:, columns], position, axis=0)
+                length = max(length, float(np.sqrt(np.square(levers).sum(axis=0).max())))
+        mass = sum(body[3] for body in twin.bodies)
+        return Sizes(length or 1.0, mass or 1.0, tuple(bool(x) for x in ~moving))
+
+    @property
+    def scale(self) -> Vec:
+        """Diagonal of F and S, ``(nv,)``: 1/length for coordinates that are lengths, 1 for angles."""
+        return np.where(np.array(self.linear, dtype=bool), 1.0 / self.length, 1.0)
+
+
+def row_scales(element: Element, robot: Robot, sizes: Sizes) -> Iterator[float]:
+    """L_b of each block of rows of one unit, weight included: the size of its rows where a joint turns by one.
+
+    A constant of the kind of row: the robot's length for positions, 1 for angles; for rows of an unknown kind the
+    longest column of the Jacobian at home.
+    """
+    if element.quantity == "effort":
+        yield element.weight * sizes.mass * sizes.length**2
+    elif element.quantity == "force":
+        yield element.weight * sizes.mass * sizes.length
+    elif element.units:
+        for unit in element.units:
+            yield element.weight * (sizes.length if unit == "m" else 1.0)
+    else:
+        jacobian = getattr(element, "jacobian", None)
+        J = np.zeros((0, robot.nv)) if jacobian is None else np.asarray(jacobian(robot.copy().state()))
+        columns = np.sqrt(np.square(J).sum(axis=0)) / sizes.scale
+        yield element.weight * (float(columns.max(initial=0.0)) or 1.0)
+
+
+def tau_of(laws: Sequence[Law], order: int, dt: float) -> float:
+    """The default tau [s] of a level with these laws, from the largest gain."""
+    gains = [g for law in laws for g in _gains(law)]
+    gain = max(gains, default=0.0)
+    if gain <= 0.0:
+        return LONGEST_TAU[order]
+    fastest = GAIN_TIME / gain if order == 1 else 1.0 / math.sqrt(gain)
+    return max(dt, min(LONGEST_TAU[order], fastest))
+
+
+def level_prices(
+    groups: Sequence[Group], robot: Robot, laws: Mapping[str, Law], order: int, dt: float, given: Price | None
+) -> tuple[Vec, Vec, Sizes] | None:
+    """c_k and share of every level of a hierarchy, and the robot's sizes; None where no level has a price.
+
+    given: the controller's price, for levels that declare none; one with tau = 0 makes every level exact.  By default
+    a level has a price unless it and all levels below it select single joints; hard levels never have one.
+    """
+    if given is not None and given.tau == 0.0:
+        return None
+    sizes: Sizes | None = None
+    prices, shares = np.zeros(len(groups)), np.full(len(groups), SHARE)
+    trailing = True
+    for k in range(len(groups) - 1, -1, -1):
+        group = groups[k]
+        picks = [selection_of(e, robot) if e.quantity == "motion" else None for e in group.elements]
+        single = all(p is not None for p in picks)
+        trailing = trailing and single
+        declared = group.price if group.price is not None else given
+        if not group.tasks or (trailing and group.price is None) or (declared is not None and declared.tau == 0.0):
+            continue
+        sizes = sizes or Sizes.of(robot)
+        shares[k] = SHARE if declared is None else declared.share
+        tau = None if declared is None else declared.tau
+        if tau is None:
+            joints = {int(c) for p in picks if p is not None for c in p}
+            partial = single and len(joints) < robot.joints(None).size
+            tau = PARTIAL_POSTURE_TAU if partial else tau_of([laws[e.name] for e in group.elements], order, dt)
+        prices[k] = tau**order * min(scale for e in group.elements for scale in row_scales(e, robot, sizes))
+    return None if sizes is None else (prices, shares, sizes)
+
+
+def affordable(stack: Stack, given: Price | None, solver: Solver) -> tuple[Price | None, str]:
+    """The price to compile a stack with for a solver, and what had to be dropped, in words.
+
+    Raises UnsupportedProblem where a declared price, or a declared share, is beyond the solver.
+    """
+    if given is None and not ON_BY_DEFAULT:
+        given = None if any(level.price is not None for level in stack.levels) else Price(0.0, 0.0)
+    declared = [level.price for level in stack.levels if level.price is not None]
+    declared += [given] if given is not None else []
+    wanted = [price for price in declared if price.tau != 0.0]
+    if given is not None and given.tau == 0.0:
+        return given, ""
+    if not solver.priced:
+        if wanted:
+            raise UnsupportedProblem(f"{solver.name} solves no priced levels; take 'lexicographic', or price=0")
+        return Price(0.0, 0.0), f"{solver.name} solves no priced levels: every level is exact"
+    if not solver.shares:
+        if any(price.share > 0.0 for price in wanted):
+            raise UnsupportedProblem(f"{solver.name} hands down no shares; declare Price(share=0), or price=0")
+        return given or Price(None, 0.0), f"{solver.name} hands down no shares: unmet levels are locked"
+    return given, ""
+
+
+def _gains(law: Law) -> tuple[float, ...]:
+    if isinstance(law, P):
+        return law.gain if isinstance(law.gain, tuple) else (law.gain,)
+    if isinstance(law, (PD, SelfMotion)):
+        return law.kp if isinstance(law.kp, tuple) else (law.kp,)
+    return ()

@@ -1,0 +1,152 @@
+"""What a priced level is: the coordinates in which motion is a length, and what a solved level hands down.
+
+Level k of a hierarchy with a price c_k > 0 is solved in a stage of its own (docs/calm.md):
+
+    x_k = argmin { ||w_k|| + c_k E(x) :  x in S_{k-1},  lower_k <= A_k x - w_k <= upper_k },     y_k = A_k x_k
+
+and S_k adds the rows of level k as they are where ||w_k|| = 0, and otherwise
+
+    |A_i x - y_i| <= eta ||w_k|| / sqrt(m_k)       on equality rows and violated rows,
+    lower_i <= A_i x <= upper_i                    on met inequality rows,
+    u'A_k x >= u'y_k - min(eta ||w_k||, made / 2)  with u = -w_k / ||w_k||, made = u'(A_k x_k - A_k x_still) > 0,
+
+the last row, the guard, where the level has two rows or more; x_still is the point of least motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec
+from hqp.problem import Hierarchy, Motion, Rows, Selection
+
+MET = 1e-10
+"""A priced level with ||w_k|| below this fraction of its terms is met: its rows are handed down as they are."""
+
+FLAT = 1e-7
+"""Directions without motion get this fraction of the largest column of F, so that the least ||x|| is taken there."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Coordinates:
+    """x = still + P y with E(x) = 1/2 ||y||^2 + least: y is the motion away from the point of least motion.
+
+    still: ``(n,)``.  P: ``(n, n)``, or ``(n,)`` for a diagonal matrix.  inverse: of P, of the same form.
+    """
+
+    still: Vec
+    P: Mat | Vec
+    inverse: Mat | Vec
+
+    @staticmethod
+    def of(motion: Motion | None, n: int) -> Coordinates:
+        """The coordinates of a motion, 1/2 ||x||^2 for None."""
+        if motion is None:
+            return Coordinates(np.zeros(n), np.ones(n), np.ones(n))
+        F, f = motion.F, motion.f
+        if F.ndim == 1:
+            return Coordinates(np.zeros(n) if f is None else f / F, 1.0 / F, F)
+        flat = FLAT * float(np.sqrt(np.einsum("ij,ij->j", F, F).max(initial=0.0))) or 1.0
+        Q, R = np.linalg.qr(np.concatenate([F, flat * np.eye(n)]))
+        P = np.asarray(np.linalg.solve(R, np.eye(n)), dtype=np.float64)
+        return Coordinates(np.zeros(n) if f is None else P @ (f @ Q[: F.shape[0]]), P, R)
+
+    def rows(self, A: Mat) -> Mat:
+        """A P, ``(m, n)``: rows on y."""
+        return A * self.P if self.P.ndim == 1 else A @ self.P
+
+    def point(self, y: Vec) -> Vec:
+        """x of y, ``(n,)``."""
+        return self.still + (self.P * y if self.P.ndim == 1 else self.P @ y)
+
+    def motion(self, x: Vec) -> Vec:
+        """y of x, ``(n,)``."""
+        offset = x - self.still
+        return np.asarray(self.inverse * offset if self.inverse.ndim == 1 else self.inverse @ offset)
+
+
+def is_met(rows: Rows, x: Vec) -> bool:
+    """Whether ||w|| at x is no more than rounding leaves of zero, MET of the level's terms and bounds."""
+    w = rows.slack(x)
+    A = rows.dense(x.size)
+    bounds = np.where(np.isfinite(rows.lower), rows.lower, np.where(np.isfinite(rows.upper), rows.upper, 0.0))
+    size = float(np.max(np.abs(A) @ np.abs(x) + np.abs(bounds), initial=0.0))
+    return float(np.sqrt(w @ w)) <= MET * size
+
+
+def handed_down(rows: Rows, x: Vec, still: Vec, share: float, guard: bool) -> Rows:
+    """The rows that a priced level whose stage ended at x leaves to the levels below; one more row for the guard.
+
+    still: ``(n,)``, the point of least motion.  share: eta.  A row that is not needed is (-inf, inf).
+    """
+    A = rows.dense(x.size)
+    lower, upper = rows.lower.copy(), rows.upper.copy()
+    last, below = np.zeros(x.size), -np.inf
+    if not is_met(rows, x):
+        w, y = rows.slack(x), A @ x
+        norm = float(np.sqrt(w @ w))
+        width = share * norm / np.sqrt(rows.m)
+        fixed = ((lower == upper) | (w != 0.0)) & ((lower > -np.inf) | (upper < np.inf))
+        lower[fixed], upper[fixed] = y[fixed] - width, y[fixed] + width
+        u = -w / norm
+        made = float(u @ (y - A @ still))
+        if guard and rows.m > 1 and made > 0.0:
+            last, below = u @ A, float(u @ y) - min(share * norm, 0.5 * made)
+    return Rows(np.concatenate([A, last[None]]), np.append(lower, below), np.append(upper, np.inf))
+
+
+def room(rows: Rows) -> Rows:
+    """The rows of a priced level before it is solved, with the place of the guard's row."""
+    n = int(rows.A.index.max(initial=0)) + 1 if isinstance(rows.A, Selection) else rows.A.shape[1]
+    return Rows(
+        np.concatenate([rows.dense(n), np.zeros((1, n))]), np.append(rows.lower, -np.inf), np.append(rows.upper, np.inf)
+    )
+
+
+def after_stages(problem: Hierarchy, stages: Mat, coordinates: Coordinates | None = None) -> Hierarchy:
+    """The exact hierarchy that is left once every priced level k is at ``stages[k]``: its answer is the problem's.
+
+    stages: ``(levels, n)``; a level whose row is NaN keeps its rows, being met for its price.
+    """
+    still = (coordinates or Coordinates.of(problem.motion, problem.n)).still
+    levels = list(problem.levels)
+    for k, price in enumerate([] if problem.prices is None else problem.prices):
+        if price > 0.0 and not np.isnan(stages[k, 0]):
+            levels[k] = handed_down(levels[k], stages[k], still, problem.share(k), problem.guard)
+    return replace(problem, levels=tuple(levels), stacked=None, prices=None, shares=None, motion=None)
+
+
+def feasible_set(problem: Hierarchy, stages: Mat, level: int, x: Vec, still: Vec) -> Rows:
+    """S_{k-1} of a level as hard rows: what each level above hands down, an exact one at its optimum x.
+
+    stages: ``(levels, n)`` with the points of priced levels above.  x: ``(n,)``, a point of S_{k-1}.
+    """
+    parts: list[Rows] = []
+    for k in range(level):
+        rows = problem.levels[k]
+        if problem.prices is not None and problem.prices[k] > 0.0:
+            parts.append(handed_down(rows, stages[k], still, problem.share(k), problem.guard))
+        else:
+            parts.append(at_optimum(rows, x))
+    return stack_rows(parts, problem.n)
+
+
+def at_optimum(rows: Rows, x: Vec) -> Rows:
+    """An exact level's optimal set: its slack is unique, so equality rows and violated rows keep their value."""
+    y = rows.A @ x
+    w = rows.slack(x)
+    fixed = (rows.lower == rows.upper) | (np.abs(w) > MET * (1.0 + np.abs(y)))
+    return Rows(rows.A, np.where(fixed, y, rows.lower), np.where(fixed, y, rows.upper))
+
+
+def stack_rows(parts: Sequence[Rows], n: int) -> Rows:
+    """Rows of several levels as one, dense."""
+    A = [rows.dense(n) for rows in parts]
+    return Rows(
+        np.concatenate([*A, np.zeros((0, n))]),
+        np.concatenate([*(rows.lower for rows in parts), np.zeros(0)]),
+        np.concatenate([*(rows.upper for rows in parts), np.zeros(0)]),
+    )

@@ -1,0 +1,258 @@
+"""`reference`: the definition as a program, one level after the other, single changes, no history; allowed to be slow.
+
+Level k is min ||T v - t||^2 over the points v = (x, slacks of its inequality rows) that the levels above leave, solved
+by a primal active-set method from the point of the level above (Nocedal and Wright 2006, chapter 16).  At a point, the
+least residual r of the optimality conditions over multipliers mu >= 0 of the active rows (non-negative least squares,
+Lawson and Hanson 1974) is zero at the optimum only; elsewhere -r is a feasible descent direction, at degenerate
+vertices too.  The step goes to the minimiser on the face that -r stays on.  A level with a price is min ||w|| + c E:
+for m = c ||w|| that is min ||w||^2 + m |y|^2 with y the coordinates of the motion, and m is found by bisection.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from time import perf_counter
+from typing import ClassVar
+
+import numpy as np
+
+from hqp.arrays import Mask, Mat, Vec
+from hqp.nnls import nonnegative_least_squares
+from hqp.pricing import Coordinates, after_stages, at_optimum, feasible_set, stack_rows
+from hqp.problem import ROUNDING, Hierarchy, Rows, Shape, Solution, Stats, Status
+from hqp.solvers.base import Solver, check_fields, finish
+from hqp.solvers.completion import completion
+from hqp.solvers.flat import Flat
+from hqp.solvers.stages import multiplier
+
+HELD = 1e-11
+"""A row is active this close to its bound, relative to its terms; a direction of unit length stays on it below this."""
+
+OPTIMAL = 1e-13
+"""The residual of the optimality conditions below which a point is optimal, relative to the gradient's terms."""
+
+
+@dataclass(frozen=True)
+class Reference(Solver):
+    """The hierarchy level by level, priced or not, by a textbook active-set method (docs/solvers.md).
+
+    rank_tolerance: singular values below this fraction of a level's largest row add no direction.  max_iterations:
+    steps a level may take.
+    """
+
+    name: ClassVar[str] = "reference"
+    accuracy: ClassVar[float] = 1e-8
+    priced: ClassVar[bool] = True
+
+    rank_tolerance: float = 1e-9
+    max_iterations: int = 1000
+
+    def __post_init__(self) -> None:
+        check_fields(self, shares=("rank_tolerance",), counts=("max_iterations",))
+
+    def workspace(self, shape: Shape) -> ReferenceWorkspace:
+        """Allocate; nothing is kept between solves."""
+        self.require(shape)
+        return ReferenceWorkspace(self, shape)
+
+
+class ReferenceWorkspace:
+    """The shape, and the check of the numbers."""
+
+    def __init__(self, solver: Reference, shape: Shape) -> None:
+        self._solver, self._flat = solver, Flat(shape)
+
+    def reset(self) -> None:
+        """Nothing is kept between solves."""
+
+    def solve(self, problem: Hierarchy) -> Solution:
+        """The solution, with the stage points of a priced hierarchy; ITERATION_LIMIT where a level did not end."""
+        began = perf_counter()
+        unusable = self._flat.load(problem)
+        if unusable:
+            return self._flat.refuse(problem, Stats(build_s=perf_counter() - began), unusable)
+        run = _Run(problem, self._solver)
+        stages = run.stages() if problem.priced else None
+        x = run.answer(stages)
+        stats = Stats(run.steps, 0, 0.0, perf_counter() - began)
+        status = Status.OPTIMAL if run.ended else Status.ITERATION_LIMIT
+        return finish(problem, x, status, stats, "" if run.ended else "a level took too many steps", stages)
+
+
+def witness(problem: Hierarchy, known: Mat | None = None) -> Mat:
+    """The optimum of every priced level in its own stage, ``(levels, n)``, where ``known`` has none (NaN)."""
+    return _Run(problem, Reference()).stages(known)
+
+
+class _Run:
+    """One problem: the coordinates of its motion, the steps taken, and whether every level ended."""
+
+    def __init__(self, problem: Hierarchy, solver: Reference) -> None:
+        self.problem, self._solver = problem, solver
+        self.coordinates = Coordinates.of(problem.motion, problem.n)
+        self.steps, self.ended = 0, True
+        self._zero = ROUNDING * max((_longest(rows.dense(problem.n)) for rows in problem.levels), default=0.0)
+
+    def stages(self, known: Mat | None = None) -> Mat:
+        """x_k of every priced level, ``(levels, n)``, NaN in the rows of the others; those known are taken over."""
+        problem, x = self.problem, np.zeros(self.problem.n)
+        stages = np.full((len(problem.levels), problem.n), np.nan)
+        for k in range(1 + max(k for k, priced in enumerate(problem.priced) if priced)):
+            if known is not None and not np.isnan(known[k, 0]):
+                stages[k] = x = known[k]
+                continue
+            above = feasible_set(problem, stages, k, x, self.coordinates.still)
+            if problem.priced[k] and problem.prices is not None:
+                stages[k] = x = self._priced(problem.levels[k], above, x, float(problem.prices[k]))
+            else:
+                x = self._exact(problem.levels[k], above, x)
+        return stages
+
+    def answer(self, stages: Mat | None) -> Vec:
+        """The exact hierarchy that the stages leave, solved from the last of them on, completion included."""
+        problem, first, x = self.problem, 0, np.zeros(self.problem.n)
+        if stages is not None:
+            first = 1 + max(k for k, priced in enumerate(problem.priced) if priced)
+            x = stages[first - 1]
+            problem = after_stages(problem, stages, self.coordinates)
+        whole = Hierarchy((*problem.levels, *completion(problem)), n=problem.n)
+        for k in range(first, len(whole.levels)):
+            x = self._exact(whole.levels[k], feasible_set(whole, np.zeros((0, 0)), k, x, x), x)
+        return x
+
+    def _exact(self, rows: Rows, above: Rows, x: Vec) -> Vec:
+        return self._least_squares(rows, above, x, Coordinates.of(None, x.size), 0.0)
+
+    def _priced(self, rows: Rows, above: Rows, x: Vec, price: float) -> Vec:
+        """argmin ||w|| + c E: m = c ||w(m)|| by root finding on log m; the least motion where the level is met."""
+        size = _longest(rows.dense(x.size))
+        if size <= self._zero:
+            return x
+
+        point = x
+
+        def unmet(m: float) -> float:
+            nonlocal point
+            point = self._least_squares(rows, above, x, self.coordinates, math.sqrt(m))
+            w = rows.slack(point)
+            return float(np.sqrt(w @ w))
+
+        return self._least_motion(rows, above, x) if multiplier(unmet, price, size) is None else point
+
+    def _least_motion(self, rows: Rows, above: Rows, x: Vec) -> Vec:
+        """argmin E over the points of the set that meet the level."""
+        x = self._exact(rows, above, x)
+        at = self.coordinates
+        inverse = np.diag(at.inverse) if at.inverse.ndim == 1 else at.inverse
+        target = inverse @ at.still
+        return self._exact(Rows(inverse, target, target), stack_rows([above, at_optimum(rows, x)], x.size), x)
+
+    def _least_squares(self, rows: Rows, above: Rows, x: Vec, at: Coordinates, damping: float) -> Vec:
+        """argmin ||w||^2 + damping^2 |y|^2 over ``above``, from a point x of it; y the coordinates of the motion."""
+        n, A = x.size, rows.dense(x.size)
+        unequal = ~rows.equality & ((rows.lower > -np.inf) | (rows.upper < np.inf))
+        size, q = _longest(A[rows.equality | unequal]), int(unequal.sum())
+        if size <= self._zero:
+            return x
+        T, t = A[rows.equality], rows.lower[rows.equality]
+        T = np.block([[at.rows(T), np.zeros((t.size, q))], [np.zeros((q, n)), np.eye(q)]])
+        t = np.concatenate([t - A[rows.equality] @ at.still, np.zeros(q)])
+        if damping > 0.0:
+            T = np.concatenate([T, damping * np.eye(n, n + q)])
+            t = np.concatenate([t, np.zeros(n)])
+        hard = above.dense(n)
+        C = np.block([[at.rows(hard), np.zeros((above.m, q))], [at.rows(A[unequal]), -np.eye(q)]])
+        shift = np.concatenate([hard @ at.still, A[unequal] @ at.still])
+        lower = np.concatenate([above.lower, rows.lower[unequal]]) - shift
+        upper = np.concatenate([above.upper, rows.upper[unequal]]) - shift
+        program = _Program(T, t, C, lower, upper, self._solver.rank_tolerance * size)
+        v, steps, ended = program.solve(
+            np.concatenate([at.motion(x), rows.slack(x)[unequal]]), self._solver.max_iterations
+        )
+        self.steps, self.ended = self.steps + steps, self.ended and ended
+        return at.point(v[:n])
+
+
+class _Program:
+    """min ||T v - t||^2 over lower <= C v <= upper, from a point of that set; singular values below cut are zero."""
+
+    def __init__(self, T: Mat, t: Vec, C: Mat, lower: Vec, upper: Vec, cut: float) -> None:
+        lengths = np.sqrt(np.square(C).sum(axis=1))
+        real = (lengths > 1e-13 * lengths.max(initial=0.0)) & ((lower > -np.inf) | (upper < np.inf))
+        scale = lengths[real]
+        self.T, self.t, self.cut = T, t, cut
+        self.C, self.lower, self.upper = C[real] / scale[:, None], lower[real] / scale, upper[real] / scale
+        self.equal = self.lower == self.upper
+        self.Z = _null_space(self.C[self.equal])
+
+    def solve(self, v: Vec, limit: int) -> tuple[Vec, int, bool]:
+        """The optimum, how many steps it took, and whether it was reached."""
+        for step in range(limit):
+            direction, held = self._descent(v)
+            if direction is None:
+                return v, step, True
+            v = self._advance(v, direction, held)
+        return v, limit, False
+
+    def _sides(self, v: Vec) -> Vec:
+        """+1 at upper, -1 at lower, 0 elsewhere and for equalities."""
+        value = self.C @ v
+        reach = HELD * (1.0 + np.abs(self.C) @ np.abs(v))
+        side = np.where(value >= self.upper - reach, 1.0, np.where(value <= self.lower + reach, -1.0, 0.0))
+        return np.where(self.equal, 0.0, side)
+
+    def _descent(self, v: Vec) -> tuple[Vec | None, Mask]:
+        """The steepest feasible direction, None at the optimum, and which rows it stays on."""
+        side = self._sides(v)
+        held, active = np.zeros(side.size, dtype=bool), np.flatnonzero(side)
+        pull = -((self.T @ v - self.t) @ self.T @ self.Z)
+        cone = (side[active, None] * self.C[active] @ self.Z).T
+        left = pull - cone @ nonnegative_least_squares(cone, pull)
+        size = float(np.sqrt(left @ left))
+        longest = _longest(self.T)
+        terms = float(np.max(np.abs(self.T) @ np.abs(v) + np.abs(self.t), initial=0.0))
+        if size <= OPTIMAL * longest * terms:
+            return None, held
+        held[active] = left @ cone >= -HELD * size
+        return self.Z @ left, held
+
+    def _advance(self, v: Vec, direction: Vec, held: Mask) -> Vec:
+        """To the minimiser on the face of the held rows, or the first row in the way; never uphill."""
+        face = held.copy()
+        while True:
+            Z = self.Z @ _null_space(self.C[face] @ self.Z)
+            U, sigma, Vt = np.linalg.svd(self.T @ Z, full_matrices=False)
+            kept = sigma > self.cut
+            step = Z @ (Vt[kept].T @ ((self.t - self.T @ v) @ U[:, kept] / sigma[kept]))
+            far, row = self._room(v, step, face)
+            if far > 1e-14:
+                return np.asarray(v + min(1.0, far) * step)
+            if row < 0 or not kept.any():
+                break
+            face[row] = True
+        curvature = self.T @ direction
+        best = float((self.t - self.T @ v) @ curvature) / max(float(curvature @ curvature), 1e-300)
+        return np.asarray(v + min(best, self._room(v, direction, held)[0]) * direction)
+
+    def _room(self, v: Vec, step: Vec, held: Mask) -> tuple[float, int]:
+        """How many times the step fits, and the row in the way, -1 for none."""
+        value, rate = self.C @ v, self.C @ step
+        rate[held | self.equal] = 0.0
+        floor = HELD * float(np.abs(step).max(initial=0.0))
+        room = np.where(rate > floor, self.upper - value, np.where(rate < -floor, self.lower - value, np.inf))
+        times = np.maximum(np.divide(room, rate, out=np.full(rate.size, np.inf), where=np.abs(rate) > floor), 0.0)
+        row = int(np.argmin(times)) if times.size else -1
+        return (float(times[row]), row) if row >= 0 and times[row] < np.inf else (np.inf, -1)
+
+
+def _null_space(A: Mat) -> Mat:
+    """An orthonormal basis ``(n, r)`` of what rows of unit length leave; singular values below 1e-10 count as zero."""
+    if not A.shape[0]:
+        return np.eye(A.shape[1])
+    _, sigma, Vt = np.linalg.svd(A, full_matrices=True)
+    return np.asarray(Vt[int(np.count_nonzero(sigma > 1e-10)) :].T)
+
+
+def _longest(A: Mat) -> float:
+    return float(np.sqrt(np.square(A).sum(axis=1).max(initial=0.0)))
