@@ -116,7 +116,7 @@ class Cluster:
             ray.init(**options)
         except (ConnectionError, RuntimeError) as error:
             raise DeclarationError("sweep", f"no Ray cluster answers: {error}", value=address) from error
-        self.workers = jobs or max(1, int(ray.cluster_resources().get("CPU", 1)))  # type: ignore[no-untyped-call]
+        self.workers = jobs or max(1, int(ray.cluster_resources().get("CPU", 1)))  # type: ignore[no-untyped-call,unused-ignore]
         self._call = ray.remote(max_retries=RETRIES)(_batch)
 
     def close(self) -> None:
