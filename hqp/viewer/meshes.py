@@ -14,7 +14,7 @@ GREY = (0.72, 0.75, 0.79)
 
 def load(shape: Any) -> Any:
     """A trimesh.Trimesh of a shape in its body's axes; None where the file cannot be read."""
-    import trimesh
+    import trimesh  # pyright: ignore[reportMissingImports]
 
     if shape.triangles is not None:
         mesh: Any = trimesh.Trimesh(vertices=shape.triangles[0], faces=shape.triangles[1], process=False)
@@ -54,7 +54,7 @@ def color_of(shape: Any, mesh: Any) -> tuple[int, int, int] | None:
 
 def links(robot: Any) -> list[tuple[int, Any]]:
     """Bodies and meshes of a robot without shapes: a rod from each joint to the next, a ball at each joint."""
-    import trimesh
+    import trimesh  # pyright: ignore[reportMissingImports]
 
     places = [(np.array(p), np.array(R)) for *_, (p, R) in robot.bodies]
     size = max((float(np.linalg.norm(p - q)) for p, _ in places for q, _ in places), default=1.0)

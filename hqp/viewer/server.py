@@ -27,7 +27,7 @@ class Server:
     """One page for one session."""
 
     def __init__(self, about: dict[str, Any]) -> None:
-        import viser
+        import viser  # pyright: ignore[reportMissingImports]
 
         from hqp import robots
 

@@ -168,7 +168,7 @@ class View:
 
     def _start(self, port: int, title: str) -> None:
         try:
-            import viser  # noqa: F401  (said here, where the user sees it)
+            import viser  # noqa: F401  # pyright: ignore[reportMissingImports]
         except ImportError as error:
             raise HqpError("the viewer needs viser and trimesh: pip install 'hqp[view]'") from error
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
