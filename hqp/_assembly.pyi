@@ -1,12 +1,13 @@
 """Rows of the common tasks, written by one call a tick (built from cpp/rows)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from numpy import int8
 from numpy.typing import NDArray
 
 from hqp.arrays import Index, Mat, Vec
 from hqp.plans import Plan
+from hqp.reference import Reference
 from hqp.robot import Body
 
 class Assembly:
@@ -15,7 +16,9 @@ class Assembly:
     twists ``(6, nv)`` and bodies: of the robot.
     """
 
-    def __init__(self, twists: Mat, bodies: Sequence[Body], dt: float, order: int) -> None: ...
+    def __init__(
+        self, twists: Mat, bodies: Sequence[Body], dt: float, order: int, reference: type[Reference]
+    ) -> None: ...
     def add(
         self,
         plan: Plan,
@@ -59,3 +62,38 @@ class Assembly:
 
     def demand(self, v: Vec) -> None:
         """Write demands and bounds from what is in the arrays."""
+
+    def slot(
+        self, name: str, target: Vec | None, shape: Sequence[int], normal: Vec | None, rate: Vec, feedforward: Vec
+    ) -> None:
+        """Where the reference of an element goes: target, flat, of that shape, None where Python reads the value."""
+
+    def hold(self, name: str, value: Vec | None) -> None:
+        """The value, flat, that an element has without a reference."""
+
+    def answers(
+        self,
+        solve: Callable[[], tuple[int, int, int]],
+        values: Vec,
+        active: NDArray[int8],
+        command: Sequence[int],
+        largest: float,
+    ) -> None:
+        """The solver of ``solve``: (outcome, iterations, factorisations), 0 for an optimum; its x and slack, its marks.
+
+        command: which of x are one.  largest: a demand whose norm is beyond it is out of the ordinary.
+        """
+
+    def fill(self, q: Vec, v: Vec, references: tuple[Reference, ...], fresh: bool) -> bool:
+        """Take references and write rows; False for an extraordinary one.  fresh: hold values first."""
+
+    def solve(self, v: Vec) -> bytearray | tuple[int, int, int] | None:
+        """Laws and solver: a record of the tick, what ``solve`` returned if no optimum, None for extraordinary demands.
+
+        The record: command, x, slack, seconds for rows, seconds for solve, iterations, factorisations; then the marks.
+        """
+
+    def step(
+        self, q: Vec, v: Vec, references: tuple[Reference, ...], fresh: bool
+    ) -> bytearray | tuple[int, int, int] | None:
+        """``fill`` and ``solve``; None where either finds something out of the ordinary."""

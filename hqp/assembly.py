@@ -74,9 +74,9 @@ class Assembly:
         self.weight, self._demand = np.ones(total), np.zeros(total)
         self._pick: Index = np.zeros(total - m, dtype=np.intp)
         self._has_feedforward = False
-        self._native = None
+        self.native_rows: NativeAssembly | None = None
         if native is not None:
-            self._native = native.Assembly(robot.joint_twists, robot.bodies, dt, self.order)
+            self.native_rows = native.Assembly(robot.joint_twists, robot.bodies, dt, self.order, Reference)
         self.members: dict[str, Member] = {}
         self.errors: dict[str, Exception] = {}
         for i, element in enumerate((*dense, *selections)):
@@ -88,11 +88,16 @@ class Assembly:
             self.weight[part] = element.weight
             self._bind(member, robot, dt)
         members = self.members.values()
-        self._written = [m for m in members if m.write is not None]
-        self._own_bounds = [m.views for m in self._written if not m.element.equality]
+        self.written = [m for m in members if m.write is not None]
+        self._own_bounds = [m.views for m in self.written if not m.element.equality]
         self._targets = [(m.element.name, m.target, m) for m in members if m.target is not None and m.target.shape]
-        if self._native is not None:
-            self._hand_over_laws(self._native)
+        if self.native_rows is not None:
+            self._hand_over_laws(self.native_rows)
+            for member in members:
+                target = None if member.target is None else member.target.reshape(-1)
+                shape = () if member.target is None else member.target.shape
+                rates = self.rate[member.part], self.feedforward[member.part]
+                self.native_rows.slot(member.element.name, target, shape, member.normal, *rates)
 
     def _bind(self, member: Member, robot: Robot, dt: float) -> None:
         """A native operation where there is one, the readable functions where not."""
@@ -103,10 +108,10 @@ class Assembly:
             m = self.J.shape[0]
             self._pick[member.part.start - m : member.part.stop - m] = index
         plan = plan_of(element, robot)
-        if self._native is None or plan is None or isinstance(plan, Constant):
+        if self.native_rows is None or plan is None or isinstance(plan, Constant):
             member.write = Readable(element, views, self.order, dt)
             return
-        self._hand_over(member, plan, self._native)
+        self._hand_over(member, plan, self.native_rows)
 
     def _hand_over(self, member: Member, plan: Plan, assembly: NativeAssembly) -> None:
         views = member.views
@@ -168,13 +173,24 @@ class Assembly:
         and its element is ``unusable``.  Raises StaleState if the robot has moved on.
         """
         state.kinematics()
+        self._copy_feedforward(given)
+        if self.native_rows is not None:
+            self._copy_targets(references)
+            self.native_rows.run(state.q, state.v)
+        self.write(state, references)
+        if self.native_rows is not None:
+            self.native_rows.demand(state.v)
+        else:
+            for member in self.written:
+                self._apply_law(member, state.v)
+        for name in left_out:
+            self._leave_out(name)
+
+    def write(self, state: State, references: Mapping[str, Reference]) -> None:
+        """Write the rows of elements without a native operation."""
         if self.errors:
             self.errors.clear()
-        self._copy_feedforward(given)
-        if self._native is not None:
-            self._copy_targets(references)
-            self._native.run(state.q, state.v)
-        for member in self._written:
+        for member in self.written:
             element, J = member.element, member.views.J
             try:
                 member.write(state, references[element.name])  # type: ignore[misc]
@@ -185,13 +201,12 @@ class Assembly:
                 continue
             if J is not None and element.weight != 1.0:
                 np.multiply(J, element.weight, out=J)
-        if self._native is not None:
-            self._native.demand(state.v)
-        else:
-            for member in self._written:
-                self._apply_law(member, state.v)
-        for name in left_out:
-            self._leave_out(name)
+
+    def forget(self) -> None:
+        """References were taken past this object: the next fill takes all of them anew."""
+        self._has_feedforward = True
+        for member in self.members.values():
+            member.last_reference = None
 
     def _copy_feedforward(self, given: Sequence[Reference]) -> None:
         if self._has_feedforward:

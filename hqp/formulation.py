@@ -11,6 +11,7 @@ import numpy as np
 
 from hqp.arrays import Vec
 from hqp.assembly import Assembly
+from hqp.direct import Direct, direct
 from hqp.element import Element
 from hqp.errors import DeclarationError
 from hqp.law import PD, Law, P, SelfMotion
@@ -73,6 +74,10 @@ class Program(ABC):
     def errors(self) -> Mapping[str, Exception]:
         """What elements raised in the latest fill."""
         return self.assembly.errors
+
+    def direct(self, workspace: object) -> Direct | None:
+        """The loop that takes ordinary ticks in one native call; None where there is none."""
+        return None
 
     @abstractmethod
     def rest(self, robot: Robot, braking: Braking) -> Rest:
@@ -230,6 +235,10 @@ class MotionProgram(Program):
     ) -> None:
         """Refill the hierarchy for a state and one reference an element; ``given`` may hold feedforward."""
         self.assembly.fill(state, references, given, left_out)
+
+    def direct(self, workspace: object) -> Direct | None:
+        """The loop that takes ordinary ticks in one native call; None where rows or solver are not native."""
+        return direct(self.assembly, self.problem, workspace, self._actuated)
 
     def rest(self, robot: Robot, braking: Braking) -> Rest:
         """A deceleration that keeps contacts, at either level."""

@@ -109,6 +109,10 @@ class StateCheck:
             return fault
         return "" if state.square < self._ordinary else self._size(state)
 
+    def ordinary(self, state: State) -> bool:
+        """Whether a look at its size is enough to know that nothing is wrong with a state that tells no time."""
+        return state.valid and state.square < self._ordinary
+
     @property
     def ages(self) -> bool:
         """Whether states must tell their time."""

@@ -12,6 +12,7 @@ from typing import NoReturn
 import numpy as np
 
 from hqp.arrays import Vec
+from hqp.direct import Direct
 from hqp.element import Element
 from hqp.errors import (
     ConcurrentUse,
@@ -32,7 +33,7 @@ from hqp.safety import Braking, RateLimits, StateBounds, StateCheck, positive, r
 from hqp.solvers import load
 from hqp.solvers.base import Solver
 from hqp.stack import Stack, coupled
-from hqp.tick import Note, Tick, Times
+from hqp.tick import Note, OrdinaryTick, Tick, Times
 
 DEADLINE = 0.8
 """Share of the control period that a tick may take before its solver returns the best point so far."""
@@ -117,6 +118,9 @@ class Session:
         self._current: dict[str, Reference] = {}
         self._given: list[Reference] = []
         self._hard = frozenset(element.name for element in stack.subject_to)
+        self._direct: Direct | None = None
+        self._latest: bytearray | None = None
+        self._direct_known = False
 
     @property
     def problem(self) -> Hierarchy:
@@ -135,6 +139,10 @@ class Session:
                 "another thread is in a step of this session; make one session a thread, of robot.copy()"
             )
         try:
+            if self._direct is not None:
+                tick = self._ordinary_tick(self._direct, state, references)
+                if tick is not None:
+                    return tick
             return self._step(state, references, now)
         except FloatingPointError:  # the caller asked NumPy to raise; here what is not finite is told by a status
             with np.errstate(all="ignore"):
@@ -146,8 +154,45 @@ class Session:
         if not self._lock.acquire(blocking=False):
             raise ConcurrentUse("another thread is in this session; make a session a thread, each of its robot.copy()")
 
+    def _ordinary_tick(self, direct: Direct, state: State, references: tuple[Reference, ...]) -> Tick | None:
+        """A tick in one native call; None for what is out of the ordinary, which the general path tells."""
+        start = perf_counter()
+        if state.robot is not self.robot or not self._check.ordinary(state):
+            return None
+        if direct.fresh and self._limit is not None:
+            self._limit(self._deadline)
+        state.kinematics()
+        prepared = perf_counter()
+        found = direct.step(state, references)
+        if found is None:
+            return None
+        self.count += 1
+        if isinstance(found, tuple):
+            self._leave_direct()
+            solution = self.workspace.answer(self.program.problem, found)  # type: ignore[attr-defined]
+            return self._conclude(state, solution, (), start, prepared, prepared)
+        before, self._latest = self._latest, found
+        self._good, self._held = state, 0
+        return OrdinaryTick(self, direct, state, found, self._x if before is None else before, start, prepared)
+
+    def _leave_direct(self) -> None:
+        """The general path takes over."""
+        if self._direct is not None:
+            self._direct.leave()
+            if self._latest is not None:
+                self._x, self._latest = self._direct.x(self._latest).copy(), None
+
+    def _find_direct(self) -> None:
+        """Ordinary ticks from now on, once hold values are known and an answer was usable."""
+        self._direct_known = True
+        if self._limiter is None and not self._check.ages:
+            self._direct = self.program.direct(self.workspace)
+            if self._direct is not None:
+                self._direct.hold(self._holds)
+
     def _step(self, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
         start = perf_counter()
+        self._leave_direct()
         self.count += 1
         if state.robot is not self.robot:
             raise ModelError(f"the session runs on {self.robot!r}, the state belongs to {state.robot!r}")
@@ -175,7 +220,22 @@ class Session:
         if self._limit is not None and self._good is not None:  # the very first answer may take its time
             self._limit(max(self._deadline - (filled - start), 1e-6))
         solution = self.workspace.solve(program.problem)
-        solved = perf_counter()
+        tick = self._conclude(state, solution, notes, start, prepared, filled)
+        if not self._direct_known and self._good is not None:
+            self._find_direct()
+        return tick
+
+    def _conclude(
+        self,
+        state: State,
+        solution: Solution,
+        notes: tuple[Note, ...],
+        start: float,
+        prepared: float,
+        filled: float,
+    ) -> Tick:
+        """The command of a solution, or what is sent where it is not usable; the rest: when which part began."""
+        program, solved = self.program, perf_counter()
         x, status = solution.x, solution.status
         if status is not Status.OPTIMAL:
             notes += self._culprits(solution)

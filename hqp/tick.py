@@ -13,6 +13,7 @@ from hqp.explain import Explanation
 from hqp.problem import Solution, Status
 
 if TYPE_CHECKING:
+    from hqp.direct import Direct
     from hqp.robot import State
     from hqp.session import Session
 
@@ -130,3 +131,70 @@ class Tick:
     def __repr__(self) -> str:
         held = f", held for {self.held} ticks" if self.held else ""
         return f"<Tick {self.status.name}, {len(self.notes)} notes{held}>"
+
+
+class OrdinaryTick(Tick):
+    """A tick whose answer is the optimum, with nothing to note; what it can tell is computed when asked for."""
+
+    __slots__ = ("_before", "_direct", "_found", "_prepared", "_record", "_start")
+
+    status = Status.OPTIMAL
+    notes = ()
+    held = 0
+    transition = 1.0
+
+    def __init__(
+        self,
+        session: Session,
+        direct: Direct,
+        state: State,
+        record: bytearray,
+        before: bytearray | Vec,
+        start: float,
+        prepared: float,
+    ) -> None:
+        self._session, self._direct, self._state, self._count = session, direct, state, session.count
+        self._record, self._before, self._start, self._prepared = record, before, start, prepared
+        self._found: dict[str, Any] = {}
+
+    @property
+    def command(self) -> Vec:  # type: ignore[override]
+        """The command ``(n_actuated,)``, the caller's own copy."""
+        found = self._found.get("command")
+        if found is None:
+            found = self._found["command"] = self._direct.command(self._record)
+        return found
+
+    @property
+    def solution(self) -> Solution:  # type: ignore[override]
+        """What the solver gave."""
+        found = self._found.get("solution")
+        if found is None:
+            found = self._found["solution"] = self._direct.solution(self._record)
+        return found
+
+    @property
+    def times(self) -> Times:  # type: ignore[override]
+        """Where the time went, but for what it took to make this object."""
+        return Times(self._prepared - self._start, *self._direct.seconds(self._record), 0.0)
+
+    @property
+    def _x(self) -> Vec:  # type: ignore[override]
+        return self._direct.x(self._record)
+
+    @property
+    def _last(self) -> Vec:  # type: ignore[override]
+        before = self._before
+        x = self._direct.x(before) if isinstance(before, bytearray) else before
+        return self._live().program.command(x)
+
+    @property
+    def _names(self) -> tuple[str, ...]:  # type: ignore[override]
+        return self._live().robot.joint_names
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickled, it is a Tick as any other."""
+        plain = Tick.__new__(Tick)
+        for name in Tick.__slots__:
+            setattr(plain, name, getattr(self, name))
+        return plain.__reduce_ex__(2)  # type: ignore[return-value]

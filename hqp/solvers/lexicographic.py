@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mat, Signs, Vec
 from hqp.certify import certificate
 from hqp.errors import DeclarationError, SolverNotInstalled
 from hqp.problem import Hierarchy, Selection, Shape, Solution, Stats, Status
@@ -121,7 +121,7 @@ class NativeWorkspace:
 
     def __init__(self, solver: Lexicographic, shape: Shape) -> None:
         self._shape = shape
-        self._damping = solver.level_damping(shape)
+        self._damping, self._multipliers = solver.level_damping(shape), solver.multipliers
         self._kernel = _native.Workspace(
             shape.n,
             list(shape.rows),
@@ -167,6 +167,33 @@ class NativeWorkspace:
         solution: Solution | None = self._kernel.solution(build, *self._views)
         if solution is None:
             return _refuse(problem, self._shape, Stats(build_s=build))
+        return self._judged(problem, solution)
+
+    def kernel(self, problem: Hierarchy) -> tuple[Callable[[], tuple[int, int, int]], Vec, Signs] | None:
+        """The kernel bound to a problem that is refilled in place: its solve, and views of (x, slack) and of the marks.
+
+        solve() returns outcome, iterations and factorisations.  None where there is more to do than to solve.
+        """
+        if problem is not self._bound:
+            self._bind(problem)
+        return None if self._bound is None or self._multipliers else (self._kernel.solve, *self._views[:2])
+
+    def answer(self, problem: Hierarchy, counts: tuple[int, int, int]) -> Solution:
+        """The solution of the latest solve of ``kernel``."""
+        outcome, iterations, factorisations = counts
+        values, marks, n = self._views[0].copy(), self._views[1].copy(), self._shape.n
+        ends = [sum(self._shape.rows[:k]) for k in range(len(self._shape.rows) + 1)]
+        solution = Solution(
+            values[:n],
+            _STATUS[outcome],
+            tuple(values[n + a : n + b] for a, b in pairwise(ends)),
+            tuple(marks[a:b] for a, b in pairwise(ends)),
+            Stats(iterations, factorisations),
+            (DAMPED if any(self._damping) else STUCK) if _STATUS[outcome] is Status.NOT_CERTIFIED else "",
+        )
+        return self._judged(problem, solution)
+
+    def _judged(self, problem: Hierarchy, solution: Solution) -> Solution:
         if solution.status is Status.NOT_CERTIFIED:
             if any(self._damping):
                 return replace(solution, status=Status.NOT_STRICT) if solution.detail == DAMPED else solution

@@ -17,6 +17,7 @@
 #include "frames.hpp"
 #include "joints.hpp"
 #include "laws.hpp"
+#include "loop.hpp"
 #include "wheels.hpp"
 
 namespace nb = nanobind;
@@ -29,12 +30,15 @@ using Written = nb::ndarray<double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Block = nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using Columns = nb::ndarray<const double, nb::ndim<2>, nb::f_contig, nb::device::cpu>;
 using Picks = nb::ndarray<const std::intptr_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Marks = nb::ndarray<const std::int8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Kinds = nb::ndarray<const std::int8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Ints = std::vector<int>;
 using Numbers = std::vector<double>;
 
 using Placement = std::tuple<Vector, Columns>;                                      // position, rotation
 using Bodies = std::vector<std::tuple<int, int, int, double, Numbers, Placement>>;  // hqp.robot.Body
+
+constexpr int kOptimal = 0, kInvalid = 6;  // of the outcomes of a kernel
 
 hqp::Vec3 vector(const Numbers& a) {
   if (a.size() != 3) throw nb::value_error("a vector has three numbers");
@@ -84,8 +88,8 @@ class Plan {
 
 class Assembly {
  public:
-  Assembly(const Columns& twists, const Bodies& bodies, double dt, int order)
-      : dt_(dt), order_(order), tree_(tree(twists, bodies)) {}
+  Assembly(const Columns& twists, const Bodies& bodies, double dt, int order, const nb::object& reference)
+      : dt_(dt), order_(order), tree_(tree(twists, bodies)), loop_(reference) {}
   Assembly(const Assembly&) = delete;
 
   void add(const nb::object& object, const std::optional<Block>& J, const Written& error,
@@ -138,6 +142,63 @@ class Assembly {
     for (const auto& operation : operations_) operation->run(q.data(), v.data());
   }
   void demand(const Vector& v) { demands_->run(v.data()); }
+
+  // Where the reference of an element goes, and its hold value, None for one that is not there.
+  void slot(const std::string& name, const std::optional<Written>& target, Ints shape,
+            const std::optional<Written>& normal, const Written& rate, const Written& feedforward) {
+    loop_.add(name, {target ? keep(*target) : nullptr, std::move(shape), normal ? keep(*normal) : nullptr, keep(rate),
+                     keep(feedforward), static_cast<int>(rate.shape(0)), !target, {}});
+  }
+  void hold(const std::string& name, const std::optional<Vector>& value) {
+    hqp::Slot* slot = loop_.find(name);
+    if (!slot) throw nb::key_error(name.c_str());
+    slot->hold.clear();
+    if (value && slot->target) slot->hold.assign(value->data(), value->data() + value->size());
+  }
+  // solve: of a workspace bound to the arrays of the laws, (outcome, ...) with 0 for an optimum; values: x and slack,
+  // active: marks, both its own. command: what of x is one. largest: a demand beyond it is out of the ordinary.
+  void answers(const nb::object& solve, const Vector& values, const Marks& active, Ints command, double largest) {
+    solve_ = solve;
+    values_ = keep(values), active_ = keep(active);
+    value_count_ = values.size(), active_count_ = active.size();
+    command_ = std::move(command);
+    largest_ = largest * largest;
+  }
+
+  // Rows of native operations; false where a reference is out of the ordinary.
+  bool fill(const Vector& q, const Vector& v, const nb::tuple& references, bool fresh) {
+    begin_ = hqp::Clock::now();
+    if (!loop_.take(references, fresh)) return false;
+    run(q, v);
+    return true;
+  }
+  // Laws and solver: a record [command, x, slack, seconds for rows and solve, solve's counts, marks]; what solve
+  // returned where that is no optimum, None where a demand is out of the ordinary.
+  nb::object solve(const Vector& v) {
+    demand(v);
+    if (!(hqp::squared(demands_->demand(), demands_->size()) < largest_)) return nb::none();
+    const auto filled = hqp::Clock::now();
+    const nb::object outcome = solve_();
+    const auto solved = hqp::Clock::now();
+    const nb::tuple found = nb::cast<nb::tuple>(outcome);
+    const int kind = nb::cast<int>(found[0]);
+    if (kind != kOptimal) return kind == kInvalid ? nb::none() : outcome;
+    const std::size_t numbers = command_.size() + value_count_ + 4;
+    const nb::object record = nb::steal(PyByteArray_FromStringAndSize(
+        nullptr, static_cast<Py_ssize_t>(sizeof(double) * numbers + active_count_)));
+    if (!record.is_valid()) nb::raise_python_error();
+    double* out = reinterpret_cast<double*>(PyByteArray_AS_STRING(record.ptr()));
+    for (const int i : command_) *out++ = values_[i];
+    out = std::copy(values_, values_ + value_count_, out);
+    *out++ = hqp::seconds(begin_, filled);
+    *out++ = hqp::seconds(filled, solved);
+    for (int i = 1; i < 3; ++i) *out++ = nb::cast<double>(found[i]);
+    std::copy(active_, active_ + active_count_, reinterpret_cast<std::int8_t*>(out));
+    return record;
+  }
+  nb::object step(const Vector& q, const Vector& v, const nb::tuple& references, bool fresh) {
+    return fill(q, v, references, fresh) ? solve(v) : nb::none();
+  }
 
  private:
   using Operation = std::unique_ptr<hqp::Operation>;
@@ -198,6 +259,14 @@ class Assembly {
   hqp::Tree tree_;
   std::vector<Operation> operations_;
   std::unique_ptr<hqp::Demands> demands_;
+  hqp::Loop loop_;
+  nb::object solve_;
+  const double* values_ = nullptr;
+  const std::int8_t* active_ = nullptr;
+  std::size_t value_count_ = 0, active_count_ = 0;
+  Ints command_;
+  double largest_ = 0.0;
+  hqp::Clock::time_point begin_;
 };
 
 }  // namespace
@@ -205,8 +274,16 @@ class Assembly {
 NB_MODULE(_assembly, module) {
   module.doc() = "Rows of the common tasks, written by one call a tick.";
   nb::class_<Assembly>(module, "Assembly")
-      .def(nb::init<const Columns&, const Bodies&, double, int>(), "twists"_a.noconvert(), "bodies"_a.noconvert(),
-           "dt"_a, "order"_a)
+      .def(nb::init<const Columns&, const Bodies&, double, int, const nb::object&>(), "twists"_a.noconvert(),
+           "bodies"_a.noconvert(), "dt"_a, "order"_a, "reference"_a)
+      .def("slot", &Assembly::slot, "name"_a, "target"_a.noconvert().none(), "shape"_a, "normal"_a.noconvert().none(),
+           "rate"_a.noconvert(), "feedforward"_a.noconvert())
+      .def("hold", &Assembly::hold, "name"_a, "value"_a.none())
+      .def("answers", &Assembly::answers, "solve"_a, "values"_a.noconvert(), "active"_a.noconvert(), "command"_a,
+           "largest"_a)
+      .def("fill", &Assembly::fill, "q"_a, "v"_a, "references"_a, "fresh"_a)
+      .def("solve", &Assembly::solve, "v"_a)
+      .def("step", &Assembly::step, "q"_a, "v"_a, "references"_a, "fresh"_a)
       .def("add", &Assembly::add, "plan"_a, nb::kw_only(), "J"_a.noconvert().none(), "error"_a.noconvert(),
            "drift"_a.noconvert().none(), "lower"_a.noconvert(), "upper"_a.noconvert(), "reference"_a.noconvert(),
            "normal"_a.noconvert().none(), "weight"_a)

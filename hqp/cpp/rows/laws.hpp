@@ -35,6 +35,9 @@ class Demands {
   }
   Demands(const Demands&) = delete;
 
+  const double* demand() const { return l_.demand; }
+  int size() const { return l_.total; }
+
   void run(const double* v) {
     for (int i = 0; i < l_.total; ++i) l_.demand[i] = l_.kp[i] * l_.error[i];
     if (l_.order == 1) {

@@ -1,0 +1,107 @@
+// One tick in one call: references in, rows and laws, a solver, the command out.
+//
+// It takes what is ordinary. Anything else (a reference for nobody, of another shape or not finite, rows too large) is
+// left to the general path of a session, which says what is wrong.
+#pragma once
+
+#include <chrono>
+#include <cstring>
+#include <string>
+#include <vector>
+
+#include <nanobind/nanobind.h>
+
+#include "references.hpp"
+
+namespace hqp {
+
+namespace nb = nanobind;
+
+// Names of the fields of hqp.reference.Reference.
+struct ReferenceFields {
+  nb::str name{"name"}, value{"value"}, velocity{"velocity"}, acceleration{"acceleration"}, normal{"normal"},
+      gravity_normal{"gravity_normal"};
+};
+
+// The Python objects of a tick: references are read, a record is made.
+class Loop {
+ public:
+  explicit Loop(nb::object reference) : reference_(std::move(reference)) {}
+
+  void add(const std::string& name, Slot slot) {
+    index_[nb::str(name.c_str())] = nb::int_(slots_.size());
+    slots_.push_back(std::move(slot));
+  }
+  Slot* find(const std::string& name) {
+    const auto found = PyDict_GetItem(index_.ptr(), nb::str(name.c_str()).ptr());
+    return found ? &slots_[PyLong_AsSize_t(found)] : nullptr;
+  }
+
+  // Hold values everywhere but for the references given; false for one that is out of the ordinary.
+  bool take(const nb::tuple& references, bool fresh) {
+    for (std::size_t k = 0; fresh && k < slots_.size(); ++k) slots_[k].settle();
+    for (std::size_t k : given_)
+      if (!fresh) slots_[k].settle();
+    given_.clear();
+    for (const nb::handle reference : references)
+      if (!take(reference)) return false;
+    return true;
+  }
+
+ private:
+  bool take(nb::handle reference) {
+    if (reinterpret_cast<PyObject*>(Py_TYPE(reference.ptr())) != reference_.ptr()) return false;
+    PyObject* found = PyDict_GetItem(index_.ptr(), field(reference, fields_.name).ptr());
+    if (!found) return false;
+    const std::size_t k = PyLong_AsSize_t(found);
+    Slot& slot = slots_[k];
+    given_.push_back(k);
+    const int three[] = {3};
+    const int dimensions = static_cast<int>(slot.shape.size());
+    return (slot.elsewhere || copy(field(reference, fields_.value), slot.target, slot.shape.data(), dimensions)) &&
+           copy(field(reference, fields_.velocity), slot.rate, &slot.rows, 1) &&
+           copy(field(reference, fields_.acceleration), slot.feedforward, &slot.rows, 1) &&
+           copy(field(reference, fields_.normal), slot.normal, three, 1) &&
+           field(reference, fields_.gravity_normal).is_none();
+  }
+
+  static nb::object field(nb::handle object, const nb::str& name) {
+    PyObject* found = PyObject_GetAttr(object.ptr(), name.ptr());
+    if (!found) nb::raise_python_error();
+    return nb::steal(found);
+  }
+
+  // Finite numbers of that shape; None leaves what is there.
+  static bool copy(const nb::object& array, double* to, const int* shape, int dimensions) {
+    if (array.is_none()) return true;
+    if (!to) return false;
+    Py_buffer view;
+    if (PyObject_GetBuffer(array.ptr(), &view, PyBUF_ND | PyBUF_FORMAT)) {
+      PyErr_Clear();
+      return false;
+    }
+    bool fits = view.ndim == dimensions && view.format && !std::strcmp(view.format, "d");
+    int size = 1;
+    for (int i = 0; fits && i < dimensions; ++i) {
+      fits = view.shape[i] == shape[i];
+      size *= shape[i];
+    }
+    if (fits) std::memcpy(to, view.buf, sizeof(double) * size);
+    PyBuffer_Release(&view);
+    return fits && finite(to, size);
+  }
+
+  nb::object reference_;
+  ReferenceFields fields_;
+  nb::dict index_;
+  std::vector<Slot> slots_;
+  std::vector<std::size_t> given_;
+};
+
+using Clock = std::chrono::steady_clock;
+
+inline double seconds(Clock::time_point from, Clock::time_point to) {
+  return std::chrono::duration<double>(to - from).count();
+}
+
+}  // namespace hqp

@@ -1,0 +1,119 @@
+"""Ordinary ticks in one native call: references in, rows, laws and solver, a record out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from hqp.arrays import Index, Signs, Vec
+from hqp.assembly import LARGEST, Assembly
+from hqp.problem import Hierarchy, Solution, Stats, Status
+from hqp.reference import Reference
+from hqp.robot import State
+
+if TYPE_CHECKING:
+    from hqp._assembly import Assembly as NativeAssembly
+
+Counts: TypeAlias = tuple[int, int, int]
+"""Outcome, iterations and factorisations of a kernel's solve; outcome 0 is an optimum."""
+
+Kernel: TypeAlias = tuple[Callable[[], Counts], Vec, Signs]
+"""A bound kernel: its solve, live views of (x, slack) and of the marks."""
+
+
+class Direct:
+    """The native loop of a session whose rows go straight to a kernel.
+
+    It takes what is ordinary, and says None to the rest, for which the session has a general path: a reference that is
+    not finite or does not fit, rows that are too large.  A record holds what a tick can tell; see ``solution``.
+    """
+
+    def __init__(
+        self, assembly: Assembly, native: NativeAssembly, kernel: Kernel, problem: Hierarchy, command: Index
+    ) -> None:
+        self._assembly, self._native = assembly, native
+        self._written = assembly.written
+        self._names = frozenset(member.element.name for member in self._written)
+        self._holds: dict[str, Reference] = {}
+        self.fresh = True
+        native.answers(*kernel, command.tolist(), LARGEST)
+        n, rows = problem.n, [level.m for level in problem.levels]
+        self._x = slice(command.size, command.size + n)
+        ends = np.concatenate(([0], np.cumsum(rows))).astype(int).tolist()
+        self._rows = [slice(a, b) for a, b in pairwise(ends)]
+        self._slack = slice(self._x.stop, self._x.stop + ends[-1])
+        self._count = self._slack.stop + 4
+        self._command = int(command.size)
+
+    def hold(self, holds: Mapping[str, Reference]) -> None:
+        """Take the hold values of all elements."""
+        for name in self._assembly.members:
+            value = holds[name].value
+            self._native.hold(name, None if value is None else np.array(value, dtype=np.float64).reshape(-1))
+        self._holds = {name: holds[name] for name in self._names}
+
+    def leave(self) -> None:
+        """The general path takes over: nothing of the last ordinary tick must stay."""
+        if not self.fresh:
+            self.fresh = True
+            self._assembly.forget()
+
+    def step(self, state: State, references: tuple[Reference, ...]) -> bytearray | Counts | None:
+        """A record of an optimum, the counts of another outcome, None for what is out of the ordinary."""
+        native, fresh = self._native, self.fresh
+        self.fresh = False
+        if not self._written:
+            return native.step(state.q, state.v, references, fresh)
+        if not native.fill(state.q, state.v, references, fresh):
+            return None
+        given: Mapping[str, Reference] = self._holds
+        if any(r.name in self._names for r in references):
+            given = {**self._holds, **{r.name: self._whole(r) for r in references if r.name in self._names}}
+        self._assembly.write(state, given)
+        found = native.solve(state.v)
+        return None if self._assembly.unusable() else found
+
+    def _whole(self, reference: Reference) -> Reference:
+        """The reference, with the hold value where it gives none."""
+        if reference.value is not None:
+            return reference
+        return Reference(reference.name, self._holds[reference.name].value, normal=reference.normal)
+
+    def command(self, record: bytearray) -> Vec:
+        """The actuated joints' part of x; memory of its own, as long as the record is not asked again."""
+        return np.frombuffer(record, np.float64, self._command)
+
+    def x(self, record: bytearray) -> Vec:
+        """x ``(n,)``."""
+        return np.frombuffer(record, np.float64, self._x.stop)[self._x]
+
+    def seconds(self, record: bytearray) -> tuple[float, float]:
+        """Time for the rows and for the solver [s]."""
+        rows, solve, *_ = np.frombuffer(record, np.float64, 4, 8 * self._slack.stop).tolist()
+        return rows, solve
+
+    def solution(self, record: bytearray) -> Solution:
+        """What the solver gave."""
+        numbers = np.frombuffer(record, np.float64, self._count)
+        marks = np.frombuffer(record, np.int8, -1, 8 * self._count)
+        slack = numbers[self._slack]
+        _, solve, iterations, factorisations = numbers[self._slack.stop :].tolist()
+        return Solution(
+            numbers[self._x],
+            Status.OPTIMAL,
+            tuple(slack[part] for part in self._rows),
+            tuple(marks[part] for part in self._rows),
+            Stats(int(iterations), int(factorisations), 0.0, solve),
+        )
+
+
+def direct(assembly: Assembly, problem: Hierarchy, workspace: object, command: Sequence[int] | Index) -> Direct | None:
+    """The native loop, None where rows or solver are not native, or the solver has more to do than to solve."""
+    bind: Callable[[Hierarchy], Kernel | None] | None = getattr(workspace, "kernel", None)
+    native = assembly.native_rows
+    if bind is None or native is None or (kernel := bind(problem)) is None:
+        return None
+    return Direct(assembly, native, kernel, problem, np.asarray(command, dtype=np.intp))
