@@ -73,13 +73,13 @@ class Assembly:
 
     def answers(
         self,
-        solve: Callable[[], tuple[int, int, int]],
+        solve: Callable[[], tuple[int, int, int, bool]],
         values: Vec,
         active: NDArray[int8],
         command: Sequence[int],
         largest: float,
     ) -> None:
-        """The solver of ``solve``: (outcome, iterations, factorisations), 0 for an optimum; its x and slack, its marks.
+        """What ``solve`` of a bound kernel leaves: outcome (0: an optimum) and counts; x and slack; marks.
 
         command: which of x are one.  largest: a demand whose norm is beyond it is out of the ordinary.
         """
@@ -87,7 +87,7 @@ class Assembly:
     def fill(self, q: Vec, v: Vec, references: tuple[Reference, ...], fresh: bool) -> bool:
         """Take references and write rows; False for an extraordinary one.  fresh: hold values first."""
 
-    def solve(self, v: Vec) -> bytearray | tuple[int, int, int] | None:
+    def solve(self, v: Vec) -> bytearray | tuple[int, int, int, bool] | None:
         """Laws and solver: a record of the tick, what ``solve`` returned if no optimum, None for extraordinary demands.
 
         The record: command, x, slack, seconds for rows, seconds for solve, iterations, factorisations; then the marks.
@@ -95,5 +95,5 @@ class Assembly:
 
     def step(
         self, q: Vec, v: Vec, references: tuple[Reference, ...], fresh: bool
-    ) -> bytearray | tuple[int, int, int] | None:
+    ) -> bytearray | tuple[int, int, int, bool] | None:
         """``fill`` and ``solve``; None where either finds something out of the ordinary."""

@@ -17,8 +17,8 @@ from hqp.robot import State
 if TYPE_CHECKING:
     from hqp._assembly import Assembly as NativeAssembly
 
-Counts: TypeAlias = tuple[int, int, int]
-"""Outcome, iterations and factorisations of a kernel's solve; outcome 0 is an optimum."""
+Counts: TypeAlias = tuple[int, int, int, bool]
+"""Outcome (0: an optimum), iterations, factorisations of a kernel's solve, and whether its answer was judged."""
 
 Kernel: TypeAlias = tuple[Callable[[], Counts], Vec, Signs]
 """A bound kernel: its solve, live views of (x, slack) and of the marks."""
@@ -32,9 +32,15 @@ class Direct:
     """
 
     def __init__(
-        self, assembly: Assembly, native: NativeAssembly, kernel: Kernel, problem: Hierarchy, command: Index
+        self,
+        assembly: Assembly,
+        native: NativeAssembly,
+        workspace: object,
+        kernel: Kernel,
+        problem: Hierarchy,
+        command: Index,
     ) -> None:
-        self._assembly, self._native = assembly, native
+        self._assembly, self._native, self.workspace = assembly, native, workspace
         self._written = assembly.written
         self._names = frozenset(member.element.name for member in self._written)
         self._holds: dict[str, Reference] = {}
@@ -116,4 +122,4 @@ def direct(assembly: Assembly, problem: Hierarchy, workspace: object, command: S
     native = assembly.native_rows
     if bind is None or native is None or (kernel := bind(problem)) is None:
         return None
-    return Direct(assembly, native, kernel, problem, np.asarray(command, dtype=np.intp))
+    return Direct(assembly, native, workspace, kernel, problem, np.asarray(command, dtype=np.intp))

@@ -157,7 +157,7 @@ class Session:
     def _ordinary_tick(self, direct: Direct, state: State, references: tuple[Reference, ...]) -> Tick | None:
         """A tick in one native call; None for what is out of the ordinary, which the general path tells."""
         start = perf_counter()
-        if state.robot is not self.robot or not self._check.ordinary(state):
+        if state.robot is not self.robot or direct.workspace is not self.workspace or not self._check.ordinary(state):
             return None
         if direct.fresh and self._limit is not None:
             self._limit(self._deadline)

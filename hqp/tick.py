@@ -194,7 +194,11 @@ class OrdinaryTick(Tick):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickled, it is a Tick as any other."""
-        plain = Tick.__new__(Tick)
-        for name in Tick.__slots__:
-            setattr(plain, name, getattr(self, name))
-        return plain.__reduce_ex__(2)  # type: ignore[return-value]
+        kept = {name: getattr(self, name) for name in Tick.__slots__ if name != "_session"}
+        return _restored, ({**kept, "_x": self._x.copy(), "_session": None},)
+
+
+def _restored(kept: dict[str, Any]) -> Tick:
+    tick = Tick.__new__(Tick)
+    tick.__setstate__(kept)
+    return tick

@@ -169,18 +169,19 @@ class NativeWorkspace:
             return _refuse(problem, self._shape, Stats(build_s=build))
         return self._judged(problem, solution)
 
-    def kernel(self, problem: Hierarchy) -> tuple[Callable[[], tuple[int, int, int]], Vec, Signs] | None:
+    def kernel(self, problem: Hierarchy) -> tuple[Callable[[], tuple[int, int, int, bool]], Vec, Signs] | None:
         """The kernel bound to a problem that is refilled in place: its solve, and views of (x, slack) and of the marks.
 
-        solve() returns outcome, iterations and factorisations.  None where there is more to do than to solve.
+        solve() returns outcome, iterations, factorisations and whether the answer was judged.  None where there is
+        more to do than to solve.
         """
         if problem is not self._bound:
             self._bind(problem)
         return None if self._bound is None or self._multipliers else (self._kernel.solve, *self._views[:2])
 
-    def answer(self, problem: Hierarchy, counts: tuple[int, int, int]) -> Solution:
+    def answer(self, problem: Hierarchy, counts: tuple[int, int, int, bool]) -> Solution:
         """The solution of the latest solve of ``kernel``."""
-        outcome, iterations, factorisations = counts
+        outcome, iterations, factorisations, _ = counts
         values, marks, n = self._views[0].copy(), self._views[1].copy(), self._shape.n
         ends = [sum(self._shape.rows[:k]) for k in range(len(self._shape.rows) + 1)]
         solution = Solution(

@@ -146,8 +146,14 @@ class Assembly {
   // Where the reference of an element goes, and its hold value, None for one that is not there.
   void slot(const std::string& name, const std::optional<Written>& target, Ints shape,
             const std::optional<Written>& normal, const Written& rate, const Written& feedforward) {
-    loop_.add(name, {target ? keep(*target) : nullptr, std::move(shape), normal ? keep(*normal) : nullptr, keep(rate),
-                     keep(feedforward), static_cast<int>(rate.shape(0)), !target, {}});
+    loop_.add(name, {target ? keep(*target) : nullptr,
+                     std::move(shape),
+                     normal ? keep(*normal) : nullptr,
+                     keep(rate),
+                     keep(feedforward),
+                     static_cast<int>(rate.shape(0)),
+                     !target,
+                     {}});
   }
   void hold(const std::string& name, const std::optional<Vector>& value) {
     hqp::Slot* slot = loop_.find(name);
@@ -184,8 +190,8 @@ class Assembly {
     const int kind = nb::cast<int>(found[0]);
     if (kind != kOptimal) return kind == kInvalid ? nb::none() : outcome;
     const std::size_t numbers = command_.size() + value_count_ + 4;
-    const nb::object record = nb::steal(PyByteArray_FromStringAndSize(
-        nullptr, static_cast<Py_ssize_t>(sizeof(double) * numbers + active_count_)));
+    const nb::object record = nb::steal(
+        PyByteArray_FromStringAndSize(nullptr, static_cast<Py_ssize_t>(sizeof(double) * numbers + active_count_)));
     if (!record.is_valid()) nb::raise_python_error();
     double* out = reinterpret_cast<double*>(PyByteArray_AS_STRING(record.ptr()));
     for (const int i : command_) *out++ = values_[i];

@@ -10,10 +10,10 @@ namespace hqp {
 
 // Where an element's reference goes; the arrays are live.
 struct Slot {
-  double* target = nullptr;     // null where it has none
-  std::vector<int> shape;       // of the target
-  double* normal = nullptr;     // (3,), null where its rows do not ask for it
-  double* rate = nullptr;       // (rows,)
+  double* target = nullptr;  // null where it has none
+  std::vector<int> shape;    // of the target
+  double* normal = nullptr;  // (3,), null where its rows do not ask for it
+  double* rate = nullptr;    // (rows,)
   double* feedforward = nullptr;
   int rows = 0;
   bool elsewhere = false;    // whether the value is read by Python

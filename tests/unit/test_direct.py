@@ -1,0 +1,179 @@
+"""Ordinary ticks in one native call: the same numbers as the general path, which takes over for anything else."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hqp
+import hqp.tasks as t
+from hqp import Inequality, Level, P, Stack, Status
+from hqp.solvers.lexicographic import kernel
+from hqp.tick import OrdinaryTick
+
+pytestmark = pytest.mark.skipif(not kernel(), reason="no native kernel here")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmOnly(t.Position):
+    """Its rows are written in Python."""
+
+    def jacobian(self, state: Any) -> Any:
+        J = super().jacobian(state).copy()
+        J[:, :6] = 0.0
+        return J
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wall(Inequality):
+    """A user's bound."""
+
+    frame: str
+    offset: float
+
+    def rows(self, robot: Any) -> int:
+        return 1
+
+    def jacobian(self, state: Any) -> Any:
+        return -state.jacobian(self.frame)[0]
+
+    def drift(self, state: Any) -> Any:
+        return -state.drift(self.frame)[:1]
+
+    def bounds(self, state: Any) -> Any:
+        return state.position(self.frame)[0] - self.offset, np.inf
+
+
+HAND = t.Position(frame="r_palm", law=None)
+ARM = ArmOnly(frame="l_palm", name="arm")
+FEET = t.FixedContact(frame="l_sole"), t.FixedContact(frame="r_sole")
+NATIVE = Stack(
+    Level(*FEET),
+    Level(t.Com(axes="xy"), HAND),
+    Level(t.Pose(frame="l_palm", name="palm"), t.Orientation(frame="head", axes="yaw", weight=2.0)),
+    Level(t.Posture()),
+    subject_to=[t.JointLimits(acceleration=None, braking=None)],
+)
+MIXED = Stack(
+    Level(*FEET), Level(HAND, ARM), Level(t.Posture()), subject_to=[Wall(frame="r_palm", offset=0.0, name="wall")]
+)
+
+
+def pair(stack: Stack, formulation: Any) -> tuple[Any, Any]:
+    """Two sessions on robots of their own, one that may take ticks directly and one that may not."""
+    robot = hqp.robots.load("cbi")
+    fast, slow = (hqp.Controller(stack, formulation, deadline=np.inf).session(r, 0.002) for r in (robot, robot.copy()))
+    slow._direct_known = True
+    return fast, slow
+
+
+def references(rng: np.random.Generator, stack: Stack, state: Any, order: int) -> list[Any]:
+    """What a user may give: nothing, goals, feedforward, NaN, a goal without a value."""
+    found: list[Any] = []
+    for element in (HAND, ARM):
+        if element.name not in stack or rng.uniform() < 0.3:
+            continue
+        goal = element.value(state) + 0.05 * rng.normal(size=3)
+        if rng.uniform() < 0.05:
+            goal[1] = np.nan
+        extra = {"velocity": 0.1 * rng.normal(size=3)} if rng.uniform() < 0.5 else {}
+        if order == 2 and rng.uniform() < 0.5:
+            extra["acceleration"] = rng.normal(size=3)
+        found.append(element.at(None if rng.uniform() < 0.2 else goal, **extra))
+    return found
+
+
+@pytest.mark.parametrize("stack", [NATIVE, MIXED], ids=["native", "mixed"])
+@pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration()], ids=["velocity", "acceleration"])
+def test_direct_ticks_equal_general_ones(stack: Stack, formulation: Any) -> None:
+    fast, slow = pair(stack, formulation)
+    rng, direct, q, v = np.random.default_rng(1), 0, fast.robot.home, np.zeros(fast.robot.nv)
+    for k in range(120):
+        if k == 70:  # another state than the command led to
+            v = 0.01 * rng.normal(size=v.size)
+        state = fast.robot.state(q, v)
+        given = references(rng, stack, state, formulation.order)
+        one, other = fast.step(fast.robot.state(q, v), *given), slow.step(slow.robot.state(q, v), *given)
+        direct += isinstance(one, OrdinaryTick)
+        assert not isinstance(other, OrdinaryTick)
+        assert (one.status, one.notes) == (other.status, other.notes)
+        np.testing.assert_allclose(one.command, other.command, atol=1e-9)
+        assert one.jump.change == pytest.approx(other.jump.change, abs=1e-9)
+        for w, expected in zip(one.solution.residuals, other.solution.residuals, strict=True):
+            np.testing.assert_allclose(w, expected, atol=1e-8)
+        assert all((a == b).all() for a, b in zip(one.solution.active, other.solution.active, strict=True))
+        assert str(one.explain()["r_palm"].residual)[:6] == str(other.explain()["r_palm"].residual)[:6]
+        q, v = one.advance()
+    assert 60 < direct < 120
+
+
+def test_what_a_direct_tick_tells_stays() -> None:
+    fast, _ = pair(NATIVE, hqp.Velocity())
+    robot = fast.robot
+    ticks, commands = [], []
+    for k in range(5):
+        state = robot.state()
+        tick = fast.step(state, HAND.at(HAND.value(state) + 0.01 * k))
+        ticks.append(tick)
+        commands.append(tick.command.copy())
+    assert all(isinstance(tick, OrdinaryTick) for tick in ticks[1:])
+    for k, (tick, command) in enumerate(zip(ticks, commands, strict=True)):
+        assert tick.solution is not None
+        np.testing.assert_array_equal(tick.command, command)
+        np.testing.assert_array_equal(robot.actuation @ tick.solution.x, command)
+        assert tick.solution.stats.iterations >= 1
+        assert tick.times is not None
+        assert 0.0 < tick.times.solve < 1.0
+        assert tick.unwrap() is tick.command
+        plain = pickle.loads(pickle.dumps(tick))
+        assert (plain.status, plain.notes, plain.held) == (Status.OPTIMAL, (), 0)
+        np.testing.assert_array_equal(plain.command, command)
+        if k:
+            np.testing.assert_allclose(abs(tick.jump.change), np.abs(command - commands[k - 1]).max(), atol=1e-12)
+    with pytest.raises(hqp.HqpError, match="latest step"):
+        ticks[1].explain()
+
+
+def test_a_command_is_the_callers_own() -> None:
+    fast, _ = pair(NATIVE, hqp.Velocity())
+    state = fast.robot.state()
+    goal = HAND.at(HAND.value(state) + 0.02)
+    first, second = fast.step(fast.robot.state(), goal), fast.step(fast.robot.state(), goal)
+    expected = second.command.copy()
+    second.command[:] = 99.0
+    third = fast.step(fast.robot.state(), goal)
+    np.testing.assert_array_equal(third.command, expected)
+    assert third.jump.change == 0.0
+    held = fast.step(fast.robot.state(np.full(fast.robot.nq, np.nan)), goal)
+    assert held.held == 1
+    assert np.abs(held.command).max() < 1.1 * np.abs(expected).max()
+    assert first.status is Status.OPTIMAL
+
+
+def test_errors_of_the_program_are_raised_as_ever() -> None:
+    fast, _ = pair(NATIVE, hqp.Velocity())
+    for _ in range(2):
+        fast.step(fast.robot.state())
+    old = fast.robot.state()
+    fast.robot.state()
+    with pytest.raises(hqp.HqpError, match="moved on"):
+        fast.step(old)
+    with pytest.raises(hqp.HqpError, match="closest"):
+        fast.step(fast.robot.state(), t.Position(frame="r_plam").at([0, 0, 0]))
+    with pytest.raises(hqp.HqpError, match="shape"):
+        fast.step(fast.robot.state(), hqp.Reference("r_palm", np.zeros(2)))
+    with pytest.raises(hqp.HqpError, match="belongs to"):
+        fast.step(fast.robot.copy().state())
+    assert isinstance(fast.step(fast.robot.state()), OrdinaryTick)
+
+
+def test_a_hold_value_comes_back_after_a_goal() -> None:
+    fast, slow = pair(NATIVE, hqp.Velocity(law=P(1.0)))
+    for k in range(6):
+        goals = [HAND.at([0.3, -0.2, 0.9], velocity=[0.1, 0.0, 0.0])] if k % 2 else []
+        one, other = fast.step(fast.robot.state(), *goals), slow.step(slow.robot.state(), *goals)
+        np.testing.assert_allclose(one.command, other.command, atol=1e-9)
