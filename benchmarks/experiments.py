@@ -104,9 +104,9 @@ def choose_renderer() -> str:
 
 def _setting(arguments: argparse.Namespace, full: bool) -> Any:
     from benchmarks.lab.setting import Setting
-    from benchmarks.reports.machine import native
+    from hqp import native
 
-    solver = arguments.solver or ("lexicographic" if native() else "nullspace")
+    solver = arguments.solver or ("nullspace" if native.missing() else "lexicographic")
     viewer = None
     if arguments.view:
         from benchmarks.lab.viewer import Viewer

@@ -5,10 +5,10 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING
 
-from hqp import solvers
+from hqp import native, solvers
 from hqp.certify import Certificate, certificate
 from hqp.element import Constraint, Element, Inequality, Task
-from hqp.errors import HqpError
+from hqp.errors import HqpError, PurePythonWarning
 from hqp.formulation import Acceleration, Velocity
 from hqp.law import PD, P, SelfMotion
 from hqp.price import Price
@@ -42,6 +42,7 @@ __all__ = [
     "Note",
     "P",
     "Price",
+    "PurePythonWarning",
     "Reference",
     "Rows",
     "Selection",
@@ -64,6 +65,9 @@ __all__ = [
     "tasks",
     "view",
 ]
+
+
+native.warn_if_pure()
 
 
 def __getattr__(name: str) -> object:

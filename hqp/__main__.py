@@ -23,7 +23,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.print_help()
         return 0
     commands: dict[str, Callable[[argparse.Namespace], int]]
-    commands = {"solvers": _solvers, "robots": _robots, "compare": _compare}
+    commands = {"doctor": _doctor, "solvers": _solvers, "robots": _robots, "compare": _compare}
     commands.update({name: importlib.import_module(module).execute for name, module in PACKAGES.items()})
     try:
         return commands[arguments.command](arguments)
@@ -38,6 +38,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"hqp {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
+    commands.add_parser(
+        "doctor", help="versions, compiled parts, BLAS threads, optional packages, and how to mend each"
+    )
     commands.add_parser("solvers", help="list the solvers: available, or how to install them")
     commands.add_parser("robots", help="list the robots that load by name")
     compare = commands.add_parser(
@@ -55,11 +58,22 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _doctor(arguments: argparse.Namespace) -> int:
+    """1 where something slows the control loop."""
+    from hqp.doctor import findings, table
+
+    found = findings()
+    print(table(found))
+    return int(any(finding.slow for finding in found))
+
+
 def _solvers(arguments: argparse.Namespace) -> int:
+    from hqp import native
     from hqp.solvers import known
 
     for name, missing in known().items():
-        print(f"{name:20} {missing or 'available'}")
+        text = native.describe() if name == "lexicographic" else "available"
+        print(f"{name:20} {missing or text}")
     return 0
 
 

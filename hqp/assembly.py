@@ -84,6 +84,8 @@ class Assembly:
             J = self.J[part] if i < len(dense) else None
             views = Views(J, self.error[part], self.drift[part], self.lower[part], self.upper[part])
             member = Member(element, part, views, laws.get(element.name))
+            if member.law is not None:
+                member.law.fit(element.name, counts[i])
             self.members[element.name] = member
             self.weight[part] = element.weight
             self._bind(member, robot, dt)

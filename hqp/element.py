@@ -5,9 +5,11 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
+import weakref
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cache
+from numbers import Real
 from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
@@ -24,8 +26,8 @@ Quantity: TypeAlias = Literal["motion", "force", "effort"]
 
 Unit: TypeAlias = Literal["m", "rad"]
 
-REGISTRY: dict[str, type[Element]] = {}
-"""Concrete element classes by name, for stacks read from files."""
+REGISTRY: weakref.WeakValueDictionary[str, type[Element]] = weakref.WeakValueDictionary()
+"""Concrete element classes by name, for stacks read from files; a script's own classes end with the script."""
 
 _APART = frozenset({"at", "hold", "default_name", "row_names"})  # say nothing of the rows' numbers
 
@@ -61,11 +63,13 @@ class Element(ABC):
             value = getattr(self, item.name)
             if isinstance(value, list):
                 object.__setattr__(self, item.name, tuple(value))
+            elif isinstance(value, np.generic):
+                object.__setattr__(self, item.name, value.item())
         if not self.name:
             object.__setattr__(self, "name", self.default_name())
         if not isinstance(self.name, str):
             raise DeclarationError(type(self).__name__, "name must be a string", value=self.name)
-        if not isinstance(self.weight, (int, float)) or not 0.0 < self.weight < math.inf:
+        if not isinstance(self.weight, Real) or not 0.0 < self.weight < math.inf:
             raise self.bad("weight", self.weight, "a positive finite number")
         if self.law is not None and not isinstance(self.law, Law):
             raise self.bad("law", self.law, "P(...) or PD(...)")

@@ -18,7 +18,7 @@ class DeclarationError(HqpError, ValueError):
         self.element, self.value, self.unit, self.allowed = element, value, unit, allowed
         text = f"{element}: {message}"
         if value is not None:
-            text += f" (given {value!r}{' ' + unit if unit else ''})"
+            text += f" (given {_shown(value)}{' ' + unit if unit else ''})"
         if allowed:
             text += f"; allowed: {allowed}"
         super().__init__(text)
@@ -52,6 +52,10 @@ class JointNotFound(ModelError, KeyError):
         super().__init__(_not_found("joint or group", name, known, robot))
 
     __str__ = Exception.__str__
+
+
+class PurePythonWarning(UserWarning):
+    """hqp was installed without its compiled parts; HQP_PURE=1 in the environment silences it."""
 
 
 class StaleState(ModelError):
@@ -102,6 +106,15 @@ def closest(name: str, known: Iterable[str], count: int = 3) -> list[str]:
     by_lower = {k.lower(): k for k in names}
     near = difflib.get_close_matches(name.lower(), by_lower, n=count, cutoff=0.4)
     return [by_lower[k] for k in near]
+
+
+def _shown(value: object, most: int = 200) -> str:
+    """What was given, cut short; some values cannot even be printed (an integer of 5000 digits)."""
+    try:
+        text = repr(value)
+    except Exception:
+        return f"a {type(value).__name__}"
+    return text if len(text) <= most else text[:most] + "..."
 
 
 def _not_found(what: str, name: str, known: Iterable[str], robot: str) -> str:

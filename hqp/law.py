@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import numbers
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, TypeAlias
@@ -34,10 +35,20 @@ class Law(ABC):
         speed: J v.  drift: dJ/dt v.  each: saturate every row by itself, not the norm over all.
         """
 
+    def fit(self, element: str, rows: int) -> None:
+        """Raise DeclarationError where a gain has neither one number nor one for each row of the element."""
+        for field, gain in vars(self).items():
+            if isinstance(gain, tuple) and len(gain) != rows:
+                what = f"{type(self).__name__}.{field} has {len(gain)} numbers"
+                raise DeclarationError(element, what, value=gain, allowed=f"one number, or {rows}: one for each row")
+
     def _check(self, gains: tuple[str, ...]) -> None:
         name = type(self).__name__
         for field in gains:
             value = getattr(self, field)
+            if hasattr(value, "tolist"):  # a number or an array of NumPy
+                value = value.tolist()
+                object.__setattr__(self, field, value)
             values = tuple(value) if isinstance(value, (tuple, list)) else (value,)
             for x in values:
                 if not _is_number(x) or not math.isfinite(x) or x < 0.0:
@@ -146,4 +157,4 @@ def held(feedback: Vec, bound: float | Vec, each: bool) -> Vec:
 
 
 def _is_number(x: object) -> bool:
-    return isinstance(x, (int, float)) and not isinstance(x, bool)
+    return isinstance(x, numbers.Real) and not isinstance(x, bool)

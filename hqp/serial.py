@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -41,23 +41,29 @@ def to_dict(stack: Stack) -> dict[str, Any]:
 
 def from_dict(tree: Mapping[str, Any]) -> Stack:
     """The stack of such dictionaries; raises DeclarationError for unknown keys, classes or fields (closest named)."""
+    if not isinstance(tree, Mapping):
+        raise DeclarationError("stack", "not a table", value=tree)
     _known(tree, ("level", "subject_to"), "stack")
     levels = []
-    for entry in tree.get("level", ()):
+    for entry in _tables(tree, "level", "stack"):
         _known(entry, ("name", "price", "element"), "level")
+        name = entry.get("name", "")
+        if not isinstance(name, str):
+            raise DeclarationError("level", "name must be a string", value=name)
         price = entry.get("price")
         if isinstance(price, Mapping):
             price = _construct(Price, price)
-        members = (_build(e) for e in entry.get("element", ()))
-        levels.append(Level(*members, name=entry.get("name", ""), price=price))
-    return Stack(*levels, subject_to=[_build(e) for e in tree.get("subject_to", ())])
+        levels.append(Level(*(_build(e) for e in _tables(entry, "element", "level")), name=name, price=price))
+    return Stack(*levels, subject_to=[_build(e) for e in _tables(tree, "subject_to", "stack")])
 
 
 def loads(text: str) -> Stack:
     """The stack of a TOML text; raises DeclarationError where it is no TOML or no stack."""
     try:
         tree = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except RecursionError as error:
+        raise DeclarationError("stack", "not TOML: nested too deeply") from error
+    except (TypeError, ValueError) as error:  # TOMLDecodeError, a number of thousands of digits, no text
         raise DeclarationError("stack", f"not TOML: {error}") from error
     return from_dict(tree)
 
@@ -65,9 +71,12 @@ def loads(text: str) -> Stack:
 def load(path: str | Path) -> Stack:
     """The stack of a TOML file; raises DeclarationError where the file is missing or no stack."""
     try:
-        return loads(Path(path).read_text())
-    except OSError as error:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise DeclarationError("stack", f"{path} is not UTF-8: {error}") from error
+    except (OSError, TypeError, ValueError) as error:
         raise DeclarationError("stack", f"cannot be read: {error}") from error
+    return loads(text)
 
 
 def dumps(stack: Stack) -> str:
@@ -109,7 +118,17 @@ def _lists(value: Any) -> Any:
 
 
 def _tuples(value: Any) -> Any:
+    if isinstance(value, int) and value.bit_length() > 63:
+        raise DeclarationError("stack", f"an integer of {value.bit_length()} bits", allowed="64 bits, as TOML says")
     return tuple(_tuples(v) for v in value) if isinstance(value, list) else value
+
+
+def _tables(entry: Mapping[str, Any], key: str, where: str) -> Sequence[Mapping[str, Any]]:
+    """The list of tables under a key, empty where there is none."""
+    found = entry.get(key, ())
+    if not isinstance(found, (list, tuple)) or not all(isinstance(item, Mapping) for item in found):
+        raise DeclarationError(where, f"{key} must be a list of tables", value=found, allowed=f"[[{key}]]")
+    return found
 
 
 def _build(entry: Mapping[str, Any]) -> Element:
@@ -117,7 +136,7 @@ def _build(entry: Mapping[str, Any]) -> Element:
     name = fields.pop("type", None)
     import hqp.tasks  # noqa: F401  (its classes register themselves)
 
-    if name not in REGISTRY:
+    if not isinstance(name, str) or name not in REGISTRY:
         near = ", ".join(closest(str(name), REGISTRY))
         raise DeclarationError("stack", "unknown type of element", value=name, allowed=f"closest: {near}")
     if isinstance(fields.get("law"), Mapping):
@@ -127,7 +146,7 @@ def _build(entry: Mapping[str, Any]) -> Element:
 
 def _law(entry: Mapping[str, Any]) -> Law:
     fields = dict(entry)
-    kind = _LAWS.get(fields.pop("type", ""))
+    kind = _LAWS.get(str(fields.pop("type", "")))
     if kind is None:
         raise DeclarationError("law", "unknown type", value=entry.get("type"), allowed=", ".join(_LAWS))
     return _construct(kind, fields)
@@ -138,7 +157,9 @@ def _construct(kind: type[T], fields: Mapping[str, Any]) -> T:
     _known(fields, allowed, kind.__name__)
     try:
         return kind(**{key: _tuples(value) for key, value in fields.items()})
-    except TypeError as error:
+    except DeclarationError:
+        raise
+    except (TypeError, ValueError, OverflowError) as error:
         raise DeclarationError(kind.__name__, str(error)) from error
 
 

@@ -30,7 +30,7 @@ from hqp.problem import VIOLATION_TOLERANCE, Hierarchy, Solution, Status
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 from hqp.safety import Braking, RateLimits, StateBounds, StateCheck, positive, rate_limiter
-from hqp.solvers import load
+from hqp.solvers import default, load
 from hqp.solvers.base import Solver
 from hqp.stack import Stack, coupled
 from hqp.tick import Note, OrdinaryTick, Tick, Times
@@ -43,16 +43,17 @@ DEADLINE = 0.8
 class Controller:
     """A stack, a formulation and a solver: everything of a controller but the robot.
 
-    solver: a name for ``hqp.solvers.load`` or a Solver.  deadline [s]: after the start of a tick, when its solver
-    returns the best point so far; 0.8 dt for None, ``math.inf`` for none; the first answer of a session may take
-    longer, and only ``lexicographic`` takes notice.  rates: how fast a command may change, no limit for None.
-    bounds: of a state that is believed.  braking: how a command comes to rest.  price: of levels that declare none, a
-    Price, None for the default (docs/calm.md); 0 makes every level exact, whatever it declares.
+    solver: a name for ``hqp.solvers.load`` or a Solver, ``hqp.solvers.default()`` for "".  deadline [s]: after the
+    start of a tick, when its solver returns the best point so far; 0.8 dt for None, ``math.inf`` for none; the first
+    answer of a session may take longer, and only ``lexicographic`` takes notice.  rates: how fast a command may
+    change, no limit for None.  bounds: of a state that is believed.  braking: how a command comes to rest.
+    price: of levels that declare none, a Price, None for the default (docs/calm.md); 0 makes every level exact,
+    whatever it declares.
     """
 
     stack: Stack
     formulation: Formulation = field(default_factory=Velocity)
-    solver: str | Solver = "lexicographic"
+    solver: str | Solver = ""
     deadline: float | None = None
     rates: RateLimits | None = None
     bounds: StateBounds = field(default_factory=StateBounds)
@@ -66,7 +67,7 @@ class Controller:
             raise DeclarationError("controller", "not a formulation", value=self.formulation, allowed="Velocity(), ...")
         object.__setattr__(self, "price", as_price("controller", self.price))
         if isinstance(self.solver, str):
-            object.__setattr__(self, "solver", load(self.solver))
+            object.__setattr__(self, "solver", load(self.solver or default()))
         if self.deadline is not None and self.deadline != math.inf:
             positive("controller", "deadline", self.deadline)
         for name, kind in (("rates", RateLimits), ("bounds", StateBounds), ("braking", Braking)):

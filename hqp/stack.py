@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, TypeVar, overload
 
 from hqp.element import Element
@@ -68,6 +68,8 @@ class Stack:
 
     def __init__(self, *levels: Level, subject_to: Sequence[Element] = ()) -> None:
         self.levels = tuple(levels)
+        if isinstance(subject_to, Element) or not isinstance(subject_to, Iterable):
+            raise DeclarationError("subject_to", "not a list", value=subject_to, allowed="[JointLimits(), ...]")
         self.subject_to = tuple(subject_to)
         for level in self.levels:
             if not isinstance(level, Level):

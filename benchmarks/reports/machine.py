@@ -2,28 +2,18 @@
 
 from __future__ import annotations
 
-import importlib.metadata
-import importlib.util
 import os
 import platform
 from pathlib import Path
 
 import numpy as np
 
+from hqp import doctor, native
+
 _PACKAGES = (
     "numpy", "scipy", "pin", "qpsolvers", "proxsuite", "osqp", "daqp", "piqp", "clarabel", "mujoco",
     "example-robot-data", "pin-pink", "mink",
 )  # fmt: skip
-
-
-def native() -> str:
-    """Which of hqp's compiled parts are there: the solver's kernel, the assembly of rows, both or neither."""
-    parts = {"_lexicographic": "solver", "_assembly": "assembly", "_torque": "torque"}
-    found = [text for module, text in parts.items() if importlib.util.find_spec(f"hqp.{module}") is not None]
-    missing = [text for text in parts.values() if text not in found]
-    if not found:
-        return "pure Python, nothing native"
-    return f"native {' and '.join(found)}" + (f", {missing[0]} in Python" if missing else "")
 
 
 def description() -> tuple[tuple[str, str], ...]:
@@ -33,7 +23,7 @@ def description() -> tuple[tuple[str, str], ...]:
     return (
         ("machine", f"{_processor()}, {os.cpu_count()} logical cores, {platform.system()} {platform.release()}"),
         ("Python", f"{platform.python_version()} ({platform.python_compiler()})"),
-        ("hqp", f"{hqp.__version__}, {native()}"),
+        ("hqp", f"{hqp.__version__}, {native.describe()}"),
         ("packages", ", ".join(f"{name} {version}" for name, version in _versions())),
         ("BLAS", f"{_blas()}, {_threads()}"),
         ("load average", ", ".join(f"{x:.1f}" for x in os.getloadavg()) if hasattr(os, "getloadavg") else "unknown"),
@@ -50,13 +40,7 @@ def _processor() -> str:
 
 
 def _versions() -> list[tuple[str, str]]:
-    found = []
-    for name in _PACKAGES:
-        try:
-            found.append((name, importlib.metadata.version(name)))
-        except importlib.metadata.PackageNotFoundError:
-            continue
-    return found
+    return [(name, version) for name in _PACKAGES if (version := doctor.version_of(name))]
 
 
 def _blas() -> str:
@@ -66,9 +50,5 @@ def _blas() -> str:
 
 
 def _threads() -> str:
-    if importlib.util.find_spec("threadpoolctl") is None:
-        return f"OMP_NUM_THREADS={os.environ.get('OMP_NUM_THREADS', 'unset')}"
-    import threadpoolctl
-
-    counts = sorted({int(pool["num_threads"]) for pool in threadpoolctl.threadpool_info()})
-    return f"threads {', '.join(map(str, counts))}"
+    threads = doctor.blas_threads()
+    return f"threads {'unknown' if threads is None else threads}"

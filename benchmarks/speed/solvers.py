@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.reports import machine, report, solver_sets
+from benchmarks.reports import report, solver_sets
 from benchmarks.reports.checks import write_json
 from benchmarks.speed import problems, random_hierarchies, sequences, stopwatch
-from hqp import Hierarchy, Status, certificate, solvers
+from hqp import Hierarchy, Status, certificate, native, solvers
 from hqp.solvers import Solver, lexicographic
 
 TARGETS = {
@@ -207,7 +207,7 @@ def _show(
     report.section(
         output,
         "solvers",
-        f"Whole solve calls from Python, one thread, {machine.native()}; median over the problems of the fastest of "
+        f"Whole solve calls from Python, one thread, {native.describe()}; median over the problems of the fastest of "
         "each, p99 and max over all calls; the unit is one column-pivoted QR (LAPACK dgeqp3) of the equality stack "
         "with the same n, timed in between. Warm: the same problem again; every tick: warm from the tick before in a "
         "loop at 500 Hz (loop38: Talos, loop57: CBi); sequence: warm from the problem before, 20 ticks earlier.",

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.reports import machine, report, solver_sets
+from benchmarks.reports import report, solver_sets
 from benchmarks.reports.checks import write_json
 from benchmarks.speed import ticks
 from benchmarks.speed.ticks import BUDGET_US, PARTS, Ticks
-from hqp import robots, solvers
+from hqp import native, robots, solvers
 
 ROBOTS = ("cbi", "talos")
 
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.output,
         "timing",
         f"{count} ticks each of 500 Hz (budget {BUDGET_US:g} us), one BLAS thread, garbage collection off, "
-        f"{machine.native()}. Times in us. "
+        f"{native.describe()}. Times in us. "
         "*floor*: the bare Pinocchio calls of the stack at the same states in the same run. "
         "*gap*: largest certificate gap of every "
         f"{ticks.JUDGED}th tick. Solvers marked (limits ignored) take no inequalities: they do less. `daqp` and "

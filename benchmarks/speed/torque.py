@@ -11,11 +11,11 @@ from time import perf_counter_ns
 import numpy as np
 
 import hqp
-from benchmarks.reports import machine, report, solver_sets
+from benchmarks.reports import report, solver_sets
 from benchmarks.reports.checks import write_json
 from benchmarks.sentis2012 import stack as sentis2012
 from benchmarks.speed.ticks import spread
-from hqp import PD, Level, Stack, robots, solvers
+from hqp import PD, Level, Stack, native, robots, solvers
 from hqp.arrays import Vec
 from hqp.reference import Reference
 from hqp.robot import State
@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.output,
         "torque",
         f"{count} ticks of 1 kHz, one BLAS thread, garbage collection off, "
-        f"{machine.native()}. Times in us, medians where not "
+        f"{native.describe()}. Times in us, medians where not "
         "said otherwise. The state holds kinematics, inertia, bias forces and drifts; *of it dynamics* is the "
         "elimination of the constraint forces, timed by itself after the tick. *gap*: largest certificate gap of every "
         f"{JUDGED}th tick. Solvers marked (limits ignored) take no inequalities: they do less.",

@@ -9,6 +9,7 @@ import importlib.util
 from typing import TYPE_CHECKING, Any
 
 from hqp.errors import DeclarationError, SolverNotInstalled, closest
+from hqp.native import missing as missing_parts
 from hqp.solvers.base import Solver, Workspace
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ __all__ = [
     "cascade",
     "chiaverini",
     "daqp",
+    "default",
     "known",
     "lexicographic",
     "load",
@@ -65,6 +67,11 @@ def available() -> tuple[str, ...]:
     return tuple(name for name, missing in known().items() if not missing)
 
 
+def default() -> str:
+    """The solver of a Controller that names none: ``lexicographic``, or ``cascade`` where it was not compiled."""
+    return "cascade" if "solver" in missing_parts() else "lexicographic"
+
+
 def load(name: str, **options: Any) -> Solver:
     """The solver of that name, ``"cascade:proxqp"`` being ``load("cascade", backend="proxqp")``.
 
@@ -74,7 +81,9 @@ def load(name: str, **options: Any) -> Solver:
     base, _, backend = name.partition(":")
     if backend:
         options = {"backend": backend, **options}
-    needed = _missing(_needs(base, options))
+    backend = _needs(base, options)
+    _check_backend(base, backend)
+    needed = _missing(backend)
     if needed:
         raise SolverNotInstalled(f"solver {name!r} is not installed: {needed}")
     factory = _factory(base)
@@ -103,6 +112,18 @@ def _needs(name: str, options: dict[str, Any]) -> str:
     if name in ("cascade", "weighted"):
         return str(options.get("backend", _DEFAULT_BACKEND))
     return "daqp" if name == "daqp" else ""
+
+
+def _check_backend(solver: str, backend: str) -> None:
+    """Raise DeclarationError for a back end that neither hqp nor qpsolvers knows."""
+    if not backend or backend in _BACKENDS:
+        return
+    import qpsolvers
+
+    names = sorted({*_BACKENDS, *qpsolvers.available_solvers, *_PACKAGES})
+    if backend not in names:
+        near = ", ".join(closest(backend, names) or _BACKENDS)
+        raise DeclarationError(f"solver {solver}", "unknown back end", value=backend, allowed=f"closest: {near}")
 
 
 def _missing(backend: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import os
 import socket
@@ -98,7 +99,7 @@ class Cluster:
             raise DeclarationError(
                 "sweep", "needs Ray", value=address, allowed="pip install 'hqp[sweep]', or --on serial"
             )
-        import ray  # pyright: ignore[reportMissingImports]  (an extra)
+        ray: Any = importlib.import_module("ray")  # an extra, without types
 
         self._ray = ray
         environment: dict[str, Any] = {"env_vars": dict(ONE_THREAD)}
@@ -116,7 +117,7 @@ class Cluster:
             ray.init(**options)
         except (ConnectionError, RuntimeError) as error:
             raise DeclarationError("sweep", f"no Ray cluster answers: {error}", value=address) from error
-        self.workers = jobs or max(1, int(ray.cluster_resources().get("CPU", 1)))  # type: ignore[no-untyped-call,unused-ignore]
+        self.workers = jobs or max(1, int(ray.cluster_resources().get("CPU", 1)))
         self._call = ray.remote(max_retries=RETRIES)(_batch)
 
     def close(self) -> None:

@@ -60,7 +60,7 @@ class Server:
         buttons = gui.add_button_group("Loop", ("Pause", "Step", "Run"))
         home = gui.add_button("Give targets back", hint="Let go of every dragged target")
 
-        @buttons.on_click
+        @buttons.on_click  # type: ignore[untyped-decorator,unused-ignore]
         def _(event: Any) -> None:
             choice = buttons.value
             if choice == "Step":
@@ -69,7 +69,7 @@ class Server:
             else:
                 self._channel.set_paused(choice == "Pause")
 
-        @home.on_click
+        @home.on_click  # type: ignore[untyped-decorator,unused-ignore]
         def _(event: Any) -> None:
             for handle in self._scene.handles:
                 handle.release()

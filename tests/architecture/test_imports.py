@@ -36,7 +36,7 @@ MAY = {
     "price": {"arrays", "element", "errors", "law", "problem", "robot"},
     "stack": {"element", "errors", "law", "robot", "price"},
     "assembly": {"_assembly", "arrays", "element", "errors", "law", "plans", "readable", "reference", "robot"},
-    "solvers": {"arrays", "errors", "problem", "certify", "_lexicographic", "nnls", "pricing"},
+    "solvers": {"arrays", "errors", "problem", "certify", "native", "_lexicographic", "nnls", "pricing"},
     "tasks": {"arrays", "element", "errors", "law", "plans", "reference", "robot"},
     "robots": {"arrays", "errors"},
 }

@@ -1,4 +1,5 @@
 // Python's view of the row operations: they are added once, when a stack is compiled, and run together each tick.
+#include <cstdlib>
 #include <memory>
 #include <optional>
 #include <string>
@@ -279,6 +280,7 @@ class Assembly {
 
 NB_MODULE(_assembly, module) {
   module.doc() = "Rows of the common tasks, written by one call a tick.";
+  nb::set_leak_warnings(std::getenv("HQP_LEAK_WARNINGS") != nullptr);  // a script may end anyhow
   nb::class_<Assembly>(module, "Assembly")
       .def(nb::init<const Columns&, const Bodies&, double, int, const nb::object&>(), "twists"_a.noconvert(),
            "bodies"_a.noconvert(), "dt"_a, "order"_a, "reference"_a)

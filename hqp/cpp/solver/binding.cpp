@@ -1,6 +1,7 @@
 // Python's view of the kernel: a workspace bound once to the arrays of a hierarchy, solved many times.
 #include <atomic>
 #include <chrono>
+#include <cstdlib>
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -286,6 +287,7 @@ PyType_Slot slots[] = {
 
 NB_MODULE(_lexicographic, m) {
   m.doc() = "Native kernel of the lexicographic solver.";
+  nb::set_leak_warnings(std::getenv("HQP_LEAK_WARNINGS") != nullptr);  // a script may end anyhow
   m.attr("instruction_set") = has_avx2() ? "avx2" : "generic";
   nb::class_<Workspace>(m, "Workspace", nb::type_slots(slots))
       .def(

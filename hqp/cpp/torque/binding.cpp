@@ -1,4 +1,5 @@
 // Python's view of the elimination of constraint forces and of gravity compensation.
+#include <cstdlib>
 #include <vector>
 
 #include <nanobind/nanobind.h>
@@ -34,6 +35,7 @@ int eliminate(hqp::Elimination& e, const Columns& A, const Vector& bias, const B
 
 NB_MODULE(_torque, module) {
   module.doc() = "The constraint forces eliminated, and gravity compensation.";
+  nb::set_leak_warnings(std::getenv("HQP_LEAK_WARNINGS") != nullptr);  // a script may end anyhow
   nb::class_<hqp::Elimination>(module, "Elimination")
       .def(nb::init<Ints, Ints, int>(), "parents"_a, "actuated"_a, "rows"_a)
       .def("eliminate", &eliminate, "A"_a.noconvert(), "bias"_a.noconvert(), "J"_a.noconvert(), "gamma"_a.noconvert(),

@@ -1,0 +1,116 @@
+"""What hqp finds on this machine: versions, compiled parts, BLAS threads, optional packages, and how to mend each."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.metadata
+import importlib.util
+import os
+import platform
+from dataclasses import dataclass
+from pathlib import Path
+
+from hqp import native
+
+REQUIRED = ("numpy", "scipy", "pin", "qpsolvers", "proxsuite", "osqp")
+
+OPTIONAL = {
+    "daqp": "solvers", "piqp": "solvers", "clarabel": "solvers", "quadprog": "quadprog", "mujoco": "mujoco",
+    "matplotlib": "plots", "imageio-ffmpeg": "video", "example-robot-data": "robots",
+}  # fmt: skip
+"""Packages, and the extra of hqp that installs each."""
+
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line: what was looked at, what was found, how to mend it ("" where nothing is wrong).
+
+    slow: whether it slows the control loop.
+    """
+
+    what: str
+    found: str
+    mend: str = ""
+    slow: bool = False
+
+
+def findings() -> list[Finding]:
+    """Everything that was looked at."""
+    import hqp
+
+    found = [
+        Finding("hqp", hqp.__version__),
+        Finding("Python", f"{platform.python_version()}, {platform.system()} {platform.machine()}"),
+    ]
+    gone = native.missing()
+    found.append(Finding("compiled parts", native.describe(), native.ADVICE if gone else "", bool(gone)))
+    threads = blas_threads()
+    if threads is None:
+        found.append(Finding("BLAS threads", "unknown", "set OMP_NUM_THREADS=1 before Python starts"))
+    else:
+        advice = "set OMP_NUM_THREADS=1 before Python starts: threads that wait for each other cost milliseconds a tick"
+        found.append(Finding("BLAS threads", str(threads), advice if threads > 1 else "", threads > 1))
+    for name in REQUIRED:
+        version = version_of(name)
+        found.append(Finding(name, version or "missing", "" if version else f"pip install {name}"))
+    for name, extra in OPTIONAL.items():
+        version = version_of(name)
+        found.append(Finding(name, version or "not installed", "" if version else f"pip install 'hqp[{extra}]'"))
+    return found
+
+
+def version_of(package: str) -> str:
+    """Its installed version, "" for none."""
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return ""
+
+
+def blas_threads() -> int | None:
+    """The most threads that a BLAS of NumPy or SciPy would take, None where it does not say."""
+    asked = [count for library in _blas_libraries() if (count := _asked(library)) is not None]
+    if asked:
+        return max(asked)
+    for name in THREADS:
+        if os.environ.get(name, "").isdigit():
+            return int(os.environ[name])
+    return None
+
+
+def _blas_libraries() -> list[Path]:
+    """The OpenBLAS files that come in the wheels of NumPy and SciPy."""
+    found: list[Path] = []
+    for package in ("numpy", "scipy"):
+        spec = importlib.util.find_spec(package)
+        if spec is not None and spec.origin is not None:
+            home = Path(spec.origin).parent
+            for folder in (home.with_name(f"{package}.libs"), home / ".dylibs"):
+                found += sorted(folder.glob("*openblas*"))
+    return found
+
+
+def _asked(library: Path) -> int | None:
+    try:
+        loaded = ctypes.CDLL(str(library))
+    except OSError:
+        return None
+    for name in ("scipy_openblas_get_num_threads64_", "scipy_openblas_get_num_threads", "openblas_get_num_threads64_",
+                 "openblas_get_num_threads"):  # fmt: skip
+        function = getattr(loaded, name, None)
+        if function is not None:
+            return int(function())
+    return None
+
+
+def table(found: list[Finding]) -> str:
+    """The findings as aligned lines; what can be mended says how."""
+    width = max(len(finding.what) for finding in found)
+    lines = []
+    for finding in found:
+        lines.append(f"{finding.what:{width}}  {finding.found}")
+        if finding.mend:
+            lines.append(f"{'':{width}}    -> {finding.mend}")
+    return "\n".join(lines)

@@ -1,0 +1,186 @@
+"""What a user meets before anything moves: a machine without a compiler, a typing error, a broken file."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hqp
+from hqp import PD, Level, P, Stack, doctor, native, serial
+from hqp.__main__ import main
+from hqp.errors import DeclarationError
+from hqp.tasks import Com, JointLimits, Position, Posture
+
+ROOT = Path(__file__).parents[2]
+PURE = "import sys\nfor name in ('_lexicographic', '_assembly', '_torque'): sys.modules['hqp.' + name] = None\n"
+
+
+def run(code: str, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        env={**os.environ, **environment},
+        check=False,
+    )
+
+
+def test_without_compiled_parts_the_first_import_says_so_once() -> None:
+    result = run(PURE + "import hqp\nimport hqp.tasks\nimport hqp", HQP_PURE="")
+    assert result.stderr.count("PurePythonWarning") == 1
+    assert "compiler" in result.stderr
+    assert "hqp doctor" in result.stderr
+
+
+def test_the_warning_is_silenced_by_hqp_pure_and_absent_where_all_is_compiled() -> None:
+    assert run(PURE + "import hqp", HQP_PURE="1").stderr == ""
+    assert run("import hqp", HQP_PURE="").stderr == ""
+
+
+def test_without_compiled_parts_a_controller_takes_cascade_and_ticks() -> None:
+    result = run(
+        PURE + "import hqp\nfrom hqp.tasks import Posture\nrobot = hqp.robots.load('cbi')\n"
+        "controller = hqp.Controller(hqp.Stack(hqp.Level(Posture())))\n"
+        "print(controller.solver.name, controller.session(robot, 0.002).step(robot.state()).status.name)",
+        HQP_PURE="1",
+    )
+    assert result.stdout.split() == ["cascade", "OPTIMAL"], result.stderr
+    assert hqp.Controller(Stack(Level(Posture()))).solver.name == "lexicographic"  # type: ignore[union-attr]
+
+
+def test_the_command_tells_pure_from_native(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["solvers"]) == 0
+    assert f"native ({native.instruction_set()})" in capsys.readouterr().out
+    result = run(PURE + "from hqp.__main__ import main\nmain(['solvers'])", HQP_PURE="1")
+    assert [line.split(None, 1)[1] for line in result.stdout.splitlines() if line.startswith("lexicographic")] == [
+        "pure Python"
+    ]
+
+
+def test_doctor_counts_blas_threads_and_says_how_to_mend() -> None:
+    code = "import sys\nfrom hqp.__main__ import main\nsys.exit(main(['doctor']))"
+    one = dict.fromkeys(doctor.THREADS, "1")
+    quiet, slow = run(code, **one), run(code, **dict.fromkeys(doctor.THREADS, "2"))
+    assert quiet.returncode == 0, quiet.stdout + quiet.stderr
+    assert "OMP_NUM_THREADS" not in quiet.stdout
+    assert f"native ({native.instruction_set()})" in quiet.stdout
+    pure = run(PURE + code, HQP_PURE="1", **one)
+    assert pure.returncode == 1
+    assert "pure Python" in pure.stdout
+    assert "C++ compiler" in pure.stdout
+    if (os.cpu_count() or 1) > 1:
+        assert slow.returncode == 1
+        assert "OMP_NUM_THREADS=1" in slow.stdout
+
+
+def test_doctor_names_a_missing_package_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "version_of", lambda package: "")
+    text = doctor.table(doctor.findings())
+    assert "pip install 'hqp[solvers]'" in text
+    assert "pip install proxsuite" in text
+
+
+@pytest.mark.parametrize("name", ["cascade:proxpq", "weighted:proxpq"])
+def test_a_mistyped_back_end_is_named_with_the_closest_and_no_pip_line(name: str) -> None:
+    with pytest.raises(DeclarationError, match=r"unknown back end.*closest: proxqp") as caught:
+        hqp.solvers.load(name)
+    assert "pip" not in str(caught.value)
+
+
+def test_a_single_constraint_in_subject_to_is_refused_with_the_form() -> None:
+    with pytest.raises(DeclarationError, match=r"subject_to: not a list .*allowed: \[JointLimits\(\)"):
+        Stack(Level(Posture()), subject_to=JointLimits())  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("law", [P((1.0, 2.0)), PD((1.0, 2.0)), PD(1.0, (1.0, 2.0))])
+def test_gains_must_fit_the_rows(law: P | PD) -> None:
+    stack = Stack(Level(Position(frame="r_palm", law=law)))
+    formulation = hqp.Velocity() if law.order == 1 else hqp.Acceleration()
+    controller = hqp.Controller(stack, formulation, solver="nullspace")
+    with pytest.raises(DeclarationError, match=r"r_palm: .* has 2 numbers .*one number, or 3"):
+        controller.session(hqp.robots.load("cbi"), 0.002)
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    assert P(np.float32(2.0)) == P(2.0)
+    assert PD(np.array((1.0, 4.0))) == PD((1.0, 4.0))  # type: ignore[arg-type]
+    element = Com(weight=np.float64(2.0), law=P(np.int64(3)))
+    assert element == Com(weight=2.0, law=P(3))
+    stack = Stack(Level(element))
+    assert serial.loads(serial.dumps(stack)) == stack
+
+
+ELEMENT = '[[level]]\n[[level.element]]\ntype = "Posture"\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("level = 3", "list of tables"),
+        ('level = ["a"]', "list of tables"),
+        ('[[level]]\nelement = "x"', "list of tables"),
+        ("[[level]]\nelement = [1]", "list of tables"),
+        ('subject_to = "x"', "list of tables"),
+        ('[[level]]\nname = 3\n[[level.element]]\ntype = "Posture"', "name must be a string"),
+        (ELEMENT + "weight = " + "9" * 400, "bits"),
+        (ELEMENT + "weight = 0x" + "f" * 5000, "bits"),
+        (ELEMENT + "weight = " + "9" * 5000, "not TOML"),
+        (ELEMENT + 'law = { type = "P", gain = 1' + "0" * 400 + " }", "bits"),
+        ("a = " + "[" * 5000, "nested too deeply"),
+        (ELEMENT + 'law = { type = ["P"] }', "unknown type"),
+        ('[[level]]\n[[level.element]]\ntype = ["P"]', "unknown type"),
+        (ELEMENT + "weight = 1979-05-27", "weight"),
+    ],
+)
+def test_broken_toml_is_an_error_of_ours(text: str, word: str) -> None:
+    with pytest.raises(DeclarationError, match=word) as caught:
+        serial.loads(text)
+    assert len(str(caught.value)) < 600
+
+
+def test_a_file_in_another_encoding_is_an_error_of_ours(tmp_path: Path) -> None:
+    path = tmp_path / "stack.toml"
+    path.write_bytes(('name = "é"\n' + ELEMENT).encode("latin-1"))
+    with pytest.raises(DeclarationError, match="not UTF-8"):
+        serial.load(path)
+    path.write_bytes(b"\xef\xbb\xbf" + ELEMENT.encode())  # an editor's byte order mark
+    assert str(serial.load(path)) == "posture"
+
+
+@pytest.mark.parametrize("given", [3, None, "/tmp/\0"])
+def test_what_is_no_file_is_an_error_of_ours(given: Any) -> None:
+    with pytest.raises(DeclarationError, match="cannot be read"):
+        serial.load(given)
+
+
+ENDS = {
+    "last line": "",
+    "exception": "raise RuntimeError('over')",
+    "exit": "sys.exit(3)",
+    "interrupt": "import os, signal; os.kill(os.getpid(), signal.SIGINT)",
+    "never released": "import ctypes; ctypes.pythonapi.Py_IncRef(ctypes.py_object(session))",
+}
+
+
+@pytest.mark.parametrize("end", ENDS.values(), ids=ENDS)
+def test_no_report_of_leaks_whatever_ends_the_script(end: str) -> None:
+    code = (
+        "import sys, hqp, numpy as np\nfrom hqp.tasks import Posture\n"
+        "class Mine(hqp.Task):\n"
+        "    def rows(self, robot): return 1\n"
+        "    def value(self, state): return state.com()[:1]\n"
+        "    def jacobian(self, state): return state.com_jacobian()[:1]\n"
+        "robot = hqp.robots.load('cbi')\n"
+        "session = hqp.Controller(hqp.Stack(hqp.Level(Mine()), hqp.Level(Posture()))).session(robot, 0.002)\n"
+        "tick = session.step(robot.state())\nprint(tick.status.name)\n"
+    )
+    result = run(code + end)
+    assert "OPTIMAL" in result.stdout, result.stderr
+    assert "nanobind" not in result.stderr
