@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: corpus bench experiments test test-sweeps test-browser check setup format clean sanitize
+.PHONY: corpus bench experiments test test-sweeps test-browser test-adapters check setup format clean sanitize
 
 bench: setup
 	$(BIN)/python -m benchmarks
@@ -26,6 +26,16 @@ test-browser: setup
 test-sweeps: setup
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'ray[client]>=2.9'
 	HQP_TEST_CLUSTER=1 $(BIN)/python -m pytest tests/sweep
+
+# Adapters with the newest releases of pink, mink and LeRobot's kinematics, and with older ones; without their dependencies.
+ADAPTED := build/adapters
+test-adapters: setup
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check gymnasium
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade --target $(ADAPTED)/newest \
+	    pin-pink==4.4.0 mink==1.3.0 lerobot==0.4.4
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade --target $(ADAPTED)/older \
+	    pin-pink==3.4.0 mink==0.0.13 lerobot==0.3.3
+	for release in newest older; do PYTHONPATH=$(ADAPTED)/$$release $(BIN)/python -m pytest tests/adapters || exit 1; done
 
 CPP := $(wildcard hqp/cpp/*/*.hpp hqp/cpp/*/*.cpp tests/solvers/native/*.cpp)
 

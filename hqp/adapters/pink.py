@@ -1,0 +1,123 @@
+"""pink's tasks, limits and ``solve_ik`` on hqp: flat tasks share one level, sequences of tasks are strict levels.
+
+from hqp.adapters.pink import solve_ik
+velocity = solve_ik(configuration, [[feet], [hand], [posture]], dt)     # strict
+velocity = solve_ik(configuration, [hand, posture], dt)                 # weighed by cost, as in pink
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec
+from hqp.element import Task
+from hqp.errors import NotSolved
+from hqp.law import P
+from hqp.reference import Reference
+from hqp.robot import Robot, State
+from hqp.solvers.base import Solver
+
+from .displacement import cost_of, make_levels, solve
+
+
+def solve_ik(
+    configuration: Any,
+    tasks: Iterable[Any],
+    dt: float,
+    solver: str | Solver = "lexicographic",
+    *,
+    limits: Iterable[Any] | None = None,
+    barriers: Iterable[Any] | None = None,
+    constraints: Iterable[Any] | None = None,
+    safety_break: bool = True,
+) -> Vec:
+    """Velocity ``(nv,)`` as pink's solve_ik gives it, from strict levels where ``tasks`` holds sequences of tasks.
+
+    limits, barriers, constraints, safety_break: as pink's; a barrier's penalty on safe displacements is left out, and
+    so is ``lm_damping``.  Raises NotSolved where no usable answer was found, DeclarationError for tasks mixed with
+    levels, and pink's NotWithinConfigurationLimits.
+    """
+    configuration.check_limits(safety_break=safety_break)
+    if limits is None:
+        model = configuration.model
+        limits = [model.configuration_limit, model.velocity_limit]
+        base = getattr(model, "floating_base_velocity_limit", None)
+        if base is not None:
+            limits.append(base)
+    inequalities = [rows for limit in limits if (rows := _inequalities(limit, configuration, dt)) is not None]
+    inequalities += [b.compute_qp_inequalities(configuration, dt) for b in barriers or ()]
+    equalities = [
+        (c.compute_jacobian(configuration), -c.gain * c.compute_error(configuration)) for c in constraints or ()
+    ]
+    nv = int(configuration.model.nv)
+    solution = solve(nv, make_levels(tasks, configuration), inequalities, equalities, solver)
+    if not solution.status.usable:
+        raise NotSolved(f"{solution.status.name}: {solution.status.value}", None)
+    return np.asarray(solution.x / dt)
+
+
+def _inequalities(limit: Any, configuration: Any, dt: float) -> Any:
+    """Rows of a limit; before pink 4 it took q, now the configuration."""
+    first = next(iter(inspect.signature(limit.compute_qp_inequalities).parameters))
+    return limit.compute_qp_inequalities(configuration.q if first == "q" else configuration, dt)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PinkTask(Task):
+    """A pink task as an element: W J v = -(gain / dt) W e with its cost W; rows of cost zero are left out.
+
+    task: a pink.Task, whose target stays its own to set.  dt: control period [s], which turns pink's gain, a share of
+    the error per step, into P(gain / dt) [1/s].  Velocity level only.  Raises DeclarationError for fields.
+    """
+
+    task: Any
+    dt: float
+    _held: dict[Any, Any] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.law is None:
+            object.__setattr__(self, "law", P(float(self.task.gain) / self.dt))
+        super().__post_init__()
+
+    def default_name(self) -> str:
+        """The task's frame where it has one, its class otherwise."""
+        return str(getattr(self.task, "frame", None) or type(self.task).__name__)
+
+    def rows(self, robot: Robot) -> int:
+        """Rows whose cost is not zero."""
+        return int(self._weight(robot.state(robot.home)).astype(bool).sum())
+
+    def value(self, state: State) -> Vec:
+        """W e ``(k,)``, to be brought to zero."""
+        e = np.asarray(self.task.compute_error(self._configuration(state)))
+        weight = cost_of(self.task, e.size)
+        return (weight * e)[weight > 0.0]
+
+    def jacobian(self, state: State) -> Mat:
+        """W J ``(k, nv)``."""
+        J = np.asarray(self.task.compute_jacobian(self._configuration(state)))
+        weight = cost_of(self.task, J.shape[0])
+        return (weight[:, None] * J)[weight > 0.0]
+
+    def hold(self, state: State) -> Reference:
+        """Zero: the target is the pink task's own."""
+        return Reference(self.name, np.zeros(self.value(state).size))
+
+    def _weight(self, state: State) -> Vec:
+        return cost_of(self.task, np.asarray(self.task.compute_error(self._configuration(state))).size)
+
+    def _configuration(self, state: State) -> Any:
+        import pink
+
+        robot: Any = state.robot
+        if robot not in self._held:
+            self._held[robot] = pink.Configuration(robot.model, robot.model.createData(), state.q, copy_data=False)
+        configuration = self._held[robot]
+        if configuration.q is not state.q:
+            configuration.update(state.q)
+        return configuration
