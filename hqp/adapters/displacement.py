@@ -9,7 +9,7 @@ import numpy as np
 
 from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError
-from hqp.problem import Hierarchy, Rows, Solution
+from hqp.problem import Hierarchy, Rows, Selection, Solution
 from hqp.solvers import load
 from hqp.solvers.base import Solver, Workspace
 
@@ -30,7 +30,7 @@ def solve(
     strict: list[Rows] = []
     if inequalities:
         G, h = (np.concatenate(part) for part in zip(*inequalities, strict=True))
-        strict.append(Rows(G, np.full(h.shape, -np.inf), h))
+        strict += _bounded(G, h)
     if equalities:
         A, b = (np.concatenate(part) for part in zip(*equalities, strict=True))
         strict.append(Rows(A, b, b))
@@ -41,20 +41,47 @@ def solve(
     return _workspaces[key].solve(problem)
 
 
+def _bounded(G: Mat, h: Vec) -> list[Rows]:
+    """G dq <= h, as a box where rows have one entry each: several times faster than as general rows."""
+    single = np.count_nonzero(G, axis=1) == 1
+    general = ~single
+    rows = [Rows(G[general], np.full(int(general.sum()), -np.inf), h[general])] if general.any() else []
+    if not single.any():
+        return rows
+    G, h = G[single], h[single]
+    column = np.abs(G).argmax(axis=1)
+    factor = G[np.arange(column.size), column]
+    bound, up = h / factor, factor > 0.0
+    lower, upper = np.full(G.shape[1], -np.inf), np.full(G.shape[1], np.inf)
+    np.minimum.at(upper, column[up], bound[up])
+    np.maximum.at(lower, column[~up], bound[~up])
+    if np.any(lower > upper):  # outside a limit by more than it can come back in a step: the least violation
+        return [Rows(G, np.full(h.shape, -np.inf), h), *rows]
+    touched = np.flatnonzero(np.bincount(column, minlength=G.shape[1]))
+    return [Rows(Selection(touched), lower[touched], upper[touched]), *rows]
+
+
 def task_rows(task: Any, configuration: Any) -> tuple[Mat, Vec]:
     """(W J, -gain W e) of a task with cost W; rows of cost zero are left out."""
-    J = np.asarray(task.compute_jacobian(configuration), dtype=np.float64)
-    e = np.asarray(task.compute_error(configuration), dtype=np.float64)
-    weight = cost_of(task, e.size)
-    kept = weight > 0.0
-    W = weight[kept]
-    return W[:, None] * J[kept], -float(task.gain) * W * e[kept]
+    J, e = task.compute_jacobian(configuration), task.compute_error(configuration)
+    cost = getattr(task, "cost", None)
+    if cost is None or isinstance(cost, float):
+        w = 1.0 if cost is None else cost
+        return (w * J, (-task.gain * w) * e) if w else (J[:0], e[:0])
+    W = cost_of(task, e.size)
+    if W.all():
+        return W[:, None] * J, -task.gain * W * e
+    kept = W > 0.0
+    W = W[kept]
+    return W[:, None] * J[kept], -task.gain * W * e[kept]
 
 
 def cost_of(task: Any, rows: int) -> Vec:
     """A task's cost ``(rows,)``, 1 where it has none."""
     cost = getattr(task, "cost", None)
-    return np.broadcast_to(np.asarray(1.0 if cost is None else cost, dtype=np.float64), (rows,)).copy()
+    found = np.empty(rows)
+    found[:] = 1.0 if cost is None else cost
+    return found
 
 
 def make_levels(tasks: Iterable[Any], configuration: Any) -> list[Rows]:

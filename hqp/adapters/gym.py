@@ -47,7 +47,7 @@ class StackEnv(gymnasium.Env[Any, Any]):
         size = 2 * len(robot.joint_names) + rows
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Vec, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Home at rest; the goal is drawn within half the reach."""
         from hqp.lab.plants import plant
 
@@ -59,22 +59,24 @@ class StackEnv(gymnasium.Env[Any, Any]):
         self._goal = self._start + 0.5 * self.np_random.uniform(box.low, box.high)
         return self._observe(), {}
 
-    def step(self, action: Any) -> tuple[Vec, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Hold the target at home plus action for ``frame_skip`` ticks."""
         target = self._task.at(self._start + np.asarray(action, dtype=np.float64))
+        status = ""
         for _ in range(self._skip):
             tick = self._session.step(self._robot.state(*self._world.state()), target)
             self._world.carry_out(tick)
+            status = tick.status.name
         self._count += 1
         observation = self._observe()
         error = self._error()
-        info = {"status": tick.status.name, "error": float(np.linalg.norm(error))}
+        info = {"status": status, "error": float(np.linalg.norm(error))}
         return observation, self._reward(error, np.asarray(action)), False, self._count >= self._steps, info
 
     def _error(self) -> Vec:
         return np.asarray(self._goal - self._task.value(self._robot.state(*self._world.state())))
 
-    def _observe(self) -> Vec:
+    def _observe(self) -> Any:
         state = self._robot.state(*self._world.state())
         columns = self._robot.actuated
         parts = (state.angles[columns], state.v[columns], self._error())

@@ -6,6 +6,7 @@ velocity = solve_ik(configuration, [[feet], [hand], [posture]], dt)     # strict
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -39,7 +40,7 @@ def solve_ik(
     compute_error (kinetic energy) are refused by Python.  Raises NotSolved where no usable answer was found,
     DeclarationError for tasks mixed with levels, and mink's NotWithinConfigurationLimits.
     """
-    import mink
+    mink: Any = importlib.import_module("mink")
 
     configuration.check_limits(safety_break=safety_break)
     if limits is None:
@@ -89,21 +90,21 @@ class MinkTask(Task):
         configuration, _ = self._configuration(state)
         e = np.asarray(self.task.compute_error(configuration))
         weight = cost_of(self.task, e.size)
-        return (weight * e)[weight > 0.0]
+        return np.asarray((weight * e)[weight > 0.0])
 
     def jacobian(self, state: State) -> Mat:
         """W J B ``(k, nv)``."""
         configuration, B = self._configuration(state)
         J = np.asarray(self.task.compute_jacobian(configuration))
         weight = cost_of(self.task, J.shape[0])
-        return (weight[:, None] * J)[weight > 0.0] @ B
+        return np.asarray((weight[:, None] * J)[weight > 0.0] @ B)
 
     def hold(self, state: State) -> Reference:
         """Zero: the target is the mink task's own."""
         return Reference(self.name, np.zeros(self.value(state).size))
 
     def _configuration(self, state: State) -> tuple[Any, Mat]:
-        import mink
+        mink: Any = importlib.import_module("mink")
 
         from hqp.robots.state_map import StateMap
 

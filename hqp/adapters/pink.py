@@ -7,9 +7,11 @@ velocity = solve_ik(configuration, [hand, posture], dt)                 # weighe
 
 from __future__ import annotations
 
+import importlib
 import inspect
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -62,9 +64,14 @@ def solve_ik(
 
 
 def _inequalities(limit: Any, configuration: Any, dt: float) -> Any:
-    """Rows of a limit; before pink 4 it took q, now the configuration."""
-    first = next(iter(inspect.signature(limit.compute_qp_inequalities).parameters))
-    return limit.compute_qp_inequalities(configuration.q if first == "q" else configuration, dt)
+    """Rows of a limit, which before pink 4 took q and now takes the configuration."""
+    takes_q = _takes_q(limit.__class__)
+    return limit.compute_qp_inequalities(configuration.q if takes_q else configuration, dt)
+
+
+@cache
+def _takes_q(kind: type) -> bool:
+    return list(inspect.signature(kind.compute_qp_inequalities).parameters)[1] == "q"  # type: ignore[attr-defined]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,13 +103,13 @@ class PinkTask(Task):
         """W e ``(k,)``, to be brought to zero."""
         e = np.asarray(self.task.compute_error(self._configuration(state)))
         weight = cost_of(self.task, e.size)
-        return (weight * e)[weight > 0.0]
+        return np.asarray((weight * e)[weight > 0.0])
 
     def jacobian(self, state: State) -> Mat:
         """W J ``(k, nv)``."""
         J = np.asarray(self.task.compute_jacobian(self._configuration(state)))
         weight = cost_of(self.task, J.shape[0])
-        return (weight[:, None] * J)[weight > 0.0]
+        return np.asarray((weight[:, None] * J)[weight > 0.0])
 
     def hold(self, state: State) -> Reference:
         """Zero: the target is the pink task's own."""
@@ -112,7 +119,7 @@ class PinkTask(Task):
         return cost_of(self.task, np.asarray(self.task.compute_error(self._configuration(state))).size)
 
     def _configuration(self, state: State) -> Any:
-        import pink
+        pink: Any = importlib.import_module("pink")
 
         robot: Any = state.robot
         if robot not in self._held:
