@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from hqp.checking import check
     from hqp.comparison import compare
     from hqp.lab import bench
+    from hqp.solvers.many import solve_many
     from hqp.torque import Torque
     from hqp.viewer import view
 
@@ -61,6 +62,7 @@ __all__ = [
     "compare",
     "robots",
     "serial",
+    "solve_many",
     "solvers",
     "tasks",
     "view",
@@ -82,6 +84,8 @@ def __getattr__(name: str) -> object:
         return importlib.import_module("hqp.comparison").compare
     if name == "bench":
         return importlib.import_module("hqp.lab").bench
+    if name == "solve_many":
+        return importlib.import_module("hqp.solvers.many").solve_many
     if name == "view":
         return importlib.import_module("hqp.viewer").view
     raise AttributeError(f"module 'hqp' has no attribute {name!r}")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import importlib
 import math
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from time import perf_counter
@@ -25,7 +26,7 @@ try:
 except ImportError:
     _native = None
 
-_STATUS = (
+STATUSES = (
     Status.OPTIMAL,
     Status.RANK_UNCERTAIN,
     Status.CONSTRAINTS_VIOLATED,
@@ -35,7 +36,13 @@ _STATUS = (
 )
 
 DAMPED = "damping kept a level from its optimum"
+BUSY = "this workspace is solving in another thread; give each thread its own"
 STUCK = "no answer that was found passed the certificate: the problem is too ill-conditioned to be judged"
+
+
+def native_module() -> Any:
+    """The module of the native kernel, None where the package was built without a compiler."""
+    return _native
 
 
 def kernel() -> str:
@@ -120,8 +127,10 @@ class NativeWorkspace:
     """A kernel bound to the arrays of the last hierarchy it saw, which may be refilled in place between calls."""
 
     def __init__(self, solver: Lexicographic, shape: Shape) -> None:
-        self._shape = shape
+        self._solver, self._shape = solver, shape
         self._damping, self._multipliers = solver.level_damping(shape), solver.multipliers
+        self._lock = threading.Lock()
+        self._limited = bool(solver.deadline)
         self._kernel = _native.Workspace(
             shape.n,
             list(shape.rows),
@@ -140,7 +149,7 @@ class NativeWorkspace:
         self._kernel.report_as(
             Solution,
             Stats,
-            _STATUS,
+            STATUSES,
             tuple(slice(shape.n + a, shape.n + b) for a, b in pairwise(rows)),
             tuple(slice(a, b) for a, b in pairwise(rows)),
             tuple(slice(a, b) for a, b in pairwise(pairs)),
@@ -155,14 +164,30 @@ class NativeWorkspace:
 
     def limit(self, seconds: float) -> None:
         """Time for the next solves [s], none for zero: a session gives what is left of its tick."""
+        self._limited = seconds > 0.0
         self._kernel.limit(seconds)
 
     def solve(self, problem: Hierarchy) -> Solution:
-        """The solution; raises ProblemError for a wrong shape, and marks numbers that are not usable."""
+        """The solution; raises ProblemError for a wrong shape, and marks numbers that are not usable.
+
+        Raises RuntimeError while another thread solves in this workspace.
+        """
+        if not self._lock.acquire(blocking=False):
+            raise RuntimeError(BUSY)
+        try:
+            return self._solve(problem)
+        finally:
+            self._lock.release()
+
+    def _solve(self, problem: Hierarchy) -> Solution:
         build = 0.0
         if problem is not self._bound:
             begin = perf_counter()
-            self._bind(problem)
+            self._bound = None
+            if not any(self._damping) and self._kernel.take(problem):
+                self._bound = problem
+            else:
+                self._bind(problem)
             build = perf_counter() - begin
         solution: Solution | None = self._kernel.solution(build, *self._views)
         if solution is None:
@@ -198,13 +223,17 @@ class NativeWorkspace:
         if solution.status is Status.NOT_CERTIFIED:
             if any(self._damping):
                 return replace(solution, status=Status.NOT_STRICT) if solution.detail == DAMPED else solution
-            return second_opinion(problem, solution, self._again)
+            if not self._limited:
+                return second_opinion(problem, solution, (self._again, lambda: self._by_reference(problem)))
         return solution
 
     def _again(self) -> Solution:
         self._kernel.reset(plain=True)
         solution: Solution = self._kernel.solution(0.0, *self._views)
         return solution
+
+    def _by_reference(self, problem: Hierarchy) -> Solution:
+        return replace(self._solver, native=False).solve(problem)
 
     def _bind(self, problem: Hierarchy) -> None:
         check_shape(problem, self._shape)
@@ -228,17 +257,14 @@ class NativeWorkspace:
         self._bound = problem if live and metric is problem.metric and origin is problem.origin else None
 
 
-def second_opinion(problem: Hierarchy, stuck: Solution, again: Callable[[], Solution]) -> Solution:
-    """At a vertex so degenerate that no working set was right: that answer, or one without history, if certified."""
-
-    def certified(solution: Solution) -> bool:
-        return certificate(problem, solution.x, Lexicographic.accuracy).ok
-
-    found = stuck if certified(stuck) else again()
-    if found is not stuck and not certified(found):
-        return stuck
-    status = finish(problem, found.x, Status.OPTIMAL, found.stats).status
-    return replace(found, status=status, detail="")
+def second_opinion(problem: Hierarchy, stuck: Solution, others: Iterable[Callable[[], Solution]]) -> Solution:
+    """The first answer that the certificate passes: the one given, or one of the others; the one given if none does."""
+    for make in (lambda: stuck, *others):
+        found = make()
+        if certificate(problem, found.x, Lexicographic.accuracy).ok:
+            status = finish(problem, found.x, Status.RANK_UNCERTAIN, found.stats).status
+            return replace(found, status=status, detail="" if status is Status.RANK_UNCERTAIN else UNSURE)
+    return stuck
 
 
 def _refuse(problem: Hierarchy, shape: Shape, stats: Stats) -> Solution:

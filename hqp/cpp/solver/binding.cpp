@@ -10,16 +10,14 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
+#include "batch.hpp"
 #include "kernel.hpp"
+#include "reading.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
 
-namespace {
-
-using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using Matrix = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
-using Index = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+namespace hqp {
 
 bool has_avx2() {
 #if defined(HQP_AVX2)
@@ -29,12 +27,20 @@ bool has_avx2() {
 #endif
 }
 
-hqp::Kernel* make(int n, int levels, const int* m, bool metric) {
+Kernel* make_kernel(int n, int levels, const int* m, bool metric) {
 #if defined(HQP_AVX2)
-  if (has_avx2()) return hqp::make_avx2(n, levels, m, metric);
+  if (has_avx2()) return make_avx2(n, levels, m, metric);
 #endif
-  return hqp::make_generic(n, levels, m, metric);
+  return make_generic(n, levels, m, metric);
 }
+
+}  // namespace hqp
+
+namespace {
+
+using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Matrix = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Index = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
 [[noreturn]] void refuse(const std::string& text) { throw nb::value_error(text.c_str()); }
 
@@ -58,7 +64,7 @@ class Workspace {
       total_ += m;
       pairs_ += total_;
     }
-    kernel_.reset(make(n, static_cast<int>(rows.size()), rows.data(), metric));
+    kernel_.reset(hqp::make_kernel(n, static_cast<int>(rows.size()), rows.data(), metric));
     values_.resize(static_cast<std::size_t>(n) + total_);
     active_.resize(static_cast<std::size_t>(total_) + 1);
     lambda_.resize(options.multipliers ? pairs_ + 1 : 1);
@@ -91,6 +97,18 @@ class Workspace {
     problem_.constraints = constraints;
     kept_ = nb::make_tuple(levels, metric, origin);
     bound_ = true;
+  }
+
+  // The same from the attributes of a Hierarchy; false where its shape is another or an array needs a conversion.
+  bool take(const nb::object& hierarchy) {
+    const Lock lock(busy_);
+    bound_ = false;
+    hqp::Problem problem;
+    if (!reader_.read(hierarchy, n_, rows_, metric_, levels_.data(), problem)) return false;
+    problem_ = problem;
+    kept_ = hierarchy;
+    bound_ = true;
+    return true;
   }
 
   nb::ndarray<nb::numpy, double, nb::ndim<1>> values() { return {values_.data(), {values_.size()}, nb::find(this)}; }
@@ -258,6 +276,7 @@ class Workspace {
   std::vector<std::int8_t> active_;
   std::vector<hqp::Level> levels_;
   hqp::Problem problem_;
+  hqp::Reader reader_;
   hqp::Options options_;
   nb::object kept_, solution_, stats_, head_;
   nb::tuple statuses_, slack_, marks_, pairs_of_levels_, none_;
@@ -288,7 +307,7 @@ PyType_Slot slots[] = {
 NB_MODULE(_lexicographic, m) {
   m.doc() = "Native kernel of the lexicographic solver.";
   nb::set_leak_warnings(std::getenv("HQP_LEAK_WARNINGS") != nullptr);  // a script may end anyhow
-  m.attr("instruction_set") = has_avx2() ? "avx2" : "generic";
+  m.attr("instruction_set") = hqp::has_avx2() ? "avx2" : "generic";
   nb::class_<Workspace>(m, "Workspace", nb::type_slots(slots))
       .def(
           "__init__",
@@ -302,6 +321,7 @@ NB_MODULE(_lexicographic, m) {
           "n"_a, "rows"_a, "metric"_a, "rank_tolerance"_a, "multiplier_tolerance"_a, "feasibility_tolerance"_a,
           "time_limit"_a, "max_iterations"_a, "credit"_a, "multipliers"_a)
       .def("bind", &Workspace::bind, "levels"_a, "constraints"_a, "metric"_a.none(), "origin"_a.none())
+      .def("take", &Workspace::take, "hierarchy"_a)
       .def("solve", &Workspace::solve)
       .def("limit", &Workspace::limit, "seconds"_a)
       .def("report_as", &Workspace::report_as, "solution"_a, "stats"_a, "statuses"_a, "slack"_a, "active"_a,
@@ -311,4 +331,5 @@ NB_MODULE(_lexicographic, m) {
       .def("values", &Workspace::values)
       .def("active", &Workspace::active)
       .def("multipliers", &Workspace::multipliers);
+  hqp::bind_batch(m);
 }

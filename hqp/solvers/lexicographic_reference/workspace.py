@@ -38,7 +38,7 @@ class ReferenceWorkspace:
         if solution.detail != STUCK:
             return solution
         self.reset()
-        return second_opinion(problem, solution, lambda: self._solve(problem))
+        return second_opinion(problem, solution, (lambda: self._solve(problem),))
 
     def _solve(self, problem: Hierarchy) -> Solution:
         begin = perf_counter()

@@ -1,0 +1,148 @@
+"""Many hierarchies of one shape in one native call, on several threads."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hqp.arrays import Mat, Vec
+from hqp.errors import DeclarationError, ProblemError, SolverNotInstalled
+from hqp.problem import Hierarchy, Rows, Selection, Shape, Solution, Status
+from hqp.solvers.base import check_shape
+from hqp.solvers.lexicographic import STATUSES, Lexicographic, native_module
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HierarchyBatch:
+    """N hierarchies of one shape as stacked arrays, read where they are.
+
+    levels: (A, lower, upper) each, A ``(N, m, n)``, or ``(m, n)`` or a Selection that all share; lower, upper
+    ``(N, m)`` or ``(m,)``.  constraints: as in Hierarchy.  n: needed only where every level is a Selection.
+    """
+
+    levels: tuple[tuple[Mat | Selection, Vec, Vec], ...]
+    constraints: int = 0
+    n: int = 0
+
+    def __getitem__(self, i: int) -> Hierarchy:
+        """Problem i, views of the arrays."""
+        levels = [
+            Rows(A if isinstance(A, Selection) or A.ndim == 2 else A[i], *(b if b.ndim == 1 else b[i] for b in bounds))
+            for A, *bounds in self.levels
+        ]
+        return Hierarchy(tuple(levels), self.constraints, n=self.n)
+
+    def __len__(self) -> int:
+        sizes = {len(A) for A, *_ in self.levels if not isinstance(A, Selection) and A.ndim == 3}
+        sizes |= {len(b) for _, *bounds in self.levels for b in bounds if b.ndim == 2}
+        if len(sizes) > 1:
+            raise ProblemError(f"stacked arrays disagree on the number of problems: {sorted(sizes)}")
+        return sizes.pop() if sizes else 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solutions:
+    """What solve_many returns: x ``(N, n)``, norms ``(N, levels)`` of ||w_k||, statuses, and the slack of every row.
+
+    slack, active: ``(N, m_0 + ... + m_p)``, level after level.  statuses: ``(N,)`` of Status.  iterations: ``(N,)``.
+    """
+
+    x: Mat
+    norms: Mat
+    statuses: tuple[Status, ...]
+    slack: Mat
+    active: NDArray[np.int8]
+    iterations: NDArray[np.int32]
+
+    @property
+    def solved(self) -> NDArray[np.bool_]:
+        """Which are solved, ``(N,)``."""
+        return np.array([status.solved for status in self.statuses], dtype=bool)
+
+
+def solve_many(
+    problems: Sequence[Hierarchy] | HierarchyBatch, *, threads: int | None = None, solver: Lexicographic | None = None
+) -> Solutions:
+    """Solve each problem cold: the same bits as ``solver.solve`` one by one, the interpreter's lock released.
+
+    threads: as many as the process may use by default.  solver: its options; multipliers are not returned.
+    Raises ProblemError where the problems differ in shape, DeclarationError for a number of threads below one or a
+    solver with damping or a deadline, SolverNotInstalled without the native kernel.
+    """
+    solver = Lexicographic() if solver is None else solver
+    count = _threads(threads)
+    if any(np.atleast_1d(solver.damping)) or solver.deadline:
+        raise DeclarationError("solve_many", "takes no damping and no deadline", value=solver)
+    module = native_module()
+    if module is None:
+        raise SolverNotInstalled("hqp was built without its native kernel: install a C++ compiler and rebuild")
+    if len(problems) == 0:
+        raise ProblemError("solve_many: no problem given")
+    shape = problems[0].shape
+    batch = module.Batch(
+        shape.n, list(shape.rows), shape.metric, solver.rank_tolerance, solver.multiplier_tolerance,
+        solver.feasibility_tolerance, solver.max_iterations or 0, solver.exchange_credit,
+    )  # fmt: skip
+    kept = _fill(batch, problems, shape)
+    N, total = len(problems), sum(shape.rows)
+    x, slack = np.empty((N, shape.n)), np.empty((N, total))
+    active, effort = np.empty((N, total), dtype=np.int8), np.empty((N, 4), dtype=np.int32)
+    batch.solve(count, x, slack, active, effort)
+    del kept
+    return _finished(problems, solver, shape, x, slack, active, effort)
+
+
+def _threads(threads: int | None) -> int:
+    if threads is None:
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if isinstance(threads, bool) or not isinstance(threads, int) or threads < 1:
+        raise DeclarationError("solve_many.threads", "need at least one", value=threads)
+    return threads
+
+
+def _fill(batch: Any, problems: Sequence[Hierarchy] | HierarchyBatch, shape: Shape) -> Any:
+    """Give the batch its views; returns what must live as long."""
+    if isinstance(problems, HierarchyBatch):
+        levels = [_stacked(A, lower, upper) for A, lower, upper in problems.levels]
+        batch.stack(len(problems), levels, problems.constraints)
+        return levels
+    kept = list(problems)
+    wrong = batch.read(kept)
+    if wrong >= 0:
+        for problem in kept[wrong:]:
+            check_shape(problem, shape)
+        kept = [problem.copy() for problem in kept]  # contiguous and of the right type
+        if batch.read(kept) >= 0:
+            raise ProblemError(f"solve_many: problem {wrong} cannot be read")
+    return kept
+
+
+def _stacked(A: Mat | Selection, lower: Vec, upper: Vec) -> tuple[object, ...]:
+    bounds = [np.ascontiguousarray(np.atleast_2d(b), dtype=np.float64) for b in (lower, upper)]
+    if isinstance(A, Selection):
+        return None, np.ascontiguousarray(A.index, dtype=np.int64), np.ascontiguousarray(A.scale), *bounds
+    A = np.ascontiguousarray(A, dtype=np.float64)
+    return A[None] if A.ndim == 2 else A, None, None, *bounds
+
+
+def _finished(
+    problems: Sequence[Hierarchy] | HierarchyBatch, solver: Lexicographic, shape: Shape, x: Mat, slack: Mat,
+    active: NDArray[np.int8], effort: NDArray[np.int32],
+) -> Solutions:  # fmt: skip
+    """Statuses; what the kernel could not certify or read is solved again by itself, as one by one."""
+    statuses = [STATUSES[outcome] if outcome < len(STATUSES) else Status.NOT_CERTIFIED for outcome in effort[:, 0]]
+    unsure = (effort[:, 0] >= len(STATUSES)) | (effort[:, 0] == STATUSES.index(Status.NOT_CERTIFIED))
+    for i in map(int, np.flatnonzero(unsure)):
+        solution: Solution = solver.solve(problems[i])
+        x[i], statuses[i] = solution.x, solution.status
+        slack[i] = np.concatenate([*solution.residuals, np.zeros(0)])
+        active[i] = np.concatenate([*solution.active, np.zeros(0, dtype=np.int8)])
+    ends = np.cumsum([0, *shape.rows])
+    norms = np.stack([np.linalg.norm(slack[:, a:b], axis=1) for a, b in pairwise(ends)], axis=1)
+    return Solutions(x, norms, tuple(statuses), slack, active, effort[:, 1].copy())
