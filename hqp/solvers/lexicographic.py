@@ -183,11 +183,7 @@ class NativeWorkspace:
         build = 0.0
         if problem is not self._bound:
             begin = perf_counter()
-            self._bound = None
-            if not any(self._damping) and self._kernel.take(problem):
-                self._bound = problem
-            else:
-                self._bind(problem)
+            self._take(problem)
             build = perf_counter() - begin
         solution: Solution | None = self._kernel.solution(build, *self._views)
         if solution is None:
@@ -201,7 +197,7 @@ class NativeWorkspace:
         more to do than to solve.
         """
         if problem is not self._bound:
-            self._bind(problem)
+            self._take(problem)
         return None if self._bound is None or self._multipliers else (self._kernel.solve, *self._views[:2])
 
     def answer(self, problem: Hierarchy, counts: tuple[int, int, int, bool]) -> Solution:
@@ -211,11 +207,11 @@ class NativeWorkspace:
         ends = [sum(self._shape.rows[:k]) for k in range(len(self._shape.rows) + 1)]
         solution = Solution(
             values[:n],
-            _STATUS[outcome],
+            STATUSES[outcome],
             tuple(values[n + a : n + b] for a, b in pairwise(ends)),
             tuple(marks[a:b] for a, b in pairwise(ends)),
             Stats(iterations, factorisations),
-            (DAMPED if any(self._damping) else STUCK) if _STATUS[outcome] is Status.NOT_CERTIFIED else "",
+            (DAMPED if any(self._damping) else STUCK) if STATUSES[outcome] is Status.NOT_CERTIFIED else "",
         )
         return self._judged(problem, solution)
 
@@ -233,7 +229,17 @@ class NativeWorkspace:
         return solution
 
     def _by_reference(self, problem: Hierarchy) -> Solution:
-        return replace(self._solver, native=False).solve(problem)
+        from hqp.solvers.reference import Reference
+
+        return Reference().solve(problem)
+
+    def _take(self, problem: Hierarchy) -> None:
+        """Have the kernel read the arrays as they are, or copies where they need a conversion."""
+        self._bound = None
+        if not any(self._damping) and self._kernel.take(problem):
+            self._bound = problem
+        else:
+            self._bind(problem)
 
     def _bind(self, problem: Hierarchy) -> None:
         check_shape(problem, self._shape)

@@ -85,6 +85,8 @@ def solve_many(
     if len(problems) == 0:
         raise ProblemError("solve_many: no problem given")
     shape = problems[0].shape
+    if shape.priced or (not isinstance(problems, HierarchyBatch) and any(problem.priced for problem in problems)):
+        raise ProblemError("solve_many: takes exact hierarchies; given one with priced levels")
     batch = module.Batch(
         shape.n, list(shape.rows), shape.metric, solver.rank_tolerance, solver.multiplier_tolerance,
         solver.feasibility_tolerance, solver.max_iterations or 0, solver.exchange_credit,
