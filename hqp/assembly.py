@@ -178,7 +178,7 @@ class Assembly:
         self._copy_feedforward(given)
         if self.native_rows is not None:
             self._copy_targets(references)
-            self.native_rows.run(state.q, state.v)
+            self.native_rows.run(state.q, state.v if state.commanded is None else state.commanded)
         self.write(state, references)
         if self.native_rows is not None:
             self.native_rows.demand(state.v)

@@ -71,9 +71,10 @@ class Direct:
         """A record of an optimum, the counts of another outcome, None for what is out of the ordinary."""
         native, fresh = self._native, self.fresh
         self.fresh = False
+        v = state.v if state.commanded is None else state.commanded
         if not self._written:
-            return native.step(state.q, state.v, references, fresh)
-        if not native.fill(state.q, state.v, references, fresh):
+            return native.step(state.q, v, references, fresh)
+        if not native.fill(state.q, v, references, fresh):
             return None
         given: Mapping[str, Reference] = self._holds
         if any(r.name in self._names for r in references):

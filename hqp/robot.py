@@ -175,6 +175,10 @@ class State(Protocol):
     def q(self) -> Vec: ...
     @property
     def v(self) -> Vec: ...
+
+    commanded: Vec | None
+    """Velocity ``(nv,)`` that a session at velocity level sent last; None before the first, and at other levels."""
+
     @property
     def time(self) -> float | None:
         """When it was measured [s], on the clock of the session; None where nobody said."""

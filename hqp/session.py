@@ -118,6 +118,7 @@ class Session:
         self._rest = self.program.rest(self.robot, self.controller.braking)
         self._current: dict[str, Reference] = {}
         self._given: list[Reference] = []
+        self._velocity = self.program.kind == "velocity"
         self._hard = frozenset(element.name for element in stack.subject_to)
         self._direct: Direct | None = None
         self._latest: bytearray | None = None
@@ -164,6 +165,8 @@ class Session:
             self._limit(self._deadline)
         state.kinematics()
         prepared = perf_counter()
+        if self._velocity:
+            state.commanded = self._x if self._latest is None else direct.x(self._latest)
         found = direct.step(state, references)
         if found is None:
             return None
@@ -209,6 +212,7 @@ class Session:
             if not self._current:
                 self._take_holds(state)
             prepared = perf_counter()
+            state.commanded = self._x if self._velocity and self._good is not None else None
             if references or self._given:
                 self._apply_references(references)
             program.fill(state, self._current, self._given)

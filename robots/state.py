@@ -34,13 +34,15 @@ class PlainState(NamedTuple):
 class State:
     """One (q, v) of a robot; see hqp.robot.State.  Computes each quantity when first asked for, and once.
 
-    q and v are copies that cannot be written to; quaternions within 1e-3 of length one are normalised.
+    q and v are copies that cannot be written to; quaternions within 1e-3 of length one are normalised.  commanded: the
+    velocity ``(nv,)`` that a session at velocity level sent last, written by the session.
     """
 
-    __slots__ = ("_done", "_gravity", "_unit", "finite", "q", "robot", "square", "time", "v")
+    __slots__ = ("_done", "_gravity", "_unit", "commanded", "finite", "q", "robot", "square", "time", "v")
 
     def __init__(self, robot: Robot, q: Vec, v: Vec | None, time: float | None = None) -> None:
         self.robot, self.time = robot, time
+        self.commanded: Vec | None = None
         self.q = np.array(q, dtype=np.float64)
         self.v = np.zeros(robot.nv) if v is None else np.array(v, dtype=np.float64)
         if self.q.shape != (robot.nq,) or self.v.shape != (robot.nv,):

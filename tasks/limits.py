@@ -38,9 +38,9 @@ class JointLimits(Inequality):
     so that after the step the joint can still stop in time at b, step by step: the braking curve.  From outside,
     d < 0, it comes back at least at min(return_velocity, v_max, f(-d)), bounded and at rest on the limit.  With a,
     the acceleration window, the box is then clipped into [v - a dt, v + a dt]; where the two do not meet it is the
-    end of the window nearest to it, so that the box is never empty.  v is the velocity of the state: at velocity
-    level the one commanded last, as ``tick.advance()`` returns it.  Where x is an acceleration the bounds are those
-    of u = v + dt x.
+    end of the window nearest to it, so that the box is never empty.  v is the velocity of the state; at velocity level
+    it is the command that the session sent last, for a measured one lags behind.  Where x is an acceleration the
+    bounds are those of u = v + dt x.
 
     joints: joints or groups, all single-axis joints by default.  margin [rad or m] is kept to both position limits.
     acceleration [rad/s^2 or m/s^2]: a.  The default of 50 is lowered, joint by joint, to what the robot's data
@@ -103,7 +103,8 @@ class JointLimits(Inequality):
     def step_bounds(self, state: State, dt: float, order: int) -> tuple[Vec, Vec]:
         """The box: bounds of the joints' velocity or acceleration, ``(k,)`` each."""
         picked, back = self.selection(state.robot), self.return_velocity
-        speed, v = state.robot.velocity_limit[picked], state.v[picked]
+        speed = state.robot.velocity_limit[picked]
+        v = (state.v if state.commanded is None else state.commanded)[picked]
         (down, up), (a, b) = self.bounds(state), self.rates(state.robot)
         upper = np.clip(fastest(up, speed, b, back, dt), v - a * dt, v + a * dt)
         lower = np.clip(-fastest(-down, speed, b, back, dt), v - a * dt, v + a * dt)

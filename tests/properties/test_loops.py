@@ -68,7 +68,11 @@ def test_no_answer_is_called_optimal_that_is_not(seed: int) -> None:
         for _ in range(TICKS):
             goals = [stack.find(name, Position).at(goal) for name, goal in reach.items()]
             tick = session.step(robot.state(q, v), *goals)
+            if tick.status is Status.INVALID_STATE:  # flung beyond what is taken for a state
+                break
             assert tick.solution is not None
+            if robot.couplings and tick.solution.status is Status.CONSTRAINTS_VIOLATED:
+                break  # a random configuration is off its couplings, the window lets it come back no faster
             assert tick.solution.status in (Status.OPTIMAL, Status.RANK_UNCERTAIN), tick.solution.detail
             if tick.solution.status is Status.OPTIMAL:
                 verdict = certificate(session.problem, tick.solution.x)

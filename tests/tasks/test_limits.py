@@ -12,9 +12,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import hqp
 import hqp.robots
+from hqp import Level, P, Stack
 from hqp.errors import DeclarationError, JointNotFound
-from hqp.tasks import JointLimits, TorqueLimits
+from hqp.tasks import JointLimits, Position, Posture, TorqueLimits
 
 
 def robot_of(low: Any, high: Any, speed: Any) -> Any:
@@ -34,7 +36,9 @@ def box(limits: JointLimits, robot: Any, dt: float, order: int = 1) -> Callable[
     """(q, v) -> (lower, upper)."""
 
     def run(q: Any, v: Any) -> tuple[Any, Any]:
-        state: Any = SimpleNamespace(robot=robot, angles=np.array(q, dtype=float), v=np.array(v, dtype=float))
+        state: Any = SimpleNamespace(
+            robot=robot, angles=np.array(q, dtype=float), v=np.array(v, dtype=float), commanded=None
+        )
         return limits.step_bounds(state, dt, order)
 
     return run
@@ -155,6 +159,32 @@ def test_unlimited_joints_are_free() -> None:
     for acceleration in (None, 5.0):
         lower, upper = box(JointLimits(acceleration=acceleration, braking=3.0), robot, 0.1)([3.0], [1.0])
         assert (lower[0], upper[0]) == ((-math.inf, math.inf) if acceleration is None else (0.5, 1.5))
+
+
+@pytest.mark.parametrize("native", [True, False])
+def test_the_window_stands_around_the_last_command(native: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At velocity level a measured velocity lags or is not told at all: the command does not depend on it."""
+    if not native:
+        monkeypatch.setattr("hqp.assembly.native", None)
+    robot = hqp.robots.load("panda")
+    hand = Position(frame="panda_hand_tcp", law=P(5.0))
+    stack = Stack(Level(hand), Level(Posture(law=P(1.0))), subject_to=[JointLimits()])
+    rng = np.random.default_rng(0)
+    goal = hand.at(robot.state().position("panda_hand_tcp") + (0.1, 0.2, 0.1))
+    commands = []
+    for measured in (lambda v: v, lambda v: None, lambda v: v + rng.normal(size=v.size)):
+        session = hqp.Controller(stack).session(robot, 0.002)
+        q, v = robot.home.copy(), np.zeros(robot.nv)
+        ticks = []
+        for i in range(40):
+            tick = session.step(robot.state(q, measured(v) if i else v), goal)
+            q, v = tick.advance()
+            ticks.append(tick.command)
+        commands.append(np.array(ticks))
+    assert np.abs(commands[0]).max() > 0.3
+    assert np.abs(np.diff(commands[0], axis=0)).max() <= 0.1 + 1e-12
+    np.testing.assert_array_equal(commands[0], commands[1])
+    np.testing.assert_array_equal(commands[0], commands[2])
 
 
 def test_fields() -> None:
