@@ -1,0 +1,171 @@
+"""One closed loop on the exact integrator, and the figures that tell whether a body could live with it."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+import hqp
+from benchmarks.calm.scenes import DT, FORMULATIONS, Scene
+from hqp.arrays import Mat, Vec
+from hqp.formulation import Formulation
+from hqp.stack import Stack
+from hqp.tasks import JointLimits
+from hqp.torque.program import TorqueProgram
+
+NOTICEABLE = 1e-3
+"""A change of a command counts as one above this share of the joint's limit."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """How a scene is solved: solver, whether levels have their default prices, and the limits' two numbers."""
+
+    name: str
+    solver: str = "lexicographic"
+    priced: bool = True
+    window: float | None = None
+    braking: float | None = None
+    default: bool = True
+
+    @property
+    def limits(self) -> dict[str, Any]:
+        """Arguments of JointLimits."""
+        return {} if self.default else {"acceleration": self.window, "braking": self.braking}
+
+    def of(self, stack: Stack, formulation: Formulation) -> hqp.Controller:
+        """The controller of a stack."""
+        options: dict[str, Any] = {} if self.priced else {"price": 0}
+        if "price" not in {f.name for f in dataclasses.fields(hqp.Controller)}:
+            options = {}
+        return hqp.Controller(stack, formulation, solver=self.solver, **options)
+
+
+PRICED = Variant("priced")
+EXACT = Variant("exact", priced=False, default=False)
+WEIGHTED = Variant("weighted", solver="weighted")
+VARIANTS = {
+    v.name: v
+    for v in (
+        PRICED, EXACT, WEIGHTED,
+        Variant("exact, default limits", priced=False),
+        Variant("priced, plain limits", default=False),
+        Variant("priced, window", window=50.0, default=False),
+        Variant("priced, braking curve", braking=5.0, default=False),
+    )
+}  # fmt: skip
+
+
+@dataclass(eq=False)
+class Run:
+    """What one loop gave, a row or a number a tick.
+
+    commands, accelerations ``(ticks, k)`` of the actuated joints.  error: distance of the tracked frame from its
+    goal [m]; above: largest residual of the levels above it [of their rows]; contact, com: how far a foot and the
+    CoM are from where they were [m]; over: how far a joint is beyond its position limit [rad, m]; load: least
+    vertical force on a contact [N]; times: of a step [s].  statuses: how many ticks ended in which.  scale: of each
+    command, its limit.
+    """
+
+    scene: Scene
+    commands: Mat
+    accelerations: Mat
+    error: Vec
+    above: Vec
+    contact: Vec
+    com: Vec
+    over: Vec
+    load: Vec
+    times: Vec
+    statuses: dict[str, int]
+    scale: Vec
+
+
+def run(scene: Scene, variant: Variant, ticks: int = 1500) -> Run:
+    """Carry the commands out exactly for ``ticks`` periods."""
+    who, robot = scene.subject, scene.subject.robot
+    session = variant.of(scene.stack, FORMULATIONS[scene.formulation]).session(robot, DT)
+    k, feet = len(robot.joint_names), who.feet
+    data = Run(
+        scene, np.zeros((ticks, k)), np.zeros((ticks, k)), *(np.zeros(ticks) for _ in range(7)), {}, _limits(scene)
+    )
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    state = robot.state(q, v)
+    at_start = [state.position(foot) for foot in feet]
+    com = state.com()[:2]
+    frame = scene.stack.find(scene.tracked).frame  # type: ignore[attr-defined]
+    joints = robot.actuated
+    low, high = robot.lower[joints], robot.upper[joints]
+    for i in range(ticks):
+        goals = scene.targets(i * DT)
+        state = robot.state(q, v)
+        data.error[i] = np.linalg.norm(state.position(frame) - goals[0].value)
+        data.contact[i] = max((np.linalg.norm(state.position(f) - p) for f, p in zip(feet, at_start, strict=True)), default=0.0)
+        data.com[i] = np.linalg.norm(state.com()[:2] - com) if feet else 0.0
+        angles = state.angles[joints]
+        data.over[i] = max(0.0, float(np.max(angles - high)), float(np.max(low - angles)))
+        begin = perf_counter()
+        tick = session.step(state, *goals)
+        data.times[i] = perf_counter() - begin
+        data.commands[i] = tick.command
+        data.statuses[tick.status.name] = data.statuses.get(tick.status.name, 0) + 1
+        if tick.solution is not None:
+            places = session.program.places
+            rows = [tick.solution.residuals[places[n].level][places[n].part] for n in scene.above if n in places]
+            if isinstance(session.program, TorqueProgram) and feet:
+                forces = session.program.contact_forces(tick.solution.x)
+                data.load[i] = min(float(f[2]) for f in forces.values())
+            data.above[i] = max((float(np.abs(w).max(initial=0.0)) for w in rows), default=0.0)
+        q, v_next = tick.advance()
+        data.accelerations[i] = (v_next - v)[joints] / DT
+        v = v_next
+    return data
+
+
+def _limits(scene: Scene) -> Vec:
+    """The largest command of each joint, for what is noticeable [rad/s, rad/s^2 or N m]."""
+    robot = scene.subject.robot
+    if scene.formulation == "velocity":
+        limit = robot.velocity_limit[robot.actuated]
+    elif scene.formulation == "acceleration":
+        limit = JointLimits().rates(robot)[0]
+        limit = limit[np.searchsorted(JointLimits().selection(robot), robot.actuated)]
+    else:
+        limit = robot.effort_limit[robot.actuated]
+    return np.where(np.isfinite(limit), limit, 10.0)
+
+
+def figures(data: Run) -> dict[str, float | str]:
+    """The figures of a run over its second half: jumps, reversals, accelerations, errors [SI], times [us]."""
+    half = data.commands.shape[0] // 2
+    change = np.diff(data.commands[half:], axis=0)
+    size, seconds = data.scale * NOTICEABLE, (data.commands.shape[0] - half) * DT
+    noticed = np.abs(change) > size
+    flips = (change[1:] * change[:-1] < 0.0) & noticed[1:] & noticed[:-1]
+    share = np.abs(change) / data.scale
+    largest = np.abs(data.accelerations[half:]).max(axis=1)
+    return {
+        "jump": float(np.abs(change).max()),
+        "jump_share": float(share.max()),
+        "jump_p50": float(np.median(np.abs(change).max(axis=1))),
+        "jump_p99": float(np.quantile(np.abs(change).max(axis=1), 0.99)),
+        "jump_start": float(np.abs(np.diff(data.commands, axis=0, prepend=0.0 * data.commands[:1])[:half]).max()),
+        "reversals": float(flips.sum(axis=0).max() / seconds),
+        "acceleration_p50": float(np.median(largest)),
+        "acceleration_p99": float(np.quantile(largest, 0.99)),
+        "error": float(data.error[half:].mean()),
+        "error_end": float(data.error[-1]),
+        "above": float(data.above[half:].max()),
+        "contact": float(data.contact.max()),
+        "com": float(data.com.max()),
+        "over": float(data.over.max()),
+        "load": float(data.load.min()),
+        "tick_p50": float(np.median(data.times) * 1e6),
+        "tick_p99": float(np.quantile(data.times, 0.99) * 1e6),
+        "tick_max": float(data.times.max() * 1e6),
+        "statuses": ", ".join(f"{n} {k}" for n, k in sorted(data.statuses.items())),
+    }

@@ -1,0 +1,91 @@
+"""Torque control with everything a foot can do, and a hand that walks one metre out of reach."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from benchmarks.calm.robots import Subject, subject
+from benchmarks.calm.scenes import RADIUS, RATE, Scene, Targets, law, reach
+from hqp import Level, Stack
+from hqp.element import Element
+from hqp.reference import Reference
+from hqp.tasks import (
+    CenterOfPressure,
+    Com,
+    FixedContact,
+    FrictionCone,
+    JointLimits,
+    Orientation,
+    Position,
+    Posture,
+    TorqueLimits,
+    UnilateralContact,
+)
+
+FRICTION, LOAD = 0.3, 20.0
+"""Friction coefficient; least force on each foot [N]."""
+
+PACE = 0.5
+"""At which the hand's target walks away [m/s]."""
+
+SOLES: Mapping[str, tuple[float, float, float, float]] = {
+    "cbi": (-0.065, 0.18, -0.04, 0.04),
+    "talos": (-0.1, 0.1, -0.06, 0.06),
+    "g1": (-0.05, 0.12, -0.03, 0.03),
+}
+"""Rectangles that every foot of the robot covers (x_min, x_max, y_min, y_max) [m]."""
+
+G1_SOLE = 0.035
+"""Height of G1's ankles, which the catalogue calls soles, over the ground [m]."""
+
+
+@cache
+def standing(name: str) -> Subject:
+    """A humanoid whose contact frames are at the ground."""
+    who = subject(name)
+    if name != "g1":
+        return who
+    model = who.robot.model.copy()
+    for foot in who.feet:
+        ankle = model.frames[model.getFrameId(foot)]
+        place = ankle.placement * pin.SE3(np.eye(3), np.array((0.0, 0.0, -G1_SOLE)))
+        model.addFrame(pin.Frame(f"{foot}_ground", ankle.parentJoint, place, pin.FrameType.OP_FRAME))
+    robot = type(who.robot)(model, name=name, home=who.robot.home, landmarks=who.robot.landmarks)
+    feet = tuple(FixedContact(frame=f"{foot}_ground", name=foot) for foot in who.feet)
+    return Subject(robot, feet, who.hands, who.base, who.ahead)
+
+
+def walking(name: str, limits: Mapping[str, Any]) -> Scene:
+    """Friction 0.3, centre of pressure, 20 N on each foot, torque and joint limits; the hand's target walks away."""
+    who, of = standing(name), partial(law, "torque")
+    hard: list[Element] = [*who.contacts, TorqueLimits(), JointLimits(**limits)]
+    for contact in who.contacts:
+        hard += [
+            UnilateralContact(contact=contact.name, minimum=LOAD),
+            FrictionCone(contact=contact.name, mu=FRICTION),
+            CenterOfPressure(contact=contact.name, rectangle=SOLES[name]),
+        ]
+    hand = Position(frame=who.hands[0], law=of(5.0), name="hand")
+    stack = Stack(
+        Level(Com(axes="xy", law=of(5.0), name="com"), name="balance"),
+        Level(hand, name="hand"),
+        Level(Orientation(frame=who.base or "", law=of(2.0), name="base"), name="base"),
+        Level(Posture(law=of(1.0)), name="posture"),
+        subject_to=hard,
+    )
+    return Scene("walking hand", who, "torque", stack, _walk(name, who, hand), above=("com",))
+
+
+def _walk(name: str, who: Subject, hand: Position) -> Targets:
+    start, far = who.robot.state(who.robot.home).position(who.hands[0]), reach(name) + 1.0
+
+    def at(t: float) -> tuple[Reference, ...]:
+        sway = RADIUS * np.array((0.0, np.sin(RATE * t), 1.0 - np.cos(RATE * t)))
+        return (hand.at(start + min(PACE * t, far) * who.ahead + sway),)
+
+    return at
