@@ -19,14 +19,19 @@ PARTS = {
     "timing": "2000 ticks of 500 Hz through every solver against 2 ms and the bare Pinocchio calls",
     "torque": "torque ticks of 1 kHz on Dreamer and Talos through every solver, split",
     "solvers": "solvers on problem sets, without a robot",
+    "calm": "closed loops out of reach, at the edge, blocked: exact beside priced levels",
     "experiments": "experiments in simulation",
 }
 """Parts of the main job in order; a part is there if its module is.  A module has ``add_arguments`` and ``run``."""
 
-ROOMS = {"timing": "speed.timing", "torque": "speed.torque", "solvers": "speed.solvers"}
+ROOMS = {"timing": "speed.timing", "torque": "speed.torque", "solvers": "speed.solvers", "calm": "calm.command"}
 """Modules of parts that do not bear the part's name."""
 
-FULL_RUN_OPTIONS = {"torque": ("--ticks", "1000"), "solvers": ("--repeat", "3", "--random", "2000")}
+FULL_RUN_OPTIONS = {
+    "torque": ("--ticks", "1000"),
+    "solvers": ("--repeat", "3", "--random", "2000"),
+    "calm": ("--quick",),
+}
 """What the main job asks less of than a part run by itself, to end within ten minutes on two cores."""
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
@@ -39,10 +38,8 @@ class Variant:
 
     def of(self, stack: Stack, formulation: Formulation) -> hqp.Controller:
         """The controller of a stack."""
-        options: dict[str, Any] = {} if self.priced else {"price": 0}
-        if "price" not in {f.name for f in dataclasses.fields(hqp.Controller)}:
-            options = {}
-        return hqp.Controller(stack, formulation, solver=self.solver, **options)
+        price = hqp.Price() if self.priced and self.solver != "weighted" else 0
+        return hqp.Controller(stack, formulation, solver=self.solver, price=price)
 
 
 PRICED = Variant("priced")
@@ -104,7 +101,9 @@ def run(scene: Scene, variant: Variant, ticks: int = 1500) -> Run:
         goals = scene.targets(i * DT)
         state = robot.state(q, v)
         data.error[i] = np.linalg.norm(state.position(frame) - goals[0].value)
-        data.contact[i] = max((np.linalg.norm(state.position(f) - p) for f, p in zip(feet, at_start, strict=True)), default=0.0)
+        data.contact[i] = max(
+            (np.linalg.norm(state.position(f) - p) for f, p in zip(feet, at_start, strict=True)), default=0.0
+        )
         data.com[i] = np.linalg.norm(state.com()[:2] - com) if feet else 0.0
         angles = state.angles[joints]
         data.over[i] = max(0.0, float(np.max(angles - high)), float(np.max(low - angles)))

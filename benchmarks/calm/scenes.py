@@ -138,16 +138,12 @@ def scenes(name: str, formulation: str, limits: Mapping[str, Any]) -> dict[str, 
 
     def single(kind: str, path: Callable[[Position, Vec], Targets], label: str) -> Scene:
         stack = default_stack(who, formulation, limits)
-        return Scene(
-            label, who, formulation, stack, path(task, place(kind)), above=above, within=kind == "within"
-        )
+        return Scene(label, who, formulation, stack, path(task, place(kind)), above=above, within=kind == "within")
 
     def hands() -> Scene:
         other = Position(frame=who.hands[1], law=task.law, name="other hand")
         stack = default_stack(who, formulation, limits, Level(task, other, name="hands"))
-        goals = both(
-            still(task, place("beyond")), still(other, start(1) + (reach(name, 1) + 1.0) * who.ahead)
-        )
+        goals = both(still(task, place("beyond")), still(other, start(1) + (reach(name, 1) + 1.0) * who.ahead))
         return Scene("both hands", who, formulation, stack, goals, above=above)
 
     def contradictory() -> Scene:

@@ -9,6 +9,9 @@ from benchmarks.calm.robots import subject
 from benchmarks.calm.scenes import DT, FORMULATIONS, default_stack, reach
 from hqp.tasks import Position
 
+COM = 0.01
+"""Most that the CoM may be off [m]."""
+
 
 def reaching(variant: Variant, seconds: float = 5.0) -> dict[str, float]:
     """CoM error, largest torque and tilt of the pelvis; commands are integrated and sent to stiff servos.
@@ -20,8 +23,7 @@ def reaching(variant: Variant, seconds: float = 5.0) -> dict[str, float]:
     who = subject("cbi")
     robot = who.robot
     stack = default_stack(who, "velocity", variant.limits)
-    scene_controller = variant.of(stack, FORMULATIONS["velocity"])
-    session = scene_controller.session(robot, DT)
+    session = variant.of(stack, FORMULATIONS["velocity"]).session(robot, DT)
     plant = Plant(robot, actuation="position", terrain=Plane(friction=0.8))
     q, v = plant.reset()
     places = robot.positions(robot.actuated)

@@ -1,0 +1,62 @@
+"""What a calm controller is held to, by formulation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+Figures = Mapping[str, float | str]
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Most that a figure may be; share: of the joint's limit, where that is more."""
+
+    figure: str
+    most: float
+    share: float = 0.0
+
+
+GOALS: Mapping[str, tuple[Goal, ...]] = {
+    "velocity": (
+        Goal("jump", 0.2), Goal("reversals", 5.0), Goal("acceleration_p50", 3.0), Goal("acceleration_p99", 30.0),
+        Goal("above", 1e-9),
+    ),
+    "acceleration": (
+        Goal("jump", 20.0), Goal("reversals", 5.0), Goal("acceleration_p50", 5.0), Goal("acceleration_p99", 50.0),
+        Goal("above", 1e-9),
+    ),
+    "torque": (
+        Goal("jump", 5.0, share=0.1), Goal("reversals", 5.0), Goal("acceleration_p50", 5.0),
+        Goal("acceleration_p99", 50.0), Goal("above", 1e-8),
+    ),
+}  # fmt: skip
+"""Largest change of a command in a tick, reversals a second, joint accelerations, levels above the hand."""
+
+LOSS, OFFSET = 1.01, 1e-4
+"""Within reach the error may be this times the exact one, or this much more [m]."""
+
+WALKING = (Goal("com", 1e-3), Goal("over", 1e-9), Goal("tick_max", 2000.0))
+"""The walking hand: CoM [m], position limits [rad], worst tick [us]; loads are asked to be positive besides."""
+
+
+def misses(formulation: str, figures: Figures) -> Iterator[str]:
+    """Names of the figures that miss their goal."""
+    for goal in GOALS[formulation]:
+        most = float(figures[goal.figure])
+        if most > goal.most and not (goal.share and float(figures[f"{goal.figure}_share"]) <= goal.share):
+            yield goal.figure
+
+
+def walking_misses(figures: Figures) -> Iterator[str]:
+    """The same for a walking hand."""
+    for goal in WALKING:
+        if float(figures[goal.figure]) > goal.most:
+            yield goal.figure
+    if float(figures["load"]) < 0.0:
+        yield "load"
+
+
+def loses(priced: Figures, exact: Figures) -> bool:
+    """Whether a scene within reach is tracked worse than the exact problem does."""
+    return float(priced["error"]) > max(LOSS * float(exact["error"]), float(exact["error"]) + OFFSET)

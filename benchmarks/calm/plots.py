@@ -1,0 +1,46 @@
+"""Joint commands of one scene, exact beside priced."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from benchmarks.calm.loop import Run
+from benchmarks.calm.scenes import DT
+
+UNITS = {"velocity": "joint velocity [rad/s]", "acceleration": "joint acceleration [rad/s²]", "torque": "torque [N m]"}
+
+
+def commands(runs: Mapping[str, Run], path: Path) -> Path:
+    """One panel a variant, its own scale where the other's would hide it; the six joints that move most are named."""
+    first = next(iter(runs.values()))
+    names = first.scene.subject.robot.joint_names
+    figure, axes = plt.subplots(
+        1, len(runs), figsize=(5.2 * len(runs), 3.6), sharex=True, layout="constrained", squeeze=False
+    )
+    last = list(runs.values())[-1].commands
+    busiest = np.argsort(-np.abs(last - last.mean(axis=0)).max(axis=0))[:6]
+    for axis, (label, run) in zip(axes[0], runs.items(), strict=True):
+        t = DT * np.arange(run.commands.shape[0])
+        others = np.setdiff1d(np.arange(run.commands.shape[1]), busiest)
+        axis.plot(t, run.commands[:, others], color="0.8", linewidth=0.5)
+        for j in busiest:
+            axis.plot(t, run.commands[:, j], linewidth=0.9, label=names[j])
+        axis.set(title=label, xlabel="time [s]")
+        axis.grid(alpha=0.3)
+    scene = first.scene
+    axes[0, 0].set_ylabel(UNITS[scene.formulation])
+    figure.suptitle(f"{scene.subject.robot.name}, {scene.formulation}: {scene.name}")
+    handles, labels = axes[0, -1].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize="small")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=100)
+    plt.close(figure)
+    return path
