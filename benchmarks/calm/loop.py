@@ -81,15 +81,20 @@ class Run:
     statuses: dict[str, int]
     scale: Vec
 
+    @classmethod
+    def empty(cls, scene: Scene, ticks: int) -> Run:
+        """A run to fill."""
+        k = len(scene.subject.robot.joint_names)
+        numbers = (np.zeros(ticks) for _ in range(7))
+        return cls(scene, np.zeros((ticks, k)), np.zeros((ticks, k)), *numbers, {}, _limits(scene))
+
 
 def run(scene: Scene, variant: Variant, ticks: int = 1500) -> Run:
     """Carry the commands out exactly for ``ticks`` periods."""
     who, robot = scene.subject, scene.subject.robot
     session = variant.of(scene.stack, FORMULATIONS[scene.formulation]).session(robot, DT)
-    k, feet = len(robot.joint_names), who.feet
-    data = Run(
-        scene, np.zeros((ticks, k)), np.zeros((ticks, k)), *(np.zeros(ticks) for _ in range(7)), {}, _limits(scene)
-    )
+    feet = who.feet
+    data = Run.empty(scene, ticks)
     q, v = robot.home.copy(), np.zeros(robot.nv)
     state = robot.state(q, v)
     at_start = [state.position(foot) for foot in feet]

@@ -1,0 +1,72 @@
+"""Targets out of reach, a walking hand: calm with prices, restless without, and the figures that tell them apart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.calm import goals
+from benchmarks.calm.loop import EXACT, PRICED, Run, Variant, figures, run
+from benchmarks.calm.scenes import DT, scenes
+from benchmarks.calm.walking import walking
+
+
+def loop(robot: str, formulation: str, name: str, variant: Variant, ticks: int = 700) -> dict[str, float | str]:
+    return figures(run(scenes(robot, formulation, variant.limits)[name](), variant, ticks))
+
+
+@pytest.mark.parametrize("formulation", ["velocity", "acceleration"])
+def test_out_of_reach_an_arm_is_calm(formulation: str) -> None:
+    priced, exact = (loop("ur5", formulation, "beyond", variant) for variant in (PRICED, EXACT))
+    restless = {"jump", "reversals", "acceleration_p99"}
+    assert not restless & set(goals.misses(formulation, priced))
+    assert restless <= set(goals.misses(formulation, exact))  # the scene can tell
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", ["talos", "g1"])
+def test_out_of_reach_a_humanoid_is_calm(robot: str) -> None:
+    priced = loop(robot, "velocity", "beyond", PRICED, 1500)
+    assert not {"jump", "reversals", "acceleration_p99", "above"} & set(goals.misses("velocity", priced))
+    assert float(priced["contact"]) < 2e-4
+    assert float(priced["over"]) < 1e-9
+    assert "reversals" in set(goals.misses("velocity", loop(robot, "velocity", "beyond", EXACT, 1500)))
+
+
+def test_within_reach_a_price_costs_nothing() -> None:
+    priced, exact = (loop("panda", "velocity", "circle within", v) for v in (PRICED, replace(PRICED, priced=False)))
+    assert not goals.loses(priced, exact)
+
+
+def test_the_default_limits_keep_a_walking_hand_on_its_feet() -> None:
+    """Torque control with friction, even where levels are exact: limits held, feet loaded, CoM in place."""
+    variant = Variant("exact", priced=False)
+    told = figures(run(walking("talos", variant.limits), variant, 1200))
+    assert float(told["over"]) < 1e-9
+    assert float(told["load"]) > 20.0 - 1e-6
+    assert float(told["com"]) < 1e-3
+    assert "CONSTRAINTS_VIOLATED" not in str(told["statuses"])
+
+
+def test_figures_of_known_commands() -> None:
+    """One joint that flips, one that drifts: reversals a second, jumps and accelerations by hand."""
+    scene = scenes("ur5", "velocity", {})["within"]()
+    ticks = 400
+    commands = np.zeros((ticks, 6))
+    commands[::2, 0] = 0.5  # a change of 0.5 every tick, 499 turns a second
+    commands[:, 1] = 1e-6 * (-1.0) ** np.arange(ticks)  # too small to be noticed
+    accelerations = np.zeros((ticks, 6))
+    accelerations[ticks // 2 :, 3] = 7.0
+    data = Run.empty(scene, ticks)
+    data = replace(data, commands=commands, accelerations=accelerations, scale=np.full(6, 2.0))
+    data.error[:], data.times[:] = 0.1, 1e-4
+    told = figures(data)
+    assert told["jump"] == pytest.approx(0.5)
+    assert told["jump_share"] == pytest.approx(0.25)
+    assert told["reversals"] == pytest.approx((ticks // 2 - 2) / (ticks // 2 * DT))
+    assert told["acceleration_p50"] == pytest.approx(7.0)
+    assert told["error"] == pytest.approx(0.1)
+    assert told["tick_p50"] == pytest.approx(100.0)
+    assert list(goals.misses("velocity", told)) == ["jump", "reversals", "acceleration_p50"]
