@@ -13,11 +13,12 @@ import numpy as np
 import hqp
 from benchmarks.calm.robots import Subject, subject
 from hqp import PD, Level, P, Stack
-from hqp.arrays import Vec
-from hqp.element import Element
+from hqp.arrays import Mat, Vec
+from hqp.element import Element, Inequality
 from hqp.formulation import Formulation
 from hqp.law import Law
 from hqp.reference import Reference
+from hqp.robot import Robot, State
 from hqp.tasks import Com, JointLimits, Orientation, Position, Posture, TorqueLimits
 
 DT = 0.002
@@ -37,6 +38,31 @@ FORMULATIONS: Mapping[str, Formulation] = {
 
 Targets = Callable[[float], tuple[Reference, ...]]
 """References at a time [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Wall(Inequality):
+    """The origin of a frame stays on this side of a plane: n . p <= offset, one row [m]."""
+
+    frame: str
+    normal: tuple[float, float, float]
+    offset: float
+
+    def rows(self, robot: Robot) -> int:
+        """1."""
+        return 1
+
+    def jacobian(self, state: State) -> Mat:
+        """n' J_v ``(1, nv)``."""
+        return (np.array(self.normal) @ state.jacobian(self.frame)[:3])[None]
+
+    def bounds(self, state: State) -> tuple[float, float]:
+        """The way left to the plane."""
+        return -math.inf, self.offset - float(np.array(self.normal) @ state.position(self.frame))
+
+    def drift(self, state: State) -> Vec:
+        """n' dJ_v/dt v ``(1,)``."""
+        return np.array([np.array(self.normal) @ state.drift(self.frame)[:3]])
 
 
 @dataclass(frozen=True)
@@ -155,13 +181,23 @@ def scenes(name: str, formulation: str, limits: Mapping[str, Any]) -> dict[str, 
             above=(*above, "hand"), within=True,
         )  # fmt: skip
 
+    def wall() -> Scene:
+        there = start() + 0.3 * reach(name) * who.ahead
+        plane = _Wall(
+            name="wall", frame=who.hands[0], normal=tuple(who.ahead.tolist()), offset=float(who.ahead @ there)
+        )
+        stack = default_stack(who, formulation, limits)
+        stack = Stack(*stack.levels, subject_to=[*stack.subject_to, plane])
+        goals = still(task, there + 0.2 * who.ahead)
+        return Scene("wall", who, formulation, stack, goals, above=(*above, "wall"), within=True)
+
     found: dict[str, Callable[[], Scene]] = {}
     for kind in (*PLACES, "beyond"):
         found[kind] = partial(single, kind, still, kind)
         found[f"circle {kind}"] = partial(single, kind, circle, f"circle {kind}")
     if len(who.hands) > 1:
         found["both hands"] = hands
-    found["contradictory"] = contradictory
+    found["wall"], found["contradictory"] = wall, contradictory
     if name == "talos":
         found["knee"] = partial(knee, formulation, limits)
     return found

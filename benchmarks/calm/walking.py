@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from benchmarks.calm.robots import Subject, subject
 from benchmarks.calm.scenes import RADIUS, RATE, Scene, Targets, law, reach
@@ -17,7 +16,6 @@ from hqp.reference import Reference
 from hqp.tasks import (
     CenterOfPressure,
     Com,
-    FixedContact,
     FrictionCone,
     JointLimits,
     Orientation,
@@ -36,33 +34,14 @@ PACE = 0.5
 SOLES: Mapping[str, tuple[float, float, float, float]] = {
     "cbi": (-0.065, 0.18, -0.04, 0.04),
     "talos": (-0.1, 0.1, -0.06, 0.06),
-    "g1": (-0.05, 0.12, -0.03, 0.03),
+    "g1": (-0.08, 0.08, -0.03, 0.03),
 }
 """Rectangles that every foot of the robot covers (x_min, x_max, y_min, y_max) [m]."""
-
-G1_SOLE = 0.035
-"""Height of G1's ankles, which the catalogue calls soles, over the ground [m]."""
-
-
-@cache
-def standing(name: str) -> Subject:
-    """A humanoid whose contact frames are at the ground."""
-    who = subject(name)
-    if name != "g1":
-        return who
-    model = who.robot.model.copy()
-    for foot in who.feet:
-        ankle = model.frames[model.getFrameId(foot)]
-        place = ankle.placement * pin.SE3(np.eye(3), np.array((0.0, 0.0, -G1_SOLE)))
-        model.addFrame(pin.Frame(f"{foot}_ground", ankle.parentJoint, place, pin.FrameType.OP_FRAME))
-    robot = type(who.robot)(model, name=name, home=who.robot.home, landmarks=who.robot.landmarks)
-    feet = tuple(FixedContact(frame=f"{foot}_ground", name=foot) for foot in who.feet)
-    return Subject(robot, feet, who.hands, who.base, who.ahead)
 
 
 def walking(name: str, limits: Mapping[str, Any]) -> Scene:
     """Friction 0.3, centre of pressure, 20 N on each foot, torque and joint limits; the hand's target walks away."""
-    who, of = standing(name), partial(law, "torque")
+    who, of = subject(name), partial(law, "torque")
     hard: list[Element] = [*who.contacts, TorqueLimits(), JointLimits(**limits)]
     for contact in who.contacts:
         hard += [
