@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
@@ -37,9 +38,9 @@ class Variant:
         return {} if self.default else {"acceleration": self.window, "braking": self.braking}
 
     def of(self, stack: Stack, formulation: Formulation) -> hqp.Controller:
-        """The controller of a stack."""
+        """The controller of a stack; no deadline, so that figures do not depend on the machine."""
         price = hqp.Price() if self.priced and self.solver != "weighted" else 0
-        return hqp.Controller(stack, formulation, solver=self.solver, price=price)
+        return hqp.Controller(stack, formulation, solver=self.solver, price=price, deadline=math.inf)
 
 
 PRICED = Variant("priced")
