@@ -29,16 +29,8 @@ from hqp.arrays import Mat, Vec
 from hqp.errors import ProblemError
 from hqp.nnls import nonnegative_least_squares
 from hqp.pricing import Coordinates, after_stages, feasible_set, is_met
-from hqp.problem import ROUNDING, Hierarchy, Rows
-
-RANK_TOLERANCE = 1e-10
-"""Rows of unit length add a fixed direction above this singular value: the smallest that is no rounding."""
-
-LOCK_TOLERANCE = 1e-5
-"""A met row counts as fixed for the levels below above this relative multiplier."""
-
-SMALLEST_LOCK = 1e-13
-"""From here to LOCK_TOLERANCE a multiplier may be rounding or not: an answer that fits either reading passes."""
+from hqp.problem import Hierarchy, Rows
+from hqp.tolerances import CERTIFIED_RANK_TOLERANCE, LOCK_TOLERANCE, ROUNDING, SMALLEST_LOCK
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -255,7 +247,7 @@ class _Judge:
         if not projected.size:
             return 0
         _, sigma, Vt = np.linalg.svd(projected, full_matrices=True)
-        rank = int(np.count_nonzero(sigma > RANK_TOLERANCE))
+        rank = int(np.count_nonzero(sigma > CERTIFIED_RANK_TOLERANCE))
         self.Z = self.Z @ Vt[rank:].T
         return rank
 

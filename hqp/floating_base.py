@@ -6,9 +6,7 @@ import numpy as np
 
 from hqp.arrays import Mat, Vec
 from hqp.errors import ProblemError
-
-RANK_TOLERANCE = 1e-9
-"""Singular values below this share of the largest count as zero."""
+from hqp.tolerances import RANK_TOLERANCE
 
 
 def base_velocity(J_C: Mat, joint_velocity: Vec) -> Vec:

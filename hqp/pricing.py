@@ -22,9 +22,7 @@ import numpy as np
 
 from hqp.arrays import Mat, Vec
 from hqp.problem import Hierarchy, Motion, Rows, Selection
-
-MET = 1e-10
-"""A priced level with ||w_k|| below this fraction of its terms is met: its rows are handed down as they are."""
+from hqp.tolerances import MET_TOLERANCE
 
 FLAT = 1e-7
 """Directions without motion get this fraction of the largest column of F, so that the least ||x|| is taken there."""
@@ -69,12 +67,12 @@ class Coordinates:
 
 
 def is_met(rows: Rows, x: Vec) -> bool:
-    """Whether ||w|| at x is no more than rounding leaves of zero, MET of the level's terms and bounds."""
+    """Whether ||w|| at x is no more than rounding leaves of zero, MET_TOLERANCE of the level's terms and bounds."""
     w = rows.slack(x)
     A = rows.dense(x.size)
     bounds = np.where(np.isfinite(rows.lower), rows.lower, np.where(np.isfinite(rows.upper), rows.upper, 0.0))
     size = float(np.max(np.abs(A) @ np.abs(x) + np.abs(bounds), initial=0.0))
-    return float(np.sqrt(w @ w)) <= MET * size
+    return float(np.sqrt(w @ w)) <= MET_TOLERANCE * size
 
 
 def handed_down(rows: Rows, x: Vec, still: Vec, share: float, guard: bool) -> Rows:
@@ -138,7 +136,7 @@ def at_optimum(rows: Rows, x: Vec) -> Rows:
     """An exact level's optimal set: its slack is unique, so equality rows and violated rows keep their value."""
     y = rows.A @ x
     w = rows.slack(x)
-    fixed = (rows.lower == rows.upper) | (np.abs(w) > MET * (1.0 + np.abs(y)))
+    fixed = (rows.lower == rows.upper) | (np.abs(w) > MET_TOLERANCE * (1.0 + np.abs(y)))
     return Rows(rows.A, np.where(fixed, y, rows.lower), np.where(fixed, y, rows.upper))
 
 

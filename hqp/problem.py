@@ -14,14 +14,8 @@ from hqp.errors import NotSolved, ProblemError
 EQUALITY = 2
 """Mark of an equality row in ``Solution.active``."""
 
-VIOLATION_TOLERANCE = 1e-8
-"""A constraint row counts as violated above this slack, relative to 1 + |bound|."""
-
 SHARE = 1e-3
 """By how much of its ||w_k|| the levels below may move the rows of an unmet priced level, by default."""
-
-ROUNDING = 2e-15
-"""Rows shorter than this fraction of a problem's longest row are what rounding left of zero: no solver follows them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -26,7 +26,7 @@ from hqp.errors import (
 from hqp.explain import Explanation, explain
 from hqp.formulation import Formulation, Program, Velocity
 from hqp.price import Priced, affordable, as_price
-from hqp.problem import VIOLATION_TOLERANCE, Hierarchy, Solution, Status
+from hqp.problem import Hierarchy, Solution, Status
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 from hqp.safety import Braking, RateLimits, StateBounds, StateCheck, positive, rate_limiter
@@ -34,6 +34,7 @@ from hqp.solvers import default, load
 from hqp.solvers.base import Solver
 from hqp.stack import Stack, coupled
 from hqp.tick import Note, OrdinaryTick, Tick, Times
+from hqp.tolerances import VIOLATION_TOLERANCE
 
 DEADLINE = 0.8
 """Share of the control period that a tick may take before its solver returns the best point so far."""

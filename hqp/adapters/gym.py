@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import gymnasium
+import gymnasium  # pyright: ignore[reportMissingImports]
 import numpy as np
 
 from hqp.arrays import Vec
@@ -13,7 +13,7 @@ from hqp.session import Controller
 from hqp.stack import Stack
 
 
-class StackEnv(gymnasium.Env[Any, Any]):
+class StackEnv(gymnasium.Env[Any, Any]):  # type: ignore[misc,unused-ignore]
     """Actions are offsets of a position target from home, observations joint angles, rates and the hand's error.
 
     stack: with a Position ``target``.  robot: on which it runs.  reach: of the action, each axis [m].  reward: of
@@ -21,7 +21,7 @@ class StackEnv(gymnasium.Env[Any, Any]):
     plant: ``integrator`` or ``mujoco``.  Raises DeclarationError for an unknown target.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012  (Gymnasium's own way)
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012  (Gymnasium's own way)
 
     def __init__(
         self,

@@ -11,20 +11,8 @@ import numpy as np
 
 from hqp.arrays import Mat, Signs, Vec
 from hqp.errors import DeclarationError, ProblemError, UnsupportedProblem
-from hqp.problem import (
-    EQUALITY,
-    VIOLATION_TOLERANCE,
-    Hierarchy,
-    Rows,
-    Shape,
-    Solution,
-    Stats,
-    Status,
-)
-
-ACTIVITY_TOLERANCE = 1e-9
-"""An inequality row counts as active within this distance of its bound, relative to 1 + |bound|."""
-
+from hqp.problem import EQUALITY, Hierarchy, Rows, Shape, Solution, Stats, Status
+from hqp.tolerances import ACTIVITY_TOLERANCE, VIOLATION_TOLERANCE
 
 UNSURE = "a rank decision was uncertain"
 """Detail of an answer that is RANK_UNCERTAIN, where a violated constraint has its status."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from hqp.arrays import Index, Mask, Mat, Vec
 from hqp.errors import BackendError
-from hqp.problem import ROUNDING, Hierarchy, Shape, Solution, Stats
+from hqp.problem import Hierarchy, Shape, Solution, Stats
 from hqp.solvers.backends import QpAnswer, QpWorkspace, load
 from hqp.solvers.base import Solver, Workspace, check_fields
 from hqp.solvers.conclude import conclude
@@ -18,6 +18,7 @@ from hqp.solvers.flat import Flat
 from hqp.solvers.recursion import Recursion, geqp3, ormqr
 from hqp.solvers.refine import Refiner
 from hqp.solvers.stages import StagedWorkspace
+from hqp.tolerances import RANK_TOLERANCE, ROUNDING
 
 RELAXATION = 1e-11
 """Rows met above may be left by this much [unit of the row, its length taken as 1]: the next level is degenerate."""
@@ -42,7 +43,7 @@ class Cascade(Solver):
     backend: str = "proxqp"
     tolerance: float = 1e-9
     max_iterations: int = 2000
-    rank_tolerance: float = 1e-9
+    rank_tolerance: float = RANK_TOLERANCE
     refine: bool = True
     exchanges: int = 100
 

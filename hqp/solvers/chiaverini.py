@@ -14,9 +14,7 @@ from hqp.problem import Hierarchy, Shape, Solution, Stats, Status
 from hqp.solvers.base import Solver, check_number
 from hqp.solvers.flat import Flat
 from hqp.solvers.recursion import Recursion
-
-MET = 1e-10
-"""A residual counts as zero below this fraction of its row's terms."""
+from hqp.tolerances import MET_TOLERANCE, RANK_TOLERANCE
 
 
 @dataclass(frozen=True)
@@ -37,7 +35,7 @@ class Chiaverini(Solver):
     accuracy: ClassVar[float] = 1e-8
 
     damping: float = 0.0
-    rank_tolerance: float = 1e-9
+    rank_tolerance: float = RANK_TOLERANCE
     ignore_inequalities: bool = False
 
     def __post_init__(self) -> None:
@@ -113,4 +111,4 @@ class ChiaveriniWorkspace:
         w = np.abs(flat.slack(x))
         w[:first] *= flat.inequality[:first]
         bound = np.where(flat.equality, np.abs(flat.lower), 1.0)
-        return bool(np.all(w <= MET * (np.abs(flat.A) @ np.abs(x) + bound)))
+        return bool(np.all(w <= MET_TOLERANCE * (np.abs(flat.A) @ np.abs(x) + bound)))

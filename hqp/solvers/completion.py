@@ -7,11 +7,9 @@ from scipy.linalg import get_lapack_funcs
 
 from hqp.arrays import Mat, Vec
 from hqp.problem import Hierarchy, Rows, Selection
+from hqp.tolerances import METRIC_TOLERANCE
 
 (pstrf,) = get_lapack_funcs(("pstrf",), (np.zeros(1),))
-
-METRIC_TOLERANCE = 1e-10
-"""Pivots of the metric below this fraction of its largest diagonal entry count as zero."""
 
 
 def metric_factor(metric: Mat, tolerance: float = METRIC_TOLERANCE) -> Mat:

@@ -17,6 +17,7 @@ from hqp.solvers.conclude import conclude
 from hqp.solvers.flat import Flat
 from hqp.solvers.refine import Refiner
 from hqp.solvers.stages import StagedWorkspace
+from hqp.tolerances import RANK_TOLERANCE
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Daqp(Solver):
 
     tolerance: float = 1e-6
     max_iterations: int = 1000
-    rank_tolerance: float = 1e-9
+    rank_tolerance: float = RANK_TOLERANCE
     refine: bool = True
     exchanges: int = 100
 

@@ -8,9 +8,10 @@ from typing import TypeVar
 import numpy as np
 
 from hqp.arrays import Mask, Mat, Signs, Vec
-from hqp.problem import EQUALITY, VIOLATION_TOLERANCE, Hierarchy, Selection, Shape, Solution, Stats, Status
-from hqp.solvers.base import ACTIVITY_TOLERANCE, UNSURE, check_shape
+from hqp.problem import EQUALITY, Hierarchy, Selection, Shape, Solution, Stats, Status
+from hqp.solvers.base import UNSURE, check_shape
 from hqp.solvers.completion import metric_factor
+from hqp.tolerances import ACTIVITY_TOLERANCE, VIOLATION_TOLERANCE
 
 _Array = TypeVar("_Array", Vec, Signs)
 

@@ -20,6 +20,7 @@ from hqp.problem import Hierarchy, Selection, Shape, Solution, Stats, Status
 from hqp.solvers.base import UNSURE, Solver, Workspace, check_shape, finish
 from hqp.solvers.flat import Flat
 from hqp.solvers.stages import StagedWorkspace
+from hqp.tolerances import FEASIBILITY_TOLERANCE, MULTIPLIER_TOLERANCE, RANK_TOLERANCE
 
 try:
     _native: Any = importlib.import_module("hqp._lexicographic")
@@ -69,9 +70,9 @@ class Lexicographic(Solver):
     accuracy: ClassVar[float] = 1e-8
     priced: ClassVar[bool] = True
 
-    rank_tolerance: float = 1e-9
-    multiplier_tolerance: float = 1e-11
-    feasibility_tolerance: float = 1e-11
+    rank_tolerance: float = RANK_TOLERANCE
+    multiplier_tolerance: float = MULTIPLIER_TOLERANCE
+    feasibility_tolerance: float = FEASIBILITY_TOLERANCE
     max_iterations: int | None = None
     deadline: float | None = None
     exchange_credit: int = 3

@@ -15,6 +15,7 @@ from hqp.solvers.base import Solver, check_number
 from hqp.solvers.completion import metric_factor
 from hqp.solvers.flat import Flat
 from hqp.solvers.recursion import Recursion
+from hqp.tolerances import RANK_TOLERANCE
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Nullspace(Solver):
     inequalities: ClassVar[bool] = False
     accuracy: ClassVar[float] = 1e-8
 
-    rank_tolerance: float = 1e-9
+    rank_tolerance: float = RANK_TOLERANCE
     damping: float | tuple[float, ...] = 0.0
     ignore_inequalities: bool = False
 

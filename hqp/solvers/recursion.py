@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import get_lapack_funcs
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.problem import ROUNDING
+from hqp.tolerances import ROUNDING
 
 NEAR = 100.0
 """A pivot within this factor of the rank tolerance makes a rank decision uncertain."""

@@ -20,11 +20,12 @@ import numpy as np
 from hqp.arrays import Mask, Mat, Vec
 from hqp.nnls import nonnegative_least_squares
 from hqp.pricing import Coordinates, after_stages, at_optimum, feasible_set, stack_rows
-from hqp.problem import ROUNDING, Hierarchy, Rows, Shape, Solution, Stats, Status
+from hqp.problem import Hierarchy, Rows, Shape, Solution, Stats, Status
 from hqp.solvers.base import Solver, check_fields, finish
 from hqp.solvers.completion import completion
 from hqp.solvers.flat import Flat
 from hqp.solvers.stages import multiplier
+from hqp.tolerances import RANK_TOLERANCE, ROUNDING
 
 HELD = 1e-11
 """A row is active this close to its bound, relative to its terms; a direction of unit length stays on it below this."""
@@ -45,7 +46,7 @@ class Reference(Solver):
     accuracy: ClassVar[float] = 1e-8
     priced: ClassVar[bool] = True
 
-    rank_tolerance: float = 1e-9
+    rank_tolerance: float = RANK_TOLERANCE
     max_iterations: int = 1000
 
     def __post_init__(self) -> None:

@@ -14,12 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hqp.arrays import Index, Mask, Signs, Vec
-from hqp.problem import ROUNDING
 from hqp.solvers.flat import Flat
 from hqp.solvers.recursion import Recursion
-
-ZERO = 1e-10
-"""Multipliers and slacks below this count as zero, relative to their level's size."""
+from hqp.tolerances import MET_TOLERANCE, ROUNDING
 
 BLOCK = 4
 """So many times all rows that fail are exchanged at once; then one at a time, never losing ground."""
@@ -78,7 +75,7 @@ class Refiner:
             if row >= 0:
                 x = x + step * (found - x)
                 sides[row] = side
-                stuck[row] = row == dropped and step < ZERO  # its sign is below what can be told: it stays
+                stuck[row] = row == dropped and step < MET_TOLERANCE  # its sign is below what can be told: it stays
             elif wrong.size:
                 x, dropped = found, int(wrong[0])
                 sides[dropped] = 0
@@ -131,7 +128,7 @@ class Refiner:
         """Rows left out that x violates, above and below."""
         flat = self.flat
         value = flat.A @ x
-        slop = ZERO * (self._lengths + np.abs(flat.A) @ np.abs(x))
+        slop = MET_TOLERANCE * (self._lengths + np.abs(flat.A) @ np.abs(x))
         out = flat.inequality & (sides == 0)
         return out & (value > flat.upper + slop), out & (value < flat.lower - slop)
 
@@ -139,7 +136,7 @@ class Refiner:
         """How far x may go along d, and the row left out that stops it with its side, -1 where none does."""
         flat = self.flat
         value, rate = flat.A @ x, flat.A @ d
-        slop = ZERO * (self._lengths + np.abs(flat.A) @ np.abs(x + d))
+        slop = MET_TOLERANCE * (self._lengths + np.abs(flat.A) @ np.abs(x + d))
         out = flat.inequality & (sides == 0)
         up = out & (value + rate > flat.upper + slop)
         down = out & (value + rate < flat.lower - slop)
@@ -169,7 +166,7 @@ class Refiner:
         pull = L * self._lengths[rows[signed], None] / np.maximum(scale, TINY)
         each = np.arange(own.size)
         pull[each, own] = L[each, own] / np.maximum(longest[own] * size, TINY)
-        pull[np.abs(pull) <= ZERO] = 0.0
+        pull[np.abs(pull) <= MET_TOLERANCE] = 0.0
         first = np.argmax(pull != 0.0, axis=1)
         decisive = pull[each, first]
         bad = np.flatnonzero(decisive < 0.0)

@@ -22,14 +22,12 @@ from scipy.linalg import get_lapack_funcs
 from hqp.arrays import Index, Mat, Vec
 from hqp.errors import DynamicsFailed
 from hqp.robot import Robot
+from hqp.tolerances import RANK_TOLERANCE
 
 try:
     from hqp import _torque as native
 except ImportError:  # no compiler was there: LAPACK does it all
     native = None  # type: ignore[assignment]
-
-RANK_TOLERANCE = 1e-9
-"""Singular values and pivots below this fraction of the largest count as zero."""
 
 _WORK = 4096
 

@@ -15,7 +15,7 @@ from hqp.errors import DeclarationError, ModelError
 from hqp.law import Law
 from hqp.robot import Robot
 from hqp.stack import Stack
-from hqp.torque.dynamics import RANK_TOLERANCE
+from hqp.tolerances import INERTIA_TOLERANCE, RANK_TOLERANCE
 
 
 def reactions(stack: Stack) -> tuple[Element, ...]:
@@ -62,9 +62,6 @@ def actuation(J: Mat, actuated: Index, tolerance: float = RANK_TOLERANCE) -> Act
     least = float(own[rank - 1] / own[0]) if rank else 0.0
     return Actuation(m, rank, least, full, float(both[-1]) if full == nv and both.size >= nv else 0.0, nv)
 
-
-INERTIA_TOLERANCE = 1e-12
-"""Least eigenvalue of the inertia, its diagonal scaled to one, that Torque takes."""
 
 _KNOWN: WeakKeyDictionary[Robot, dict[tuple[Element, ...], Actuation]] = WeakKeyDictionary()
 """What was found complete before: a change of stack within the loop need not find it again."""

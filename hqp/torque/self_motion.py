@@ -15,7 +15,7 @@ from hqp.layout import Group
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 from hqp.stack import Stack
-from hqp.torque.dynamics import RANK_TOLERANCE
+from hqp.tolerances import RANK_TOLERANCE
 
 STEP = 2e-3
 """Tangent step [m, rad] of the differences that give dPhi/dt y; their error is of fourth order in it."""

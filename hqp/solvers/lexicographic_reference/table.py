@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hqp.arrays import Mat, Signs, Vec
-from hqp.problem import ROUNDING
 from hqp.solvers.flat import Flat
+from hqp.tolerances import ROUNDING
 
 Mask = NDArray[np.bool_]
 

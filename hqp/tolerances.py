@@ -1,0 +1,43 @@
+"""Every tolerance that more than one part of hqp must agree on, once: its unit and what it decides.
+
+The native parts get theirs through the options of the Python class that calls them.  A constant that belongs to one
+algorithm alone stands beside it.
+"""
+
+from __future__ import annotations
+
+ROUNDING = 2e-15
+"""Of a problem's longest row: rows shorter than this fraction are rounding noise, no solver follows them."""
+
+RANK_TOLERANCE = 1e-9
+"""Of the largest: pivots and singular values below this fraction count as zero (solvers, contacts, dynamics)."""
+
+CERTIFIED_RANK_TOLERANCE = 1e-10
+"""Rows of unit length add a fixed direction above this singular value: the smallest that is no rounding."""
+
+METRIC_TOLERANCE = 1e-10
+"""Of its largest diagonal entry: pivots of the metric below this fraction count as zero."""
+
+INERTIA_TOLERANCE = 1e-12
+"""Least eigenvalue of the inertia, its diagonal scaled to one, that Torque takes."""
+
+MULTIPLIER_TOLERANCE = 1e-11
+"""Of the level's gradient: a multiplier below this fraction has no sign."""
+
+FEASIBILITY_TOLERANCE = 1e-11
+"""Of the terms of a row: a bound exceeded by less than this fraction is met while solving."""
+
+VIOLATION_TOLERANCE = 1e-8
+"""A constraint row counts as violated above this slack [unit of the row], relative to 1 + |bound|."""
+
+ACTIVITY_TOLERANCE = 1e-9
+"""An inequality row counts as active within this distance of its bound [unit of the row], relative to 1 + |bound|."""
+
+MET_TOLERANCE = 1e-10
+"""Of the terms of a row or level: a residual below this fraction is zero."""
+
+LOCK_TOLERANCE = 1e-5
+"""The certificate takes a met row as fixed for the levels below above this relative multiplier."""
+
+SMALLEST_LOCK = 1e-13
+"""From here to LOCK_TOLERANCE the certificate tries both readings of a multiplier, fixed and free: one must pass."""
