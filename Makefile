@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: corpus bench experiments test test-sweeps test-browser test-adapters check setup format clean sanitize
+.PHONY: corpus bench experiments test test-sweeps test-browser test-adapters test-cpp docs check setup format clean sanitize
 
 bench: setup
 	$(BIN)/python -m benchmarks
@@ -36,6 +36,19 @@ test-adapters: setup
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade --target $(ADAPTED)/older \
 	    pin-pink==3.4.0 mink==0.0.13 lerobot==0.3.3
 	for release in newest older; do PYTHONPATH=$(ADAPTED)/$$release $(BIN)/python -m pytest tests/adapters || exit 1; done
+
+# The site, offline; fails on a broken link or a name that the API pages do not find.
+docs: setup
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+# The kernel as a C++ library: a recorded loop of G1 is solved again and agrees to 1e-12.
+test-cpp: setup
+	mkdir -p build/cpp
+	$(BIN)/python examples/cpp/record.py build/cpp/g1.bin
+	cmake -S examples/cpp -B build/cpp -Dhqp_DIR=$$($(BIN)/hqp --cmake-dir) > build/cpp/configure.log
+	cmake --build build/cpp
+	build/cpp/replay build/cpp/g1.bin 1e-12
 
 CPP := $(wildcard hqp/cpp/*/*.hpp hqp/cpp/*/*.cpp tests/solvers/native/*.cpp)
 

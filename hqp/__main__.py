@@ -6,6 +6,7 @@ import argparse
 import importlib
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from hqp import __version__
 from hqp.arguments import add_stack, read_stack
@@ -19,6 +20,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status, 2 for an error that hqp explains."""
     parser = _parser()
     arguments = parser.parse_args(argv)
+    if arguments.cmake_dir:
+        print(Path(__file__).parent / "cmake")
+        return 0
     if arguments.command is None:
         parser.print_help()
         return 0
@@ -37,6 +41,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="hqp", description="Strict task priorities for floating-base robots: one stack of tasks, any solver."
     )
     parser.add_argument("--version", action="version", version=f"hqp {__version__}")
+    parser.add_argument("--cmake-dir", action="store_true", help="print where find_package(hqp) finds the C++ kernel")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
     commands.add_parser(
         "doctor", help="versions, compiled parts, BLAS threads, optional packages, and how to mend each"

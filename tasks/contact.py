@@ -21,7 +21,7 @@ from .pose import _FramePose
 class FixedContact(_FramePose, Constraint):
     """A face of a frame stays put: J v = 0, six rows, position first, J = [J_v; J_omega] (Mistry 2008, eqs. 8, 12).
 
-    e = [p - p_0, log(R R_0^T)] [m, rad]: fed back, so that integration does not let the contact drift.  The pose
+    e = ``[p - p_0, log(R R_0^T)]`` [m, rad]: fed back, so that integration does not let the contact drift.  The pose
     at the first tick, a homogeneous matrix ``(4, 4)``, is held; ``at`` gives another, and the ground's motion if it
     moves.  Raises DeclarationError for fields, FrameNotFound on binding.
     """

@@ -25,7 +25,7 @@ class EdgeContact(Task, Constraint):
 
     axis: the edge's direction in the frame's axes, through its origin: "x", "y", "z" or ``(3,)``.  Rows: J_v in
     world axes, then B^T R^T J_omega, B ``(3, 2)`` an orthonormal complement of the axis a in the frame.
-    e = [p - p_0, B^T R^T (a_0 x R a)] [m, rad] for small angles, whatever the rotation about the edge.  Position
+    e = ``[p - p_0, B^T R^T (a_0 x R a)]`` [m, rad] for small angles, whatever the rotation about the edge.  Position
     and direction at the first tick ``(6,)`` are held.
     Raises DeclarationError for fields, FrameNotFound on binding (Mistry 2008, condition 3).
     """

@@ -81,7 +81,7 @@ class _FramePose(Task):
 
 @dataclass(frozen=True, kw_only=True)
 class Pose(_FramePose):
-    """Pose of a frame, six rows, position first: e = [p - p_ref, log(R R_ref^T)] [m, rad], J = [J_v; J_omega].
+    """Pose of a frame, six rows, position first: e = ``[p - p_ref, log(R R_ref^T)]`` [m, rad], J = [J_v; J_omega].
 
     frame: whose pose.  relative_to: frame in whose axes, and relative to whose origin, value, error and J are.
     The value is a homogeneous matrix ``(4, 4)``.  Raises DeclarationError for fields, FrameNotFound on binding

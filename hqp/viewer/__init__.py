@@ -9,6 +9,6 @@ from .session_view import View
 __all__ = ["View", "view"]
 
 
-def view(session: Any, *, port: int = 8080, period: float = 0.1, title: str = "") -> View:
+def view(session: Any, *, host: str = "127.0.0.1", port: int = 8080, period: float = 0.1, title: str = "") -> View:
     """Open a page that shows a session; see View."""
-    return View(session, port=port, period=period, title=title)
+    return View(session, host=host, port=port, period=period, title=title)

@@ -12,7 +12,7 @@ import numpy as np
 from hqp.arrays import Vec
 from hqp.explain import Explanation, explain
 from hqp.formulation import Place
-from hqp.problem import Hierarchy, Rows, Selection, Solution, Status
+from hqp.problem import Hierarchy, Motion, Rows, Selection, Solution, Status
 
 from .description import Member, StackDescription
 
@@ -122,6 +122,19 @@ def _explain(snapshot: Mapping[str, Any], stack: StackDescription) -> Explanatio
         return None
 
 
+def held_by_price(snapshot: Mapping[str, Any], k: int) -> float:
+    """Share of a level's pull g = A_k' w_k that its price holds back, -c ||w|| g . dE/dx over ||g||^2, 0 to 1."""
+    prices, motion = snapshot.get("prices"), snapshot.get("motion")
+    if prices is None or motion is None or not prices[k] > 0.0:
+        return 0.0
+    A, _, _ = snapshot["rows"][k]
+    w, n = np.asarray(snapshot["residuals"][k]), snapshot["n"]
+    g = (Selection(*A).dense(n) if isinstance(A, tuple) else A).T @ w
+    force = -float(prices[k]) * float(np.sqrt(w @ w)) * float(g @ Motion(*motion).gradient(snapshot["x"]))
+    size = float(g @ g)
+    return min(max(force / size, 0.0), 1.0) if size > 0.0 else 0.0
+
+
 def _active(snapshot: Mapping[str, Any], stack: StackDescription) -> dict[str, list[tuple[str, int]]]:
     """Rows of inequalities that bind, by element: their names and sides."""
     found: dict[str, list[tuple[str, int]]] = {}
@@ -187,7 +200,12 @@ def _element(
         return ElementView(m.name, "moving" if far else "met", residual, distance, "")
     if m.level < stack.constraints or m.contact:
         return ElementView(m.name, "violated", residual, distance, _why(told, m.name))
-    return ElementView(m.name, "short", residual, distance, _why(told, m.name))
+    paid = held_by_price(snapshot, m.level)
+    if paid > 0.5:
+        why = f"the rest would cost more motion than it is worth (price {100.0 * paid:.0f} %)"
+    else:
+        why = _why(told, m.name)
+    return ElementView(m.name, "short", residual, distance, why)
 
 
 def _why(told: Explanation | None, name: str) -> str:

@@ -16,6 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_stack(parser)
     parser.add_argument("--solver", default="lexicographic", metavar="NAME", help="default: lexicographic")
     parser.add_argument("--port", type=int, default=8080, help="of the page, default 8080, or the next that is free")
+    parser.add_argument("--host", default="127.0.0.1", help="0.0.0.0 opens the page to the network, without a password")
     parser.add_argument("--seconds", type=float, metavar="S", help="stop after that long; default: on Ctrl-C")
 
 
@@ -35,6 +36,7 @@ def execute(arguments: argparse.Namespace) -> int:
         formulation=formulation,
         solver=arguments.solver,
         dt=arguments.dt,
+        host=arguments.host,
         port=arguments.port,
         seconds=arguments.seconds,
         started=tell,

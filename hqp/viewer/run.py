@@ -23,6 +23,7 @@ def run(
     formulation: Formulation,
     solver: str | Solver = "lexicographic",
     dt: float = 0.002,
+    host: str = "127.0.0.1",
     port: int = 8080,
     seconds: float | None = None,
     started: Callable[[View], None] | None = None,
@@ -35,7 +36,7 @@ def run(
     session = Controller(stack, formulation, solver).session(robot, dt)
     q, v = robot.home.copy(), np.zeros(robot.nv)
     count = 0
-    with View(session, port=port) as view:
+    with View(session, host=host, port=port) as view:
         if started is not None:
             started(view)
         start = due = time.perf_counter()

@@ -41,7 +41,7 @@ class Server:
         names = [self._robot.joint_name(c) for c in range(self._robot.nv)]
         self._joints = (tuple(names), *self._about.limits)
         self._history = History(self._stack)
-        self._server = viser.ViserServer(port=about["port"], verbose=False, label="hqp")
+        self._server = viser.ViserServer(host=about["host"], port=about["port"], verbose=False, label="hqp")
         self._server.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
         self._server.gui.main_panel.dock_right()
         self._scene = Scene(self._server, self._about, self._robot, self._channel)

@@ -40,11 +40,20 @@ class View:
     of the same name.  Or keep ``session.step`` and call ``view.show(state, tick, *references)`` after it.  The page is
     served by another process, so that the loop pays for copies only.
 
+    host: this machine only by default; "0.0.0.0" opens the page, which has no password, to the network.
     port: of the page, another one where it is taken.  period: between two accounts of who holds what back [s].
     Raises HqpError where viser is missing or the page does not come up.
     """
 
-    def __init__(self, session: Session, *, port: int = 8080, period: float = 0.1, title: str = "") -> None:
+    def __init__(
+        self,
+        session: Session,
+        *,
+        host: str = "127.0.0.1",
+        port: int = 8080,
+        period: float = 0.1,
+        title: str = "",
+    ) -> None:
         self.session, self.period = session, period
         self._codes = {status: i for i, status in enumerate(STATUSES)}
         self._version = 0
@@ -54,13 +63,13 @@ class View:
         self._channel = Channel(Layout(2 * room + 256, _TARGETS))
         self._asked = 0.0
         self._dragged: dict[str, Reference] = {}
-        self._batch: list[tuple[tuple[float, ...], tuple[Vec, ...]]] = []
+        self._batch: list[tuple[float, State, Tick]] = []
         self._hurry = session.dt > 0.01
         self._due = self._targets_due = 0.0
         self._steps = 0
         try:
             self._describe()
-            self._start(port, title)
+            self._start(host, port, title)
         except BaseException:
             self._channel.close()
             raise
@@ -85,33 +94,26 @@ class View:
         clock = perf_counter()
         if self.session.program is not self._program:
             self._describe()
-        solution = tick.solution
-        if solution is None:
-            vectors: tuple[Vec, ...] = (state.q, state.v, tick.command, self._nothing)
-        else:
-            vectors = (state.q, state.v, tick.command, solution.x, *solution.residuals)
-        times = tick.times
-        if times is None:
-            head = (clock, self._version, self._codes[tick.status], 0.0, 0.0, 0.0, 0.0)
-        else:
-            head = (
-                clock, self._version, self._codes[tick.status],
-                times.state, times.assemble, times.solve, times.command,
-            )  # fmt: skip
-        # copied to the page in batches: a tick pays for its own arrays being kept, not for cold memory
-        self._batch.append((head, vectors))
+        # a tick is taken apart and copied in batches: most ticks pay for being kept, not for cold memory
+        self._batch.append((clock, state, tick))
         if len(self._batch) >= BATCH or self._hurry:
             self._flush()
         if clock >= self._targets_due:
             self._targets_due = clock + TARGET_PERIOD
             self._show_targets(references)
-            if clock >= self._due and solution is not None:
+            if clock >= self._due and tick.solution is not None:
                 self._due = clock + self.period
                 self._snapshot(tick)
 
     def _flush(self) -> None:
-        for head, vectors in self._batch:
-            self._channel.write(head, vectors)
+        for clock, state, tick in self._batch:
+            solution, times = tick.solution, tick.times
+            if solution is None:
+                vectors: tuple[Vec, ...] = (state.q, state.v, tick.command, self._nothing)
+            else:
+                vectors = (state.q, state.v, tick.command, solution.x, *solution.residuals)
+            parts = (0.0,) * 4 if times is None else (times.state, times.assemble, times.solve, times.command)
+            self._channel.write((clock, self._version, self._codes[tick.status], *parts), vectors)
         self._batch.clear()
 
     @property
@@ -166,7 +168,7 @@ class View:
         self._shown: set[str] = set()
         self._due = 0.0
 
-    def _start(self, port: int, title: str) -> None:
+    def _start(self, host: str, port: int, title: str) -> None:
         try:
             import viser  # noqa: F401  # pyright: ignore[reportMissingImports]
         except ImportError as error:
@@ -181,6 +183,7 @@ class View:
             "layout": self._channel.layout,
             "robot": describe_robot(session.robot),
             "stack": self.description,
+            "host": host,
             "port": port,
             "dt": session.dt,
             "title": title or f"{session.robot.name}, {type(session.controller.formulation).__name__.lower()} level",
@@ -234,6 +237,8 @@ class View:
                 "metric": problem.metric,
                 "origin": problem.origin,
                 "n": problem.n,
+                "prices": problem.prices,
+                "motion": None if problem.motion is None else (problem.motion.F, problem.motion.f),
                 "x": solution.x,
                 "residuals": solution.residuals,
                 "active": solution.active,

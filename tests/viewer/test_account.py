@@ -7,6 +7,7 @@ import pytest
 
 import hqp
 from hqp import Level, P, Stack
+from hqp.problem import Status
 from hqp.tasks import Com, FixedContact, JointLimits, Position, Posture
 from hqp.viewer.account import Account, make_account
 from hqp.viewer.channel import HEAD, Channel, Layout
@@ -19,7 +20,7 @@ from hqp.viewer.session_view import View
 class Recorded(View):
     """A view whose page is not served: the channel is read here."""
 
-    def _start(self, port: int, title: str) -> None:
+    def _start(self, host: str, port: int, title: str) -> None:
         self._channel.set_ready(1.0)
 
     def close(self) -> None:
@@ -39,9 +40,11 @@ def run(offset: list[float], ticks: int = 200) -> tuple[Account, History]:
     q, v = robot.home, np.zeros(robot.nv)
     goal = robot.state(q).position("r_palm") + offset
     history = History(view.description)
-    for _ in range(ticks):
+    for k in range(ticks + 50):
         tick = view.step(robot.state(q, v), hand.at(goal))
         q, v = tick.advance()
+        if k >= ticks and tick.status is Status.OPTIMAL:
+            break  # on a busy machine the last tick may have met its deadline
     view._flush()
     history.add(view._channel.read(0))
     _, snapshot = view._channel.read_snapshot(0)
@@ -66,7 +69,7 @@ def test_within_reach_all_is_well() -> None:
 
 def test_out_of_reach_says_who_gives_way_to_whom() -> None:
     account, _ = run([2.0, 0.0, 0.5], 1500)
-    assert account.tone == "warn"
+    assert account.tone == "warn", (account.headline, account.reason)
     assert account.headline.startswith("r_palm stays")
     views = {e.name: e for level in account.levels for e in level.elements}
     assert views["r_palm"].state == "short"

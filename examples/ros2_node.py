@@ -1,0 +1,59 @@
+"""UNTESTED: a ROS 2 node, JointState in, JointTrajectory out, stack from TOML.  rclpy is not on PyPI.
+
+ros2 run ... or: python ros2_node.py STACK.toml ROBOT
+"""
+
+import sys
+
+import numpy as np
+import rclpy
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+import hqp
+from hqp import serial
+
+
+class StackNode(Node):
+    """Steps a session at 500 Hz and publishes where the joints should be one period later."""
+
+    def __init__(self, stack_file: str, robot_name: str) -> None:
+        super().__init__("hqp")
+        self.robot = hqp.robots.load(robot_name)
+        self.session = hqp.Controller(serial.load(stack_file)).session(self.robot, dt=0.002)
+        self.q = None
+        self.v = np.zeros(self.robot.nv)
+        self.create_subscription(JointState, "joint_states", self.take, 10)
+        self.publisher = self.create_publisher(JointTrajectory, "joint_trajectory", 10)
+        self.create_timer(0.002, self.step)
+
+    def take(self, message: JointState) -> None:
+        """The first measured state starts the loop; afterwards it closes over what was commanded."""
+        if self.q is not None:
+            return
+        places = dict(zip(message.name, message.position, strict=True))
+        step = np.zeros(self.robot.nv)
+        angles = self.robot.state(self.robot.home).angles
+        for name, column in zip(self.robot.joint_names, self.robot.actuated, strict=True):
+            step[column] = places[name] - angles[column]
+        self.q = self.robot.integrate(self.robot.home, step, 1.0)
+
+    def step(self) -> None:
+        """One tick."""
+        if self.q is None:
+            return
+        tick = self.session.step(self.robot.state(self.q, self.v))
+        if not tick.status.usable:
+            self.get_logger().warning(f"{tick.status.name}: {tick.notes}", throttle_duration_sec=1.0)
+        self.q, self.v = tick.advance()
+        point = JointTrajectoryPoint()
+        point.positions = self.robot.state(self.q).angles[self.robot.actuated].tolist()
+        point.velocities = np.asarray(tick.command).tolist()
+        point.time_from_start.nanosec = 2_000_000
+        self.publisher.publish(JointTrajectory(joint_names=list(self.robot.joint_names), points=[point]))
+
+
+if __name__ == "__main__":
+    rclpy.init()
+    rclpy.spin(StackNode(*sys.argv[1:3]))
