@@ -7,9 +7,17 @@ import importlib
 import importlib.util
 from pathlib import Path
 
-from benchmarks.mistry2008.equations import contacts, integration, kinematics, prioritised, second_order, theorems
+from benchmarks.mistry2008.equations import (
+    contacts,
+    headline,
+    integration,
+    kinematics,
+    prioritised,
+    second_order,
+    theorems,
+)
 from benchmarks.reports import report, solver_sets
-from benchmarks.reports.checks import Check, write_json
+from benchmarks.reports.checks import Check, of_kind, write_json
 from benchmarks.sentis2012 import equations as sentis2012
 from hqp import robots
 
@@ -21,6 +29,7 @@ POINTWISE = {
     "eqs. (12), (16), (17)": prioritised,
     "eqs. (18) to (22)": second_order,
     "equivalences": theorems,
+    "the experiments' controller": headline,
 }
 """Modules with ``checks(robot, count)``."""
 
@@ -42,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json is not None:
         write_json(arguments.json, checks)
     failed = [check for check in checks if not check.passed]
-    paragraphs = [f"{report.tally(checks)}; {count} random states a row.", *notes]
+    paragraphs = [f"{report.tally(checks)}; {count} random states a row; levels are exact (price 0).", *notes]
     if failed:
         paragraphs += ["### Failed", report.table(report.HEADER, map(report.cells, failed))]
     report.section(
@@ -63,11 +72,12 @@ def mistry(names: tuple[str, ...], count: int, output: Path | None) -> tuple[lis
             robot = robots.load(name)
             for text, module in POINTWISE.items():
                 bar.update(task, description=f"Mistry 2008, {text} on {name}")
-                checks += module.checks(robot, max(5, count // 4) if module is theorems else count)
+                few = module in (theorems, headline)
+                checks += of_kind(module.checks(robot, max(5, count // 4) if few else count), "product")
                 bar.advance(task)
             bar.update(task, description=f"Mistry 2008, closed loops on {name}")
             runs = integration.experiments(robot)
-            checks += integration.checks(robot, runs)
+            checks += of_kind(integration.checks(robot, runs), "product")
             if output is not None and importlib.util.find_spec("matplotlib") is not None:
                 figures = importlib.import_module("benchmarks.mistry2008.equations.figures")
                 notes += [f"![{text}]({path.name})" for text, path in figures.experiments(runs, name, output)]

@@ -361,7 +361,7 @@ class Status(enum.Enum):
         "it was left out of this tick; correct the element that the note names"
     )
     CONTACT_LOST = (
-        "a contact of the stack is not there by what was measured: the forces computed for it will not appear; "
+        "a contact of the stack is not there by the load measured for it: the forces computed for it will not appear; "
         "change the stack"
     )
     ITERATION_LIMIT = (

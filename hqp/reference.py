@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,8 @@ class Reference:
     """A target for the element of that name, good for one tick.
 
     value: what ``Element.value`` returns; None keeps the hold value.  velocity, acceleration: ``(k,)``, zero by
-    default.  normal, gravity_normal: ``(3,)`` ground normals of a wheel, world axes.
+    default.  normal, gravity_normal: ``(3,)`` ground normals of a wheel, world axes.  load: what the contact was
+    measured to carry [N], see ``loaded``.
     """
 
     name: str
@@ -24,6 +25,14 @@ class Reference:
     acceleration: Vec | None = None
     normal: Vec | None = None
     gravity_normal: Vec | None = None
+    load: float | None = None
+
+    def loaded(self, load: float) -> Reference:
+        """The same with the measured load of the contact [N]: ``foot.at().loaded(312.0)``.
+
+        A contact that carries nothing for a while ends the tick in ``Status.CONTACT_LOST``; NaN is no measurement.
+        """
+        return replace(self, load=float(load))
 
     @property
     def finite(self) -> bool:

@@ -12,6 +12,7 @@ from typing import NoReturn
 import numpy as np
 
 from hqp.arrays import Vec
+from hqp.contact_watch import ContactWatch
 from hqp.direct import Direct
 from hqp.element import Element
 from hqp.errors import (
@@ -124,6 +125,7 @@ class Session:
         self._direct: Direct | None = None
         self._latest: bytearray | None = None
         self._direct_known = False
+        self._contacts = ContactWatch(stack, self.dt)
 
     @property
     def problem(self) -> Hierarchy:
@@ -142,7 +144,10 @@ class Session:
                 "another thread is in a step of this session; make one session a thread, of robot.copy()"
             )
         try:
-            if self._direct is not None:
+            for reference in references:
+                if getattr(reference, "load", None) is not None:
+                    self._contacts.measure(reference.name, reference.load)  # type: ignore[arg-type]
+            if self._direct is not None and not self._contacts.missing:
                 tick = self._ordinary_tick(self._direct, state, references)
                 if tick is not None:
                     return tick
@@ -252,6 +257,8 @@ class Session:
         elif not float(x.dot(x)) < math.inf:
             notes += (Note("solver", Status.NOT_CERTIFIED, "the answer is not finite"),)
             return self._held_tick(state, solution, notes, fit=True)
+        if self._contacts.missing:
+            notes += tuple(Note(name, Status.CONTACT_LOST, why) for name, why in self._contacts.lost())
         if self._limiter is not None:
             x, notes = self._within_rates(x, notes)
         last, self._x, self._good, self._held = self._x, x.copy(), state, 0

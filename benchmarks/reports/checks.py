@@ -17,8 +17,9 @@ SEEN = 100.0
 class Check:
     """A claim and its measurement.
 
-    measured: the worst value met.  passed: whether the claim holds.  note: what a reader needs to judge it, such as
-    "negative control" where the printed formula must miss the tolerance by far.
+    measured: the worst value met.  passed: whether the claim holds.  note: what a reader needs to judge it.
+    kind: ``product``, the library against something else; ``identity``, of the paper's formulas among themselves;
+    ``negative control``, a mistake or a misprint that must miss the tolerance by far.
     """
 
     equation: str
@@ -28,19 +29,38 @@ class Check:
     measured: float
     passed: bool
     note: str = ""
+    kind: str = ""
 
 
-def at_most(equation: str, check: str, robot: str, tolerance: float, values: Iterable[float], note: str = "") -> Check:
+CONTROL = "negative control"
+
+
+def at_most(
+    equation: str,
+    check: str,
+    robot: str,
+    tolerance: float,
+    values: Iterable[float],
+    note: str = "",
+    kind: str = "",
+) -> Check:
     """Passed if the largest value is within the tolerance; no value at all, or NaN, is a failure."""
     measured = worst(values)
-    return Check(equation, check, robot, tolerance, measured, measured <= tolerance, note)
+    return Check(equation, check, robot, tolerance, measured, measured <= tolerance, note, kind)
 
 
-def exactly(equation: str, check: str, robot: str, expected: int, values: Iterable[int], note: str = "") -> Check:
+def of_kind(checks: Iterable[Check], kind: str) -> list[Check]:
+    """The checks, those that say no kind of their own as of this one."""
+    return [check if check.kind else dataclasses.replace(check, kind=kind) for check in checks]
+
+
+def exactly(
+    equation: str, check: str, robot: str, expected: int, values: Iterable[int], note: str = "", kind: str = ""
+) -> Check:
     """Passed if every value is the expected one; the tolerance shown is zero, measured the largest deviation."""
     measured = worst(float(abs(value - expected)) for value in values)
     text = f"expected {expected}" + (f"; {note}" if note else "")
-    return Check(equation, check, robot, 0.0, measured, measured == 0.0, text)
+    return Check(equation, check, robot, 0.0, measured, measured == 0.0, text, kind)
 
 
 def seen_to_fail(
@@ -50,7 +70,7 @@ def seen_to_fail(
     listed = sorted(float(value) for value in values)
     measured = listed[len(listed) // 2] if listed else math.nan
     text = "negative control: must miss the tolerance" + (f"; {note}" if note else "")
-    return Check(equation, check, robot, tolerance, measured, measured >= SEEN * tolerance, text)
+    return Check(equation, check, robot, tolerance, measured, measured >= SEEN * tolerance, text, CONTROL)
 
 
 def worst(values: Iterable[float]) -> float:

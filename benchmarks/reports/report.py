@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,14 +46,14 @@ def table(header: Sequence[str], body: Iterable[Sequence[str]]) -> str:
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows) + "\n"
 
 
-HEADER = ("", "equation", "check", "robot", "tolerance", "measured", "note")
+HEADER = ("", "kind", "equation", "check", "robot", "tolerance", "measured", "note")
 
 
 def cells(check: Check) -> tuple[str, ...]:
     """A check as the cells of a table."""
     tolerance = f"{check.tolerance:.0e}" if check.tolerance else "exact"
     return (
-        "ok" if check.passed else "FAIL", check.equation, check.check, check.robot, tolerance,
+        "ok" if check.passed else "FAIL", check.kind, check.equation, check.check, check.robot, tolerance,
         f"{check.measured:.1e}", check.note,
     )  # fmt: skip
 
@@ -71,7 +72,9 @@ def show(checks: Sequence[Check]) -> None:
 def tally(checks: Sequence[Check]) -> str:
     """How many checks passed."""
     failed = sum(not check.passed for check in checks)
-    return f"{len(checks) - failed} of {len(checks)} checks passed" + (f", {failed} FAILED" if failed else "")
+    kinds = Counter(check.kind for check in checks)
+    told = f" ({', '.join(f'{count} {kind}' for kind, count in kinds.items())})" if any(kinds) else ""
+    return f"{len(checks) - failed} of {len(checks)} checks passed{told}" + (f", {failed} FAILED" if failed else "")
 
 
 def section(output: Path, part: str, *paragraphs: str) -> None:

@@ -38,6 +38,11 @@ def bounded() -> dict[str, Solver]:
     return {name: solver for name, solver in strict().items() if solver.inequalities}
 
 
+def back_ends() -> dict[str, Solver]:
+    """The strict ones that wrap a QP back end and refine its answer."""
+    return {name: solver for name, solver in bounded().items() if hasattr(solver, "refine")}
+
+
 @cache
 def _load(name: str) -> Solver | None:
     try:

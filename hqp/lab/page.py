@@ -29,7 +29,7 @@ border-bottom:1px solid #e3e7ec;white-space:nowrap} th:first-child,td:first-chil
 def render(bench: Bench, changes: tuple[Change, ...]) -> str:
     """The page; raises HqpError without plotly."""
     try:
-        import plotly.graph_objects as graphs
+        import plotly.graph_objects as graphs  # pyright: ignore[reportMissingImports]
     except ImportError as error:
         raise HqpError("the page needs plotly: pip install 'hqp[lab]'") from error
     figures = [

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from benchmarks.reports.checks import Check
-from benchmarks.sentis2012.equations import constraints, equivalence, posture, sessions, tasks
+from benchmarks.sentis2012.equations import constraints, equivalence, headline, posture, sessions, tasks
 from benchmarks.sentis2012.equations.ground import Ground
 
 PARTS: dict[str, Callable[[Ground, int], Iterator[Check]]] = {
@@ -16,6 +16,7 @@ PARTS: dict[str, Callable[[Ground, int], Iterator[Check]]] = {
     "posture": posture.checks,
     "equivalence": equivalence.checks,
     "sessions": sessions.checks,
+    "headline": headline.checks,
 }
 
 

@@ -16,7 +16,8 @@ STATES, POSTURE_STATES, HQP_STATES = 200, 100, 60
 
 def rows(progress: Callable[[str], None] | None = None, quick: bool = False) -> list[Check]:
     """All checks; quick takes a twentieth of the states and a shorter simulation."""
-    from benchmarks.sentis2012.equations import constraints, equivalence, posture, sessions, tasks
+    from benchmarks.reports.checks import of_kind
+    from benchmarks.sentis2012.equations import constraints, equivalence, headline, posture, sessions, tasks
     from benchmarks.sentis2012.equations.ground import Ground
 
     share = 20 if quick else 1
@@ -24,20 +25,21 @@ def rows(progress: Callable[[str], None] | None = None, quick: bool = False) -> 
     for degrees in SLOPES:
         ground = Ground(degrees)
         parts = (
-            ("eqs. (2) to (15), (21), (22)", constraints.checks, STATES),
-            ("eqs. (16) to (27), (45) to (62)", tasks.checks, STATES),
-            ("eqs. (28) to (44)", posture.checks, POSTURE_STATES),
-            ("equivalences", equivalence.checks, HQP_STATES),
-            ("the library's stack", sessions.checks, HQP_STATES),
+            ("eqs. (2) to (15), (21), (22)", constraints.checks, STATES, "product"),
+            ("eqs. (16) to (27), (45) to (62)", tasks.checks, STATES, "identity"),
+            ("eqs. (28) to (44)", posture.checks, POSTURE_STATES, "identity"),
+            ("equivalences", equivalence.checks, HQP_STATES, "product"),
+            ("the library's stack", sessions.checks, HQP_STATES, "product"),
+            ("the experiments' controller", headline.checks, HQP_STATES, "product"),
         )
-        for text, checks, count in parts:
+        for text, checks, count, kind in parts:
             if progress is not None:
                 progress(f"Sentis 2012, {ground.label}: {text}")
-            found += checks(ground, max(count // share, 3))
+            found += of_kind(checks(ground, max(count // share, 3)), kind)
         if degrees:
             if progress is not None:
                 progress(f"Sentis 2012, {ground.label}: V along simulated motion")
-            found += posture.simulations(ground, quick)
+            found += of_kind(posture.simulations(ground, quick), "identity")
     return found
 
 

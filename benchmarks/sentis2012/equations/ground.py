@@ -49,11 +49,11 @@ def largest(M: Mat | Vec) -> float:
 
 
 class Ground:
-    """Dreamer on a plane inclined by ``degrees`` about the world's y axis."""
+    """Dreamer on a plane inclined by ``degrees`` about the world's y axis; rotors: with their inertia."""
 
-    def __init__(self, degrees: float) -> None:
+    def __init__(self, degrees: float, rotors: bool = False) -> None:
         self.degrees = degrees
-        self.robot: Robot = hqp.robots.load("dreamer")
+        self.robot: Robot = hqp.robots.load("dreamer", rotors=rotors)
         angle = math.radians(degrees)
         self.tilt = np.array(pin.utils.rotate("y", -angle))
         self.normal = self.tilt[:, 2].copy()
@@ -131,12 +131,12 @@ class Snapshot:
         dJ = pin.getFrameJacobianTimeVariation(self.model, self.data, index, _WORLD)
         return placement.translation.copy(), placement.rotation.copy(), J, dJ
 
-    def wheel_rows(self, wheel: str, axle: Vec | None = None) -> tuple[Mat, Mat]:
+    def wheel_rows(self, wheel: str, axle: Vec | None = None, normal: Vec | None = None) -> tuple[Mat, Mat]:
         """Rolling and normal row of a wheel, and their time derivative, ``(2, nv)`` each (eqs. 9 to 11 corrected).
 
         u = n x a / |n x a| with a the axle and delta = -r n from the centre to the contact.
         """
-        n, about = self.ground.normal, self.ground.robot.wheels[wheel]
+        n, about = self.ground.normal if normal is None else normal, self.ground.robot.wheels[wheel]
         _, _, J, dJ = self.frame(wheel)
         _, R, Jb, _ = self.frame("base")
         turn = Jb[3:] @ self.v
@@ -152,12 +152,12 @@ class Snapshot:
         rates = np.vstack((u @ contact_rate + du @ contact, n @ contact_rate))
         return rows, rates
 
-    def assemble(self, axles: dict[str, Vec] | None = None) -> tuple[Mat, Mat]:
+    def assemble(self, axles: dict[str, Vec] | None = None, normals: dict[str, Vec] | None = None) -> tuple[Mat, Mat]:
         """J_constr and its rate ``(7, nv)``: the biarticular row, then each wheel's two (eqs. 5, 8, 11)."""
         biart = np.zeros((1, self.ground.robot.nv))
         hip, thorax = self.ground.robot.joints(["torso_hip", "torso_thorax"])
         biart[0, hip], biart[0, thorax] = 1.0, -1.0
-        pairs = [self.wheel_rows(w, None if axles is None else axles[w]) for w in WHEELS]
+        pairs = [self.wheel_rows(w, (axles or {}).get(w), (normals or {}).get(w)) for w in WHEELS]
         return np.vstack([biart, *(p[0] for p in pairs)]), np.vstack([0.0 * biart, *(p[1] for p in pairs)])
 
     @cached_property

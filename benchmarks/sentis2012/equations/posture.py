@@ -42,10 +42,9 @@ def _hand(s: Snapshot) -> Demand:
 
 
 def _projector(ground: Ground, count: int) -> Iterator[Check]:
-    identity, same, forward, ranks, rates = [], [], [], [], []
+    same, forward, ranks, rates = [], [], [], []
     for s in ground.states(count, SEED):
         d, task = dynamics(s), _hand(s)
-        identity.append(largest(ground.U @ s.UNbar - np.eye(12)))
         (step,) = prioritise(d.phi, [task.J])
         phi_pt = step.N @ d.phi @ step.N.T
         same.append(relative(d.phi @ step.N.T - phi_pt, phi_pt))
@@ -60,7 +59,6 @@ def _projector(ground: Ground, count: int) -> Iterator[Check]:
         found = [orthogonal_projector(x.star(*x.hand)[0]) for x in (ahead, behind)]
         rates.append(largest((found[0] - found[1]) / (2.0 * STEP) - projector_rate(task.J, task.dJ)))
     label = ground.label
-    yield at_most("S(31)", "J*_posture = I for x = q_act", label, 1e-9, identity)
     yield at_most("S(33)", "phi* J_p|t^T = phi_p|t, relative", label, 1e-10, same)
     yield at_most("S(34) errata 8, 16", "qdd_act = phi_p|t F - phi* (b* + g*) vs KKT, relative", label, 1e-9, forward)
     yield at_most("S(36)-(39)", "Phi = U_r U_r^T = phi_p|t phi_p|t^+ = I - J*^+ J*", label, 1e-8, ranks)

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from functools import cache
+from collections.abc import Iterator
 
 import numpy as np
 
 import hqp
 from benchmarks.reports.checks import Check, at_most, seen_to_fail
-from benchmarks.sentis2012.equations.constraints import dynamics
 from benchmarks.sentis2012.equations.ground import Ground, Snapshot, largest, relative
 from benchmarks.sentis2012.equations.law import (
-    Demand,
-    compensated,
     orthogonal_projector,
     posture_demand,
     projector_rate,
 )
 from benchmarks.sentis2012.stack import COM, CONTACTS, HAND, HELD, POSTURE, WHEELS, paper_stack
 from hqp import PD, Level, SelfMotion, Stack
-from hqp.arrays import Vec
 from hqp.errors import DeclarationError
 from hqp.reference import Reference
 from hqp.session import Session
@@ -42,7 +37,6 @@ SEED = 2013
 def checks(ground: Ground, count: int) -> Iterator[Check]:
     """Every row on one slope at ``count`` random states."""
     yield from _rows(ground, count)
-    yield from _torques(ground, count)
     yield from _self_motion(ground, max(count // 4, 3))
     yield from _limits(ground, max(count // 4, 3))
     yield from _friction(ground)
@@ -53,7 +47,7 @@ def at_states(
     ground: Ground, stack: Stack, solver: str | Solver, count: int, seed: int, speed: float = 1.0
 ) -> Iterator[tuple[Snapshot, Session, hqp.Tick]]:
     """Steps of one session at random states, goals a little off what they are."""
-    session = hqp.Controller(stack, hqp.Torque(), solver=solver).session(ground.robot, dt=0.001)
+    session = hqp.Controller(stack, hqp.Torque(), solver=solver, price=0.0).session(ground.robot, dt=0.001)
     for s in ground.states(count, seed, speed):
         given = references(ground, s, stack)
         yield s, session, session.step(ground.robot.state(s.q, s.v), *given)
@@ -78,21 +72,9 @@ def _program(session: Session) -> TorqueProgram:
     return program
 
 
-def paper(s: Snapshot, program: TorqueProgram, names: Sequence[str] = ("com", "hand", "posture")) -> Vec:
-    """The compensated law for the session's demands J qdd = d: a - dJ* qd is d + J K dJ_constr qd."""
-    d, (K, UNbar) = dynamics(s), s.inverse
-    asked = []
-    for name in names:
-        member = program.assembly.members[name]
-        J = np.eye(19)[s.ground.upper] if name == "posture" else program.assembly.J[member.part]
-        demand = program.assembly.lower[member.part] + J @ K @ (s.dJ @ s.v)
-        asked.append(Demand(J @ UNbar, np.zeros((J.shape[0], 12)), demand))
-    return compensated(d.phi, d.h, asked, s.q_act)
-
-
 def _rows(ground: Ground, count: int) -> Iterator[Check]:
     label, robot = ground.label, ground.robot
-    session = hqp.Controller(paper_stack(), hqp.Torque(), solver="nullspace").session(robot, dt=0.001)
+    session = hqp.Controller(paper_stack(), hqp.Torque(), solver="nullspace", price=0.0).session(robot, dt=0.001)
     rows, drift, forces, absolute = [], [], [], []
     for s in ground.free_states(count, SEED):
         given = references(ground, s, session.stack)
@@ -117,38 +99,12 @@ def _rows(ground: Ground, count: int) -> Iterator[Check]:
     yield seen_to_fail("S(57),(58) erratum 20", text, label, 1e-7, absolute)
 
 
-def _torques(ground: Ground, count: int) -> Iterator[Check]:
-    label = ground.label
-    reference = []
-    for s, session, tick in at_states(ground, paper_stack(), "nullspace", count, SEED + 1):
-        law = paper(s, _program(session))
-        reference.append((tick.command, law))
-    text = "session with relative tasks vs compensated law: {}, relative torque"
-    off = [relative(command - law, law) for command, law in reference]
-    yield at_most("S(48)-(62)", text.format("nullspace"), label, 1e-8, off)
-    for solver in strict():
-        off = [
-            relative(tick.command - law, law)
-            for (_, _, tick), (_, law) in zip(
-                at_states(ground, paper_stack(), solver, count, SEED + 1), reference, strict=True
-            )
-        ]
-        yield at_most("S(48)-(62)", text.format(solver), label, 1e-8, off)
-
-
-@cache
-def strict() -> tuple[str, ...]:
-    """Solvers beside nullspace that are installed here, honour priorities and take a metric."""
-    found = (name for name in hqp.solvers.available() if name != "nullspace")
-    return tuple(name for name in found for solver in (hqp.solvers.load(name),) if solver.strict and solver.metric)
-
-
 def _self_motion(ground: Ground, count: int) -> Iterator[Check]:
     """Posture(law=SelfMotion) under an absolute hand task: v of eq. (41), sign corrected, by differences of Phi."""
     hand = Position(frame="hand", law=PD(100.0, 20.0))
     actuated = Posture(joints=ground.robot.joint_names, law=SelfMotion(4.0, 4.0, 1.0), name="self")
     stack = Stack(Level(hand), Level(actuated), subject_to=HELD)
-    session = hqp.Controller(stack, hqp.Torque(), solver="nullspace").session(ground.robot, dt=0.001)
+    session = hqp.Controller(stack, hqp.Torque(), solver="nullspace", price=0.0).session(ground.robot, dt=0.001)
     off = []
     for s in ground.states(count, SEED + 2):
         state = ground.robot.state(s.q, s.v)
@@ -205,7 +161,7 @@ def _friction(ground: Ground) -> Iterator[Check]:
         loads = []
         for extra, solver in (((), "nullspace"), (limits, "lexicographic")):
             stack = paper_stack(extra, com=com, hand=hand)
-            session = hqp.Controller(stack, hqp.Torque(), solver=solver).session(ground.robot, dt=0.001)
+            session = hqp.Controller(stack, hqp.Torque(), solver=solver, price=0.0).session(ground.robot, dt=0.001)
             state = ground.robot.state(s.q, s.v)
             goals = [task.at(task.value(state)) for task in (com, hand, POSTURE)]
             state = ground.robot.state(s.q, s.v)
@@ -233,7 +189,7 @@ def _refusal(ground: Ground) -> Iterator[Check]:
     refused = 0
     wrong = [_AlongTheAxle(wheel=w) for w in WHEELS]
     try:
-        hqp.Controller(paper_stack(contacts=wrong), hqp.Torque()).session(ground.robot, dt=0.001)
+        hqp.Controller(paper_stack(contacts=wrong), hqp.Torque(), price=0.0).session(ground.robot, dt=0.001)
     except DeclarationError as error:
         refused = int("rank [J_constr; U] = 18 of 19" in str(error))
     text = "rolling rows along the axle: stack refused, naming rank 18 of 19"

@@ -119,8 +119,13 @@ class Targets:
         self._posture = tasks.find("posture", Posture).at(posture)
         self._yaw, self._heading = tasks.find("yaw", Orientation), Heading(yaw, choice.turn, choice.period)
 
-    def __call__(self, rotation: Mat, velocity: Vec, contact_normals: Mat) -> tuple[Reference, ...]:
-        """For a base with a rotation ``(3, 3)`` and velocity ``(3,)`` [m/s] in its own axes, and normals at wheels."""
+    def __call__(
+        self, rotation: Mat, velocity: Vec, contact_normals: Mat, loads: Vec | None = None
+    ) -> tuple[Reference, ...]:
+        """For a base with a rotation ``(3, 3)`` and velocity ``(3,)`` [m/s] in its own axes, and normals at wheels.
+
+        loads: measured at the wheels ``(3,)`` [N], None for a robot without load cells.
+        """
         choice, base = self._choice, rotation[:, 2]
         goal = np.array(choice.com_goal)
         if choice.goal_at_axles:
@@ -136,8 +141,14 @@ class Targets:
             self._hand.at(HAND_GOAL, velocity=hand_rate),
             self._yaw.at(self._heading.yaw, velocity=turning),
             self._posture,
-            *self._grounds(base, contact_normals),
+            *self._loaded(self._grounds(base, contact_normals), loads),
         )
+
+    @staticmethod
+    def _loaded(grounds: list[Reference], loads: Vec | None) -> list[Reference]:
+        if loads is None:
+            return grounds
+        return [ground.loaded(load) for ground, load in zip(grounds, loads.tolist(), strict=True)]
 
     def _grounds(self, base: Vec, contact: Mat) -> list[Reference]:
         normals = self._choice.normals

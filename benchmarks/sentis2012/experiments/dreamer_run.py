@@ -141,7 +141,8 @@ class Outing:
             normals = self._normals.update(contacts, rotation[:, 2])
         else:
             normals = self._map.update(rotation, v[:3])
-        tick = self.session.step(state, *self._targets(rotation, v[:3], normals))
+        loads = contacts.load if choice.normals in ("contact", "contact in all") else None
+        tick = self.session.step(state, *self._targets(rotation, v[:3], normals, loads))
         torque = tick.command + self._damping * v[self._actuated]
         self._brake(torque)
         torque = np.minimum(np.maximum(torque, -self._limit), self._limit)
@@ -211,5 +212,6 @@ class Outing:
             slip=self._odometry.slip(v),
             residuals=level_residuals(tick),
             status=tick.status.severity,
+            lost=float(any(note.status is hqp.Status.CONTACT_LOST for note in tick.notes)),
             tick=spent,
         )

@@ -17,7 +17,8 @@ class Measures:
 
     com_first, com_up, com_back: largest CoM error before the measuring begins, while the robot settles on its wheels,
     and then before and after the turn.  speed: median over the pull's steady part.
-    load_quantile: 0.5 % quantile of the least wheel load from half a second on; unloaded: seconds without load.
+    load_quantile: 0.5 % quantile of the least wheel load from half a second on; unloaded: seconds without load;
+    told: seconds in which the session said so (CONTACT_LOST, where loads are measured).
     rate_ratio: largest joint speed over its table limit, and whose.
     """
 
@@ -36,6 +37,7 @@ class Measures:
     load_least: float
     load_quantile: float
     unloaded: float
+    told: float
     wheel_torque: float
     torque_ratio: float
     slip: float
@@ -85,6 +87,7 @@ def measure(outing: Outing, since: float = 0.5) -> Measures:
         load_least=float(load.min()) if load.size else math.nan,
         load_quantile=float(np.quantile(load, 0.005)) if load.size else math.nan,
         unloaded=float(np.count_nonzero(load <= 0.0) * outing.choice.period),
+        told=float(np.count_nonzero(log["lost"][on]) * outing.choice.period),
         wheel_torque=_largest(np.abs(log["torque"][on][:, 9:]).max(axis=1)),
         torque_ratio=_largest((np.abs(log["torque"][on]) / robot.effort_limit[robot.actuated]).max(axis=1)),
         slip=_largest(np.abs(log["slip"][on]).max(axis=1)),

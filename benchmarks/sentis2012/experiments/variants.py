@@ -18,9 +18,9 @@ NAMES = {"dreamer": "ball wheels", "dreamer_rollers": "rollers"}
 PULL = Walk(speed=0.33, distance=0.95)
 """The human's way; the robot, on a spring, runs at 0.35 m/s."""
 
-IMU_ONLY = Compliance(normals="base", carried=(0.35, 35.0))
+IMU_ONLY = Compliance(normals="base", carried=(0.4, 40.0), com_acceleration=3.0)
 IMU_WALK = Walk(speed=0.30, distance=1.1)
-"""The spring that carries a third of the robot's weight along the slope stretches: a longer way."""
+"""The spring that carries a share of the robot's weight along the slope stretches: a longer way."""
 
 MAPPED = Compliance(normals="map")
 """Full gravity compensation with normals from the robot's own map: IMU and wheel encoders, no force sensor."""
