@@ -206,7 +206,9 @@ def _torque(ground: Ground, count: int) -> Iterator[Check]:
         yield at_most("S(27), (48)-(62)", text.format(solver), label, 1e-8, off, kind="product")
     text = "the same, sign of the gravity shift turned: relative torque"
     yield seen_to_fail("S(27), (48)-(62)", text, label, 1e-8, wrong)
-    yield from answers("S(27), (48)-(62)", "torque of the experiments by hand", label, 1e-8, cases)
+    yield from answers(
+        "S(27), (48)-(62)", "torque of the experiments by hand", label, 1e-8, cases[: max(3, count // 4)]
+    )
 
 
 def _forces(ground: Ground, count: int) -> Iterator[Check]:

@@ -9,7 +9,7 @@ from benchmarks.sentis2012.experiments.cases import Case
 from benchmarks.sentis2012.experiments.compliance import Compliance
 from benchmarks.sentis2012.experiments.human import SpringHand
 from benchmarks.sentis2012.experiments.scene import Scene
-from benchmarks.sentis2012.experiments.variants import NAMES, PULL
+from benchmarks.sentis2012.experiments.variants import IMU_ONLY, IMU_WALK, MAPPED, NAMES, PULL
 from hqp.robots.on_mujoco import Noise, Sensors
 
 ONE_CM = 10.0
@@ -117,6 +117,18 @@ def cells(full: bool) -> list[Cell]:
             name = f"{degrees} deg, turns to where it is led, {NAMES[scene.plant]}"
             turned = replace(scene, heading=math.radians(degrees))
             add("heading", name, turned, Compliance(turn=0.6), limit=ONE_CM)
+    for degrees in (10, 20, 30, 45):
+        turned = replace(rollers, heading=math.radians(degrees))
+        add("heading", f"{degrees} deg, rollers, own map", turned, MAPPED, limit=ONE_CM)
+    add("slope", "8 deg, rollers, own map", replace(rollers, slope=8.0), MAPPED, limit=ONE_CM)
+    for degrees in (0, 3, 5, 8):
+        tilted = replace(rollers, slope=float(degrees), walk=IMU_WALK)
+        add("slope", f"{degrees} deg, rollers, IMU only", tilted, IMU_ONLY, limit=ONE_CM)
+    # what the projector cannot and a hierarchy that knows the limits can: the controller's fault, not physics'
+    bounded = Compliance(limits=True, com_acceleration=math.inf)
+    add("slope", "12 deg, rollers, with limits", replace(rollers, slope=12.0), bounded, limit=ONE_CM)
+    aside = Scene(slope=0.0, push=(0.0, 60.0, 0.0), seconds=5.0)
+    add("step pull", "60 N aside, flat, with limits", aside, bounded, limit=ONE_CM)
     add("heading", "180 deg, ball wheels", replace(ball, heading=math.pi), earlier="49")
     combined = replace(
         rollers, slope=7.0, friction=0.5, delay=0.004, heading=math.radians(5.0), extra_mass=1.02,
