@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: corpus bench experiments test test-sweeps test-browser test-adapters test-cpp docs check setup format clean sanitize
+.PHONY: corpus bench experiments test test-sweeps test-browser test-adapters test-cpp docs problem-sets check setup format clean sanitize
 
 bench: setup
 	$(BIN)/python -m benchmarks
@@ -30,12 +30,12 @@ test-sweeps: setup
 # Adapters with the newest releases of pink, mink and LeRobot's kinematics, and with older ones; without their dependencies.
 ADAPTED := build/adapters
 test-adapters: setup
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check gymnasium
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check gymnasium qpbenchmark
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade --target $(ADAPTED)/newest \
 	    pin-pink==4.4.0 mink==1.3.0 lerobot==0.4.4
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade --target $(ADAPTED)/older \
 	    pin-pink==3.4.0 mink==0.0.13 lerobot==0.3.3
-	for release in newest older; do PYTHONPATH=$(ADAPTED)/$$release $(BIN)/python -m pytest tests/adapters || exit 1; done
+	for release in newest older; do PYTHONPATH=$(ADAPTED)/$$release $(BIN)/python -m pytest tests/adapters tests/lab/test_problem_sets.py || exit 1; done
 
 # The site, offline; fails on a broken link or a name that the API pages do not find.
 docs: setup
@@ -49,6 +49,9 @@ test-cpp: setup
 	cmake -S examples/cpp -B build/cpp -Dhqp_DIR=$$($(BIN)/hqp --cmake-dir) > build/cpp/configure.log
 	cmake --build build/cpp
 	build/cpp/replay build/cpp/g1.bin 1e-12
+
+problem-sets: setup
+	$(BIN)/python -m benchmarks.speed.publish build/problem_sets
 
 CPP := $(wildcard hqp/cpp/*/*.hpp hqp/cpp/*/*.cpp tests/solvers/native/*.cpp)
 

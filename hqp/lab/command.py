@@ -30,9 +30,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for suffix, what in (("html", "one page with plots"), ("md", "Markdown"), ("json", "JSON"), ("parquet", "ticks")):
         parser.add_argument(f"--{suffix}", type=Path, metavar="FILE", help=f"write {what} there")
     parser.add_argument("--against", type=Path, metavar="OLD.json", help="compare with an older run's JSON")
-    parser.add_argument(
-        "--rivals", nargs="+", default=[], metavar="NAME", help="pink, mink: the same stack there, each in its own venv"
-    )
 
 
 def execute(arguments: argparse.Namespace) -> int:

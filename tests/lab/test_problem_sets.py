@@ -67,3 +67,11 @@ def test_qpbenchmark_loads_an_export(tmp_path: Path) -> None:
     loaded = list(Set(export))
     assert len(loaded) == sum(len(problem.levels) for problem in given)
     assert loaded[0].P.shape[0] == given[0].n + given[0].levels[0].m
+
+
+def test_the_hard_half_is_published_as_hard(tmp_path: Path) -> None:
+    given = problems.load("hard/d57", 2)
+    file = problem_sets.write(tmp_path / "d57.parquet", given, name="hard/d57", description="d", difficulty="hard")
+    found = problem_sets.read(file)
+    solver = hqp.solvers.load("lexicographic")
+    assert all(hqp.certificate(p, solver.workspace(p.shape).solve(p).x).ok for p in found)
