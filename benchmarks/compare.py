@@ -82,7 +82,7 @@ def cases(robot: Robot, count: int, away: tuple[float, float], seed: int) -> lis
     rng = np.random.default_rng([seed, robot.nv])
     stack = paper_stack(roles(robot), limits=True)
     com, hand = stack.find("com_xy", Com), stack.find("hand", Position)
-    session = hqp.Controller(stack, solver="lexicographic").session(robot, dt=1.0 / HZ)
+    session = hqp.Controller(stack, solver="lexicographic", price=0).session(robot, dt=1.0 / HZ)
     session.step(robot.state())
     projector = solvers.load("nullspace", ignore_inequalities=True)
     found = []

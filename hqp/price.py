@@ -30,7 +30,7 @@ GAIN_TIME = 0.15
 """At order 1, tau is at most this over the gain: a demand that speed limits cut would slow all rows of its level."""
 
 
-ON_BY_DEFAULT = False
+ON_BY_DEFAULT = True
 """Whether a controller that declares no price takes the default one."""
 
 

@@ -21,8 +21,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.problem import Hierarchy, Motion, Rows, Selection
+from hqp.problem import Hierarchy, Motion, Rows
 from hqp.tolerances import MET_TOLERANCE
+
+ZERO = 1e-12
+"""A row's slack below this fraction of its level's terms is zero."""
 
 FLAT = 1e-7
 """Directions without motion get this fraction of the largest column of F, so that the least ||x|| is taken there."""
@@ -69,10 +72,13 @@ class Coordinates:
 def is_met(rows: Rows, x: Vec) -> bool:
     """Whether ||w|| at x is no more than rounding leaves of zero, MET_TOLERANCE of the level's terms and bounds."""
     w = rows.slack(x)
-    A = rows.dense(x.size)
+    return float(np.sqrt(w @ w)) <= MET_TOLERANCE * _size(rows, x)
+
+
+def _size(rows: Rows, x: Vec) -> float:
+    """What the rounding of a level's slacks is relative to: its largest terms and bounds."""
     bounds = np.where(np.isfinite(rows.lower), rows.lower, np.where(np.isfinite(rows.upper), rows.upper, 0.0))
-    size = float(np.max(np.abs(A) @ np.abs(x) + np.abs(bounds), initial=0.0))
-    return float(np.sqrt(w @ w)) <= MET_TOLERANCE * size
+    return float(np.max(np.abs(rows.dense(x.size)) @ np.abs(x) + np.abs(bounds), initial=0.0))
 
 
 def handed_down(rows: Rows, x: Vec, still: Vec, share: float, guard: bool) -> Rows:
@@ -87,7 +93,7 @@ def handed_down(rows: Rows, x: Vec, still: Vec, share: float, guard: bool) -> Ro
         w, y = rows.slack(x), A @ x
         norm = float(np.sqrt(w @ w))
         width = share * norm / np.sqrt(rows.m)
-        fixed = ((lower == upper) | (w != 0.0)) & ((lower > -np.inf) | (upper < np.inf))
+        fixed = ((lower == upper) | (np.abs(w) > ZERO * _size(rows, x))) & ((lower > -np.inf) | (upper < np.inf))
         lower[fixed], upper[fixed] = y[fixed] - width, y[fixed] + width
         u = -w / norm
         made = float(u @ (y - A @ still))
@@ -96,12 +102,10 @@ def handed_down(rows: Rows, x: Vec, still: Vec, share: float, guard: bool) -> Ro
     return Rows(np.concatenate([A, last[None]]), np.append(lower, below), np.append(upper, np.inf))
 
 
-def room(rows: Rows) -> Rows:
-    """The rows of a priced level before it is solved, with the place of the guard's row."""
-    n = int(rows.A.index.max(initial=0)) + 1 if isinstance(rows.A, Selection) else rows.A.shape[1]
-    return Rows(
-        np.concatenate([rows.dense(n), np.zeros((1, n))]), np.append(rows.lower, -np.inf), np.append(rows.upper, np.inf)
-    )
+def room(rows: Rows, n: int) -> Rows:
+    """The rows of a priced level, in arrays of their own, with the place of the guard's row."""
+    A = np.concatenate([rows.dense(n), np.zeros((1, n))])
+    return Rows(A, np.append(rows.lower, -np.inf), np.append(rows.upper, np.inf))
 
 
 def after_stages(problem: Hierarchy, stages: Mat, coordinates: Coordinates | None = None) -> Hierarchy:

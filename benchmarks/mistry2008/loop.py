@@ -102,7 +102,7 @@ def run(
     stack = stack or paper_stack(roles(robot))
     frames = roles(robot)
     formulation = hqp.Velocity(contact_law=P(contact_gain))
-    session = hqp.Controller(stack, formulation, solver=solver, price=0.0).session(robot, dt)
+    session = hqp.Controller(stack, formulation, solver=solver, price=0).session(robot, dt)
     com_task, hand_task = stack.find("com_xy", Com), stack.find("hand", Position)
     q, v = (robot.home if q is None else q).copy(), np.zeros(robot.nv)
     state = robot.state(q, v)

@@ -101,7 +101,7 @@ class Lexicographic(Solver):
     def workspace(self, shape: Shape) -> Workspace:
         """Allocate for problems of this shape."""
         if shape.priced:
-            return StagedWorkspace(shape, self.workspace)
+            return StagedWorkspace(shape, self.workspace, native=self.is_native)
         if self.is_native:
             return NativeWorkspace(self, shape)
         from hqp.solvers.lexicographic_reference import ReferenceWorkspace

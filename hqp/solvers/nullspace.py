@@ -8,13 +8,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from hqp.arrays import Vec
-from hqp.errors import DeclarationError, UnsupportedProblem
+from hqp.arrays import Mat, Vec
+from hqp.errors import ProblemError, UnsupportedProblem
+from hqp.pricing import Coordinates
 from hqp.problem import Hierarchy, Shape, Solution, Stats, Status
-from hqp.solvers.base import Solver, check_number
+from hqp.solvers.base import Solver, check_number, finish
 from hqp.solvers.completion import metric_factor
 from hqp.solvers.flat import Flat
 from hqp.solvers.recursion import Recursion
+from hqp.solvers.secular import least_unmet
 from hqp.tolerances import RANK_TOLERANCE
 
 
@@ -25,26 +27,22 @@ class Nullspace(Solver):
     Equal to the lexicographic least squares at every rank; metric and origin choose in the last null space
     (Sentis' dynamically consistent law is this with the metric phi*).
     rank_tolerance: a row adds a direction where its pivot exceeds this fraction of the level's largest row norm,
-    before projection.  damping: lambda [unit of A], one for all levels or one a level, min ||w_k||^2 + lambda^2
-    ||step||^2; the levels above never notice, the answer is marked where the level is not at its optimum.
+    before projection.  Levels with a price are min ||w_k|| + c E in that null space, with share 0.
     ignore_inequalities: leave inequality rows out, as an ordinary projector must; the answer is marked where one is
     violated.
     """
 
     name: ClassVar[str] = "nullspace"
     inequalities: ClassVar[bool] = False
+    priced: ClassVar[bool] = True
+    shares: ClassVar[bool] = False
     accuracy: ClassVar[float] = 1e-8
 
     rank_tolerance: float = RANK_TOLERANCE
-    damping: float | tuple[float, ...] = 0.0
     ignore_inequalities: bool = False
 
     def __post_init__(self) -> None:
         check_number("nullspace", "rank_tolerance", self.rank_tolerance, below=1.0)
-        if isinstance(self.damping, (tuple, list)):
-            object.__setattr__(self, "damping", tuple(self.damping))
-        for value in self.damping if isinstance(self.damping, tuple) else (self.damping,):
-            check_number("nullspace", "damping", value, closed=True)
 
     def require(self, shape: Shape) -> None:
         """As Solver.require; inequalities pass where they are to be ignored."""
@@ -52,10 +50,6 @@ class Nullspace(Solver):
             raise UnsupportedProblem(
                 f"{self.name} takes no inequalities; take an HQP solver such as 'lexicographic', or let it leave them "
                 "out with ignore_inequalities=True"
-            )
-        if isinstance(self.damping, tuple) and len(self.damping) != len(shape.rows):
-            raise DeclarationError(
-                self.name, "one damping a level", value=self.damping, allowed=f"{len(shape.rows)} numbers"
             )
 
     def workspace(self, shape: Shape) -> NullspaceWorkspace:
@@ -70,16 +64,13 @@ class NullspaceWorkspace:
     def __init__(self, solver: Nullspace, shape: Shape) -> None:
         self.flat = Flat(shape)
         self.recursion = Recursion(shape.n, solver.rank_tolerance)
-        levels = len(shape.rows)
-        damping = solver.damping if isinstance(solver.damping, tuple) else (float(solver.damping),) * levels
-        self.damping = damping if any(damping) else ()
-        self._accuracy = solver.accuracy
+        self._tolerance = solver.rank_tolerance
 
     def reset(self) -> None:
         """Nothing is kept between solves."""
 
     def solve(self, problem: Hierarchy) -> Solution:
-        """The solution; NOT_CERTIFIED where an ignored inequality is violated or damping moved a level."""
+        """The solution; NOT_CERTIFIED where an ignored inequality is violated."""
         began = perf_counter()
         flat, recursion = self.flat, self.recursion
         unusable = flat.load(problem)
@@ -89,29 +80,49 @@ class NullspaceWorkspace:
         if not flat.equality.all():
             A, b = A[flat.equality], b[flat.equality]
             stops = [int(np.count_nonzero(flat.equality[:stop])) for stop in stops]
-        shift = problem.origin if problem.metric is None else None
+        shift = problem.origin if problem.metric is None and not problem.priced else None
         if shift is not None:
             b = b - A @ shift
         built = perf_counter()
-        recursion.solve(A, b, stops, self.damping)
+        if problem.priced:
+            if any(c > 0.0 and problem.share(k) > 0.0 for k, c in enumerate(problem.prices)):  # type: ignore[arg-type]
+                raise ProblemError("nullspace: hands down no shares, needs shares = 0 where a level has a price")
+            return self._priced(problem, A, b, stops, began)
+        recursion.solve(A, b, stops)
         if problem.metric is not None and recursion.free:
             F = metric_factor(problem.metric)
             recursion.extend(F, np.zeros(F.shape[0]) if problem.origin is None else F @ problem.origin)
         x = recursion.point()
         if shift is not None:
             x = x + shift
-        status, detail = self._verdict(A, b if shift is None else b + A @ shift, stops, x)
+        status, detail = self._verdict(x)
         stats = Stats(0, recursion.factorisations, built - began, perf_counter() - built)
         return flat.finish(problem, x, status, stats, detail)
 
-    def _verdict(self, A: Vec, b: Vec, stops: list[int], x: Vec) -> tuple[Status, str]:
+    def _priced(self, problem: Hierarchy, A: Mat, b: Vec, stops: list[int], began: float) -> Solution:
+        """Level by level in the coordinates of the motion: y = y_above + Z z, z by the secular equation."""
+        prices = problem.prices if problem.prices is not None else np.zeros(len(stops))
+        at = Coordinates.of(problem.motion, problem.n)
+        y, Z = np.zeros(problem.n), np.eye(problem.n)
+        stages = np.full((len(stops), problem.n), np.nan)
+        for k, (start, stop) in enumerate(zip([0, *stops], stops, strict=False)):
+            rows = A[start:stop]
+            B = at.rows(rows)
+            size = float(np.sqrt(np.square(B).sum(axis=1).max(initial=0.0)))
+            if size > 0.0 and Z.shape[1]:
+                e = b[start:stop] - rows @ at.still - B @ y
+                z, seen = least_unmet(B @ Z, e, float(prices[k]), self._tolerance * size)
+                y = y + Z @ z
+                Z = Z @ np.linalg.svd(seen, full_matrices=True)[0][:, seen.shape[1] :]
+            if prices[k] > 0.0:
+                stages[k] = at.point(y)
+        x = _complete(problem, at.point(y), at.P[:, None] * Z if at.P.ndim == 1 else at.P @ Z)
+        status, detail = self._verdict(x)
+        return finish(problem, x, status, Stats(0, len(stops), 0.0, perf_counter() - began), detail, stages)
+
+    def _verdict(self, x: Vec) -> tuple[Status, str]:
         if self.flat.inequality.any() and not self._inequalities_hold(x):
             return Status.NOT_CERTIFIED, "an inequality that was left out is violated"
-        if self.damping:
-            left = np.abs(A.T @ self.recursion.multipliers(A @ x - b, stops)).max(axis=0, initial=0.0)
-            sizes = [np.abs(A[a:z]).max(initial=0.0) for a, z in zip([0, *stops], stops, strict=False)]
-            if np.any(left > self._accuracy * np.square(sizes)):
-                return Status.NOT_STRICT, "damping keeps a level from its optimum"
         if self.recursion.uncertain:
             return Status.RANK_UNCERTAIN, "a pivot lay near rank_tolerance"
         return Status.OPTIMAL, ""
@@ -120,3 +131,17 @@ class NullspaceWorkspace:
         rows = self.flat.inequality
         w = self.flat.slack(x)[rows]
         return bool(np.all(np.abs(w) <= 1e-9 * (1.0 + np.abs(self.flat.A[rows]) @ np.abs(x))))
+
+
+def _complete(problem: Hierarchy, x: Vec, D: Mat) -> Vec:
+    """The point of x + D z that the metric about the origin prefers, then the shortest."""
+    origin = np.zeros(x.size) if problem.origin is None else problem.origin
+    if problem.metric is not None and D.size:
+        F = metric_factor(problem.metric)
+        size = float(np.sqrt(np.square(F @ D).sum(axis=1).max(initial=0.0)))
+        z, seen = least_unmet(F @ D, F @ (origin - x), 0.0, 1e-10 * size)
+        x, D = x + D @ z, D @ np.linalg.svd(seen, full_matrices=True)[0][:, seen.shape[1] :]
+        origin = np.zeros(x.size)
+    if D.size:
+        x = x + D @ np.linalg.lstsq(D, origin - x, rcond=None)[0]
+    return x

@@ -13,13 +13,19 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from time import perf_counter
+from typing import TypeAlias
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mat, Signs, Vec
 from hqp.pricing import Coordinates, after_stages, at_optimum, feasible_set, room, stack_rows
-from hqp.problem import Hierarchy, Rows, Shape, Solution, Stats
+from hqp.problem import SHARE, Hierarchy, Rows, Selection, Shape, Solution, Stats
 from hqp.solvers.base import Workspace, check_shape, finish
+
+try:
+    from hqp import _priced as native_stages
+except ImportError:  # no compiler was there
+    native_stages = None  # type: ignore[assignment]
 
 LEAST = 1e-6
 """sqrt(m) of a priced level below which it counts as met, relative to its largest row."""
@@ -27,8 +33,14 @@ LEAST = 1e-6
 ROOT = 1e-12
 """m is found to this relative accuracy."""
 
-StagePoint = Callable[[Hierarchy, Coordinates, Rows, Vec, int], Vec]
-"""x_k of (problem, coordinates, S_{k-1} as hard rows, a point of it, k)."""
+
+Counts: TypeAlias = tuple[int, int, int, bool]
+"""As NativeWorkspace.kernel: outcome (0 for an optimum), iterations, factorisations, whether it was judged."""
+
+Kernel: TypeAlias = tuple[Callable[[], Counts], Vec, Signs]
+
+UNSETTLED = 99
+"""Outcome of a kernel's solve that does not settle every priced level."""
 
 
 def multiplier(unmet: Callable[[float], float], price: float, size: float) -> float | None:
@@ -84,17 +96,22 @@ def first_unclear(problem: Hierarchy, x: Vec, at: Coordinates) -> int | None:
 
 
 class StagedWorkspace:
-    """A workspace for priced hierarchies: one for the exact hierarchy, one for what the stages leave."""
+    """A workspace for priced hierarchies: one for the exact hierarchy, one for what the stages leave.
 
-    def __init__(self, shape: Shape, exact: Callable[[Shape], Workspace], stage: StagePoint | None = None) -> None:
+    exact: makes a workspace for an exact shape.  native: whether the stages are solved by the native code, else each
+    by a secant over exact hierarchies in the same solver.
+    """
+
+    def __init__(self, shape: Shape, exact: Callable[[Shape], Workspace], native: bool = False) -> None:
         self._shape = shape
         self._exact = exact(replace(shape, priced=()))
-        rows = tuple(m + 1 if priced else m for m, priced in zip(shape.rows, shape.priced, strict=True))
+        rows = tuple(m + priced for m, priced in zip(shape.rows, shape.priced, strict=True))
         selections = tuple(s and not p for s, p in zip(shape.selections, shape.priced, strict=True))
         self._last = exact(replace(shape, rows=rows, selections=selections, inequalities=True, priced=()))
-        self._workspaces: dict[Shape, Workspace] = {}
-        self._make = exact
-        self._stage = stage or self._by_secant
+        self._make, self._workspaces = exact, dict[Shape, Workspace]()
+        self._native = native_stages.Stages(shape.n, list(shape.rows), list(shape.priced)) if native else None
+        self._points: Mat = np.full((len(rows), shape.n), np.nan)
+        self._end: Vec = np.zeros(shape.n)
         self._problem: Hierarchy | None = None
 
     def reset(self) -> None:
@@ -102,50 +119,108 @@ class StagedWorkspace:
         self._exact.reset()
         self._last.reset()
         self._workspaces.clear()
+        if self._native is not None:
+            self._native.reset()
+
+    def limit(self, seconds: float) -> None:
+        """Time for the next solves [s], as the solver's own workspace takes it."""
+        for workspace in (self._exact, self._last):
+            getattr(workspace, "limit", lambda _: None)(seconds)
 
     def solve(self, problem: Hierarchy) -> Solution:
-        """The exact answer where every priced level is clear, else that of the stages, with their points."""
-        check_shape(problem, self._shape)
+        """The exact answer where it settles every priced level, else that of the stages, with their points."""
         if self._problem is not problem:
-            self._problem, self._plain = problem, problem.exact()
-        solution = self._exact.solve(self._plain)
-        if not problem.priced or not solution.status.usable:
-            return solution
+            self._bind(problem)
+        return self._priced(problem, self._exact.solve(self._plain))
+
+    def kernel(self, problem: Hierarchy) -> Kernel | None:
+        """The exact hierarchy's kernel, as NativeWorkspace.kernel; its outcome is UNSETTLED where stages follow."""
+        if self._problem is not problem:
+            self._bind(problem)
+        exact: Kernel | None = getattr(self._exact, "kernel", lambda _: None)(self._plain)
+        if exact is None or self._native is None or not problem.priced:
+            return exact
+        solve, values, marks = exact
+        x, stages, points, end = values[: problem.n], self._native.solve, self._points, self._end
+
+        def settled() -> Counts:
+            counts = solve()
+            return counts if counts[0] or stages(x, points, end) < 0 else (UNSETTLED, *counts[1:])
+
+        return settled, values, marks
+
+    def answer(self, problem: Hierarchy, counts: Counts) -> Solution:
+        """The solution of the latest solve of ``kernel``."""
+        if counts[0] == UNSETTLED:
+            counts = (0, *counts[1:])
+        return self._priced(problem, self._exact.answer(self._plain, counts))  # type: ignore[attr-defined]
+
+    def _priced(self, problem: Hierarchy, solution: Solution) -> Solution:
+        """The exact solution, or that of the stages from the first level that it does not settle."""
         began = perf_counter()
-        at = Coordinates.of(problem.motion, problem.n)
-        first = first_unclear(problem, solution.x, at)
-        if first is None:
+        found = self._stages(problem, solution.x) if problem.priced and solution.status.usable else None
+        if found is None:
             return solution
-        stages, x = self._stages(problem, at, solution.x, first)
-        final = after_stages(problem, stages, at)
-        levels = [
-            room(rows) if priced and rows.m == problem.levels[k].m else rows
-            for k, (rows, priced) in enumerate(zip(final.levels, problem.priced, strict=True))
-        ]
-        answer = self._last.solve(replace(final, levels=tuple(levels)))
-        best = answer.x if answer.status.solved else x
+        stages, point, steps, final = found
+        answer = self._last.solve(final)
         stats = Stats(
-            solution.stats.iterations + answer.stats.iterations,
+            solution.stats.iterations + answer.stats.iterations + steps,
             solution.stats.factorisations + answer.stats.factorisations,
             solution.stats.build_s,
             solution.stats.solve_s + perf_counter() - began,
         )
+        # where the last solve ends without an answer, the last stage's point keeps to what every level handed down
+        best = answer.x if answer.status.solved else point
         return finish(problem, best, answer.status, stats, answer.detail, stages)
 
-    def _stages(self, problem: Hierarchy, at: Coordinates, x: Vec, first: int) -> tuple[Mat, Vec]:
-        """The stage points from the first level on, and the last of them."""
+    def _bind(self, problem: Hierarchy) -> None:
+        check_shape(problem, self._shape)
+        self._problem, self._plain = problem, problem.exact()
+        if self._native is None or not problem.priced:
+            return
+        priced = [bool(p) for p in problem.priced]
+        below = [room(rows, problem.n) if p else rows for rows, p in zip(problem.levels, priced, strict=True)]
+        handed = [(rows.A, rows.lower, rows.upper) if p else None for rows, p in zip(below, priced, strict=True)]
+        self._final = replace(self._plain, levels=tuple(below), stacked=None)
+        shares = problem.shares if problem.shares is not None else np.full(len(priced), SHARE)
+        motion = problem.motion
+        self._native.bind(
+            [_arrays(rows) for rows in problem.levels],
+            handed,  # type: ignore[arg-type]
+            np.ascontiguousarray(problem.prices),
+            np.ascontiguousarray(shares),
+            None if motion is None else motion.F,
+            None if motion is None else motion.f,
+            problem.guard,
+        )
+
+    def _stages(self, problem: Hierarchy, x: Vec) -> tuple[Mat, Vec, int, Hierarchy] | None:
+        """The stage points, the last of them, steps taken and the exact hierarchy left; None where x settles all."""
+        if self._native is not None:
+            first = self._native.solve(x, self._points, self._end)
+            if first < 0:
+                return None
+            return self._points.copy(), self._end.copy(), self._native.effort()[0], self._final
+        at = Coordinates.of(problem.motion, problem.n)
+        start = first_unclear(problem, x, at)
+        if start is None:
+            return None
         stages = np.full((len(problem.levels), problem.n), np.nan)
-        # levels above the first are met by x, so x stands for the point of their stage
         known = stages.copy()
-        known[:first] = x
-        for k in range(first, len(problem.levels)):
+        known[:start] = x  # levels above are met by x, which stands for the point of their stage
+        for k in range(start, len(problem.levels)):
             if problem.priced[k]:
-                x = self._stage(problem, at, feasible_set(problem, known, k, x, at.still), x, k)
+                x = self._by_secant(problem, at, feasible_set(problem, known, k, x, at.still), x, k)
                 stages[k] = known[k] = x
             elif any(problem.priced[k + 1 :]):
                 hard = feasible_set(problem, known, k, x, at.still)
                 x = self._ask(Hierarchy((hard, problem.levels[k]), constraints=1, n=problem.n), x)
-        return stages, x
+        final = after_stages(problem, stages, at)
+        levels = [
+            room(rows, problem.n) if priced and rows.m == problem.levels[k].m else rows
+            for k, (rows, priced) in enumerate(zip(final.levels, problem.priced, strict=True))
+        ]
+        return stages, x, 0, replace(final, levels=tuple(levels))
 
     def _by_secant(self, problem: Hierarchy, at: Coordinates, above: Rows, x: Vec, k: int) -> Vec:
         rows, n = problem.levels[k], problem.n
@@ -178,3 +253,11 @@ class StagedWorkspace:
             self._workspaces[shape] = self._make(shape)
         answer = self._workspaces[shape].solve(problem)
         return answer.x if np.isfinite(answer.x).all() else otherwise
+
+
+def _arrays(rows: Rows) -> tuple[object, ...]:
+    """What the native stages read: (A, None, None) or (None, index, scale), then the bounds; live where they can be."""
+    if isinstance(rows.A, Selection):
+        index = np.ascontiguousarray(rows.A.index, dtype=np.int64)
+        return None, index, np.ascontiguousarray(rows.A.scale), rows.lower, rows.upper
+    return rows.A, None, None, rows.lower, rows.upper

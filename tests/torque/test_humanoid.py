@@ -95,7 +95,7 @@ def full_problem(robot: Robot, session: Session, q: Vec, v: Vec, feet: tuple[str
 def test_torques_are_optimal_in_the_full_problem(humanoid: Robot, support: str, push: float) -> None:
     feet = humanoid.landmarks["soles"] if support == "double" else humanoid.landmarks["soles"][:1]
     whole = stack(humanoid, feet)
-    session = hqp.Controller(whole, hqp.Torque(), deadline=math.inf).session(humanoid, dt=DT)
+    session = hqp.Controller(whole, hqp.Torque(), price=0, deadline=math.inf).session(humanoid, dt=DT)
     com = whole.find("com", Com)
     bound = 0
     for seed in range(3):
@@ -132,7 +132,9 @@ def test_all_strict_solvers_agree_without_limits(humanoid: Robot, support: str) 
         if not (solver.strict and solver.metric):
             continue
         whole = stack(humanoid, feet, limited=False)
-        session = hqp.Controller(whole, hqp.Torque(), solver=solver, deadline=math.inf).session(humanoid, dt=DT)
+        session = hqp.Controller(whole, hqp.Torque(), price=0, solver=solver, deadline=math.inf).session(
+            humanoid, dt=DT
+        )
         com = whole.find("com", Com)
         goal = com.value(humanoid.state(q, v)) + 0.02
         found[name] = session.step(humanoid.state(q, v), com.at(goal)).command
@@ -151,7 +153,7 @@ def test_redundant_contacts_leave_internal_forces_that_a_last_level_settles(huma
     forced = Stack(*bare.levels, Level(*centred), subject_to=bare.subject_to)
     commands, sideways, motion = {}, {}, {}
     for name, whole in (("gauss", bare), ("least", least), ("forced", forced)):
-        session = hqp.Controller(whole, hqp.Torque(), deadline=math.inf).session(humanoid, dt=DT)
+        session = hqp.Controller(whole, hqp.Torque(), price=0, deadline=math.inf).session(humanoid, dt=DT)
         tick = session.step(humanoid.state(q, v))
         commands[name] = tick.command
         forces = program(session).contact_forces(tick.command)
@@ -184,7 +186,7 @@ def test_unloading_a_foot_first_bounds_the_jump_of_the_torques(humanoid: Robot) 
     goal = com.at(state.position(left)[:2])
     jumps = {}
     for name, before in (("loaded", double), ("unloaded", unloaded)):
-        session = hqp.Controller(before, hqp.Torque(), deadline=math.inf).session(humanoid, dt=DT)
+        session = hqp.Controller(before, hqp.Torque(), price=0, deadline=math.inf).session(humanoid, dt=DT)
         last = session.step(humanoid.state(q, v), goal).command
         session.change(single)
         released = session.step(humanoid.state(q, v), goal).command

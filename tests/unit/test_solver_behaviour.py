@@ -106,24 +106,6 @@ class TestNullspace:
         for rows, w in zip(levels, found.residuals, strict=True):
             np.testing.assert_allclose(w, rows.slack(tau), atol=1e-9)
 
-    def test_damping_moves_its_level_alone(self) -> None:
-        J, b = three_levels(np.random.default_rng(3))
-        problem = hierarchy(J, b)
-        exact = hqp.solvers.load("nullspace").solve(problem)
-        damped = hqp.solvers.load("nullspace", damping=(0.0, 0.5, 0.0)).solve(problem)
-        assert damped.status is Status.NOT_STRICT
-        assert "damping" in damped.detail
-        np.testing.assert_allclose(damped.residuals[0], exact.residuals[0], atol=1e-12)
-        N = np.eye(9) - pinv(J[0]) @ J[0]
-        first = pinv(J[0]) @ b[0]
-        step = np.linalg.solve(N @ J[1].T @ J[1] @ N + 0.25 * np.eye(9), N @ J[1].T @ (b[1] - J[1] @ first))
-        np.testing.assert_allclose(damped.residuals[1], J[1] @ (first + step) - b[1], atol=1e-12)
-
-    def test_damping_bounds_the_step_near_a_singularity(self) -> None:
-        nearly = equality(np.array([[1.0, 0.0], [1.0, 1e-6]]), np.array([0.0, 1.0]))
-        assert np.abs(hqp.solvers.load("nullspace").solve(Hierarchy((nearly,))).x).max() > 1e5
-        assert np.abs(hqp.solvers.load("nullspace", damping=1e-3).solve(Hierarchy((nearly,))).x).max() < 1.0
-
     def test_ignored_inequalities_are_optimal_only_where_they_hold(self) -> None:
         solver = hqp.solvers.load("nullspace", ignore_inequalities=True)
         task = equality(np.eye(2), np.array([1.0, 1.0]))

@@ -41,8 +41,6 @@ def test_every_available_solver_loads_and_states_its_capabilities() -> None:
         ("nullspace", {"rank_tolerance": 0.0}, "bad rank_tolerance"),
         ("nullspace", {"rank_tolerance": "small"}, "bad rank_tolerance"),
         ("cascade", {"solver": "osqp"}, "allowed: backend"),
-        ("nullspace", {"damping": -1.0}, "bad damping"),
-        ("nullspace", {"damping": (0.1, np.inf)}, "bad damping"),
         ("chiaverini", {"damping": np.nan}, "bad damping"),
         ("chiaverini", {"rank_tolerance": 2.0}, "bad rank_tolerance"),
         ("cascade", {"tolerance": -1e-9}, "bad tolerance"),
@@ -86,9 +84,8 @@ def test_chiaverini_refuses_metric_and_origin() -> None:
 
 def test_one_number_a_level_where_a_tuple_is_given() -> None:
     level = Rows(np.eye(2), np.zeros(2), np.zeros(2))
-    for name, options in (("nullspace", {"damping": (0.1, 0.1)}), ("weighted", {"weights": (1.0, 2.0)})):
-        with pytest.raises(DeclarationError, match="1 numbers"):
-            hqp.solvers.load(name, **options).solve(Hierarchy((level,)))
+    with pytest.raises(DeclarationError, match="1 numbers"):
+        hqp.solvers.load("weighted", weights=(1.0, 2.0)).solve(Hierarchy((level,)))
 
 
 def test_a_workspace_refuses_another_shape() -> None:

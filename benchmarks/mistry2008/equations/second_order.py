@@ -90,7 +90,7 @@ def _accelerations(robot: Robot, count: int) -> Iterator[Check]:
     stack = stack.with_laws({element.name: FEEDFORWARD_ONLY for element in stack})
     rng = np.random.default_rng([SEED, 1])
     sessions = {
-        name: hqp.Controller(stack, hqp.Acceleration(), solver=name, price=0.0).session(robot, dt=0.002)
+        name: hqp.Controller(stack, hqp.Acceleration(), solver=name, price=0).session(robot, dt=0.002)
         for name in ("chiaverini", "nullspace")
     }
     rows, feet, centre, hands = [], [], [], []
@@ -130,7 +130,7 @@ def _energy(robot: Robot) -> Iterator[Check]:
     joints = robot.joints(None)
     name = robot.name
     for dt in (0.002, 0.010):
-        session = hqp.Controller(Stack(Level(posture)), hqp.Acceleration(), solver="nullspace", price=0.0).session(
+        session = hqp.Controller(Stack(Level(posture)), hqp.Acceleration(), solver="nullspace", price=0).session(
             robot, dt
         )
         q, v = robot.home, np.zeros(robot.nv)

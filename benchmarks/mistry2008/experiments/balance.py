@@ -59,7 +59,7 @@ class Balance:
     ) -> None:
         self.robot = hqp.robots.load("cbi")
         self.plant = Plant(self.robot, actuation="position", terrain=Plane(friction=friction))
-        self.session = hqp.Controller(stack, hqp.Velocity(), solver=solver).session(self.robot, PERIOD)
+        self.session = hqp.Controller(stack, hqp.Velocity(), solver=solver, price=0).session(self.robot, PERIOD)
         self.feedback, self._seen = feedback, seen
         self.q, self.v = self.plant.reset()
         places = self.robot.positions(self.robot.actuated)

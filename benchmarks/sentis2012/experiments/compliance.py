@@ -91,7 +91,7 @@ def stack(choice: Compliance) -> Stack:
 def refusal(choice: Compliance) -> str:
     """What the library says of a stack that it refuses to compile, empty if it takes it."""
     try:
-        hqp.Controller(stack(choice), hqp.Torque()).session(hqp.robots.load("dreamer"), choice.period)
+        hqp.Controller(stack(choice), hqp.Torque(), price=0).session(hqp.robots.load("dreamer"), choice.period)
     except DeclarationError as error:
         return str(error)
     return ""

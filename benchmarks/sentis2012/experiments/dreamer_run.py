@@ -34,7 +34,7 @@ class Outing:
         self.robot = hqp.robots.load("dreamer", rotors=True)
         tasks = stack(choice)
         formulation = hqp.Torque(gravity_compensation=True)
-        self.session = hqp.Controller(tasks, formulation, solver=solver).session(self.robot, choice.period)
+        self.session = hqp.Controller(tasks, formulation, solver=solver, price=0).session(self.robot, choice.period)
         self.plant = Plant(
             self.robot,
             scene.plant,

@@ -1,0 +1,137 @@
+// Python's view of the stages: bound once to the arrays of a hierarchy and of what its levels hand down.
+#include <atomic>
+#include <cstdint>
+#include <memory>
+#include <stdexcept>
+#include <vector>
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/vector.h>
+
+#include "stages.hpp"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace {
+
+using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Matrix = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Index = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Out = nb::ndarray<double, nb::c_contig, nb::device::cpu>;
+
+[[noreturn]] void refuse(const char* text) { throw nb::value_error(text); }
+
+template <class Array>
+auto checked(nb::handle h, std::size_t m) {
+  const auto a = nb::cast<Array>(h);
+  if (a.shape(0) != m) refuse("an array has a wrong shape");
+  return a.data();
+}
+
+class Stages {
+ public:
+  Stages(int n, const std::vector<int>& rows, const std::vector<int>& priced) : n_(n), rows_(rows) {
+    if (n < 1 || rows.size() != priced.size()) refuse("a level is priced or not");
+    std::unique_ptr<bool[]> marks(new bool[priced.size()]);
+    for (std::size_t k = 0; k < priced.size(); ++k) marks[k] = priced[k] != 0;
+    const int levels = static_cast<int>(rows.size());
+#if defined(HQP_AVX2)
+    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
+      stages_.reset(hqp::make_stages_avx2(n, levels, rows.data(), marks.get()));
+#endif
+    if (!stages_) stages_.reset(hqp::make_stages_generic(n, levels, rows.data(), marks.get()));
+  }
+
+  // levels: (A or None, index or None, scale or None, lower, upper); handed: (A, lower, upper) or None where a level
+  // has no price. The caller keeps the arrays alive, and so does this object.
+  void bind(const nb::list& levels, const nb::list& handed, const Vector& prices, const Vector& shares,
+            const nb::object& F, const nb::object& f, bool guard) {
+    if (levels.size() != rows_.size() || handed.size() != rows_.size() || prices.shape(0) != rows_.size() ||
+        shares.shape(0) != rows_.size())
+      refuse("one entry a level");
+    for (std::size_t k = 0; k < rows_.size(); ++k) {
+      const auto parts = nb::cast<nb::tuple>(levels[k]);
+      hqp::PricedLevel& level = stages_->levels()[k];
+      const std::size_t m = static_cast<std::size_t>(rows_[k]);
+      if (!parts[0].is_none()) {
+        const auto A = nb::cast<Matrix>(parts[0]);
+        if (A.shape(0) != m || A.shape(1) != std::size_t(n_)) refuse("A has a wrong shape");
+        level.A = A.data();
+      } else {
+        level.A = nullptr;
+        level.index = checked<Index>(parts[1], m);
+        level.scale = checked<Vector>(parts[2], m);
+        for (std::size_t i = 0; i < m; ++i)
+          if (level.index[i] < 0 || level.index[i] >= n_) refuse("a position beyond n");
+      }
+      level.lower = checked<Vector>(parts[3], m);
+      level.upper = checked<Vector>(parts[4], m);
+      if (handed[k].is_none()) continue;
+      const auto down = nb::cast<nb::tuple>(handed[k]);
+      hqp::Handed& out = stages_->handed()[k];
+      out.A = room(down[0], (m + 1) * n_);
+      out.lower = room(down[1], m + 1);
+      out.upper = room(down[2], m + 1);
+    }
+    const double *matrix = nullptr, *target = nullptr;
+    int r = 0;
+    if (!F.is_none()) {
+      const auto any = nb::cast<nb::ndarray<const double, nb::c_contig, nb::device::cpu>>(F);
+      if (any.ndim() == 0 || any.ndim() > 2 || any.shape(any.ndim() - 1) != std::size_t(n_)) refuse("F: wrong shape");
+      matrix = any.data();
+      r = any.ndim() == 2 ? static_cast<int>(any.shape(0)) : 0;
+    }
+    if (!f.is_none()) target = checked<Vector>(f, static_cast<std::size_t>(r ? r : n_));
+    stages_->bind(prices.data(), shares.data(), matrix, target, r, guard);
+    kept_ = nb::make_tuple(levels, handed, prices, shares, F, f);
+    bound_ = true;
+  }
+
+  // The first level that x does not settle, -1 for none; otherwise stages (levels, n) and last (n) are written.
+  int solve(const Vector& x, const Out& stages, const Out& last) {
+    if (!bound_) refuse("bind() comes first");
+    if (x.shape(0) != std::size_t(n_) || last.size() != std::size_t(n_) || stages.size() != rows_.size() * n_)
+      refuse("x, stages or last has a wrong shape");
+    if (busy_.exchange(true)) throw std::runtime_error("these stages are being solved in another thread");
+    const struct Free {
+      std::atomic<bool>& flag;
+      ~Free() { flag.store(false); }
+    } free{busy_};
+    const double* from = x.data();
+    double *to = stages.data(), *end = last.data();
+    const nb::gil_scoped_release release;
+    return stages_->solve(from, to, end);
+  }
+
+  std::pair<int, bool> effort() const { return {stages_->iterations(), stages_->ended()}; }
+  void reset() { stages_->reset(); }
+
+ private:
+  static double* room(nb::handle h, std::size_t size) {
+    const auto a = nb::cast<Out>(h);
+    if (a.size() != size) refuse("what a level hands down has a wrong shape");
+    return a.data();
+  }
+
+  int n_;
+  std::vector<int> rows_;
+  std::unique_ptr<hqp::PricedStages> stages_;
+  nb::object kept_;
+  bool bound_ = false;
+  std::atomic<bool> busy_{false};
+};
+
+}  // namespace
+
+NB_MODULE(_priced, m) {
+  m.doc() = "Native stages of levels with a price.";
+  nb::class_<Stages>(m, "Stages")
+      .def(nb::init<int, const std::vector<int>&, const std::vector<int>&>(), "n"_a, "rows"_a, "priced"_a)
+      .def("bind", &Stages::bind, "levels"_a, "handed"_a, "prices"_a, "shares"_a, "F"_a.none(), "f"_a.none(), "guard"_a)
+      .def("solve", &Stages::solve, "x"_a, "stages"_a, "last"_a)
+      .def("effort", &Stages::effort)
+      .def("reset", &Stages::reset);
+}

@@ -1,0 +1,117 @@
+// x = still + P y with E(x) = |y|^2 / 2: y is the motion away from the point of least motion.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "../solver/dense.hpp"
+
+namespace hqp {
+inline namespace HQP_ISA {
+
+constexpr double kFlat = 1e-7;  // directions without motion get this fraction of the largest column of F
+
+class Coordinates {
+ public:
+  explicit Coordinates(int n) : n_(n), still_(n, 0.0), inverse_(n, 1.0) {}
+
+  // F: (r, n), or its diagonal where r = 0, or null for the identity; f: (r), (n) for a diagonal, or null.
+  void set(const double* F, const double* f, int r) {
+    diagonal_ = r == 0;
+    if (diagonal_) {
+      for (int i = 0; i < n_; ++i) {
+        inverse_[i] = F ? F[i] : 1.0;
+        still_[i] = f ? f[i] / inverse_[i] : 0.0;
+      }
+      return;
+    }
+    factor(F, f, r);
+  }
+
+  const double* still() const { return still_.data(); }
+
+  // b (n) = a P for a row a of x.
+  void row(const double* a, double* b) const {
+    if (diagonal_) {
+      for (int i = 0; i < n_; ++i) b[i] = a[i] / inverse_[i];
+      return;
+    }
+    std::copy(a, a + n_, b);
+    for (int j = 0; j < n_; ++j) {
+      if (b[j] == 0.0) continue;
+      b[j] /= R_[j * n_ + j];
+      add_any(b + j + 1, &R_[j * n_ + j + 1], -b[j], n_ - j - 1);
+    }
+  }
+
+  void motion(const double* x, double* y) const {
+    for (int i = 0; i < n_; ++i) y[i] = x[i] - still_[i];
+    if (diagonal_) {
+      for (int i = 0; i < n_; ++i) y[i] *= inverse_[i];
+    } else {
+      for (int i = 0; i < n_; ++i) y[i] = dot_any(&R_[i * n_ + i], y + i, n_ - i);
+    }
+  }
+
+  void point(const double* y, double* x) const {
+    if (diagonal_) {
+      for (int i = 0; i < n_; ++i) x[i] = still_[i] + y[i] / inverse_[i];
+      return;
+    }
+    std::copy(y, y + n_, x);
+    solve_upper(x);
+    for (int i = 0; i < n_; ++i) x[i] += still_[i];
+  }
+
+ private:
+  void solve_upper(double* x) const {
+    for (int i = n_ - 1; i >= 0; --i)
+      x[i] = (x[i] - dot_any(&R_[i * n_ + i + 1], x + i + 1, n_ - i - 1)) / R_[i * n_ + i];
+  }
+
+  // Q R = [F; kFlat |F| I] by reflections, rows of the second block entering one by one.
+  void factor(const double* F, const double* f, int r) {
+    const int rows = r + n_;
+    work_.assign(static_cast<std::size_t>(rows) * (n_ + 1), 0.0);
+    R_.resize(static_cast<std::size_t>(n_) * n_);
+    double largest = 0.0;
+    for (int j = 0; j < n_; ++j) {
+      double square = 0.0;
+      double* column = &work_[static_cast<std::size_t>(j) * rows];
+      for (int i = 0; i < r; ++i) {
+        column[i] = F[i * n_ + j];
+        square += column[i] * column[i];
+      }
+      largest = larger(largest, square);
+    }
+    const double flat = largest > 0.0 ? kFlat * std::sqrt(largest) : 1.0;
+    for (int j = 0; j < n_; ++j) work_[static_cast<std::size_t>(j) * rows + r + j] = flat;
+    double* target = &work_[static_cast<std::size_t>(n_) * rows];
+    if (f) std::copy(f, f + r, target);
+    for (int j = 0; j < n_; ++j) {
+      double* v = &work_[static_cast<std::size_t>(j) * rows];
+      const int m = r + j + 1;  // below lies nothing yet
+      const double length = std::sqrt(dot_any(v + j, v + j, m - j));
+      const double pivot = v[j] > 0.0 ? -length : length;
+      const double head = v[j] - pivot;
+      const double tau = head == 0.0 ? 0.0 : -1.0 / (pivot * head);
+      v[j] = head;
+      for (int k = j + 1; k <= n_; ++k) {
+        double* column = &work_[static_cast<std::size_t>(k) * rows];
+        add_any(column + j, v + j, -tau * dot_any(column + j, v + j, m - j), m - j);
+      }
+      R_[j * n_ + j] = pivot;
+      for (int k = j + 1; k < n_; ++k) R_[j * n_ + k] = work_[static_cast<std::size_t>(k) * rows + j];
+    }
+    std::copy(target, target + n_, still_.data());
+    solve_upper(still_.data());
+  }
+
+  int n_;
+  bool diagonal_ = true;
+  std::vector<double> still_, inverse_, R_, work_;
+};
+
+}  // namespace HQP_ISA
+}  // namespace hqp

@@ -1,0 +1,213 @@
+// One stage: min ||T y - t|| + c/2 |y|^2 over lower <= C y <= upper, by a primal active set from a point of that set.
+// On the face of a working set the minimiser is known (secular.hpp), so every step goes to it or to the first row in
+// the way, and the value falls at every step that is not zero; after a zero step the lowest index leaves and enters
+// (Bland's rule), so that no working set comes back.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "row_space.hpp"
+#include "secular.hpp"
+
+namespace hqp {
+inline namespace HQP_ISA {
+
+// Rows of unit length, two-sided; an equality where the bounds agree.
+struct StageRows {
+  int ld = 0, count = 0;
+  std::vector<double> C, lower, upper;
+  std::vector<char> equal;
+
+  void room(int rows, int stride) {
+    ld = stride;
+    C.assign(static_cast<std::size_t>(rows) * ld, 0.0);
+    lower.resize(rows);
+    upper.resize(rows);
+    equal.resize(rows);
+  }
+  double* row(int i) { return &C[static_cast<std::size_t>(i) * ld]; }
+  const double* row(int i) const { return &C[static_cast<std::size_t>(i) * ld]; }
+
+  // Scale row i, already written, to unit length; a row of no length or no bound is dropped by the caller.
+  bool close(int i, int N, double low, double high) {
+    double* c = row(i);
+    const double length = std::sqrt(dot_any(c, c, N));
+    if (!(length > 1e-13) || (low == -INFINITY && high == INFINITY)) return false;
+    for (int j = 0; j < N; ++j) c[j] /= length;
+    lower[i] = low / length;
+    upper[i] = high / length;
+    equal[i] = low == high;
+    return true;
+  }
+};
+
+class StageSearch {
+ public:
+  StageSearch(int most_rows, int variables)
+      : space_(variables, padded(variables)),
+        rate_(most_rows),
+        side_(most_rows),
+        aim_(padded(variables)),
+        gradient_(padded(variables)),
+        lambda_(variables),
+        bound_(variables) {}
+
+  // Minimise from y (N), which keeps to the rows; warm: rows (index + 1, negative at the lower side) to begin with.
+  // Returns whether the optimum was reached; `working` holds the rows active at the end, as warm.
+  bool solve(const StageRows& rows, int N, const double* T, const double* t, int m, double price, double* y,
+             std::vector<int>& working, int& iterations) {
+    rows_ = &rows;
+    N_ = N;
+    std::fill(side_.begin(), side_.begin() + rows.count, 0);
+    space_.cut(0);
+    set_.clear();
+    dependent_.clear();
+    for (int i = 0; i < rows.count; ++i)
+      if (rows.equal[i]) enter(i, 1);
+    fixed_ = static_cast<int>(set_.size());
+    for (int entry : working) {
+      const int i = std::abs(entry) - 1, side = entry > 0 ? 1 : -1;
+      if (i < rows.count && !rows.equal[i] && at_bound(i, side, y)) enter(i, side);
+    }
+    const int cap = 20 * (N + rows.count);
+    bool zero = false, reached = false;
+    for (int step = 0; step < cap; ++step) {
+      ++iterations;
+      minimiser(T, t, m, price, y);
+      double far = 1.0;
+      const bool there = length_ <= 1e-14 * (1.0 + size_);
+      const int blocking = there ? -1 : first_in_the_way(y, zero, far);
+      if (there || far > 1e-14) {
+        for (int j = 0; j < N; ++j) y[j] += far * aim_[j];
+        zero = zero && there;
+      } else {
+        zero = true;
+      }
+      if (blocking >= 0) {
+        enter(blocking, rate_[blocking] > 0.0 ? 1 : -1);
+        continue;
+      }
+      const int out = wrong_sign(T, m, price, y, zero);
+      if (out < 0) {
+        reached = true;
+        break;
+      }
+      leave(out);
+    }
+    working.clear();
+    for (std::size_t k = fixed_; k < set_.size(); ++k) working.push_back(side_[set_[k]] * (set_[k] + 1));
+    return reached;
+  }
+
+  bool met() const { return secular_.met(); }
+
+ private:
+  bool at_bound(int i, int side, const double* y) const {
+    const double bound = side > 0 ? rows_->upper[i] : rows_->lower[i];
+    return std::abs(dot_any(rows_->row(i), y, N_) - bound) <= 1e-10 * (1.0 + std::abs(bound));
+  }
+
+  // A row that depends on those held stays where it is without being held.
+  void enter(int i, int side) {
+    if (!space_.add(rows_->row(i), N_)) {
+      side_[i] = 2;
+      if (!rows_->equal[i]) dependent_.push_back(i);
+      return;
+    }
+    side_[i] = side;
+    set_.push_back(i);
+  }
+
+  void leave(int k) {
+    side_[set_[k]] = 0;
+    std::vector<int>& rest = rest_;
+    rest.assign(set_.begin() + k + 1, set_.end());
+    set_.resize(k);
+    space_.cut(k);
+    for (int i : dependent_) side_[i] = 0;
+    dependent_.clear();
+    for (int i : rest) {
+      const int side = side_[i];
+      enter(i, side);
+    }
+  }
+
+  // aim_ = the step to the minimiser on the face of the rows held.
+  void minimiser(const double* T, const double* t, int m, double price, const double* y) {
+    for (std::size_t k = 0; k < set_.size(); ++k)
+      bound_[k] = side_[set_[k]] < 0 ? rows_->lower[set_[k]] : rows_->upper[set_[k]];
+    space_.shortest(bound_.data(), aim_.data(), N_);
+    M_.assign(static_cast<std::size_t>(m) * padded(N_), 0.0);
+    e_.resize(m);
+    const int ld = padded(N_);
+    for (int i = 0; i < m; ++i) {
+      double* row = &M_[static_cast<std::size_t>(i) * ld];
+      std::copy(T + static_cast<std::size_t>(i) * rows_->ld, T + static_cast<std::size_t>(i) * rows_->ld + N_, row);
+      e_[i] = t[i] - dot_any(row, aim_.data(), N_);
+      space_.project(row, N_);
+    }
+    secular_.solve(M_.data(), ld, N_, e_.data(), m, price);
+    for (int i = 0; i < m; ++i) add_any(aim_.data(), &M_[static_cast<std::size_t>(i) * ld], secular_.weight(i), N_);
+    size_ = std::sqrt(dot_any(y, y, N_));
+    for (int j = 0; j < N_; ++j) aim_[j] -= y[j];
+    length_ = std::sqrt(dot_any(aim_.data(), aim_.data(), N_));
+  }
+
+  // The row that the step meets first and how far that is, -1 for none within the step.
+  int first_in_the_way(const double* y, bool lowest, double& far) {
+    int found = -1;
+    const double floor = 1e-12 * length_;
+    for (int i = 0; i < rows_->count; ++i) {
+      if (side_[i] != 0) continue;
+      rate_[i] = dot_any(rows_->row(i), aim_.data(), N_);
+      if (std::abs(rate_[i]) <= floor) continue;
+      const double bound = rate_[i] > 0.0 ? rows_->upper[i] : rows_->lower[i];
+      if (std::isinf(bound)) continue;
+      const double times = larger(0.0, (bound - dot_any(rows_->row(i), y, N_)) / rate_[i]);
+      if (times < far - (lowest ? 1e-13 : 0.0)) {
+        far = times;
+        found = i;
+      }
+    }
+    return found;
+  }
+
+  // The place in the set of a row whose multiplier has the wrong sign, -1 for none; the worst, or the lowest index.
+  int wrong_sign(const double* T, int m, double price, const double* y, bool lowest) {
+    u_.resize(m);
+    secular_.direction(price, u_.data());
+    for (int j = 0; j < N_; ++j) gradient_[j] = price * y[j];
+    double scale = price * std::sqrt(dot_any(y, y, N_));
+    for (int i = 0; i < m; ++i) {
+      const double* row = T + static_cast<std::size_t>(i) * rows_->ld;
+      add_any(gradient_.data(), row, u_[i], N_);
+      scale = larger(scale, std::abs(u_[i]) * std::sqrt(dot_any(row, row, N_)));
+    }
+    space_.multipliers(gradient_.data(), lambda_.data(), N_);
+    int found = -1;
+    double worst = 1e-11 * scale;
+    for (std::size_t k = fixed_; k < set_.size(); ++k) {
+      const double wrong = side_[set_[k]] * lambda_[k];  // the gradient must point into the side: lambda <= 0 at upper
+      if (wrong <= worst) continue;
+      if (lowest && found >= 0 && set_[k] > set_[found]) continue;
+      if (!lowest) worst = wrong;
+      found = static_cast<int>(k);
+    }
+    return found;
+  }
+
+  const StageRows* rows_ = nullptr;
+  int N_ = 0, fixed_ = 0;
+  RowSpace space_;
+  Secular secular_;
+  std::vector<int> set_, rest_, dependent_;
+  std::vector<double> rate_;
+  std::vector<int> side_;
+  std::vector<double> aim_, gradient_, lambda_, bound_, M_, e_, u_;
+  double size_ = 0.0, length_ = 0.0;
+};
+
+}  // namespace HQP_ISA
+}  // namespace hqp

@@ -1,0 +1,44 @@
+// Priced levels as the binding sees them: which levels the exact answer settles, and a stage for each of the others.
+#pragma once
+
+#include <cstdint>
+
+namespace hqp {
+
+// One level of the hierarchy, read where it lies; A is (m, n), or null for rows that each pick one variable.
+struct PricedLevel {
+  int m = 0;
+  const double* A = nullptr;
+  const std::int64_t* index = nullptr;
+  const double* scale = nullptr;
+  const double* lower = nullptr;
+  const double* upper = nullptr;
+};
+
+// What a priced level hands down, written in place: (m + 1, n), the guard's row last.
+struct Handed {
+  double* A = nullptr;
+  double* lower = nullptr;
+  double* upper = nullptr;
+};
+
+class PricedStages {
+ public:
+  virtual ~PricedStages() = default;
+  virtual PricedLevel* levels() = 0;  // to be filled once
+  virtual Handed* handed() = 0;
+  // prices, shares: one a level.  F: (r, n), or its diagonal where r = 0, or null for the identity; f: (r), or null.
+  virtual void bind(const double* prices, const double* shares, const double* F, const double* f, int r,
+                    bool guard) = 0;
+  // x: the exact answer.  The first level that it does not settle, -1 for none; from that level on the stages are
+  // solved, stages (levels, n) hold their points (NaN elsewhere), and last the last of them.
+  virtual int solve(const double* x, double* stages, double* last) = 0;
+  virtual int iterations() const = 0;
+  virtual bool ended() const = 0;  // whether every stage reached its optimum
+  virtual void reset() = 0;        // forget the warm start
+};
+
+PricedStages* make_stages_generic(int n, int levels, const int* m, const bool* priced);
+PricedStages* make_stages_avx2(int n, int levels, const int* m, const bool* priced);
+
+}  // namespace hqp

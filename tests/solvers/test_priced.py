@@ -1,0 +1,185 @@
+"""Levels with a price: stored optima, one family for all solvers, the certificate, and continuity beside exact ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hqp.solvers
+from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
+from hqp.arrays import Mat, Vec
+from hqp.errors import ProblemError, UnsupportedProblem
+
+STORED = np.load(Path(__file__).parents[1] / "data" / "calm20.npz")
+SOLVERS = [name for name in (*hqp.solvers.available(), "reference") if hqp.solvers.load(name).priced]
+FAMILIES = ("plain", "small", "parallel", "contradictory", "beyond", "mixed")
+
+
+def stored(i: int) -> tuple[Hierarchy, Vec]:
+    """One of twenty problems whose optimum two other implementations agree on; made without the guard."""
+    p = f"p{i:02d}_"
+    box, count = STORED[p + "box"], int(STORED[p + "levels"])
+    levels = [Rows(Selection(np.arange(box.size)), -box, box)]
+    levels += [Rows(STORED[f"{p}A{k}"], STORED[f"{p}lower{k}"], STORED[f"{p}upper{k}"]) for k in range(count)]
+    prices = [0.0, *(float(STORED[f"{p}c{k}"]) * bool(STORED[f"{p}priced{k}"]) for k in range(count))]
+    shares = np.full(count + 1, float(STORED[p + "eta"]))
+    problem = Hierarchy(tuple(levels), constraints=1, prices=np.array(prices), shares=shares, guard=False)
+    return problem, STORED[p + "x"]
+
+
+def random_problem(rng: np.random.Generator, family: str, inequalities: bool = True) -> Hierarchy:
+    """A box, priced levels and a posture on every variable, with the faults that the family is named after."""
+    n = int(rng.integers(4, 9))
+    levels: list[Rows] = []
+    if inequalities:
+        box = rng.uniform(0.5, 3.0, n)
+        levels.append(Rows(Selection(np.arange(n)), -box, box))
+    above: Mat | None = None
+    for _ in range(int(rng.integers(2, 4))):
+        m = int(rng.integers(1, 4))
+        A = 0.5 * rng.standard_normal((m, n))
+        if family == "small" or (family == "mixed" and rng.random() < 0.5):
+            U, sigma, Vt = np.linalg.svd(A, full_matrices=False)
+            sigma[-1] = 10.0 ** rng.uniform(-6.0, -2.0)
+            A = U * sigma @ Vt
+        if above is not None and (family == "parallel" or (family == "mixed" and rng.random() < 0.4)):
+            A[0] = above[0] + 10.0 ** rng.uniform(-6.0, -2.0) * rng.standard_normal(n)
+        if above is not None and family == "contradictory":
+            A[0] = above[0]
+        lower = rng.standard_normal(m) * (4.0 if family == "beyond" else 0.5)
+        upper = lower.copy()
+        if inequalities and rng.random() < 0.3:
+            upper[-1] = np.inf if rng.random() < 0.5 else lower[-1] + 0.3
+        levels.append(Rows(A, lower, upper))
+        above = A
+    posture = rng.uniform(-1.0, 1.0, n)
+    levels.append(Rows(np.eye(n), posture, posture.copy()))
+    prices = np.array([*[0.0] * inequalities, *rng.uniform(0.02, 0.2, len(levels) - 1 - inequalities), 0.0])
+    shares = np.full(len(levels), 1e-3 if inequalities else 0.0)
+    return Hierarchy(tuple(levels), constraints=int(inequalities), prices=prices, shares=shares)
+
+
+@pytest.mark.parametrize("name", [s for s in SOLVERS if s != "nullspace"])
+def test_stored_optima(name: str) -> None:
+    solver = hqp.solvers.load(name)
+    within = 1e-8 if name in ("lexicographic", "reference") else 1e-6
+    for i in range(20):
+        problem, x = stored(i)
+        solution = solver.solve(problem)
+        if within == 1e-8 or solution.status.solved:
+            assert solution.status is Status.OPTIMAL, (i, solution.status)
+            np.testing.assert_allclose(solution.x, x, rtol=0.0, atol=within, err_msg=str(i))
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("name", SOLVERS)
+def test_every_solver_meets_the_conditions_of_every_stage(name: str, family: str) -> None:
+    solver, solved = hqp.solvers.load(name), 0
+    seeds = 12 if name == "lexicographic" else 3
+    for seed in range(seeds):
+        problem = random_problem(np.random.default_rng([seed, len(family)]), family, solver.inequalities)
+        solution = solver.solve(problem)
+        verdict = certificate(problem, solution.x, solver.accuracy, solution.stage_points)
+        if solution.status.solved:
+            solved += 1
+            assert verdict.ok, f"{family} {seed}: {solution.status.name}, but {verdict}"
+        else:
+            assert solution.detail
+    assert solved >= 0.6 * seeds
+
+
+def test_solvers_agree_where_motion_is_flat_and_a_metric_chooses() -> None:
+    solvers = [hqp.solvers.load(name) for name in ("nullspace", "lexicographic", "reference")]
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        problem = random_problem(rng, ("plain", "beyond", "contradictory")[seed % 3], inequalities=False)
+        n = problem.n
+        motion = Motion(rng.standard_normal((n - 1, n)), rng.standard_normal(n - 1))
+        # rows of motion, as J X at torque level: they see no direction in which nothing moves
+        moved = [Rows(r.A @ np.linalg.pinv(motion.F) @ motion.F, r.lower, r.upper) for r in problem.levels[:-1]]
+        factor = rng.standard_normal((n - 1, n))
+        problem = replace(
+            problem,
+            levels=tuple(moved),
+            prices=problem.prices[:-1],
+            shares=problem.shares[:-1],
+            motion=motion,
+            metric=factor.T @ factor,
+            origin=rng.standard_normal(n),
+        )
+        points = [solver.solve(problem).x for solver in solvers]
+        for x in points[1:]:
+            np.testing.assert_allclose(x, points[0], rtol=0.0, atol=1e-6)
+
+
+def test_a_level_that_is_met_for_its_price_is_exact_to_the_bit() -> None:
+    rng, solver = np.random.default_rng(3), hqp.solvers.load("lexicographic")
+    A, b = rng.standard_normal((2, 6)), 1e-3 * rng.standard_normal(2)
+    levels = (Rows(A, b, b.copy()), Rows(np.eye(6), np.zeros(6), np.zeros(6)))
+    priced = Hierarchy(levels, prices=np.array([0.05, 0.0]))
+    solution = solver.solve(priced)
+    np.testing.assert_array_equal(solution.x, solver.solve(priced.exact()).x)
+    assert solution.stage_points is None
+
+
+def test_what_is_handed_down_is_kept() -> None:
+    solver = hqp.solvers.load("lexicographic")
+    for seed in range(30):
+        problem = random_problem(np.random.default_rng(seed), "beyond")
+        solution = solver.solve(problem)
+        if solution.stage_points is None:
+            continue
+        for k, priced in enumerate(problem.priced):
+            point = solution.stage_points[k]
+            if priced and not np.isnan(point[0]):
+                rows = problem.levels[k]
+                w = rows.slack(point)
+                moved = np.abs(rows.A @ (solution.x - point))[np.abs(w) > 1e-9]
+                assert np.all(moved <= 1e-3 * np.linalg.norm(w) / np.sqrt(rows.m) + 1e-10)
+
+
+def test_wrong_answers_are_refused() -> None:
+    solver = hqp.solvers.load("lexicographic")
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        problem = random_problem(rng, "beyond")
+        solution = solver.solve(problem)
+        if solution.stage_points is None:
+            continue
+        assert certificate(problem, solution.x, 1e-8, solution.stage_points).ok
+        off = rng.standard_normal(problem.n)
+        assert not certificate(problem, solution.x + 1e-5 * off, 1e-8, solution.stage_points).ok
+        assert not certificate(problem, solution.x, 1e-8, solution.stage_points + 1e-5 * off).ok
+        assert not certificate(problem, solver.solve(problem.exact()).x, 1e-8, solution.stage_points).ok
+
+
+def test_neighbouring_problems_have_neighbouring_answers_where_exact_ones_jump() -> None:
+    solver, jumps = hqp.solvers.load("lexicographic"), {"exact": 0, "priced": 0}
+    for seed in range(150):
+        rng = np.random.default_rng(seed)
+        problem = random_problem(rng, "contradictory")
+        moved = tuple(
+            Rows(r.A + 1e-6 * rng.standard_normal(r.A.shape), r.lower, r.upper) if priced else r
+            for r, priced in zip(problem.levels, problem.priced, strict=True)
+        )
+        near = replace(problem, levels=moved)
+        for kind, one, two in (("priced", problem, near), ("exact", problem.exact(), near.exact())):
+            jumps[kind] += float(np.abs(solver.solve(one).x - solver.solve(two).x).max()) > 0.01
+    assert jumps["exact"] > 75  # the control: exact answers do jump
+    assert jumps["priced"] <= 3
+
+
+def test_what_a_solver_cannot_do_is_refused() -> None:
+    problem = random_problem(np.random.default_rng(0), "plain")
+    for name in ("weighted", "chiaverini"):
+        with pytest.raises(UnsupportedProblem, match="price"):
+            hqp.solvers.load(name).require(replace(problem.shape, inequalities=False))
+    equalities = replace(random_problem(np.random.default_rng(0), "plain", inequalities=False), shares=None)
+    with pytest.raises(ProblemError, match="shares"):
+        hqp.solvers.load("nullspace").solve(equalities)
+    for wrong in (np.array([-1.0, 0.0]), np.array([np.nan, 0.0]), np.array([1.0])):
+        with pytest.raises(ProblemError, match="prices"):
+            Hierarchy((Rows(np.eye(2), np.zeros(2), np.zeros(2)),) * 2, prices=wrong)
