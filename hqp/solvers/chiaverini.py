@@ -51,6 +51,8 @@ class Chiaverini(Solver):
             )
         if shape.metric or shape.origin:
             raise UnsupportedProblem(f"{self.name} takes neither metric nor origin")
+        if any(shape.priced):
+            raise UnsupportedProblem(f"{self.name} solves no priced levels; take 'lexicographic', or price=0")
 
     def workspace(self, shape: Shape) -> ChiaveriniWorkspace:
         """Allocate; raises UnsupportedProblem for inequalities, metric and origin."""

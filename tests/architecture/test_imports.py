@@ -41,7 +41,7 @@ MAY: dict[str, set[str]] = {
     "checking": {"element", "robot"},
     "price": {"element", "law", "problem", "robot"},
     "readable": {"element", "reference", "robot"},
-    "solvers": {"certify", "native", "nnls", "pricing", "problem"},
+    "solvers": {"_priced", "certify", "native", "nnls", "pricing", "problem"},
     "tasks": {"element", "plans", "reference", "robot"},
     "assembly": {"_assembly", "element", "law", "plans", "readable", "reference", "robot"},
     "stack": {"element", "law", "price", "robot"},

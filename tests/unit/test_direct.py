@@ -66,7 +66,9 @@ MIXED = Stack(
 def pair(stack: Stack, formulation: Any) -> tuple[Any, Any]:
     """Two sessions on robots of their own, one that may take ticks directly and one that may not."""
     robot = hqp.robots.load("cbi")
-    fast, slow = (hqp.Controller(stack, formulation, deadline=np.inf).session(r, 0.002) for r in (robot, robot.copy()))
+    fast, slow = (
+        hqp.Controller(stack, formulation, price=0, deadline=np.inf).session(r, 0.002) for r in (robot, robot.copy())
+    )
     slow._direct_known = True
     return fast, slow
 

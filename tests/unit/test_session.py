@@ -92,7 +92,7 @@ def test_weights_change_the_problem_but_not_a_feasible_answer(robot: Robot, form
             Level(Position(frame="r_palm", weight=weight)),
             Level(Posture(weight=weight)),
         )
-        session = hqp.Controller(stack, formulation, solver="nullspace").session(robot, DT)
+        session = hqp.Controller(stack, formulation, solver="nullspace", price=0).session(robot, DT)
         session.step(robot.state())
         tick = session.step(robot.state(q, v))
         assert tick.solution is not None
