@@ -109,7 +109,9 @@ class StagedWorkspace:
         selections = tuple(s and not p for s, p in zip(shape.selections, shape.priced, strict=True))
         self._last = exact(replace(shape, rows=rows, selections=selections, inequalities=True, priced=()))
         self._make, self._workspaces = exact, dict[Shape, Workspace]()
-        self._native = native_stages.Stages(shape.n, list(shape.rows), list(shape.priced)) if native else None
+        self._native = (
+            native_stages.Stages(shape.n, list(shape.rows), list(shape.priced)) if native and native_stages else None
+        )
         self._points: Mat = np.full((len(rows), shape.n), np.nan)
         self._end: Vec = np.zeros(shape.n)
         self._problem: Hierarchy | None = None

@@ -48,6 +48,7 @@ class StageLevels final : public PricedStages {
     z_.resize(total(levels, m));
     lambda_.resize(total(levels, m));
     kept_.resize(total(levels, m));
+    side_.resize(total(levels, m));
   }
 
   PricedLevel* levels() override { return level_.data(); }
@@ -82,20 +83,20 @@ class StageLevels final : public PricedStages {
       take(k, prices_[k] > 0.0);
     }
     at_.motion(x, y_.data());
+    bool met = true;
     for (int k = first; k <= last_; ++k) {
       const bool priced = prices_[k] > 0.0;
       stage(k, priced ? prices_[k] : 0.0);
       at_.point(y_.data(), x_.data());
       if (priced) {
-        hand_down(k, x_.data());
+        if (hand_down(k, x_.data())) met = false;
         std::copy(x_.begin(), x_.end(), stages + static_cast<std::size_t>(k) * n_);
       } else {
         hold(k, x_.data());
       }
       take(k, priced);
     }
-    for (int k = last_ + 1; k < levels; ++k)
-      if (priced_[k]) hand_down(k, nullptr);
+    if (met && ended_) return -1;  // every level hands down its rows as they are
     std::copy(x_.begin(), x_.end(), last);
     return first;
   }
@@ -128,13 +129,13 @@ class StageLevels final : public PricedStages {
   }
 
   // The first priced level whose point of least motion does not show that x settles it: rows of the levels down to it
-  // held as equalities, by a Cholesky factor of their Gram matrix that grows with the levels.
+  // held as equalities, and inequality rows that this point would violate held at their bound, if their multipliers
+  // have the right sign. A Cholesky factor of the rows' Gram matrix grows with the levels.
   int first_unsettled(const double* x) {
-    const int ld = padded(n_), width = static_cast<int>(b_.size()) + 1;
-    int count = 0;
+    count_ = 0;
     for (int k = 0; k <= last_; ++k) {
       const PricedLevel& level = level_[k];
-      const int start = count;
+      const int start = count_;
       const bool priced = prices_[k] > 0.0;
       for (int i = 0; i < level.m; ++i) {
         if (left_out(level, i)) continue;
@@ -149,51 +150,60 @@ class StageLevels final : public PricedStages {
         } else if (!equal) {
           continue;
         }
-        double* b = &B_[static_cast<std::size_t>(count) * ld];
-        at_.row(a, b);
-        b_[count] = target - dot_any(a, at_.still(), n_);
-        // one more row of the factor
-        double* g = &gram_[static_cast<std::size_t>(count) * width];
-        const double square = dot_any(b, b, n_);
-        double pivot = square, z = b_[count];
-        for (int j = 0; j < count; ++j) {
-          const double* h = &gram_[static_cast<std::size_t>(j) * width];
-          if (!kept_[j]) {
-            g[j] = 0.0;
-            continue;
-          }
-          g[j] = (dot_any(b, &B_[static_cast<std::size_t>(j) * ld], n_) - dot_any(g, h, j)) / h[j];
-          pivot -= g[j] * g[j];
-          z -= g[j] * z_[j];
-        }
-        kept_[count] = pivot > 1e-10 * square;
-        if (!kept_[count]) {
-          if (priced || std::abs(z) > kSettled * (1.0 + std::abs(b_[count]))) {
-            if (priced || square > 0.0) return priced ? k : next_priced(k);
-          }
-          g[count] = 1.0;
-          z_[count] = 0.0;
-        } else {
-          g[count] = std::sqrt(pivot);
-          z_[count] = z / g[count];
-        }
-        ++count;
+        if (!factor(a, target, 0) || (priced && !kept_[count_ - 1])) return next_priced(k);
       }
-      if (!priced) continue;
-      for (int j = count - 1; j >= 0; --j) {
-        double s = z_[j];
-        for (int i = j + 1; i < count; ++i) s -= gram_[static_cast<std::size_t>(i) * width + j] * lambda_[i];
-        lambda_[j] = kept_[j] ? s / gram_[static_cast<std::size_t>(j) * width + j] : 0.0;
-      }
-      const double length = std::sqrt(dot_any(&lambda_[start], &lambda_[start], count - start));
-      if (!(prices_[k] * length <= 1.0)) return k;
-      std::fill(y_.begin(), y_.end(), 0.0);
-      for (int j = 0; j < count; ++j) add_any(y_.data(), &B_[static_cast<std::size_t>(j) * ld], lambda_[j], n_);
-      at_.point(y_.data(), x_.data());
-      for (int l = 0; l <= k; ++l)
-        if (!holds(l, x, prices_[l] > 0.0)) return k;
+      if (priced && !settled(k, x, start)) return k;
     }
     return -1;
+  }
+
+  // Whether level k, whose own equality rows begin at `start`, is met for its price at the point of least motion.
+  bool settled(int k, const double* x, int start) {
+    const int end = count_, ld = padded(n_), width = static_cast<int>(b_.size()) + 1;
+    for (int round = 0; round < 5; ++round) {
+      for (int j = count_ - 1; j >= 0; --j) {
+        double s = z_[j];
+        for (int i = j + 1; i < count_; ++i) s -= gram_[static_cast<std::size_t>(i) * width + j] * lambda_[i];
+        lambda_[j] = kept_[j] ? s / gram_[static_cast<std::size_t>(j) * width + j] : 0.0;
+      }
+      const double length = std::sqrt(dot_any(&lambda_[start], &lambda_[start], end - start));
+      if (!(prices_[k] * length <= 1.0)) return false;
+      std::fill(y_.begin(), y_.end(), 0.0);
+      for (int j = 0; j < count_; ++j) add_any(y_.data(), &B_[static_cast<std::size_t>(j) * ld], lambda_[j], n_);
+      at_.point(y_.data(), x_.data());
+      const int before = count_;
+      for (int l = 0; l <= k; ++l)
+        if (!hold_violated(l, x, prices_[l] > 0.0)) return false;
+      if (count_ > before) continue;
+      for (int j = 0; j < count_; ++j)
+        if (side_[j] * lambda_[j] > 0.0) return false;
+      return true;
+    }
+    return false;
+  }
+
+  // One more row of the factor; false where it depends on the others and disagrees with them.
+  bool factor(const double* a, double target, int side) {
+    const int ld = padded(n_), width = static_cast<int>(b_.size()) + 1, i = count_;
+    if (i == static_cast<int>(b_.size())) return false;
+    double* b = &B_[static_cast<std::size_t>(i) * ld];
+    at_.row(a, b);
+    b_[i] = target - dot_any(a, at_.still(), n_);
+    double* g = &gram_[static_cast<std::size_t>(i) * width];
+    const double square = dot_any(b, b, n_);
+    double pivot = square, z = b_[i];
+    for (int j = 0; j < i; ++j) {
+      const double* h = &gram_[static_cast<std::size_t>(j) * width];
+      g[j] = kept_[j] ? (dot_any(b, &B_[static_cast<std::size_t>(j) * ld], n_) - dot_any(g, h, j)) / h[j] : 0.0;
+      pivot -= g[j] * g[j];
+      z -= g[j] * z_[j];
+    }
+    kept_[i] = pivot > 1e-10 * square;
+    side_[i] = side;
+    g[i] = kept_[i] ? std::sqrt(pivot) : 1.0;
+    z_[i] = kept_[i] ? z / g[i] : 0.0;
+    ++count_;
+    return kept_[i] || std::abs(z) <= kSettled * (1.0 + std::abs(b_[i]));
   }
 
   int next_priced(int k) const {
@@ -201,28 +211,32 @@ class StageLevels final : public PricedStages {
     return k;
   }
 
-  // Whether x_ keeps to a level's rows, an exact level's as x leaves them.
-  bool holds(int l, const double* x, bool priced) {
+  // Inequality rows that x_ violates, an exact level's beyond what x does, are held at their bound from now on; false
+  // where an equality row is off, or the bound cannot be reached.
+  bool hold_violated(int l, const double* x, bool priced) {
     const PricedLevel& level = level_[l];
     for (int i = 0; i < level.m; ++i) {
       if (left_out(level, i)) continue;
       const bool single = !level.A;
-      const double value = single ? level.scale[i] * x_[level.index[i]]
-                                  : dot_any(level.A + static_cast<std::size_t>(i) * n_, x_.data(), n_);
+      const double* a = single ? nullptr : level.A + static_cast<std::size_t>(i) * n_;
+      const double value = single ? level.scale[i] * x_[level.index[i]] : dot_any(a, x_.data(), n_);
       double w = slack(value, level.lower[i], level.upper[i]);
       if (w == 0.0) continue;
       if (!priced) {
-        const double there =
-            single ? level.scale[i] * x[level.index[i]] : dot_any(level.A + static_cast<std::size_t>(i) * n_, x, n_);
+        const double there = single ? level.scale[i] * x[level.index[i]] : dot_any(a, x, n_);
         w -= slack(there, level.lower[i], level.upper[i]);
       }
-      if (std::abs(w) > kSettled * (1.0 + std::abs(value))) return false;
+      if (std::abs(w) <= kSettled * (1.0 + std::abs(value))) continue;
+      if (level.lower[i] == level.upper[i]) return false;
+      if (!factor(row(level, i), w > 0.0 ? level.upper[i] : level.lower[i], w > 0.0 ? 1 : -1) || !kept_[count_ - 1])
+        return false;
     }
     return true;
   }
 
   // What level k leaves at x, written into handed_ (priced) or low_/high_ (exact); x null: its rows as they are.
-  void hand_down(int k, const double* x) {
+  // Returns whether the level is not met.
+  bool hand_down(int k, const double* x) {
     const PricedLevel& level = level_[k];
     const Handed& out = handed_[k];
     for (int i = 0; i < level.m; ++i) {
@@ -235,7 +249,7 @@ class StageLevels final : public PricedStages {
     std::fill(guard, guard + n_, 0.0);
     out.lower[level.m] = -INFINITY;
     out.upper[level.m] = INFINITY;
-    if (!x) return;
+    if (!x) return false;
     double square = 0.0, size = 0.0;
     for (int i = 0; i < level.m; ++i) {
       const double* a = out.A + static_cast<std::size_t>(i) * n_;
@@ -250,7 +264,7 @@ class StageLevels final : public PricedStages {
       size = larger(size, terms + std::abs(bound));
     }
     const double norm = std::sqrt(square);
-    if (norm <= kMet * size) return;
+    if (norm <= kMet * size) return false;
     const double width = shares_[k] * norm / std::sqrt(static_cast<double>(level.m));
     double made = 0.0, base = 0.0;
     for (int i = 0; i < level.m; ++i) {
@@ -266,6 +280,7 @@ class StageLevels final : public PricedStages {
     }
     if (guard_ && level.m > 1 && made > 0.0) out.lower[level.m] = base - smaller(shares_[k] * norm, 0.5 * made);
     else std::fill(guard, guard + n_, 0.0);
+    return true;
   }
 
   // An exact level at its optimum: its slack is unique, so equality rows and violated rows keep their value.
@@ -341,6 +356,8 @@ class StageLevels final : public PricedStages {
   StageRows rows_;
   std::vector<double> T_, t_, y_, a_, x_, w_, low_, high_, gram_, B_, b_, z_, lambda_;
   std::vector<char> kept_;
+  std::vector<int> side_;
+  int count_ = 0;
 };
 
 }  // namespace HQP_ISA
