@@ -24,6 +24,9 @@ PARTS = {
 }
 """Parts of the main job in order; a part is there if its module is.  A module has ``add_arguments`` and ``run``."""
 
+EXTRA = {"soak": "random closed loops with everything that goes wrong, at length"}
+"""Parts that the main job leaves out."""
+
 ROOMS = {"timing": "speed.timing", "torque": "speed.torque", "solvers": "speed.solvers", "calm": "calm.command"}
 """Modules of parts that do not bear the part's name."""
 
@@ -38,9 +41,11 @@ FULL_RUN_OPTIONS = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a part or, without a name, the main job; returns 1 if a check fails."""
     given = list(sys.argv[1:] if argv is None else argv)
-    if given and given[0] in PARTS:
+    if given and given[0] in (*PARTS, *EXTRA):
         return _part(given[0], given[1:])
-    listed = "\n".join(f"  {name:12} {text}{'' if present(name) else ' (not here)'}" for name, text in PARTS.items())
+    listed = "\n".join(
+        f"  {name:12} {text}{'' if present(name) else ' (not here)'}" for name, text in (PARTS | EXTRA).items()
+    )
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
         description="Without a part: the main job, all of them in turn, with a report in Markdown.",
@@ -48,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     _common(parser)
-    parser.add_argument("part", nargs="?", metavar="PART", choices=tuple(PARTS), help="one of the parts below")
+    parser.add_argument("part", nargs="?", metavar="PART", choices=(*PARTS, *EXTRA), help="one of the parts below")
     arguments = parser.parse_args(given)
     if arguments.part is not None:  # options before the part's name
         given.remove(arguments.part)

@@ -106,6 +106,7 @@ class Direct:
         """What the solver gave."""
         numbers = np.frombuffer(record, np.float64, self._count)
         marks = np.frombuffer(record, np.int8, -1, 8 * self._count)
+        numbers.setflags(write=False)  # what the session may have to slow down from
         slack = numbers[self._slack]
         _, solve, iterations, factorisations = numbers[self._slack.stop :].tolist()
         return Solution(

@@ -7,10 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hqp.arrays import Vec
 from hqp.certify import Certificate, certificate
 from hqp.errors import closest
 from hqp.formulation import Place
 from hqp.problem import Hierarchy, Rows, Solution
+
+NOTHING = 1e-6
+"""A gradient below this fraction of what its rows could give is zero: no motion lessens the residual."""
 
 SHARE = 0.01
 """Losses below this share of the whole are not told."""
@@ -21,15 +25,28 @@ MET = 1e-7
 
 @dataclass(frozen=True)
 class Loss:
-    """Who took how much: ``share`` (0 to 1) of the push on a level's residual that this element holds against."""
+    """Who took how much: ``share`` (0 to 1) of the push on a level's residual that this element holds against it.
+
+    rows: of an inequality, its rows that hold against it, by name and side.
+    """
 
     element: str
     share: float
+    rows: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        rows = f" ({', '.join(self.rows[:3])}{', ...' if len(self.rows) > 3 else ''})" if self.rows else ""
+        return f"{self.element} {100.0 * self.share:.0f} %{rows}"
 
 
 @dataclass(frozen=True)
 class Account:
-    """One element: its level, the norm of its residual in its own units, and its losses, largest first."""
+    """One element: its level, the norm of its residual in its own units, and its losses, largest first.
+
+    cause: why it is not met, "" where it is: ``lost`` to levels above, ``own level`` (fights: whom),
+    ``out of reach`` (no motion of the robot lessens the residual), ``price`` (the rest costs more motion than it is
+    worth).  asked: the norm of what was asked for, in the units of the residual.
+    """
 
     element: str
     level: str
@@ -38,6 +55,9 @@ class Account:
     met: bool
     losses: tuple[Loss, ...]
     active: tuple[str, ...]
+    cause: str = ""
+    fights: tuple[str, ...] = ()
+    asked: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -75,37 +95,102 @@ def explain(
     row_names: names of single rows where an element has them (joints of a limit).
     """
     verdict = certificate(problem, solution.x)
-    pushes = [_shares(problem, verdict, places, k) for k in range(len(problem.levels))]
+    pushes = [_shares(problem, solution, verdict, places, row_names, k) for k in range(len(problem.levels))]
     accounts = []
     for name, place in places.items():
         weight = place.element.weight
         w = solution.residuals[place.level][place.part] / weight
         residual = float(np.sqrt(w @ w))
         rows = problem.levels[place.level]
-        met = residual <= MET * (1.0 + _asked(rows, place.part) / weight)
-        losses = () if met else pushes[place.level]
+        asked = _asked(rows, place.part) / weight
+        met = residual <= MET * (1.0 + asked)
+        cause, fights = ("", ()) if met else _cause(problem, solution, places, name, pushes[place.level])
+        losses = pushes[place.level] if cause in ("lost", "price") else ()
         active = _active(solution, place, row_names.get(name, ()))
         count = place.part.stop - place.part.start
-        accounts.append(Account(name, place.declared, count, residual, met, losses, active))
+        accounts.append(Account(name, place.declared, count, residual, met, losses, active, cause, fights, asked))
     return Explanation(solution.status.name, tuple(accounts), verdict)
 
 
-def _shares(problem: Hierarchy, verdict: Certificate, places: Mapping[str, Place], k: int) -> tuple[Loss, ...]:
+def _cause(
+    problem: Hierarchy, solution: Solution, places: Mapping[str, Place], name: str, losses: tuple[Loss, ...]
+) -> tuple[str, tuple[str, ...]]:
+    """Why an element is not met, and whom of its own level it fights."""
+    place = places[name]
+    A = problem.levels[place.level].dense(problem.n)
+    pulls = {
+        other: A[p.part].T @ solution.residuals[place.level][p.part]
+        for other, p in places.items()
+        if p.level == place.level
+    }
+    w = solution.residuals[place.level][place.part]
+    own, most = pulls[name], float(np.linalg.norm(A[place.part]) * np.linalg.norm(w))
+    if float(np.linalg.norm(own)) <= NOTHING * most:
+        return "out of reach", ()
+    whole = sum(pulls.values())
+    if float(np.linalg.norm(whole)) <= NOTHING * sum(float(np.linalg.norm(pull)) for pull in pulls.values()):
+        return "own level", tuple(other for other, pull in pulls.items() if other != name and float(pull @ own) < 0.0)
+    return ("price" if losses and losses[0].element == PRICE else "lost"), ()
+
+
+PRICE = "its price"
+
+
+def _price(problem: Hierarchy, solution: Solution, k: int) -> Vec | None:
+    """The push of level k's price on motion, c ||w|| F'(F x - f) ``(n,)``; None where it has none."""
+    if problem.prices is None or not problem.prices[k] > 0.0:
+        return None
+    w, motion, x = solution.residuals[k], problem.motion, solution.x
+    if motion is None:
+        gradient = x
+    else:
+        off = motion.F * x if motion.F.ndim == 1 else motion.F @ x
+        off = off if motion.f is None else off - motion.f
+        gradient = motion.F * off if motion.F.ndim == 1 else motion.F.T @ off
+    return np.asarray(float(problem.prices[k]) * float(np.sqrt(w @ w)) * gradient)
+
+
+def _shares(
+    problem: Hierarchy,
+    solution: Solution,
+    verdict: Certificate,
+    places: Mapping[str, Place],
+    row_names: Mapping[str, tuple[str, ...]],
+    k: int,
+) -> tuple[Loss, ...]:
     levels, multipliers = problem.levels, verdict.multipliers[k]
     starts = np.concatenate(([0], np.cumsum([rows.m for rows in levels]))).astype(int)
     g = levels[k].dense(problem.n).T @ multipliers[starts[k] :]
-    if not g.any():
+    scale = float(np.linalg.norm(levels[k].dense(problem.n)) * np.linalg.norm(multipliers[starts[k] :]))
+    if not float(np.linalg.norm(g)) > NOTHING * scale:
         return ()
-    against = {}
+    against: dict[str, float] = {}
+    held: dict[str, tuple[str, ...]] = {}
+    price = _price(problem, solution, k)
+    if price is not None and (force := -float(g @ price)) > 0.0:
+        against[PRICE] = force
     for name, place in places.items():
         if place.level < k:
             lam = multipliers[starts[place.level] :][place.part]
             force = -float(g @ (levels[place.level].dense(problem.n)[place.part].T @ lam))
             if force > 0.0:  # an element may also push the level's way; only those that hold against it took something
                 against[name] = force
+                if not place.element.equality:
+                    held[name] = _named(row_names.get(name, ()), lam)
     total = sum(against.values())
-    losses = (Loss(name, force / total) for name, force in against.items() if force > SHARE * total)
+    losses = (Loss(name, force / total, held.get(name, ())) for name, force in against.items() if force > SHARE * total)
     return tuple(sorted(losses, key=lambda loss: -loss.share))
+
+
+def _named(names: tuple[str, ...], lam: Vec) -> tuple[str, ...]:
+    """Rows with a multiplier, largest first, by name and side."""
+    order = np.argsort(-np.abs(lam))
+    most = float(np.abs(lam).max(initial=0.0))
+    return tuple(
+        f"{names[i] if i < len(names) else f'row {i}'} {'upper' if lam[i] > 0.0 else 'lower'}"
+        for i in order
+        if abs(lam[i]) > SHARE * most
+    )
 
 
 def _asked(rows: Rows, part: slice) -> float:
@@ -129,6 +214,13 @@ def _outcome(account: Account) -> str:
         return f"active: {listed}"
     if account.met:
         return "met"
+    if account.cause == "out of reach":
+        return "out of reach: no motion of the robot lessens it"
+    if account.cause == "own level":
+        return "fights " + (", ".join(account.fights) or "itself") + " in its own level"
+    if account.cause == "price":
+        given = max(0.0, account.asked - account.residual)
+        return f"held back by its price: asked {account.asked:.3g}, given {given:.3g}"
     if not account.losses:
-        return "lost within its own level"
-    return "lost to " + ", ".join(f"{loss.element} {100.0 * loss.share:.0f} %" for loss in account.losses[:4])
+        return "lost"
+    return "lost to " + ", ".join(str(loss) for loss in account.losses[:4])

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from time import monotonic, perf_counter
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
-from hqp.arrays import Vec
+from hqp.arrays import Index, Vec
 from hqp.contact_watch import ContactWatch
 from hqp.direct import Direct
 from hqp.element import Element
@@ -29,13 +29,34 @@ from hqp.formulation import Formulation, Program, Velocity
 from hqp.price import Priced, affordable, as_price
 from hqp.problem import Hierarchy, Solution, Status
 from hqp.reference import Reference
+from hqp.rest import Rest
 from hqp.robot import Robot, State
 from hqp.safety import Braking, RateLimits, StateBounds, StateCheck, positive, rate_limiter
 from hqp.solvers import default, load
-from hqp.solvers.base import Solver
+from hqp.solvers.base import Solver, Workspace
 from hqp.stack import Stack, coupled
 from hqp.tick import Note, OrdinaryTick, Tick, Times
 from hqp.tolerances import VIOLATION_TOLERANCE
+from hqp.transition import Transition, path
+
+if TYPE_CHECKING:
+    from hqp.conflict import Conflict
+
+KEPT = 16
+"""Compiled stacks that a session keeps."""
+
+DEEPEST = 3
+"""Transitions that may be under way at a time."""
+
+UNITS = {
+    "motion": {"velocity": "(rad, m)/s", "acceleration": "(rad, m)/s^2", "torque": "(rad, m)/s^2"},
+    "force": dict.fromkeys(("velocity", "acceleration", "torque"), "(N, N m)"),
+    "effort": dict.fromkeys(("velocity", "acceleration", "torque"), "N m"),
+}
+"""Units of rows by what they bind and what x is."""
+
+DULL = ("joint_limits", "torque_limits")
+"""Elements whose rows say enough by their joint."""
 
 DEADLINE = 0.8
 """Share of the control period that a tick may take before its solver returns the best point so far."""
@@ -85,6 +106,22 @@ class Controller:
         return Session(self, robot, dt, max_age=max_age)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Compiled:
+    """A stack made ready for a robot: its program, a workspace, how to limit its time, how to come to rest.
+
+    dropped: what of its prices the solver cannot do.
+    """
+
+    stack: Stack
+    program: Program
+    workspace: Workspace
+    limit: Callable[[float], None] | None
+    rest: Rest
+    hard: frozenset[str]
+    dropped: str
+
+
 class Session:
     """A controller on one robot; keeps hold values, the last safe command and the solver's warm start.
 
@@ -101,31 +138,53 @@ class Session:
         self._check = StateCheck(robot, controller.bounds, max_age)
         self._deadline = DEADLINE * self.dt if controller.deadline is None else controller.deadline
         self._holds: dict[str, Reference] = {}
-        self._compile(controller.stack)
+        self._seen: dict[Stack, Compiled] = {}
+        self._transition: Transition | None = None
+        self._activate(self._compile(controller.stack))
         self._limiter = rate_limiter(robot, controller.rates, self.program.kind, self.dt)
         self._x: Vec = np.zeros(self.program.problem.n)
         self._good: State | None = None
         self._held = 0
+        torque = self.program.kind == "torque"
+        self._joints: Index = np.arange(len(robot.joint_names)) if torque else robot.actuated
 
-    def _compile(self, stack: Stack) -> None:
-        self.stack = stack = coupled(stack, self.robot)
+    def _compile(self, stack: Stack) -> Compiled:
+        """Everything that a stack needs, from the cache where it was seen before."""
+        try:
+            known = self._seen.pop(stack, None)
+        except TypeError:  # an element of the user's own with a field that has no hash
+            return self._compiled(stack)
+        known = known or self._compiled(stack)
+        self._seen[stack] = known  # the latest last
+        if len(self._seen) > KEPT:
+            del self._seen[next(iter(self._seen))]
+        return known
+
+    def _compiled(self, stack: Stack) -> Compiled:
+        whole = coupled(stack, self.robot)
         solver = self.controller.solver
         assert isinstance(solver, Solver)  # Controller has loaded it
-        price, self.dropped = affordable(stack, as_price("controller", self.controller.price), solver)
-        self.program: Program = self.controller.formulation.compile(stack, self.robot, self.dt, price)
-        solver.require(self.program.shape)
-        self.workspace = solver.workspace(self.program.shape)
+        price, dropped = affordable(whole, as_price("controller", self.controller.price), solver)
+        program = self.controller.formulation.compile(whole, self.robot, self.dt, price)
+        solver.require(program.shape)
+        workspace = solver.workspace(program.shape)
         own = getattr(solver, "deadline", 0.0) is not None or self._deadline == math.inf
-        self._limit: Callable[[float], None] | None = None if own else getattr(self.workspace, "limit", None)
-        self._rest = self.program.rest(self.robot, self.controller.braking)
+        limit = None if own else getattr(workspace, "limit", None)
+        hard = frozenset(element.name for element in whole.subject_to)
+        rest = program.rest(self.robot, self.controller.braking)
+        return Compiled(whole, program, workspace, limit, rest, hard, dropped)
+
+    def _activate(self, compiled: Compiled) -> None:
+        self.stack, self.program, self.workspace = compiled.stack, compiled.program, compiled.workspace
+        self._limit, self._rest, self._hard = compiled.limit, compiled.rest, compiled.hard
+        self.dropped = compiled.dropped
         self._current: dict[str, Reference] = {}
         self._given: list[Reference] = []
         self._velocity = self.program.kind == "velocity"
-        self._hard = frozenset(element.name for element in stack.subject_to)
         self._direct: Direct | None = None
         self._latest: bytearray | None = None
         self._direct_known = False
-        self._contacts = ContactWatch(stack, self.dt)
+        self._contacts = ContactWatch(compiled.stack, self.dt)
 
     @property
     def problem(self) -> Hierarchy:
@@ -139,10 +198,7 @@ class Session:
         ``time.monotonic`` for None.  Raises StaleState, UnknownReference, ConcurrentUse, ModelError (a state of
         another robot) or DeclarationError (a reference of another shape), which are errors of the program.
         """
-        if not self._lock.acquire(blocking=False):
-            raise ConcurrentUse(
-                "another thread is in a step of this session; make one session a thread, of robot.copy()"
-            )
+        self._enter()
         try:
             for reference in references:
                 if getattr(reference, "load", None) is not None:
@@ -151,12 +207,56 @@ class Session:
                 tick = self._ordinary_tick(self._direct, state, references)
                 if tick is not None:
                     return tick
-            return self._step(state, references, now)
+            return self._tick(state, references, now)
         except FloatingPointError:  # the caller asked NumPy to raise; here what is not finite is told by a status
             with np.errstate(all="ignore"):
-                return self._step(state, references, now)
+                return self._tick(state, references, now)
         finally:
             self._lock.release()
+
+    def _tick(self, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
+        if self._transition is None:
+            return self._step(state, references, now)
+        return self._blended(self._transition, state, references, now)
+
+    def _blended(
+        self, transition: Transition, state: State, references: tuple[Reference, ...], now: float | None
+    ) -> Tick:
+        """A tick between two stacks: both are solved, their answers blended."""
+        first, second = transition.pair
+        for reference in references:
+            name = getattr(reference, "name", "")
+            if name not in self.stack and not transition.knows(name):
+                self._current = self._current or {element.name: Reference(element.name) for element in self.stack}
+                self._apply_references((reference,))  # raises for what is no reference, or for no element
+        if not second._current:
+            second._holds = surviving(first.stack, first._holds, second.stack)
+        first._x = second._x = self._x  # what was sent, whatever they would have
+        second._contacts = self._contacts
+        a, b = (run._tick(state, tuple(r for r in references if run.knows(r.name)), now) for run in (first, second))
+        self.count += 1
+        if a.held or b.held:
+            worst = b if b.held else a
+            tick = self._held_tick(state, worst.solution, worst.notes, fit=worst.fit)
+            tick.program = second.program
+            return tick
+        last = self._x
+        x = transition.blend(a.x, b.x, last, self._joints)
+        notes = (*a.notes, *(note for note in b.notes if note not in a.notes))
+        if self._limiter is not None:
+            x, notes = self._within_rates(x, notes)
+        self._x, self._good, self._held = x, state, 0
+        b.follow(x, second.program.command(x), second.program.command(last), notes, transition.progress)
+        if transition.done:
+            self._transition = None
+            self._holds, self._current, self._given = second._holds, second._current, second._given
+        else:
+            transition.advance()
+        return b
+
+    def knows(self, name: str) -> bool:
+        """Whether a reference of that name is taken now."""
+        return name in self.stack or (self._transition is not None and self._transition.knows(name))
 
     def _enter(self) -> None:
         if not self._lock.acquire(blocking=False):
@@ -339,7 +439,7 @@ class Session:
         status = Status.worst(*(note.status for note in notes))
         times = Times(0.0, 0.0, 0.0, perf_counter() - start)
         command, before = self.program.command(x), self.program.command(last)
-        return Tick(self, state, x, command, before, status, notes, solution, times, self._held)
+        return Tick(self, state, x, command, before, status, notes, solution, times, self._held, fit)
 
     def _best(self, x: Vec) -> Vec:
         """Of an unfinished answer and the last x, both clipped into today's box, the one whose levels are less off."""
@@ -380,45 +480,99 @@ class Session:
             notes += (Note("solver", solution.status, solution.detail or solution.status.value),)
         return notes
 
-    def change(self, stack: Stack) -> None:
-        """Switch to another stack; hold values survive where class, frame, axes, observer and shape agree.
+    def change(self, stack: Stack, over: float = 0.0) -> None:
+        """Switch to another stack, at once or within ``over`` seconds at least (hqp/transition.py).
 
-        Raises what ``Controller.session`` raises, and then leaves the session as it was.
+        Hold values survive where class, frame, axes, observer and shape agree; all other elements take fresh ones in
+        the next step, those that return as well.  A stack that was seen before is not compiled again.  In a
+        transition references for either stack are taken, ``tick.transition`` tells how far it has come; another
+        change may come before it ends.  Raises what ``Controller.session`` raises, DeclarationError for ``over``, and
+        then leaves the session as it was.
         """
+        if not isinstance(over, (int, float)) or not 0.0 <= over < math.inf:
+            raise DeclarationError("change", "bad duration", value=over, unit="s", allowed="over >= 0")
         self._enter()
         try:
-            self._change(stack)
+            self._leave_direct()
+            compiled = [self._compile(item) for item in self._path(stack, over)]
+            holds = surviving(self.stack, self._holds, compiled[-1].stack)
+            sessions = [self._clone(), *(self._clone(item) for item in compiled[1:])] if over else []
+            self._activate(compiled[-1])
+            self._holds = holds
+            self._transition = Transition(sessions, over, self.dt, self.program.kind) if over else None
         finally:
             self._lock.release()
 
-    def _change(self, stack: Stack) -> None:
-        before = dict(self.__dict__)
+    def prepare(self, stack: Stack) -> None:
+        """Compile a stack, and what a transition to it passes through, so that ``change`` finds it done.
+
+        The session keeps the last few stacks that it has seen.  Raises what ``change`` raises.
+        """
+        self._enter()
         try:
-            self._compile(stack)
-        except HqpError:
-            self.__dict__.update(before)
-            raise
-        if self.program.shape == before["program"].shape:
-            self.workspace = before["workspace"]  # warm: the rows keep their places
-        old = {element.name: element for element in before["stack"]}
-        self._holds = {
-            element.name: self._holds[element.name]
-            for element in stack
-            if element.name in self._holds and same_quantity(element, old[element.name])
-        }
+            for item in self._path(stack, 1.0)[1:]:
+                self._compile(item)
+        finally:
+            self._lock.release()
+
+    def _path(self, stack: Stack, over: float) -> list[Stack]:
+        if not over:
+            return [stack]
+        return path(self.stack, stack, self.robot, torque=self.program.kind == "torque")
+
+    def _clone(self, compiled: Compiled | None = None) -> Session:
+        """The session as it runs now, or on another stack, to go on beside it; without rate limits of its own."""
+        clone = object.__new__(Session)
+        clone.__dict__.update(self.__dict__)
+        clone._lock, clone._limiter = threading.Lock(), None
+        clone._direct, clone._direct_known = None, True  # side by side they go the general way
+        clone._holds, clone._current, clone._given = dict(self._holds), dict(self._current), list(self._given)
+        if compiled is not None:
+            clone._transition = None
+            clone._activate(compiled)
+            clone._direct_known = True
+        elif self._transition is not None and self._transition.depth >= DEEPEST:
+            clone._transition = None  # so many changes at a time: the oldest ones end here
+        return clone
 
     def explain(self, tick: Tick) -> Explanation:
         """The account of the latest tick; raises HqpError for an earlier one, whose rows are overwritten."""
         if tick._count != self.count or tick.solution is None:
             raise HqpError("explain() tells of the latest step with a solution; call it before the next step")
-        row_names = {element.name: element.row_names(self.robot) for element in self.stack if not element.equality}
+        row_names = {element.name: element.row_names(self.robot) for element in self.stack}
         return explain(self.problem, tick.solution, self.program.places, row_names)
+
+    def conflict(self, tick: Tick) -> Conflict:
+        """Which rows of ``subject_to`` exclude each other in the latest tick; raises HqpError for an earlier one."""
+        if tick._count != self.count or tick.solution is None:
+            raise HqpError("conflict() tells of the latest step with a solution; call it before the next step")
+        from hqp.conflict import conflict
+
+        program, problem = self.program, self.problem
+        names = [[("", "")] * rows.m for rows in problem.levels]
+        for name, place in program.places.items():
+            rows = place.element.row_names(self.robot)
+            unit = UNITS[place.element.quantity][program.kind]
+            for i in range(place.part.stop - place.part.start):
+                row = rows[i] if i < len(rows) else f"row {i}"
+                title = row if name in DULL else f"{name}: {row}"
+                names[place.level][place.part.start + i] = (title, unit)
+        return conflict(problem, names)
 
     def __reduce__(self) -> NoReturn:
         raise TypeError(
             "a Session holds live arrays of Pinocchio and of the kernel; pickle session.controller, the robot's name, "
             "dt and (q, v), and make a session of them, or pickle its ticks"
         )
+
+
+def surviving(before: Stack, holds: Mapping[str, Reference], after: Stack) -> dict[str, Reference]:
+    """The hold values of one stack that are good for another."""
+    return {
+        element.name: holds[element.name]
+        for element in after
+        if element.name in holds and element.name in before and same_quantity(element, before.find(element.name))
+    }
 
 
 def same_quantity(one: Element, other: Element) -> bool:

@@ -13,7 +13,9 @@ from hqp.explain import Explanation
 from hqp.problem import Solution, Status
 
 if TYPE_CHECKING:
+    from hqp.conflict import Conflict
     from hqp.direct import Direct
+    from hqp.formulation import Program
     from hqp.robot import State
     from hqp.session import Session
 
@@ -54,12 +56,13 @@ class Tick:
     command: ``(n_actuated,)``, in robot.joint_names order, the caller's own copy.  status: the worst of the tick.
     notes: the culprits.  solution: what the solver gave, None where it was not asked (invalid state).
     held: for how many ticks the command has been coming to rest because no answer was usable, 0 in normal operation.
-    times: where the time went.  transition: how far a change of stack has come, 1 where none is under way.
+    x: the answer that the command is part of.  times: where the time went.  transition: how far a change of stack has
+    come, 1 where none is under way.
     """
 
     __slots__ = (
-        "_count", "_last", "_names", "_session", "_state", "_x",
-        "command", "held", "notes", "solution", "status", "times", "transition",
+        "_count", "_last", "_names", "_session", "_state",
+        "command", "fit", "held", "notes", "program", "solution", "status", "times", "transition", "x",
     )  # fmt: skip
 
     def __init__(
@@ -74,13 +77,20 @@ class Tick:
         solution: Solution | None,
         times: Times | None,
         held: int,
+        fit: bool = True,
     ) -> None:
         self._session: Session | None = session
-        self._state, self._count, self._x, self._last = state, session.count, x, last
+        self._state, self._count, self.x, self._last = state, session.count, x, last
         self.command, self.status, self.notes = command, status, notes
         self.solution, self.times, self.held = solution, times, held
-        self.transition = 1.0
+        self.transition, self.fit = 1.0, fit
+        self.program: Program | None = session.program
         self._names = session.robot.joint_names
+
+    def follow(self, x: Vec, command: Vec, last: Vec, notes: tuple[Note, ...], transition: float) -> None:
+        """Take the place of the tick in a transition: another answer, and the notes on both stacks."""
+        self.x, self.command, self._last, self.notes, self.transition = x, command, last, notes, transition
+        self.status = Status.worst(self.status, *(note.status for note in notes))
 
     @property
     def state(self) -> State:
@@ -98,6 +108,10 @@ class Tick:
         """Which element got what and lost to which; raises HqpError once the session has taken another step."""
         return self._live().explain(self)
 
+    def conflict(self) -> Conflict:
+        """Which rows of ``subject_to`` exclude each other, and what each would have to give way; as ``explain``."""
+        return self._live().conflict(self)
+
     def advance(self) -> tuple[Vec, Vec]:
         """(q, v) one period later if the command is carried out exactly (Mistry 2008, eqs. 19 to 22).
 
@@ -105,7 +119,9 @@ class Tick:
         """
         if not self._state.valid:
             raise HqpError(f"nothing to advance from: {self._state.fault}")
-        return self._live().program.advance(self._state, self._x)
+        self._live()
+        assert self.program is not None  # a tick with a session has one
+        return self.program.advance(self._state, self.x)
 
     def unwrap(self) -> Vec:
         """The command if the status is ``solved``; raises NotSolved with a copy of the problem otherwise."""
@@ -122,7 +138,7 @@ class Tick:
 
     def __getstate__(self) -> dict[str, Any]:
         kept = {name: getattr(self, name) for name in self.__slots__ if name != "_session"}
-        return {**kept, "_x": self._x.copy(), "_last": self._last.copy(), "_session": None}
+        return {**kept, "x": self.x.copy(), "program": None, "_last": self._last.copy(), "_session": None}
 
     def __setstate__(self, kept: dict[str, Any]) -> None:
         for name, value in kept.items():
@@ -141,6 +157,7 @@ class OrdinaryTick(Tick):
     status = Status.OPTIMAL
     notes = ()
     held = 0
+    fit = True
     transition = 1.0
 
     def __init__(
@@ -179,8 +196,14 @@ class OrdinaryTick(Tick):
         return Times(self._prepared - self._start, *self._direct.seconds(self._record), 0.0)
 
     @property
-    def _x(self) -> Vec:  # type: ignore[override]
+    def x(self) -> Vec:  # type: ignore[override]
+        """The answer that the command is part of."""
         return self._direct.x(self._record)
+
+    @property
+    def program(self) -> Program | None:  # type: ignore[override]
+        """The compiled stack of the session."""
+        return None if self._session is None else self._session.program
 
     @property
     def _last(self) -> Vec:  # type: ignore[override]
@@ -195,7 +218,7 @@ class OrdinaryTick(Tick):
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickled, it is a Tick as any other."""
         kept = {name: getattr(self, name) for name in Tick.__slots__ if name != "_session"}
-        return _restored, ({**kept, "_x": self._x.copy(), "_session": None},)
+        return _restored, ({**kept, "x": self.x.copy(), "program": None, "_session": None},)
 
 
 def _restored(kept: dict[str, Any]) -> Tick:

@@ -49,8 +49,8 @@ MAY: dict[str, set[str]] = {
 }
 
 ABOVE = {
-    "adapters", "arguments", "comparison", "contact_watch", "direct", "doctor", "estimation", "explain", "formulation",
-    "lab", "recorder", "serial", "session", "sweep", "tick", "torque", "transition", "viewer",
+    "adapters", "arguments", "comparison", "conflict", "contact_watch", "direct", "doctor", "estimation", "explain",
+    "formulation", "lab", "recorder", "serial", "session", "sweep", "tick", "torque", "transition", "viewer",
 }  # fmt: skip
 """Formulations, sessions and what stands on them: they may import what they need, but in no circle."""
 

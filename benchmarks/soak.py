@@ -1,0 +1,160 @@
+"""Random closed loops with everything that goes wrong: NaN, kicks, changes of stack, conflicts, targets out of reach.
+
+`python -m benchmarks soak --ticks 100000` counts statuses and tells the worst tick and the worst jump; what must never
+happen (an exception, a number that is not finite, a level above moved, a limit of rate passed) ends the run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import resource
+from collections import Counter
+from dataclasses import dataclass, field
+from functools import cache
+from time import perf_counter
+
+import numpy as np
+from numpy.random import Generator
+
+import hqp
+from hqp import PD, Level, Stack, Status
+from hqp.robots import Robot
+from hqp.safety import RateLimits
+from hqp.tasks import Com, FixedContact, JointLimits, Orientation, PointContact, Position, Posture, TorqueLimits
+
+ROBOTS = ("talos", "g1", "cbi", "icub", "romeo")
+LEVELS = ("velocity", "acceleration", "torque")
+RATES = RateLimits(velocity=60.0, acceleration=2e4, torque=2e4)
+DT = 0.002
+
+load = cache(hqp.robots.load)
+
+
+@dataclass
+class Record:
+    """What a soak has seen."""
+
+    ticks: int = 0
+    statuses: Counter[str] = field(default_factory=Counter)
+    events: Counter[str] = field(default_factory=Counter)
+    times: list[float] = field(default_factory=list)
+    jump: dict[str, float] = field(default_factory=dict)
+    held: int = 0
+
+    def __str__(self) -> str:
+        times = 1e6 * np.array(self.times)
+        share = {name: f"{count / self.ticks:.2%}" for name, count in self.statuses.most_common()}
+        lines = [
+            f"{self.ticks} ticks, events {dict(self.events)}",
+            f"statuses {share}, longest held {self.held} ticks",
+            f"tick median {np.median(times):.0f} us, p99 {np.percentile(times, 99):.0f}, worst {times.max():.0f}",
+            f"worst jump { ({name: float(f'{jump:.3g}') for name, jump in self.jump.items()}) }",
+            f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB",
+        ]
+        return "\n".join(lines)
+
+
+def formulation(level: str) -> hqp.Velocity | hqp.Acceleration | hqp.Torque:
+    """The formulation of that name; contacts with feedback on their velocity at torque level."""
+    if level == "torque":
+        return hqp.Torque(contact_law=PD(0.0, 40.0))
+    return hqp.Velocity() if level == "velocity" else hqp.Acceleration()
+
+
+def stacks(robot: Robot, level: str) -> list[Stack]:
+    """Stacks to change between: whole, without the hand, in another order, with a foot pulled where that can be."""
+    left, right = robot.landmarks["soles"]
+    feet = [FixedContact(frame=left), FixedContact(frame=right)]
+    limits = [TorqueLimits()] if level == "torque" else [JointLimits()]
+    com, hand = Com(name="com"), Position(frame=robot.landmarks["palms"][1], name="hand")
+    trunk, posture = Orientation(frame=robot.landmarks["base"][0], name="trunk"), Posture()
+    whole = Stack(Level(com), Level(hand), Level(trunk), Level(posture), subject_to=[*feet, *limits])
+    found = [whole, whole.without("hand"), Stack(Level(hand), Level(com), Level(posture), subject_to=whole.subject_to)]
+    if level != "torque":
+        found.append(Stack(*whole.levels, subject_to=[*whole.subject_to, PointContact(frame=right, name="pulled")]))
+    return found
+
+
+def soak(robot: Robot, level: str, ticks: int, rng: Generator, record: Record) -> list[bytes]:
+    """One closed loop with events; raises AssertionError for what must never happen, returns the commands."""
+    choices = stacks(robot, level)
+    controller = hqp.Controller(choices[0], formulation(level), rates=RATES, deadline=np.inf)
+    session = controller.session(robot, DT)
+    rate = float(getattr(RATES, level)) * DT
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    start = robot.state(q, v)
+    palm, com = start.position(robot.landmarks["palms"][1]), start.com()
+    goal, shift, sent, last = palm.copy(), com.copy(), [], None
+    for _ in range(ticks):
+        event, given_q, given_v = "", q, v
+        if rng.random() < 0.08:
+            event = str(rng.choice(["nan state", "nan reference", "kick", "change", "ease", "far", "conflict", "home"]))
+            record.events[event] += 1
+        references = []
+        if event == "nan state":
+            given_q = np.where(rng.random(q.size) < 0.1, np.nan, q)
+            given_q[0] = np.nan
+        elif event == "kick":
+            v = given_v = v + rng.normal(0.0, 0.3, v.size)
+        elif event in ("change", "ease"):
+            stack = choices[rng.integers(len(choices))]
+            session.change(stack, 0.05 if event == "ease" else 0.0)
+        elif event == "far":
+            goal = palm + rng.normal(0.0, 1.5, 3)
+        elif event == "home":
+            q, v, goal = robot.home.copy(), np.zeros(robot.nv), palm.copy()
+            given_q, given_v = q, v
+        if "hand" in session.stack:
+            at = np.full(3, np.nan) if event == "nan reference" else goal
+            references.append(session.stack.find("hand", Position).at(at))
+        if event == "conflict" and "pulled" in session.stack:
+            references.append(session.stack.find("pulled", PointContact).at(velocity=[0.2, 0.0, 0.0]))
+        references.append(session.stack.find("com", Com).at(shift))
+        state = robot.state(given_q, given_v)
+        begun = perf_counter()
+        tick = session.step(state, *references)
+        took = perf_counter() - begun
+        record.ticks += 1
+        record.times.append(took)
+        record.statuses[tick.status.name] += 1
+        record.held = max(record.held, tick.held)
+        assert np.isfinite(tick.command).all(), f"{robot.name}, {level}: a command that is not finite after {event!r}"
+        assert event != "nan state" or tick.status is Status.INVALID_STATE
+        if last is not None:
+            jump = float(np.abs(tick.command - last).max())
+            record.jump[level] = max(record.jump.get(level, 0.0), jump)
+            assert jump <= rate * (1.0 + 1e-9), f"{robot.name}, {level}: {jump} in a tick after {event!r}"
+        last = tick.command.copy()
+        sent.append(last.tobytes())
+        if tick.state.valid and tick.status is not Status.DYNAMICS_FAILED:
+            q, v = tick.advance()
+        if not np.isfinite(v).all() or np.abs(v).max() > 50.0 or np.abs(q[:3]).max() > 10.0:
+            q, v = robot.home.copy(), np.zeros(robot.nv)  # fallen: put up again
+            record.events["fallen"] += 1
+    return sent
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """How long, and from which seed."""
+    parser.add_argument("--ticks", type=int, default=100_000, help="ticks in all (100000)")
+    parser.add_argument("--seed", type=int, default=0, help="of events and targets (0)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Soak every robot at every level in turns of 500 ticks until all ticks are done, and tell what was seen."""
+    ticks = 5000 if arguments.quick else int(arguments.ticks)
+    rng, record, turn, sizes = np.random.default_rng(arguments.seed), Record(), 0, []
+    while record.ticks < ticks:
+        robot = load(ROBOTS[turn % len(ROBOTS)])
+        level = LEVELS[(turn // len(ROBOTS)) % len(LEVELS)]
+        soak(robot, level, min(500, ticks - record.ticks), rng, record)
+        turn += 1
+        if turn % 15 == 0:
+            gc.collect()
+            sizes.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    print(record)
+    print(
+        f"peak memory after each round [MB]: {', '.join(f'{size:.0f}' for size in sizes[:: max(1, len(sizes) // 10)])}"
+    )
+    return 0

@@ -1,0 +1,91 @@
+"""Conflicts of constraints: irreducible, named, and with the least that each row must give way."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+import hqp
+from hqp import Hierarchy, Level, Rows, Selection, Stack, Status
+from hqp.conflict import conflict
+from hqp.tasks import FixedContact, JointLimits, PointContact, Posture
+
+inf = np.inf
+
+
+def rows(A: object, lower: object, upper: object) -> Rows:
+    return Rows(np.array(A, dtype=float), np.array(lower, dtype=float), np.array(upper, dtype=float))
+
+
+box = Rows(Selection(np.arange(2)), np.array([-1.0, -1.0]), np.array([1.0, 1.0]))
+
+CASES = {
+    "above a box": ((box, rows([[1, 0]], [2], [inf])), "level 0, row 0 upper and level 1, row 0 lower", 1.0),
+    "below a box": ((box, rows([[0, 1]], [-inf], [-3])), "level 0, row 1 lower and level 1, row 0 upper", 2.0),
+    "two equalities": ((rows([[1, 1], [1, 1]], [0, 1], [0, 1]),), "level 0, row 0 and level 0, row 1", 1.0),
+    "a sum over the box": (
+        (box, rows([[1, 1]], [3], [3])), "level 0, row 0 upper, level 0, row 1 upper and level 1, row 0", 1.0,
+    ),
+    "one row that is none": ((rows([[0, 0]], [1], [1]),), "level 0, row 0", 1.0),
+    "three sides": (
+        (rows([[1, 0], [0, 1], [-1, -1]], [1, 1, -1], [inf, inf, inf]),),
+        "level 0, row 0 lower, level 0, row 1 lower and level 0, row 2 lower", 1.0,
+    ),
+    "one row too many": (
+        (box, rows([[1, 0], [1, 0]], [2, 2.5], [inf, inf])),
+        "level 0, row 0 upper and level 1, row 1 lower exclude", 1.5,
+    ),
+    "in rows of other lengths": ((box, rows([[100, 0]], [200], [inf])), "level 0, row 0 upper and level 1, row 0", 1.0),
+    "beside rows that hold": (
+        (box, rows([[1, 0], [0, 1], [1, -1]], [2, 0, -9], [inf, 0.5, 9])),
+        "level 0, row 0 upper and level 1, row 0", 1.0,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_conflict_is_irreducible_and_measured(case: str) -> None:
+    levels, said, least = CASES[case]
+    found = conflict(Hierarchy(levels, constraints=len(levels), n=2))
+    assert found
+    assert str(found).startswith(said)
+    assert min(row.relaxation for row in found.rows) == pytest.approx(least, rel=1e-6)
+    bounds = {(row.level, row.row) for row in found.rows}
+    for spared in bounds:  # without any one of its rows the rest holds
+        left = [
+            Rows(level.dense(2)[[i for i in range(level.m) if (k, i) in bounds - {spared}]],
+                 level.lower[[i for i in range(level.m) if (k, i) in bounds - {spared}]],
+                 level.upper[[i for i in range(level.m) if (k, i) in bounds - {spared}]])
+            for k, level in enumerate(levels)
+        ]  # fmt: skip
+        assert not conflict(Hierarchy(tuple(left), constraints=len(left), n=2))
+
+
+def test_what_can_hold_is_no_conflict() -> None:
+    found = conflict(Hierarchy((box, rows([[1, 1]], [2], [2])), constraints=2))
+    assert not found
+    assert str(found) == "all constraints can hold"
+
+
+def test_a_foot_that_is_pulled_is_named_with_the_one_that_holds_it() -> None:
+    robot = hqp.robots.load("talos")
+    left, right = robot.landmarks["soles"]
+    pulled = PointContact(frame=right, name="pulled")
+    stack = Stack(
+        Level(Posture()), subject_to=[FixedContact(frame=left), FixedContact(frame=right), pulled, JointLimits()]
+    )
+    session = hqp.Controller(stack, deadline=np.inf).session(robot, 0.002)
+    session.step(robot.state())
+    tick = session.step(robot.state(), pulled.at(velocity=[0.1, 0.0, 0.0]))
+    assert tick.status is Status.CONSTRAINTS_VIOLATED
+    begun = time.perf_counter()
+    found = tick.conflict()
+    assert time.perf_counter() - begun < 2.0  # 50 ms on a quiet machine
+    assert {row.name.split(" row")[0].split(":")[0] for row in found.rows} == {"pulled", right}
+    assert {round(row.relaxation, 6) for row in found.rows} == {0.1}
+    assert "exclude each other" in str(found)
+    session.step(robot.state())
+    with pytest.raises(hqp.HqpError, match="latest"):
+        tick.conflict()
