@@ -15,7 +15,8 @@ class ActiveSet final : public Step {
     factorisations = iterations = judged = 0;
     outcome = Outcome::optimal;
     cap_ = options.max_iterations > 0 ? options.max_iterations : 100 + 10 * (table.rows + table.n);
-    deadline_ = options.time_limit > 0 ? now() + options.time_limit : 0.0;
+    looked_ = options.time_limit > 0 ? now() : 0.0;
+    deadline_ = options.time_limit > 0 ? looked_ + options.time_limit : 0.0;
     changes_.forget();
     tableau.choose_bias();
     stopped_ = stalled_ = false;

@@ -45,6 +45,7 @@ class StageSearch : public Judge {
   // Lower level after level from x, which keeps the box; true if what is reached is optimal.
   bool search(const double* from, double deadline) {
     deadline_ = deadline;
+    looked_ = deadline > 0.0 ? now() : 0.0;
     late = false;
     solves = 0;
     for (int i = 0; i < n_; ++i) x[i] = from[i];
@@ -66,7 +67,7 @@ class StageSearch : public Judge {
   static constexpr double kFlat =
       1e-9;  // a row whose rest is no longer than this, relative, adds no direction to its level
   int wide_ = 0, kept_count_ = 0;
-  double deadline_ = 0.0;
+  double deadline_ = 0.0, looked_ = 0.0;
   double *B_ = nullptr, *rhs_ = nullptr, *length_ = nullptr, *size_ = nullptr, *mix_ = nullptr, *z_ = nullptr,
          *d_ = nullptr, *dv_ = nullptr, *t_ = nullptr;
   int *order_ = nullptr, *column_ = nullptr, *kept_ = nullptr;
@@ -74,8 +75,10 @@ class StageSearch : public Judge {
   double* row(int i) { return B_ + static_cast<std::ptrdiff_t>(i) * wide_; }
 
   bool out_of_time() {
-    late = late || (deadline_ > 0.0 && now() > deadline_);
-    return late;
+    if (late || deadline_ == 0.0) return late;
+    const double time = now(), lap = time - looked_;
+    looked_ = time;
+    return late = time + lap > deadline_;
   }
 
   bool lower_all() {

@@ -96,9 +96,9 @@ class WorkingSet {
   double *trial_x_ = nullptr, *trial_v_ = nullptr;
   std::uint64_t* seen_ = nullptr;
   int cap_ = 0, seen_count_ = 0;
-  double deadline_ = 0.0;
-  Changes changes_;    // since the tableau was made
-  int progress_ = -1;  // first level that the last step changed
+  double deadline_ = 0.0, looked_ = 0.0;  // when the deadline was last looked at
+  Changes changes_;                       // since the tableau was made
+  int progress_ = -1;                     // first level that the last step changed
   bool warm_ = false;
   bool plain_ = false;     // this search factorises every working set
   bool followed_ = false;  // v was kept up with x
@@ -178,9 +178,16 @@ class WorkingSet {
 
   bool out_of_time() {
     if (iterations >= cap_) outcome = Outcome::iteration_limit;
-    else if (deadline_ > 0.0 && now() > deadline_) outcome = Outcome::time_limit;
+    else if (deadline_ > 0.0 && too_late()) outcome = Outcome::time_limit;
     else return false;
     return true;
+  }
+
+  // Whether another turn like the last one, and what is left to do after it, would pass the deadline.
+  bool too_late() {
+    const double time = now(), lap = time - looked_;
+    looked_ = time;
+    return time + 2.0 * lap > deadline_;
   }
 
   double slackness(int r, double bound, double size) const {
