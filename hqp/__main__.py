@@ -89,6 +89,20 @@ def _robots(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _capsules(arguments: argparse.Namespace) -> int:
+    from pathlib import Path
+
+    from hqp import robots
+    from hqp.robots import capsules
+
+    robot = robots.load(arguments.robot)
+    found = capsules.fitted(robot)
+    path = Path(arguments.output or f"{Path(arguments.robot).stem}.capsules.toml")
+    path.write_text(capsules.text(robot, found))
+    print(f"{path}: {len(found)} capsules")
+    return 0
+
+
 def _compare(arguments: argparse.Namespace) -> int:
     from hqp.comparison import compare
 

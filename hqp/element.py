@@ -172,6 +172,8 @@ class Inequality(Constraint):
     """
 
     equality: ClassVar[bool] = False
+    steered: ClassVar[bool] = False
+    """Whether the readable functions take the value of the reference, too."""
 
     @abstractmethod
     def jacobian(self, state: State) -> Mat:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hqp.arrays import Index, Mat, Vec
 from hqp.robot import Robot
@@ -184,7 +185,28 @@ class Constant:
     shape: tuple[int, ...] = field(default=(), init=False)
 
 
-Plan: TypeAlias = Point | Pose | Rotation | Angles | Edge | Wheel | Com | Joints | Coupling | JointBox | Constant
+@dataclass(frozen=True, eq=False)
+class Collision:
+    """Capsules of links (body, ends in its axes, radius), shapes of the world (kind 0 capsule, 1 box, 2 half-space, and
+    size), the columns that move each body, pairs of shapes with clearances, and live slots; reference: poses.
+    """
+
+    links: tuple[tuple[int, tuple[float, ...], float], ...]
+    world: tuple[tuple[int, tuple[float, ...]], ...]
+    chains: tuple[tuple[int, ...], ...]
+    pairs: tuple[tuple[int, int], ...]
+    clearances: tuple[float, ...]
+    slots: NDArray[np.int32]
+    influence: float
+    rate: float
+    recovery: float
+    step: float
+    shape: tuple[int, ...]
+
+
+Plan: TypeAlias = (
+    Point | Pose | Rotation | Angles | Edge | Wheel | Com | Joints | Coupling | JointBox | Constant | Collision
+)
 
 
 def frame(robot: Robot, name: str) -> Frame:

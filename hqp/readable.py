@@ -70,8 +70,10 @@ class Readable:
 
     def _write_bounds(self, state: State, reference: Reference, *normal: Vec) -> None:
         element, out = self._element, self._out
+        if element.steered and reference.value is not None:
+            normal = (reference.value,)
         if self._final:
-            lower, upper = element.step_bounds(state, self._dt, self._order)
+            lower, upper = element.step_bounds(state, self._dt, self._order, *normal)
         else:
             lower, upper = element.bounds(state, *normal)
         out.lower[:] = lower

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, TypeAlias
 
 from hqp.arrays import Index, Mat, Vec
+from hqp.shapes import LinkCapsule
 
 Placement: TypeAlias = tuple[Vec, Mat]
 """Live views of a position ``(3,)`` and a rotation ``(3, 3)`` in the world, as of the current state."""
@@ -63,6 +64,11 @@ class Robot(Protocol):
     @property
     def landmarks(self) -> Mapping[str, tuple[str, ...]]:
         """Frames by role, such as ``soles``, ``palms``, ``base``."""
+        ...
+
+    @property
+    def capsules(self) -> Sequence[LinkCapsule]:
+        """Capsules around the links, for collision avoidance; raises ModelError for a robot without shapes."""
         ...
 
     @property

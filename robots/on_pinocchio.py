@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.errors import DeclarationError, FrameNotFound, ModelError
+from hqp.errors import DeclarationError, FrameNotFound, ModelError, ModelWarning
+from hqp.shapes import LinkCapsule
 
 from .checks import unit_parts
 from .joints import Joints, actuation, matrix
@@ -63,6 +65,7 @@ class Robot:
     ) -> None:
         self.model = model
         self._geometry, self._visual = geometry, visual
+        self._capsules: tuple[LinkCapsule, ...] | None = None
         self.data = model.createData()
         self.name: str = name or model.name
         self.nq, self.nv = int(model.nq), int(model.nv)
@@ -205,6 +208,32 @@ class Robot:
         if self._visual is None:
             self._visual = self._shapes("visual")
         return self._visual
+
+    @property
+    def capsules(self) -> tuple[LinkCapsule, ...]:
+        """Capsules around the links: those of ``with_capsules``, of the catalogue, or fitted to ``geometry``.
+
+        Warns (ModelWarning) when they have to be fitted, which takes seconds; raises ModelError without shapes.
+        """
+        if self._capsules is None:
+            from . import capsules
+
+            self._capsules = capsules.stored(self)
+            if self._capsules is None:
+                told = f"{self.name}: capsules are being fitted; `hqp capsules` stores them for with_capsules"
+                warnings.warn(told, ModelWarning, stacklevel=2)
+                self._capsules = capsules.fitted(self)
+        return self._capsules
+
+    def with_capsules(self, capsules: str | Path | Sequence[LinkCapsule]) -> Robot:
+        """The same robot with capsules of a file of `hqp capsules`, or given ones; raises ModelError for a misfit."""
+        from .capsules import stored
+
+        clone = self.copy()
+        clone._capsules = stored(self, Path(capsules)) if isinstance(capsules, (str, Path)) else tuple(capsules)
+        if clone._capsules is None:
+            raise ModelError(f"no such file: {capsules}")
+        return clone
 
     def _shapes(self, kind: Literal["collision", "visual"]) -> Any:
         from .geometry import read

@@ -5,6 +5,7 @@ from __future__ import annotations
 if __name__ != "hqp.tasks":
     raise ImportError("a second copy of the tasks would have second classes; write `import hqp.tasks`")
 
+from .collision import CollisionAvoidance
 from .com import Com
 from .contact import FixedContact, PointContact
 from .coupling import JointCoupling
@@ -20,6 +21,7 @@ from .wheel import OmniWheelContact, WheelContact
 
 __all__ = [
     "CenterOfPressure",
+    "CollisionAvoidance",
     "Com",
     "ContactForce",
     "EdgeContact",

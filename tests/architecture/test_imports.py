@@ -47,6 +47,9 @@ MAY: dict[str, set[str]] = {
     "stack": {"element", "law", "price", "robot"},
     "layout": {"element", "price", "robot", "stack"},
 }
+MAY["shapes"] = set()
+for _part in ("robot", "robots", "tasks"):
+    MAY[_part] |= {"shapes"}
 
 ABOVE = {
     "adapters", "arguments", "comparison", "conflict", "contact_watch", "direct", "doctor", "estimation", "explain",

@@ -45,7 +45,7 @@ def test_urdf_robot_has_its_own_inertia_in_mujoco_and_stands(name: str) -> None:
 def test_mobile_arm_with_an_object_and_a_door() -> None:
     robot = hqp.robots.load(DATA / "mobile_arm.xml")
     plant = Plant(robot)
-    q, v = plant.reset()
+    q, _ = plant.reset()
     np.testing.assert_allclose(q, robot.home, atol=1e-12)
     assert plant.joint_names == robot.joint_names
     np.testing.assert_allclose(plant.mass_matrix(), robot.state(q).mass_matrix(), atol=1e-11)

@@ -11,10 +11,11 @@ import pytest
 
 import hqp.robots
 import hqp.tasks as t
-from hqp import Level, Stack, serial
+from hqp import Level, Stack, serial, shapes
 from hqp.arrays import Mat, Vec
 from hqp.element import REGISTRY, Element, Task
 from hqp.robot import Robot, State
+from hqp.tasks.collision_scene import scene
 
 # frames and joints that stand for the generic ones of an example, by robot
 NAMES = {
@@ -59,6 +60,20 @@ def examples(n: dict[str, str]) -> dict[str, list[Element]]:
         "JointCoupling": [t.JointCoupling({a: 1.0, b: -1.0}), t.JointCoupling({c: 2.0, a: 0.5}, offset=0.3)],
         "OmniWheelContact": [t.OmniWheelContact(wheel=f, radius=0.1, axle=(1.0, 0.0, 0.0))],
         "WheelContact": [t.WheelContact(wheel=f, radius=0.2, axle=(0.5, -1.0, 2.0))],
+        "CollisionAvoidance": [
+            t.CollisionAvoidance(pairs=((f, o),), influence=2.0),
+            t.CollisionAvoidance(
+                pairs=((f, "table"), (f, "ball"), (f, "bar"), (f, "floor")),
+                influence=3.0,
+                weight=2.0,
+                world=(
+                    shapes.box("table", (0.6, 1.0, 0.05), (0.8, 0.1, 0.3), (0.1, 0.2, 0.3)),
+                    shapes.sphere("ball", 0.1, (0.5, 0.5, 1.2)),
+                    shapes.capsule("bar", 0.05, 0.5, (0.4, -0.7, 0.6), (0.3, 0.4, 0.0)),
+                    shapes.half_space("floor", (0.0, 0.0, -0.5), (0.1, 0.0, 0.0)),
+                ),
+            ),
+        ],
         "JointLimits": [t.JointLimits(), t.JointLimits(joints=[a, c], acceleration=20.0)],
     }
 
@@ -89,11 +104,30 @@ def followed(element: Element, state: State) -> Callable[[State], Vec]:
         return lambda s: (s.angles - start)[picked]
     if isinstance(element, (t.OmniWheelContact, t.WheelContact)):
         return contact_point(element, state)
+    if isinstance(element, t.CollisionAvoidance):
+        return distances(element, state)
     assert isinstance(element, Task)
     if isinstance(element, t.JointCoupling):
         element = dataclasses.replace(element, offset=float(element.value(state)[0]))  # zero error
     hold = element.hold(state).value
     return lambda s: element.error(s, hold)
+
+
+def distances(element: t.CollisionAvoidance, state: State) -> Callable[[State], Vec]:
+    """How far the pairs that have the rows at ``state`` have come apart; zero for free rows."""
+    near, own, poses = element.near(state), scene(element, state.robot), element.poses()
+
+    def measure(s: State) -> Vec:
+        s.kinematics()
+        found = np.zeros(len(near))
+        for k, n in enumerate(near):
+            if n is not None:
+                i, j = own.pairs[n.pair]
+                ends = own.ends(i), own.ends(j) if j < own.links else None
+                found[k] = own.measure(n.pair, poses, *ends)[0] - n.distance
+        return found
+
+    return measure
 
 
 def contact_point(element: Any, state: State) -> Callable[[State], Vec]:

@@ -14,6 +14,7 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include "collision.hpp"
 #include "com.hpp"
 #include "frames.hpp"
 #include "joints.hpp"
@@ -33,6 +34,7 @@ using Columns = nb::ndarray<const double, nb::ndim<2>, nb::f_contig, nb::device:
 using Picks = nb::ndarray<const std::intptr_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Marks = nb::ndarray<const std::int8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Kinds = nb::ndarray<const std::int8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Slots = nb::ndarray<std::int32_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Ints = std::vector<int>;
 using Numbers = std::vector<double>;
 
@@ -69,6 +71,16 @@ class Plan {
   }
   hqp::Joints joints() const {
     return {ints("columns"), ints("positions"), nb::cast<std::vector<bool>>(object_.attr("continuous"))};
+  }
+  template <typename T>
+  std::vector<T> list(const char* field) const {
+    return nb::cast<std::vector<T>>(object_.attr(field));
+  }
+  template <typename Array>
+  Array array(const char* field) const {
+    const auto found = nb::cast<Array>(object_.attr(field), false);
+    kept_.push_back(nb::cast(found));
+    return found;
   }
   Plan part(const char* field) const {
     kept_.push_back(nb::object(object_.attr(field)));
@@ -243,7 +255,29 @@ class Assembly {
                          order_};
       return std::make_unique<hqp::JointBox>(out, p.part("joints").joints(), std::move(limits));
     }
+    if (name == "Collision") return std::make_unique<hqp::Collision>(out, tree_, scene(p));
     throw nb::type_error(("no native operation for a plan of class " + name).c_str());
+  }
+
+  hqp::CollisionScene scene(const Plan& p) {
+    hqp::CollisionScene found;
+    for (const auto& [body, ends, radius] : p.list<std::tuple<int, Numbers, double>>("links"))
+      found.links.push_back({body, {hqp::load(ends.data()), hqp::load(ends.data() + 3)}, radius});
+    for (const auto& [kind, size] : p.list<std::tuple<int, Numbers>>("world"))
+      found.world.push_back({static_cast<hqp::Solid>(kind), vector(size)});
+    found.chains = p.list<Ints>("chains");
+    for (const auto& [one, two] : p.list<std::tuple<int, int>>("pairs")) found.pairs.push_back({one, two});
+    found.clearances = p.numbers("clearances");
+    const Slots slots = p.array<Slots>("slots");
+    found.slots = slots.data();
+    found.rows = static_cast<int>(slots.shape(0));
+    found.influence = p.number("influence");
+    found.rate = p.number("rate");
+    found.recovery = p.number("recovery");
+    found.step = p.number("step");
+    found.order = order_;
+    if (order_ == 2) tree_.need_motions();
+    return found;
   }
 
   template <typename Array>

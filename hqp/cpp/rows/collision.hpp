@@ -1,0 +1,223 @@
+// Distances of pairs of shapes kept at a clearance; see tasks/collision.py for the equations.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "distance.hpp"
+#include "rows.hpp"
+
+namespace hqp {
+
+struct LinkCapsule {
+  int body;
+  Segment local;  // in the body's axes
+  double radius;
+};
+
+enum class Solid { kCapsule, kBox, kHalfSpace };
+
+struct WorldShape {
+  Solid kind;
+  Vec3 size;
+};
+
+struct CollisionScene {
+  std::vector<LinkCapsule> links;
+  std::vector<WorldShape> world;
+  std::vector<std::vector<int>> chains;  // coordinates that move each body
+  std::vector<std::array<int, 2>> pairs;
+  std::vector<double> clearances;
+  std::int32_t* slots;  // (m,) live: the pair that has each row, -1 for none
+  int rows;
+  double influence, rate, recovery, step;
+  int order;
+};
+
+class Collision final : public Operation {
+ public:
+  Collision(Target out, const Tree& tree, CollisionScene scene)
+      : out_(out),
+        tree_(tree),
+        s_(std::move(scene)),
+        ends_(s_.links.size()),
+        centres_(s_.links.size()),
+        sizes_(s_.links.size()),
+        near_(s_.pairs.size(), kFar),
+        found_(s_.pairs.size()),
+        old_(s_.rows, -1) {
+    for (std::size_t k = 0; k < s_.links.size(); ++k) {
+      const Vec3 axis = s_.links[k].local.b - s_.links[k].local.a;
+      sizes_[k] = 0.5 * std::sqrt(dot(axis, axis)) + s_.links[k].radius;
+    }
+    for (const auto& pair : s_.pairs)
+      chains_.push_back({apart(body(pair[0]), body(pair[1])), apart(body(pair[1]), body(pair[0]))});
+  }
+
+  void run(const double*, const double* v) override {
+    place();
+    look();
+    assign();
+    for (int i = 0; i < s_.rows; ++i) write(i, v);
+    for (const int pair : close_) near_[pair] = kFar;
+  }
+
+ private:
+  static constexpr double kFar = std::numeric_limits<double>::infinity();
+
+  bool is_link(int k) const { return k < static_cast<int>(s_.links.size()); }
+  int body(int k) const { return is_link(k) ? s_.links[k].body : 0; }
+  std::vector<int> apart(int one, int two) const {  // what moves the first body only
+    std::vector<int> found;
+    for (const int c : s_.chains[one])
+      if (std::find(s_.chains[two].begin(), s_.chains[two].end(), c) == s_.chains[two].end()) found.push_back(c);
+    return found;
+  }
+
+  void place() {
+    for (std::size_t k = 0; k < s_.links.size(); ++k) {
+      const LinkCapsule& link = s_.links[k];
+      const Body& b = tree_.bodies()[link.body];
+      const Vec3 p = load(b.position);
+      const Mat3 R = load_rotation(b.rotation);
+      ends_[k] = {p + R * link.local.a, p + R * link.local.b};
+      centres_[k] = 0.5 * (ends_[k].a + ends_[k].b);
+    }
+  }
+
+  void look() {
+    close_.clear();
+    for (std::size_t n = 0; n < s_.pairs.size(); ++n) {
+      const auto [i, j] = s_.pairs[n];
+      if (is_link(j)) {
+        const Vec3 w = centres_[i] - centres_[j];
+        const double reach = s_.influence + sizes_[i] + sizes_[j];
+        if (!(dot(w, w) < reach * reach)) continue;
+      }
+      const Distance found = measure(static_cast<int>(n), ends_[i], is_link(j) ? ends_[j] : Segment{});
+      if (!(found.value < s_.influence)) continue;
+      near_[n] = found.value;
+      found_[n] = found;
+      close_.push_back(static_cast<int>(n));
+    }
+  }
+
+  Distance measure(int pair, const Segment& one, const Segment& two) const {
+    const auto [i, j] = s_.pairs[pair];
+    const double radius = s_.links[i].radius;
+    if (is_link(j)) return Measure::capsule(one, radius, two, s_.links[j].radius);
+    const std::size_t k = j - s_.links.size();
+    const double* T = out_.reference + 16 * k;  // (4, 4) row-major
+    const Vec3 origin{T[3], T[7], T[11]};
+    const Mat3 R{{{T[0], T[4], T[8]}, {T[1], T[5], T[9]}, {T[2], T[6], T[10]}}};
+    const WorldShape& shape = s_.world[k];
+    if (shape.kind == Solid::kHalfSpace) return Measure::half_space(one, radius, origin, R);
+    if (shape.kind == Solid::kBox) return Measure::box(one, radius, 0.5 * shape.size, origin, R);
+    const Vec3 half = 0.5 * shape.size[1] * R.column[2];
+    return Measure::capsule(one, radius, {origin - half, origin + half}, shape.size[0]);
+  }
+
+  // A pair keeps its slot while it is near; others get free slots, then those of pairs that are farther off.
+  void assign() {
+    for (int k = 0; k < s_.rows; ++k)
+      if (s_.slots[k] >= 0 && near_[s_.slots[k]] == kFar) s_.slots[k] = -1;
+    for (const int pair : close_) {
+      if (std::find(s_.slots, s_.slots + s_.rows, pair) != s_.slots + s_.rows) continue;
+      std::int32_t* free = std::find(s_.slots, s_.slots + s_.rows, -1);
+      if (free != s_.slots + s_.rows) {
+        *free = pair;
+        continue;
+      }
+      int farthest = 0;
+      for (int k = 1; k < s_.rows; ++k)
+        if (near_[s_.slots[k]] > near_[s_.slots[farthest]]) farthest = k;
+      if (near_[s_.slots[farthest]] > near_[pair]) s_.slots[farthest] = pair;
+    }
+  }
+
+  void write(int i, const double*) {
+    const int pair = s_.slots[i];
+    double* J = out_.row(i);
+    if (old_[i] >= 0 && old_[i] != pair)
+      for (const auto& chain : chains_[old_[i]])
+        for (const int c : chain) J[c] = 0.0;
+    old_[i] = pair;
+    out_.upper[i] = kFar;
+    out_.lower[i] = -kFar;
+    if (out_.drift) out_.drift[i] = 0.0;
+    if (pair < 0) return;
+    const Distance& found = found_[pair];
+    const Form form = along(found.normal, found.point);
+    for (const int c : chains_[pair][0]) J[c] = -out_.weight * value(form, c);
+    for (const int c : chains_[pair][1]) J[c] = out_.weight * value(form, c);
+    double lower = approach(found.value, s_.clearances[pair]);
+    if (s_.order == 2) {
+      lower = braking(found.value, s_.clearances[pair], rate(pair, found, 0.0)) - drift(pair);
+    }
+    out_.lower[i] = lower;
+  }
+
+  double value(const Form& form, int column) const {
+    const double* t = tree_.twist(column);
+    return dot(form.linear, load(t)) + dot(form.angular, load(t + 3));
+  }
+
+  double approach(double distance, double clearance) const {  // least rate of the distance
+    const double h = distance - clearance;
+    if (h < 0.0) return std::min(-s_.rate * h, s_.recovery);
+    const double share = std::max(distance, 0.0) / s_.influence, square = share * share;
+    return share < 1.0 ? -s_.rate * h / (1.0 - square * square) : -kFar;
+  }
+
+  double braking(double distance, double clearance, double speed) const {  // least acceleration of the distance
+    const double h = distance - clearance, fast = 4.0 * s_.rate;
+    if (h < 0.0) {
+      const double wanted = std::min(-s_.rate * h, s_.recovery);
+      return fast * (wanted - speed) - (wanted < s_.recovery ? s_.rate * speed : 0.0);
+    }
+    double power = std::max(distance, 0.0) / s_.influence;
+    for (int k = 0; k < 3; ++k) power *= power;
+    if (!(power < 1.0)) return -kFar;
+    return -(fast + s_.rate) * speed - fast * s_.rate * (h + s_.influence * power / (1.0 - power));
+  }
+
+  // How the rate changes at zero acceleration, bodies moved by their velocities for a moment either way. Where the
+  // nearest point or the normal jumps in between, that of the points that are nearest now.
+  double drift(int pair) const {
+    constexpr double kJump = 0.01, kTurn = 0.9;
+    const auto [i, j] = s_.pairs[pair];
+    const double h = s_.step;
+    const Distance ends[2] = {measure(pair, moved(i, h), is_link(j) ? moved(j, h) : Segment{}),
+                              measure(pair, moved(i, -h), is_link(j) ? moved(j, -h) : Segment{})};
+    const Vec3 slid = ends[0].point - ends[1].point;
+    if (dot(slid, slid) <= kJump * kJump && dot(ends[0].normal, ends[1].normal) >= kTurn)
+      return (rate(pair, ends[0], h) - rate(pair, ends[1], -h)) / (2.0 * h);
+    const Distance& now = found_[pair];
+    return dot(now.normal, tree_.point_drift(body(j), now.point) - tree_.point_drift(body(i), now.point));
+  }
+  double rate(int pair, const Distance& found, double h) const {  // of a pair's distance, after a time h
+    const auto [i, j] = s_.pairs[pair];
+    return dot(found.normal, velocity(j, h, found.point) - velocity(i, h, found.point));
+  }
+  Segment moved(int k, double h) const {
+    const Motion& V = tree_.motion(body(k));
+    return {ends_[k].a + h * V.at(ends_[k].a), ends_[k].b + h * V.at(ends_[k].b)};
+  }
+  Vec3 velocity(int k, double h, const Vec3& p) const {
+    if (!is_link(k)) return {0.0, 0.0, 0.0};
+    return tree_.motion(body(k)).at(p) + h * tree_.drift(body(k)).at(p);
+  }
+
+  Target out_;
+  const Tree& tree_;
+  CollisionScene s_;
+  std::vector<Segment> ends_;
+  std::vector<Vec3> centres_;
+  std::vector<double> sizes_;
+  std::vector<double> near_;  // distance of each pair, infinite beyond the influence
+  std::vector<Distance> found_;
+  std::vector<int> old_, close_;
+  std::vector<std::array<std::vector<int>, 2>> chains_;
+};
+
+}  // namespace hqp

@@ -1,0 +1,85 @@
+"""Shapes that collide: capsules of a robot's links, and shapes of the world around it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hqp.arrays import Mat
+from hqp.errors import DeclarationError
+
+KINDS = {"sphere": 1, "capsule": 2, "box": 3, "half_space": 0}
+"""Kinds of shapes of the world, and how many numbers their size has."""
+
+
+class LinkCapsule(NamedTuple):
+    """A capsule fixed to a body of a robot: ends a, b of its axis in the body's axes [m], radius [m]."""
+
+    name: str
+    body: int
+    a: tuple[float, float, float]
+    b: tuple[float, float, float]
+    radius: float
+
+
+class Shape(NamedTuple):
+    """A shape of the world, plain data: kind, name, size [m], and its pose: position [m], roll, pitch, yaw [rad]."""
+
+    kind: str
+    name: str
+    size: tuple[float, ...]
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def pose(self) -> Mat:
+        """Matrix ``(4, 4)`` of the pose."""
+        (r, p, y), T = self.rpy, np.eye(4)
+        cr, sr, cp, sp, cy, sy = math.cos(r), math.sin(r), math.cos(p), math.sin(p), math.cos(y), math.sin(y)
+        T[:3, :3] = [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+        T[:3, 3] = self.position
+        return T
+
+
+def sphere(name: str, radius: float, position: Any = (0.0, 0.0, 0.0)) -> Shape:
+    """A sphere of a radius [m]."""
+    return checked(("sphere", name, (radius,), position))
+
+
+def capsule(name: str, radius: float, length: float, position: Any = (0.0, 0.0, 0.0), rpy: Any = (0.0,) * 3) -> Shape:
+    """A capsule around a piece of its z axis of a length [m], centred."""
+    return checked(("capsule", name, (radius, length), position, rpy))
+
+
+def box(name: str, size: Any, position: Any = (0.0, 0.0, 0.0), rpy: Any = (0.0,) * 3) -> Shape:
+    """A box of whole edge lengths ``(3,)`` [m], centred."""
+    return checked(("box", name, size, position, rpy))
+
+
+def half_space(name: str, position: Any = (0.0, 0.0, 0.0), rpy: Any = (0.0,) * 3) -> Shape:
+    """All that lies below the plane through a position, whose outward normal is the pose's z axis: floor, wall."""
+    return checked(("half_space", name, (), position, rpy))
+
+
+def checked(given: Any) -> Shape:
+    """A Shape of plain data; raises DeclarationError for what is none."""
+    try:
+        kind, name, size, *pose = given
+        sizes = tuple(float(x) for x in size)
+        vectors = [tuple(float(x) for x in v) for v in pose]
+    except (TypeError, ValueError):
+        raise DeclarationError("shape", "no shape", value=given, allowed=_ALLOWED) from None
+    fits = kind in KINDS and len(sizes) == KINDS.get(kind) and isinstance(name, str) and bool(name)
+    fits &= all(0.0 < x < math.inf for x in sizes) and len(vectors) <= 2
+    if not fits or any(len(v) != 3 or not all(map(math.isfinite, v)) for v in vectors):
+        raise DeclarationError(f"shape {name!r}", "no shape", value=given, allowed=_ALLOWED)
+    return Shape(kind, name, sizes, *vectors)  # type: ignore[arg-type]
+
+
+_ALLOWED = "sphere, capsule, box or half_space of hqp.shapes, with sizes above 0 and finite positions and angles"

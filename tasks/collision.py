@@ -1,0 +1,234 @@
+"""Collision avoidance: links of the robot kept apart from each other and from shapes of the world."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from hqp import plans, shapes
+from hqp.arrays import Mat, Vec
+from hqp.element import Inequality
+from hqp.reference import Reference
+from hqp.robot import Robot, State
+
+from .collision_scene import Near, Scene, scene
+from .fields import check_number
+
+STEP = 1e-5
+"""Time by which bodies are moved to find how the rate of a distance changes [s]."""
+JUMP, TURN = 0.01, 0.9
+"""A nearest point that moves farther in that time [m], or normals of a smaller product, have jumped."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CollisionAvoidance(Inequality):
+    """Distances d of pairs of shapes kept at a clearance: with h = d - clearance, each row is J v >= -a(h),
+
+        a(h) = rate h / (1 - (d / influence)^4)  outside,    a(h) = -min(rate |h|, recovery)  inside,
+
+    J v = n . (v_b - v_a) at the nearest points, n from a to b.  Where x is an acceleration,
+    J a >= 4 rate (-a(h) - J v) - dJ/dt v with the rate at which the nearest points slide: poles at twice the rate.
+    A row is free beyond the influence and comes in without a jump.  d is between the robot's capsules
+    (``robot.capsules``) and those of its other links, or the shapes of ``world``.
+
+    pairs: ``"auto"``, all links that are more than three joints apart and apart at home; or pairs of names, each a
+    link, a joint group or a shape of the world; or the path of an SRDF, whose disabled pairs are left out of "auto";
+    ``"world"``, links against the world only.  world: shapes of ``hqp.shapes``, which ``at`` moves.
+    clearance [m]: for two links at most 0.8 of their distance at home.  influence [m]: of d, above the clearance.
+    rate [1/s].  recovery [m/s]: fastest way out of a collision.  slots: rows, the most pairs that are near at once
+    (a pair keeps its row while it is near), 64 or the number of pairs by default.
+    In ``subject_to`` rows stand below contacts and joint limits, so that a pair that cannot be kept apart does not
+    cost the feet; as a member of a level they are kept as well as its priority allows.
+    Raises DeclarationError for fields and for pairs that name nothing, ModelError for a robot without shapes.
+    """
+
+    steered: ClassVar[bool] = True
+
+    pairs: Any = "auto"
+    world: tuple[shapes.Shape, ...] = ()
+    clearance: float = 0.01
+    influence: float = 0.1
+    rate: float = 5.0
+    recovery: float = 0.1
+    slots: int = 0
+
+    def __post_init__(self) -> None:
+        if isinstance(self.world, shapes.Shape):
+            object.__setattr__(self, "world", (self.world,))
+        object.__setattr__(self, "world", tuple(shapes.checked(s) for s in self.world))
+        if not isinstance(self.pairs, str):
+            object.__setattr__(self, "pairs", self._checked_pairs())
+        super().__post_init__()
+        names = [s.name for s in self.world]
+        if len(set(names)) < len(names):
+            raise self.bad("world", names, "shapes of distinct names")
+        for what in ("clearance", "rate", "recovery"):
+            check_number(self, what, getattr(self, what), 0.0, strict=what != "clearance")
+        check_number(self, "influence", self.influence, self.clearance, strict=True)
+        if not isinstance(self.slots, int) or isinstance(self.slots, bool) or self.slots < 0:
+            raise self.bad("slots", self.slots, "a whole number, 0 for as many as there may be pairs near")
+
+    def _checked_pairs(self) -> tuple[tuple[str, str], ...]:
+        try:
+            pairs = tuple((str(one), str(two)) for one, two in self.pairs)
+        except (TypeError, ValueError):
+            pairs = ()
+        if not pairs:
+            raise self.bad(
+                "pairs", self.pairs, '"auto", "world", the path of an SRDF, or (("link", "other link"), ...)'
+            )
+        return pairs
+
+    def default_name(self) -> str:
+        """collision."""
+        return "collision"
+
+    def rows(self, robot: Robot) -> int:
+        """Number of slots; raises DeclarationError, ModelError."""
+        return len(scene(self, robot).slots)
+
+    def row_names(self, robot: Robot) -> tuple[str, ...]:
+        """The pairs that have the rows now, such as "left_elbow - torso"; "free" for a slot without one."""
+        return scene(self, robot).row_names()
+
+    def poses(self, value: Mat | None = None) -> Mat:
+        """Poses of the world's shapes ``(n, 4, 4)``: those declared, or those given."""
+        return np.array([s.pose for s in self.world]).reshape(-1, 4, 4) if value is None else value
+
+    def hold(self, state: State) -> Reference:
+        """The world as it was declared."""
+        return Reference(self.name, self.poses())
+
+    def at(self, poses: Mapping[str, Any]) -> Reference:
+        """Shapes of the world at poses ``(4, 4)`` or positions ``(3,)`` [m], by name; the others as declared.
+
+        Raises DeclarationError for an unknown name or a pose that is none.
+        """
+        value, names = self.poses(), [s.name for s in self.world]
+        for name, pose in poses.items():
+            if name not in names:
+                raise self.bad("shape", name, ", ".join(names) or "none: the element has no world")
+            given = np.asarray(pose, dtype=np.float64)
+            if given.shape == (3,):
+                value[names.index(name), :3, 3] = given
+            elif given.shape == (4, 4):
+                value[names.index(name)] = given
+            else:
+                raise self.bad(f"pose of {name}", pose, "a matrix (4, 4) or a position (3,) [m]")
+        return Reference(self.name, value)
+
+    def near(self, state: State, value: Mat | None = None) -> list[Near | None]:
+        """What is in each slot: its pair, distance, normal and nearest point; None for a free slot."""
+        return scene(self, state.robot).update(state, self.poses(value))
+
+    def distance(self, state: State, value: Mat | None = None) -> Vec:
+        """Distances ``(m,)`` [m] of the pairs in the slots, infinite in a free one."""
+        return np.array([math.inf if n is None else n.distance for n in self.near(state, value)])
+
+    def jacobian(self, state: State, value: Mat | None = None) -> Mat:
+        """n . (J_b - J_a) at the nearest points, ``(m, nv)``, zero in a free slot."""
+        near, J = self.near(state, value), np.zeros((self.rows(state.robot), state.robot.nv))
+        own = scene(self, state.robot)
+        for row, found in zip(J, near, strict=True):
+            if found is not None:
+                wrench = np.concatenate((found.normal, np.cross(found.point, found.normal)))
+                row[:] = own.difference(found.pair) * (wrench @ state.robot.joint_twists)
+        return J
+
+    def drift(self, state: State, value: Mat | None = None) -> Vec:
+        """dJ/dt v ``(m,)``: how the rate of each distance changes at zero acceleration, nearest points sliding."""
+        own, drift = scene(self, state.robot), np.zeros(self.rows(state.robot))
+        motions, poses = Motions(state), self.poses(value)
+        for i, found in enumerate(self.near(state, value)):
+            if found is not None:
+                drift[i] = motions.drift(own, found, poses)
+        return drift
+
+    def approach(self, found: Near) -> float:
+        """-a(h) of one pair: the least rate of its distance [m/s]."""
+        h = found.distance - found.clearance
+        if h < 0.0:
+            return min(-self.rate * h, self.recovery)
+        share = max(found.distance, 0.0) / self.influence
+        return -self.rate * h / (1.0 - share**4) if share < 1.0 else -math.inf
+
+    def braking(self, found: Near, speed: float) -> float:
+        """The least acceleration of one pair's distance [m/s^2], before the drift."""
+        h, fast = found.distance - found.clearance, 4.0 * self.rate
+        if h < 0.0:
+            wanted = min(-self.rate * h, self.recovery)
+            return fast * (wanted - speed) - (self.rate * speed if wanted < self.recovery else 0.0)
+        power = (max(found.distance, 0.0) / self.influence) ** 8
+        if not power < 1.0:
+            return -math.inf
+        return -(fast + self.rate) * speed - fast * self.rate * (h + self.influence * power / (1.0 - power))
+
+    def bounds(self, state: State, value: Mat | None = None) -> tuple[Vec, float]:
+        """(clearance - d, inf): how far distances may still go ``(m,)`` [m], -inf in a free slot."""
+        near = self.near(state, value)
+        return np.array([-math.inf if n is None else n.clearance - n.distance for n in near]), math.inf
+
+    def step_bounds(self, state: State, dt: float, order: int, value: Mat | None = None) -> tuple[Vec, Vec]:
+        """(lower, upper) ``(m,)`` of J x; upper is infinite."""
+        near = self.near(state, value)
+        if order == 1:
+            lower = np.array([-math.inf if n is None else self.approach(n) for n in near])
+        else:
+            speeds = self.jacobian(state, value) @ state.v
+            least = [-math.inf if n is None else self.braking(n, u) for n, u in zip(near, speeds, strict=True)]
+            lower = np.array(least) - self.drift(state, value)
+        return lower, np.full(lower.size, math.inf)
+
+    def plan(self, robot: Robot) -> plans.Collision:
+        """The native operation."""
+        own = scene(self, robot)
+        shape = (len(self.world), 4, 4) if self.world else ()
+        return plans.Collision(*own.tables(), own.slots, self.influence, self.rate, self.recovery, STEP, shape)
+
+
+class Motions:
+    """Velocities of a robot's bodies and their rates at zero acceleration, ``(6,)`` at the world's origin."""
+
+    def __init__(self, state: State) -> None:
+        robot = state.robot
+        self._bodies = robot.bodies
+        self._velocity, self._rate = np.zeros((2, len(self._bodies), 6))
+        for i, (parent, first, count, *_) in enumerate(self._bodies[1:], start=1):
+            own = robot.joint_twists[:, first : first + count] @ state.v[first : first + count]
+            self._velocity[i] = V = self._velocity[parent] + own
+            turn = np.concatenate((np.cross(V[3:], own[:3]) + np.cross(V[:3], own[3:]), np.cross(V[3:], own[3:])))
+            self._rate[i] = self._rate[parent] + turn
+
+    def drift(self, own: Scene, found: Near, poses: Mat) -> float:
+        """Change of the rate of a pair's distance at zero acceleration [m/s^2], by differences over 2 STEP.
+
+        Where the nearest point or the normal jumps in between, that of the points that are nearest now.
+        """
+        one, two = own.pairs[found.pair]
+        ends = []
+        for h in (STEP, -STEP):
+            moved = [self._moved(own, k, h) if k < own.links else None for k in (one, two)]
+            _, normal, point = own.measure(found.pair, poses, *moved)
+            twist = self._relative(own, one, two, h)
+            ends.append((normal, point, float(normal @ (twist[:3] + np.cross(twist[3:], point)))))
+        (n, p, fast), (m, q, slow) = ends
+        if float((p - q) @ (p - q)) <= JUMP * JUMP and float(n @ m) >= TURN:
+            return (fast - slow) / (2.0 * STEP)
+        apart = self._point_drift(own.body(two), found.point) - self._point_drift(own.body(one), found.point)
+        return float(found.normal @ apart)
+
+    def _relative(self, own: Scene, one: int, two: int, h: float) -> Vec:
+        first, second = (self._velocity[b] + h * self._rate[b] for b in (own.body(one), own.body(two)))
+        return np.asarray(second - first)
+
+    def _point_drift(self, body: int, p: Vec) -> Vec:
+        V, A = self._velocity[body], self._rate[body]
+        return np.asarray(A[:3] + np.cross(A[3:], p) + np.cross(V[3:], V[:3] + np.cross(V[3:], p)))
+
+    def _moved(self, own: Scene, k: int, h: float) -> tuple[Vec, Vec]:
+        V, (a, b) = self._velocity[own.body(k)], own.ends(k)
+        return a + h * (V[:3] + np.cross(V[3:], a)), b + h * (V[:3] + np.cross(V[3:], b))

@@ -1,0 +1,256 @@
+"""Which pairs of shapes may collide, and which of them have the rows now: one scene for an element on a robot."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from weakref import WeakKeyDictionary, proxy
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hqp.arrays import Mat, Vec
+from hqp.errors import DeclarationError, closest
+from hqp.robot import Robot, State
+from hqp.shapes import LinkCapsule, Shape
+
+from . import distances
+
+if TYPE_CHECKING:
+    from .collision import CollisionAvoidance
+
+APART = 3
+"""Links this many joints apart or nearer are neighbours, which may touch."""
+KEPT = 0.8
+"""Share of their distance at home that two links keep at most."""
+MOST = 64
+"""Slots by default, where there are more pairs."""
+
+
+Tables: TypeAlias = tuple[
+    tuple[tuple[int, tuple[float, ...], float], ...],
+    tuple[tuple[int, tuple[float, ...]], ...],
+    tuple[tuple[int, ...], ...],
+    tuple[tuple[int, int], ...],
+    tuple[float, ...],
+]
+
+
+class Near(NamedTuple):
+    """A pair that is near: its number, distance and clearance [m], normal, nearest point of its first axis."""
+
+    pair: int
+    distance: float
+    clearance: float
+    normal: Vec
+    point: Vec
+
+
+_SCENES: WeakKeyDictionary[Robot, dict[Any, Scene]] = WeakKeyDictionary()
+
+
+def scene(element: CollisionAvoidance, robot: Robot) -> Scene:
+    """The scene of an element on a robot, found once; raises DeclarationError, ModelError."""
+    scenes = _SCENES.setdefault(robot, {})
+    if element not in scenes:
+        scenes[element] = Scene(element, robot)
+    return scenes[element]
+
+
+class Scene:
+    """Shapes (capsules of links, then the world's), pairs of them ``(n, 2)`` with clearances, and slots.
+
+    slots ``(m,)`` holds the number of the pair that has each row, -1 for none; the native operation writes it too.
+    """
+
+    def __init__(self, element: CollisionAvoidance, robot: Robot) -> None:
+        self._robot: Robot = proxy(robot)  # the robot holds the scene, not the other way round
+        self._element = element
+        self.capsules: tuple[LinkCapsule, ...] = tuple(robot.capsules)
+        self.world: tuple[Shape, ...] = element.world
+        self.links = len(self.capsules)
+        self._twin = robot.copy()
+        self._twin.state(self._twin.home).kinematics()
+        home, declared = self._twin.bodies, element.poses()
+        self._local = [(np.array(c.a), np.array(c.b)) for c in self.capsules]
+        found: list[tuple[int, int]] = []
+        clearances: list[float] = []
+        self.pairs: list[tuple[int, int]] = self._candidates()
+        for k, (one, two) in enumerate(self.pairs):
+            clearance = element.clearance
+            if two < self.links:
+                d = self.measure(k, declared, self._ends(one, home), self._ends(two, home))[0]
+                if d <= 0.0:
+                    continue  # they overlap at home: shapes of one link, or a fault of the capsules
+                clearance = min(clearance, KEPT * d)
+            found.append((one, two))
+            clearances.append(clearance)
+        if not found:
+            raise element.bad("pairs", element.pairs, "names of links or shapes that may collide")
+        self.pairs, self.clearance = found, np.array(clearances)
+        self.slots: NDArray[np.int32] = np.full(min(element.slots or MOST, len(found)), -1, dtype=np.int32)
+        self._columns = {body: self._support(body) for body in {c.body for c in self.capsules}}
+        self._sizes = np.array([0.5 * math.dist(c.a, c.b) + c.radius for c in self.capsules])
+        self._pairs = np.array(found)
+
+    def body(self, k: int) -> int:
+        """Body of a shape, 0 for the world."""
+        return self.capsules[k].body if k < self.links else 0
+
+    def name(self, k: int) -> str:
+        """Name of a shape."""
+        return self.capsules[k].name if k < self.links else self.world[k - self.links].name
+
+    def row_names(self) -> tuple[str, ...]:
+        """Names of the pairs in the slots."""
+        return tuple("free" if p < 0 else " - ".join(map(self.name, self.pairs[p])) for p in self.slots)
+
+    def difference(self, pair: int) -> Vec:
+        """1 for each tangent coordinate that moves only the second shape, -1 only the first, ``(nv,)``."""
+        one, two = (self.body(k) for k in self.pairs[pair])
+        none = np.zeros(self._robot.nv)
+        return self._columns.get(two, none) - self._columns.get(one, none)
+
+    def ends(self, k: int) -> tuple[Vec, Vec]:
+        """Ends of a link's capsule in the world [m], as of the current state."""
+        return self._ends(k, self._robot.bodies)
+
+    def _ends(self, k: int, bodies: Any) -> tuple[Vec, Vec]:
+        position, rotation = bodies[self.capsules[k].body][5]
+        a, b = self._local[k]
+        return position + rotation @ a, position + rotation @ b
+
+    def measure(self, pair: int, poses: Mat, one: Any, two: Any) -> distances.Found:
+        """Distance, normal and nearest point of a pair, whose links have these ends."""
+        i, j = self.pairs[pair]
+        (a, b), radius = one, self.capsules[i].radius
+        if j < self.links:
+            c, d = two
+            return distances.to_capsule(a, b, radius, c, d, self.capsules[j].radius)
+        shape, pose = self.world[j - self.links], poses[j - self.links]
+        if shape.kind == "half_space":
+            return distances.to_half_space(a, b, radius, pose)
+        if shape.kind == "box":
+            return distances.to_box(a, b, radius, 0.5 * np.array(shape.size), pose)
+        length = shape.size[1] if shape.kind == "capsule" else 0.0
+        half = 0.5 * length * pose[:3, 2]
+        return distances.to_capsule(a, b, radius, pose[:3, 3] - half, pose[:3, 3] + half, shape.size[0])
+
+    def update(self, state: State, poses: Mat) -> list[Near | None]:
+        """Measure what may be near, give it slots, and tell what is in each of them."""
+        state.kinematics()
+        ends = [self.ends(k) for k in range(self.links)]
+        near: dict[int, Near] = {}
+        for pair in self._candidates_near(ends, poses):
+            i, j = self.pairs[pair]
+            found = self.measure(pair, poses, ends[i], ends[j] if j < self.links else None)
+            if found[0] < self._element.influence:
+                near[pair] = Near(pair, found[0], float(self.clearance[pair]), *found[1:])
+        self._assign({pair: n.distance for pair, n in near.items()})
+        return [near[p] if p >= 0 else None for p in self.slots.tolist()]
+
+    def _candidates_near(self, ends: list[tuple[Vec, Vec]], poses: Mat) -> list[int]:
+        """Pairs whose bounding spheres are nearer than the influence; all those with the world."""
+        centres = np.array([0.5 * (a + b) for a, b in ends]).reshape(-1, 3)
+        links = np.flatnonzero(self._pairs[:, 1] < self.links)
+        i, j = self._pairs[links].T
+        apart = np.linalg.norm(centres[i] - centres[j], axis=1) - self._sizes[i] - self._sizes[j]
+        world = np.flatnonzero(self._pairs[:, 1] >= self.links)
+        return sorted([*links[apart < self._element.influence].tolist(), *world.tolist()])
+
+    def _assign(self, near: dict[int, float]) -> None:
+        """A pair keeps its slot while it is near; others get free slots, then those of pairs that are farther off."""
+        slots = self.slots
+        for k, pair in enumerate(slots.tolist()):
+            if pair not in near:
+                slots[k] = -1
+        for pair, distance in near.items():
+            if pair in slots:
+                continue
+            free = np.flatnonzero(slots < 0)
+            if free.size:
+                slots[free[0]] = pair
+                continue
+            farthest = max(range(slots.size), key=lambda k: near[int(slots[k])])
+            if near[int(slots[farthest])] > distance:
+                slots[farthest] = pair
+
+    def tables(self) -> Tables:
+        """Capsules, shapes of the world, pairs and clearances, as the native operation takes them."""
+        links = tuple((c.body, (*c.a, *c.b), c.radius) for c in self.capsules)
+        kinds = {"sphere": 0, "capsule": 0, "box": 1, "half_space": 2}
+        world = tuple((kinds[s.kind], (*s.size, 0.0, 0.0, 0.0)[:3]) for s in self.world)
+        columns = {b: tuple(np.flatnonzero(mask).tolist()) for b, mask in self._columns.items()}
+        chains = tuple(columns.get(b, ()) for b in range(len(self._robot.bodies)))
+        return links, world, chains, tuple(self.pairs), tuple(self.clearance.tolist())
+
+    def _support(self, body: int) -> Vec:
+        mask, bodies = np.zeros(self._robot.nv), self._robot.bodies
+        while body > 0:
+            parent, first, count = bodies[body][:3]
+            mask[first : first + count] = 1.0
+            body = parent
+        return mask
+
+    def _candidates(self) -> list[tuple[int, int]]:
+        pairs, n = self._element.pairs, self.links
+        everything = range(n + len(self.world))
+        if not isinstance(pairs, str):
+            wanted = [(self._named(one), self._named(two)) for one, two in pairs]
+            found = {(min(i, j), max(i, j)) for a, b in wanted for i in a for j in b if min(i, j) < n}
+            return sorted(p for p in found if self.body(p[0]) != self.body(p[1]) and min(p) < n)
+        world = [(i, j) for i in range(n) for j in everything[n:] if self.capsules[i].body > 0]
+        if pairs == "world":
+            return world
+        off = set() if pairs == "auto" else self._disabled(pairs)
+        names = [c.name for c in self.capsules]
+        links = [
+            (i, j)
+            for i in range(n)
+            for j in range(i + 1, n)
+            if self._apart(self.capsules[i].body, self.capsules[j].body) > APART
+            and frozenset((_link(names[i]), _link(names[j]))) not in off
+        ]
+        return links + world
+
+    def _apart(self, one: int, two: int) -> int:
+        """Number of joints between two bodies."""
+        count, bodies = 0, self._robot.bodies
+        while one != two:
+            if one > two:
+                one = bodies[one][0]
+            else:
+                two = bodies[two][0]
+            count += 1
+        return count
+
+    def _disabled(self, path: str) -> set[frozenset[str]]:
+        try:
+            root = ET.parse(Path(path)).getroot()
+        except (OSError, ET.ParseError) as error:
+            raise self._element.bad(
+                "pairs", path, f'"auto", "world", an SRDF that can be read, or pairs of names ({error})'
+            ) from error
+        return {frozenset((str(e.get("link1")), str(e.get("link2")))) for e in root.iter("disable_collisions")}
+
+    def _named(self, name: str) -> list[int]:
+        """Shapes of a link, a joint group, or the world; raises DeclarationError with the closest names."""
+        found = [k for k, c in enumerate(self.capsules) if name in (c.name, _link(c.name))]
+        found += [self.links + k for k, s in enumerate(self.world) if s.name == name]
+        members = self._robot.groups.get(name, ())
+        bodies = {self._robot.subtree(joint) for joint in members}
+        found += [k for k, c in enumerate(self.capsules) if c.body in bodies]
+        if not found and name in self._robot.frame_names:
+            found = [k for k, c in enumerate(self.capsules) if c.body == self._robot.body(self._robot.frame(name))]
+        if not found:
+            known = [*(_link(c.name) for c in self.capsules), *self._robot.groups, *(s.name for s in self.world)]
+            near = ", ".join(closest(name, known) or known[:5])
+            raise DeclarationError(self._element.name, "no shape of that name", value=name, allowed=f"closest: {near}")
+        return found
+
+
+def _link(name: str) -> str:
+    """The link of a capsule: a link with several numbers them after a slash."""
+    return name.split("/")[0]

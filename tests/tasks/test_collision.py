@@ -1,0 +1,316 @@
+"""Collision avoidance: distances against coal, every trap met while it was tried, and closed loops."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import hqp
+import hqp.robots
+from hqp import Level, P, Stack, shapes
+from hqp.errors import DeclarationError, ModelWarning
+from hqp.shapes import LinkCapsule
+from hqp.tasks import CollisionAvoidance, Com, FixedContact, JointLimits, Orientation, Position, Posture, distances
+from hqp.tasks.collision_scene import scene
+
+DT = 0.002
+
+
+@pytest.fixture(scope="module")
+def talos() -> Any:
+    if "talos" not in hqp.robots.names():
+        pytest.skip("needs example-robot-data")
+    return hqp.robots.load("talos")
+
+
+@pytest.fixture(scope="module")
+def panda() -> Any:
+    if "panda" not in hqp.robots.names():
+        pytest.skip("needs example-robot-data")
+    return hqp.robots.load("panda")
+
+
+# ------------------------------------------------------------------------------------------------- distances
+
+
+def by_coal(a: Any, b: Any, radius: float, other: Any, at: Any) -> float:
+    """Distance of a capsule and another shape by coal."""
+    axis = b - a
+    z = axis / np.linalg.norm(axis)
+    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), z).matrix()
+    shape = coal.Capsule(radius, float(np.linalg.norm(axis)))
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    coal.distance(
+        shape, coal.Transform3s(turn, 0.5 * (a + b)), other, coal.Transform3s(at[:3, :3], at[:3, 3]), request, result
+    )
+    return float(result.min_distance)
+
+
+def pose(rng: np.random.Generator) -> Any:
+    q = rng.normal(size=4)
+    return pin.SE3(pin.Quaternion(q / np.linalg.norm(q)).matrix(), rng.uniform(-1, 1, 3)).homogeneous
+
+
+def test_distances_are_coals() -> None:
+    rng = np.random.default_rng(0)
+    compared = 0
+    for _ in range(400):
+        a, b, T = rng.uniform(-1, 1, 3), rng.uniform(-1, 1, 3), pose(rng)
+        half, length = rng.uniform(0.05, 0.4, 3), 0.7
+        reach = 0.5 * length * T[:3, 2]
+        there = distances.to_capsule(a, b, 0.1, T[:3, 3] - reach, T[:3, 3] + reach, 0.05)
+        box, space = distances.to_box(a, b, 0.1, half, T), distances.to_half_space(a, b, 0.1, T)
+        pairs = (
+            (there[0], coal.Capsule(0.05, length)),
+            (box[0], coal.Box(*(2 * half))),
+            (space[0], coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)),
+        )
+        for own, other in pairs:
+            expected = by_coal(a, b, 0.1, other, T)
+            if expected > 1e-3:
+                assert own == pytest.approx(expected, abs=1e-5)
+                compared += 1
+    assert compared > 500
+
+
+def test_points_and_parallel_axes() -> None:
+    """A capsule that is a point, axes that cross, axes that are parallel: no jump, no NaN."""
+    zero, x, z = np.zeros(3), np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    assert distances.to_capsule(zero, zero, 0.1, x, x, 0.2)[0] == pytest.approx(0.7)
+    assert distances.to_capsule(zero, zero, 0.1, x - z, x + z, 0.2)[0] == pytest.approx(0.7)
+    d, n, _ = distances.to_capsule(-x, x, 0.1, -z, z, 0.2)  # they cross
+    assert d == pytest.approx(-0.3)
+    assert abs(n @ x) < 1e-12
+    assert abs(n @ z) < 1e-12
+    _, n, p = distances.to_capsule(-x, x, 0.1, z - 0.5 * x, z + x, 0.1)  # parallel: the middle of what they share
+    np.testing.assert_allclose(p, [0.25, 0.0, 0.0], atol=1e-12)
+    near = [distances.to_capsule(-x, x, 0.1, z + [0, 0, e], z + [0, 0, e], 0.1)[0] for e in (0.0, 1e-7)]
+    assert abs(near[0] - near[1]) < 1e-6
+
+
+# ------------------------------------------------------------------------------------------------- declaration
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"clearance": -0.1},
+        {"influence": 0.005},
+        {"recovery": 0.0},
+        {"rate": math.nan},
+        {"slots": -1},
+        {"pairs": (("a",),)},
+        {"pairs": ()},
+        {"world": (("box", "table", (1.0, 1.0)),)},
+        {"world": (("mesh", "table", ()),)},
+        {"world": (shapes.sphere("a", 1.0), shapes.sphere("a", 2.0))},
+    ],
+)
+def test_bad_fields(fields: dict[str, Any]) -> None:
+    with pytest.raises(DeclarationError):
+        CollisionAvoidance(**fields)
+
+
+def test_bad_shapes() -> None:
+    for bad in (
+        lambda: shapes.sphere("", 1.0),
+        lambda: shapes.box("b", (1, 0, 1)),
+        lambda: shapes.sphere("s", math.nan),
+    ):
+        with pytest.raises(DeclarationError, match="no shape"):
+            bad()
+
+
+def test_names_that_are_not_there(panda: Any) -> None:
+    with pytest.raises(DeclarationError, match=r"closest: .*panda_link7"):
+        CollisionAvoidance(pairs=(("panda_link77", "panda_link1"),)).rows(panda)
+    with pytest.raises(DeclarationError, match="SRDF that can be read"):
+        CollisionAvoidance(pairs="no/such.srdf").rows(panda)
+    element = CollisionAvoidance(world=(shapes.sphere("ball", 0.1),))
+    with pytest.raises(DeclarationError, match="ball"):
+        element.at({"bell": [0.0, 0.0, 0.0]})
+    with pytest.raises(DeclarationError, match="pose of ball"):
+        element.at({"ball": [0.0, 0.0]})
+
+
+def test_pairs_by_group_link_and_world(talos: Any) -> None:
+    table = shapes.box("table", (0.5, 1.0, 0.05), (0.8, 0.0, 0.9))
+    element = CollisionAvoidance(pairs=(("arms", "torso_2_link"), ("gripper_left_base_link", "table")), world=table)
+    own = scene(element, talos)
+    names = {own.name(k).split("/")[0] for pair in own.pairs for k in pair}
+    assert "torso_2_link" in names
+    assert not any("leg" in name for name in names)
+
+
+# ------------------------------------------------------------------------------------------------------- traps
+
+
+def test_home_violates_nothing(talos: Any) -> None:
+    """Bounding capsules of neighbours overlap: they are left out, others keep at most 0.8 of what they have."""
+    element = CollisionAvoidance(clearance=0.05)
+    near = element.near(talos.state())
+    assert all(n.distance >= n.clearance for n in near if n is not None)
+    own = scene(element, talos)
+    assert len(own.pairs) > 500
+    apart = [own._apart(own.body(i), own.body(j)) for i, j in own.pairs]
+    assert min(apart) > 3
+
+
+def test_a_pair_keeps_its_slot_and_the_nearest_have_one() -> None:
+    robot, world = ball_on_rails()
+    element = CollisionAvoidance(pairs="world", world=world, influence=0.5, slots=2)
+    before = None
+    for x in np.linspace(-1.0, 1.0, 201):
+        near = element.near(robot.state(np.array([x, 0.0])))
+        held = {n.pair: k for k, n in enumerate(near) if n is not None}
+        all_of = CollisionAvoidance(pairs="world", world=world, influence=0.5, slots=4)
+        every = sorted((n.distance, n.pair) for n in all_of.near(robot.state(np.array([x, 0.0]))) if n is not None)
+        assert {pair for _, pair in every[:2]} == set(held)
+        if before is not None:
+            assert all(before[pair] == k for pair, k in held.items() if pair in before)
+        before = held
+
+
+def ball_on_rails() -> tuple[Any, tuple[shapes.Shape, ...]]:
+    """A ball that two slides carry along x and y, and four balls beside its way."""
+    model, at = pin.Model(), pin.SE3.Identity()
+    one = model.addJoint(0, pin.JointModelPX(), at, "x")
+    two = model.addJoint(one, pin.JointModelPY(), at, "y")
+    model.appendBodyToJoint(two, pin.Inertia.FromSphere(1.0, 0.1), at)
+    model.addFrame(pin.Frame("ball", two, 0, at, pin.FrameType.BODY))
+    robot = hqp.robots.Robot(model, name="rails").with_capsules([LinkCapsule("ball", two, (0.0,) * 3, (0.0,) * 3, 0.1)])
+    return robot, tuple(shapes.sphere(f"post_{k}", 0.05, (x, 0.3, 0.0)) for k, x in enumerate((-0.6, -0.2, 0.2, 0.6)))
+
+
+@pytest.mark.parametrize(
+    "formulation", [hqp.Velocity(), hqp.Acceleration(), hqp.Torque()], ids=lambda f: type(f).__name__
+)
+def test_a_ball_goes_around_a_post_and_stops_at_a_wall(formulation: hqp.Formulation) -> None:
+    """It comes in without a jump, never nearer than the clearance, and at rest exactly there."""
+    robot, _ = ball_on_rails()
+    wall = shapes.half_space("wall", (0.5, 0.0, 0.0), (0.0, -math.pi / 2, 0.0))
+    avoid = CollisionAvoidance(pairs="world", world=(wall, shapes.sphere("post", 0.1, (0.0, 0.02, 0.0))), influence=0.2)
+    law = P(5.0, max_velocity=1.0) if formulation.order == 1 else hqp.PD(100.0, 20.0, max_velocity=1.0)
+    ball = Position(frame="ball", axes="xy", law=law)
+    session = hqp.Controller(Stack(Level(ball), subject_to=[avoid]), formulation).session(robot, dt=DT)
+    q, v, least, rates = np.array([-0.6, 0.0]), np.zeros(2), math.inf, []
+    for _ in range(4000):
+        before = v
+        q, v = session.step(robot.state(q, v), ball.at([0.6, -0.1])).advance()
+        rates.append(np.abs(v - before).max() / DT)
+        least = min(least, np.hypot(q[0], q[1] - 0.02) - 0.2, 0.5 - q[0] - 0.1)
+    assert least > avoid.clearance - 5e-4
+    assert 0.5 - q[0] - 0.1 == pytest.approx(avoid.clearance, abs=1e-4)
+    assert "post" not in avoid.row_names(robot)
+    assert np.percentile(rates[1:], 99) < 60.0
+
+
+def test_from_inside_it_comes_out_at_the_recovery_speed_with_the_feet_where_they_are(talos: Any) -> None:
+    avoid = CollisionAvoidance(world=(shapes.sphere("ball", 0.1),), recovery=0.08)
+    feet = [FixedContact(frame=f) for f in talos.landmarks["soles"]]
+    stack = Stack(Level(Com(axes="xy")), Level(Posture()), subject_to=[*feet, JointLimits(), avoid])
+    session = hqp.Controller(stack, hqp.Velocity()).session(talos, dt=DT)
+    q, v = talos.home, np.zeros(talos.nv)
+    start = [talos.state(q).position(f).copy() for f in talos.landmarks["soles"]]
+    ball = avoid.at({"ball": talos.state(q).position("gripper_left_base_link")})
+    depth, fastest = [], 0.0
+    for _ in range(1500):
+        tick = session.step(talos.state(q, v), ball)
+        q, v = tick.advance()
+        near = [n for n in avoid.near(talos.state(q), ball.value) if n is not None]
+        depth.append(min((n.distance for n in near if "ball" in pair_name(avoid, talos, n.pair)), default=0.1))
+    fastest = float(np.max(np.diff(depth))) / DT
+    assert depth[0] < -0.1
+    assert depth[-1] > avoid.clearance - 5e-4
+    assert fastest < 3.0 * avoid.recovery  # the deepest pair gives way to another one on the way
+    for frame, at in zip(talos.landmarks["soles"], start, strict=True):
+        np.testing.assert_allclose(talos.state(q).position(frame), at, atol=1e-4)
+
+
+def pair_name(avoid: CollisionAvoidance, robot: Any, pair: int) -> str:
+    own = scene(avoid, robot)
+    return " - ".join(own.name(k) for k in own.pairs[pair])
+
+
+def test_explain_names_the_pair(panda: Any) -> None:
+    """A hand that wants through the table is lost to the pair, by name."""
+    table = shapes.box("table", (0.6, 1.0, 0.05), (0.5, 0.0, 0.2))
+    avoid = CollisionAvoidance(world=table)
+    hand = Position(frame="panda_hand_tcp", law=P(2.0, max_velocity=0.5))
+    stack = Stack(Level(hand), Level(Posture()), subject_to=[JointLimits(), avoid])
+    session = hqp.Controller(stack, hqp.Velocity()).session(panda, dt=DT)
+    q, v, least = panda.home, np.zeros(panda.nv), math.inf
+    for _ in range(2000):
+        tick = session.step(panda.state(q, v), hand.at([0.5, 0.0, 0.1]))
+        q, v = tick.advance()
+        least = min([least, *(n.distance - n.clearance for n in avoid.near(panda.state(q)) if n is not None)])
+    assert least > -5e-4
+    assert panda.state(q).position("panda_hand_tcp")[2] > 0.2
+    told = str(session.step(panda.state(q, v), hand.at([0.5, 0.0, 0.1])).explain())
+    assert "- table" in told
+
+
+@pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration()], ids=["velocity", "acceleration"])
+def test_a_hand_sent_into_the_torso_is_kept_out(talos: Any, formulation: hqp.Formulation) -> None:
+    avoid = CollisionAvoidance()
+    hand = Position(frame="gripper_left_base_link")
+    feet = [FixedContact(frame=f) for f in talos.landmarks["soles"]]
+    levels = [Level(Com(axes="xy")), Level(hand), Level(Orientation(frame="base_link")), Level(Posture())]
+    session = hqp.Controller(Stack(*levels, subject_to=[*feet, JointLimits(), avoid]), formulation).session(
+        talos, dt=DT
+    )
+    q, v = talos.home, np.zeros(talos.nv)
+    home = talos.state(q)
+    start, soles = home.position(hand.frame).copy(), [home.position(f).copy() for f in talos.landmarks["soles"]]
+    goal, least = home.position("torso_2_link") + [0.0, 0.0, 0.1], math.inf
+    for k in range(1500):
+        target = start + min(1.0, k / 750) * (goal - start)
+        q, v = session.step(talos.state(q, v), hand.at(target)).advance()
+        if k % 5 == 0:
+            least = min([least, *(n.distance - n.clearance for n in avoid.near(talos.state(q)) if n is not None)])
+    assert least > -5e-4
+    for frame, at in zip(talos.landmarks["soles"], soles, strict=True):
+        np.testing.assert_allclose(talos.state(q).position(frame), at, atol=5e-4)
+
+
+# ----------------------------------------------------------------------------------------------------- capsules
+
+
+def test_capsules_hold_the_shapes(panda: Any) -> None:
+    from hqp.robots import geometry
+
+    for item in panda.geometry.geometryObjects:
+        own = [c for c in panda.capsules if c.body == item.parentJoint]
+        if not own:
+            assert item.parentJoint == 0
+            continue
+        cloud, _ = geometry.points(item.geometry)
+        cloud = cloud @ item.placement.rotation.T + item.placement.translation
+        least = np.full(len(cloud), np.inf)
+        for c in own:
+            a, axis = np.array(c.a), np.array(c.b) - np.array(c.a)
+            s = np.clip((cloud - a) @ axis / max(float(axis @ axis), 1e-12), 0.0, 1.0)
+            least = np.minimum(least, np.linalg.norm(cloud - a - np.outer(s, axis), axis=1) - c.radius)
+        assert least.max() < 2e-3, item.name  # two capsules meet inside a mesh whose triangles cross the cut
+
+
+def test_a_robot_without_stored_capsules_says_so(tmp_path: Any) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        "<mujoco><worldbody><body><joint name='j'/><geom type='box' size='.1 .03 .03'/></body></worldbody></mujoco>"
+    )
+    robot = hqp.robots.load(path)
+    with pytest.warns(ModelWarning, match="hqp capsules"):
+        (capsule,) = robot.capsules
+    assert capsule.radius == pytest.approx(math.hypot(0.03, 0.03), rel=0.05)
+    from hqp.robots import capsules
+
+    stored = tmp_path / "arm.toml"
+    stored.write_text(capsules.text(robot, robot.capsules))
+    again = robot.copy().with_capsules(stored).capsules[0]
+    np.testing.assert_allclose(again.a, capsule.a, atol=1e-6)
