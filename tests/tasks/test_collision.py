@@ -243,7 +243,7 @@ def test_explain_names_the_pair(panda: Any) -> None:
     avoid = CollisionAvoidance(world=table)
     hand = Position(frame="panda_hand_tcp", law=P(2.0, max_velocity=0.5))
     stack = Stack(Level(hand), Level(Posture()), subject_to=[JointLimits(), avoid])
-    session = hqp.Controller(stack, hqp.Velocity()).session(panda, dt=DT)
+    session = hqp.Controller(stack, hqp.Velocity(), price=0.0).session(panda, dt=DT)
     q, v, least = panda.home, np.zeros(panda.nv), math.inf
     for _ in range(2000):
         tick = session.step(panda.state(q, v), hand.at([0.5, 0.0, 0.1]))
