@@ -12,6 +12,7 @@ import numpy as np
 import hqp
 from benchmarks.calm.scenes import DT, FORMULATIONS, Scene
 from hqp.arrays import Mat, Vec
+from hqp.errors import StaleState
 from hqp.formulation import Formulation
 from hqp.stack import Stack
 from hqp.tasks import JointLimits
@@ -125,7 +126,11 @@ def run(scene: Scene, variant: Variant, ticks: int = 1500) -> Run:
                 forces = session.program.contact_forces(tick.solution.x)
                 data.load[i] = min(float(f[2]) for f in forces.values())
             data.above[i] = max((float(np.abs(w).max(initial=0.0)) for w in rows), default=0.0)
-        q, v_next = tick.advance()
+        try:
+            q, v_next = tick.advance()
+        except StaleState:  # no dynamics at such a state: it has fallen, the rest stays zero
+            data.com[i:] = math.inf
+            break
         data.accelerations[i] = (v_next - v)[joints] / DT
         v = v_next
     return data
