@@ -37,7 +37,7 @@ class Member:
     """An element and its rows: ``part`` of the vectors, and of J unless its rows are a selection.
 
     write: its readable functions, None where a native operation stands in for them.  target, normal: buffers of the
-    reference's where one does; last_reference: whose they are.
+    reference's where one does; last_reference: the one they were copied from.
     """
 
     element: Element

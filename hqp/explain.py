@@ -17,7 +17,7 @@ NOTHING = 1e-6
 """A gradient below this fraction of what its rows could give is zero: no motion lessens the residual."""
 
 SHARE = 0.01
-"""Losses below this share of the whole are not told."""
+"""Losses below this fraction of the whole are omitted."""
 
 MET = 1e-7
 """A residual below this counts as met, relative to 1 + the size of what was asked."""

@@ -264,7 +264,7 @@ class State(Protocol):
         ...
 
     def inertia(self) -> Mat:
-        """Upper triangle of A, ``(nv, nv)``; what lies below it is not meant."""
+        """Upper triangle of A, ``(nv, nv)``; entries below the diagonal are undefined."""
         ...
 
     def mass_matrix(self) -> Mat:

@@ -193,7 +193,7 @@ class State:
             self._need(what)
 
     def inertia(self) -> Mat:
-        """Upper triangle of A, ``(nv, nv)``, what lies below it is not meant; a live view."""
+        """Upper triangle of A, ``(nv, nv)``, entries below the diagonal are undefined; a live view."""
         self._need(_INERTIA)
         return self.robot.data.M  # type: ignore[no-any-return]
 

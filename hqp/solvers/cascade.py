@@ -51,7 +51,7 @@ class Cascade(Solver):
         check_fields(self, shares=("tolerance", "rank_tolerance"), counts=("max_iterations", "exchanges"))
 
     def workspace(self, shape: Shape) -> Workspace:
-        """Allocate; raises DeclarationError for a back end that nobody knows."""
+        """Allocate; raises DeclarationError for an unknown back end."""
         self.require(shape)
         if shape.priced:
             return StagedWorkspace(shape, self.workspace)

@@ -55,7 +55,7 @@ class Weighted(Solver):
             )
 
     def workspace(self, shape: Shape) -> WeightedWorkspace:
-        """Allocate; raises DeclarationError for a back end that nobody knows."""
+        """Allocate; raises DeclarationError for an unknown back end."""
         self.require(shape)
         return WeightedWorkspace(self, shape)
 

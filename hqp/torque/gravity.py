@@ -1,4 +1,4 @@
-"""Gravity compensation: what the levels leave open held against gravity, with ground normals of its own if need be."""
+"""Gravity compensation in the remaining null space, optionally with separate ground normals."""
 
 from __future__ import annotations
 

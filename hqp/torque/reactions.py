@@ -105,10 +105,10 @@ def _find_actuation(held: Sequence[Element], robot: Robot, dt: float, laws: Mapp
         found.append(actuation(rows.J, robot.actuated))
         if found[-1].complete:
             return found[-1]
-    names = ", ".join(e.name for e in held) or "no contact or coupling at all"
+    names = ", ".join(e.name for e in held) or "no contacts or couplings"
     raise DeclarationError(
         "subject_to",
-        f"constraints and actuators do not determine the motion of {robot.name}: {found[0]}; it is the rank that "
-        f"counts, not the number of constraints (given {names})",
+        f"constraints and actuators do not determine the motion of {robot.name}: {found[0]}; given {names}"
+        "; rank [J_constr; U] must be nv, however many constraints there are",
         allowed="contacts and couplings with rank [J_constr; U] = nv",
     )

@@ -11,7 +11,7 @@ def load(name: str, tolerance: float, max_iterations: int, feasible: bool = True
     """The back end of that name: ProxQP and OSQP through their own packages, any other through qpsolvers.
 
     tolerance: absolute, on every optimality condition.  feasible: the programs are known to be feasible and bounded.
-    Raises DeclarationError for a name nobody knows.
+    Raises DeclarationError for an unknown back end.
     """
     if name == "proxqp":
         from hqp.solvers.backends.proxqp import Proxqp
