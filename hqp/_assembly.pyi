@@ -10,6 +10,18 @@ from hqp.plans import Plan
 from hqp.reference import Reference
 from hqp.robot import Body
 
+class Measure:
+    """(q'q + v'v, whether parts of q, start to stop, have length one up to rounding)."""
+
+    def __init__(self, units: Sequence[tuple[int, int]], rounding: float) -> None: ...
+    def __call__(self, q: Vec, v: Vec) -> tuple[float, bool]: ...
+
+def is_rotation(R: Mat, tolerance: float) -> bool:
+    """Whether R ``(3, 3)`` is a rotation; False for what is not finite."""
+
+def is_pose(T: Mat, tolerance: float) -> bool:
+    """Whether T ``(4, 4)`` is a homogeneous matrix with a rotation; False for what is not finite."""
+
 class Assembly:
     """Operations over live arrays, run in the order in which they were added; keeps references to the arrays.
 
@@ -90,7 +102,7 @@ class Assembly:
     def solve(self, v: Vec) -> bytearray | tuple[int, int, int, bool] | None:
         """Laws and solver: a record of the tick, what ``solve`` returned if no optimum, None for extraordinary demands.
 
-        The record: command, x, slack, seconds for rows, seconds for solve, iterations, factorisations; then the marks.
+        The record: command, x, slack, begin and seconds for rows and for solve, iterations, factorisations; marks.
         """
 
     def step(

@@ -7,6 +7,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+FLOAT = np.dtype(np.float64)
+
 Vec: TypeAlias = NDArray[np.float64]
 """A vector ``(n,)`` of float64."""
 

@@ -51,7 +51,7 @@ class Direct:
         ends = np.concatenate(([0], np.cumsum(rows))).astype(int).tolist()
         self._rows = [slice(a, b) for a, b in pairwise(ends)]
         self._slack = slice(self._x.stop, self._x.stop + ends[-1])
-        self._count = self._slack.stop + 4
+        self._count = self._slack.stop + 5
         self._command = int(command.size)
 
     def hold(self, holds: Mapping[str, Reference]) -> None:
@@ -97,10 +97,10 @@ class Direct:
         """x ``(n,)``."""
         return np.frombuffer(record, np.float64, self._x.stop)[self._x]
 
-    def seconds(self, record: bytearray) -> tuple[float, float]:
-        """Time for the rows and for the solver [s]."""
-        rows, solve, *_ = np.frombuffer(record, np.float64, 4, 8 * self._slack.stop).tolist()
-        return rows, solve
+    def seconds(self, record: bytearray) -> tuple[float, float, float]:
+        """When the call began, on the clock of ``perf_counter``, and the time for rows and for the solver [s]."""
+        begin, rows, solve, *_ = np.frombuffer(record, np.float64, 5, 8 * self._slack.stop).tolist()
+        return begin, rows, solve
 
     def solution(self, record: bytearray) -> Solution:
         """What the solver gave."""
@@ -108,7 +108,7 @@ class Direct:
         marks = np.frombuffer(record, np.int8, -1, 8 * self._count)
         numbers.setflags(write=False)  # what the session may have to slow down from
         slack = numbers[self._slack]
-        _, solve, iterations, factorisations = numbers[self._slack.stop :].tolist()
+        _, _, solve, iterations, factorisations = numbers[self._slack.stop :].tolist()
         return Solution(
             numbers[self._x],
             Status.OPTIMAL,

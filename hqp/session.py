@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import threading
 from collections.abc import Callable, Mapping
@@ -57,6 +58,10 @@ UNITS = {
 
 DULL = ("joint_limits", "torque_limits")
 """Elements whose rows say enough by their joint."""
+
+LOG = logging.getLogger("hqp.session")
+"""Changes of status: from good to bad as warnings, back as information."""
+LOG.addHandler(logging.NullHandler())
 
 DEADLINE = 0.8
 """Share of the control period that a tick may take before its solver returns the best point so far."""
@@ -144,6 +149,7 @@ class Session:
         self._limiter = rate_limiter(robot, controller.rates, self.program.kind, self.dt)
         self._x: Vec = np.zeros(self.program.problem.n)
         self._good: State | None = None
+        self._status = Status.OPTIMAL
         self._held = 0
         torque = self.program.kind == "torque"
         self._joints: Index = np.arange(len(robot.joint_names)) if torque else robot.actuated
@@ -207,10 +213,10 @@ class Session:
                 tick = self._ordinary_tick(self._direct, state, references)
                 if tick is not None:
                     return tick
-            return self._tick(state, references, now)
+            return self._told(self._tick(state, references, now))
         except FloatingPointError:  # the caller asked NumPy to raise; here what is not finite is told by a status
             with np.errstate(all="ignore"):
-                return self._tick(state, references, now)
+                return self._told(self._tick(state, references, now))
         finally:
             self._lock.release()
 
@@ -270,7 +276,6 @@ class Session:
         if direct.fresh and self._limit is not None:
             self._limit(self._deadline)
         state.kinematics()
-        prepared = perf_counter()
         if self._velocity:
             state.commanded = self._x if self._latest is None else direct.x(self._latest)
         found = direct.step(state, references)
@@ -280,10 +285,23 @@ class Session:
         if isinstance(found, tuple):
             self._leave_direct()
             solution = self.workspace.answer(self.program.problem, found)  # type: ignore[attr-defined]
-            return self._conclude(state, solution, (), start, prepared, prepared)
+            return self._conclude(state, solution, (), start, start, start)
         before, self._latest = self._latest, found
         self._good, self._held = state, 0
-        return OrdinaryTick(self, direct, state, found, self._x if before is None else before, start, prepared)
+        if self._status is not Status.OPTIMAL:
+            self._log(Status.OPTIMAL, ())
+        return OrdinaryTick(self, direct, state, found, self._x if before is None else before, start)
+
+    def _told(self, tick: Tick) -> Tick:
+        """The tick; a change of status is logged."""
+        if tick.status is not self._status:
+            self._log(tick.status, tick.notes)
+        return tick
+
+    def _log(self, status: Status, notes: tuple[Note, ...]) -> None:
+        self._status = status
+        text = "; ".join(f"{note.element}: {note.detail}" for note in notes)
+        LOG.log(logging.INFO if status.solved else logging.WARNING, "tick %d %s %s", self.count, status.name, text)
 
     def _leave_direct(self) -> None:
         """The general path takes over."""

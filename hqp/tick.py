@@ -152,7 +152,7 @@ class Tick:
 class OrdinaryTick(Tick):
     """A tick whose answer is the optimum, with nothing to note; what it can tell is computed when asked for."""
 
-    __slots__ = ("_before", "_direct", "_found", "_prepared", "_record", "_start")
+    __slots__ = ("_before", "_direct", "_found", "_record", "_start")
 
     status = Status.OPTIMAL
     notes = ()
@@ -168,10 +168,9 @@ class OrdinaryTick(Tick):
         record: bytearray,
         before: bytearray | Vec,
         start: float,
-        prepared: float,
     ) -> None:
         self._session, self._direct, self._state, self._count = session, direct, state, session.count
-        self._record, self._before, self._start, self._prepared = record, before, start, prepared
+        self._record, self._before, self._start = record, before, start
         self._found: dict[str, Any] = {}
 
     @property
@@ -193,7 +192,8 @@ class OrdinaryTick(Tick):
     @property
     def times(self) -> Times:  # type: ignore[override]
         """Where the time went, but for what it took to make this object."""
-        return Times(self._prepared - self._start, *self._direct.seconds(self._record), 0.0)
+        begin, rows, solve = self._direct.seconds(self._record)
+        return Times(begin - self._start, rows, solve, 0.0)
 
     @property
     def x(self) -> Vec:  # type: ignore[override]

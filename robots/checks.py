@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from hqp.arrays import Vec
+
+try:
+    from hqp import _assembly as native
+except ImportError:  # no compiler was there
+    native = None  # type: ignore[assignment]
+
+ROUNDING = 1e-12
+"""A squared length this near to one is left as it is."""
 
 UNIT_TOLERANCE = 1e-3
 """A quaternion this far from length one is normalised; beyond it the state is refused."""
@@ -31,6 +40,22 @@ def unit_parts(model: Any) -> tuple[tuple[int, int], ...]:
     for joint in list(model.joints)[1:]:
         visit(joint)
     return tuple(found)
+
+
+class Measure:
+    """(q'q + v'v, whether unit parts have length one up to rounding) of a state, for each new one."""
+
+    def __init__(self, units: tuple[tuple[int, int], ...]) -> None:
+        self._units = units
+
+    def __call__(self, q: Vec, v: Vec) -> tuple[float, bool]:
+        square = float(q.dot(q) + v.dot(v))
+        return square, all(abs(float(q[a:z].dot(q[a:z])) - 1.0) < ROUNDING for a, z in self._units)
+
+
+def measure(units: tuple[tuple[int, int], ...]) -> Callable[[Vec, Vec], tuple[float, bool]]:
+    """A native Measure where there is one."""
+    return Measure(units) if native is None else native.Measure(units, ROUNDING)
 
 
 def owner(robot: Any, place: int, *, velocity: bool) -> str:

@@ -17,7 +17,7 @@ from hqp.arrays import Index, Mat, Vec
 from hqp.errors import DeclarationError, FrameNotFound, ModelError, ModelWarning
 from hqp.shapes import LinkCapsule
 
-from .checks import unit_parts
+from .checks import measure, unit_parts
 from .joints import Joints, actuation, matrix
 from .placement import se3
 from .state import State
@@ -91,6 +91,7 @@ class Robot:
             home = description.home if description and description.home is not None else pin.neutral(model)
         self.set_home(home)
         self._units = unit_parts(model)
+        self._measure = measure(self._units)
         self._views: dict[int, tuple[Vec, Mat]] = {}
         self._bodies: tuple[Any, ...] = ()
         self.current: State | None = None

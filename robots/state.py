@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import FLOAT, Mat, Vec
 from hqp.errors import ModelError, StaleState
 
 from .checks import normalise, not_finite
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from .on_pinocchio import Robot
 
 _WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-_ROUNDING = 1e-12  # a squared length this near to one is left as it is
 _KINEMATICS, _COM, _SUBTREES, _DRIFT, _INERTIA, _MASS, _BIAS = (1 << i for i in range(7))
 
 
@@ -43,24 +42,20 @@ class State:
     def __init__(self, robot: Robot, q: Vec, v: Vec | None, time: float | None = None) -> None:
         self.robot, self.time = robot, time
         self.commanded: Vec | None = None
-        self.q = np.array(q, dtype=np.float64)
-        self.v = np.zeros(robot.nv) if v is None else np.array(v, dtype=np.float64)
-        if self.q.shape != (robot.nq,) or self.v.shape != (robot.nv,):
+        ordinary = isinstance(q, np.ndarray) and isinstance(v, np.ndarray) and q.dtype is FLOAT and v.dtype is FLOAT
+        self.q = q = q.copy() if ordinary else np.array(q, FLOAT)
+        self.v = v = v.copy() if ordinary else np.zeros(robot.nv) if v is None else np.array(v, FLOAT)  # type: ignore[union-attr]
+        if q.shape != (robot.nq,) or v.shape != (robot.nv,):
             raise ModelError(
-                f"{robot.name}: a state takes q ({robot.nq},) and v ({robot.nv},), "
-                f"given {self.q.shape} and {self.v.shape}"
+                f"{robot.name}: a state takes q ({robot.nq},) and v ({robot.nv},), given {q.shape} and {v.shape}"
             )
-        # a dot product is finite only if every entry is (entries whose square overflows are no states either)
-        self.square = float(self.q.dot(self.q) + self.v.dot(self.v))
-        self.finite, self._unit = self.square < math.inf, True
-        if self.finite:
-            for a, z in robot._units:
-                part = self.q[a:z]
-                if not -_ROUNDING < float(part.dot(part)) - 1.0 < _ROUNDING:
-                    self._unit = not normalise(robot, self.q)
-                    break
-        self.q.setflags(write=False)
-        self.v.setflags(write=False)
+        # a sum of squares is finite only if every entry is (entries whose square overflows are no states either)
+        self.square, unit = robot._measure(q, v)
+        self.finite, self._unit = self.square < math.inf, unit
+        if self.finite and not unit:
+            self._unit = not normalise(robot, q)
+        q.setflags(write=False)
+        v.setflags(write=False)
         self._done = 0
         self._gravity: Vec | None = None
 

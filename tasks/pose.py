@@ -17,7 +17,7 @@ from hqp.robot import Robot, State
 
 from .fields import check_frame, check_relative, make_reference
 from .relative import UPRIGHT, View
-from .rotations import as_rotation
+from .rotations import as_rotation, is_pose
 
 PoseLike: TypeAlias = "ArrayLike | tuple[ArrayLike, ArrayLike]"
 _BOTTOM = [0.0, 0.0, 0.0, 1.0]
@@ -67,6 +67,8 @@ class _FramePose(Task):
 
         A rotation is a matrix ``(3, 3)`` or a quaternion xyzw.  Raises DeclarationError for anything else.
         """
+        if velocity is None and acceleration is None and isinstance(value, np.ndarray) and is_pose(value):
+            return Reference(self.name, value.copy())
         pose = None if value is None else as_pose(self.name, value)
         return make_reference(self.name, 6, pose, velocity, acceleration)
 
@@ -143,6 +145,8 @@ def as_pose(element: str, value: Any) -> Mat:
     if isinstance(value, (tuple, list)) and len(value) == 2:
         return homogeneous(numbers(element, "position", value[0], (3,)), as_rotation(element, value[1]))
     pose = numbers(element, "pose, unless (position, rotation),", value, (4, 4))
+    if is_pose(pose):
+        return pose
     if pose[3].tolist() != _BOTTOM and np.isfinite(pose).all():
         raise DeclarationError(element, "last row of a pose", value=pose[3].tolist(), allowed=str(_BOTTOM))
     as_rotation(element, pose[:3, :3])

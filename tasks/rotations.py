@@ -14,9 +14,14 @@ from hqp.reference import numbers
 
 from .relative import Triple
 
+try:
+    from hqp import _assembly as native
+except ImportError:  # no compiler was there
+    native = None  # type: ignore[assignment]
+
 ALLOWED = "a rotation matrix (3, 3) or a quaternion x, y, z, w"
 GIMBAL = 1e-3  # |cos pitch| below which roll and yaw rates are held at their bound
-_ORTHONORMAL = 1e-5
+ORTHONORMAL = 1e-5
 
 
 def as_rotation(element: str, value: Any) -> Mat:
@@ -32,13 +37,20 @@ def as_rotation(element: str, value: Any) -> Mat:
     if array.shape == (4,):
         return _from_quaternion(element, array)
     R = numbers(element, f"rotation ({ALLOWED})", array, (3, 3))
+    if native is not None and native.is_rotation(R, ORTHONORMAL):
+        return R
     x, y, z = a = R.tolist()
     off = max(abs(sum(map(float.__mul__, a[i], a[j])) - (i == j)) for i in range(3) for j in range(i, 3))
     flat = R.ravel()
     finite = float(flat @ flat) < math.inf
-    if finite and (off > _ORTHONORMAL or _triple_product(x, y, z) < 0.0):
+    if finite and (off > ORTHONORMAL or _triple_product(x, y, z) < 0.0):
         raise DeclarationError(element, "matrix is no rotation", value=value, allowed=ALLOWED)
     return R
+
+
+def is_pose(T: Mat) -> bool:
+    """Whether a ``(4, 4)`` is known to be finite and homogeneous with a rotation; False where nothing native is."""
+    return native is not None and native.is_pose(T, ORTHONORMAL)
 
 
 def _from_quaternion(element: str, quaternion: Vec) -> Mat:

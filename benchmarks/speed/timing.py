@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.reports import report, solver_sets
 from benchmarks.reports.checks import write_json
-from benchmarks.speed import ticks
+from benchmarks.speed import teleoperation, ticks
 from benchmarks.speed.ticks import BUDGET_US, PARTS, Ticks
 from hqp import native, robots, solvers
 
@@ -28,6 +28,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of this part."""
     parser.add_argument("--ticks", type=int, default=None, metavar="N", help="ticks a solver, default 2000")
     parser.add_argument("--robots", nargs="+", default=list(ROBOTS), metavar="NAME", help="default: cbi talos")
+    parser.add_argument(
+        "--hands",
+        nargs="*",
+        default=list(teleoperation.GOALS),
+        metavar="NAME",
+        help="following a goal; default: ur5 ...",
+    )
     parser.add_argument("--solvers", nargs="+", default=None, metavar="NAME", help="default: all available")
     parser.add_argument("--rivals", action="store_true", help="pink and mink on the same stack, where installed")
 
@@ -46,12 +53,17 @@ def run(arguments: argparse.Namespace) -> int:
                 runs.append(ticks.run(robot, *_solver(solver), count))
                 bar.advance(task)
     rivals = _rivals(arguments.robots, count) if arguments.rivals else []
+    hands = [run for name in arguments.hands if name in robots.names() for run in teleoperation.measure(name, count)]
     records = [r.record() for r in runs] + rivals
     if arguments.json is not None:
-        write_json(arguments.json, records)
+        write_json(arguments.json, [*records, *(run.record() for run in hands)])
     text, goals = report.table(HEADER, map(_cells, records)), report.table(GOAL_HEADER, _goals(runs))
     report.console.print(text, markup=False, soft_wrap=True)
     report.console.print(goals, markup=False, soft_wrap=True)
+    following = report.table(teleoperation.HEADER, teleoperation.rows(hands))
+    reached = report.table(GOAL_HEADER, teleoperation.outcomes(hands))
+    for shown in (following, reached):
+        report.console.print(shown, markup=False, soft_wrap=True)
     report.section(
         arguments.output,
         "timing",
@@ -65,6 +77,10 @@ def run(arguments: argparse.Namespace) -> int:
         text,
         "To reach on Talos (medians):",
         goals,
+        "Hands that follow a goal (UR5, Panda: hand pose > posture; G1: feet > CoM > two hand poses > posture; joint "
+        "limits), from `robot.state` to the command, beside the two bare Pinocchio calls of the same run:",
+        following,
+        reached,
         *_figures(runs, arguments.output),
     )
     return int(any(wrong(run) for run in runs))

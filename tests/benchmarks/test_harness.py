@@ -16,7 +16,7 @@ from benchmarks import papers
 from benchmarks.mistry2008.equations import theorems
 from benchmarks.reports import report
 from benchmarks.reports.checks import Check, at_most, exactly, seen_to_fail, write_json
-from benchmarks.speed import ticks, timing
+from benchmarks.speed import teleoperation, ticks, timing
 from hqp import robots, solvers
 from hqp.problem import Stats
 
@@ -136,6 +136,22 @@ def test_a_timed_run_has_the_promised_numbers() -> None:
     assert timing.wrong(replace(run, gap=1e-3))
     assert timing.wrong(replace(run, gap=math.nan))
     assert np.all(run.parts.sum(axis=1) <= run.wall)
+
+
+def test_hands_that_follow_a_goal_are_measured_with_their_ratios() -> None:
+    runs = [run for name in ("ur5", "panda", "g1") for run in teleoperation.measure(name, 100) if "hqp" in run.name]
+    assert [run.robot for run in runs] == ["ur5", "panda", "g1"]
+    for run in runs:
+        record = run.record()
+        assert run.unsolved == 0
+        assert 1e-4 < run.off < 0.03  # it follows, a little behind
+        assert record["times_floor"] == pytest.approx(np.median(run.wall) / np.median(run.floor))
+    assert len(list(teleoperation.rows(runs))) == 3
+    said = {line[0]: line[3] for line in teleoperation.outcomes([replace(run, wall=0.1 * run.floor) for run in runs])}
+    assert set(said.values()) == {"reached"}
+    assert "over the two calls" in " ".join(said)
+    slow = list(teleoperation.outcomes([replace(run, wall=1e3 * run.floor) for run in runs]))
+    assert {line[3] for line in slow} == {"MISSED"}
 
 
 def test_a_table_keeps_bars_inside_cells() -> None:

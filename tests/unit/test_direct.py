@@ -179,3 +179,13 @@ def test_a_hold_value_comes_back_after_a_goal() -> None:
         goals = [HAND.at([0.3, -0.2, 0.9], velocity=[0.1, 0.0, 0.0])] if k % 2 else []
         one, other = fast.step(fast.robot.state(), *goals), slow.step(slow.robot.state(), *goals)
         np.testing.assert_allclose(one.command, other.command, atol=1e-9)
+
+
+def test_changes_of_status_are_logged(caplog: pytest.LogCaptureFixture) -> None:
+    fast, _ = pair(NATIVE, hqp.Velocity())
+    bad = np.full(fast.robot.nq, np.nan)
+    with caplog.at_level("INFO", logger="hqp.session"):
+        for q in (None, None, bad, bad, None, None):
+            fast.step(fast.robot.state(q))
+    assert [record.levelname for record in caplog.records] == ["WARNING", "INFO"]
+    assert "INVALID_STATE state: base" in caplog.records[0].message

@@ -99,6 +99,34 @@ class Plan {
   std::vector<nb::object>& kept_;
 };
 
+bool square(const Block& A, std::size_t n) { return A.shape(0) == n && A.shape(1) == n; }
+
+// Whether the leading 3 by 3 of rows of that width is a rotation; false for what is not finite.
+bool rotation(const Block& A, int width, double tolerance) {
+  const hqp::Vec3 x = hqp::load(A.data()), y = hqp::load(A.data() + width), z = hqp::load(A.data() + 2 * width);
+  const double off[] = {dot(x, x) - 1.0, dot(y, y) - 1.0, dot(z, z) - 1.0, dot(x, y), dot(x, z), dot(y, z)};
+  for (const double error : off)
+    if (!(std::fabs(error) <= tolerance)) return false;
+  return dot(x, cross(y, z)) > 0.0;
+}
+
+// (q'q + v'v, whether quaternions and (cos, sin) pairs in q have length one up to rounding).
+class Measure {
+ public:
+  Measure(std::vector<std::tuple<int, int>> units, double rounding) : units_(std::move(units)), rounding_(rounding) {}
+  std::tuple<double, bool> operator()(const Vector& q, const Vector& v) const {
+    bool unit = true;
+    for (const auto& [start, stop] : units_)
+      unit = unit && std::fabs(hqp::squared(q.data() + start, stop - start) - 1.0) < rounding_;
+    const int nq = static_cast<int>(q.shape(0)), nv = static_cast<int>(v.shape(0));
+    return {hqp::squared(q.data(), nq) + hqp::squared(v.data(), nv), unit};
+  }
+
+ private:
+  std::vector<std::tuple<int, int>> units_;
+  double rounding_;
+};
+
 class Assembly {
  public:
   Assembly(const Columns& twists, const Bodies& bodies, double dt, int order, const nb::object& reference)
@@ -191,7 +219,7 @@ class Assembly {
     run(q, v);
     return true;
   }
-  // Laws and solver: a record [command, x, slack, seconds for rows and solve, solve's counts, marks]; what solve
+  // Laws and solver: a record [command, x, slack, begin, seconds for rows and solve, solve's counts, marks]; what solve
   // returned where that is no optimum, None where a demand is out of the ordinary.
   nb::object solve(const Vector& v) {
     demand(v);
@@ -202,13 +230,14 @@ class Assembly {
     const nb::tuple found = nb::cast<nb::tuple>(outcome);
     const int kind = nb::cast<int>(found[0]);
     if (kind != kOptimal) return kind == kInvalid ? nb::none() : outcome;
-    const std::size_t numbers = command_.size() + value_count_ + 4;
+    const std::size_t numbers = command_.size() + value_count_ + 5;
     const nb::object record = nb::steal(
         PyByteArray_FromStringAndSize(nullptr, static_cast<Py_ssize_t>(sizeof(double) * numbers + active_count_)));
     if (!record.is_valid()) nb::raise_python_error();
     double* out = reinterpret_cast<double*>(PyByteArray_AS_STRING(record.ptr()));
     for (const int i : command_) *out++ = values_[i];
     out = std::copy(values_, values_ + value_count_, out);
+    *out++ = hqp::seconds({}, begin_);
     *out++ = hqp::seconds(begin_, filled);
     *out++ = hqp::seconds(filled, solved);
     for (int i = 1; i < 3; ++i) *out++ = nb::cast<double>(found[i]);
@@ -315,6 +344,20 @@ class Assembly {
 NB_MODULE(_assembly, module) {
   module.doc() = "Rows of the common tasks, written by one call a tick.";
   nb::set_leak_warnings(std::getenv("HQP_LEAK_WARNINGS") != nullptr);  // a script may end anyhow
+  nb::class_<Measure>(module, "Measure")
+      .def(nb::init<std::vector<std::tuple<int, int>>, double>(), "units"_a, "rounding"_a)
+      .def("__call__", &Measure::operator(), "q"_a, "v"_a);
+  module.def(
+      "is_rotation", [](const Block& R, double tolerance) { return square(R, 3) && rotation(R, 3, tolerance); }, "R"_a,
+      "tolerance"_a);
+  module.def(
+      "is_pose",
+      [](const Block& T, double tolerance) {
+        const double* last = T.data() + 12;
+        return square(T, 4) && last[0] == 0.0 && last[1] == 0.0 && last[2] == 0.0 && last[3] == 1.0 &&
+               hqp::finite(T.data(), 12) && rotation(T, 4, tolerance);
+      },
+      "T"_a, "tolerance"_a);
   nb::class_<Assembly>(module, "Assembly")
       .def(nb::init<const Columns&, const Bodies&, double, int, const nb::object&>(), "twists"_a.noconvert(),
            "bodies"_a.noconvert(), "dt"_a, "order"_a, "reference"_a)
