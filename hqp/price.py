@@ -80,14 +80,15 @@ class Group(Protocol):
 
 @dataclass(frozen=True)
 class Sizes:
-    """The scales of a robot: length [m], mass [kg], and whether each tangent coordinate is a length.
+    """The scales of a robot: length [m], mass [kg], and what one unit of each tangent coordinate counts as motion.
 
-    length: the longest lever of any turning joint on any frame at home, 1 where there is none.
+    length: the longest lever of any turning joint on any frame at home, 1 where there is none.  units: 1 for angles,
+    1/length for lengths, radius/length for the turn of a wheel, which counts by the way it rolls.
     """
 
     length: float
     mass: float
-    linear: tuple[bool, ...]
+    units: tuple[float, ...]
 
     @staticmethod
     def of(robot: Robot) -> Sizes:
@@ -106,13 +107,19 @@ class Sizes:
                 position = twin.placement(frame)[0]
                 levers = twists[:3, columns] + np.cross(twists[3:, columns], position, axis=0)
                 length = max(length, float(np.sqrt(np.square(levers).sum(axis=0).max())))
+        length = length or 1.0
         mass = sum(body[3] for body in twin.bodies)
-        return Sizes(length or 1.0, mass or 1.0, tuple(bool(x) for x in ~moving))
+        units = np.where(moving, 1.0, 1.0 / length)
+        for name, wheel in twin.wheels.items():
+            _, first, count, *_ = twin.bodies[twin.body(twin.frame(name))]
+            if count == 1:
+                units[first] = wheel.radius / length
+        return Sizes(length, mass or 1.0, tuple(units.tolist()))
 
     @property
     def scale(self) -> Vec:
-        """Diagonal of F and S, ``(nv,)``: 1/length for coordinates that are lengths, 1 for angles."""
-        return np.where(np.array(self.linear, dtype=bool), 1.0 / self.length, 1.0)
+        """Diagonal of F and S, ``(nv,)``."""
+        return np.array(self.units)
 
 
 def row_scales(element: Element, robot: Robot, sizes: Sizes) -> Iterator[float]:

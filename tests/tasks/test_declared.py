@@ -166,7 +166,7 @@ def test_a_bound_is_kept_in_the_loop(cbi: Any, formulation: Any) -> None:
     ceiling = Ceiling(frame="r_palm", low=-np.inf, high=start[2] + 0.03, name="ceiling")
     feet = [t.FixedContact(frame="l_sole"), t.FixedContact(frame="r_sole")]
     stack = Stack(Level(*feet), Level(hand), subject_to=[ceiling])
-    session = hqp.Controller(stack, formulation).session(cbi, 0.002)
+    session = hqp.Controller(stack, formulation, price=0).session(cbi, 0.002)
     q, v, highest = cbi.home, np.zeros(cbi.nv), 0.0
     for _ in range(1500):
         tick = session.step(cbi.state(q, v), hand.at(start + [0.05, 0.0, 0.1]))
