@@ -65,12 +65,15 @@ class Certificate:
         return f"{'optimal' if self.ok else 'NOT optimal'} within {self.tolerance:g}: gaps {gaps}"
 
 
-def certificate(problem: Hierarchy, x: Vec, tolerance: float = 1e-6, stages: Mat | None = None) -> Certificate:
+def certificate(
+    problem: Hierarchy, x: Vec, tolerance: float = 1e-6, stages: Mat | None = None, *, settled: bool = False
+) -> Certificate:
     """Whether x solves the problem, level by level and completion included.
 
     x: ``(n,)``; a value that is not finite has infinite gaps.  tolerance: on the gaps, and on how far from its
     bound a row still counts as active, relative to its terms.  stages: ``(levels, n)``, Solution.stage_points of a
-    priced problem; what it lacks (NaN) is computed by the reference solver.  Raises ProblemError for a wrong shape.
+    priced problem; what it lacks (NaN) is computed by the reference solver, which takes long, or with ``settled``
+    believed to be met for its price by x.  Raises ProblemError for a wrong shape.
     """
     x = np.asarray(x, dtype=np.float64)
     if x.shape != (problem.n,):
@@ -82,7 +85,7 @@ def certificate(problem: Hierarchy, x: Vec, tolerance: float = 1e-6, stages: Mat
             np.full(levels + 1, np.inf), tolerance, np.full(levels, np.inf), (0,) * (levels + 1), nothing
         )
     if problem.priced:
-        return _priced(problem, x, tolerance, stages)
+        return _priced(problem, x, tolerance, stages, settled)
     verdict = _verdict(problem, x, tolerance, max(LOCK_TOLERANCE, 10.0 * tolerance))
     if verdict.ok:
         return verdict
@@ -90,18 +93,21 @@ def certificate(problem: Hierarchy, x: Vec, tolerance: float = 1e-6, stages: Mat
     return other if other.ok else verdict
 
 
-def _priced(problem: Hierarchy, x: Vec, tolerance: float, stages: Mat | None) -> Certificate:
+def _priced(problem: Hierarchy, x: Vec, tolerance: float, stages: Mat | None, settled: bool) -> Certificate:
     from hqp.solvers.reference import witness  # a solver: needed only where the caller has no witness
 
     if stages is not None and stages.shape != (len(problem.levels), problem.n):
         raise ProblemError(f"certificate: stages must be {(len(problem.levels), problem.n)}, given {stages.shape}")
-    known = witness(problem, stages)
+    if settled:
+        known = np.full((len(problem.levels), problem.n), np.nan) if stages is None else stages
+    else:
+        known = witness(problem, stages)
     at = Coordinates.of(problem.motion, problem.n)
     exact = after_stages(problem, known, at)
     final = certificate(exact, x, tolerance)
     gaps = final.gaps.copy()
     for k, priced in enumerate(problem.priced):
-        if priced:
+        if priced and not np.isnan(known[: k + 1, 0][np.array(problem.priced[: k + 1])]).any():
             gaps[k] = max(gaps[k], _stage_gap(problem, known, k, x, at, tolerance))
     norms = np.array([float(np.linalg.norm(w)) for w in problem.slacks(x)])
     own = [rows.m for rows in problem.levels]

@@ -94,7 +94,7 @@ def explain(
 
     row_names: names of single rows where an element has them (joints of a limit).
     """
-    verdict = certificate(problem, solution.x)
+    verdict = certificate(problem, solution.x, stages=solution.stage_points, settled=True)
     pushes = [_shares(problem, solution, verdict, places, row_names, k) for k in range(len(problem.levels))]
     accounts = []
     for name, place in places.items():

@@ -95,7 +95,9 @@ def run(
             if tick.solution is not None:
                 residuals[k] = [float(np.sqrt(w @ w)) for w in tick.solution.residuals]
                 if k % certify_every == 0:
-                    verdict = certificate(session.problem, tick.solution.x)
+                    verdict = certificate(
+                        session.problem, tick.solution.x, stages=tick.solution.stage_points, settled=True
+                    )
                     gaps.append(float(verdict.gap))
                     certified.append(bool(verdict.ok))
             else:

@@ -59,7 +59,7 @@ def test_no_answer_is_called_optimal_that_is_not(seed: int) -> None:
         order = int(rng.integers(1, 3))
         stack = draw(rng, robot, order)
         formulation = hqp.Velocity() if order == 1 else hqp.Acceleration()
-        session = hqp.Controller(stack, formulation, deadline=np.inf).session(
+        session = hqp.Controller(stack, formulation, deadline=np.inf, price=0).session(
             robot, dt=float(rng.choice([0.001, 0.002, 0.01]))
         )
         q, v = robot.random_configuration(rng, rng.uniform(0.1, 1.0)), np.zeros(robot.nv)

@@ -22,7 +22,7 @@ if lexicographic.kernel() == "":
 import hqp._lexicographic as native
 
 SOURCE = Path(__file__).parent / "native" / "drive.cpp"
-HEADERS = Path(lexicographic.__file__).parents[1] / "cpp"
+HEADERS = Path(lexicographic.__file__).parents[1] / "cpp" / "solver"
 COMPILER = shutil.which("g++") or shutil.which("clang++") or shutil.which("c++")
 OPTIONS = (1e-9, 1e-11, 1e-11, 0.0, 0, 5, True)
 
