@@ -48,7 +48,7 @@ def test_json_has_the_promised_fields_and_no_nan(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "rows.json"
     write_json(path, [Check("M(1)", "x", "cbi", 1e-9, math.nan, False, "n")])
     (row,) = json.loads(path.read_text())
-    assert set(row) == {"equation", "check", "robot", "tolerance", "measured", "passed", "note"}
+    assert set(row) == {"equation", "check", "kind", "robot", "tolerance", "measured", "passed", "note"}
     assert row["measured"] is None
 
 
