@@ -30,10 +30,6 @@ GAIN_TIME = 0.15
 """At order 1, tau is at most this over the gain: a demand that speed limits cut would slow all rows of its level."""
 
 
-ON_BY_DEFAULT = True
-"""Whether a controller that declares no price takes the default one."""
-
-
 @dataclass(frozen=True)
 class Price:
     """What motion costs a level: min ||w|| + c E(x), c = tau^order L, instead of min ||w|| (docs/calm.md).
@@ -189,8 +185,6 @@ def affordable(stack: Stack, given: Price | None, solver: Solver) -> tuple[Price
 
     Raises UnsupportedProblem where a declared price, or a declared share, is beyond the solver.
     """
-    if given is None and not ON_BY_DEFAULT:
-        given = None if any(level.price is not None for level in stack.levels) else Price(0.0, 0.0)
     declared = [level.price for level in stack.levels if level.price is not None]
     declared += [given] if given is not None else []
     wanted = [price for price in declared if price.tau != 0.0]
