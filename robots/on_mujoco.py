@@ -120,6 +120,7 @@ class Plant:
             joints = self.model.actuator_trnid[:, 0]
             self._control[:] = self.data.qpos[self.model.jnt_qposadr[joints]]
         self._pending = deque(self._control.copy() for _ in range(self._delay))
+        self.data.ctrl[:] = self._control  # else servos slam in what the accelerometer reads first
         mujoco.mj_forward(self.model, self.data)
         self._contacts.keep(self.data)
         return self.state()

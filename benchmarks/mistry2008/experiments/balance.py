@@ -6,6 +6,7 @@ servos, and the tasks' errors are those of the measured state.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from typing import Any, Literal
@@ -14,12 +15,14 @@ import numpy as np
 
 import hqp
 from benchmarks.lab.curves import smooth
+from benchmarks.lab.outcome import Figure
 from benchmarks.lab.recorder import Recorder, level_residuals
 from benchmarks.mistry2008.stack import Gains
 from hqp import Stack
 from hqp.arrays import Vec
+from hqp.estimation import FeetEstimator
 from hqp.reference import Reference
-from hqp.robots.on_mujoco import Plane, Plant
+from hqp.robots.on_mujoco import Noise, Plane, Plant, Sensors
 from hqp.session import Tick
 from hqp.solvers.base import Solver
 from hqp.tasks import Com, Position
@@ -30,6 +33,8 @@ PERIOD = 0.002
 AHEAD = 0.016
 """The CoG is kept this far ahead of the ankles, midway between them [m]."""
 
+SOLES = ("l_sole", "r_sole")
+
 SETTLE = 2.0
 """The CoG is brought there in this time, before a run's clock starts [s]."""
 
@@ -38,12 +43,25 @@ Feedback = Literal["task", "none", "reset"]
 ``none``, the commanded one; ``reset``, the measured one, from which every command starts again."""
 
 
-GAINS = Gains(foot=1.0, hand=2.0, extraneous=1.0)
-"""What the stiff position servos of the plant take well [1/s]."""
+GAINS = Gains(foot=0.3, hand=2.0, extraneous=1.0)
+"""What the stiff position servos of the plant take well [1/s].  Feet tilt by 0.4 mrad on soft ground, which no joint
+can undo: a feedback that tries pushes the CoG off, by 0.4 mm at 1/s."""
+
+Knows = Literal["senses", "truth"]
+"""What the controller knows of its base: ``senses``, an estimate from IMU, encoders and the feet's loads; ``truth``,
+the simulator's, which is privileged."""
+
+SENSES = Sensors(
+    orientation=Noise(1e-3), gyro=Noise(0.01), accelerometer=Noise(0.05), angle=Noise(1e-4), rate=Noise(0.01),
+    force=Noise(3.0),
+)  # fmt: skip
+"""Noise of CBi's sensors, white at every reading."""
 
 
 class Balance:
     """One run: plant, session and clock; ``step`` is one period.
+
+    knows, sensors: what the controller goes by.  ``q``, ``v`` are the truth, ``known`` what it takes for them.
 
     after ``settle``, ``goal`` is where the CoG is kept ``(2,)`` [m] and ``t`` starts from zero.
     """
@@ -55,13 +73,21 @@ class Balance:
         *,
         feedback: Feedback = "task",
         friction: float = 0.8,
+        knows: Knows = "senses",
+        sensors: Sensors = SENSES,
+        seed: int = 0,
         seen: Callable[[Balance], None] | None = None,
     ) -> None:
         self.robot = hqp.robots.load("cbi")
-        self.plant = Plant(self.robot, actuation="position", terrain=Plane(friction=friction))
+        ground = Plane(friction=friction)
+        self.plant = Plant(self.robot, actuation="position", terrain=ground, sensors=sensors, seed=seed)
         self.session = hqp.Controller(stack, hqp.Velocity(), solver=solver, price=0).session(self.robot, PERIOD)
         self.feedback, self._seen = feedback, seen
         self.q, self.v = self.plant.reset()
+        self._estimator = FeetEstimator(self.robot, SOLES, PERIOD, self.q) if knows == "senses" else None
+        self.known = self.q, self.v
+        self.base_error: Vec = np.zeros(6)
+        """Of what it takes its base to be: place [m] and rotation vector [rad], base axes."""
         places = self.robot.positions(self.robot.actuated)
         assert places is not None  # CBi has no continuous joint
         self._places = places
@@ -70,7 +96,7 @@ class Balance:
         self.t = 0.0
         self.wall, self.processor, self.tick_times = 0.0, 0.0, [0.0]
         self.start = self.plant.com()[:2].copy()
-        soles = [self.plant.place(frame)[0] for frame in ("l_sole", "r_sole")]
+        soles = [self.plant.place(frame)[0] for frame in SOLES]
         self.soles = np.array(soles)
         self.goal: Vec = self.soles.mean(axis=0)[:2] + [AHEAD, 0.0]
         self.log = Recorder()
@@ -111,6 +137,7 @@ class Balance:
             soles=np.linalg.norm(self._feet() - self.soles, axis=1),
             command=tick.command,
             q=self.q,
+            base_error=self.base_error,
             torque=self.plant.torque,
             residuals=level_residuals(tick),
             tick=self.tick_times[-1],
@@ -122,20 +149,29 @@ class Balance:
 
     def _advance(self, references: Sequence[Reference]) -> Tick:
         began = time.perf_counter()
-        state = self.robot.state(*(self._own if self.feedback == "none" else (self.q, self.v)))
+        self.known = self._know()
+        state = self.robot.state(*(self._own if self.feedback == "none" else self.known))
         tick = self.session.step(state, *references)
         self.tick_times.append(time.perf_counter() - began)
+        self.base_error = self.robot.difference(self.q, self.known[0])[:6]
         if self.feedback == "none":
             self._own = tick.advance()
-        start = self.q[self._places] if self.feedback == "reset" else self.command
+        start = self.known[0][self._places] if self.feedback == "reset" else self.command
         self.command = start + PERIOD * tick.command
         self.plant.step(self.command, rate=tick.command, steps=round(PERIOD / self.plant.timestep))
         self.q, self.v = self.plant.state()
         self.t += PERIOD
         return tick
 
+    def _know(self) -> tuple[Vec, Vec]:
+        """(q, v) as the controller takes them to be."""
+        if self._estimator is None:
+            return self.q, self.v
+        reading = self.plant.measure()
+        return self._estimator.update(reading.q, reading.v, reading.accelerometer, reading.contacts.load)
+
     def _feet(self) -> np.ndarray[Any, np.dtype[np.float64]]:
-        return np.array([self.plant.place(frame)[0] for frame in ("l_sole", "r_sole")])
+        return np.array([self.plant.place(frame)[0] for frame in SOLES])
 
 
 def _rate(path: Callable[[float], Vec], t: float) -> Vec:
@@ -174,6 +210,21 @@ def follow(
 def still(t: float) -> Vec:
     """No motion of the CoG ``(2,)``."""
     return np.zeros(2)
+
+
+def base_errors(log: Recorder) -> tuple[float, float]:
+    """Largest error of the base's place [mm] and of its rotation [deg], of what the controller went by."""
+    place, turned = np.linalg.norm(log["base_error"][:, :3], axis=1), np.linalg.norm(log["base_error"][:, 3:], axis=1)
+    return 1e3 * float(place.max()), math.degrees(float(turned.max()))
+
+
+def base_figures(log: Recorder) -> list[Figure]:
+    """How well the controller knew its base."""
+    place, turned = base_errors(log)
+    return [
+        Figure("base as estimated from IMU, encoders and feet: place off by, max", place, "mm", high=2.0),
+        Figure("base as estimated: orientation off by, max", turned, "deg", high=0.2),
+    ]
 
 
 def joint_margin(log: Recorder, robot: Any) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,13 +12,18 @@ from benchmarks.lab.outcome import Figure, Outcome, Table, holds, number, table
 from benchmarks.lab.setting import Setting
 from benchmarks.mistry2008.experiments.balance import (
     GAINS,
+    SENSES,
     Balance,
     Feedback,
+    Knows,
+    base_errors,
+    base_figures,
     follow,
     joint_margin,
     torque_share,
 )
 from benchmarks.mistry2008.stack import CBI, paper_stack
+from hqp.robots.on_mujoco import Noise, Sensors
 
 AMPLITUDE, FREQUENCY = 0.04, 0.2
 """Side to side [m], [Hz]; the paper's Fig. 6 shows no more than the shape."""
@@ -36,6 +42,8 @@ class Swing:
     gain: float = 2.0
     feedforward: bool = True
     feedback: Feedback = "task"
+    knows: Knows = "senses"
+    sensors: Sensors = SENSES
 
 
 def swing(plan: Swing, setting: Setting) -> Balance:
@@ -45,6 +53,8 @@ def swing(plan: Swing, setting: Setting) -> Balance:
         stack,
         setting.solver,
         feedback=plan.feedback,
+        knows=plan.knows,
+        sensors=plan.sensors,
         seen=setting.show,
     )
     run.settle()
@@ -82,13 +92,15 @@ def experiment(setting: Setting) -> Outcome:
         Figure("gain without feedforward", gain, "", low=0.84, high=0.90, before="0.868"),
         Figure(f"motor torque of its limit, max ({joint})", 100.0 * share, "%", before="14"),
         Figure("distance of a joint from its limit, min", joint_margin(steady.log, steady.robot), "rad"),
+        *base_figures(steady.log),
         *setting.speed(steady.real_time, 5.0),
     ]
     outcome.parameters = {"amplitude [m]": AMPLITUDE, "frequency [Hz]": FREQUENCY, "seconds": seconds, "k_cog [1/s]": 2}
+    outcome.parameters["sensors"] = SENSES
     setting.log(outcome, "steady", steady.log)
     setting.log(outcome, "no_feedforward", lagging.log)
     if setting.full:
-        outcome.tables += [_larger(setting), _gains(setting), _feedback(setting)]
+        outcome.tables += [_larger(setting), _gains(setting), _feedback(setting), _knowing(setting)]
     setting.plot(outcome, "cog_in_time", steady, lagging)
     return outcome
 
@@ -132,3 +144,27 @@ def _feedback(setting: Setting) -> Table:
         fell = f"falls at {run.t:.1f} s" if run.fallen else "stands"
         rows.append((text, fell, number(rms(errors(run)[:, 1]))))
     return table("What the servos are told", ("loop", "outcome", "CoG left-right RMS [mm]"), rows)
+
+
+def _knowing(setting: Setting) -> Table:
+    rows = []
+    tilted = replace(SENSES, orientation=Noise(1e-3, (0.0, math.radians(0.25), 0.0)))
+    for text, knows, sensors in (
+        ("the simulator's base: privileged", "truth", Sensors()),
+        ("IMU, encoders and feet, without noise", "senses", Sensors()),
+        ("IMU, encoders and feet, with noise", "senses", SENSES),
+        ("the same, IMU pitched by 0.25 deg", "senses", tilted),
+    ):
+        run = swing(Swing(seconds=15.0, knows=knows, sensors=sensors), setting)  # type: ignore[arg-type]
+        e, (place, angle) = errors(run), base_errors(run.log)
+        fell = f"falls at {run.t:.1f} s" if run.fallen else "stands"
+        rows.append((text, fell, number(place), number(angle), number(rms(e[:, 1])), number(largest(e))))
+    header = (
+        "what it knows of its base",
+        "outcome",
+        "base off by [mm]",
+        "and by [deg]",
+        "CoG RMS [mm]",
+        "CoG max [mm]",
+    )
+    return table("What the controller knows", header, rows)

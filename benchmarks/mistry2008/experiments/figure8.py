@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.lab.curves import figure_eight, largest, rms
 from benchmarks.lab.outcome import Figure, Outcome, Table, holds, number, table
 from benchmarks.lab.setting import Setting
-from benchmarks.mistry2008.experiments.balance import GAINS, Balance, follow, joint_margin, still
+from benchmarks.mistry2008.experiments.balance import GAINS, Balance, base_figures, follow, joint_margin, still
 from benchmarks.mistry2008.stack import CBI, paper_stack
 from hqp.solvers.base import Solver
 
@@ -58,6 +58,7 @@ def experiment(setting: Setting) -> Outcome:
         Figure(
             "distance of a joint from its limit, min", joint_margin(strict.log, strict.robot), "rad", before="0.117"
         ),
+        *base_figures(strict.log),
         *setting.speed(strict.real_time, 5.0),
     ]
     outcome.parameters = {"across [m]": ACROSS, "up [m]": UP, "frequency [Hz]": FREQUENCY, "k_hand [1/s]": 2.0}

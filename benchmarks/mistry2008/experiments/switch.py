@@ -9,7 +9,14 @@ import numpy as np
 from benchmarks.lab.curves import largest, smooth
 from benchmarks.lab.outcome import Figure, Outcome, holds
 from benchmarks.lab.setting import Setting
-from benchmarks.mistry2008.experiments.balance import GAINS, PERIOD, Balance, joint_margin, torque_share
+from benchmarks.mistry2008.experiments.balance import (
+    GAINS,
+    PERIOD,
+    Balance,
+    base_figures,
+    joint_margin,
+    torque_share,
+)
 from benchmarks.mistry2008.stack import CBI, Gains, paper_stack
 from hqp import Level, P, Stack
 from hqp.arrays import Vec
@@ -117,6 +124,7 @@ def experiment(setting: Setting) -> Outcome:
         Figure("load on the lifted foot, min", float(log["load"][aloft, 1].min()), "N"),
         Figure(f"motor torque of its limit, max ({joint})", 100.0 * share, "%", high=100.0, before="82 to 84 (L_HAA)"),
         Figure("distance of a joint from its limit, min", joint_margin(log, run.robot), "rad", before="0.087"),
+        *base_figures(log),
         *setting.speed(run.real_time, 5.0),
     ]
     outcome.parameters = {"lift [m]": LIFT, "schedule [s]": schedule, "switches": len(jumps)}

@@ -1,0 +1,5 @@
+"""What a robot can tell of itself from its own sensors: where its base is, and what pulls at it."""
+
+from hqp.estimation.feet import FeetEstimator
+
+__all__ = ["FeetEstimator"]

@@ -1,0 +1,114 @@
+"""A floating base from what a legged robot senses: an IMU at the base, joint encoders, and feet that stand still."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec
+from hqp.errors import DeclarationError
+from hqp.estimation.rotations import about_vertical, exponential, quaternion_of, rotation_of, yaw_of
+from hqp.robot import Robot
+
+GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+class FeetEstimator:
+    """Orientation, position and velocity of the base, by complementary filters on IMU and legs.
+
+    A foot that carries more than ``least_load`` [N] for LANDED stands where it was then, p_i in the world; all stand
+    at the start.  With r_i and u_i its place and velocity relative to the base,
+
+        dR/dt = R [gyro + (z_imu x z) / T_tilt]x,  and about the vertical the mean of the feet's yaw errors / T_yaw,
+        dv/dt = R f + g + (sum w_i (-u_i) - v) / T_velocity,
+        dp/dt = v + (sum w_i (p_i - r_i) - p) / T_position,
+
+    with weights w_i of the feet's loads.  The IMU's yaw is not used: nothing that it senses tells it.  Without a foot
+    on the ground the IMU alone goes on.
+
+    robot: with a free base; the estimator has a copy of its own.  feet: frames of the soles.  period: between updates
+    [s].  q: the configuration at the start ``(nq,)``, which defines the world.  Time constants [s].
+    Raises DeclarationError for a robot with a fixed base or a constant that is not positive, FrameNotFound.
+    """
+
+    LANDED = 0.02
+    """For how long a foot has to carry its load before it counts as standing, or to lack it before it does not [s]."""
+
+    FAINT = 1e-3
+    """Weight of a foot that still counts as standing and carries next to nothing [N]."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        feet: Sequence[str],
+        period: float,
+        q: Vec,
+        *,
+        least_load: float = 30.0,
+        tilt: float = 0.1,
+        yaw: float = 0.5,
+        velocity: float = 0.03,
+        position: float = 0.03,
+    ) -> None:
+        if not robot.floating:
+            raise DeclarationError("estimator", f"{robot.name} has a fixed base", allowed="a free base")
+        constants = {"period": period, "tilt": tilt, "yaw": yaw, "velocity": velocity, "position": position}
+        for name, value in constants.items():
+            if not (math.isfinite(value) and value > 0.0):
+                raise DeclarationError("estimator", f"bad {name}", value=value, unit="s", allowed="positive")
+        self._robot = robot.copy()
+        self._feet, self._period, self._least_load = tuple(feet), period, least_load
+        self._tilt, self._yaw, self._velocity, self._position = (period / c for c in (tilt, yaw, velocity, position))
+        state = self._robot.state(q)
+        self._base = rotation_of(q[3:7])
+        self._p, self._v = np.array(q[:3], dtype=np.float64), np.zeros(3)
+        self._anchor = np.array([state.position(frame) for frame in self._feet])
+        self._anchor_yaw = [yaw_of(state.rotation(frame)) for frame in self._feet]
+        self._stands, self._contrary = [True] * len(self._feet), [0.0] * len(self._feet)
+
+    def update(self, q: Vec, v: Vec, specific_force: Vec, load: Vec) -> tuple[Vec, Vec]:
+        """(q, v) with the estimated base, from what was measured.
+
+        q, v: joints from the encoders, the base's orientation and its angular velocity in its own axes from the IMU;
+        what they say of its position and linear velocity is not read.  specific_force: of the accelerometer, in the
+        base's axes, at its origin ``(3,)`` [m/s^2].  load: normal force at each foot ``(feet,)`` [N].
+        """
+        dt, gyro = self._period, v[3:6]
+        measured = rotation_of(q[3:7])
+        correction = np.cross(measured[2], self._base[2])  # the vertical in the base's axes, as measured and believed
+        R = self._base @ exponential(dt * gyro + self._tilt * correction)
+        found_q, found_v = np.array(q, dtype=np.float64), np.array(v, dtype=np.float64)
+        found_q[:3], found_v[:3] = 0.0, 0.0
+        found_q[3:7] = quaternion_of(R)
+        state = self._robot.state(found_q, found_v)
+        places = np.array([state.position(frame) for frame in self._feet])
+        rates = np.array([state.velocity(frame)[:3] for frame in self._feet])
+        yaws = [yaw_of(state.rotation(frame)) for frame in self._feet]
+        self._v = self._v + dt * (R @ specific_force + GRAVITY)
+        self._p = self._p + dt * self._v
+        weight = self._stand(load, places, yaws)
+        if weight.any():
+            off = [math.remainder(a - b, 2.0 * math.pi) for a, b in zip(self._anchor_yaw, yaws, strict=True)]
+            R = about_vertical(self._yaw * float(weight @ off)) @ R
+            self._v += self._velocity * (-(weight @ rates) - self._v)
+            self._p += self._position * (weight @ (self._anchor - places) - self._p)
+        self._base = R
+        found_q[:3], found_q[3:7] = self._p, quaternion_of(R)
+        found_v[:3] = R.T @ self._v
+        return found_q, found_v
+
+    def _stand(self, load: Vec, places: Mat, yaws: Sequence[float]) -> Vec:
+        """Weights of the feet that stand; one that has just landed gets its place."""
+        weight = np.zeros(len(self._feet))
+        for i, carried in enumerate(load.tolist()):
+            loaded = carried > self._least_load  # NaN is no load
+            self._contrary[i] = 0.0 if loaded == self._stands[i] else self._contrary[i] + self._period
+            if self._contrary[i] >= self.LANDED:
+                self._stands[i], self._contrary[i] = loaded, 0.0
+                self._anchor[i], self._anchor_yaw[i] = self._p + places[i], yaws[i]
+            if self._stands[i]:
+                weight[i] = max(carried - self._least_load, self.FAINT) if loaded else self.FAINT
+        total = float(weight.sum())
+        return weight / total if total > 0.0 else weight
