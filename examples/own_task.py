@@ -10,7 +10,7 @@ from hqp.tasks import Com, FixedContact, JointLimits
 
 
 @dataclass(frozen=True, kw_only=True)
-class Distance(Task):
+class Spread(Task):
     """|p_b - p_a| [m], with J = n' (J_b - J_a)."""
 
     a: str
@@ -31,7 +31,7 @@ class Distance(Task):
 
 
 robot = hqp.robots.load("cbi")
-hands = Distance(a="l_palm", b="r_palm", law=P(5.0))
+hands = Spread(a="l_palm", b="r_palm", law=P(5.0))
 feet = [FixedContact(frame="l_sole"), FixedContact(frame="r_sole")]
 stack = Stack(Level(*feet, Com(axes="xy")), Level(hands), subject_to=[JointLimits()])
 session = hqp.Controller(stack).session(robot, dt=0.005)

@@ -301,9 +301,9 @@ class Assembly:
 
 
 def _kind(element: Element) -> int:
-    if element.equality:
-        return EQUALITY
-    return BOUNDED if has(element, "step_bounds") else LIMITED
+    if has(element, "step_bounds"):
+        return BOUNDED
+    return EQUALITY if element.equality else LIMITED
 
 
 def _fitting(member: Member, what: str, values: Vec) -> Vec:

@@ -69,13 +69,19 @@ class _Work:
         q = robot.integrate(robot.home, rng.uniform(-0.7, 0.7, robot.nv), 1.0)
         return robot.state(q, rng.normal(size=robot.nv))
 
-    def J(self, state: State) -> Mat:
-        """The Jacobian ``(m, nv)``."""
-        return np.atleast_2d(np.asarray(self.element.jacobian(state), dtype=np.float64)).copy()
+    def steer(self, state: State) -> tuple[Any, ...]:
+        """What the functions of a steered element take beside the state: what is held at that state."""
+        value = self.element.hold(state).value if self.element.steered else None
+        return () if value is None else (value,)
 
-    def bounds(self, state: State) -> tuple[Vec, Vec]:
+    def J(self, state: State, steer: tuple[Any, ...] = ()) -> Mat:
+        """The Jacobian ``(m, nv)``."""
+        return np.atleast_2d(np.asarray(self.element.jacobian(state, *steer), dtype=np.float64)).copy()
+
+    def bounds(self, state: State, steer: tuple[Any, ...] = ()) -> tuple[Vec, Vec]:
         """Both ways left, ``(m,)`` each."""
-        lower, upper = (np.broadcast_to(np.asarray(b, dtype=np.float64), (self.m,)) for b in self.element.bounds(state))
+        found = self.element.bounds(state, *steer)
+        lower, upper = (np.broadcast_to(np.asarray(b, dtype=np.float64), (self.m,)) for b in found)
         return lower, upper
 
     def shapes(self) -> Iterator[str]:
@@ -103,7 +109,8 @@ class _Work:
         robot, element = self.robot, self.element
         state = self.state()
         q, v = state.q.copy(), state.v.copy()
-        J = self.J(state)
+        steer = self.steer(state)
+        J = self.J(state, steer)
         selection = selection_of(element, robot)
         if selection is not None and not _same(J, np.eye(robot.nv)[selection]):
             yield "jacobian is not what selection(robot) says: a row of the identity for each coordinate picked"
@@ -112,20 +119,22 @@ class _Work:
             slope = self._slope(error, q)
             yield from self._judge_jacobian(J, slope, q)
         if self.drifts:
-            drift = np.asarray(element.drift(robot.state(q, v)), dtype=np.float64).copy()
-            ahead, behind = (self.J(robot.state(robot.integrate(q, v, s), v)) @ v for s in (STEP, -STEP))
+            drift = np.asarray(element.drift(robot.state(q, v), *steer), dtype=np.float64).copy()
+            ahead, behind = (self.J(robot.state(robot.integrate(q, v, s), v), steer) @ v for s in (STEP, -STEP))
             yield from self._judge_drift(drift, (ahead - behind) / (2.0 * STEP), q, v)
 
     def _error_about(self, q: Vec) -> Callable[[State], Vec] | None:
         """What moves with J v near q and is zero there."""
         element, state = self.element, self.robot.state(q)
         if isinstance(element, Inequality):
-            lower, upper = self.bounds(state)
+            steer = self.steer(state)
+            lower, upper = self.bounds(state, steer)
             side, start = (0, lower.copy()) if np.isfinite(lower).any() else (1, upper.copy())
             if not np.isfinite(start).any():
                 self.notes.append("no bound at a random state: its Jacobian was not compared")
                 return None
-            return lambda s: np.where(np.isfinite(start), start - self.bounds(s)[side], np.nan)
+            there = np.isfinite(start)
+            return lambda s: np.where(there, np.where(there, start, 0.0) - self.bounds(s, steer)[side], np.nan)
         hold = element.hold(state).value
         start = np.asarray(element.error(state, hold), dtype=np.float64).copy()
         return lambda s: np.asarray(element.error(s, hold), dtype=np.float64) - start

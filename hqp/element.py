@@ -7,6 +7,7 @@ import math
 import re
 import weakref
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from numbers import Real
@@ -29,7 +30,7 @@ Unit: TypeAlias = Literal["m", "rad"]
 REGISTRY: weakref.WeakValueDictionary[str, type[Element]] = weakref.WeakValueDictionary()
 """Concrete element classes by name, for stacks read from files; a script's own classes end with the script."""
 
-_APART = frozenset({"at", "hold", "default_name", "row_names"})  # say nothing of the rows' numbers
+_APART = frozenset({"among", "at", "hold", "default_name", "row_names"})  # say nothing of the rows' numbers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +51,8 @@ class Element(ABC):
     is_contact: ClassVar[bool] = False
     grounded: ClassVar[bool] = False
     """Whether the readable functions take the ground's normal ``(3,)``, which comes with the reference, too."""
+    steered: ClassVar[bool] = False
+    """Whether J, drift and bounds take the value of the reference, too."""
     units: ClassVar[tuple[Unit, ...]] = ()
     """Unit of each block of rows, ``()`` where it is neither; a Pose has two blocks."""
 
@@ -98,6 +101,10 @@ class Element(ABC):
     def row_names(self, robot: Robot) -> tuple[str, ...]:
         """Names of single rows ``(m,)`` for notes and explanations, none by default: rows are then numbered."""
         return ()
+
+    def among(self, elements: Sequence[Element]) -> Element:
+        """The element as it is in a stack of these elements, itself unless it takes something from others of them."""
+        return self
 
     def plan(self, robot: Robot) -> Plan | None:
         """The native operation that writes the same rows, names resolved; None where there is none.
@@ -172,8 +179,6 @@ class Inequality(Constraint):
     """
 
     equality: ClassVar[bool] = False
-    steered: ClassVar[bool] = False
-    """Whether the readable functions take the value of the reference, too."""
 
     @abstractmethod
     def jacobian(self, state: State) -> Mat:

@@ -40,13 +40,14 @@ class Readable:
         self._out, self._order, self._dt = out, order, dt
         self._final = has(element, "step_bounds")
         self._drifts = order == 2 and not self._final
+        inner = getattr(element, "task", None)  # of a Within, whose bounds need the drift of its task
         if not isinstance(element, (Task, Inequality)):
             raise element.bad("has no rows on the robot's motion", type(element).__name__, "a Task or an Inequality")
-        if self._drifts and not has(element, "drift"):
+        if (self._drifts or (order == 2 and isinstance(inner, Task))) and not has(inner or element, "drift"):
             raise element.bad(
                 "has no drift(state), which accelerations and torques need", type(element).__name__, "drift"
             )
-        self._write = self._write_task if isinstance(element, Task) else self._write_bounds
+        self._write = self._write_task if isinstance(element, Task) and not self._final else self._write_bounds
         self._plane = Plane() if element.grounded else None
 
     def __call__(self, state: State, reference: Reference) -> None:
@@ -63,6 +64,8 @@ class Readable:
         if self._plane is not None:
             value = self._plane.settle(value, normal[0], element.value(state))
         self._put("error", out.error, element.error(state, value, *normal))
+        if element.steered:
+            normal = (value,)
         if out.J is not None:
             self._put("jacobian", out.J, element.jacobian(state, *normal))
         if self._drifts:

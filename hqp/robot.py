@@ -278,3 +278,11 @@ class State(Protocol):
     def gravity_force(self) -> Vec:
         """g: gravity forces, ``(nv,)``."""
         ...
+
+    def inertia_rate(self) -> Mat:
+        """dA/dt ``(nv, nv)``."""
+        ...
+
+    def momentum_map(self) -> tuple[Mat, Vec]:
+        """Centroidal momentum matrix ``(6, nv)``, linear first, and its dJ/dt v ``(6,)``; world axes."""
+        ...

@@ -107,7 +107,9 @@ def _fields(value: Any, default_name: str = "") -> dict[str, Any]:
         default = default_name if item.name == "name" else item.default
         if given == default:
             continue
-        if isinstance(given, Law):
+        if isinstance(given, Element):
+            given = _element(given)
+        elif isinstance(given, Law):
             given = {"type": type(given).__name__, **_fields(given)}
         out[item.name] = _lists(given)
     return out
@@ -141,6 +143,8 @@ def _build(entry: Mapping[str, Any]) -> Element:
         raise DeclarationError("stack", "unknown type of element", value=name, allowed=f"closest: {near}")
     if isinstance(fields.get("law"), Mapping):
         fields["law"] = _law(fields["law"])
+    if isinstance(fields.get("task"), Mapping):  # of a Within
+        fields["task"] = _build(fields["task"])
     return _construct(REGISTRY[name], fields)
 
 

@@ -150,7 +150,13 @@ class Stack:
 
 
 def coupled(stack: Stack, robot: Robot) -> Stack:
-    """The stack under the robot's own couplings too (mimic joints), but for those it binds already."""
+    """The stack under the robot's own couplings too (mimic joints), but for those it binds already.
+
+    What an element takes from others of the stack is filled in; raises DeclarationError where it is not there.
+    """
+    members = tuple(stack)
+    filled = [new for old in members if (new := old.among(members)) is not old]
+    stack = stack.replace(*filled) if filled else stack
     held = {_ratios(c) for c in stack if hasattr(c, "coefficients")}
     own = [c for c in robot.couplings if _ratios(c) not in held and c.name not in stack]
     return Stack(*stack.levels, subject_to=(*own, *stack.subject_to)) if own else stack

@@ -211,6 +211,22 @@ class State:
             self._gravity = np.array(pin.computeGeneralizedGravity(model, data, self.q), dtype=np.float64)
         return self._gravity
 
+    def inertia_rate(self) -> Mat:
+        """dA/dt ``(nv, nv)``: C + C^T of the Coriolis matrix."""
+        self.kinematics()
+        robot = self.robot
+        C = np.array(pin.computeCoriolisMatrix(robot.model, robot.data, self.q, self.v))
+        self._done &= _KINEMATICS | _BIAS | _INERTIA | _MASS  # it leaves velocities and centres of its own
+        return np.asarray(C + C.T, dtype=np.float64)
+
+    def momentum_map(self) -> tuple[Mat, Vec]:
+        """Centroidal momentum matrix ``(6, nv)``, linear first, and its dJ/dt v ``(6,)``; world axes."""
+        self.kinematics()
+        robot = self.robot
+        rate = np.array(pin.dccrba(robot.model, robot.data, self.q, self.v))
+        self._done &= _KINEMATICS | _BIAS | _INERTIA | _MASS
+        return np.array(robot.data.Ag), rate @ self.v
+
 
 _ZEROS: dict[int, Vec] = {}
 

@@ -7,36 +7,56 @@ if __name__ != "hqp.tasks":
 
 from .collision import CollisionAvoidance
 from .com import Com
+from .cone import Cone
 from .contact import FixedContact, PointContact
 from .coupling import JointCoupling
+from .directions import AlignAxis, Distance, LookAt
 from .edge import EdgeContact
 from .friction import CenterOfPressure, FrictionCone, UnilateralContact
 from .limits import JointLimits, TorqueLimits
+from .manipulability import Manipulability
+from .motion import BaseVelocityLimits, Damping, JointVelocity, LowAcceleration, Momentum
 from .orientation import Orientation
 from .pose import Pose
 from .position import Position
 from .posture import Posture
+from .support_polygon import SupportPolygon
 from .targets import ContactForce, JointTorque
+from .weld import Weld
 from .wheel import OmniWheelContact, WheelContact
+from .within import Within
 
 __all__ = [
+    "AlignAxis",
+    "BaseVelocityLimits",
     "CenterOfPressure",
     "CollisionAvoidance",
     "Com",
+    "Cone",
     "ContactForce",
+    "Damping",
+    "Distance",
     "EdgeContact",
     "FixedContact",
     "FrictionCone",
     "JointCoupling",
     "JointLimits",
     "JointTorque",
+    "JointVelocity",
+    "LookAt",
+    "LowAcceleration",
+    "Manipulability",
+    "Momentum",
     "OmniWheelContact",
     "Orientation",
     "PointContact",
     "Pose",
     "Position",
     "Posture",
+    "SupportPolygon",
     "TorqueLimits",
     "UnilateralContact",
+    "Weld",
     "WheelContact",
+    "Within",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -75,7 +76,44 @@ def examples(n: dict[str, str]) -> dict[str, list[Element]]:
             ),
         ],
         "JointLimits": [t.JointLimits(), t.JointLimits(joints=[a, c], acceleration=20.0)],
+        "AlignAxis": [t.AlignAxis(frame=f), t.AlignAxis(frame=f, axis=(1.0, -2.0, 0.5), weight=2.0)],
+        "LookAt": [t.LookAt(frame=f, axis=(0.0, 0.0, 1.0)), t.LookAt(frame=f, axis=(1.0, -2.0, 0.5))],
+        "Distance": [t.Distance(frame=f, other=o)],
+        "Weld": [t.Weld(frame=f, relative_to=o)],
+        "Manipulability": [
+            t.Manipulability(frame=f),
+            t.Manipulability(frame=f, linear="zx", angular=""),
+            t.Manipulability(frame=f, linear="", angular="yx"),
+        ],
+        "JointVelocity": [t.JointVelocity(), t.JointVelocity(joints=[c, a])],
+        "LowAcceleration": [t.LowAcceleration()],
+        "Damping": [t.Damping(), t.Damping(kinetic_energy=True, name="energy")],
+        "Momentum": [t.Momentum(), t.Momentum(linear="z", angular="yx", weight=0.5), t.Momentum(linear="")],
+        "BaseVelocityLimits": [t.BaseVelocityLimits(linear=0.5, angular=2.0)],
+        "Within": [
+            t.Within(t.Position(frame=f), upper=0.3),
+            t.Within(t.Position(frame=f, axes="zx", relative_to=o), lower=(-0.2, 0.1), upper=(0.5, math.inf)),
+            t.Within(t.Com(axes="yx"), lower=-0.1, upper=0.1, rate=3.0, recovery=0.2, weight=2.0),
+            t.Within(t.Distance(frame=f, other=o), lower=0.4),
+            t.Within(t.Orientation(frame=f, axes=("pitch", "roll")), lower=-0.3),
+            t.Within(t.JointCoupling({a: 1.0, b: -1.0}, offset=0.3), upper=0.1),
+            t.Within(t.Posture(joints=[c, a]), lower=(-0.5, -0.2), upper=0.4),
+            t.Within(t.Manipulability(frame=f), lower=0.02),
+            t.Within(t.Momentum(), lower=-1.0, upper=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0)),
+        ],
+        "Cone": [
+            t.Cone(t.AlignAxis(frame=f), angle=0.4),
+            t.Cone(t.AlignAxis(frame=f, axis=(1.0, -2.0, 0.5)), angle=1.5),
+            t.Cone(t.LookAt(frame=f, axis=(0.0, 0.0, 1.0)), angle=0.3, weight=2.0),
+        ],
+        "SupportPolygon": [
+            t.SupportPolygon(polygon=((0.1, 0.0), (0.1, 0.1), (0.02, 0.03), (-0.1, 0.05), (0.0, -0.2)), margin=0.01),
+        ],
     }
+
+
+NOWHERE = (t.JointVelocity, t.LowAcceleration, t.Damping, t.Momentum, t.BaseVelocityLimits)
+"""Elements on velocities that are no rate of anything: see test_motion.py."""
 
 
 # Forces and efforts are no functions of the configuration: there is nothing to differentiate.
@@ -106,6 +144,17 @@ def followed(element: Element, state: State) -> Callable[[State], Vec]:
         return contact_point(element, state)
     if isinstance(element, t.CollisionAvoidance):
         return distances(element, state)
+    if isinstance(element, (t.Within, t.Cone)):
+        hold = element.hold(state).value
+        start = element.bounds(state, hold)
+        side = 0 if np.isfinite(start[0]).any() else 1
+        with np.errstate(invalid="ignore"):
+            there = np.isfinite(start[side])
+            return lambda s: np.where(there, np.nan_to_num(start[side] - element.bounds(s, hold)[side]), 0.0)
+    if isinstance(element, t.SupportPolygon):
+        normals = element.edges(state)[0]
+        com = state.com()[:2].copy()
+        return lambda s: normals @ (s.com()[:2] - com)
     assert isinstance(element, Task)
     if isinstance(element, t.JointCoupling):
         element = dataclasses.replace(element, offset=float(element.value(state)[0]))  # zero error
@@ -148,15 +197,19 @@ def test_derivatives(robots: dict[str, Any], robot_name: str, name: str, k: int,
     table = examples(NAMES[robot_name])
     assert name in table, f"{name} has no example here: a task that nobody has differentiated"
     element = table[name][k]
+    if isinstance(element, t.BaseVelocityLimits) and not robot.floating:
+        pytest.skip("no free base")
     rng = np.random.default_rng(7)
     for _ in range(3):
         q, q_other, v = robot.random_configuration(rng), robot.random_configuration(rng), rng.normal(size=robot.nv)
-        target = element.hold(robot.state(q_other))
+        target = element.hold(robot.state(q if element.steered else q_other))
+        steer = (target.value,) if element.steered and target.value is not None else ()
         state = robot.state(q, v)
         J = written(element, state, target).J
-        if isinstance(element, Task):
-            _check_drift(robot, element, q, v, element.drift(state).copy())
-        _check_jacobian(robot, element, q, J)
+        if isinstance(element, (Task, t.Within, t.Cone, t.SupportPolygon)):
+            _check_drift(robot, element, q, v, element.drift(state, *steer).copy(), steer)
+        if not isinstance(getattr(element, "task", element), NOWHERE):
+            _check_jacobian(robot, element, q, J)
 
 
 def _check_jacobian(robot: Any, element: Element, q: Vec, J: Mat, h: float = 1e-6) -> None:
@@ -169,8 +222,10 @@ def _check_jacobian(robot: Any, element: Element, q: Vec, J: Mat, h: float = 1e-
     assert np.abs(np.column_stack(columns) - J).max() < 1e-7
 
 
-def _check_drift(robot: Any, element: Task, q: Vec, v: Vec, drift: Vec, h: float = 1e-5) -> None:
-    ahead, behind = (element.jacobian(robot.state(robot.integrate(q, v, s), v)) @ v for s in (h, -h))
+def _check_drift(
+    robot: Any, element: Any, q: Vec, v: Vec, drift: Vec, steer: tuple[Any, ...] = (), h: float = 1e-5
+) -> None:
+    ahead, behind = (element.jacobian(robot.state(robot.integrate(q, v, s), v), *steer) @ v for s in (h, -h))
     rate = (ahead - behind) / (2.0 * h)
     assert np.abs(rate - drift).max() < 1e-6 * max(1.0, np.abs(drift).max())
 

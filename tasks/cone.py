@@ -1,0 +1,107 @@
+"""An axis of a frame kept inside a cone about a direction, or about the line to a point."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec
+from hqp.reference import Reference
+from hqp.robot import Robot, State
+
+from .directions import AlignAxis, LookAt
+from .fields import check_number
+from .within import _Barrier
+
+STRAIGHT_BACK = 1e-3
+"""Sine of the angle below which an axis that points away has no direction to come back in."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cone(_Barrier):
+    """An axis u of a frame no further than an angle from where its task wants it, w: theta(u, w) <= angle, one row.
+
+    The way left is (cos theta - cos angle) / sin(angle) inside and angle - theta outside [rad], the same to first
+    order at the bound, and smooth where u and w agree.  task: an AlignAxis, w its direction, or a LookAt, w the
+    direction of its point, a gaze cone; the reference is the task's, by default what it holds at the first tick.
+    angle [rad]: above 0, at most pi / 2.  rate [1/s], recovery [rad/s]: as of ``Within``.
+    Raises DeclarationError for fields, FrameNotFound on binding.
+    """
+
+    steered: ClassVar[bool] = True
+
+    task: AlignAxis | LookAt = field(kw_only=False)
+    angle: float
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.task, (AlignAxis, LookAt)):
+            raise self.bad("task", self.task, "an AlignAxis or a LookAt")
+        super().__post_init__()
+        check_number(self, "angle", self.angle, 0.0, strict=True)
+        if self.angle > 0.5 * math.pi:
+            raise self.bad("angle", self.angle, "at most pi / 2")
+
+    def default_name(self) -> str:
+        """The task's name and ``_cone``."""
+        return f"{self.task.name}_cone"
+
+    def rows(self, robot: Robot) -> int:
+        """1; raises FrameNotFound."""
+        self.task.rows(robot)
+        return 1
+
+    def hold(self, state: State) -> Reference:
+        """What the task holds."""
+        return replace(self.task.hold(state), name=self.name)
+
+    def at(self, value: Any) -> Reference:
+        """A direction or a point ``(3,)``, as of the task; raises DeclarationError."""
+        return replace(self.task.at(value), name=self.name)
+
+    def _parts(self, state: State, reference: Any) -> tuple[float, float, Vec, float, Vec]:
+        """cos and sin of theta, w, the distance of the point (infinite for a direction), and u x w."""
+        held: Any = self.task.hold(state).value if reference is None else reference
+        w, d = self.task.towards(state, held)
+        u = self.task.direction(state)
+        turn = np.cross(u, w)
+        return float(u @ w), math.hypot(*turn), w, d, turn
+
+    def _scale(self, cosine: float, sine: float) -> float:
+        """What u x w is divided by: sin(angle) inside, sin(theta) outside."""
+        inside = cosine >= math.cos(self.angle)
+        return math.sin(self.angle) if inside else max(sine, STRAIGHT_BACK)
+
+    def bounds(self, state: State, reference: Any = None) -> tuple[Vec, float]:
+        """(minus the way left, inf)."""
+        cosine, sine, *_ = self._parts(state, reference)
+        if cosine >= math.cos(self.angle):
+            way = (cosine - math.cos(self.angle)) / math.sin(self.angle)
+        else:
+            way = self.angle - math.atan2(sine, cosine)
+        return np.array([-way]), math.inf
+
+    def jacobian(self, state: State, reference: Any = None) -> Mat:
+        """Rate of the way left ``(1, nv)``: d(u . w)/dt over the scale, with omega and the sight line's turn."""
+        cosine, sine, w, d, turn = self._parts(state, reference)
+        u, J = self.task.direction(state), state.jacobian(self.task.frame)
+        across = u - cosine * w  # w turns by -(v - w w.v) / d
+        return ((turn @ J[3:] - across @ J[:3] / d) / self._scale(cosine, sine))[None]
+
+    def drift(self, state: State, reference: Any = None) -> Vec:
+        """dJ/dt v ``(1,)``."""
+        cosine, sine, w, d, _ = self._parts(state, reference)
+        u, rate, drift = self.task.direction(state), state.velocity(self.task.frame), state.drift(self.task.frame)
+        v, omega = rate[:3], rate[3:]
+        u1 = np.cross(omega, u)
+        u2 = np.cross(drift[3:], u) + np.cross(omega, u1)
+        closing = float(w @ v)
+        w1 = -(v - closing * w) / d
+        w2 = -(drift[:3] - float(w1 @ v + w @ drift[:3]) * w - closing * w1) / d + w1 * closing / d
+        first, second = float(u1 @ w + u @ w1), float(u2 @ w + 2.0 * (u1 @ w1) + u @ w2)
+        scale = self._scale(cosine, sine)
+        if cosine >= math.cos(self.angle):
+            return np.array([second / scale])
+        return np.array([(second + cosine * (first / scale) ** 2) / scale])

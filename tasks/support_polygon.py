@@ -1,0 +1,180 @@
+"""The centre of mass over the feet."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec
+from hqp.element import Element
+from hqp.robot import Robot, State
+
+from .contact import PointContact
+from .fields import check_number, set_names
+from .friction import CenterOfPressure
+from .within import _Barrier
+
+FLAT = 2e-5
+"""A corner this near to the line between its neighbours is none [m]: rows of feet in line do not come and go."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SupportPolygon(_Barrier):
+    """The centre of mass c above the convex hull of points on the ground, a margin inside: n . (c - p) <= -margin,
+
+    one row for each point p, n the outward normal of the edge of the hull that starts there, free for a point inside
+    the hull.  J = n . J_com; the points are those of contacts, which stand still.
+
+    Without points and polygon they are those of the stack's contacts (contacts: of these, by name): the corners of
+    its CenterOfPressure, those of sole = (x_min, x_max, y_min, y_max) [m] in the frame of a face that has none, the
+    origin of a PointContact or a wheel.  points: ((frame, x, y, z), ...) in the frames' axes [m], found anew each
+    tick.  polygon: ((x, y), ...) in the world [m].  margin [m].  rate [1/s], recovery [m/s]: as of ``Within``.
+    Raises DeclarationError for fields, fewer than three points and faces of unknown size, FrameNotFound on binding.
+    """
+
+    contacts: str | Sequence[str] | None = None
+    sole: tuple[float, float, float, float] | None = None
+    points: tuple[tuple[Any, ...], ...] = ()
+    polygon: tuple[tuple[float, float], ...] = ()
+    margin: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        set_names(self, "contacts")
+        check_number(self, "margin", self.margin, 0.0)
+        if self.sole is not None:
+            CenterOfPressure(contact="sole", rectangle=self.sole)  # it says what is wrong
+        for what, count in (("points", 4), ("polygon", 2)):
+            self._set_rows(what, count)
+        if bool(self.points) + bool(self.polygon) + (self.contacts is not None or self.sole is not None) > 1:
+            raise self.bad("points", self.points or self.polygon, "one of contacts, points and polygon")
+        if self.polygon and len(hull(np.array(self.polygon, dtype=np.float64))) < 3:
+            raise self.bad("polygon", self.polygon, "corners that are not on one line")
+
+    def _set_rows(self, what: str, count: int) -> None:
+        given = getattr(self, what)
+        try:
+            rows = tuple(tuple(p) for p in given)
+            values = [[float(x) for x in p[count == 4 :]] for p in rows]
+            fits = all(len(p) == count and isinstance(p[0], str) >= (count == 4) for p in rows)
+            fits = fits and all(math.isfinite(x) for p in values for x in p)
+        except (TypeError, ValueError):
+            rows, fits = (), False
+        if not fits or 0 < len(rows) < 3:
+            allowed = "((frame, x, y, z), ...)" if count == 4 else "((x, y), ...)"
+            raise self.bad(what, given, f"{allowed} [m], at least three")
+        object.__setattr__(self, what, rows)
+
+    def default_name(self) -> str:
+        """support_polygon."""
+        return "support_polygon"
+
+    def among(self, elements: Sequence[Element]) -> Element:
+        """The same with the points of these contacts; raises DeclarationError."""
+        if self.points or self.polygon:
+            return self
+        contacts = {e.name: e for e in elements if e.is_contact}
+        wanted = (self.contacts,) if isinstance(self.contacts, str) else self.contacts or tuple(contacts)
+        points: list[tuple[Any, ...]] = []
+        for name in wanted:
+            if name not in contacts:
+                raise self.bad("contacts", name, ", ".join(contacts) or "names of contacts; the stack has none")
+            points += self._corners(contacts[name], elements)
+        if len(points) < 3:
+            raise self.bad("points", tuple(points), "at least three, of the stack's contacts or points=...")
+        return replace(self, contacts=None, sole=None, points=tuple(points))
+
+    def _corners(self, contact: Any, elements: Iterable[Element]) -> list[tuple[Any, ...]]:
+        """Points of one contact, in the axes of its frame."""
+        frame = getattr(contact, "frame", None) or getattr(contact, "wheel", None)
+        if isinstance(contact, PointContact) or contact.grounded:
+            return [(frame, 0.0, 0.0, 0.0)]
+        known = [e for e in elements if isinstance(e, CenterOfPressure) and e.contact == contact.name]
+        if not known and self.sole is not None:
+            known = [CenterOfPressure(contact=contact.name, rectangle=self.sole)]
+        if not known or frame is None:
+            raise self.bad(f"size of {contact.name}", None, "sole=(x_min, x_max, y_min, y_max) or points=...")
+        return [(frame, x, y, 0.0) for x, y in known[0].corners()]
+
+    def rows(self, robot: Robot) -> int:
+        """One for each point; raises FrameNotFound, DeclarationError without points."""
+        for frame, *_ in self.points:
+            robot.frame(frame)
+        count = len(self.points or self.polygon)
+        if count == 0:
+            raise self.bad("points", (), "points or a polygon; in a stack they are taken from its contacts")
+        return count
+
+    def corners(self, state: State) -> Mat:
+        """The points in the world ``(m, 2)`` [m]."""
+        if self.polygon:
+            return np.array(self.polygon, dtype=np.float64)
+        placed = [state.position(f) + state.rotation(f) @ np.array(p, dtype=np.float64) for f, *p in self.points]
+        return np.array(placed)[:, :2]
+
+    def edges(self, state: State) -> tuple[Mat, Vec]:
+        """Outward normals ``(m, 2)`` and n . p ``(m,)`` of the edges that start at each point; zero, inf for none."""
+        corners = self.corners(state)
+        normals, offsets = np.zeros_like(corners), np.full(len(corners), math.inf)
+        found = hull(corners)
+        for i, j in zip(found, found[1:] + found[:1], strict=True):
+            along = corners[j] - corners[i]
+            length = math.hypot(*along)
+            if length > 0.0:
+                normals[i] = np.array([along[1], -along[0]]) / length
+                offsets[i] = float(normals[i] @ corners[i])
+        return normals, offsets
+
+    def bounds(self, state: State) -> tuple[float, Vec]:
+        """(-inf, n . (p - c) - margin) [m], infinite for a point inside."""
+        normals, offsets = self.edges(state)
+        return -math.inf, offsets - normals @ state.com()[:2] - self.margin
+
+    def jacobian(self, state: State) -> Mat:
+        """n . J_com ``(m, nv)``."""
+        return self.edges(state)[0] @ state.com_jacobian()[:2]
+
+    def drift(self, state: State) -> Vec:
+        """n . dJ_com/dt v ``(m,)`` [m/s^2]."""
+        return self.edges(state)[0] @ state.com_drift()[:2]
+
+    def row_names(self, robot: Robot) -> tuple[str, ...]:
+        """The frames of the points, numbered."""
+        return tuple(f"{frame} {i}" for i, (frame, *_) in enumerate(self.points))
+
+
+def hull(points: Mat) -> list[int]:
+    """Corners of the convex hull, counter-clockwise from the lowest x (Andrew's monotone chain), without flat ones."""
+    order = sorted(range(len(points)), key=lambda i: (points[i, 0], points[i, 1]))
+    halves: list[list[int]] = []
+    for sequence in (order, order[::-1]):
+        half: list[int] = []
+        for i in sequence:
+            while len(half) >= 2 and _turn(points, half[-2], half[-1], i) <= 0.0:
+                half.pop()
+            half.append(i)
+        halves.append(half[:-1])
+    found = halves[0] + halves[1]
+    while len(found) > 3:
+        n = len(found)
+        off = [_off(points, found[k - 1], found[k], found[(k + 1) % n]) for k in range(n)]
+        least = min(range(n), key=off.__getitem__)
+        if off[least] > FLAT:
+            break
+        del found[least]
+    return found
+
+
+def _turn(points: Mat, o: int, a: int, b: int) -> float:
+    """Twice the area of the triangle, positive counter-clockwise [m^2]."""
+    (x, y), (u, v), (s, t) = points[o], points[a], points[b]
+    return float((u - x) * (t - y) - (v - y) * (s - x))
+
+
+def _off(points: Mat, o: int, a: int, b: int) -> float:
+    """How far a is off the line from o to b [m]."""
+    return abs(_turn(points, o, a, b)) / max(math.dist(points[o], points[b]), FLAT)

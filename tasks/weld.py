@@ -1,0 +1,30 @@
+"""Two frames that are one: closed loops, objects held by two hands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hqp.element import Constraint
+
+from .pose import Pose
+
+
+@dataclass(frozen=True, kw_only=True)
+class Weld(Pose, Constraint):
+    """A frame that keeps its place in another one: e = ``[p - p_ref, log(R R_ref^T)]`` [m, rad], J of a relative Pose.
+
+    frame, relative_to: the two frames; where one is in the other at the first tick is held, or what ``at`` says, a
+    homogeneous matrix ``(4, 4)``.  In ``subject_to`` it binds.  Raises DeclarationError without ``relative_to`` or
+    where the frames are the same, FrameNotFound on binding.
+    """
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.relative_to is None:
+            raise self.bad("relative_to", None, "the name of the other frame")
+        if self.relative_to == self.frame:
+            raise self.bad("relative_to", self.relative_to, f"another frame than {self.frame!r}")
+
+    def default_name(self) -> str:
+        """Both frames."""
+        return f"{self.frame}_{self.relative_to}"

@@ -1,0 +1,184 @@
+"""Bounds on the value of any task: a hand within a box, a momentum under a limit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from hqp.arrays import Index, Mat, Vec
+from hqp.element import Inequality, Task, has, selection_of
+from hqp.reference import Reference
+from hqp.robot import Robot, State
+
+from .fields import check_number
+from .motion import _RateTask
+
+FAST = 4.0
+"""The second pole over the first where x is an acceleration."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Barrier(Inequality):
+    """Bounds kept with declared rates.  With h the way left to a bound, negative outside, its velocity towards it is
+
+        u <= phi(h),    phi(h) = rate h inside,    phi(h) = -recovery tanh(rate |h| / recovery) outside;
+
+    where x is an acceleration, a = J x + dJ/dt v towards the bound keeps to that with a second pole of 4 rate,
+
+        a <= 4 rate (phi(h) - u) - phi'(h) u.
+
+    A base class: ``jacobian``, ``drift`` and ``bounds`` say the rest.  rate [1/s]: at most 1/dt, 1/(4 dt) where x is
+    an acceleration.  recovery: fastest way back [m/s or rad/s].
+    """
+
+    rate: float = 5.0
+    recovery: float = 0.5
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_number(self, "rate", self.rate, 0.0, strict=True)
+        check_number(self, "recovery", self.recovery, 0.0, strict=True)
+
+    def step_bounds(self, state: State, dt: float, order: int, *steer: Any) -> tuple[Vec, Vec]:
+        """(lower, upper) ``(m,)`` of J x, infinite where there is no bound."""
+        lower, upper = (np.atleast_1d(np.asarray(way, dtype=np.float64)) for way in self.bounds(state, *steer))
+        if order == 1:
+            return -self.fastest(-lower), self.fastest(upper)
+        speed, drift = self.jacobian(state, *steer) @ state.v, self.drift(state, *steer)
+        return -self.hardest(-lower, -speed) - drift, self.hardest(upper, speed) - drift
+
+    def fastest(self, way: Vec) -> Vec:
+        """phi ``(m,)``: the largest velocity towards a bound."""
+        back = -self.recovery * np.tanh(self.rate * np.abs(np.minimum(way, 0.0)) / self.recovery)
+        return np.where(way >= 0.0, self.rate * way, back)
+
+    def hardest(self, way: Vec, speed: Vec) -> Vec:
+        """The largest acceleration ``(m,)`` towards a bound that is approached at a speed."""
+        wanted = self.fastest(way)
+        slope = np.where(way >= 0.0, self.rate, self.rate * (1.0 - (wanted / self.recovery) ** 2))
+        with np.errstate(invalid="ignore"):
+            return np.where(np.isinf(way), way, FAST * self.rate * (wanted - speed) - slope * speed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Within(_Barrier):
+    """Bounds on the value of a task: lower <= value - reference <= upper, ``(m,)`` or a number for all rows.
+
+    The reference is zero, so that bounds are on the value itself, in its units; ``at`` carries them along.  J and
+    drift are the task's; angles are wrapped as the task wraps them.  None is no bound.  With a task of momentum or
+    velocity the bounds are on J v: lower <= J x <= upper, where x is an acceleration
+    rate (lower - J v) <= J x + dJ/dt v <= rate (upper - J v).  Tasks whose value is no vector ``(m,)`` (Pose, a full
+    Orientation, AlignAxis) are refused: J is the rate of their error at zero only.  ``Cone`` bounds directions.
+
+    rate [1/s], recovery [m/s or rad/s]: u <= rate h inside and a return at most as fast as recovery outside; where x is
+    an acceleration with poles at the rate and at four times the rate.  In ``subject_to`` it binds, as a member of a
+    level it is met as well as its priority allows.  A half-space is ``Within(Position(..., axes="x"), upper=...)``.
+    Raises DeclarationError for fields, for bounds of another number than rows, and for a task it cannot bound.
+    """
+
+    steered: ClassVar[bool] = True
+
+    task: Task = field(kw_only=False)
+    lower: Any = None
+    upper: Any = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.task, Task) or self.task.grounded or has(self.task, "step_bounds"):
+            raise self.bad("task", self.task, "a task with a value, such as Position(frame=...)")
+        super().__post_init__()
+        for what in ("lower", "upper"):
+            self._set_bound(what)
+        if self.lower is None and self.upper is None:
+            raise self.bad("bounds", None, "lower, upper or both")
+
+    def _set_bound(self, what: str) -> None:
+        value = getattr(self, what)
+        if value is None:
+            return
+        try:
+            numbers = tuple(float(x) for x in np.atleast_1d(value))
+        except (TypeError, ValueError):
+            numbers = (math.nan,)
+        if not numbers or any(map(math.isnan, numbers)):
+            raise self.bad(what, value, "a number or a sequence of numbers")
+        object.__setattr__(self, what, numbers[0] if len(numbers) == 1 else numbers)
+
+    def default_name(self) -> str:
+        """The task's name and ``_within``."""
+        return f"{self.task.name}_within"
+
+    def rows(self, robot: Robot) -> int:
+        """As many as the task's; raises DeclarationError for a misfit of bounds or of the task."""
+        m = self.task.rows(robot)
+        if not _has_vector(self.task, robot, m):
+            allowed = "a task whose value is a vector; Cone bounds directions, Orientation(axes=...) angles"
+            raise self.bad("task", self.task.name, allowed)
+        low, high = self.ends(m)
+        if low.shape != (m,) or high.shape != (m,):
+            raise self.bad("bounds", (self.lower, self.upper), f"a number or {m} of them")
+        if np.any(low > high):
+            raise self.bad("lower", self.lower, f"at most upper, {self.upper}")
+        return m
+
+    def selection(self, robot: Robot) -> Index | None:
+        """The task's."""
+        return selection_of(self.task, robot)
+
+    def ends(self, m: int) -> tuple[Vec, Vec]:
+        """(lower, upper) ``(m,)``, infinite where there is none."""
+        given = (-math.inf if self.lower is None else self.lower), (math.inf if self.upper is None else self.upper)
+        low, high = (np.full(m, x) if np.size(x) == 1 else np.array(x, dtype=np.float64) for x in given)
+        return low, high
+
+    def hold(self, state: State) -> Reference:
+        """Zero ``(m,)``: bounds are on the value itself."""
+        return Reference(self.name, np.zeros(self.task.rows(state.robot)))
+
+    def at(self, value: Any) -> Reference:
+        """What the bounds are measured from ``(m,)``, as of the task; raises DeclarationError for shapes."""
+        return replace(self.task.at(value), name=self.name)
+
+    def bounds(self, state: State, reference: Any = None) -> tuple[Vec, Vec]:
+        """(lower - e, upper - e) ``(m,)``, e = value - reference; lower and upper where the task is a velocity."""
+        low, high = self.ends(self.task.rows(state.robot))
+        if isinstance(self.task, _RateTask):
+            return low, high
+        e = self.task.error(state, np.zeros(low.size) if reference is None else reference)
+        return low - e, high - e
+
+    def step_bounds(self, state: State, dt: float, order: int, *steer: Any) -> tuple[Vec, Vec]:
+        """(lower, upper) ``(m,)`` of J x."""
+        if not isinstance(self.task, _RateTask):
+            return super().step_bounds(state, dt, order, *steer)
+        low, high = self.ends(self.task.rows(state.robot))
+        if order == 1:
+            return low, high
+        speed, drift = self.jacobian(state) @ state.v, self.drift(state)
+        return self.rate * (low - speed) - drift, self.rate * (high - speed) - drift
+
+    def jacobian(self, state: State, reference: Any = None) -> Mat:
+        """The task's J ``(m, nv)``."""
+        return self.task.jacobian(state)
+
+    def drift(self, state: State, reference: Any = None) -> Vec:
+        """The task's dJ/dt v ``(m,)``."""
+        return self.task.drift(state)
+
+    def row_names(self, robot: Robot) -> tuple[str, ...]:
+        """The task's."""
+        return self.task.row_names(robot)
+
+
+_VECTORS: WeakKeyDictionary[Robot, dict[Task, bool]] = WeakKeyDictionary()
+
+
+def _has_vector(task: Task, robot: Robot, m: int) -> bool:
+    """Whether the value of a task is a vector ``(m,)``, found once a robot."""
+    known = _VECTORS.setdefault(robot, {})
+    if task not in known:
+        known[task] = not task.steered and np.shape(task.value(robot.copy().state())) == (m,)
+    return known[task]
