@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from hqp import robots, serial, tasks
     from hqp.checking import check
     from hqp.comparison import compare
+    from hqp.goals import reach, solve_ik
     from hqp.lab import bench
     from hqp.solvers.many import solve_many
     from hqp.torque import Torque
@@ -60,8 +61,10 @@ __all__ = [
     "certificate",
     "check",
     "compare",
+    "reach",
     "robots",
     "serial",
+    "solve_ik",
     "solve_many",
     "solvers",
     "tasks",
@@ -86,6 +89,8 @@ def __getattr__(name: str) -> object:
         return importlib.import_module("hqp.lab").bench
     if name == "solve_many":
         return importlib.import_module("hqp.solvers.many").solve_many
+    if name in ("reach", "solve_ik"):
+        return getattr(importlib.import_module("hqp.goals"), name)
     if name == "view":
         return importlib.import_module("hqp.viewer").view
     raise AttributeError(f"module 'hqp' has no attribute {name!r}")

@@ -53,7 +53,7 @@ for _part in ("robot", "robots", "tasks"):
 
 ABOVE = {
     "adapters", "arguments", "comparison", "conflict", "contact_watch", "direct", "doctor", "estimation", "explain",
-    "formulation", "lab", "recorder", "serial", "session", "sweep", "tick", "torque", "transition", "viewer",
+    "formulation", "goals", "lab", "recorder", "serial", "session", "sweep", "tick", "torque", "transition", "viewer",
 }  # fmt: skip
 """Formulations, sessions and what stands on them: they may import what they need, but in no circle."""
 

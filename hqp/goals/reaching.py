@@ -1,0 +1,138 @@
+"""Inverse kinematics to a target: strict levels, step control, restarts."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.errors import DeclarationError, ModelError
+from hqp.reference import Reference
+from hqp.robot import Robot
+from hqp.stack import Stack
+
+from .kept import Kept
+from .search import Search
+
+_SEARCHES: Kept[Search] = Kept(8)
+INSIDE = 0.98
+"""Share of the joints' ranges that restarts are drawn from."""
+SETTLING = 0.2
+"""Share of the budget that may be spent on top of it to settle levels that cannot be met."""
+BASE = 0.1
+"""A free base restarts within this of q0 [m, rad]."""
+
+
+@dataclass(frozen=True)
+class Reached:
+    """What ``reach`` found.
+
+    q ``(nq,)``: the configuration.  success: whether every target is within the tolerance.  reason: why not, "" where
+    it is.  residuals: by level, ``subject_to`` first, the norm of the errors of all its elements [m, rad].  errors: by
+    element, the norm of its error.  starts, steps: how many were taken.  time [s].
+    """
+
+    q: Vec
+    success: bool
+    reason: str
+    residuals: dict[str, float]
+    errors: dict[str, float]
+    starts: int
+    steps: int
+    time: float
+
+    def __str__(self) -> str:
+        told = "reached" if self.success else f"not reached: {self.reason}"
+        levels = ", ".join(f"{name} {value:.3g}" for name, value in self.residuals.items())
+        return f"{told} ({self.starts} starts, {self.steps} steps, {1e3 * self.time:.1f} ms; {levels})"
+
+
+def reach(
+    stack: Stack,
+    robot: Robot,
+    *references: Reference,
+    q0: Vec | None = None,
+    restarts: int = 50,
+    tolerance: float = 1e-3,
+    budget: float = 1.0,
+    steps: int = 100,
+    seed: int = 0,
+) -> Reached:
+    """The configuration that meets the references level by level, from q0 (home), then from random starts.
+
+    Each step is the exact hierarchy at gain 1, x with J x = -e level by level inside the limits (Gauss-Newton on strict
+    levels), no coordinate by more than 0.6 rad or m, halved while it makes the first unmet level worse.  Targets are
+    the elements with a reference here and the members of ``subject_to``, which hold what they have at q0; elements
+    without a reference hold that as well as the levels above allow and count for nothing.  Joint limits are kept
+    whether the stack names them or not.  Where levels exclude each other the result with the smallest first unmet
+    level is returned, ``success`` False.
+
+    tolerance [m, rad]: of the norm of each target's error.  restarts: random configurations inside the joint limits,
+    tried where a start stalls.  steps: at most, of one start.  budget [s]: of the search, a fifth more where the best
+    found has to settle on levels that cannot be met.  seed: of the restarts.
+    Raises DeclarationError without references or for bad numbers, ModelError for a q0 of another shape.
+    """
+    _check(stack, robot, references, q0, restarts=restarts, steps=steps, tolerance=tolerance, budget=budget)
+    begin = time.perf_counter()
+    search = _SEARCHES.get((robot, stack), lambda: Search(stack, robot))
+    q0 = robot.home if q0 is None else np.array(q0, dtype=np.float64)
+    search.aim(q0, references)
+    first = best = found = search.descend(q0, tolerance, steps, begin + budget)
+    starts, taken, rng = 1, found.steps, np.random.default_rng(seed)
+    while not found.met and starts <= restarts and time.perf_counter() < begin + budget:
+        found = search.descend(random_start(robot, q0, rng), tolerance, steps, begin + budget)
+        starts, taken, best = starts + 1, taken + found.steps, min(best, found, key=lambda descent: descent.merit)
+    last = "the budget is spent" if time.perf_counter() > begin + budget else found.reason
+    if not best.met:
+        for start in {id(first): first, id(best): best}.values():
+            found = search.descend(start.q, tolerance, steps, begin + (1.0 + SETTLING) * budget, calm=True)
+            taken, best = taken + found.steps, min(found, best, key=lambda descent: descent.merit)
+    _, errors = search.step(best.q, whole=True)
+    reason = "" if best.met else _reason(search, best.merit, errors, starts, last)
+    residuals = dict(zip(search.groups, search.residuals(errors), strict=True))
+    return Reached(best.q, best.met, reason, residuals, errors, starts, taken, time.perf_counter() - begin)
+
+
+def random_start(robot: Robot, q0: Vec, rng: np.random.Generator) -> Vec:
+    """Joints anywhere inside their limits, within half a turn where they have none; a free base near that of q0."""
+    lower, upper = np.maximum(robot.lower, -math.pi), np.minimum(robot.upper, math.pi)
+    step = INSIDE * rng.uniform(lower, upper) - robot.state(q0).angles
+    if robot.floating:
+        step[:6] = rng.uniform(-BASE, BASE, 6)
+    return robot.integrate(q0, step, 1.0)
+
+
+def _reason(search: Search, merit: tuple[float, ...], errors: dict[str, float], starts: int, last: str) -> str:
+    level = next(i for i, value in enumerate(merit) if value > 1.0)
+    name = search.worst(level, errors)
+    return f"{search.groups[level]}: {name} is {errors[name]:.3g} off after {starts} starts, the last one: {last}"
+
+
+def _check(
+    stack: Stack,
+    robot: Robot,
+    references: tuple[Reference, ...],
+    q0: Vec | None,
+    *,
+    restarts: int,
+    steps: int,
+    tolerance: float,
+    budget: float,
+) -> None:
+    if not isinstance(stack, Stack):
+        raise DeclarationError("reach", "not a Stack", value=stack, allowed="Stack(Level(...), ...)")
+    if not references:
+        raise DeclarationError("reach", "no references", allowed="task.at(...) of at least one task of the stack")
+    for reference in references:
+        stack.find(reference.name)
+    if q0 is not None and np.shape(q0) != (robot.nq,):
+        raise ModelError(f"{robot.name}: q0 has shape {np.shape(q0)}, not ({robot.nq},)")
+    for name, number, least in (("restarts", restarts, 0), ("steps", steps, 1)):
+        if not isinstance(number, (int, np.integer)) or number < least:
+            raise DeclarationError("reach", f"bad {name}", value=number, allowed=f"a whole number, {least} or more")
+    for name, size in (("tolerance", tolerance), ("budget", budget)):
+        if not size > 0.0:
+            raise DeclarationError("reach", f"bad {name}", value=size, allowed="above 0")

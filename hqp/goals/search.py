@@ -1,0 +1,200 @@
+"""Newton steps of a stack from one configuration towards references, level by level."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.element import Element, Inequality, Task
+from hqp.formulation import Velocity
+from hqp.law import P
+from hqp.price import Price
+from hqp.reference import Reference
+from hqp.robot import Robot, State
+from hqp.session import Controller, Session
+from hqp.stack import Stack
+
+STEP = 0.6
+"""Largest change of a coordinate in one step [rad or m]."""
+LEAST = 0.01
+"""A step that makes things worse is halved down to this, then taken all the same [rad or m]."""
+STALLED, PROGRESS = 12, 0.9
+"""Steps without the first unmet level falling to this share of what it was, after which a start is given up."""
+POLISH = 0.01
+"""Once the targets are met, steps go on while they are larger than this [rad or m]: levels below settle."""
+SETTLED = 1e-4
+"""Steps below this lead no nearer to what is out of reach [rad or m]."""
+LAST = 30
+"""Most steps of that kind."""
+TAU = 0.05
+"""Price of motion [s] where the targets are out of reach: what is nearly lost moves by 1/tau at most."""
+
+Merit: TypeAlias = tuple[float, ...]
+"""Largest error of each group, ``subject_to`` first, in tolerances and at least 1: compared in that order."""
+
+
+class Descent(NamedTuple):
+    """Where a start ended: configuration, merit, steps taken, and why it went no further."""
+
+    q: Vec
+    merit: Merit
+    steps: int
+    reason: str
+
+    @property
+    def met(self) -> bool:
+        """Whether every target is within the tolerance."""
+        return max(self.merit) <= 1.0
+
+
+class Compiled(NamedTuple):
+    """A session, its stack with what the robot adds, and the rows that tell errors: name, demand, weight."""
+
+    session: Session
+    stack: Stack
+    asked: list[tuple[str, Vec, float]]
+
+
+def steps_of(stack: Stack) -> Stack:
+    """The stack for steps of one second: gain 1, limits of positions alone, collisions left at half their way."""
+    from hqp.tasks import CollisionAvoidance, JointLimits
+
+    def tame(element: Element) -> Element:
+        if isinstance(element, JointLimits):
+            return dataclasses.replace(element, acceleration=0.0, braking=0.0)
+        if isinstance(element, CollisionAvoidance):
+            return dataclasses.replace(element, rate=0.5, recovery=1.0)
+        return dataclasses.replace(element, law=P(1.0)) if isinstance(element, (Task, Inequality)) else element
+
+    limited = any(isinstance(element, JointLimits) for element in stack)
+    extra = () if limited else (JointLimits(acceleration=0.0, braking=0.0, name="reach_limits"),)
+    levels = (level.replace(*map(tame, level)) for level in stack.levels)
+    return Stack(*levels, subject_to=[*map(tame, stack.subject_to), *extra])
+
+
+class Search:
+    """A stack compiled for steps of one second, and the errors that its rows tell."""
+
+    def __init__(self, stack: Stack, robot: Robot) -> None:
+        from hqp.tasks import JointLimits
+
+        self.robot = robot
+        self._stack, self._laws = steps_of(stack), Velocity(law=P(1.0), contact_law=P(1.0))
+        self._exact = self._compiled(Price(0.0, 0.0))
+        self._calm: Compiled | None = None
+        members = [("subject_to", self._exact.stack.subject_to)]
+        members += [(level.name or str(level), level.elements) for level in self._exact.stack.levels]
+        self.groups: list[str] = [name for name, _ in members]
+        self._members = [elements for _, elements in members]
+        every = [e for elements in self._members for e in elements]
+        self._limits = [e for e in every if isinstance(e, Inequality)]
+        self._guards = [e for e in self._limits if not isinstance(e, JointLimits)]
+        self._references: tuple[Reference, ...] = ()
+        self._steered: dict[str, Vec | None] = {}
+        self._targets: frozenset[str] = frozenset()
+
+    def _compiled(self, price: Price) -> Compiled:
+        session = Controller(self._stack, self._laws, deadline=math.inf, price=price).session(self.robot, 1.0)
+        places, levels = session.program.places, session.problem.levels
+        parts = [(e, places[e.name]) for e in session.stack if not isinstance(e, Inequality)]
+        return Compiled(session, session.stack, [(e.name, levels[p.level].lower[p.part], e.weight) for e, p in parts])
+
+    @property
+    def calm(self) -> Compiled:
+        """The levels with a price on motion, for what is out of reach: it is slower and goes nearer."""
+        if self._calm is None:
+            self._calm = self._compiled(Price(tau=TAU))
+        return self._calm
+
+    def aim(self, q0: Vec, references: Sequence[Reference]) -> None:
+        """Take targets; every other element holds what it has at q0, and those of ``subject_to`` have to."""
+        state = self.robot.state(q0)
+        given = {reference.name: reference for reference in references}
+        held = [e.hold(state) for elements in self._members for e in elements if e.name not in given]
+        self._references = (*references, *(r for r in held if r.value is not None))
+        self._steered = {r.name: r.value for r in self._references}
+        self._targets = frozenset((*given, *(e.name for e in self._members[0])))
+
+    def step(self, q: Vec, whole: bool = False, calm: bool = False) -> tuple[Vec | None, dict[str, float]]:
+        """The step from q ``(nv,)``, None where there is no answer, and errors at q by element.
+
+        Joint limits, which no step from inside leaves, have an error only where the ``whole`` is asked for.
+        """
+        state = self.robot.state(q)
+        run = self.calm if calm else self._exact
+        tick = run.session.step(state, *self._references)
+        # at gain 1 the rows of an element ask for its error
+        errors = {name: math.sqrt(float(asked @ asked)) / weight for name, asked, weight in run.asked}
+        for element in self._limits if whole else self._guards:
+            errors[element.name] = self._violation(element, state)
+        return (np.array(tick.x) if tick.held == 0 else None), errors
+
+    def _violation(self, element: Inequality, state: State) -> float:
+        """How far an inequality is violated [m or rad]."""
+        value = (self._steered[element.name],) if element.steered else ()
+        lower, upper = element.bounds(state, *value)
+        return max(0.0, float(np.max(lower, initial=0.0)), float(np.max(np.negative(upper), initial=0.0)))
+
+    def merit(self, errors: Mapping[str, float], tolerance: float) -> Merit:
+        """Errors of targets by group, those within the tolerance alike."""
+        found = []
+        for elements in self._members:
+            worst = max((errors[e.name] for e in elements if e.name in self._targets and e.name in errors), default=0.0)
+            found.append(max(1.0, worst / tolerance))
+        return tuple(found)
+
+    def residuals(self, errors: Mapping[str, float]) -> tuple[float, ...]:
+        """Norm of the errors of each group, of all its members."""
+        return tuple(math.sqrt(sum(errors.get(e.name, 0.0) ** 2 for e in elements)) for elements in self._members)
+
+    def worst(self, group: int, errors: Mapping[str, float]) -> str:
+        """The target of a group with the largest error."""
+        names = [e.name for e in self._members[group] if e.name in self._targets and e.name in errors]
+        return max(names, key=lambda name: errors[name])
+
+    def descend(self, q: Vec, tolerance: float, most: int, end: float, calm: bool = False) -> Descent:
+        """Steps from q until the targets are met and the rest has settled, ``most`` of them, until the time ``end``."""
+        met = (1.0,) * len(self.groups)
+        here, at, x, size, radius = (math.inf,) * len(met), q, np.zeros(self.robot.nv), 0.0, STEP
+        best, mark, since, settled, taken = Descent(q, here, 0, ""), here, 0, 0, 0
+        while True:
+            found, errors = self.step(q, calm=calm)
+            merit = self.merit(errors, tolerance)
+            if merit <= best.merit:
+                best = Descent(q, merit, taken, "")
+            if merit > here and radius > LEAST:  # back to where it came from, half the way
+                radius *= 0.5
+            else:
+                if found is None:
+                    return best._replace(steps=taken, reason="no answer of the solver")
+                here, at, x, radius = merit, q, found, min(2.0 * radius, STEP)
+                size = float(np.abs(x).max())
+                if merit == met:
+                    settled += 1
+                    if size <= POLISH or settled > LAST:
+                        return Descent(q, merit, taken, "")
+                elif size < (SETTLED if calm else 1e-9):
+                    return best._replace(steps=taken, reason="no step leads on")
+                since = 0 if merit == met or advanced(merit, mark) else since + 1
+                mark = merit if since == 0 else mark
+                if since > STALLED and not calm:
+                    return best._replace(steps=taken, reason="stalled")
+            if taken == most or time.perf_counter() > end:
+                return best._replace(steps=taken, reason="out of steps")
+            taken += 1
+            radius = min(radius, size)
+            q = self.robot.integrate(at, x, radius / max(size, 1e-12))
+
+
+def advanced(merit: Merit, mark: Merit) -> bool:
+    """Whether the first group that is unmet has fallen, or is met."""
+    for now, then in zip(merit, mark, strict=True):
+        if now != then:
+            return now < PROGRESS * then or now == 1.0
+    return False

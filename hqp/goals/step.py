@@ -1,0 +1,52 @@
+"""One step of inverse kinematics, for those who keep the loop to themselves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.element import Element
+from hqp.formulation import Velocity
+from hqp.reference import Reference
+from hqp.robot import Robot
+from hqp.session import Controller, Session
+from hqp.stack import Level, Stack
+
+from .kept import Kept
+
+_SESSIONS: Kept[Session] = Kept(16)
+
+
+def solve_ik(
+    robot: Robot,
+    q: Vec,
+    levels: Stack | Sequence[Level],
+    dt: float,
+    *references: Reference,
+    subject_to: Sequence[Element] = (),
+    solver: str = "",
+    fresh: bool = False,
+) -> Vec:
+    """The generalised velocity ``(nv,)`` [rad/s, m/s] of one step of ``levels`` at q, ``(nq,)``.
+
+    levels: a Stack, or its levels under ``subject_to``.  dt [s]: of the step to follow, ``robot.integrate(q, v, dt)``.
+    A session is kept for each robot, stack, dt and solver: elements without a reference hold what they had at its
+    first call, the acceleration window of ``JointLimits`` counts from the velocity of its last; fresh starts anew.
+    Raises NotSolved where no answer may be used, DeclarationError and ModelError for what does not fit.
+    """
+    stack = levels if isinstance(levels, Stack) else Stack(*levels, subject_to=subject_to)
+    key = robot, stack, float(dt), solver
+    if fresh:
+        _SESSIONS.drop(key)
+    session = _SESSIONS.get(key, lambda: _session(robot, stack, dt, solver))
+    tick = session.step(robot.state(q), *references)
+    if not tick.status.usable:
+        tick.unwrap()
+    return np.array(tick.x)
+
+
+def _session(robot: Robot, stack: Stack, dt: float, solver: str) -> Session:
+    return Controller(stack, Velocity(), solver=solver, deadline=math.inf).session(robot, dt)

@@ -1,0 +1,170 @@
+"""reach: targets met on strict levels, from many starts, and why not where they are not."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hqp
+import hqp.robots
+from hqp import Level, Stack, shapes
+from hqp.errors import DeclarationError, ModelError
+from hqp.tasks import CollisionAvoidance, Com, FixedContact, JointLimits, Pose, Position, Posture
+
+TOOLS = {"ur5": ("tool0",), "panda": ("panda_hand_tcp",), "g1": ("left_wrist_yaw_link", "right_wrist_yaw_link")}
+
+
+def load(name: str) -> Any:
+    if name not in hqp.robots.names():
+        pytest.skip("needs example-robot-data")
+    return hqp.robots.load(name, floating=False)
+
+
+def reachable(robot: Any, frames: tuple[str, ...], count: int) -> list[list[Any]]:
+    """Poses of frames in random configurations inside the limits and free of collisions."""
+    apart, rng = CollisionAvoidance(clearance=0.0), np.random.default_rng(1)
+    lower, upper = np.maximum(robot.lower, -math.pi), np.minimum(robot.upper, math.pi)
+    found: list[list[Any]] = []
+    while len(found) < count:
+        step = rng.uniform(lower, upper) - robot.state(robot.home).angles
+        state = robot.state(robot.integrate(robot.home, step, 1.0))
+        if all(near is None or near.distance > 0.0 for near in apart.near(state)):
+            found.append([Pose(frame=f).value(state) for f in frames])
+    return found
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "g1"])
+def test_random_reachable_poses_are_reached(name: str) -> None:
+    robot, frames = load(name), TOOLS[name]
+    hands = [Pose(frame=f) for f in frames]
+    stack = Stack(Level(*hands))
+    for k, poses in enumerate(reachable(robot, frames, 60)):
+        found = hqp.reach(stack, robot, *(h.at(p) for h, p in zip(hands, poses, strict=True)), seed=k, budget=20.0)
+        assert found.success, (k, str(found))
+        assert np.all(found.q >= robot.lower - 1e-9)
+        assert np.all(found.q <= robot.upper + 1e-9)
+        state = robot.state(found.q)
+        for frame, pose in zip(frames, poses, strict=True):
+            assert np.linalg.norm(state.position(frame) - pose[:3, 3]) < 1e-3
+            assert np.linalg.norm(robot.log3(state.rotation(frame) @ pose[:3, :3].T)) < 1e-3
+
+
+def test_panda_leaves_its_elbow_limit() -> None:
+    """Straight at its limit the elbow is a local minimum; a restart leaves it."""
+    robot = load("panda")
+    hand, q0 = Pose(frame="panda_hand_tcp"), robot.home.copy()
+    q0[3] = robot.upper[3]
+    ended = []
+    for k, (pose,) in enumerate(reachable(robot, (hand.frame,), 30)):
+        assert hqp.reach(Stack(Level(hand)), robot, hand.at(pose), q0=q0, seed=k, budget=20.0).success
+        ended.append(hqp.reach(Stack(Level(hand)), robot, hand.at(pose), q0=q0, restarts=0).success)
+    assert not all(ended)
+
+
+def test_levels_are_strict() -> None:
+    """One hand near, the other asked 1.5 m ahead: the first level is met, the second as near as that lets it."""
+    robot = load("g1")
+    one, two = Position(frame="left_wrist_yaw_link"), Position(frame="right_wrist_yaw_link")
+    state = robot.state()
+    near, far = state.position(one.frame) + [0.05, 0.0, 0.05], np.array([1.5, -0.2, 0.3])
+    found = hqp.reach(
+        Stack(Level(one, name="one"), Level(two, name="two")), robot, one.at(near), two.at(far), restarts=3
+    )
+    assert not found.success
+    assert found.residuals["one"] < 1e-3
+    assert found.errors["right_wrist_yaw_link"] > 0.5
+    assert found.reason.startswith("two: right_wrist_yaw_link is ")
+    # as near as it gets: no joint that is free to move brings the second hand nearer without moving the first
+    state = robot.state(found.q)
+    inside = (found.q > robot.lower + 1e-6) & (found.q < robot.upper - 1e-6)
+    J, K = one.jacobian(state)[:, inside], two.jacobian(state)[:, inside]
+    downhill = (K.T - np.linalg.pinv(J) @ (J @ K.T)) @ two.error(state, far)
+    assert np.linalg.norm(downhill) < 0.01 * found.residuals["two"]
+    alone = hqp.reach(Stack(Level(two, name="two")), robot, two.at(far), restarts=3)
+    assert found.residuals["two"] < alone.residuals["two"] + 0.02
+
+
+def test_levels_below_settle() -> None:
+    """A posture without a reference is as near to q0 as the hand lets it: no step of the self-motion is left."""
+    robot = load("panda")
+    hand, posture = Pose(frame="panda_hand_tcp"), Posture()
+    pose = hand.value(robot.state())
+    pose[:3, 3] += [-0.1, 0.2, 0.1]
+    found = hqp.reach(Stack(Level(hand), Level(posture)), robot, hand.at(pose))
+    assert found.success
+    state = robot.state(found.q)
+    J = hand.jacobian(state)
+    free = np.eye(robot.nv) - np.linalg.pinv(J) @ J
+    left = free @ posture.error(state, posture.value(robot.state(robot.home)))
+    assert np.linalg.norm(posture.error(robot.state(found.q), robot.home)) > 0.1
+    assert np.linalg.norm(left) < 0.02
+
+
+def test_a_humanoid_reaches_with_its_feet_and_balance_held() -> None:
+    robot = hqp.robots.load("cbi")
+    feet = [FixedContact(frame=f) for f in ("l_sole", "r_sole")]
+    hand, com = Position(frame="r_palm"), Com(axes="xy")
+    stack = Stack(
+        Level(com, name="balance"), Level(hand, name="hand"), Level(Posture()), subject_to=[*feet, JointLimits()]
+    )
+    state = robot.state()
+    goal, start = state.position("r_palm") + [0.15, 0.0, 0.2], {f.frame: f.value(state) for f in feet}
+    centre = state.com()[:2].copy()
+    found = hqp.reach(stack, robot, hand.at(goal))
+    assert found.success, str(found)
+    state = robot.state(found.q)
+    np.testing.assert_allclose(state.position("r_palm"), goal, atol=1e-3)
+    for foot in feet:
+        assert np.linalg.norm(foot.error(state, start[foot.frame])) < 1e-3
+    np.testing.assert_allclose(state.com()[:2], centre, atol=5e-3)
+    assert found.residuals["balance"] < 1e-3
+
+
+def test_the_world_is_avoided_where_the_stack_says_so() -> None:
+    robot = load("panda")
+    hand = Position(frame="panda_hand_tcp")
+    goal = robot.state().position(hand.frame) + [0.1, 0.0, -0.2]
+    ball = shapes.sphere("ball", 0.08, tuple(robot.state().position(hand.frame) + [0.05, 0.0, -0.1]))
+    avoid = CollisionAvoidance(world=ball, clearance=0.02)
+    found = hqp.reach(Stack(Level(hand), subject_to=[JointLimits(), avoid]), robot, hand.at(goal), budget=10.0)
+    assert found.success, str(found)
+    state = robot.state(found.q)
+    np.testing.assert_allclose(state.position(hand.frame), goal, atol=1e-3)
+    assert all(n.distance > n.clearance - 1e-3 for n in avoid.near(state) if n is not None)
+    inside = robot.state().position(hand.frame) + [0.05, 0.0, -0.1]
+    lost = hqp.reach(Stack(Level(hand), subject_to=[JointLimits(), avoid]), robot, hand.at(inside), restarts=2)
+    assert not lost.success
+    assert "panda_hand_tcp is 0." in lost.reason
+
+
+def test_a_budget_ends_it_and_says_so() -> None:
+    robot = load("ur5")
+    hand = Position(frame="tool0")
+    found = hqp.reach(Stack(Level(hand)), robot, hand.at([3.0, 0.0, 0.0]), restarts=10_000, budget=0.05)
+    assert not found.success
+    assert "the budget is spent" in found.reason
+    assert found.time < 0.5
+    again = hqp.reach(Stack(Level(hand)), robot, hand.at([3.0, 0.0, 0.0]), restarts=1)
+    assert again.starts == 2
+
+
+def test_bad_input() -> None:
+    robot = load("ur5")
+    hand = Position(frame="tool0")
+    stack, goal = Stack(Level(hand)), hand.at([0.3, 0.2, 0.3])
+    with pytest.raises(DeclarationError, match="no references"):
+        hqp.reach(stack, robot)
+    with pytest.raises(DeclarationError, match="no element of that name"):
+        hqp.reach(stack, robot, Position(frame="wrist").at([0.0, 0.0, 0.0]))
+    with pytest.raises(ModelError, match="q0 has shape"):
+        hqp.reach(stack, robot, goal, q0=np.zeros(3))
+    for bad in ({"restarts": -1}, {"steps": 0}, {"tolerance": 0.0}, {"budget": math.nan}, {"restarts": 1.5}):
+        with pytest.raises(DeclarationError, match=next(iter(bad))):
+            hqp.reach(stack, robot, goal, **bad)
+    with pytest.raises(DeclarationError, match="not a Stack"):
+        hqp.reach([Level(hand)], robot, goal)  # type: ignore[arg-type]
+    unmet = hqp.reach(stack, robot, hand.at([math.nan, 0.0, 0.0]), restarts=1)
+    assert not unmet.success
