@@ -23,7 +23,7 @@ from hqp.plans import Plan
 from hqp.reference import Reference, numbers
 from hqp.robot import Robot, State
 
-Quantity: TypeAlias = Literal["motion", "force", "effort"]
+Quantity: TypeAlias = Literal["motion", "force", "effort", "load"]
 
 Unit: TypeAlias = Literal["m", "rad"]
 

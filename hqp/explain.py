@@ -62,11 +62,12 @@ class Account:
 
 @dataclass(frozen=True)
 class Explanation:
-    """The accounts of a tick and its certificate; ``str()`` is a table."""
+    """The accounts of a tick and its certificate; ``str()`` is a table.  remarks: on loads, which have no rows."""
 
     status: str
     accounts: tuple[Account, ...]
     certificate: Certificate
+    remarks: tuple[str, ...] = ()
 
     def __getitem__(self, element: str) -> Account:
         """The account of an element; raises KeyError with the closest names."""
@@ -84,7 +85,7 @@ class Explanation:
             "  ".join((*(cell.ljust(width) for cell, width in zip(row[:4], widths, strict=True)), row[4]))
             for row in (header, *lines)
         ]
-        return "\n".join((*table, f"{self.status}; {self.certificate}"))
+        return "\n".join((*table, *self.remarks, f"{self.status}; {self.certificate}"))
 
 
 def explain(

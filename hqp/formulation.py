@@ -70,6 +70,10 @@ class Program(ABC):
         """Why an element's rows are not usable."""
         return self.assembly.reason(name)
 
+    def remarks(self, state: State) -> tuple[str, ...]:
+        """What an account of the latest tick should mention beside its rows."""
+        return ()
+
     @property
     def errors(self) -> Mapping[str, Exception]:
         """What elements raised in the latest fill."""
@@ -132,7 +136,7 @@ class Formulation(ABC):
                     element.name,
                     f"{type(self).__name__} maps {', '.join(sorted(self.quantities))} only",
                     value=element.quantity,
-                    allowed="Torque for contact forces and efforts",
+                    allowed="Torque for contact forces, efforts and loads",
                 )
 
 

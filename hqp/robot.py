@@ -106,6 +106,11 @@ class Robot(Protocol):
         """A standing configuration ``(nq,)``."""
         ...
 
+    @property
+    def gravity(self) -> Vec:
+        """Acceleration of free fall, world axes, ``(3,)`` [m/s^2]."""
+        ...
+
     def frame(self, name: str) -> int:
         """Index of a frame; raises FrameNotFound with the closest names."""
         ...

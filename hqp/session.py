@@ -558,7 +558,8 @@ class Session:
         if tick._count != self.count or tick.solution is None:
             raise HqpError("explain() tells of the latest step with a solution; call it before the next step")
         row_names = {element.name: element.row_names(self.robot) for element in self.stack}
-        return explain(self.problem, tick.solution, self.program.places, row_names)
+        told = explain(self.problem, tick.solution, self.program.places, row_names)
+        return replace(told, remarks=self.program.remarks(tick.state))
 
     def conflict(self, tick: Tick) -> Conflict:
         """Which rows of ``subject_to`` exclude each other in the latest tick; raises HqpError for an earlier one."""

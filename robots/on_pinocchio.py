@@ -128,6 +128,11 @@ class Robot:
         """Total mass [kg]."""
         return float(pin.computeTotalMass(self.model))
 
+    @property
+    def gravity(self) -> Vec:
+        """Acceleration of free fall, world axes, ``(3,)`` [m/s^2]."""
+        return np.array(self.model.gravity.linear)
+
     def frame(self, name: str) -> int:
         """Index of a frame; raises FrameNotFound with the closest names."""
         try:

@@ -14,6 +14,7 @@ from .directions import AlignAxis, Distance, LookAt
 from .edge import EdgeContact
 from .friction import CenterOfPressure, FrictionCone, UnilateralContact
 from .limits import JointLimits, TorqueLimits
+from .loads import ExternalWrench, Payload
 from .manipulability import Manipulability
 from .motion import BaseVelocityLimits, Damping, JointVelocity, LowAcceleration, Momentum
 from .orientation import Orientation
@@ -37,6 +38,7 @@ __all__ = [
     "Damping",
     "Distance",
     "EdgeContact",
+    "ExternalWrench",
     "FixedContact",
     "FrictionCone",
     "JointCoupling",
@@ -49,6 +51,7 @@ __all__ = [
     "Momentum",
     "OmniWheelContact",
     "Orientation",
+    "Payload",
     "PointContact",
     "Pose",
     "Position",

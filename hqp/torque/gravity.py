@@ -44,21 +44,21 @@ class Gravity:
         """Whether a reference of this tick has a gravity_normal."""
         return any(reference.gravity_normal is not None for reference in given)
 
-    def torque(self, state: State, J: Mat) -> Vec:
-        """tau_g ``(n,)`` [N m] on the constraints J."""
-        g, actuated = state.gravity_force(), self._robot.actuated
+    def torque(self, g: Vec, J: Mat) -> Vec:
+        """tau_g ``(n,)`` [N m] that holds g ``(nv,)`` on the constraints J."""
+        actuated = self._robot.actuated
         tau = np.empty(actuated.size)
         if self._native is not None and self._native.torque(J, g, tau):
             return tau
         return holding_torque(J, g, actuated)
 
-    def other(self, state: State, references: Mapping[str, Reference]) -> Vec:
-        """tau_g ``(n,)`` [N m] on the ground of the gravity normals."""
+    def other(self, state: State, g: Vec, references: Mapping[str, Reference]) -> Vec:
+        """tau_g ``(n,)`` [N m] that holds g on the ground of the gravity normals."""
         if self._rows is None:
             self._rows = Assembly(self._held, (), self._robot, self._dt, self._laws)
         other = {e.name: _on_gravity_normal(references[e.name]) for e in self._held}
         self._rows.fill(state, other, ())
-        return self.torque(state, self._rows.J)
+        return self.torque(g, self._rows.J)
 
 
 def _on_gravity_normal(r: Reference) -> Reference:

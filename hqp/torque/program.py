@@ -24,7 +24,8 @@ from hqp.safety import Braking
 from hqp.stack import Stack
 from hqp.torque.dynamics import ConstrainedDynamics, coordinate_parents
 from hqp.torque.forces import Efforts, Forces
-from hqp.torque.gravity import Gravity
+from hqp.torque.gravity import Gravity, holding_torque
+from hqp.torque.loads import Loads, loads_of
 from hqp.torque.reactions import reactions, require_actuation
 from hqp.torque.rest import Hold
 from hqp.torque.self_motion import SelfMotions
@@ -47,7 +48,7 @@ class Torque(Formulation):
     """
 
     order: ClassVar[int] = 2
-    quantities: ClassVar[frozenset[str]] = frozenset({"motion", "force", "effort"})
+    quantities: ClassVar[frozenset[str]] = frozenset({"motion", "force", "effort", "load"})
     law: Law = field(default=PD(100.0, 20.0))
     contact_law: Law = field(default=PD(0.0, 0.0))
     gravity_compensation: bool = False
@@ -84,7 +85,8 @@ class TorqueProgram(Program):
         self.dt, self._laws = dt, laws
         self.actuation = require_actuation(held, robot, dt, laws)
         exact = price is not None and price.tau == 0.0
-        groups = lay_out(stack, robot, held=held, torque=True, contacts_first=not exact)
+        self.loads = Loads(loads_of(stack), robot)
+        groups = lay_out(stack, robot, held=(*held, *self.loads.elements), torque=True, contacts_first=not exact)
         motion = [e for group in groups for e in group.elements if e.quantity == "motion"]
         picked = [e for e in motion if selection_of(e, robot) is not None]
         dense = [*held, *(e for e in motion if selection_of(e, robot) is None)]
@@ -208,12 +210,12 @@ class TorqueProgram(Program):
         rows.fill(state, references, mine, [name for name in left_out if name in rows.members])
         for name in left_out:
             self._rest_in_place(name)
-        self._unusable = rows.unusable()
+        self._unusable = rows.unusable() + self.loads.take(references)
         if self._unusable:
             return  # no elimination with constraints that are no numbers
         if self._self_motions:
             self._self_motions.add(state, references)
-        dynamics.update(state.inertia(), state.bias_force(), rows.J[:m], rows.lower[:m])
+        dynamics.update(*self.loads.dynamics(state), rows.J[:m], rows.lower[:m])
         X, c = dynamics.X, dynamics.c
         if not float(c.dot(c)) < np.inf:
             raise DynamicsFailed("the constrained dynamics are not finite")
@@ -223,9 +225,10 @@ class TorqueProgram(Program):
         shift = None
         other_normals = bool(given) and self._gravity.asked(given)
         if other_normals or self._origin is not None:
-            holding = self._gravity.torque(state, rows.J[:m])
+            weight = self.loads.gravity(state)
+            holding = self._gravity.torque(weight, rows.J[:m])
             if other_normals:
-                there = self._gravity.other(state, references)
+                there = self._gravity.other(state, weight, references)
                 shift, holding = there - holding, there
                 c = c - X @ shift  # the model of the rows meets tau - shift
             if self._origin is not None:
@@ -258,7 +261,21 @@ class TorqueProgram(Program):
 
     def rest(self, robot: Robot, braking: Braking) -> Rest:
         """Holding torque with damping."""
-        return Hold(self.held, robot, braking, self.dt, self._laws)
+        return Hold(self.held, robot, braking, self.dt, self._laws, self.loads)
+
+    def remarks(self, state: State) -> tuple[str, ...]:
+        """What each load asks of the motors to be held, in words."""
+        if not self.loads:
+            return ()
+        J, actuated = self.assembly.J[: self._m], state.robot.actuated
+        twin = state.robot.copy().state(state.q, state.v)  # the robot may have moved on
+        found = []
+        for name, change in self.loads.change(twin).items():
+            tau = holding_torque(J, change, actuated)
+            i = int(np.argmax(np.abs(tau)))
+            joint = state.robot.joint_names[i]
+            found.append(f"{name}: {self.loads.values[name].round(3).tolist()}, up to {tau[i]:.3g} N m of {joint}")
+        return tuple(found)
 
     def _rest_in_place(self, name: str) -> None:
         """Of a reaction constraint keep the rows that are numbers, with no acceleration asked: J qdd = 0."""

@@ -15,6 +15,7 @@ from hqp.robot import Robot, State
 from hqp.safety import Braking
 from hqp.torque.dynamics import ConstrainedDynamics, coordinate_parents
 from hqp.torque.gravity import holding_torque
+from hqp.torque.loads import Loads
 
 
 class Hold(Rest):
@@ -22,10 +23,19 @@ class Hold(Rest):
 
     phi*_ii is the reduced inverse inertia that motor i feels (Sentis 2012, eq. 15): phi* D has the diagonal 1 / T, so
     its largest eigenvalue is at most n / T and D never overshoots within one period.  q is that of the last good
-    state; qd as well, fading with T, for damping by an old velocity would push.
+    state, with the loads that were told last; qd as well, fading with T, for damping by an old velocity would push.
     """
 
-    def __init__(self, held: Sequence[Element], robot: Robot, braking: Braking, dt: float, laws: Mapping[str, Law]):
+    def __init__(
+        self,
+        held: Sequence[Element],
+        robot: Robot,
+        braking: Braking,
+        dt: float,
+        laws: Mapping[str, Law],
+        loads: Loads | None = None,
+    ):
+        self._loads = Loads((), robot) if loads is None else loads
         self._held, self._robot, self._dt = tuple(held), robot, dt
         self._time = max(braking.damping, len(robot.joint_names) * dt)
         self._limit = robot.effort_limit[robot.actuated]
@@ -49,9 +59,9 @@ class Hold(Rest):
     def _at(self, state: State) -> tuple[Vec, Vec, Vec] | None:
         twin = self._twin.state(state.q, state.v)
         self._rows.fill(twin, {e.name: e.hold(twin) for e in self._held}, ())
-        gravity, dynamics = twin.gravity_force(), self._dynamics
+        gravity, dynamics = self._loads.gravity(twin), self._dynamics
         J = self._rows.J
-        dynamics.update(twin.inertia(), twin.bias_force(), J, self._rows.lower[: J.shape[0]])
+        dynamics.update(*self._loads.dynamics(twin), J, self._rows.lower[: J.shape[0]])
         tau = holding_torque(J, gravity, self._robot.actuated)
         felt = np.diagonal(dynamics.phi).copy()
         felt[felt <= 1e-9 * felt.max(initial=0.0)] = np.inf  # motors that the constraints lock need no damping

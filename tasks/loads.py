@@ -1,0 +1,121 @@
+"""What acts on the robot besides its contacts and is known: wrenches from outside, things it carries."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hqp.arrays import Mat, Vec
+from hqp.element import Element, Quantity
+from hqp.reference import Reference, numbers
+from hqp.robot import Robot, State
+
+from .fields import check_frame, check_number, set_vector
+from .relative import skew
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Load(Element):
+    """A term of the equation of motion at a frame; no rows.  It belongs into ``subject_to`` of a torque controller."""
+
+    quantity: ClassVar[Quantity] = "load"
+
+    frame: str
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_frame(self, "frame", self.frame)
+
+    def rows(self, robot: Robot) -> int:
+        """None; raises FrameNotFound."""
+        robot.frame(self.frame)
+        return 0
+
+    @abstractmethod
+    def terms(self, state: State, reference: Vec) -> tuple[Mat | None, Vec, Vec]:
+        """What it adds to A ``(nv, nv)`` (None for nothing), to b + g and to g, ``(nv,)`` each."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExternalWrench(_Load):
+    """A wrench w on a frame from outside, measured or known: A qdd + b + g = U^T tau + J_c^T f + J^T w.
+
+    ``at(wrench)`` says it each tick, force and moment ``(6,)`` [N, N m] at the frame's origin, zero without: in world
+    axes, or in the frame's with local.  The dynamics, the forces of contacts, gravity compensation and what is sent
+    at rest see it.  In ``subject_to`` of a torque controller.  Raises DeclarationError for fields, FrameNotFound on
+    binding.
+    """
+
+    local: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not isinstance(self.local, bool):
+            raise self.bad("local", self.local, "True or False")
+
+    def default_name(self) -> str:
+        """The frame and ``_wrench``."""
+        return f"{self.frame}_wrench"
+
+    def hold(self, state: State) -> Reference:
+        """No wrench."""
+        return Reference(self.name, np.zeros(6))
+
+    def at(self, wrench: ArrayLike) -> Reference:
+        """The wrench of this tick ``(6,)`` [N, N m]; raises DeclarationError for shapes."""
+        return Reference(self.name, numbers(self.name, "wrench", wrench, (6,)))
+
+    def terms(self, state: State, reference: Vec) -> tuple[None, Vec, Vec]:
+        """Nothing, -J^T w, -J^T w."""
+        w = reference
+        if self.local:
+            R = state.rotation(self.frame)
+            w = np.concatenate((R @ w[:3], R @ w[3:]))
+        force = -(state.jacobian(self.frame).T @ w)
+        return None, force, force
+
+
+@dataclass(frozen=True, kw_only=True)
+class Payload(_Load):
+    """A point mass m carried at a point of a frame: A + m J_p^T J_p, b + g + m J_p^T (dJ_p/dt v - gravity).
+
+    ``at(mass, com)`` says each tick what is carried [kg] and where, ``(3,)`` [m] in the frame's axes; mass and com are
+    what it is without.  The dynamics, the forces of contacts, gravity compensation and what is sent at rest see it; a
+    ``Com`` task does not.  A negative mass is less than the model has.  Its own moments of inertia are left out.
+    In ``subject_to`` of a torque controller.  Raises DeclarationError for fields, FrameNotFound on binding.
+    """
+
+    mass: float = 0.0
+    com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_number(self, "mass", self.mass)
+        set_vector(self, "com")
+
+    def default_name(self) -> str:
+        """The frame and ``_payload``."""
+        return f"{self.frame}_payload"
+
+    def hold(self, state: State) -> Reference:
+        """What was declared."""
+        return Reference(self.name, np.array([self.mass, *self.com]))
+
+    def at(self, mass: float, com: ArrayLike | None = None) -> Reference:
+        """What is carried in this tick [kg], and where ``(3,)`` [m]; raises DeclarationError for shapes."""
+        where = numbers(self.name, "com", self.com if com is None else com, (3,))
+        return Reference(self.name, np.concatenate((numbers(self.name, "mass", [mass], (1,)), where)))
+
+    def terms(self, state: State, reference: Vec) -> tuple[Mat | None, Vec, Vec]:
+        """m J_p^T J_p, m J_p^T (dJ_p/dt v - gravity), -m J_p^T gravity."""
+        m, arm = float(reference[0]), state.rotation(self.frame) @ reference[1:]
+        J, rate, drift = state.jacobian(self.frame), state.velocity(self.frame), state.drift(self.frame)
+        J_p = J[:3] - skew(arm) @ J[3:]
+        turn = skew(rate[3:])
+        a = drift[:3] + skew(drift[3:]) @ arm + turn @ (turn @ arm)
+        g = state.robot.gravity
+        return m * (J_p.T @ J_p), m * (J_p.T @ (a - g)), -m * (J_p.T @ g)

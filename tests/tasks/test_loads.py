@@ -1,0 +1,181 @@
+"""Known loads: the dynamics, the forces of contacts, gravity compensation, rest and explain all see them."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import hqp
+import hqp.tasks as t
+from hqp import PD, Level, Stack, serial
+from hqp.errors import DeclarationError, FrameNotFound
+from hqp.problem import Status
+
+DT = 0.002
+
+
+@pytest.fixture(scope="module")
+def robots() -> dict[str, Any]:
+    if "panda" not in hqp.robots.names():
+        pytest.skip("needs example-robot-data")
+    return {name: hqp.robots.load(name) for name in ("cbi", "g1", "panda")}
+
+
+def heavier(robot: Any, frame: str, mass: float, com: Any) -> Any:
+    """The robot with a point mass in its model."""
+    model = robot.model.copy()
+    host = model.frames[model.getFrameId(frame)]
+    model.appendBodyToJoint(host.parentJoint, pin.Inertia(mass, np.array(com), np.zeros((3, 3))), host.placement)
+    return hqp.robots.Robot(model, actuated=robot.joint_names, home=robot.home, landmarks=robot.landmarks)
+
+
+def feet(robot: Any) -> list[Any]:
+    return [t.FixedContact(frame=f, name=f) for f in robot.landmarks.get("soles", ())] if robot.floating else []
+
+
+@pytest.mark.parametrize("compensated", [False, True])
+@pytest.mark.parametrize(("name", "frame"), [("cbi", "r_palm"), ("g1", "left_wrist_yaw_link"), ("panda", "panda_hand")])
+def test_a_payload_is_a_mass_in_the_model(robots: dict[str, Any], name: str, frame: str, compensated: bool) -> None:
+    robot, (mass, com) = robots[name], (3.0, (0.1, -0.05, 0.2))
+    load = t.Payload(frame=frame)
+    hand = t.Position(frame=frame, name="hand")
+    rest = [*feet(robot), *robot.couplings]
+    formulation = hqp.Torque(gravity_compensation=compensated)
+    rng = np.random.default_rng(0)
+    twin = heavier(robot, frame, mass, com)
+    with_load = hqp.Controller(Stack(Level(hand), subject_to=[*rest, load]), formulation, deadline=math.inf)
+    plain = hqp.Controller(Stack(Level(hand), subject_to=rest), formulation, deadline=math.inf)
+    one, two = with_load.session(robot, DT), plain.session(twin, DT)
+    for _ in range(3):
+        q, v = robot.integrate(robot.home, rng.uniform(-0.3, 0.3, robot.nv), 1.0), rng.normal(size=robot.nv)
+        goal = hand.at(robot.state(q).position(frame) + rng.uniform(-0.2, 0.2, 3))
+        a = one.step(robot.state(q, v), goal, load.at(mass, com))
+        b = two.step(twin.state(q, v), goal)
+        assert a.status is b.status is Status.OPTIMAL
+        size = 1.0 + np.abs(b.command).max()
+        assert np.allclose(a.command, b.command, atol=1e-7 * size)
+        assert np.allclose(one.program.acceleration(a.x), two.program.acceleration(b.x), atol=1e-6 * size)
+        found, expected = one.program.contact_forces(a.x), two.program.contact_forces(b.x)
+        for foot in expected:
+            assert np.allclose(found[foot], expected[foot], atol=1e-6 * size)
+
+
+@pytest.mark.parametrize("local", [False, True])
+@pytest.mark.parametrize(("name", "frame"), [("cbi", "r_palm"), ("panda", "panda_hand")])
+def test_a_wrench_is_one_of_pinocchio(robots: dict[str, Any], name: str, frame: str, local: bool) -> None:
+    """tau, the contacts' forces and the wrench together cause the acceleration that the program tells."""
+    robot = robots[name]
+    wrench = t.ExternalWrench(frame=frame, local=local)
+    hand = t.Position(frame=frame, name="hand")
+    stack = Stack(Level(hand), subject_to=[*feet(robot), wrench])
+    session = hqp.Controller(stack, hqp.Torque(), deadline=math.inf).session(robot, DT)
+    rng = np.random.default_rng(1)
+    w = np.array([30.0, -20.0, 50.0, 3.0, 2.0, -1.0])
+    for _ in range(3):
+        q, v = robot.integrate(robot.home, rng.uniform(-0.3, 0.3, robot.nv), 1.0), rng.normal(size=robot.nv)
+        tick = session.step(robot.state(q, v), wrench.at(w))
+        tau = np.zeros(robot.nv)
+        tau[robot.actuated] = tick.command
+        state = robot.state(q, v)
+        for name_, force in session.program.contact_forces(tick.x).items():
+            tau += session.stack.find(name_).jacobian(state).T @ force
+        R = state.rotation(frame) if local else np.eye(3)
+        tau += state.jacobian(frame).T @ np.concatenate((R @ w[:3], R @ w[3:]))
+        qdd = pin.aba(robot.model, robot.model.createData(), q, v, tau)
+        assert np.allclose(qdd, session.program.acceleration(tick.x), atol=1e-6 * (1.0 + np.abs(qdd).max()))
+
+
+def test_the_ground_bears_it(robots: dict[str, Any]) -> None:
+    """At rest the feet carry the weight, the payload, and what a wrench presses down."""
+    robot = robots["cbi"]
+    load, wrench = t.Payload(frame="r_palm", mass=4.0), t.ExternalWrench(frame="l_palm")
+    stack = Stack(Level(t.Posture()), subject_to=[*feet(robot), load, wrench])
+    session = hqp.Controller(stack, hqp.Torque(), deadline=math.inf).session(robot, DT)
+    tick = session.step(robot.state(), wrench.at([0.0, 0.0, -25.0, 0.0, 0.0, 0.0]))
+    acceleration = robot.state().com_jacobian()[2] @ session.program.acceleration(tick.x)
+    hand = robot.state().jacobian("r_palm")[2] @ session.program.acceleration(tick.x)
+    borne = sum(f[2] for f in session.program.contact_forces(tick.x).values())
+    assert borne == pytest.approx((robot.mass + 4.0) * 9.81 + 25.0 + robot.mass * acceleration + 4.0 * hand, rel=1e-6)
+    told = str(session.explain(tick))
+    assert "r_palm_payload: [4.0, 0.0, 0.0, 0.0], up to" in told
+    assert "l_palm_wrench" in told
+
+
+@pytest.mark.parametrize("told", [False, True])
+def test_a_hand_lifts_what_it_carries(robots: dict[str, Any], told: bool) -> None:
+    """Panda with 3 kg in its hand: at the goal when told of it, centimetres below when not."""
+    robot, frame = robots["panda"], "panda_hand"
+    plant = heavier(robot, frame, 3.0, (0.0, 0.0, 0.1))
+    load = t.Payload(frame=frame)
+    hand = t.Position(frame=frame, name="hand")
+    posture = t.Posture(law=PD(25.0))
+    stack = Stack(Level(hand), Level(posture), subject_to=[load])
+    session = hqp.Controller(stack, hqp.Torque(), deadline=math.inf).session(robot, DT)
+    q, v = robot.home, np.zeros(robot.nv)
+    goal = robot.state().position(frame) + [0.0, 0.1, 0.1]
+    data = plant.model.createData()
+    tau = np.zeros(robot.nv)
+    for _ in range(1000):
+        references = [hand.at(goal), load.at(3.0, [0.0, 0.0, 0.1])] if told else [hand.at(goal)]
+        tick = session.step(robot.state(q, v), *references)
+        tau[robot.actuated] = tick.command
+        v = v + DT * pin.aba(plant.model, data, q, v, tau)
+        q = robot.integrate(q, v, DT)
+    off = float(np.linalg.norm(robot.state(q).position(frame) - goal))
+    assert off < 1e-3 if told else off > 0.01
+
+
+def test_at_rest_the_load_is_held(robots: dict[str, Any]) -> None:
+    """No usable state: the holding torque is that of the robot with the payload."""
+    robot, frame = robots["panda"], "panda_hand"
+    load = t.Payload(frame=frame)
+    found = []
+    for mass in (0.0, 3.0):
+        session = hqp.Controller(Stack(Level(t.Posture()), subject_to=[load]), hqp.Torque()).session(robot, DT)
+        session.step(robot.state(), load.at(mass, [0.0, 0.0, 0.1]))
+        tick = session.step(robot.state(np.full(robot.nq, np.nan)))
+        assert tick.status is Status.INVALID_STATE
+        found.append(tick.command)
+    state = robot.state()
+    arm = state.rotation(frame) @ [0.0, 0.0, 0.1]
+    skew = np.array([[0, -arm[2], arm[1]], [arm[2], 0, -arm[0]], [-arm[1], arm[0], 0]])
+    J = state.jacobian(frame)[:3] - skew @ state.jacobian(frame)[3:]
+    expected = 3.0 * 9.81 * J[2][robot.actuated]
+    assert np.allclose(found[1] - found[0], expected, atol=1e-8)
+
+
+def test_what_is_not_finite_is_left_out(robots: dict[str, Any]) -> None:
+    robot = robots["panda"]
+    load = t.Payload(frame="panda_hand", mass=1.0)
+    session = hqp.Controller(Stack(Level(t.Posture()), subject_to=[load]), hqp.Torque()).session(robot, DT)
+    good = session.step(robot.state())
+    tick = session.step(robot.state(), load.at(math.nan))
+    assert tick.status is Status.INVALID_REFERENCE
+    assert np.allclose(tick.command, good.command)
+    assert session.step(robot.state()).status is Status.OPTIMAL
+
+
+def test_what_is_refused(robots: dict[str, Any]) -> None:
+    robot = robots["panda"]
+    load = t.Payload(frame="panda_hand")
+    for formulation in (hqp.Velocity(), hqp.Acceleration()):
+        with pytest.raises(DeclarationError, match="loads"):
+            hqp.Controller(Stack(Level(t.Posture()), subject_to=[load]), formulation).session(robot, DT)
+    with pytest.raises(DeclarationError, match="subject_to"):
+        hqp.Controller(Stack(Level(t.Posture(), load)), hqp.Torque()).session(robot, DT)
+    stack = Stack(Level(t.Posture()), subject_to=[t.ExternalWrench(frame="panda_hnd")])
+    with pytest.raises(FrameNotFound, match="panda_hand"):
+        hqp.Controller(stack, hqp.Torque()).session(robot, DT)
+    with pytest.raises(DeclarationError, match="mass"):
+        t.Payload(frame="hand", mass=math.inf)
+    for bad in (lambda: load.at(1.0, [1.0, 2.0]), lambda: t.ExternalWrench(frame="hand").at([1.0, 2.0, 3.0])):
+        with pytest.raises(DeclarationError, match="shape"):
+            bad()
+    stack = Stack(
+        Level(t.Posture()), subject_to=[t.Payload(frame="h", mass=2.0), t.ExternalWrench(frame="h", local=True)]
+    )
+    assert serial.loads(serial.dumps(stack)) == stack
