@@ -116,22 +116,60 @@ def _priced(problem: Hierarchy, x: Vec, tolerance: float, stages: Mat | None, se
     return Certificate(gaps, tolerance, norms, final.ranks, multipliers)
 
 
+def stage_multipliers(problem: Hierarchy, stages: Mat, level: int, tolerance: float = 1e-6) -> tuple[Vec, float]:
+    """Multipliers of the rows above an unmet priced level in its own stage ``(m_0 + ... + m_{k-1},)``, and its gap.
+
+    A_k'u + c F'(F x_k - f) + sum_{j<k} A_j' lambda_j = 0 with u = w_k / ||w_k||; a guard's multiplier is shared out
+    among the rows of its level as their part of it.  stages: ``(levels, n)``, as ``certificate`` takes them.
+    """
+    at, x_k, rows = Coordinates.of(problem.motion, problem.n), stages[level], problem.levels[level]
+    stages = np.where(np.isnan(stages), x_k, stages)  # what needed no stage is met, here as well
+    judge, above = _stage_judge(problem, stages, level, at, tolerance)
+    A, y = at.rows(rows.dense(problem.n)), at.motion(x_k)
+    w, price = rows.slack(x_k), 0.0 if problem.prices is None else float(problem.prices[level])
+    scale = float(_lengths(A).max(initial=0.0)) + price * float(np.linalg.norm(y))
+    norm = float(np.linalg.norm(w))
+    if not norm > 0.0 or not scale > 0.0:
+        return np.zeros(sum(r.m for r in problem.levels[:level])), 0.0
+    gap, shares = judge.judge(A.T @ (w / norm) + price * y, scale)
+    found, here = [], 0
+    for j in range(level):
+        m = problem.levels[j].m
+        own = shares[here : here + m].copy()
+        here += m
+        if problem.priced[j]:
+            guard = above.A[here]  # type: ignore[index]  # its rows combined with u_j, of which it is the sum
+            if shares[here] != 0.0 and np.any(guard):
+                dense = problem.levels[j].dense(problem.n)
+                own += shares[here] * np.linalg.lstsq(dense.T, guard, rcond=None)[0]
+            here += 1
+        found.append(own)
+    return np.concatenate([np.zeros(0), *found]), gap
+
+
+def _stage_judge(problem: Hierarchy, stages: Mat, k: int, at: Coordinates, tolerance: float) -> tuple[_Judge, Rows]:
+    """The judge of level k's stage after the levels above, and the set that those leave, as rows."""
+    x_k = stages[k]
+    above = feasible_set(problem, stages, k, x_k, at.still)
+    raw = above.dense(problem.n)
+    judge = _Judge(problem.n, tolerance, LOCK_TOLERANCE)
+    C, shift, y = at.rows(raw), raw @ at.still, at.motion(x_k)
+    judge.descend(C, C @ y, above.lower - shift, above.upper - shift, _lengths(C), _terms(C, y), 0.0)
+    return judge, above
+
+
 def _stage_gap(problem: Hierarchy, stages: Mat, k: int, x: Vec, at: Coordinates, tolerance: float) -> float:
     """How far x_k is from the set that the levels above leave, and from the optimality conditions on it."""
     x_k, rows = stages[k], problem.levels[k]
     A = at.rows(rows.dense(problem.n))  # in coordinates in which E is 1/2 ||y||^2
     price = 0.0 if problem.prices is None else float(problem.prices[k])
-    above = feasible_set(problem, stages, k, x_k, at.still)
+    judge, above = _stage_judge(problem, stages, k, at, tolerance)
     exact = [j for j in range(k) if not problem.priced[j]]
     moved = [float(np.abs(problem.levels[j].slack(x_k) - problem.levels[j].slack(x)).max(initial=0.0)) for j in exact]
     raw = above.dense(problem.n)
     reach = _lengths(raw) + _terms(raw, x_k)
     outside = np.divide(np.abs(above.slack(x_k)), reach, out=np.zeros(above.m), where=reach > 0.0)
-    judge = _Judge(problem.n, tolerance, LOCK_TOLERANCE)
-    C, shift, y = at.rows(raw), raw @ at.still, at.motion(x_k)
-    lengths = _lengths(C)
-    judge.descend(C, C @ y, above.lower - shift, above.upper - shift, lengths, _terms(C, y), 0.0)
-    gap = _conditions(judge, A, rows, x_k, price * y)
+    gap = _conditions(judge, A, rows, x_k, price * at.motion(x_k))
     size = 1.0 + float(np.abs(x_k).max(initial=0.0))
     return max(gap, float(outside.max(initial=0.0)), max(moved, default=0.0) / size)
 

@@ -102,6 +102,10 @@ class Direct:
         begin, rows, solve, *_ = np.frombuffer(record, np.float64, 5, 8 * self._slack.stop).tolist()
         return begin, rows, solve
 
+    def slacks(self, record: bytearray) -> Vec:
+        """Slacks of all rows."""
+        return np.frombuffer(record, np.float64, self._slack.stop)[self._slack]
+
     def solution(self, record: bytearray) -> Solution:
         """What the solver gave."""
         numbers = np.frombuffer(record, np.float64, self._count)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from hqp.arrays import Vec
-from hqp.certify import Certificate, certificate
+from hqp.arrays import Mat, Vec
+from hqp.certify import Certificate, certificate, stage_multipliers
 from hqp.errors import closest
 from hqp.formulation import Place
-from hqp.problem import Hierarchy, Rows, Solution
+from hqp.pricing import Coordinates
+from hqp.problem import Hierarchy, Motion, Solution
 
 NOTHING = 1e-6
 """A gradient below this fraction of what its rows could give is zero: no motion lessens the residual."""
@@ -39,13 +40,64 @@ class Loss:
         return f"{self.element} {100.0 * self.share:.0f} %{rows}"
 
 
+@dataclass(frozen=True, slots=True)
+class Short:
+    """The direction in which an element is short: a unit vector ``(m,)`` over its rows, and their names."""
+
+    direction: tuple[float, ...]
+    names: tuple[str, ...] = ()
+
+    @staticmethod
+    def of(w: Vec, names: tuple[str, ...]) -> Short:
+        """The direction -w / ||w||."""
+        norm = float(np.sqrt(w @ w))
+        return Short(tuple((-w / norm).tolist()) if norm > 0.0 else (0.0,) * w.size, names)
+
+    def __str__(self) -> str:
+        """The largest components, as in ``0.98 x, -0.2 z``."""
+        size = sorted(range(len(self.direction)), key=lambda i: -abs(self.direction[i]))
+        name = [self.names[i] if i < len(self.names) else f"row {i}" for i in range(len(self.direction))]
+        return ", ".join(f"{self.direction[i]:.2g} {name[i]}" for i in size[:3] if abs(self.direction[i]) > 0.1)
+
+
+@dataclass(frozen=True, slots=True)
+class HeldBack:
+    """What the price of a level holds back of one element (docs/calm.md).
+
+    asked: ||w|| at standing still.  given: how much less it is now [unit].  share: of what holds the level back, the
+    price's part, 0 to 1.  short: the direction in which the element is short, where motion moves its rows least.
+    worth: how much less the level's ||w|| would be for another unit of motion (1 rad/s, 1 rad/s^2): c_k ||y_k||.
+    """
+
+    element: str
+    level: str
+    asked: float
+    given: float
+    unit: str
+    share: float
+    short: Short
+    worth: float
+
+    def note(self, losses: tuple[Loss, ...]) -> str:
+        """What was asked, what was given, and why not more."""
+        why = "the rest costs more motion than it is worth"
+        if losses and losses[0].element != PRICE:
+            why = f"the rest is held by {', '.join(str(loss) for loss in losses[:3])}"
+        return f"asked {self.asked:.3g} {self.unit}, given {self.given:.3g}, short along ({self.short}): {why}"
+
+    def __str__(self) -> str:
+        return self.note(())
+
+
 @dataclass(frozen=True)
 class Account:
     """One element: its level, the norm of its residual in its own units, and its losses, largest first.
 
-    cause: why it is not met, "" where it is: ``lost`` to levels above, ``own level`` (fights: whom),
-    ``out of reach`` (no motion of the robot lessens the residual), ``price`` (the rest costs more motion than it is
-    worth).  asked: the norm of what was asked for, in the units of the residual.
+    cause: why it is not met, "" where it is: ``lost`` to levels above, ``limit`` (held by an inequality, its rows
+    named), ``own level`` (fights: whom), ``out of reach`` (no motion of the robot lessens the residual), ``price``
+    (the rest costs more motion than it is worth), ``too fast`` (most of what it lacks is the rate of its reference,
+    not its error).  asked: ||w|| at the point of least motion, standing still, in the units of the residual.
+    held_back: what the price holds back, None where it holds nothing.  unit: of residual and asked.
     """
 
     element: str
@@ -58,6 +110,8 @@ class Account:
     cause: str = ""
     fights: tuple[str, ...] = ()
     asked: float = 0.0
+    held_back: HeldBack | None = None
+    unit: str = ""
 
 
 @dataclass(frozen=True)
@@ -89,32 +143,67 @@ class Explanation:
 
 
 def explain(
-    problem: Hierarchy, solution: Solution, places: Mapping[str, Place], row_names: Mapping[str, tuple[str, ...]]
+    problem: Hierarchy,
+    solution: Solution,
+    places: Mapping[str, Place],
+    row_names: Mapping[str, tuple[str, ...]],
+    *,
+    fast: Container[str] = (),
+    units: Mapping[str, str] | None = None,
+    shares: Mat | None = None,
 ) -> Explanation:
     """Who lost to whom: level k's gradient A_k' w_k is held by -sum_j A_j' lambda_kj, and each element's share of it.
 
-    row_names: names of single rows where an element has them (joints of a limit).
+    A level with a price is judged in its own stage, where c_k ||w_k|| F'(F x - f) holds against it too.
+    row_names: names of single rows where an element has them (joints of a limit).  fast: elements whose lack is the
+    rate of their reference.  units: of the elements' rows.  shares: ``(levels, elements + 1)`` of every element in the
+    order of places, the price's last, where the kernel has told them (hqp.account).
     """
     verdict = certificate(problem, solution.x, stages=solution.stage_points, settled=True)
     pushes = [_shares(problem, solution, verdict, places, row_names, k) for k in range(len(problem.levels))]
+    if shares is not None:
+        pushes = [_told(row, tuple(places), push) for row, push in zip(shares.tolist(), pushes, strict=True)]
+    still = Coordinates.of(problem.motion, problem.n).still
     accounts = []
     for name, place in places.items():
         weight = place.element.weight
         w = solution.residuals[place.level][place.part] / weight
         residual = float(np.sqrt(w @ w))
-        rows = problem.levels[place.level]
-        asked = _asked(rows, place.part) / weight
+        off = problem.levels[place.level].slack(still)[place.part] / weight
+        asked = float(np.sqrt(off @ off))
         met = residual <= MET * (1.0 + asked)
-        cause, fights = ("", ()) if met else _cause(problem, solution, places, name, pushes[place.level])
-        losses = pushes[place.level] if cause in ("lost", "price") else ()
-        active = _active(solution, place, row_names.get(name, ()))
+        losses = pushes[place.level]
+        cause, fights = ("", ()) if met else _cause(problem, solution, places, name, losses, name in fast)
+        losses = losses if cause in ("lost", "limit", "price", "too fast") else ()
+        names, unit = row_names.get(name, ()), (units or {}).get(name, "")
+        held = None
+        price = next((loss.share for loss in losses if loss.element == PRICE), 0.0)
+        if price > 0.0:
+            worth = _worth(problem, solution, place.level)
+            short = Short.of(w, names)
+            held = HeldBack(name, place.declared, asked, asked - residual, unit, price, short, worth)
+        active = _active(solution, place, names)
         count = place.part.stop - place.part.start
-        accounts.append(Account(name, place.declared, count, residual, met, losses, active, cause, fights, asked))
+        accounts.append(
+            Account(name, place.declared, count, residual, met, losses, active, cause, fights, asked, held, unit)
+        )
     return Explanation(solution.status.name, tuple(accounts), verdict)
 
 
+def cause_of(*, price: bool, limit: bool, fast: bool) -> str:
+    """The cause by who holds most: a reference that is too fast for its limits or its price says so first."""
+    if fast and (price or limit):
+        return "too fast"
+    return "price" if price else "limit" if limit else "lost"
+
+
 def _cause(
-    problem: Hierarchy, solution: Solution, places: Mapping[str, Place], name: str, losses: tuple[Loss, ...]
+    problem: Hierarchy,
+    solution: Solution,
+    places: Mapping[str, Place],
+    name: str,
+    losses: tuple[Loss, ...],
+    fast: bool,
 ) -> tuple[str, tuple[str, ...]]:
     """Why an element is not met, and whom of its own level it fights."""
     place = places[name]
@@ -131,24 +220,41 @@ def _cause(
     whole = sum(pulls.values())
     if float(np.linalg.norm(whole)) <= NOTHING * sum(float(np.linalg.norm(pull)) for pull in pulls.values()):
         return "own level", tuple(other for other, pull in pulls.items() if other != name and float(pull @ own) < 0.0)
-    return ("price" if losses and losses[0].element == PRICE else "lost"), ()
+    if not losses:
+        return "lost", ()
+    first = losses[0].element
+    limit = first != PRICE and not places[first].element.equality
+    return cause_of(price=first == PRICE, limit=limit, fast=fast), ()
 
 
 PRICE = "its price"
 
 
-def _price(problem: Hierarchy, solution: Solution, k: int) -> Vec | None:
-    """The push of level k's price on motion, c ||w|| F'(F x - f) ``(n,)``; None where it has none."""
-    if problem.prices is None or not problem.prices[k] > 0.0:
-        return None
-    w, motion, x = solution.residuals[k], problem.motion, solution.x
-    if motion is None:
-        gradient = x
-    else:
-        off = motion.F * x if motion.F.ndim == 1 else motion.F @ x
-        off = off if motion.f is None else off - motion.f
-        gradient = motion.F * off if motion.F.ndim == 1 else motion.F.T @ off
-    return np.asarray(float(problem.prices[k]) * float(np.sqrt(w @ w)) * gradient)
+def _point(solution: Solution, k: int) -> Vec | None:
+    """x_k of a level that was solved in a stage of its own."""
+    points = solution.stage_points
+    return None if points is None or np.isnan(points[k, 0]) else points[k]
+
+
+def _worth(problem: Hierarchy, solution: Solution, k: int) -> float:
+    """c_k ||F x_k - f||."""
+    x = _point(solution, k)
+    x = solution.x if x is None else x
+    moved = (problem.motion or Motion(np.ones(problem.n))).offset(x)
+    return float(problem.prices[k]) * float(np.sqrt(moved @ moved)) if problem.prices is not None else 0.0
+
+
+def _multipliers(problem: Hierarchy, solution: Solution, verdict: Certificate, k: int) -> tuple[Vec, Vec | None]:
+    """Of the rows above level k ``(m_0 + ... + m_{k-1},)`` for the gradient A_k' w_k, and the push of its price."""
+    above = sum(rows.m for rows in problem.levels[:k])
+    x = _point(solution, k)
+    if x is None or problem.prices is None or solution.stage_points is None or not problem.prices[k] > 0.0:
+        return verdict.multipliers[k][:above], None
+    found, _ = stage_multipliers(problem, solution.stage_points, k, verdict.tolerance)
+    w = solution.residuals[k]
+    norm = float(np.sqrt(w @ w))
+    motion = (problem.motion or Motion(np.ones(problem.n))).gradient(x)
+    return norm * found, float(problem.prices[k]) * norm * motion
 
 
 def _shares(
@@ -159,21 +265,22 @@ def _shares(
     row_names: Mapping[str, tuple[str, ...]],
     k: int,
 ) -> tuple[Loss, ...]:
-    levels, multipliers = problem.levels, verdict.multipliers[k]
+    levels, w = problem.levels, solution.residuals[k]
     starts = np.concatenate(([0], np.cumsum([rows.m for rows in levels]))).astype(int)
-    g = levels[k].dense(problem.n).T @ multipliers[starts[k] :]
-    scale = float(np.linalg.norm(levels[k].dense(problem.n)) * np.linalg.norm(multipliers[starts[k] :]))
-    if not float(np.linalg.norm(g)) > NOTHING * scale:
+    A = levels[k].dense(problem.n)
+    g = A.T @ w
+    if not float(np.linalg.norm(g)) > NOTHING * float(np.linalg.norm(A)) * float(np.linalg.norm(w)):
         return ()
+    multipliers, price = _multipliers(problem, solution, verdict, k)
     against: dict[str, float] = {}
     held: dict[str, tuple[str, ...]] = {}
-    price = _price(problem, solution, k)
-    if price is not None and (force := -float(g @ price)) > 0.0:
+    scale = _inner(problem)
+    if price is not None and (force := -scale(g, price)) > 0.0:
         against[PRICE] = force
     for name, place in places.items():
         if place.level < k:
             lam = multipliers[starts[place.level] :][place.part]
-            force = -float(g @ (levels[place.level].dense(problem.n)[place.part].T @ lam))
+            force = -scale(g, levels[place.level].dense(problem.n)[place.part].T @ lam)
             if force > 0.0:  # an element may also push the level's way; only those that hold against it took something
                 against[name] = force
                 if not place.element.equality:
@@ -181,6 +288,21 @@ def _shares(
     total = sum(against.values())
     losses = (Loss(name, force / total, held.get(name, ())) for name, force in against.items() if force > SHARE * total)
     return tuple(sorted(losses, key=lambda loss: -loss.share))
+
+
+def _told(shares: list[float], names: tuple[str, ...], found: tuple[Loss, ...]) -> tuple[Loss, ...]:
+    """Losses by the kernel's shares, with the rows that were found for each element."""
+    rows = {loss.element: loss.rows for loss in found}
+    losses = [Loss(e, s, rows.get(e, ())) for e, s in zip((*names, PRICE), shares, strict=True) if s > SHARE]
+    return tuple(sorted(losses, key=lambda loss: -loss.share))
+
+
+def _inner(problem: Hierarchy) -> Callable[[Vec, Vec], float]:
+    """The product in which gradients are compared: that of motion where there is one, so that units agree."""
+    if problem.motion is None:
+        return lambda a, b: float(a @ b)
+    P = Coordinates.of(problem.motion, problem.n).P
+    return lambda a, b: float((a * P) @ (b * P)) if P.ndim == 1 else float((a @ P) @ (b @ P))
 
 
 def _named(names: tuple[str, ...], lam: Vec) -> tuple[str, ...]:
@@ -192,11 +314,6 @@ def _named(names: tuple[str, ...], lam: Vec) -> tuple[str, ...]:
         for i in order
         if abs(lam[i]) > SHARE * most
     )
-
-
-def _asked(rows: Rows, part: slice) -> float:
-    bounds = np.where(np.isfinite(rows.lower[part]), rows.lower[part], 0.0)
-    return float(np.sqrt(bounds @ bounds))
 
 
 def _active(solution: Solution, place: Place, names: tuple[str, ...]) -> tuple[str, ...]:
@@ -219,9 +336,13 @@ def _outcome(account: Account) -> str:
         return "out of reach: no motion of the robot lessens it"
     if account.cause == "own level":
         return "fights " + (", ".join(account.fights) or "itself") + " in its own level"
+    losses = ", ".join(str(loss) for loss in account.losses[:4])
     if account.cause == "price":
-        given = max(0.0, account.asked - account.residual)
-        return f"held back by its price: asked {account.asked:.3g}, given {given:.3g}"
-    if not account.losses:
-        return "lost"
-    return "lost to " + ", ".join(str(loss) for loss in account.losses[:4])
+        return f"held back by its price: {account.held_back}" + (f" ({losses})" if len(account.losses) > 1 else "")
+    if account.held_back is not None and account.held_back.share > SHARE:
+        losses += f"; asked {account.asked:.3g}, given {account.asked - account.residual:.3g} {account.unit}"
+    if account.cause == "too fast":
+        return f"too fast: the rate of its reference, not its error, is more than {losses} allow"
+    if account.cause == "limit":
+        return f"held by {losses}"
+    return f"lost to {losses}" if losses else "lost"

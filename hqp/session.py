@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
+from hqp.account import MOST, Accountant, TickAccount, of_explanation, too_fast, unit_of
 from hqp.arrays import Index, Vec
 from hqp.contact_watch import ContactWatch
 from hqp.direct import Direct
@@ -151,6 +152,7 @@ class Session:
         self._good: State | None = None
         self._status = Status.OPTIMAL
         self._held = 0
+        self._named: tuple[Reference, ...] = ()
         torque = self.program.kind == "torque"
         self._joints: Index = np.arange(len(robot.joint_names)) if torque else robot.actuated
 
@@ -190,6 +192,7 @@ class Session:
         self._direct: Direct | None = None
         self._latest: bytearray | None = None
         self._direct_known = False
+        self._accountant: Accountant | None = None
         self._contacts = ContactWatch(compiled.stack, self.dt)
 
     @property
@@ -206,6 +209,7 @@ class Session:
         """
         self._enter()
         try:
+            self._named = references
             for reference in references:
                 if getattr(reference, "load", None) is not None:
                     self._contacts.measure(reference.name, reference.load)  # type: ignore[arg-type]
@@ -375,6 +379,8 @@ class Session:
         elif not float(x.dot(x)) < math.inf:
             notes += (Note("solver", Status.NOT_CERTIFIED, "the answer is not finite"),)
             return self._held_tick(state, solution, notes, fit=True)
+        if solution.stage_points is not None:
+            notes += self._held_back(solution, state)
         if self._contacts.missing:
             notes += tuple(Note(name, Status.CONTACT_LOST, why) for name, why in self._contacts.lost())
         if self._limiter is not None:
@@ -385,6 +391,20 @@ class Session:
         command = program.command(x)
         times = Times(prepared - start, filled - prepared, solved - filled, perf_counter() - solved)
         return Tick(self, state, self._x, command, program.command(last), status, notes, solution, times, 0)
+
+    def _held_back(self, solution: Solution, state: State) -> tuple[Note, ...]:
+        """Notes on elements that are short of what they were asked for: those with a reference, and those whose price
+        is what holds them."""
+        accounts = self._accounts()
+        w = np.concatenate(solution.residuals)
+        account = accounts.account(self.count, w, state.v, True)
+        if account is None:
+            return ()
+        return tuple(
+            Note(held.element, Status.OPTIMAL, held.note(account.losses(held.element)))
+            for held in accounts.held_back(account, w)
+            if held.share > MOST or any(held.element == reference.name for reference in self._named)
+        )
 
     def _take_holds(self, state: State) -> None:
         """Hold values of elements that have none yet, at the first step or after a change of stack."""
@@ -557,9 +577,34 @@ class Session:
         """The account of the latest tick; raises HqpError for an earlier one, whose rows are overwritten."""
         if tick._count != self.count or tick.solution is None:
             raise HqpError("explain() tells of the latest step with a solution; call it before the next step")
+        program, v = self.program, tick.state.v
         row_names = {element.name: element.row_names(self.robot) for element in self.stack}
-        told = explain(self.problem, tick.solution, self.program.places, row_names)
-        return replace(told, remarks=self.program.remarks(tick.state))
+        units = {element.name: unit_of(element, program.kind) for element in self.stack}
+        fast = set()
+        for name, place in program.places.items():
+            w = tick.solution.residuals[place.level][place.part] / place.element.weight
+            if too_fast(program, name, w, v):
+                fast.add(name)
+        told = self._account(tick)
+        shares = None if told is None else told.shares
+        found = explain(self.problem, tick.solution, program.places, row_names, fast=fast, units=units, shares=shares)
+        return replace(found, remarks=program.remarks(tick.state))
+
+    def _accounts(self) -> Accountant:
+        if self._accountant is None:
+            self._accountant = Accountant(self.program, self.workspace, self.robot)
+        return self._accountant
+
+    def account(self, tick: Tick) -> TickAccount:
+        """Who holds what back in the latest tick, in microseconds; raises HqpError for an earlier one."""
+        if tick._count != self.count or tick.solution is None:
+            raise HqpError("account() tells of the latest step with a solution; call it before the next step")
+        found = self._account(tick)
+        return of_explanation(self._accounts().layout, self.count, self.explain(tick)) if found is None else found
+
+    def _account(self, tick: Tick) -> TickAccount | None:
+        guards = tick.solution is not None and tick.solution.stage_points is not None
+        return self._accounts().account(self.count, tick._slacks(), tick.state.v, guards)
 
     def conflict(self, tick: Tick) -> Conflict:
         """Which rows of ``subject_to`` exclude each other in the latest tick; raises HqpError for an earlier one."""

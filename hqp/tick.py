@@ -13,11 +13,15 @@ from hqp.explain import Explanation
 from hqp.problem import Solution, Status
 
 if TYPE_CHECKING:
+    from hqp.account import TickAccount
     from hqp.conflict import Conflict
     from hqp.direct import Direct
     from hqp.formulation import Program
     from hqp.robot import State
     from hqp.session import Session
+
+
+NO_ROWS: Vec = np.zeros(0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +111,15 @@ class Tick:
     def explain(self) -> Explanation:
         """Which element got what and lost to which; raises HqpError once the session has taken another step."""
         return self._live().explain(self)
+
+    def account(self) -> TickAccount:
+        """Who holds what back, in microseconds, so that a history can be kept; as ``explain``."""
+        return self._live().account(self)
+
+    def _slacks(self) -> Vec:
+        """Slacks of all rows."""
+        assert self.solution is not None
+        return np.concatenate([*self.solution.residuals, NO_ROWS])
 
     def conflict(self) -> Conflict:
         """Which rows of ``subject_to`` exclude each other, and what each would have to give way; as ``explain``."""
@@ -214,6 +227,9 @@ class OrdinaryTick(Tick):
     @property
     def _names(self) -> tuple[str, ...]:  # type: ignore[override]
         return self._live().robot.joint_names
+
+    def _slacks(self) -> Vec:
+        return self._direct.slacks(self._record)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickled, it is a Tick as any other."""

@@ -163,6 +163,11 @@ class NativeWorkspace:
         """Forget the warm start."""
         self._kernel.reset()
 
+    def tell(self) -> Vec | None:
+        """Multipliers of the latest answer, level by level as Solution.multipliers, live; None where not at hand."""
+        found: Vec | None = self._kernel.tell()
+        return found
+
     def limit(self, seconds: float) -> None:
         """Time for the next solves [s], none for zero: a session gives what is left of its tick."""
         self._limited = seconds > 0.0

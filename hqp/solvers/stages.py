@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from time import perf_counter
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -108,6 +108,7 @@ class StagedWorkspace:
         rows = tuple(m + priced for m, priced in zip(shape.rows, shape.priced, strict=True))
         selections = tuple(s and not p for s, p in zip(shape.selections, shape.priced, strict=True))
         self._last = exact(replace(shape, rows=rows, selections=selections, inequalities=True, priced=()))
+        self._latest = self._exact
         self._make, self._workspaces = exact, dict[Shape, Workspace]()
         self._native = (
             native_stages.Stages(shape.n, list(shape.rows), list(shape.priced)) if native and native_stages else None
@@ -147,9 +148,20 @@ class StagedWorkspace:
 
         def settled() -> Counts:
             counts = solve()
+            self._latest = self._exact
             return counts if counts[0] or stages(x, points, end) < 0 else (UNSETTLED, *counts[1:])
 
         return settled, values, marks
+
+    @property
+    def stages(self) -> tuple[Any, Mat] | None:
+        """The native stages and the points ``(levels, n)`` of their latest solve; None where they are not native."""
+        return None if self._native is None else (self._native, self._points)
+
+    def tell(self) -> Vec | None:
+        """Multipliers of the workspace that gave the latest answer; those of guards are among them after stages."""
+        told: Callable[[], Vec | None] = getattr(self._latest, "tell", lambda: None)
+        return told()
 
     def answer(self, problem: Hierarchy, counts: Counts) -> Solution:
         """The solution of the latest solve of ``kernel``."""
@@ -161,9 +173,11 @@ class StagedWorkspace:
         """The exact solution, or that of the stages from the first level that it does not settle."""
         began = perf_counter()
         found = self._stages(problem, solution.x) if problem.priced and solution.status.usable else None
+        self._latest = self._exact
         if found is None:
             return solution
         stages, point, steps, final = found
+        self._latest = self._last
         answer = self._last.solve(final)
         stats = Stats(
             solution.stats.iterations + answer.stats.iterations + steps,
@@ -187,7 +201,7 @@ class StagedWorkspace:
         shares = problem.shares if problem.shares is not None else np.full(len(priced), SHARE)
         motion = problem.motion
         self._native.bind(
-            [_arrays(rows) for rows in problem.levels],
+            [row_arrays(rows) for rows in problem.levels],
             handed,  # type: ignore[arg-type]
             np.ascontiguousarray(problem.prices),
             np.ascontiguousarray(shares),
@@ -257,7 +271,7 @@ class StagedWorkspace:
         return answer.x if np.isfinite(answer.x).all() else otherwise
 
 
-def _arrays(rows: Rows) -> tuple[object, ...]:
+def row_arrays(rows: Rows) -> tuple[object, ...]:
     """What the native stages read: (A, None, None) or (None, index, scale), then the bounds; live where they can be."""
     if isinstance(rows.A, Selection):
         index = np.ascontiguousarray(rows.A.index, dtype=np.int64)

@@ -52,8 +52,9 @@ for _part in ("robot", "robots", "tasks"):
     MAY[_part] |= {"shapes"}
 
 ABOVE = {
-    "adapters", "arguments", "comparison", "conflict", "contact_watch", "direct", "doctor", "estimation", "explain",
-    "formulation", "goals", "lab", "recorder", "serial", "session", "sweep", "tick", "torque", "transition", "viewer",
+    "account", "adapters", "arguments", "comparison", "conflict", "contact_watch", "direct", "doctor", "estimation",
+    "explain", "formulation", "goals", "lab", "recorder", "recording", "replay", "serial", "session", "sweep", "tick",
+    "torque", "transition", "viewer",
 }  # fmt: skip
 """Formulations, sessions and what stands on them: they may import what they need, but in no circle."""
 

@@ -237,13 +237,14 @@ def pair_name(avoid: CollisionAvoidance, robot: Any, pair: int) -> str:
     return " - ".join(own.name(k) for k in own.pairs[pair])
 
 
-def test_explain_names_the_pair(panda: Any) -> None:
+@pytest.mark.parametrize("price", [None, 0])
+def test_explain_names_the_pair(panda: Any, price: float | None) -> None:
     """A hand that wants through the table is lost to the pair, by name."""
     table = shapes.box("table", (0.6, 1.0, 0.05), (0.5, 0.0, 0.2))
     avoid = CollisionAvoidance(world=table)
     hand = Position(frame="panda_hand_tcp", law=P(2.0, max_velocity=0.5))
     stack = Stack(Level(hand), Level(Posture()), subject_to=[JointLimits(), avoid])
-    session = hqp.Controller(stack, hqp.Velocity(), price=0.0).session(panda, dt=DT)
+    session = hqp.Controller(stack, hqp.Velocity(), price=price, deadline=math.inf).session(panda, dt=DT)
     q, v, least = panda.home, np.zeros(panda.nv), math.inf
     for _ in range(2000):
         tick = session.step(panda.state(q, v), hand.at([0.5, 0.0, 0.1]))
@@ -251,8 +252,11 @@ def test_explain_names_the_pair(panda: Any) -> None:
         least = min([least, *(n.distance - n.clearance for n in avoid.near(panda.state(q)) if n is not None)])
     assert least > -5e-4
     assert panda.state(q).position("panda_hand_tcp")[2] > 0.2
-    told = str(session.step(panda.state(q, v), hand.at([0.5, 0.0, 0.1])).explain())
-    assert "- table" in told
+    tick = session.step(panda.state(q, v), hand.at([0.5, 0.0, 0.1]))
+    losses = tick.explain()[hand.name].losses
+    named = {loss.element: loss.rows for loss in losses}
+    assert any("- table" in row for row in named[avoid.name]), losses
+    assert "- table" in str(tick.explain())
 
 
 @pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration()], ids=["velocity", "acceleration"])

@@ -2,11 +2,13 @@
 #include <atomic>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <vector>
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/vector.h>
 
@@ -20,6 +22,7 @@ namespace {
 using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Matrix = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using Index = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Owners = nb::ndarray<const std::int32_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Out = nb::ndarray<double, nb::c_contig, nb::device::cpu>;
 
 [[noreturn]] void refuse(const char* text) { throw nb::value_error(text); }
@@ -33,7 +36,7 @@ auto checked(nb::handle h, std::size_t m) {
 
 class Stages {
  public:
-  Stages(int n, const std::vector<int>& rows, const std::vector<int>& priced) : n_(n), rows_(rows) {
+  Stages(int n, const std::vector<int>& rows, const std::vector<int>& priced) : n_(n), rows_(rows), priced_(priced) {
     if (n < 1 || rows.size() != priced.size()) refuse("a level is priced or not");
     std::unique_ptr<bool[]> marks(new bool[priced.size()]);
     for (std::size_t k = 0; k < priced.size(); ++k) marks[k] = priced[k] != 0;
@@ -106,6 +109,43 @@ class Stages {
     return stages_->solve(from, to, end);
   }
 
+  // What account() reads beside the rows: stages, which solve wrote, and the element of each row.
+  void accounts(const Out& stages, const Owners& owner, int elements) {
+    std::size_t rows = 0;
+    for (int m : rows_) rows += static_cast<std::size_t>(m);
+    if (owner.shape(0) != rows || elements < 1 || stages.size() != rows_.size() * n_)
+      refuse("stages or owner has a wrong shape");
+    for (std::size_t i = 0; i < rows; ++i)
+      if (owner(i) < 0 || owner(i) >= elements) refuse("a row of no element");
+    points_ = stages.data();
+    owner_.assign(owner.data(), owner.data() + rows);
+    elements_ = elements;
+    read_ = nb::make_tuple(stages, owner);
+  }
+
+  // What holds every level back, of the latest solve, for the slacks of all rows and the multipliers of exact levels
+  // (guards: priced levels have one row more there), into one vector: numbers (elements, 4), shares (levels,
+  // elements + 1), worth (levels).
+  void account(const Vector& w, const std::optional<Vector>& lambda, bool guards, const Out& out) {
+    if (!bound_ || !elements_) refuse("bind() and accounts() come first");
+    const std::size_t E = static_cast<std::size_t>(elements_), levels = rows_.size();
+    std::size_t pairs = 0, sum = 0;
+    for (std::size_t k = 0; k < levels; ++k) {
+      sum += static_cast<std::size_t>(rows_[k] + (guards && priced_[k] ? 1 : 0));
+      pairs += sum;
+    }
+    if (w.shape(0) != owner_.size() || out.size() != 4 * E + levels * (E + 2) || (lambda && lambda->shape(0) != pairs))
+      refuse("an array has a wrong shape");
+    if (busy_.exchange(true)) throw std::runtime_error("these stages are being solved in another thread");
+    const struct Free {
+      std::atomic<bool>& flag;
+      ~Free() { flag.store(false); }
+    } free{busy_};
+    double* to = out.data();
+    stages_->account({points_, w.data(), owner_.data(), elements_, lambda ? lambda->data() : nullptr, guards}, to,
+                     to + 4 * E, to + 4 * E + levels * (E + 1));
+  }
+
   std::pair<int, bool> effort() const { return {stages_->iterations(), stages_->ended()}; }
   void reset() { stages_->reset(); }
 
@@ -117,9 +157,12 @@ class Stages {
   }
 
   int n_;
-  std::vector<int> rows_;
+  std::vector<int> rows_, priced_;
   std::unique_ptr<hqp::PricedStages> stages_;
-  nb::object kept_;
+  nb::object kept_, read_;
+  const double* points_ = nullptr;
+  std::vector<std::int32_t> owner_;
+  int elements_ = 0;
   bool bound_ = false;
   std::atomic<bool> busy_{false};
 };
@@ -132,6 +175,8 @@ NB_MODULE(_priced, m) {
       .def(nb::init<int, const std::vector<int>&, const std::vector<int>&>(), "n"_a, "rows"_a, "priced"_a)
       .def("bind", &Stages::bind, "levels"_a, "handed"_a, "prices"_a, "shares"_a, "F"_a.none(), "f"_a.none(), "guard"_a)
       .def("solve", &Stages::solve, "x"_a, "stages"_a, "last"_a)
+      .def("accounts", &Stages::accounts, "stages"_a, "owner"_a, "elements"_a)
+      .def("account", &Stages::account, "w"_a, "multipliers"_a.none(), "guards"_a, "out"_a)
       .def("effort", &Stages::effort)
       .def("reset", &Stages::reset);
 }

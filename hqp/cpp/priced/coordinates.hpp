@@ -54,6 +54,16 @@ class Coordinates {
     }
   }
 
+  // x (n) = P y.
+  void step(const double* y, double* x) const {
+    if (diagonal_) {
+      for (int i = 0; i < n_; ++i) x[i] = y[i] / inverse_[i];
+    } else {
+      std::copy(y, y + n_, x);
+      solve_upper(x);
+    }
+  }
+
   void point(const double* y, double* x) const {
     if (diagonal_) {
       for (int i = 0; i < n_; ++i) x[i] = still_[i] + y[i] / inverse_[i];

@@ -7,6 +7,7 @@
 #include <limits>
 #include <vector>
 
+#include "account.hpp"
 #include "coordinates.hpp"
 #include "stage_search.hpp"
 #include "stages.hpp"
@@ -28,6 +29,8 @@ class StageLevels final : public PricedStages {
         priced_(priced, priced + levels),
         warm_(levels),
         at_(n),
+        ends_(levels),
+        accounts_(n),
         search_(total(levels, m) + levels, n + most(levels, m)) {
     last_ = -1;
     for (int k = 0; k < levels; ++k) {
@@ -68,9 +71,17 @@ class StageLevels final : public PricedStages {
     guard_ = guard;
   }
 
+  void account(const AccountRows& rows, double* numbers, double* shares, double* worth) override {
+    if (last_ < 0) at_.set(F_, f_, r_);
+    accounts_.run(level_, handed_, at_, prices_, ends_, rows_.C.data(), rows_.ld, row_of_, rows, numbers, shares,
+                  worth);
+  }
+
   int solve(const double* x, double* stages, double* last) override {
     iterations_ = 0;
     ended_ = true;
+    row_of_.clear();
+    for (StageEnd& end : ends_) end.known = false;
     at_.set(F_, f_, r_);
     const int first = first_unsettled(x);
     if (first < 0) return first;
@@ -307,8 +318,16 @@ class StageLevels final : public PricedStages {
       std::fill(c, c + rows_.ld, 0.0);
       at_.row(a, c);
       const double shift = dot_any(a, at_.still(), n_);
-      if (rows_.close(rows_.count, n_, low - shift, high - shift)) ++rows_.count;
+      if (!rows_.close(rows_.count, n_, low - shift, high - shift)) continue;
+      ++rows_.count;
+      row_of_.push_back(first_row(k) + (i < level.m ? i : 0));  // the guard counts for the first element of its level
     }
+  }
+
+  int first_row(int k) const {
+    int first = 0;
+    for (int j = 0; j < k; ++j) first += level_[j].m;
+    return first;
   }
 
   // Level k over what the levels above leave, from y_ to its optimum.
@@ -340,8 +359,17 @@ class StageLevels final : public PricedStages {
       if (rows_.close(rows_.count, N + 1, level.lower[i] - shift, level.upper[i] - shift)) ++rows_.count;
       ++N;
     }
-    if (m) ended_ = search_.solve(rows_, N, T_.data(), t_.data(), m, price, y_.data(), warm_[k], iterations_) && ended_;
+    bool reached = false;
+    if (m) {
+      reached = search_.solve(rows_, N, T_.data(), t_.data(), m, price, y_.data(), warm_[k], iterations_);
+      ended_ = ended_ && reached;
+    }
     rows_.count = own;
+    if (!m) return;
+    StageEnd& end = ends_[k];
+    end.known = reached;
+    end.rows.assign(search_.held().begin(), search_.held().end());
+    end.lambda.assign(search_.multipliers().begin(), search_.multipliers().begin() + end.rows.size());
   }
 
   int n_, last_ = -1, r_ = 0, iterations_ = 0;
@@ -352,6 +380,9 @@ class StageLevels final : public PricedStages {
   std::vector<std::vector<int>> warm_;
   const double *prices_ = nullptr, *shares_ = nullptr, *F_ = nullptr, *f_ = nullptr;
   Coordinates at_;
+  std::vector<StageEnd> ends_;
+  std::vector<int> row_of_;
+  Accounts accounts_;
   StageSearch search_;
   StageRows rows_;
   std::vector<double> T_, t_, y_, a_, x_, w_, low_, high_, gram_, B_, b_, z_, lambda_;

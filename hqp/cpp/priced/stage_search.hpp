@@ -103,6 +103,10 @@ class StageSearch {
 
   bool met() const { return secular_.met(); }
 
+  // The rows held at the end, and their multipliers.
+  const std::vector<int>& held() const { return set_; }
+  const std::vector<double>& multipliers() const { return lambda_; }
+
  private:
   bool at_bound(int i, int side, const double* y) const {
     const double bound = side > 0 ? rows_->upper[i] : rows_->lower[i];

@@ -22,6 +22,18 @@ struct Handed {
   double* upper = nullptr;
 };
 
+// What an account is made of: stages as solve wrote them; slacks w of all rows; owner: the element of each row.
+// lambda: multipliers of exact levels, level k after level k - 1, (m_0 + ... + m_k) each, or null; guards: every priced
+// level has one row more there.
+struct AccountRows {
+  const double* stages = nullptr;
+  const double* w = nullptr;
+  const std::int32_t* owner = nullptr;
+  int elements = 0;
+  const double* lambda = nullptr;
+  bool guards = false;
+};
+
 class PricedStages {
  public:
   virtual ~PricedStages() = default;
@@ -36,6 +48,8 @@ class PricedStages {
   virtual int iterations() const = 0;
   virtual bool ended() const = 0;  // whether every stage reached its optimum
   virtual void reset() = 0;        // forget the warm start
+  // What holds every level back at the answer of the latest solve (account.hpp).
+  virtual void account(const AccountRows& rows, double* numbers, double* shares, double* worth) = 0;
 };
 
 PricedStages* make_stages_generic(int n, int levels, const int* m, const bool* priced);

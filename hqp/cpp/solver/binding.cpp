@@ -67,7 +67,7 @@ class Workspace {
     kernel_.reset(hqp::make_kernel(n, static_cast<int>(rows.size()), rows.data(), metric));
     values_.resize(static_cast<std::size_t>(n) + total_);
     active_.resize(static_cast<std::size_t>(total_) + 1);
-    lambda_.resize(options.multipliers ? pairs_ + 1 : 1);
+    lambda_.resize(pairs_ + 1);
     levels_.resize(rows.size());
   }
 
@@ -168,6 +168,20 @@ class Workspace {
     return made;
   }
 
+  // Multipliers of the latest answer, live until the next, None where they are not at hand.
+  nb::object tell() {
+    const Lock lock(busy_);
+    if (!bound_) return nb::none();
+    hqp::Answer answer;
+    answer.slack = values_.data() + n_;
+    answer.multipliers = lambda_.data();
+    if (!kernel_->tell(problem_, answer)) return nb::none();
+    if (!told_.is_valid())
+      told_ =
+          nb::cast(nb::ndarray<nb::numpy, double, nb::ndim<1>>(lambda_.data(), {std::size_t(pairs_)}, nb::find(this)));
+    return told_;
+  }
+
   void reset(bool plain) {
     const Lock lock(busy_);
     kernel_->reset(plain);
@@ -178,6 +192,7 @@ class Workspace {
     Py_VISIT(solution_.ptr());
     Py_VISIT(stats_.ptr());
     Py_VISIT(statuses_.ptr());
+    Py_VISIT(told_.ptr());
     return 0;
   }
   void clear() {
@@ -185,6 +200,7 @@ class Workspace {
     solution_.reset();
     stats_.reset();
     statuses_.reset();
+    told_.reset();
     bound_ = false;
   }
 
@@ -278,7 +294,7 @@ class Workspace {
   hqp::Problem problem_;
   hqp::Reader reader_;
   hqp::Options options_;
-  nb::object kept_, solution_, stats_, head_;
+  nb::object kept_, solution_, stats_, head_, told_;
   nb::tuple statuses_, slack_, marks_, pairs_of_levels_, none_;
   nb::str stopped_{""}, unsure_{""}, empty_{""};
   Keys key_;
@@ -327,6 +343,7 @@ NB_MODULE(_lexicographic, m) {
       .def("report_as", &Workspace::report_as, "solution"_a, "stats"_a, "statuses"_a, "slack"_a, "active"_a,
            "multipliers"_a, "stopped"_a, "unsure"_a)
       .def("solution", &Workspace::solution, "build_seconds"_a, "values"_a, "active"_a, "multipliers"_a)
+      .def("tell", &Workspace::tell)
       .def("reset", &Workspace::reset, "plain"_a = false)
       .def("values", &Workspace::values)
       .def("active", &Workspace::active)

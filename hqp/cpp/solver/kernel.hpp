@@ -9,6 +9,8 @@ class Kernel {
  public:
   virtual ~Kernel() = default;
   virtual void solve(const Problem& problem, const Options& options, Answer& answer) = 0;
+  // Multipliers of the latest answer into answer.multipliers; false where its working set is not at hand any more.
+  virtual bool tell(const Problem& problem, Answer& answer) = 0;
   virtual void reset(bool plain) = 0;  // forget the warm start; plain: the next search factorises every working set
 };
 

@@ -25,12 +25,14 @@ class Lexicographic final : public Kernel {
   void reset(bool plain) override { set_.forget(plain); }
 
   void solve(const Problem& problem, const Options& options, Answer& answer) override {
+    told_ = false;
     if (!set_.table.read(problem)) {
       set_.forget(false);
       answer.outcome = Outcome::invalid;
       return;
     }
     set_.solve(options);
+    told_ = set_.judged == 0 && (set_.outcome == Outcome::optimal || set_.outcome == Outcome::rank_uncertain);
     answer.outcome = set_.outcome;
     answer.iterations = set_.iterations;
     answer.factorisations = set_.factorisations;
@@ -39,10 +41,16 @@ class Lexicographic final : public Kernel {
     if (answer.multipliers) multipliers(problem, answer);
   }
 
+  bool tell(const Problem& problem, Answer& answer) override {
+    if (told_) multipliers(problem, answer);
+    return told_;
+  }
+
  private:
   Arena arena_;
   ActiveSet set_;
   int n_;
+  bool told_ = false;
 
   // Slack and activity of every row from (problem, x) alone.
   void report(const Problem& problem, Answer& answer) {

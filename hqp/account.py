@@ -1,0 +1,258 @@
+"""Who holds what back, tick by tick: an explanation's shares from the kernel's own multipliers, in microseconds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec
+from hqp.explain import MET, NOTHING, PRICE, SHARE, Explanation, HeldBack, Loss, Short, cause_of
+from hqp.formulation import Program
+from hqp.problem import Hierarchy
+from hqp.robot import Robot
+
+if TYPE_CHECKING:
+    from hqp._priced import Stages
+
+try:
+    from hqp import _priced as native
+except ImportError:  # no compiler was there
+    native = None  # type: ignore[assignment]
+
+MOST = 0.5
+"""A price that holds more than this share of a level back is why the level is not met."""
+
+NOTED = 0.01
+"""What a price holds back is noted where it is more than this fraction of what was asked."""
+
+
+NONE: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """Elements of a stack: names, levels, which are inequalities, one over the weight of each; count: of levels."""
+
+    elements: tuple[str, ...]
+    levels: tuple[int, ...]
+    limits: tuple[bool, ...]
+    count: int
+    inverse: Vec
+
+
+class TickAccount:
+    """What every element asked for and lacks, and who holds its level back; plain numbers, ``str()`` is a table.
+
+    elements ``(E,)``: names.  residual, asked ``(E,)``: ||w|| and ||w|| at standing still, in the element's own units.
+    shares ``(levels, E + 1)``: of what holds a level back, the part of each element, its own price last; a row of
+    zeros where the level is met or nothing above it is in its way.  worth ``(levels,)``: how much less ||w|| another
+    unit of motion would leave, c_k ||y_k||.
+    """
+
+    __slots__ = ("_fast", "_values", "count", "layout")
+
+    def __init__(self, count: int, layout: Layout, values: Vec, fast: frozenset[str] = frozenset()) -> None:
+        self.count, self.layout, self._values, self._fast = count, layout, values, fast
+
+    @property
+    def residual(self) -> Vec:
+        """||w|| of each element ``(E,)``."""
+        return self._values[: 4 * len(self.elements) : 4] * self.layout.inverse
+
+    @property
+    def asked(self) -> Vec:
+        """||w|| of each element at standing still ``(E,)``."""
+        return self._values[1 : 4 * len(self.elements) : 4] * self.layout.inverse
+
+    @property
+    def shares(self) -> Mat:
+        """Of what holds each level back the part of each element, the price's last ``(levels, E + 1)``."""
+        E, levels = len(self.elements), self.layout.count
+        return self._values[4 * E : 4 * E + levels * (E + 1)].reshape(levels, E + 1)
+
+    @property
+    def worth(self) -> Vec:
+        """What another unit of motion would bring each level ``(levels,)``."""
+        return self._values[-self.layout.count :]
+
+    @property
+    def elements(self) -> tuple[str, ...]:
+        """Names, in the order of the numbers."""
+        return self.layout.elements
+
+    def met(self, element: str) -> bool:
+        """Whether an element got what it asked for; raises ValueError for an unknown name."""
+        i = self.elements.index(element)
+        return bool(self.residual[i] <= MET * (1.0 + self.asked[i]))
+
+    def cause(self, element: str) -> str:
+        """Why an element is not met, as ``explain.Account.cause``; "" where it is."""
+        if self.met(element):
+            return ""
+        i, layout = self.elements.index(element), self.layout
+        row = self.shares[layout.levels[i]]
+        pull, most = self._values[4 * i + 2 : 4 * i + 4]
+        if pull <= NOTHING * most:
+            return "out of reach"
+        if not row.any():
+            return "own level"
+        first = int(row.argmax())
+        limit = first < len(layout.limits) and layout.limits[first]
+        return cause_of(price=first == len(layout.limits), limit=limit, fast=element in self._fast)
+
+    def losses(self, element: str) -> tuple[Loss, ...]:
+        """Who holds the level of an element back, largest share first."""
+        row = self.shares[self.layout.levels[self.elements.index(element)]]
+        names = (*self.elements, PRICE)
+        order = np.argsort(-row, kind="stable")
+        return tuple(Loss(names[i], float(row[i])) for i in order.tolist() if row[i] > SHARE)
+
+    def priced(self) -> Iterator[tuple[int, float]]:
+        """Elements that their level's price holds back, by number, with its share."""
+        if self.worth.any():
+            residual, asked, shares = self.residual.tolist(), self.asked.tolist(), self.shares[:, -1].tolist()
+            for i, level in enumerate(self.layout.levels):
+                if shares[level] > 0.0 and residual[i] > NOTED * asked[i] and residual[i] > MET:
+                    yield i, shares[level]
+
+    def __str__(self) -> str:
+        names = self.elements
+        width = max((len(name) for name in names), default=0)
+        lines = []
+        for i, name in enumerate(names):
+            why = self.cause(name)
+            lost = ", ".join(map(str, self.losses(name)[:3])) if why else "met"
+            lines.append(f"{name:{width}}  {self.residual[i]:9.3g} of {self.asked[i]:9.3g}  {why or lost}")
+            if why and lost:
+                lines[-1] += f": {lost}"
+        return "\n".join(lines)
+
+
+class Accountant:
+    """Makes accounts of a compiled stack; native where the stages are, through an explanation elsewhere.
+
+    workspace: whose latest solve is told of.
+    """
+
+    def __init__(self, program: Program, workspace: object, robot: Robot) -> None:
+        places = program.places
+        names = tuple(places)
+        elements = [place.element for place in places.values()]
+        limits = tuple(not element.equality for element in elements)
+        inverse = np.array([1.0 / element.weight for element in elements])
+        count = len(program.problem.levels)
+        self.layout = Layout(names, tuple(place.level for place in places.values()), limits, count, inverse)
+        self._program, self._robot, self._rate = program, robot, program.assembly.rate
+        starts = np.concatenate(([0], np.cumsum([rows.m for rows in program.problem.levels]))).astype(int).tolist()
+        self._owner = np.zeros(starts[-1], dtype=np.int32)
+        for i, place in enumerate(places.values()):
+            self._owner[starts[place.level] + place.part.start : starts[place.level] + place.part.stop] = i
+        found: tuple[Stages, Mat] | None = getattr(workspace, "stages", None)
+        if found is None and native is not None and not program.problem.priced:
+            found = _unpriced(program.problem)
+        self._stages: Stages | None = None
+        self._tell: Callable[[], Vec | None] = getattr(workspace, "tell", lambda: None)
+        self._size = 4 * len(names) + count * (len(names) + 2)
+        if found is not None:
+            self._stages, points = found
+            found[0].accounts(points, self._owner, len(names))
+
+    def account(self, count: int, w: Vec, v: Vec, guards: bool) -> TickAccount | None:
+        """The account of the latest solve, from the slacks of all its rows; v: of the state; guards: after stages.
+
+        None where the kernel has nothing to tell: no kernel, or an answer that was found in another way.
+        """
+        told = self._tell()
+        if self._stages is None or told is None:
+            return None
+        values = np.empty(self._size)
+        self._stages.account(w, told, guards, values)
+        fast = self._fast(w, v) if self._rate.any() else NONE
+        return TickAccount(count, self.layout, values, fast)
+
+    def _fast(self, w: Vec, v: Vec) -> frozenset[str]:
+        """Elements whose lack is mostly the rate of their reference."""
+        problem, found = self._program.problem, set()
+        starts = np.concatenate(([0], np.cumsum([rows.m for rows in problem.levels]))).astype(int)
+        for name, place in self._program.places.items():
+            part = slice(starts[place.level] + place.part.start, starts[place.level] + place.part.stop)
+            if too_fast(self._program, name, w[part] / place.element.weight, v):
+                found.add(name)
+        return frozenset(found)
+
+    def held_back(self, account: TickAccount, w: Vec) -> tuple[HeldBack, ...]:
+        """What prices hold back, with the direction in which each element is short."""
+        return tuple(self._held(account, w, i, share) for i, share in account.priced())
+
+    def _held(self, account: TickAccount, w: Vec, i: int, share: float) -> HeldBack:
+        name, level = self.layout.elements[i], self.layout.levels[i]
+        place = self._program.places[name]
+        own = w[self._owner == i]
+        return HeldBack(
+            name,
+            place.declared,
+            asked=float(account.asked[i]),
+            given=float(account.asked[i] - account.residual[i]),
+            unit=unit_of(place.element, self._program.kind),
+            share=share,
+            short=Short.of(own, place.element.row_names(self._robot)),
+            worth=float(account.worth[level]),
+        )
+
+
+def unit_of(element: Any, kind: str) -> str:
+    """Unit of an element's rows, such as m/s."""
+    if element.quantity != "motion":
+        return "N m" if element.quantity == "effort" else "N"
+    units = tuple(dict.fromkeys(element.units)) or ("rad",)
+    what = units[0] if len(units) == 1 else f"({', '.join(units)})"
+    return what + ("/s" if kind == "velocity" else "/s^2")
+
+
+def too_fast(program: Program, name: str, w: Vec, v: Vec) -> bool:
+    """Whether more than half of what an element lacks, -w in its own units, is the rate of its reference."""
+    member = program.assembly.members.get(name)
+    if member is None or not member.element.equality:
+        return False
+    rows, part = program.assembly, member.part
+    moving = rows.rate[part]
+    if rows.order == 2:
+        kd = getattr(member.law, "kd", 0.0)
+        speed = v[rows.picks(part)] if member.views.J is None else member.views.J @ v / member.element.weight
+        moving = rows.feedforward[part] + kd * (moving - speed)
+    return float(-w @ moving) > MOST * float(w @ w) > 0.0
+
+
+def _unpriced(problem: Hierarchy) -> tuple[Stages, Mat] | None:
+    """Stages of a hierarchy without prices: none to solve, but they know its rows."""
+    from hqp.solvers.stages import row_arrays
+
+    levels = len(problem.levels)
+    assert native is not None
+    try:
+        stages = native.Stages(problem.n, [rows.m for rows in problem.levels], [0] * levels)
+        nothing = np.zeros(levels)
+        stages.bind([row_arrays(rows) for rows in problem.levels], [None] * levels, nothing, nothing, None, None, False)
+    except TypeError:  # rows that lie otherwise in memory
+        return None
+    return stages, np.zeros((levels, problem.n))
+
+
+def of_explanation(layout: Layout, count: int, told: Explanation) -> TickAccount:
+    """The same account from an explanation, where the kernel has no multipliers to tell."""
+    E = len(layout.elements)
+    numbers, shares = np.zeros((E, 4)), np.zeros((layout.count, E + 1))
+    worth, names = np.zeros(layout.count), (*layout.elements, PRICE)
+    fast = frozenset(a.element for a in told.accounts if a.cause == "too fast")
+    for i, (name, level) in enumerate(zip(layout.elements, layout.levels, strict=True)):
+        account = told[name]
+        numbers[i] = account.residual, account.asked, float(account.cause != "out of reach"), 1.0
+        numbers[i, :2] /= layout.inverse[i]
+        for loss in account.losses:
+            shares[level, names.index(loss.element)] = loss.share
+        if account.held_back is not None:
+            worth[level] = account.held_back.worth
+    return TickAccount(count, layout, np.concatenate([numbers.ravel(), shares.ravel(), worth]), fast)

@@ -1,0 +1,291 @@
+"""Every cause that an account may name, provoked; accounts of the kernel beside explanations; what a price holds."""
+
+from __future__ import annotations
+
+import math
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hqp
+from hqp import PD, Level, P, Stack, Status
+from hqp.account import TickAccount
+from hqp.errors import HqpError
+from hqp.explain import PRICE, Short
+from hqp.robots import Robot
+from hqp.tasks import Com, FixedContact, JointLimits, Orientation, PointContact, Position, Posture, TorqueLimits
+
+DT = 0.002
+
+
+def humanoid(name: str, formulation: Any, price: Any = None) -> tuple[Robot, hqp.Session, Position]:
+    robot = hqp.robots.load(name)
+    hand = Position(frame=robot.landmarks["palms"][1], name="hand")
+    limits = [TorqueLimits()] if isinstance(formulation, hqp.Torque) else []
+    stack = Stack(
+        Level(Com(name="com")),
+        Level(hand),
+        Level(Orientation(frame=robot.landmarks["base"][0], name="trunk")),
+        Level(Posture()),
+        subject_to=[*(FixedContact(frame=f) for f in robot.landmarks["soles"]), *limits, JointLimits()],
+    )
+    return robot, hqp.Controller(stack, formulation, deadline=math.inf, price=price).session(robot, DT), hand
+
+
+def arm(name: str = "ur5", **fields: Any) -> tuple[Robot, hqp.Session, Position]:
+    robot = hqp.robots.load(name)
+    hand = Position(frame=robot.frame_names[-1], name="hand", law=P(5.0))
+    stack = Stack(Level(hand), Level(Posture()), subject_to=[JointLimits()])
+    return robot, hqp.Controller(stack, deadline=math.inf, **fields).session(robot, DT), hand
+
+
+def drive(robot: Robot, run: hqp.Session, hand: Position, ahead: Any, ticks: int) -> hqp.Tick:
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    goal = robot.state(q, v).position(hand.frame) + ahead
+    for _ in range(ticks):
+        q, v = run.step(robot.state(q, v), hand.at(goal)).advance()
+    return run.step(robot.state(q, v), hand.at(goal))
+
+
+def both(tick: hqp.Tick, element: str) -> tuple[str, str]:
+    return tick.explain()[element].cause, tick.account().cause(element)
+
+
+def test_what_is_met_has_no_cause() -> None:
+    for formulation in (hqp.Velocity(), hqp.Acceleration(), hqp.Torque()):
+        robot, run, hand = humanoid("talos", formulation)
+        tick = drive(robot, run, hand, 0.001, 3)
+        assert both(tick, "hand") == ("", "")
+        assert tick.notes == ()
+        assert not tick.account().shares[: run.problem.constraints + 2].any()
+
+
+def test_an_arm_out_of_reach_is_held_back_by_its_price() -> None:
+    robot, run, hand = arm()
+    tick = drive(robot, run, hand, [1.5, 0.0, 0.2], 1500)
+    assert both(tick, "hand") == ("price", "price")
+    held = tick.explain()["hand"].held_back
+    assert held is not None
+    assert held.share > 0.9
+    assert held.unit == "m/s"
+    assert held.asked > 1.0
+    assert 0.0 <= held.given < 0.01 * held.asked
+    assert held.short.names == ("x", "y", "z")
+    assert held.short.direction[0] > 0.9  # away from the shoulder
+    assert 0.0 < held.worth < 0.1
+    (note,) = tick.notes
+    assert (note.element, note.status) == ("hand", Status.OPTIMAL)
+    assert note.detail.startswith(f"asked {held.asked:.3g} m/s, given {held.given:.3g}, short along (")
+    assert note.detail.endswith("the rest costs more motion than it is worth")
+    assert "held back by its price: asked" in str(tick.explain())
+    assert tick.status is Status.OPTIMAL
+
+
+def test_a_humanoid_out_of_reach_says_what_was_asked_and_given() -> None:
+    robot, run, hand = humanoid("g1", hqp.Velocity())
+    tick = drive(robot, run, hand, [1.0, 0.0, 0.2], 300)
+    assert {"hand"} == {note.element for note in tick.notes}  # lower levels that nobody asked for are not noted
+    assert "short along" in tick.notes[0].detail
+
+
+def test_worth_is_the_slope_of_what_is_not_met() -> None:
+    """c_k ||y_k|| against the residual for a little less price, at the optimum of the stage."""
+    robot, run, hand = arm()
+    tick = drive(robot, run, hand, [1.5, 0.0, 0.2], 1500)
+    problem = run.problem.copy()
+    k = run.program.places["hand"].level
+    found = []
+    for factor in (1.0, 0.999):
+        prices = problem.prices.copy()  # type: ignore[union-attr]
+        prices[k] *= factor
+        other = hqp.Hierarchy(
+            problem.levels, problem.constraints, n=problem.n, prices=prices, shares=problem.shares,
+            motion=problem.motion,
+        )  # fmt: skip
+        point = hqp.solvers.load("reference").solve(other).stage_points[k]  # type: ignore[index]
+        moved = problem.motion.offset(point)  # type: ignore[union-attr]
+        found.append((float(np.linalg.norm(problem.levels[k].slack(point))), float(np.linalg.norm(moved))))
+    (w, y), (less, more) = found
+    held = tick.explain()["hand"].held_back
+    assert held is not None
+    assert (w - less) / (more - y) == pytest.approx(held.worth, rel=0.01)
+
+
+def test_lost_to_a_level_above() -> None:
+    robot, run, hand = humanoid("talos", hqp.Velocity())
+    com = Com(name="com")
+    state = robot.state()
+    tick = run.step(state, com.at(state.com()), hand.at(state.position(hand.frame) + [1.5, 0.0, 0.0]))
+    explained, accounted = tick.explain()["hand"], tick.account()
+    assert explained.cause == accounted.cause("hand")
+    assert {loss.element for loss in explained.losses} <= {*run.program.places, PRICE}
+
+
+def test_two_levels_that_exclude_each_other() -> None:
+    robot, _, hand = arm("panda")
+    twin = Position(frame=hand.frame, name="twin", law=P(5.0))
+    run = hqp.Controller(Stack(Level(hand), Level(twin), Level(Posture())), deadline=math.inf).session(robot, DT)
+    state = robot.state()
+    goal = state.position(hand.frame)
+    tick = run.step(state, hand.at(goal), twin.at(goal + [0.05, 0.0, 0.0]))
+    assert both(tick, "twin") == ("lost", "lost")
+    assert tick.explain()["twin"].losses[0].element == "hand"
+    assert tick.account().losses("twin")[0].element == "hand"
+    assert "lost to hand" in str(tick.explain())
+
+
+@pytest.mark.parametrize("price", [None, 0])
+def test_a_limit_is_named_with_joint_and_side(price: Any) -> None:
+    robot = hqp.robots.load("ur5")
+    posture = Posture(law=P(5.0))
+    run = hqp.Controller(Stack(Level(posture), subject_to=[JointLimits()]), price=price, deadline=math.inf).session(
+        robot, DT
+    )
+    q = robot.home.copy()
+    q[2] = robot.upper[2] - 1e-4
+    target = q[:6].copy()
+    target[2] += 0.5
+    state = robot.state(q)
+    posture_at = posture.at(state.angles + (target - q[:6]))
+    tick = run.step(state, posture_at)
+    assert both(tick, "posture") == ("limit", "limit")
+    (loss,) = tick.explain()["posture"].losses
+    assert loss.element == "joint_limits"
+    assert loss.rows == ("elbow_joint upper",)
+    assert "held by joint_limits 100 % (elbow_joint upper)" in str(tick.explain())
+
+
+def test_fights_inside_a_level() -> None:
+    robot, _, hand = arm("panda")
+    twin = Position(frame=hand.frame, name="twin", law=P(5.0))
+    run = hqp.Controller(Stack(Level(hand, twin), Level(Posture())), price=0, deadline=math.inf).session(robot, DT)
+    state = robot.state()
+    goal = state.position(hand.frame)
+    tick = run.step(state, hand.at(goal), twin.at(goal + [0.05, 0.0, 0.0]))
+    assert both(tick, "twin") == ("own level", "own level")
+    assert tick.explain()["twin"].fights == ("hand",)
+    assert "fights hand in its own level" in str(tick.explain())
+
+
+def test_out_of_reach_is_no_levels_fault() -> None:
+    robot = hqp.robots.load("ur5")
+    base = Position(frame=robot.frame_names[0], name="base", law=P(5.0))  # which no joint moves
+    run = hqp.Controller(Stack(Level(base), Level(Posture())), price=0, deadline=math.inf).session(robot, DT)
+    state = robot.state()
+    tick = run.step(state, base.at(state.position(base.frame) + 0.1))
+    assert both(tick, "base") == ("out of reach", "out of reach")
+    assert tick.explain()["base"].losses == ()
+    assert "out of reach" in str(tick.explain())
+
+
+@pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration()], ids=["velocity", "acceleration"])
+def test_a_reference_that_is_too_fast_says_so(formulation: Any) -> None:
+    robot = hqp.robots.load("ur5")
+    law = P(5.0) if isinstance(formulation, hqp.Velocity) else PD(100.0)
+    hand = Position(frame=robot.frame_names[-1], name="hand", law=law)
+    stack = Stack(Level(hand), Level(Posture()), subject_to=[JointLimits()])
+    run = hqp.Controller(stack, formulation, deadline=math.inf).session(robot, DT)
+    run.step(robot.state())
+    state = robot.state()
+    rate = hand.at(state.position(hand.frame), velocity=[20.0, 0.0, 0.0])  # no error at all
+    tick = run.step(state, rate)
+    assert both(tick, "hand") == ("too fast", "too fast")
+    assert "the rate of its reference" in str(tick.explain())
+    state = robot.state()
+    slow = hand.at(state.position(hand.frame) + [4.0, 0.0, 0.0], velocity=[0.01, 0.0, 0.0])  # an error, hardly a rate
+    assert both(run.step(state, slow), "hand")[0] in ("limit", "price")
+
+
+@pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration()], ids=["velocity", "acceleration"])
+@pytest.mark.parametrize("price", [None, 0])
+def test_the_kernels_shares_are_those_of_the_certificate(formulation: Any, price: Any) -> None:
+    """On arms, where the rows above a level are well apart, so that their multipliers are unique."""
+    from hqp.explain import explain
+
+    compared = 0
+    for name in ("panda", "ur5", "kinova"):
+        robot = hqp.robots.load(name)
+        hand, elbow = (
+            Position(frame=robot.frame_names[-1], name="hand"),
+            Position(frame=robot.frame_names[-8], name="elbow"),
+        )
+        limits = [] if price == 0 else [JointLimits()]  # many limits at a vertex share a push in more ways than one
+        stack = Stack(Level(hand), Level(elbow), Level(Posture()), subject_to=limits)
+        run = hqp.Controller(stack, formulation, price=price, deadline=math.inf).session(robot, DT)
+        rng = np.random.default_rng(1)
+        for _ in range(8):
+            state = robot.state(robot.integrate(robot.home, 0.4 * rng.standard_normal(robot.nv), 1.0))
+            goals = [e.at(state.position(e.frame) + 0.5 * rng.standard_normal(3)) for e in (hand, elbow)]
+            tick = run.step(state, *goals)
+            assert tick.solution is not None
+            account = tick.account()
+            names = {e.name: e.row_names(robot) for e in run.stack}
+            told = explain(run.problem, tick.solution, run.program.places, names)
+            for i, element in enumerate(account.elements):
+                entry = told[element]
+                assert account.residual[i] == pytest.approx(entry.residual, abs=1e-9)
+                assert account.asked[i] == pytest.approx(entry.asked, rel=1e-6, abs=1e-9)
+                shares = {loss.element: loss.share for loss in account.losses(element)}
+                for loss in entry.losses if element in ("hand", "elbow") else ():
+                    if loss.share > 0.05:
+                        compared += 1
+                        assert shares.get(loss.element, 0.0) == pytest.approx(loss.share, abs=0.03), (
+                            f"{element}: {loss}"
+                        )
+    assert compared > 20
+
+
+def test_other_solvers_account_through_an_explanation() -> None:
+    robot = hqp.robots.load("ur5")
+    hand = Position(frame=robot.frame_names[-1], name="hand", law=P(5.0))
+    run = hqp.Controller(Stack(Level(hand), Level(Posture())), solver="cascade:proxqp", deadline=math.inf).session(
+        robot, DT
+    )
+    state = robot.state()
+    account = run.step(state, hand.at(state.position(hand.frame) + [2.0, 0.0, 0.0])).account()
+    assert isinstance(account, TickAccount)
+    assert account.cause("hand") == "price"
+    assert account.cause("posture") == "lost"
+
+
+def test_accounts_can_be_kept_and_cost_little() -> None:
+    robot, run, hand = humanoid("talos", hqp.Velocity())
+    state = robot.state()
+    goal = hand.at(state.position(hand.frame) + [1.0, 0.0, 0.2])
+    run.step(state)
+    history, ticks, accounts = [], [], []
+    for _ in range(50):
+        state = robot.state()
+        begun = perf_counter()
+        tick = run.step(state, goal)
+        told = perf_counter()
+        history.append(tick.account())
+        accounts.append(perf_counter() - told)
+        ticks.append(told - begun)
+    assert len({account.count for account in history}) == 50
+    asked = [account.asked[account.elements.index("hand")] for account in history]
+    assert max(asked) == pytest.approx(min(asked))  # what was kept is not overwritten by later ticks
+    assert min(accounts) < 0.5 * min(ticks)
+    first = run.step(robot.state())
+    run.step(robot.state())
+    with pytest.raises(HqpError, match="latest"):
+        first.account()
+
+
+def test_the_direction_in_which_an_element_is_short_reads_by_row() -> None:
+    assert str(Short.of(np.array([-0.8, 0.0, 0.6]), ("x", "y", "z"))) == "0.8 x, -0.6 z"
+    assert str(Short.of(np.array([-1.0]), ())) == "1 row 0"
+
+
+def test_contacts_in_conflict_have_an_account_too() -> None:
+    robot = hqp.robots.load("talos")
+    left, right = robot.landmarks["soles"]
+    pulled = PointContact(frame=right, name="pulled")
+    stack = Stack(Level(Posture()), subject_to=[FixedContact(frame=left), FixedContact(frame=right), pulled])
+    run = hqp.Controller(stack, deadline=math.inf).session(robot, DT)
+    run.step(robot.state())
+    tick = run.step(robot.state(), pulled.at(velocity=[0.1, 0.0, 0.0]))
+    assert tick.status is Status.CONSTRAINTS_VIOLATED
+    assert both(tick, "pulled") == ("own level", "own level")
