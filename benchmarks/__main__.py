@@ -7,6 +7,7 @@ import importlib
 import importlib.util
 import sys
 import time
+import traceback
 from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
@@ -98,28 +99,50 @@ def _part(part: str, argv: Sequence[str]) -> int:
 
 
 def _main_job(arguments: argparse.Namespace) -> int:
-    from benchmarks.reports import report
+    """All parts in turn, a line each as they end; failures, figures and the report's path at the end."""
+    from benchmarks.reports import page, report
 
     start = time.perf_counter()
     output: Path = arguments.output
     output.mkdir(parents=True, exist_ok=True)
+    names = [name for name in PARTS if present(name)]
     for name in PARTS:  # an old section must not pass for a new one
-        for stale in (output / f"{name}.md", output / f"{name}.json"):
-            stale.unlink(missing_ok=True)
+        for kind in ("md", "json", "summary.json", "log"):
+            (output / f"{name}.{kind}").unlink(missing_ok=True)
     outcomes: list[report.Outcome] = []
-    for name in PARTS:
-        if not present(name):
-            continue
-        report.heading(name)
-        began = time.perf_counter()
-        options = ["--output", str(output), "--json", str(output / f"{name}.json"), *FULL_RUN_OPTIONS.get(name, ())]
-        status = _part(name, [*options, *(["--quick"] if arguments.quick else [])])
-        outcomes.append(report.Outcome(name, PARTS[name], status, time.perf_counter() - began))
-    report.write(output, outcomes, arguments.quick)
+    with page.Page(len(names)) as shown:
+        if "timing" in names:
+            shown.say(page.glance())
+        for name in names:
+            began, before = time.perf_counter(), _drawn(output)
+            with shown.part(name, output / f"{name}.log"):
+                status = _guarded(name, arguments)
+            made = [path for path, age in _drawn(output).items() if age != before.get(path)]
+            seconds = time.perf_counter() - began
+            outcomes.append(report.outcome(output, name, PARTS[name], status, seconds, made))
+            shown.show(outcomes[-1])
+    path = report.write(output, outcomes, arguments.quick)
     if arguments.json is not None:
         report.gather(output, outcomes, arguments.json)
-    report.heading(f"report: {output / 'report.md'} ({time.perf_counter() - start:.0f} s)")
+    shown.finish(outcomes, path, time.perf_counter() - start)
     return max((outcome.status for outcome in outcomes), default=0)
+
+
+def _guarded(name: str, arguments: argparse.Namespace) -> int:
+    """The status of a part; one that raises has failed, and the others still run."""
+    from benchmarks.reports import report
+
+    output: Path = arguments.output
+    options = ["--output", str(output), "--json", str(output / f"{name}.json"), *FULL_RUN_OPTIONS.get(name, ())]
+    try:
+        return _part(name, [*options, *(["--quick"] if arguments.quick else [])])
+    except Exception as error:
+        report.console.print(traceback.format_exc(), markup=False)
+        return report.conclude(output, name, (), [f"{type(error).__name__}: {error} (in full: {name}.log)"])
+
+
+def _drawn(output: Path) -> dict[Path, int]:
+    return {path: path.stat().st_mtime_ns for kind in ("png", "mp4", "html") for path in output.glob(f"*.{kind}")}
 
 
 if __name__ == "__main__":

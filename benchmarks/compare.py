@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
         write_json(arguments.json, checks)
     body = report.table(report.HEADER, map(report.cells, checks))
     report.section(arguments.output, "compare", f"{report.tally(checks)}; {count} states.", body, *tables)
-    return int(any(not check.passed for check in checks))
+    return report.conclude(arguments.output, "compare", [report.tally(checks)], report.failures_of(checks))
 
 
 @dataclass(frozen=True)

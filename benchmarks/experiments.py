@@ -87,10 +87,12 @@ def run(arguments: argparse.Namespace) -> int:
     for outcome in outcomes:
         _show(outcome)
     _write(arguments, outcomes, full)
-    failed = [f"{o.name}: {f.what}" for o in outcomes for f in o.missed]
+    failed = [f"{o.name}: {f.what}: {f.shown}, asked {f.asked}" for o in outcomes for f in o.missed]
     for text in failed:
         report.console.print(f"missed: {text}", style="bold red", markup=False)
-    return int(bool(failed))
+    judged = [figure for o in outcomes for figure in o.figures]
+    lines = [f"{len(judged)} figures of {len(outcomes)} experiments, {len(failed)} beyond their limits"]
+    return report.conclude(arguments.output, "experiments", lines, failed)
 
 
 def choose_renderer() -> str:

@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     report.section(
         arguments.output, "papers", *paragraphs, "### Rows", report.table(report.HEADER, map(report.cells, checks))
     )
-    return int(bool(failed))
+    return report.conclude(arguments.output, "papers", [report.tally(checks)], report.failures_of(checks))
 
 
 def mistry(names: tuple[str, ...], count: int, output: Path | None) -> tuple[list[Check], list[str]]:

@@ -69,7 +69,13 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.page.write_text(_page(text))
     if arguments.json is not None:
         arguments.json.write_text(json.dumps(records, indent=1))
-    return 1 if missed else 0
+    closed = len({(r["robot"], r["formulation"], r["scene"]) for r in records})
+    return report.conclude(
+        arguments.output,
+        "calm",
+        [f"{closed} closed loops, {len(missed)} with a goal missed by priced levels"],
+        [f"{r['robot']}, {r['formulation']}, {r['scene']}: {', '.join(r['misses'])}" for r in missed],
+    )
 
 
 def _loops(

@@ -13,23 +13,22 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from benchmarks.reports import machine
 from benchmarks.reports.checks import Check
+from hqp.markdown import table as _table
 
 console = Console(highlight=False)
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a part of the main job went."""
+    """How a part of the main job went: its summary, what failed of it, and the figures that it drew."""
 
     part: str
     text: str
     status: int
     seconds: float
-
-
-def heading(text: str) -> None:
-    """A rule across the terminal."""
-    console.rule(text, align="left")
+    lines: tuple[str, ...] = ()
+    failures: tuple[str, ...] = ()
+    figures: tuple[str, ...] = ()
 
 
 def bar() -> Progress:
@@ -40,10 +39,32 @@ def bar() -> Progress:
     )  # fmt: skip
 
 
+def conclude(output: Path, part: str, lines: Sequence[str], failures: Sequence[str]) -> int:
+    """Keep a part's summary for the page of the main job; the exit status: 1 where something failed."""
+    path = output / f"{part}.summary.json"
+    path.write_text(json.dumps({"lines": list(lines), "failures": list(failures)}, ensure_ascii=False))
+    return int(bool(failures))
+
+
+def failures_of(checks: Sequence[Check]) -> list[str]:
+    """Checks that failed, a line each."""
+    return [
+        f"{c.equation}, {c.check}, {c.robot}: {c.measured:.2e}, allowed {c.tolerance:.0e}. {c.note}".rstrip()
+        for c in checks
+        if not c.passed
+    ]
+
+
+def goals_of(goals: Iterable[Sequence[str]]) -> list[str]:
+    """Goals of speed in a line, and those that were missed; their last cell says which."""
+    listed = list(goals)
+    missed = [f"missed: {what}: {measured}, goal {goal}" for what, goal, measured, said in listed if said != "reached"]
+    return [f"{len(listed) - len(missed)} of {len(listed)} goals of speed reached", *missed] if listed else []
+
+
 def table(header: Sequence[str], body: Iterable[Sequence[str]]) -> str:
     """A table in Markdown."""
-    rows = [tuple(header), tuple("---" for _ in header), *(tuple(row) for row in body)]
-    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows) + "\n"
+    return _table(tuple(header), tuple(tuple(row) for row in body)) + "\n"
 
 
 HEADER = ("", "kind", "equation", "check", "robot", "tolerance", "measured", "note")
@@ -59,13 +80,9 @@ def cells(check: Check) -> tuple[str, ...]:
 
 
 def show(checks: Sequence[Check]) -> None:
-    """The checks in the terminal, failures in red, and their count."""
-    body = [cells(check) for check in checks]
-    widths = [max(len(row[i]) for row in (HEADER, *body)) for i in range(len(HEADER))]
-    for row, check in zip((HEADER, *body), (None, *checks), strict=True):
-        text = "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        failed = check is not None and not check.passed
-        console.print(text, style="bold red" if failed else None, markup=False, soft_wrap=True)
+    """Failures in the terminal, and the count; every row is in the report."""
+    for text in failures_of(checks):
+        console.print(f"FAIL {text}", style="bold red", markup=False, soft_wrap=True)
     console.print(tally(checks))
 
 
@@ -102,6 +119,15 @@ def write(output: Path, outcomes: Sequence[Outcome], quick: bool) -> Path:
     path = output / "report.md"
     path.write_text("\n".join(lines))
     return path
+
+
+def outcome(output: Path, part: str, text: str, status: int, seconds: float, drawn: Iterable[Path]) -> Outcome:
+    """What a part left behind; one that failed without saying why has that as its failure."""
+    path = output / f"{part}.summary.json"
+    told = json.loads(path.read_text()) if path.is_file() else {"lines": [], "failures": []}
+    failures = tuple(told["failures"]) or ((f"ended with status {status}",) if status else ())
+    figures = tuple(str(figure) for figure in sorted(drawn))
+    return Outcome(part, text, status or int(bool(failures)), seconds, tuple(told["lines"]), failures, figures)
 
 
 def gather(output: Path, outcomes: Sequence[Outcome], path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="following a goal; default: ur5 ...",
     )
     parser.add_argument("--solvers", nargs="+", default=None, metavar="NAME", help="default: all available")
-    parser.add_argument("--rivals", action="store_true", help="pink and mink on the same stack, where installed")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -52,9 +52,8 @@ def run(arguments: argparse.Namespace) -> int:
                 bar.update(task, description=f"timing {solver} on {name}")
                 runs.append(ticks.run(robot, *_solver(solver), count))
                 bar.advance(task)
-    rivals = _rivals(arguments.robots, count) if arguments.rivals else []
     hands = [run for name in arguments.hands if name in robots.names() for run in teleoperation.measure(name, count)]
-    records = [r.record() for r in runs] + rivals
+    records = [r.record() for r in runs]
     if arguments.json is not None:
         write_json(arguments.json, [*records, *(run.record() for run in hands)])
     text, goals = report.table(HEADER, map(_cells, records)), report.table(GOAL_HEADER, _goals(runs))
@@ -83,7 +82,19 @@ def run(arguments: argparse.Namespace) -> int:
         reached,
         *_figures(runs, arguments.output),
     )
-    return int(any(wrong(run) for run in runs))
+    return report.conclude(
+        arguments.output,
+        "timing",
+        [*_summary(runs), *report.goals_of([*_goals(runs), *teleoperation.outcomes(hands)])],
+        [f"{r.solver} on {r.robot}: solved, but the certificate's gap is {r.gap:.1e}" for r in runs if wrong(r)],
+    )
+
+
+def _summary(runs: list[Ticks]) -> Iterator[str]:
+    """A line a robot: median ticks of every solver, the fastest first."""
+    for robot in dict.fromkeys(r.robot for r in runs):
+        mine = sorted((r for r in runs if r.robot == robot), key=lambda r: float(np.median(r.wall)))
+        yield f"{robot}, median us: " + ", ".join(f"{r.solver} {np.median(r.wall):.0f}" for r in mine)
 
 
 def wrong(run: Ticks) -> bool:
@@ -126,7 +137,7 @@ def _goals(runs: list[Ticks]) -> list[tuple[str, str, str, str]]:
     if not strict:
         return []
     best = min(strict, key=lambda r: float(np.median(r.wall)))
-    floor, median = float(np.median(best.floor)), float(np.median(best.wall))
+    floor, median = float(np.median(best.run.floor)), float(np.median(best.wall))
     ratio = best.without_solve / floor
     return [
         _goal(f"state + references + assemble + command ({best.solver})", WITHOUT_SOLVE_US, best.without_solve, "us"),
@@ -152,9 +163,3 @@ def _figures(runs: list[Ticks], output: Path) -> list[str]:
         )
         found.append(f"![tick times on {name}]({path.name})")
     return found
-
-
-def _rivals(names: list[str], count: int) -> list[dict[str, object]]:
-    from benchmarks.speed import rivals
-
-    return [record for name in names for record in rivals.measure(robots.load(name), count)]

@@ -7,6 +7,8 @@ import io
 import json
 from dataclasses import asdict, dataclass
 
+from hqp.markdown import table
+
 
 @dataclass(frozen=True)
 class Line:
@@ -85,10 +87,7 @@ class Comparison:
 
     def markdown(self) -> str:
         """The table in Markdown."""
-        header = self.header()
-        lines = [header, tuple("---" for _ in header), *self.cells()]
-        table = "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
-        return f"{self.title}\n\n{table}\n\n{self.caption}\n"
+        return f"{self.title}\n\n{table(self.header(), self.cells())}\n\n{self.caption}\n"
 
     def csv(self) -> str:
         """One line a solver, numbers in full."""

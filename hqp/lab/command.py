@@ -6,8 +6,13 @@ import argparse
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from hqp.arguments import add_stack, read_stack
+
+if TYPE_CHECKING:
+    from hqp.robot import Robot
+    from hqp.stack import Stack
 
 HELP = "run a stack in closed loop through solvers: time, accuracy, calm, as a report"
 DESCRIPTION = """Run a stack in closed loop with each solver and measure times against the period, residuals and
@@ -29,6 +34,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=float, default=2.0, metavar="S", help="of each loop, default 2")
     for suffix, what in (("html", "one page with plots"), ("md", "Markdown"), ("json", "JSON"), ("parquet", "ticks")):
         parser.add_argument(f"--{suffix}", type=Path, metavar="FILE", help=f"write {what} there")
+    parser.add_argument(
+        "--rivals", nargs="+", metavar="NAME",
+        help="run the stack through pink, mink, placo or tsid too, each in an environment of its own made for it",
+    )  # fmt: skip
     parser.add_argument("--against", type=Path, metavar="OLD.json", help="compare with an older run's JSON")
 
 
@@ -37,6 +46,8 @@ def execute(arguments: argparse.Namespace) -> int:
     from .closed_loop import bench
 
     stack, robot, formulation = read_stack(arguments)
+    if arguments.rivals:
+        return _rivals(arguments, stack, robot)
     solvers = "all" if arguments.solvers == ["all"] else arguments.solvers
     show, done = _progress()
     try:
@@ -66,6 +77,21 @@ def execute(arguments: argparse.Namespace) -> int:
     if arguments.html:
         print(f"report: {result.html(arguments.html, changes)}")
     return int(any(change.verdict == "slower" for change in changes))
+
+
+def _rivals(arguments: argparse.Namespace, stack: Stack, robot: Robot) -> int:
+    from .rivals import compare_rivals
+
+    def told(text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
+
+    result = compare_rivals(stack, robot, arguments.rivals, seconds=arguments.seconds, dt=arguments.dt, told=told)
+    print(result)
+    if arguments.json:
+        arguments.json.write_text(result.json())
+    if arguments.md:
+        arguments.md.write_text(result.markdown())
+    return 0
 
 
 def _progress() -> tuple[Callable[[str, float], None], Callable[[], None]]:

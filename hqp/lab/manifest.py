@@ -10,7 +10,21 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-PACKAGES = ("numpy", "scipy", "pin", "qpsolvers", "proxsuite", "osqp", "daqp", "piqp", "clarabel", "mujoco")
+import numpy as np
+
+PACKAGES = (
+    "numpy",
+    "scipy",
+    "pin",
+    "qpsolvers",
+    "proxsuite",
+    "osqp",
+    "daqp",
+    "piqp",
+    "clarabel",
+    "mujoco",
+    "example-robot-data",
+)
 
 
 def manifest(**settings: Any) -> dict[str, Any]:
@@ -30,7 +44,7 @@ def manifest(**settings: Any) -> dict[str, Any]:
         "hqp": hqp.__version__,
         "commit": _commit(),
         "packages": {name: version for name in PACKAGES if (version := _version(name))},
-        "threads": os.environ.get("OMP_NUM_THREADS", ""),
+        "blas": _blas(),
         **settings,
     }
 
@@ -48,6 +62,16 @@ def _processor() -> str:
     except OSError:
         return platform.processor() or platform.machine()
     return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())
+
+
+def _blas() -> str:
+    from hqp.doctor import blas_threads
+
+    build = np.show_config(mode="dicts")
+    blas = build.get("Build Dependencies", {}).get("blas", {}) if isinstance(build, dict) else {}
+    threads = blas_threads()
+    name = f"{blas.get('name', 'unknown')} {blas.get('version', '')}".strip()
+    return f"{name}, threads {'unknown' if threads is None else threads}"
 
 
 def _commit() -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hqp.arrays import Mask, Vec
+from hqp.arrays import Mask, Mat, Vec
 
 from .run import Run, worst
 
@@ -24,6 +24,9 @@ class Summary:
     of them.  split_us: medians of state, assemble, solve, command.  residual_max, residual_end: by level.
     certified: share of judged ticks.  jump: largest change of a command in a tick; acceleration: its p50 and p99 over
     the period, of the fastest joint; reversals: sign changes of the command's change a second, worst joint.
+    off: distance from its reference at the end, off_max: at most, of each element that has one [m, rad].  drift:
+    largest displacement of a contact [m, rad].  over, speeding: largest excess over a joint's range [rad] and speed
+    limit [rad/s].
     """
 
     solver: str
@@ -49,6 +52,11 @@ class Summary:
     rate_p50: float
     rate_p99: float
     reversals: float
+    off: dict[str, float]
+    off_max: dict[str, float]
+    drift: float
+    over: float
+    speeding: float
     note: str = ""
 
 
@@ -83,7 +91,12 @@ def summarise(run: Run) -> Summary:
         jump=float(change.max(initial=0.0)),
         rate_p50=float(rate[0]),
         rate_p99=float(rate[1]),
-        reversals=_reversals(run),
+        reversals=reversals(run.commands, run.dt),
+        off=_by_name(run, run.behaviour.errors[-1]),
+        off_max=_by_name(run, _largest(run.behaviour.errors)),
+        drift=float(run.behaviour.drift.max()),
+        over=float(run.behaviour.over.max()),
+        speeding=float(run.behaviour.speeding.max()),
     )
 
 
@@ -92,7 +105,7 @@ def refused(solver: str, strict: bool, note: str) -> Summary:
     nan = float("nan")
     return Summary(
         solver, strict, "refused", {}, 0, nan, nan, nan, nan, nan, nan, nan, 0, 0, {}, {}, {}, nan, 0.0, nan, nan, nan,
-        nan, note,
+        nan, {}, {}, nan, nan, nan, note,
     )  # fmt: skip
 
 
@@ -116,11 +129,19 @@ def _tenths(values: Vec) -> list[Vec]:
     return np.array_split(values, 10)
 
 
-def _reversals(run: Run) -> float:
+def _by_name(run: Run, values: Vec) -> dict[str, float]:
+    return dict(zip(run.behaviour.tracked, values.tolist(), strict=True))
+
+
+def _largest(errors: Mat) -> Vec:
+    return np.asarray(np.where(np.isnan(errors), -np.inf, errors).max(axis=0))
+
+
+def reversals(commands: Mat, dt: float) -> float:
     """Sign changes a second of the command's change, worst joint; changes below 1e-6 of the largest are none."""
-    change = np.diff(run.commands, axis=0)
+    change = np.diff(commands, axis=0)
     if len(change) < 2:
         return 0.0
     change[np.abs(change) < 1e-6 * max(float(np.abs(change).max()), 1e-9)] = 0.0
     turns = (change[1:] * change[:-1] < 0.0).sum(axis=0)
-    return float(turns.max() / (len(change) * run.dt))
+    return float(turns.max() / (len(change) * dt))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -11,13 +12,14 @@ from typing import Any
 import numpy as np
 
 from hqp.errors import DeclarationError, HqpError
+from hqp.markdown import table as markdown_table
 
 from .measures import Summary
 from .run import Run
 
 _HEADER = (
     "solver", "status", "p50 us", "p95", "p99", "max", "x floor", "missed", "longest", "certified", "gap",
-    "jump", "rate p50", "rate p99", "reversals/s",
+    "jump", "rate p50", "rate p99", "reversals/s", "off mm", "drift mm", "over limit",
 )  # fmt: skip
 
 
@@ -67,7 +69,8 @@ class Bench:
         return (
             "* not strict; x floor: median tick over a bare kinematics call of the same run; missed: ticks over the "
             f"period, longest run of them; jump: largest change of a command in a tick [{unit}]; rate: of that change "
-            f"[{unit} a second]; ‖w‖: residual of a level"
+            f"[{unit} a second]; off: largest distance from a reference at the end; drift: of a contact; over limit: "
+            "of a joint's range [rad]; ‖w‖: residual of a level"
         )
 
     def header(self) -> tuple[str, ...]:
@@ -86,6 +89,7 @@ class Bench:
                 name, s.status, *(f"{t:.0f}" for t in (s.p50_us, s.p95_us, s.p99_us, s.max_us)), f"{s.ratio:.1f}",
                 f"{s.misses}", f"{s.longest_misses}", f"{100.0 * s.certified:.0f} %", f"{s.gap:.0e}",
                 f"{s.jump:.3g}", f"{s.rate_p50:.3g}", f"{s.rate_p99:.3g}", f"{s.reversals:.0f}",
+                f"{1e3 * max(s.off.values(), default=np.nan):.2g}", f"{1e3 * s.drift:.2g}", f"{s.over:.1g}",
             ))  # fmt: skip
         return tuple(rows)
 
@@ -106,7 +110,7 @@ class Bench:
     def markdown(self) -> str:
         """The tables in Markdown."""
         both = ((self.header(), self.cells()), (self.residual_header(), self.residual_cells()))
-        tables = "\n\n".join(_markdown(header, body) for header, body in both)
+        tables = "\n\n".join(markdown_table(header, body) for header, body in both)
         title = self.title.replace("\n", "  \n").replace("|", "\\|")
         notes = "".join(f"- {note}\n" for note in self.notes)
         return f"{title}\n\n{tables}\n\n{self.caption}\n\n{notes}\n{_about(self.manifest)}\n"
@@ -162,28 +166,36 @@ class Bench:
         return tuple(changes)
 
     def __str__(self) -> str:
-        from rich.console import Console
-        from rich.markup import escape
-        from rich.table import Table
-
-        console = Console(width=200, file=io.StringIO(), force_terminal=False)
-        console.print(escape(self.title), soft_wrap=True)
         both = ((self.header(), self.cells()), (self.residual_header(), self.residual_cells()))
-        for header, body in both:
-            table = Table()
-            for name in header:
-                table.add_column(name, justify="left" if name in ("solver", "status") else "right", no_wrap=True)
-            for cells in body:
-                table.add_row(*map(escape, cells))
-            console.print(table)
-        for text in (self.caption, *self.notes):
-            console.print(escape(text), soft_wrap=True)
-        return "\n".join(text.rstrip() for text in console.file.getvalue().splitlines())  # type: ignore[attr-defined]
+        return as_text(self.title, both, (self.caption, *self.notes))
 
 
-def _markdown(header: tuple[str, ...], body: tuple[tuple[str, ...], ...]) -> str:
-    lines = (header, tuple("---" for _ in header), *body)
-    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |" for cells in lines)
+LEFT = ("solver", "status", "library", "scene", "said")
+"""Columns of words."""
+
+
+def as_text(
+    title: str, tables: Sequence[tuple[Sequence[str], Sequence[Sequence[str]]]], notes: Sequence[str], width: int = 200
+) -> str:
+    """Tables for a terminal under a title, with notes below."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    out = io.StringIO()
+    console = Console(width=width, file=out, force_terminal=False)
+    if title:
+        console.print(escape(title), soft_wrap=True)
+    for header, body in tables:
+        shown = Table()
+        for name in header:
+            shown.add_column(name, justify="left" if name in LEFT else "right", no_wrap=True)
+        for cells in body:
+            shown.add_row(*map(escape, cells))
+        console.print(shown)
+    for text in notes:
+        console.print(escape(text), soft_wrap=True)
+    return "\n".join(text.rstrip() for text in out.getvalue().splitlines())
 
 
 def _about(manifest: dict[str, Any]) -> str:

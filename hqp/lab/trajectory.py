@@ -7,6 +7,7 @@ import importlib
 import math
 import sys
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -40,22 +41,25 @@ class Trajectory:
     def __init__(self, source: str | Path | Motion, stack: Stack, robot: Any, seconds: float) -> None:
         self.name = str(source) if isinstance(source, (str, Path)) else getattr(source, "__qualname__", "function")
         self._motion = _motion(source, stack, robot, seconds)
+        self._at: dict[str, Any] = {}
         for name in self._motion(0.0):
-            stack.find(name)
+            element: Any = stack.find(name)
+            self._at[name] = getattr(element, "at", None) or partial(Reference, name)
 
     def __call__(self, t: float) -> tuple[Reference, ...]:
         """References at time t [s]."""
-        found = []
-        for name, value in self._motion(t).items():
-            value, velocity = value if isinstance(value, tuple) else (value, None)
-            found.append(
-                Reference(
-                    name,
-                    np.asarray(value, dtype=np.float64),
-                    None if velocity is None else np.asarray(velocity, dtype=np.float64),
-                )
-            )
-        return tuple(found)
+        return self.references(self.values(t))
+
+    def values(self, t: float) -> Mapping[str, Any]:
+        """Targets at time t [s]: by element a value, or (value, velocity)."""
+        return self._motion(t)
+
+    def references(self, values: Mapping[str, Any]) -> tuple[Reference, ...]:
+        """References of targets, as a user's loop makes them with ``element.at``."""
+        return tuple(
+            self._at[name](value[0], velocity=value[1]) if isinstance(value, tuple) else self._at[name](value)
+            for name, value in values.items()
+        )
 
 
 def _motion(source: str | Path | Motion, stack: Stack, robot: Any, seconds: float) -> Motion:
@@ -82,25 +86,27 @@ def _motion(source: str | Path | Motion, stack: Stack, robot: Any, seconds: floa
 
 
 def _named(name: str, stack: Stack, robot: Any, seconds: float) -> Motion:
-    from hqp.tasks import Position
+    from hqp.tasks import Pose, Position
 
     state = robot.state()
-    homes: dict[str, Vec] = {e.name: e.value(state) for e in stack if isinstance(e, Position)}
+    homes: dict[str, Vec] = {
+        e.name: e.value(state) for e in stack if isinstance(e, (Position, Pose)) and e not in stack.subject_to
+    }
     robot.current = None
 
     def circle(t: float) -> dict[str, Any]:
         angle, radius = math.pi * t, 0.05
         offset = radius * np.array([0.0, math.sin(angle), 1.0 - math.cos(angle)])
         rate = radius * math.pi * np.array([0.0, math.cos(angle), math.sin(angle)])
-        return {n: (p + offset[: p.size], rate[: p.size]) for n, p in homes.items()}
+        return {n: _moved(p, offset, rate) for n, p in homes.items()}
 
     def moved(distance: float) -> dict[str, Any]:
         ahead = np.array([1.0, 0.0, 0.2])
-        return {n: p + distance * ahead[: p.size] for n, p in homes.items()}
+        return {n: _moved(p, distance * ahead) for n, p in homes.items()}
 
     def lost(t: float) -> dict[str, Any]:
         if abs(t - 0.5 * seconds) < 0.05:
-            return {n: np.full(p.size, np.nan) for n, p in homes.items()}
+            return {n: np.full(p.shape, np.nan) for n, p in homes.items()}
         return circle(t)
 
     motions: dict[str, Motion] = {
@@ -111,6 +117,16 @@ def _named(name: str, stack: Stack, robot: Any, seconds: float) -> Motion:
         "nan": lost,
     }
     return motions[name]
+
+
+def _moved(value: Vec, offset: Vec, rate: Vec | None = None) -> Any:
+    """A position or a pose shifted by an offset, a position with its rate too."""
+    if value.ndim == 1:
+        moved = value + offset[: value.size]
+        return moved if rate is None else (moved, rate[: value.size])
+    pose = value.copy()
+    pose[:3, 3] += offset
+    return pose
 
 
 def _samples(path: Path) -> Motion:

@@ -133,9 +133,9 @@ def test_a_timed_run_has_the_promised_numbers() -> None:
     assert run.unsolved == 0
     assert 0.0 < run.gap < 1e-6
     assert not timing.wrong(run)
-    assert timing.wrong(replace(run, gap=1e-3))
-    assert timing.wrong(replace(run, gap=math.nan))
-    assert np.all(run.parts.sum(axis=1) <= run.wall)
+    assert timing.wrong(replace(run, run=replace(run.run, gaps=np.array([1e-3]))))
+    assert timing.wrong(replace(run, run=replace(run.run, gaps=np.array([math.nan]))))
+    assert np.all(run.run.times.sum(axis=1) <= run.wall)
 
 
 def test_hands_that_follow_a_goal_are_measured_with_their_ratios() -> None:

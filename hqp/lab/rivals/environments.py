@@ -1,0 +1,55 @@
+"""An environment for each rival: made once, with the versions named here, and kept."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from hqp.errors import DeclarationError, HqpError
+
+RIVALS = {
+    "pink": ("pin-pink==4.4.0", "qpsolvers[daqp]", "daqp"),
+    "mink": ("mink==1.3.0", "qpsolvers[daqp]", "daqp"),
+    "placo": ("placo==0.10.2",),
+    "tsid": ("tsid==1.7.1", "pin==3.4.0", "cmeel-urdfdom<5", "cmeel-tinyxml2<11"),  # what the wheel was built with
+}
+"""What is installed for each."""
+
+
+def folder() -> Path:
+    """Where the environments are kept: HQP_RIVALS, or hqp/rivals in the user's cache."""
+    given = os.environ.get("HQP_RIVALS")
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return Path(given) if given else cache / "hqp" / "rivals"
+
+
+def environment(name: str, told: Callable[[str], None] = lambda text: None) -> Path:
+    """The Python of a rival's environment, made if it is not there.
+
+    Wheels only: a rival that would have to be compiled counts as not available.  Raises DeclarationError for an unknown
+    name, HqpError where the installation fails.
+    """
+    if name not in RIVALS:
+        raise DeclarationError("rivals", "unknown", value=name, allowed=", ".join(RIVALS))
+    wanted = "\n".join(RIVALS[name])
+    place = folder() / name
+    python = place / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+    mark = place / "installed.txt"
+    if mark.is_file() and mark.read_text() == wanted and python.exists():
+        return python
+    told(f"installing {', '.join(RIVALS[name])} into {place}")
+    _call([sys.executable, "-m", "venv", "--clear", str(place)], name)
+    options = ["--quiet", "--disable-pip-version-check", "--only-binary", ":all:"]
+    _call([str(python), "-m", "pip", "install", *options, *RIVALS[name]], name)
+    mark.write_text(wanted)
+    return python
+
+
+def _call(command: list[str], name: str) -> None:
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        said = (done.stderr or done.stdout).strip().splitlines()
+        raise HqpError(f"{name} cannot be installed: {said[-1] if said else 'no reason given'}")

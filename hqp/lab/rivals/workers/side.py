@@ -1,0 +1,94 @@
+"""The loop in a rival's own environment, where hqp is not installed: times, states, failures of every scene.
+
+A rival is a class made of a scene, with ``aim(name, values)``, ``prepare()``, ``solve()``, ``advance()``, ``base()``,
+``angles()``, ``speeds()`` and ``com()``.  Timed are new targets and the solve with what it needs of the kinematics;
+``prepare`` is what makes the task the same for all, and is not timed.
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import logging
+import sys
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+WARM_UP = 50
+
+
+def main(make):
+    """Run every scene of the job in the folder that is the first argument; write ``answer.npz`` and ``answer.json``."""
+    logging.disable(logging.CRITICAL)
+    warnings.simplefilter("ignore")
+    folder = Path(sys.argv[1])
+    job = json.loads((folder / "job.json").read_text())
+    only = set(sys.argv[2:])
+    targets = np.load(folder / "targets.npz")
+    arrays, said = {}, {}
+    for scene in job["scenes"]:
+        name = scene["name"]
+        if only and name not in only:
+            continue
+        wanted = {t["name"]: targets[f"{name}/{t['name']}"] for t in scene["tasks"]}
+        try:
+            rival = make(scene, job["dt"], {k: v[0] for k, v in wanted.items()})
+        except NotImplementedError as error:
+            said[name] = {"refused": str(error)}
+            continue
+        found, first = _loop(rival, scene, wanted)
+        for key, value in found.items():
+            arrays[f"{name}/{key}"] = value
+        said[name] = {"failed": first, "com": [float(x) for x in rival.com_at_start]}
+    np.savez(folder / "answer.npz", **arrays)
+    (folder / "answer.json").write_text(json.dumps(said))
+
+
+def _loop(rival, scene, wanted):
+    ticks = scene["ticks"]
+    moving = {n: w for n, w in wanted.items() if np.any(w != w[0])}
+    rival.com_at_start = np.asarray(rival.com())
+    wall, failed = np.zeros(ticks), np.zeros(ticks, dtype=bool)
+    base, angles, speeds = [], [], []
+    first = ""
+    gc.collect()
+    gc.disable()
+    for k in range(-WARM_UP, ticks):
+        at = max(k, 0)
+        if k >= 0:
+            base.append(rival.base())
+            angles.append(rival.angles())
+        problem = ""
+        start = time.perf_counter_ns()
+        aimed = start
+        try:
+            for name, values in moving.items():
+                rival.aim(name, values[at])
+            aimed = time.perf_counter_ns()
+            rival.prepare()
+            begun = time.perf_counter_ns()
+            rival.solve()
+        except Exception as error:
+            problem = f"{type(error).__name__}: {error}".split("\n")[0] or type(error).__name__
+            begun = aimed
+        spent = time.perf_counter_ns() - begun + aimed - start
+        if not problem and not np.all(np.isfinite(rival.speeds())):
+            problem = "answers NaN"
+        if problem:
+            rival.stop()
+        if k >= 0:
+            wall[k], failed[k] = 1e-3 * spent, bool(problem)
+            speeds.append(np.array(rival.speeds()))
+            first = first or problem
+            rival.advance()
+    gc.enable()
+    return {"wall": wall, "failed": failed, "base": np.array(base), "angles": np.array(angles),
+            "speeds": np.array(speeds)}, first  # fmt: skip
+
+
+def cost(level, weight):
+    """Levels by weight: 100, 10, 1, ... as costs, which the objective squares."""
+    return weight * 10.0 ** (2 - level)
