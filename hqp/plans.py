@@ -204,9 +204,105 @@ class Collision:
     shape: tuple[int, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class Still:
+    """Coordinates whose velocity is wanted for itself; the reference's value, zero, is not read."""
+
+    columns: tuple[int, ...]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the reference's value."""
+        return (len(self.columns),)
+
+
+@dataclass(frozen=True, eq=False)
+class Steady:
+    """Coordinates that go on with the velocity they had; no reference."""
+
+    columns: tuple[int, ...]
+    shape: tuple[int, ...] = field(default=(), init=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Pointing:
+    """An axis of a frame along a direction, or towards a point; first and other across it; reference ``(3,)``."""
+
+    frame: Frame
+    axis: tuple[float, ...]
+    first: tuple[float, ...]
+    other: tuple[float, ...]
+    point: bool
+    shape: tuple[int, ...] = field(default=(3,), init=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Apart:
+    """Distance of a frame from the origin of another; reference ``(1,)``."""
+
+    frame: Frame
+    relative_to: RelativeFrame | None
+    shape: tuple[int, ...] = field(default=(1,), init=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Manipulability:
+    """Of the ``picked`` rows of a frame's Jacobian in the coordinates ``joints``; reference ``(1,)``."""
+
+    frame: Frame
+    picked: tuple[int, ...]
+    joints: tuple[int, ...]
+    shape: tuple[int, ...] = field(default=(1,), init=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Cone:
+    """As Pointing, with bounds on the angle; reference ``(3,)``."""
+
+    frame: Frame
+    axis: tuple[float, ...]
+    first: tuple[float, ...]
+    other: tuple[float, ...]
+    point: bool
+    angle: float
+    rate: float
+    recovery: float
+    shape: tuple[int, ...] = field(default=(3,), init=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Within:
+    """Bounds ``(m,)`` on the value of a task, on its rate where ``rates``; reference ``(m,)``."""
+
+    task: Plan
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    rate: float
+    recovery: float
+    rates: bool
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the reference's value."""
+        return (len(self.lower),)
+
+
+@dataclass(frozen=True, eq=False)
+class SupportPolygon:
+    """Points of frames, or corners ``(x, y)`` in the world, that the centre of mass stays between; no reference."""
+
+    points: tuple[tuple[Frame, tuple[float, ...]], ...]
+    polygon: tuple[tuple[float, ...], ...]
+    margin: float
+    rate: float
+    recovery: float
+    shape: tuple[int, ...] = field(default=(), init=False)
+
+
 Plan: TypeAlias = (
     Point | Pose | Rotation | Angles | Edge | Wheel | Com | Joints | Coupling | JointBox | Constant | Collision
-)
+    | Still | Steady | Pointing | Apart | Manipulability | Cone | Within | SupportPolygon
+)  # fmt: skip
 
 
 def frame(robot: Robot, name: str) -> Frame:

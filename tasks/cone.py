@@ -8,7 +8,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from hqp import plans
 from hqp.arrays import Mat, Vec
+from hqp.element import plan_of
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 
@@ -105,3 +107,11 @@ class Cone(_Barrier):
         if cosine >= math.cos(self.angle):
             return np.array([second / scale])
         return np.array([(second + cosine * (first / scale) ** 2) / scale])
+
+    def plan(self, robot: Robot) -> plans.Cone | None:
+        """The native operation; none for a task with functions of its own."""
+        own = plan_of(self.task, robot)
+        if not isinstance(own, plans.Pointing):
+            return None
+        parts = (own.frame, own.axis, own.first, own.other, own.point)
+        return plans.Cone(*parts, self.angle, self.rate, self.recovery)

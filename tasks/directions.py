@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hqp import plans
 from hqp.arrays import Mat, Vec
 from hqp.element import Task, Unit
 from hqp.errors import DeclarationError
@@ -16,7 +17,7 @@ from hqp.reference import Reference, numbers
 from hqp.robot import Robot, State
 
 from .fields import check_frame, set_vector
-from .relative import skew
+from .relative import UPRIGHT, skew
 
 AHEAD = 1.0
 """How far ahead the point is that a gaze is held at [m]."""
@@ -59,6 +60,11 @@ class _Axis(Task):
     def across(self, state: State) -> Mat:
         """Two directions across the axis, fixed in the frame, in the world ``(2, 3)``."""
         return np.array(self.basis()[1:]) @ state.rotation(self.frame).T
+
+    def pointing(self, robot: Robot, point: bool) -> plans.Pointing:
+        """The native operation."""
+        axis, first, other = (tuple(x.tolist()) for x in self.basis())
+        return plans.Pointing(plans.frame(robot, self.frame), axis, first, other, point)
 
     def turn(self, state: State, wanted: Vec) -> Vec:
         """The turn ``(2,)`` [rad] that took the axis away from a unit vector, as angle times direction.
@@ -120,6 +126,10 @@ class AlignAxis(_Axis):
             else Reference(self.name, _unit(self.name, value), reference.velocity, reference.acceleration)
         )
 
+    def plan(self, robot: Robot) -> plans.Pointing:
+        """The native operation."""
+        return self.pointing(robot, point=False)
+
 
 @dataclass(frozen=True, kw_only=True)
 class LookAt(_Axis):
@@ -168,6 +178,10 @@ class LookAt(_Axis):
         reference = self._at((2,), None, velocity, acceleration)
         point = None if value is None else numbers(self.name, "point", value, (3,))
         return Reference(self.name, point, reference.velocity, reference.acceleration)
+
+    def plan(self, robot: Robot) -> plans.Pointing:
+        """The native operation."""
+        return self.pointing(robot, point=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -227,3 +241,8 @@ class Distance(Task):
     def at(self, value: Any = None, *, velocity: Any = None, acceleration: Any = None) -> Reference:
         """Distance [m], its rate and its acceleration, a number each; raises DeclarationError."""
         return self._at((1,), *(None if x is None else np.atleast_1d(x) for x in (value, velocity, acceleration)))
+
+    def plan(self, robot: Robot) -> plans.Apart:
+        """The native operation."""
+        other = plans.relative_frame(robot, self.other, False, UPRIGHT)
+        return plans.Apart(*plans.apart(plans.frame(robot, self.frame), other))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hqp import plans
 from hqp.arrays import Mat, Vec
 from hqp.element import Task
 from hqp.reference import Reference
@@ -111,6 +112,11 @@ class Manipulability(Task):
     def at(self, value: Any = None, *, velocity: Any = None, acceleration: Any = None) -> Reference:
         """w to have, its rate and its acceleration, a number each; raises DeclarationError."""
         return self._at((1,), *(None if x is None else np.atleast_1d(x) for x in (value, velocity, acceleration)))
+
+    def plan(self, robot: Robot) -> plans.Manipulability:
+        """The native operation."""
+        joints = tuple(self.columns(robot)[1])
+        return plans.Manipulability(plans.frame(robot, self.frame), tuple(self.picked), joints)
 
 
 def _derivatives(state: State, frame: str) -> tuple[Mat, Mat]:

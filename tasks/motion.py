@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from hqp import plans
 from hqp.arrays import Index, Mat, Vec
 from hqp.element import Inequality, Task, Unit
 from hqp.reference import Reference, numbers
@@ -77,6 +78,10 @@ class JointVelocity(_RateTask):
         """The joints."""
         return tuple(robot.joint_name(int(c)) for c in self.selection(robot))
 
+    def plan(self, robot: Robot) -> plans.Still:
+        """The native operation."""
+        return plans.Still(tuple(self.selection(robot).tolist()))
+
 
 @dataclass(frozen=True, kw_only=True)
 class LowAcceleration(Task):
@@ -112,6 +117,10 @@ class LowAcceleration(Task):
         wanted = np.array(last) if order == 1 else np.zeros(state.robot.nv)
         return wanted, wanted
 
+    def plan(self, robot: Robot) -> plans.Steady:
+        """The native operation."""
+        return plans.Steady(tuple(range(robot.nv)))
+
 
 @dataclass(frozen=True, kw_only=True)
 class Damping(_RateTask):
@@ -132,6 +141,10 @@ class Damping(_RateTask):
         """nv."""
         return robot.nv
 
+    def selection(self, robot: Robot) -> Index | None:
+        """All tangent coordinates, unless it is by kinetic energy."""
+        return None if self.kinetic_energy else np.arange(robot.nv, dtype=np.intp)
+
     def jacobian(self, state: State) -> Mat:
         """1 or L^T, ``(nv, nv)``."""
         if not self.kinetic_energy:
@@ -147,6 +160,10 @@ class Damping(_RateTask):
         inner = np.tril(np.linalg.solve(L, np.linalg.solve(L, rate).T))
         inner[np.diag_indices_from(inner)] *= 0.5
         return np.asarray((L @ inner).T @ state.v)
+
+    def plan(self, robot: Robot) -> plans.Still | None:
+        """The native operation, none by kinetic energy."""
+        return None if self.kinetic_energy else plans.Still(tuple(range(robot.nv)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -233,3 +250,9 @@ class BaseVelocityLimits(Inequality):
     def row_names(self, robot: Robot) -> tuple[str, ...]:
         """The axes."""
         return ("x", "y", "z", "roll", "pitch", "yaw")
+
+    def plan(self, robot: Robot) -> plans.JointBox:
+        """The native operation: joints without position limits, whose places in q mean nothing."""
+        base, none = plans.Joints(tuple(range(6)), (0,) * 6, (False,) * 6), (math.inf,) * 6
+        speed = (self.linear,) * 3 + (self.angular,) * 3
+        return plans.JointBox(base, (-math.inf,) * 6, none, speed, none, none, 1.0)

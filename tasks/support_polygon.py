@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from hqp import plans
 from hqp.arrays import Mat, Vec
 from hqp.element import Element
 from hqp.robot import Robot, State
@@ -145,6 +146,13 @@ class SupportPolygon(_Barrier):
     def row_names(self, robot: Robot) -> tuple[str, ...]:
         """The frames of the points, numbered."""
         return tuple(f"{frame} {i}" for i, (frame, *_) in enumerate(self.points))
+
+    def plan(self, robot: Robot) -> plans.SupportPolygon:
+        """The native operation."""
+        self.rows(robot)
+        points = tuple((plans.frame(robot, f), tuple(map(float, p))) for f, *p in self.points)
+        polygon = tuple((float(x), float(y)) for x, y in self.polygon)
+        return plans.SupportPolygon(points, polygon, self.margin, self.rate, self.recovery)
 
 
 def hull(points: Mat) -> list[int]:

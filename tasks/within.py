@@ -9,8 +9,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from hqp import plans
 from hqp.arrays import Index, Mat, Vec
-from hqp.element import Inequality, Task, has, selection_of
+from hqp.element import Inequality, Task, has, plan_of, selection_of
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 
@@ -171,6 +172,14 @@ class Within(_Barrier):
     def row_names(self, robot: Robot) -> tuple[str, ...]:
         """The task's."""
         return self.task.row_names(robot)
+
+    def plan(self, robot: Robot) -> plans.Within | None:
+        """The native operation, where the task has one."""
+        task = plan_of(self.task, robot)
+        if task is None:
+            return None
+        low, high = (tuple(x.tolist()) for x in self.ends(self.task.rows(robot)))
+        return plans.Within(task, low, high, self.rate, self.recovery, isinstance(self.task, _RateTask))
 
 
 _VECTORS: WeakKeyDictionary[Robot, dict[Task, bool]] = WeakKeyDictionary()

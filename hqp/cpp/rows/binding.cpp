@@ -14,12 +14,15 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include "barrier.hpp"
 #include "collision.hpp"
 #include "com.hpp"
+#include "directions.hpp"
 #include "frames.hpp"
 #include "joints.hpp"
 #include "laws.hpp"
 #include "loop.hpp"
+#include "manipulability.hpp"
 #include "wheels.hpp"
 
 namespace nb = nanobind;
@@ -81,6 +84,13 @@ class Plan {
     const auto found = nb::cast<Array>(object_.attr(field), false);
     kept_.push_back(nb::cast(found));
     return found;
+  }
+  bool flag(const char* field) const { return nb::cast<bool>(object_.attr(field)); }
+  hqp::Axis axis() const { return {vec3("axis"), vec3("first"), vec3("other")}; }
+  hqp::Barrier barrier() const { return {number("rate"), number("recovery")}; }
+  Plan part_of(const nb::object& object) const {
+    kept_.push_back(object);
+    return {kept_.back(), kept_};
   }
   Plan part(const char* field) const {
     kept_.push_back(nb::object(object_.attr(field)));
@@ -284,8 +294,43 @@ class Assembly {
                          order_};
       return std::make_unique<hqp::JointBox>(out, p.part("joints").joints(), std::move(limits));
     }
+    if (name == "Still") return std::make_unique<hqp::Still>(out, p.ints("columns"));
+    if (name == "Steady") return std::make_unique<hqp::Steady>(out, p.ints("columns"), order_);
+    if (name == "Pointing") return std::make_unique<hqp::Pointing>(fixed(), p.axis(), p.flag("point"));
+    if (name == "Apart") return std::make_unique<hqp::Apart>(rows());
+    if (name == "Manipulability")
+      return std::make_unique<hqp::Manipulability>(fixed(), p.ints("picked"), p.ints("joints"));
+    if (name == "Cone")
+      return std::make_unique<hqp::Cone>(fixed(), p.axis(), p.flag("point"), p.number("angle"), p.barrier(), order_);
+    if (name == "Within") return within(p, out);
+    if (name == "SupportPolygon") return support_polygon(p, out);
     if (name == "Collision") return std::make_unique<hqp::Collision>(out, tree_, scene(p));
     throw nb::type_error(("no native operation for a plan of class " + name).c_str());
+  }
+
+  Operation within(const Plan& p, const hqp::Target& out) {
+    Numbers low = p.numbers("lower");
+    const int m = static_cast<int>(low.size()), nv = tree_.size();
+    auto own = std::make_unique<hqp::Numbers>(m, out.J ? 0 : nv);
+    const bool rates = p.flag("rates");
+    const hqp::Target inner = own->target(out.J, rates ? nullptr : out.reference, out.weight, nv, order_ == 2);
+    Operation task = make(p.part("task"), inner);
+    return std::make_unique<hqp::Within>(out, std::move(own), std::move(task), std::move(low), p.numbers("upper"),
+                                         p.barrier(), rates, nv, order_);
+  }
+
+  Operation support_polygon(const Plan& p, const hqp::Target& out) {
+    const int nv = tree_.size();
+    auto own = std::make_unique<hqp::Numbers>(2, nv);
+    tree_.need_centres();
+    const hqp::Target inner = own->target(nullptr, nullptr, 1.0, nv, order_ == 2);
+    auto com = std::make_unique<hqp::Com>(hqp::Rows(inner, tree_, {}, {}), 0, Ints{0, 1});
+    std::vector<hqp::Corner> corners;
+    for (const auto& [frame, point] : p.list<std::tuple<nb::object, Numbers>>("points"))
+      corners.push_back({false, p.part_of(frame).frame(), vector(point)});
+    for (const Numbers& corner : p.list<Numbers>("polygon")) corners.push_back({true, {}, {corner[0], corner[1], 0.0}});
+    return std::make_unique<hqp::SupportPolygon>(out, std::move(own), std::move(com), std::move(corners),
+                                                 p.number("margin"), p.barrier(), order_);
   }
 
   hqp::CollisionScene scene(const Plan& p) {

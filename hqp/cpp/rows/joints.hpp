@@ -55,6 +55,31 @@ class Coupling final : public Operation {  // a linear relation of joints
   std::vector<double> coefficients_;
 };
 
+class Still final : public Operation {  // coordinates whose velocity is wanted for itself: no error
+ public:
+  Still(const Target& out, const std::vector<int>& columns) {
+    for (std::size_t i = 0; out.J && i < columns.size(); ++i) out.row(static_cast<int>(i))[columns[i]] = out.weight;
+  }
+  void run(const double*, const double*) override {}
+};
+
+class Steady final : public Operation {  // coordinates that go on as they did
+ public:
+  Steady(Target out, std::vector<int> columns, int order) : out_(out), columns_(std::move(columns)), order_(order) {
+    for (std::size_t i = 0; out_.J && i < columns_.size(); ++i)
+      out_.row(static_cast<int>(i))[columns_[i]] = out_.weight;
+  }
+  void run(const double*, const double* v) override {
+    for (std::size_t i = 0; i < columns_.size(); ++i)
+      out_.lower[i] = out_.upper[i] = order_ == 1 ? v[columns_[i]] : 0.0;
+  }
+
+ private:
+  Target out_;
+  std::vector<int> columns_;
+  int order_;
+};
+
 struct Limits {  // of each joint, infinite for none; see JointLimits for the equations
   std::vector<double> low, high, speed, acceleration, braking;
   double return_velocity;

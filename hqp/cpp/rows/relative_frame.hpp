@@ -45,6 +45,7 @@ class RelativeFrame {
   const Vec3& origin() const { return origin_; }
   const Mat3& axes() const { return axes_; }
   const std::vector<int>& columns() const { return frame_.columns; }
+  int body() const { return frame_.body; }
 
   // u . (dp_o/dt + Omega x d) and u . Omega as forms on the motion of its body.
   Form carried(const Vec3& u, const Vec3& point) const {

@@ -39,6 +39,11 @@ class Rows {  // of a frame, in the world or relative to another
 
   void write_velocity(int i, const Vec3& u, const Vec3& p) { write(i, along(u, p), relative_.carried(u, p)); }
   void write_turning(int i, const Vec3& u) { write(i, about(u), relative_.turned(u)); }
+  void write_form(int i, const Form& own) {  // of a frame in the world
+    double* J = out_.row(i);
+    for (const int c : frame_.columns) J[c] = value(own, c);
+  }
+  void write_pair(int i, const Form& own, const Form& other) { write(i, own, other); }
   void subtract_carried(int i, const Form& carried) {
     double* J = out_.row(i);
     for (const int c : relative_.columns()) J[c] -= value(carried, c);

@@ -30,6 +30,11 @@ class Tree {
       masses_[i] += bodies_[i].mass;
       if (i > 0) masses_[bodies_[i].parent] += masses_[i];
     }
+    for (std::size_t i = 0; i < bodies_.size(); ++i) {
+      const Body& body = bodies_[i];
+      if (static_cast<int>(owners_.size()) < body.first + body.count) owners_.resize(body.first + body.count);
+      for (int c = body.first; c < body.first + body.count; ++c) owners_[c] = static_cast<int>(i);
+    }
   }
 
   void need_motions() { moving_ = true; }
@@ -56,6 +61,8 @@ class Tree {
       moments_[bodies_[i].parent] = moments_[bodies_[i].parent] + moments_[i];
   }
 
+  int size() const { return static_cast<int>(owners_.size()); }           // tangent coordinates
+  int owner(int column) const { return owners_[column]; }                 // the body it moves
   const double* twist(int column) const { return twists_ + 6 * column; }  // (6,) of one tangent coordinate
   const std::vector<Body>& bodies() const { return bodies_; }
 
@@ -80,6 +87,7 @@ class Tree {
   std::vector<Vec3> centres_;
   std::vector<double> masses_;
   std::vector<Vec3> moments_;
+  std::vector<int> owners_;
   bool moving_ = false, weighing_ = false;
 };
 

@@ -1,0 +1,195 @@
+// Bounds kept with declared rates: on the value of any task, on the centre of mass over a polygon. See
+// tasks/within.py and tasks/support_polygon.py for the equations.
+#pragma once
+
+#include <limits>
+#include <memory>
+#include <numeric>
+
+#include "com.hpp"
+
+namespace hqp {
+
+struct Barrier {
+  double rate, recovery;
+
+  double fastest(double way) const {  // largest velocity towards a bound
+    return way >= 0.0 ? rate * way : -recovery * std::tanh(rate * -way / recovery);
+  }
+  double hardest(double way, double speed) const {  // largest acceleration towards it
+    constexpr double kFast = 4.0;                   // the second pole over the first
+    if (std::isinf(way)) return way;
+    const double wanted = fastest(way), share = way >= 0.0 ? 0.0 : wanted / recovery;
+    return kFast * rate * (wanted - speed) - rate * (1.0 - share * share) * speed;
+  }
+};
+
+struct Numbers {  // what an operation writes into besides the rows of its element
+  explicit Numbers(int m, int nv)
+      : J(static_cast<std::size_t>(m) * nv), error(m), drift(m), lower(m), upper(m), zeros(m) {}
+  // J: where the rows go, its own for null. reference: null for zero.
+  Target target(double* rows, const double* reference, double weight, int nv, bool moving) {
+    return {rows ? rows : J.data(),
+            error.data(),
+            moving ? drift.data() : nullptr,
+            lower.data(),
+            upper.data(),
+            reference ? reference : zeros.data(),
+            nullptr,
+            weight,
+            nv};
+  }
+  std::vector<double> J, error, drift, lower, upper, zeros;
+};
+
+inline double product(const double* a, const double* b, int n) {
+  double sum = 0.0;
+  for (int i = 0; i < n; ++i) sum += a[i] * b[i];
+  return sum;
+}
+
+// Bounds on the value of a task, or on its rate.
+class Within final : public Operation {
+ public:
+  using Part = std::unique_ptr<Operation>;
+
+  Within(Target out, std::unique_ptr<Numbers> own, Part task, std::vector<double> low, std::vector<double> high,
+         Barrier barrier, bool rates, int nv, int order)
+      : out_(out),
+        own_(std::move(own)),
+        task_(std::move(task)),
+        low_(std::move(low)),
+        high_(std::move(high)),
+        barrier_(barrier),
+        rates_(rates),
+        nv_(nv),
+        order_(order) {}
+  void run(const double* q, const double* v) override {
+    task_->run(q, v);
+    const double* J = out_.J ? out_.J : own_->J.data();
+    for (std::size_t i = 0; i < low_.size(); ++i) {
+      const double e = rates_ ? 0.0 : own_->error[i], up = high_[i] - e, down = e - low_[i];
+      if (order_ == 1) {
+        out_.upper[i] = rates_ ? high_[i] : barrier_.fastest(up);
+        out_.lower[i] = rates_ ? low_[i] : -barrier_.fastest(down);
+        continue;
+      }
+      const double speed = product(J + i * nv_, v, nv_) / out_.weight, drift = own_->drift[i];
+      out_.upper[i] = (rates_ ? barrier_.rate * (high_[i] - speed) : barrier_.hardest(up, speed)) - drift;
+      out_.lower[i] = (rates_ ? barrier_.rate * (low_[i] - speed) : -barrier_.hardest(down, -speed)) - drift;
+    }
+  }
+
+ private:
+  Target out_;
+  std::unique_ptr<Numbers> own_;
+  Part task_;
+  std::vector<double> low_, high_;
+  Barrier barrier_;
+  bool rates_;
+  int nv_, order_;
+};
+
+struct Corner {  // of a polygon: a point of a frame, or of the world
+  bool fixed;
+  Frame frame;
+  Vec3 point;
+};
+
+// The centre of mass inside the convex hull of points, a row for each.
+class SupportPolygon final : public Operation {
+ public:
+  SupportPolygon(Target out, std::unique_ptr<Numbers> own, std::unique_ptr<Com> com, std::vector<Corner> corners,
+                 double margin, Barrier barrier, int order)
+      : out_(out),
+        own_(std::move(own)),
+        com_(std::move(com)),
+        corners_(std::move(corners)),
+        margin_(margin),
+        barrier_(barrier),
+        order_(order),
+        x_(corners_.size()),
+        y_(corners_.size()),
+        order_of_(corners_.size()) {}
+  void run(const double* q, const double* v) override {
+    constexpr double kNone = std::numeric_limits<double>::infinity();
+    com_->run(q, v);
+    place();
+    find_hull();
+    const int m = static_cast<int>(corners_.size()), nv = out_.nv;
+    std::fill(out_.lower, out_.lower + m, -kNone);
+    std::fill(out_.upper, out_.upper + m, kNone);
+    std::fill(out_.J, out_.J + static_cast<std::ptrdiff_t>(m) * nv, 0.0);
+    const double *Jx = own_->J.data(), *Jy = Jx + nv;
+    for (std::size_t k = 0; k < hull_.size(); ++k) {
+      const int i = hull_[k], j = hull_[(k + 1) % hull_.size()];
+      const double dx = x_[j] - x_[i], dy = y_[j] - y_[i], length = std::hypot(dx, dy);
+      if (!(length > 0.0)) continue;
+      const double nx = dy / length, ny = -dx / length;
+      const double way = nx * (x_[i] - own_->error[0]) + ny * (y_[i] - own_->error[1]) - margin_;
+      double* J = out_.row(i);
+      for (int c = 0; c < nv; ++c) J[c] = out_.weight * (nx * Jx[c] + ny * Jy[c]);
+      if (order_ == 1) {
+        out_.upper[i] = barrier_.fastest(way);
+      } else {
+        const double drift = nx * own_->drift[0] + ny * own_->drift[1];
+        out_.upper[i] = barrier_.hardest(way, product(J, v, nv) / out_.weight) - drift;
+      }
+    }
+  }
+
+ private:
+  static constexpr double kFlat = 2e-5;  // a corner this near to the line between its neighbours is none [m]
+
+  void place() {
+    for (std::size_t i = 0; i < corners_.size(); ++i) {
+      const Corner& corner = corners_[i];
+      const Vec3 p = corner.fixed ? corner.point
+                                  : load(corner.frame.position) + load_rotation(corner.frame.rotation) * corner.point;
+      x_[i] = p[0];
+      y_[i] = p[1];
+    }
+  }
+  double turn(int o, int a, int b) const {
+    return (x_[a] - x_[o]) * (y_[b] - y_[o]) - (y_[a] - y_[o]) * (x_[b] - x_[o]);
+  }
+  void find_hull() {  // Andrew's monotone chain, then without flat corners
+    std::iota(order_of_.begin(), order_of_.end(), 0);
+    std::stable_sort(order_of_.begin(), order_of_.end(),
+                     [&](int a, int b) { return x_[a] != x_[b] ? x_[a] < x_[b] : y_[a] < y_[b]; });
+    hull_.clear();
+    for (int side = 0; side < 2; ++side) {
+      const std::size_t start = hull_.size();
+      for (const int i : order_of_) {
+        while (hull_.size() >= start + 2 && turn(hull_[hull_.size() - 2], hull_.back(), i) <= 0.0) hull_.pop_back();
+        hull_.push_back(i);
+      }
+      hull_.pop_back();
+      std::reverse(order_of_.begin(), order_of_.end());
+    }
+    while (hull_.size() > 3) {
+      std::size_t least = 0;
+      double smallest = std::numeric_limits<double>::infinity();
+      const std::size_t n = hull_.size();
+      for (std::size_t k = 0; k < n; ++k) {
+        const int o = hull_[(k + n - 1) % n], a = hull_[k], b = hull_[(k + 1) % n];
+        const double off = std::fabs(turn(o, a, b)) / std::max(std::hypot(x_[b] - x_[o], y_[b] - y_[o]), kFlat);
+        if (off < smallest) smallest = off, least = k;
+      }
+      if (!(smallest <= kFlat)) break;
+      hull_.erase(hull_.begin() + static_cast<std::ptrdiff_t>(least));
+    }
+  }
+
+  Target out_;
+  std::unique_ptr<Numbers> own_;  // x and y of the centre of mass, its Jacobian and drift
+  std::unique_ptr<Com> com_;
+  std::vector<Corner> corners_;
+  double margin_;
+  Barrier barrier_;
+  int order_;
+  std::vector<double> x_, y_;
+  std::vector<int> order_of_, hull_;
+};
+
+}  // namespace hqp
