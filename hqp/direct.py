@@ -53,6 +53,8 @@ class Direct:
         self._slack = slice(self._x.stop, self._x.stop + ends[-1])
         self._count = self._slack.stop + 5
         self._command = int(command.size)
+        self.marks = 8 * self._count
+        """Where the marks of all rows begin in a record."""
 
     def hold(self, holds: Mapping[str, Reference]) -> None:
         """Take the hold values of all elements."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from time import monotonic, perf_counter
 from typing import TYPE_CHECKING, NoReturn
@@ -32,12 +32,13 @@ from hqp.price import Priced, affordable, as_price
 from hqp.problem import Hierarchy, Solution, Status
 from hqp.reference import Reference
 from hqp.rest import Rest
+from hqp.restless import LimitWatch
 from hqp.robot import Robot, State
 from hqp.safety import Braking, RateLimits, StateBounds, StateCheck, positive, rate_limiter
 from hqp.solvers import default, load
 from hqp.solvers.base import Solver, Workspace
 from hqp.stack import Stack, coupled
-from hqp.tick import Note, OrdinaryTick, Tick, Times
+from hqp.tick import BlendedTick, Note, OrdinaryTick, Tick, Times
 from hqp.tolerances import VIOLATION_TOLERANCE
 from hqp.transition import Transition, path
 
@@ -194,6 +195,7 @@ class Session:
         self._direct_known = False
         self._accountant: Accountant | None = None
         self._contacts = ContactWatch(compiled.stack, self.dt)
+        self._limits = LimitWatch(compiled.program, self.robot, self.dt)
 
     @property
     def problem(self) -> Hierarchy:
@@ -241,9 +243,10 @@ class Session:
                 self._apply_references((reference,))  # raises for what is no reference, or for no element
         if not second._current:
             second._holds = surviving(first.stack, first._holds, second.stack)
-        first._x = second._x = self._x  # what was sent, whatever they would have
+        # each keeps the last x of its own: limits that stand around it (a window on acceleration) then bound how fast
+        # its answer moves, not how far it may be from the blend
         second._contacts = self._contacts
-        a, b = (run._tick(state, tuple(r for r in references if run.knows(r.name)), now) for run in (first, second))
+        a, b = (run._beside(state, references, now) for run in (first, second))
         self.count += 1
         if a.held or b.held:
             worst = b if b.held else a
@@ -256,13 +259,29 @@ class Session:
         if self._limiter is not None:
             x, notes = self._within_rates(x, notes)
         self._x, self._good, self._held = x, state, 0
-        b.follow(x, second.program.command(x), second.program.command(last), notes, transition.progress)
+        command = second.program.command
+        if type(b) is OrdinaryTick and not notes:
+            b = BlendedTick(b, x, command(x), command(last), transition.progress)
+        else:
+            b = b.general() if isinstance(b, OrdinaryTick) else b
+            b.follow(x, command(x), command(last), notes, transition.progress)
         if transition.done:
             self._transition = None
+            first._leave_direct()
+            second._leave_direct()
             self._holds, self._current, self._given = second._holds, second._current, second._given
         else:
             transition.advance()
         return b
+
+    def _beside(self, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
+        """A tick of one of two stacks, with the references that are its own."""
+        self._named = mine = tuple(r for r in references if self.knows(r.name))
+        if self._direct is not None and not self._contacts.missing:
+            tick = self._ordinary_tick(self._direct, state, mine)
+            if tick is not None:
+                return tick
+        return self._tick(state, mine, now)
 
     def knows(self, name: str) -> bool:
         """Whether a reference of that name is taken now."""
@@ -294,7 +313,10 @@ class Session:
         self._good, self._held = state, 0
         if self._status is not Status.OPTIMAL:
             self._log(Status.OPTIMAL, ())
-        return OrdinaryTick(self, direct, state, found, self._x if before is None else before, start)
+        tick = OrdinaryTick(self, direct, state, found, self._x if before is None else before, start)
+        if restless := self._limits.record(found, direct.marks):
+            tick.note(restless_notes(restless))
+        return tick
 
     def _told(self, tick: Tick) -> Tick:
         """The tick; a change of status is logged."""
@@ -381,6 +403,8 @@ class Session:
             return self._held_tick(state, solution, notes, fit=True)
         if solution.stage_points is not None:
             notes += self._held_back(solution, state)
+        if restless := self._limits.look(solution.active):
+            notes += restless_notes(restless)
         if self._contacts.missing:
             notes += tuple(Note(name, Status.CONTACT_LOST, why) for name, why in self._contacts.lost())
         if self._limiter is not None:
@@ -532,9 +556,16 @@ class Session:
         self._enter()
         try:
             self._leave_direct()
+            if self._transition is not None:
+                for session in self._transition.pair:
+                    session._leave_direct()
+                    session._direct, session._direct_known = None, True
             compiled = [self._compile(item) for item in self._path(stack, over)]
             holds = surviving(self.stack, self._holds, compiled[-1].stack)
             sessions = [self._clone(), *(self._clone(item) for item in compiled[1:])] if over else []
+            if len(sessions) == 2 and self._transition is None and sessions[0].program is not sessions[1].program:
+                for session in sessions:  # each with rows and a solver of its own: ordinary ticks in one native call
+                    session._direct_known = False
             self._activate(compiled[-1])
             self._holds = holds
             self._transition = Transition(sessions, over, self.dt, self.program.kind) if over else None
@@ -562,7 +593,7 @@ class Session:
         """The session as it runs now, or on another stack, to go on beside it; without rate limits of its own."""
         clone = object.__new__(Session)
         clone.__dict__.update(self.__dict__)
-        clone._lock, clone._limiter = threading.Lock(), None
+        clone._lock, clone._limiter, clone._deadline = threading.Lock(), None, 0.5 * self._deadline
         clone._direct, clone._direct_known = None, True  # side by side they go the general way
         clone._holds, clone._current, clone._given = dict(self._holds), dict(self._current), list(self._given)
         if compiled is not None:
@@ -628,6 +659,12 @@ class Session:
             "a Session holds live arrays of Pinocchio and of the kernel; pickle session.controller, the robot's name, "
             "dt and (q, v), and make a session of them, or pickle its ticks"
         )
+
+
+def restless_notes(restless: Iterable[tuple[str, float]]) -> tuple[Note, ...]:
+    """Notes on joints whose command alternates from limit to limit."""
+    why = "its command alternates from limit to limit {:.0f} times a second: give levels a price, or a better target"
+    return tuple(Note(name, Status.OPTIMAL, why.format(rate)) for name, rate in restless)
 
 
 def surviving(before: Stack, holds: Mapping[str, Reference], after: Stack) -> dict[str, Reference]:

@@ -168,7 +168,6 @@ class OrdinaryTick(Tick):
     __slots__ = ("_before", "_direct", "_found", "_record", "_start")
 
     status = Status.OPTIMAL
-    notes = ()
     held = 0
     fit = True
     transition = 1.0
@@ -185,6 +184,16 @@ class OrdinaryTick(Tick):
         self._session, self._direct, self._state, self._count = session, direct, state, session.count
         self._record, self._before, self._start = record, before, start
         self._found: dict[str, Any] = {}
+
+    @property
+    def notes(self) -> tuple[Note, ...]:  # type: ignore[override]
+        """Joints whose command alternates between its limits, nothing else."""
+        found: tuple[Note, ...] = self._found.get("notes", ())
+        return found
+
+    def note(self, notes: tuple[Note, ...]) -> None:
+        """Give the tick notes."""
+        self._found["notes"] = notes
 
     @property
     def command(self) -> Vec:  # type: ignore[override]
@@ -231,10 +240,44 @@ class OrdinaryTick(Tick):
     def _slacks(self) -> Vec:
         return self._direct.slacks(self._record)
 
+    def general(self) -> Tick:
+        """The same as a Tick whose parts are there."""
+        kept = {name: getattr(self, name) for name in Tick.__slots__}
+        return _restored({**kept, "x": self.x.copy()})
+
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickled, it is a Tick as any other."""
         kept = {name: getattr(self, name) for name in Tick.__slots__ if name != "_session"}
         return _restored, ({**kept, "x": self.x.copy(), "program": None, "_session": None},)
+
+
+class BlendedTick(OrdinaryTick):
+    """An ordinary tick in a transition: what the new stack's solver gave, and another command."""
+
+    __slots__ = ("_blend",)
+
+    def __init__(self, tick: OrdinaryTick, x: Vec, command: Vec, last: Vec, transition: float) -> None:
+        super().__init__(tick._live(), tick._direct, tick._state, tick._record, tick._before, tick._start)
+        self._blend = x, command, last, transition
+
+    @property
+    def command(self) -> Vec:  # type: ignore[override]
+        """The command ``(n_actuated,)``, the caller's own copy."""
+        return self._blend[1]
+
+    @property
+    def x(self) -> Vec:  # type: ignore[override]
+        """The answer that the command is part of."""
+        return self._blend[0]
+
+    @property
+    def transition(self) -> float:  # type: ignore[override]
+        """How far the change of stack has come."""
+        return self._blend[3]
+
+    @property
+    def _last(self) -> Vec:  # type: ignore[override]
+        return self._blend[2]
 
 
 def _restored(kept: dict[str, Any]) -> Tick:

@@ -36,6 +36,9 @@ STATUSES = (
     Status.TIME_LIMIT,
 )
 
+LAST_OPINION = 0.25
+"""Time for the reference where nothing that the kernel found passed the certificate [s]."""
+
 DAMPED = "damping kept a level from its optimum"
 BUSY = "this workspace is solving in another thread; give each thread its own"
 STUCK = "no answer that was found passed the certificate: the problem is too ill-conditioned to be judged"
@@ -237,7 +240,7 @@ class NativeWorkspace:
     def _by_reference(self, problem: Hierarchy) -> Solution:
         from hqp.solvers.reference import Reference
 
-        return Reference().solve(problem)
+        return Reference(seconds=LAST_OPINION).solve(problem)
 
     def _take(self, problem: Hierarchy) -> None:
         """Have the kernel read the arrays as they are, or copies where they need a conversion."""

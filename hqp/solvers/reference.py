@@ -18,6 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from hqp.arrays import Mask, Mat, Vec
+from hqp.errors import DeclarationError
 from hqp.nnls import nonnegative_least_squares
 from hqp.pricing import Coordinates, after_stages, at_optimum, feasible_set, stack_rows
 from hqp.problem import Hierarchy, Rows, Shape, Solution, Stats, Status
@@ -39,7 +40,7 @@ class Reference(Solver):
     """The hierarchy level by level, priced or not, by a textbook active-set method (docs/solvers.md).
 
     rank_tolerance: singular values below this fraction of a level's largest row add no direction.  max_iterations:
-    steps a level may take.
+    steps a level may take.  seconds: time for a problem, looked at between steps [s].  Either ends in ITERATION_LIMIT.
     """
 
     name: ClassVar[str] = "reference"
@@ -48,9 +49,12 @@ class Reference(Solver):
 
     rank_tolerance: float = RANK_TOLERANCE
     max_iterations: int = 1000
+    seconds: float = math.inf
 
     def __post_init__(self) -> None:
         check_fields(self, shares=("rank_tolerance",), counts=("max_iterations",))
+        if not self.seconds > 0.0:
+            raise DeclarationError("reference.seconds", "must be positive", value=self.seconds, unit="s")
 
     def workspace(self, shape: Shape) -> ReferenceWorkspace:
         """Allocate; nothing is kept between solves."""
@@ -93,6 +97,7 @@ class _Run:
         self.problem, self._solver = problem, solver
         self.coordinates = Coordinates.of(problem.motion, problem.n)
         self.steps, self.ended = 0, True
+        self._end = perf_counter() + solver.seconds
         self._zero = ROUNDING * max((_longest(rows.dense(problem.n)) for rows in problem.levels), default=0.0)
 
     def stages(self, known: Mat | None = None) -> Mat:
@@ -169,7 +174,7 @@ class _Run:
         upper = np.concatenate([above.upper, rows.upper[unequal]]) - shift
         program = _Program(T, t, C, lower, upper, self._solver.rank_tolerance * size)
         v, steps, ended = program.solve(
-            np.concatenate([at.motion(x), rows.slack(x)[unequal]]), self._solver.max_iterations
+            np.concatenate([at.motion(x), rows.slack(x)[unequal]]), self._solver.max_iterations, self._end
         )
         self.steps, self.ended = self.steps + steps, self.ended and ended
         return at.point(v[:n])
@@ -187,9 +192,11 @@ class _Program:
         self.equal = self.lower == self.upper
         self.Z = _null_space(self.C[self.equal])
 
-    def solve(self, v: Vec, limit: int) -> tuple[Vec, int, bool]:
-        """The optimum, how many steps it took, and whether it was reached."""
+    def solve(self, v: Vec, limit: int, end: float) -> tuple[Vec, int, bool]:
+        """The optimum, how many steps it took, and whether it was reached; end: on the clock of ``perf_counter``."""
         for step in range(limit):
+            if perf_counter() > end:
+                return v, step, False
             direction, held = self._descent(v)
             if direction is None:
                 return v, step, True

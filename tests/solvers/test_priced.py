@@ -183,3 +183,20 @@ def test_what_a_solver_cannot_do_is_refused() -> None:
     for wrong in (np.array([-1.0, 0.0]), np.array([np.nan, 0.0]), np.array([1.0])):
         with pytest.raises(ProblemError, match="prices"):
             Hierarchy((Rows(np.eye(2), np.zeros(2), np.zeros(2)),) * 2, prices=wrong)
+
+
+def test_a_warm_row_whose_bound_has_gone_to_infinity() -> None:
+    """G1 at torque level, a foot released: a row held at its upper bound a tick ago has none now."""
+    inf = np.inf
+    lower, upper = np.array([-inf, -inf]), np.array([0.5, 0.25])
+    wall = Rows(np.array([[1.0, 0.0], [0.0, 1.0]]), lower, upper)
+    goal = Rows(np.array([[1.0, 0.1], [0.0, 1e-3]]), np.array([2.0, 3.0]), np.array([2.0, 3.0]))
+    problem = Hierarchy((wall, goal), constraints=1, prices=np.array([0.0, 0.05]))
+    warm = hqp.solvers.load("lexicographic").workspace(problem.shape)
+    assert warm.solve(problem).status is Status.OPTIMAL
+    lower[:], upper[:] = (-5.0, -7.0), inf
+    found = warm.solve(problem)
+    cold = hqp.solvers.load("lexicographic").solve(problem)
+    assert found.status is Status.OPTIMAL
+    assert np.allclose(found.x, cold.x, atol=1e-8)
+    assert certificate(problem, found.x, stages=found.stage_points).ok

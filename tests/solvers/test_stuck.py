@@ -51,3 +51,17 @@ def test_what_the_certificate_doubts_is_told(i: int, options: dict[str, bool]) -
     solution = hqp.solvers.load("lexicographic", **options).solve(tick)
     assert solution.status is Status.RANK_UNCERTAIN, solution.detail
     assert np.all(certificate(tick, solution.x).gaps[:3] <= 1e-9)
+
+
+def test_the_last_opinion_ends() -> None:
+    """A Talos torque tick of the soak on which every search of the kernel was refused took 3.6 s, another 23.8 s."""
+    import pickle
+    from pathlib import Path
+    from time import perf_counter
+
+    problem = pickle.loads((Path(__file__).parents[1] / "data" / "slow_tick.pkl").read_bytes())
+    workspace = hqp.solvers.load("lexicographic").workspace(problem.shape)
+    begun = perf_counter()
+    solution = workspace.solve(problem)
+    assert perf_counter() - begun < 4.0  # two searches, each with an opinion of a quarter of a second
+    assert solution.status.solved or solution.status is hqp.Status.NOT_CERTIFIED

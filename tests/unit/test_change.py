@@ -241,15 +241,18 @@ def events(robot: Robot, formulation: Any) -> dict[str, tuple[Stack, Stack]]:
 
 
 EVENTS = [
-    pytest.param(f, event, id=f"{event}-{f.__name__}", marks=[pytest.mark.slow] * slow)
+    pytest.param(name, f, event, id=f"{name}-{event}-{f.__name__}", marks=[pytest.mark.slow] * slow)
+    for name in ("talos", "g1", "cbi")
     for f, chosen in ((hqp.Velocity, ""), (hqp.Acceleration, ""), (hqp.Torque, "release take up"))
     for event in ("add", "remove", "swap", "release", "take up")
-    for slow in (event in chosen,)
+    for slow in (event in chosen or name != "talos",)
+    if not (name == "cbi" and event == "release" and f is hqp.Torque)  # CBi on one foot falls, whoever commands it
 ]
 
 
-@pytest.mark.parametrize(("kind", "event"), EVENTS)
-def test_no_tick_of_a_transition_jumps(robot: Robot, kind: Any, event: str) -> None:
+@pytest.mark.parametrize(("name", "kind", "event"), EVENTS)
+def test_no_tick_of_a_transition_jumps(name: str, kind: Any, event: str) -> None:
+    robot = hqp.robots.load(name)
     formulation = kind() if kind is not hqp.Torque else hqp.Torque(contact_law=PD(0.0, 40.0))
     before, after = events(robot, formulation)[event]
     loop = Loop(robot, before, formulation)
@@ -274,8 +277,7 @@ def test_no_tick_of_a_transition_jumps(robot: Robot, kind: Any, event: str) -> N
     level = loop.run.program.kind
     second_before, second = loop.changes[max(0, count - 501) : count - 1].max(), loop.changes[count - 1 :].max()
     loaded = 3.0 if one_foot and level == "torque" else LARGEST_CHANGE[level]
-    window = 50.0 * DT * 1.05 if level == "velocity" else 0.0  # of JointLimits: what a stack of its own may change
-    assert second <= max(1.2 * second_before, loaded, window)
+    assert second <= max(1.2 * second_before, loaded) * (1.0 + 1e-9)
     abrupt = Loop(robot, before, formulation)
     abrupt.go(settle, settled)
     abrupt.run.change(after)
@@ -298,8 +300,13 @@ def test_levels_above_a_change_do_not_notice_it(robot: Robot, formulation: Any) 
         if tick.transition < 1.0:
             assert tick.solution is not None
             shared = problem.constraints + 1  # subject_to, then com
-            for w, alone in zip(problem.slacks(tick.x)[:shared], tick.solution.residuals, strict=False):
-                assert float(np.abs(w - alone).max(initial=0.0)) < 1e-9
+            limits = loop.run.program.places.get("joint_limits")  # at velocity level with a window about each own x
+            own = -1 if limits is None else limits.level
+            for k, (w, alone) in enumerate(zip(problem.slacks(tick.x)[:shared], tick.solution.residuals, strict=False)):
+                if k != own or loop.run.program.kind != "velocity":
+                    assert float(np.abs(w - alone).max(initial=0.0)) < 1e-9
+            if loop.run.program.kind == "velocity":
+                assert np.all(np.abs(tick.command) <= robot.velocity_limit[robot.actuated] * (1.0 + 1e-9))
 
 
 def test_the_unloaded_contact_bears_nothing(robot: Robot) -> None:
@@ -343,7 +350,10 @@ def test_a_change_within_a_change_is_continuous_too(robot: Robot) -> None:
     loop.run.change(whole.without("hand"), 0.2)
     loop.go(250, [com])
     assert loop.run._transition is None
-    assert loop.changes.max() <= 50.0 * DT * 1.05
+    assert loop.changes[:68].max() <= LARGEST_CHANGE["velocity"] * (1.0 + 1e-9)
+    assert (
+        loop.changes.max() <= 50.0 * DT * 1.05
+    )  # the hand's reference ends with the last change: a step of its target
 
 
 def test_a_bad_state_in_a_transition_comes_to_rest(robot: Robot) -> None:

@@ -110,6 +110,7 @@ class StageSearch {
  private:
   bool at_bound(int i, int side, const double* y) const {
     const double bound = side > 0 ? rows_->upper[i] : rows_->lower[i];
+    if (std::isinf(bound)) return false;  // the row had another meaning a tick ago
     return std::abs(dot_any(rows_->row(i), y, N_) - bound) <= 1e-10 * (1.0 + std::abs(bound));
   }
 

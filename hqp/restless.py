@@ -1,0 +1,88 @@
+"""Joints whose command alternates from limit to limit: who, and how often."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from hqp.arrays import Signs, Vec
+from hqp.formulation import Program
+from hqp.robot import Robot
+
+SPAN = 0.2
+"""Alternations are counted over this time, in the mean [s]."""
+
+OFTEN = 20.0
+"""Alternations a second from which on a joint is restless: four or so within SPAN, which no reference asks for."""
+
+
+class LimitWatch:
+    """Counts how often each limit binds on the one side and then on the other, by the marks of its rows.
+
+    The rate of a row is sum exp(-age / SPAN) / SPAN over its alternations, in the mean their number a second.
+    """
+
+    def __init__(self, program: Program, robot: Robot, dt: float) -> None:
+        starts = np.concatenate(([0], np.cumsum([rows.m for rows in program.problem.levels]))).astype(int).tolist()
+        names: list[str] = []
+        self.parts: list[slice] = []
+        """Which rows are watched, among all rows."""
+        for place in program.places.values():
+            element = place.element
+            rows = element.row_names(robot)
+            if element.equality or element.selection(robot) is None or len(rows) != place.part.stop - place.part.start:
+                continue
+            start = starts[place.level]
+            self.parts.append(slice(start + place.part.start, start + place.part.stop))
+            names += rows
+        self._names, self._dt = tuple(names), dt
+        self._side, self._rate = np.zeros(len(names), dtype=np.int8), np.zeros(len(names))
+        self._last, self._tick, self._seen = bytearray(), 0, 0
+        self._busy = False
+
+    def record(self, record: bytearray, begin: int) -> tuple[tuple[str, float], ...]:
+        """As ``look``, for marks of all rows as bytes from ``begin`` on; nearly nothing where they are as before."""
+        self._tick += 1
+        parts = self.parts
+        if len(parts) == 1:
+            marks = record[begin + parts[0].start : begin + parts[0].stop]
+        else:
+            marks = bytearray().join(record[begin + part.start : begin + part.stop] for part in parts)
+        if marks == self._last:
+            return self._restless() if self._busy else ()
+        self._last = marks
+        return self._update(np.frombuffer(marks, np.int8))
+
+    def look(self, active: Sequence[Signs]) -> tuple[tuple[str, float], ...]:
+        """Names and rates [1/s] of limits that alternate, from the marks of each level."""
+        self._tick += 1
+        if not self.parts:
+            return ()
+        every = np.concatenate(list(active))
+        marks = np.concatenate([every[part] for part in self.parts])
+        found = bytearray(marks.tobytes())
+        if found == self._last:
+            return self._restless() if self._busy else ()
+        self._last = found
+        return self._update(marks)
+
+    def _update(self, marks: Signs) -> tuple[tuple[str, float], ...]:
+        turned = marks * self._side == -1
+        np.copyto(self._side, marks, where=(marks == 1) | (marks == -1))
+        if turned.any():
+            self._fade()
+            self._rate[turned] += 1.0 / SPAN
+            self._busy = True
+        return self._restless() if self._busy else ()
+
+    def _fade(self) -> None:
+        self._rate *= math.exp(-(self._tick - self._seen) * self._dt / SPAN)
+        self._seen = self._tick
+
+    def _restless(self) -> tuple[tuple[str, float], ...]:
+        self._fade()
+        rates: Vec = self._rate
+        self._busy = bool(rates.max(initial=0.0) > 0.1 * OFTEN)
+        return tuple((self._names[i], float(rates[i])) for i in np.flatnonzero(rates > OFTEN))
