@@ -25,10 +25,19 @@ PARTS = {
 }
 """Parts of the main job in order; a part is there if its module is.  A module has ``add_arguments`` and ``run``."""
 
-EXTRA = {"soak": "random closed loops with everything that goes wrong, at length"}
+EXTRA = {
+    "soak": "random closed loops with everything that goes wrong, at length",
+    "collision": "hands that are blocked, a table in MuJoCo, and what pairs cost",
+}
 """Parts that the main job leaves out."""
 
-ROOMS = {"timing": "speed.timing", "torque": "speed.torque", "solvers": "speed.solvers", "calm": "calm.command"}
+ROOMS = {
+    "timing": "speed.timing",
+    "torque": "speed.torque",
+    "solvers": "speed.solvers",
+    "calm": "calm.command",
+    "collision": "collision.command",
+}
 """Modules of parts that do not bear the part's name."""
 
 FULL_RUN_OPTIONS = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from hqp.arrays import Mat
 from hqp.errors import DeclarationError
 
-KINDS = {"sphere": 1, "capsule": 2, "box": 3, "half_space": 0}
+KINDS = {"sphere": 1, "capsule": 2, "box": 3, "half_space": 0, "mesh": 3, "triangles": 3}
 """Kinds of shapes of the world, and how many numbers their size has."""
 
 
@@ -25,13 +26,22 @@ class LinkCapsule(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """A shape of the world, plain data: kind, name, size [m], and its pose: position [m], roll, pitch, yaw [rad]."""
+    """A shape of the world, plain data: kind, name, size [m], and its pose: position [m], roll, pitch, yaw [rad].
+
+    file: of a mesh, whose size is the scale along x, y, z.
+    """
 
     kind: str
     name: str
     size: tuple[float, ...]
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    file: str = ""
+
+    @property
+    def is_mesh(self) -> bool:
+        """Whether it comes from a file."""
+        return self.kind in ("mesh", "triangles")
 
     @property
     def pose(self) -> Mat:
@@ -67,19 +77,41 @@ def half_space(name: str, position: Any = (0.0, 0.0, 0.0), rpy: Any = (0.0,) * 3
     return checked(("half_space", name, (), position, rpy))
 
 
+def mesh(
+    name: str,
+    file: str | Path,
+    position: Any = (0.0, 0.0, 0.0),
+    rpy: Any = (0.0,) * 3,
+    *,
+    scale: Any = 1.0,
+    convex: bool = True,
+) -> Shape:
+    """A mesh (STL, OBJ, DAE): its convex hull, or its triangles, whose inside counts as free; through coal.
+
+    scale: of its numbers to metres, one or ``(3,)``.  A stack with meshes takes the readable path, slower than native
+    shapes.  Raises DeclarationError for a file that is missing.
+    """
+    scales = (scale,) * 3 if isinstance(scale, (int, float)) else scale
+    return checked(("mesh" if convex else "triangles", name, scales, position, rpy, str(file)))
+
+
 def checked(given: Any) -> Shape:
     """A Shape of plain data; raises DeclarationError for what is none."""
     try:
-        kind, name, size, *pose = given
+        kind, name, size, *rest = given
+        pose, file = rest[:2], rest[2] if len(rest) == 3 else ""
         sizes = tuple(float(x) for x in size)
         vectors = [tuple(float(x) for x in v) for v in pose]
     except (TypeError, ValueError):
         raise DeclarationError("shape", "no shape", value=given, allowed=_ALLOWED) from None
     fits = kind in KINDS and len(sizes) == KINDS.get(kind) and isinstance(name, str) and bool(name)
-    fits &= all(0.0 < x < math.inf for x in sizes) and len(vectors) <= 2
+    fits &= all(0.0 < x < math.inf for x in sizes) and len(rest) <= 3 and isinstance(file, str)
     if not fits or any(len(v) != 3 or not all(map(math.isfinite, v)) for v in vectors):
         raise DeclarationError(f"shape {name!r}", "no shape", value=given, allowed=_ALLOWED)
-    return Shape(kind, name, sizes, *vectors)  # type: ignore[arg-type]
+    shape = Shape(kind, name, sizes, *vectors)._replace(file=file)  # type: ignore[arg-type]
+    if shape.is_mesh and not Path(file).is_file():
+        raise DeclarationError(f"shape {name!r}", "no such file", value=file, allowed="the path of an STL, OBJ or DAE")
+    return shape
 
 
-_ALLOWED = "sphere, capsule, box or half_space of hqp.shapes, with sizes above 0 and finite positions and angles"
+_ALLOWED = "sphere, capsule, box, half_space or mesh of hqp.shapes, with sizes above 0 and finite positions and angles"

@@ -183,8 +183,10 @@ class CollisionAvoidance(Inequality):
             lower = np.array(least) - self.drift(state, value)
         return lower, np.full(lower.size, math.inf)
 
-    def plan(self, robot: Robot) -> plans.Collision:
-        """The native operation."""
+    def plan(self, robot: Robot) -> plans.Collision | None:
+        """The native operation; none where the world has meshes, whose distances are coal's."""
+        if any(shape.is_mesh for shape in self.world):
+            return None
         own = scene(self, robot)
         shape = (len(self.world), 4, 4) if self.world else ()
         return plans.Collision(*own.tables(), own.slots, self.influence, self.rate, self.recovery, STEP, shape)

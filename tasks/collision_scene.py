@@ -71,6 +71,13 @@ class Scene:
         self.capsules: tuple[LinkCapsule, ...] = tuple(robot.capsules)
         self.world: tuple[Shape, ...] = element.world
         self.links = len(self.capsules)
+        if any(shape.is_mesh for shape in self.world):
+            from . import meshes  # coal comes with Pinocchio, but takes its time to import
+
+            self._meshes = meshes
+            for shape in self.world:
+                if shape.is_mesh:
+                    meshes.read(shape)
         self._twin = robot.copy()
         self._twin.state(self._twin.home).kinematics()
         home, declared = self._twin.bodies, element.poses()
@@ -132,6 +139,8 @@ class Scene:
         shape, pose = self.world[j - self.links], poses[j - self.links]
         if shape.kind == "half_space":
             return distances.to_half_space(a, b, radius, pose)
+        if shape.is_mesh:
+            return self._meshes.to_mesh(a, b, radius, self._meshes.read(shape), pose)
         if shape.kind == "box":
             return distances.to_box(a, b, radius, 0.5 * np.array(shape.size), pose)
         length = shape.size[1] if shape.kind == "capsule" else 0.0

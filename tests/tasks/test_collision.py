@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import struct
 from typing import Any
 
 import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.spatial import ConvexHull
 
 import hqp
 import hqp.robots
@@ -93,6 +95,67 @@ def test_points_and_parallel_axes() -> None:
     assert abs(near[0] - near[1]) < 1e-6
 
 
+def write_box(path: Any, half: Any) -> None:
+    """An STL of a box."""
+    corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * half
+    hull = ConvexHull(corners)
+    with open(path, "wb") as file:
+        file.write(bytes(80) + struct.pack("<I", len(hull.simplices)))
+        for simplex, plane in zip(hull.simplices, hull.equations, strict=True):
+            p, q, r = corners[simplex]
+            q, r = (q, r) if np.cross(q - p, r - p) @ plane[:3] > 0.0 else (r, q)
+            file.write(struct.pack("<12f", *plane[:3], *p, *q, *r) + bytes(2))
+
+
+def test_a_mesh_of_a_box_is_the_box(panda: Any, tmp_path: Any) -> None:
+    """Distances, normals and J of hull and triangles are those of the native box, whatever its pose and scale."""
+    write_box(tmp_path / "box.stl", np.array([150.0, 200.0, 20.0]))  # in millimetres
+    place, turn = (0.45, 0.1, 0.4), (0.1, 0.3, 0.7)
+    native = CollisionAvoidance(pairs="world", world=shapes.box("box", (0.3, 0.4, 0.04), place, turn), influence=0.6)
+    rng = np.random.default_rng(0)
+    states = [panda.random_configuration(rng, 0.5) for _ in range(20)]
+    for convex in (True, False):
+        shape = shapes.mesh("box", tmp_path / "box.stl", place, turn, scale=1e-3, convex=convex)
+        element = CollisionAvoidance(pairs="world", world=shape, influence=0.6)
+        compared = 0
+        for q in states:
+            state = panda.state(q)
+            one = {n.pair: (n, j) for n, j in zip(native.near(state), native.jacobian(state), strict=True) if n}
+            two = {n.pair: (n, j) for n, j in zip(element.near(state), element.jacobian(state), strict=True) if n}
+            for pair, (box, J) in one.items():
+                if box.distance > 0.01:
+                    assert two[pair][0].distance == pytest.approx(box.distance, abs=1e-5)
+                    np.testing.assert_allclose(two[pair][0].normal, box.normal, atol=1e-3)
+                    np.testing.assert_allclose(two[pair][1], J, atol=2e-3)
+                    compared += 1
+                elif convex and box.distance > -0.05:
+                    assert two[pair][0].distance == pytest.approx(box.distance, abs=1e-4)
+        assert compared > 50
+
+
+def test_a_hand_stops_at_a_mesh(panda: Any, tmp_path: Any) -> None:
+    write_box(tmp_path / "table.stl", np.array([0.3, 0.5, 0.025]))
+    table = shapes.mesh("table", tmp_path / "table.stl", (0.5, 0.0, 0.2))
+    avoid = CollisionAvoidance(pairs=(("panda_hand", "table"), ("panda_leftfinger", "table")), world=table)
+    hand = Position(frame="panda_hand_tcp", law=P(2.0, max_velocity=0.5))
+    stack = Stack(Level(hand), Level(Posture()), subject_to=[JointLimits(), avoid])
+    session = hqp.Controller(stack, deadline=math.inf).session(panda, dt=0.01)
+    q, v, least = panda.home, np.zeros(panda.nv), math.inf
+    for _ in range(300):
+        q, v = session.step(panda.state(q, v), hand.at([0.5, 0.0, 0.1])).advance()
+        least = min([least, *(n.distance - n.clearance for n in avoid.near(panda.state(q)) if n is not None)])
+    assert -5e-4 < least < 5e-3
+
+
+def test_meshes_that_are_none(panda: Any, tmp_path: Any) -> None:
+    with pytest.raises(DeclarationError, match="no such file"):
+        shapes.mesh("bunny", tmp_path / "bunny.stl")
+    broken = tmp_path / "broken.stl"
+    broken.write_bytes(b"solid nothing")
+    with pytest.raises(DeclarationError, match="cannot be read"):
+        CollisionAvoidance(world=shapes.mesh("broken", broken)).rows(panda)
+
+
 # ------------------------------------------------------------------------------------------------- declaration
 
 
@@ -108,6 +171,7 @@ def test_points_and_parallel_axes() -> None:
         {"pairs": ()},
         {"world": (("box", "table", (1.0, 1.0)),)},
         {"world": (("mesh", "table", ()),)},
+        {"world": (("mesh", "table", (1.0, 1.0, 1.0), (0.0,) * 3, (0.0,) * 3, "no/such.stl"),)},
         {"world": (shapes.sphere("a", 1.0), shapes.sphere("a", 2.0))},
     ],
 )

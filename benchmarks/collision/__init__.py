@@ -1,0 +1,1 @@
+"""Collision avoidance in closed loop and on the clock."""

@@ -1,0 +1,146 @@
+"""Scenes in which a hand is blocked: by the torso, by a table, by the other hand; and one that starts inside."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from benchmarks.calm.loop import PRICED, Run, figures
+from benchmarks.calm.robots import Subject, subject
+from benchmarks.calm.scenes import DT, FORMULATIONS, Scene, default_stack, law
+from hqp import Level, Stack, shapes
+from hqp.arrays import Vec
+from hqp.reference import Reference
+from hqp.tasks import CollisionAvoidance, Position
+
+TORSO = {"talos": "torso_2_link", "g1": "torso_link", "cbi": "chest", "panda": "panda_link1"}
+"""Links that the hand is sent into."""
+WALK, STAY = 1.5, 1.5
+"""The goal walks to its place, then stays there [s]."""
+DEPTH = 0.15
+"""How far below the table's top the hand is sent [m]."""
+THICK = 0.3
+"""The table is a block, which no hand gets around [m]."""
+INSIDE = 0.08
+"""Radius of the ball that a hand starts in [m]."""
+
+
+@dataclass(frozen=True)
+class Blocked:
+    """A scene, its collision avoidance, and what moves in its world."""
+
+    scene: Scene
+    avoid: CollisionAvoidance
+    world: tuple[Reference, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """A run, and by tick the smallest distance less clearance of any pair, and of what the hand touches [m]."""
+
+    run: Run
+    margin: Vec
+    names: tuple[str, ...]
+
+    def figures(self) -> dict[str, float | str]:
+        """Those of a calm loop, with the least margin [m] and the fastest way out of a collision [m/s]."""
+        inside = np.flatnonzero(self.margin[:-1] < -1e-4)
+        out = (self.margin[inside + 1] - self.margin[inside]) / DT
+        return {
+            **figures(self.run),
+            "margin": float(self.margin.min()),
+            "margin_end": float(self.margin[-1]),
+            "way_out": float(np.max(out, initial=0.0)),
+            "nearest": self.names[int(self.margin.argmin())],
+        }
+
+
+def scenes(name: str, formulation: str) -> dict[str, Callable[[], Blocked]]:
+    """Makers of the scenes of one robot by name."""
+    who = subject(name)
+    home = who.robot.state(who.robot.home)
+    start = home.position(who.hands[0])
+    found: dict[str, Callable[[], Blocked]] = {}
+    if name in TORSO:
+        goal = home.position(TORSO[name])
+        found["torso"] = partial(_blocked, "torso", who, formulation, start, goal)
+    down, away = (0.2, 0.1) if name == "talos" else (0.12, 0.0)  # its hand hangs down, its knees are ahead
+    top = start[2] - down
+    table = shapes.box("table", (0.4, 1.2, THICK), (*(start[:2] + (0.3 + away) * who.ahead[:2]), top - 0.5 * THICK))
+    below = start + [0.0, 0.0, top - start[2] - DEPTH] + (0.25 + away) * who.ahead
+    found["table"] = partial(_blocked, "table", who, formulation, start, below, (table,))
+    if len(who.hands) > 1:
+        goal = home.position(who.hands[1])
+        found["other hand"] = partial(_blocked, "other hand", who, formulation, start, goal, holds=True)
+    ball = shapes.sphere("ball", INSIDE, tuple(start.tolist()))
+    found["inside"] = partial(_blocked, "inside", who, formulation, start, start, (ball,))
+    return found
+
+
+def _blocked(
+    name: str,
+    who: Subject,
+    formulation: str,
+    start: Vec,
+    goal: Vec,
+    world: tuple[shapes.Shape, ...] = (),
+    holds: bool = False,
+) -> Blocked:
+    avoid = CollisionAvoidance(world=world)
+    hand = Position(frame=who.hands[0], law=law(formulation, 5.0), name="hand")
+    other = Level(Position(frame=who.hands[-1], law=hand.law, name="other hand"), name="other hand")
+    stack = default_stack(who, formulation, {}, *((other,) if holds else ()), Level(hand, name="hand"))
+    stack = Stack(*stack.levels, subject_to=[*stack.subject_to, avoid])
+    above = (*(c.name for c in who.contacts), *(("com",) if who.contacts else ()), *(("other hand",) if holds else ()))
+
+    def at(t: float) -> tuple[Reference, ...]:
+        return (hand.at(start + min(1.0, t / WALK) * (goal - start)),)
+
+    return Blocked(Scene(name, who, formulation, stack, at, above=above), avoid)
+
+
+def run(blocked: Blocked, ticks: int = round((WALK + STAY) / DT), every: int = 1) -> Outcome:
+    """Carry the commands out exactly for ``ticks`` periods; distances are looked at in each ``every``-th."""
+    scene, avoid = blocked.scene, blocked.avoid
+    robot = scene.subject.robot
+    twin = robot.copy()  # whose slots are its own
+    session = PRICED.of(scene.stack, FORMULATIONS[scene.formulation]).session(robot, DT)
+    data, margin, names = Run.empty(scene, ticks), np.full(ticks, math.inf), [""] * ticks
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    start = robot.state(q)
+    feet = {foot: start.position(foot) for foot in scene.subject.feet}
+    com, joints = start.com()[:2], robot.actuated
+    for i in range(ticks):
+        if i % every == 0:
+            near = [n for n in avoid.near(twin.state(q)) if n is not None]
+            least = min(near, key=lambda n: n.distance - n.clearance, default=None)
+            name = "" if least is None else _name(avoid, twin, least.pair)
+            reach = math.inf if least is None else least.distance - least.clearance
+        margin[i], names[i] = reach, name
+        goals = scene.targets(i * DT)
+        state = robot.state(q, v)
+        data.error[i] = np.linalg.norm(state.position(scene.subject.hands[0]) - goals[0].value)
+        data.contact[i] = max((np.linalg.norm(state.position(f) - p) for f, p in feet.items()), default=0.0)
+        data.com[i] = np.linalg.norm(state.com()[:2] - com) if feet else 0.0
+        tick = session.step(state, *goals)
+        data.commands[i] = tick.command
+        data.statuses[tick.status.name] = data.statuses.get(tick.status.name, 0) + 1
+        places, solution = session.program.places, tick.solution
+        assert solution is not None
+        rows = [solution.residuals[places[n].level][places[n].part] for n in scene.above if n in places]
+        data.above[i] = max((float(np.abs(w).max(initial=0.0)) for w in rows), default=0.0)
+        q, next_v = tick.advance()
+        data.accelerations[i] = (next_v - v)[joints] / DT
+        v = next_v
+    return Outcome(data, margin, tuple(names))
+
+
+def _name(avoid: CollisionAvoidance, robot: object, pair: int) -> str:
+    from hqp.tasks.collision_scene import scene
+
+    own = scene(avoid, robot)  # type: ignore[arg-type]
+    return " - ".join(own.name(k) for k in own.pairs[pair])

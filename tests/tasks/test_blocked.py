@@ -1,0 +1,67 @@
+"""Hands that are blocked, in closed loop: no pair nearer than it may be, commands calm, balance exact."""
+
+from __future__ import annotations
+
+import importlib.util
+
+import pytest
+
+import hqp
+from benchmarks.calm.goals import misses
+from benchmarks.collision import scenes, table
+
+NEAREST = -5e-4
+"""Least distance less clearance [m]."""
+
+BLOCKED = [
+    ("panda", "torso"),
+    ("panda", "table"),
+    pytest.param("talos", "torso", marks=pytest.mark.slow),
+    pytest.param("talos", "table", marks=pytest.mark.slow),
+    ("talos", "other hand"),
+    pytest.param("g1", "torso", marks=pytest.mark.slow),
+    ("g1", "table"),
+    ("g1", "other hand"),
+]
+RESTLESS = {
+    ("g1", "torso"): {"acceleration_p50", "acceleration_p99"},
+    ("talos", "table"): {"reversals", "acceleration_p99"},
+}
+"""Goals of a calm loop that are missed; docs/collision.md tells them."""
+
+
+def need(name: str) -> None:
+    if name not in hqp.robots.names():
+        pytest.skip("needs example-robot-data")
+
+
+@pytest.mark.parametrize(("name", "scene"), BLOCKED)
+def test_blocked(name: str, scene: str) -> None:
+    need(name)
+    figures = scenes.run(scenes.scenes(name, "velocity")[scene](), every=10).figures()
+    assert figures["margin"] > NEAREST, figures["nearest"]
+    assert figures["above"] < 1e-9
+    assert set(misses("velocity", figures)) <= RESTLESS.get((name, scene), set())
+    assert figures["error_end"] > 0.02  # it was blocked
+
+
+@pytest.mark.parametrize("name", ["panda", "talos", "g1"])
+def test_from_inside_it_comes_out_at_the_recovery_speed(name: str) -> None:
+    need(name)
+    blocked = scenes.scenes(name, "velocity")["inside"]()
+    figures = scenes.run(blocked, ticks=1200, every=10).figures()
+    assert figures["margin"] < -0.09
+    assert figures["margin_end"] > NEAREST
+    assert figures["above"] < 1e-9
+    assert figures["contact"] < 1e-5
+
+
+@pytest.mark.skipif(importlib.util.find_spec("mujoco") is None, reason="needs MuJoCo")
+@pytest.mark.parametrize("name", ["panda", pytest.param("cbi", marks=pytest.mark.slow)])
+def test_around_a_table_in_mujoco_nothing_is_touched(name: str) -> None:
+    need(name)
+    found = table.around(name)
+    assert not found.touched
+    assert found.nearest > 0.5 * table.CLEARANCE
+    assert found.error < 0.01
+    assert table.around(name, avoid=False, seconds=2.5).touched  # the straight way leads through it
