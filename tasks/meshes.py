@@ -6,7 +6,7 @@ import math
 from functools import lru_cache
 from typing import Any
 
-import coal
+import coal  # pyright: ignore[reportMissingImports]  # beside Pinocchio, in its own folder
 import numpy as np
 
 from hqp.arrays import Mat, Vec
