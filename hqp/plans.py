@@ -225,6 +225,20 @@ class Steady:
 
 
 @dataclass(frozen=True, eq=False)
+class Frozen:
+    """Joints that stay at the reference ``(k,)``, or come to rest there."""
+
+    joints: Joints
+    rate: float
+    acceleration: float
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the reference's value."""
+        return self.joints.shape
+
+
+@dataclass(frozen=True, eq=False)
 class Pointing:
     """An axis of a frame along a direction, or towards a point; first and other across it; reference ``(3,)``."""
 
@@ -301,7 +315,7 @@ class SupportPolygon:
 
 Plan: TypeAlias = (
     Point | Pose | Rotation | Angles | Edge | Wheel | Com | Joints | Coupling | JointBox | Constant | Collision
-    | Still | Steady | Pointing | Apart | Manipulability | Cone | Within | SupportPolygon
+    | Still | Steady | Frozen | Pointing | Apart | Manipulability | Cone | Within | SupportPolygon
 )  # fmt: skip
 
 

@@ -12,11 +12,13 @@ from .contact import FixedContact, PointContact
 from .coupling import JointCoupling
 from .directions import AlignAxis, Distance, LookAt
 from .edge import EdgeContact
-from .friction import CenterOfPressure, FrictionCone, UnilateralContact
+from .friction import CenterOfPressure, ForceLimits, FrictionCone, UnilateralContact
+from .frozen import Frozen
 from .limits import JointLimits, TorqueLimits
 from .loads import ExternalWrench, Payload
 from .manipulability import Manipulability
 from .motion import BaseVelocityLimits, Damping, JointVelocity, LowAcceleration, Momentum
+from .motors import TorqueSpeedLimits
 from .orientation import Orientation
 from .pose import Pose
 from .position import Position
@@ -40,7 +42,9 @@ __all__ = [
     "EdgeContact",
     "ExternalWrench",
     "FixedContact",
+    "ForceLimits",
     "FrictionCone",
+    "Frozen",
     "JointCoupling",
     "JointLimits",
     "JointTorque",
@@ -58,6 +62,7 @@ __all__ = [
     "Posture",
     "SupportPolygon",
     "TorqueLimits",
+    "TorqueSpeedLimits",
     "UnilateralContact",
     "Weld",
     "WheelContact",

@@ -108,6 +108,10 @@ class Cone(_Barrier):
             return np.array([second / scale])
         return np.array([(second + cosine * (first / scale) ** 2) / scale])
 
+    def row_names(self, robot: Robot) -> tuple[str, ...]:
+        """The angle."""
+        return ("angle",)
+
     def plan(self, robot: Robot) -> plans.Cone | None:
         """The native operation; none for a task with functions of its own."""
         own = plan_of(self.task, robot)

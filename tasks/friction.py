@@ -125,6 +125,38 @@ class FrictionCone(_ContactForce):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ForceLimits(_ContactForce):
+    """What a contact, a Weld or a coupling may bear: |f_i| <= force, |m_i| <= moment, a row a component.
+
+    force [N] and moment [N m]: None asks nothing; a coupling has one component, which ``force`` bounds, [N m] between
+    turning joints.  The axes are the contact's, of a Weld those of its ``relative_to``.  Raises DeclarationError for
+    fields, and for a moment where the constraint has none.
+    """
+
+    suffix: ClassVar[str] = "limits"
+
+    force: float | None = None
+    moment: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for what in ("force", "moment"):
+            if getattr(self, what) is not None:
+                check_number(self, what, getattr(self, what), 0.0)
+        if self.force is None and self.moment is None:
+            raise self.bad("force and moment", None, "one of them, or both")
+
+    def force_rows(self, dimension: int) -> tuple[Mat, Vec, Vec]:
+        """Rows of the identity, -bound, bound."""
+        if self.moment is not None:
+            self._check_dimension(dimension, 6)
+        most = [self.force] * min(3, dimension) + [self.moment] * (dimension - 3)
+        picked = [i for i, bound in enumerate(most) if bound is not None]
+        bounds = np.array([most[i] for i in picked], dtype=np.float64)
+        return np.eye(dimension)[picked], -bounds, bounds
+
+
+@dataclass(frozen=True, kw_only=True)
 class CenterOfPressure(_ContactForce):
     """No tipping: the centre of pressure (-m_y, m_x) / f_z stays inside a convex polygon, one row a side.
 

@@ -194,9 +194,12 @@ def _force_rows(element: Element, contact: Element, size: int) -> tuple[Mat, Vec
 
 
 def _axes(contact: Element, size: int, robot: Robot) -> tuple[Mat, list[slice]]:
-    """Live rotation of the contact's frame and the three-row blocks of its rows that are in world axes."""
+    """Live rotation of the contact's frame and the three-row blocks of its rows that are in world axes.
+
+    Those of a Weld are in the axes of the frame that it is relative to, and stay there.
+    """
     frame = getattr(contact, "frame", None)
-    if frame is None or size < 3:
+    if frame is None or size < 3 or getattr(contact, "relative_to", None) is not None:
         return np.eye(3), []
     _, rotation = robot.placement(robot.frame(frame))
     return rotation, [slice(at, at + 3) for at in range(0, size - 2, 3)]

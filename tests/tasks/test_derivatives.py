@@ -89,6 +89,7 @@ def examples(n: dict[str, str]) -> dict[str, list[Element]]:
         "LowAcceleration": [t.LowAcceleration()],
         "Damping": [t.Damping(), t.Damping(kinetic_energy=True, name="energy")],
         "Momentum": [t.Momentum(), t.Momentum(linear="z", angular="yx", weight=0.5), t.Momentum(linear="")],
+        "Frozen": [t.Frozen(joints=[c, a]), t.Frozen(joints=b, rate=3.0, acceleration=0.5)],
         "BaseVelocityLimits": [t.BaseVelocityLimits(linear=0.5, angular=2.0)],
         "Within": [
             t.Within(t.Position(frame=f), upper=0.3),
@@ -144,7 +145,7 @@ def followed(element: Element, state: State) -> Callable[[State], Vec]:
         return contact_point(element, state)
     if isinstance(element, t.CollisionAvoidance):
         return distances(element, state)
-    if isinstance(element, (t.Within, t.Cone)):
+    if isinstance(element, (t.Within, t.Cone, t.Frozen)):
         hold = element.hold(state).value
         start = element.bounds(state, hold)
         side = 0 if np.isfinite(start[0]).any() else 1

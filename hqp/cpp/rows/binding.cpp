@@ -296,6 +296,9 @@ class Assembly {
     }
     if (name == "Still") return std::make_unique<hqp::Still>(out, p.ints("columns"));
     if (name == "Steady") return std::make_unique<hqp::Steady>(out, p.ints("columns"), order_);
+    if (name == "Frozen")
+      return std::make_unique<hqp::Frozen>(out, p.part("joints").joints(), p.number("rate"), p.number("acceleration"),
+                                           dt_, order_);
     if (name == "Pointing") return std::make_unique<hqp::Pointing>(fixed(), p.axis(), p.flag("point"));
     if (name == "Apart") return std::make_unique<hqp::Apart>(rows());
     if (name == "Manipulability")

@@ -80,6 +80,33 @@ class Steady final : public Operation {  // coordinates that go on as they did
   int order_;
 };
 
+class Frozen final : public Operation {  // joints that stay where they were
+ public:
+  Frozen(Target out, Joints joints, double rate, double acceleration, double dt, int order)
+      : out_(out), joints_(std::move(joints)), rate_(rate), most_(acceleration), dt_(dt), order_(order) {
+    joints_.write(out_);
+  }
+  void run(const double* q, const double* v) override {
+    constexpr double kTurn = 6.283185307179586476925;
+    for (std::size_t i = 0; i < joints_.size(); ++i) {
+      double e = joints_.angle(i, q) - out_.reference[i];
+      if (joints_.continuous[i]) e -= kTurn * std::rint(e / kTurn);
+      const double u = v[joints_.columns[i]];
+      const double x =
+          order_ == 1 ? u + clip(-rate_ * e - u, most_ * dt_) : clip(-rate_ * (rate_ * e + 2.0 * u), most_);
+      out_.lower[i] = out_.upper[i] = x;
+    }
+  }
+
+ private:
+  static double clip(double x, double most) { return std::min(std::max(x, -most), most); }
+
+  Target out_;
+  Joints joints_;
+  double rate_, most_, dt_;
+  int order_;
+};
+
 struct Limits {  // of each joint, infinite for none; see JointLimits for the equations
   std::vector<double> low, high, speed, acceleration, braking;
   double return_velocity;
