@@ -27,9 +27,12 @@ from .ground_contact import ContactReader, Contacts
 from .mujoco_extra import mujoco
 from .sensors import Noise, Reading, Sensors, rotation_vector
 from .state_map import StateMap, quaternion
-from .terrain import Plane, Ramp, Terrain
+from .terrain import Bumps, Plane, Ramp, Step, Terrain
 
-__all__ = ["Contacts", "Noise", "Plane", "Plant", "Ramp", "Reading", "Sensors", "Servo", "StateMap", "Terrain"]
+__all__ = [
+    "Bumps", "Contacts", "Noise", "Plane", "Plant", "Ramp", "Reading", "Sensors", "Servo", "StateMap", "Step",
+    "Terrain",
+]  # fmt: skip
 
 _LEVEL, _PERFECT = Plane(), Sensors()
 _SITE, _BODY = int(mujoco.mjtObj.mjOBJ_SITE), int(mujoco.mjtObj.mjOBJ_XBODY)

@@ -73,6 +73,9 @@ def _ground(spec: Any, terrain: Terrain) -> None:
         geom = world.add_geom(name=f"slab_{k}", type=box, material=raised, **law)
         geom.pos, geom.size = slab.centre, slab.half
         geom.quat = [math.cos(half), 0.0, math.sin(half), 0.0]
+    for k, cap in enumerate(terrain.caps()):
+        ball = world.add_geom(name=f"cap_{k}", type=mujoco.mjtGeom.mjGEOM_SPHERE, material=raised, **law)
+        ball.pos, ball.size = cap.centre, [cap.radius, 0.0, 0.0]
 
 
 def _tiles(spec: Any, name: str, one: tuple[float, ...], other: tuple[float, ...]) -> str:

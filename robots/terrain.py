@@ -24,9 +24,17 @@ class Slab:
     angle: float
 
 
+@dataclass(frozen=True)
+class Cap:
+    """What a sphere shows above the ground: centre and radius [m]."""
+
+    centre: tuple[float, float, float]
+    radius: float
+
+
 @dataclass(frozen=True, kw_only=True)
 class Terrain(ABC):
-    """Ground whose height depends on x alone; its friction and stiffness win over those of what touches it.
+    """Ground whose height depends on x alone, but for caps; its friction and stiffness win over the robot's.
 
     friction: sliding coefficient [-].  solref: MuJoCo's time constant [s] and damping ratio of contacts.
     impedance: MuJoCo's least and largest impedance of contacts, nearer to 1 for harder ground.
@@ -48,6 +56,10 @@ class Terrain(ABC):
     @abstractmethod
     def slabs(self) -> tuple[Slab, ...]:
         """What stands on the plane z = 0."""
+
+    def caps(self) -> tuple[Cap, ...]:
+        """Bumps on it."""
+        return ()
 
     @abstractmethod
     def slope(self, x: float) -> float:
@@ -135,3 +147,66 @@ class Ramp(Terrain):
 
     def height(self, x: float) -> float:
         return math.tan(self.angle) * (min(max(x, self.start), self.end) - self.start)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step(Terrain):
+    """Level ground and a step up, square to x, onto level ground that goes on.
+
+    start: x of the edge [m].  rise [m], width along y [m].  Raises DeclarationError for what is not above 0.
+    """
+
+    start: float = 0.35
+    rise: float = 0.01
+    width: float = 6.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("rise", "width"):
+            if not getattr(self, name) > 0.0:
+                raise DeclarationError("step", f"bad {name}", value=getattr(self, name), unit="m", allowed="above 0")
+
+    def slabs(self) -> tuple[Slab, ...]:
+        half = (0.5 * _LONG, 0.5 * self.width, 0.5 * _THICK)
+        return (Slab((self.start + half[0], 0.0, self.rise - half[2]), half, 0.0),)
+
+    def slope(self, x: float) -> float:
+        return 0.0
+
+    def height(self, x: float) -> float:
+        return self.rise if x > self.start else 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bumps(Plane):
+    """Level ground strewn with bumps, caps of spheres at random places on a grid from ``start`` on along x.
+
+    rise: of a bump over the ground, at most; each has half of it to all of it [m].  radius: of its foot [m].
+    spacing: of the grid [m]; every place is off by up to a quarter of it.  length, width: of the field [m].
+    ``height`` leaves the bumps out.  Raises DeclarationError for what is not above 0.
+    """
+
+    start: float = 0.35
+    rise: float = 0.005
+    radius: float = 0.06
+    spacing: float = 0.16
+    length: float = 1.6
+    width: float = 1.6
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("rise", "radius", "spacing", "length", "width"):
+            if not getattr(self, name) > 0.0:
+                raise DeclarationError("bumps", f"bad {name}", value=getattr(self, name), unit="m", allowed="above 0")
+
+    def caps(self) -> tuple[Cap, ...]:
+        rng = np.random.default_rng(self.seed)
+        found = []
+        for x in np.arange(self.start, self.start + self.length, self.spacing).tolist():
+            for y in np.arange(-0.5 * self.width, 0.5 * self.width, self.spacing).tolist():
+                dx, dy = rng.uniform(-0.25, 0.25, 2).tolist()
+                rise = self.rise * float(rng.uniform(0.5, 1.0))
+                size = 0.5 * (self.radius**2 + rise**2) / rise  # of the sphere whose cap that is
+                found.append(Cap((x + dx * self.spacing, y + dy * self.spacing, rise - size), size))
+        return tuple(found)

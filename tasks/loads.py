@@ -46,16 +46,18 @@ class ExternalWrench(_Load):
 
     ``at(wrench)`` says it each tick, force and moment ``(6,)`` [N, N m] at the frame's origin, zero without: in world
     axes, or in the frame's with local.  The dynamics, the forces of contacts, gravity compensation and what is sent
-    at rest see it.  In ``subject_to`` of a torque controller.  Raises DeclarationError for fields, FrameNotFound on
-    binding.
+    at rest see it; without ``resisted`` the last two do not, and who pulls at the frame moves the robot.  In
+    ``subject_to`` of a torque controller.  Raises DeclarationError for fields, FrameNotFound on binding.
     """
 
     local: bool = False
+    resisted: bool = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not isinstance(self.local, bool):
-            raise self.bad("local", self.local, "True or False")
+        for field in ("local", "resisted"):
+            if not isinstance(getattr(self, field), bool):
+                raise self.bad(field, getattr(self, field), "True or False")
 
     def default_name(self) -> str:
         """The frame and ``_wrench``."""
@@ -70,13 +72,13 @@ class ExternalWrench(_Load):
         return Reference(self.name, numbers(self.name, "wrench", wrench, (6,)))
 
     def terms(self, state: State, reference: Vec) -> tuple[None, Vec, Vec]:
-        """Nothing, -J^T w, -J^T w."""
+        """Nothing, -J^T w, -J^T w or zero."""
         w = reference
         if self.local:
             R = state.rotation(self.frame)
             w = np.concatenate((R @ w[:3], R @ w[3:]))
         force = -(state.jacobian(self.frame).T @ w)
-        return None, force, force
+        return None, force, force if self.resisted else np.zeros_like(force)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -129,6 +129,33 @@ def cells(full: bool) -> list[Cell]:
     add("slope", "12 deg, rollers, with limits", replace(rollers, slope=12.0), bounded, limit=ONE_CM)
     aside = Scene(slope=0.0, push=(0.0, 60.0, 0.0), seconds=5.0)
     add("step pull", "60 N aside, flat, with limits", aside, bounded, limit=ONE_CM)
+    # what knowing the force at the hand gives
+    kept = replace(bounded, least_load=60.0)
+    add("step pull", "60 N aside, flat, force measured", aside, replace(kept, wrench="measured"), limit=ONE_CM)
+    observed = replace(kept, wrench="observed", bandwidth=100.0)
+    add("step pull", "60 N aside, flat, force observed", aside, observed, limit=ONE_CM)
+    felt = replace(bounded, wrench="observed")
+    add("slope", "7 deg, rollers, force observed", rollers, Compliance(wrench="observed"), limit=6.0)
+    add("slope", "7 deg, rollers, own map, force observed", rollers, replace(MAPPED, wrench="observed"), limit=6.0)
+    add("slope", "12 deg, rollers, with limits, force observed", replace(rollers, slope=12.0), felt, limit=ONE_CM)
+    for scene in (ball, rollers):
+        loaded, plant = replace(scene, payload=1.0), NAMES[scene.plant]
+        known = Compliance(payload="known", wrench="observed")
+        add("payload", f"1 kg, known, {plant}", loaded, known, limit=ONE_CM)
+        found_out = Compliance(payload="observed", wrench="observed")
+        add("payload", f"1 kg, unknown, observed, {plant}", loaded, found_out, limit=ONE_CM)
+        turned = replace(scene, heading=math.radians(60.0))
+        add("heading", f"60 deg, kept, torso turns, {plant}", turned, Compliance(torso=1.0), limit=ONE_CM)
+    for degrees in (30, 45, 60):
+        angle = math.radians(degrees)
+        oblique = replace(rollers, heading=angle, hand=SpringHand(direction=angle))
+        limit = ONE_CM if degrees == 30 else None
+        add("cross slope", f"{degrees} deg off the fall line, rollers", oblique, limit=limit)
+        add("cross slope", f"{degrees} deg off the fall line, rollers, own map", oblique, MAPPED, limit=limit)
+    for name, rough in (("bumps of 5 mm", {"bumps": 0.005}), ("a step of 10 mm", {"step": 0.01})):
+        for scene in (ball, rollers):
+            add("rough", f"{name}, {NAMES[scene.plant]}", replace(scene, slope=0.0, **rough))  # type: ignore[arg-type]
+    add("rough", "bumps of 5 mm, rollers, own map", replace(rollers, slope=0.0, bumps=0.005), MAPPED)
     add("heading", "180 deg, ball wheels", replace(ball, heading=math.pi), earlier="49")
     combined = replace(
         rollers, slope=7.0, friction=0.5, delay=0.004, heading=math.radians(5.0), extra_mass=1.02,

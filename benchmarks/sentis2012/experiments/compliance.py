@@ -14,9 +14,11 @@ import numpy as np
 
 import hqp
 from benchmarks.sentis2012.experiments.ground import UP, Heading
+from benchmarks.sentis2012.experiments.hand_loads import loads
 from benchmarks.sentis2012.stack import WHEELS, paper_stack
 from hqp import PD, Stack
 from hqp.arrays import Mat, Vec
+from hqp.element import Element
 from hqp.errors import DeclarationError
 from hqp.reference import Reference
 from hqp.robot import State
@@ -28,6 +30,7 @@ from hqp.tasks import (
     Position,
     Posture,
     TorqueLimits,
+    UnilateralContact,
 )
 
 COM_GOAL = (0.0289, -0.0522)
@@ -36,10 +39,19 @@ COM_GOAL = (0.0289, -0.0522)
 HAND_GOAL = (0.397, -0.216, 1.063)
 """Of the palm in the base's heading frame [m]: that of the posture goal."""
 
+LEVEL = np.zeros(2)
+
 Normals = Literal["contact", "map", "base", "contact in all", "vertical"]
 """Ground normals: ``contact``, the base's in the rows and each wheel's own in the gravity compensation; ``map``, the
 same with the wheels' normals from a map of heights that the robot makes as it goes; ``base``, the base's (what an IMU
 alone can tell); ``contact in all``, each wheel's own in the rows too; ``vertical``."""
+
+Wrench = Literal["none", "measured", "observed"]
+"""The force at the hand: unknown, from a sensor at the wrist, or from a momentum observer on torques and motion.  It
+enters dynamics and force bounds, and is not resisted."""
+
+Payload = Literal["none", "known", "observed"]
+"""What the hand carries: unknown, told, or what the observed force has downwards for long."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +61,9 @@ class Compliance:
     carried: with the base's normals, what the human carries of the weight along the slope: this share of it, at most
     so many newtons; the wheels hold the rest (see ``gravity_share``).  limits: torque limits and
     friction bounds as inequalities, with friction as the coefficient assumed.  turn: largest rate at which the robot
-    turns to where it is led [rad/s], 0 to keep its heading.  period: of control [s].
+    turns to where it is led [rad/s], 0 to keep its heading; torso: the same of the torso's posture goal alone.
+    least_load: to be kept on every wheel where there are limits [N].  bandwidth: of the observer [1/s].  assist:
+    by this share of the human's pull the wheels go along with it.  period: of control [s].
     """
 
     com: float = 400.0
@@ -63,6 +77,12 @@ class Compliance:
     limits: bool = False
     friction: float = 0.8
     turn: float = 0.0
+    torso: float = 0.0
+    least_load: float = 0.0
+    wrench: Wrench = "none"
+    payload: Payload = "none"
+    bandwidth: float = 20.0
+    assist: float = 0.0
     com_goal: tuple[float, float] = COM_GOAL
     gyro: bool = True
     absolute_jacobians: bool = False
@@ -77,9 +97,13 @@ def stack(choice: Compliance) -> Stack:
     hand_kind: type[Position] = AbsolutePosition if choice.absolute_jacobians else Position
     law = PD(choice.com, max_acceleration=choice.com_acceleration)
     wheels = [RollingAlongAxle(wheel=name) if choice.axle_rolling else OmniWheelContact(wheel=name) for name in WHEELS]
-    limits = [TorqueLimits(), *(FrictionCone(contact=name, mu=choice.friction, edges=4) for name in WHEELS)]
+    added: list[Element] = []
+    if choice.limits:
+        added = [TorqueLimits(), *(FrictionCone(contact=name, mu=choice.friction, edges=4) for name in WHEELS)]
+        if choice.least_load:
+            added += [UnilateralContact(contact=name, minimum=choice.least_load) for name in WHEELS]
     return paper_stack(
-        limits if choice.limits else (),
+        [*added, *loads(choice.wrench != "none", choice.payload != "none")],
         com=com_kind(axes="xy", subtree="torso_yaw", relative_to="base", heading=True, law=law, name="com"),
         yaw=Orientation(frame="base", axes="yaw", law=PD(choice.yaw), name="yaw"),
         hand=hand_kind(frame="hand_point", relative_to="base", heading=True, law=PD(choice.hand), name="hand"),
@@ -116,22 +140,34 @@ class Targets:
         self._choice, self._weight = choice, weight
         self._com, self._hand = tasks.find("com", Com), tasks.find("hand", Position)
         self._wheels = [tasks.find(name, OmniWheelContact) for name in WHEELS]
-        self._posture = tasks.find("posture", Posture).at(posture)
+        self._posture, self._rest = tasks.find("posture", Posture), posture
         self._yaw, self._heading = tasks.find("yaw", Orientation), Heading(yaw, choice.turn, choice.period)
+        self._led = Heading(yaw, choice.torso, choice.period, gain=5.0, least=0.03, time_constant=0.1)
 
     def __call__(
-        self, rotation: Mat, velocity: Vec, contact_normals: Mat, loads: Vec | None = None
+        self,
+        rotation: Mat,
+        velocity: Vec,
+        contact_normals: Mat,
+        loads: Vec | None = None,
+        com_shift: Vec = LEVEL,
     ) -> tuple[Reference, ...]:
         """For a base with a rotation ``(3, 3)`` and velocity ``(3,)`` [m/s] in its own axes, and normals at wheels.
 
-        loads: measured at the wheels ``(3,)`` [N], None for a robot without load cells.
+        loads: measured at the wheels ``(3,)`` [N], None for a robot without load cells.  com_shift: of the CoM goal,
+        for what the hand carries, in the base's heading ``(2,)`` [m].
         """
         choice, base = self._choice, rotation[:, 2]
-        goal = np.array(choice.com_goal)
+        goal = np.array(choice.com_goal) + com_shift
         if choice.goal_at_axles:
             goal = goal + 0.101 * self._level(rotation, base)
         moving = rotation @ velocity
         turning = self._heading.update(moving[:2])
+        posture, posture_rate = self._rest, np.zeros_like(self._rest)
+        if choice.torso:  # the torso's lean has to be along the slope, whatever the base faces
+            posture = posture.copy()
+            posture_rate[0] = self._led.update(moving[:2]) - turning
+            posture[0] += math.remainder(self._led.yaw - self._heading.yaw, 2.0 * math.pi)
         rate, hand_rate = None, None
         if choice.absolute_damping:
             rate = -self._level(rotation, moving)
@@ -140,7 +176,7 @@ class Targets:
             self._com.at(goal, velocity=rate),
             self._hand.at(HAND_GOAL, velocity=hand_rate),
             self._yaw.at(self._heading.yaw, velocity=turning),
-            self._posture,
+            self._posture.at(posture, velocity=posture_rate),
             *self._loaded(self._grounds(base, contact_normals), loads),
         )
 

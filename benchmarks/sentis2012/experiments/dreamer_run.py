@@ -12,7 +12,9 @@ import numpy as np
 import hqp
 from benchmarks.lab.recorder import Recorder, level_residuals
 from benchmarks.sentis2012.experiments.compliance import COM_GOAL, HAND_GOAL, Compliance, Targets, stack
-from benchmarks.sentis2012.experiments.ground import ContactNormals, HeightMap, Odometry
+from benchmarks.sentis2012.experiments.ground import ContactNormals, Odometry
+from benchmarks.sentis2012.experiments.ground_map import GroundMap
+from benchmarks.sentis2012.experiments.hand_loads import HandLoads
 from benchmarks.sentis2012.experiments.scene import OFF, Scene
 from hqp.arrays import Vec
 from hqp.robots.on_mujoco import Contacts, Plant, Sensors
@@ -49,7 +51,7 @@ class Outing:
         self.q, self.v = self.plant.reset(self._start())
         self._targets = Targets(choice, tasks, self.posture, scene.heading, 9.81 * self.robot.mass)
         self._normals = ContactNormals(3, choice.period)
-        self._map = HeightMap(self.robot, choice.period) if choice.normals == "map" else None
+        self._map = GroundMap(self.robot, choice.period) if choice.normals == "map" else None
         self._odometry = Odometry(self.robot)
         self._actuated = self.robot.actuated
         self._limit = scene.strength * self.robot.effort_limit[self._actuated]
@@ -59,6 +61,7 @@ class Outing:
         self._damping = np.array([model.joint(name).damping[0] for name in self.robot.joint_names])
         one_motor = self.robot.joint_names.index("torso_hip")  # bends the thorax as much
         self._damping[one_motor] += model.joint("torso_thorax").damping[0]
+        self.loads = HandLoads(self.robot, choice, tasks, self._damping, scene.payload)
         self._subtree = int(model.joint("torso_yaw").bodyid[0])
         self._perfect = scene.sensors == Sensors()
         self._held = self.q.copy()
@@ -142,10 +145,12 @@ class Outing:
         else:
             normals = self._map.update(rotation, v[:3])
         loads = contacts.load if choice.normals in ("contact", "contact in all") else None
-        tick = self.session.step(state, *self._targets(rotation, v[:3], normals, loads))
+        acting, shift = self.loads.references(state, self.pull)
+        tick = self.session.step(state, *self._targets(rotation, v[:3], normals, loads, shift), *acting)
         torque = tick.command + self._damping * v[self._actuated]
         self._brake(torque)
         torque = np.minimum(np.maximum(torque, -self._limit), self._limit)
+        self.loads.sent(state, torque)
         spent = time.perf_counter() - began
         self._disturb()
         plant.step(torque, steps=round(choice.period / plant.timestep))
@@ -205,6 +210,8 @@ class Outing:
             base=(*place, yaw, math.asin(max(-1.0, min(1.0, rotation[2, 0])))),
             velocity=world,
             pull=self.pull,
+            felt=self.loads.force,
+            carried=self.loads.mass,
             load=contacts.load,
             torque=torque,
             rate=v[self._actuated],

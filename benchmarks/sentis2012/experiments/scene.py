@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from benchmarks.sentis2012.experiments.human import SpringHand, Walk
-from hqp.robots.on_mujoco import Plane, Ramp, Sensors, Terrain
+from hqp.robots.on_mujoco import Bumps, Plane, Ramp, Sensors, Step, Terrain
 
 GROUND: dict[str, dict[str, Any]] = {
     "dreamer": {"impedance": (0.95, 0.95), "solref": (0.033, 1.0)},
@@ -29,7 +29,8 @@ OFF = (0.20, 0.12, 0.25, 0.20, -0.12, 0.35, -0.20, 0.15, 0.20)
 class Scene:
     """Where and how: everything of a run but the controller.
 
-    plant: ``dreamer`` (ball wheels) or ``dreamer_rollers``.  slope [deg], top: height of a plateau [m].  heading: of
+    plant: ``dreamer`` (ball wheels) or ``dreamer_rollers``.  slope [deg], top: height of a plateau [m].
+    bumps, step: height of random bumps, of a step up, on level ground in place of the slope [m].  heading: of
     the robot, the ramp rises towards 0 [rad].  out_of_place: posture errors at the start, of those in OFF.
     enable: when upper body and base motors come on [s]; brakes hold them before.
     payload at the hand [kg], extra_mass: factor on the upper body's masses, both unknown to the controller.
@@ -41,6 +42,8 @@ class Scene:
     plant: str = "dreamer"
     slope: float = 7.0
     top: float | None = None
+    bumps: float = 0.0
+    step: float = 0.0
     friction: float = 0.8
     walk: Walk = field(default_factory=Walk)
     hand: SpringHand = field(default_factory=SpringHand)
@@ -65,6 +68,10 @@ class Scene:
     def terrain(self) -> Terrain:
         """The ground."""
         ground: dict[str, Any] = {"friction": self.friction, **GROUND[self.plant]}
+        if self.bumps:
+            return Bumps(start=RAMP_START, rise=self.bumps, seed=self.seed, **ground)
+        if self.step:
+            return Step(start=RAMP_START, rise=self.step, **ground)
         if self.slope == 0.0:
             return Plane(**ground)
         return Ramp(start=RAMP_START, angle=math.radians(self.slope), top=self.top, **ground)

@@ -6,14 +6,17 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from benchmarks.lab.outcome import Figure, Outcome, Table, holds, table
 from benchmarks.lab.setting import Setting
 from benchmarks.sentis2012.experiments.cases import carry_out
-from benchmarks.sentis2012.experiments.compliance import Compliance, refusal
+from benchmarks.sentis2012.experiments.compliance import Compliance, gravity_share, refusal
 from benchmarks.sentis2012.experiments.dreamer_run import Outing
 from benchmarks.sentis2012.experiments.measures import Measures, measure
 from benchmarks.sentis2012.experiments.scene import GROUND, RAMP_START, Scene
 from benchmarks.sentis2012.experiments.variants import (
+    IMU_ONLY,
     NAMES,
     PULL,
     negative_figures,
@@ -65,7 +68,11 @@ def experiment(setting: Setting) -> Outcome:
     )
     measures = carry_out(variants(setting.full), setting.solver, setting.jobs, setting.advance)
     outcome.figures += variant_figures(measures, setting.full)
-    outcome.tables += [_limits(nominal), *([variant_table(measures)] if setting.full else [])]
+    outcome.tables += [
+        _shares(nominal["dreamer"]),
+        _limits(nominal),
+        *([variant_table(measures)] if setting.full else []),
+    ]
     negative = carry_out(negatives(setting.full), setting.solver, setting.jobs, setting.advance)
     outcome.figures += negative_figures(negative)
     refused = refusal(Compliance(axle_rolling=True))
@@ -105,6 +112,19 @@ def acceptance(where: str, m: Measures) -> list[Figure]:
         Figure(f"{where}: wheel torque, max", m.wheel_torque, "N m", high=10.0, before="5.8" if ball else "7.2"),
         Figure(f"{where}: slip of a wheel, max", m.slip, "m/s", before=".021" if ball else ".005"),
     ]
+
+
+def _shares(run: Outing) -> Table:
+    """What the wheels hold of the weight along the slope where the tilt is all that the robot knows of the ground."""
+    weight = 9.81 * run.robot.mass
+    rows = []
+    for degrees in (0.0, 1.0, 2.0, 3.0, 5.0, 7.0, 8.0, 10.0):
+        angle = math.radians(degrees)
+        share = gravity_share(np.array([-math.sin(angle), 0.0, math.cos(angle)]), IMU_ONLY.carried, weight)
+        along = weight * math.sin(angle)
+        rows.append((f"{degrees:g}", f"{share:.2f}", f"{along:.0f}", f"{(1.0 - share) * along:.0f}"))
+    header = ("tilt [deg]", "share the wheels hold", "weight along the slope [N]", "left to the human [N]")
+    return table("IMU only: share = 1 - min(0.4, 40 N / (m g sin tilt))", header, rows)
 
 
 def _limits(runs: Mapping[str, Outing]) -> Table:

@@ -1,0 +1,124 @@
+"""What acts on Dreamer's hand, as far as the robot can know it: the human's pull, and what the hand carries."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pinocchio as pin
+
+from hqp import Stack
+from hqp.arrays import Vec
+from hqp.element import Element
+from hqp.estimation import MomentumObserver
+from hqp.reference import Reference
+from hqp.robot import State
+from hqp.tasks import ExternalWrench, Payload
+
+if TYPE_CHECKING:
+    from benchmarks.sentis2012.experiments.compliance import Compliance
+
+HAND, CARRIED_AT = "hand", (0.07, 0.0, 0.0)
+"""The body that carries a payload, and where [m]."""
+
+WRENCH, ASSIST, PAYLOAD = "hand_wrench", "hand_assist", "hand_payload"
+
+SLOW = 1.0
+"""Of the low-pass that takes a lasting downward force for a weight [s]."""
+
+GRAVITY = 9.81
+
+
+def loads(wrench: bool, payload: bool) -> list[Element]:
+    """The elements of ``subject_to`` for what is known.
+
+    Two wrenches at the hand, whose sum is the force there: what gravity compensation holds of the second, the opposite
+    of a share of that force, is the push of wheels that go along with the human.
+    """
+    found: list[Element] = []
+    if wrench:
+        found.append(ExternalWrench(frame="hand_point", resisted=False, name=WRENCH))
+        found.append(ExternalWrench(frame="hand_point", name=ASSIST))
+    if payload:
+        found.append(Payload(frame=HAND, com=CARRIED_AT, name=PAYLOAD))
+    return found
+
+
+class HandLoads:
+    """References of the hand's wrench and payload, and by how much the CoM goal has to move for a payload.
+
+    The observer takes the joints of the upper body, whose rows hold no contact force; hip and thorax together, so that
+    the coupling's force drops out.  damping: of the joints, in the order of torques ``(n,)`` [N m s/rad], as in the
+    controller's feedforward.  mass: what is carried where it is told [kg].
+    """
+
+    def __init__(self, robot: Any, choice: Compliance, tasks: Stack, damping: Vec, mass: float) -> None:
+        self._choice, self._mass = choice, mass if choice.payload == "known" else 0.0
+        self._wrench = tasks.find(WRENCH, ExternalWrench) if choice.wrench != "none" else None
+        self._assist = tasks.find(ASSIST, ExternalWrench) if choice.wrench != "none" else None
+        self._payload = tasks.find(PAYLOAD, Payload) if choice.payload != "none" else None
+        by_coordinate = np.zeros(robot.nv)
+        by_coordinate[robot.actuated] = damping
+        self._observer = MomentumObserver(
+            robot, "hand_point", "upper_body", choice.period, coupled={"torso_thorax": ("torso_hip", 1.0)},
+            bandwidth=choice.bandwidth, damping=by_coordinate,
+        )  # fmt: skip
+        self.observing = "observed" in (choice.wrench, choice.payload)
+        self.force: Vec = np.zeros(3)
+        """At the hand, as known: the human's pull, without what a payload weighs [N]."""
+        self._down = 0.0
+        self._share = 1.0 - math.exp(-choice.period / SLOW)
+        data = robot.model.createData()
+        pin.computeSubtreeMasses(robot.model, data)
+        self._upper = float(data.mass[robot.subtree("torso_yaw")])
+
+    @property
+    def mass(self) -> float:
+        """Of the payload as known [kg]."""
+        return self._mass
+
+    def references(self, state: State, measured: Vec) -> tuple[list[Reference], Vec]:
+        """The references of a tick, and the shift of the CoM goal ``(2,)`` [m].
+
+        measured: force at the wrist ``(3,)`` [N], for a robot that has a sensor there.
+
+        With a mass m at p the upper body's CoM is (M c + m p) / (M + m); it is at the goal g where
+        c = g + (m / M) (g - p).
+        """
+        found: list[Reference] = []
+        if self._wrench is not None:
+            if self._choice.wrench == "measured":
+                self.force = measured
+            force = np.append(self.force, np.zeros(3))
+            found.append(self._wrench.at((1.0 + self._choice.assist) * force))
+            if self._assist is not None:
+                found.append(self._assist.at(-self._choice.assist * force))
+        if self._payload is None:
+            return found, np.zeros(2)
+        found.append(self._payload.at(self.mass))
+        x, y, _ = state.rotation("base")[:, 0].tolist()
+        length = math.hypot(x, y)
+        at = state.position(HAND) + state.rotation(HAND) @ CARRIED_AT - state.position("base")
+        heading = np.array([[x, y], [-y, x]]) / length
+        return found, self.mass / self._upper * (np.array(self._choice.com_goal) - heading @ at[:2])
+
+    def sent(self, state: State, torque: Vec) -> None:
+        """Take the torque that goes to the motors at a state."""
+        if not self.observing:
+            return
+        force = self._observer.update(state, torque)
+        if self._choice.payload == "observed":
+            self._down += self._share * (-force[2] * self._lever(state) - self._down)
+            self._mass = max(self._down / GRAVITY, 0.0)
+        if self._mass:
+            force = force + np.array([0.0, 0.0, self._mass * GRAVITY / self._lever(state)])
+        if self._choice.wrench == "observed":
+            self.force = force
+
+    def _lever(self, state: State) -> float:
+        """A weight at the payload's place weighs this much less on the joints than one at the hand's point."""
+        base = state.position("base")
+        there = state.position(HAND) + state.rotation(HAND) @ CARRIED_AT - base
+        here = state.position("hand_point") - base
+        return float(np.hypot(*here[:2]) / np.hypot(*there[:2]))

@@ -1,0 +1,84 @@
+"""The force at a frame from torques and motion: no force sensor (De Luca and Mattone 2003, in discrete time)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec
+from hqp.errors import DeclarationError
+from hqp.robot import Robot, State
+
+
+class MomentumObserver:
+    """What moves joints beside motors and gravity, and the force at a frame that would.
+
+    The residual of the generalised momentum A v follows the joint torques J^T f of what acts from outside,
+
+        dr/dt = k [A dv/dt + b + g - tau - r],     A dv/dt by differences of measured velocities, A at their middle,
+
+    and f is its least-squares solution in the rows of ``joints``, S r = S J^T f.  Rows of a joint between the ground
+    and those would hold contact forces, so ``joints`` are those of a limb or of an upper body.
+
+    frame: where the force acts.  joints: a group or names.  coupled: passive joints whose row is added to that of the
+    joint which drives them, times the ratio of their rates, so that the force between the two drops out.
+    period [s].  bandwidth: k [1/s].  damping: viscous, by tangent coordinate ``(nv,)`` [N m s/rad], none by default.
+    Raises FrameNotFound, JointNotFound, DeclarationError for a bad period or bandwidth, or fewer than three rows.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        frame: str,
+        joints: str | Sequence[str],
+        period: float,
+        *,
+        coupled: Mapping[str, tuple[str, float]] | None = None,
+        bandwidth: float = 20.0,
+        damping: Vec | None = None,
+    ) -> None:
+        for what, value, unit in (("period", period, "s"), ("bandwidth", bandwidth, "1/s")):
+            if not (math.isfinite(value) and value > 0.0):
+                raise DeclarationError("observer", f"bad {what}", value=value, unit=unit, allowed="positive")
+        robot.frame(frame)
+        columns = robot.joints(joints)
+        if columns.size < 3:
+            raise DeclarationError("observer", "too few joints to tell a force", value=joints, allowed="three or more")
+        self.frame, self._period = frame, period
+        self._share = 1.0 - math.exp(-bandwidth * period)
+        self._actuated = robot.actuated
+        self._rows: Mat = np.zeros((columns.size, robot.nv))
+        self._rows[range(columns.size), columns] = 1.0
+        for passive, (driver, ratio) in (coupled or {}).items():
+            (row,) = np.flatnonzero(columns == robot.joints((driver,))[0])
+            self._rows[row, robot.joints((passive,))[0]] = ratio
+        self._damping = np.zeros(robot.nv) if damping is None else np.array(damping, dtype=np.float64)
+        self.residual: Vec = np.zeros(robot.nv)
+        """r ``(nv,)`` [N, N m]; of joints between the ground and the limb it holds contact forces too."""
+        self._before: tuple[Mat, Vec, Vec] | None = None
+
+    def update(self, state: State, torque: Vec) -> Vec:
+        """The force on the robot at the frame ``(3,)`` [N], world axes, after a state and the torque sent for it.
+
+        torque: of the motors during the period that follows ``state`` ``(n_actuated,)`` [N m]; it enters at the next
+        update.  A state or torque that is not finite leaves the estimate as it is, and starts the differences anew.
+        """
+        if not state.finite or not np.isfinite(torque).all():
+            self._before = None
+            return self.force(state)
+        A, bias = state.mass_matrix().copy(), state.bias_force()
+        if self._before is not None:
+            last_A, v, sent = self._before
+            acting = 0.5 * ((A + last_A) @ ((state.v - v) / self._period)) + bias + self._damping * state.v
+            acting[self._actuated] -= sent
+            self.residual = self.residual + self._share * (acting - self.residual)
+        self._before = A, state.v.copy(), np.array(torque, dtype=np.float64)
+        return self.force(state)
+
+    def force(self, state: State) -> Vec:
+        """Least squares over the rows of the joints, at a state ``(3,)`` [N]."""
+        transposed = self._rows @ state.jacobian(self.frame)[:3].T
+        found = np.linalg.lstsq(transposed, self._rows @ self.residual, rcond=1e-6)[0]
+        return np.asarray(found, dtype=np.float64)
