@@ -248,10 +248,7 @@ class _Work:
     def _places(self) -> Iterator[tuple[str, Vec]]:
         robot = self.robot
         yield "at home", robot.home
-        straight = robot.home.copy()
-        single = [c for c in robot.joints(None).tolist() if c not in set(robot.continuous.tolist())]
-        straight[robot.positions(np.array(single, dtype=np.intp))] = 0.0
-        yield "with all joints at zero", straight
+        yield "with all joints at zero", robot.configuration(np.zeros(robot.nv))
         if robot.floating:
             for text, turn in (("upside down", (np.pi, 0.0, 0.0)), ("pitched by 90 degrees", (0.0, np.pi / 2, 0.0))):
                 step = np.zeros(robot.nv)

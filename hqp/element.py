@@ -106,6 +106,10 @@ class Element(ABC):
         """The element as it is in a stack of these elements, itself unless it takes something from others of them."""
         return self
 
+    def companions(self, robot: Robot) -> tuple[Element, ...]:
+        """Elements that go with this one on that robot; a session adds those of classes that its stack lacks."""
+        return ()
+
     def plan(self, robot: Robot) -> Plan | None:
         """The native operation that writes the same rows, names resolved; None where there is none.
 

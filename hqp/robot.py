@@ -168,6 +168,15 @@ class Robot(Protocol):
         """The configuration after moving with velocity v for dt [s], ``(nq,)``."""
         ...
 
+    def configuration(self, angles: Vec) -> Vec:
+        """The configuration ``(nq,)`` whose ``state.angles`` are these ``(nv,)``; free bodies as at home."""
+        ...
+
+    @property
+    def spherical(self) -> Mapping[str, tuple[int, float]]:
+        """Ball joints: first tangent coordinate, and the largest turn from the zero [rad], inf where there is none."""
+        ...
+
     def difference(self, q0: Vec, q1: Vec) -> Vec:
         """The tangent vector from q0 to q1, ``(nv,)``."""
         ...

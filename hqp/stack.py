@@ -157,9 +157,24 @@ def coupled(stack: Stack, robot: Robot) -> Stack:
     members = tuple(stack)
     filled = [new for old in members if (new := old.among(members)) is not old]
     stack = stack.replace(*filled) if filled else stack
+    stack = _accompanied(stack, robot)
     held = {_ratios(c) for c in stack if hasattr(c, "coefficients")}
     own = [c for c in robot.couplings if _ratios(c) not in held and c.name not in stack]
     return Stack(*stack.levels, subject_to=(*own, *stack.subject_to)) if own else stack
+
+
+def _accompanied(stack: Stack, robot: Robot) -> Stack:
+    """The stack with what its elements bring along on that robot, each behind its element, classes it has left out."""
+    kinds = {type(element) for element in stack}
+
+    def behind(elements: Iterable[Element]) -> list[Element]:
+        brought = [c for e in elements for c in e.companions(robot) if type(c) not in kinds]
+        return [*elements, *brought]
+
+    hard, levels = behind(stack.subject_to), [behind(level) for level in stack.levels]
+    if sum(map(len, levels)) + len(hard) == len(tuple(stack)):
+        return stack
+    return Stack(*(old.replace(*new) for old, new in zip(stack.levels, levels, strict=True)), subject_to=hard)
 
 
 def _ratios(coupling: Any) -> frozenset[tuple[str, float]]:

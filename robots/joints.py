@@ -92,6 +92,16 @@ class Joints:
                     angles[first : first + count] = whole[first : first + count]
         return angles
 
+    def placed(self, model: Any, q: Vec, angles: Vec) -> Vec:
+        """q with its joints at these positions ``(nv,)``, as ``angles`` gives them; free bodies as in q."""
+        whole = pin.integrate(model, self.neutral, angles)
+        free = [model.joints[model.getJointId(name)] for name in self.free]
+        if self.floating:
+            free.append(model.joints[1])
+        for joint in free:
+            whole[joint.idx_q : joint.idx_q + joint.nq] = q[joint.idx_q : joint.idx_q + joint.nq]
+        return np.asarray(whole, dtype=np.float64)
+
     def limits(self, model: Any) -> tuple[Vec, Vec, Vec, Vec]:
         """Lower, upper, velocity and effort limits by tangent coordinate, infinite where there is none."""
         lower, upper = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)

@@ -301,6 +301,10 @@ class Robot:
         """The configuration after moving with velocity v for dt [s]."""
         return pin.integrate(self.model, q, v * dt)  # type: ignore[no-any-return]
 
+    def configuration(self, angles: Vec) -> Vec:
+        """The configuration ``(nq,)`` whose ``state.angles`` are these ``(nv,)``; free bodies as at home."""
+        return self._joints.placed(self.model, self.home, angles)
+
     def difference(self, q0: Vec, q1: Vec) -> Vec:
         """The tangent vector from q0 to q1."""
         return pin.difference(self.model, q0, q1)  # type: ignore[no-any-return]

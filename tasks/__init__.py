@@ -5,6 +5,7 @@ from __future__ import annotations
 if __name__ != "hqp.tasks":
     raise ImportError("a second copy of the tasks would have second classes; write `import hqp.tasks`")
 
+from .ball_limits import BallLimits
 from .collision import CollisionAvoidance
 from .com import Com
 from .cone import Cone
@@ -31,6 +32,7 @@ from .within import Within
 
 __all__ = [
     "AlignAxis",
+    "BallLimits",
     "BaseVelocityLimits",
     "CenterOfPressure",
     "CollisionAvoidance",

@@ -12,7 +12,7 @@ import numpy as np
 
 from hqp import plans
 from hqp.arrays import Index, Mat, Vec
-from hqp.element import Inequality, Quantity
+from hqp.element import Element, Inequality, Quantity
 from hqp.robot import Robot, State
 
 from .fields import check_number, joint_columns, motor_positions, set_names
@@ -42,7 +42,9 @@ class JointLimits(Inequality):
     it is the command that the session sent last, for a measured one lags behind.  Where x is an acceleration the
     bounds are those of u = v + dt x.
 
-    joints: joints or groups, all single-axis joints by default.  margin [rad or m] is kept to both position limits.
+    The limit of a ball joint is a cone, one more row: a session adds ``BallLimits`` to a stack with JointLimits.
+
+    joints: joints or groups, all by default.  margin [rad or m] is kept to both position limits.
     acceleration [rad/s^2 or m/s^2]: a.  The default of 50 is lowered, joint by joint, to what the robot's data
     allow: effort limit / inertia about the joint at home, and v_max / 20 ms; another number is taken as it is.
     braking [rad/s^2 or m/s^2]: b, at most a (a joint brakes inside its window).  0 or None switches either off:
@@ -113,6 +115,17 @@ class JointLimits(Inequality):
     def row_names(self, robot: Robot) -> tuple[str, ...]:
         """The joints."""
         return tuple(robot.joint_name(int(c)) for c in self.selection(robot))
+
+    def companions(self, robot: Robot) -> tuple[Element, ...]:
+        """The cones of the balls among the joints."""
+        from .ball_limits import BallLimits
+
+        own = set(self.selection(robot).tolist())
+        balls = tuple(n for n, (first, most) in robot.spherical.items() if first in own and math.isfinite(most))
+        if not balls:
+            return ()
+        rates = {"braking": self.braking, "return_velocity": self.return_velocity}
+        return (BallLimits(joints=balls, margin=self.margin, **rates),)  # type: ignore[arg-type]
 
     def plan(self, robot: Robot) -> plans.JointBox | None:
         """The native operation, none for joints of several axes; raises DeclarationError for too wide a margin."""

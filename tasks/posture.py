@@ -24,6 +24,10 @@ from .fields import joint_columns, make_reference, set_names
 class Posture(Task):
     """Joint positions: e = q_j - q_ref ``(k,)`` [rad or m], each row of J one coordinate of the velocity.
 
+    A joint of several axes has the vector that leads there from its zero in one second, a ball its rotation vector;
+    e is the one that leads from the reference to where it is, e = log(R_ref^T R) of a ball in its own axes, so that
+    x = -gain e takes it there on the shortest way, from any side of the ball.
+
     joints: names of joints or of ``robot.groups``, in that order, or one such name; all single-axis joints by
     default.  Errors of continuous joints are wrapped to (-pi, pi].  Raises DeclarationError for fields,
     JointNotFound on binding (Mistry 2008, below eq. 16; Sentis 2012, eq. 56).
@@ -53,6 +57,11 @@ class Posture(Task):
         value = self.value(state)
         if reference.shape != value.shape:  # at() could not know the number of joints
             raise DeclarationError(self.name, f"value has shape {reference.shape}", allowed=f"shape {value.shape}")
+        robot, picked = state.robot, self.selection(state.robot)
+        if robot.positions(picked) is None:
+            angles = state.angles.copy()
+            angles[picked] = reference
+            return robot.difference(robot.configuration(angles), state.q)[picked]
         error: Vec = value - reference
         turns = _turning(state.robot, self.selection(state.robot))
         error[turns] -= math.tau * np.rint(error[turns] / math.tau)

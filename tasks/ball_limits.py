@@ -1,0 +1,105 @@
+"""Limits of ball joints: the angle by which a joint may turn from its zero, about whatever axis."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec
+from hqp.element import Inequality
+from hqp.robot import Robot, State
+
+from .fields import check_number, set_names
+from .limits import BRAKING, fastest
+
+STRAIGHT = 1e-3
+"""A joint that is turned by less [rad] has no direction to turn back in, and a long way to go: its row is free."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BallLimits(Inequality):
+    """Balls turned by at most their limit: with r the rotation vector, theta = |r| and u = r / theta, one row each,
+
+        theta <= theta_max,   J v = u . omega = d theta / dt,   dJ/dt v = |omega - u (u . omega)|^2 cot(theta / 2) / 2,
+
+    approached on the braking curve of ``JointLimits`` and left at its return velocity.  A session adds it to a stack
+    that has ``JointLimits`` of such joints and no BallLimits.
+
+    joints: balls or groups with balls, all that have a limit by default.  margin [rad].  braking [rad/s^2], 0 or None
+    for none.  return_velocity [rad/s].  Raises DeclarationError for fields and where no joint is a limited ball.
+    """
+
+    joints: str | Sequence[str] | None = None
+    margin: float = 0.0
+    braking: float | None = BRAKING
+    return_velocity: float = 0.5
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        set_names(self, "joints")
+        object.__setattr__(self, "braking", 0.0 if self.braking is None else self.braking)
+        for name in ("margin", "braking"):
+            check_number(self, name, getattr(self, name), 0.0)
+        check_number(self, "return_velocity", self.return_velocity, 0.0, strict=True)
+
+    def balls(self, robot: Robot) -> list[tuple[str, int, float]]:
+        """Name, first tangent coordinate and limit [rad] of each; raises DeclarationError where there is none."""
+        wanted = None if self.joints is None else set(robot.joints(self.joints).tolist())
+        found = [
+            (name, first, most - self.margin)
+            for name, (first, most) in robot.spherical.items()
+            if math.isfinite(most) and (wanted is None or first in wanted)
+        ]
+        if not found or min(most for *_, most in found) <= 0.0:
+            raise self.bad("joints", self.joints, "ball joints with a limit, wider than the margin")
+        return found
+
+    def rows(self, robot: Robot) -> int:
+        """Number of balls; raises DeclarationError, JointNotFound."""
+        return len(self.balls(robot))
+
+    def _turned(self, state: State) -> Iterator[tuple[int, float, Vec, float]]:
+        """First coordinate, angle [rad], unit vector ``(3,)`` (zero where it has none) and limit of each ball."""
+        angles = state.angles
+        for _, first, most in self.balls(state.robot):
+            r = angles[first : first + 3]
+            theta = math.sqrt(float(r @ r))
+            yield first, theta, r / theta if theta > STRAIGHT else np.zeros(3), most
+
+    def jacobian(self, state: State) -> Mat:
+        """u in the columns of each ball, ``(k, nv)``."""
+        J = np.zeros((self.rows(state.robot), state.robot.nv))
+        for row, (first, _, u, _) in zip(J, self._turned(state), strict=True):
+            row[first : first + 3] = u
+        return J
+
+    def drift(self, state: State) -> Vec:
+        """dJ/dt v ``(k,)`` [rad/s^2]."""
+        drift = np.zeros(self.rows(state.robot))
+        for i, (first, theta, u, _) in enumerate(self._turned(state)):
+            if u.any():
+                across = state.v[first : first + 3] - u * float(u @ state.v[first : first + 3])
+                drift[i] = 0.5 * float(across @ across) / math.tan(0.5 * theta)
+        return drift
+
+    def bounds(self, state: State) -> tuple[float, Vec]:
+        """(-inf, theta_max - theta ``(k,)`` [rad])."""
+        ways = [most - theta if u.any() else math.inf for _, theta, u, most in self._turned(state)]
+        return -math.inf, np.array(ways)
+
+    def step_bounds(self, state: State, dt: float, order: int) -> tuple[Vec, Vec]:
+        """Bounds of the rate of each angle, or of the acceleration that J x gives, ``(k,)`` each."""
+        robot, (_, ways) = state.robot, self.bounds(state)
+        speed = np.array([robot.velocity_limit[f : f + 3].min() for _, f, _ in self.balls(robot)])
+        upper = fastest(ways, speed, np.full(ways.size, self.braking or math.inf), self.return_velocity, dt)
+        upper[np.isinf(ways)] = math.inf
+        if order == 2:
+            upper = (upper - self.jacobian(state) @ state.v) / dt - self.drift(state)
+        return np.full(ways.size, -math.inf), upper
+
+    def row_names(self, robot: Robot) -> tuple[str, ...]:
+        """The joints."""
+        return tuple(name for name, *_ in self.balls(robot))
