@@ -1,24 +1,75 @@
-"""Tasks, limits and constraints on the displacement dq of one step, as pink and mink write them, as a hierarchy."""
+"""Tasks, limits and constraints on the displacement dq of one step, as pink and mink write them, as a hierarchy.
+
+What does not change from step to step is kept: where a limit has one entry a row, the arrays of the hierarchy, and the
+solver's workspace; a step only writes numbers.
+"""
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Index, Mat, Vec
 from hqp.errors import DeclarationError
 from hqp.problem import Hierarchy, Rows, Selection, Solution
 from hqp.solvers import load
 from hqp.solvers.base import Solver, Workspace
 
-_workspaces: dict[tuple[Any, Any], Workspace] = {}
+Part = tuple[Mat, Vec, "Vec | None"]
+"""Rows of one task: J, -gain W e, and W where it is not 1."""
+
+
+@dataclass
+class _Kept(threading.local):
+    """Of each thread: problems by their shape, limits by their place."""
+
+    problems: dict[Any, tuple[Hierarchy, Workspace]] = field(default_factory=dict)
+    limits: dict[Any, Singles] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Singles:
+    """Rows of G dq <= h with one entry each: which rows bound which coordinates from above and below, divided by what.
+
+    single: of all rows.  general: the other rows.
+    """
+
+    G: Mat
+    general: Index
+    up: tuple[Index, Index, Vec]
+    down: tuple[Index, Index, Vec]
+    touched: Index
+
+    @staticmethod
+    def of(G: Mat) -> Singles:
+        single = np.count_nonzero(G, axis=1) == 1
+        rows = np.flatnonzero(single)
+        column = np.abs(G[rows]).argmax(axis=1)
+        factor = G[rows, column]
+        sides = []
+        for chosen in (factor > 0.0, factor < 0.0):
+            sides.append((rows[chosen], column[chosen], factor[chosen]))
+        touched = np.unique(column)
+        return Singles(G.copy(), np.flatnonzero(~single), sides[0], sides[1], touched)
+
+    def bound(self, h: Vec, lower: Vec, upper: Vec) -> None:
+        """Narrow the bounds ``(nv,)``."""
+        rows, columns, factor = self.up
+        np.minimum.at(upper, columns, h[rows] / factor)
+        rows, columns, factor = self.down
+        np.maximum.at(lower, columns, h[rows] / factor)
+
+
+_kept = _Kept()
 
 
 def solve(
     nv: int,
-    levels: Sequence[Rows],
+    levels: Sequence[Sequence[Part]],
     inequalities: Sequence[tuple[Mat, Vec]],
     equalities: Sequence[tuple[Mat, Vec]],
     solver: str | Solver,
@@ -27,53 +78,101 @@ def solve(
 
     The solver starts from its answer to the last problem of the same shape.
     """
-    strict: list[Rows] = []
-    if inequalities:
-        G, h = (np.concatenate(part) for part in zip(*inequalities, strict=True))
-        strict += _bounded(G, h)
-    if equalities:
-        A, b = (np.concatenate(part) for part in zip(*equalities, strict=True))
-        strict.append(Rows(A, b, b))
-    problem = Hierarchy((*strict, *levels), constraints=len(strict), n=nv)
-    key = (solver, problem.shape)
-    if key not in _workspaces:
-        _workspaces[key] = (load(solver) if isinstance(solver, str) else solver).workspace(problem.shape)
-    return _workspaces[key].solve(problem)
+    singles = [_singles(i, G) for i, (G, _) in enumerate(inequalities)]
+    lower, upper = np.full(nv, -np.inf), np.full(nv, np.inf)
+    for found, (_, h) in zip(singles, inequalities, strict=True):
+        found.bound(h, lower, upper)
+    outside = bool((lower > upper).any())  # by more than it can come back in a step: the least violation
+    touched = _union(singles) if not outside else np.zeros(0, dtype=np.intp)
+    general = [np.arange(len(s.G)) if outside else s.general for s in singles]
+    rows = sum(map(len, general))
+    fixed = sum(len(b) for _, b in equalities)
+    counts = tuple(sum(len(b) for _, b, _ in parts) for parts in levels)
+    key = (solver, nv, touched.tobytes(), rows, fixed, counts)
+    if key not in _kept.problems:
+        _kept.problems[key] = _make(nv, touched, rows, fixed, counts, solver)
+    problem, workspace = _kept.problems[key]
+    live = iter(problem.levels)
+    if touched.size:
+        box = next(live)
+        box.lower[:], box.upper[:] = lower[touched], upper[touched]
+    if rows:
+        into = next(live)
+        at = 0
+        for chosen, (G, h) in zip(general, inequalities, strict=True):
+            if chosen.size:
+                into.A[at : at + chosen.size], into.upper[at : at + chosen.size] = G[chosen], h[chosen]  # type: ignore[index]
+                at += chosen.size
+    if fixed:
+        _fill(next(live), [(A, b, None) for A, b in equalities])
+    for parts in levels:
+        _fill(next(live), parts)
+    return workspace.solve(problem)
 
 
-def _bounded(G: Mat, h: Vec) -> list[Rows]:
-    """G dq <= h, as a box where rows have one entry each: several times faster than as general rows."""
-    single = np.count_nonzero(G, axis=1) == 1
-    general = ~single
-    rows = [Rows(G[general], np.full(int(general.sum()), -np.inf), h[general])] if general.any() else []
-    if not single.any():
-        return rows
-    G, h = G[single], h[single]
-    column = np.abs(G).argmax(axis=1)
-    factor = G[np.arange(column.size), column]
-    bound, up = h / factor, factor > 0.0
-    lower, upper = np.full(G.shape[1], -np.inf), np.full(G.shape[1], np.inf)
-    np.minimum.at(upper, column[up], bound[up])
-    np.maximum.at(lower, column[~up], bound[~up])
-    if np.any(lower > upper):  # outside a limit by more than it can come back in a step: the least violation
-        return [Rows(G, np.full(h.shape, -np.inf), h), *rows]
-    touched = np.flatnonzero(np.bincount(column, minlength=G.shape[1]))
-    return [Rows(Selection(touched), lower[touched], upper[touched]), *rows]
+def _make(
+    nv: int, touched: Index, rows: int, fixed: int, counts: tuple[int, ...], solver: str | Solver
+) -> tuple[Hierarchy, Workspace]:
+    """Arrays of a shape, to be filled at each step."""
+    strict = [Rows(Selection(touched), np.zeros(touched.size), np.zeros(touched.size))] if touched.size else []
+    if rows:
+        strict.append(Rows(np.zeros((rows, nv)), np.full(rows, -np.inf), np.zeros(rows)))
+    equal = [Rows(np.zeros((m, nv)), np.zeros(m), np.zeros(m)) for m in ((fixed,) if fixed else ()) + counts]
+    problem = Hierarchy((*strict, *equal), constraints=len(strict) + (fixed > 0), n=nv)
+    return problem, (load(solver) if isinstance(solver, str) else solver).workspace(problem.shape)
 
 
-def task_rows(task: Any, configuration: Any) -> tuple[Mat, Vec]:
-    """(W J, -gain W e) of a task with cost W; rows of cost zero are left out."""
+def _fill(into: Rows, parts: Sequence[Part]) -> None:
+    A: Any = into.A
+    at = 0
+    for J, b, weight in parts:
+        end = at + len(b)
+        if weight is None:
+            A[at:end] = J
+        else:
+            np.multiply(J, weight[:, None], out=A[at:end])
+        into.lower[at:end] = b
+        at = end
+    into.upper[:] = into.lower
+
+
+def _singles(place: int, G: Mat) -> Singles:
+    """The structure of a limit's rows, which is the same at every step of nearly all limits."""
+    key = place, G.shape
+    found = _kept.limits.get(key)
+    if found is None or not np.array_equal(found.G, G):
+        found = _kept.limits[key] = Singles.of(G)
+    return found
+
+
+def _union(singles: Sequence[Singles]) -> Index:
+    touched = [s.touched for s in singles if s.touched.size]
+    if not touched:
+        return np.zeros(0, dtype=np.intp)
+    first = touched[0]
+    if all(t is first or np.array_equal(t, first) for t in touched[1:]):
+        return first
+    return np.unique(np.concatenate(touched))
+
+
+def task_rows(task: Any, configuration: Any) -> Part:
+    """(J, -gain W e, W) of a task with cost W, None where that is 1; rows of cost zero are left out."""
     J, e = task.compute_jacobian(configuration), task.compute_error(configuration)
     cost = getattr(task, "cost", None)
-    if cost is None or isinstance(cost, float):
-        w = 1.0 if cost is None else cost
-        return (w * J, (-task.gain * w) * e) if w else (J[:0], e[:0])
-    W = cost_of(task, e.size)
-    if W.all():
-        return W[:, None] * J, -task.gain * W * e
+    if cost is None or isinstance(cost, (int, float)):
+        w = 1.0 if cost is None else float(cost)
+        if w == 1.0:
+            return J, -task.gain * e, None
+        return (J, (-task.gain * w) * e, np.full(len(e), w)) if w else (J[:0], e[:0], None)
+    W = np.asarray(cost, dtype=np.float64) if np.ndim(cost) == 1 and len(cost) == len(e) else cost_of(task, len(e))
+    least, most = W.min(), W.max()
+    if least == most == 1.0:
+        return J, -task.gain * e, None
+    if least > 0.0:
+        return J, -task.gain * W * e, W
     kept = W > 0.0
     W = W[kept]
-    return W[:, None] * J[kept], -task.gain * W * e[kept]
+    return J[kept], -task.gain * W * e[kept], None if W.size and W.min() == W.max() == 1.0 else W
 
 
 def cost_of(task: Any, rows: int) -> Vec:
@@ -84,7 +183,7 @@ def cost_of(task: Any, rows: int) -> Vec:
     return found
 
 
-def make_levels(tasks: Iterable[Any], configuration: Any) -> list[Rows]:
+def make_levels(tasks: Iterable[Any], configuration: Any) -> list[list[Part]]:
     """One level of a flat sequence of tasks, as many as there are of a sequence of sequences."""
     given = list(tasks)
     nested = [isinstance(item, (list, tuple)) for item in given]
@@ -92,9 +191,7 @@ def make_levels(tasks: Iterable[Any], configuration: Any) -> list[Rows]:
         raise DeclarationError("solve_ik", "tasks and levels mixed", allowed="tasks, or sequences of tasks")
     levels = []
     for members in given if all(nested) and given else [given]:
-        parts = [task_rows(task, configuration) for task in members]
-        parts = [part for part in parts if part[1].size]
+        parts = [part for task in members if len((part := task_rows(task, configuration))[1])]
         if parts:
-            A, b = (np.concatenate(part) for part in zip(*parts, strict=True))
-            levels.append(Rows(A, b, b))
+            levels.append(parts)
     return levels

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Vec
-from hqp.explain import Explanation, explain
+from hqp.explain import PRICE, Explanation, Loss, explain
 from hqp.formulation import Place
 from hqp.problem import Hierarchy, Motion, Rows, Selection, Solution, Status
 
@@ -56,7 +56,7 @@ class JointView:
 
 @dataclass(frozen=True)
 class Account:
-    """Everything the page says of one tick."""
+    """Everything the page says of one tick; apart: pairs of links at their clearance."""
 
     status: str
     headline: str
@@ -65,6 +65,7 @@ class Account:
     levels: tuple[LevelView, ...]
     joints: tuple[JointView, ...]
     notes: tuple[str, ...]
+    apart: tuple[str, ...] = ()
     explanation: Explanation | None = field(repr=False, default=None)
 
 
@@ -96,7 +97,8 @@ def make_account(
         levels.insert(0, LevelView(-1, "subject_to", views, "met", 0.0))
     notes = tuple(f"{element}: {detail}" for element, detail in snapshot["notes"])
     headline, reason, tone = _headline(snapshot["status"], levels, notes, errors, places)
-    return Account(snapshot["status"], headline, reason, tone, tuple(levels), limited, notes, told)
+    apart = tuple(row for m in stack.members if m.kind == "CollisionAvoidance" for row, _ in active.get(m.name, ()))
+    return Account(snapshot["status"], headline, reason, tone, tuple(levels), limited, notes, apart, told)
 
 
 def _explain(snapshot: Mapping[str, Any], stack: StackDescription) -> Explanation | None:
@@ -105,8 +107,15 @@ def _explain(snapshot: Mapping[str, Any], stack: StackDescription) -> Explanatio
         Rows(Selection(*A) if isinstance(A, tuple) else A, lower, upper) for A, lower, upper in snapshot["rows"]
     )
     try:
-        problem = Hierarchy(levels, stack.constraints, snapshot["metric"], snapshot["origin"], snapshot["n"])
-        solution = Solution(snapshot["x"], Status[snapshot["solved"]], snapshot["residuals"], snapshot["active"])
+        motion = None if snapshot["motion"] is None else Motion(*snapshot["motion"])
+        problem = Hierarchy(
+            levels, stack.constraints, snapshot["metric"], snapshot["origin"], snapshot["n"],
+            prices=snapshot["prices"], shares=snapshot["shares"], motion=motion, guard=snapshot["guard"],
+        )  # fmt: skip
+        solution = Solution(
+            snapshot["x"], Status[snapshot["solved"]], snapshot["residuals"], snapshot["active"],
+            stage_points=snapshot["stage_points"],
+        )  # fmt: skip
         places: dict[str, Any] = {
             m.name: Place(
                 SimpleNamespace(weight=m.weight, equality=m.equality, name=m.name),  # type: ignore[arg-type]
@@ -117,22 +126,11 @@ def _explain(snapshot: Mapping[str, Any], stack: StackDescription) -> Explanatio
             for m in stack.members
             if m.level >= 0
         }
-        return explain(problem, solution, places, {m.name: m.rows for m in stack.members if m.rows})
+        rows = {m.name: m.rows for m in stack.members if m.rows}
+        units = {m.name: m.unit for m in stack.members}
+        return explain(problem, solution, places, rows, fast=snapshot["fast"], units=units)
     except (ValueError, np.linalg.LinAlgError, ArithmeticError):  # rows of a tick that went wrong
         return None
-
-
-def held_by_price(snapshot: Mapping[str, Any], k: int) -> float:
-    """Share of a level's pull g = A_k' w_k that its price holds back, -c ||w|| g . dE/dx over ||g||^2, 0 to 1."""
-    prices, motion = snapshot.get("prices"), snapshot.get("motion")
-    if prices is None or motion is None or not prices[k] > 0.0:
-        return 0.0
-    A, _, _ = snapshot["rows"][k]
-    w, n = np.asarray(snapshot["residuals"][k]), snapshot["n"]
-    g = (Selection(*A).dense(n) if isinstance(A, tuple) else A).T @ w
-    force = -float(prices[k]) * float(np.sqrt(w @ w)) * float(g @ Motion(*motion).gradient(snapshot["x"]))
-    size = float(g @ g)
-    return min(max(force / size, 0.0), 1.0) if size > 0.0 else 0.0
 
 
 def _active(snapshot: Mapping[str, Any], stack: StackDescription) -> dict[str, list[tuple[str, int]]]:
@@ -200,23 +198,40 @@ def _element(
         return ElementView(m.name, "moving" if far else "met", residual, distance, "")
     if m.level < stack.constraints or m.contact:
         return ElementView(m.name, "violated", residual, distance, _why(told, m.name))
-    paid = held_by_price(snapshot, m.level)
-    if paid > 0.5:
-        why = f"the rest would cost more motion than it is worth (price {100.0 * paid:.0f} %)"
-    else:
-        why = _why(told, m.name)
-    return ElementView(m.name, "short", residual, distance, why)
+    return ElementView(m.name, "short", residual, distance, _why(told, m.name))
 
 
 def _why(told: Explanation | None, name: str) -> str:
-    """To which elements one lost, in words."""
+    """Why an element is not met, in words."""
     if told is None:
         return ""
-    losses = told[name].losses
-    if not losses:
-        return "nothing above stands in its way: out of reach"
-    parts = [f"{loss.element} {100.0 * loss.share:.0f} %" for loss in losses[:3]]
+    account = told[name]
+    held = account.held_back
+    if account.cause == "price" and held is not None:
+        given = f"asked {_digits(held.asked)} {held.unit}, given {_digits(held.given)}"
+        return f"{given}: the rest would cost more motion than it is worth"
+    if account.cause == "too fast":
+        return "its target moves faster than the robot may"
+    if account.cause == "out of reach":
+        return "no motion of the robot brings it nearer"
+    if account.cause == "own level":
+        return f"fights {', '.join(account.fights)} in its own level"
+    if not account.losses:
+        return "nothing above stands in its way"
+    parts = [f"{_words(loss)} {100.0 * loss.share:.0f} %" for loss in account.losses[:3]]
     return "gives way to " + ", ".join(parts)
+
+
+def _words(loss: Loss) -> str:
+    """Who it is lost to; of a limit the rows that hold, the joints."""
+    if loss.element == PRICE:
+        return "the price on motion"
+    rows = ", ".join(loss.rows[:2])
+    return f"{loss.element} ({rows}{', ...' if len(loss.rows) > 2 else ''})" if rows else loss.element
+
+
+def _digits(value: float) -> str:
+    return f"{value:.2g}" if abs(value) < 10.0 else f"{value:.0f}"
 
 
 _ORDER = ("met", "moving", "short", "violated")

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from hqp.account import unit_of
 from hqp.session import Session
 
 
@@ -25,6 +26,7 @@ class Member:
     contact: bool
     frame: str
     rows: tuple[str, ...]
+    unit: str = ""
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,7 @@ def describe_stack(session: Session, version: int) -> StackDescription:
             bool(place.element.is_contact),
             frame_of(place.element),
             _row_names(robot, place.element),
+            unit_of(place.element, program.kind),
         )
         for name, place in program.places.items()
     )
@@ -140,8 +143,9 @@ def frame_of(element: Any) -> str:
 
 
 def _row_names(robot: Any, element: Any) -> tuple[str, ...]:
-    if element.equality or (picks := element.selection(robot)) is None:
-        return ()
+    named = tuple(element.row_names(robot))
+    if named or element.equality or (picks := element.selection(robot)) is None:
+        return named
     if element.quantity == "effort":
         return tuple(robot.joint_names[c] for c in picks)
     return tuple(robot.joint_name(int(c)) for c in picks)

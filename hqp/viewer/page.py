@@ -58,19 +58,28 @@ def _sign(text: str) -> str:
 def _card(level: LevelView, curve: Vec, count: int) -> str:
     color = COLORS[level.state]
     width = "flex:1 1 0;min-width:0"
-    names = " + ".join(e.name for e in level.elements)
-    size = 18 if len(names) <= 18 else 15 if len(names) <= 30 else 12
+    names = [e.name for e in level.elements]
+    whole, longest = len(" + ".join(names)), max(len(part) for name in names for part in name.split("_"))
+    size = 18 if whole <= 18 and longest * count <= 50 else 15 if whole <= 30 and longest * count <= 64 else 12
+    words = " + ".join(_breakable(name) for name in names)
     return (
         f'<div style="{width};background:rgba(255,255,255,.94);border-radius:8px;border-top:6px solid {color};'
-        f'padding:8px 12px;box-shadow:0 2px 8px rgba(20,30,50,.12);overflow:hidden">'
-        f'<div style="display:flex;justify-content:space-between;gap:8px;align-items:baseline">'
-        f'<div style="font-size:13px;color:{SOFT};white-space:nowrap">{escape(level.title)}</div>'
+        f"padding:8px {'12px' if count < 5 else '9px'};box-shadow:0 2px 8px rgba(20,30,50,.12);overflow:hidden;"
+        f'display:flex;flex-direction:column;justify-content:space-between">'
+        f'<div style="display:flex;justify-content:space-between;gap:0 8px;align-items:baseline;flex-wrap:wrap">'
+        f'<div style="font-size:13px;color:{SOFT};white-space:nowrap;overflow:hidden;text-overflow:ellipsis">'
+        f"{escape(level.title)}</div>"
         f'<div style="font-size:14px;font-weight:700;color:{color};white-space:nowrap">{WORDS[level.state]}</div></div>'
-        f'<div style="font-size:{size}px;font-weight:650;line-height:1.25;overflow-wrap:anywhere">{escape(names)}</div>'
+        f'<div style="font-size:{size}px;font-weight:650;line-height:1.25;overflow-wrap:anywhere">{words}</div>'
         f"{sparkline(curve, color, log=True)}"
         f'<div style="font-size:14px;color:{SOFT};white-space:nowrap">residual '
         f'<b style="color:{INK}">{number(level.residual)}</b></div></div>'
     )
+
+
+def _breakable(name: str) -> str:
+    """A name that may break after its underscores only."""
+    return "_<wbr>".join(escape(part) for part in name.split("_"))
 
 
 def _constraints(levels: list[LevelView]) -> str:
@@ -93,6 +102,7 @@ def panel(account: Account, curves: Curves, budget_us: float, unit: str) -> str:
     return (
         f'<div style="{_FONT};color:{INK};font-size:16px;padding:2px 4px">'
         + _section("Who gives way", _losses(account))
+        + (_section("Kept apart", _apart(account)) if account.apart else "")
         + _section("Joints at a limit", _limits(account))
         + _section("Change of the command in a tick", _change(curves, unit))
         + _section("Time of a tick", _times(curves, budget_us))
@@ -120,6 +130,13 @@ def _loss(view: ElementView) -> str:
         f'<div style="margin-bottom:6px;line-height:1.3"><b style="color:{COLORS[view.state]}">{escape(view.name)}</b>'
         f"{distance}<br>{escape(view.why)}</div>"
     )
+
+
+def _apart(account: Account) -> str:
+    """Pairs of links at their clearance."""
+    listed = "".join(f"<div>{escape(pair)}</div>" for pair in account.apart[:SHOWN])
+    more = len(account.apart) - SHOWN
+    return listed + (f'<div style="color:{SOFT}">and {more} more</div>' if more > 0 else "")
 
 
 def _limits(account: Account) -> str:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from hqp.account import too_fast
 from hqp.arrays import Vec
 from hqp.errors import HqpError
 from hqp.problem import Selection, Status
@@ -216,6 +217,13 @@ class View:
                 self._channel.set_current(index, reference.value.ravel())
                 self._shown.add(reference.name)
 
+    def _fast(self, tick: Tick) -> frozenset[str]:
+        """Elements that lack the rate of their reference more than its place."""
+        program, solution = self.session.program, tick.solution
+        assert solution is not None
+        lack = {n: solution.residuals[p.level][p.part] / p.element.weight for n, p in program.places.items()}
+        return frozenset(n for n, w in lack.items() if too_fast(program, n, w, tick.state.v))
+
     def _snapshot(self, tick: Tick) -> None:
         """Publish the rows of this tick, from which the page's process tells what holds what back."""
         problem, solution = self.session.program.problem, tick.solution
@@ -238,6 +246,10 @@ class View:
                 "origin": problem.origin,
                 "n": problem.n,
                 "prices": problem.prices,
+                "shares": problem.shares,
+                "guard": problem.guard,
+                "stage_points": solution.stage_points,
+                "fast": self._fast(tick),
                 "motion": None if problem.motion is None else (problem.motion.F, problem.motion.f),
                 "x": solution.x,
                 "residuals": solution.residuals,

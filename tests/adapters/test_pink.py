@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -78,3 +80,40 @@ def test_limits_and_constraints_hold(scene) -> None:
     v = solve_ik(configuration, [[com], [hand]], DT, constraints=feet, safety_break=False)
     assert np.all(np.abs(v[6:]) <= robot.velocity_limit[6:] + 1e-9)
     assert max(np.abs(foot.compute_jacobian(configuration) @ v).max() for foot in feet) < 1e-9
+
+
+def test_a_step_takes_no_longer_than_pinks() -> None:
+    """In turns and by the fastest of each, so that a busy machine is the same for both."""
+    import gc
+    from time import perf_counter
+
+    ours, theirs = _g1(), _g1()
+    took: dict[str, list[float]] = {"hqp": [], "pink": []}
+    gc.disable()
+    try:
+        for _ in range(150):
+            for name, (configuration, feet, tasks) in (("hqp", ours), ("pink", theirs)):
+                begin = perf_counter()
+                if name == "hqp":
+                    v = solve_ik(configuration, [feet, *[[t] for t in tasks]], 0.01, safety_break=False)
+                else:
+                    v = pink.solve_ik(configuration, [*feet, *tasks], 0.01, solver="daqp", safety_break=False)
+                took[name].append(perf_counter() - begin)
+                configuration.integrate_inplace(v, 0.01)
+    finally:
+        gc.enable()
+    assert min(took["hqp"]) < min(took["pink"]), {k: 1e6 * min(v) for k, v in took.items()}
+
+
+def _g1() -> tuple[Any, list[Any], list[Any]]:
+    robot = hqp.robots.load("g1")
+    configuration = pink.Configuration(robot.model, robot.model.createData(), robot.home)
+    feet = [pink.tasks.FrameTask(sole, 1.0, 1.0) for sole in robot.landmarks["soles"]]
+    hand = pink.tasks.FrameTask("right_wrist_yaw_link", 1.0, 0.0, gain=0.1)
+    tasks = [pink.tasks.ComTask(1.0, gain=0.1), hand, pink.tasks.PostureTask(1.0, gain=0.02)]
+    for task in (*feet, *tasks):
+        task.set_target_from_configuration(configuration)
+    goal = hand.transform_target_to_world.copy()
+    goal.translation += np.array([0.1, 0.0, 0.15])
+    hand.set_target(goal)
+    return configuration, feet, tasks

@@ -17,7 +17,7 @@ from PIL import Image
 
 import hqp
 from hqp import Level, P, Stack
-from hqp.tasks import Com, FixedContact, JointLimits, Orientation, Position, Posture
+from hqp.tasks import CollisionAvoidance, Com, FixedContact, JointLimits, Orientation, Position, Posture
 
 CHROMIUM = os.environ.get("HQP_CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
 FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--use-gl=angle", "--enable-unsafe-swiftshader")
@@ -40,6 +40,7 @@ class Loop(threading.Thread):
         self.hand = Position(frame="right_wrist_yaw_link", law=P(5.0, max_velocity=0.5), name="right_hand")
         stack = Stack(
             Level(*feet, Com(axes="xy", law=P(2.0)), name="balance"),
+            Level(CollisionAvoidance(name="no_collision"), name="safety"),
             Level(self.hand, name="hand"),
             Level(Orientation(frame="pelvis", law=P(2.0)), name="base"),
             Level(Posture(law=P(1.0)), name="posture"),
@@ -121,6 +122,25 @@ def test_out_of_reach(page: tuple[Loop, Any]) -> None:
     tab.wait_for_timeout(6_000)
     shoot(tab, "out_of_reach")
     assert "right_hand" in tab.inner_text("body")
+
+
+def test_at_a_limit(page: tuple[Loop, Any]) -> None:
+    """High above: knees and elbow reach the end of their range."""
+    loop, tab = page
+    loop.goal = loop.home + [0.1, 0.0, 1.2]
+    wait_for(tab, "right_hand stays")
+    wait_for(tab, "end of its range")
+    tab.wait_for_timeout(6_000)
+    shoot(tab, "at_a_limit")
+
+
+def test_in_collision(page: tuple[Loop, Any]) -> None:
+    """Inside the pelvis: links are kept apart, the page names them."""
+    loop, tab = page
+    loop.goal = hqp.robots.load("g1").state().position("pelvis") + [0.0, 0.0, 0.02]
+    wait_for(tab, "Kept apart")
+    tab.wait_for_timeout(8_000)
+    shoot(tab, "in_collision")
 
 
 def test_a_target_is_dragged(page: tuple[Loop, Any]) -> None:

@@ -158,7 +158,7 @@ def test_failures_of_a_rival_are_counted(
 def test_ours_in_the_same_table() -> None:
     robot = hqp.robots.load("cbi")
     made = [scene(name, robot, STACK) for name in ("nominal", "nan")]
-    lines = compare._ours(made, 0.3, 0.002, torque=False)
+    lines = compare._ours(made, 0.3, 0.002, "hqp")
     found = RivalTable({"rivals": {}}, tuple(lines))
     assert found["hqp", "nan"].said == "INVALID_REFERENCE"
     assert found["hqp", "nominal"].over == 0.0

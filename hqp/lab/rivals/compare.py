@@ -30,8 +30,8 @@ from .job import gain, write
 from .scenes import SCENES, Scene, scene
 from .table import Line, RivalTable, line
 
-TORQUE = "hqp, torques"
-"""Beside tsid, which solves for accelerations and forces too."""
+EXACT, TORQUE = "hqp, price 0", "hqp, torques"
+"""The exact problem without calm; what stands beside tsid, which solves for accelerations and forces too."""
 
 SOLE = (-0.1, 0.1, -0.05, 0.05)
 """Rectangle of a foot [m]."""
@@ -67,9 +67,10 @@ def compare_rivals(
         for turn in range(rounds):
             part = made if turn == 0 else made[:1]
             told(f"hqp, round {turn + 1} of {rounds}")
-            found += _ours(part, seconds, dt, False)
+            found += _ours(part, seconds, dt, "hqp")
+            found += _ours(part, seconds, dt, EXACT)
             if "tsid" in rivals:
-                found += _ours(part, seconds, dt, True)
+                found += _ours(part, seconds, dt, TORQUE)
             for name in rivals:
                 told(f"{name}, round {turn + 1} of {rounds}")
                 found += _theirs(name, places[name], folder, part, seconds, dt)
@@ -90,20 +91,21 @@ def _best(found: list[Line]) -> list[Line]:
     return list(kept.values())
 
 
-def _ours(scenes: Sequence[Scene], seconds: float, dt: float, torque: bool) -> list[Line]:
-    """hqp at velocity level, or torque level: the feet's forces inside cones as tsid has them."""
-    lines = []
+def _ours(scenes: Sequence[Scene], seconds: float, dt: float, which: str) -> list[Line]:
+    """hqp at velocity level, with exact levels, or at torque level: the feet's forces inside cones as tsid has them."""
+    lines, torque = [], which == TORQUE
     formulation = Torque(contact_law=PD(0.0, 40.0)) if torque else Velocity()
     for s in scenes:
         motion = _motion(s, seconds)
         done = run(
             _torque_stack(s.stack) if torque else s.stack, s.robot, load("lexicographic"), "hqp", formulation, motion,
             dt=dt, ticks=round(seconds / dt), plant="integrator", certify_every=10**9, told=lambda k: None,
+            price=0 if which == EXACT else None,
         )  # fmt: skip
         told = {status for status in done.statuses if status not in ("OPTIMAL", "NOT_STRICT")}
         speeds = done.rates[:, s.robot.actuated]
         said = ", ".join(sorted(told))
-        lines.append(line(TORQUE if torque else "hqp", s.name, done.total, speeds, done.behaviour, dt, 0, said))
+        lines.append(line(which, s.name, done.total, speeds, done.behaviour, dt, 0, said))
     return lines
 
 
