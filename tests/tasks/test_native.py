@@ -14,7 +14,7 @@ import hqp.tasks as t
 from hqp import PD, Level, P, Stack
 from hqp.arrays import Mat, Vec
 from hqp.assembly import Assembly
-from hqp.element import Element
+from hqp.element import Element, plan_of
 from hqp.reference import Reference
 from hqp.robots import Robot
 
@@ -96,6 +96,17 @@ def test_native_rows_equal_readable_rows(
             one.fill(state, given, [g for g in given.values() if k % 3])
         for what in ("J", "error", "drift", "lower", "upper"):
             _check(getattr(fast, what), getattr(slow, what), what)
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_hold_values_have_the_shape_of_their_plan(robots: dict[str, Any], name: str) -> None:
+    """The native loop copies them into buffers of that shape."""
+    robot = robots["cbi"]
+    for element in examples(NAMES["cbi"])[name]:
+        plan, value = plan_of(element, robot), element.hold(robot.state()).value
+        if plan is not None:
+            assert value is None or np.shape(value) == plan.shape or (plan.shape == () and np.size(value) == 0)
+            assert value is not None or plan.shape == ()
 
 
 def _check(x: Mat | Vec, y: Mat | Vec, what: str) -> None:

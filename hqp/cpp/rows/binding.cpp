@@ -210,7 +210,11 @@ class Assembly {
     hqp::Slot* slot = loop_.find(name);
     if (!slot) throw nb::key_error(name.c_str());
     slot->hold.clear();
-    if (value && slot->target) slot->hold.assign(value->data(), value->data() + value->size());
+    if (!value || !slot->target || slot->shape.empty()) return;
+    std::size_t size = 1;
+    for (const int n : slot->shape) size *= static_cast<std::size_t>(n);
+    if (value->size() != size) throw nb::value_error(("the hold value of " + name + " does not fit its plan").c_str());
+    slot->hold.assign(value->data(), value->data() + size);
   }
   // solve: of a workspace bound to the arrays of the laws, (outcome, ...) with 0 for an optimum; values: x and slack,
   // active: marks, both its own. command: what of x is one. largest: a demand beyond it is out of the ordinary.
