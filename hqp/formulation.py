@@ -16,7 +16,7 @@ from hqp.element import Element
 from hqp.errors import DeclarationError
 from hqp.law import PD, Law, P, SelfMotion
 from hqp.layout import lay_out
-from hqp.price import Price, level_prices
+from hqp.price import GUARD_FLOOR, Price, level_prices
 from hqp.problem import Hierarchy, Motion, Rows, Selection, Shape, Stacked
 from hqp.reference import Reference
 from hqp.rest import Brake, Rest, SlowDown
@@ -207,15 +207,19 @@ class MotionProgram(Program):
         stacked = Stacked(rows.J, rows.lower[:m], rows.upper[:m], tuple(slices)) if m else None
         constraints = sum(group.constraint for group in groups)
         paid = level_prices(groups, robot, laws, formulation.order, dt, price)
-        prices, shares, motion = (None, None, None) if paid is None else (*paid[:2], Motion(paid[2].scale))
+        motion = None
+        if paid is not None:
+            self._slowing = -paid.rest * paid.scale
+            motion = Motion(paid.scale, np.zeros(robot.nv) if paid.rest > 0.0 else None)
         self.problem = Hierarchy(
             tuple(levels),
             constraints=constraints,
             n=robot.nv,
             stacked=stacked,
-            prices=prices,
-            shares=shares,
+            prices=None if paid is None else paid.values,
+            shares=None if paid is None else paid.shares,
             motion=motion,
+            guard_floor=GUARD_FLOOR,
         )
         inequalities = any(not element.equality for element in stack)
         self.shape = Shape(
@@ -227,8 +231,11 @@ class MotionProgram(Program):
         )
 
     def prepare(self, state: State) -> None:
-        """Compute the quantities of the state that the rows need."""
+        """Compute the quantities of the state that the rows and the price of motion need."""
         state.kinematics()
+        motion = self.problem.motion
+        if motion is not None and motion.f is not None:  # S qdd = -rest S v costs nothing
+            np.multiply(state.v, self._slowing, out=motion.f)
 
     def fill(
         self,

@@ -172,6 +172,7 @@ class JointBox:
     speed: tuple[float, ...]
     acceleration: tuple[float, ...]
     braking: tuple[float, ...]
+    approach: float
     return_velocity: float
     shape: tuple[int, ...] = field(default=(), init=False)
 

@@ -26,7 +26,19 @@ LONGEST_TAU = {1: 0.05, 2: 0.1}
 PARTIAL_POSTURE_TAU = 0.2
 """tau [s] of a level that selects single joints above levels that do more."""
 
-GAIN_TIME = 0.15
+GUARD_FLOOR = 2e-3
+"""Of the width that an unmet level hands down, left to the levels below where the level itself makes no motion.
+
+An arm pulled straight by a target at the edge of its reach then rests a little bent; with none, the posture below would
+alternate about the straight arm."""
+
+REST_TIME = math.sqrt(2.0)
+"""At order 2 the motion that costs nothing comes to rest at the rate 1 / (REST_TIME tau).
+
+A limb of two equal links that a target beyond its reach pulls straight is an oscillator of at most 1 / (2 tau) [rad/s],
+and this damps it to 0.7 of critical."""
+
+GAIN_TIME = 0.25
 """At order 1, tau is at most this over the gain: a demand that speed limits cut would slow all rows of its level."""
 
 
@@ -35,7 +47,7 @@ class Price:
     """What motion costs a level: min ||w|| + c E(x), c = tau^order L, instead of min ||w|| (docs/calm.md).
 
     tau: [s] a direction in which the level is nearly lost closes no faster than 1/tau; None follows from the laws:
-    max(dt, min(0.05, 0.15 / gain)) at order 1, min(0.1, 1 / sqrt(kp)) at order 2.  A level that can be met for its
+    max(dt, min(0.05, 0.25 / gain)) at order 1, min(0.1, 1 / sqrt(kp)) at order 2.  A level that can be met for its
     price is exact; the price shows where it is out of reach.  share: where the level is not met, levels below may move
     its rows by this fraction of its residual; 0 locks them.  Raises DeclarationError for numbers out of range.
     """
@@ -61,6 +73,20 @@ def as_price(owner: str, value: object) -> Price | None:
     if isinstance(value, (int, float)) and not isinstance(value, bool) and value == 0:
         return Price(0.0, 0.0)
     raise DeclarationError(owner, "not a price", value=value, allowed="Price(tau=..., share=...), or 0 for exact")
+
+
+@dataclass(frozen=True)
+class LevelPrices:
+    """What the motion of a hierarchy costs: c_k and share of every level, E(x) = 1/2 ||S (xdot - f)||^2.
+
+    values, shares: one a level.  scale: diagonal of S, ``(nv,)``.  rest: f = -rest v for accelerations, the rate [1/s]
+    at which the motion that costs nothing comes to rest; 0 for velocities.
+    """
+
+    values: Vec
+    shares: Vec
+    scale: Vec
+    rest: float
 
 
 class Group(Protocol):
@@ -150,8 +176,8 @@ def tau_of(laws: Sequence[Law], order: int, dt: float) -> float:
 
 def level_prices(
     groups: Sequence[Group], robot: Robot, laws: Mapping[str, Law], order: int, dt: float, given: Price | None
-) -> tuple[Vec, Vec, Sizes] | None:
-    """c_k and share of every level of a hierarchy, and the robot's sizes; None where no level has a price.
+) -> LevelPrices | None:
+    """The prices of every level of a hierarchy; None where no level has one.
 
     given: the controller's price, for levels that declare none; one with tau = 0 makes every level exact.  By default
     a level has a price unless it and all levels below it select single joints; hard levels never have one.
@@ -160,7 +186,7 @@ def level_prices(
         return None
     sizes: Sizes | None = None
     prices, shares = np.zeros(len(groups)), np.full(len(groups), SHARE)
-    trailing = True
+    trailing, longest = True, 0.0
     for k in range(len(groups) - 1, -1, -1):
         group = groups[k]
         picks = [selection_of(e, robot) if e.quantity == "motion" else None for e in group.elements]
@@ -176,8 +202,13 @@ def level_prices(
             joints = {int(c) for p in picks if p is not None for c in p}
             partial = single and len(joints) < robot.joints(None).size
             tau = PARTIAL_POSTURE_TAU if partial else tau_of([laws[e.name] for e in group.elements], order, dt)
+        if not single:
+            longest = max(longest, tau)
         prices[k] = tau**order * min(scale for e in group.elements for scale in row_scales(e, robot, sizes))
-    return None if sizes is None else (prices, shares, sizes)
+    if sizes is None:
+        return None
+    rest = 1.0 / (REST_TIME * (longest or LONGEST_TAU[order])) if order == 2 else 0.0
+    return LevelPrices(prices, shares, sizes.scale, rest)
 
 
 def affordable(stack: Stack, given: Price | None, solver: Solver) -> tuple[Price | None, str]:

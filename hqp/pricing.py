@@ -8,7 +8,8 @@ and S_k adds the rows of level k as they are where ||w_k|| = 0, and otherwise
 
     |A_i x - y_i| <= eta ||w_k|| / sqrt(m_k)       on equality rows and violated rows,
     lower_i <= A_i x <= upper_i                    on met inequality rows,
-    u'A_k x >= u'y_k - min(eta ||w_k||, made / 2)  with u = -w_k / ||w_k||, made = u'(A_k x_k - A_k x_still) > 0,
+    u'A_k x >= u'y_k - min(eta ||w_k||, made / 2 + phi eta ||w_k||)
+        with u = -w_k / ||w_k||, made = u'A_k (x_k - x_still) > 0, phi the floor of the guard,
 
 the last row, the guard, where the level has two rows or more; x_still is the point of least motion.
 """
@@ -81,10 +82,11 @@ def _size(rows: Rows, x: Vec) -> float:
     return float(np.max(np.abs(rows.dense(x.size)) @ np.abs(x) + np.abs(bounds), initial=0.0))
 
 
-def handed_down(rows: Rows, x: Vec, still: Vec, share: float, guard: bool) -> Rows:
+def handed_down(rows: Rows, x: Vec, still: Vec, share: float, guard: float | None) -> Rows:
     """The rows that a priced level whose stage ended at x leaves to the levels below; one more row for the guard.
 
-    still: ``(n,)``, the point of least motion.  share: eta.  A row that is not needed is (-inf, inf).
+    still: ``(n,)``, the point of least motion.  share: eta.  guard: its floor phi, None for no guard.
+    A row that is not needed is (-inf, inf).
     """
     A = rows.dense(x.size)
     lower, upper = rows.lower.copy(), rows.upper.copy()
@@ -97,8 +99,8 @@ def handed_down(rows: Rows, x: Vec, still: Vec, share: float, guard: bool) -> Ro
         lower[fixed], upper[fixed] = y[fixed] - width, y[fixed] + width
         u = -w / norm
         made = float(u @ (y - A @ still))
-        if guard and rows.m > 1 and made > 0.0:
-            last, below = u @ A, float(u @ y) - min(share * norm, 0.5 * made)
+        if guard is not None and rows.m > 1 and made > 0.0:
+            last, below = u @ A, float(u @ y) - min(share * norm, 0.5 * made + guard * share * norm)
     return Rows(np.concatenate([A, last[None]]), np.append(lower, below), np.append(upper, np.inf))
 
 
@@ -117,7 +119,7 @@ def after_stages(problem: Hierarchy, stages: Mat, coordinates: Coordinates | Non
     levels = list(problem.levels)
     for k, price in enumerate([] if problem.prices is None else problem.prices):
         if price > 0.0 and not np.isnan(stages[k, 0]):
-            levels[k] = handed_down(levels[k], stages[k], still, problem.share(k), problem.guard)
+            levels[k] = handed_down(levels[k], stages[k], still, problem.share(k), problem.guarded)
     return replace(problem, levels=tuple(levels), stacked=None, prices=None, shares=None, motion=None)
 
 
@@ -130,7 +132,7 @@ def feasible_set(problem: Hierarchy, stages: Mat, level: int, x: Vec, still: Vec
     for k in range(level):
         rows = problem.levels[k]
         if problem.prices is not None and problem.prices[k] > 0.0:
-            parts.append(handed_down(rows, stages[k], still, problem.share(k), problem.guard))
+            parts.append(handed_down(rows, stages[k], still, problem.share(k), problem.guarded))
         else:
             parts.append(at_optimum(rows, x))
     return stack_rows(parts, problem.n)

@@ -199,7 +199,8 @@ class Hierarchy:
     prices: ``(levels,)`` c_k [unit of w / unit of E]; where c_k > 0 level k is x_k = argmin ||w_k|| + c_k E(x) and
     hands down to the levels below what hqp.pricing.handed_down says (docs/calm.md); 0 is exact.  None: no prices.
     shares: ``(levels,)`` eta, by how much of ||w_k|| the levels below may move the rows of an unmet level, 1e-3 by
-    default.  motion: E, 1/2 ||x||^2 by default.  guard: keep half of the motion that an unmet level made.
+    default.  motion: E, 1/2 ||x||^2 by default.  guard: levels below keep half of the motion that an unmet level made,
+    less ``guard_floor`` of the width eta ||w_k||: with no floor the half-space turns over where a column crosses zero.
     Raises ProblemError for shapes that disagree, n = 0, a metric that is not symmetric positive semidefinite, prices
     or shares that are negative or not finite.
     """
@@ -214,6 +215,7 @@ class Hierarchy:
     shares: Vec | None = None
     motion: Motion | None = None
     guard: bool = True
+    guard_floor: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "levels", tuple(self.levels))
@@ -252,6 +254,8 @@ class Hierarchy:
                 if values.shape != (len(self.levels),) or not np.all(np.isfinite(values) & (values >= 0.0)):
                     raise ProblemError(f"hierarchy: {name} must be one number from 0 up a level, given {given}")
                 object.__setattr__(self, name, values)
+        if not 0.0 <= self.guard_floor <= 1.0:
+            raise ProblemError(f"hierarchy: guard_floor must be from 0 to 1, given {self.guard_floor}")
         if self.motion is not None and self.motion.F.shape[-1] != n:
             raise ProblemError(f"hierarchy: motion.F has shape {self.motion.F.shape}, the problem has n = {n}")
 
@@ -296,6 +300,11 @@ class Hierarchy:
     def share(self, level: int) -> float:
         """eta of a level."""
         return SHARE if self.shares is None else float(self.shares[level])
+
+    @property
+    def guarded(self) -> float | None:
+        """The floor of the guard, None for no guard."""
+        return self.guard_floor if self.guard else None
 
     def exact(self) -> Hierarchy:
         """The same hierarchy without prices; the arrays are shared."""

@@ -298,7 +298,7 @@ class Session:
             return None
         if direct.fresh and self._limit is not None:
             self._limit(self._deadline)
-        state.kinematics()
+        self.program.prepare(state)
         if self._velocity:
             state.commanded = self._x if self._latest is None else direct.x(self._latest)
         found = direct.step(state, references)

@@ -23,6 +23,9 @@ ACCELERATION = 50.0
 BRAKING = 5.0
 """Default of the deceleration that the braking curve counts on [rad/s^2, m/s^2]."""
 
+APPROACH = 20.0
+"""Default of the rate at which accelerations near the braking curve [1/s]."""
+
 RISE = 0.02
 """The default window lets no joint reach its top speed sooner than this [s]."""
 
@@ -40,7 +43,9 @@ class JointLimits(Inequality):
     the acceleration window, the box is then clipped into [v - a dt, v + a dt]; where the two do not meet it is the
     end of the window nearest to it, so that the box is never empty.  v is the velocity of the state; at velocity level
     it is the command that the session sent last, for a measured one lags behind.  Where x is an acceleration the
-    bounds are those of u = v + dt x.
+    bounds are those of u = v + dt x, and a braking curve is neared at the rate k, so that braking sets in gradually:
+
+        x <= k (f(d) - v) + (1 - k dt) s,    s = -b v / (f(d) + b dt), the slope of the curve; 0 where v_max is less.
 
     The limit of a ball joint is a cone, one more row: a session adds ``BallLimits`` to a stack with JointLimits.
 
@@ -48,7 +53,7 @@ class JointLimits(Inequality):
     acceleration [rad/s^2 or m/s^2]: a.  The default of 50 is lowered, joint by joint, to what the robot's data
     allow: effort limit / inertia about the joint at home, and v_max / 20 ms; another number is taken as it is.
     braking [rad/s^2 or m/s^2]: b, at most a (a joint brakes inside its window).  0 or None switches either off:
-    without both f(d) = d / dt.  return_velocity [rad/s or m/s].
+    without both f(d) = d / dt.  approach [1/s]: k, 0 or None for at once.  return_velocity [rad/s or m/s].
     Raises DeclarationError for fields and for a margin that leaves no room, JointNotFound on binding.
     """
 
@@ -56,6 +61,7 @@ class JointLimits(Inequality):
     margin: float = 0.0
     acceleration: float | None = ACCELERATION
     braking: float | None = BRAKING
+    approach: float | None = APPROACH
     return_velocity: float = 0.5
 
     def __post_init__(self) -> None:
@@ -63,7 +69,7 @@ class JointLimits(Inequality):
         set_names(self, "joints")
         check_number(self, "margin", self.margin, 0.0)
         check_number(self, "return_velocity", self.return_velocity, 0.0, strict=True)
-        for name in ("acceleration", "braking"):
+        for name in ("acceleration", "braking", "approach"):
             value = getattr(self, name)
             object.__setattr__(self, name, 0.0 if value is None else value)  # files cannot say None
             check_number(self, name, getattr(self, name), 0.0)
@@ -108,8 +114,14 @@ class JointLimits(Inequality):
         speed = state.robot.velocity_limit[picked]
         v = (state.v if state.commanded is None else state.commanded)[picked]
         (down, up), (a, b) = self.bounds(state), self.rates(state.robot)
-        upper = np.clip(fastest(up, speed, b, back, dt), v - a * dt, v + a * dt)
-        lower = np.clip(-fastest(-down, speed, b, back, dt), v - a * dt, v + a * dt)
+        highest, lowest = fastest(up, speed, b, back, dt), -fastest(-down, speed, b, back, dt)
+        upper, lower = highest, lowest
+        if order == 2 and self.approach:
+            upper = gradual(highest, v, speed, b, self.approach, dt)
+            lower = -gradual(-lowest, -v, speed, b, self.approach, dt)
+            upper = np.maximum(upper, np.minimum(highest, lower))  # what is gradual yields to the other side
+            lower = np.minimum(lower, np.maximum(lowest, upper))
+        upper, lower = np.clip(upper, v - a * dt, v + a * dt), np.clip(lower, v - a * dt, v + a * dt)
         return (lower, upper) if order == 1 else ((lower - v) / dt, (upper - v) / dt)
 
     def row_names(self, robot: Robot) -> tuple[str, ...]:
@@ -135,7 +147,7 @@ class JointLimits(Inequality):
             return None
         bounds = (*self._positions(robot), robot.velocity_limit[picked], *self.rates(robot))
         low, high, speed, a, b = (tuple(x.tolist()) for x in bounds)
-        return plans.JointBox(joints, low, high, speed, a, b, self.return_velocity)
+        return plans.JointBox(joints, low, high, speed, a, b, self.approach or math.inf, self.return_velocity)
 
 
 _INERTIA: WeakKeyDictionary[Robot, Vec] = WeakKeyDictionary()
@@ -157,6 +169,14 @@ def fastest(way: Vec, speed: Vec, b: Vec, back: float, dt: float) -> Vec:
         curve = np.where(off < math.inf, 2.0 * off / (np.sqrt(dt * dt + 2.0 * off / b) + dt), math.inf)
     most = np.minimum(curve, speed)
     return np.where(way >= 0.0, most, -np.minimum(most, back))
+
+
+def gradual(curve: Vec, v: Vec, speed: Vec, b: Vec, approach: float, dt: float) -> Vec:
+    """Largest velocity ``(k,)`` of the next step from v that nears a braking curve at the rate ``approach``."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = np.where((curve < speed) & (v > 0.0), -v / (curve / b + dt), 0.0)
+        near = v + dt * slope + min(1.0, approach * dt) * (curve - v - dt * slope)
+    return np.where((curve > 0.0) & np.isfinite(b), np.minimum(curve, near), curve)
 
 
 @dataclass(frozen=True, kw_only=True)

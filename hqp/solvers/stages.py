@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from time import perf_counter
 from typing import Any, TypeAlias
 
@@ -19,8 +20,9 @@ import numpy as np
 
 from hqp.arrays import Mat, Signs, Vec
 from hqp.pricing import Coordinates, after_stages, at_optimum, feasible_set, room, stack_rows
-from hqp.problem import SHARE, Hierarchy, Rows, Selection, Shape, Solution, Stats
+from hqp.problem import SHARE, Hierarchy, Rows, Selection, Shape, Solution, Stats, Status
 from hqp.solvers.base import Workspace, check_shape, finish
+from hqp.tolerances import ACTIVITY_TOLERANCE, VIOLATION_TOLERANCE
 
 try:
     from hqp import _priced as native_stages
@@ -115,6 +117,8 @@ class StagedWorkspace:
         )
         self._points: Mat = np.full((len(rows), shape.n), np.nan)
         self._end: Vec = np.zeros(shape.n)
+        ends = np.concatenate(([0], np.cumsum(shape.rows))).astype(int).tolist()
+        self._parts = [slice(a, b) for a, b in pairwise(ends)]
         self._problem: Hierarchy | None = None
 
     def reset(self) -> None:
@@ -172,12 +176,15 @@ class StagedWorkspace:
     def _priced(self, problem: Hierarchy, solution: Solution) -> Solution:
         """The exact solution, or that of the stages from the first level that it does not settle."""
         began = perf_counter()
-        found = self._stages(problem, solution.x) if problem.priced and solution.status.usable else None
+        found = self._stages(problem, solution.x) if problem.priced and solution.status.solved else None
         self._latest = self._exact
         if found is None:
             return solution
         stages, point, steps, final = found
         self._latest = self._last
+        direct = self._direct(problem, solution, stages, steps, final, began)
+        if direct is not None:
+            return direct
         answer = self._last.solve(final)
         stats = Stats(
             solution.stats.iterations + answer.stats.iterations + steps,
@@ -188,6 +195,32 @@ class StagedWorkspace:
         # where the last solve ends without an answer, the last stage's point keeps to what every level handed down
         best = answer.x if answer.status.solved else point
         return finish(problem, best, answer.status, stats, answer.detail, stages)
+
+    def _direct(
+        self, problem: Hierarchy, exact: Solution, stages: Mat, steps: int, final: Hierarchy, began: float
+    ) -> Solution | None:
+        """The answer by the native code alone; None where the last solve has no plain optimum."""
+        bind = getattr(self._last, "kernel", None)
+        bound: Kernel | None = None if bind is None or self._native is None else bind(final)
+        if bound is None or self._native is None:
+            return None
+        solve, values, _ = bound
+        outcome, iterations, factorisations, _ = solve()
+        if outcome != 0:
+            return None
+        x, rows = values[: problem.n].copy(), self._parts[-1].stop
+        slack, marks = np.empty(rows), np.empty(rows, dtype=np.int8)
+        native = self._native
+        broken = native.describe(x, problem.constraints, ACTIVITY_TOLERANCE, VIOLATION_TOLERANCE, slack, marks)
+        stats = Stats(
+            exact.stats.iterations + iterations + steps,
+            exact.stats.factorisations + factorisations,
+            exact.stats.build_s,
+            exact.stats.solve_s + perf_counter() - began,
+        )
+        status = Status.CONSTRAINTS_VIOLATED if broken else Status.OPTIMAL
+        residuals, active = (tuple(a[part] for part in self._parts) for a in (slack, marks))
+        return Solution(x, status, residuals, active, stats, "", stage_points=stages)
 
     def _bind(self, problem: Hierarchy) -> None:
         check_shape(problem, self._shape)
@@ -207,7 +240,7 @@ class StagedWorkspace:
             np.ascontiguousarray(shares),
             None if motion is None else motion.F,
             None if motion is None else motion.f,
-            problem.guard,
+            problem.guarded,
         )
 
     def _stages(self, problem: Hierarchy, x: Vec) -> tuple[Mat, Vec, int, Hierarchy] | None:

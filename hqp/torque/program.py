@@ -15,7 +15,7 @@ from hqp.errors import DeclarationError, DynamicsFailed, StaleState
 from hqp.formulation import Formulation, Place, Program
 from hqp.law import PD, Law
 from hqp.layout import Group, lay_out
-from hqp.price import Price, Sizes, level_prices
+from hqp.price import GUARD_FLOOR, LevelPrices, Price, level_prices
 from hqp.problem import Hierarchy, Motion, Rows, Shape, Stacked
 from hqp.reference import Reference
 from hqp.rest import Rest
@@ -110,7 +110,7 @@ class TorqueProgram(Program):
             if place.element.quantity != "motion" and place.element.equality
         ]
 
-    def _lay_out(self, groups: Sequence[Group], robot: Robot, paid: tuple[Vec, Vec, Sizes] | None) -> None:
+    def _lay_out(self, groups: Sequence[Group], robot: Robot, paid: LevelPrices | None) -> None:
         """Where every element's rows go: levels that only bound tau are selections, the others slices of one block."""
         n, members = robot.actuated.size, self.assembly.members
         sizes = [sum(self._size(e) for e in group.elements) for group in groups]
@@ -149,7 +149,7 @@ class TorqueProgram(Program):
         J, asked = self.assembly.J, self.assembly.bounds
         self._products = [(J[i:j], self.A[k:m], asked[:, i:j], self.bounds[:, k:m]) for i, j, k, m in runs]
         stacked = Stacked(self.A, self.lower, self.upper, tuple(slices)) if total else None
-        self._scale = np.ones(robot.nv) if paid is None else paid[2].scale
+        self._scale, self._rest = (np.ones(robot.nv), 0.0) if paid is None else (paid.scale, paid.rest)
         motion = None if paid is None else Motion(np.zeros((robot.nv, n)), self._still)
         self.problem = Hierarchy(
             tuple(levels),
@@ -158,9 +158,10 @@ class TorqueProgram(Program):
             origin=self._origin,
             n=n,
             stacked=stacked,
-            prices=None if paid is None else paid[0],
-            shares=None if paid is None else paid[1],
+            prices=None if paid is None else paid.values,
+            shares=None if paid is None else paid.shares,
             motion=motion,
+            guard_floor=GUARD_FLOOR,
         )
         inequalities = any(not e.equality for group in groups for e in group.elements)
         selections = tuple(group.selection for group in groups)
@@ -219,9 +220,9 @@ class TorqueProgram(Program):
         X, c = dynamics.X, dynamics.c
         if not float(c.dot(c)) < np.inf:
             raise DynamicsFailed("the constrained dynamics are not finite")
-        if self.problem.motion is not None:  # S qdd = S (X tau + c)
+        if self.problem.motion is not None:  # S (qdd + rest v) = S (X tau + c + rest v)
             np.multiply(X, self._scale[:, None], out=self.problem.motion.F)
-            np.multiply(c, -self._scale, out=self._still)
+            np.multiply(c + self._rest * state.v, -self._scale, out=self._still)
         shift = None
         other_normals = bool(given) and self._gravity.asked(given)
         if other_normals or self._origin is not None:

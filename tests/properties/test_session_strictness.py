@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -9,6 +11,7 @@ from hypothesis import strategies as st
 
 import hqp
 from hqp import Level, P, Stack, Status
+from hqp.problem import SHARE
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, Position, Posture
 
@@ -36,7 +39,7 @@ def robots() -> dict[str, Robot]:
 
 
 def residuals(robot: Robot, solver: str, q: np.ndarray, hand: np.ndarray, tilt: np.ndarray) -> list[float]:
-    controller = hqp.Controller(stack(robot), solver=solver)
+    controller = hqp.Controller(stack(robot), solver=solver, deadline=math.inf)
     session = controller.session(robot, 0.002)
     session.step(robot.state())  # hold values are those of home
     task, trunk = session.stack.find("hand", Position), session.stack.find("trunk", Orientation)
@@ -61,6 +64,8 @@ def test_lower_references_never_move_higher_residuals(
     same_hand = [residuals(robot, solver, q, goals[0], tilt) for tilt in tilts]
     other_hand = residuals(robot, solver, q, goals[1], tilts[0])
     scale = 1.0 + 5.0 * reach
-    # limits, balance whatever the hand wants; limits, balance and hand whatever the trunk wants
-    assert np.abs(np.subtract(same_hand[0], other_hand))[:2].max() < 1e-8 * scale
-    assert np.abs(np.subtract(*same_hand))[:3].max() < 1e-8 * scale
+    # limits, balance whatever the hand wants; limits, balance and hand whatever the trunk wants: to rounding, or
+    # to the share of an unmet level's own residual
+    room = 1e-8 * scale + SHARE * np.minimum(*np.array(same_hand))
+    assert np.all(np.abs(np.subtract(same_hand[0], other_hand))[:2] < 1e-8 * scale)
+    assert np.all(np.abs(np.subtract(*same_hand))[:3] < room[:3])

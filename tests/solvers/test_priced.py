@@ -200,3 +200,43 @@ def test_a_warm_row_whose_bound_has_gone_to_infinity() -> None:
     assert found.status is Status.OPTIMAL
     assert np.allclose(found.x, cold.x, atol=1e-8)
     assert certificate(problem, found.x, stages=found.stage_points).ok
+
+
+def test_an_answer_that_was_stopped_is_not_called_optimal() -> None:
+    """The stages start from the exact answer; where that was cut off there is nothing to start from."""
+    solver, cut = hqp.solvers.load("lexicographic", max_iterations=1), 0
+    for i in range(20):
+        problem, _ = stored(i)
+        if solver.solve(problem.exact()).status is Status.ITERATION_LIMIT:
+            assert solver.solve(problem).status is Status.ITERATION_LIMIT
+            cut += 1
+    assert cut > 5
+
+
+def test_the_guard_leaves_a_floor_where_no_motion_is_made() -> None:
+    """Without one the half-space of a nearly lost direction turns over where its column crosses zero."""
+    box = Rows(Selection(np.arange(2)), np.full(2, -1.0), np.full(2, 1.0))
+    posture = Rows(np.eye(2), np.array([1.0, 0.0]), np.array([1.0, 0.0]))
+    answers = {}
+    for floor in (0.0, 0.1):
+        answers[floor] = [
+            hqp.solvers.load(name)
+            .solve(
+                Hierarchy(
+                    (
+                        box,
+                        Rows(np.array([[sigma, 0.0], [0.0, 1e-9]]), np.array([1.0, 0.0]), np.array([1.0, 0.0])),
+                        posture,
+                    ),
+                    constraints=1,
+                    prices=np.array([0.0, 0.1, 0.0]),
+                    guard_floor=floor,
+                )
+            )
+            .x[0]
+            for name in ("lexicographic", "reference")
+            for sigma in (-1e-5, 1e-5)
+        ]
+        np.testing.assert_allclose(answers[floor][:2], answers[floor][2:], atol=1e-6)
+    assert abs(answers[0.0][1] - answers[0.0][0]) > 0.9  # turned over
+    assert abs(answers[0.1][1] - answers[0.1][0]) < 1e-3

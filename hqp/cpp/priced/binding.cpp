@@ -51,7 +51,7 @@ class Stages {
   // levels: (A or None, index or None, scale or None, lower, upper); handed: (A, lower, upper) or None where a level
   // has no price. The caller keeps the arrays alive, and so does this object.
   void bind(const nb::list& levels, const nb::list& handed, const Vector& prices, const Vector& shares,
-            const nb::object& F, const nb::object& f, bool guard) {
+            const nb::object& F, const nb::object& f, const nb::object& guard) {
     if (levels.size() != rows_.size() || handed.size() != rows_.size() || prices.shape(0) != rows_.size() ||
         shares.shape(0) != rows_.size())
       refuse("one entry a level");
@@ -88,7 +88,8 @@ class Stages {
       r = any.ndim() == 2 ? static_cast<int>(any.shape(0)) : 0;
     }
     if (!f.is_none()) target = checked<Vector>(f, static_cast<std::size_t>(r ? r : n_));
-    stages_->bind(prices.data(), shares.data(), matrix, target, r, guard);
+    const double floor = guard.is_none() ? 0.0 : nb::cast<double>(guard);
+    stages_->bind(prices.data(), shares.data(), matrix, target, r, guard.is_none() ? nullptr : &floor);
     kept_ = nb::make_tuple(levels, handed, prices, shares, F, f);
     bound_ = true;
   }
@@ -146,6 +147,17 @@ class Stages {
                      to + 4 * E, to + 4 * E + levels * (E + 1));
   }
 
+  // slack (rows) and marks (rows) of x, as in Solution; whether a row of the first levels is violated.
+  bool describe(const Vector& x, int constraints, double activity, double violation, const Out& slack,
+                const nb::ndarray<std::int8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>& marks) {
+    std::size_t total = 0;
+    for (int m : rows_) total += static_cast<std::size_t>(m);
+    if (!bound_) refuse("bind() comes first");
+    if (x.shape(0) != std::size_t(n_) || slack.size() != total || marks.shape(0) != total)
+      refuse("x, slack or marks has a wrong shape");
+    return stages_->describe(x.data(), constraints, activity, violation, slack.data(), marks.data());
+  }
+
   std::pair<int, bool> effort() const { return {stages_->iterations(), stages_->ended()}; }
   void reset() { stages_->reset(); }
 
@@ -173,10 +185,12 @@ NB_MODULE(_priced, m) {
   m.doc() = "Native stages of levels with a price.";
   nb::class_<Stages>(m, "Stages")
       .def(nb::init<int, const std::vector<int>&, const std::vector<int>&>(), "n"_a, "rows"_a, "priced"_a)
-      .def("bind", &Stages::bind, "levels"_a, "handed"_a, "prices"_a, "shares"_a, "F"_a.none(), "f"_a.none(), "guard"_a)
+      .def("bind", &Stages::bind, "levels"_a, "handed"_a, "prices"_a, "shares"_a, "F"_a.none(), "f"_a.none(),
+           "guard"_a.none())
       .def("solve", &Stages::solve, "x"_a, "stages"_a, "last"_a)
       .def("accounts", &Stages::accounts, "stages"_a, "owner"_a, "elements"_a)
       .def("account", &Stages::account, "w"_a, "multipliers"_a.none(), "guards"_a, "out"_a)
+      .def("describe", &Stages::describe, "x"_a, "constraints"_a, "activity"_a, "violation"_a, "slack"_a, "marks"_a)
       .def("effort", &Stages::effort)
       .def("reset", &Stages::reset);
 }

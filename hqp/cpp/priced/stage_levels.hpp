@@ -62,13 +62,15 @@ class StageLevels final : public PricedStages {
     for (auto& set : warm_) set.clear();
   }
 
-  void bind(const double* prices, const double* shares, const double* F, const double* f, int r, bool guard) override {
+  void bind(const double* prices, const double* shares, const double* F, const double* f, int r,
+            const double* guard) override {
     prices_ = prices;
     shares_ = shares;
     F_ = F;
     f_ = f;
     r_ = r;
-    guard_ = guard;
+    guard_ = guard != nullptr;
+    guard_floor_ = guard ? *guard : 0.0;
   }
 
   void account(const AccountRows& rows, double* numbers, double* shares, double* worth) override {
@@ -110,6 +112,26 @@ class StageLevels final : public PricedStages {
     if (met && ended_) return -1;  // every level hands down its rows as they are
     std::copy(x_.begin(), x_.end(), last);
     return first;
+  }
+
+  bool describe(const double* x, int constraints, double activity, double violation, double* slacks,
+                std::int8_t* marks) override {
+    bool violated = false;
+    for (std::size_t k = 0; k < level_.size(); ++k) {
+      const PricedLevel& level = level_[k];
+      for (int i = 0; i < level.m; ++i, ++slacks, ++marks) {
+        const double low = level.lower[i], high = level.upper[i];
+        const double value =
+            level.A ? dot_any(level.A + static_cast<std::size_t>(i) * n_, x, n_) : level.scale[i] * x[level.index[i]];
+        *slacks = slack(value, low, high);
+        const bool at_upper = value >= high - activity * (1.0 + std::abs(high));
+        const bool at_lower = value <= low + activity * (1.0 + std::abs(low));
+        *marks = low == high ? 2 : at_upper ? 1 : at_lower ? -1 : 0;
+        if (static_cast<int>(k) < constraints && *slacks != 0.0)
+          violated = violated || std::abs(*slacks) > violation * (1.0 + std::abs(*slacks > 0.0 ? high : low));
+      }
+    }
+    return violated;
   }
 
  private:
@@ -289,7 +311,8 @@ class StageLevels final : public PricedStages {
         out.upper[i] = value + width;
       }
     }
-    if (guard_ && level.m > 1 && made > 0.0) out.lower[level.m] = base - smaller(shares_[k] * norm, 0.5 * made);
+    if (guard_ && level.m > 1 && made > 0.0)
+      out.lower[level.m] = base - smaller(shares_[k] * norm, 0.5 * made + guard_floor_ * shares_[k] * norm);
     else std::fill(guard, guard + n_, 0.0);
     return true;
   }
@@ -374,6 +397,7 @@ class StageLevels final : public PricedStages {
 
   int n_, last_ = -1, r_ = 0, iterations_ = 0;
   bool guard_ = true, ended_ = true;
+  double guard_floor_ = 0.0;
   std::vector<PricedLevel> level_;
   std::vector<Handed> handed_;
   std::vector<bool> priced_;

@@ -14,6 +14,8 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
+constexpr double kOnFace = 1e-12;  // rows that are not held keep to their bounds, relative to 1 + |bound|
+
 // Rows of unit length, two-sided; an equality where the bounds agree.
 struct StageRows {
   int ld = 0, count = 0;
@@ -60,13 +62,12 @@ class StageSearch {
              std::vector<int>& working, int& iterations) {
     rows_ = &rows;
     N_ = N;
-    std::fill(side_.begin(), side_.begin() + rows.count, 0);
-    space_.cut(0);
-    set_.clear();
-    dependent_.clear();
-    for (int i = 0; i < rows.count; ++i)
-      if (rows.equal[i]) enter(i, 1);
-    fixed_ = static_cast<int>(set_.size());
+    begin();
+    if (!working.empty() && on_the_face_of(working, T, t, m, price, y)) {
+      ++iterations;
+      return true;
+    }
+    if (!working.empty()) begin();
     for (int entry : working) {
       const int i = std::abs(entry) - 1, side = entry > 0 ? 1 : -1;
       if (i < rows.count && !rows.equal[i] && at_bound(i, side, y)) enter(i, side);
@@ -108,6 +109,40 @@ class StageSearch {
   const std::vector<double>& multipliers() const { return lambda_; }
 
  private:
+  // Only the equalities are held.
+  void begin() {
+    std::fill(side_.begin(), side_.begin() + rows_->count, 0);
+    space_.cut(0);
+    set_.clear();
+    dependent_.clear();
+    for (int i = 0; i < rows_->count; ++i)
+      if (rows_->equal[i]) enter(i, 1);
+    fixed_ = static_cast<int>(set_.size());
+  }
+
+  // Whether the minimiser on the face of the working set given keeps to all rows and is the optimum: in a loop it
+  // mostly is the set of the last tick. y moves there, or stays.
+  bool on_the_face_of(const std::vector<int>& working, const double* T, const double* t, int m, double price,
+                      double* y) {
+    for (int entry : working) {
+      const int i = std::abs(entry) - 1;
+      if (i < rows_->count && side_[i] == 0 && std::isfinite(entry > 0 ? rows_->upper[i] : rows_->lower[i]))
+        enter(i, entry > 0 ? 1 : -1);
+    }
+    minimiser(T, t, m, price, y);
+    for (int j = 0; j < N_; ++j) aim_[j] += y[j];
+    for (int i = 0; i < rows_->count; ++i) {
+      if (std::abs(side_[i]) == 1) continue;
+      const double value = dot_any(rows_->row(i), aim_.data(), N_);
+      if (value < rows_->lower[i] - kOnFace * (1.0 + std::abs(rows_->lower[i])) ||
+          value > rows_->upper[i] + kOnFace * (1.0 + std::abs(rows_->upper[i])))
+        return false;
+    }
+    if (wrong_sign(T, m, price, aim_.data(), false) >= 0) return false;
+    std::copy(aim_.begin(), aim_.begin() + N_, y);
+    return true;
+  }
+
   bool at_bound(int i, int side, const double* y) const {
     const double bound = side > 0 ? rows_->upper[i] : rows_->lower[i];
     if (std::isinf(bound)) return false;  // the row had another meaning a tick ago

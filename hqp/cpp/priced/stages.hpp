@@ -39,12 +39,16 @@ class PricedStages {
   virtual ~PricedStages() = default;
   virtual PricedLevel* levels() = 0;  // to be filled once
   virtual Handed* handed() = 0;
-  // prices, shares: one a level.  F: (r, n), or its diagonal where r = 0, or null for the identity; f: (r), or null.
+  // prices, shares: one a level.  guard: its floor, or null for no guard.  F: (r, n), or its diagonal where r = 0, or
+  // null for the identity; f: (r), or null.
   virtual void bind(const double* prices, const double* shares, const double* F, const double* f, int r,
-                    bool guard) = 0;
+                    const double* guard) = 0;
   // x: the exact answer.  The first level that it does not settle, -1 for none; from that level on the stages are
   // solved, stages (levels, n) hold their points (NaN elsewhere), and last the last of them.
   virtual int solve(const double* x, double* stages, double* last) = 0;
+  // Slacks and marks of all rows at x, as in Solution; whether a row of the first `constraints` levels is violated.
+  virtual bool describe(const double* x, int constraints, double activity, double violation, double* slack,
+                        std::int8_t* marks) = 0;
   virtual int iterations() const = 0;
   virtual bool ended() const = 0;  // whether every stage reached its optimum
   virtual void reset() = 0;        // forget the warm start

@@ -293,6 +293,7 @@ class Assembly {
                          p.numbers("speed"),
                          p.numbers("acceleration"),
                          p.numbers("braking"),
+                         p.number("approach"),
                          p.number("return_velocity"),
                          dt_,
                          order_};

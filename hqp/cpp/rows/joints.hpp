@@ -109,7 +109,7 @@ class Frozen final : public Operation {  // joints that stay where they were
 
 struct Limits {  // of each joint, infinite for none; see JointLimits for the equations
   std::vector<double> low, high, speed, acceleration, braking;
-  double return_velocity;
+  double approach, return_velocity;  // approach [1/s], infinite for none
   double dt;
   int order;
 };
@@ -125,8 +125,12 @@ class JointBox final : public Operation {  // one consistent box for the next st
     for (std::size_t i = 0; i < joints_.size(); ++i) {
       const double at = joints_.angle(i, q), rate = v[joints_.columns[i]];
       const double reach = l.acceleration[i] * l.dt;
-      double up = clip(fastest(l.high[i] - at, i), rate - reach, rate + reach);
-      double down = clip(-fastest(at - l.low[i], i), rate - reach, rate + reach);
+      const double highest = fastest(l.high[i] - at, i), lowest = -fastest(at - l.low[i], i);
+      double up = gradual(highest, rate, i), down = -gradual(-lowest, -rate, i);
+      up = std::max(up, std::min(highest, down));  // what is gradual yields to the other side
+      down = std::min(down, std::max(lowest, up));
+      up = clip(up, rate - reach, rate + reach);
+      down = clip(down, rate - reach, rate + reach);
       if (l.order == 2) {
         down = (down - rate) / l.dt;
         up = (up - rate) / l.dt;
@@ -138,6 +142,14 @@ class JointBox final : public Operation {  // one consistent box for the next st
 
  private:
   static double clip(double u, double low, double high) { return std::min(std::max(u, low), high); }
+
+  // Velocity of the next step from `rate` that nears a braking curve gradually, at order 2.
+  double gradual(double curve, double rate, std::size_t i) const {
+    const Limits& l = limits_;
+    if (l.order == 1 || !(curve > 0.0) || !std::isfinite(l.braking[i]) || !std::isfinite(l.approach)) return curve;
+    const double slope = curve < l.speed[i] && rate > 0.0 ? -rate / (curve / l.braking[i] + l.dt) : 0.0;
+    return std::min(curve, rate + l.dt * slope + std::min(1.0, l.approach * l.dt) * (curve - rate - l.dt * slope));
+  }
 
   double fastest(double way, std::size_t i) const {  // velocity towards a limit that is `way` off, or back to it
     const Limits& l = limits_;
