@@ -259,4 +259,4 @@ class BaseVelocityLimits(Inequality):
         """The native operation: joints without position limits, whose places in q mean nothing."""
         base, none = plans.Joints(tuple(range(6)), (0,) * 6, (False,) * 6), (math.inf,) * 6
         speed = (self.linear,) * 3 + (self.angular,) * 3
-        return plans.JointBox(base, (-math.inf,) * 6, none, speed, none, none, 1.0)
+        return plans.JointBox(base, (-math.inf,) * 6, none, speed, none, none, math.inf, 1.0)
