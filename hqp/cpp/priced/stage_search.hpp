@@ -63,40 +63,9 @@ class StageSearch {
     rows_ = &rows;
     N_ = N;
     begin();
-    if (!working.empty() && on_the_face_of(working, T, t, m, price, y)) {
-      ++iterations;
-      return true;
-    }
-    if (!working.empty()) begin();
-    for (int entry : working) {
-      const int i = std::abs(entry) - 1, side = entry > 0 ? 1 : -1;
-      if (i < rows.count && !rows.equal[i] && at_bound(i, side, y)) enter(i, side);
-    }
-    const int cap = 20 * (N + rows.count);
-    bool zero = false, reached = false;
-    for (int step = 0; step < cap; ++step) {
-      ++iterations;
-      minimiser(T, t, m, price, y);
-      double far = 1.0;
-      const bool there = length_ <= 1e-14 * (1.0 + size_);
-      const int blocking = there ? -1 : first_in_the_way(y, zero, far);
-      if (there || far > 1e-14) {
-        for (int j = 0; j < N; ++j) y[j] += far * aim_[j];
-        zero = zero && there;
-      } else {
-        zero = true;
-      }
-      if (blocking >= 0) {
-        enter(blocking, rate_[blocking] > 0.0 ? 1 : -1);
-        continue;
-      }
-      const int out = wrong_sign(T, m, price, y, zero);
-      if (out < 0) {
-        reached = true;
-        break;
-      }
-      leave(out);
-    }
+    ++iterations;
+    bool reached = !working.empty() && on_the_face_of(working, T, t, m, price, y);
+    if (!reached) reached = descend(working, T, t, m, price, y, iterations);
     working.clear();
     for (std::size_t k = fixed_; k < set_.size(); ++k) working.push_back(side_[set_[k]] * (set_[k] + 1));
     return reached;
@@ -109,6 +78,39 @@ class StageSearch {
   const std::vector<double>& multipliers() const { return lambda_; }
 
  private:
+  // From y along faces, beginning with the rows of the working set given that y meets; whether the optimum was reached.
+  bool descend(const std::vector<int>& working, const double* T, const double* t, int m, double price, double* y,
+               int& iterations) {
+    if (!working.empty()) begin();
+    for (int entry : working) {
+      const int i = std::abs(entry) - 1, side = entry > 0 ? 1 : -1;
+      if (i < rows_->count && !rows_->equal[i] && at_bound(i, side, y)) enter(i, side);
+    }
+    const int cap = 20 * (N_ + rows_->count);
+    bool zero = false;
+    for (int step = 0; step < cap; ++step) {
+      ++iterations;
+      minimiser(T, t, m, price, y);
+      double far = 1.0;
+      const bool there = length_ <= 1e-14 * (1.0 + size_);
+      const int blocking = there ? -1 : first_in_the_way(y, zero, far);
+      if (there || far > 1e-14) {
+        for (int j = 0; j < N_; ++j) y[j] += far * aim_[j];
+        zero = zero && there;
+      } else {
+        zero = true;
+      }
+      if (blocking >= 0) {
+        enter(blocking, rate_[blocking] > 0.0 ? 1 : -1);
+        continue;
+      }
+      const int out = wrong_sign(T, m, price, y, zero);
+      if (out < 0) return true;
+      leave(out);
+    }
+    return false;
+  }
+
   // Only the equalities are held.
   void begin() {
     std::fill(side_.begin(), side_.begin() + rows_->count, 0);
