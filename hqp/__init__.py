@@ -18,7 +18,7 @@ from hqp.session import Controller, Note, Session, Tick
 from hqp.stack import Level, Stack
 
 if TYPE_CHECKING:
-    from hqp import robots, serial, tasks
+    from hqp import recorder, robots, serial, tasks
     from hqp.checking import check
     from hqp.comparison import compare
     from hqp.goals import reach, solve_ik
@@ -61,6 +61,7 @@ __all__ = [
     "certificate",
     "check",
     "compare",
+    "recorder",
     "reach",
     "robots",
     "serial",
@@ -77,7 +78,7 @@ native.warn_if_pure()
 
 def __getattr__(name: str) -> object:
     """Import the parts that need Pinocchio or tables only when asked for."""
-    if name in ("robots", "serial", "tasks"):
+    if name in ("recorder", "robots", "serial", "tasks"):
         return importlib.import_module(f"hqp.{name}")
     if name == "Torque":
         return importlib.import_module("hqp.torque").Torque

@@ -12,7 +12,12 @@ from hqp import __version__
 from hqp.arguments import add_stack, read_stack
 from hqp.errors import HqpError
 
-PACKAGES = {"view": "hqp.viewer.command", "bench": "hqp.lab.command", "sweep": "hqp.sweep.command"}
+PACKAGES = {
+    "view": "hqp.viewer.command",
+    "bench": "hqp.lab.command",
+    "sweep": "hqp.sweep.command",
+    "replay": "hqp.recorder.command",
+}
 """Commands of a package of their own: a module with HELP, DESCRIPTION, add_arguments and execute."""
 
 

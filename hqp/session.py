@@ -7,6 +7,7 @@ import math
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
+from pathlib import Path
 from time import monotonic, perf_counter
 from typing import TYPE_CHECKING, NoReturn
 
@@ -44,6 +45,7 @@ from hqp.transition import Transition, path
 
 if TYPE_CHECKING:
     from hqp.conflict import Conflict
+    from hqp.recorder import Recorder
 
 KEPT = 16
 """Compiled stacks that a session keeps."""
@@ -154,6 +156,7 @@ class Session:
         self._status = Status.OPTIMAL
         self._held = 0
         self._named: tuple[Reference, ...] = ()
+        self._recorder: Recorder | None = None
         torque = self.program.kind == "torque"
         self._joints: Index = np.arange(len(robot.joint_names)) if torque else robot.actuated
 
@@ -218,11 +221,13 @@ class Session:
             if self._direct is not None and not self._contacts.missing:
                 tick = self._ordinary_tick(self._direct, state, references)
                 if tick is not None:
+                    if self._recorder is not None:
+                        self._recorder.take(tick, references)
                     return tick
-            return self._told(self._tick(state, references, now))
+            return self._told(self._tick(state, references, now), references)
         except FloatingPointError:  # the caller asked NumPy to raise; here what is not finite is told by a status
             with np.errstate(all="ignore"):
-                return self._told(self._tick(state, references, now))
+                return self._told(self._tick(state, references, now), references)
         finally:
             self._lock.release()
 
@@ -318,11 +323,27 @@ class Session:
             tick.note(restless_notes(restless))
         return tick
 
-    def _told(self, tick: Tick) -> Tick:
-        """The tick; a change of status is logged."""
+    def _told(self, tick: Tick, references: tuple[Reference, ...]) -> Tick:
+        """The tick, recorded; a change of status is logged."""
         if tick.status is not self._status:
             self._log(tick.status, tick.notes)
+        if self._recorder is not None:
+            self._recorder.take(tick, references)
         return tick
+
+    def record(
+        self, ticks: int = 500, on: str | Callable[[Tick], bool] = "not optimal", to: str | Path = "."
+    ) -> Recorder:
+        """Keep the last ticks from now on, and write them to a file in the folder ``to`` when something happens.
+
+        on: "not optimal", "not solved", "held", "noted", "never" (``Recorder.dump`` writes all the same), or a function
+        of the tick.  The file is written by a thread, needs no robot to be read, and `hqp replay` solves it again.
+        Raises DeclarationError for a number of ticks that is none, or an unknown name.
+        """
+        from hqp.recorder import Recorder
+
+        self._recorder = Recorder(self, ticks, on, to)
+        return self._recorder
 
     def _log(self, status: Status, notes: tuple[Note, ...]) -> None:
         self._status = status

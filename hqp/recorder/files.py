@@ -1,0 +1,268 @@
+"""Recordings as files: NumPy's npz, with everything that a tick needs and without its robot."""
+
+from __future__ import annotations
+
+import io
+import json
+import time
+import zipfile
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.errors import DeclarationError, HqpError
+from hqp.explain import Explanation, explain
+from hqp.formulation import Place
+from hqp.problem import Hierarchy, Solution, Stats, Status
+from hqp.recorder.layout import arrays_of, from_pattern, pattern_of, rebuilt
+
+if TYPE_CHECKING:
+    from hqp.recorder.ring import Segment
+    from hqp.robot import Robot
+    from hqp.session import Session
+
+FORMAT = 1
+
+PAUSE = 2e-4
+"""The writing thread lets the control loop in for so long after every tick [s]."""
+
+
+def about(session: Session) -> dict[str, Any]:
+    """What does not change: machine, versions, robot, stack, solver."""
+    from hqp import serial
+    from hqp.lab.manifest import manifest
+    from hqp.recorder.ring import robot_hash
+
+    controller, robot = session.controller, session.robot
+    try:
+        toml = serial.dumps(controller.stack)
+    except Exception:  # elements of the user's own with fields that are no plain data
+        toml = ""
+    return manifest(
+        kind="recording",
+        robot={
+            "name": robot.name,
+            "hash": robot_hash(robot),
+            "joints": list(robot.joint_names),
+            "tangent": [robot.joint_name(i) for i in range(robot.nv)],
+        },
+        stack=str(controller.stack),
+        toml=toml,
+        formulation=repr(controller.formulation),
+        solver=repr(controller.solver),
+        dt=session.dt,
+    )
+
+
+def write(path: Path, told: dict[str, Any], segments: Sequence[Segment], ticks: int, robot: Robot) -> None:
+    """Write the latest ticks of some segments; slowly, so that the loop beside it is not held up."""
+    parts: list[dict[str, Any]] = []
+    arrays: dict[str, Any] = {}
+    left = ticks
+    for segment in reversed(segments):
+        k = min(segment.count, segment.ticks, left)
+        left -= k
+        if k:
+            parts.append(_segment(segment, k, robot, len(parts), arrays))
+    parts.reverse()
+    text = json.dumps({**told, "format": FORMAT, "segments": parts})
+    partial = path.with_suffix(".part")
+    with zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
+        file.writestr("recording.json", text)
+        for name, array in arrays.items():
+            content = io.BytesIO()
+            np.lib.format.write_array(content, array, allow_pickle=False)
+            file.writestr(f"{name}.npy", content.getbuffer())
+            time.sleep(PAUSE)
+    partial.replace(path)
+
+
+def _segment(segment: Segment, k: int, robot: Robot, number: int, arrays: dict[str, Any]) -> dict[str, Any]:
+    """The ticks of a segment as JSON, their numbers into ``arrays``."""
+    ticks: list[dict[str, Any]] = []
+    rows: list[list[Any]] = []
+    numbers: dict[str, list[Vec]] = {"q": [], "v": [], "command": [], "x": [], "solved": []}
+    stages: dict[str, Vec] = {}
+    for j in range(segment.count - k, segment.count):
+        i = j % segment.ticks
+        entry = segment.entries[i]
+        assert entry is not None
+        tick, references = entry
+        size = segment.memory.size
+        problem = segment.memory.problem(bytes(segment.view[i * size : (i + 1) * size]))
+        rows.append(arrays_of(problem))
+        solution = tick.solution
+        for name, value in (("q", tick.state.q), ("v", tick.state.v), ("command", tick.command), ("x", tick.x)):
+            numbers[name].append(np.array(value))
+        numbers["solved"].append(np.full(problem.n, np.nan) if solution is None else np.array(solution.x))
+        if solution is not None and solution.stage_points is not None:
+            stages[f"{number}_stages_{len(ticks)}"] = solution.stage_points
+        ticks.append(
+            {
+                "count": tick._count,
+                "status": tick.status.name,
+                "solved": "" if solution is None else solution.status.name,
+                "held": tick.held,
+                "transition": tick.transition,
+                "notes": [[note.element, note.status.name, note.detail] for note in tick.notes],
+                "references": [
+                    {
+                        key: np.asarray(value).tolist()
+                        for key in ("value", "velocity", "acceleration")
+                        if (value := getattr(reference, key)) is not None
+                    }
+                    | {"name": reference.name}
+                    for reference in references
+                ],
+            }
+        )
+        time.sleep(PAUSE)
+    for name, values in numbers.items():
+        arrays[f"{number}_{name}"] = np.array(values)
+    for i, column in enumerate(zip(*rows, strict=True)):
+        arrays[f"{number}_rows_{i}"] = np.array(column)
+    arrays.update(stages)
+    program = segment.program
+    places = [
+        {
+            "name": name,
+            "type": type(place.element).__name__,
+            "weight": place.element.weight,
+            "equality": place.element.equality,
+            "level": place.level,
+            "start": place.part.start,
+            "stop": place.part.stop,
+            "declared": place.declared,
+            "rows": list(place.element.row_names(robot)),
+        }
+        for name, place in program.places.items()
+    ]
+    return {
+        "kind": program.kind,
+        "number": number,
+        "pattern": pattern_of(program.problem),
+        "places": places,
+        "ticks": ticks,
+    }
+
+
+@dataclass(frozen=True)
+class RecordedTick:
+    """A tick of a recording: what went in, what came out, and the hierarchy between them.
+
+    count: of the session.  solved: status of the solver's answer x_solved, "" where it was not asked.  command: as
+    sent.  notes: (element, status, text).  references: values by element.
+    """
+
+    count: int
+    kind: str
+    status: Status
+    solved: str
+    held: int
+    transition: float
+    notes: tuple[tuple[str, str, str], ...]
+    references: tuple[dict[str, Any], ...]
+    q: Vec
+    v: Vec
+    command: Vec
+    x: Vec
+    x_solved: Vec
+    problem: Hierarchy = field(repr=False)
+    places: dict[str, Place] = field(repr=False)
+    row_names: dict[str, tuple[str, ...]] = field(repr=False)
+    stage_points: Any = field(repr=False, default=None)
+
+    @cached_property
+    def solution(self) -> Solution | None:
+        """What the solver gave, residuals and active rows computed anew; None where it was not asked."""
+        from hqp.solvers.base import finish
+
+        if not self.solved:
+            return None
+        status = Status[self.solved]
+        return finish(self.problem, self.x_solved, status, Stats(), stages=self.stage_points)
+
+    def explain(self) -> Explanation:
+        """Who got what and lost to whom; raises HqpError for a tick whose solver was not asked."""
+        if self.solution is None:
+            raise HqpError(f"tick {self.count}: {self.status.name}, no solver was asked")
+        return explain(self.problem, self.solution, self.places, self.row_names)
+
+
+class Recording:
+    """The ticks of a file, in order; ``about`` says what they are of.  Needs no robot."""
+
+    def __init__(self, told: dict[str, Any], arrays: dict[str, Any]) -> None:
+        self.about = {key: value for key, value in told.items() if key != "segments"}
+        self.ticks: tuple[RecordedTick, ...] = tuple(
+            tick for segment in told["segments"] for tick in _ticks(segment, arrays)
+        )
+
+    def __len__(self) -> int:
+        return len(self.ticks)
+
+    def __iter__(self) -> Iterator[RecordedTick]:
+        return iter(self.ticks)
+
+    def __getitem__(self, index: int) -> RecordedTick:
+        return self.ticks[index]
+
+    def __str__(self) -> str:
+        robot, count = self.about["robot"], Counter(tick.status.name for tick in self.ticks)
+        statuses = ", ".join(f"{name} {k}" for name, k in count.items())
+        return (
+            f"{self.about['stack']}\n{len(self)} ticks of {1e3 * self.about['dt']:g} ms on {robot['name']} "
+            f"({robot['hash']}), hqp {self.about['hqp']}, {self.about['made']}\n{statuses}"
+        )
+
+
+def _ticks(segment: dict[str, Any], arrays: dict[str, Any]) -> Iterator[RecordedTick]:
+    number, pattern = segment["number"], from_pattern(segment["pattern"])
+    columns = [arrays[f"{number}_rows_{i}"] for i in range(len(arrays_of(pattern)))]
+    places, names = {}, {}
+    for place in segment["places"]:
+        element: Any = SimpleNamespace(weight=place["weight"], equality=place["equality"], name=place["name"])
+        places[place["name"]] = Place(element, place["level"], slice(place["start"], place["stop"]), place["declared"])
+        names[place["name"]] = tuple(place["rows"])
+    numbers = {name: arrays[f"{number}_{name}"] for name in ("q", "v", "command", "x", "solved")}
+    for i, tick in enumerate(segment["ticks"]):
+        q, v, command, x, solved = (numbers[name][i] for name in ("q", "v", "command", "x", "solved"))
+        yield RecordedTick(
+            count=tick["count"],
+            kind=segment["kind"],
+            status=Status[tick["status"]],
+            solved=tick["solved"],
+            held=tick["held"],
+            transition=tick["transition"],
+            notes=tuple((element, status, text) for element, status, text in tick["notes"]),
+            references=tuple(tick["references"]),
+            q=q,
+            v=v,
+            command=command,
+            x=x,
+            x_solved=solved,
+            problem=rebuilt(pattern, [column[i] for column in columns]),
+            places=places,
+            row_names=names,
+            stage_points=arrays.get(f"{number}_stages_{i}"),
+        )
+
+
+def load(path: str | Path) -> Recording:
+    """Read a recording; raises DeclarationError for a file of another kind or a later format."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            told = json.loads(file["recording.json"])
+            arrays = {name: file[name] for name in file.files if name != "recording.json"}
+    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+        raise DeclarationError("recording", f"not a recording: {error}", value=str(path)) from error
+    if told.get("format") != FORMAT or told.get("kind") != "recording":
+        raise DeclarationError("recording", "unknown format", value=told.get("format"), allowed=str(FORMAT))
+    return Recording(told, arrays)

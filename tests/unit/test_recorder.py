@@ -1,0 +1,201 @@
+"""Flight recordings: what a file holds is what was solved, without the robot; replay; and what a tick pays for it."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hqp
+from hqp import Level, Stack, Status
+from hqp.errors import DeclarationError, HqpError
+from hqp.recorder import load, replay
+from hqp.robots import Robot
+from hqp.tasks import Com, FixedContact, JointLimits, Position, Posture, TorqueLimits
+
+DT = 0.002
+FORMULATIONS = [hqp.Velocity(), hqp.Acceleration(), hqp.Torque()]
+
+
+def make(formulation: Any, name: str = "talos", **fields: Any) -> tuple[Robot, hqp.Session, Position]:
+    robot = hqp.robots.load(name)
+    limits = [TorqueLimits()] if isinstance(formulation, hqp.Torque) else [JointLimits()]
+    hand = Position(frame=robot.landmarks["palms"][1], name="hand")
+    stack = Stack(
+        Level(Com(name="com")),
+        Level(hand),
+        Level(Posture()),
+        subject_to=[*(FixedContact(frame=f) for f in robot.landmarks["soles"]), *limits],
+    )
+    return robot, hqp.Controller(stack, formulation, deadline=math.inf, **fields).session(robot, DT), hand
+
+
+def drive(robot: Robot, run: hqp.Session, hand: Position, ticks: int) -> list[tuple[hqp.Tick, hqp.Hierarchy]]:
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    goal = robot.state(q, v).position(hand.frame) + [0.4, 0.0, 0.2]
+    seen = []
+    for _ in range(ticks):
+        tick = run.step(robot.state(q, v), hand.at(goal))
+        seen.append((tick, run.problem.copy()))
+        q, v = tick.advance()
+    return seen
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS, ids=lambda f: type(f).__name__)
+def test_a_file_holds_what_was_solved(formulation: Any, tmp_path: Path) -> None:
+    robot, run, hand = make(formulation)
+    run.step(robot.state())
+    recorder = run.record(ticks=20, on="never", to=tmp_path)
+    seen = drive(robot, run, hand, 33)[-20:]
+    recorder.dump()
+    recorder.wait()
+    recording = load(recorder.files[0])
+    assert len(recording) == 20
+    for (tick, problem), found in zip(seen, recording, strict=True):
+        assert found.status is tick.status
+        assert np.array_equal(found.q, tick.state.q)
+        assert np.array_equal(found.v, tick.state.v)
+        assert np.array_equal(found.command, tick.command)
+        for one, other in zip(problem.levels, found.problem.levels, strict=True):
+            assert np.array_equal(one.dense(problem.n), other.dense(problem.n))
+            assert np.array_equal(one.lower, other.lower)
+            assert np.array_equal(one.upper, other.upper)
+        for name in ("metric", "origin", "prices", "shares"):
+            one, other = getattr(problem, name), getattr(found.problem, name)
+            assert (one is None) == (other is None)
+            assert one is None or np.array_equal(one, other)
+        assert tick.solution is not None
+        assert found.solution is not None
+        assert np.array_equal(found.solution.x, tick.solution.x)
+        assert found.references[0]["name"] == "hand"
+    assert recording.about["robot"]["name"] == "talos"
+    assert len(recording.about["robot"]["hash"]) == 16
+    assert recording.about["format"] == 1
+    assert hqp.serial.loads(recording.about["toml"]) == run.controller.stack
+    assert recording.about["hqp"] == hqp.__version__
+
+
+def test_a_file_is_written_when_something_happens_and_not_again_at_once(tmp_path: Path) -> None:
+    robot, run, hand = make(hqp.Velocity())
+    recorder = run.record(ticks=30, to=tmp_path)
+    drive(robot, run, hand, 12)
+    for _ in range(5):
+        run.step(robot.state(np.full(robot.nq, np.nan)))
+    recorder.wait()
+    (path,) = recorder.files
+    recording = load(path)
+    assert [tick.status for tick in recording] == [Status.OPTIMAL] * 12 + [Status.INVALID_STATE]
+    assert "state" in recording[12].notes[0][0]
+    assert recording[12].solution is None
+    with pytest.raises(HqpError, match="no solver"):
+        recording[12].explain()
+    drive(robot, run, hand, 30)
+    run.step(robot.state(np.full(robot.nq, np.nan)))
+    recorder.wait()
+    assert len(recorder.files) == 2
+
+
+def test_changes_of_stack_are_in_one_file(tmp_path: Path) -> None:
+    robot, run, hand = make(hqp.Velocity())
+    recorder = run.record(ticks=60, on="never", to=tmp_path)
+    drive(robot, run, hand, 10)
+    run.change(run.stack.without("com"), over=0.02)
+    drive(robot, run, hand, 20)
+    recorder.dump()
+    recorder.wait()
+    recording = load(recorder.files[0])
+    assert len(recording) == 30
+    assert [tick.count for tick in recording][:10] == list(range(1, 11))
+    assert {len(tick.problem.levels) for tick in recording} == {4, 5}
+    assert 0.0 < recording[12].transition < 1.0
+    assert len(replay(recording, "lexicographic").lines) == 1
+
+
+def test_replay_tells_who_agrees_and_the_account_over_time(tmp_path: Path) -> None:
+    robot, run, hand = make(hqp.Velocity())
+    recorder = run.record(ticks=40, on="never", to=tmp_path)
+    drive(robot, run, hand, 40)
+    recorder.dump()
+    recorder.wait()
+    recording = load(recorder.files[0])
+    found = replay(recording, ["lexicographic", "cascade:proxqp", "weighted"], every=4)
+    lines = {line.solver: line for line in found.lines}
+    assert lines["lexicographic"].agreed == lines["lexicographic"].solved == 10
+    assert lines["cascade:proxqp"].agreed == 10
+    assert "refused" in lines["weighted"].note  # it solves no priced levels
+    assert sum(period.last >= period.first for period in found.periods) == len(found.periods)
+    assert any("hand" in str(period) for period in found.periods)
+    assert "lexicographic" in str(found)
+    spoilt = recording[4].problem.levels[-1].lower  # another demand than was solved: nobody agrees there
+    spoilt += 1.0
+    recording[4].problem.levels[-1].upper[:] = spoilt
+    recording[4].x_solved[:] += 0.3
+    line = replay(recording, "lexicographic", every=4).lines[0]
+    assert line.agreed == 9
+    assert line.first == recording[4].count
+
+
+def test_the_command_needs_no_robot(tmp_path: Path) -> None:
+    robot, run, hand = make(hqp.Velocity(), "g1")
+    recorder = run.record(ticks=8, on="never", to=tmp_path)
+    drive(robot, run, hand, 8)
+    recorder.dump()
+    recorder.wait()
+    (path,) = recorder.files
+    block = (
+        "import sys; sys.modules['pinocchio'] = None; from hqp.__main__ import main; "
+        f"sys.exit(main(['replay', {str(path)!r}, '--solvers', 'lexicographic', 'cascade:proxqp']))"
+    )
+    done = subprocess.run([sys.executable, "-c", block], capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert "lexicographic" in done.stdout
+    assert "8 ticks of 2 ms on g1" in done.stdout
+    block = block.replace("'--solvers', 'lexicographic', 'cascade:proxqp'", f"'--explain', '{run.count}'")
+    done = subprocess.run([sys.executable, "-c", block], capture_output=True, text=True, check=False, timeout=120)
+    assert "residual" in done.stdout, done.stderr
+
+
+def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
+    for name, content in (
+        ("none.npz", None),
+        ("text.npz", b"no zip"),
+        ("other.npz", {"format": 1}),
+        ("late.npz", {"format": 2, "kind": "recording"}),
+    ):
+        path = tmp_path / name
+        if isinstance(content, bytes):
+            path.write_bytes(content)
+        elif content is not None:
+            with zipfile.ZipFile(path, "w") as file:
+                file.writestr("recording.json", json.dumps(content))
+        with pytest.raises(DeclarationError, match="recording"):
+            load(path)
+    _, run, _ = make(hqp.Velocity())
+    for wrong in ({"ticks": 0}, {"on": "sometimes"}):
+        with pytest.raises(DeclarationError, match="record"):
+            run.record(to=tmp_path, **wrong)  # type: ignore[arg-type]
+
+
+def test_a_tick_pays_little_for_its_recording(tmp_path: Path) -> None:
+    robot, run, _ = make(hqp.Velocity())
+    for _ in range(10):
+        tick = run.step(robot.state())
+    recorder = run.record(ticks=100, on="never", to=tmp_path)
+    took, ticks = [], []
+    for _ in range(300):
+        state = robot.state()
+        begun = perf_counter()
+        tick = run.step(state)
+        between = perf_counter()
+        recorder.take(tick, ())
+        took.append(perf_counter() - between)
+        ticks.append(between - begun)
+    assert np.median(took) < 0.3 * np.median(ticks)  # 0.8 us of 22 on a quiet machine
