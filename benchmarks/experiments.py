@@ -22,6 +22,7 @@ NAMES = {
     "cbi-cog": "mistry2008.experiments.cog",
     "cbi-figure8": "mistry2008.experiments.figure8",
     "cbi-switch": "mistry2008.experiments.switch",
+    "cbi-dynamics": "mistry2008.experiments.dynamics",
     "dreamer-slope": "sentis2012.experiments.slope",
     "dreamer-robustness": "sentis2012.experiments.robustness",
     "dreamer-statistics": "sentis2012.experiments.statistics",

@@ -33,6 +33,10 @@ class Recorder:
         for name, value in values.items():
             self._columns.setdefault(name, []).append(np.array(value, dtype=np.float64))
 
+    def last(self, name: str) -> Vec:
+        """The latest value of a name."""
+        return self._columns[name][-1]
+
     def __getitem__(self, name: str) -> np.ndarray[Any, np.dtype[np.float64]]:
         """All ticks of a name, ``(ticks, ...)``."""
         column = self._columns[name]

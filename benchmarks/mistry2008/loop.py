@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -11,6 +12,7 @@ import hqp
 from benchmarks.mistry2008.stack import HZ, paper_stack, roles
 from hqp import P, Stack
 from hqp.arrays import Mat, Vec
+from hqp.estimation.rotations import quaternion_of, rotation_of
 from hqp.robot import Robot
 from hqp.solvers.base import Solver
 from hqp.tasks import Com, Position
@@ -92,21 +94,25 @@ def run(
     contact_gain: float = 20.0,
     dt: float = DT,
     q: Vec | None = None,
+    anchored: bool = False,
     seen: Callable[[hqp.Session], None] = lambda session: None,
 ) -> Trace:
     """Integrate eq. (19) with the base carried along exactly.
 
     feedforward: the target's mean velocity over the coming period.  contact_gain [1/s] feeds the feet's pose back;
-    0 is eq. (19) alone.  q: where to start, home by default.  seen: called after each tick.
+    0 is eq. (19) alone.  anchored: only the joints are integrated, and the base follows from the left sole, which
+    stays where it stood; else the base is integrated too.  q: where to start, home by default.  seen: called after
+    each tick.
     """
     stack = stack or paper_stack(roles(robot))
     frames = roles(robot)
     formulation = hqp.Velocity(contact_law=P(contact_gain))
-    session = hqp.Controller(stack, formulation, solver=solver, price=0).session(robot, dt)
+    session = hqp.Controller(stack, formulation, solver=solver, price=0, deadline=math.inf).session(robot, dt)
     com_task, hand_task = stack.find("com_xy", Com), stack.find("hand", Position)
     q, v = (robot.home if q is None else q).copy(), np.zeros(robot.nv)
     state = robot.state(q, v)
     soles = [state.position(frames.left), state.position(frames.right)]
+    rotation_0 = state.rotation(frames.left)
     com_0, hand_0 = state.com()[:2].copy(), state.position(frames.hand)
     steps = round(seconds / dt)
     trace = Trace(
@@ -130,8 +136,20 @@ def run(
             for f, p in zip((frames.left, frames.right), soles, strict=True)
         )
         q, v = tick.advance()
+        if anchored:
+            q = _anchor(robot, q, frames.left, soles[0], rotation_0)
     trace.q[:] = q
     return trace
+
+
+def _anchor(robot: Robot, q: Vec, frame: str, position: Vec, rotation: Mat) -> Vec:
+    """The same joints with the base where a frame has this pose."""
+    state = robot.state(q)
+    turn = rotation @ state.rotation(frame).T
+    moved = q.copy()
+    moved[:3] = position + turn @ (q[:3] - state.position(frame))
+    moved[3:7] = quaternion_of(turn @ rotation_of(q[3:7]))
+    return moved
 
 
 def response(trace: Trace) -> tuple[float, float]:

@@ -6,6 +6,7 @@ posture.  Nothing is taken from the session that it judges.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -92,7 +93,10 @@ def checks(robot: Robot, count: int) -> Iterator[Check]:
     start = Where(robot, near_home(robot, rng))
     tasks = paper_stack(roles(robot), GAINS)
     names = ("lexicographic", "nullspace", "chiaverini")
-    sessions = {name: hqp.Controller(tasks, hqp.Velocity(), name, price=0.0).session(robot, 1.0 / HZ) for name in names}
+    sessions = {
+        name: hqp.Controller(tasks, hqp.Velocity(), name, price=0, deadline=math.inf).session(robot, 1.0 / HZ)
+        for name in names
+    }
     for session in sessions.values():
         session.step(robot.state(start.q))  # takes what is to be held
     off: dict[str, list[float]] = {name: [] for name in names}

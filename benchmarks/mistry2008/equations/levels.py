@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -37,7 +38,9 @@ class Evaluated:
         stack = Stack(*(Level(element) for element in elements))
         if order == 2:  # J x = -dJ/dt v is what is left of a law without gains
             stack = stack.with_laws({element.name: PD(0.0, 0.0) for element in elements})
-        self.session = hqp.Controller(stack, formulation, solver="nullspace", price=0).session(robot, dt=1.0 / HZ)
+        self.session = hqp.Controller(stack, formulation, solver="nullspace", price=0, deadline=math.inf).session(
+            robot, dt=1.0 / HZ
+        )
         self.session.step(robot.state())
 
     def at(self, q: Vec, v: Vec | None = None) -> list[Mat]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -90,7 +91,9 @@ def _accelerations(robot: Robot, count: int) -> Iterator[Check]:
     stack = stack.with_laws({element.name: FEEDFORWARD_ONLY for element in stack})
     rng = np.random.default_rng([SEED, 1])
     sessions = {
-        name: hqp.Controller(stack, hqp.Acceleration(), solver=name, price=0).session(robot, dt=0.002)
+        name: hqp.Controller(stack, hqp.Acceleration(), solver=name, price=0, deadline=math.inf).session(
+            robot, dt=0.002
+        )
         for name in ("chiaverini", "nullspace")
     }
     rows, feet, centre, hands = [], [], [], []
@@ -130,9 +133,9 @@ def _energy(robot: Robot) -> Iterator[Check]:
     joints = robot.joints(None)
     name = robot.name
     for dt in (0.002, 0.010):
-        session = hqp.Controller(Stack(Level(posture)), hqp.Acceleration(), solver="nullspace", price=0).session(
-            robot, dt
-        )
+        session = hqp.Controller(
+            Stack(Level(posture)), hqp.Acceleration(), solver="nullspace", price=0, deadline=math.inf
+        ).session(robot, dt)
         q, v = robot.home, np.zeros(robot.nv)
         session.step(robot.state(q, v))
         v[joints] = 0.1 * np.random.default_rng(SEED).standard_normal(joints.size)

@@ -81,7 +81,9 @@ class Balance:
         self.robot = hqp.robots.load("cbi")
         ground = Plane(friction=friction)
         self.plant = Plant(self.robot, actuation="position", terrain=ground, sensors=sensors, seed=seed)
-        self.session = hqp.Controller(stack, hqp.Velocity(), solver=solver, price=0).session(self.robot, PERIOD)
+        self.session = hqp.Controller(stack, hqp.Velocity(), solver=solver, price=0, deadline=math.inf).session(
+            self.robot, PERIOD
+        )
         self.feedback, self._seen = feedback, seen
         self.q, self.v = self.plant.reset()
         self._estimator = FeetEstimator(self.robot, SOLES, PERIOD, self.q) if knows == "senses" else None

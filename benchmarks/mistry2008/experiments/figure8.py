@@ -66,7 +66,7 @@ def experiment(setting: Setting) -> Outcome:
     setting.log(outcome, "strict", strict.log)
     setting.log(outcome, "printed", printed.log)
     if setting.full:
-        outcome.tables.append(_sweep(setting))
+        outcome.tables += [_sweep(setting), _velocities(strict)]
     setting.plot(outcome, "hand_in_time", strict, printed)
     setting.plot(outcome, "hand_in_plane", strict, printed)
     setting.plot(outcome, "cog_during_hand", strict, printed)
@@ -100,3 +100,15 @@ def _sweep(setting: Setting) -> Table:
         )
     header = ("law", "k_hand [1/s]", "feedforward", "hand RMS [mm]", "CoG max [mm]", "hand, earlier")
     return table("Law, gain and feedforward", header, rows)
+
+
+def _velocities(run: Balance) -> Table:
+    """The largest velocity commanded to each joint against the bound of the robot's table, the ten nearest to it."""
+    commanded = np.abs(run.log["command"]).max(axis=0)
+    bound = run.robot.velocity_limit[run.robot.actuated]
+    share = commanded / bound
+    rows = [
+        (run.robot.joint_names[i], number(float(commanded[i])), number(float(bound[i])), f"{100.0 * share[i]:.1f} %")
+        for i in np.argsort(-share)[:10].tolist()
+    ]
+    return table("Joint velocities against their bounds", ("joint", "largest [rad/s]", "bound [rad/s]", "share"), rows)

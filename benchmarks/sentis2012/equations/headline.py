@@ -183,7 +183,9 @@ def _stepped(
     ground: Ground, tasks: hqp.Stack, solver: str, count: int, seed: int, choice: Compliance = CHOICE
 ) -> Iterator[tuple[Formulas, hqp.Session, hqp.Tick]]:
     formulation = hqp.Torque(gravity_compensation=True)
-    session = hqp.Controller(tasks, formulation, solver=solver, price=0.0).session(ground.robot, dt=choice.period)
+    session = hqp.Controller(tasks, formulation, solver=solver, price=0, deadline=math.inf).session(
+        ground.robot, dt=choice.period
+    )
     for s in ground.states(count, seed):
         goals = goals_near(s)
         tick = session.step(ground.robot.state(s.q, s.v), *goals.references(tasks, ground.normal))

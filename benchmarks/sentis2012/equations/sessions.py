@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -47,7 +48,9 @@ def at_states(
     ground: Ground, stack: Stack, solver: str | Solver, count: int, seed: int, speed: float = 1.0
 ) -> Iterator[tuple[Snapshot, Session, hqp.Tick]]:
     """Steps of one session at random states, goals a little off what they are."""
-    session = hqp.Controller(stack, hqp.Torque(), solver=solver, price=0).session(ground.robot, dt=0.001)
+    session = hqp.Controller(stack, hqp.Torque(), solver=solver, price=0, deadline=math.inf).session(
+        ground.robot, dt=0.001
+    )
     for s in ground.states(count, seed, speed):
         given = references(ground, s, stack)
         yield s, session, session.step(ground.robot.state(s.q, s.v), *given)
@@ -74,7 +77,9 @@ def _program(session: Session) -> TorqueProgram:
 
 def _rows(ground: Ground, count: int) -> Iterator[Check]:
     label, robot = ground.label, ground.robot
-    session = hqp.Controller(paper_stack(), hqp.Torque(), solver="nullspace", price=0).session(robot, dt=0.001)
+    session = hqp.Controller(paper_stack(), hqp.Torque(), solver="nullspace", price=0, deadline=math.inf).session(
+        robot, dt=0.001
+    )
     rows, drift, forces, absolute = [], [], [], []
     for s in ground.free_states(count, SEED):
         given = references(ground, s, session.stack)
@@ -104,7 +109,9 @@ def _self_motion(ground: Ground, count: int) -> Iterator[Check]:
     hand = Position(frame="hand", law=PD(100.0, 20.0))
     actuated = Posture(joints=ground.robot.joint_names, law=SelfMotion(4.0, 4.0, 1.0), name="self")
     stack = Stack(Level(hand), Level(actuated), subject_to=HELD)
-    session = hqp.Controller(stack, hqp.Torque(), solver="nullspace", price=0).session(ground.robot, dt=0.001)
+    session = hqp.Controller(stack, hqp.Torque(), solver="nullspace", price=0, deadline=math.inf).session(
+        ground.robot, dt=0.001
+    )
     off = []
     for s in ground.states(count, SEED + 2):
         state = ground.robot.state(s.q, s.v)
@@ -161,7 +168,9 @@ def _friction(ground: Ground) -> Iterator[Check]:
         loads = []
         for extra, solver in (((), "nullspace"), (limits, "lexicographic")):
             stack = paper_stack(extra, com=com, hand=hand)
-            session = hqp.Controller(stack, hqp.Torque(), solver=solver, price=0).session(ground.robot, dt=0.001)
+            session = hqp.Controller(stack, hqp.Torque(), solver=solver, price=0, deadline=math.inf).session(
+                ground.robot, dt=0.001
+            )
             state = ground.robot.state(s.q, s.v)
             goals = [task.at(task.value(state)) for task in (com, hand, POSTURE)]
             state = ground.robot.state(s.q, s.v)
@@ -189,7 +198,9 @@ def _refusal(ground: Ground) -> Iterator[Check]:
     refused = 0
     wrong = [_AlongTheAxle(wheel=w) for w in WHEELS]
     try:
-        hqp.Controller(paper_stack(contacts=wrong), hqp.Torque(), price=0).session(ground.robot, dt=0.001)
+        hqp.Controller(paper_stack(contacts=wrong), hqp.Torque(), price=0, deadline=math.inf).session(
+            ground.robot, dt=0.001
+        )
     except DeclarationError as error:
         refused = int("rank [J_constr; U] = 18 of 19" in str(error))
     text = "rolling rows along the axle: stack refused, naming rank 18 of 19"

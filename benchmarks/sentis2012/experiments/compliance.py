@@ -20,6 +20,7 @@ from hqp import PD, Stack
 from hqp.arrays import Mat, Vec
 from hqp.element import Element
 from hqp.errors import DeclarationError
+from hqp.law import Law, SelfMotion
 from hqp.reference import Reference
 from hqp.robot import State
 from hqp.tasks import (
@@ -63,7 +64,8 @@ class Compliance:
     friction bounds as inequalities, with friction as the coefficient assumed.  turn: largest rate at which the robot
     turns to where it is led [rad/s], 0 to keep its heading; torso: the same of the torso's posture goal alone.
     least_load: to be kept on every wheel where there are limits [N].  bandwidth: of the observer [1/s].  assist:
-    by this share of the human's pull the wheels go along with it.  period: of control [s].
+    by this share of the human's pull the wheels go along with it.  self_motion: k_E of the posture law of eqs. (40) to
+    (44) [1/s], 0 for a PD law.  period: of control [s].
     """
 
     com: float = 400.0
@@ -83,6 +85,7 @@ class Compliance:
     payload: Payload = "none"
     bandwidth: float = 20.0
     assist: float = 0.0
+    self_motion: float = 0.0
     com_goal: tuple[float, float] = COM_GOAL
     gyro: bool = True
     absolute_jacobians: bool = False
@@ -97,6 +100,9 @@ def stack(choice: Compliance) -> Stack:
     hand_kind: type[Position] = AbsolutePosition if choice.absolute_jacobians else Position
     law = PD(choice.com, max_acceleration=choice.com_acceleration)
     wheels = [RollingAlongAxle(wheel=name) if choice.axle_rolling else OmniWheelContact(wheel=name) for name in WHEELS]
+    posture_law: Law = PD(choice.posture)
+    if choice.self_motion:
+        posture_law = SelfMotion(choice.posture, 2.0 * math.sqrt(choice.posture), choice.self_motion)
     added: list[Element] = []
     if choice.limits:
         added = [TorqueLimits(), *(FrictionCone(contact=name, mu=choice.friction, edges=4) for name in WHEELS)]
@@ -107,7 +113,7 @@ def stack(choice: Compliance) -> Stack:
         com=com_kind(axes="xy", subtree="torso_yaw", relative_to="base", heading=True, law=law, name="com"),
         yaw=Orientation(frame="base", axes="yaw", law=PD(choice.yaw), name="yaw"),
         hand=hand_kind(frame="hand_point", relative_to="base", heading=True, law=PD(choice.hand), name="hand"),
-        posture=Posture(joints="upper_body", law=PD(choice.posture)),
+        posture=Posture(joints="upper_body", law=posture_law),
         contacts=wheels,
     )
 

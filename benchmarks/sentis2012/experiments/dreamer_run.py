@@ -36,7 +36,9 @@ class Outing:
         self.robot = hqp.robots.load("dreamer", rotors=True)
         tasks = stack(choice)
         formulation = hqp.Torque(gravity_compensation=True)
-        self.session = hqp.Controller(tasks, formulation, solver=solver, price=0).session(self.robot, choice.period)
+        self.session = hqp.Controller(tasks, formulation, solver=solver, price=0, deadline=math.inf).session(
+            self.robot, choice.period
+        )
         self.plant = Plant(
             self.robot,
             scene.plant,
@@ -206,6 +208,8 @@ class Outing:
             t=self.t,
             com=self._com_error,
             hand=np.append(heading @ hand[:2], hand[2]) - HAND_GOAL,
+            q=q,
+            v=v,
             posture=q[self.robot.positions(self._upper)] - self.posture,
             base=(*place, yaw, math.asin(max(-1.0, min(1.0, rotation[2, 0])))),
             velocity=world,

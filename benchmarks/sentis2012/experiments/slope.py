@@ -10,9 +10,11 @@ import numpy as np
 
 from benchmarks.lab.outcome import Figure, Outcome, Table, holds, table
 from benchmarks.lab.setting import Setting
+from benchmarks.sentis2012.experiments import lyapunov
 from benchmarks.sentis2012.experiments.cases import carry_out
 from benchmarks.sentis2012.experiments.compliance import Compliance, gravity_share, refusal
 from benchmarks.sentis2012.experiments.dreamer_run import Outing
+from benchmarks.sentis2012.experiments.least_posture import least_posture_error, rms
 from benchmarks.sentis2012.experiments.measures import Measures, measure
 from benchmarks.sentis2012.experiments.scene import GROUND, RAMP_START, Scene
 from benchmarks.sentis2012.experiments.variants import (
@@ -55,6 +57,7 @@ def experiment(setting: Setting) -> Outcome:
         setting.log(outcome, plant, run.log)
         setting.advance()
     rollers = nominal["dreamer_rollers"]
+    outcome.figures += _least(nominal["dreamer"])
     outcome.figures += setting.speed(rollers.real_time, 3.0)
     outcome.figures.append(
         Figure(
@@ -86,6 +89,13 @@ def experiment(setting: Setting) -> Outcome:
         setting.plot(outcome, "staged_panels", staged)
         tilted = Outing(TILT, Compliance(normals="base"), setting.solver, setting.show).run()
         outcome.figures += _tilted(tilted)
+        rolling = Outing(replace(TILT, enable=(0.0, 0.0)), Compliance(), setting.solver, setting.show).run()
+        outcome.figures += _tilted(rolling, "base tilted by hand, wheels rolling")
+        moved = 1e3 * float(np.abs(rolling.log["base"][:, :2]).max())
+        outcome.figures.append(Figure("base tilted by hand, wheels rolling: it rolls by", moved, "mm"))
+        found, falling = lyapunov.decay(setting)
+        outcome.figures += found
+        outcome.tables.append(falling)
         setting.log(outcome, "tilt", tilted.log)
         setting.plot(outcome, "tilt_panels", tilted)
     return outcome
@@ -111,6 +121,18 @@ def acceptance(where: str, m: Measures) -> list[Figure]:
         Figure(f"{where}: wheel load, min", m.load_least, "N", before="12" if ball else "59"),
         Figure(f"{where}: wheel torque, max", m.wheel_torque, "N m", high=10.0, before="5.8" if ball else "7.2"),
         Figure(f"{where}: slip of a wheel, max", m.slip, "m/s", before=".021" if ball else ".005"),
+    ]
+
+
+def _least(run: Outing) -> list[Figure]:
+    """The posture error, while the human stands still on the slope, against the least that the levels above leave."""
+    t, walk = run.log["t"], run.scene.walk
+    at = int(np.argmin(np.abs(t - (walk.turn - 0.2))))
+    found, least = least_posture_error(run, run.log["q"][at])
+    return [
+        Figure("posture error at rest on the slope, RMS of joints", rms(found), "deg"),
+        Figure("the least that CoM and hand leave there", rms(least), "deg"),
+        Figure("posture error over the least", rms(found) / rms(least), high=1.05),
     ]
 
 
@@ -166,10 +188,10 @@ def _before_pull(run: Outing) -> float:
     return math.degrees(float(abs(run.log["posture"][(t > start - 0.1) & (t < start)]).max()))
 
 
-def _tilted(run: Outing) -> list[Figure]:
+def _tilted(run: Outing, what: str = "base tilted by hand") -> list[Figure]:
     tilt = math.degrees(float(run.log["base"][:, 4].max()))
     return [
-        holds("base tilted by hand: stays upright", not run.fallen),
-        Figure("base tilted by hand: tilt reached", tilt, "deg", low=6.0),
-        Figure("base tilted by hand: CoM error", measure(run).com, "mm", high=10.0, before="the paper's own claim: 10"),
+        holds(f"{what}: stays upright", not run.fallen),
+        Figure(f"{what}: tilt reached", tilt, "deg", low=6.0),
+        Figure(f"{what}: CoM error", measure(run).com, "mm", high=10.0, before="the paper's own claim: 10"),
     ]
