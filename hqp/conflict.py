@@ -14,7 +14,7 @@ import numpy as np
 
 from hqp.arrays import Mat, Vec
 from hqp.problem import Hierarchy, Rows
-from hqp.solvers import load
+from hqp.solvers import exact, load
 from hqp.tolerances import VIOLATION_TOLERANCE
 
 SUPPORT = 1e-6
@@ -102,14 +102,14 @@ def _stack(problem: Hierarchy) -> tuple[Mat, Vec, Vec, list[tuple[int, int, floa
 def _violation(A: Mat, lower: Vec, upper: Vec) -> Vec:
     """w of least norm."""
     problem = Hierarchy((Rows(A, lower, upper),))
-    return np.asarray(load("lexicographic").solve(problem).residuals[0])
+    return np.asarray(load(exact()).solve(problem).residuals[0])
 
 
 def _relaxation(A: Mat, lower: Vec, upper: Vec, rest: np.ndarray, i: int) -> float:
     """How far row i is off where all the others of its conflict hold."""
     levels = [Rows(A[rest], lower[rest], upper[rest])] if rest.size else []
     levels.append(Rows(A[[i]], lower[[i]], upper[[i]]))
-    return float(load("lexicographic").solve(Hierarchy(tuple(levels))).residuals[-1][0])
+    return float(load(exact()).solve(Hierarchy(tuple(levels))).residuals[-1][0])
 
 
 def _violated(w: Vec, lower: Vec, upper: Vec) -> bool:

@@ -13,7 +13,7 @@ from benchmarks.reports import report, solver_sets
 from benchmarks.reports.checks import write_json
 from benchmarks.speed import problems, random_hierarchies, sequences, stopwatch
 from hqp import Hierarchy, Status, certificate, native, solvers
-from hqp.solvers import Solver, lexicographic
+from hqp.solvers import Solver
 
 TARGETS = {
     "a38": 0.6, "a57": 0.45, "b5_38": 1.6, "b15_38": 6.0, "c38": 16.0, "d38": 8.0, "f62eq": 3.5,
@@ -92,12 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _subjects(names: Sequence[str] | None) -> dict[str, Solver | None]:
     found: dict[str, Solver | None] = {FLOOR: None}
     for name in names or solver_sets.every():
-        if name != "lexicographic":
-            found[name] = solvers.load(name)
-            continue
-        if lexicographic.kernel():
-            found["lexicographic"] = solvers.load(name, native=True)
-        found["lexicographic reference"] = solvers.load(name, native=False)
+        found[name] = solvers.load(name)
     return found
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from hqp.arrays import Vec
 from hqp.errors import DeclarationError, HqpError
 from hqp.problem import Hierarchy, Rows, Selection
+from hqp.solvers import exact as exact_solver
 from hqp.solvers import load as load_solver
 
 FORMAT = 1
@@ -70,7 +71,7 @@ def quadratic_programmes(problem: Hierarchy, name: str) -> Iterator[dict[str, An
     Keys are those of qpsolvers: P, q, G, h, A, b, lb, ub, and name.  Optima are those of ``lexicographic``.
     """
     n = problem.n
-    solution = load_solver("lexicographic").workspace(problem.shape).solve(problem)
+    solution = load_solver(exact_solver()).workspace(problem.shape).solve(problem)
     for k, level in enumerate(problem.levels):
         m = level.m
         size = n + m

@@ -9,6 +9,7 @@ import importlib.util
 from typing import TYPE_CHECKING, Any
 
 from hqp.errors import DeclarationError, SolverNotInstalled, closest
+from hqp.native import ADVICE
 from hqp.native import missing as missing_parts
 from hqp.solvers.base import Solver, Workspace
 
@@ -23,6 +24,7 @@ __all__ = [
     "chiaverini",
     "daqp",
     "default",
+    "exact",
     "known",
     "lexicographic",
     "load",
@@ -57,6 +59,8 @@ def __getattr__(name: str) -> object:
 def known() -> dict[str, str]:
     """Every solver name hqp can speak of, and '' if it loads or the pip line that would make it."""
     names = {name: _missing(_needs(name, {})) for name in _BUILT_IN if name not in ("cascade", "reference")}
+    if "solver" in missing_parts():
+        names["lexicographic"] = ADVICE
     names.update({f"cascade:{backend}": _missing(backend) for backend in _BACKENDS})
     names.update({point.name: "" for point in importlib.metadata.entry_points(group=GROUP)})
     return names
@@ -70,6 +74,11 @@ def available() -> tuple[str, ...]:
 def default() -> str:
     """The solver of a Controller that names none: ``lexicographic``, or ``cascade`` where it was not compiled."""
     return "cascade" if "solver" in missing_parts() else "lexicographic"
+
+
+def exact() -> str:
+    """The solver for what has to be exact whatever it takes: ``lexicographic``, or ``reference`` without a compiler."""
+    return "reference" if "solver" in missing_parts() else "lexicographic"
 
 
 def load(name: str, **options: Any) -> Solver:

@@ -16,6 +16,7 @@ import numpy as np
 from hqp.arrays import Mat, Signs, Vec
 from hqp.certify import certificate
 from hqp.errors import DeclarationError, SolverNotInstalled
+from hqp.native import ADVICE
 from hqp.problem import Hierarchy, Selection, Shape, Solution, Stats, Status
 from hqp.solvers.base import UNSURE, Solver, Workspace, check_shape, finish
 from hqp.solvers.flat import Flat
@@ -40,6 +41,7 @@ LAST_OPINION = 0.25
 """Time for the reference where nothing that the kernel found passed the certificate [s]."""
 
 DAMPED = "damping kept a level from its optimum"
+NO_KERNEL = f"lexicographic: hqp was built without its native kernel; {ADVICE}, or take the solver 'cascade'"
 BUSY = "this workspace is solving in another thread; give each thread its own"
 STUCK = "no answer that was found passed the certificate: the problem is too ill-conditioned to be judged"
 
@@ -65,8 +67,7 @@ class Lexicographic(Solver):
     of violated bounds and wrong signs before single changes take over.  multipliers: return them.  damping: lambda
     [unit of A], one for all levels or one a level, min ||w_k||^2 + lambda^2 ||step||^2; the levels above never
     notice, residuals are the undamped ones, and the answer is marked where a level is kept from its optimum.
-    native: True insists on the kernel, False takes the NumPy reference, None the kernel where it was built.
-    Raises DeclarationError for a value out of range, SolverNotInstalled for native=True without the kernel.
+    Raises DeclarationError for a value out of range, SolverNotInstalled where the package was built without a compiler.
     """
 
     name: ClassVar[str] = "lexicographic"
@@ -81,7 +82,6 @@ class Lexicographic(Solver):
     exchange_credit: int = 3
     multipliers: bool = False
     damping: float | tuple[float, ...] = 0.0
-    native: bool | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.damping, (int, float)):
@@ -98,18 +98,14 @@ class Lexicographic(Solver):
             raise DeclarationError("lexicographic.exchange_credit", "negative", value=self.exchange_credit)
         if not all(math.isfinite(d) and d >= 0.0 for d in np.atleast_1d(self.damping)):
             raise DeclarationError("lexicographic.damping", "must be finite and not negative", value=self.damping)
-        if self.native and _native is None:
-            raise SolverNotInstalled("hqp was built without its native kernel: install a C++ compiler and rebuild")
+        if _native is None:
+            raise SolverNotInstalled(NO_KERNEL)
 
     def workspace(self, shape: Shape) -> Workspace:
         """Allocate for problems of this shape."""
         if shape.priced:
-            return StagedWorkspace(shape, self.workspace, native=self.is_native)
-        if self.is_native:
-            return NativeWorkspace(self, shape)
-        from hqp.solvers.lexicographic_reference import ReferenceWorkspace
-
-        return ReferenceWorkspace(self, shape)
+            return StagedWorkspace(shape, self.workspace, native=True)
+        return NativeWorkspace(self, shape)
 
     def level_damping(self, shape: Shape) -> tuple[float, ...]:
         """Damping of each level; raises DeclarationError unless there is one number or one a level."""
@@ -120,11 +116,6 @@ class Lexicographic(Solver):
                 "lexicographic.damping", "one number a level", value=self.damping, allowed=f"{len(shape.rows)} numbers"
             )
         return self.damping
-
-    @property
-    def is_native(self) -> bool:
-        """Whether the kernel will run, and not the reference."""
-        return _native is not None and self.native is not False
 
 
 class NativeWorkspace:

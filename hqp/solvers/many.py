@@ -15,7 +15,7 @@ from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError, ProblemError, SolverNotInstalled
 from hqp.problem import Hierarchy, Rows, Selection, Shape, Solution, Status
 from hqp.solvers.base import check_shape
-from hqp.solvers.lexicographic import STATUSES, Lexicographic, native_module
+from hqp.solvers.lexicographic import NO_KERNEL, STATUSES, Lexicographic, native_module
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,13 +75,13 @@ def solve_many(
     Raises ProblemError where the problems differ in shape, DeclarationError for a number of threads below one or a
     solver with damping or a deadline, SolverNotInstalled without the native kernel.
     """
+    module = native_module()
+    if module is None:
+        raise SolverNotInstalled(NO_KERNEL)
     solver = Lexicographic() if solver is None else solver
     count = _threads(threads)
     if any(np.atleast_1d(solver.damping)) or solver.deadline:
         raise DeclarationError("solve_many", "takes no damping and no deadline", value=solver)
-    module = native_module()
-    if module is None:
-        raise SolverNotInstalled("hqp was built without its native kernel: install a C++ compiler and rebuild")
     if len(problems) == 0:
         raise ProblemError("solve_many: no problem given")
     shape = problems[0].shape

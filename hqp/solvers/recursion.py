@@ -49,13 +49,11 @@ class Recursion:
         A: Mat,
         b: Vec,
         stops: Sequence[int],
-        damping: Sequence[float] = (),
         sizes: Sequence[float] = (),
         least: float = 0.0,
     ) -> None:
         """Go through the levels; level k's rows of A ``(M, n)``, b ``(M,)`` end at stops[k], level k + 1's begin there.
 
-        damping: lambda of each level, ||w_k||^2 + lambda_k^2 ||step||^2; the levels above never notice it.
         sizes: what each level's pivots are judged against, its largest row norm by default.  least: none is taken as
         smaller, nor than what makes ROUNDING of the largest the cut; the attribute of that name is what came of it.
         """
@@ -68,7 +66,7 @@ class Recursion:
             m = stop - start
             if m and self.free:
                 size = sizes[k] if sizes else float(norms[start:stop].max())
-                step = self._level(tail, m, b[start:], max(size, self.least), damping[k] if damping else 0.0)
+                step = self._level(tail, m, b[start:], max(size, self.least))
             else:
                 step = _Step(0, tail[:, m:])
             step.start, step.stop, step.offset = start, stop, self._taken
@@ -88,7 +86,7 @@ class Recursion:
                 b -= step.y @ tail[: step.rank]
                 tail = tail[step.rank :]
         size = float(np.sqrt(np.einsum("ij,ij->i", A, A).max()))
-        step = self._level(tail, A.shape[0], b, max(size, self.least), 0.0)
+        step = self._level(tail, A.shape[0], b, max(size, self.least))
         step.offset = self._taken
         self._steps.append(step)
         self._taken += step.rank
@@ -104,11 +102,11 @@ class Recursion:
                 y[step.offset :] = part
         return y[:, 0]
 
-    def _level(self, tail: Mat, m: int, b: Vec, size: float, damping: float) -> _Step:
+    def _level(self, tail: Mat, m: int, b: Vec, size: float) -> _Step:
         """Factor the first m columns of tail; transform the others; solve for this level's coordinates."""
         free = tail.shape[0]
         self.factorisations += 1
-        if m >= free and damping == 0.0:
+        if m >= free:
             step = self._full(tail, m, b, size)
             if step is not None:
                 return step
@@ -126,10 +124,10 @@ class Recursion:
             rest, _, _ = ormqr("L", "T", qr, tau, rest, _WORK)
         step = _Step(rank, rest[rank:], qr, tau, pivots[:rank], top=rest[:rank])
         rhs = b[:m][pivots]
-        if rank == m and damping == 0.0:
+        if rank == m:
             step.y, _ = trtrs(qr[:rank], rhs, trans=1)
         else:
-            step.y = self._least_squares(np.triu(whole[:rank]).T, rhs, damping)
+            step.y = gels(np.triu(whole[:rank]).T, rhs, lwork=_WORK)[1][:rank]  # min ||R' y - rhs||, rows dependent
         if step.top.shape[1]:
             b[m:] -= step.y @ step.top
         return step
@@ -147,16 +145,6 @@ class Recursion:
         step.y = np.empty(free)
         step.y[pivots] = z
         return step
-
-    @staticmethod
-    def _least_squares(J: Mat, rhs: Vec, damping: float) -> Vec:
-        """min ||J y - rhs||^2 + damping^2 ||y||^2 of a level whose rows are dependent, J ``(m, rank)``."""
-        rank = J.shape[1]
-        if damping > 0.0:
-            J = np.concatenate([J, damping * np.eye(rank)])
-            rhs = np.concatenate([rhs, np.zeros(rank)])
-        _, y, _ = gels(J, rhs, lwork=_WORK)
-        return np.asarray(y[:rank])
 
     def _rank(self, qr: Mat, most: int, size: float) -> int:
         """How many pivots are above the tolerance, judged against the unprojected row norms."""

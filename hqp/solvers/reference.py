@@ -31,8 +31,9 @@ from hqp.tolerances import RANK_TOLERANCE, ROUNDING
 HELD = 1e-11
 """A row is active this close to its bound, relative to its terms; a direction of unit length stays on it below this."""
 
-OPTIMAL = 1e-13
-"""The residual of the optimality conditions below which a point is optimal, relative to the gradient's terms."""
+OPTIMAL, FLAT = 1e-13, 1e-10
+"""The residual of the optimality conditions below which a point is optimal, and optimal if its last step lowered
+nothing; relative to the gradient's terms."""
 
 
 @dataclass(frozen=True)
@@ -194,12 +195,16 @@ class _Program:
 
     def solve(self, v: Vec, limit: int, end: float) -> tuple[Vec, int, bool]:
         """The optimum, how many steps it took, and whether it was reached; end: on the clock of ``perf_counter``."""
+        lowest = math.inf
         for step in range(limit):
             if perf_counter() > end:
                 return v, step, False
-            direction, held = self._descent(v)
-            if direction is None:
+            w = self.T @ v - self.t
+            direction, held, gap = self._descent(v, w)
+            value = float(np.sqrt(w @ w))
+            if gap <= OPTIMAL or (gap <= FLAT and value >= lowest):
                 return v, step, True
+            lowest = min(lowest, value)
             v = self._advance(v, direction, held)
         return v, limit, False
 
@@ -210,20 +215,17 @@ class _Program:
         side = np.where(value >= self.upper - reach, 1.0, np.where(value <= self.lower + reach, -1.0, 0.0))
         return np.where(self.equal, 0.0, side)
 
-    def _descent(self, v: Vec) -> tuple[Vec | None, Mask]:
-        """The steepest feasible direction, None at the optimum, and which rows it stays on."""
+    def _descent(self, v: Vec, w: Vec) -> tuple[Vec, Mask, float]:
+        """The steepest feasible direction, which rows it stays on, and its length relative to the gradient's terms."""
         side = self._sides(v)
         held, active = np.zeros(side.size, dtype=bool), np.flatnonzero(side)
-        pull = -((self.T @ v - self.t) @ self.T @ self.Z)
+        pull = -(w @ self.T @ self.Z)
         cone = (side[active, None] * self.C[active] @ self.Z).T
         left = pull - cone @ nonnegative_least_squares(cone, pull)
         size = float(np.sqrt(left @ left))
-        longest = _longest(self.T)
-        terms = float(np.max(np.abs(self.T) @ np.abs(v) + np.abs(self.t), initial=0.0))
-        if size <= OPTIMAL * longest * terms:
-            return None, held
+        terms = _longest(self.T) * float(np.max(np.abs(self.T) @ np.abs(v) + np.abs(self.t), initial=0.0))
         held[active] = left @ cone >= -HELD * size
-        return self.Z @ left, held
+        return self.Z @ left, held, size / max(terms, 1e-300)
 
     def _advance(self, v: Vec, direction: Vec, held: Mask) -> Vec:
         """To the minimiser on the face of the held rows, or the first row in the way; never uphill."""

@@ -5,7 +5,6 @@ A new solver enters through ``hqp.solvers.available()``; one that has variants a
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,7 +20,7 @@ from hqp.solvers import Solver
 SOLVED_SHARE = 0.98
 """A strict solver must solve at least this share of the problems it supports; the others it must mark."""
 
-VARIANTS: dict[str, tuple[dict[str, Any], ...]] = {"lexicographic": ({"native": False},)}
+VARIANTS: dict[str, tuple[dict[str, Any], ...]] = {}
 """Further options under which a solver of that name is held to the suite."""
 
 
@@ -36,16 +35,14 @@ class Subject:
         return self.name + "".join(f"-{key}={value}" for key, value in self.options.items())
 
     def load(self) -> Solver:
-        """The solver, or a skip where its module is not there yet."""
-        if self.name == "lexicographic" and importlib.util.find_spec("hqp.solvers.lexicographic") is None:
-            pytest.skip("the lexicographic solver is not built in")
+        """The solver."""
         return hqp.solvers.load(self.name, **self.options)
 
 
 def subjects() -> list[Subject]:
-    """Every solver that is available here, and its variants."""
+    """Every solver that is available here, the reference, and their variants."""
     found = []
-    for name in hqp.solvers.available():
+    for name in (*hqp.solvers.available(), "reference"):
         found.append(Subject(name))
         found += [Subject(name, options) for options in VARIANTS.get(name, ())]
     return found

@@ -26,7 +26,7 @@ def problem(i: int, file: str = "stuck") -> Hierarchy:
 
 
 @pytest.mark.parametrize("i", [0, 1])
-@pytest.mark.parametrize("options", [{}, {"native": False}, {"multipliers": True}], ids=str)
+@pytest.mark.parametrize("options", [{}, {"multipliers": True}], ids=str)
 def test_the_answer_is_judged_before_it_is_given_up(i: int, options: dict[str, bool]) -> None:
     workspace = hqp.solvers.load("lexicographic", **options).workspace(problem(i).shape)
     for _ in range(2):
@@ -36,19 +36,17 @@ def test_the_answer_is_judged_before_it_is_given_up(i: int, options: dict[str, b
         assert np.all(problem(i).levels[0].slack(solution.x) == 0.0)
 
 
-@pytest.mark.parametrize("options", [{}, {"native": False}], ids=str)
-def test_a_sign_near_its_rounding_is_read_right(options: dict[str, bool]) -> None:
+def test_a_sign_near_its_rounding_is_read_right() -> None:
     tick = problem(1, "uncertain")
-    solution = hqp.solvers.load("lexicographic", **options).solve(tick)
+    solution = hqp.solvers.load("lexicographic").solve(tick)
     assert solution.status.solved, solution.detail
     assert certificate(tick, solution.x).gap <= 1e-10
 
 
 @pytest.mark.parametrize("i", [0, 2])
-@pytest.mark.parametrize("options", [{}, {"native": False}], ids=str)
-def test_what_the_certificate_doubts_is_told(i: int, options: dict[str, bool]) -> None:
+def test_what_the_certificate_doubts_is_told(i: int) -> None:
     tick = problem(i, "uncertain")
-    solution = hqp.solvers.load("lexicographic", **options).solve(tick)
+    solution = hqp.solvers.load("lexicographic").solve(tick)
     assert solution.status is Status.RANK_UNCERTAIN, solution.detail
     assert np.all(certificate(tick, solution.x).gaps[:3] <= 1e-9)
 

@@ -55,12 +55,23 @@ def test_without_compiled_parts_a_controller_takes_cascade_and_ticks() -> None:
     assert hqp.Controller(Stack(Level(Posture()))).solver.name == "lexicographic"  # type: ignore[union-attr]
 
 
+def test_without_compiled_parts_conflicts_are_still_found() -> None:
+    code = (
+        "import numpy as np\nfrom hqp.conflict import conflict\nfrom hqp.problem import Hierarchy, Rows\n"
+        "rows = Rows(np.diag([1.0, 2.0, 1.0]) @ np.eye(2)[[0, 0, 1]], np.array([2.0, -np.inf, 0.0]), np.array([np.inf, 1.0, 3.0]))\n"
+        "print(conflict(Hierarchy((rows,), constraints=1)))"
+    )
+    pure = run(PURE + code, HQP_PURE="1")
+    assert "exclude each other" in pure.stdout, pure.stderr
+    assert pure.stdout == run(code).stdout
+
+
 def test_the_command_tells_pure_from_native(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["solvers"]) == 0
     assert f"native ({native.instruction_set()})" in capsys.readouterr().out
     result = run(PURE + "from hqp.__main__ import main\nmain(['solvers'])", HQP_PURE="1")
     assert [line.split(None, 1)[1] for line in result.stdout.splitlines() if line.startswith("lexicographic")] == [
-        "pure Python"
+        native.ADVICE
     ]
 
 
