@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from hqp.problem import Hierarchy, Solution, Stats, Status
 
 _Vec: TypeAlias = NDArray[np.float64]
-_Level: TypeAlias = tuple[_Vec | None, NDArray[np.intp] | None, _Vec | None, _Vec, _Vec, float]
+_Level: TypeAlias = tuple[_Vec | None, NDArray[np.intp] | None, _Vec | None, _Vec, _Vec]
 
 instruction_set: str
 
@@ -39,6 +39,7 @@ class Workspace:
         active: tuple[slice, ...],
         multipliers: tuple[slice, ...],
         stopped: str,
+        unsure: str,
     ) -> None: ...
     def solution(
         self, build_seconds: float, values: _Vec, active: NDArray[np.int8], multipliers: _Vec

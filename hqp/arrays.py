@@ -23,3 +23,13 @@ Mask: TypeAlias = NDArray[np.bool_]
 
 Signs: TypeAlias = NDArray[np.int8]
 """A vector of activity marks ``(m,)``, see :class:`hqp.problem.Solution`."""
+
+
+def row_lengths(A: Mat) -> Vec:
+    """The 2-norm of every row, ``(m,)``."""
+    return np.asarray(np.sqrt(np.einsum("ij,ij->i", A, A)))
+
+
+def longest_row(A: Mat) -> float:
+    """The largest 2-norm of a row, 0 where there is none."""
+    return float(row_lengths(A).max(initial=0.0))

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mat, Vec, longest_row, row_lengths
 from hqp.errors import ProblemError
 from hqp.nnls import nonnegative_least_squares
 from hqp.pricing import Coordinates, after_stages, feasible_set, is_met
@@ -127,7 +127,7 @@ def stage_multipliers(problem: Hierarchy, stages: Mat, level: int, tolerance: fl
     judge, above = _stage_judge(problem, stages, level, at, tolerance)
     A, y = at.rows(rows.dense(problem.n)), at.motion(x_k)
     w, price = rows.slack(x_k), 0.0 if problem.prices is None else float(problem.prices[level])
-    scale = float(_lengths(A).max(initial=0.0)) + price * float(np.linalg.norm(y))
+    scale = longest_row(A) + price * float(np.linalg.norm(y))
     norm = float(np.linalg.norm(w))
     if not norm > 0.0 or not scale > 0.0:
         return np.zeros(sum(r.m for r in problem.levels[:level])), 0.0
@@ -154,7 +154,7 @@ def _stage_judge(problem: Hierarchy, stages: Mat, k: int, at: Coordinates, toler
     raw = above.dense(problem.n)
     judge = _Judge(problem.n, tolerance, LOCK_TOLERANCE)
     C, shift, y = at.rows(raw), raw @ at.still, at.motion(x_k)
-    judge.descend(C, C @ y, above.lower - shift, above.upper - shift, _lengths(C), _terms(C, y), 0.0)
+    judge.descend(C, C @ y, above.lower - shift, above.upper - shift, row_lengths(C), _terms(C, y), 0.0)
     return judge, above
 
 
@@ -167,7 +167,7 @@ def _stage_gap(problem: Hierarchy, stages: Mat, k: int, x: Vec, at: Coordinates,
     exact = [j for j in range(k) if not problem.priced[j]]
     moved = [float(np.abs(problem.levels[j].slack(x_k) - problem.levels[j].slack(x)).max(initial=0.0)) for j in exact]
     raw = above.dense(problem.n)
-    reach = _lengths(raw) + _terms(raw, x_k)
+    reach = row_lengths(raw) + _terms(raw, x_k)
     outside = np.divide(np.abs(above.slack(x_k)), reach, out=np.zeros(above.m), where=reach > 0.0)
     gap = _conditions(judge, A, rows, x_k, price * at.motion(x_k))
     size = 1.0 + float(np.abs(x_k).max(initial=0.0))
@@ -177,7 +177,7 @@ def _stage_gap(problem: Hierarchy, stages: Mat, k: int, x: Vec, at: Coordinates,
 def _conditions(judge: _Judge, A: Mat, rows: Rows, x: Vec, motion: Vec) -> float:
     """Gap of A'u + c y + (rows above) = 0, with u = w / ||w|| or, where w = 0, the shortest u that will do."""
     w = rows.slack(x)
-    longest = float(_lengths(A).max(initial=0.0))
+    longest = longest_row(A)
     scale = longest + float(np.linalg.norm(motion))
     if scale == 0.0:
         return 0.0
@@ -186,7 +186,7 @@ def _conditions(judge: _Judge, A: Mat, rows: Rows, x: Vec, motion: Vec) -> float
     active = np.flatnonzero((judge.side != 0.0) & ~judge.fixed)
     cone = (judge.side[active, None] * (judge.unit[active] @ judge.Z)).T
     value = rows.A @ x
-    slop = judge.tolerance * (_lengths(rows.dense(x.size)) + _terms(rows.dense(x.size), x))
+    slop = judge.tolerance * (row_lengths(rows.dense(x.size)) + _terms(rows.dense(x.size), x))
     upper, lower = value >= rows.upper - slop, value <= rows.lower + slop
     U = np.concatenate([A[upper], -A[lower]])
     small = 1e-7 * np.eye(len(U))
@@ -204,7 +204,7 @@ def _verdict(problem: Hierarchy, x: Vec, tolerance: float, lock: float) -> Certi
     judge = _Judge(problem.n, tolerance, lock)
     gaps, norms, ranks, multipliers = [], [], [], []
     dense = [rows.dense(problem.n) for rows in problem.levels]
-    every = [_lengths(A) for A in dense]
+    every = [row_lengths(A) for A in dense]
     zero = ROUNDING * max((float(lengths.max(initial=0.0)) for lengths in every), default=0.0)
     for rows, A, lengths in zip(problem.levels, dense, every, strict=True):
         w, terms = rows.slack(x), _terms(A, x)
@@ -227,7 +227,7 @@ def _completion(problem: Hierarchy, x: Vec, judge: _Judge) -> tuple[float, int]:
     size = 1.0 + float(np.abs(x).max(initial=0.0)) + float(np.abs(offset).max(initial=0.0))
     if problem.metric is None:
         return judge.judge(offset, size)[0], judge.Z.shape[1]
-    longest = float(_lengths(problem.metric).max(initial=0.0))
+    longest = longest_row(problem.metric)
     gap, _ = judge.judge(problem.metric @ offset, longest * size)
     before = judge.Z.shape[1]
     if longest > 0.0:
@@ -294,10 +294,6 @@ class _Judge:
         rank = int(np.count_nonzero(sigma > CERTIFIED_RANK_TOLERANCE))
         self.Z = self.Z @ Vt[rank:].T
         return rank
-
-
-def _lengths(A: Mat) -> Vec:
-    return np.asarray(np.sqrt(np.einsum("ij,ij->i", A, A)))
 
 
 def _terms(A: Mat, x: Vec) -> Vec:

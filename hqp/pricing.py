@@ -69,6 +69,12 @@ class Coordinates:
         offset = x - self.still
         return np.asarray(self.inverse * offset if self.inverse.ndim == 1 else self.inverse @ offset)
 
+    def level(self) -> Rows:
+        """y = 0 as rows on x, whose ||w||^2 / 2 is the motion E but for a constant."""
+        F = np.diag(self.inverse) if self.inverse.ndim == 1 else self.inverse
+        target = F @ self.still
+        return Rows(F, target, target)
+
 
 def is_met(rows: Rows, x: Vec) -> bool:
     """Whether ||w|| at x is no more than rounding leaves of zero, MET_TOLERANCE of the level's terms and bounds."""

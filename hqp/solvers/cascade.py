@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from hqp.arrays import Index, Mask, Mat, Vec
+from hqp.arrays import Index, Mask, Mat, Vec, row_lengths
 from hqp.errors import BackendError
 from hqp.problem import Hierarchy, Shape, Solution, Stats
 from hqp.solvers.backends import QpAnswer, QpWorkspace, load
@@ -82,7 +82,7 @@ class CascadeWorkspace:
             return flat.refuse(problem, Stats(build_s=perf_counter() - began), unusable)
         self._iterations, self._qp_s = 0, 0.0
         self._complaints: list[str] = []
-        self._lengths = np.sqrt(np.einsum("ij,ij->i", flat.A, flat.A))
+        self._lengths = row_lengths(flat.A)
         x: Vec = np.zeros(problem.n)
         Z: Mat = np.eye(problem.n)
         held: Index = np.zeros(0, dtype=np.intp)

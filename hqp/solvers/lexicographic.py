@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import math
 import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -40,7 +39,6 @@ STATUSES = (
 LAST_OPINION = 0.25
 """Time for the reference where nothing that the kernel found passed the certificate [s]."""
 
-DAMPED = "damping kept a level from its optimum"
 NO_KERNEL = f"lexicographic: hqp was built without its native kernel; {ADVICE}, or take the solver 'cascade'"
 BUSY = "this workspace is solving in another thread; give each thread its own"
 STUCK = "no answer that was found passed the certificate: the problem is too ill-conditioned to be judged"
@@ -64,9 +62,7 @@ class Lexicographic(Solver):
     multiplier_tolerance, feasibility_tolerance: relative, below them a multiplier has no sign and a bound is met.
     max_iterations: working sets solved, None for 100 + 10 (rows + n).  deadline [s]: of one solve, None for none;
     either cap returns the best point so far.  exchange_credit: how many block exchanges may fail to lessen the number
-    of violated bounds and wrong signs before single changes take over.  multipliers: return them.  damping: lambda
-    [unit of A], one for all levels or one a level, min ||w_k||^2 + lambda^2 ||step||^2; the levels above never
-    notice, residuals are the undamped ones, and the answer is marked where a level is kept from its optimum.
+    of violated bounds and wrong signs before single changes take over.  multipliers: return them.
     Raises DeclarationError for a value out of range, SolverNotInstalled where the package was built without a compiler.
     """
 
@@ -81,11 +77,8 @@ class Lexicographic(Solver):
     deadline: float | None = None
     exchange_credit: int = 3
     multipliers: bool = False
-    damping: float | tuple[float, ...] = 0.0
 
     def __post_init__(self) -> None:
-        if not isinstance(self.damping, (int, float)):
-            object.__setattr__(self, "damping", tuple(float(d) for d in self.damping))
         for option in ("rank_tolerance", "multiplier_tolerance", "feasibility_tolerance"):
             value = getattr(self, option)
             if not 0.0 < value < 1e-2:
@@ -96,8 +89,6 @@ class Lexicographic(Solver):
             raise DeclarationError("lexicographic.deadline", "must be positive", value=self.deadline, unit="s")
         if not 0 <= self.exchange_credit < 2**31:
             raise DeclarationError("lexicographic.exchange_credit", "negative", value=self.exchange_credit)
-        if not all(math.isfinite(d) and d >= 0.0 for d in np.atleast_1d(self.damping)):
-            raise DeclarationError("lexicographic.damping", "must be finite and not negative", value=self.damping)
         if _native is None:
             raise SolverNotInstalled(NO_KERNEL)
 
@@ -107,23 +98,13 @@ class Lexicographic(Solver):
             return StagedWorkspace(shape, self.workspace, native=True)
         return NativeWorkspace(self, shape)
 
-    def level_damping(self, shape: Shape) -> tuple[float, ...]:
-        """Damping of each level; raises DeclarationError unless there is one number or one a level."""
-        if not isinstance(self.damping, tuple):
-            return (float(self.damping),) * len(shape.rows)
-        if len(self.damping) != len(shape.rows):
-            raise DeclarationError(
-                "lexicographic.damping", "one number a level", value=self.damping, allowed=f"{len(shape.rows)} numbers"
-            )
-        return self.damping
-
 
 class NativeWorkspace:
     """A kernel bound to the arrays of the last hierarchy it saw, which may be refilled in place between calls."""
 
     def __init__(self, solver: Lexicographic, shape: Shape) -> None:
         self._solver, self._shape = solver, shape
-        self._damping, self._multipliers = solver.level_damping(shape), solver.multipliers
+        self._multipliers = solver.multipliers
         self._lock = threading.Lock()
         self._limited = bool(solver.deadline)
         self._kernel = _native.Workspace(
@@ -148,7 +129,7 @@ class NativeWorkspace:
             tuple(slice(shape.n + a, shape.n + b) for a, b in pairwise(rows)),
             tuple(slice(a, b) for a, b in pairwise(rows)),
             tuple(slice(a, b) for a, b in pairwise(pairs)),
-            DAMPED if any(self._damping) else STUCK,
+            STUCK,
             UNSURE,
         )
         self._bound: Hierarchy | None = None
@@ -211,16 +192,13 @@ class NativeWorkspace:
             tuple(values[n + a : n + b] for a, b in pairwise(ends)),
             tuple(marks[a:b] for a, b in pairwise(ends)),
             Stats(iterations, factorisations),
-            (DAMPED if any(self._damping) else STUCK) if STATUSES[outcome] is Status.NOT_CERTIFIED else "",
+            STUCK if STATUSES[outcome] is Status.NOT_CERTIFIED else "",
         )
         return self._judged(problem, solution)
 
     def _judged(self, problem: Hierarchy, solution: Solution) -> Solution:
-        if solution.status is Status.NOT_CERTIFIED:
-            if any(self._damping):
-                return replace(solution, status=Status.NOT_STRICT) if solution.detail == DAMPED else solution
-            if not self._limited:
-                return second_opinion(problem, solution, (self._again, lambda: self._by_reference(problem)))
+        if solution.status is Status.NOT_CERTIFIED and not self._limited:
+            return second_opinion(problem, solution, (self._again, lambda: self._by_reference(problem)))
         return solution
 
     def _again(self) -> Solution:
@@ -236,7 +214,7 @@ class NativeWorkspace:
     def _take(self, problem: Hierarchy) -> None:
         """Have the kernel read the arrays as they are, or copies where they need a conversion."""
         self._bound = None
-        if not any(self._damping) and self._kernel.take(problem):
+        if self._kernel.take(problem):
             self._bound = problem
         else:
             self._bind(problem)
@@ -244,21 +222,19 @@ class NativeWorkspace:
     def _bind(self, problem: Hierarchy) -> None:
         check_shape(problem, self._shape)
         levels = []
-        for rows, damping in zip(problem.levels, self._damping, strict=True):
+        for rows in problem.levels:
             if isinstance(rows.A, Selection):
                 parts = (None, _ready(rows.A.index, np.intp), _ready(rows.A.scale))
             else:
                 parts = (_ready(rows.A), None, None)
-            levels.append((*parts, _ready(rows.lower), _ready(rows.upper), damping))
+            levels.append((*parts, _ready(rows.lower), _ready(rows.upper)))
         metric = None if problem.metric is None else _ready(problem.metric)
         origin = None if problem.origin is None else _ready(problem.origin)
         self._kernel.bind(levels, problem.constraints, metric, origin)
         live = all(
             a is b
             for rows, level in zip(problem.levels, levels, strict=True)
-            for a, b in zip(
-                _arrays(rows.A, rows.lower, rows.upper), (x for x in level[:5] if x is not None), strict=True
-            )
+            for a, b in zip(_arrays(rows.A, rows.lower, rows.upper), (x for x in level if x is not None), strict=True)
         )
         self._bound = problem if live and metric is problem.metric and origin is problem.origin else None
 

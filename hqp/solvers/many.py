@@ -73,15 +73,15 @@ def solve_many(
 
     threads: as many as the process may use by default.  solver: its options; multipliers are not returned.
     Raises ProblemError where the problems differ in shape, DeclarationError for a number of threads below one or a
-    solver with damping or a deadline, SolverNotInstalled without the native kernel.
+    solver with a deadline, SolverNotInstalled without the native kernel.
     """
     module = native_module()
     if module is None:
         raise SolverNotInstalled(NO_KERNEL)
     solver = Lexicographic() if solver is None else solver
     count = _threads(threads)
-    if any(np.atleast_1d(solver.damping)) or solver.deadline:
-        raise DeclarationError("solve_many", "takes no damping and no deadline", value=solver)
+    if solver.deadline:
+        raise DeclarationError("solve_many", "takes no deadline", value=solver)
     if len(problems) == 0:
         raise ProblemError("solve_many: no problem given")
     shape = problems[0].shape

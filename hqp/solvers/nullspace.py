@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mat, Vec, longest_row
 from hqp.errors import ProblemError, UnsupportedProblem
 from hqp.pricing import Coordinates
 from hqp.problem import Hierarchy, Shape, Solution, Stats, Status
@@ -108,7 +108,7 @@ class NullspaceWorkspace:
         for k, (start, stop) in enumerate(zip([0, *stops], stops, strict=False)):
             rows = A[start:stop]
             B = at.rows(rows)
-            size = float(np.sqrt(np.square(B).sum(axis=1).max(initial=0.0)))
+            size = longest_row(B)
             if size > 0.0 and Z.shape[1]:
                 e = b[start:stop] - rows @ at.still - B @ y
                 z, seen = least_unmet(B @ Z, e, float(prices[k]), self._tolerance * size)
@@ -138,7 +138,7 @@ def _complete(problem: Hierarchy, x: Vec, D: Mat) -> Vec:
     origin = np.zeros(x.size) if problem.origin is None else problem.origin
     if problem.metric is not None and D.size:
         F = metric_factor(problem.metric)
-        size = float(np.sqrt(np.square(F @ D).sum(axis=1).max(initial=0.0)))
+        size = longest_row(F @ D)
         z, seen = least_unmet(F @ D, F @ (origin - x), 0.0, 1e-10 * size)
         x, D = x + D @ z, D @ np.linalg.svd(seen, full_matrices=True)[0][:, seen.shape[1] :]
         origin = np.zeros(x.size)

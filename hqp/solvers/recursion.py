@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.linalg import get_lapack_funcs
 
-from hqp.arrays import Index, Mat, Vec
+from hqp.arrays import Index, Mat, Vec, longest_row, row_lengths
 from hqp.tolerances import ROUNDING
 
 NEAR = 100.0
@@ -60,7 +60,7 @@ class Recursion:
         self.ranks, self._steps, self.uncertain, self.factorisations = [], [], False, 0
         self._taken = start = 0
         tail, b = A.T, b.copy()
-        norms = np.zeros(0) if sizes else np.sqrt(np.einsum("ij,ij->i", A, A))
+        norms = np.zeros(0) if sizes else row_lengths(A)
         self.least = max(least, ROUNDING / self.tolerance * float(max(sizes) if sizes else norms.max(initial=0.0)))
         for k, stop in enumerate(stops):
             m = stop - start
@@ -85,7 +85,7 @@ class Recursion:
                 tail, _, _ = ormqr("L", "T", step.qr, step.tau, tail, _WORK)
                 b -= step.y @ tail[: step.rank]
                 tail = tail[step.rank :]
-        size = float(np.sqrt(np.einsum("ij,ij->i", A, A).max()))
+        size = longest_row(A)
         step = self._level(tail, A.shape[0], b, max(size, self.least))
         step.offset = self._taken
         self._steps.append(step)

@@ -17,7 +17,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from hqp.arrays import Mask, Mat, Vec
+from hqp.arrays import Mask, Mat, Vec, longest_row, row_lengths
 from hqp.errors import DeclarationError
 from hqp.nnls import nonnegative_least_squares
 from hqp.pricing import Coordinates, after_stages, at_optimum, feasible_set, stack_rows
@@ -99,7 +99,7 @@ class _Run:
         self.coordinates = Coordinates.of(problem.motion, problem.n)
         self.steps, self.ended = 0, True
         self._end = perf_counter() + solver.seconds
-        self._zero = ROUNDING * max((_longest(rows.dense(problem.n)) for rows in problem.levels), default=0.0)
+        self._zero = ROUNDING * max((longest_row(rows.dense(problem.n)) for rows in problem.levels), default=0.0)
 
     def stages(self, known: Mat | None = None) -> Mat:
         """x_k of every priced level, ``(levels, n)``, NaN in the rows of the others; those known are taken over."""
@@ -113,7 +113,7 @@ class _Run:
             if problem.priced[k] and problem.prices is not None:
                 stages[k] = x = self._priced(problem.levels[k], above, x, float(problem.prices[k]))
             else:
-                x = self._exact(problem.levels[k], above, x)
+                x = self._least_squares(problem.levels[k], above, x)
         return stages
 
     def answer(self, stages: Mat | None) -> Vec:
@@ -125,23 +125,18 @@ class _Run:
             problem = after_stages(problem, stages, self.coordinates)
         whole = Hierarchy((*problem.levels, *completion(problem)), n=problem.n)
         for k in range(first, len(whole.levels)):
-            x = self._exact(whole.levels[k], feasible_set(whole, np.zeros((0, 0)), k, x, x), x)
+            x = self._least_squares(whole.levels[k], feasible_set(whole, np.zeros((0, 0)), k, x, x), x)
         return x
-
-    def _exact(self, rows: Rows, above: Rows, x: Vec) -> Vec:
-        return self._least_squares(rows, above, x, Coordinates.of(None, x.size), 0.0)
 
     def _priced(self, rows: Rows, above: Rows, x: Vec, price: float) -> Vec:
         """argmin ||w|| + c E: m = c ||w(m)|| by root finding on log m; the least motion where the level is met."""
-        size = _longest(rows.dense(x.size))
+        size, point = longest_row(rows.dense(x.size)), x
         if size <= self._zero:
             return x
 
-        point = x
-
         def unmet(m: float) -> float:
             nonlocal point
-            point = self._least_squares(rows, above, x, self.coordinates, math.sqrt(m))
+            point = self._least_squares(rows, above, x, math.sqrt(m))
             w = rows.slack(point)
             return float(np.sqrt(w @ w))
 
@@ -149,34 +144,25 @@ class _Run:
 
     def _least_motion(self, rows: Rows, above: Rows, x: Vec) -> Vec:
         """argmin E over the points of the set that meet the level."""
-        x = self._exact(rows, above, x)
-        at = self.coordinates
-        inverse = np.diag(at.inverse) if at.inverse.ndim == 1 else at.inverse
-        target = inverse @ at.still
-        return self._exact(Rows(inverse, target, target), stack_rows([above, at_optimum(rows, x)], x.size), x)
+        x = self._least_squares(rows, above, x)
+        return self._least_squares(self.coordinates.level(), stack_rows([above, at_optimum(rows, x)], x.size), x)
 
-    def _least_squares(self, rows: Rows, above: Rows, x: Vec, at: Coordinates, damping: float) -> Vec:
-        """argmin ||w||^2 + damping^2 |y|^2 over ``above``, from a point x of it; y the coordinates of the motion."""
-        n, A = x.size, rows.dense(x.size)
+    def _least_squares(self, rows: Rows, above: Rows, x: Vec, root: float = 0.0) -> Vec:
+        """argmin ||w||^2 + root^2 |y|^2 over ``above``, from a point x of it; y the coordinates of the motion."""
+        n, A, at = x.size, rows.dense(x.size), Coordinates.of(None, x.size) if root == 0.0 else self.coordinates
         unequal = ~rows.equality & ((rows.lower > -np.inf) | (rows.upper < np.inf))
-        size, q = _longest(A[rows.equality | unequal]), int(unequal.sum())
+        size, q = longest_row(A[rows.equality | unequal]), int(unequal.sum())
         if size <= self._zero:
             return x
-        T, t = A[rows.equality], rows.lower[rows.equality]
-        T = np.block([[at.rows(T), np.zeros((t.size, q))], [np.zeros((q, n)), np.eye(q)]])
-        t = np.concatenate([t - A[rows.equality] @ at.still, np.zeros(q)])
-        if damping > 0.0:
-            T = np.concatenate([T, damping * np.eye(n, n + q)])
-            t = np.concatenate([t, np.zeros(n)])
-        hard = above.dense(n)
-        C = np.block([[at.rows(hard), np.zeros((above.m, q))], [at.rows(A[unequal]), -np.eye(q)]])
-        shift = np.concatenate([hard @ at.still, A[unequal] @ at.still])
-        lower = np.concatenate([above.lower, rows.lower[unequal]]) - shift
-        upper = np.concatenate([above.upper, rows.upper[unequal]]) - shift
-        program = _Program(T, t, C, lower, upper, self._solver.rank_tolerance * size)
-        v, steps, ended = program.solve(
-            np.concatenate([at.motion(x), rows.slack(x)[unequal]]), self._solver.max_iterations, self._end
-        )
+        B, t = A[rows.equality], rows.lower[rows.equality]
+        T = np.block([[at.rows(B), np.zeros((t.size, q))], [np.diag([root] * n + [1.0] * q)]])
+        t = np.concatenate([t - B @ at.still, np.zeros(n + q)])
+        hard = stack_rows([above, Rows(A[unequal], rows.lower[unequal], rows.upper[unequal])], n)
+        C, shift = hard.dense(n), hard.A @ at.still
+        C = np.concatenate([at.rows(C), -np.eye(hard.m, q, -above.m)], axis=1)
+        program = _Program(T, t, C, hard.lower - shift, hard.upper - shift, self._solver.rank_tolerance * size)
+        start = np.concatenate([at.motion(x), rows.slack(x)[unequal]])
+        v, steps, ended = program.solve(start, self._solver.max_iterations, self._end)
         self.steps, self.ended = self.steps + steps, self.ended and ended
         return at.point(v[:n])
 
@@ -185,7 +171,7 @@ class _Program:
     """min ||T v - t||^2 over lower <= C v <= upper, from a point of that set; singular values below cut are zero."""
 
     def __init__(self, T: Mat, t: Vec, C: Mat, lower: Vec, upper: Vec, cut: float) -> None:
-        lengths = np.sqrt(np.square(C).sum(axis=1))
+        lengths = row_lengths(C)
         real = (lengths > 1e-13 * lengths.max(initial=0.0)) & ((lower > -np.inf) | (upper < np.inf))
         scale = lengths[real]
         self.T, self.t, self.cut = T, t, cut
@@ -205,7 +191,7 @@ class _Program:
             if gap <= OPTIMAL or (gap <= FLAT and value >= lowest):
                 return v, step, True
             lowest = min(lowest, value)
-            v = self._advance(v, direction, held)
+            v = self._advance(v, direction, held, gap > FLAT and value > FLAT)
         return v, limit, False
 
     def _sides(self, v: Vec) -> Vec:
@@ -223,12 +209,12 @@ class _Program:
         cone = (side[active, None] * self.C[active] @ self.Z).T
         left = pull - cone @ nonnegative_least_squares(cone, pull)
         size = float(np.sqrt(left @ left))
-        terms = _longest(self.T) * float(np.max(np.abs(self.T) @ np.abs(v) + np.abs(self.t), initial=0.0))
+        terms = longest_row(self.T) * float(np.max(np.abs(self.T) @ np.abs(v) + np.abs(self.t), initial=0.0))
         held[active] = left @ cone >= -HELD * size
         return self.Z @ left, held, size / max(terms, 1e-300)
 
-    def _advance(self, v: Vec, direction: Vec, held: Mask) -> Vec:
-        """To the minimiser on the face of the held rows, or the first row in the way; never uphill."""
+    def _advance(self, v: Vec, direction: Vec, held: Mask, steep: bool) -> Vec:
+        """To the minimiser on the face of the held rows, or the first row in the way; down a steep direction if at it."""
         face = held.copy()
         while True:
             Z = self.Z @ _null_space(self.C[face] @ self.Z)
@@ -236,9 +222,10 @@ class _Program:
             kept = sigma > self.cut
             step = Z @ (Vt[kept].T @ ((self.t - self.T @ v) @ U[:, kept] / sigma[kept]))
             far, row = self._room(v, step, face)
-            if far > 1e-14:
+            here = steep and np.abs(step).max() <= 1e-13 * np.abs(v).max()
+            if far > 1e-14 and not here:
                 return np.asarray(v + min(1.0, far) * step)
-            if row < 0 or not kept.any():
+            if row < 0 or here or not kept.any():  # the face has its minimum at v
                 break
             face[row] = True
         curvature = self.T @ direction
@@ -258,11 +245,5 @@ class _Program:
 
 def _null_space(A: Mat) -> Mat:
     """An orthonormal basis ``(n, r)`` of what rows of unit length leave; singular values below 1e-10 count as zero."""
-    if not A.shape[0]:
-        return np.eye(A.shape[1])
     _, sigma, Vt = np.linalg.svd(A, full_matrices=True)
     return np.asarray(Vt[int(np.count_nonzero(sigma > 1e-10)) :].T)
-
-
-def _longest(A: Mat) -> float:
-    return float(np.sqrt(np.square(A).sum(axis=1).max(initial=0.0)))

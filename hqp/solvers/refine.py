@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hqp.arrays import Index, Mask, Signs, Vec
+from hqp.arrays import Index, Mask, Signs, Vec, row_lengths
 from hqp.solvers.flat import Flat
 from hqp.solvers.recursion import Recursion
 from hqp.tolerances import MET_TOLERANCE, ROUNDING
@@ -85,7 +85,7 @@ class Refiner:
 
     def _measure(self) -> None:
         flat = self.flat
-        self._lengths = np.sqrt(np.einsum("ij,ij->i", flat.A, flat.A))
+        self._lengths = row_lengths(flat.A)
         starts = [0, *flat.stops]
         self._longest = np.array(
             [self._lengths[a:z].max(initial=0.0) for a, z in zip(starts, flat.stops, strict=False)]

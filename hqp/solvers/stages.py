@@ -18,7 +18,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from hqp.arrays import Mat, Signs, Vec
+from hqp.arrays import Mat, Signs, Vec, longest_row
 from hqp.pricing import Coordinates, after_stages, at_optimum, feasible_set, room, stack_rows
 from hqp.problem import SHARE, Hierarchy, Rows, Selection, Shape, Solution, Stats, Status
 from hqp.solvers.base import Workspace, check_shape, finish
@@ -273,17 +273,14 @@ class StagedWorkspace:
 
     def _by_secant(self, problem: Hierarchy, at: Coordinates, above: Rows, x: Vec, k: int) -> Vec:
         rows, n = problem.levels[k], problem.n
-        dense = rows.dense(n)
-        size = float(np.sqrt(np.square(dense).sum(axis=1).max(initial=0.0)))
+        size = longest_row(rows.dense(n))
         price = 0.0 if problem.prices is None else float(problem.prices[k])
-        inverse = np.diag(at.inverse) if at.inverse.ndim == 1 else at.inverse
-        still = inverse @ at.still
-        point = x
+        point, motion = x, at.level()
 
         def unmet(m: float) -> float:
             nonlocal point
             root = math.sqrt(m)
-            level = stack_rows([rows, Rows(root * inverse, root * still, root * still)], n)
+            level = stack_rows([rows, Rows(root * motion.dense(n), root * motion.lower, root * motion.upper)], n)
             point = self._ask(Hierarchy((above, level), constraints=1), x)
             w = rows.slack(point)
             return float(np.sqrt(w @ w))
@@ -291,7 +288,6 @@ class StagedWorkspace:
         if size == 0.0:
             return x
         if multiplier(unmet, price, size) is None:
-            motion = Rows(inverse, still, still)
             point = self._ask(Hierarchy((above, rows, motion), constraints=1, n=n), x)
         return point
 

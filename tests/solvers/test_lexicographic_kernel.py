@@ -67,7 +67,7 @@ def test_the_interpreter_goes_on_while_the_kernel_solves() -> None:
     n, m = 400, 600
     A, b = rng.normal(size=(m, n)), rng.normal(size=m)
     workspace = native.Workspace(n, [m], False, *OPTIONS)
-    workspace.bind([(A, None, None, b, b.copy(), 0.0)], 0, None, None)
+    workspace.bind([(A, None, None, b, b.copy())], 0, None, None)
     busy, done = threading.Event(), threading.Event()
     refused = ticks = 0
 
@@ -102,9 +102,9 @@ def test_binding_survives_nonsense() -> None:
     rng = np.random.default_rng(1)
     accepted = refused = 0
     for _ in range(4000):
-        good: list[object] = [np.eye(3), None, None, np.zeros(3), np.ones(3), 0.0]
+        good: list[object] = [np.eye(3), None, None, np.zeros(3), np.ones(3)]
         for _ in range(int(rng.integers(0, 3))):
-            good[rng.integers(6)] = _nonsense(rng)
+            good[rng.integers(5)] = _nonsense(rng)
         workspace = native.Workspace(3, [3], bool(rng.integers(2)), *OPTIONS)
         extras = [_nonsense(rng) if rng.random() < 0.2 else None for _ in range(2)]
         try:
@@ -137,7 +137,7 @@ def test_workspace_before_and_after_binding() -> None:
         workspace.bind([], 0, None, None)
     empty, one = np.zeros(0), np.ones(1)
     workspace.bind(
-        [(np.zeros((0, 2)), None, None, empty, empty, 0.0), (np.ones((1, 2)), None, None, one, one, 0.0)], 0, None, None
+        [(np.zeros((0, 2)), None, None, empty, empty), (np.ones((1, 2)), None, None, one, one)], 0, None, None
     )
     assert workspace.solve()[0] == 0
     np.testing.assert_allclose(workspace.values()[:2], [0.5, 0.5])
@@ -146,9 +146,7 @@ def test_workspace_before_and_after_binding() -> None:
 def test_bound_arrays_outlive_their_names() -> None:
     workspace = native.Workspace(50, [50], False, *OPTIONS)
     for value in range(200):
-        workspace.bind(
-            [(np.eye(50), None, None, np.full(50, float(value)), np.full(50, float(value)), 0.0)], 0, None, None
-        )
+        workspace.bind([(np.eye(50), None, None, np.full(50, float(value)), np.full(50, float(value)))], 0, None, None)
         np.zeros(2500)  # may take the memory of what was dropped
         workspace.solve()
         np.testing.assert_array_equal(workspace.values()[:50], float(value))

@@ -71,8 +71,8 @@ class Workspace {
     levels_.resize(rows.size());
   }
 
-  // levels: (A or None, index or None, scale or None, lower, upper, damping) each; the arrays are kept and read
-  // at every solve.
+  // levels: (A or None, index or None, scale or None, lower, upper) each; the arrays are kept and read at every
+  // solve.
   void bind(const nb::list& levels, int constraints, const nb::object& metric, const nb::object& origin) {
     const Lock lock(busy_);
     if (levels.size() != rows_.size()) refuse("workspace has " + std::to_string(rows_.size()) + " levels");
@@ -258,7 +258,7 @@ class Workspace {
   };
 
   hqp::Level view(const nb::tuple& parts, int m) const {
-    if (parts.size() != 6) refuse("a level is (A, index, scale, lower, upper, damping)");
+    if (parts.size() != 5) refuse("a level is (A, index, scale, lower, upper)");
     hqp::Level level;
     level.m = m;
     const auto vector = [m](nb::handle h, const char* name) {
@@ -278,8 +278,6 @@ class Workspace {
     }
     level.lower = vector(parts[3], "lower");
     level.upper = vector(parts[4], "upper");
-    level.damping = nb::cast<double>(parts[5]);
-    if (!(level.damping >= 0.0 && level.damping < 1e300)) refuse("damping must be finite and not negative");
     return level;
   }
 

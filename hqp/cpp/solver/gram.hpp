@@ -1,4 +1,4 @@
-// The level that selects all that is left: a small normal matrix and its Cholesky factor; damping uses the same.
+// The level that selects all that is left: a small normal matrix and its Cholesky factor.
 #pragma once
 
 #include "stages.hpp"
@@ -106,59 +106,6 @@ struct Gram : TableauData {
     for (int j = 0; j < gram_free; ++j) x[free[j]] = target[j];
     for (int i = 0; i < basic; ++i)
       x[base[i]] -= dot_any(G + static_cast<std::ptrdiff_t>(i) * ld + 1, target, gram_free);
-  }
-
-  // Damping: the level's targets c become c - d^2 (K M^-1 K' + d^2)^-1 (c - K x_0), K = [R S], M = 1 + G'G,
-  // x_0 the shortest solution of the levels above. Nothing above moves, and nothing below loses freedom.
-  void damp(int k) {
-    Stage& s = stage[k];
-    const double square = table->block[k].damping * table->block[k].damping;
-    const int width = lanes(rest + 1), r = s.rank;
-    gram(H, ld, G, ld, basic, width);
-    for (int j = 0; j < rest; ++j) {
-      H[static_cast<std::ptrdiff_t>(j + 1) * ld + j + 1] += 1.0;
-      target[j] = H[1 + j];
-    }
-    cholesky(width);
-    solve_gram(target);
-    double* error = size;  // free again once the pivots are chosen
-    for (int i = 0; i < r; ++i) {
-      const double* row = T + static_cast<std::ptrdiff_t>(i) * ld;
-      error[i] = row[0] - dot_any(row + 1, target, rest);
-    }
-    // K M^-1 K' = B B', B = K U^-1, row by row by forward substitution
-    for (int i = 0; i < r; ++i) {
-      const double* row = T + static_cast<std::ptrdiff_t>(i) * ld;
-      double* out = L + static_cast<std::ptrdiff_t>(i) * ld;
-      for (int j = 0; j < rest; ++j) out[j] = row[1 + j];
-      for (int j = 0; j < rest; ++j) {
-        const double* u = H + static_cast<std::ptrdiff_t>(j + 1) * ld;
-        out[j] *= u[0];
-        add_any(out + j + 1, u + j + 2, -out[j], rest - j - 1);
-      }
-    }
-    double* S = s.R;  // overwritten by eliminate()
-    for (int i = 0; i < r; ++i)
-      for (int j = 0; j <= i; ++j)
-        S[i * s.ldr + j] =
-            dot_any(L + static_cast<std::ptrdiff_t>(i) * ld, L + static_cast<std::ptrdiff_t>(j) * ld, rest) +
-            (i == j ? square : 0.0);
-    for (int i = 0; i < r; ++i) {  // lower Cholesky with both solves
-      for (int j = 0; j <= i; ++j) {
-        double t = S[i * s.ldr + j] - dot_any(S + i * s.ldr, S + j * s.ldr, j);
-        S[i * s.ldr + j] = i == j ? std::sqrt(t) : t / S[j * s.ldr + j];
-      }
-      error[i] = (error[i] - dot_any(S + i * s.ldr, error, i)) / S[i * s.ldr + i];
-    }
-    for (int i = r - 1; i >= 0; --i) {
-      error[i] /= S[i * s.ldr + i];
-      for (int j = 0; j < i; ++j) error[j] -= S[i * s.ldr + j] * error[i];
-    }
-    for (int i = 0; i < r; ++i) {
-      T[static_cast<std::ptrdiff_t>(i) * ld] -= square * error[i];
-      shifted = shifted || square * std::fabs(error[i]) > 1e-9;
-    }
-    s.excess = square;
   }
 };
 

@@ -34,7 +34,7 @@ struct Levels : Pivoting {
   bool reduce(Table& whole) {
     const Block& b = whole.block[0];
     Stage& s = stage[0];
-    if (!b.A || b.damping > 0.0) return false;
+    if (!b.A) return false;
     begin(nullptr);
     s.m = 0;
     s.before = 0;
@@ -71,7 +71,7 @@ struct Levels : Pivoting {
     gram_level = -1;
     growth = 1.0;
     closest = 1e300;
-    any_fixed = shifted = loosened = false;
+    any_fixed = loosened = false;
     for (int k = 0; k < table->blocks; ++k) snapshot[k].valid = false;
     for (int i = 0; i < n; ++i) {
       place[i] = kNowhere;
@@ -127,7 +127,6 @@ struct Levels : Pivoting {
     s.rank = 0;
     s.before = basic;
     s.residual = 0.0;
-    s.excess = 0.0;
     s.m = 0;
     if (recording) record(k);
     if (rest == 0) {
@@ -137,10 +136,9 @@ struct Levels : Pivoting {
     for (int r = b.begin; r < b.end; ++r)
       if (W[r] && (b.A || place[b.index[r - b.begin]] != kNowhere)) s.rows[s.m++] = r;
     if (s.m == 0) return;
-    if (!b.A && b.damping == 0.0 && gram_fits(k) && by_gram(k, W)) return;
+    if (!b.A && gram_fits(k) && by_gram(k, W)) return;
     form(k, W);
     reflect_all(k, zero(k));
-    if (b.damping > 0.0 && s.rank) damp(k);
     if (s.rank) eliminate(k);
   }
 

@@ -220,7 +220,7 @@ struct Multipliers {
     else g[b.index[i]] += f * b.scale[i];
   }
 
-  // Keep what is orthogonal to the level's range: the rest is rounding, or slack that damping asked for.
+  // Keep what is orthogonal to the level's range: the rest is rounding.
   void project(const Stage& s) {
     for (int i = 0; i < s.m; ++i) y[i] = w[s.rows[i]];
     for (int i = 0; i < s.rank; ++i) Tableau::reflect_vector(s, i, y);

@@ -12,7 +12,6 @@ struct Level {
   const double* scale = nullptr;        // (m,)
   const double* lower = nullptr;        // (m,)
   const double* upper = nullptr;        // (m,)
-  double damping = 0.0;
   int m = 0;
 };
 

@@ -19,7 +19,6 @@ struct Stage {
   int* variables;  // (rank,)
   int ldv, ldr;
   double residual;  // norm of what no x can reach
-  double excess;    // how much of it damping added, on the first `rank` rotated rows
 };
 
 // A constraint joined after the factorisation: the reduced row's pivot, and the tableau's column at that moment.
@@ -79,7 +78,6 @@ struct TableauData {
   double growth = 1.0;          // how much rounding the tableau may have magnified
   double closest = 1e300;       // nearest a pivot came to the rank tolerance, as a ratio >= 1
   bool any_fixed = false;
-  bool shifted = false;  // damping kept a level from its optimum
   int gram_free = 0;
   double rank_tolerance = 1e-9;
   double least = 0.0;  // smallest entry of `diagonal`

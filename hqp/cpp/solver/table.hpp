@@ -17,7 +17,6 @@ struct Block {
   const double* A;            // dense (m, n), or null
   const std::int64_t* index;  // selection
   const double* scale;
-  double damping;
   double norm;      // largest norm of a row that is not left out
   double rounding;  // no direction of the level is shorter: what rounding leaves of zero in this problem
   int begin, end;
@@ -172,7 +171,6 @@ struct Table {
     b.A = level.A;
     b.index = level.index;
     b.scale = level.scale;
-    b.damping = level.damping;
     b.begin = rows;
     b.end = rows + level.m;
     b.norm = b.rounding = 0.0;
@@ -236,7 +234,7 @@ struct Table {
     b.A = nullptr;
     b.index = level.index;
     b.scale = level.scale;
-    b.damping = b.rounding = 0.0;
+    b.rounding = 0.0;
     b.norm = 1.0;
     b.begin = rows;
     b.end = rows += level.m;

@@ -131,7 +131,7 @@ struct Tableau : Levels {
   bool follow(int k, int variable, double* d) {
     const Stage& s = stage[k];
     const Block& b = table->block[k];
-    if (s.residual < 0.0 || b.damping > 0.0) return false;
+    if (s.residual < 0.0) return false;
     if (!b.A)
       for (int i = 0; i < b.end - b.begin; ++i)
         if (b.index[i] == variable) return false;

@@ -173,7 +173,6 @@ class WorkingSet {
   void accept() {
     go_to_point();
     if (tableau.closest < kDoubt) outcome = Outcome::rank_uncertain;
-    if (tableau.shifted) outcome = Outcome::not_certified;
   }
 
   bool out_of_time() {
