@@ -214,7 +214,7 @@ class _Program:
         return self.Z @ left, held, size / max(terms, 1e-300)
 
     def _advance(self, v: Vec, direction: Vec, held: Mask, steep: bool) -> Vec:
-        """To the minimiser on the face of the held rows, or the first row in the way; down a steep direction if at it."""
+        """To the minimiser on the face of the held rows or the first row in the way; at it, down a steep direction."""
         face = held.copy()
         while True:
             Z = self.Z @ _null_space(self.C[face] @ self.Z)
