@@ -58,7 +58,7 @@ class LimitWatch:
     def look(self, active: Sequence[Signs]) -> tuple[tuple[str, float], ...]:
         """Names and rates [1/s] of limits that alternate, from the marks of each level."""
         self._tick += 1
-        if not self.parts:
+        if not self.parts or not len(active):  # a solver that marks nothing
             return ()
         every = np.concatenate(list(active))
         marks = np.concatenate([every[part] for part in self.parts])

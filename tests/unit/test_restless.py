@@ -70,5 +70,6 @@ def test_rates_are_counted_and_fade() -> None:
     for _ in range(int(3.0 * SPAN / DT * math.log(100.0 / OFTEN))):
         told = watch.look(marks(0))
     assert told == ()
+    assert watch.look(()) == ()  # a solver that marks no rows
     for k in range(2000):  # slowly from side to side is no alternation
         assert watch.look(marks(1 if k % 200 < 100 else -1)) == ()
