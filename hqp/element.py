@@ -126,6 +126,11 @@ class Task(Element):
     the value is no vector; J v must be the rate of the value.  ``hqp.check`` tells whether they fit.
     """
 
+    @property
+    def rotation_rows(self) -> int | None:
+        """First of the three rows whose error is a rotation vector, None where there are none."""
+        return None
+
     @abstractmethod
     def value(self, state: State) -> Any:
         """What the task controls, ``(m,)`` unless the task says otherwise."""

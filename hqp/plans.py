@@ -287,7 +287,10 @@ class Cone:
 
 @dataclass(frozen=True, eq=False)
 class Within:
-    """Bounds ``(m,)`` on the value of a task, on its rate where ``rates``; reference ``(m,)``."""
+    """Bounds ``(m,)`` on the value of a task, on its rate where ``rates``; reference as of the task.
+
+    turn: first of three rows that are a rotation vector, -1 where there are none.
+    """
 
     task: Plan
     lower: tuple[float, ...]
@@ -295,11 +298,12 @@ class Within:
     rate: float
     recovery: float
     rates: bool
+    turn: int
 
     @property
     def shape(self) -> tuple[int, ...]:
         """Of the reference's value."""
-        return (len(self.lower),)
+        return self.task.shape if self.turn >= 0 else (len(self.lower),)
 
 
 @dataclass(frozen=True, eq=False)

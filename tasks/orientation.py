@@ -55,6 +55,11 @@ class Orientation(Task):
     def _indices(self) -> list[int]:
         return [ANGLES.index(name) for name in self._names]
 
+    @property
+    def rotation_rows(self) -> int | None:
+        """0 without axes."""
+        return 0 if self.axes is None else None
+
     def rows(self, robot: Robot) -> int:
         """3, or as many as axes; raises FrameNotFound."""
         robot.frame(self.frame)

@@ -33,6 +33,11 @@ class _FramePose(Task):
         super().__post_init__()
         check_frame(self, "frame", self.frame)
 
+    @property
+    def rotation_rows(self) -> int:
+        """3, after the position."""
+        return 3
+
     def rows(self, robot: Robot) -> int:
         """6; raises FrameNotFound."""
         robot.frame(self.frame)

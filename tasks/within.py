@@ -17,6 +17,7 @@ from hqp.robot import Robot, State
 
 from .fields import check_number
 from .motion import _RateTask
+from .turns import rate_map, rate_map_change
 
 FAST = 4.0
 """The second pole over the first where x is an acceleration."""
@@ -72,8 +73,9 @@ class Within(_Barrier):
     The reference is zero, so that bounds are on the value itself, in its units; ``at`` carries them along.  J and
     drift are the task's; angles are wrapped as the task wraps them.  None is no bound.  With a task of momentum or
     velocity the bounds are on J v: lower <= J x <= upper, where x is an acceleration
-    rate (lower - J v) <= J x + dJ/dt v <= rate (upper - J v).  Tasks whose value is no vector ``(m,)`` (Pose, a full
-    Orientation, AlignAxis) are refused: J is the rate of their error at zero only.  ``Cone`` bounds directions.
+    rate (lower - J v) <= J x + dJ/dt v <= rate (upper - J v).  A rotation (Pose, a full Orientation) is bounded by
+    its rotation vector from the reference, which is where it is at the first tick or what ``at`` says; J is then the
+    rate of that vector, at every angle.  AlignAxis and LookAt are refused: ``Cone`` bounds directions.
 
     rate [1/s], recovery [m/s or rad/s]: u <= rate h inside and a return at most as fast as recovery outside; where x is
     an acceleration with poles at the rate and at four times the rate.  In ``subject_to`` it binds, as a member of a
@@ -115,8 +117,8 @@ class Within(_Barrier):
     def rows(self, robot: Robot) -> int:
         """As many as the task's; raises DeclarationError for a misfit of bounds or of the task."""
         m = self.task.rows(robot)
-        if not _has_vector(self.task, robot, m):
-            allowed = "a task whose value is a vector; Cone bounds directions, Orientation(axes=...) angles"
+        if self.task.rotation_rows is None and not _has_vector(self.task, robot, m):
+            allowed = "a task whose value is a vector or a rotation; Cone bounds directions"
             raise self.bad("task", self.task.name, allowed)
         low, high = self.ends(m)
         if low.shape != (m,) or high.shape != (m,):
@@ -136,11 +138,13 @@ class Within(_Barrier):
         return low, high
 
     def hold(self, state: State) -> Reference:
-        """Zero ``(m,)``: bounds are on the value itself."""
+        """Zero ``(m,)``: bounds are on the value itself; that at ``state`` where it is a rotation."""
+        if self.task.rotation_rows is not None:
+            return replace(self.task.hold(state), name=self.name)
         return Reference(self.name, np.zeros(self.task.rows(state.robot)))
 
     def at(self, value: Any) -> Reference:
-        """What the bounds are measured from ``(m,)``, as of the task; raises DeclarationError for shapes."""
+        """What the bounds are measured from, as of the task; raises DeclarationError for shapes."""
         return replace(self.task.at(value), name=self.name)
 
     def bounds(self, state: State, reference: Any = None) -> tuple[Vec, Vec]:
@@ -148,7 +152,7 @@ class Within(_Barrier):
         low, high = self.ends(self.task.rows(state.robot))
         if isinstance(self.task, _RateTask):
             return low, high
-        e = self.task.error(state, np.zeros(low.size) if reference is None else reference)
+        e = self.task.error(state, self.hold(state).value if reference is None else reference)
         return low - e, high - e
 
     def step_bounds(self, state: State, dt: float, order: int, *steer: Any) -> tuple[Vec, Vec]:
@@ -162,12 +166,28 @@ class Within(_Barrier):
         return self.rate * (low - speed) - drift, self.rate * (high - speed) - drift
 
     def jacobian(self, state: State, reference: Any = None) -> Mat:
-        """The task's J ``(m, nv)``."""
-        return self.task.jacobian(state)
+        """The task's J ``(m, nv)``, of a rotation vector with its rate."""
+        J, k = self.task.jacobian(state), self.task.rotation_rows
+        if k is None:
+            return J
+        J, turn = np.array(J), self._turn(state, reference, k)
+        J[k : k + 3] = rate_map(turn) @ J[k : k + 3]
+        return J
 
     def drift(self, state: State, reference: Any = None) -> Vec:
-        """The task's dJ/dt v ``(m,)``."""
-        return self.task.drift(state)
+        """dJ/dt v ``(m,)``."""
+        drift, k = self.task.drift(state), self.task.rotation_rows
+        if k is None:
+            return drift
+        drift, turn = np.array(drift), self._turn(state, reference, k)
+        omega, B = self.task.jacobian(state)[k : k + 3] @ state.v, rate_map(turn)
+        drift[k : k + 3] = B @ drift[k : k + 3] + rate_map_change(turn, B @ omega) @ omega
+        return drift
+
+    def _turn(self, state: State, reference: Any, k: int) -> Vec:
+        """The rotation vector from the reference ``(3,)`` [rad]."""
+        held = self.hold(state).value if reference is None else reference
+        return self.task.error(state, held)[k : k + 3]
 
     def row_names(self, robot: Robot) -> tuple[str, ...]:
         """The task's."""
@@ -179,7 +199,8 @@ class Within(_Barrier):
         if task is None:
             return None
         low, high = (tuple(x.tolist()) for x in self.ends(self.task.rows(robot)))
-        return plans.Within(task, low, high, self.rate, self.recovery, isinstance(self.task, _RateTask))
+        turn, rates = self.task.rotation_rows, isinstance(self.task, _RateTask)
+        return plans.Within(task, low, high, self.rate, self.recovery, rates, -1 if turn is None else turn)
 
 
 _VECTORS: WeakKeyDictionary[Robot, dict[Task, bool]] = WeakKeyDictionary()

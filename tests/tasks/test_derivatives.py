@@ -97,6 +97,8 @@ def examples(n: dict[str, str]) -> dict[str, list[Element]]:
             t.Within(t.Com(axes="yx"), lower=-0.1, upper=0.1, rate=3.0, recovery=0.2, weight=2.0),
             t.Within(t.Distance(frame=f, other=o), lower=0.4),
             t.Within(t.Orientation(frame=f, axes=("pitch", "roll")), lower=-0.3),
+            t.Within(t.Orientation(frame=f, relative_to=o), lower=-0.3, upper=0.3),
+            t.Within(t.Pose(frame=f), lower=-0.3, upper=(0.1, 0.2, 0.3, 0.4, 0.5, math.inf), weight=2.0),
             t.Within(t.JointCoupling({a: 1.0, b: -1.0}, offset=0.3), upper=0.1),
             t.Within(t.Posture(joints=[c, a]), lower=(-0.5, -0.2), upper=0.4),
             t.Within(t.Manipulability(frame=f), lower=0.02),

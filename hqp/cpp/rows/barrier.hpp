@@ -42,6 +42,35 @@ struct Numbers {  // what an operation writes into besides the rows of its eleme
   std::vector<double> J, error, drift, lower, upper, zeros;
 };
 
+// How a rotation vector changes: its rate is B omega. See tasks/turns.py.
+class RotationVector {
+ public:
+  explicit RotationVector(const Vec3& turn) : turn_(turn) {
+    const double square = dot(turn, turn), t = std::sqrt(square);
+    if (t < 0.1) {
+      b_ = 1.0 / 12.0 + square / 720.0 + square * square / 30240.0;
+      slope_ = 1.0 / 360.0 + square / 7560.0;
+      return;
+    }
+    const double cot = 1.0 / std::tan(0.5 * t), sine = std::sin(0.5 * t);
+    b_ = (1.0 - 0.5 * t * cot) / square;
+    slope_ = (-2.0 / (t * square) + cot / (2.0 * square) + 1.0 / (4.0 * t * sine * sine)) / t;
+  }
+  Vec3 rate(const Vec3& omega) const {  // B omega
+    const Vec3 across = cross(turn_, omega);
+    return omega - 0.5 * across + b_ * cross(turn_, across);
+  }
+  Vec3 change(const Vec3& omega) const {  // dB/dt omega
+    const Vec3 r = rate(omega), across = cross(turn_, omega);
+    return slope_ * dot(turn_, r) * cross(turn_, across) - 0.5 * cross(r, omega) +
+           b_ * (cross(r, across) + cross(turn_, cross(r, omega)));
+  }
+
+ private:
+  Vec3 turn_;
+  double b_ = 0.0, slope_ = 0.0;
+};
+
 inline double product(const double* a, const double* b, int n) {
   double sum = 0.0;
   for (int i = 0; i < n; ++i) sum += a[i] * b[i];
@@ -54,7 +83,7 @@ class Within final : public Operation {
   using Part = std::unique_ptr<Operation>;
 
   Within(Target out, std::unique_ptr<Numbers> own, Part task, std::vector<double> low, std::vector<double> high,
-         Barrier barrier, bool rates, int nv, int order)
+         Barrier barrier, bool rates, int turn, int nv, int order)
       : out_(out),
         own_(std::move(own)),
         task_(std::move(task)),
@@ -62,11 +91,13 @@ class Within final : public Operation {
         high_(std::move(high)),
         barrier_(barrier),
         rates_(rates),
+        turn_(turn),
         nv_(nv),
         order_(order) {}
   void run(const double* q, const double* v) override {
     task_->run(q, v);
-    const double* J = out_.J ? out_.J : own_->J.data();
+    double* J = out_.J ? out_.J : own_->J.data();
+    if (turn_ >= 0) make_rate(J + static_cast<std::ptrdiff_t>(turn_) * nv_, v);
     for (std::size_t i = 0; i < low_.size(); ++i) {
       const double e = rates_ ? 0.0 : own_->error[i], up = high_[i] - e, down = e - low_[i];
       if (order_ == 1) {
@@ -81,13 +112,27 @@ class Within final : public Operation {
   }
 
  private:
+  void make_rate(double* J, const double* v) {  // of angular velocities rates of the rotation vector
+    const RotationVector vector(load(own_->error.data() + turn_));
+    double* drift = own_->drift.data() + turn_;
+    const Vec3 omega =
+        (1.0 / out_.weight) * Vec3{product(J, v, nv_), product(J + nv_, v, nv_), product(J + 2 * nv_, v, nv_)};
+    for (int c = 0; c < nv_; ++c) {
+      const Vec3 rate = vector.rate({J[c], J[c + nv_], J[c + 2 * nv_]});
+      for (int i = 0; i < 3; ++i) J[c + i * nv_] = rate[i];
+    }
+    if (order_ == 1) return;
+    const Vec3 found = vector.rate(load(drift)) + vector.change(omega);
+    for (int i = 0; i < 3; ++i) drift[i] = found[i];
+  }
+
   Target out_;
   std::unique_ptr<Numbers> own_;
   Part task_;
   std::vector<double> low_, high_;
   Barrier barrier_;
   bool rates_;
-  int nv_, order_;
+  int turn_, nv_, order_;
 };
 
 struct Corner {  // of a polygon: a point of a frame, or of the world

@@ -324,7 +324,7 @@ class Assembly {
     const hqp::Target inner = own->target(out.J, rates ? nullptr : out.reference, out.weight, nv, order_ == 2);
     Operation task = make(p.part("task"), inner);
     return std::make_unique<hqp::Within>(out, std::move(own), std::move(task), std::move(low), p.numbers("upper"),
-                                         p.barrier(), rates, nv, order_);
+                                         p.barrier(), rates, static_cast<int>(p.number("turn")), nv, order_);
   }
 
   Operation support_polygon(const Plan& p, const hqp::Target& out) {
