@@ -32,7 +32,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.print_help()
         return 0
     commands: dict[str, Callable[[argparse.Namespace], int]]
-    commands = {"doctor": _doctor, "solvers": _solvers, "robots": _robots, "compare": _compare}
+    commands = {"doctor": _doctor, "solvers": _solvers, "robots": _robots}
+    commands |= {"capsules": _capsules, "compare": _compare}
     commands.update({name: importlib.import_module(module).execute for name, module in PACKAGES.items()})
     try:
         return commands[arguments.command](arguments)
@@ -53,6 +54,14 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands.add_parser("solvers", help="list the solvers: available, or how to install them")
     commands.add_parser("robots", help="list the robots that load by name")
+    capsules = commands.add_parser(
+        "capsules",
+        help="fit capsules around the links of a robot and write them as TOML",
+        description="Fit one or two capsules to the collision shapes of each link, for collision avoidance; "
+        "robot.with_capsules(FILE) takes them.",
+    )
+    capsules.add_argument("robot", metavar="ROBOT", help="a name or a file that hqp.robots.load takes")
+    capsules.add_argument("--output", metavar="FILE", help="default: ROBOT.capsules.toml")
     compare = commands.add_parser(
         "compare",
         help="run a stack from a TOML file through solvers",

@@ -219,10 +219,14 @@ class Still:
 
 @dataclass(frozen=True, eq=False)
 class Steady:
-    """Coordinates that go on with the velocity they had; no reference."""
+    """Coordinates that go on with the velocity they had; the reference's value, zero, is not read."""
 
     columns: tuple[int, ...]
-    shape: tuple[int, ...] = field(default=(), init=False)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the reference's value."""
+        return (len(self.columns),)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ import pytest
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 UNTESTED = {"ros2_node"}
-NEEDS = {"pink_g1": "pink", "view_g1": "viser"}
+NEEDS = {"aloha": "gym_aloha", "pink_g1": "pink", "view_g1": "viser"}
 ARGUMENTS = {"view_g1": ["2"]}
 
 

@@ -140,3 +140,15 @@ def test_what_is_refused(cbi: Any) -> None:
     session = hqp.Controller(Stack(Level(t.Momentum())), solver="nullspace").session(cbi, 0.002)
     with pytest.raises(DeclarationError, match="momentum"):
         session.step(cbi.state(), t.Momentum().at(velocity=[1.0, 2.0]))
+
+
+def test_low_acceleration_of_a_whole_floating_robot_in_the_native_loop() -> None:
+    """Its hold value, nv zeros, has a place in the native loop: it was written over the heap."""
+    robot = hqp.robots.load("cbi")
+    session = hqp.Controller(hqp.Stack(hqp.Level(t.LowAcceleration()))).session(robot, 0.002)
+    for _ in range(5):
+        assert session.step(robot.state()).status.solved
+    native = session.program.assembly.native_rows
+    if native is not None:
+        with pytest.raises(ValueError, match="does not fit its plan"):
+            native.hold("low_acceleration", np.zeros(robot.nv + 3))

@@ -196,3 +196,12 @@ def test_no_report_of_leaks_whatever_ends_the_script(end: str) -> None:
     result = run(code + end)
     assert "OPTIMAL" in result.stdout, result.stderr
     assert "nanobind" not in result.stderr
+
+
+def test_capsules_are_fitted_and_written(tmp_path: Path) -> None:
+    arm, fitted = tmp_path / "arm.xml", tmp_path / "arm.toml"
+    geom = "<geom type='capsule' fromto='0 0 0 0 0 .4' size='.05'/>"
+    arm.write_text(f"<mujoco><worldbody><body><joint name='j'/>{geom}</body></worldbody></mujoco>")
+    assert main(["capsules", str(arm), "--output", str(fitted)]) == 0
+    robot = hqp.robots.load(arm).with_capsules(fitted)
+    assert robot.capsules[0].radius == pytest.approx(0.05, rel=0.05)

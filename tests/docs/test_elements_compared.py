@@ -1,0 +1,19 @@
+"""The table of elements and formulations: every cell is run, and the page says what came out."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.reports.elements import EXAMPLES, FORMULATIONS, PAGE, works
+from hqp import tasks
+
+
+def test_every_element_has_a_row() -> None:
+    assert set(EXAMPLES) == set(tasks.__all__)
+
+
+@pytest.mark.parametrize("name", sorted(EXAMPLES))
+def test_cells_are_what_runs(name: str) -> None:
+    (row,) = [line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith(f"| `{name}` |")]
+    told = [cell.strip() for cell in row.split("|")[2:5]]
+    assert told == ["yes" if works(name, formulation) else "–" for formulation in FORMULATIONS]
