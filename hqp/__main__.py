@@ -70,6 +70,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_stack(compare)
     compare.add_argument("--solvers", nargs="+", default="all", metavar="NAME", help="default: all available ones")
+    compare.add_argument(
+        "--price", choices=("exact", "default", "both"), default="exact", help="of levels out of reach (docs/calm.md)"
+    )
     compare.add_argument("--format", choices=("table", "markdown", "csv", "json"), default="table")
     for name, module in PACKAGES.items():
         package = importlib.import_module(module)
@@ -121,7 +124,15 @@ def _compare(arguments: argparse.Namespace) -> int:
     from hqp.comparison import compare
 
     stack, robot, formulation = read_stack(arguments)
-    result = compare(stack, robot, solvers=arguments.solvers, formulation=formulation, dt=arguments.dt)
+    price = {"exact": 0, "default": None, "both": "both"}[arguments.price]
+    result = compare(
+        stack,
+        robot,
+        solvers=arguments.solvers,
+        formulation=formulation,
+        dt=arguments.dt,
+        price=price,  # type: ignore[arg-type]
+    )
     shown = {"table": result.__str__, "markdown": result.markdown, "csv": result.csv, "json": result.json}
     print(shown[arguments.format]())
     return 0

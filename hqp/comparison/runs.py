@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from time import perf_counter_ns, process_time_ns
+from typing import Literal
 
 import numpy as np
 
@@ -12,11 +13,12 @@ from hqp.arrays import Vec
 from hqp.certify import certificate
 from hqp.comparison.table import Comparison, Line
 from hqp.errors import UnsupportedProblem
-from hqp.formulation import Formulation, Velocity
+from hqp.formulation import Formulation, Program, Velocity
+from hqp.price import Priced
 from hqp.problem import Hierarchy, Rows, Solution, Status, has_inequalities
 from hqp.reference import Reference
 from hqp.robot import Robot
-from hqp.session import Controller
+from hqp.session import Controller, Session
 from hqp.solvers import available, load
 from hqp.solvers.base import Solver, Workspace
 from hqp.stack import Stack
@@ -35,32 +37,46 @@ def compare(
     formulation: Formulation | None = None,
     dt: float = 0.002,
     repeats: int = 5,
+    price: Priced | Literal["both"] = 0,
 ) -> Comparison:
     """The same copied problems through every solver, each with one warm workspace.
 
     states: (q, v) pairs, 20 random ones near home by default; hold values are taken at home, so that every task
     has an error to reduce.  solvers: names, Solver values, or "all" that are available.  repeats: solves per state.
-    A solver without inequalities gets the problem without them and is judged on the whole of it.  Every level is
-    exact, price = 0, so that all solvers have one answer.
+    A solver without inequalities gets the problem without them and is judged on the whole of it.  price: as a
+    Controller takes it, 0 (every level exact) by default, so that all solvers have one answer; "both" solves exact and
+    priced levels side by side, the latter by the solvers that can.
     """
     chosen = available() if solvers == "all" else (solvers,) if isinstance(solvers, str) else solvers
-    problems = _problems(stack, robot, states, references, formulation or Velocity(), dt)
-    lines, best = [], None
-    for item in chosen:
-        name = item if isinstance(item, str) else item.name
-        solver = load(item) if isinstance(item, str) else item
-        line, points = _run(name, solver, problems, repeats)
-        lines.append((line, points))
-        if best is None and points is not None and solver.strict and line.certified == 1.0:
-            best = (name, points)
-    finished = tuple(
-        line if points is None or best is None else replace(line, difference=float(np.abs(points - best[1]).max()))
-        for line, points in lines
+    named = [(item, load(item)) if isinstance(item, str) else (item.name, item) for item in chosen]
+    states = None if states is None else tuple(states)
+    session, problems = _problems(
+        stack, robot, states, references, formulation or Velocity(), dt, None if price == "both" else price
     )
-    names = tuple(_level_names(stack, problems[0]))
+    lines: list[Line] = []
+    if price == "both":
+        first, exact = _run_all(named, [p.exact() for p in problems], repeats)
+        lines += exact
+        named = [(f"{name}, priced", solver) for name, solver in named if solver.priced and solver.shares]
+    best, finished = _run_all(named, problems, repeats)
     return Comparison(
-        str(stack), robot.name, names, len(problems), len(problems) * repeats, best[0] if best else "", finished
-    )
+        str(stack), robot.name, level_names(session.program), len(problems), len(problems) * repeats,
+        first if price == "both" else best, (*lines, *finished),
+    )  # fmt: skip
+
+
+def _run_all(
+    named: Sequence[tuple[str, Solver]], problems: list[Hierarchy], repeats: int
+) -> tuple[str, Iterable[Line]]:
+    """The first solver whose every answer is certified, and a line a solver with its distance from that one."""
+    runs = [(name, solver, *_run(name, solver, problems, repeats)) for name, solver in named]
+    sound = [(name, x) for name, solver, line, x in runs if x is not None and solver.strict and line.certified == 1.0]
+    if not sound:
+        return "", [line for *_, line, _ in runs]
+    best, there = sound[0]
+    return best, [
+        line if x is None else replace(line, difference=float(np.abs(x - there).max())) for *_, line, x in runs
+    ]
 
 
 def _problems(
@@ -70,9 +86,10 @@ def _problems(
     references: Sequence[Reference],
     formulation: Formulation,
     dt: float,
-) -> list[Hierarchy]:
+    price: Priced,
+) -> tuple[Session, list[Hierarchy]]:
     robot = robot.copy()
-    session = Controller(stack, formulation, solver=_Copier(), price=0).session(robot, dt)
+    session = Controller(stack, formulation, solver=_Copier(), price=price).session(robot, dt)
     session.step(robot.state())
     if states is None:
         rng = np.random.default_rng(0)
@@ -84,7 +101,7 @@ def _problems(
     for q, v in states:
         session.step(robot.state(q, v), *references)
         problems.append(session.problem.copy())
-    return problems
+    return session, problems
 
 
 def _run(name: str, solver: Solver, problems: list[Hierarchy], repeats: int) -> tuple[Line, Vec | None]:
@@ -95,13 +112,15 @@ def _run(name: str, solver: Solver, problems: list[Hierarchy], repeats: int) -> 
         if not solver.inequalities:
             given, note = [_without_inequalities(p) for p in problems], "inequalities left out"
             shape = given[0].shape
+    if any(shape.priced) and solver.priced and not solver.shares:
+        return _refused(name, solver, "hands down no shares"), None
     try:
         workspace = solver.workspace(shape)
     except UnsupportedProblem as error:
         return _refused(name, solver, str(error)), None
     wall, cpu, solutions = _solve(workspace, given, repeats)
     points = np.array([s.x for s in solutions])
-    certificates = [certificate(p, s.x) for p, s in zip(problems, solutions, strict=True)]
+    certificates = [certificate(p, s.x, stages=s.stage_points) for p, s in zip(problems, solutions, strict=True)]
     status = Status.worst(*(s.status for s in solutions))
     line = Line(
         name,
@@ -154,15 +173,25 @@ def _without_inequalities(problem: Hierarchy) -> Hierarchy:
     return replace(problem, levels=tuple(free(rows) for rows in problem.levels))
 
 
-def _level_names(stack: Stack, problem: Hierarchy) -> Iterable[str]:
-    yield from (f"subject_to {k}" if problem.constraints > 1 else "subject_to" for k in range(problem.constraints))
-    yield from (level.name or f"level {k}" for k, level in enumerate(stack.levels))
+def level_names(program: Program) -> tuple[str, ...]:
+    """A name a level of the hierarchy; contacts that were taken out of a declared level stand before the rest of it."""
+    declared: dict[int, str] = {place.level: place.declared for place in program.places.values()}
+    hard = program.problem.constraints
+    names = []
+    for k in range(len(program.problem.levels)):
+        if k < hard:
+            names.append(f"subject_to {k}" if hard > 1 else "subject_to")
+        else:
+            name = declared.get(k) or f"level {k - hard}"
+            names.append(f"{name}: contacts" if declared.get(k + 1) == name else name)
+    return tuple(names)
 
 
 class _Copier(Solver):
     """Solves nothing: lets a session fill its problem, to be copied."""
 
     name = "copier"
+    priced = True
 
     def workspace(self, shape: object) -> Workspace:
         return _CopierWorkspace()

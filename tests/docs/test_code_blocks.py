@@ -58,7 +58,6 @@ def _shape(stack: Stack) -> list[list[tuple[str, object, object]]]:
 @pytest.mark.parametrize(
     ("page", "theirs"),
     [
-        ("README.md", mistry2008.paper_stack(mistry2008.CBI)),
         ("docs/cbi-experiments.md", mistry2008.paper_stack(mistry2008.CBI)),
         ("docs/torque.md", sentis2012.paper_stack()),
     ],
@@ -70,3 +69,15 @@ def test_stacks_of_the_papers_are_shown_as_they_are_run(page: str, theirs: Stack
     shown = module["stack"]
     assert isinstance(shown, Stack)
     assert _shape(shown) == _shape(theirs)
+
+
+def test_first_examples_put_the_feet_into_subject_to() -> None:
+    """Contacts are physics; a newcomer copies what stands first."""
+    for page in ("README.md", "docs/quickstart.md"):
+        code = next(c for _, c in blocks(ROOT / page, "python") if "FixedContact(" in c and "Stack(" in c)
+        module: dict[str, object] = {}
+        code = code.partition("\nsession =")[0].partition("\nassert ")[0]
+        exec(compile(code, page, "exec", dont_inherit=True), module)
+        stack = module["stack"]
+        assert isinstance(stack, Stack)
+        assert sum(type(e).__name__ == "FixedContact" for e in stack.subject_to) == 2

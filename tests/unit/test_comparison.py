@@ -67,3 +67,23 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert "closest" in capsys.readouterr().err
     assert main([]) == 0
     assert "usage: hqp" in capsys.readouterr().out
+
+
+def test_exact_and_priced_levels_side_by_side() -> None:
+    robot = hqp.robots.load("ur5")
+    hand = Position(frame="tool0", law=P(5.0))
+    stack = Stack(Level(hand, name="hand"), Level(Posture(law=P(1.0)), name="posture"), subject_to=[JointLimits()])
+    far = hand.at(robot.state().position("tool0") + np.array([3.0, 0.0, 0.0]))
+    states = [(robot.home, np.zeros(robot.nv))]
+    both = hqp.compare(
+        stack, robot, states=states, references=[far], solvers=["lexicographic", "nullspace", "daqp"], price="both"
+    )
+    assert [line.solver for line in both.lines] == [
+        "lexicographic", "nullspace", "daqp", "lexicographic, priced", "daqp, priced",
+    ]  # fmt: skip
+    exact, priced = both["lexicographic"], both["lexicographic, priced"]
+    assert exact.certified == priced.certified == both["daqp, priced"].certified == 1.0
+    assert both["daqp, priced"].difference < 1e-6
+    assert priced.residuals[1] > exact.residuals[1]  # out of reach the price shows
+    alone = hqp.compare(stack, robot, states=states, references=[far], solvers="lexicographic", price=None)
+    assert alone.lines[0].residuals == priced.residuals
