@@ -140,8 +140,7 @@ class NativeWorkspace:
 
     def tell(self) -> Vec | None:
         """Multipliers of the latest answer, level by level as Solution.multipliers, live; None where not at hand."""
-        found: Vec | None = self._kernel.tell()
-        return found
+        return self._views[2] if self._kernel.tell() else None
 
     def limit(self, seconds: float) -> None:
         """Time for the next solves [s], none for zero: a session gives what is left of its tick."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -289,3 +290,29 @@ def test_contacts_in_conflict_have_an_account_too() -> None:
     tick = run.step(robot.state(), pulled.at(velocity=[0.1, 0.0, 0.0]))
     assert tick.status is Status.CONSTRAINTS_VIOLATED
     assert both(tick, "pulled") == ("own level", "own level")
+
+
+def test_accounts_leave_no_memory_behind() -> None:
+    """A workspace that once held a view of its own multipliers was never freed, 0.1 to 1 MB each."""
+    import gc
+
+    if not Path("/proc/self/statm").exists():
+        pytest.skip("no /proc")
+
+    def resident() -> float:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6
+
+    robot = hqp.robots.load("ur5")
+    hand = Position(frame=robot.frame_names[-1], name="hand", law=P(5.0))
+
+    def sessions(count: int) -> None:
+        for _ in range(count):
+            run = hqp.Controller(Stack(Level(hand), Level(Posture())), deadline=math.inf).session(robot, DT)
+            state = robot.state()
+            run.step(state, hand.at(state.position(hand.frame) + [2.0, 0.0, 0.0])).account()
+        gc.collect()
+
+    sessions(60)
+    before = resident()
+    sessions(240)
+    assert resident() - before < 6.0

@@ -116,7 +116,7 @@ class Workspace {
     return {active_.data(), {std::size_t(total_)}, nb::find(this)};
   }
   nb::ndarray<nb::numpy, double, nb::ndim<1>> multipliers() {
-    return {lambda_.data(), {std::size_t(options_.multipliers ? pairs_ : 0)}, nb::find(this)};
+    return {lambda_.data(), {std::size_t(pairs_)}, nb::find(this)};
   }
 
   // Outcome, iterations, factorisations, judged; the numbers are in values(), active() and multipliers().
@@ -168,18 +168,14 @@ class Workspace {
     return made;
   }
 
-  // Multipliers of the latest answer, live until the next, None where they are not at hand.
-  nb::object tell() {
+  // Multipliers of the latest answer into multipliers(), false where they are not at hand.
+  bool tell() {
     const Lock lock(busy_);
-    if (!bound_) return nb::none();
+    if (!bound_) return false;
     hqp::Answer answer;
     answer.slack = values_.data() + n_;
     answer.multipliers = lambda_.data();
-    if (!kernel_->tell(problem_, answer)) return nb::none();
-    if (!told_.is_valid())
-      told_ =
-          nb::cast(nb::ndarray<nb::numpy, double, nb::ndim<1>>(lambda_.data(), {std::size_t(pairs_)}, nb::find(this)));
-    return told_;
+    return kernel_->tell(problem_, answer);
   }
 
   void reset(bool plain) {
@@ -192,7 +188,6 @@ class Workspace {
     Py_VISIT(solution_.ptr());
     Py_VISIT(stats_.ptr());
     Py_VISIT(statuses_.ptr());
-    Py_VISIT(told_.ptr());
     return 0;
   }
   void clear() {
@@ -200,7 +195,6 @@ class Workspace {
     solution_.reset();
     stats_.reset();
     statuses_.reset();
-    told_.reset();
     bound_ = false;
   }
 
@@ -292,7 +286,7 @@ class Workspace {
   hqp::Problem problem_;
   hqp::Reader reader_;
   hqp::Options options_;
-  nb::object kept_, solution_, stats_, head_, told_;
+  nb::object kept_, solution_, stats_, head_;
   nb::tuple statuses_, slack_, marks_, pairs_of_levels_, none_;
   nb::str stopped_{""}, unsure_{""}, empty_{""};
   Keys key_;
