@@ -23,7 +23,7 @@ class Workspace:
         feasibility_tolerance: float,
         time_limit: float,
         max_iterations: int,
-        credit: int,
+        exchanges: int,
         multipliers: bool,
     ) -> None: ...
     def bind(self, levels: list[_Level], constraints: int, metric: _Vec | None, origin: _Vec | None) -> None: ...
@@ -60,7 +60,7 @@ class Batch:
         multiplier_tolerance: float,
         feasibility_tolerance: float,
         max_iterations: int,
-        credit: int,
+        exchanges: int,
     ) -> None: ...
     def read(self, hierarchies: list[Hierarchy]) -> int: ...
     def stack(self, count: int, levels: list[tuple[object, ...]], constraints: int) -> None: ...

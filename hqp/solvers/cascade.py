@@ -140,13 +140,13 @@ class CascadeWorkspace:
         lower, upper = (flat.lower[both] - value) / scale, (flat.upper[both] - value) / scale
         lower[m:] = np.minimum(lower[m:], 0.0) - RELAXATION
         upper[m:] = np.maximum(upper[m:], 0.0) + RELAXATION
-        answer = self._ask((k, r, m, held.size), H, g, C, lower, upper)
+        answer = self._solve_qp((k, r, m, held.size), H, g, C, lower, upper)
         if answer is None:
             return np.zeros(r), np.zeros(held.size, dtype=bool)
         pressed = np.abs(answer.multipliers[m:]) > max(1e-6, 1e3 * self.solver.tolerance)
         return answer.x[:r], pressed
 
-    def _ask(self, key: tuple[int, ...], H: Mat, g: Vec, C: Mat, lower: Vec, upper: Vec) -> QpAnswer | None:
+    def _solve_qp(self, key: tuple[int, ...], H: Mat, g: Vec, C: Mat, lower: Vec, upper: Vec) -> QpAnswer | None:
         """The back end's answer; None, and a complaint noted, where it has none."""
         began = perf_counter()
         if key not in self._programs:

@@ -78,7 +78,7 @@ class DaqpWorkspace:
             return flat.refuse(problem, Stats(build_s=perf_counter() - began), unusable)
         self._fill()
         built = perf_counter()
-        x, iterations, complaint = self._ask()
+        x, iterations, complaint = self._solve_qp()
         stats = Stats(iterations, 0, built - began, perf_counter() - built)
         nearness = max(1e-7, self.solver.tolerance)
         return conclude(problem, flat, self.refiner, x, nearness, self.solver.accuracy, stats, complaint)
@@ -94,7 +94,7 @@ class DaqpWorkspace:
         self._A[1:, :-1] = flat.A
         self._lower[1:], self._upper[1:] = flat.lower, flat.upper
 
-    def _ask(self) -> tuple[Vec, int, str]:
+    def _solve_qp(self) -> tuple[Vec, int, str]:
         """DAQP's x, its iterations, and what it complains of."""
         settings = {"primal_tol": self.solver.tolerance, "iter_limit": self.solver.max_iterations}
         arguments = (None, None, self._A, self._upper, self._lower, self._sense)

@@ -263,7 +263,7 @@ class StagedWorkspace:
                 stages[k] = known[k] = x
             elif any(problem.priced[k + 1 :]):
                 hard = feasible_set(problem, known, k, x, at.still)
-                x = self._ask(Hierarchy((hard, problem.levels[k]), constraints=1, n=problem.n), x)
+                x = self._solve_exact(Hierarchy((hard, problem.levels[k]), constraints=1, n=problem.n), x)
         final = after_stages(problem, stages, at)
         levels = [
             room(rows, problem.n) if priced and rows.m == problem.levels[k].m else rows
@@ -281,17 +281,17 @@ class StagedWorkspace:
             nonlocal point
             root = math.sqrt(m)
             level = stack_rows([rows, Rows(root * motion.dense(n), root * motion.lower, root * motion.upper)], n)
-            point = self._ask(Hierarchy((above, level), constraints=1), x)
+            point = self._solve_exact(Hierarchy((above, level), constraints=1), x)
             w = rows.slack(point)
             return float(np.sqrt(w @ w))
 
         if size == 0.0:
             return x
         if multiplier(unmet, price, size) is None:
-            point = self._ask(Hierarchy((above, rows, motion), constraints=1, n=n), x)
+            point = self._solve_exact(Hierarchy((above, rows, motion), constraints=1, n=n), x)
         return point
 
-    def _ask(self, problem: Hierarchy, otherwise: Vec) -> Vec:
+    def _solve_exact(self, problem: Hierarchy, otherwise: Vec) -> Vec:
         """The answer of an exact hierarchy, in a workspace kept for its shape."""
         shape = replace(problem.shape, inequalities=True)
         if shape not in self._workspaces:

@@ -28,20 +28,20 @@ class ActiveSet final : public Step {
     } else if (!block_exchange()) primal();
     if (outcome != Outcome::time_limit && (stopped_ || (outcome <= Outcome::rank_uncertain && doubtful()))) certify();
     warm_ = true;
-    plain_ = false;
+    always_refactorise_ = false;
   }
 
  private:
   // Swap everything that is violated or wrong-signed at once; true if that ends at the optimum.
   bool block_exchange() {
-    int credit = options_->credit, best = 1 << 30;
+    int exchanges_left = options_->exchanges, fewest = 1 << 30;
     forget_start();
     for (;;) {
       equality_point();
       const int outside = violations();
       multipliers.judge(W, F, target_);
-      const int trouble = outside + multipliers.count;
-      if (trouble == 0) {
+      const int infeasibilities = outside + multipliers.count;
+      if (infeasibilities == 0) {
         if (!reduced()) {
           accept();
           return true;
@@ -50,11 +50,11 @@ class ActiveSet final : public Step {
         forget_start();
         continue;
       }
-      const bool reduces = iterations == 1 && kCrowd * outside > table.n && reduce();
-      if (reduces) credit = 0;
+      const bool reduces = iterations == 1 && kFarStart * outside > table.n && reduce();
+      if (reduces) exchanges_left = 0;
       keep_start();
-      if (trouble < best) best = trouble;
-      else if (--credit < 0 || trouble > 2 * best) return false;
+      if (infeasibilities < fewest) fewest = infeasibilities;
+      else if (--exchanges_left < 0 || infeasibilities > 2 * fewest) return false;
       if (iterations > 1 && out_of_time()) {
         go_to_start();
         if (reduced()) unreduce();
@@ -72,13 +72,13 @@ class ActiveSet final : public Step {
           changes_.note_join(table.rows + i, side_x_[i]);
         }
       if (reduces || multipliers.count) changes_.forget();
-      for (int q = 0; q < multipliers.count; ++q) release(multipliers.wrong[q]);
+      for (int q = 0; q < multipliers.count; ++q) release(multipliers.to_release[q]);
     }
   }
 
   // Far from the optimum: go on in fewer variables, with the same working sets; false where that saves too little.
   bool reduce() {
-    if (plain_ || !tableau.reduce(table)) return false;
+    if (always_refactorise_ || !tableau.reduce(table)) return false;
     tableau.reduction.mark(W, kFree);
     return true;
   }
@@ -90,7 +90,7 @@ class ActiveSet final : public Step {
     tableau.reduction.mark(W, kEquality);
     tableau.reduction.undo(table);
     changes_.forget();
-    followed_ = false;
+    product_is_current_ = false;
     seen_count_ = 0;
     if (options_->multipliers) tableau.factorise(W, F);  // a cap may leave it at that
     table.product(tableau.x, target_);
@@ -134,11 +134,11 @@ class ActiveSet final : public Step {
     changes_.forget();
     tableau.recording = true;
     seen_count_ = 0;
-    followed_ = false;
+    product_is_current_ = false;
     int idle = 0;
     while (!out_of_time()) {
-      if (iterations % 16 == 0 || !followed_) table.product(x, v);
-      followed_ = false;
+      if (iterations % 16 == 0 || !product_is_current_) table.product(x, v);
+      product_is_current_ = false;
       sort_rows();
       equality_point();
       if (!advance()) {
@@ -156,7 +156,7 @@ class ActiveSet final : public Step {
           unreduce();
           continue;
         }
-        if (tableau.loosened) {
+        if (tableau.has_released) {
           changes_.forget();
           continue;
         }  // judged on a tableau of its own
@@ -178,7 +178,7 @@ class ActiveSet final : public Step {
 
   // At the highest level that is held back: the strongest and those at least half as strong.
   void release_some() {
-    const Wrong* wrong = multipliers.wrong;
+    const WrongSign* wrong = multipliers.to_release;
     int level = 1 << 30;
     double most = 0.0;
     for (int q = 0; q < multipliers.count; ++q) level = wrong[q].level < level ? wrong[q].level : level;
@@ -213,28 +213,28 @@ class ActiveSet final : public Step {
              32 * multipliers.doubted + 64 * table.uneven + 128 * stopped_;
     if (outcome == Outcome::iteration_limit) outcome = Outcome::optimal;
     const bool uncertain = tableau.closest < kDoubt;
-    const bool passed = stages.judge(x);
-    if (passed && stages.gap <= kGood) {
+    const bool passed = level_search.judge(x);
+    if (passed && level_search.gap <= kGood) {
       if (stopped_) take_working_set();
       if (uncertain) outcome = Outcome::rank_uncertain;
       return;
     }
     judged += 1;
-    bool found = stages.search(x, deadline_);
-    iterations += stages.solves;
-    if (!found && !passed && !stages.late) {
+    bool found = level_search.search(x, deadline_);
+    iterations += level_search.solves;
+    if (!found && !passed && !level_search.late) {
       for (int i = 0; i < table.n; ++i) v[i] = inside_box(i, 0.0);
-      for (int i = 0; i < table.n; ++i) x[i] = stages.x[i];
-      found = stages.search(v, deadline_);
-      iterations += stages.solves;
+      for (int i = 0; i < table.n; ++i) x[i] = level_search.x[i];
+      found = level_search.search(v, deadline_);
+      iterations += level_search.solves;
     }
     if (!found && passed) {
       outcome = Outcome::rank_uncertain;
       return;
     }  // as good as it gets
-    if (found || stages.late)
-      for (int i = 0; i < table.n; ++i) x[i] = stages.x[i];
-    if (stages.late) {
+    if (found || level_search.late)
+      for (int i = 0; i < table.n; ++i) x[i] = level_search.x[i];
+    if (level_search.late) {
       outcome = Outcome::time_limit;
       return;
     }
@@ -242,17 +242,17 @@ class ActiveSet final : public Step {
     outcome = !found ? Outcome::not_certified : uncertain ? Outcome::rank_uncertain : Outcome::optimal;
   }
 
-  // The working set that the stages ended with, for the next problem.
+  // The working set that the search level by level ended with, for the next problem.
   void take_working_set() {
     table.product(x, v);
     for (int r = 0; r < table.rows; ++r) {
       if (table.kind[r] != kUpper) continue;
       const double out = table.beyond(r, v[r]);
-      const std::int8_t side = out > 0.0 ? kUpper : out < 0.0 ? kLower : kFree, held = stages.held(table.n + r);
+      const std::int8_t side = out > 0.0 ? kUpper : out < 0.0 ? kLower : kFree, held = level_search.held(table.n + r);
       W[r] = held ? held : side;
     }
     for (int i = 0; i < table.n; ++i)
-      if (!table.fixed[i]) F[i] = stages.held(i);
+      if (!table.fixed[i]) F[i] = level_search.held(i);
     if (options_->multipliers) {
       tableau.factorise(W, F);
       ++factorisations;

@@ -172,13 +172,13 @@ void bind_batch(nb::module_& m) {
       .def(
           "__init__",
           [](Batch* self, int n, const nb::list& rows, bool metric, double rank, double multiplier, double feasibility,
-             int max_iterations, int credit) {
+             int max_iterations, int exchanges) {
             std::vector<int> sizes;
             for (nb::handle h : rows) sizes.push_back(nb::cast<int>(h));
-            new (self) Batch(n, sizes, metric, {rank, multiplier, feasibility, 0.0, max_iterations, credit, false});
+            new (self) Batch(n, sizes, metric, {rank, multiplier, feasibility, 0.0, max_iterations, exchanges, false});
           },
           "n"_a, "rows"_a, "metric"_a, "rank_tolerance"_a, "multiplier_tolerance"_a, "feasibility_tolerance"_a,
-          "max_iterations"_a, "credit"_a)
+          "max_iterations"_a, "exchanges"_a)
       .def("read", &Batch::read, "hierarchies"_a)
       .def("stack", &Batch::stack, "count"_a, "levels"_a, "constraints"_a)
       .def("solve", &Batch::solve, "threads"_a, "x"_a, "slack"_a, "active"_a, "effort"_a);

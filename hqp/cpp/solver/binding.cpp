@@ -320,14 +320,14 @@ NB_MODULE(_lexicographic, m) {
       .def(
           "__init__",
           [](Workspace* self, int n, const nb::list& rows, bool metric, double rank, double multiplier,
-             double feasibility, double time_limit, int max_iterations, int credit, bool multipliers) {
+             double feasibility, double time_limit, int max_iterations, int exchanges, bool multipliers) {
             std::vector<int> sizes;
             for (nb::handle h : rows) sizes.push_back(nb::cast<int>(h));
             new (self) Workspace(n, sizes, metric,
-                                 {rank, multiplier, feasibility, time_limit, max_iterations, credit, multipliers});
+                                 {rank, multiplier, feasibility, time_limit, max_iterations, exchanges, multipliers});
           },
           "n"_a, "rows"_a, "metric"_a, "rank_tolerance"_a, "multiplier_tolerance"_a, "feasibility_tolerance"_a,
-          "time_limit"_a, "max_iterations"_a, "credit"_a, "multipliers"_a)
+          "time_limit"_a, "max_iterations"_a, "exchanges"_a, "multipliers"_a)
       .def("bind", &Workspace::bind, "levels"_a, "constraints"_a, "metric"_a.none(), "origin"_a.none())
       .def("take", &Workspace::take, "hierarchy"_a)
       .def("solve", &Workspace::solve)

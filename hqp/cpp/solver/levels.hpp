@@ -71,7 +71,7 @@ struct Levels : Pivoting {
     gram_level = -1;
     growth = 1.0;
     closest = 1e300;
-    any_fixed = loosened = false;
+    any_fixed = has_released = false;
     for (int k = 0; k < table->blocks; ++k) snapshot[k].valid = false;
     for (int i = 0; i < n; ++i) {
       place[i] = kNowhere;

@@ -7,7 +7,7 @@ namespace hqp {
 inline namespace HQP_ISA {
 
 // A working row or a fixed variable that holds the optimum back.
-struct Wrong {
+struct WrongSign {
   int level;  // block that says so
   int index;  // row of the table, or variable
   bool variable;
@@ -27,7 +27,7 @@ struct Multipliers {
   double* y = nullptr;            // scratch
   std::int8_t* open = nullptr;    // (rows,) sign not known yet
   std::int8_t* open_x = nullptr;  // (n,)
-  Wrong* wrong = nullptr;
+  WrongSign* to_release = nullptr;
   bool doubted = false;  // a multiplier was near rounding, or a residual was taken for it
   int count = 0;
   int pending = 0;
@@ -42,10 +42,10 @@ struct Multipliers {
     arena.place(y, most + n + 16);
     arena.place(open, rows);
     arena.place(open_x, n);
-    arena.place(wrong, static_cast<std::size_t>(rows) + n);
+    arena.place(to_release, static_cast<std::size_t>(rows) + n);
   }
 
-  // Fill `wrong` for the working set (W, F) whose solution is the tableau's x, v = A x; or only for the highest
+  // Fill `to_release` for the working set (W, F) whose solution is the tableau's x, v = A x; or only for the highest
   // level that has any.
   void judge(const std::int8_t* W, const std::int8_t* F, const double* v, bool highest = false) {
     const Table& t = *table;
@@ -171,7 +171,7 @@ struct Multipliers {
     const Block& b = table->block[k];
     for (int r = b.begin; r < b.end; ++r) {
       if (!open[r] || met(r, W, span)) continue;
-      if (w[r] * W[r] < 0.0) wrong[count++] = Wrong{k, r, false, std::fabs(w[r]) * table->norm[r]};
+      if (w[r] * W[r] < 0.0) to_release[count++] = WrongSign{k, r, false, std::fabs(w[r]) * table->norm[r]};
       open[r] = 0;
       --pending;
     }
@@ -198,7 +198,7 @@ struct Multipliers {
       const double error = refined ? 10.0 * std::fabs(delta[r]) * t.norm[r] : 0.0;
       doubted = doubted || (force > faint_ && force < larger(clear_, 10.0 * error));
       if (!(force > limit && force > error)) continue;
-      if (lambda[r] * W[r] < 0.0) wrong[count++] = Wrong{k, r, false, force};
+      if (lambda[r] * W[r] < 0.0) to_release[count++] = WrongSign{k, r, false, force};
       open[r] = 0;
       --pending;
     }
@@ -207,7 +207,7 @@ struct Multipliers {
       const double force = std::fabs(mu[i]), error = refined ? 10.0 * std::fabs(mu[i] - before[i]) : 0.0;
       doubted = doubted || (force > faint_ && force < larger(clear_, 10.0 * error));
       if (!(force > limit && force > error)) continue;
-      if (mu[i] * F[i] < 0.0) wrong[count++] = Wrong{k, i, true, force};
+      if (mu[i] * F[i] < 0.0) to_release[count++] = WrongSign{k, i, true, force};
       open_x[i] = 0;
       --pending;
     }

@@ -18,7 +18,7 @@ struct Pivoting : Gram {
       if (b.A) {
         const double* a = b.A + static_cast<std::ptrdiff_t>(local) * n;
         row[0] = bound(r, W) - (any_fixed ? dot_any(a, fixed_x, n) : 0.0);
-        if (rest == n && !loosened)
+        if (rest == n && !has_released)
           std::memcpy(row + 1, a, sizeof(double) * static_cast<std::size_t>(n));  // all, in order
         else
           for (int j = 0; j < rest; ++j) row[1 + j] = a[free[j]];

@@ -29,7 +29,7 @@ struct Options {
   double feasibility_tolerance = 1e-11;
   double time_limit = 0.0;  // seconds, none if zero
   int max_iterations = 0;   // automatic if zero
-  int credit = 3;
+  int exchanges = 3;
   bool multipliers = false;
 };
 
@@ -53,7 +53,7 @@ struct Answer {
   bool unsure = false;  // constraints are violated by an answer whose ranks were uncertain
   int iterations = 0;
   int factorisations = 0;
-  int judged = 0;  // 1: the answer was judged, 2: it was refused and found by stages
+  int judged = 0;  // 1: the answer was judged, 2: it was refused and found level by level
 };
 
 }  // namespace hqp

@@ -72,7 +72,7 @@ struct TableauData {
   int extras = 0;
   Newcomer* newcomer = nullptr;
   int newcomers = 0;
-  bool loosened = false;        // variables left since the factorisation
+  bool has_released = false;    // variables left since the factorisation
   double* direction = nullptr;  // (n,)
   int gram_level = -1;          // the level that ended the tableau by a normal matrix, -1 if none did
   double growth = 1.0;          // how much rounding the tableau may have magnified

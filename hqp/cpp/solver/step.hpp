@@ -1,6 +1,7 @@
 // A step of the descent: towards the working set's solution until something blocks.
 #pragma once
 
+#include "level_along_step.hpp"
 #include "working_set.hpp"
 
 namespace hqp {
@@ -87,7 +88,7 @@ class Step : public WorkingSet {
     for (int i = 0; i < n; ++i)
       if (!F[i]) x[i] = inside_box(i, x[i] + alpha * step_[i]);
     for (int r = 0; r < table.rows; ++r) v[r] += alpha * change_[r];
-    followed_ = true;
+    product_is_current_ = true;
     changes_.start();
     if (variable >= 0) {
       F[variable] = side;
@@ -119,7 +120,7 @@ class Step : public WorkingSet {
       }
       for (int i = 0; i < table.n; ++i) x[i] = trial_x_[i];
       for (int r = 0; r < table.rows; ++r) v[r] = trial_v_[r];
-      followed_ = true;
+      product_is_current_ = true;
       return true;
     }
     return false;
@@ -149,7 +150,7 @@ class Step : public WorkingSet {
       }
     }
     if (nearest < 0) return;
-    const double bottom = lowest(level, alpha);
+    const double bottom = LevelAlongStep{table, table.block[level], v, change_}.lowest(alpha, 1e-12);
     if (bottom > 1e-12 && bottom < alpha) {
       alpha = bottom;
       row = variable = -1;
@@ -159,47 +160,6 @@ class Step : public WorkingSet {
       variable = -1;
       side = change_[nearest] > 0 ? kUpper : kLower;
     }
-  }
-
-  // Slope and curvature of ||w_level||^2 / 2 along the step.
-  double slope(int level, double alpha, double& curvature) const {
-    const Block& b = table.block[level];
-    const Vec4 a = splat(alpha), zero = splat(0.0);
-    Vec4 slopes = zero, curvatures = zero;
-    int r = b.begin;
-    for (; r + kLane <= b.end; r += kLane) {
-      const Vec4 c = *reinterpret_cast<const Vec4u*>(change_ + r),
-                 value = *reinterpret_cast<const Vec4u*>(v + r) + a * c;
-      const Vec4 lower = *reinterpret_cast<const Vec4u*>(table.lower + r),
-                 upper = *reinterpret_cast<const Vec4u*>(table.upper + r);
-      const Vec4 out = value > upper ? value - upper : value < lower ? value - lower : zero;
-      slopes += c * out;
-      curvatures += out != zero ? c * c : zero;
-    }
-    double s = sum(slopes);
-    curvature = sum(curvatures);
-    for (; r < b.end; ++r) {
-      const double c = change_[r], out = table.beyond(r, v[r] + alpha * c);
-      s += c * out;
-      if (out != 0.0) curvature += c * c;
-    }
-    return s;
-  }
-
-  // Where a level, a convex piecewise quadratic along the step, is lowest on [0, alpha]: Newton within a bracket.
-  double lowest(int level, double alpha) const {
-    double curvature, low = 0.0, high = alpha, a = alpha;
-    const double least = 1e-12 * std::fabs(slope(level, 0.0, curvature));
-    for (int turn = 0; turn < 60; ++turn) {
-      const double s = slope(level, a, curvature);
-      if (a == alpha && s <= least) return alpha;
-      if (std::fabs(s) <= least) break;
-      if (s > 0.0) high = a;
-      else low = a;
-      const double newton = a - s / curvature;
-      a = newton > low && newton < high ? newton : 0.5 * (low + high);
-    }
-    return a < alpha * (1.0 - 1e-12) ? a : alpha;
   }
 };
 

@@ -92,7 +92,7 @@ struct Tableau : Levels {
     free[gram_free] = variable;
     place[variable] = gram_free++;
     fixed_x[variable] = 0.0;
-    loosened = true;
+    has_released = true;
     for (int k = 0; k < gram_level; ++k) snapshot[k].valid = false;  // they do not know that it left
     return true;
   }

@@ -1,8 +1,8 @@
 // A working set: which rows work, which variables are held, its solution, and what that violates.
 #pragma once
 
+#include "level_search.hpp"
 #include "multipliers.hpp"
-#include "stage_search.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
@@ -12,13 +12,13 @@ class WorkingSet {
   Table table;
   Tableau tableau;
   Multipliers multipliers;
-  StageSearch stages;
+  LevelSearch level_search;
   std::int8_t* W = nullptr;  // (rows,) working rows
   std::int8_t* F = nullptr;  // (n,) variables held at a bound
   double* x = nullptr;       // (n,) the point
   double* v = nullptr;       // (rows,) A x
   int factorisations = 0, iterations = 0;
-  int judged = 0;  // 1: the answer was doubted and judged, 2: it was refused and searched for by stages
+  int judged = 0;  // 1: the answer was doubted and judged, 2: it was refused and searched for level by level
   Outcome outcome = Outcome::optimal;
 
   void layout(Arena& arena, int n, int levels, const int* m, int* blocks_m, bool metric) {
@@ -39,7 +39,7 @@ class WorkingSet {
     for (int k = 0; k + 1 < count; ++k) blocks_m[k] = blocks_m[k + 1] > blocks_m[k] ? blocks_m[k + 1] : blocks_m[k];
     tableau.layout(arena, n, count, blocks_m);
     multipliers.layout(arena, n, total, most);
-    stages.layout(arena, n, total, most);
+    level_search.layout(arena, n, total, most);
     arena.place(W, total);
     arena.place(F, n);
     arena.place(x, n);
@@ -63,12 +63,12 @@ class WorkingSet {
     tableau.table = &table;
     multipliers.table = &table;
     multipliers.tableau = &tableau;
-    stages.start(&table);
+    level_search.start(&table);
   }
 
   void forget(bool plain) {
     warm_ = false;
-    plain_ = plain;
+    always_refactorise_ = plain;
   }
 
   // A x; the tableau's own where x is its point to the bit.
@@ -86,10 +86,10 @@ class WorkingSet {
   static constexpr int kIdle = 8;       // so many steps of no length may follow one another
   static constexpr double kNear = 1e4;  // a pivot this near it, or one that magnifies rounding by kGrown, is judged
   static constexpr double kGrown = 1e6;
-  static constexpr double kGood = 1e-11;   // an answer that was judged and has a larger gap is lowered by stages
+  static constexpr double kGood = 1e-11;   // an answer that was judged and has a larger gap is lowered level by level
   static constexpr double kDoubt = 100.0;  // a pivot this near the rank tolerance, as a ratio, is no clear decision
-  static constexpr int kCrowd = 4;  // a first point that violates more than one bound for so many variables is far off
-  static constexpr double kSame = 1e-9;  // slacks nearer than this, relative to 1 + slack, are no progress
+  static constexpr int kFarStart = 4;      // a first point is far off if it violates more than n / kFarStart bounds
+  static constexpr double kSame = 1e-9;    // slacks nearer than this, relative to 1 + slack, are no progress
   const Options* options_ = nullptr;
   std::int8_t *start_W_ = nullptr, *start_F_ = nullptr, *side_ = nullptr, *side_x_ = nullptr;
   double *start_x_ = nullptr, *start_slack_ = nullptr, *step_ = nullptr, *change_ = nullptr, *target_ = nullptr;
@@ -100,11 +100,11 @@ class WorkingSet {
   Changes changes_;                       // since the tableau was made
   int progress_ = -1;                     // first level that the last step changed
   bool warm_ = false;
-  bool plain_ = false;     // this search factorises every working set
-  bool followed_ = false;  // v was kept up with x
-  double alpha_ = 0.0;     // length of the last step, 1 for a whole one
-  bool stalled_ = false;   // a step had no length
-  bool stopped_ = false;   // the search was given up at x, which need not be optimal
+  bool always_refactorise_ = false;  // this search factorises every working set
+  bool product_is_current_ = false;  // v = A x
+  double alpha_ = 0.0;               // length of the last step, 1 for a whole one
+  bool stalled_ = false;             // a step had no length
+  bool stopped_ = false;             // the search was given up at x, which need not be optimal
 
   // The last working set where it still makes sense, else equalities and nothing more.
   void working_set() {
@@ -135,7 +135,7 @@ class WorkingSet {
   // Without a factorisation, where the changes are known: what left leaves in front of the level that asked for it;
   // what joined joins in front of the level that ended the tableau, or else of the one the last step went for.
   bool update() {
-    if (plain_ || !changes_.known) return false;
+    if (always_refactorise_ || !changes_.known) return false;
     if (changes_.front >= 0) return tableau.rewind(changes_.front) && leave_all();
     if (changes_.joined == 0) return false;
     const int last = tableau.gram_level, before = tableau.newcomers;
@@ -230,7 +230,7 @@ class WorkingSet {
 
   double inside_box(int i, double t) const { return t < table.lo[i] ? table.lo[i] : t > table.hi[i] ? table.hi[i] : t; }
 
-  void release(const Wrong& wrong) {
+  void release(const WrongSign& wrong) {
     if (wrong.variable) {
       F[wrong.index] = kFree;
       changes_.note_leave(wrong.index);

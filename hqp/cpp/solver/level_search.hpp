@@ -4,6 +4,7 @@
 #include <ctime>
 
 #include "judge.hpp"
+#include "level_along_step.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
@@ -19,7 +20,7 @@ static inline double now() {
 // many meet at x: a degenerate vertex is left by it. Otherwise, and after it, x goes to the lowest point of the level
 // where the rows with a multiplier and those met on the way are held. Each such point is lower than the last, so no set
 // of rows comes again.
-class StageSearch : public Judge {
+class LevelSearch : public Judge {
  public:
   bool late = false;  // the deadline ended the search
   int solves = 0;     // subspaces minimised
@@ -320,7 +321,7 @@ class StageSearch : public Judge {
         blocking = q;
         alpha = larger(room, 0.0) / slope;
       }
-    const double bottom = lowest(k, alpha);
+    const double bottom = LevelAlongStep{t, t.block[k], v_ + n_, dv_ + n_}.lowest(alpha, 1e-13);
     if (bottom < alpha) blocking = -1;
     return bottom;
   }
@@ -334,35 +335,6 @@ class StageSearch : public Judge {
     for (int i = 0; i < kept_count_; ++i)
       if (kept_[i] == q) return false;
     return true;
-  }
-
-  double slope_at(int k, double alpha, double& curvature) const {
-    const Block& b = table_->block[k];
-    double s = 0.0;
-    curvature = 0.0;
-    for (int r = b.begin; r < b.end; ++r) {
-      if (table_->kind[r] == kFree) continue;
-      const double c = dv_[n_ + r], out = table_->beyond(r, v_[n_ + r] + alpha * c);
-      s += c * out;
-      if (out != 0.0) curvature += c * c;
-    }
-    return s;
-  }
-
-  // Where ||w_k||, a convex piecewise quadratic along d, is lowest on [0, alpha].
-  double lowest(int k, double alpha) const {
-    double curvature, low = 0.0, high = alpha, a = alpha;
-    const double least = 1e-13 * std::fabs(slope_at(k, 0.0, curvature));
-    for (int turn = 0; turn < 60; ++turn) {
-      const double s = slope_at(k, a, curvature);
-      if (a == alpha && s <= least) return alpha;
-      if (std::fabs(s) <= least) break;
-      if (s > 0.0) high = a;
-      else low = a;
-      const double newton = a - s / curvature;
-      a = newton > low && newton < high ? newton : 0.5 * (low + high);
-    }
-    return a < alpha * (1.0 - 1e-12) ? a : alpha;
   }
 
   // Go there; whether the same rows of the level miss afterwards.
