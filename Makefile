@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: corpus bench experiments test test-sweeps test-browser test-adapters test-cpp docs problem-sets check setup format clean sanitize
+.PHONY: corpus test-arm bench experiments test test-sweeps test-browser test-adapters test-cpp docs problem-sets check setup format clean sanitize
 
 bench: setup
 	$(BIN)/python -m benchmarks
@@ -49,6 +49,19 @@ test-cpp: setup
 	cmake -S examples/cpp -B build/cpp -Dhqp_DIR=$$($(BIN)/hqp --cmake-dir) > build/cpp/configure.log
 	cmake --build build/cpp
 	build/cpp/replay build/cpp/g1.bin 1e-12
+
+# The kernel for ARM, compiled here and run under emulation: the same answers as on this machine.
+# On Debian: apt-get install --no-install-recommends g++-aarch64-linux-gnu qemu-user-static
+ARM := build/arm
+DRIVE := -std=c++17 -O2 -Wno-psabi -Ihqp/cpp/solver -DHQP_ISA=generic tests/solvers/native/drive.cpp
+test-arm: setup
+	mkdir -p $(ARM)
+	$(BIN)/python -m tests.solvers.native.dump $(ARM)
+	aarch64-linux-gnu-g++ -static $(DRIVE) -o $(ARM)/drive_arm
+	$(CXX) $(DRIVE) -o $(ARM)/drive
+	$(ARM)/drive $(ARM)/*.bin > $(ARM)/here.txt
+	qemu-aarch64-static $(ARM)/drive_arm $(ARM)/*.bin > $(ARM)/arm.txt
+	diff $(ARM)/here.txt $(ARM)/arm.txt && cat $(ARM)/arm.txt
 
 problem-sets: setup
 	$(BIN)/python -m benchmarks.speed.publish build/problem_sets

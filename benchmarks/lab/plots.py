@@ -137,7 +137,7 @@ def slope_panels(output: Path, run: Outing) -> Files:
 
 
 def staged_panels(output: Path, run: Outing) -> Files:
-    """Fig. 5 with the paper's timeline and numbered instants."""
+    """Fig. 5 with the paper's timeline and its instants in words."""
     return _panels(run, output, "dreamer_staged", "The paper's timeline (compare Sentis 2012, Fig. 5)")
 
 
@@ -157,7 +157,7 @@ def tilt_panels(output: Path, run: Outing) -> Files:
 
 
 def _panels(run: Outing, output: Path, stem: str, title: str) -> Files:
-    figure, (com, hand, posture, base, pull) = _axes(5, 9.0)
+    figure, (com, hand, posture, base, speed, pull, load) = _axes(7, 11.0)
     log, scene = run.log, run.scene
     t = log["t"]
     com.plot(t, MM * np.linalg.norm(log["com"], axis=1), color=ACTUAL)
@@ -167,21 +167,22 @@ def _panels(run: Outing, output: Path, stem: str, title: str) -> Files:
     hand.set_ylabel("hand error [mm]")
     posture.plot(t, np.degrees(np.linalg.norm(log["posture"], axis=1)), color=ACTUAL)
     posture.set_ylabel("posture error [deg]")
-    base.plot(t, log["base"][:, 0] - log["base"][0, 0], color=ACTUAL, label="along x [m]")
-    base.plot(t, log["velocity"][:, 0], color=OTHER, label="speed [m/s]")
-    base.plot(t, np.degrees(log["base"][:, 4]) / 10.0, color="0.5", label="tilt [10 deg]")
-    base.set_ylabel("base")
-    pull.plot(t, log["pull"][:, 0], color=ACTUAL, label="pull [N]")
-    pull.plot(t, 0.1 * log["load"].min(axis=1), color="0.5", label="least wheel load [10 N]")
-    pull.set(ylabel="forces", xlabel="time [s]")
-    for axis in (com, base, pull):
-        axis.legend(loc="best", ncols=3, fontsize="small")
+    base.plot(t, np.degrees(log["base"][:, 4]), color=ACTUAL)
+    base.set_ylabel("tilt of the\nbase [deg]")
+    speed.plot(t, log["velocity"][:, 0], color=ACTUAL)
+    speed.set_ylabel("speed of the\nbase [m/s]")
+    pull.plot(t, log["pull"][:, 0], color=ACTUAL)
+    pull.set_ylabel("pull of the\nhuman [N]")
+    load.plot(t, log["load"].min(axis=1), color=ACTUAL)
+    load.set(ylabel="least wheel\nload [N]", xlabel="time [s]")
+    com.legend(loc="upper right", fontsize="small")
     instants = [*scene.enable] if scene.enable[1] > 0.0 else []
     on_ramp = np.flatnonzero((log["base"][:, 4] > math.radians(0.3)) & (t > scene.walk.start))
     marks = [*instants, *([t[on_ramp[0]]] if on_ramp.size else [])]
-    for axis in (com, hand, posture, base, pull):
-        for number, when in enumerate(marks, 1 if instants else 3):
+    words = ("upper body on", "base on", "onto the ramp")
+    for axis in (com, hand, posture, base, speed, pull, load):
+        for text, when in zip(words[0 if instants else 2 :], marks, strict=False):
             axis.axvline(when, color="0.3", linestyle="--", linewidth=0.8)
             if axis is com:
-                axis.annotate(f"({number})", (when, 0.85), xycoords=("data", "axes fraction"), fontsize="small")
+                axis.annotate(f" {text}", (when, 0.6), xycoords=("data", "axes fraction"), fontsize="small")
     return _save(figure, output, stem, title)

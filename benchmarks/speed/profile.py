@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import matplotlib
@@ -11,23 +11,40 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+FEW = 100
+"""A solver that was given half as many problems, or half of the most, is drawn."""
+
+
+def _median(times: Mapping[str, float], common: Sequence[str]) -> float:
+    return float(np.median([times[problem] for problem in common])) if common else 0.0
+
 
 def performance(walls_us: Mapping[str, Mapping[str, float]], path: Path) -> Path:
-    """walls_us: per solver the time of each problem; problems that a solver was not given do not count for it."""
-    best: dict[str, float] = {}
-    for times in walls_us.values():
-        for problem, time in times.items():
-            best[problem] = min(time, best.get(problem, np.inf))
-    figure, axis = plt.subplots(figsize=(7.0, 4.0), layout="constrained")
-    for solver, times in walls_us.items():
-        ratio = np.sort([time / best[problem] for problem, time in times.items()])
-        axis.step(ratio, np.arange(1, ratio.size + 1) / ratio.size, where="post", label=f"{solver} ({ratio.size})")
+    """Draw it over the problems that every solver was given, so that all curves count the same ones.
+
+    walls_us: per solver the time of each problem.  A solver that was given less than half as many as the most is left
+    out and named in the title.
+    """
+    most = max(map(len, walls_us.values()), default=0)
+    fewest = min((len(t) for t in walls_us.values() if 2 * len(t) >= min(most, FEW)), default=0)
+    drawn = {name: times for name, times in walls_us.items() if len(times) >= fewest}
+    common = sorted(set.intersection(*(set(times) for times in drawn.values()))) if drawn else []
+    figure, axis = plt.subplots(figsize=(9.0, 4.4), layout="constrained")
+    best = {problem: min(times[problem] for times in drawn.values()) for problem in common}
+    for i, (solver, times) in enumerate(sorted(drawn.items(), key=lambda item: _median(item[1], common))):
+        ratio = np.sort([times[problem] / best[problem] for problem in common])
+        share = np.arange(1, ratio.size + 1) / max(ratio.size, 1)
+        axis.step(ratio, share, where="post", label=solver, linewidth=3.0 if i == 0 else 1.6, zorder=10 - i)
+    left = [name for name in walls_us if name not in drawn]
+    without = f"; without {', '.join(left)}, which take too few of them" if left else ""
+    axis.set_title(f"{len(common)} problems that all were given{without}", fontsize=9, loc="left")
     axis.set_xscale("log")
-    axis.set_xlim(1.0, None)
+    axis.set_xlim(0.9, None)  # the fastest solver's curve stands beside the axis, not on it
     axis.set_ylim(0.0, 1.02)
     axis.set_xlabel("time over that of the fastest solver")
-    axis.set_ylabel("share of the problems given")
-    axis.legend(fontsize=7, loc="lower right")
+    axis.set_ylabel("share of the problems")
+    axis.grid(alpha=0.3, which="both")
+    figure.legend(fontsize=8, loc="outside right upper")
     figure.savefig(path, dpi=150)
     plt.close(figure)
     return path

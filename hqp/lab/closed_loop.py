@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from hqp.errors import HqpError, UnsupportedProblem
+from hqp.errors import HqpError, SolverNotInstalled, UnsupportedProblem
 from hqp.formulation import Formulation, Velocity
 from hqp.solvers import available, load
 from hqp.solvers.base import Solver
@@ -37,7 +37,8 @@ def bench(
     trajectory: see Trajectory.  solvers: names, Solver values, or "all" that are available.  plant: ``integrator`` or
     ``mujoco``.  certify_every: every how many ticks the answer is judged by the certificate, outside the timed step.
     progress: called with a solver's name and the share of its loop that is done.
-    A solver that refuses the stack has a line that says why.  Raises DeclarationError for a bad trajectory or plant.
+    A solver that refuses the stack, or is not installed, has a line that says why.
+    Raises DeclarationError for a bad trajectory or plant.
     """
     formulation = formulation or Velocity()
     chosen = available() if solvers == "all" else (solvers,) if isinstance(solvers, str) else solvers
@@ -46,8 +47,12 @@ def bench(
     lines: list[Summary] = []
     runs: list[Run] = []
     for item in chosen:
-        solver = load(item) if isinstance(item, str) else item
         name = item if isinstance(item, str) else item.name
+        try:
+            solver = load(item) if isinstance(item, str) else item
+        except SolverNotInstalled as error:
+            lines.append(refused(name, True, str(error)))
+            continue
 
         def told(done: int, name: str = name) -> None:
             if progress is not None:

@@ -126,7 +126,7 @@ def _explain(snapshot: Mapping[str, Any], stack: StackDescription) -> Explanatio
             for m in stack.members
             if m.level >= 0
         }
-        rows = {m.name: m.rows for m in stack.members if m.rows}
+        rows = {m.name: m.rows for m in stack.members if m.rows} | snapshot["names"]
         units = {m.name: m.unit for m in stack.members}
         return explain(problem, solution, places, rows, fast=snapshot["fast"], units=units)
     except (ValueError, np.linalg.LinAlgError, ArithmeticError):  # rows of a tick that went wrong
@@ -140,8 +140,9 @@ def _active(snapshot: Mapping[str, Any], stack: StackDescription) -> dict[str, l
         if m.equality or m.level < 0 or m.level >= len(snapshot["active"]):
             continue
         marks = np.asarray(snapshot["active"][m.level])[m.part]
+        names = snapshot["names"].get(m.name, m.rows)
         found[m.name] = [
-            (m.rows[i] if i < len(m.rows) else f"row {i}", int(mark)) for i, mark in enumerate(marks) if mark
+            (names[i] if i < len(names) else f"row {i}", int(mark)) for i, mark in enumerate(marks) if mark
         ]
     return found
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from hqp.arguments import add_stack, read_stack
 
 HELP = "see a stack on a robot in a browser, with targets to drag"
 DESCRIPTION = """Run a stack on a robot that carries out every command exactly, and show it in a browser: drag the
-targets and watch which level gives way to which."""
+targets and watch which level gives way to which.  A recording (.npz) is shown as it was."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,6 +26,8 @@ def execute(arguments: argparse.Namespace) -> int:
     from .run import run as run_loop
     from .session_view import View
 
+    if Path(arguments.stack).suffix == ".npz":
+        return _replay(arguments)
     stack, robot, formulation = read_stack(arguments)
 
     def tell(view: View) -> None:
@@ -41,4 +44,21 @@ def execute(arguments: argparse.Namespace) -> int:
         seconds=arguments.seconds,
         started=tell,
     )
+    return 0
+
+
+def _replay(arguments: argparse.Namespace) -> int:
+    from hqp import robots
+    from hqp.recorder import load
+
+    from .replay import replay
+    from .session_view import View
+
+    recording, robot = load(arguments.stack), robots.load(arguments.robot)
+
+    def tell(view: View, left_out: int) -> None:
+        rest = f"; {left_out} ticks of another stack are left out" if left_out else ""
+        print(f"{recording}\nopen {view.url} (Ctrl-C ends){rest}", flush=True)
+
+    replay(recording, robot, host=arguments.host, port=arguments.port, seconds=arguments.seconds, started=tell)
     return 0

@@ -48,7 +48,7 @@ def run(
                     q, v = tick.advance()
                 count += 1
                 due = max(due + dt, time.perf_counter())
-                time.sleep(due - time.perf_counter() if due > time.perf_counter() else 0.0)
+                time.sleep(max(0.0, due - time.perf_counter()))
         except KeyboardInterrupt:
             pass
     return count

@@ -16,10 +16,11 @@ import numpy as np
 from hqp.account import too_fast
 from hqp.arrays import Vec
 from hqp.errors import HqpError
-from hqp.problem import Selection, Status
+from hqp.problem import Hierarchy, Selection, Status
 from hqp.reference import Reference
 from hqp.robot import State
 from hqp.session import Session, Tick
+from hqp.tasks import CollisionAvoidance
 
 from .channel import TARGET, Channel, Layout
 from .description import StackDescription, Target, describe_robot, describe_stack
@@ -224,16 +225,29 @@ class View:
         lack = {n: solution.residuals[p.level][p.part] / p.element.weight for n, p in program.places.items()}
         return frozenset(n for n, w in lack.items() if too_fast(program, n, w, tick.state.v))
 
+    def _problem(self) -> Hierarchy:
+        """The hierarchy of the tick that is shown."""
+        return self.session.program.problem
+
+    def _row_names(self) -> dict[str, tuple[str, ...]]:
+        """Names of rows that change from tick to tick: the pairs of a collision avoidance that are near."""
+        named = (e for e in self.session.stack if isinstance(e, CollisionAvoidance))
+        return {e.name: tuple(e.row_names(self.session.robot)) for e in named}
+
+    def _contact_forces(self, tick: Tick) -> dict[str, Vec]:
+        """Forces and moments of contacts at torque level."""
+        forces = getattr(self.session.program, "contact_forces", None)
+        return {} if forces is None or tick.solution is None else dict(forces(tick.solution.x))
+
     def _snapshot(self, tick: Tick) -> None:
         """Publish the rows of this tick, from which the page's process tells what holds what back."""
-        problem, solution = self.session.program.problem, tick.solution
+        problem, solution = self._problem(), tick.solution
         assert solution is not None
         held = getattr(self.session, "_holds", {})
         for name, index in self._places.items():
             if name not in self._shown and name in held:
                 self._channel.set_current(index, np.asarray(held[name].value).ravel()[: TARGET - 1])
                 self._shown.add(name)
-        forces = getattr(self.session.program, "contact_forces", None)
         self._channel.write_snapshot(
             {
                 "version": self._version,
@@ -250,6 +264,7 @@ class View:
                 "guard": problem.guard,
                 "stage_points": solution.stage_points,
                 "fast": self._fast(tick),
+                "names": self._row_names(),
                 "motion": None if problem.motion is None else (problem.motion.F, problem.motion.f),
                 "x": solution.x,
                 "residuals": solution.residuals,
@@ -257,7 +272,7 @@ class View:
                 "status": tick.status.name,
                 "solved": solution.status.name,
                 "notes": [(note.element, note.detail) for note in tick.notes],
-                "forces": {} if forces is None else forces(solution.x),
+                "forces": self._contact_forces(tick),
             }
         )
 

@@ -131,6 +131,22 @@ def test_nan_targets_are_told_by_status(robot) -> None:
     assert found["lexicographic"].statuses["INVALID_REFERENCE"] > 10
 
 
+def test_a_solver_that_is_not_installed_has_a_line(robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    from hqp.errors import SolverNotInstalled
+    from hqp.lab import closed_loop
+
+    def load(name: str) -> object:
+        if name == "daqp":
+            raise SolverNotInstalled("solver 'daqp' is not installed: pip install daqp")
+        return hqp.solvers.load(name)
+
+    monkeypatch.setattr(closed_loop, "load", load)
+    found = hqp.bench(STACK, robot, solvers=("lexicographic", "daqp"), seconds=0.02)
+    assert found["daqp"].status == "refused"
+    assert "pip install daqp" in str(found)
+    assert found["lexicographic"].ticks == 10
+
+
 def test_longest_run_andreversals() -> None:
     assert _longest(np.array([True, True, False, True, True, True, False])) == 3
     zigzag = np.where(np.arange(101) % 2, 1.0, -1.0)[:, None]

@@ -78,7 +78,7 @@ def _hand_in_time(runs: Experiments) -> plt.Figure:
 
 
 def _hand_in_plane(runs: Experiments) -> plt.Figure:
-    figure, axis = plt.subplots(figsize=(7.0, 5.0), layout="constrained")
+    figure, axis = plt.subplots(figsize=(7.0, 6.0), layout="constrained")
     start = runs.recursive.hand_target[0]
     trace = runs.recursive
     axis.plot(*(CM * (trace.hand_target - start)[:, 1:]).T, color=DESIRED, label="desired")
