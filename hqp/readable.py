@@ -40,10 +40,13 @@ class Readable:
         self._out, self._order, self._dt = out, order, dt
         self._final = has(element, "step_bounds")
         self._drifts = order == 2 and not self._final
-        inner = getattr(element, "task", None)  # of a Within, whose bounds need the drift of its task
+        inner = (
+            getattr(element, "task", None) if self._final else None
+        )  # of a Within, which needs the drift of its task
         if not isinstance(element, (Task, Inequality)):
             raise element.bad("has no rows on the robot's motion", type(element).__name__, "a Task or an Inequality")
-        if (self._drifts or (order == 2 and isinstance(inner, Task))) and not has(inner or element, "drift"):
+        needs = inner if order == 2 and isinstance(inner, Task) else element if self._drifts else None
+        if needs is not None and not has(needs, "drift"):
             raise element.bad(
                 "has no drift(state), which accelerations and torques need", type(element).__name__, "drift"
             )

@@ -114,6 +114,9 @@ class Payload(_Load):
 
     def terms(self, state: State, reference: Vec) -> tuple[Mat | None, Vec, Vec]:
         """m J_p^T J_p, m J_p^T (dJ_p/dt v - gravity), -m J_p^T gravity."""
+        if not reference[0]:
+            nothing = np.zeros(state.robot.nv)
+            return None, nothing, nothing
         m, arm = float(reference[0]), state.rotation(self.frame) @ reference[1:]
         J, rate, drift = state.jacobian(self.frame), state.velocity(self.frame), state.drift(self.frame)
         J_p = J[:3] - skew(arm) @ J[3:]

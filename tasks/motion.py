@@ -103,6 +103,10 @@ class LowAcceleration(Task):
         """Zero ``(nv,)``: there is no place to come back to."""
         return np.zeros(state.robot.nv)
 
+    def error(self, state: State, reference: Any) -> Vec:
+        """Zero ``(nv,)``, whatever the reference."""
+        return np.zeros(state.robot.nv)
+
     def hold(self, state: State) -> Reference:
         """None."""
         return Reference(self.name)

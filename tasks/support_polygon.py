@@ -15,6 +15,7 @@ from hqp.element import Element
 from hqp.robot import Robot, State
 
 from .contact import PointContact
+from .edge import EdgeContact
 from .fields import check_number, set_names
 from .friction import CenterOfPressure
 from .within import _Barrier
@@ -95,7 +96,7 @@ class SupportPolygon(_Barrier):
         if isinstance(contact, PointContact) or contact.grounded:
             return [(frame, 0.0, 0.0, 0.0)]
         known = [e for e in elements if isinstance(e, CenterOfPressure) and e.contact == contact.name]
-        if not known and self.sole is not None:
+        if not known and self.sole is not None and not isinstance(contact, EdgeContact):
             known = [CenterOfPressure(contact=contact.name, rectangle=self.sole)]
         if not known or frame is None:
             raise self.bad(f"size of {contact.name}", None, "sole=(x_min, x_max, y_min, y_max) or points=...")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,7 @@ import pytest
 import hqp
 import hqp.tasks as t
 from hqp import PD, Level, P, Stack, serial
-from hqp.element import Element
+from hqp.element import Element, Task
 from hqp.errors import DeclarationError, FrameNotFound, HqpError
 
 DT = 0.002
@@ -300,3 +302,47 @@ def test_a_face_of_unknown_size_is_named(robots: dict[str, Any]) -> None:
     robot = robots["talos"]
     with pytest.raises(DeclarationError, match="size of left_sole"):
         hqp.Controller(Stack(Level(t.SupportPolygon()), subject_to=contacts(robot))).session(robot, DT)
+
+
+def test_an_edge_has_no_sole(robots: dict[str, Any]) -> None:
+    edge = t.EdgeContact(frame="left_sole_link", axis="y")
+    with pytest.raises(DeclarationError, match="size of left_sole_link"):
+        t.SupportPolygon(sole=(-0.1, 0.1, -0.05, 0.05)).among([edge])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Labelled(t.Position):
+    """A task of one's own with a field of that name."""
+
+    task: Any = "carry"
+
+    def drift(self, state: Any) -> Any:
+        return super().drift(state)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Height(Task):
+    """A task without a drift."""
+
+    frame: str
+
+    def rows(self, robot: Any) -> int:
+        return 1
+
+    def value(self, state: Any) -> Any:
+        return state.position(self.frame)[2:]
+
+    def jacobian(self, state: Any) -> Any:
+        return state.jacobian(self.frame)[2:3]
+
+
+def test_a_missing_drift_is_told_before_the_loop(robots: dict[str, Any]) -> None:
+    """Of the task inside a Within, and of nothing else that is called task."""
+    robot = robots["panda"]
+    bounded = t.Within(Height(frame="panda_hand"), lower=0.2)
+    hqp.Controller(Stack(Level(bounded))).session(robot, DT).step(robot.state())
+    with pytest.raises(DeclarationError, match="drift"):
+        hqp.Controller(Stack(Level(bounded)), hqp.Acceleration()).session(robot, DT)
+    labelled = Labelled(frame="panda_hand", task=Height(frame="panda_hand"))
+    for element in (labelled, dataclasses.replace(labelled, task="carry")):
+        hqp.Controller(Stack(Level(element)), hqp.Acceleration()).session(robot, DT).step(robot.state())
