@@ -156,7 +156,7 @@ def shown(found: Sequence[Mapping[str, Any]]) -> Table:
         bound = 100.0 * fall_rate_bound(line["falls"], line["runs"])
         rows.append((
             line["cell"], str(line["runs"]), spread(line["com_up_mm"]), spread(line["com_back_mm"]),
-            spread(line["unloaded_ms"]), f"{line['falls']} (< {bound:.2g} %)", asked,
+            spread(line["unloaded_ms"]), f"{line['falls']} (< {bound:.3g} %)", asked,
             "" if limit is None else "pass" if line["passed"] else "FAIL",
         ))  # fmt: skip
     header = (
