@@ -14,7 +14,7 @@ from hqp.rest import Rest
 from hqp.robot import Robot, State
 from hqp.safety import Braking
 from hqp.torque.dynamics import ConstrainedDynamics, coordinate_parents
-from hqp.torque.gravity import holding_torque
+from hqp.torque.gravity import Gravity
 from hqp.torque.loads import Loads
 
 
@@ -42,6 +42,7 @@ class Hold(Rest):
         self._twin = robot.copy()
         self._rows = Assembly(self._held, (), self._twin, dt, {e.name: laws[e.name] for e in self._held})
         m = self._rows.J.shape[0]
+        self._gravity = Gravity(self._held, self._twin, dt)
         self._dynamics = ConstrainedDynamics(robot.nv, m, robot.actuated, coordinate_parents(robot))
         self._holding = self._damping = self._rate = np.zeros(self._limit.size)
 
@@ -62,7 +63,7 @@ class Hold(Rest):
         gravity, dynamics = self._loads.gravity(twin), self._dynamics
         J = self._rows.J
         dynamics.update(*self._loads.dynamics(twin), J, self._rows.lower[: J.shape[0]])
-        tau = holding_torque(J, gravity, self._robot.actuated)
+        tau = self._gravity.torque(gravity, J)
         felt = np.diagonal(dynamics.phi).copy()
         felt[felt <= 1e-9 * felt.max(initial=0.0)] = np.inf  # motors that the constraints lock need no damping
         damping = 1.0 / (self._time * felt)
