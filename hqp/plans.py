@@ -219,14 +219,10 @@ class Still:
 
 @dataclass(frozen=True, eq=False)
 class Steady:
-    """Coordinates that go on with the velocity they had; the reference's value, zero, is not read."""
+    """Coordinates that go on with the velocity they had; no reference."""
 
     columns: tuple[int, ...]
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Of the reference's value."""
-        return (len(self.columns),)
+    shape: tuple[int, ...] = field(default=(), init=False)
 
 
 @dataclass(frozen=True, eq=False)

@@ -143,12 +143,15 @@ def test_what_is_refused(cbi: Any) -> None:
 
 
 def test_low_acceleration_of_a_whole_floating_robot_in_the_native_loop() -> None:
-    """Its hold value, nv zeros, has a place in the native loop: it was written over the heap."""
+    """A hold value of nv zeros was written over the heap: there is no place for one."""
     robot = hqp.robots.load("cbi")
     session = hqp.Controller(hqp.Stack(hqp.Level(t.LowAcceleration()))).session(robot, 0.002)
     for _ in range(5):
         assert session.step(robot.state()).status.solved
     native = session.program.assembly.native_rows
     if native is not None:
+        native.hold("low_acceleration", np.zeros(robot.nv + 3))
+    posture = hqp.Controller(hqp.Stack(hqp.Level(t.Posture()))).session(robot, 0.002).program.assembly.native_rows
+    if posture is not None:
         with pytest.raises(ValueError, match="does not fit its plan"):
-            native.hold("low_acceleration", np.zeros(robot.nv + 3))
+            posture.hold("posture", np.zeros(robot.nv + 3))
