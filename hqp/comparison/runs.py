@@ -54,6 +54,7 @@ def compare(
         stack, robot, states, references, formulation or Velocity(), dt, None if price == "both" else price
     )
     lines: list[Line] = []
+    first = None
     if price == "both":
         first, exact = _run_all(named, [p.exact() for p in problems], repeats)
         lines += exact
@@ -61,7 +62,7 @@ def compare(
     best, finished = _run_all(named, problems, repeats)
     return Comparison(
         str(stack), robot.name, level_names(session.program), len(problems), len(problems) * repeats,
-        first if price == "both" else best, (*lines, *finished),
+        best if first is None else first, (*lines, *finished),
     )  # fmt: skip
 
 

@@ -219,7 +219,7 @@ class StagedWorkspace:
             exact.stats.solve_s + perf_counter() - began,
         )
         status = Status.CONSTRAINTS_VIOLATED if broken else Status.OPTIMAL
-        residuals, active = (tuple(a[part] for part in self._parts) for a in (slack, marks))
+        residuals, active = tuple(slack[part] for part in self._parts), tuple(marks[part] for part in self._parts)
         return Solution(x, status, residuals, active, stats, "", stage_points=stages)
 
     def _bind(self, problem: Hierarchy) -> None:

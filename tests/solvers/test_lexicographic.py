@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -194,7 +195,8 @@ def test_unusable_numbers_are_a_status() -> None:
     problem = problems.load("b5_38", 1)[0].copy()
     workspace = Lexicographic().workspace(problem.shape)
     good = workspace.solve(problem)
-    for array, where in ((problem.levels[1].A, (2, 3)), (problem.levels[1].lower, 1), (problem.levels[0].upper, 0)):
+    dense: Any = problem.levels[1].A
+    for array, where in ((dense, (2, 3)), (problem.levels[1].lower, 1), (problem.levels[0].upper, 0)):
         for value in (np.nan, -np.inf if where == 0 else np.inf):
             old = array[where]
             array[where] = value

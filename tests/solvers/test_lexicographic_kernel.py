@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,6 +26,19 @@ SOURCE = Path(__file__).parent / "native" / "drive.cpp"
 HEADERS = Path(lexicographic.__file__).parents[1] / "cpp" / "solver"
 COMPILER = shutil.which("g++") or shutil.which("clang++") or shutil.which("c++")
 OPTIONS = (1e-9, 1e-11, 1e-11, 0.0, 0, 5, True)
+
+
+@pytest.mark.skipif(COMPILER is None, reason="needs a C++ compiler")
+def test_the_parts_of_the_kernel_alone(tmp_path: Path) -> None:
+    """Null space, factorisation, updates, least squares, line search, row space of a working set, secular equation."""
+    program = tmp_path / "parts"
+    subprocess.run(
+        [str(COMPILER), "-std=c++17", "-O0", "-Wno-psabi", f"-I{HEADERS}", "-DHQP_ISA=generic",
+         str(SOURCE.with_name("parts.cpp")), "-o", str(program)],
+        check=True,
+    )  # fmt: skip
+    done = subprocess.run([str(program)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
 
 
 @pytest.mark.slow
@@ -89,7 +103,7 @@ def test_the_interpreter_goes_on_while_the_kernel_solves() -> None:
     assert refused > 10, (refused, ticks)
 
 
-def _nonsense(rng: np.random.Generator) -> object:
+def _nonsense(rng: np.random.Generator) -> Any:
     choices: list[object] = [
         None, 3, -1, "x", 1.5, float("nan"), [], (), np.zeros(3), np.zeros((3, 3)), np.zeros((2, 5)),
         np.zeros(3, dtype=np.int64), np.full(3, 7, dtype=np.int64), np.full(3, np.nan), np.zeros((0, 3)),
@@ -102,13 +116,13 @@ def test_binding_survives_nonsense() -> None:
     rng = np.random.default_rng(1)
     accepted = refused = 0
     for _ in range(4000):
-        good: list[object] = [np.eye(3), None, None, np.zeros(3), np.ones(3)]
+        good: list[Any] = [np.eye(3), None, None, np.zeros(3), np.ones(3)]
         for _ in range(int(rng.integers(0, 3))):
             good[rng.integers(5)] = _nonsense(rng)
         workspace = native.Workspace(3, [3], bool(rng.integers(2)), *OPTIONS)
         extras = [_nonsense(rng) if rng.random() < 0.2 else None for _ in range(2)]
         try:
-            workspace.bind([tuple(good)], 0, *extras)
+            workspace.bind([tuple(good)], 0, *extras)  # type: ignore[list-item]
             outcome = workspace.solve()[0]
             assert 0 <= outcome <= 6
             accepted += 1

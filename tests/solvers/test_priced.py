@@ -99,8 +99,10 @@ def test_solvers_agree_where_motion_is_flat_and_a_metric_chooses() -> None:
         n = problem.n
         motion = Motion(rng.standard_normal((n - 1, n)), rng.standard_normal(n - 1))
         # rows of motion, as J X at torque level: they see no direction in which nothing moves
-        moved = [Rows(r.A @ np.linalg.pinv(motion.F) @ motion.F, r.lower, r.upper) for r in problem.levels[:-1]]
+        moved = [Rows(r.dense(n) @ np.linalg.pinv(motion.F) @ motion.F, r.lower, r.upper) for r in problem.levels[:-1]]
         factor = rng.standard_normal((n - 1, n))
+        assert problem.prices is not None
+        assert problem.shares is not None
         problem = replace(
             problem,
             levels=tuple(moved),
@@ -162,7 +164,7 @@ def test_neighbouring_problems_have_neighbouring_answers_where_exact_ones_jump()
         rng = np.random.default_rng(seed)
         problem = random_problem(rng, "contradictory")
         moved = tuple(
-            Rows(r.A + 1e-6 * rng.standard_normal(r.A.shape), r.lower, r.upper) if priced else r
+            Rows(r.dense(problem.n) + 1e-6 * rng.standard_normal((r.m, problem.n)), r.lower, r.upper) if priced else r
             for r, priced in zip(problem.levels, problem.priced, strict=True)
         )
         near = replace(problem, levels=moved)

@@ -1,0 +1,251 @@
+// The parts of the kernel, each alone, on random numbers: what they must satisfy is checked, not a stored answer.
+#include <cstdio>
+#include <random>
+#include <vector>
+
+#include "../priced/row_space.hpp"
+#include "../priced/secular.hpp"
+#include "lexicographic.hpp"
+
+using namespace hqp;
+
+static int failures = 0;
+static std::mt19937 engine(7);
+
+static double random_number() { return std::normal_distribution<double>()(engine); }
+
+static void small(const char* what, double value, double bound = 1e-12) {
+  if (std::fabs(value) <= bound) return;
+  std::printf("%s: %.3g > %.3g\n", what, value, bound);
+  ++failures;
+}
+
+static std::vector<double> random_vector(std::size_t size) {
+  std::vector<double> v(size);
+  for (double& x : v) x = random_number();
+  return v;
+}
+
+template <class T>
+struct Placed : T {  // a part that lives in an arena
+  Arena arena;
+  template <class... Sizes>
+  explicit Placed(Sizes... sizes) {
+    T::layout(arena, sizes...);
+    arena.take();
+    T::layout(arena, sizes...);
+  }
+};
+
+static void null_space() {
+  const int n = 9, m = 5;
+  Placed<NullSpace> space(n);
+  const auto A = random_vector(m * n);
+  for (int i = 0; i < m; ++i) {
+    std::vector<double> y(A.begin() + i * n, A.begin() + (i + 1) * n);
+    space.project(y.data());
+    space.add(y.data(), space.length(y.data()));
+  }
+  for (int j = m; j < n; ++j)
+    for (int k = m; k <= j; ++k) {
+      std::vector<double> a(n), b(n);
+      a[j] = b[k] = 1.0;
+      space.lift(a.data());
+      space.lift(b.data());
+      small("null space: orthonormal", dot_any(a.data(), b.data(), n) - (j == k));
+      for (int i = 0; i < m && k == j; ++i) small("null space: leaves a row", dot_any(a.data(), &A[i * n], n));
+    }
+}
+
+static void nonnegative_least_squares() {
+  const int n = 6, k = 10;
+  for (int trial = 0; trial < 200; ++trial) {
+    Placed<NonnegativeLeastSquares> part(n, k);
+    auto C = random_vector(k * n), t = random_vector(n);
+    for (int i = 0; i < n; ++i) C[3 * n + i] = C[2 * n + i] = i < 2 ? C[i] : 0.0;  // dependent columns, one twice
+    part.count = k;
+    for (int a = 0; a < k; ++a) {
+      part.column[a] = &C[a * n];
+      part.sign[a] = a % 2 ? -1.0 : 1.0;
+    }
+    const double length = part.solve(t.data(), n);
+    std::vector<double> rest = t;
+    for (int a = 0; a < k; ++a) add_any(rest.data(), &C[a * n], -part.mu[a] * part.sign[a], n);
+    small("nnls: length of the rest", length - std::sqrt(dot_any(rest.data(), rest.data(), n)), 1e-10);
+    for (int a = 0; a < k; ++a) {
+      const double pull = part.sign[a] * dot_any(&C[a * n], rest.data(), n);
+      small("nnls: multiplier below zero", smaller(part.mu[a], 0.0), 0.0);
+      small("nnls: a column still pulls", larger(pull, 0.0), 1e-9);
+      if (part.mu[a] > 0.0) small("nnls: slack and multiplier", pull, 1e-9);
+    }
+  }
+}
+
+// n variables, two dense levels of equalities, and the least norm.
+struct Two {
+  static constexpr int n = 8, m = 3;
+  const int sizes[2] = {m, m};
+  int blocks[5];
+  Arena arena;
+  ActiveSet set;
+  std::vector<double> A = random_vector(2 * m * n), b = random_vector(2 * m);
+  Level level[2];
+  std::vector<std::int8_t> F = std::vector<std::int8_t>(n, kFree);
+
+  Two() {
+    set.layout(arena, n, 2, sizes, blocks, false);
+    arena.take();
+    set.layout(arena, n, 2, sizes, blocks, false);
+    set.start();
+    for (int k = 0; k < 2; ++k) {
+      level[k].A = &A[k * m * n];
+      level[k].lower = level[k].upper = &b[k * m];
+      level[k].m = m;
+    }
+    Problem problem;
+    problem.levels = level;
+    problem.count = 2;
+    if (!set.table.read(problem)) ++failures;
+    set.tableau.choose_bias();
+    set.tableau.recording = true;
+  }
+  const double* factorise() {
+    set.tableau.factorise(set.table.kind, F.data());
+    return set.tableau.x;
+  }
+};
+
+static void factorisation() {
+  for (int trial = 0; trial < 100; ++trial) {
+    Two two;
+    const double* x = two.factorise();
+    Placed<NullSpace> space(Two::n);
+    for (int r = 0; r < 2 * Two::m; ++r) {
+      const double* a = &two.A[r * Two::n];
+      small("tableau: a row", dot_any(a, x, Two::n) - two.b[r], 1e-9);
+      std::vector<double> y(a, a + Two::n);
+      space.project(y.data());
+      space.add(y.data(), space.length(y.data()));
+    }
+    std::vector<double> y(x, x + Two::n);
+    space.project(y.data());
+    small("tableau: not the shortest", space.length(y.data()), 1e-9);
+  }
+}
+
+// A variable that is held in front of level 1 by an update, or before everything by a factorisation: the same point.
+static void updates() {
+  int updated = 0;
+  for (int trial = 0; trial < 100; ++trial) {
+    Two two;
+    two.factorise();
+    Tableau& tableau = two.set.tableau;
+    const double value = 0.3;
+    if (!tableau.rewind(1) || !tableau.hold(0, value)) continue;
+    ++updated;
+    tableau.resume(two.set.table.kind);
+    const std::vector<double> x(tableau.x, tableau.x + Two::n);
+    two.set.table.hi[0] = value;
+    two.F[0] = kUpper;
+    const double* fresh = two.factorise();
+    for (int i = 0; i < Two::n; ++i) small("tableau: updated and fresh", x[i] - fresh[i], 1e-8);
+  }
+  if (updated < 90) small("tableau: updates refused", 100 - updated, 10);
+}
+
+static void level_along_step() {
+  for (int trial = 0; trial < 200; ++trial) {
+    const int m = 7;
+    auto lower = random_vector(m), upper = random_vector(m), v = random_vector(m), change = random_vector(m);
+    for (int r = 0; r < m; ++r) upper[r] = lower[r] + std::fabs(upper[r]);
+    Table table;
+    table.lower = lower.data();
+    table.upper = upper.data();
+    Block level{};
+    level.end = m;
+    const LevelAlongStep along{table, level, v.data(), change.data()};
+    const auto value = [&](double alpha) {
+      double square = 0.0;
+      for (int r = 0; r < m; ++r) square += std::pow(table.beyond(r, v[r] + alpha * change[r]), 2);
+      return square;
+    };
+    const double alpha = 2.0, best = value(along.lowest(alpha, 1e-12));
+    for (int i = 0; i <= 100; ++i)
+      small("level along step: lower elsewhere", larger(best - value(alpha * i / 100), 0.0));
+  }
+}
+
+static void row_space() {
+  const int n = 7, ld = padded(n), m = 4;
+  RowSpace space(n, ld);
+  std::vector<std::vector<double>> W;
+  for (int i = 0; i < m; ++i) {
+    auto row = random_vector(ld);
+    const double length = std::sqrt(dot_any(row.data(), row.data(), n));
+    for (double& x : row) x /= length;
+    if (!space.add(row.data(), n)) ++failures;
+    W.push_back(row);
+  }
+  if (space.add(W[1].data(), n)) small("row space: a dependent row added", 1.0);
+  const auto b = random_vector(m), mu = random_vector(m);
+  std::vector<double> y(ld), g(ld), lambda(m);
+  space.shortest(b.data(), y.data(), n);
+  for (int i = 0; i < m; ++i) {
+    small("row space: W y = b", dot_any(W[i].data(), y.data(), n) - b[i]);
+    add_any(g.data(), W[i].data(), mu[i], n);
+  }
+  space.multipliers(g.data(), lambda.data(), n);
+  for (int i = 0; i < m; ++i) small("row space: multipliers", lambda[i] - mu[i], 1e-11);
+  space.project(y.data(), n);
+  for (int j = 0; j < n; ++j) small("row space: not the shortest", y[j]);
+}
+
+// At the minimum of ||M z - e|| + c/2 |z|^2: M'u + c z = 0 with u = w / ||w||, or |u| <= 1 where w = 0.
+static void secular_equation() {
+  int met = 0;
+  for (int trial = 0; trial < 200; ++trial) {
+    const int n = 6, ld = padded(n), m = 3;
+    auto M = random_vector(m * ld), e = random_vector(m);
+    const auto rows = M;
+    const auto target = e;
+    const double price = std::pow(10.0, trial % 5 - 3);
+    Secular part;
+    part.solve(M.data(), ld, n, e.data(), m, price);
+    std::vector<double> z(ld), u(m), w(m);
+    for (int i = 0; i < m; ++i) add_any(z.data(), &M[i * ld], part.weight(i), n);
+    part.direction(price, u.data());
+    double length = 0.0, norm = 0.0;
+    for (int i = 0; i < m; ++i) {
+      w[i] = dot_any(&rows[i * ld], z.data(), n) - target[i];
+      length += u[i] * u[i];
+      norm += w[i] * w[i];
+    }
+    length = std::sqrt(length);
+    norm = std::sqrt(norm);
+    met += part.met();
+    if (part.met()) {
+      small("secular: not met", norm, 1e-9);
+      small("secular: |u| > 1", larger(length - 1.0, 0.0));
+    } else {
+      for (int i = 0; i < m; ++i) small("secular: u = w / |w|", u[i] - w[i] / norm, 1e-6);
+    }
+    for (int j = 0; j < n; ++j) {
+      double g = price * z[j];
+      for (int i = 0; i < m; ++i) g += rows[i * ld + j] * u[i];
+      small("secular: gradient", g, 1e-9);
+    }
+  }
+  if (met < 20 || met > 180) small("secular: one kind of case alone", met, 0);
+}
+
+int main() {
+  null_space();
+  nonnegative_least_squares();
+  factorisation();
+  updates();
+  level_along_step();
+  row_space();
+  secular_equation();
+  std::printf("%d failures\n", failures);
+  return failures != 0;
+}
