@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -67,8 +67,8 @@ def rebuilt(pattern: Hierarchy, arrays: list[Any]) -> Hierarchy:
     if motion is not None:
         motion = Motion(next(rest), None if motion.f is None else next(rest))
     made = object.__new__(Hierarchy)
-    for name in ("constraints", "n", "prices", "shares", "guard"):
-        object.__setattr__(made, name, getattr(pattern, name))
+    for item in fields(Hierarchy):  # whatever stays as it is
+        object.__setattr__(made, item.name, getattr(pattern, item.name))
     for name, value in (("levels", tuple(levels)), ("metric", metric), ("origin", origin), ("motion", motion)):
         object.__setattr__(made, name, value)
     object.__setattr__(made, "stacked", None)
@@ -103,6 +103,7 @@ def pattern_of(problem: Hierarchy) -> dict[str, Any]:
         "prices": None if problem.prices is None else problem.prices.tolist(),
         "shares": None if problem.shares is None else problem.shares.tolist(),
         "guard": problem.guard,
+        "guard_floor": problem.guard_floor,
         "motion": motion,
     }
 
@@ -129,6 +130,7 @@ def from_pattern(told: dict[str, Any]) -> Hierarchy:
         prices=None if told["prices"] is None else np.array(told["prices"]),
         shares=None if told["shares"] is None else np.array(told["shares"]),
         guard=told["guard"],
+        guard_floor=told["guard_floor"],
         motion=motion,
     )
     return replace(made, metric=np.eye(n) if told["metric"] else None, origin=np.zeros(n) if told["origin"] else None)
