@@ -35,7 +35,8 @@ def shown(told: dict[str, Any]) -> str:
     versions = ", ".join(listed[0] for listed in m["rivals"].values())
     return (
         f"{table(header, body)}\n\n{m['machine']['processor']}, shared, load {m['machine']['load'][0]:.1f}; hqp "
-        f"{m['hqp']} {m['commit'][:10]}; {versions}; {m['made'][:10]}. hqp orders levels strictly, the others weigh "
+        f"{m['hqp']} {m['commit'][:10]}; {versions}; {m['made'][:10]}; {m['seconds']:g} s a scene. "
+        "hqp orders levels strictly, the others weigh "
         "them; *hqp, price 0* is the exact problem without calm; *hqp, torques* and tsid solve for accelerations and "
         "contact forces."
     )
