@@ -19,7 +19,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from hqp.arrays import Mat, Signs, Vec, longest_row
-from hqp.pricing import Coordinates, after_stages, at_optimum, feasible_set, room, stack_rows
+from hqp.pricing import Coordinates, after_stages, at_optimum, feasible_set, is_met, room, stack_rows
 from hqp.problem import SHARE, Hierarchy, Rows, Selection, Shape, Solution, Stats, Status
 from hqp.solvers.base import Workspace, check_shape, finish
 from hqp.tolerances import ACTIVITY_TOLERANCE, VIOLATION_TOLERANCE
@@ -176,7 +176,7 @@ class StagedWorkspace:
     def _priced(self, problem: Hierarchy, solution: Solution) -> Solution:
         """The exact solution, or that of the stages from the first level that it does not settle."""
         began = perf_counter()
-        found = self._stages(problem, solution.x) if problem.priced and solution.status.solved else None
+        found = self._stages(problem, solution.x) if problem.priced and self._begins(problem, solution) else None
         self._latest = self._exact
         if found is None:
             return solution
@@ -195,6 +195,18 @@ class StagedWorkspace:
         # where the last solve ends without an answer, the last stage's point keeps to what every level handed down
         best = answer.x if answer.status.solved else point
         return finish(problem, best, answer.status, stats, answer.detail, stages)
+
+    @staticmethod
+    def _begins(problem: Hierarchy, exact: Solution) -> bool:
+        """Whether stages can start from this answer: they ask for exact levels above to be at their optimum.
+
+        Far out of reach the exact answer moves so fast that its lower levels cannot be judged; where the exact levels
+        are met that does not matter.
+        """
+        if exact.status is not Status.NOT_CERTIFIED:
+            return exact.status.solved
+        last = max(k for k, priced in enumerate(problem.priced) if priced)
+        return all(is_met(problem.levels[k], exact.x) for k in range(last) if not problem.priced[k])
 
     def _direct(
         self, problem: Hierarchy, exact: Solution, stages: Mat, steps: int, final: Hierarchy, began: float
