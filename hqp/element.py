@@ -73,16 +73,16 @@ class Element(ABC):
         if not isinstance(self.name, str):
             raise DeclarationError(type(self).__name__, "name must be a string", value=self.name)
         if not isinstance(self.weight, Real) or not 0.0 < self.weight < math.inf:
-            raise self.bad("weight", self.weight, "a positive finite number")
+            raise self.invalid("weight", self.weight, "a positive finite number")
         if self.law is not None and not isinstance(self.law, Law):
-            raise self.bad("law", self.law, "P(...) or PD(...)")
+            raise self.invalid("law", self.law, "P(...) or PD(...)")
 
     def default_name(self) -> str:
         """The frame where there is one, the class name in snake case otherwise."""
         frame = getattr(self, "frame", None)
         return frame if isinstance(frame, str) else re.sub(r"(?<=[a-z])(?=[A-Z])", "_", type(self).__name__).lower()
 
-    def bad(self, what: str, value: object, allowed: str) -> DeclarationError:
+    def invalid(self, what: str, value: object, allowed: str) -> DeclarationError:
         """The error for a field with a value that is not allowed."""
         return DeclarationError(f"{type(self).__name__} {self.name or '?'}", what, value=value, allowed=allowed)
 

@@ -44,10 +44,12 @@ class Readable:
             getattr(element, "task", None) if self._final else None
         )  # of a Within, which needs the drift of its task
         if not isinstance(element, (Task, Inequality)):
-            raise element.bad("has no rows on the robot's motion", type(element).__name__, "a Task or an Inequality")
+            raise element.invalid(
+                "has no rows on the robot's motion", type(element).__name__, "a Task or an Inequality"
+            )
         needs = inner if order == 2 and isinstance(inner, Task) else element if self._drifts else None
         if needs is not None and not has(needs, "drift"):
-            raise element.bad(
+            raise element.invalid(
                 "has no drift(state), which accelerations and torques need", type(element).__name__, "drift"
             )
         self._write = self._write_task if isinstance(element, Task) and not self._final else self._write_bounds

@@ -54,7 +54,7 @@ class BallLimits(Inequality):
             if math.isfinite(most) and (wanted is None or first in wanted)
         ]
         if not found or min(most for *_, most in found) <= 0.0:
-            raise self.bad("joints", self.joints, "ball joints with a limit, wider than the margin")
+            raise self.invalid("joints", self.joints, "ball joints with a limit, wider than the margin")
         return found
 
     def rows(self, robot: Robot) -> int:

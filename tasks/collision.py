@@ -65,12 +65,12 @@ class CollisionAvoidance(Inequality):
         super().__post_init__()
         names = [s.name for s in self.world]
         if len(set(names)) < len(names):
-            raise self.bad("world", names, "shapes of distinct names")
+            raise self.invalid("world", names, "shapes of distinct names")
         for what in ("clearance", "rate", "recovery"):
             check_number(self, what, getattr(self, what), 0.0, strict=what != "clearance")
         check_number(self, "influence", self.influence, self.clearance, strict=True)
         if not isinstance(self.slots, int) or isinstance(self.slots, bool) or self.slots < 0:
-            raise self.bad("slots", self.slots, "a whole number, 0 for as many as there may be pairs near")
+            raise self.invalid("slots", self.slots, "a whole number, 0 for as many as there may be pairs near")
 
     def _checked_pairs(self) -> tuple[tuple[str, str], ...]:
         try:
@@ -78,7 +78,7 @@ class CollisionAvoidance(Inequality):
         except (TypeError, ValueError):
             pairs = ()
         if not pairs:
-            raise self.bad(
+            raise self.invalid(
                 "pairs", self.pairs, '"auto", "world", the path of an SRDF, or (("link", "other link"), ...)'
             )
         return pairs
@@ -111,14 +111,14 @@ class CollisionAvoidance(Inequality):
         value, names = self.poses(), [s.name for s in self.world]
         for name, pose in poses.items():
             if name not in names:
-                raise self.bad("shape", name, ", ".join(names) or "none: the element has no world")
+                raise self.invalid("shape", name, ", ".join(names) or "none: the element has no world")
             given = np.asarray(pose, dtype=np.float64)
             if given.shape == (3,):
                 value[names.index(name), :3, 3] = given
             elif given.shape == (4, 4):
                 value[names.index(name)] = given
             else:
-                raise self.bad(f"pose of {name}", pose, "a matrix (4, 4) or a position (3,) [m]")
+                raise self.invalid(f"pose of {name}", pose, "a matrix (4, 4) or a position (3,) [m]")
         return Reference(self.name, value)
 
     def near(self, state: State, value: Mat | None = None) -> list[Near | None]:

@@ -95,7 +95,7 @@ class Scene:
             found.append((one, two))
             clearances.append(clearance)
         if not found:
-            raise element.bad("pairs", element.pairs, "names of links or shapes that may collide")
+            raise element.invalid("pairs", element.pairs, "names of links or shapes that may collide")
         self.pairs, self.clearance = found, np.array(clearances)
         self.slots: NDArray[np.int32] = np.full(min(element.slots or MOST, len(found)), -1, dtype=np.int32)
         self._columns = {body: self._support(body) for body in {c.body for c in self.capsules}}
@@ -239,7 +239,7 @@ class Scene:
         try:
             root = ET.parse(Path(path)).getroot()
         except (OSError, ET.ParseError) as error:
-            raise self._element.bad(
+            raise self._element.invalid(
                 "pairs", path, f'"auto", "world", an SRDF that can be read, or pairs of names ({error})'
             ) from error
         return {frozenset((str(e.get("link1")), str(e.get("link2")))) for e in root.iter("disable_collisions")}

@@ -39,7 +39,7 @@ class Com(Task):
         check_axes(self, self.axes)
         check_relative(self, self.relative_to, self.heading)
         if self.subtree is not None and (not isinstance(self.subtree, str) or not self.subtree):
-            raise self.bad("subtree", self.subtree, "the name of a joint, or None for the whole robot")
+            raise self.invalid("subtree", self.subtree, "the name of a joint, or None for the whole robot")
 
     def rows(self, robot: Robot) -> int:
         """As many as axes; raises JointNotFound, FrameNotFound."""

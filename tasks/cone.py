@@ -40,11 +40,11 @@ class Cone(_Barrier):
 
     def __post_init__(self) -> None:
         if not isinstance(self.task, (AlignAxis, LookAt)):
-            raise self.bad("task", self.task, "an AlignAxis or a LookAt")
+            raise self.invalid("task", self.task, "an AlignAxis or a LookAt")
         super().__post_init__()
         check_number(self, "angle", self.angle, 0.0, strict=True)
         if self.angle > 0.5 * math.pi:
-            raise self.bad("angle", self.angle, "at most pi / 2")
+            raise self.invalid("angle", self.angle, "at most pi / 2")
 
     def default_name(self) -> str:
         """The task's name and ``_cone``."""

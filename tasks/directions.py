@@ -39,7 +39,7 @@ class _Axis(Task):
         check_frame(self, "frame", self.frame)
         set_vector(self, "axis")
         if not any(self.axis):
-            raise self.bad("axis", self.axis, "a vector that is not zero")
+            raise self.invalid("axis", self.axis, "a vector that is not zero")
 
     def rows(self, robot: Robot) -> int:
         """2; raises FrameNotFound."""
@@ -204,7 +204,7 @@ class Distance(Task):
         check_frame(self, "frame", self.frame)
         check_frame(self, "other", self.other)
         if self.frame == self.other:
-            raise self.bad("other", self.other, f"another frame than {self.frame!r}")
+            raise self.invalid("other", self.other, f"another frame than {self.frame!r}")
 
     def default_name(self) -> str:
         """Both frames."""

@@ -40,11 +40,11 @@ class EdgeContact(Task, Constraint):
         check_frame(self, "frame", self.frame)
         if isinstance(self.axis, str):
             if self.axis not in ("x", "y", "z"):
-                raise self.bad("axis", self.axis, '"x", "y", "z" or three numbers')
+                raise self.invalid("axis", self.axis, '"x", "y", "z" or three numbers')
             return
         set_vector(self, "axis")
         if not any(self.axis):
-            raise self.bad("axis", self.axis, "a vector that is not zero")
+            raise self.invalid("axis", self.axis, "a vector that is not zero")
 
     def _axes(self) -> tuple[Vec, Mat]:
         """Unit axis ``(3,)`` and its complement B ``(3, 2)`` in the frame's axes."""
@@ -100,7 +100,7 @@ class EdgeContact(Task, Constraint):
         line = None if value is None else numbers(self.name, "position and direction", value, (6,))
         square = 1.0 if line is None else float(line[3:] @ line[3:])
         if line is not None and math.isfinite(square) and abs(square - 1.0) > 1e-6:
-            raise self.bad("direction", line[3:], "a unit vector")
+            raise self.invalid("direction", line[3:], "a unit vector")
         return make_reference(self.name, 5, line, velocity, acceleration)
 
     def row_names(self, robot: Robot) -> tuple[str, ...]:

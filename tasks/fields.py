@@ -24,13 +24,13 @@ def indices(axes: str) -> list[int]:
 def check_axes(element: Element, axes: object) -> None:
     """Raise DeclarationError unless ``axes`` is made of distinct letters of "xyz"."""
     if not isinstance(axes, str) or not axes or len(set(axes)) < len(axes) or not set(axes) <= set("xyz"):
-        raise element.bad("axes", axes, 'distinct letters of "xyz", such as "xy"')
+        raise element.invalid("axes", axes, 'distinct letters of "xyz", such as "xy"')
 
 
 def check_frame(element: Element, what: str, frame: object) -> None:
     """Raise DeclarationError unless ``frame`` is a name."""
     if not isinstance(frame, str) or not frame:
-        raise element.bad(what, frame, "the name of a frame")
+        raise element.invalid(what, frame, "the name of a frame")
 
 
 def check_relative(element: Element, relative_to: object, heading: object = False) -> None:
@@ -38,7 +38,7 @@ def check_relative(element: Element, relative_to: object, heading: object = Fals
     if relative_to is not None:
         check_frame(element, "relative_to", relative_to)
     elif heading:
-        raise element.bad("heading", heading, "False, or relative_to=... whose heading is meant")
+        raise element.invalid("heading", heading, "False, or relative_to=... whose heading is meant")
 
 
 def check_number(element: Element, what: str, value: Any, low: float = -math.inf, *, strict: bool = False) -> None:
@@ -46,7 +46,7 @@ def check_number(element: Element, what: str, value: Any, low: float = -math.inf
     number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
     if not number or value < low or (strict and value <= low):
         bound = "" if low == -math.inf else f" {'above' if strict else 'at least'} {low:g}"
-        raise element.bad(what, value, f"a finite number{bound}")
+        raise element.invalid(what, value, f"a finite number{bound}")
 
 
 def set_vector(element: Element, what: str, count: int = 3) -> None:
@@ -57,7 +57,7 @@ def set_vector(element: Element, what: str, count: int = 3) -> None:
     except (TypeError, ValueError):
         numbers = ()
     if len(numbers) != count or not all(map(math.isfinite, numbers)):
-        raise element.bad(what, value, f"{count} finite numbers")
+        raise element.invalid(what, value, f"{count} finite numbers")
     object.__setattr__(element, what, numbers)
 
 
@@ -68,7 +68,7 @@ def set_names(element: Element, what: str) -> None:
         return
     names = tuple(value) if isinstance(value, Iterable) and not isinstance(value, (str, dict)) else ()
     if not names or not all(isinstance(n, str) and n for n in names) or len(set(names)) < len(names):
-        raise element.bad(what, value, "None, a name or distinct names")
+        raise element.invalid(what, value, "None, a name or distinct names")
     object.__setattr__(element, what, names)
 
 
@@ -76,7 +76,7 @@ def joint_columns(element: Element, robot: Robot, joints: str | Sequence[str] | 
     """Tangent coordinates of joints or groups; raises JointNotFound, DeclarationError where one occurs twice."""
     columns = robot.joints(joints)
     if len(set(columns.tolist())) < columns.size:
-        raise element.bad("joints", joints, "joints and groups that do not overlap")
+        raise element.invalid("joints", joints, "joints and groups that do not overlap")
     return columns
 
 
@@ -87,7 +87,7 @@ def motor_positions(element: Element, robot: Robot, joints: str | Sequence[str] 
         return np.arange(len(motors), dtype=np.intp)
     columns = joint_columns(element, robot, joints).tolist()
     if not set(columns) <= set(motors):
-        raise element.bad("joints", joints, f"joints with a motor: {', '.join(robot.joint_names)}")
+        raise element.invalid("joints", joints, f"joints with a motor: {', '.join(robot.joint_names)}")
     return np.array([motors.index(column) for column in columns], dtype=np.intp)
 
 

@@ -32,7 +32,7 @@ class _ContactForce(Constraint):
 
     def __post_init__(self) -> None:
         if not isinstance(self.contact, str) or not self.contact:
-            raise self.bad("contact", self.contact, "the name of a contact in the stack")
+            raise self.invalid("contact", self.contact, "the name of a contact in the stack")
         super().__post_init__()
 
     def default_name(self) -> str:
@@ -53,7 +53,7 @@ class _ContactForce(Constraint):
     def _check_dimension(self, dimension: int, *allowed: int) -> None:
         if dimension not in allowed:
             names = {3: "3 (a force)", 6: "6 (a wrench)"}
-            raise self.bad(
+            raise self.invalid(
                 f"dimension of {self.contact}", dimension, " or ".join(names[d] for d in allowed) + " for these rows"
             )
 
@@ -103,7 +103,7 @@ class FrictionCone(_ContactForce):
         super().__post_init__()
         check_number(self, "mu", self.mu, 0.0, strict=True)
         if not isinstance(self.edges, int) or isinstance(self.edges, bool) or self.edges < 3:
-            raise self.bad("edges", self.edges, "a whole number, at least 3")
+            raise self.invalid("edges", self.edges, "a whole number, at least 3")
         if self.torsion is not None:
             check_number(self, "torsion", self.torsion, 0.0)
 
@@ -144,7 +144,7 @@ class ForceLimits(_ContactForce):
             if getattr(self, what) is not None:
                 check_number(self, what, getattr(self, what), 0.0)
         if self.force is None and self.moment is None:
-            raise self.bad("force and moment", None, "one of them, or both")
+            raise self.invalid("force and moment", None, "one of them, or both")
 
     def force_rows(self, dimension: int) -> tuple[Mat, Vec, Vec]:
         """Rows of the identity, -bound, bound."""
@@ -175,7 +175,7 @@ class CenterOfPressure(_ContactForce):
         super().__post_init__()
         if (self.rectangle is None) == (self.polygon is None):
             given = (self.rectangle, self.polygon)
-            raise self.bad("rectangle and polygon", given, "exactly one of them")
+            raise self.invalid("rectangle and polygon", given, "exactly one of them")
         for what, width in (("rectangle", 4), ("polygon", 2)):
             value = getattr(self, what)
             if value is not None:
@@ -185,7 +185,7 @@ class CenterOfPressure(_ContactForce):
             allowed = (
                 "corners of a convex polygon in order" if self.rectangle is None else "x_min < x_max, y_min < y_max"
             )
-            raise self.bad(
+            raise self.invalid(
                 "polygon" if self.rectangle is None else "rectangle", self.polygon or self.rectangle, allowed
             )
 
@@ -194,10 +194,10 @@ class CenterOfPressure(_ContactForce):
         try:
             array = np.array(value, dtype=np.float64)
         except (TypeError, ValueError):
-            raise self.bad(what, value, allowed) from None
+            raise self.invalid(what, value, allowed) from None
         right = array.shape == (4,) if width == 4 else array.ndim == 2 and array.shape[1] == 2
         if not right or not np.isfinite(array).all():
-            raise self.bad(what, value, allowed)
+            raise self.invalid(what, value, allowed)
         return tuple(array.tolist()) if width == 4 else tuple(tuple(corner) for corner in array.tolist())
 
     def corners(self) -> tuple[tuple[float, float], ...]:

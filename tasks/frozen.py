@@ -42,7 +42,7 @@ class Frozen(Inequality):
         super().__post_init__()
         set_names(self, "joints")
         if self.joints is None:
-            raise self.bad("joints", None, "names of joints or groups")
+            raise self.invalid("joints", None, "names of joints or groups")
         check_number(self, "rate", self.rate, 0.0, strict=True)
         check_number(self, "acceleration", self.acceleration, 0.0, strict=True)
 
@@ -54,7 +54,7 @@ class Frozen(Inequality):
         """Tangent coordinates of the joints ``(k,)``; raises JointNotFound, DeclarationError."""
         columns = joint_columns(self, robot, self.joints)
         if robot.positions(columns) is None:
-            raise self.bad("joints", self.joints, "joints of one axis")
+            raise self.invalid("joints", self.joints, "joints of one axis")
         return columns
 
     def hold(self, state: State) -> Reference:

@@ -96,7 +96,9 @@ class JointLimits(Inequality):
         picked = self.selection(robot)
         low, high = robot.lower[picked] + self.margin, robot.upper[picked] - self.margin
         if np.any(low > high):
-            raise self.bad("margin", self.margin, f"at most {np.min(high - low) / 2 + self.margin:g} on {robot.name}")
+            raise self.invalid(
+                "margin", self.margin, f"at most {np.min(high - low) / 2 + self.margin:g} on {robot.name}"
+            )
         return low, high
 
     def jacobian(self, state: State) -> Mat:

@@ -57,7 +57,7 @@ class ExternalWrench(_Load):
         super().__post_init__()
         for field in ("local", "resisted"):
             if not isinstance(getattr(self, field), bool):
-                raise self.bad(field, getattr(self, field), "True or False")
+                raise self.invalid(field, getattr(self, field), "True or False")
 
     def default_name(self) -> str:
         """The frame and ``_wrench``."""

@@ -58,7 +58,7 @@ class Manipulability(Task):
         moving = np.flatnonzero(robot.support(robot.frame(self.frame))).tolist()
         joints = [c for c in moving if not (robot.floating and c < 6)]
         if len(joints) < len(self.picked):
-            raise self.bad("linear and angular", (self.linear, self.angular), f"at most {len(joints)} rows in all")
+            raise self.invalid("linear and angular", (self.linear, self.angular), f"at most {len(joints)} rows in all")
         return moving, joints
 
     def rows(self, robot: Robot) -> int:

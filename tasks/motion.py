@@ -32,7 +32,7 @@ class _RateTask(Task):
     def at(self, value: Any = None, *, velocity: Any = None, acceleration: Any = None) -> Reference:
         """Velocity and acceleration ``(m,)`` to have; raises DeclarationError for a value that is not zero."""
         if value is not None and np.any(np.asarray(value)):
-            raise self.bad("value", value, "None: such a task follows velocity=...")
+            raise self.invalid("value", value, "None: such a task follows velocity=...")
         given = [None if x is None else np.atleast_1d(x) for x in (velocity, acceleration)]
         size = next((np.size(x) for x in given if x is not None), 0)
         rate, change = (
@@ -143,7 +143,7 @@ class Damping(_RateTask):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not isinstance(self.kinetic_energy, bool):
-            raise self.bad("kinetic_energy", self.kinetic_energy, "True or False")
+            raise self.invalid("kinetic_energy", self.kinetic_energy, "True or False")
 
     def rows(self, robot: Robot) -> int:
         """nv."""
@@ -233,7 +233,7 @@ class BaseVelocityLimits(Inequality):
     def rows(self, robot: Robot) -> int:
         """6; raises DeclarationError for a fixed base."""
         if not robot.floating:
-            raise self.bad("robot", robot.name, "a robot with a free base")
+            raise self.invalid("robot", robot.name, "a robot with a free base")
         return 6
 
     def selection(self, robot: Robot) -> Index:

@@ -42,7 +42,7 @@ class TorqueSpeedLimits(Inequality):
         check_number(self, "scale", self.scale, 0.0, strict=True)
         check_number(self, "corner", self.corner, 0.0)
         if self.corner >= 1.0:
-            raise self.bad("corner", self.corner, "below 1")
+            raise self.invalid("corner", self.corner, "below 1")
         if self.no_load is not None:
             check_number(self, "no_load", self.no_load, 0.0, strict=True)
 

@@ -45,7 +45,7 @@ class Orientation(Task):
         check_relative(self, self.relative_to)
         set_names(self, "axes")
         if not set(self._names) <= set(ANGLES):
-            raise self.bad("axes", self.axes, "None or some of roll, pitch, yaw")
+            raise self.invalid("axes", self.axes, "None or some of roll, pitch, yaw")
 
     @property
     def _names(self) -> tuple[str, ...]:

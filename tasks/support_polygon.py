@@ -53,9 +53,9 @@ class SupportPolygon(_Barrier):
         for what, count in (("points", 4), ("polygon", 2)):
             self._set_rows(what, count)
         if bool(self.points) + bool(self.polygon) + (self.contacts is not None or self.sole is not None) > 1:
-            raise self.bad("points", self.points or self.polygon, "one of contacts, points and polygon")
+            raise self.invalid("points", self.points or self.polygon, "one of contacts, points and polygon")
         if self.polygon and len(hull(np.array(self.polygon, dtype=np.float64))) < 3:
-            raise self.bad("polygon", self.polygon, "corners that are not on one line")
+            raise self.invalid("polygon", self.polygon, "corners that are not on one line")
 
     def _set_rows(self, what: str, count: int) -> None:
         given = getattr(self, what)
@@ -68,7 +68,7 @@ class SupportPolygon(_Barrier):
             rows, fits = (), False
         if not fits or 0 < len(rows) < 3:
             allowed = "((frame, x, y, z), ...)" if count == 4 else "((x, y), ...)"
-            raise self.bad(what, given, f"{allowed} [m], at least three")
+            raise self.invalid(what, given, f"{allowed} [m], at least three")
         object.__setattr__(self, what, rows)
 
     def default_name(self) -> str:
@@ -84,10 +84,10 @@ class SupportPolygon(_Barrier):
         points: list[tuple[Any, ...]] = []
         for name in wanted:
             if name not in contacts:
-                raise self.bad("contacts", name, ", ".join(contacts) or "names of contacts; the stack has none")
+                raise self.invalid("contacts", name, ", ".join(contacts) or "names of contacts; the stack has none")
             points += self._corners(contacts[name], elements)
         if len(points) < 3:
-            raise self.bad("points", tuple(points), "at least three, of the stack's contacts or points=...")
+            raise self.invalid("points", tuple(points), "at least three, of the stack's contacts or points=...")
         return replace(self, contacts=None, sole=None, points=tuple(points))
 
     def _corners(self, contact: Any, elements: Iterable[Element]) -> list[tuple[Any, ...]]:
@@ -99,7 +99,7 @@ class SupportPolygon(_Barrier):
         if not known and self.sole is not None and not isinstance(contact, EdgeContact):
             known = [CenterOfPressure(contact=contact.name, rectangle=self.sole)]
         if not known or frame is None:
-            raise self.bad(f"size of {contact.name}", None, "sole=(x_min, x_max, y_min, y_max) or points=...")
+            raise self.invalid(f"size of {contact.name}", None, "sole=(x_min, x_max, y_min, y_max) or points=...")
         return [(frame, x, y, 0.0) for x, y in known[0].corners()]
 
     def rows(self, robot: Robot) -> int:
@@ -108,7 +108,7 @@ class SupportPolygon(_Barrier):
             robot.frame(frame)
         count = len(self.points or self.polygon)
         if count == 0:
-            raise self.bad("points", (), "points or a polygon; in a stack they are taken from its contacts")
+            raise self.invalid("points", (), "points or a polygon; in a stack they are taken from its contacts")
         return count
 
     def corners(self, state: State) -> Mat:

@@ -72,10 +72,10 @@ class ContactForce(Element):
         super().__post_init__()
         given = self.components
         if isinstance(given, str) or not given or len(set(given)) < len(given) or not set(given) <= set(COMPONENTS):
-            raise self.bad("components", given, f"distinct names of {', '.join(COMPONENTS)}")
+            raise self.invalid("components", given, f"distinct names of {', '.join(COMPONENTS)}")
         object.__setattr__(self, "components", tuple(given))
         if not isinstance(self.contact, str) or not self.contact:
-            raise self.bad("contact", self.contact, "the name of a contact in the stack")
+            raise self.invalid("contact", self.contact, "the name of a contact in the stack")
 
     def default_name(self) -> str:
         """The contact's name and the word force."""
@@ -89,7 +89,7 @@ class ContactForce(Element):
         """(C ``(k, dimension)``, zeros, zeros); raises DeclarationError for a moment of a point or a wheel."""
         index = [COMPONENTS.index(name) for name in self.components]
         if max(index) >= dimension:
-            raise self.bad(f"components of {self.contact}", self.components, ", ".join(COMPONENTS[:dimension]))
+            raise self.invalid(f"components of {self.contact}", self.components, ", ".join(COMPONENTS[:dimension]))
         return np.eye(dimension)[index], np.zeros(len(index)), np.zeros(len(index))
 
     def at(self, value: ArrayLike) -> Reference:

@@ -23,9 +23,9 @@ class Weld(Pose, Constraint):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.relative_to is None:
-            raise self.bad("relative_to", None, "the name of the other frame")
+            raise self.invalid("relative_to", None, "the name of the other frame")
         if self.relative_to == self.frame:
-            raise self.bad("relative_to", self.relative_to, f"another frame than {self.frame!r}")
+            raise self.invalid("relative_to", self.relative_to, f"another frame than {self.frame!r}")
 
     def default_name(self) -> str:
         """Both frames."""

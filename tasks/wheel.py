@@ -50,7 +50,7 @@ class _Wheel(Task, Constraint):
         if self.axle is not None:
             set_vector(self, "axle")
             if not any(self.axle):
-                raise self.bad("axle", self.axle, "a vector that is not zero")
+                raise self.invalid("axle", self.axle, "a vector that is not zero")
 
     def default_name(self) -> str:
         """The wheel's frame."""
@@ -63,7 +63,7 @@ class _Wheel(Task, Constraint):
         axle = known.axle if self.axle is None and known is not None else self.axle
         if radius is None or axle is None:
             listed = ", ".join(robot.wheels) or "none"
-            raise self.bad(
+            raise self.invalid(
                 "radius and axle", self.wheel, f"radius=..., axle=... or a wheel {robot.name} knows: {listed}"
             )
         x, y, z = (float(c) for c in axle)

@@ -91,12 +91,12 @@ class Within(_Barrier):
 
     def __post_init__(self) -> None:
         if not isinstance(self.task, Task) or self.task.grounded or has(self.task, "step_bounds"):
-            raise self.bad("task", self.task, "a task with a value, such as Position(frame=...)")
+            raise self.invalid("task", self.task, "a task with a value, such as Position(frame=...)")
         super().__post_init__()
         for what in ("lower", "upper"):
             self._set_bound(what)
         if self.lower is None and self.upper is None:
-            raise self.bad("bounds", None, "lower, upper or both")
+            raise self.invalid("bounds", None, "lower, upper or both")
 
     def _set_bound(self, what: str) -> None:
         value = getattr(self, what)
@@ -107,7 +107,7 @@ class Within(_Barrier):
         except (TypeError, ValueError):
             numbers = (math.nan,)
         if not numbers or any(map(math.isnan, numbers)):
-            raise self.bad(what, value, "a number or a sequence of numbers")
+            raise self.invalid(what, value, "a number or a sequence of numbers")
         object.__setattr__(self, what, numbers[0] if len(numbers) == 1 else numbers)
 
     def default_name(self) -> str:
@@ -119,12 +119,12 @@ class Within(_Barrier):
         m = self.task.rows(robot)
         if self.task.rotation_rows is None and not _has_vector(self.task, robot, m):
             allowed = "a task whose value is a vector or a rotation; Cone bounds directions"
-            raise self.bad("task", self.task.name, allowed)
+            raise self.invalid("task", self.task.name, allowed)
         low, high = self.ends(m)
         if low.shape != (m,) or high.shape != (m,):
-            raise self.bad("bounds", (self.lower, self.upper), f"a number or {m} of them")
+            raise self.invalid("bounds", (self.lower, self.upper), f"a number or {m} of them")
         if np.any(low > high):
-            raise self.bad("lower", self.lower, f"at most upper, {self.upper}")
+            raise self.invalid("lower", self.lower, f"at most upper, {self.upper}")
         return m
 
     def selection(self, robot: Robot) -> Index | None:

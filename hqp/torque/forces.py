@@ -43,7 +43,7 @@ class Efforts:
         for element in elements:
             picks = selection_of(element, robot)
             if picks is None:
-                raise element.bad(
+                raise element.invalid(
                     "picks no torques", type(element).__name__, "selection(robot) where quantity is effort"
                 )
             self._elements[element.name], self._picks[element.name] = element, picks
@@ -78,7 +78,7 @@ class Efforts:
         plan = plan_of(element, self._robot)
         constant = plan if isinstance(plan, Constant) else None
         if not element.equality and constant is None and not isinstance(element, Inequality):
-            raise element.bad("has no bounds(state)", type(element).__name__, "an Inequality, or a target")
+            raise element.invalid("has no bounds(state)", type(element).__name__, "an Inequality, or a target")
         self._written.append(_Effort(element, lower, upper, constant))
 
     def fill(self, state: State, references: Mapping[str, Reference]) -> None:
@@ -91,7 +91,7 @@ class Efforts:
             elif element.equality:
                 value = references[element.name].value
                 if value is not None and value.shape != lower.shape:
-                    raise element.bad("value of shape", value.shape, f"shape {lower.shape}")
+                    raise element.invalid("value of shape", value.shape, f"shape {lower.shape}")
                 lower[:] = upper[:] = 0.0 if value is None else value
             elif isinstance(element, Inequality):
                 lower[:], upper[:] = element.bounds(state)
@@ -121,7 +121,7 @@ class Forces:
             contact = by_name.get(getattr(element, "contact", ""))
             if contact is None:
                 known = ", ".join(by_name) or "there is none"
-                raise element.bad("contact", getattr(element, "contact", None), f"a contact in subject_to: {known}")
+                raise element.invalid("contact", getattr(element, "contact", None), f"a contact in subject_to: {known}")
             part = rows.members[contact.name].part
             C, low, high = _force_rows(element, contact, part.stop - part.start)
             whole = np.zeros((C.shape[0], m))
