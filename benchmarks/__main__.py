@@ -109,6 +109,7 @@ def _part(part: str, argv: Sequence[str]) -> int:
 
 def _main_job(arguments: argparse.Namespace) -> int:
     """All parts in turn, a line each as they end; failures, figures and the report's path at the end."""
+    importlib.import_module("benchmarks.experiments").choose_renderer()  # before any part imports MuJoCo
     from benchmarks.reports import page, report
 
     start = time.perf_counter()

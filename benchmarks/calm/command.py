@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run, show, write; returns 1 if priced levels miss a goal."""
+    """Run, show, write; returns 1 if priced levels break a promise; goals of calm that are missed are told."""
     robots = arguments.robots or (QUICK if arguments.quick else MAIN)
     variants = [VARIANTS[name] for name in arguments.variants]
     wanted = set(arguments.scenes or (("within", "beyond") if arguments.quick else ()))
@@ -70,12 +70,13 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json is not None:
         arguments.json.write_text(json.dumps(records, indent=1))
     closed = len({(r["robot"], r["formulation"], r["scene"]) for r in records})
-    return report.conclude(
-        arguments.output,
-        "calm",
-        [f"{closed} closed loops, {len(missed)} with a goal missed by priced levels"],
-        [f"{r['robot']}, {r['formulation']}, {r['scene']}: {', '.join(r['misses'])}" for r in missed],
-    )
+    lines = [f"{closed} closed loops, {len(missed)} with a goal missed by priced levels"]
+    failures = []
+    for r in missed:
+        broken = goals.PROMISES & set(r["misses"])
+        line = f"{r['robot']}, {r['formulation']}, {r['scene']}: {', '.join(r['misses'])}"
+        (failures if broken else lines).append(line if broken else f"missed: {line}")
+    return report.conclude(arguments.output, "calm", lines, failures)
 
 
 def _loops(

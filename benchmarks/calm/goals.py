@@ -33,6 +33,9 @@ GOALS: Mapping[str, tuple[Goal, ...]] = {
 }  # fmt: skip
 """Largest change of a command in a tick, reversals a second, joint accelerations, levels above the hand."""
 
+PROMISES = frozenset({"above", "error", "com", "over", "load"})
+"""Figures whose miss is a failure: levels above, tracking within reach, balance, limits and loads are promised."""
+
 LOSS, OFFSET = 1.01, 1e-4
 """Within reach the error may be this times the exact one, or this much more [m]."""
 

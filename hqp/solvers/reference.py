@@ -18,6 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from hqp.arrays import Mask, Mat, Vec, longest_row, row_lengths
+from hqp.certify import certificate
 from hqp.errors import DeclarationError
 from hqp.nnls import nonnegative_least_squares
 from hqp.pricing import Coordinates, after_stages, at_optimum, feasible_set, stack_rows
@@ -28,12 +29,11 @@ from hqp.solvers.flat import Flat
 from hqp.solvers.stages import multiplier
 from hqp.tolerances import RANK_TOLERANCE, ROUNDING
 
-HELD = 1e-11
-"""A row is active this close to its bound, relative to its terms; a direction of unit length stays on it below this."""
+HELD, ALONG = 1e-11, 1e-9
+"""A row is active this close to its bound, relative to its terms; rates of a direction of unit length that stays on it."""
 
-OPTIMAL, FLAT = 1e-13, 1e-10
-"""The residual of the optimality conditions below which a point is optimal, and optimal if its last step lowered
-nothing; relative to the gradient's terms."""
+OPTIMAL, FLAT = 1e-13, 1e-9
+"""Relative residual of the optimality conditions of an optimal point, and of one whose last step lowered nothing."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,6 @@ class Reference(Solver):
 
 
 class ReferenceWorkspace:
-    """The shape, and the check of the numbers."""
-
     def __init__(self, solver: Reference, shape: Shape) -> None:
         self._solver, self._flat = solver, Flat(shape)
 
@@ -82,8 +80,9 @@ class ReferenceWorkspace:
         stages = run.stages() if problem.priced else None
         x = run.answer(stages)
         stats = Stats(run.steps, 0, 0.0, perf_counter() - began)
-        status = Status.OPTIMAL if run.ended else Status.ITERATION_LIMIT
-        return finish(problem, x, status, stats, "" if run.ended else "a level took too many steps", stages)
+        if run.ended or certificate(problem, x, self._solver.accuracy, stages).ok:
+            return finish(problem, x, Status.OPTIMAL, stats, "", stages)
+        return finish(problem, x, Status.ITERATION_LIMIT, stats, "a level took too many steps", stages)
 
 
 def witness(problem: Hierarchy, known: Mat | None = None) -> Mat:
@@ -97,8 +96,7 @@ class _Run:
     def __init__(self, problem: Hierarchy, solver: Reference) -> None:
         self.problem, self._solver = problem, solver
         self.coordinates = Coordinates.of(problem.motion, problem.n)
-        self.steps, self.ended = 0, True
-        self._end = perf_counter() + solver.seconds
+        self.steps, self.ended, self._end = 0, True, perf_counter() + solver.seconds
         self._zero = ROUNDING * max((longest_row(rows.dense(problem.n)) for rows in problem.levels), default=0.0)
 
     def stages(self, known: Mat | None = None) -> Mat:
@@ -191,7 +189,9 @@ class _Program:
             if gap <= OPTIMAL or (gap <= FLAT and value >= lowest):
                 return v, step, True
             lowest = min(lowest, value)
-            v = self._advance(v, direction, held, gap > FLAT and value > FLAT)
+            before, v = v, self._advance(v, direction, held, gap > FLAT and value > FLAT)
+            if np.array_equal(before, v):  # the multipliers are known no better: the certificate has the last word
+                return v, step, False
         return v, limit, False
 
     def _sides(self, v: Vec) -> Vec:
@@ -230,7 +230,8 @@ class _Program:
             face[row] = True
         curvature = self.T @ direction
         best = float((self.t - self.T @ v) @ curvature) / max(float(curvature @ curvature), 1e-300)
-        return np.asarray(v + min(best, self._room(v, direction, held)[0]) * direction)
+        along = np.abs(self.C @ direction) <= ALONG * float(np.sqrt(direction @ direction))
+        return np.asarray(v + min(best, self._room(v, direction, held & along)[0]) * direction)
 
     def _room(self, v: Vec, step: Vec, held: Mask) -> tuple[float, int]:
         """How many times the step fits, and the row in the way, -1 for none."""
