@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import ClassVar, Protocol
+from collections.abc import Callable, Sequence
+from typing import ClassVar, Protocol, TypeAlias
 
 import numpy as np
 
@@ -92,8 +92,24 @@ def check_shape(problem: Hierarchy, shape: Shape) -> None:
         raise ProblemError(f"workspace made {'with' if shape.metric else 'without'} a metric; given {given}")
 
 
+Described: TypeAlias = tuple[tuple[Vec, ...], tuple[Signs, ...], bool]
+"""Slacks and marks of every level, and whether a constraint is violated."""
+
+
+def describe(problem: Hierarchy, x: Vec) -> Described:
+    """What a Solution tells of x."""
+    residuals = problem.slacks(x)
+    return residuals, tuple(activity(rows, x) for rows in problem.levels), violated(problem, residuals)
+
+
 def finish(
-    problem: Hierarchy, x: Vec, status: Status, stats: Stats, detail: str = "", stages: Mat | None = None
+    problem: Hierarchy,
+    x: Vec,
+    status: Status,
+    stats: Stats,
+    detail: str = "",
+    stages: Mat | None = None,
+    describe: Callable[[Hierarchy, Vec], Described] = describe,
 ) -> Solution:
     """A Solution whose residuals, active sets and violation of constraints are computed from (problem, x).
 
@@ -101,9 +117,8 @@ def finish(
     """
     if not np.isfinite(x).all():
         x, status, detail = np.zeros(problem.n), Status.worst(status, Status.NOT_CERTIFIED), "x is not finite"
-    residuals = problem.slacks(x)
-    active = tuple(activity(rows, x) for rows in problem.levels)
-    if status.solved and violated(problem, residuals):
+    residuals, active, broken = describe(problem, x)
+    if status.solved and broken:
         detail = detail or (UNSURE if status is Status.RANK_UNCERTAIN else "")
         status = Status.worst(status, Status.CONSTRAINTS_VIOLATED)
     return Solution(x, status, residuals, active, stats, detail, stage_points=stages)

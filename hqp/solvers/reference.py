@@ -30,7 +30,7 @@ from hqp.solvers.stages import multiplier
 from hqp.tolerances import RANK_TOLERANCE, ROUNDING
 
 HELD, ALONG = 1e-11, 1e-9
-"""A row is active this close to its bound, relative to its terms; the rate of a unit direction that stays on it."""
+"""Active: a row this close to its bound, relative to its terms.  Along it: a unit direction of less than this rate."""
 
 OPTIMAL, FLAT = 1e-13, 1e-9
 """Relative residual of the optimality conditions of an optimal point, and of one whose last step lowered nothing."""

@@ -21,7 +21,7 @@ import numpy as np
 from hqp.arrays import Mat, Signs, Vec, longest_row
 from hqp.pricing import Coordinates, after_stages, at_optimum, feasible_set, is_met, room, stack_rows
 from hqp.problem import SHARE, Hierarchy, Rows, Selection, Shape, Solution, Stats, Status
-from hqp.solvers.base import Workspace, check_shape, finish
+from hqp.solvers.base import Described, Workspace, check_shape, describe, finish
 from hqp.tolerances import ACTIVITY_TOLERANCE, VIOLATION_TOLERANCE
 
 try:
@@ -40,6 +40,9 @@ Counts: TypeAlias = tuple[int, int, int, bool]
 """As NativeWorkspace.kernel: outcome (0 for an optimum), iterations, factorisations, whether it was judged."""
 
 Kernel: TypeAlias = tuple[Callable[[], Counts], Vec, Signs]
+
+Found: TypeAlias = tuple[Mat, Vec, int, Hierarchy]
+"""The stage points, the last of them, steps taken, and the exact hierarchy that is left."""
 
 UNSETTLED = 99
 """Outcome of a kernel's solve that does not settle every priced level."""
@@ -169,70 +172,54 @@ class StagedWorkspace:
 
     def answer(self, problem: Hierarchy, counts: Counts) -> Solution:
         """The solution of the latest solve of ``kernel``."""
-        if counts[0] == UNSETTLED:
-            counts = (0, *counts[1:])
-        return self._priced(problem, self._exact.answer(self._plain, counts))  # type: ignore[attr-defined]
+        if counts[0] != UNSETTLED:
+            return self._priced(problem, self._exact.answer(self._plain, counts))  # type: ignore[attr-defined]
+        began = perf_counter()
+        exact = self._exact.answer(self._plain, (0, *counts[1:]))  # type: ignore[attr-defined]
+        return self._below(problem, exact, self._native_stages(), began)
 
-    def _priced(self, problem: Hierarchy, solution: Solution) -> Solution:
+    def _priced(self, problem: Hierarchy, exact: Solution) -> Solution:
         """The exact solution, or that of the stages from the first level that it does not settle."""
         began = perf_counter()
-        found = self._stages(problem, solution.x) if problem.priced and self._begins(problem, solution) else None
+        found = self._stages(problem, exact.x) if problem.priced and self._begins(problem, exact) else None
         self._latest = self._exact
-        if found is None:
-            return solution
-        stages, point, steps, final = found
-        self._latest = self._last
-        direct = self._direct(problem, solution, stages, steps, final, began)
-        if direct is not None:
-            return direct
-        answer = self._last.solve(final)
-        stats = Stats(
-            solution.stats.iterations + answer.stats.iterations + steps,
-            solution.stats.factorisations + answer.stats.factorisations,
-            solution.stats.build_s,
-            solution.stats.solve_s + perf_counter() - began,
-        )
-        # where the last solve ends without an answer, the last stage's point keeps to what every level handed down
-        best = answer.x if answer.status.solved else point
-        return finish(problem, best, answer.status, stats, answer.detail, stages)
+        return exact if found is None else self._below(problem, exact, found, began)
 
     @staticmethod
     def _begins(problem: Hierarchy, exact: Solution) -> bool:
-        """Whether stages can start from this answer: they ask for exact levels above to be at their optimum.
+        """Whether stages can start from this answer: it must be the optimum of the levels without a price.
 
-        Far out of reach the exact answer moves so fast that its lower levels cannot be judged; where the exact levels
-        are met that does not matter.
+        Far out of reach the exact answer is so large that its lower levels cannot be certified; the stages need only
+        that the levels without a price are met.
         """
         if exact.status is not Status.NOT_CERTIFIED:
             return exact.status.solved
         last = max(k for k, priced in enumerate(problem.priced) if priced)
         return all(is_met(problem.levels[k], exact.x) for k in range(last) if not problem.priced[k])
 
-    def _direct(
-        self, problem: Hierarchy, exact: Solution, stages: Mat, steps: int, final: Hierarchy, began: float
-    ) -> Solution | None:
-        """The answer by the native code alone; None where the last solve has no plain optimum."""
-        bind = getattr(self._last, "kernel", None)
-        bound: Kernel | None = None if bind is None or self._native is None else bind(final)
-        if bound is None or self._native is None:
-            return None
-        solve, values, _ = bound
-        outcome, iterations, factorisations, _ = solve()
-        if outcome != 0:
-            return None
-        x, rows = values[: problem.n].copy(), self._parts[-1].stop
-        slack, marks = np.empty(rows), np.empty(rows, dtype=np.int8)
-        native = self._native
-        broken = native.describe(x, problem.constraints, ACTIVITY_TOLERANCE, VIOLATION_TOLERANCE, slack, marks)
+    def _below(self, problem: Hierarchy, exact: Solution, found: Found, began: float) -> Solution:
+        """The answer of the exact hierarchy that the stages leave."""
+        stages, point, steps, final = found
+        self._latest = self._last
+        answer = self._last.solve(final)
         stats = Stats(
-            exact.stats.iterations + iterations + steps,
-            exact.stats.factorisations + factorisations,
+            exact.stats.iterations + answer.stats.iterations + steps,
+            exact.stats.factorisations + answer.stats.factorisations,
             exact.stats.build_s,
             exact.stats.solve_s + perf_counter() - began,
         )
-        status = Status.CONSTRAINTS_VIOLATED if broken else Status.OPTIMAL
-        residuals, active = tuple(slack[part] for part in self._parts), tuple(marks[part] for part in self._parts)
-        return Solution(x, status, residuals, active, stats, "", stage_points=stages)
+        # where the last solve ends without an answer, the last stage's point keeps to what every level handed down
+        best = answer.x if answer.status.solved else point
+        return finish(problem, best, answer.status, stats, answer.detail, stages, self._describe)
+
+    def _describe(self, problem: Hierarchy, x: Vec) -> Described:
+        """As hqp.solvers.base.describe, natively where the stages are."""
+        if self._native is None:
+            return describe(problem, x)
+        slack, marks = np.empty(self._parts[-1].stop), np.empty(self._parts[-1].stop, dtype=np.int8)
+        tolerances = ACTIVITY_TOLERANCE, VIOLATION_TOLERANCE
+        broken = self._native.describe(x, problem.constraints, *tolerances, slack, marks)
+        return tuple(slack[part] for part in self._parts), tuple(marks[part] for part in self._parts), broken
 
     def _bind(self, problem: Hierarchy) -> None:
         check_shape(problem, self._shape)
@@ -255,13 +242,15 @@ class StagedWorkspace:
             problem.guarded,
         )
 
-    def _stages(self, problem: Hierarchy, x: Vec) -> tuple[Mat, Vec, int, Hierarchy] | None:
-        """The stage points, the last of them, steps taken and the exact hierarchy left; None where x settles all."""
+    def _native_stages(self) -> Found:
+        """What the latest native solve found."""
+        steps = 0 if self._native is None else self._native.effort()[0]
+        return self._points.copy(), self._end.copy(), steps, self._final
+
+    def _stages(self, problem: Hierarchy, x: Vec) -> Found | None:
+        """The stages from the first level that x does not settle; None where x settles all."""
         if self._native is not None:
-            first = self._native.solve(x, self._points, self._end)
-            if first < 0:
-                return None
-            return self._points.copy(), self._end.copy(), self._native.effort()[0], self._final
+            return None if self._native.solve(x, self._points, self._end) < 0 else self._native_stages()
         at = Coordinates.of(problem.motion, problem.n)
         start = first_unclear(problem, x, at)
         if start is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -242,3 +243,34 @@ def test_the_guard_leaves_a_floor_where_no_motion_is_made() -> None:
         np.testing.assert_allclose(answers[floor][:2], answers[floor][2:], atol=1e-6)
     assert abs(answers[0.0][1] - answers[0.0][0]) > 0.9  # turned over
     assert abs(answers[0.1][1] - answers[0.1][0]) < 1e-3
+
+
+def test_a_tick_solves_its_stages_once() -> None:
+    """The kernel of a loop tells that stages follow; the answer is made of what it found."""
+    problem = next(
+        p
+        for p in (stored(i)[0] for i in range(20))
+        if hqp.solvers.load("lexicographic").solve(p).stage_points is not None
+    )
+    workspace = hqp.solvers.load("lexicographic").workspace(problem.shape)
+
+    class Counting:
+        solves = 0
+
+        def __init__(self, stages: Any) -> None:
+            self._stages = stages
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self._stages, name)
+
+        def solve(self, *arguments: Any) -> int:
+            Counting.solves += 1
+            return int(self._stages.solve(*arguments))
+
+    workspace._native = Counting(workspace._native)  # type: ignore[attr-defined]
+    solve, *_ = workspace.kernel(problem)  # type: ignore[attr-defined]
+    answer = workspace.answer(problem, solve())  # type: ignore[attr-defined]
+    assert Counting.solves == 1
+    expected = hqp.solvers.load("lexicographic").solve(problem)
+    np.testing.assert_array_equal(answer.x, expected.x)
+    np.testing.assert_array_equal(answer.stage_points, expected.stage_points)

@@ -2,6 +2,7 @@
 #include <atomic>
 #include <cstdint>
 #include <memory>
+#include <numeric>
 #include <optional>
 #include <stdexcept>
 #include <vector>
@@ -33,6 +34,20 @@ auto checked(nb::handle h, std::size_t m) {
   if (a.shape(0) != m) refuse("an array has a wrong shape");
   return a.data();
 }
+
+// One thread at a time: the second is refused.
+class Turn {
+ public:
+  explicit Turn(std::atomic<bool>& busy) : busy_(busy) {
+    if (busy.exchange(true)) throw std::runtime_error("these stages are being solved in another thread");
+  }
+  ~Turn() { busy_.store(false); }
+  Turn(const Turn&) = delete;
+  Turn& operator=(const Turn&) = delete;
+
+ private:
+  std::atomic<bool>& busy_;
+};
 
 class Stages {
  public:
@@ -99,11 +114,7 @@ class Stages {
     if (!bound_) refuse("bind() comes first");
     if (x.shape(0) != std::size_t(n_) || last.size() != std::size_t(n_) || stages.size() != rows_.size() * n_)
       refuse("x, stages or last has a wrong shape");
-    if (busy_.exchange(true)) throw std::runtime_error("these stages are being solved in another thread");
-    const struct Free {
-      std::atomic<bool>& flag;
-      ~Free() { flag.store(false); }
-    } free{busy_};
+    const Turn turn(busy_);
     const double* from = x.data();
     double *to = stages.data(), *end = last.data();
     const nb::gil_scoped_release release;
@@ -112,8 +123,7 @@ class Stages {
 
   // What account() reads beside the rows: stages, which solve wrote, and the element of each row.
   void accounts(const Out& stages, const Owners& owner, int elements) {
-    std::size_t rows = 0;
-    for (int m : rows_) rows += static_cast<std::size_t>(m);
+    const std::size_t rows = total();
     if (owner.shape(0) != rows || elements < 1 || stages.size() != rows_.size() * n_)
       refuse("stages or owner has a wrong shape");
     for (std::size_t i = 0; i < rows; ++i)
@@ -137,11 +147,7 @@ class Stages {
     }
     if (w.shape(0) != owner_.size() || out.size() != 4 * E + levels * (E + 2) || (lambda && lambda->shape(0) != pairs))
       refuse("an array has a wrong shape");
-    if (busy_.exchange(true)) throw std::runtime_error("these stages are being solved in another thread");
-    const struct Free {
-      std::atomic<bool>& flag;
-      ~Free() { flag.store(false); }
-    } free{busy_};
+    const Turn turn(busy_);
     double* to = out.data();
     stages_->account({points_, w.data(), owner_.data(), elements_, lambda ? lambda->data() : nullptr, guards}, to,
                      to + 4 * E, to + 4 * E + levels * (E + 1));
@@ -150,10 +156,8 @@ class Stages {
   // slack (rows) and marks (rows) of x, as in Solution; whether a row of the first levels is violated.
   bool describe(const Vector& x, int constraints, double activity, double violation, const Out& slack,
                 const nb::ndarray<std::int8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>& marks) {
-    std::size_t total = 0;
-    for (int m : rows_) total += static_cast<std::size_t>(m);
     if (!bound_) refuse("bind() comes first");
-    if (x.shape(0) != std::size_t(n_) || slack.size() != total || marks.shape(0) != total)
+    if (x.shape(0) != std::size_t(n_) || slack.size() != total() || marks.shape(0) != total())
       refuse("x, slack or marks has a wrong shape");
     return stages_->describe(x.data(), constraints, activity, violation, slack.data(), marks.data());
   }
@@ -162,6 +166,8 @@ class Stages {
   void reset() { stages_->reset(); }
 
  private:
+  std::size_t total() const { return std::accumulate(rows_.begin(), rows_.end(), std::size_t{0}); }
+
   static double* room(nb::handle h, std::size_t size) {
     const auto a = nb::cast<Out>(h);
     if (a.size() != size) refuse("what a level hands down has a wrong shape");
