@@ -262,6 +262,7 @@ class View:
                 "prices": problem.prices,
                 "shares": problem.shares,
                 "guard": problem.guard,
+                "guard_floor": problem.guard_floor,
                 "stage_points": solution.stage_points,
                 "fast": self._fast(tick),
                 "names": self._row_names(),
