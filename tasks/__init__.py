@@ -15,11 +15,11 @@ from .directions import AlignAxis, Distance, LookAt
 from .edge import EdgeContact
 from .friction import CenterOfPressure, ForceLimits, FrictionCone, UnilateralContact
 from .frozen import Frozen
-from .limits import JointLimits, TorqueLimits
+from .limits import JointLimits
 from .loads import ExternalWrench, Payload
 from .manipulability import Manipulability
 from .motion import BaseVelocityLimits, Damping, JointVelocity, LowAcceleration, Momentum
-from .motors import TorqueSpeedLimits
+from .motors import TorqueLimits, TorqueSpeedLimits
 from .orientation import Orientation
 from .pose import Pose
 from .position import Position

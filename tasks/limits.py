@@ -1,21 +1,20 @@
-"""Limits of joints and motors: one consistent box for the next step."""
+"""Limits of joints: one consistent box for the next step."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from hqp import plans
 from hqp.arrays import Index, Mat, Vec
-from hqp.element import Element, Inequality, Quantity
+from hqp.element import Element, Inequality
 from hqp.robot import Robot, State
 
-from .fields import check_number, joint_columns, motor_positions, set_names
+from .fields import check_number, joint_columns, set_names
 
 ACCELERATION = 50.0
 """Default of the acceleration window [rad/s^2, m/s^2]."""
@@ -121,7 +120,7 @@ class JointLimits(Inequality):
         if order == 2 and self.approach:
             upper = gradual(highest, v, speed, b, self.approach, dt)
             lower = -gradual(-lowest, -v, speed, b, self.approach, dt)
-            upper = np.maximum(upper, np.minimum(highest, lower))  # what is gradual yields to the other side
+            upper = np.maximum(upper, np.minimum(highest, lower))  # a gradual bound gives way where the two would cross
             lower = np.minimum(lower, np.maximum(lowest, upper))
         upper, lower = np.clip(upper, v - a * dt, v + a * dt), np.clip(lower, v - a * dt, v + a * dt)
         return (lower, upper) if order == 1 else ((lower - v) / dt, (upper - v) / dt)
@@ -179,49 +178,3 @@ def gradual(curve: Vec, v: Vec, speed: Vec, b: Vec, approach: float, dt: float) 
         slope = np.where((curve < speed) & (v > 0.0), -v / (curve / b + dt), 0.0)
         near = v + dt * slope + min(1.0, approach * dt) * (curve - v - dt * slope)
     return np.where((curve > 0.0) & np.isfinite(b), np.minimum(curve, near), curve)
-
-
-@dataclass(frozen=True, kw_only=True)
-class TorqueLimits(Inequality):
-    """Motor limits: -scale tau_max <= tau <= scale tau_max, rows that each pick one of the actuated efforts.
-
-    joints: actuated joints or groups of them, all by default.  scale: fraction of the robot's limits that may be
-    used.  Raises DeclarationError for fields and for a joint without a motor, JointNotFound on binding.
-    """
-
-    quantity: ClassVar[Quantity] = "effort"
-
-    joints: str | Sequence[str] | None = None
-    scale: float = 1.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        set_names(self, "joints")
-        check_number(self, "scale", self.scale, 0.0, strict=True)
-
-    def rows(self, robot: Robot) -> int:
-        """Number of motors k; raises JointNotFound."""
-        return self.selection(robot).size
-
-    def selection(self, robot: Robot) -> Index:
-        """Positions of the motors among ``robot.actuated``, ``(k,)``; raises JointNotFound, DeclarationError."""
-        return motor_positions(self, robot, self.joints)
-
-    def jacobian(self, state: State) -> Mat:
-        """A row of the identity on x = tau for each motor, ``(k, n_actuated)``."""
-        return np.eye(state.robot.actuated.size)[self.selection(state.robot)]
-
-    def bounds(self, state: State) -> tuple[Vec, Vec]:
-        """The motors' limits, ``(k,)`` each [N m]."""
-        robot = state.robot
-        limit = self.scale * robot.effort_limit[robot.actuated][self.selection(robot)]
-        return -limit, limit
-
-    def row_names(self, robot: Robot) -> tuple[str, ...]:
-        """The joints."""
-        return tuple(robot.joint_names[i] for i in self.selection(robot))
-
-    def plan(self, robot: Robot) -> plans.Constant:
-        """The limits, which never change."""
-        limit = self.scale * robot.effort_limit[robot.actuated][self.selection(robot)]
-        return plans.Constant(-limit, limit)

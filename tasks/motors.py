@@ -1,4 +1,4 @@
-"""Torques that motors have at the speed they turn with."""
+"""Limits of motors: of their torque, and of their torque at the speed they turn with."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from hqp import plans
 from hqp.arrays import Index, Mat, Vec
 from hqp.element import Inequality, Quantity
 from hqp.robot import Robot, State
@@ -16,35 +17,18 @@ from .fields import check_number, motor_positions, set_names
 
 
 @dataclass(frozen=True, kw_only=True)
-class TorqueSpeedLimits(Inequality):
-    """The torque-speed line of motors: in the direction of motion |tau| falls from the stall torque to nothing,
-
-        s tau <= scale tau_max min(1, (w_0 - |v|) / (w_0 - w_c)),  at least 0,    s tau >= -scale tau_max,  s = sign v,
-
-    w_c = corner w_0: up to w_c all of the torque is there, at the no-load speed w_0 nothing is; braking has all of it.
-
-    joints: actuated joints or groups, all by default.  scale: share of the robot's effort limits tau_max [N m].
-    corner: from 0 (a motor without a current limit), below 1.  no_load [rad/s or m/s]: w_0, the robot's speed limits
-    for None; a joint without one keeps its torque at any speed.  Use it in place of ``TorqueLimits``.
-    Raises DeclarationError for fields and for a joint without a motor, JointNotFound on binding.
-    """
+class _MotorLimits(Inequality):
+    """Bounds on the torques of motors, rows that each pick one of the actuated efforts."""
 
     quantity: ClassVar[Quantity] = "effort"
 
     joints: str | Sequence[str] | None = None
     scale: float = 1.0
-    corner: float = 0.5
-    no_load: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         set_names(self, "joints")
         check_number(self, "scale", self.scale, 0.0, strict=True)
-        check_number(self, "corner", self.corner, 0.0)
-        if self.corner >= 1.0:
-            raise self.invalid("corner", self.corner, "below 1")
-        if self.no_load is not None:
-            check_number(self, "no_load", self.no_load, 0.0, strict=True)
 
     def rows(self, robot: Robot) -> int:
         """Number of motors k; raises JointNotFound."""
@@ -58,6 +42,56 @@ class TorqueSpeedLimits(Inequality):
         """A row of the identity on x = tau for each motor, ``(k, n_actuated)``."""
         return np.eye(state.robot.actuated.size)[self.selection(state.robot)]
 
+    def row_names(self, robot: Robot) -> tuple[str, ...]:
+        """The joints."""
+        return tuple(robot.joint_names[i] for i in self.selection(robot))
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueLimits(_MotorLimits):
+    """Motor limits: -scale tau_max <= tau <= scale tau_max, rows that each pick one of the actuated efforts.
+
+    joints: actuated joints or groups of them, all by default.  scale: fraction of the robot's limits that may be
+    used.  Raises DeclarationError for fields and for a joint without a motor, JointNotFound on binding.
+    """
+
+    def bounds(self, state: State) -> tuple[Vec, Vec]:
+        """The motors' limits, ``(k,)`` each [N m]."""
+        robot = state.robot
+        limit = self.scale * robot.effort_limit[robot.actuated][self.selection(robot)]
+        return -limit, limit
+
+    def plan(self, robot: Robot) -> plans.Constant:
+        """The limits, which never change."""
+        limit = self.scale * robot.effort_limit[robot.actuated][self.selection(robot)]
+        return plans.Constant(-limit, limit)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueSpeedLimits(_MotorLimits):
+    """The torque-speed line of motors: in the direction of motion |tau| falls from the stall torque to nothing,
+
+        s tau <= scale tau_max min(1, (w_0 - |v|) / (w_0 - w_c)),  at least 0,    s tau >= -scale tau_max,  s = sign v,
+
+    w_c = corner w_0: up to w_c all of the torque is there, at the no-load speed w_0 nothing is; braking has all of it.
+
+    joints: actuated joints or groups, all by default.  scale: share of the robot's effort limits tau_max [N m].
+    corner: from 0 (a motor without a current limit), below 1.  no_load [rad/s or m/s]: w_0, the robot's speed limits
+    for None; a joint without one keeps its torque at any speed.  Use it in place of ``TorqueLimits``.
+    Raises DeclarationError for fields and for a joint without a motor, JointNotFound on binding.
+    """
+
+    corner: float = 0.5
+    no_load: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_number(self, "corner", self.corner, 0.0)
+        if self.corner >= 1.0:
+            raise self.invalid("corner", self.corner, "below 1")
+        if self.no_load is not None:
+            check_number(self, "no_load", self.no_load, 0.0, strict=True)
+
     def bounds(self, state: State) -> tuple[Vec, Vec]:
         """(lower, upper) of the torques ``(k,)`` [N m]."""
         robot, columns = state.robot, state.robot.actuated[self.selection(state.robot)]
@@ -67,7 +101,3 @@ class TorqueSpeedLimits(Inequality):
             share = np.clip((fastest - np.abs(v)) / (fastest * (1.0 - self.corner)), 0.0, 1.0)
             driven = np.where(np.isinf(fastest), most, np.where(share > 0.0, most, 0.0) * share)
         return np.where(v < 0.0, -driven, -most), np.where(v > 0.0, driven, most)
-
-    def row_names(self, robot: Robot) -> tuple[str, ...]:
-        """The joints."""
-        return tuple(robot.joint_names[i] for i in self.selection(robot))
