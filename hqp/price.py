@@ -27,7 +27,7 @@ PARTIAL_POSTURE_TAU = 0.2
 """tau [s] of a level that selects single joints above levels that do more."""
 
 GUARD_FLOOR = 2e-3
-"""Of the width that an unmet level hands down, left to the levels below where the level itself makes no motion.
+"""Fraction of an unmet level's band that its guard leaves to the levels below where the level makes no motion.
 
 An arm pulled straight by a target at the edge of its reach then rests a little bent; with none, the posture below would
 alternate about the straight arm."""

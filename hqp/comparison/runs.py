@@ -53,22 +53,18 @@ def compare(
     session, problems = _problems(
         stack, robot, states, references, formulation or Velocity(), dt, None if price == "both" else price
     )
-    lines: list[Line] = []
-    first = None
+    runs = [(named, problems)]
     if price == "both":
-        first, exact = _run_all(named, [p.exact() for p in problems], repeats)
-        lines += exact
-        named = [(f"{name}, priced", solver) for name, solver in named if solver.priced and solver.shares]
-    best, finished = _run_all(named, problems, repeats)
+        able = [(f"{name}, priced", solver) for name, solver in named if solver.priced and solver.shares]
+        runs = [(named, [p.exact() for p in problems]), (able, problems)]
+    found = [_run_all(solving, given, repeats) for solving, given in runs]
     return Comparison(
         str(stack), robot.name, level_names(session.program), len(problems), len(problems) * repeats,
-        best if first is None else first, (*lines, *finished),
+        found[0][0], tuple(line for _, lines in found for line in lines),
     )  # fmt: skip
 
 
-def _run_all(
-    named: Sequence[tuple[str, Solver]], problems: list[Hierarchy], repeats: int
-) -> tuple[str, Iterable[Line]]:
+def _run_all(named: Sequence[tuple[str, Solver]], problems: list[Hierarchy], repeats: int) -> tuple[str, list[Line]]:
     """The first solver whose every answer is certified, and a line a solver with its distance from that one."""
     runs = [(name, solver, *_run(name, solver, problems, repeats)) for name, solver in named]
     sound = [(name, x) for name, solver, line, x in runs if x is not None and solver.strict and line.certified == 1.0]

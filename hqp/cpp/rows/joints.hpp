@@ -127,7 +127,7 @@ class JointBox final : public Operation {  // one consistent box for the next st
       const double reach = l.acceleration[i] * l.dt;
       const double highest = fastest(l.high[i] - at, i), lowest = -fastest(at - l.low[i], i);
       double up = gradual(highest, rate, i), down = -gradual(-lowest, -rate, i);
-      up = std::max(up, std::min(highest, down));  // what is gradual yields to the other side
+      up = std::max(up, std::min(highest, down));  // a gradual bound gives way where the two would cross
       down = std::min(down, std::max(lowest, up));
       up = clip(up, rate - reach, rate + reach);
       down = clip(down, rate - reach, rate + reach);

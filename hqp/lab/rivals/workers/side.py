@@ -89,6 +89,13 @@ def _loop(rival, scene, wanted):
             "speeds": np.array(speeds)}, first  # fmt: skip
 
 
+def weighed(task, dt):
+    """Cost, gain of a step and mask of x, y, z of a task in one weighted QP; a hard one costs 1."""
+    weight = 1.0 if task["level"] < 0 else cost(task["level"], task["weight"])
+    mask = np.array([1.0 if a in task["axes"] else 0.0 for a in "xyz"])
+    return weight, min(1.0, task["gain"] * dt), mask
+
+
 def cost(level, weight):
     """Levels by weight: 100, 10, 1, ... as costs, which the objective squares."""
     return weight * 10.0 ** (2 - level)

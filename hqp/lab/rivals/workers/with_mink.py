@@ -5,7 +5,7 @@ from __future__ import annotations
 import mink
 import mujoco
 import numpy as np
-from side import cost, main
+from side import main, weighed
 
 
 def compiled(text, floating):
@@ -47,9 +47,7 @@ class Mink:
         self.v = np.zeros(model.nv)
 
     def _add(self, t, target):
-        w = 1.0 if t["level"] < 0 else cost(t["level"], t["weight"])
-        gain = min(1.0, t["gain"] * self.dt)
-        mask = np.array([1.0 if a in t["axes"] else 0.0 for a in "xyz"])
+        w, gain, mask = weighed(t, self.dt)
         kind = t["kind"]
         if kind == "com":
             task = mink.ComTask(w * mask, gain=gain)

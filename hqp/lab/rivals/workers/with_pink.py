@@ -6,7 +6,7 @@ import numpy as np
 import pink
 import pinocchio as pin
 from pink.tasks import ComTask, FrameTask, PostureTask
-from side import cost, main
+from side import main, weighed
 
 
 class Pink:
@@ -29,21 +29,17 @@ class Pink:
         self.v = np.zeros(model.nv)
 
     def _add(self, t, target):
-        w = 1.0 if t["level"] < 0 else cost(t["level"], t["weight"])
-        gain = min(1.0, t["gain"] * self.dt)
-        mask = np.array([1.0 if a in t["axes"] else 0.0 for a in "xyz"])
+        w, gain, mask = weighed(t, self.dt)
         kind = t["kind"]
         if kind == "com":
             task = ComTask(w * mask, gain=gain)
-            task.set_target_from_configuration(self.configuration)
         elif kind == "posture":
             task = PostureTask(w, gain=gain)
-            task.set_target_from_configuration(self.configuration)
         else:
             place, turn = (w * mask, 0.0), (0.0, w * mask)
             position, orientation = {"position": place, "orientation": turn, "pose": (w, w)}[kind]
             task = FrameTask(t["frame"], position, orientation, gain=gain)
-            task.set_target_from_configuration(self.configuration)
+        task.set_target_from_configuration(self.configuration)
         self.tasks[t["name"]] = (task, kind, mask > 0.0)
         (self.hard if t["level"] < 0 else self.soft).append(task)
         if kind != "posture":
