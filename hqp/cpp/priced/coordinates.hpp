@@ -14,7 +14,7 @@ constexpr double kFlat = 1e-7;  // directions without motion get this fraction o
 
 class Coordinates {
  public:
-  explicit Coordinates(int n) : n_(n), still_(n, 0.0), inverse_(n, 1.0) {}
+  explicit Coordinates(int n) : n_(n), ld_(padded(n)), still_(n, 0.0), inverse_(n, 1.0), unit_(n, 1.0) {}
 
   // F: (r, n), or its diagonal where r = 0, or null for the identity; f: (r), (n) for a diagonal, or null.
   void set(const double* F, const double* f, int r) {
@@ -22,7 +22,8 @@ class Coordinates {
     if (diagonal_) {
       for (int i = 0; i < n_; ++i) {
         inverse_[i] = F ? F[i] : 1.0;
-        still_[i] = f ? f[i] / inverse_[i] : 0.0;
+        unit_[i] = 1.0 / inverse_[i];
+        still_[i] = f ? f[i] * unit_[i] : 0.0;
       }
       return;
     }
@@ -31,17 +32,20 @@ class Coordinates {
 
   const double* still() const { return still_.data(); }
 
-  // b (n) = a P for a row a of x.
+  // b (n, in whole vectors) = a P for a row a of x.
   void row(const double* a, double* b) const {
     if (diagonal_) {
-      for (int i = 0; i < n_; ++i) b[i] = a[i] / inverse_[i];
+      for (int i = 0; i < n_; ++i) b[i] = a[i] * unit_[i];
       return;
     }
     std::copy(a, a + n_, b);
     for (int j = 0; j < n_; ++j) {
       if (b[j] == 0.0) continue;
-      b[j] /= R_[j * n_ + j];
-      add_any(b + j + 1, &R_[j * n_ + j + 1], -b[j], n_ - j - 1);
+      const double* R = &R_[j * ld_];
+      const double f = b[j] / R[j];
+      const int from = j / kLane * kLane;  // whole vectors at the same places, so that stores are forwarded
+      add_any(b + from, R + from, -f, lanes(n_ - from));
+      b[j] = f;
     }
   }
 
@@ -50,14 +54,14 @@ class Coordinates {
     if (diagonal_) {
       for (int i = 0; i < n_; ++i) y[i] *= inverse_[i];
     } else {
-      for (int i = 0; i < n_; ++i) y[i] = dot_any(&R_[i * n_ + i], y + i, n_ - i);
+      for (int i = 0; i < n_; ++i) y[i] = dot_any(&R_[i * ld_ + i], y + i, n_ - i);
     }
   }
 
   // x (n) = P y.
   void step(const double* y, double* x) const {
     if (diagonal_) {
-      for (int i = 0; i < n_; ++i) x[i] = y[i] / inverse_[i];
+      for (int i = 0; i < n_; ++i) x[i] = y[i] * unit_[i];
     } else {
       std::copy(y, y + n_, x);
       solve_upper(x);
@@ -66,7 +70,7 @@ class Coordinates {
 
   void point(const double* y, double* x) const {
     if (diagonal_) {
-      for (int i = 0; i < n_; ++i) x[i] = still_[i] + y[i] / inverse_[i];
+      for (int i = 0; i < n_; ++i) x[i] = still_[i] + y[i] * unit_[i];
       return;
     }
     std::copy(y, y + n_, x);
@@ -77,14 +81,14 @@ class Coordinates {
  private:
   void solve_upper(double* x) const {
     for (int i = n_ - 1; i >= 0; --i)
-      x[i] = (x[i] - dot_any(&R_[i * n_ + i + 1], x + i + 1, n_ - i - 1)) / R_[i * n_ + i];
+      x[i] = (x[i] - dot_any(&R_[i * ld_ + i + 1], x + i + 1, n_ - i - 1)) / R_[i * ld_ + i];
   }
 
   // Q R = [F; kFlat |F| I] by reflections, rows of the second block entering one by one.
   void factor(const double* F, const double* f, int r) {
     const int rows = r + n_;
     work_.assign(static_cast<std::size_t>(rows) * (n_ + 1), 0.0);
-    R_.resize(static_cast<std::size_t>(n_) * n_);
+    R_.resize(static_cast<std::size_t>(n_) * ld_);  // zero below the diagonal and in the padding
     double largest = 0.0;
     for (int j = 0; j < n_; ++j) {
       double square = 0.0;
@@ -111,16 +115,16 @@ class Coordinates {
         double* column = &work_[static_cast<std::size_t>(k) * rows];
         add_any(column + j, v + j, -tau * dot_any(column + j, v + j, m - j), m - j);
       }
-      R_[j * n_ + j] = pivot;
-      for (int k = j + 1; k < n_; ++k) R_[j * n_ + k] = work_[static_cast<std::size_t>(k) * rows + j];
+      R_[j * ld_ + j] = pivot;
+      for (int k = j + 1; k < n_; ++k) R_[j * ld_ + k] = work_[static_cast<std::size_t>(k) * rows + j];
     }
     std::copy(target, target + n_, still_.data());
     solve_upper(still_.data());
   }
 
-  int n_;
+  int n_, ld_;
   bool diagonal_ = true;
-  std::vector<double> still_, inverse_, R_, work_;
+  std::vector<double> still_, inverse_, unit_, R_, work_;
 };
 
 }  // namespace HQP_ISA

@@ -9,34 +9,32 @@
 
 #include "account.hpp"
 #include "coordinates.hpp"
+#include "settled.hpp"
 #include "stage_search.hpp"
 #include "stages.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kMet = 1e-10;         // ||w|| below this fraction of a level's terms is zero
 constexpr double kZero = 1e-12;        // a row's slack below this fraction of its level's terms is zero
-constexpr double kSettled = 1e-9;      // rows hold at a level's point of least motion, relative to 1 + |value|
 constexpr double kSlackMotion = 1e-5;  // slacks of inequality rows count this much as motion
 
 class StageLevels final : public PricedStages {
  public:
   StageLevels(int n, int levels, const int* m, const bool* priced)
       : n_(n),
-        level_(levels),
+        level_(sized(levels, m)),
         handed_(levels),
         priced_(priced, priced + levels),
         warm_(levels),
         at_(n),
         ends_(levels),
         accounts_(n),
+        settled_(n, level_, total(levels, m)),
         search_(total(levels, m) + levels, n + most(levels, m)) {
     last_ = -1;
-    for (int k = 0; k < levels; ++k) {
-      level_[k].m = m[k];
+    for (int k = 0; k < levels; ++k)
       if (priced[k]) last_ = k;
-    }
     const int variables = n + most(levels, m);
     rows_.room(total(levels, m) + levels, padded(variables));
     T_.resize(static_cast<std::size_t>(most(levels, m)) * padded(variables));
@@ -45,13 +43,6 @@ class StageLevels final : public PricedStages {
     a_.resize(n);
     x_.resize(n);
     w_.resize(most(levels, m));
-    gram_.resize(static_cast<std::size_t>(total(levels, m)) * (total(levels, m) + 1));
-    B_.resize(static_cast<std::size_t>(total(levels, m)) * padded(n));
-    b_.resize(total(levels, m));
-    z_.resize(total(levels, m));
-    lambda_.resize(total(levels, m));
-    kept_.resize(total(levels, m));
-    side_.resize(total(levels, m));
   }
 
   PricedLevel* levels() override { return level_.data(); }
@@ -60,6 +51,7 @@ class StageLevels final : public PricedStages {
   bool ended() const override { return ended_; }
   void reset() override {
     for (auto& set : warm_) set.clear();
+    settled_.forget();
   }
 
   void bind(const double* prices, const double* shares, const double* F, const double* f, int r,
@@ -85,20 +77,25 @@ class StageLevels final : public PricedStages {
     row_of_.clear();
     for (StageEnd& end : ends_) end.known = false;
     at_.set(F_, f_, r_);
-    const int first = first_unsettled(x);
-    if (first < 0) return first;
-    const int levels = static_cast<int>(level_.size());
-    std::fill(stages, stages + static_cast<std::size_t>(levels) * n_, std::numeric_limits<double>::quiet_NaN());
-    rows_.count = 0;
-    for (int k = 0; k < first; ++k) {
-      if (prices_[k] > 0.0) hand_down(k, nullptr);
-      else hold(k, x);
-      take(k, prices_[k] > 0.0);
-    }
-    at_.motion(x, y_.data());
-    bool met = true;
-    for (int k = first; k <= last_; ++k) {
+    settled_.begin(at_, prices_, x);
+    int first = -1;
+    bool met = true;  // all levels so far, so that x keeps to what they leave
+    for (int k = 0; k <= last_; ++k) {
       const bool priced = prices_[k] > 0.0;
+      const bool settled = met && settles(k);
+      if (settled && first < 0) continue;
+      if (first < 0) {
+        first = k;
+        const int levels = static_cast<int>(level_.size());
+        std::fill(stages, stages + static_cast<std::size_t>(levels) * n_, std::numeric_limits<double>::quiet_NaN());
+        rows_.count = 0;
+        for (int l = 0; l < k; ++l) leave(l, x);
+      }
+      if (settled) {
+        leave(k, x);
+        continue;
+      }
+      if (met) at_.motion(x, y_.data());
       stage(k, priced ? prices_[k] : 0.0);
       at_.point(y_.data(), x_.data());
       if (priced) {
@@ -135,6 +132,11 @@ class StageLevels final : public PricedStages {
   }
 
  private:
+  static std::vector<PricedLevel> sized(int levels, const int* m) {
+    std::vector<PricedLevel> all(levels);
+    for (int k = 0; k < levels; ++k) all[k].m = m[k];
+    return all;
+  }
   static int total(int levels, const int* m) {
     int sum = 0;
     for (int k = 0; k < levels; ++k) sum += m[k];
@@ -153,118 +155,19 @@ class StageLevels final : public PricedStages {
     return a_.data();
   }
 
-  static double slack(double value, double lower, double upper) {
-    return value > upper ? value - upper : value < lower ? value - lower : 0.0;
-  }
-
-  static bool left_out(const PricedLevel& level, int i) {
-    return level.lower[i] == -INFINITY && level.upper[i] == INFINITY;
-  }
-
-  // The first priced level whose point of least motion does not show that x settles it: rows of the levels down to it
-  // held as equalities, and inequality rows that this point would violate held at their bound, if their multipliers
-  // have the right sign. A Cholesky factor of the rows' Gram matrix grows with the levels.
-  int first_unsettled(const double* x) {
-    count_ = 0;
-    for (int k = 0; k <= last_; ++k) {
-      const PricedLevel& level = level_[k];
-      const int start = count_;
-      const bool priced = prices_[k] > 0.0;
-      for (int i = 0; i < level.m; ++i) {
-        if (left_out(level, i)) continue;
-        const bool equal = level.lower[i] == level.upper[i];
-        const double* a = row(level, i);
-        double target = level.lower[i];
-        if (!priced) {  // an exact level keeps the values that it has at x
-          const double value = dot_any(a, x, n_);
-          const bool off = std::abs(slack(value, level.lower[i], level.upper[i])) > kMet * (1.0 + std::abs(value));
-          if (!equal && !off) continue;
-          target = value;
-        } else if (!equal) {
-          continue;
-        }
-        if (!factor(a, target, 0) || (priced && !kept_[count_ - 1])) return next_priced(k);
-      }
-      if (priced && !settled(k, x, start)) return k;
-    }
-    return -1;
-  }
-
-  // Whether level k, whose own equality rows begin at `start`, is met for its price at the point of least motion.
-  bool settled(int k, const double* x, int start) {
-    const int end = count_, ld = padded(n_), width = static_cast<int>(b_.size()) + 1;
-    for (int round = 0; round < 5; ++round) {
-      for (int j = count_ - 1; j >= 0; --j) {
-        double s = z_[j];
-        for (int i = j + 1; i < count_; ++i) s -= gram_[static_cast<std::size_t>(i) * width + j] * lambda_[i];
-        lambda_[j] = kept_[j] ? s / gram_[static_cast<std::size_t>(j) * width + j] : 0.0;
-      }
-      const double length = std::sqrt(dot_any(&lambda_[start], &lambda_[start], end - start));
-      if (!(prices_[k] * length <= 1.0)) return false;
-      std::fill(y_.begin(), y_.end(), 0.0);
-      for (int j = 0; j < count_; ++j) add_any(y_.data(), &B_[static_cast<std::size_t>(j) * ld], lambda_[j], n_);
-      at_.point(y_.data(), x_.data());
-      const int before = count_;
-      for (int l = 0; l <= k; ++l)
-        if (!hold_violated(l, x, prices_[l] > 0.0)) return false;
-      if (count_ > before) continue;
-      for (int j = 0; j < count_; ++j)
-        if (side_[j] * lambda_[j] > 0.0) return false;
-      return true;
-    }
-    return false;
-  }
-
-  // One more row of the factor; false where it depends on the others and disagrees with them.
-  bool factor(const double* a, double target, int side) {
-    const int ld = padded(n_), width = static_cast<int>(b_.size()) + 1, i = count_;
-    if (i == static_cast<int>(b_.size())) return false;
-    double* b = &B_[static_cast<std::size_t>(i) * ld];
-    at_.row(a, b);
-    b_[i] = target - dot_any(a, at_.still(), n_);
-    double* g = &gram_[static_cast<std::size_t>(i) * width];
-    const double square = dot_any(b, b, n_);
-    double pivot = square, z = b_[i];
-    for (int j = 0; j < i; ++j) {
-      const double* h = &gram_[static_cast<std::size_t>(j) * width];
-      g[j] = kept_[j] ? (dot_any(b, &B_[static_cast<std::size_t>(j) * ld], n_) - dot_any(g, h, j)) / h[j] : 0.0;
-      pivot -= g[j] * g[j];
-      z -= g[j] * z_[j];
-    }
-    kept_[i] = pivot > 1e-10 * square;
-    side_[i] = side;
-    g[i] = kept_[i] ? std::sqrt(pivot) : 1.0;
-    z_[i] = kept_[i] ? z / g[i] : 0.0;
-    ++count_;
-    return kept_[i] || std::abs(z) <= kSettled * (1.0 + std::abs(b_[i]));
-  }
-
-  int next_priced(int k) const {
-    while (!(prices_[k] > 0.0)) ++k;
-    return k;
-  }
-
-  // Inequality rows that x_ violates, an exact level's beyond what x does, are held at their bound from now on; false
-  // where an equality row is off, or the bound cannot be reached.
-  bool hold_violated(int l, const double* x, bool priced) {
-    const PricedLevel& level = level_[l];
-    for (int i = 0; i < level.m; ++i) {
-      if (left_out(level, i)) continue;
-      const bool single = !level.A;
-      const double* a = single ? nullptr : level.A + static_cast<std::size_t>(i) * n_;
-      const double value = single ? level.scale[i] * x_[level.index[i]] : dot_any(a, x_.data(), n_);
-      double w = slack(value, level.lower[i], level.upper[i]);
-      if (w == 0.0) continue;
-      if (!priced) {
-        const double there = single ? level.scale[i] * x[level.index[i]] : dot_any(a, x, n_);
-        w -= slack(there, level.lower[i], level.upper[i]);
-      }
-      if (std::abs(w) <= kSettled * (1.0 + std::abs(value))) continue;
-      if (level.lower[i] == level.upper[i]) return false;
-      if (!factor(row(level, i), w > 0.0 ? level.upper[i] : level.lower[i], w > 0.0 ? 1 : -1) || !kept_[count_ - 1])
-        return false;
-    }
+  // Whether the exact answer settles level k, all levels above being met.
+  bool settles(int k) {
+    if (prices_[k] > 0.0) return settled_.meets(k);
+    settled_.keep(k);
     return true;
+  }
+
+  // A level that x settles leaves its rows as they are, an exact one its values.
+  void leave(int k, const double* x) {
+    const bool priced = prices_[k] > 0.0;
+    if (priced) hand_down(k, nullptr);
+    else hold(k, x);
+    take(k, priced);
   }
 
   // What level k leaves at x, written into handed_ (priced) or low_/high_ (exact); x null: its rows as they are.
@@ -306,7 +209,7 @@ class StageLevels final : public PricedStages {
       made += u * (value - dot_any(a, at_.still(), n_));
       base += u * value;
       add_any(guard, a, u, n_);
-      if (!left_out(level, i) && (level.lower[i] == level.upper[i] || std::abs(w_[i]) > kZero * size)) {
+      if (!level.left_out(i) && (level.lower[i] == level.upper[i] || std::abs(w_[i]) > kZero * size)) {
         out.lower[i] = value - width;
         out.upper[i] = value + width;
       }
@@ -323,7 +226,7 @@ class StageLevels final : public PricedStages {
     low_.assign(level.lower, level.lower + level.m);
     high_.assign(level.upper, level.upper + level.m);
     for (int i = 0; i < level.m; ++i) {
-      if (left_out(level, i)) continue;
+      if (level.left_out(i)) continue;
       const double value = dot_any(row(level, i), x, n_), w = slack(value, low_[i], high_[i]);
       if (low_[i] == high_[i] || std::abs(w) > kMet * (1.0 + std::abs(value))) low_[i] = high_[i] = value;
     }
@@ -362,7 +265,7 @@ class StageLevels final : public PricedStages {
     std::fill(T_.begin(), T_.end(), 0.0);
     at_.point(y_.data(), x_.data());
     for (int i = 0; i < level.m; ++i) {
-      if (left_out(level, i)) continue;
+      if (level.left_out(i)) continue;
       const double* a = row(level, i);
       const double shift = dot_any(a, at_.still(), n_);
       double* T = &T_[static_cast<std::size_t>(m) * ld];
@@ -407,12 +310,10 @@ class StageLevels final : public PricedStages {
   std::vector<StageEnd> ends_;
   std::vector<int> row_of_;
   Accounts accounts_;
+  Settled settled_;
   StageSearch search_;
   StageRows rows_;
-  std::vector<double> T_, t_, y_, a_, x_, w_, low_, high_, gram_, B_, b_, z_, lambda_;
-  std::vector<char> kept_;
-  std::vector<int> side_;
-  int count_ = 0;
+  std::vector<double> T_, t_, y_, a_, x_, w_, low_, high_;
 };
 
 }  // namespace HQP_ISA

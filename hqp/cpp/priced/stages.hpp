@@ -1,6 +1,7 @@
 // Priced levels as the binding sees them: which levels the exact answer settles, and a stage for each of the others.
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 
 namespace hqp {
@@ -13,7 +14,14 @@ struct PricedLevel {
   const double* scale = nullptr;
   const double* lower = nullptr;
   const double* upper = nullptr;
+
+  bool left_out(int i) const { return lower[i] == -INFINITY && upper[i] == INFINITY; }
 };
+
+// How far a value is off its range; 0 within.
+inline double slack(double value, double lower, double upper) {
+  return value > upper ? value - upper : value < lower ? value - lower : 0.0;
+}
 
 // What a priced level hands down, written in place: (m + 1, n), the guard's row last.
 struct Handed {

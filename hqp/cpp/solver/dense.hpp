@@ -200,6 +200,28 @@ static inline double dot_any(const double* x, const double* y, int n) {
   return s;
 }
 
+// to[i] = x . Y(i, :) for `count` rows of Y, four at a time.
+static inline void dots_any(const double* x, const double* Y, int ld, int count, int n, double* to) {
+  int i = 0;
+  for (; i + 4 <= count; i += 4) {
+    const double* y = Y + static_cast<std::ptrdiff_t>(i) * ld;
+    Vec4 a[4];
+    for (int r = 0; r < 4; ++r) a[r] = splat(0.0);
+    int j = 0;
+    for (; j + 4 <= n; j += 4) {
+      const Vec4 f = *reinterpret_cast<const Vec4u*>(x + j);
+      for (int r = 0; r < 4; ++r)
+        a[r] += f * *reinterpret_cast<const Vec4u*>(y + static_cast<std::ptrdiff_t>(r) * ld + j);
+    }
+    for (int r = 0; r < 4; ++r) {
+      double s = sum(a[r]);
+      for (int l = j; l < n; ++l) s += x[l] * y[static_cast<std::ptrdiff_t>(r) * ld + l];
+      to[i + r] = s;
+    }
+  }
+  for (; i < count; ++i) to[i] = dot_any(x, Y + static_cast<std::ptrdiff_t>(i) * ld, n);
+}
+
 // y += a x, vectors of any length at any address.
 static inline void add_any(double* y, const double* x, double a, int n) {
   const Vec4 f = splat(a);

@@ -1,0 +1,236 @@
+// Which priced levels the exact answer settles (docs/calm.md): where the least motion that meets all levels down to k
+// has multipliers u of level k with c_k ||u|| <= 1, level k is met for its price, and its stage need not be solved.
+//
+// The least motion is min |y|^2 / 2 over equality rows B y = b and inequality rows, of which a working set is held at
+// its bounds. It begins with the set of the last tick; rows of the wrong sign leave and violated rows enter, all at
+// once. A set that does not settle in a few rounds shows nothing, and the stage decides.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <vector>
+
+#include "coordinates.hpp"
+#include "stages.hpp"
+
+namespace hqp {
+inline namespace HQP_ISA {
+
+constexpr double kMet = 1e-10;     // ||w|| below this fraction of a level's terms is zero
+constexpr double kHolds = 1e-9;    // rows hold at the point of least motion, relative to 1 + |value|
+constexpr double kDepends = 1e-10; // a row's square below this fraction of itself, off the rows before, is dependent
+constexpr int kRounds = 8;         // working sets tried for a level
+
+class Settled {
+ public:
+  Settled(int n, const std::vector<PricedLevel>& levels, int rows)
+      : n_(n),
+        ld_(padded(n)),
+        width_(padded(rows + 1)),
+        level_(levels),
+        warm_(levels.size()),
+        first_(levels.size()),
+        B_(static_cast<std::size_t>(rows) * ld_),
+        U_(static_cast<std::size_t>(rows) * width_),
+        b_(rows),
+        z_(rows),
+        lambda_(width_),
+        column_(width_),
+        inverse_(rows),
+        held_(rows),
+        kept_(rows),
+        y_(ld_),
+        a_(n),
+        x_(n) {
+    int before = 0;
+    for (std::size_t k = 0; k < levels.size(); ++k) {
+      first_[k] = before;
+      before += levels[k].m;
+    }
+  }
+
+  void forget() {
+    for (auto& set : warm_) set.clear();
+  }
+
+  // x: the exact answer, whose values exact levels keep.
+  void begin(const Coordinates& coordinates, const double* prices, const double* x) {
+    at_ = &coordinates;
+    prices_ = prices;
+    exact_ = x;
+    count_ = equalities_ = 0;
+    consistent_ = independent_ = true;
+  }
+
+  // The rows of an exact level, which x meets as well as they can be.
+  void keep(int k) {
+    const PricedLevel& level = level_[k];
+    cut(equalities_);
+    for (int i = 0; i < level.m && consistent_; ++i) {
+      if (level.left_out(i)) continue;
+      const double value = at_point(level, i, exact_);
+      const bool off = std::abs(slack(value, level.lower[i], level.upper[i])) > kMet * (1.0 + std::abs(value));
+      if (level.lower[i] == level.upper[i] || off) {
+        consistent_ = append(level, i, value, 0);
+        independent_ = independent_ && kept_[count_ - 1];
+      }
+    }
+    equalities_ = count_;
+  }
+
+  // Whether priced level k, the next one down, is met for its price.
+  bool meets(int k) {
+    const PricedLevel& level = level_[k];
+    cut(equalities_);
+    const int own = count_;
+    bool own_rank = true;
+    for (int i = 0; i < level.m && consistent_; ++i) {
+      if (level.lower[i] != level.upper[i]) continue;
+      consistent_ = append(level, i, level.lower[i], 0);
+      own_rank = own_rank && kept_[count_ - 1];
+    }
+    independent_ = independent_ && own_rank;
+    equalities_ = count_;
+    return consistent_ && own_rank && least_motion(k) && prices_[k] * multipliers(k, own) <= 1.0;
+  }
+
+ private:
+  double at_point(const PricedLevel& level, int i, const double* x) const {
+    return level.A ? dot_any(level.A + static_cast<std::size_t>(i) * n_, x, n_) : level.scale[i] * x[level.index[i]];
+  }
+
+  void cut(int count) { count_ = count; }
+
+  // The working set of level k from that of the last tick; whether it was found.
+  bool least_motion(int k) {
+    std::vector<int>& set = warm_[k];
+    for (int round = 0; round < kRounds; ++round) {
+      if (!hold(set)) break;
+      solve();
+      if (!change(k, set)) return consistent_;
+    }
+    set.clear();
+    return false;
+  }
+
+  // The factor of the equality rows and of the set, of which what is held already stays.
+  bool hold(const std::vector<int>& set) {
+    std::size_t same = 0;
+    while (equalities_ + static_cast<int>(same) < count_ && same < set.size() && held_[equalities_ + same] == set[same])
+      ++same;
+    cut(equalities_ + static_cast<int>(same));
+    for (; same < set.size(); ++same) {
+      const int row = std::abs(set[same]) - 1;
+      int l = 0;
+      while (l + 1 < static_cast<int>(level_.size()) && first_[l + 1] <= row) ++l;
+      const PricedLevel& level = level_[l];
+      const double bound = set[same] > 0 ? level.upper[row - first_[l]] : level.lower[row - first_[l]];
+      if (!std::isfinite(bound) || !append(level, row - first_[l], bound, set[same]) || !kept_[count_ - 1]) return false;
+    }
+    return true;
+  }
+
+  // Rows of the wrong sign leave the set, violated rows of levels down to k enter; whether the set has changed.
+  bool change(int k, std::vector<int>& set) {
+    double most = 0.0;
+    for (int j = 0; j < count_; ++j) most = larger(most, std::abs(lambda_[j]));
+    std::size_t left = 0;
+    for (std::size_t j = 0; j < set.size(); ++j)
+      if ((set[j] > 0 ? 1.0 : -1.0) * lambda_[equalities_ + j] <= 1e-12 * most) set[left++] = set[j];
+    bool changed = left < set.size();
+    set.resize(left);
+    for (int l = 0; l <= k; ++l) {
+      const PricedLevel& level = level_[l];
+      for (int i = 0; i < level.m; ++i) {
+        if (level.lower[i] == level.upper[i] && independent_) continue;  // it is held
+        const double value = at_point(level, i, x_.data());
+        double w = slack(value, level.lower[i], level.upper[i]);
+        if (w == 0.0) continue;
+        const double allowed = kHolds * (1.0 + std::abs(value));
+        if (std::abs(w) <= allowed) continue;
+        if (!(prices_[l] > 0.0)) {  // an exact level may be off as far as x is
+          w -= slack(at_point(level, i, exact_), level.lower[i], level.upper[i]);
+          if (std::abs(w) <= allowed) continue;
+        }
+        if (level.lower[i] == level.upper[i]) {  // it depends on others
+          consistent_ = false;
+          return false;
+        }
+        const int row = first_[l] + i + 1;
+        set.push_back(w > 0.0 ? row : -row);
+        changed = true;
+      }
+    }
+    return changed;
+  }
+
+  // One more row of the factor; false where it depends on the others and disagrees with them.
+  bool append(const PricedLevel& level, int i, double target, int held) {
+    const int c = count_;
+    if (c == static_cast<int>(b_.size())) return false;
+    const double* a = level.A ? level.A + static_cast<std::size_t>(i) * n_ : a_.data();
+    if (!level.A) {
+      std::fill(a_.begin(), a_.end(), 0.0);
+      a_[level.index[i]] = level.scale[i];
+    }
+    double* b = &B_[static_cast<std::size_t>(c) * ld_];
+    at_->row(a, b);
+    b_[c] = target - dot_any(a, at_->still(), n_);
+    const double square = dot_any(b, b, n_);
+    dots_any(b, B_.data(), ld_, c, n_, column_.data());
+    double pivot = square, z = b_[c];
+    for (int j = 0; j < c; ++j) {
+      const double f = column_[j] * inverse_[j];
+      double* u = &U_[static_cast<std::size_t>(j) * width_];
+      const int from = (j + 1) / kLane * kLane;  // whole vectors at the same places, so that stores are forwarded
+      add_any(&column_[from], u + from, -f, lanes(c - from));
+      u[c] = f;
+      pivot -= f * f;
+      z -= f * z_[j];
+    }
+    kept_[c] = pivot > kDepends * square;
+    held_[c] = held;
+    inverse_[c] = kept_[c] ? 1.0 / std::sqrt(pivot) : 0.0;
+    z_[c] = z * inverse_[c];
+    ++count_;
+    return kept_[c] || std::abs(z) <= kHolds * (1.0 + std::abs(b_[c]));
+  }
+
+  // lambda_ of B B' lambda = b, zero for rows that depend on others, and x_ = still + P B' lambda.
+  void solve() {
+    std::fill(y_.begin(), y_.end(), 0.0);
+    for (int j = count_ - 1; j >= 0; --j) {
+      const double* u = &U_[static_cast<std::size_t>(j) * width_];
+      lambda_[j] = (z_[j] - dot_any(u + j + 1, &lambda_[j + 1], count_ - j - 1)) * inverse_[j];
+      add_any(y_.data(), &B_[static_cast<std::size_t>(j) * ld_], lambda_[j], n_);
+    }
+    at_->point(y_.data(), x_.data());
+  }
+
+  // ||u|| of level k, whose own equality rows begin at `own`: its inequality rows that are held count too.
+  double multipliers(int k, int own) const {
+    double square = 0.0;
+    for (int j = own; j < count_; ++j) {
+      const int row = std::abs(held_[j]) - 1;
+      if (j < equalities_ || (row >= first_[k] && row < first_[k] + level_[k].m)) square += lambda_[j] * lambda_[j];
+    }
+    return std::sqrt(square);
+  }
+
+  int n_, ld_, width_;
+  const std::vector<PricedLevel>& level_;
+  std::vector<std::vector<int>> warm_;  // of each level: a row's number + 1, negative at its lower bound
+  std::vector<int> first_;
+  std::vector<double> B_, U_, b_, z_, lambda_, column_, inverse_;  // B B' = U' U, inverse_ 1 / U_jj
+  std::vector<int> held_;
+  std::vector<char> kept_;
+  std::vector<double> y_, a_, x_;
+  const Coordinates* at_ = nullptr;
+  const double *prices_ = nullptr, *exact_ = nullptr;
+  int count_ = 0, equalities_ = 0;
+  bool consistent_ = true, independent_ = true;
+};
+
+}  // namespace HQP_ISA
+}  // namespace hqp
