@@ -160,9 +160,10 @@ class Accountant:
             self._stages, points = found
             found[0].accounts(points, self._owner, len(names))
 
-    def account(self, count: int, w: Vec, v: Vec, guards: bool) -> TickAccount | None:
-        """The account of the latest solve, from the slacks of all its rows; v: of the state; guards: after stages.
+    def account(self, count: int, w: Vec, guards: bool, v: Vec | None = None) -> TickAccount | None:
+        """The account of the latest solve, from the slacks of all its rows; guards: after stages.
 
+        v: of the state, to tell what is too fast from what is held back; without it nothing is too fast.
         None where the kernel has nothing to tell: no kernel, or an answer that was found in another way.
         """
         told = self._tell()
@@ -170,7 +171,7 @@ class Accountant:
             return None
         values = np.empty(self._size)
         self._stages.account(w, told, guards, values)
-        fast = self._fast(w, v) if self._rate.any() else NONE
+        fast = self._fast(w, v) if v is not None and self._rate.any() else NONE
         return TickAccount(count, self.layout, values, fast)
 
     def _fast(self, w: Vec, v: Vec) -> frozenset[str]:

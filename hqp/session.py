@@ -39,7 +39,7 @@ from hqp.safety import Braking, RateLimits, StateBounds, StateCheck, positive, r
 from hqp.solvers import default, load
 from hqp.solvers.base import Solver, Workspace
 from hqp.stack import Stack, coupled
-from hqp.tick import BlendedTick, Note, OrdinaryTick, Tick, Times
+from hqp.tick import BlendedTick, Note, Notes, OrdinaryTick, Tick, Times
 from hqp.tolerances import VIOLATION_TOLERANCE
 from hqp.transition import Transition, path
 
@@ -422,8 +422,7 @@ class Session:
         elif not float(x.dot(x)) < math.inf:
             notes += (Note("solver", Status.NOT_CERTIFIED, "the answer is not finite"),)
             return self._held_tick(state, solution, notes, fit=True)
-        if solution.stage_points is not None:
-            notes += self._held_back(solution, state)
+        held_back = None if solution.stage_points is None else self._held_back(solution)
         if restless := self._limits.look(solution.active):
             notes += restless_notes(restless)
         if self._contacts.missing:
@@ -435,21 +434,27 @@ class Session:
             status = status if note.status.severity <= status.severity else note.status
         command = program.command(x)
         times = Times(prepared - start, filled - prepared, solved - filled, perf_counter() - solved)
-        return Tick(self, state, self._x, command, program.command(last), status, notes, solution, times, 0)
+        told: Notes = notes if held_back is None else lambda: (*notes, *held_back())
+        return Tick(self, state, self._x, command, program.command(last), status, told, solution, times, 0)
 
-    def _held_back(self, solution: Solution, state: State) -> tuple[Note, ...]:
-        """Notes on elements that are short of what they were asked for: those with a reference, and those whose price
-        is what holds them."""
+    def _held_back(self, solution: Solution) -> Callable[[], tuple[Note, ...]] | None:
+        """What makes the notes on elements that are short of what they were asked for: those with a reference, and
+        those whose price is what holds them.  Numbers are taken now, texts are written when they are read."""
         accounts = self._accounts()
         w = np.concatenate(solution.residuals)
-        account = accounts.account(self.count, w, state.v, True)
+        account = accounts.account(self.count, w, guards=True)
         if account is None:
-            return ()
-        return tuple(
-            Note(held.element, Status.OPTIMAL, held.note(account.losses(held.element)))
-            for held in accounts.held_back(account, w)
-            if held.share > MOST or any(held.element == reference.name for reference in self._named)
-        )
+            return None
+        named = frozenset(reference.name for reference in self._named)
+
+        def notes() -> tuple[Note, ...]:
+            return tuple(
+                Note(held.element, Status.OPTIMAL, held.note(account.losses(held.element)))
+                for held in accounts.held_back(account, w)
+                if held.share > MOST or held.element in named
+            )
+
+        return notes
 
     def _take_holds(self, state: State) -> None:
         """Hold values of elements that have none yet, at the first step or after a change of stack."""
@@ -656,7 +661,7 @@ class Session:
 
     def _account(self, tick: Tick) -> TickAccount | None:
         guards = tick.solution is not None and tick.solution.stage_points is not None
-        return self._accounts().account(self.count, tick._slacks(), tick.state.v, guards)
+        return self._accounts().account(self.count, tick._slacks(), guards, tick.state.v)
 
     def conflict(self, tick: Tick) -> Conflict:
         """Which rows of ``subject_to`` exclude each other in the latest tick; raises HqpError for an earlier one."""

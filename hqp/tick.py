@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
 
 
 NO_ROWS: Vec = np.zeros(0)
+
+Notes: TypeAlias = "tuple[Note, ...] | Callable[[], tuple[Note, ...]]"
+"""Notes, or what makes them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +69,8 @@ class Tick:
     """
 
     __slots__ = (
-        "_count", "_last", "_names", "_session", "_state",
-        "command", "fit", "held", "notes", "program", "solution", "status", "times", "transition", "x",
+        "_count", "_last", "_names", "_notes", "_session", "_state",
+        "command", "fit", "held", "program", "solution", "status", "times", "transition", "x",
     )  # fmt: skip
 
     def __init__(
@@ -77,7 +81,7 @@ class Tick:
         command: Vec,
         last: Vec,
         status: Status,
-        notes: tuple[Note, ...],
+        notes: Notes,
         solution: Solution | None,
         times: Times | None,
         held: int,
@@ -85,7 +89,7 @@ class Tick:
     ) -> None:
         self._session: Session | None = session
         self._state, self._count, self.x, self._last = state, session.count, x, last
-        self.command, self.status, self.notes = command, status, notes
+        self.command, self.status, self._notes = command, status, notes
         self.solution, self.times, self.held = solution, times, held
         self.transition, self.fit = 1.0, fit
         self.program: Program | None = session.program
@@ -93,8 +97,15 @@ class Tick:
 
     def follow(self, x: Vec, command: Vec, last: Vec, notes: tuple[Note, ...], transition: float) -> None:
         """Take the place of the tick in a transition: another answer, and the notes on both stacks."""
-        self.x, self.command, self._last, self.notes, self.transition = x, command, last, notes, transition
+        self.x, self.command, self._last, self._notes, self.transition = x, command, last, notes, transition
         self.status = Status.worst(self.status, *(note.status for note in notes))
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """The culprits; their text is made when it is first asked for."""
+        if callable(self._notes):
+            self._notes = self._notes()
+        return self._notes
 
     @property
     def state(self) -> State:
@@ -151,7 +162,7 @@ class Tick:
 
     def __getstate__(self) -> dict[str, Any]:
         kept = {name: getattr(self, name) for name in self.__slots__ if name != "_session"}
-        return {**kept, "x": self.x.copy(), "program": None, "_last": self._last.copy(), "_session": None}
+        return {**kept, "_notes": self.notes, "x": self.x.copy(), "program": None, "_last": self._last.copy(), "_session": None}
 
     def __setstate__(self, kept: dict[str, Any]) -> None:
         for name, value in kept.items():
@@ -186,7 +197,7 @@ class OrdinaryTick(Tick):
         self._found: dict[str, Any] = {}
 
     @property
-    def notes(self) -> tuple[Note, ...]:  # type: ignore[override]
+    def _notes(self) -> tuple[Note, ...]:  # type: ignore[override]
         """Joints whose command alternates between its limits, nothing else."""
         found: tuple[Note, ...] = self._found.get("notes", ())
         return found
