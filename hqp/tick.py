@@ -162,7 +162,14 @@ class Tick:
 
     def __getstate__(self) -> dict[str, Any]:
         kept = {name: getattr(self, name) for name in self.__slots__ if name != "_session"}
-        return {**kept, "_notes": self.notes, "x": self.x.copy(), "program": None, "_last": self._last.copy(), "_session": None}
+        return {
+            **kept,
+            "_notes": self.notes,
+            "x": self.x.copy(),
+            "program": None,
+            "_last": self._last.copy(),
+            "_session": None,
+        }
 
     def __setstate__(self, kept: dict[str, Any]) -> None:
         for name, value in kept.items():

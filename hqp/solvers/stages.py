@@ -174,16 +174,14 @@ class StagedWorkspace:
         """The solution of the latest solve of ``kernel``."""
         if counts[0] != UNSETTLED:
             return self._priced(problem, self._exact.answer(self._plain, counts))  # type: ignore[attr-defined]
-        began = perf_counter()
-        exact = self._exact.answer(self._plain, (0, *counts[1:]))  # type: ignore[attr-defined]
-        return self._below(problem, exact, self._native_stages(), began)
+        return self._below(problem, Stats(*counts[1:3]), self._native_stages(), perf_counter())
 
     def _priced(self, problem: Hierarchy, exact: Solution) -> Solution:
         """The exact solution, or that of the stages from the first level that it does not settle."""
         began = perf_counter()
         found = self._stages(problem, exact.x) if problem.priced and self._begins(problem, exact) else None
         self._latest = self._exact
-        return exact if found is None else self._below(problem, exact, found, began)
+        return exact if found is None else self._below(problem, exact.stats, found, began)
 
     @staticmethod
     def _begins(problem: Hierarchy, exact: Solution) -> bool:
@@ -197,16 +195,16 @@ class StagedWorkspace:
         last = max(k for k, priced in enumerate(problem.priced) if priced)
         return all(is_met(problem.levels[k], exact.x) for k in range(last) if not problem.priced[k])
 
-    def _below(self, problem: Hierarchy, exact: Solution, found: Found, began: float) -> Solution:
+    def _below(self, problem: Hierarchy, exact: Stats, found: Found, began: float) -> Solution:
         """The answer of the exact hierarchy that the stages leave."""
         stages, point, steps, final = found
         self._latest = self._last
         answer = self._last.solve(final)
         stats = Stats(
-            exact.stats.iterations + answer.stats.iterations + steps,
-            exact.stats.factorisations + answer.stats.factorisations,
-            exact.stats.build_s,
-            exact.stats.solve_s + perf_counter() - began,
+            exact.iterations + answer.stats.iterations + steps,
+            exact.factorisations + answer.stats.factorisations,
+            exact.build_s,
+            exact.solve_s + perf_counter() - began,
         )
         # where the last solve ends without an answer, the last stage's point keeps to what every level handed down
         best = answer.x if answer.status.solved else point

@@ -128,6 +128,33 @@ def test_a_level_that_is_met_for_its_price_is_exact_to_the_bit() -> None:
     assert solution.stage_points is None
 
 
+def test_levels_are_settled_without_a_stage_while_limits_bind() -> None:
+    """Boxes that exclude standing still, and drift: the working set of the least motion follows them."""
+    rng, n = np.random.default_rng(7), 12
+    tasks = [0.5 * rng.standard_normal((m, n)) for m in (2, 3)]
+    solver, turned = hqp.solvers.load("lexicographic"), 0
+    workspace, binding = None, set[bytes]()
+    for k in range(200):
+        centre = 0.6 * np.sin(0.02 * k + np.arange(n))
+        inside = centre + 0.2 * np.cos(0.05 * k * np.arange(1, n + 1))
+        levels = [Rows(Selection(np.arange(n)), centre - 0.4, centre + 0.4)]
+        levels += [Rows(A, A @ inside, A @ inside) for A in tasks]
+        levels.append(Rows(Selection(np.arange(n)), np.zeros(n), np.zeros(n)))
+        problem = Hierarchy(tuple(levels), constraints=1, prices=np.array([0.0, 0.01, 0.01, 0.0]))
+        workspace = workspace or solver.workspace(problem.shape)
+        solution = workspace.solve(problem)
+        assert solution.status is Status.OPTIMAL
+        assert solution.stage_points is None
+        assert solution.stats.iterations < 20
+        exact = solver.solve(problem.exact())
+        np.testing.assert_allclose(solution.x, exact.x, atol=1e-9)
+        stages, _ = workspace.stages
+        turned += stages.effort()[0]
+        binding.add(solution.active[0].tobytes())
+    assert len(binding) > 20
+    assert turned == 0, f"{turned} steps of stages that found every level met"
+
+
 def test_what_is_handed_down_is_kept() -> None:
     solver = hqp.solvers.load("lexicographic")
     for seed in range(30):

@@ -17,10 +17,10 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kMet = 1e-10;     // ||w|| below this fraction of a level's terms is zero
-constexpr double kHolds = 1e-9;    // rows hold at the point of least motion, relative to 1 + |value|
-constexpr double kDepends = 1e-10; // a row's square below this fraction of itself, off the rows before, is dependent
-constexpr int kRounds = 8;         // working sets tried for a level
+constexpr double kMet = 1e-10;      // ||w|| below this fraction of a level's terms is zero
+constexpr double kHolds = 1e-9;     // rows hold at the point of least motion, relative to 1 + |value|
+constexpr double kDepends = 1e-10;  // a row's square below this fraction of itself, off the rows before, is dependent
+constexpr int kRounds = 8;          // working sets tried for a level
 
 class Settled {
  public:
@@ -126,7 +126,8 @@ class Settled {
       while (l + 1 < static_cast<int>(level_.size()) && first_[l + 1] <= row) ++l;
       const PricedLevel& level = level_[l];
       const double bound = set[same] > 0 ? level.upper[row - first_[l]] : level.lower[row - first_[l]];
-      if (!std::isfinite(bound) || !append(level, row - first_[l], bound, set[same]) || !kept_[count_ - 1]) return false;
+      if (!std::isfinite(bound) || !append(level, row - first_[l], bound, set[same]) || !kept_[count_ - 1])
+        return false;
     }
     return true;
   }

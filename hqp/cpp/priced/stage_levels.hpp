@@ -89,6 +89,7 @@ class StageLevels final : public PricedStages {
         const int levels = static_cast<int>(level_.size());
         std::fill(stages, stages + static_cast<std::size_t>(levels) * n_, std::numeric_limits<double>::quiet_NaN());
         rows_.count = 0;
+        search_.restart();
         for (int l = 0; l < k; ++l) leave(l, x);
       }
       if (settled) {
@@ -287,7 +288,7 @@ class StageLevels final : public PricedStages {
     }
     bool reached = false;
     if (m) {
-      reached = search_.solve(rows_, N, T_.data(), t_.data(), m, price, y_.data(), warm_[k], iterations_);
+      reached = search_.solve(rows_, own, N, T_.data(), t_.data(), m, price, y_.data(), warm_[k], iterations_);
       ended_ = ended_ && reached;
     }
     rows_.count = own;

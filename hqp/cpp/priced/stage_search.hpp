@@ -56,13 +56,22 @@ class StageSearch {
         lambda_(variables),
         bound_(variables) {}
 
-  // Minimise from y (N), which keeps to the rows; warm: rows (index + 1, negative at the lower side) to begin with.
-  // Returns whether the optimum was reached; `working` holds the rows active at the end, as warm.
-  bool solve(const StageRows& rows, int N, const double* T, const double* t, int m, double price, double* y,
-             std::vector<int>& working, int& iterations) {
+  // The stages of another problem follow.
+  void restart() {
+    set_.clear();
+    fixed_ = scanned_ = 0;
+    spanned_.clear();
+  }
+
+  // Minimise from y (N), which keeps to the rows; the first `lasting` rows stay for the stages that follow.  warm: rows
+  // (index + 1, negative at the lower side) to begin with. Returns whether the optimum was reached; `working` holds the
+  // rows active at the end, as warm.
+  bool solve(const StageRows& rows, int lasting, int N, const double* T, const double* t, int m, double price,
+             double* y, std::vector<int>& working, int& iterations) {
     rows_ = &rows;
     N_ = N;
     begin();
+    for (; scanned_ < lasting; ++scanned_) hold(scanned_);
     ++iterations;
     bool reached = !working.empty() && on_the_face_of(working, T, t, m, price, y);
     if (!reached) reached = descend(working, T, t, m, price, y, iterations);
@@ -111,14 +120,20 @@ class StageSearch {
     return false;
   }
 
-  // Only the equalities are held.
+  // Only the equalities are held, all of them rows that stay.
   void begin() {
     std::fill(side_.begin(), side_.begin() + rows_->count, 0);
-    space_.cut(0);
-    set_.clear();
+    set_.resize(fixed_);
+    space_.cut(fixed_);
     dependent_.clear();
-    for (int i = 0; i < rows_->count; ++i)
-      if (rows_->equal[i]) enter(i, 1);
+    for (int i : set_) side_[i] = 1;
+    for (int i : spanned_) side_[i] = 2;
+  }
+
+  void hold(int i) {
+    if (!rows_->equal[i]) return;
+    enter(i, 1);
+    if (side_[i] == 2) spanned_.push_back(i);
     fixed_ = static_cast<int>(set_.size());
   }
 
@@ -241,10 +256,10 @@ class StageSearch {
   }
 
   const StageRows* rows_ = nullptr;
-  int N_ = 0, fixed_ = 0;
+  int N_ = 0, fixed_ = 0, scanned_ = 0;
   RowSpace space_;
   Secular secular_;
-  std::vector<int> set_, rest_, dependent_;
+  std::vector<int> set_, rest_, dependent_, spanned_;
   std::vector<double> rate_;
   std::vector<int> side_;
   std::vector<double> aim_, gradient_, lambda_, bound_, M_, e_, u_;

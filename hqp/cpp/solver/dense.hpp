@@ -222,6 +222,25 @@ static inline void dots_any(const double* x, const double* Y, int ld, int count,
   for (; i < count; ++i) to[i] = dot_any(x, Y + static_cast<std::ptrdiff_t>(i) * ld, n);
 }
 
+// y -= sum_i a_i X(i, :) over `count` rows of X, four at a time.
+static inline void subtract_rows(double* y, const double* X, int ld, int count, const double* a, int n) {
+  int i = 0;
+  for (; i + 4 <= count; i += 4) {
+    const double *x0 = X + static_cast<std::ptrdiff_t>(i) * ld, *x1 = x0 + ld, *x2 = x1 + ld, *x3 = x2 + ld;
+    const Vec4 a0 = splat(a[i]), a1 = splat(a[i + 1]), a2 = splat(a[i + 2]), a3 = splat(a[i + 3]);
+    int j = 0;
+    for (; j + 4 <= n; j += 4)
+      *reinterpret_cast<Vec4u*>(y + j) -=
+          (a0 * *reinterpret_cast<const Vec4u*>(x0 + j) + a1 * *reinterpret_cast<const Vec4u*>(x1 + j)) +
+          (a2 * *reinterpret_cast<const Vec4u*>(x2 + j) + a3 * *reinterpret_cast<const Vec4u*>(x3 + j));
+    for (; j < n; ++j) y[j] -= (a[i] * x0[j] + a[i + 1] * x1[j]) + (a[i + 2] * x2[j] + a[i + 3] * x3[j]);
+  }
+  for (; i < count; ++i) {
+    const double* x = X + static_cast<std::ptrdiff_t>(i) * ld;
+    for (int j = 0; j < n; ++j) y[j] -= a[i] * x[j];
+  }
+}
+
 // y += a x, vectors of any length at any address.
 static inline void add_any(double* y, const double* x, double a, int n) {
   const Vec4 f = splat(a);
