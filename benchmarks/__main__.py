@@ -26,6 +26,7 @@ PARTS = {
 """Parts of the main job in order; a part is there if its module is.  A module has ``add_arguments`` and ``run``."""
 
 EXTRA = {
+    "changes": "changes of stack in a closed loop: jumps of the command, time of a tick",
     "soak": "random closed loops with everything that goes wrong, at length",
     "collision": "hands that are blocked, a table in MuJoCo, and what pairs cost",
 }

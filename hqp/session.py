@@ -5,8 +5,8 @@ from __future__ import annotations
 import logging
 import math
 import threading
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import monotonic, perf_counter
 from typing import TYPE_CHECKING, NoReturn
@@ -17,7 +17,6 @@ from hqp.account import MOST, Accountant, TickAccount, of_explanation, too_fast,
 from hqp.arrays import Index, Vec
 from hqp.contact_watch import ContactWatch
 from hqp.direct import Direct
-from hqp.element import Element
 from hqp.errors import (
     ConcurrentUse,
     DeclarationError,
@@ -41,7 +40,9 @@ from hqp.solvers.base import Solver, Workspace
 from hqp.stack import Stack, coupled
 from hqp.tick import BlendedTick, Note, Notes, OrdinaryTick, Tick, Times
 from hqp.tolerances import VIOLATION_TOLERANCE
-from hqp.transition import Transition, path
+from hqp.transition import Transition, surviving
+from hqp.waypoints import Waypoint, bearing
+from hqp.waypoints import path as path_of
 
 if TYPE_CHECKING:
     from hqp.conflict import Conflict
@@ -251,18 +252,25 @@ class Session:
         # each keeps the last x of its own: limits that stand around it (a window on acceleration) then bound how fast
         # its answer moves, not how far it may be from the blend
         second._contacts = self._contacts
-        a, b = (run._beside(state, references, now) for run in (first, second))
+        here = transition.here(state, references) if transition.released_rows else ()
+        a = first._beside(state, (*references, *here), now)
+        b = second._beside(state, references, now)
         self.count += 1
         if a.held or b.held:
             worst = b if b.held else a
+            self._rest = second._rest  # of the contacts that the robot stands on now
             tick = self._held_tick(state, worst.solution, worst.notes, fit=worst.fit)
             tick.program = second.program
             return tick
         last = self._x
-        x = transition.blend(a.x, b.x, last, self._joints)
-        notes = (*a.notes, *(note for note in b.notes if note not in a.notes))
+        waits = bearing(first.program, a.x, transition.released) if transition.released else ()
+        x = transition.blend(a.x, b.x, last, self._joints, wait=bool(waits))
+        notes = waits or tuple(note for note in b.notes if note not in a.notes)
+        notes = (*a.notes, *notes)
+        if waits:  # the contact is still there: so are the dynamics of the first stack
+            second, b = first, a
         if self._limiter is not None:
-            x, notes = self._within_rates(x, notes)
+            x, notes = self._within_rates(x, notes, second)
         self._x, self._good, self._held = x, state, 0
         command = second.program.command
         if type(b) is OrdinaryTick and not notes:
@@ -274,6 +282,7 @@ class Session:
             self._transition = None
             first._leave_direct()
             second._leave_direct()
+            self._rest = second._rest
             self._holds, self._current, self._given = second._holds, second._current, second._given
         else:
             transition.advance()
@@ -428,7 +437,7 @@ class Session:
         if self._contacts.missing:
             notes += tuple(Note(name, Status.CONTACT_LOST, why) for name, why in self._contacts.lost())
         if self._limiter is not None:
-            x, notes = self._within_rates(x, notes)
+            x, notes = self._within_rates(x, notes, self)
         last, self._x, self._good, self._held = self._x, x.copy(), state, 0
         for note in notes:
             status = status if note.status.severity <= status.severity else note.status
@@ -522,7 +531,7 @@ class Session:
             notes += (Note("session", notes[0].status, "no good state so far: the command is zero"),)
         x = self._rest.next()
         if self._limiter is not None:
-            x, notes = self._within_rates(x, notes)
+            x, notes = self._within_rates(x, notes, self)
         last, self._x = self._x, x
         status = Status.worst(*(note.status for note in notes))
         times = Times(0.0, 0.0, 0.0, perf_counter() - start)
@@ -539,8 +548,11 @@ class Session:
                 return candidates[0] if new < old else candidates[1]
         return candidates[0]
 
-    def _within_rates(self, x: Vec, notes: tuple[Note, ...]) -> tuple[Vec, tuple[Note, ...]]:
-        """x, or the point towards it that the rate limits allow, and what of ``subject_to`` is off by that."""
+    def _within_rates(self, x: Vec, notes: tuple[Note, ...], rows: Session) -> tuple[Vec, tuple[Note, ...]]:
+        """x, or the point towards it that the rate limits allow, and what of ``subject_to`` is off by that.
+
+        rows: the session whose rows are those of this tick, itself or one of a transition.
+        """
         assert self._limiter is not None
         command = self.program.command
         share, why = self._limiter.share(command(self._x), command(x))
@@ -548,7 +560,7 @@ class Session:
             return x, notes
         x = self._x + share * (x - self._x)
         limited = (Note("rates", Status.OPTIMAL, why),)
-        return x, notes + limited + self._violations(self.problem.slacks(x), " by the rate limit")
+        return x, notes + limited + rows._violations(rows.problem.slacks(x), " by the rate limit")
 
     def _violations(self, residuals: tuple[Vec, ...], why: str = "") -> tuple[Note, ...]:
         """Notes on the members of ``subject_to`` that are off."""
@@ -574,8 +586,10 @@ class Session:
         Hold values survive where class, frame, axes, observer and shape agree; all other elements take fresh ones in
         the next step, those that return as well.  A stack that was seen before is not compiled again.  In a
         transition references for either stack are taken, ``tick.transition`` tells how far it has come; another
-        change may come before it ends.  Raises what ``Controller.session`` raises, DeclarationError for ``over``, and
-        then leaves the session as it was.
+        change may come before it ends.  Where x is a torque, a contact that is to be released and cannot be unloaded
+        without cost to a task keeps the transition waiting, and a note names it.  Raises what ``Controller.session``
+        raises, DeclarationError for ``over`` or where no contact would be left on the way, and then leaves the session
+        as it was.
         """
         if not isinstance(over, (int, float)) or not 0.0 <= over < math.inf:
             raise DeclarationError("change", "bad duration", value=over, unit="s", allowed="over >= 0")
@@ -586,7 +600,8 @@ class Session:
                 for session in self._transition.pair:
                     session._leave_direct()
                     session._direct, session._direct_known = None, True
-            compiled = [self._compile(item) for item in self._path(stack, over)]
+            path = self._path(stack, over)
+            compiled = [self._compile(point.stack) for point in path]
             holds = surviving(self.stack, self._holds, compiled[-1].stack)
             sessions = [self._clone(), *(self._clone(item) for item in compiled[1:])] if over else []
             if len(sessions) == 2 and self._transition is None and sessions[0].program is not sessions[1].program:
@@ -594,7 +609,7 @@ class Session:
                     session._direct_known = False
             self._activate(compiled[-1])
             self._holds = holds
-            self._transition = Transition(sessions, over, self.dt, self.program.kind) if over else None
+            self._transition = Transition(sessions, path, over, self.dt, self.program.kind) if over else None
         finally:
             self._lock.release()
 
@@ -605,15 +620,16 @@ class Session:
         """
         self._enter()
         try:
-            for item in self._path(stack, 1.0)[1:]:
-                self._compile(item)
+            for point in self._path(stack, 1.0)[1:]:
+                self._compile(point.stack)
         finally:
             self._lock.release()
 
-    def _path(self, stack: Stack, over: float) -> list[Stack]:
+    def _path(self, stack: Stack, over: float) -> list[Waypoint]:
         if not over:
-            return [stack]
-        return path(self.stack, stack, self.robot, torque=self.program.kind == "torque")
+            return [Waypoint(stack)]
+        law = self.controller.formulation.contact_law if self.program.kind == "torque" else None
+        return path_of(self.stack, stack, self.robot, law)
 
     def _clone(self, compiled: Compiled | None = None) -> Session:
         """The session as it runs now, or on another stack, to go on beside it; without rate limits of its own."""
@@ -691,23 +707,6 @@ def restless_notes(restless: Iterable[tuple[str, float]]) -> tuple[Note, ...]:
     """Notes on joints whose command alternates from limit to limit."""
     why = "its command alternates from limit to limit {:.0f} times a second: give levels a price, or a better target"
     return tuple(Note(name, Status.OPTIMAL, why.format(rate)) for name, rate in restless)
-
-
-def surviving(before: Stack, holds: Mapping[str, Reference], after: Stack) -> dict[str, Reference]:
-    """The hold values of one stack that are good for another."""
-    return {
-        element.name: holds[element.name]
-        for element in after
-        if element.name in holds and element.name in before and same_quantity(element, before.find(element.name))
-    }
-
-
-def same_quantity(one: Element, other: Element) -> bool:
-    """Whether a hold value of one is one of the other: class and every field but name, law and weight agree."""
-    if type(one) is not type(other) or not is_dataclass(one):
-        return False
-    names = [item.name for item in fields(one) if item.name not in ("name", "law", "weight")]
-    return all(getattr(one, name) == getattr(other, name) for name in names)
 
 
 __all__ = ["Controller", "Note", "Session", "Tick", "Times"]

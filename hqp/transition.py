@@ -4,72 +4,70 @@
 
 Both answers lie in the convex set of optima of every level that the two stacks share from the top, so x does: levels
 above a change are as they were, exactly, and h J x_b + (1 - h) J x_a is the intermediate desired value of Lee, Mansard
-and Park (2012) for a task that comes or goes.  Where x is a torque, a contact may only change while it bears nothing:
-it is unloaded under the old set of contacts (its force then is (1 - h) times what it was), the set is changed while it
-bears zero, and a new one is loaded under the new set (its force is h times what it will be).
+and Park (2012) for a task that comes or goes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hqp.arrays import Index, Vec
 from hqp.element import Element
-from hqp.robot import Robot
-from hqp.stack import Level, Stack
+from hqp.reference import Reference
+from hqp.stack import Stack
 
 if TYPE_CHECKING:
+    from hqp.robot import State
     from hqp.session import Session
+    from hqp.waypoints import Waypoint
 
 LARGEST_CHANGE = {"velocity": 0.02, "acceleration": 1.0, "torque": 1.0}
 """A transition slows down rather than change a command by more in one tick [rad/s, rad/s^2, N m]."""
 
-SLOWEST = 0.2
+SLOWEST = 0.1
 """Share of its pace that a transition keeps whatever the command does, so that it ends."""
 
 
-def path(before: Stack, after: Stack, robot: Robot, *, torque: bool) -> list[Stack]:
-    """The stacks of a transition, first and last included; two but for torque with another set of contacts."""
-    if not torque:
-        return [before, after]
-    old, new = ({e.name: e for e in stack.subject_to if e.is_contact} for stack in (before, after))
-    released = [e for name, e in old.items() if new.get(name) != e]
-    taken = [e for name, e in new.items() if old.get(name) != e]
-    found = [before]
-    if released:
-        found.append(unloaded(before, released, robot))
-    if taken:
-        found.append(unloaded(after, taken, robot))
-    return [*found, after]
+def surviving(before: Stack, holds: Mapping[str, Reference], after: Stack) -> dict[str, Reference]:
+    """The hold values of one stack that are good for another."""
+    return {
+        element.name: holds[element.name]
+        for element in after
+        if element.name in holds and element.name in before and same_quantity(element, before.find(element.name))
+    }
 
 
-def unloaded(stack: Stack, contacts: Sequence[Element], robot: Robot) -> Stack:
-    """The stack with those contacts bearing no force, before all its levels, and nothing else asked of their force."""
-    from hqp.tasks import ContactForce
-    from hqp.tasks.targets import COMPONENTS
+def same_quantity(one: Element, other: Element) -> bool:
+    """Whether a hold value of one is one of the other: class and every field but name, law and weight agree."""
+    if type(one) is not type(other) or not is_dataclass(one):
+        return False
+    names = [item.name for item in fields(one) if item.name not in ("name", "law", "weight")]
+    return all(getattr(one, name) == getattr(other, name) for name in names)
 
-    names = {e.name for e in contacts}
-    others = [e.name for e in stack if getattr(e, "contact", None) in names]
-    rest = stack.without(*others) if others else stack
-    zero = []
-    for contact in contacts:
-        basis = getattr(contact, "force_basis", None)
-        size = contact.rows(robot) if basis is None else np.shape(basis())[0]
-        name = f"{contact.name} bears nothing"
-        zero.append(ContactForce(contact=contact.name, components=COMPONENTS[:size], name=name))
-    return Stack(Level(*zero, name="unloaded"), *rest.levels, subject_to=rest.subject_to)
+
+def without_successor(before: Stack, after: Stack) -> tuple[Element, ...]:
+    """Contacts in ``subject_to`` of one stack that another one does not have there."""
+    kept = {e.name: e for e in after.subject_to}
+    contacts = (e for e in before.subject_to if e.is_contact)
+    return tuple(e for e in contacts if e.name not in kept or not same_quantity(e, kept[e.name]))
 
 
 class Transition:
     """Where a session stands on its path: the pair of sessions that is blended, and how far."""
 
-    def __init__(self, sessions: Sequence[Session], over: float, dt: float, kind: str) -> None:
-        self._sessions, self._pace = list(sessions), dt * (len(sessions) - 1) / over
+    def __init__(
+        self, sessions: Sequence[Session], path: Sequence[Waypoint], over: float, dt: float, kind: str
+    ) -> None:
+        self._sessions, self._path = list(sessions), list(path)
+        self._spans = [0.0 if point.switch else 1.0 for point in self._path[:-1]]
+        self._pace = dt * sum(self._spans) / over
         self._cap = LARGEST_CHANGE[kind]
         self._at, self._s = 0, 0.0
+        self.released_rows = () if kind == "torque" else without_successor(path[0].stack, path[-1].stack)
 
     @property
     def pair(self) -> tuple[Session, Session]:
@@ -79,7 +77,7 @@ class Transition:
     @property
     def progress(self) -> float:
         """0 at the start, 1 at the end of the whole path."""
-        return (self._at + smooth(self._s)) / (len(self._sessions) - 1)
+        return (sum(self._spans[: self._at]) + self._spans[self._at] * smooth(self._s)) / sum(self._spans)
 
     @property
     def done(self) -> bool:
@@ -92,21 +90,35 @@ class Transition:
         inner = self._sessions[self._at]._transition
         return 1 + (inner.depth if inner is not None else 0)
 
+    @property
+    def released(self) -> tuple[str, ...]:
+        """Contacts that must bear nothing now, for they leave the dynamics."""
+        return self._path[self._at].released
+
     def knows(self, name: str) -> bool:
         """Whether a reference of that name is for a stack of this transition."""
         return any(session.knows(name) for session in self._sessions)
 
-    def blend(self, a: Vec, b: Vec, last: Vec, joints: Index) -> Vec:
+    def here(self, state: State, references: Sequence[Reference]) -> tuple[Reference, ...]:
+        """References that ask a contact on its way out to stay where it is, not to return to where it was."""
+        given = {getattr(reference, "name", "") for reference in references}
+        if not state.valid:
+            return ()
+        return tuple(element.hold(state) for element in self.released_rows if element.name not in given)
+
+    def blend(self, a: Vec, b: Vec, last: Vec, joints: Index, *, wait: bool = False) -> Vec:
         """x of this tick: as far from a to b as the schedule says, no further than the largest change allows.
 
-        joints: which entries of x are a command.
+        joints: which entries of x are a command.  wait: no further than before.
         """
-        target = min(1.0, self._s + self._pace)
+        pace = self._pace if self._spans[self._at] else 1.0
+        target = self._s if wait else min(1.0, self._s + pace)
         difference, start = (b - a)[joints], (a - last)[joints]
         h = smooth(target)
         reach = float(np.abs(start + h * difference).max(initial=0.0))
         if reach > self._cap:
-            h = max(smooth(self._s + SLOWEST * (target - self._s)), self._fastest(start, difference, h))
+            least = min(target, self._s + SLOWEST * self._pace)
+            h = max(smooth(least), self._fastest(start, difference, h))
         self._s = 1.0 if h >= 1.0 else max(self._s, inverse(h))
         return a + h * (b - a)
 

@@ -3,56 +3,36 @@
 from __future__ import annotations
 
 import gc
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 
 import hqp
+from benchmarks.changes import DT, LEVELS, ROBOTS, Loop, lifted, measure, stack
 from hqp import PD, Level, P, Stack, Status
 from hqp.errors import DeclarationError, FrameNotFound, ModelError
 from hqp.robots import Robot
 from hqp.tasks import (
+    CenterOfPressure,
     Com,
     FixedContact,
-    FrictionCone,
-    JointLimits,
-    Orientation,
+    PointContact,
     Pose,
     Position,
     Posture,
     TorqueLimits,
+    UnilateralContact,
 )
-from hqp.transition import LARGEST_CHANGE, Transition, inverse, smooth, unloaded
+from hqp.transition import LARGEST_CHANGE, Transition, inverse, smooth
+from hqp.waypoints import Waypoint, path, unloaded
 
-DT = 0.002
-SECOND = [hqp.Acceleration(), hqp.Torque(contact_law=PD(0.0, 40.0))]
-FORMULATIONS = pytest.mark.parametrize("formulation", [hqp.Velocity(), *SECOND], ids=lambda f: type(f).__name__)
+EVERY_LEVEL = pytest.mark.parametrize("level", LEVELS)
 
 
 @pytest.fixture
 def robot() -> Robot:
     return hqp.robots.load("talos")
-
-
-def stack(robot: Robot, formulation: Any = None) -> Stack:
-    left, right = robot.landmarks["soles"]
-    torque = isinstance(formulation, hqp.Torque)
-    forces = [FrictionCone(contact=frame, mu=0.6) for frame in (left, right)] if torque else []
-    forces += [TorqueLimits()] if torque else []
-    return Stack(
-        Level(Com(name="com")),
-        Level(Position(frame=robot.landmarks["palms"][1], name="hand")),
-        Level(Orientation(frame=robot.landmarks["base"][0], name="trunk")),
-        Level(Posture()),
-        subject_to=[
-            FixedContact(frame=left),
-            FixedContact(frame=right),
-            *forces,
-            JointLimits(),
-        ],
-    )
 
 
 def session(robot: Robot, declared: Stack, formulation: Any = None) -> hqp.Session:
@@ -96,7 +76,7 @@ def test_laws_weights_and_places_do_not_touch_a_hold_value(robot: Robot) -> None
 
 
 def test_an_element_that_returns_takes_a_fresh_hold_value(robot: Robot) -> None:
-    whole = stack(robot)
+    whole = stack(robot, "velocity")
     run = session(robot, whole)
     run.step(robot.state())
     run.change(whole.without("hand"))
@@ -110,7 +90,7 @@ def test_an_element_that_returns_takes_a_fresh_hold_value(robot: Robot) -> None:
 
 
 def test_a_change_that_cannot_work_changes_nothing(robot: Robot) -> None:
-    whole = stack(robot)
+    whole = stack(robot, "velocity")
     run, twin = session(robot, whole), session(robot, whole)
     q = robot.integrate(robot.home, 0.02 * np.ones(robot.nv), 1.0)
     for each in (run, twin):
@@ -134,7 +114,7 @@ def test_a_change_that_cannot_work_changes_nothing(robot: Robot) -> None:
 
 
 def test_a_stack_seen_before_is_not_compiled_again(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = stack(robot)
+    whole = stack(robot, "velocity")
     run = session(robot, whole)
     run.prepare(whole.without("hand"))
     compiled: list[Stack] = []
@@ -150,7 +130,7 @@ def test_a_stack_seen_before_is_not_compiled_again(robot: Robot, monkeypatch: py
 
 
 def test_changes_leave_nothing_behind(robot: Robot) -> None:
-    whole = stack(robot)
+    whole = stack(robot, "velocity")
     run = session(robot, whole)
     run.prepare(whole.without("hand"))
     gc.collect()
@@ -180,7 +160,8 @@ def test_the_schedule_is_smooth_and_has_an_inverse() -> None:
 
 
 def test_a_transition_slows_down_rather_than_jump() -> None:
-    transition = Transition([None, None], 0.02, DT, "velocity")  # type: ignore[list-item]
+    way = [Waypoint(Stack(Level(Com()))), Waypoint(Stack(Level(Posture())))]
+    transition = Transition([None, None], way, 0.02, DT, "velocity")  # type: ignore[list-item]
     a, b, x, changes = np.zeros(2), np.array([0.5, -0.4]), np.zeros(2), []
     while not transition.done:
         new = transition.blend(a, b, x, np.arange(2))
@@ -192,104 +173,110 @@ def test_a_transition_slows_down_rather_than_jump() -> None:
     assert len(changes) >= 25
 
 
-class Loop:
-    """A closed loop on the exact integrator."""
-
-    def __init__(self, robot: Robot, declared: Stack, formulation: Any) -> None:
-        self.robot, self.run = robot, session(robot, declared, formulation)
-        self.q, self.v = robot.home.copy(), np.zeros(robot.nv)
-        start = robot.state()
-        left = robot.landmarks["soles"][0]
-        self.hand = start.position(robot.landmarks["palms"][1]) + [0.05, 0.02, 0.05]
-        self.above = np.array([*start.position(left)[:2], start.com()[2]])
-        self.com = start.com()
-        self.ticks: list[hqp.Tick] = []
-
-    def go(self, ticks: int, goals: Any) -> list[hqp.Tick]:
-        found = []
-        for _ in range(ticks):
-            tick = self.run.step(self.robot.state(self.q, self.v), *goals)
-            found.append(tick)
-            self.q, self.v = tick.advance()
-        self.ticks += found
-        return found
-
-    @property
-    def changes(self) -> np.ndarray:
-        sent = [tick.command for tick in self.ticks]
-        return np.abs(np.diff(sent, axis=0)).max(axis=1)
-
-
-def events(robot: Robot, formulation: Any) -> dict[str, tuple[Stack, Stack]]:
-    whole = stack(robot, formulation)
-    right = robot.landmarks["soles"][1]
-    com, hand, trunk, posture = whole.levels
-    swapped = Stack(com, trunk, hand, posture, subject_to=whole.subject_to)
-    lifted = whole.without(*(e.name for e in whole.subject_to if right in (e.name, getattr(e, "contact", ""))))
-    if isinstance(formulation, hqp.Torque):  # limits of joints only where a leg swings: with both feet they cost time
-        free = whole.without("joint_limits")
-        swapped = Stack(com, trunk, hand, posture, subject_to=free.subject_to)
-        return {
-            "add": (free.without("hand"), free), "remove": (free, free.without("hand")), "swap": (free, swapped),
-            "release": (whole, lifted), "take up": (lifted, whole),
-        }  # fmt: skip
-    bare = whole.without("hand")
-    return {
-        "add": (bare, whole), "remove": (whole, bare), "swap": (whole, swapped),
-        "release": (whole, lifted), "take up": (lifted, whole),
-    }  # fmt: skip
-
-
-EVENTS = [
-    pytest.param(name, f, event, id=f"{name}-{event}-{f.__name__}", marks=[pytest.mark.slow] * slow)
-    for name in ("talos", "g1", "cbi")
-    for f, chosen in ((hqp.Velocity, ""), (hqp.Acceleration, ""), (hqp.Torque, "release take up"))
-    for event in ("add", "remove", "swap", "release", "take up")
-    for slow in (event in chosen or name != "talos",)
-    if not (name == "cbi" and event == "release" and f is hqp.Torque)  # CBi on one foot falls, whoever commands it
+CHANGES = [
+    pytest.param(name, level, id=f"{name}-{level}", marks=[pytest.mark.slow] * (name != "talos"))
+    for name in ROBOTS
+    for level in LEVELS
 ]
 
 
-@pytest.mark.parametrize(("name", "kind", "event"), EVENTS)
-def test_no_tick_of_a_transition_jumps(name: str, kind: Any, event: str) -> None:
-    robot = hqp.robots.load(name)
-    formulation = kind() if kind is not hqp.Torque else hqp.Torque(contact_law=PD(0.0, 40.0))
-    before, after = events(robot, formulation)[event]
-    loop = Loop(robot, before, formulation)
-    one_foot = event in ("release", "take up")
-    goals = [Com(name="com").at(loop.above if one_foot else loop.com)]
-    hand = Position(frame=robot.landmarks["palms"][1], name="hand").at(loop.hand)
-    settled = [*goals, hand] if event != "add" else goals
-    settle = 700 if one_foot else 60 if kind is hqp.Torque else 250
-    loop.go(settle, settled)
-    loop.run.change(after, 0.25)
-    moving, count = [*goals, hand], len(loop.ticks)
-    during: list[hqp.Tick] = []
-    while loop.run._transition is not None:
-        during += loop.go(1, moving)
-        assert len(during) < 1000
-    assert len(during) >= 0.25 / DT - 1
-    h = [tick.transition for tick in during]
-    assert all(a <= b for a, b in pairwise(h))
-    assert h[0] < 0.01
-    assert h[-1] == 1.0
-    loop.go(50, goals if event == "remove" else moving)
-    level = loop.run.program.kind
-    second_before, second = loop.changes[max(0, count - 501) : count - 1].max(), loop.changes[count - 1 :].max()
-    loaded = 3.0 if one_foot and level == "torque" else LARGEST_CHANGE[level]
-    assert second <= max(1.2 * second_before, loaded) * (1.0 + 1e-9)
-    abrupt = Loop(robot, before, formulation)
-    abrupt.go(settle, settled)
-    abrupt.run.change(after)
-    abrupt.go(1, goals if event == "remove" else moving)
-    if event != "swap":
-        assert abrupt.changes[-1] > 3.0 * loop.changes[count - 1]  # the change would have been felt
+@pytest.mark.parametrize(("name", "level"), CHANGES)
+def test_no_tick_of_a_transition_jumps(name: str, level: str) -> None:
+    for change in measure(hqp.robots.load(name), level):
+        assert change.calm, str(change)
+        assert 0.25 / DT <= change.ticks <= 250, str(change)
+        assert not change.notes
+        if change.event != "swap" and 1.2 * change.before < LARGEST_CHANGE[level]:
+            assert change.abrupt > 3.0 * change.during, str(change)  # without easing it would have been felt
 
 
-@FORMULATIONS
-def test_levels_above_a_change_do_not_notice_it(robot: Robot, formulation: Any) -> None:
-    before, after = events(robot, formulation)["add"]
-    loop = Loop(robot, before, formulation)
+def test_a_heavy_foot_is_released_without_a_jump() -> None:
+    """CBi fell by it: 432 N m, where the torque that holds a foot on the ground was sent to a foot in the air."""
+    (change,) = measure(hqp.robots.load("cbi"), "torque", ["release"])
+    assert change.during <= 3.0, str(change)
+    assert change.after <= 3.0, str(change)
+
+
+def on_small_soles(robot: Robot) -> Stack:
+    """The stack with a centre of pressure that stays within small soles, and feet that bear something."""
+    whole = stack(robot, "torque")
+    extra = [CenterOfPressure(contact=f, rectangle=(-0.08, 0.1, -0.04, 0.04)) for f in robot.landmarks["soles"]]
+    least = [UnilateralContact(contact=f, minimum=20.0) for f in robot.landmarks["soles"]]
+    return Stack(*whole.levels, subject_to=[*whole.subject_to, *extra, *least])
+
+
+def test_a_foot_that_cannot_be_unloaded_keeps_the_change_waiting(robot: Robot) -> None:
+    whole, right = on_small_soles(robot), robot.landmarks["soles"][1]
+    loop = Loop(robot, whole, "torque")
+    between = loop.goals(0.0)
+    loop.go(50, between)
+    loop.run.change(lifted(whole, robot), 0.1)
+    waiting = loop.go(200, between)  # the CoM is between the feet
+    assert all(tick.transition <= 0.5 and tick.status is Status.OPTIMAL for tick in waiting)
+    tick = waiting[-1]
+    program: Any = tick.program
+    bears = np.linalg.norm(program.contact_forces(tick.x)[right][:3])
+    assert bears > 100.0
+    assert [(n.element, n.detail) for n in tick.notes] == [
+        (right, f"cannot be released: it still bears {bears:.3g} N; take the weight off it first")
+    ]
+    assert np.abs(robot.state(loop.q).com() - loop.com).max() < 1e-5
+    loop.shift(700)  # a user takes the weight off it
+    assert loop.ticks[-1].transition == 1.0
+    assert loop.changes[50:].max() <= 3.0
+    assert right not in loop.run.stack
+
+
+def test_the_way_of_a_change_of_contacts(robot: Robot) -> None:
+    formulation = hqp.Torque(contact_law=PD(0.0, 40.0))
+    whole = stack(robot, "torque")
+    left, right = robot.landmarks["soles"]
+    one = lifted(whole, robot)
+    out = path(whole, one, robot, formulation.contact_law)
+    back = path(one, whole, robot, formulation.contact_law)
+    assert [point.switch for point in out] == [False, True, False, False]
+    assert [point.switch for point in back] == [False, True, False, False]
+    assert out[1].released == (right,)
+    assert out[1].stack.levels[-1].elements[0].contact == right  # below all tasks
+    assert f"{right}_friction" in out[1].stack
+    assert right not in out[2].stack
+    assert f"{right} carried" in out[2].stack.levels[0].elements[0].name
+    point = Stack(*whole.levels, subject_to=[PointContact(frame=right, name=right), *whole.without(right).subject_to])
+    both = path(whole, point, robot, formulation.contact_law)
+    assert [p.switch for p in both] == [False, True, False, True, False, False]
+    softer = whole.with_laws({left: PD(0.0, 10.0), right: PD(0.0, 10.0)})
+    assert len(path(whole, softer, robot, formulation.contact_law)) == 2  # another law is no other contact
+    points = Stack(
+        *whole.levels,
+        subject_to=[*(PointContact(frame=f, name=f) for f in (left, right)), *whole.without(left, right).subject_to],
+    )
+    run = session(robot, whole, formulation)
+    with pytest.raises(DeclarationError, match="no contact is left on the way"):
+        run.change(points, 0.2)
+    assert run.stack == whole
+
+
+def test_what_is_told_while_a_foot_is_released_is_held_on_the_feet_that_stand(robot: Robot) -> None:
+    """A bad state while both feet stand takes the holding torque of both feet."""
+    whole = stack(robot, "torque")
+    loop = Loop(robot, whole, "torque")
+    loop.shift(300)
+    goals = loop.goals(1.0)
+    kept = session(robot, whole, hqp.Torque(contact_law=PD(0.0, 40.0)))
+    kept.step(robot.state(loop.q, loop.v), *goals)
+    loop.run.change(lifted(whole, robot), 0.5)
+    loop.go(2, goals)
+    bad = np.full(robot.nq, np.nan)
+    held, alone = loop.run.step(robot.state(bad)), kept.step(robot.state(bad))
+    assert held.held == 1
+    assert np.abs(held.command - alone.command).max() < 1.0
+
+
+@EVERY_LEVEL
+def test_levels_above_a_change_do_not_notice_it(robot: Robot, level: str) -> None:
+    after = stack(robot, level)
+    before = after.without("hand")
+    loop = Loop(robot, before, level)
     goals = [Com(name="com").at(loop.com + [0.01, 0.01, 0.0])]
     loop.go(50, goals)
     loop.run.change(after, 0.1)
@@ -311,7 +298,7 @@ def test_levels_above_a_change_do_not_notice_it(robot: Robot, formulation: Any) 
 
 def test_the_unloaded_contact_bears_nothing(robot: Robot) -> None:
     formulation = hqp.Torque()
-    whole = stack(robot, formulation)
+    whole = stack(robot, "torque")
     right = robot.landmarks["soles"][1]
     contact = whole.find(right, FixedContact)
     empty = unloaded(whole, [contact], robot)
@@ -323,7 +310,7 @@ def test_the_unloaded_contact_bears_nothing(robot: Robot) -> None:
 
 
 def test_references_of_either_stack_are_taken_in_a_transition(robot: Robot) -> None:
-    whole = stack(robot)
+    whole = stack(robot, "velocity")
     run = session(robot, whole)
     hand = Position(frame=robot.landmarks["palms"][1], name="hand")
     state = robot.state()
@@ -338,8 +325,8 @@ def test_references_of_either_stack_are_taken_in_a_transition(robot: Robot) -> N
 
 
 def test_a_change_within_a_change_is_continuous_too(robot: Robot) -> None:
-    whole = stack(robot)
-    loop = Loop(robot, whole.without("hand"), hqp.Velocity())
+    whole = stack(robot, "velocity")
+    loop = Loop(robot, whole.without("hand"), "velocity")
     hand = Position(frame=robot.landmarks["palms"][1], name="hand").at(loop.hand)
     com = Com(name="com").at(loop.com)
     loop.go(20, [com])
@@ -357,9 +344,10 @@ def test_a_change_within_a_change_is_continuous_too(robot: Robot) -> None:
 
 
 def test_a_bad_state_in_a_transition_comes_to_rest(robot: Robot) -> None:
-    for formulation in (hqp.Velocity(), *SECOND):
-        before, after = events(robot, formulation)["add"]
-        loop = Loop(robot, before, formulation)
+    for level in LEVELS:
+        after = stack(robot, level)
+        before = after.without("hand")
+        loop = Loop(robot, before, level)
         loop.go(5, ())
         loop.run.change(after, 0.1)
         loop.go(5, ())
@@ -371,7 +359,7 @@ def test_a_bad_state_in_a_transition_comes_to_rest(robot: Robot) -> None:
 
 
 def test_a_change_of_contacts_that_leaves_the_robot_undetermined_is_refused(robot: Robot) -> None:
-    run = session(robot, stack(robot, hqp.Torque()), hqp.Torque())
+    run = session(robot, stack(robot, "torque"), hqp.Torque())
     run.step(robot.state())
     with pytest.raises((DeclarationError, ModelError), match="determine"):
         run.change(Stack(Level(Posture())), 0.2)
