@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from hqp.arrays import Index, Mat, Vec
 from hqp.plans import Plan
 from hqp.reference import Reference
-from hqp.robot import Body
+from hqp.robot import Body, Placed, TreeJoint
 
 class Measure:
     """(q'q + v'v, whether parts of q, start to stop, have length one up to rounding)."""
@@ -109,3 +109,46 @@ class Assembly:
         self, q: Vec, v: Vec, references: tuple[Reference, ...], fresh: bool
     ) -> bytearray | tuple[int, int, int, bool] | None:
         """``fill`` and ``solve``; None where either finds something out of the ordinary."""
+
+class Pace:
+    """Sizes of steps of a descent and when it ends: see hqp/goals/descent.py."""
+
+    def __init__(
+        self, step: float, least: float, progress: float, polish: float, still: float, stalled: int, last: int
+    ) -> None: ...
+
+class Kinematics:
+    """Forward kinematics of a robot, written into its live views."""
+
+    def __init__(self, twists: Mat, joints: Sequence[TreeJoint], frames: Sequence[Placed]) -> None: ...
+    def update(self, q: Vec) -> None:
+        """Placements of joints and frames, and twists, at q ``(nq,)``."""
+
+    def integrate(self, q: Vec, x: Vec, h: float, out: Vec) -> None:
+        """The configuration after moving with velocity x for h [s], into out ``(nq,)``."""
+
+class Descents:
+    """Newton steps of an assembly, at gain 1 for a second, to the end in one call.
+
+    members: first and last row of each element, the share of a violation that its bounds make up for in a step (0 for
+    equalities) and its group, -1 where its error counts for nothing.
+    """
+
+    def __init__(
+        self,
+        assembly: Assembly,
+        robot: Kinematics,
+        members: Sequence[tuple[int, int, float, int]],
+        groups: int,
+        nq: int,
+        pace: Pace,
+    ) -> None: ...
+    def aim(self, references: tuple[Reference, ...]) -> bool:
+        """Take the references of the descents to follow; False for one that is out of the ordinary."""
+
+    def run(self, q: Vec, merit: Vec, errors: Vec, tolerance: float, most: int, seconds: float) -> tuple[int, int]:
+        """From q ``(nq,)``, which is where the best found is afterwards, as are merit and errors.
+
+        (how it ended, steps taken): 0 met, 1 no answer, 2 no step leads on, 3 stalled, 4 out of steps or time, 5
+        something out of the ordinary, which the general path tells.
+        """

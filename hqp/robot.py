@@ -15,6 +15,14 @@ Body: TypeAlias = tuple[int, int, int, float, tuple[float, float, float], Placem
 """A link: the body that carries it, the first and the number of the tangent coordinates of the joint between them,
 its mass [kg], its centre of mass ``(3,)`` [m] in its own axes, its placement."""
 
+Placed: TypeAlias = tuple[int, tuple[float, ...], tuple[float, ...], Placement]
+"""Something fixed in a body: the body's index, position ``(3,)`` [m] and rotation, column by column ``(9,)``, in it,
+and its placement in the world."""
+
+TreeJoint: TypeAlias = tuple[int, int, int, tuple[float, ...], Placed]
+"""A joint for native forward kinematics: 0 turning, 1 turning with cosine and sine in q, 2 sliding, 3 a ball, 4 free;
+its first places in q and v, its axis, and where it stands in the body that carries it."""
+
 
 class Wheel(Protocol):
     """A wheel: radius [m] and axle, a unit vector in the wheel's frame."""
@@ -130,6 +138,19 @@ class Robot(Protocol):
     @property
     def bodies(self) -> Sequence[Body]:
         """The world, then the moving bodies, parents before children; ``subtree`` and ``body`` give indices of it."""
+        ...
+
+    @property
+    def tree_joints(self) -> Sequence[TreeJoint] | None:
+        """The joints for native forward kinematics, one for each of ``bodies`` but the world.
+
+        None where one is neither of a single axis, nor a ball, nor free.
+        """
+        ...
+
+    @property
+    def placed_frames(self) -> Sequence[Placed]:
+        """The frames whose ``placement`` was asked for so far."""
         ...
 
     def body(self, frame: int) -> int:

@@ -17,12 +17,14 @@ from hqp.arrays import Index, Mat, Vec
 from hqp.errors import DeclarationError, FrameNotFound, ModelError, ModelWarning
 from hqp.shapes import LinkCapsule
 
+from . import kinematic_tree
 from .checks import measure, unit_parts
 from .joints import Joints, actuation, matrix
 from .placement import se3
 from .state import State
 
 if TYPE_CHECKING:
+    from hqp.robot import Placed, TreeJoint
     from hqp.tasks import JointCoupling
 
     from .description import Description
@@ -174,6 +176,16 @@ class Robot:
                 found.append((int(model.parents[i]), int(first), int(count), float(mass), centre, views))
             self._bodies = tuple(found)
         return self._bodies
+
+    @property
+    def tree_joints(self) -> Sequence[TreeJoint] | None:
+        """The joints for native forward kinematics, None where one is neither of one axis nor a ball nor free."""
+        return kinematic_tree.joints(self)
+
+    @property
+    def placed_frames(self) -> Sequence[Placed]:
+        """The frames whose ``placement`` was asked for so far."""
+        return kinematic_tree.frames(self)
 
     def body(self, frame: int) -> int:
         """Index of the body that a frame is fixed in."""

@@ -64,7 +64,7 @@ def reach(
     """The configuration that meets the references level by level, from q0 (home), then from random starts.
 
     Each step is the exact hierarchy at gain 1, x with J x = -e level by level inside the limits (Gauss-Newton on strict
-    levels), no coordinate by more than 0.6 rad or m, halved while it makes the first unmet level worse.  Targets are
+    levels), no coordinate by more than 0.8 rad or m, halved while it makes the first unmet level worse.  Targets are
     the elements with a reference here and the members of ``subject_to``, which hold what they have at q0; elements
     without a reference hold that as well as the levels above allow and count for nothing.  Joint limits are kept
     whether the stack names them or not.  Where levels exclude each other the result with the smallest first unmet
@@ -81,8 +81,9 @@ def reach(
     q0 = robot.home if q0 is None else np.array(q0, dtype=np.float64)
     search.aim(q0, references)
     first = best = found = search.descend(q0, tolerance, steps, begin + budget)
-    starts, taken, rng = 1, found.steps, np.random.default_rng(seed)
+    starts, taken, rng = 1, found.steps, None
     while not found.met and starts <= restarts and time.perf_counter() < begin + budget:
+        rng = np.random.default_rng(seed) if rng is None else rng
         found = search.descend(random_start(robot, q0, rng), tolerance, steps, begin + budget)
         starts, taken, best = starts + 1, taken + found.steps, min(best, found, key=lambda descent: descent.merit)
     last = "the budget is spent" if time.perf_counter() > begin + budget else found.reason
@@ -90,7 +91,7 @@ def reach(
         for start in {id(first): first, id(best): best}.values():
             found = search.descend(start.q, tolerance, steps, begin + (1.0 + SETTLING) * budget, calm=True)
             taken, best = taken + found.steps, min(found, best, key=lambda descent: descent.merit)
-    _, errors = search.step(best.q, whole=True)
+    errors = search.errors(best)
     reason = "" if best.met else _reason(search, best.merit, errors, starts, last)
     residuals = dict(zip(search.groups, search.residuals(errors), strict=True))
     return Reached(best.q, best.met, reason, residuals, errors, starts, taken, time.perf_counter() - begin)

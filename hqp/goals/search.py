@@ -6,12 +6,12 @@ import dataclasses
 import math
 import time
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
 from hqp.arrays import Vec
-from hqp.element import Element, Inequality, Task
+from hqp.element import Element, Inequality, Task, selection_of
 from hqp.formulation import Velocity
 from hqp.law import P
 from hqp.price import Price
@@ -20,57 +20,39 @@ from hqp.robot import Robot, State
 from hqp.session import Controller, Session
 from hqp.stack import Stack
 
-STEP = 0.6
-"""Largest change of a coordinate in one step [rad or m]."""
-LEAST = 0.01
-"""A step that makes things worse is halved down to this, then taken all the same [rad or m]."""
-STALLED, PROGRESS = 12, 0.9
-"""Steps without the first unmet level falling to this share of what it was, after which a start is given up."""
-POLISH = 0.01
-"""Once the targets are met, steps go on while they are larger than this [rad or m]: levels below settle."""
-SETTLED = 1e-4
-"""Steps below this lead no nearer to what is out of reach [rad or m]."""
-LAST = 30
-"""Most steps of that kind."""
+from .descent import LAST, LEAST, POLISH, PROGRESS, SETTLED, STALLED, STEP, STILL, Descent, Merit
+from .native import NativeDescents
+
+CAP = 0.5
+"""Most of an error that one step goes for [m or rad]: more would only press joints against their limits."""
 TAU = 0.05
 """Price of motion [s] where the targets are out of reach: what is nearly lost moves by 1/tau at most."""
 
-Merit: TypeAlias = tuple[float, ...]
-"""Largest error of each group, ``subject_to`` first, in tolerances and at least 1: compared in that order."""
-
-
-class Descent(NamedTuple):
-    """Where a start ended: configuration, merit, steps taken, and why it went no further."""
-
-    q: Vec
-    merit: Merit
-    steps: int
-    reason: str
-
-    @property
-    def met(self) -> bool:
-        """Whether every target is within the tolerance."""
-        return max(self.merit) <= 1.0
+GUARD_RATE = 0.5
+"""Share of the way to a bound, a collision for one, that one step may go."""
 
 
 class Compiled(NamedTuple):
-    """A session, its stack with what the robot adds, and the rows that tell errors: name, demand, weight."""
+    """A session, its stack with what the robot adds, and live errors of its elements by name."""
 
     session: Session
     stack: Stack
-    asked: list[tuple[str, Vec, float]]
+    told: list[tuple[str, Vec]]
 
 
-def steps_of(stack: Stack) -> Stack:
-    """The stack for steps of one second: gain 1, limits of positions alone, collisions left at half their way."""
-    from hqp.tasks import CollisionAvoidance, JointLimits
+def steps_of(stack: Stack, robot: Robot) -> Stack:
+    """The stack for steps of one second: gain 1, limits of positions alone, other bounds left at half their way."""
+    from hqp.tasks import CollisionAvoidance, Cone, JointLimits, SupportPolygon, Within
 
     def tame(element: Element) -> Element:
         if isinstance(element, JointLimits):
             return dataclasses.replace(element, acceleration=0.0, braking=0.0)
-        if isinstance(element, CollisionAvoidance):
-            return dataclasses.replace(element, rate=0.5, recovery=1.0)
-        return dataclasses.replace(element, law=P(1.0)) if isinstance(element, (Task, Inequality)) else element
+        if isinstance(element, (CollisionAvoidance, Cone, SupportPolygon, Within)):
+            return dataclasses.replace(element, rate=GUARD_RATE, recovery=1.0)
+        if not isinstance(element, (Task, Inequality)):
+            return element
+        most = CAP if selection_of(element, robot) is None else math.inf
+        return dataclasses.replace(element, law=P(1.0, max_velocity=most))
 
     limited = any(isinstance(element, JointLimits) for element in stack)
     extra = () if limited else (JointLimits(acceleration=0.0, braking=0.0, name="reach_limits"),)
@@ -85,7 +67,7 @@ class Search:
         from hqp.tasks import JointLimits
 
         self.robot = robot
-        self._stack, self._laws = steps_of(stack), Velocity(law=P(1.0), contact_law=P(1.0))
+        self._stack, self._laws = steps_of(stack, robot), Velocity(law=P(1.0), contact_law=P(1.0))
         self._exact = self._compiled(Price(0.0, 0.0))
         self._calm: Compiled | None = None
         members = [("subject_to", self._exact.stack.subject_to)]
@@ -98,12 +80,13 @@ class Search:
         self._references: tuple[Reference, ...] = ()
         self._steered: dict[str, Vec | None] = {}
         self._targets: frozenset[str] = frozenset()
+        self._native = NativeDescents(self._exact.session, self._members, GUARD_RATE)
 
     def _compiled(self, price: Price) -> Compiled:
         session = Controller(self._stack, self._laws, deadline=math.inf, price=price).session(self.robot, 1.0)
-        places, levels = session.program.places, session.problem.levels
-        parts = [(e, places[e.name]) for e in session.stack if not isinstance(e, Inequality)]
-        return Compiled(session, session.stack, [(e.name, levels[p.level].lower[p.part], e.weight) for e, p in parts])
+        members = session.program.assembly.members
+        tasks = (e.name for e in session.stack if not isinstance(e, Inequality))
+        return Compiled(session, session.stack, [(name, members[name].views.error) for name in tasks])
 
     @property
     def calm(self) -> Compiled:
@@ -120,17 +103,26 @@ class Search:
         self._references = (*references, *(r for r in held if r.value is not None))
         self._steered = {r.name: r.value for r in self._references}
         self._targets = frozenset((*given, *(e.name for e in self._members[0])))
+        self._native.aim(self._references, self._targets)
+
+    def errors(self, descent: Descent) -> dict[str, float]:
+        """Errors by element where a start ended, those of joint limits as well."""
+        errors = descent.errors
+        if errors is None or any(errors[element.name] > 0.0 for element in self._limits):
+            _, errors = self.step(descent.q, whole=True)
+        return errors
 
     def step(self, q: Vec, whole: bool = False, calm: bool = False) -> tuple[Vec | None, dict[str, float]]:
         """The step from q ``(nv,)``, None where there is no answer, and errors at q by element.
 
         Joint limits, which no step from inside leaves, have an error only where the ``whole`` is asked for.
         """
+        self._native.leave()
         state = self.robot.state(q)
         run = self.calm if calm else self._exact
         tick = run.session.step(state, *self._references)
-        # at gain 1 the rows of an element ask for its error
-        errors = {name: math.sqrt(float(asked @ asked)) / weight for name, asked, weight in run.asked}
+        errors = {name: math.sqrt(float(error @ error)) for name, error in run.told}
+        errors.update((r.name, math.inf) for r in self._references if not r.finite)
         for element in self._limits if whole else self._guards:
             errors[element.name] = self._violation(element, state)
         return (np.array(tick.x) if tick.held == 0 else None), errors
@@ -160,6 +152,10 @@ class Search:
 
     def descend(self, q: Vec, tolerance: float, most: int, end: float, calm: bool = False) -> Descent:
         """Steps from q until the targets are met and the rest has settled, ``most`` of them, until the time ``end``."""
+        found = None if calm else self._native.descend(q, tolerance, most, end - time.perf_counter())
+        return self._descend(q, tolerance, most, end, calm) if found is None else found
+
+    def _descend(self, q: Vec, tolerance: float, most: int, end: float, calm: bool) -> Descent:
         met = (1.0,) * len(self.groups)
         here, at, x, size, radius = (math.inf,) * len(met), q, np.zeros(self.robot.nv), 0.0, STEP
         best, mark, since, settled, taken = Descent(q, here, 0, ""), here, 0, 0, 0
@@ -179,7 +175,7 @@ class Search:
                     settled += 1
                     if size <= POLISH or settled > LAST:
                         return Descent(q, merit, taken, "")
-                elif size < (SETTLED if calm else 1e-9):
+                elif size < (SETTLED if calm else STILL):
                     return best._replace(steps=taken, reason="no step leads on")
                 since = 0 if merit == met or advanced(merit, mark) else since + 1
                 mark = merit if since == 0 else mark

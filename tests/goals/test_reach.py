@@ -10,8 +10,11 @@ import pytest
 
 import hqp
 import hqp.robots
-from hqp import Level, Stack, shapes
+from hqp import Level, Stack, _assembly, shapes
 from hqp.errors import DeclarationError, ModelError
+from hqp.goals import native, reaching
+from hqp.goals.kept import Kept
+from hqp.goals.search import Search
 from hqp.tasks import CollisionAvoidance, Com, FixedContact, JointLimits, Pose, Position, Posture
 
 TOOLS = {"ur5": ("tool0",), "panda": ("panda_hand_tcp",), "g1": ("left_wrist_yaw_link", "right_wrist_yaw_link")}
@@ -168,3 +171,64 @@ def test_bad_input() -> None:
         hqp.reach([Level(hand)], robot, goal)  # type: ignore[arg-type]
     unmet = hqp.reach(stack, robot, hand.at([math.nan, 0.0, 0.0]), restarts=1)
     assert not unmet.success
+
+
+def python_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(native.NativeDescents, "descend", lambda *_: None)
+    monkeypatch.setattr(reaching, "_SEARCHES", Kept(8))
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "cbi"])
+def test_native_descents_are_those_of_the_general_path(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same steps, configurations and errors, whether targets are met, stalled or out of reach."""
+    robot = hqp.robots.load(name) if name == "cbi" else load(name)
+    rng = np.random.default_rng(5)
+    if name == "cbi":
+        hand: Pose | Position = Position(frame="r_palm")
+        soles = [FixedContact(frame=f) for f in ("l_sole", "r_sole")]
+        apart = CollisionAvoidance(clearance=0.01)
+        stack = Stack(Level(Com(axes="xy")), Level(hand), Level(Posture()), subject_to=[*soles, JointLimits(), apart])
+    else:
+        hand = Pose(frame=TOOLS[name][0])
+        stack = Stack(Level(hand), Level(Posture()))
+    start, runs = hand.value(robot.state()), []
+    goals = []
+    for _ in range(8):
+        goal = start.copy()
+        goal[..., 3 if goal.ndim > 1 else slice(None)][:3] += rng.uniform(-0.4, 0.4, 3)
+        goals.append(hand.at(goal))
+    for general in (False, True):
+        if general:
+            python_only(monkeypatch)
+        runs.append([hqp.reach(stack, robot, goal, restarts=0, budget=60.0) for goal in goals])
+    assert Search(stack, robot)._native._possible
+    for one, other in zip(*runs, strict=True):
+        assert (one.success, one.steps) == (other.success, other.steps)
+        np.testing.assert_allclose(one.q, other.q, atol=1e-5)
+        for key, error in other.errors.items():
+            assert one.errors[key] == pytest.approx(error, abs=1e-5)
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "cbi", "dreamer", "talos", "g1"])
+def test_native_kinematics_are_pinocchios(name: str) -> None:
+    """Placements, twists and integration, at random configurations."""
+    robot, rng = hqp.robots.load(name), np.random.default_rng(2)
+    frames = [f for f in robot.frame_names if f != "universe"][::7]
+    views = [robot.placement(robot.frame(f)) for f in frames]
+    bodies = [placement for *_, placement in robot.bodies]
+    joints = robot.tree_joints
+    assert joints is not None
+    twin = _assembly.Kinematics(robot.joint_twists, joints, robot.placed_frames)
+    for _ in range(5):
+        q, x = robot.random_configuration(rng), rng.normal(size=robot.nv)
+        moved = robot.integrate(q, x, 0.7)
+        out = np.empty(robot.nq)
+        twin.integrate(q, x, 0.7, out)
+        np.testing.assert_allclose(out, moved, atol=1e-12)
+        robot.state(q).kinematics()
+        seen = [np.array(a) for view in (*views, *bodies[1:]) for a in view], robot.joint_twists.copy()
+        robot.state(robot.home).kinematics()
+        twin.update(q)
+        for a, b in zip(seen[0], [a for view in (*views, *bodies[1:]) for a in view], strict=True):
+            np.testing.assert_allclose(a, b, atol=1e-12)
+        np.testing.assert_allclose(seen[1], robot.joint_twists, atol=1e-12)

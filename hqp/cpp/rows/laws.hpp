@@ -36,6 +36,9 @@ class Demands {
   Demands(const Demands&) = delete;
 
   const double* demand() const { return l_.demand; }
+  const double* error() const { return l_.error; }
+  const double* lower() const { return l_.lower; }
+  const double* upper() const { return l_.upper; }
   int size() const { return l_.total; }
 
   void run(const double* v) {

@@ -32,6 +32,7 @@ inline Mat3 load_rotation(const double* R) { return {load(R), load(R + 3), load(
 inline Vec3 operator*(const Mat3& R, const Vec3& a) {
   return a[0] * R.column[0] + a[1] * R.column[1] + a[2] * R.column[2];
 }
+inline Mat3 operator*(const Mat3& R, const Mat3& S) { return {{R * S.column[0], R * S.column[1], R * S.column[2]}}; }
 inline Vec3 transposed(const Mat3& R, const Vec3& a) {
   return {dot(R.column[0], a), dot(R.column[1], a), dot(R.column[2], a)};
 }

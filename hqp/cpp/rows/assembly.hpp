@@ -1,0 +1,294 @@
+// The rows of a stack: operations that are added once, when it is compiled, and run together each tick.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <tuple>
+#include <vector>
+
+#include <nanobind/stl/optional.h>
+
+#include "collision.hpp"
+#include "com.hpp"
+#include "frames.hpp"
+#include "laws.hpp"
+#include "loop.hpp"
+#include "manipulability.hpp"
+#include "plan.hpp"
+#include "wheels.hpp"
+
+namespace binding {
+
+class Assembly {
+ public:
+  Assembly(const Columns& twists, const Bodies& bodies, double dt, int order, const nb::object& reference)
+      : dt_(dt), order_(order), tree_(tree(twists, bodies)), loop_(reference) {}
+  Assembly(const Assembly&) = delete;
+
+  void add(const nb::object& object, const std::optional<Block>& J, const Written& error,
+           const std::optional<Written>& drift, const Written& lower, const Written& upper, const Vector& reference,
+           const std::optional<Vector>& normal, double weight) {
+    kept_.push_back(object);
+    const Plan plan(object, kept_);
+    const hqp::Target out{J ? keep(*J) : nullptr,
+                          keep(error),
+                          drift ? keep(*drift) : nullptr,
+                          keep(lower),
+                          keep(upper),
+                          keep(reference),
+                          normal ? keep(*normal) : nullptr,
+                          weight,
+                          J ? static_cast<int>(J->shape(1)) : 0};
+    if (drift) tree_.need_motions();
+    operations_.push_back(make(plan, out));
+  }
+
+  void laws(const Block& J, const Vector& error, const Vector& rate, const Vector& feedforward, const Vector& drift,
+            const Vector& kp, const Vector& kd, const Vector& weight, const Picks& pick, const Kinds& kind,
+            const Written& demand, const Written& lower, const Written& upper,
+            const std::vector<std::tuple<int, int, double, double, double>>& saturations) {
+    hqp::Laws laws{order_,
+                   static_cast<int>(J.shape(0)),
+                   static_cast<int>(J.shape(1)),
+                   static_cast<int>(error.shape(0)),
+                   keep(J),
+                   keep(error),
+                   keep(rate),
+                   keep(feedforward),
+                   keep(drift),
+                   keep(kp),
+                   keep(kd),
+                   keep(weight),
+                   keep(pick),
+                   keep(kind),
+                   keep(demand),
+                   keep(lower),
+                   keep(upper),
+                   {}};
+    for (const auto& [start, stop, fastest, hardest, damping] : saturations)
+      laws.saturations.push_back({start, stop, fastest, hardest, damping});
+    demands_ = std::make_unique<hqp::Demands>(std::move(laws));
+  }
+
+  void run(const Vector& q, const Vector& v) {
+    tree_.update(v.data());
+    for (const auto& operation : operations_) operation->run(q.data(), v.data());
+  }
+  void demand(const Vector& v) { demands_->run(v.data()); }
+
+  // Where the reference of an element goes, and its hold value, None for one that is not there.
+  void slot(const std::string& name, const std::optional<Written>& target, Ints shape,
+            const std::optional<Written>& normal, const Written& rate, const Written& feedforward) {
+    loop_.add(name, {target ? keep(*target) : nullptr,
+                     std::move(shape),
+                     normal ? keep(*normal) : nullptr,
+                     keep(rate),
+                     keep(feedforward),
+                     static_cast<int>(rate.shape(0)),
+                     !target,
+                     {}});
+  }
+  void hold(const std::string& name, const std::optional<Vector>& value) {
+    hqp::Slot* slot = loop_.find(name);
+    if (!slot) throw nb::key_error(name.c_str());
+    slot->hold.clear();
+    if (!value || !slot->target || slot->shape.empty()) return;
+    std::size_t size = 1;
+    for (const int n : slot->shape) size *= static_cast<std::size_t>(n);
+    if (value->size() != size) throw nb::value_error(("the hold value of " + name + " does not fit its plan").c_str());
+    slot->hold.assign(value->data(), value->data() + size);
+  }
+  // solve: of a workspace bound to the arrays of the laws, (outcome, ...) with 0 for an optimum; values: x and slack,
+  // active: marks, both its own. command: what of x is one. largest: a demand beyond it is out of the ordinary.
+  void answers(const nb::object& solve, const Vector& values, const Marks& active, Ints command, double largest) {
+    solve_ = solve;
+    values_ = keep(values), active_ = keep(active);
+    value_count_ = values.size(), active_count_ = active.size();
+    command_ = std::move(command);
+    largest_ = largest * largest;
+  }
+
+  // Rows of native operations; false where a reference is out of the ordinary.
+  bool fill(const Vector& q, const Vector& v, const nb::tuple& references, bool fresh) {
+    begin_ = hqp::Clock::now();
+    if (!loop_.take(references, fresh)) return false;
+    run(q, v);
+    return true;
+  }
+  // Laws and solver: a record [command, x, slack, begin, seconds for rows and solve, solve's counts, marks]; what solve
+  // returned where that is no optimum, None where a demand is out of the ordinary.
+  nb::object solve(const Vector& v) {
+    demand(v);
+    if (!(hqp::squared(demands_->demand(), demands_->size()) < largest_)) return nb::none();
+    const auto filled = hqp::Clock::now();
+    const nb::object outcome = solve_();
+    const auto solved = hqp::Clock::now();
+    const nb::tuple found = nb::cast<nb::tuple>(outcome);
+    const int kind = nb::cast<int>(found[0]);
+    if (kind != kOptimal) return kind == kInvalid ? nb::none() : outcome;
+    const std::size_t numbers = command_.size() + value_count_ + 5;
+    const nb::object record = nb::steal(
+        PyByteArray_FromStringAndSize(nullptr, static_cast<Py_ssize_t>(sizeof(double) * numbers + active_count_)));
+    if (!record.is_valid()) nb::raise_python_error();
+    double* out = reinterpret_cast<double*>(PyByteArray_AS_STRING(record.ptr()));
+    for (const int i : command_) *out++ = values_[i];
+    out = std::copy(values_, values_ + value_count_, out);
+    *out++ = hqp::seconds({}, begin_);
+    *out++ = hqp::seconds(begin_, filled);
+    *out++ = hqp::seconds(filled, solved);
+    for (int i = 1; i < 3; ++i) *out++ = nb::cast<double>(found[i]);
+    std::copy(active_, active_ + active_count_, reinterpret_cast<std::int8_t*>(out));
+    return record;
+  }
+  nb::object step(const Vector& q, const Vector& v, const nb::tuple& references, bool fresh) {
+    return fill(q, v, references, fresh) ? solve(v) : nb::none();
+  }
+
+  // The same without Python's objects, for many configurations at rest under the same references: x, null for what is
+  // out of the ordinary or was not solved; rows alone.
+  bool take(const nb::tuple& references) { return loop_.take(references, true); }
+  bool write(const double* q, const double* v) {
+    tree_.update(v);
+    for (const auto& operation : operations_) operation->run(q, v);
+    demands_->run(v);
+    return hqp::squared(demands_->demand(), demands_->size()) < largest_;
+  }
+  const double* answer() {
+    const nb::tuple found = nb::cast<nb::tuple>(solve_());
+    return nb::cast<int>(found[0]) <= kViolated ? values_ : nullptr;
+  }
+  const hqp::Demands& demands() const { return *demands_; }
+  int size() const { return tree_.size(); }
+
+ private:
+  using Operation = std::unique_ptr<hqp::Operation>;
+
+  Operation make(const Plan& p, const hqp::Target& out) {
+    const std::string name = p.name();
+    const auto rows = [&] { return hqp::Rows(out, tree_, p.frame_of("frame"), p.relative()); };
+    const auto fixed = [&] { return hqp::Rows(out, tree_, p.frame_of("frame"), {}); };
+    if (name == "Point") return std::make_unique<hqp::Point>(rows(), p.ints("axes"), p.vec3("offset"));
+    if (name == "Pose") return std::make_unique<hqp::Pose>(rows());
+    if (name == "Rotation") return std::make_unique<hqp::Rotation>(rows());
+    if (name == "Angles") return std::make_unique<hqp::Angles>(rows(), p.ints("picked"), p.number("gimbal"));
+    if (name == "Edge") return std::make_unique<hqp::Edge>(fixed(), p.vec3("axis"), p.vec3("first"), p.vec3("other"));
+    if (name == "Wheel") {
+      if (!out.normal) throw nb::value_error("a wheel needs the ground's normal");
+      return std::make_unique<hqp::Wheel>(fixed(), p.number("radius"), p.vec3("axle"), p.ints("picked"),
+                                          p.number("aligned"));
+    }
+    if (name == "Com") {
+      tree_.need_centres();
+      return std::make_unique<hqp::Com>(hqp::Rows(out, tree_, {}, p.relative()), static_cast<int>(p.number("part")),
+                                        p.ints("axes"));
+    }
+    if (name == "Joints") return std::make_unique<hqp::Posture>(out, p.joints());
+    if (name == "Coupling")
+      return std::make_unique<hqp::Coupling>(out, p.part("joints").joints(), p.numbers("coefficients"));
+    if (name == "JointBox") {
+      hqp::Limits limits{p.numbers("low"),
+                         p.numbers("high"),
+                         p.numbers("speed"),
+                         p.numbers("acceleration"),
+                         p.numbers("braking"),
+                         p.number("approach"),
+                         p.number("return_velocity"),
+                         dt_,
+                         order_};
+      return std::make_unique<hqp::JointBox>(out, p.part("joints").joints(), std::move(limits));
+    }
+    if (name == "Still") return std::make_unique<hqp::Still>(out, p.ints("columns"));
+    if (name == "Steady") return std::make_unique<hqp::Steady>(out, p.ints("columns"), order_);
+    if (name == "Frozen")
+      return std::make_unique<hqp::Frozen>(out, p.part("joints").joints(), p.number("rate"), p.number("acceleration"),
+                                           dt_, order_);
+    if (name == "Pointing") return std::make_unique<hqp::Pointing>(fixed(), p.axis(), p.flag("point"));
+    if (name == "Apart") return std::make_unique<hqp::Apart>(rows());
+    if (name == "Manipulability")
+      return std::make_unique<hqp::Manipulability>(fixed(), p.ints("picked"), p.ints("joints"));
+    if (name == "Cone")
+      return std::make_unique<hqp::Cone>(fixed(), p.axis(), p.flag("point"), p.number("angle"), p.barrier(), order_);
+    if (name == "Within") return within(p, out);
+    if (name == "SupportPolygon") return support_polygon(p, out);
+    if (name == "Collision") return std::make_unique<hqp::Collision>(out, tree_, scene(p));
+    throw nb::type_error(("no native operation for a plan of class " + name).c_str());
+  }
+
+  Operation within(const Plan& p, const hqp::Target& out) {
+    Numbers low = p.numbers("lower");
+    const int m = static_cast<int>(low.size()), nv = tree_.size();
+    auto own = std::make_unique<hqp::Numbers>(m, out.J ? 0 : nv);
+    const bool rates = p.flag("rates");
+    const hqp::Target inner = own->target(out.J, rates ? nullptr : out.reference, out.weight, nv, order_ == 2);
+    Operation task = make(p.part("task"), inner);
+    return std::make_unique<hqp::Within>(out, std::move(own), std::move(task), std::move(low), p.numbers("upper"),
+                                         p.barrier(), rates, static_cast<int>(p.number("turn")), nv, order_);
+  }
+
+  Operation support_polygon(const Plan& p, const hqp::Target& out) {
+    const int nv = tree_.size();
+    auto own = std::make_unique<hqp::Numbers>(2, nv);
+    tree_.need_centres();
+    const hqp::Target inner = own->target(nullptr, nullptr, 1.0, nv, order_ == 2);
+    auto com = std::make_unique<hqp::Com>(hqp::Rows(inner, tree_, {}, {}), 0, Ints{0, 1});
+    std::vector<hqp::Corner> corners;
+    for (const auto& [frame, point] : p.list<std::tuple<nb::object, Numbers>>("points"))
+      corners.push_back({false, p.part_of(frame).frame(), vector(point)});
+    for (const Numbers& corner : p.list<Numbers>("polygon")) corners.push_back({true, {}, {corner[0], corner[1], 0.0}});
+    return std::make_unique<hqp::SupportPolygon>(out, std::move(own), std::move(com), std::move(corners),
+                                                 p.number("margin"), p.barrier(), order_);
+  }
+
+  hqp::CollisionScene scene(const Plan& p) {
+    hqp::CollisionScene found;
+    for (const auto& [body, ends, radius] : p.list<std::tuple<int, Numbers, double>>("links"))
+      found.links.push_back({body, {hqp::load(ends.data()), hqp::load(ends.data() + 3)}, radius});
+    for (const auto& [kind, size] : p.list<std::tuple<int, Numbers>>("world"))
+      found.world.push_back({static_cast<hqp::Solid>(kind), vector(size)});
+    found.chains = p.list<Ints>("chains");
+    for (const auto& [one, two] : p.list<std::tuple<int, int>>("pairs")) found.pairs.push_back({one, two});
+    found.clearances = p.numbers("clearances");
+    const Slots slots = p.array<Slots>("slots");
+    found.slots = slots.data();
+    found.rows = static_cast<int>(slots.shape(0));
+    found.influence = p.number("influence");
+    found.rate = p.number("rate");
+    found.recovery = p.number("recovery");
+    found.step = p.number("step");
+    found.order = order_;
+    if (order_ == 2) tree_.need_motions();
+    return found;
+  }
+
+  template <typename Array>
+  auto keep(const Array& array) -> decltype(array.data()) {
+    kept_.push_back(nb::cast(array));
+    return array.data();
+  }
+  hqp::Tree tree(const Columns& twists, const Bodies& bodies) {
+    std::vector<hqp::Body> found;
+    for (const auto& [parent, first, count, mass, centre, placement] : bodies) {
+      const auto& [position, rotation] = placement;
+      found.push_back({parent, first, count, mass, vector(centre), keep(position), keep(rotation)});
+    }
+    return {std::move(found), keep(twists)};
+  }
+
+  double dt_;
+  int order_;
+  std::vector<nb::object> kept_;  // before what points into it
+  hqp::Tree tree_;
+  std::vector<Operation> operations_;
+  std::unique_ptr<hqp::Demands> demands_;
+  hqp::Loop loop_;
+  nb::object solve_;
+  const double* values_ = nullptr;
+  const std::int8_t* active_ = nullptr;
+  std::size_t value_count_ = 0, active_count_ = 0;
+  Ints command_;
+  double largest_ = 0.0;
+  hqp::Clock::time_point begin_;
+};
+
+}  // namespace binding

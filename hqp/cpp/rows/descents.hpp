@@ -1,0 +1,104 @@
+// Descents as Python asks for them: a robot's joints, the elements of a stack, one start after another.
+#pragma once
+
+#include <memory>
+#include <tuple>
+#include <vector>
+
+#include "assembly.hpp"
+#include "descent.hpp"
+
+namespace binding {
+
+using WrittenColumns = nb::ndarray<double, nb::ndim<2>, nb::f_contig, nb::device::cpu>;
+using Fixed = std::tuple<int, Numbers, Numbers, std::tuple<Written, WrittenColumns>>;  // parent, placement, live views
+using Joint = std::tuple<int, int, int, Numbers, Fixed>;                               // kind, q, v, axis
+using Members = std::vector<std::tuple<int, int, double, int>>;                        // hqp::Told
+
+// Forward kinematics of a robot, written into its live views.
+class LiveKinematics {
+ public:
+  LiveKinematics(const WrittenColumns& twists, const std::vector<Joint>& joints, const std::vector<Fixed>& frames)
+      : kinematics_(tree(joints), placed(frames), keep(twists)) {}
+  LiveKinematics(const LiveKinematics&) = delete;
+
+  hqp::Kinematics& get() { return kinematics_; }
+  void update(const Vector& q) { kinematics_.update(q.data()); }
+  void integrate(const Vector& q, const Vector& x, double h, const Written& out) {
+    kinematics_.integrate(q.data(), x.data(), h, out.data());
+  }
+
+ private:
+  static hqp::Mat3 matrix(const Numbers& a) {
+    if (a.size() != 9) throw nb::value_error("a rotation has nine numbers");
+    return hqp::load_rotation(a.data());
+  }
+  hqp::Placed placed(const Fixed& fixed) {
+    const auto& [parent, position, rotation, views] = fixed;
+    return {parent, vector(position), matrix(rotation), keep(std::get<0>(views)), keep(std::get<1>(views))};
+  }
+  std::vector<hqp::Placed> placed(const std::vector<Fixed>& all) {
+    std::vector<hqp::Placed> found;
+    for (const Fixed& fixed : all) found.push_back(placed(fixed));
+    return found;
+  }
+  std::vector<hqp::TreeJoint> tree(const std::vector<Joint>& joints) {
+    std::vector<hqp::TreeJoint> found;
+    for (const auto& [kind, q, v, axis, fixed] : joints)
+      found.push_back({static_cast<hqp::JointKind>(kind), q, v, vector(axis), placed(fixed)});
+    return found;
+  }
+  template <typename Array>
+  auto keep(const Array& array) -> decltype(array.data()) {
+    kept_.push_back(nb::cast(array));
+    return array.data();
+  }
+
+  std::vector<nb::object> kept_;  // before what points into it
+  hqp::Kinematics kinematics_;
+};
+
+class Descents {
+ public:
+  Descents(Assembly& assembly, LiveKinematics& robot, const Members& members, int groups, int nq, const hqp::Pace& pace)
+      : assembly_(assembly),
+        robot_(robot.get()),
+        descent_(pace, told(members), groups, nq, assembly.size()),
+        still_(assembly.size()) {}
+  Descents(const Descents&) = delete;
+
+  // Take the references of all descents to follow; false for one that is out of the ordinary.
+  bool aim(const nb::tuple& references) { return assembly_.take(references); }
+
+  // From q, which is where the best found is afterwards, as are its merit and errors; how it ended, steps taken.
+  std::tuple<int, int> run(const Written& q, const Written& merit, const Written& errors, double tolerance, int most,
+                           double seconds) {
+    const auto end = hqp::Clock::now() + std::chrono::duration_cast<hqp::Clock::duration>(
+                                             std::chrono::duration<double>(std::min(seconds, 1e6)));
+    const hqp::Demands& rows = assembly_.demands();
+    const auto solve = [this](const double* at) -> const double* {
+      robot_.update(at);
+      return assembly_.write(at, still_.data()) ? assembly_.answer() : nullptr;
+    };
+    const hqp::End found =
+        descent_.run(q.data(), tolerance, most, end, solve, robot_, rows.error(), rows.lower(), rows.upper());
+    std::copy(descent_.q().begin(), descent_.q().end(), q.data());
+    std::copy(descent_.merit().begin(), descent_.merit().end(), merit.data());
+    std::copy(descent_.errors().begin(), descent_.errors().end(), errors.data());
+    return {static_cast<int>(found), descent_.taken()};
+  }
+
+ private:
+  static std::vector<hqp::Told> told(const Members& members) {
+    std::vector<hqp::Told> found;
+    for (const auto& [start, stop, rate, group] : members) found.push_back({start, stop, rate, group});
+    return found;
+  }
+
+  Assembly& assembly_;
+  hqp::Kinematics& robot_;
+  hqp::Descent descent_;
+  Numbers still_;
+};
+
+}  // namespace binding

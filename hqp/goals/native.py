@@ -1,0 +1,121 @@
+"""Whole descents in one native call, for stacks whose rows and solver are native."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.direct import Direct
+from hqp.element import Element, Inequality
+from hqp.reference import Reference
+from hqp.robot import Robot
+from hqp.session import Session
+
+from .descent import LAST, LEAST, POLISH, PROGRESS, STALLED, STEP, STILL, Descent
+
+if TYPE_CHECKING:
+    from hqp._assembly import Descents
+
+EXTRAORDINARY = 5
+REASONS = ("", "no answer of the solver", "no step leads on", "stalled", "out of steps")
+"""How a native descent ended, by number; after the last of them the general path goes on."""
+
+
+class NativeDescents:
+    """Descents of one session in native code; ``descend`` gives None where the general path has to do it.
+
+    members: the elements of each group, ``subject_to`` first.  guard_rate: share of the way to their bounds that rows
+    of inequalities allow a step.  Inequalities whose rows do not tell their violation, readable rows, joints that are
+    no ``tree_joints`` and references that are not finite are left to the general path.
+    """
+
+    def __init__(self, session: Session, members: Sequence[Sequence[Element]], guard_rate: float) -> None:
+        self._session, self._members, self._guard_rate = session, members, guard_rate
+        self._names = [element.name for elements in members for element in elements]
+        self._made: dict[frozenset[str], Descents] = {}
+        self._references: tuple[Reference, ...] = ()
+        self._targets: frozenset[str] = frozenset()
+        self._aimed = self._possible_now = False
+        self._direct: Direct | None = None
+        self._possible = self._fits()
+        self._merit, self._errors = np.zeros(len(members)), np.zeros(len(self._names))
+
+    def _fits(self) -> bool:
+        assembly, robot = self._session.program.assembly, self._session.robot
+        if assembly.written or assembly.native_rows is None or robot.tree_joints is None:
+            return False
+        if not all(told(element, robot) for elements in self._members for element in elements):
+            return False
+        self._direct = self._session.program.direct(self._session.workspace)
+        return self._direct is not None
+
+    def aim(self, references: tuple[Reference, ...], targets: frozenset[str]) -> None:
+        """References of every element that takes one, and the names of those that count."""
+        self._references, self._targets, self._aimed = references, targets, False
+
+    def leave(self) -> None:
+        """The session steps by itself: nothing of a native descent must stay."""
+        if self._aimed:
+            self._session.program.assembly.forget()
+            self._session._leave_direct()
+            self._aimed = False
+
+    def descend(self, q: Vec, tolerance: float, most: int, seconds: float) -> Descent | None:
+        """A descent from q, see ``Search.descend``; None where something is out of the ordinary."""
+        native = self._ready()
+        if native is None:
+            return None
+        q = np.array(q, dtype=np.float64)
+        end, steps = native.run(q, self._merit, self._errors, tolerance, most, seconds)
+        if end == EXTRAORDINARY:
+            return None
+        errors = dict(zip(self._names, self._errors.tolist(), strict=True))
+        return Descent(q, tuple(self._merit.tolist()), steps, REASONS[end], errors)
+
+    def _ready(self) -> Descents | None:
+        """The native descents with their references taken."""
+        if not self._possible:
+            return None
+        native = self._made.get(self._targets) or self._make()
+        if not self._aimed:
+            self._session._leave_direct()
+            self._aimed = True
+            self._possible_now = native.aim(self._references)
+        return native if self._possible_now else None
+
+    def _make(self) -> Descents:
+        from hqp._assembly import Descents, Kinematics, Pace
+        from hqp.tasks import JointLimits
+
+        session, members = self._session, []
+        assembly, robot = session.program.assembly, session.robot
+        assert assembly.native_rows is not None
+        for group, elements in enumerate(self._members):
+            for e in elements:
+                part, bounded = assembly.members[e.name].part, isinstance(e, Inequality)
+                limit = isinstance(e, JointLimits)
+                rate = e.weight * (1.0 if limit else self._guard_rate) if bounded else 0.0
+                counts = e.name in self._targets and not limit
+                members.append((part.start, part.stop, rate, group if counts else -1))
+        pace = Pace(STEP, LEAST, PROGRESS, POLISH, STILL, STALLED, LAST)
+        joints = robot.tree_joints
+        assert joints is not None
+        live = Kinematics(robot.joint_twists, joints, robot.placed_frames)
+        native = Descents(assembly.native_rows, live, members, len(self._members), robot.nq, pace)
+        self._made[self._targets] = native
+        return native
+
+
+def told(element: Element, robot: Robot) -> bool:
+    """Whether the rows of an element tell its error: those of bounds do where a step goes a share of the way left."""
+    from hqp.tasks import CollisionAvoidance, Cone, JointLimits, SupportPolygon, Within
+
+    if isinstance(element, Within):
+        plan = element.plan(robot)
+        return plan is not None and not plan.rates
+    return not isinstance(element, Inequality) or isinstance(
+        element, (CollisionAvoidance, Cone, JointLimits, SupportPolygon)
+    )

@@ -1,0 +1,52 @@
+"""A robot's joints and frames as native forward kinematics takes them (cpp/rows/kinematics.hpp)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pinocchio as pin
+
+from .joints import matrix
+
+if TYPE_CHECKING:
+    from hqp.robot import Placed, TreeJoint
+
+    from .on_pinocchio import Robot
+
+TURNING, CONTINUOUS, SLIDING, BALL, FREE = range(5)
+WHOLE = {"JointModelSpherical": BALL, "JointModelFreeFlyer": FREE}
+
+
+def joints(robot: Robot) -> tuple[TreeJoint, ...] | None:
+    """One for each body but the world; None where a joint is neither of one axis nor a ball nor free."""
+    model, found = robot.model, []
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    columns = matrix(data.J)
+    for i in range(1, model.njoints):
+        joint, name = model.joints[i], model.joints[i].shortname()
+        kind, axis = WHOLE.get(name), np.zeros(3)
+        if kind is None:
+            if joint.nv != 1 or name == "JointModelComposite":
+                return None
+            twist = data.oMi[i].actInv(pin.Motion(columns[:, joint.idx_v]))
+            if np.any(twist.linear != 0.0) and np.any(np.abs(twist.angular) > 1e-12):
+                return None  # a screw
+            turns = bool(np.any(np.abs(twist.angular) > 1e-12))
+            kind = (CONTINUOUS if joint.nq == 2 else TURNING) if turns else SLIDING
+            axis = twist.angular if turns else twist.linear
+        placed = _placed(int(model.parents[i]), model.jointPlacements[i], robot.bodies[i][5])
+        found.append((kind, int(joint.idx_q), int(joint.idx_v), tuple(axis.tolist()), placed))
+    return tuple(found)
+
+
+def frames(robot: Robot) -> tuple[Placed, ...]:
+    """The frames whose placements somebody has a live view of."""
+    every = robot.model.frames
+    return tuple(_placed(int(every[i].parentJoint), every[i].placement, v) for i, v in robot._views.items())
+
+
+def _placed(parent: int, placement: Any, views: Any) -> Placed:
+    rotation = placement.rotation.flatten(order="F")
+    return parent, tuple(placement.translation.tolist()), tuple(rotation.tolist()), views
