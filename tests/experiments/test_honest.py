@@ -13,8 +13,10 @@ import pytest
 import hqp.robots
 from benchmarks.sentis2012.experiments import statistics
 from benchmarks.sentis2012.experiments.compliance import gravity_share
-from benchmarks.sentis2012.experiments.ground import ContactNormals
+from benchmarks.sentis2012.experiments.ground import ContactNormals, GroundForce
 from benchmarks.sentis2012.experiments.ground_map import GroundMap
+from benchmarks.sentis2012.experiments.promised import FIGURES, spread
+from benchmarks.sentis2012.experiments.step_bound import least_shift, meeting
 from hqp.arrays import Mat, Vec
 from hqp.robots.on_mujoco import Contacts
 from hqp.robots.terrain import Ramp
@@ -88,11 +90,11 @@ def test_a_normal_that_is_no_ground_is_ignored_and_counted() -> None:
     assert (careful.ignored, naive.ignored) == (3, 0)
 
 
-def drive(heading: float, lead: float = 0.0, cross: float = 0.0, after: float = 0.0) -> float:
+def drive(heading: float, lead: float = 0.0, cross: float = 0.0, after: float = 0.0, felt: bool = False) -> float:
     """Worst error of the map's slope under a wheel [deg], away from the edge, on a way over a ramp.
 
     lead: azimuth of the way, cross: inclination of all ground across the ramp's direction [rad].  after: from this
-    place of the base along the ramp on [m].
+    place of the base along the ramp on [m].  felt: the ground's force is known, 100 N for each wheel on the slope.
     """
     robot = hqp.robots.load("dreamer")
     made = GroundMap(robot, 0.002)
@@ -119,7 +121,8 @@ def drive(heading: float, lead: float = 0.0, cross: float = 0.0, after: float = 
         x = turn[:, 0] - up * (turn[:, 0] @ up)
         x /= np.linalg.norm(x)
         R = np.column_stack((x, np.cross(up, x), up))
-        normals = made.update(R, R.T @ np.append(speed * way, 0.0))
+        push = np.array([-100.0 * SLOPE * float(np.count_nonzero(where[:, 0] > 0.35) % 3 > 0) * 2.0, 0.0])
+        normals = made.update(R, R.T @ np.append(speed * way, 0.0), push if felt else None)
         for p, n in zip(where, normals, strict=True):
             if abs(p[0] - 0.35) > 0.08 and place[0] >= after:
                 true = np.array([-math.tan(SLOPE) if p[0] > 0.35 else 0.0, -math.tan(cross), 1.0])
@@ -141,6 +144,53 @@ def test_the_map_finds_the_slope_when_led_obliquely() -> None:
     """Until a second wheel is on the slope the edge's direction is anybody's guess: off by less than the slope."""
     assert drive(math.radians(30.0), lead=math.radians(30.0)) < 5.5
     assert drive(math.radians(30.0), lead=math.radians(30.0), after=0.6) < 1.5
+
+
+def test_the_force_of_the_ground_tells_the_map_where_an_oblique_edge_runs() -> None:
+    lead = math.radians(45.0)
+    assert drive(lead, lead=lead) > 4.0
+    assert drive(lead, lead=lead, felt=True) < 1.5
+
+
+def test_the_force_of_the_ground_is_found_beside_traction_and_a_hand() -> None:
+    robot = hqp.robots.load("dreamer")
+    ground = GroundForce(robot, 0.002)
+    turn, lean = math.radians(40.0), math.radians(5.0)
+    c, s, up, ahead = math.cos(turn), math.sin(turn), math.cos(lean), math.sin(lean)
+    about_z = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    R = about_z @ np.array([[up, 0.0, ahead], [0.0, 1.0, 0.0], [-ahead, 0.0, up]])
+    hand, push = np.array([30.0, -12.0, 4.0]), np.array([-25.0, 3.0])
+    traction = np.array([20.0, -35.0, 8.0])
+    residual = np.zeros(robot.nv)
+    for joint, wheel, f in zip(robot.joints("wheels"), robot.wheels.values(), traction, strict=True):
+        rim = np.cross(wheel.axle, (0.0, 0.0, 1.0))
+        residual[:3] += f * rim
+        residual[joint] = -wheel.radius * f
+    residual[:3] += R.T @ hand
+    residual[:2] += np.linalg.solve(R[:2, :2], push)
+    for _ in range(500):
+        found = ground.update(residual, R, hand)
+    assert found == pytest.approx(push, abs=1e-3)
+
+
+def test_a_step_too_high_for_rollers_by_statics() -> None:
+    """A wheel that is moved along its axle meets the edge with a roller, one that rolls with the whole rim."""
+    assert math.degrees(meeting(0.01, math.radians(90.0))[1]) == pytest.approx(
+        math.degrees(math.acos(3.0 / 13.0)), 0.01
+    )
+    assert math.degrees(meeting(0.01, 0.0)[1]) == pytest.approx(math.degrees(math.acos(91.0 / 101.0)), 0.01)
+    assert least_shift(0.003) == pytest.approx(0.0, abs=1e-6)
+    assert 0.01 < least_shift(0.006) < 0.03 < least_shift(0.01)
+    assert least_shift(0.01, math.radians(60.0)) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_figures_are_ordered_by_how_near_they_come_to_their_limit() -> None:
+    travel, speed, pull = (next(f for f in FIGURES if f.key == key) for key in ("travel", "speed", "pull"))
+    rows = [{"travel": 0.9 + 0.01 * i, "speed": 0.3 + 0.002 * i, "pull": float(i)} for i in range(20)]
+    assert spread(rows, travel)["worst"] == pytest.approx(0.9)
+    assert spread(rows, speed)["worst"] == pytest.approx(0.3)
+    assert spread(rows, pull) == {"median": 9.0, "p95": 18.0, "p99": 19.0, "worst": 19.0}
+    assert math.isnan(spread([*rows, {"pull": math.nan}], pull)["worst"])
 
 
 def test_gravity_share_follows_the_tilt() -> None:

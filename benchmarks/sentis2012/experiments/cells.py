@@ -9,7 +9,7 @@ from benchmarks.sentis2012.experiments.cases import Case
 from benchmarks.sentis2012.experiments.compliance import Compliance
 from benchmarks.sentis2012.experiments.human import SpringHand
 from benchmarks.sentis2012.experiments.scene import Scene
-from benchmarks.sentis2012.experiments.variants import IMU_ONLY, IMU_WALK, MAPPED, NAMES, PULL
+from benchmarks.sentis2012.experiments.variants import FELT, IMU_ONLY, IMU_WALK, MAPPED, NAMES, PULL
 from hqp.robots.on_mujoco import Noise, Sensors
 
 ONE_CM = 10.0
@@ -146,16 +146,26 @@ def cells(full: bool) -> list[Cell]:
         add("payload", f"1 kg, unknown, observed, {plant}", loaded, found_out, limit=ONE_CM)
         turned = replace(scene, heading=math.radians(60.0))
         add("heading", f"60 deg, kept, torso turns, {plant}", turned, Compliance(torso=1.0), limit=ONE_CM)
+        own = replace(MAPPED, torso=1.0)
+        add("heading", f"60 deg, kept, torso turns, {plant}, own map", turned, own, limit=ONE_CM)
     for degrees in (30, 45, 60):
-        angle = math.radians(degrees)
+        angle, name = math.radians(degrees), f"{degrees} deg off the fall line, rollers"
         oblique = replace(rollers, heading=angle, hand=SpringHand(direction=angle))
         limit = ONE_CM if degrees == 30 else None
-        add("cross slope", f"{degrees} deg off the fall line, rollers", oblique, limit=limit)
-        add("cross slope", f"{degrees} deg off the fall line, rollers, own map", oblique, MAPPED, limit=limit)
+        add("cross slope", name, oblique, limit=limit)
+        add("cross slope", f"{name}, own map", oblique, MAPPED, limit=limit)
+        add("cross slope", f"{name}, own map, ground felt", oblique, FELT, limit=ONE_CM if degrees <= 45 else None)
+    noisy = replace(rollers, heading=math.radians(45.0), hand=SpringHand(direction=math.radians(45.0)))
+    noisy = replace(noisy, sensors=NOISY, delay=0.004)
+    add("cross slope", "45 deg, noise, 4 ms, rollers, own map, ground felt", noisy, FELT, limit=ONE_CM)
+    for way, choice in (("", Compliance()), (", own map, ground felt", FELT)):  # told, where nothing tells it in time
+        told = replace(choice, torso=1.0, faces=0.0)
+        add("cross slope", f"60 deg off the fall line, torso told to face it, rollers{way}", oblique, told)
     for name, rough in (("bumps of 5 mm", {"bumps": 0.005}), ("a step of 10 mm", {"step": 0.01})):
         for scene in (ball, rollers):
             add("rough", f"{name}, {NAMES[scene.plant]}", replace(scene, slope=0.0, **rough))  # type: ignore[arg-type]
     add("rough", "bumps of 5 mm, rollers, own map", replace(rollers, slope=0.0, bumps=0.005), MAPPED)
+    add("rough", "a step of 2 mm, rollers", replace(rollers, slope=0.0, step=0.002))
     add("heading", "180 deg, ball wheels", replace(ball, heading=math.pi), earlier="49")
     combined = replace(
         rollers, slope=7.0, friction=0.5, delay=0.004, heading=math.radians(5.0), extra_mass=1.02,

@@ -63,6 +63,8 @@ class Compliance:
     so many newtons; the wheels hold the rest (see ``gravity_share``).  limits: torque limits and
     friction bounds as inequalities, with friction as the coefficient assumed.  turn: largest rate at which the robot
     turns to where it is led [rad/s], 0 to keep its heading; torso: the same of the torso's posture goal alone.
+    faces: where the torso is turned instead, world azimuth [rad], for a robot that is told where the slope runs.
+    ground_force: the map takes the slope's direction from the force with which the ground pushes.
     least_load: to be kept on every wheel where there are limits [N].  bandwidth: of the observer [1/s].  assist:
     by this share of the human's pull the wheels go along with it.  self_motion: k_E of the posture law of eqs. (40) to
     (44) [1/s], 0 for a PD law.  period: of control [s].
@@ -80,6 +82,8 @@ class Compliance:
     friction: float = 0.8
     turn: float = 0.0
     torso: float = 0.0
+    faces: float | None = None
+    ground_force: bool = False
     least_load: float = 0.0
     wrench: Wrench = "none"
     payload: Payload = "none"
@@ -172,7 +176,8 @@ class Targets:
         posture, posture_rate = self._rest, np.zeros_like(self._rest)
         if choice.torso:  # the torso's lean has to be along the slope, whatever the base faces
             posture = posture.copy()
-            posture_rate[0] = self._led.update(moving[:2]) - turning
+            led = moving[:2] if choice.faces is None else np.array([math.cos(choice.faces), math.sin(choice.faces)])
+            posture_rate[0] = self._led.update(led) - turning
             posture[0] += math.remainder(self._led.yaw - self._heading.yaw, 2.0 * math.pi)
         rate, hand_rate = None, None
         if choice.absolute_damping:

@@ -1,4 +1,4 @@
-"""What a wheeled robot knows of the ground and of its own motion: contact normals, a map of its own, odometry."""
+"""What a wheeled robot knows of the ground and of its own motion: contact normals, its push, odometry."""
 
 from __future__ import annotations
 
@@ -116,3 +116,32 @@ class Odometry:
         Neglects what the turning about x and y does at the contact points, which lie near their plane.
         """
         return np.asarray(self._rims @ v[:3] - self._rolled @ v)
+
+
+class GroundForce:
+    """Horizontal force with which ground that is not the base's own plane pushes at the wheels.
+
+    The base's rows of a momentum observer hold all forces from outside, those of the wheels tell each wheel's traction:
+    a rim that the ground holds back by f turns its wheel with -r f.  What is left without the hand's force is that of
+    normals which are off the base's own, sum N_i (n_i - n_base): along the fall line, whatever the direction of travel.
+    time_constant: of the low-pass on it [s].
+    """
+
+    def __init__(self, robot: Any, period: float, time_constant: float = 0.05) -> None:
+        names = tuple(robot.wheels)
+        rims = np.array([np.cross(robot.wheels[name].axle, UP)[:2] for name in names])
+        self._wheels = robot.joints("wheels")
+        self._traction = rims.T / np.array([robot.wheels[name].radius for name in names])
+        self._share = period / time_constant
+        self.force: Vec = np.zeros(2)
+        """In the plane, world axes ``(2,)`` [N]."""
+
+    def update(self, residual: Vec, rotation: Mat, hand: Vec) -> Vec:
+        """The force after a tick ``(2,)`` [N].
+
+        residual: of a MomentumObserver ``(nv,)``.  rotation: of the base ``(3, 3)``.  hand: force there, world axes
+        ``(3,)`` [N].
+        """
+        here = residual[:2] - (rotation.T @ hand)[:2] + self._traction @ residual[self._wheels]
+        self.force = self.force + self._share * (rotation[:2, :2] @ here - self.force)
+        return self.force

@@ -64,7 +64,9 @@ class HandLoads:
             robot, "hand_point", "upper_body", choice.period, coupled={"torso_thorax": ("torso_hip", 1.0)},
             bandwidth=choice.bandwidth, damping=by_coordinate,
         )  # fmt: skip
-        self.observing = "observed" in (choice.wrench, choice.payload)
+        self.observing = "observed" in (choice.wrench, choice.payload) or choice.ground_force
+        self.observed: Vec = np.zeros(3)
+        """The force at the hand by the observer, whether anything takes it or not [N]."""
         self.force: Vec = np.zeros(3)
         """At the hand, as known: the human's pull, without what a payload weighs [N]."""
         self._down = 0.0
@@ -77,6 +79,11 @@ class HandLoads:
     def mass(self) -> float:
         """Of the payload as known [kg]."""
         return self._mass
+
+    @property
+    def residual(self) -> Vec:
+        """Of the observer ``(nv,)`` [N, N m]."""
+        return self._observer.residual
 
     def references(self, state: State, measured: Vec) -> tuple[list[Reference], Vec]:
         """The references of a tick, and the shift of the CoM goal ``(2,)`` [m].
@@ -113,6 +120,7 @@ class HandLoads:
             self._mass = max(self._down / GRAVITY, 0.0)
         if self._mass:
             force = force + np.array([0.0, 0.0, self._mass * GRAVITY / self._lever(state)])
+        self.observed = force
         if self._choice.wrench == "observed":
             self.force = force
 

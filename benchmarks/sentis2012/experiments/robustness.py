@@ -14,6 +14,7 @@ from benchmarks.sentis2012.experiments.cases import carry_out, seeded
 from benchmarks.sentis2012.experiments.cells import NOISY, ONE_CM, Cell, Pair, cells, pairs
 from benchmarks.sentis2012.experiments.compliance import Compliance
 from benchmarks.sentis2012.experiments.measures import Measures
+from benchmarks.sentis2012.experiments.step_bound import steps
 from benchmarks.sentis2012.experiments.variants import PULL
 
 
@@ -36,6 +37,8 @@ def experiment(setting: Setting) -> Outcome:
     header = ("cell", "verdict", "asked [mm]", "CoM up / back [mm]", "within 1 cm", "least load [N]", "earlier [mm]")
     outcome.tables.append(table("Robustness", header, rows))
     outcome.tables.append(_pairs(both, measures))
+    if setting.full:
+        outcome.tables.append(steps())
     slippery = both[0]
     outcome.figures += [
         holds(f"{slippery.text}: HQP with friction bounds stands", math.isnan(measures[slippery.bounded.name].fell)),

@@ -13,7 +13,7 @@ import json
 import math
 import sys
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
@@ -27,6 +27,7 @@ from benchmarks.sentis2012.experiments.cases import Case, carry_out
 from benchmarks.sentis2012.experiments.cells import Cell, cells
 from benchmarks.sentis2012.experiments.dreamer_run import Outing
 from benchmarks.sentis2012.experiments.measures import measure
+from benchmarks.sentis2012.experiments.promised import compared
 from benchmarks.sentis2012.experiments.scene import Scene
 from benchmarks.sentis2012.experiments.variants import IMU_ONLY, IMU_WALK, MAPPED, PULL
 from hqp.robots.on_mujoco import Noise, Sensors
@@ -129,18 +130,14 @@ def fall_rate_bound(falls: int, runs: int, confidence: float = CONFIDENCE) -> fl
     return 1.0 if falls >= runs else float(beta.ppf(confidence, falls + 1, runs - falls))
 
 
-def lines(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> list[dict[str, Any]]:
-    """A line a cell that has runs, from the rows of a sweep."""
-    found = []
-    for name in names:
-        own = [
-            {key.removeprefix("result."): value for key, value in row.items() if key.startswith("result.")}
-            for row in rows
-            if row["ok"] and row["case.cell"] == name
-        ]
-        if own:
-            found.append(summary(name, own))
-    return found
+def runs_of(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> dict[str, list[dict[str, Any]]]:
+    """The measures of every cell that has runs, from the rows of a sweep."""
+    found: dict[str, list[dict[str, Any]]] = {name: [] for name in names}
+    for row in rows:
+        if row["ok"] and row["case.cell"] in found:
+            own = {key.removeprefix("result."): value for key, value in row.items() if key.startswith("result.")}
+            found[row["case.cell"]].append(own)
+    return {name: own for name, own in found.items() if own}
 
 
 def shown(found: Sequence[Mapping[str, Any]]) -> Table:
@@ -187,12 +184,21 @@ def command(arguments: Any) -> int:
     kept = arguments.kept or Path(arguments.output) / "dreamer-statistics"
     sweep.run(cases, kept, on="serial" if arguments.jobs == 1 else "local", jobs=arguments.jobs)
     keys = {case.key(cases.code) for case in cases}
-    found = lines([row for row in sweep.read(kept).to_pylist() if row["key"] in keys], names)
+    made = runs_of([row for row in sweep.read(kept).to_pylist() if row["key"] in keys], names)
+    found = [summary(name, own) for name, own in made.items()]
     _print(shown(found))
+    for group in (nominal := [name for name in made if registry()[name].group == "nominal"]), by_tilt(made, nominal):
+        if group:
+            _print(compared({name: made[name] for name in group}))
     if arguments.json is not None:
         arguments.json.parent.mkdir(parents=True, exist_ok=True)
         arguments.json.write_text(json.dumps(finite(found), indent=1) + "\n")
     return int(not all(line["passed"] for line in found))
+
+
+def by_tilt(made: Iterable[str], but: Sequence[str]) -> list[str]:
+    """The cells in which the human carries a share of the weight: their pull is promised as well."""
+    return [name for name in made if registry()[name].case.choice.carried != (0.0, 0.0) and name not in but]
 
 
 def _names(asked: Sequence[str]) -> list[str]:

@@ -31,6 +31,9 @@ TOO_MUCH = replace(IMU_ONLY, carried=(0.0, 0.0), wrench="none", assist=0.0)
 MAPPED = Compliance(normals="map")
 """Full gravity compensation with normals from the robot's own map: IMU and wheel encoders, no force sensor."""
 
+FELT = replace(MAPPED, ground_force=True)
+"""The map's direction from the force with which the ground pushes, by a momentum observer: edges met obliquely."""
+
 
 def variants(full: bool) -> list[Case]:
     """IMU only and the robot's own map; in full also other speeds, control rate, flat ground and plateau."""
