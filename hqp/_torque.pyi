@@ -12,13 +12,40 @@ class Elimination:
 
     def __init__(self, parents: Sequence[int], actuated: Sequence[int], rows: int) -> None: ...
     def eliminate(
-        self, A: Mat, bias: Vec, J: Mat, gamma: Vec, tolerance: float, X: Mat, phi: Mat, Q: Mat, T: Mat, top: Mat
+        self, A: Mat, bias: Vec, J: Mat, gamma: Vec, tolerance: float, map: Mat, phi: Mat, Q: Mat, T: Mat, top: Mat
     ) -> int:
         """A = H^T H, Y = H^-T [U^T, -bias], H^-T J^T = Q T, top = Q^T Y - [0, T^-T gamma], P = Y - Q top.
 
-        X = H^-1 P ``(nv, n + 1)`` and phi, the products of P's first n columns.  A by columns, the rest by rows.
-        1; 0 with no such X, phi, Q, T, top for dependent constraints; -1 for an A that is not positive definite.
+        map = [X, c] = H^-1 P ``(nv, n + 1)`` and phi, the products of P's first n columns.
+
+        A by columns, the rest by rows.
+        1; 0 with no such map, phi, Q, T, top for dependent constraints; -1 for an A that is not positive definite.
         """
+
+class TorqueRows:
+    """As ``hqp.torque.rows.TorqueRows``, whose arrays it reads and writes in place."""
+
+    def __init__(self, map: Mat) -> None: ...
+    def product(self, J: Mat, A: Mat, asked_lower: Vec, asked_upper: Vec, lower: Vec, upper: Vec) -> None:
+        """A = J X, bounds = asked - J c."""
+
+    def pick(
+        self,
+        index: Sequence[int],
+        weight: Sequence[float],
+        A: Mat,
+        asked_lower: Vec,
+        asked_upper: Vec,
+        lower: Vec,
+        upper: Vec,
+    ) -> None:
+        """Rows of X, times a weight each or none, and bounds = asked - c of the same."""
+
+    def motion(self, scale: Sequence[float], rest: float, F: Mat, f: Vec) -> None:
+        """F = S X, f = -S (c + rest v)."""
+
+    def run(self, v: Vec, c: Vec | None) -> None:
+        """All of it from the latest map; c for rows in the place of the map's own."""
 
 class Holding:
     """``hqp.torque.gravity.holding_torque`` for as many constraints as ``others``, the coordinates without a motor."""

@@ -82,7 +82,7 @@ class Direct:
         if any(r.name in self._names for r in references):
             given = {**self._holds, **{r.name: self._whole(r) for r in references if r.name in self._names}}
         self._assembly.write(state, given)
-        found = native.solve(state.v)
+        found = native.solve(v)
         return None if self._assembly.unusable() else found
 
     def _whole(self, reference: Reference) -> Reference:

@@ -9,14 +9,14 @@ import warnings
 
 from hqp.errors import PurePythonWarning
 
-PARTS = {"_lexicographic": "solver", "_assembly": "rows", "_torque": "torque"}
+PARTS = {"_lexicographic": "solver", "_priced": "prices", "_assembly": "rows", "_torque": "torque"}
 """Extension modules of hqp, and what each does."""
 
 ADVICE = "install a C++ compiler (Debian: apt install g++) and hqp again (pip install --force-reinstall --no-cache-dir)"
 
 
 def missing() -> tuple[str, ...]:
-    """What of solver, rows and torque was not compiled."""
+    """What of solver, prices, rows and torque was not compiled."""
     return tuple(text for name, text in PARTS.items() if importlib.util.find_spec(f"hqp.{name}") is None)
 
 

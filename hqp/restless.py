@@ -29,12 +29,14 @@ class LimitWatch:
         names: list[str] = []
         self.parts: list[slice] = []
         """Which rows are watched, among all rows."""
+        self._own: list[tuple[int, slice]] = []
         for place in program.places.values():
             element = place.element
             rows = element.row_names(robot)
             if element.equality or element.selection(robot) is None or len(rows) != place.part.stop - place.part.start:
                 continue
             start = starts[place.level]
+            self._own.append((place.level, place.part))
             self.parts.append(slice(start + place.part.start, start + place.part.stop))
             names += rows
         self._names, self._dt = tuple(names), dt
@@ -50,23 +52,21 @@ class LimitWatch:
             marks = record[begin + parts[0].start : begin + parts[0].stop]
         else:
             marks = bytearray().join(record[begin + part.start : begin + part.stop] for part in parts)
-        if marks == self._last:
-            return self._restless() if self._busy else ()
-        self._last = marks
-        return self._update(np.frombuffer(marks, np.int8))
+        return self._take(marks)
 
     def look(self, active: Sequence[Signs]) -> tuple[tuple[str, float], ...]:
         """Names and rates [1/s] of limits that alternate, from the marks of each level."""
         self._tick += 1
         if not self.parts or not len(active):  # a solver that marks nothing
             return ()
-        every = np.concatenate(list(active))
-        marks = np.concatenate([every[part] for part in self.parts])
-        found = bytearray(marks.tobytes())
-        if found == self._last:
+        marks = bytearray().join(active[level][part].tobytes() for level, part in self._own)
+        return self._take(marks)
+
+    def _take(self, marks: bytearray) -> tuple[tuple[str, float], ...]:
+        if marks == self._last:
             return self._restless() if self._busy else ()
-        self._last = found
-        return self._update(marks)
+        self._last = marks
+        return self._update(np.frombuffer(marks, np.int8))
 
     def _update(self, marks: Signs) -> tuple[tuple[str, float], ...]:
         turned = marks * self._side == -1

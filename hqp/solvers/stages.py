@@ -123,6 +123,7 @@ class StagedWorkspace:
         ends = np.concatenate(([0], np.cumsum(shape.rows))).astype(int).tolist()
         self._parts = [slice(a, b) for a, b in pairwise(ends)]
         self._problem: Hierarchy | None = None
+        self._has_prices = False
 
     def reset(self) -> None:
         """Forget the warm starts."""
@@ -148,7 +149,7 @@ class StagedWorkspace:
         if self._problem is not problem:
             self._bind(problem)
         exact: Kernel | None = getattr(self._exact, "kernel", lambda _: None)(self._plain)
-        if exact is None or self._native is None or not problem.priced:
+        if exact is None or self._native is None or not self._has_prices:
             return exact
         solve, values, marks = exact
         x, stages, points, end = values[: problem.n], self._native.solve, self._points, self._end
@@ -179,7 +180,7 @@ class StagedWorkspace:
     def _priced(self, problem: Hierarchy, exact: Solution) -> Solution:
         """The exact solution, or that of the stages from the first level that it does not settle."""
         began = perf_counter()
-        found = self._stages(problem, exact.x) if problem.priced and self._begins(problem, exact) else None
+        found = self._stages(problem, exact.x) if self._has_prices and self._begins(problem, exact) else None
         self._latest = self._exact
         return exact if found is None else self._below(problem, exact.stats, found, began)
 
@@ -221,8 +222,8 @@ class StagedWorkspace:
 
     def _bind(self, problem: Hierarchy) -> None:
         check_shape(problem, self._shape)
-        self._problem, self._plain = problem, problem.exact()
-        if self._native is None or not problem.priced:
+        self._problem, self._plain, self._has_prices = problem, problem.exact(), any(problem.priced)
+        if self._native is None or not self._has_prices:
             return
         priced = [bool(p) for p in problem.priced]
         below = [room(rows, problem.n) if p else rows for rows, p in zip(problem.levels, priced, strict=True)]

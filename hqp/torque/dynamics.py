@@ -41,7 +41,7 @@ class ConstrainedDynamics:
 
     nv: tangent coordinates.  rows: m constraint rows.  actuated: tangent coordinate of each of n actuated joints.
     parents: of the coordinates, see ``coordinate_parents``; A is zero between branches.  A full A without them.
-    After ``update``:  X ``(nv, n)`` and c ``(nv,)``: qdd = X tau + c.  phi ``(n, n)``: phi* (eq. 15), symmetric,
+    After ``update``:  map ``(nv, n + 1)`` = [X, c]: qdd = X tau + c.  phi ``(n, n)``: phi* (eq. 15), symmetric,
     singular where constraints take a direction from the actuators.  rank: number r of independent constraints.
     The live arrays are overwritten by the next update; the properties are computed anew at every access.
     """
@@ -55,15 +55,15 @@ class ConstrainedDynamics:
         self._columns[actuated, np.arange(self.n)] = 1.0
         self._image: Mat = np.zeros((nv, rows), order="F")
         self._whole: Mat = np.zeros((nv, self.n + 1), order="F")
-        self._map: Mat = np.zeros((nv, self.n + 1))
+        self.map: Mat = np.zeros((nv, self.n + 1))
         self._top: Mat = np.zeros((rows, self.n + 1))
         self._qr, self._tau = self._image, np.zeros(rows)
         self._T: Mat = np.zeros((rows, rows))
         self._lower, self._factored = 0, False
         self._S: Mat | None = None
         self.J: Mat = np.zeros((rows, nv))
-        self.X: Mat = self._map[:, : self.n]
-        self.c: Vec = self._map[:, self.n]
+        self.X: Mat = self.map[:, : self.n]
+        self.c: Vec = self.map[:, self.n]
         self.phi: Mat = np.zeros((self.n, self.n))
         self._native = None
         if native is not None:
@@ -85,7 +85,7 @@ class ConstrainedDynamics:
     def _eliminate(self, bias: Vec, J: Mat, gamma: Vec) -> bool:
         """The sparse way; False where constraints are dependent."""
         J, gamma = np.ascontiguousarray(J), np.ascontiguousarray(gamma)
-        written = self._map, self.phi, self._Q, self._R, self._top
+        written = self.map, self.phi, self._Q, self._R, self._top
         found = self._native.eliminate(self._factor, bias, J, gamma, RANK_TOLERANCE, *written)  # type: ignore[union-attr]
         if found < 0:
             raise DynamicsFailed("the joint-space inertia is not positive definite")
@@ -121,7 +121,7 @@ class ConstrainedDynamics:
             image[:r, n] = y
             ormqr("L", "N", self._qr, self._tau, image, _WORK, overwrite_c=1)
         trtrs(L, image, trans=0, overwrite_b=1)
-        np.copyto(self._map, image)
+        np.copyto(self.map, image)
 
     def _factorise(self) -> None:
         """Q and T of the constraints; S too where they turn out to be dependent."""

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from hqp.arrays import Index, Mat, Vec
+from hqp.arrays import Mat, Vec
 from hqp.assembly import Assembly
 from hqp.element import Element, selection_of
 from hqp.errors import DeclarationError, DynamicsFailed, StaleState
@@ -28,6 +28,7 @@ from hqp.torque.gravity import Gravity, holding_torque
 from hqp.torque.loads import Loads, loads_of
 from hqp.torque.reactions import reactions, require_actuation
 from hqp.torque.rest import Hold
+from hqp.torque.rows import TorqueRows
 from hqp.torque.self_motion import SelfMotions
 
 
@@ -96,7 +97,7 @@ class TorqueProgram(Program):
         self.dynamics = ConstrainedDynamics(robot.nv, self._m, robot.actuated, coordinate_parents(robot))
         self._efforts = Efforts([e for e in stack if e.quantity == "effort"], robot)
         self._forces = Forces([e for e in stack if e.quantity == "force"], held, self.assembly, robot)
-        self._still = np.zeros(robot.nv)
+        self._rows = TorqueRows(self.dynamics.map)
         self._origin = np.zeros(robot.actuated.size) if formulation.gravity_compensation else None
         self._lay_out(groups, robot, level_prices(groups, robot, laws, formulation.order, dt, price))
         self._self_motions = SelfMotions(stack, groups, held, robot, dt, laws, self.assembly)
@@ -121,7 +122,6 @@ class TorqueProgram(Program):
         self.lower, self.upper = self.bounds
         self.places: dict[str, Place] = {}
         runs: list[list[int]] = []
-        self._takes: list[tuple[Index, Vec | None, Mat, Mat, Mat]] = []
         levels: list[Rows] = []
         slices: list[slice | None] = []
         at = 0
@@ -147,10 +147,13 @@ class TorqueProgram(Program):
                 slices.append(part)
                 at += size
         J, asked = self.assembly.J, self.assembly.bounds
-        self._products = [(J[i:j], self.A[k:m], asked[:, i:j], self.bounds[:, k:m]) for i, j, k, m in runs]
+        for i, j, k, m in runs:
+            self._rows.product(J[i:j], self.A[k:m], asked[:, i:j], self.bounds[:, k:m])
         stacked = Stacked(self.A, self.lower, self.upper, tuple(slices)) if total else None
-        self._scale, self._rest = (np.ones(robot.nv), 0.0) if paid is None else (paid.scale, paid.rest)
-        motion = None if paid is None else Motion(np.zeros((robot.nv, n)), self._still)
+        motion = None
+        if paid is not None:
+            motion = Motion(np.zeros((robot.nv, n)), np.zeros(robot.nv))
+            self._rows.motion(paid.scale, paid.rest, motion)
         self.problem = Hierarchy(
             tuple(levels),
             constraints=sum(group.constraint for group in groups),
@@ -180,9 +183,8 @@ class TorqueProgram(Program):
         """Plan for one motion element: a product with J, merged with the one before, or rows of X."""
         rows = self.assembly
         if part.start >= rows.J.shape[0]:
-            weight = rows.weight[part]
-            scale = None if np.all(weight == 1.0) else weight
-            self._takes.append((rows.picks(part), scale, self.A[here], rows.bounds[:, part], self.bounds[:, here]))
+            asked, bounds = rows.bounds[:, part], self.bounds[:, here]
+            self._rows.pick(rows.picks(part), rows.weight[part], self.A[here], asked, bounds)
             return
         last = runs[-1] if runs else None
         if last and last[1] == part.start and last[3] == here.start:
@@ -217,13 +219,10 @@ class TorqueProgram(Program):
         if self._self_motions:
             self._self_motions.add(state, references)
         dynamics.update(*self.loads.dynamics(state), rows.J[:m], rows.lower[:m])
-        X, c = dynamics.X, dynamics.c
+        c = dynamics.c
         if not float(c.dot(c)) < np.inf:
             raise DynamicsFailed("the constrained dynamics are not finite")
-        if self.problem.motion is not None:  # S (qdd + rest v) = S (X tau + c + rest v)
-            np.multiply(X, self._scale[:, None], out=self.problem.motion.F)
-            np.multiply(c + self._rest * state.v, -self._scale, out=self._still)
-        shift = None
+        shift = elsewhere = None
         other_normals = bool(given) and self._gravity.asked(given)
         if other_normals or self._origin is not None:
             weight = self.loads.gravity(state)
@@ -231,19 +230,10 @@ class TorqueProgram(Program):
             if other_normals:
                 there = self._gravity.other(state, weight, references)
                 shift, holding = there - holding, there
-                c = c - X @ shift  # the model of the rows meets tau - shift
+                elsewhere = c - dynamics.X @ shift  # the model of the rows meets tau - shift
             if self._origin is not None:
                 np.copyto(self._origin, holding)
-        for J, A, asked, level in self._products:
-            np.matmul(J, X, out=A)
-            np.subtract(asked, J @ c, out=level)
-        for index, scale, A, asked, level in self._takes:
-            X.take(index, axis=0, out=A, mode="clip")  # the default mode buffers what it writes
-            offset = c[index]
-            if scale is not None:
-                A *= scale[:, None]
-                offset = offset * scale
-            np.subtract(asked, offset, out=level)
+        self._rows.fill(state.v, elsewhere)
         if self._efforts:
             self._efforts.fill(state, references)
         if self._forces:

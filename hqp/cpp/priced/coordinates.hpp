@@ -88,6 +88,7 @@ class Coordinates {
   void factor(const double* F, const double* f, int r) {
     const int rows = r + n_;
     work_.assign(static_cast<std::size_t>(rows) * (n_ + 1), 0.0);
+    parts_.resize(n_);
     R_.resize(static_cast<std::size_t>(n_) * ld_);  // zero below the diagonal and in the padding
     double largest = 0.0;
     for (int j = 0; j < n_; ++j) {
@@ -111,10 +112,9 @@ class Coordinates {
       const double head = v[j] - pivot;
       const double tau = head == 0.0 ? 0.0 : -1.0 / (pivot * head);
       v[j] = head;
-      for (int k = j + 1; k <= n_; ++k) {
-        double* column = &work_[static_cast<std::size_t>(k) * rows];
-        add_any(column + j, v + j, -tau * dot_any(column + j, v + j, m - j), m - j);
-      }
+      double* next = &work_[static_cast<std::size_t>(j + 1) * rows];
+      dots_any(v + j, next + j, rows, n_ - j, m - j, parts_.data());
+      for (int k = j + 1; k <= n_; ++k, next += rows) add_any(next + j, v + j, -tau * parts_[k - j - 1], m - j);
       R_[j * ld_ + j] = pivot;
       for (int k = j + 1; k < n_; ++k) R_[j * ld_ + k] = work_[static_cast<std::size_t>(k) * rows + j];
     }
@@ -124,7 +124,7 @@ class Coordinates {
 
   int n_, ld_;
   bool diagonal_ = true;
-  std::vector<double> still_, inverse_, unit_, R_, work_;
+  std::vector<double> still_, inverse_, unit_, R_, work_, parts_;
 };
 
 }  // namespace HQP_ISA
