@@ -18,7 +18,9 @@ from hqp.errors import DeclarationError
 from hqp.tasks import Com, JointLimits, Position, Posture
 
 ROOT = Path(__file__).parents[2]
-PURE = "import sys\nfor name in ('_lexicographic', '_priced', '_assembly', '_torque'): sys.modules['hqp.' + name] = None\n"
+PURE = (
+    "import sys\nfor name in ('_lexicographic', '_priced', '_assembly', '_torque'): sys.modules['hqp.' + name] = None\n"
+)
 
 
 def run(code: str, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
