@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, TypeAlias
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -114,7 +115,13 @@ class Sizes:
 
     @staticmethod
     def of(robot: Robot) -> Sizes:
-        """Measured at home on a copy of the robot."""
+        """Measured at home on a copy of the robot, once."""
+        if robot not in _SIZES:
+            _SIZES[robot] = Sizes._measured(robot)
+        return _SIZES[robot]
+
+    @staticmethod
+    def _measured(robot: Robot) -> Sizes:
         twin = robot.copy()
         state = twin.state()
         state.kinematics()
@@ -142,6 +149,9 @@ class Sizes:
     def scale(self) -> Vec:
         """Diagonal of F and S, ``(nv,)``."""
         return np.array(self.units)
+
+
+_SIZES: WeakKeyDictionary[Robot, Sizes] = WeakKeyDictionary()
 
 
 def row_scales(element: Element, robot: Robot, sizes: Sizes) -> Iterator[float]:

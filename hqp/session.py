@@ -37,6 +37,7 @@ from hqp.robot import Robot, State
 from hqp.safety import Braking, RateLimits, StateBounds, StateCheck, positive, rate_limiter
 from hqp.solvers import default, load
 from hqp.solvers.base import Solver, Workspace
+from hqp.soundness import rehearse, require_sound
 from hqp.stack import Stack, coupled
 from hqp.tick import BlendedTick, Note, Notes, OrdinaryTick, Tick, Times
 from hqp.tolerances import VIOLATION_TOLERANCE
@@ -150,7 +151,10 @@ class Session:
         self._holds: dict[str, Reference] = {}
         self._seen: dict[Stack, Compiled] = {}
         self._transition: Transition | None = None
-        self._activate(self._compile(controller.stack))
+        require_sound(robot)
+        compiled = self._compile(controller.stack)
+        rehearse(controller.formulation, compiled.stack, robot, self.dt)
+        self._activate(compiled)
         self._limiter = rate_limiter(robot, controller.rates, self.program.kind, self.dt)
         self._x: Vec = np.zeros(self.program.problem.n)
         self._good: State | None = None

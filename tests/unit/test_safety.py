@@ -435,19 +435,82 @@ def test_absurd_but_finite_states_never_raise(robot: Robot) -> None:
             assert np.isfinite(tick.command).all()
 
 
-def test_a_chain_without_mass_is_found_before_the_loop(robot: Robot) -> None:
+def three_links(fault: str = "") -> Robot:
+    """Three turning joints in a row; fault: what is wrong with the middle one, or the masses of which bodies are 0."""
     import pinocchio as pin
 
-    model = pin.Model()
-    joint = 0
+    model, joint = pin.Model(), 0
     for i in range(3):
-        joint = model.addJoint(joint, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.0])), f"j{i}")
-        if i < 2:
-            model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
-    light = Robot(model, name="light")
-    hqp.Controller(Stack(Level(Posture()))).session(light, DT)
-    with pytest.raises(ModelError, match=r"light.*j2.*positive definite"):
-        hqp.Controller(Stack(Level(Posture())), hqp.Torque()).session(light, DT)
+        step = np.array([np.nan if fault == "placement" and i == 1 else 0.3, 0.0, 0.0])
+        joint = model.addJoint(joint, pin.JointModelRZ(), pin.SE3(np.eye(3), step), f"j{i}")
+        mass = {"no mass": 0.0, "last without mass": float(i < 2), "mass": (1.0, np.nan, 1.0)[i]}.get(fault, 1.0)
+        mass = -1.0 if fault == "negative" and i == 1 else mass
+        if mass != 0.0:
+            inertia = pin.Inertia(mass, np.array([0.1, 0.0, 0.0]), 0.01 * np.eye(3))
+            model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+    model.effortLimit[:], model.velocityLimit[:] = 10.0, 2.0
+    model.lowerPositionLimit[:], model.upperPositionLimit[:] = -3.0, 3.0
+    if fault == "limit":
+        model.upperPositionLimit[1] = np.nan
+    return Robot(model, name="light")
+
+
+EVERY_FORMULATION = pytest.mark.parametrize(
+    "formulation", [hqp.Velocity(), hqp.Acceleration(), hqp.Torque()], ids=lambda f: type(f).__name__
+)
+
+
+@EVERY_FORMULATION
+@pytest.mark.parametrize(
+    ("fault", "told"),
+    [
+        ("limit", "light, joint j1: its upper limit is not a number"),
+        ("mass", "light, joint j1: the body that it moves has mass nan kg"),
+        ("negative", "light, joint j1: the body that it moves has mass -1 kg"),
+        ("placement", "light, joint j1: its placement at home is not finite"),
+    ],
+)
+def test_a_model_that_is_none_is_found_before_the_loop(formulation: Any, fault: str, told: str) -> None:
+    with pytest.raises(ModelError, match=told):
+        hqp.Controller(Stack(Level(Posture())), formulation).session(three_links(fault), DT)
+    sound = hqp.Controller(Stack(Level(Posture())), formulation).session(three_links(), DT)
+    assert sound.step(sound.robot.state()).status is Status.OPTIMAL
+
+
+@EVERY_FORMULATION
+def test_a_chain_without_mass_is_found_before_the_loop(formulation: Any) -> None:
+    torque = isinstance(formulation, hqp.Torque)
+    told = "positive definite" if torque else "com: its Jacobian is not finite, at home and around it"
+    with pytest.raises(ModelError, match=f"light.*{told}"):
+        hqp.Controller(Stack(Level(Com(axes="xy"))), formulation).session(three_links("no mass"), DT)
+    last, joints = three_links("last without mass"), Stack(Level(Posture()), subject_to=[JointLimits()])
+    if torque:
+        with pytest.raises(ModelError, match=r"light.*j2.*positive definite"):
+            hqp.Controller(joints, formulation).session(last, DT)
+    else:  # no row needs the inertia
+        run = hqp.Controller(joints, formulation).session(last, DT)
+        assert run.step(last.state()).status is Status.OPTIMAL
+
+
+class SingularAtHome(Posture):
+    """One of the user's own, which has no rows at home."""
+
+    def jacobian(self, state: Any) -> Any:
+        """NaN at home."""
+        return super().jacobian(state) * (np.nan if np.array_equal(state.q, state.robot.home) else 1.0)
+
+
+def test_an_element_of_the_users_is_left_to_the_loop() -> None:
+    robot = three_links()
+    run = hqp.Controller(Stack(Level(SingularAtHome()))).session(robot, DT)
+    assert run.step(robot.state()).status is Status.INVALID_ELEMENT
+    assert run.step(robot.state(robot.home + 0.1)).status is Status.OPTIMAL
+
+
+def test_a_session_leaves_the_states_of_its_robot_as_they_are(robot: Robot) -> None:
+    state = robot.state()
+    run = hqp.Controller(Stack(Level(Posture()))).session(robot, DT)
+    assert run.step(state).status is Status.OPTIMAL  # no StaleState: what is tried out is tried on a copy
 
 
 # the program's own errors, threads, pickles -------------------------------------------------------------------------

@@ -1,0 +1,78 @@
+"""Whether a controller can run on a model at all, told before the loop: numbers that are none, rows that never are."""
+
+from __future__ import annotations
+
+from weakref import WeakSet
+
+import numpy as np
+
+from hqp.errors import DynamicsFailed, HqpError, ModelError
+from hqp.formulation import Formulation
+from hqp.price import Price
+from hqp.robot import Robot
+from hqp.stack import Stack
+
+OWN = "hqp.tasks"
+"""Where elements are defined whose rows are at fault only where the model is; others are asked in the loop."""
+
+POSES = 3
+"""Poses of the rehearsal: home, and some around it, for an element may be singular at one."""
+
+_SOUND: WeakSet[Robot] = WeakSet()
+"""Robots whose numbers have been looked at."""
+
+
+def require_sound(robot: Robot) -> None:
+    """Raise ModelError, naming the joint, for limits, masses or placements that are no numbers, or negative masses."""
+    if robot in _SOUND:
+        return
+    for what, values in (
+        ("lower limit", robot.lower),
+        ("upper limit", robot.upper),
+        ("velocity limit", robot.velocity_limit),
+        ("effort limit", robot.effort_limit),
+    ):
+        wrong = np.isnan(values)
+        if wrong.any():
+            raise ModelError(f"{robot.name}, joint {robot.joint_name(int(wrong.argmax()))}: its {what} is not a number")
+    if not np.isfinite(robot.home).all():
+        raise ModelError(f"{robot.name}: the home configuration is not finite, given {robot.home}")
+    twin = robot.copy()
+    twin.state(twin.home).kinematics()
+    for _, first, count, mass, centre, (position, rotation) in twin.bodies:
+        if not count:
+            continue
+        name = f"{robot.name}, joint {robot.joint_name(first)}"
+        if not 0.0 <= mass < np.inf or not np.isfinite(centre).all():
+            raise ModelError(f"{name}: the body that it moves has mass {mass:g} kg, centred at {centre}")
+        if not (np.isfinite(position).all() and np.isfinite(rotation).all()):
+            raise ModelError(f"{name}: its placement at home is not finite")
+    _SOUND.add(robot)
+
+
+def rehearse(formulation: Formulation, stack: Stack, robot: Robot, dt: float) -> None:
+    """Fill the rows of a stack at home and around it on a copy of the robot.
+
+    Raises ModelError where some of the library's own elements have no usable rows at any of these poses (the centre of
+    mass of links without mass), or the dynamics fail at all of them.
+    """
+    twin, rng, fault = robot.copy(), np.random.default_rng(0), ""
+    foreign = [element.name for element in stack if not type(element).__module__.startswith(OWN)]
+    try:
+        stack = stack.without(*foreign) if foreign else stack
+        program = formulation.compile(stack, twin, dt, Price(0.0, 0.0))
+    except HqpError:  # nothing is left without them
+        return
+    for k in range(POSES):
+        state = twin.state(twin.home if k == 0 else twin.integrate(twin.home, rng.uniform(-0.3, 0.3, twin.nv), 1.0))
+        try:
+            program.prepare(state)
+            program.fill(state, {element.name: element.hold(state) for element in stack}, ())
+        except (DynamicsFailed, np.linalg.LinAlgError) as error:
+            fault = str(error)
+            continue
+        faults = [f"{name}: {program.reason(name)}" for name in program.unusable()]
+        if not faults:
+            return
+        fault = "; ".join(faults)
+    raise ModelError(f"{robot.name} cannot run this stack: {fault}, at home and around it; look at its masses")
