@@ -6,6 +6,7 @@ import importlib
 import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from time import perf_counter
 from typing import Any, ClassVar
@@ -36,8 +37,17 @@ STATUSES = (
     Status.TIME_LIMIT,
 )
 
+DOUBTFUL = (Status.NOT_CERTIFIED, Status.RANK_UNCERTAIN)
+"""Statuses of answers that the certificate judges once more where no time is set."""
+
+OTHER_RANKS = (1e-7, 1e-10)
+"""Rank tolerances tried where the solver's own led to no answer that passes: no single one suits all problems."""
+
 LAST_OPINION = 0.25
 """Time for the reference where nothing that the kernel found passed the certificate [s]."""
+
+ROUGH = 1e-6
+"""Gap that the certificate allows where nothing closer is found: rounding over a singular value of 1e-9."""
 
 NO_KERNEL = f"lexicographic: hqp was built without its native kernel; {ADVICE}, or take the solver 'cascade'"
 BUSY = "this workspace is solving in another thread; give each thread its own"
@@ -196,14 +206,28 @@ class NativeWorkspace:
         return self._judged(problem, solution)
 
     def _judged(self, problem: Hierarchy, solution: Solution) -> Solution:
-        if solution.status is Status.NOT_CERTIFIED and not self._limited:
-            return second_opinion(problem, solution, (self._again, lambda: self._by_reference(problem)))
-        return solution
+        """The solution, or another one where it is doubtful, refused by the certificate and no time is set."""
+        doubtful = solution.status in DOUBTFUL or solution.detail == UNSURE
+        if solution.status is Status.ITERATION_LIMIT and not self._solver.max_iterations:
+            doubtful = True
+        if self._limited or not doubtful:
+            return solution
+        others: list[Callable[[], Solution]] = [self._again]
+        others += [partial(self._with_rank, problem, rank) for rank in OTHER_RANKS]
+        return second_opinion(problem, solution, [*others, partial(self._by_reference, problem)])
 
     def _again(self) -> Solution:
         self._kernel.reset(plain=True)
+        return self._answer()
+
+    def _answer(self) -> Solution:
         solution: Solution = self._kernel.solution(0.0, *self._views)
         return solution
+
+    def _with_rank(self, problem: Hierarchy, tolerance: float) -> Solution:
+        other = NativeWorkspace(replace(self._solver, rank_tolerance=tolerance), self._shape)
+        other._take(problem)
+        return other._answer()
 
     def _by_reference(self, problem: Hierarchy) -> Solution:
         from hqp.solvers.reference import Reference
@@ -238,14 +262,14 @@ class NativeWorkspace:
         self._bound = problem if live and metric is problem.metric and origin is problem.origin else None
 
 
-def second_opinion(problem: Hierarchy, stuck: Solution, others: Iterable[Callable[[], Solution]]) -> Solution:
-    """The first answer that the certificate passes: the one given, or one of the others; the one given if none does."""
-    for make in (lambda: stuck, *others):
+def second_opinion(problem: Hierarchy, doubtful: Solution, others: Iterable[Callable[[], Solution]]) -> Solution:
+    """The first answer that the certificate passes: the one given, or one of the others; none: NOT_CERTIFIED."""
+    for make in (lambda: doubtful, *others):
         found = make()
-        if certificate(problem, found.x, Lexicographic.accuracy).ok:
+        if any(certificate(problem, found.x, tolerance).ok for tolerance in (Lexicographic.accuracy, ROUGH)):
             status = finish(problem, found.x, Status.RANK_UNCERTAIN, found.stats).status
             return replace(found, status=status, detail="" if status is Status.RANK_UNCERTAIN else UNSURE)
-    return stuck
+    return replace(doubtful, status=Status.NOT_CERTIFIED, detail=STUCK)
 
 
 def _refuse(problem: Hierarchy, shape: Shape, stats: Stats) -> Solution:

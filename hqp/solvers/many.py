@@ -15,7 +15,7 @@ from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError, ProblemError, SolverNotInstalled
 from hqp.problem import Hierarchy, Rows, Selection, Shape, Solution, Status
 from hqp.solvers.base import check_shape
-from hqp.solvers.lexicographic import NO_KERNEL, STATUSES, Lexicographic, native_module
+from hqp.solvers.lexicographic import DOUBTFUL, NO_KERNEL, STATUSES, Lexicographic, native_module
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,9 +137,10 @@ def _finished(
     problems: Sequence[Hierarchy] | HierarchyBatch, solver: Lexicographic, shape: Shape, x: Mat, slack: Mat,
     active: NDArray[np.int8], effort: NDArray[np.int32],
 ) -> Solutions:  # fmt: skip
-    """Statuses; what the kernel could not certify or read is solved again by itself, as one by one."""
+    """Statuses; what the kernel doubts or could not read is solved again by itself, as one by one."""
     statuses = [STATUSES[outcome] if outcome < len(STATUSES) else Status.NOT_CERTIFIED for outcome in effort[:, 0]]
-    unsure = (effort[:, 0] >= len(STATUSES)) | (effort[:, 0] == STATUSES.index(Status.NOT_CERTIFIED))
+    doubtful = [STATUSES.index(status) for status in (*DOUBTFUL, Status.ITERATION_LIMIT)]
+    unsure = (effort[:, 0] >= len(STATUSES)) | np.isin(effort[:, 0], doubtful) | (effort[:, 3] != 0)
     for i in map(int, np.flatnonzero(unsure)):
         solution: Solution = solver.solve(problems[i])
         x[i], statuses[i] = solution.x, solution.status

@@ -64,4 +64,18 @@ def test_fuzz(kind: str) -> None:
     assert count.refused == []
     assert count.disagree == []
     assert count.status[Status.ITERATION_LIMIT.name] == 0
-    assert len(count.unsolved) <= (3 if kind in ("near_parallel", "conflicts") else 0), count.unsolved
+    assert len(count.unsolved) <= (1 if kind == "near_parallel" else 0), count.unsolved
+
+
+@needs_kernel
+@pytest.mark.parametrize(
+    "name",
+    ["near_parallel 40224", "near_parallel 40283", "near_parallel 41116", "near_parallel 60536", "conflicts 62675"],
+)
+def test_nearly_parallel_rows_end_in_an_answer_that_passes(name: str) -> None:
+    """Refused, or answered wrongly, while the kernel's own rank tolerance was the only one tried."""
+    kind, seed = name.split()
+    problem = fuzz.problem(kind, int(seed))[0]
+    solution = hqp.solvers.load("lexicographic").solve(problem)
+    assert solution.status.solved, solution.detail
+    assert any(certificate(problem, solution.x, tolerance).ok for tolerance in fuzz.TOLERANCES)

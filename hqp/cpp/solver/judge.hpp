@@ -18,6 +18,8 @@ class Judge {
   static constexpr double kClear = 1e-6;      // one that leaves less than this is nearly dependent,
   static constexpr double kRounding = 1e-13;  // unless it is no longer than this
   static constexpr double kSlop = 1e-8;       // activity, relative to the row's terms, and largest gap of an optimum
+  static constexpr double kData = 4e-15;      // rounding of rows of unit length
+  static constexpr double kTurned = 5e-7;     // what it may make of a gap at most
   static constexpr double kLock = 1e-5;  // a row counts as fixed for the levels below above this relative multiplier,
   static constexpr double kLeastLock = 1e-13;  // or above this one: either reading may be the right one
 
@@ -94,13 +96,16 @@ class Judge {
     take_box();
   }
 
+  // Largest gap of an optimum: rounding of the rows turns the null space by as much as it is of the shortest direction.
+  double allowed() const { return kSlop + smaller(kTurned, kData / shortest_); }
+
   bool pass(double lock) {
     slop_ = kSlop;
     begin();
     for (int k = 0; k < table_->blocks && null_.freedom(); ++k) {
       const double own = gap_of(k);
       gap = larger(gap, own);
-      if (!(own <= kSlop)) return false;
+      if (!(own <= allowed())) return false;
       descend(k, lock, own);
     }
     return true;
