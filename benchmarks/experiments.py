@@ -23,6 +23,7 @@ NAMES = {
     "cbi-figure8": "mistry2008.experiments.figure8",
     "cbi-switch": "mistry2008.experiments.switch",
     "cbi-dynamics": "mistry2008.experiments.dynamics",
+    "cbi-statistics": "mistry2008.experiments.statistics",
     "dreamer-slope": "sentis2012.experiments.slope",
     "dreamer-robustness": "sentis2012.experiments.robustness",
     "dreamer-statistics": "sentis2012.experiments.statistics",

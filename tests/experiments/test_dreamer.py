@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.sentis2012.experiments.compliance import Compliance, refusal
+from benchmarks.sentis2012.experiments.compliance import Compliance
 from benchmarks.sentis2012.experiments.dreamer_run import Outing
 from benchmarks.sentis2012.experiments.human import Walk
 from benchmarks.sentis2012.experiments.measures import measure
 from benchmarks.sentis2012.experiments.scene import Scene
+from benchmarks.sentis2012.experiments.variants import refusal
 
 UP = Scene(walk=Walk(speed=0.33, distance=0.55, start=0.5, easing=1.0, back=False), seconds=3.6)
 

@@ -15,7 +15,7 @@ from benchmarks.sentis2012.experiments import statistics
 from benchmarks.sentis2012.experiments.compliance import gravity_share
 from benchmarks.sentis2012.experiments.ground import ContactNormals, GroundForce
 from benchmarks.sentis2012.experiments.ground_map import GroundMap
-from benchmarks.sentis2012.experiments.promised import FIGURES, spread
+from benchmarks.sentis2012.experiments.promised import PRIVILEGED, compared
 from benchmarks.sentis2012.experiments.step_bound import least_shift, meeting
 from hqp.arrays import Mat, Vec
 from hqp.robots.on_mujoco import Contacts
@@ -185,12 +185,15 @@ def test_a_step_too_high_for_rollers_by_statics() -> None:
 
 
 def test_figures_are_ordered_by_how_near_they_come_to_their_limit() -> None:
-    travel, speed, pull = (next(f for f in FIGURES if f.key == key) for key in ("travel", "speed", "pull"))
+    figures = {figure.key: figure for figure in PRIVILEGED}
     rows = [{"travel": 0.9 + 0.01 * i, "speed": 0.3 + 0.002 * i, "pull": float(i)} for i in range(20)]
-    assert spread(rows, travel)["worst"] == pytest.approx(0.9)
-    assert spread(rows, speed)["worst"] == pytest.approx(0.3)
-    assert spread(rows, pull) == {"median": 9.0, "p95": 18.0, "p99": 19.0, "worst": 19.0}
-    assert math.isnan(spread([*rows, {"pull": math.nan}], pull)["worst"])
+    assert figures["travel"].spread(rows)["worst"] == pytest.approx(0.9)
+    assert figures["speed"].spread(rows)["worst"] == pytest.approx(0.3)
+    assert figures["pull"].spread(rows) == {"median": 9.0, "p95": 18.0, "p99": 19.0, "worst": 19.0}
+    assert math.isnan(figures["pull"].spread([*rows, {"pull": math.nan}])["worst"])
+    run = {figure.key: 55.0 for figure in PRIVILEGED}
+    (row,) = (row for row in compared({"nominal": [run], "nominal-imu": [run]}).rows if row[0] == "pull, max [N]")
+    assert row[1:] == ("55 / 55 / 55 (FAIL, <= 50)", "55 / 55 / 55 (pass, <= 60)")
 
 
 def test_gravity_share_follows_the_tilt() -> None:

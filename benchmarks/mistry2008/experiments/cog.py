@@ -44,6 +44,8 @@ class Swing:
     feedback: Feedback = "task"
     knows: Knows = "senses"
     sensors: Sensors = SENSES
+    friction: float = 0.8
+    seed: int = 0
 
 
 def swing(plan: Swing, setting: Setting) -> Balance:
@@ -55,6 +57,8 @@ def swing(plan: Swing, setting: Setting) -> Balance:
         feedback=plan.feedback,
         knows=plan.knows,
         sensors=plan.sensors,
+        friction=plan.friction,
+        seed=plan.seed,
         seen=setting.show,
     )
     run.settle()

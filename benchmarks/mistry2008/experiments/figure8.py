@@ -21,10 +21,18 @@ PRINTED = "chiaverini"
 
 
 def draw(
-    setting: Setting, solver: str | Solver, seconds: float, *, gain: float = 2.0, feedforward: bool = True
+    setting: Setting,
+    solver: str | Solver,
+    seconds: float,
+    *,
+    gain: float = 2.0,
+    feedforward: bool = True,
+    friction: float = 0.8,
+    seed: int = 0,
 ) -> Balance:
     """One run; the log holds ``hand``, ``hand_goal``, ``com``, ``com_goal``."""
-    run = Balance(paper_stack(CBI, replace(GAINS, hand=gain)), solver, seen=setting.show)
+    stack = paper_stack(CBI, replace(GAINS, hand=gain))
+    run = Balance(stack, solver, friction=friction, seed=seed, seen=setting.show)
     run.settle()
     follow(run, seconds, still, lambda t: figure_eight(t, ACROSS, UP, FREQUENCY), feedforward=feedforward)
     return run

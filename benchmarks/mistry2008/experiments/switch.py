@@ -52,10 +52,15 @@ def single_support(gains: Gains) -> Stack:
     )
 
 
-def switch(setting: Setting, schedule: Schedule) -> tuple[Balance, list[float]]:
+QUICK = Schedule(shift=2.5, lift=1.2, hold=5.0, settle=0.6)
+
+
+def switch(
+    setting: Setting, schedule: Schedule, *, friction: float = 0.8, seed: int = 0
+) -> tuple[Balance, list[float]]:
     """One run; the log holds ``com_goal`` and ``lift`` [m].  Also the jumps of the commanded joint velocity [rad/s]."""
     double, single = paper_stack(CBI, GAINS, hand=False), single_support(GAINS)
-    run = Balance(double, setting.solver, seen=setting.show)
+    run = Balance(double, setting.solver, friction=friction, seed=seed, seen=setting.show)
     shift, ready, lifted, held, lowered, rested, back, end = schedule.ends
     run.instants = [("both feet", 0.1), ("shifted", ready), ("lifted", 0.5 * (lifted + held)), ("down again", rested)]
     run.settle()
@@ -102,7 +107,7 @@ def switch(setting: Setting, schedule: Schedule) -> tuple[Balance, list[float]]:
 
 def experiment(setting: Setting) -> Outcome:
     """The paper leaves this to future work; the stack changes under the running session."""
-    schedule = Schedule() if setting.full else Schedule(shift=2.5, lift=1.2, hold=5.0, settle=0.6)
+    schedule = Schedule() if setting.full else QUICK
     outcome = Outcome("cbi-switch")
     run, jumps = switch(setting, schedule)
     log = run.log

@@ -8,21 +8,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 
-import hqp
 from benchmarks.sentis2012.experiments.ground import UP, Heading
 from benchmarks.sentis2012.experiments.hand_loads import loads
+from benchmarks.sentis2012.experiments.misread import AbsoluteCom, AbsolutePosition, RollingAlongAxle
 from benchmarks.sentis2012.stack import WHEELS, paper_stack
 from hqp import PD, Stack
 from hqp.arrays import Mat, Vec
 from hqp.element import Element
-from hqp.errors import DeclarationError
 from hqp.law import Law, SelfMotion
 from hqp.reference import Reference
-from hqp.robot import State
 from hqp.tasks import (
     Com,
     FrictionCone,
@@ -122,15 +120,6 @@ def stack(choice: Compliance) -> Stack:
     )
 
 
-def refusal(choice: Compliance) -> str:
-    """What the library says of a stack that it refuses to compile, empty if it takes it."""
-    try:
-        hqp.Controller(stack(choice), hqp.Torque(), price=0).session(hqp.robots.load("dreamer"), choice.period)
-    except DeclarationError as error:
-        return str(error)
-    return ""
-
-
 def gravity_share(normal: Vec, carried: tuple[float, float], weight: float) -> float:
     """Share of the weight along the slope that the wheels hold: 1 - min(share, newtons / (m g sin tilt)).
 
@@ -216,39 +205,3 @@ class Targets:
         length = math.hypot(c, s)
         c, s = c / length, s / length
         return np.array([c * vector[0] + s * vector[1], c * vector[1] - s * vector[0]])
-
-
-@dataclass(frozen=True, kw_only=True)
-class RollingAlongAxle(OmniWheelContact):
-    """The rolling row in the direction of the wheel's axle, as the paper has it in words below eq. (9)."""
-
-    _picked: ClassVar[tuple[int, ...]] = (1, 2)
-
-
-@dataclass(frozen=True, kw_only=True)
-class AbsoluteCom(Com):
-    """Com relative to a heading whose Jacobian forgets that the goal moves."""
-
-    def jacobian(self, state: State) -> Mat:
-        return _heading(state, self.relative_to) @ state.com_jacobian(state.robot.subtree(str(self.subtree)))
-
-    def drift(self, state: State) -> Vec:
-        return _heading(state, self.relative_to) @ state.com_drift(state.robot.subtree(str(self.subtree)))
-
-
-@dataclass(frozen=True, kw_only=True)
-class AbsolutePosition(Position):
-    """Position relative to a heading whose Jacobian forgets that the goal moves."""
-
-    def jacobian(self, state: State) -> Mat:
-        return _heading(state, self.relative_to, 3) @ state.jacobian(self.frame)[:3]
-
-    def drift(self, state: State) -> Vec:
-        return _heading(state, self.relative_to, 3) @ state.drift(self.frame)[:3]
-
-
-def _heading(state: State, frame: str | None, rows: int = 2) -> Mat:
-    x = state.rotation(str(frame))[:, 0]
-    length = math.hypot(x[0], x[1])
-    c, s = x[0] / length, x[1] / length
-    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])[:rows]

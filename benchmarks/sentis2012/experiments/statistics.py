@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.lab.distribution import fall_rate_bound, percentiles
 from benchmarks.lab.outcome import Figure, Outcome, Table, number, table
 from benchmarks.lab.setting import Setting
 from benchmarks.sentis2012.experiments.cases import Case, carry_out
@@ -42,9 +43,6 @@ LATER, SLIPPERIER = 0.5, 0.02
 
 MANY, FEW = 300, 30
 """Runs of a cell that promises something, and of another."""
-
-CONFIDENCE = 0.95
-"""Of the one-sided bound on the fall rate."""
 
 ABOUT = {
     "nominal": "7 degrees on rollers, contact normals from the simulator: privileged",
@@ -116,20 +114,6 @@ def summary(cell: str, rows: Sequence[Mapping[str, float]]) -> dict[str, Any]:
     }
 
 
-def percentiles(values: Sequence[float] | np.ndarray) -> dict[str, float]:
-    """Median, 95th, 99th percentile and worst; each is a value that was met, none is interpolated."""
-    ordered = np.sort(np.asarray(values, dtype=np.float64))
-    at = {"median": 0.5, "p95": 0.95, "p99": 0.99, "worst": 1.0}
-    return {name: float(ordered[max(0, math.ceil(share * ordered.size) - 1)]) for name, share in at.items()}
-
-
-def fall_rate_bound(falls: int, runs: int, confidence: float = CONFIDENCE) -> float:
-    """The fall rate that is not exceeded with that confidence, one-sided, exact (Clopper and Pearson 1934)."""
-    from scipy.stats import beta
-
-    return 1.0 if falls >= runs else float(beta.ppf(confidence, falls + 1, runs - falls))
-
-
 def runs_of(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> dict[str, list[dict[str, Any]]]:
     """The measures of every cell that has runs, from the rows of a sweep."""
     found: dict[str, list[dict[str, Any]]] = {name: [] for name in names}
@@ -152,12 +136,13 @@ def shown(found: Sequence[Mapping[str, Any]]) -> Table:
         asked = "nothing" if limit is None else limit if isinstance(limit, str) else f"{limit:g}"
         bound = 100.0 * fall_rate_bound(line["falls"], line["runs"])
         rows.append((
-            line["cell"], str(line["runs"]), spread(line["com_up_mm"]), spread(line["com_back_mm"]),
-            spread(line["unloaded_ms"]), f"{line['falls']} (< {bound:.3g} %)", asked,
+            line["cell"], knows(line["cell"]), str(line["runs"]), spread(line["com_up_mm"]),
+            spread(line["com_back_mm"]), spread(line["unloaded_ms"]), f"{line['falls']} (< {bound:.3g} %)", asked,
             "" if limit is None else "pass" if line["passed"] else "FAIL",
         ))  # fmt: skip
     header = (
-        "cell", "runs", "CoM up [mm]", "CoM back [mm]", "a wheel unloaded [ms]", "falls (rate, 95 %)", "asked [mm]", "",
+        "cell", "normals", "runs", "CoM up [mm]", "CoM back [mm]", "a wheel unloaded [ms]", "falls (rate, 95 %)",
+        "asked [mm]", "",
     )  # fmt: skip
     return table("Statistics: median / 95th / 99th percentile / worst", header, rows)
 
@@ -194,6 +179,14 @@ def command(arguments: Any) -> int:
         arguments.json.parent.mkdir(parents=True, exist_ok=True)
         arguments.json.write_text(json.dumps(finite(found), indent=1) + "\n")
     return int(not all(line["passed"] for line in found))
+
+
+def knows(cell: str) -> str:
+    """Where the ground's normals come from: the simulator's contacts, which are privileged, or the robot itself."""
+    choice = registry()[cell].case.choice
+    if choice.normals == "map":
+        return "own map, ground felt" if choice.ground_force else "own map"
+    return {"contact": "privileged", "base": "tilt"}.get(choice.normals, choice.normals)
 
 
 def by_tilt(made: Iterable[str], but: Sequence[str]) -> list[str]:

@@ -6,12 +6,14 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
+import hqp
 from benchmarks.lab.outcome import Figure, Table, holds, number, table
 from benchmarks.sentis2012.experiments.cases import Case
-from benchmarks.sentis2012.experiments.compliance import Compliance
+from benchmarks.sentis2012.experiments.compliance import Compliance, stack
 from benchmarks.sentis2012.experiments.human import Walk
 from benchmarks.sentis2012.experiments.measures import Measures
 from benchmarks.sentis2012.experiments.scene import Scene
+from hqp.errors import DeclarationError
 
 NAMES = {"dreamer": "ball wheels", "dreamer_rollers": "rollers"}
 
@@ -131,6 +133,15 @@ def negatives(full: bool) -> list[Case]:
         Case(name="start out of place, CoM task unsaturated", scene=start, choice=uncapped),
         Case(name="start out of place, CoM task saturated", scene=start),
     ]
+
+
+def refusal(choice: Compliance) -> str:
+    """What the library says of a stack that it refuses to compile, empty if it takes it."""
+    try:
+        hqp.Controller(stack(choice), hqp.Torque(), price=0).session(hqp.robots.load("dreamer"), choice.period)
+    except DeclarationError as error:
+        return str(error)
+    return ""
 
 
 def negative_figures(m: Mapping[str, Measures]) -> list[Figure]:

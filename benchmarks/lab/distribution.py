@@ -1,0 +1,75 @@
+"""Figures as distributions over runs: percentiles that were met, limits, and what a count of falls is worth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from benchmarks.lab.outcome import number
+
+CONFIDENCE = 0.95
+"""Of the one-sided bound on the fall rate."""
+
+SHARES = {"median": 0.5, "p95": 0.95, "p99": 0.99, "worst": 1.0}
+
+Numbers = np.ndarray[Any, np.dtype[np.float64]]
+
+
+def percentiles(values: Sequence[float] | Numbers) -> dict[str, float]:
+    """Median, 95th, 99th percentile and worst; each is a value that was met, none is interpolated."""
+    return _picked(np.sort(np.asarray(values, dtype=np.float64)))
+
+
+def _picked(ordered: Numbers) -> dict[str, float]:
+    return {name: float(ordered[max(0, math.ceil(share * ordered.size) - 1)]) for name, share in SHARES.items()}
+
+
+def fall_rate_bound(falls: int, runs: int, confidence: float = CONFIDENCE) -> float:
+    """The fall rate that is not exceeded with that confidence, one-sided, exact (Clopper and Pearson 1934)."""
+    from scipy.stats import beta
+
+    return 1.0 if falls >= runs else float(beta.ppf(confidence, falls + 1, runs - falls))
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A measure by its key, in words, with the limits that were promised; scale: of the number shown over it."""
+
+    key: str
+    words: str
+    low: float = -math.inf
+    high: float = math.inf
+    scale: float = 1.0
+
+    @property
+    def promised(self) -> bool:
+        """Whether there is a limit."""
+        return math.isfinite(self.low) or math.isfinite(self.high)
+
+    @property
+    def limits(self) -> str:
+        """In words."""
+        if math.isfinite(self.low) and math.isfinite(self.high):
+            return f"{self.low:g} to {self.high:g}"
+        return "" if not self.promised else f">= {self.low:g}" if math.isfinite(self.low) else f"<= {self.high:g}"
+
+    def spread(self, rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
+        """Median, 95th, 99th percentile and worst, by how near to the limit or beyond it; NaN is the worst."""
+        values = self.scale * np.array([row[self.key] for row in rows], dtype=np.float64)
+        if math.isfinite(self.low) and math.isfinite(self.high):
+            badness = np.abs(values - 0.5 * (self.low + self.high))
+        else:
+            badness = -values if math.isfinite(self.low) else values
+        return _picked(values[np.argsort(badness, kind="stable")])
+
+    def cell(self, rows: Sequence[Mapping[str, float]]) -> str:
+        """Median / 99th percentile / worst, and whether the 99th percentile is within the limits."""
+        found = self.spread(rows)
+        text = " / ".join(number(found[at]) for at in ("median", "p99", "worst"))
+        if not self.promised:
+            return text
+        return f"{text} ({'pass' if self.low <= found['p99'] <= self.high else 'FAIL'}, {self.limits})"
