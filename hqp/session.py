@@ -185,8 +185,10 @@ class Session:
         program = self.controller.formulation.compile(whole, self.robot, self.dt, price)
         solver.require(program.shape)
         workspace = solver.workspace(program.shape)
-        own = getattr(solver, "deadline", 0.0) is not None or self._deadline == math.inf
-        limit = None if own else getattr(workspace, "limit", None)
+        limit = None if getattr(solver, "deadline", 0.0) is not None else getattr(workspace, "limit", None)
+        if limit is not None and self._deadline == math.inf:
+            limit(math.inf)
+            limit = None
         hard = frozenset(element.name for element in whole.subject_to)
         rest = program.rest(self.robot, self.controller.braking)
         return Compiled(whole, program, workspace, limit, rest, hard, dropped)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import math
 import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -116,7 +117,7 @@ class NativeWorkspace:
         self._solver, self._shape = solver, shape
         self._multipliers = solver.multipliers
         self._lock = threading.Lock()
-        self._limited = bool(solver.deadline)
+        self._limited = self._ticking = bool(solver.deadline)
         self._kernel = _native.Workspace(
             shape.n,
             list(shape.rows),
@@ -153,9 +154,12 @@ class NativeWorkspace:
         return self._views[2] if self._kernel.tell() else None
 
     def limit(self, seconds: float) -> None:
-        """Time for the next solves [s], none for zero: a session gives what is left of its tick."""
-        self._limited = seconds > 0.0
-        self._kernel.limit(seconds)
+        """Time for the next solves [s], none for zero: a session gives what is left of its tick.
+
+        Whoever sets one, infinity too, solves again and again: only answers that are not certified are doubted then.
+        """
+        self._limited, self._ticking = 0.0 < seconds < math.inf, seconds > 0.0
+        self._kernel.limit(seconds if self._limited else 0.0)
 
     def solve(self, problem: Hierarchy) -> Solution:
         """The solution; raises ProblemError for a wrong shape, and marks numbers that are not usable.
@@ -207,7 +211,9 @@ class NativeWorkspace:
 
     def _judged(self, problem: Hierarchy, solution: Solution) -> Solution:
         """The solution, or another one where it is doubtful, refused by the certificate and no time is set."""
-        doubtful = solution.status in DOUBTFUL or solution.detail == UNSURE
+        doubtful = solution.status is Status.NOT_CERTIFIED or (
+            not self._ticking and (solution.status is Status.RANK_UNCERTAIN or solution.detail == UNSURE)
+        )
         if solution.status is Status.ITERATION_LIMIT and not self._solver.max_iterations:
             doubtful = True
         if self._limited or not doubtful:

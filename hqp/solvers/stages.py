@@ -124,24 +124,33 @@ class StagedWorkspace:
         self._parts = [slice(a, b) for a, b in pairwise(ends)]
         self._problem: Hierarchy | None = None
         self._has_prices = False
+        self._head = 0
+        self._heads = dict[int, tuple[Workspace, Kernel | None]]()
+        self._seconds = 0.0
 
     def reset(self) -> None:
         """Forget the warm starts."""
         self._exact.reset()
         self._last.reset()
         self._workspaces.clear()
+        self._head = 0
+        for workspace, _ in self._heads.values():
+            workspace.reset()
         if self._native is not None:
             self._native.reset()
 
     def limit(self, seconds: float) -> None:
         """Time for the next solves [s], as the solver's own workspace takes it."""
-        for workspace in (self._exact, self._last):
+        self._seconds = seconds
+        for workspace in (self._exact, self._last, *(workspace for workspace, _ in self._heads.values())):
             getattr(workspace, "limit", lambda _: None)(seconds)
 
     def solve(self, problem: Hierarchy) -> Solution:
         """The exact answer where it settles every priced level, else that of the stages, with their points."""
         if self._problem is not problem:
             self._bind(problem)
+        if self._head and (counts := self._from_head()) is not None:
+            return self.answer(problem, counts)
         return self._priced(problem, self._exact.solve(self._plain))
 
     def kernel(self, problem: Hierarchy) -> Kernel | None:
@@ -155,11 +164,48 @@ class StagedWorkspace:
         x, stages, points, end = values[: problem.n], self._native.solve, self._points, self._end
 
         def settled() -> Counts:
+            if self._head and (found := self._from_head()) is not None:
+                return found
             counts = solve()
             self._latest = self._exact
-            return counts if counts[0] or stages(x, points, end) < 0 else (UNSETTLED, *counts[1:])
+            if counts[0]:
+                return counts
+            first = stages(x, points, end)
+            self._head = max(first, 0)
+            return counts if first < 0 else (UNSETTLED, *counts[1:])
 
         return settled, values, marks
+
+    def _from_head(self) -> Counts | None:
+        """Stages from the exact answer of the levels above the one that was not met a tick ago.
+
+        Far out of reach the exact answer of all levels is large, ill-conditioned and of no use.  None where that level
+        is met by now, or the levels above have no optimum: the exact hierarchy decides.
+        """
+        head, self._head = self._head, 0
+        kernel = self._heads[head][1] if head in self._heads else self._make_head(head)
+        if kernel is None or self._native is None:
+            return None
+        solve, values, _ = kernel
+        counts = solve()
+        if counts[0]:
+            return None
+        first = self._native.solve(values[: self._shape.n], self._points, self._end, head)
+        if first < 0:
+            return None
+        self._head = first
+        return UNSETTLED, *counts[1:]
+
+    def _make_head(self, head: int) -> Kernel | None:
+        plain = self._plain
+        above = replace(
+            plain, levels=plain.levels[:head], constraints=min(plain.constraints, head), n=self._shape.n, stacked=None
+        )
+        workspace = self._make(above.shape)
+        getattr(workspace, "limit", lambda _: None)(self._seconds)
+        kernel: Kernel | None = getattr(workspace, "kernel", lambda _: None)(above)
+        self._heads[head] = workspace, kernel
+        return kernel
 
     @property
     def stages(self) -> tuple[Any, Mat] | None:
@@ -223,6 +269,8 @@ class StagedWorkspace:
     def _bind(self, problem: Hierarchy) -> None:
         check_shape(problem, self._shape)
         self._problem, self._plain, self._has_prices = problem, problem.exact(), any(problem.priced)
+        self._head = 0
+        self._heads.clear()
         if self._native is None or not self._has_prices:
             return
         priced = [bool(p) for p in problem.priced]
@@ -249,7 +297,9 @@ class StagedWorkspace:
     def _stages(self, problem: Hierarchy, x: Vec) -> Found | None:
         """The stages from the first level that x does not settle; None where x settles all."""
         if self._native is not None:
-            return None if self._native.solve(x, self._points, self._end) < 0 else self._native_stages()
+            first = self._native.solve(x, self._points, self._end)
+            self._head = max(first, 0)
+            return None if first < 0 else self._native_stages()
         at = Coordinates.of(problem.motion, problem.n)
         start = first_unclear(problem, x, at)
         if start is None:

@@ -155,6 +155,40 @@ def test_levels_are_settled_without_a_stage_while_limits_bind() -> None:
     assert turned == 0, f"{turned} steps of stages that found every level met"
 
 
+def test_out_of_reach_only_the_levels_above_are_solved_exactly() -> None:
+    """A goal that goes out of reach and comes back: as cold at every step, and exact once it is met."""
+    rng, n = np.random.default_rng(3), 8
+    above, task = rng.standard_normal((2, n)), rng.standard_normal((3, n))
+    solver = hqp.solvers.load("lexicographic")
+    workspace: Any = None
+    step, exact, beyond = [0], [], []
+    for k in range(120):
+        step[0] = k
+        goal = 6.0 * np.sin(np.pi * k / 119) ** 4 * np.array([1.0, -0.5, 0.3])
+        levels = (
+            Rows(Selection(np.arange(n)), np.full(n, -0.4), np.full(n, 0.4)),
+            Rows(above, np.full(2, 0.1), np.full(2, 0.1)),
+            Rows(task, goal, goal.copy()),
+            Rows(Selection(np.arange(n)), np.zeros(n), np.zeros(n)),
+        )
+        problem = Hierarchy(levels, constraints=1, prices=np.array([0.0, 0.02, 0.02, 0.0]))
+        if workspace is None:
+            workspace = solver.workspace(problem.shape)
+            bound, solve = problem, workspace._exact.solve
+            workspace._exact.solve = lambda p, solve=solve: (exact.append(step[0]), solve(p))[1]
+        for own, new in zip(bound.levels, problem.levels, strict=True):  # a session refills its problem in place
+            own.lower[:], own.upper[:] = new.lower, new.upper
+        warm, cold = workspace.solve(bound), solver.solve(problem)
+        assert warm.status is Status.OPTIMAL
+        np.testing.assert_allclose(warm.x, cold.x, atol=1e-9, err_msg=str(k))
+        if warm.stage_points is None:
+            np.testing.assert_allclose(warm.x, solver.solve(problem.exact()).x, atol=1e-12)
+        else:
+            beyond.append(k)
+    assert len(beyond) > 30
+    assert len(set(beyond) & set(exact)) == 1  # the step on which the goal went out of reach
+
+
 def test_what_is_handed_down_is_kept() -> None:
     solver = hqp.solvers.load("lexicographic")
     for seed in range(30):

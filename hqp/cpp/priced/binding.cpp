@@ -110,15 +110,17 @@ class Stages {
   }
 
   // The first level that x does not settle, -1 for none; otherwise stages (levels, n) and last (n) are written.
-  int solve(const Vector& x, const Out& stages, const Out& last) {
+  // head: x is the exact answer of the levels above this one only, 0 for all; -2 where level `head` is met.
+  int solve(const Vector& x, const Out& stages, const Out& last, int head) {
     if (!bound_) refuse("bind() comes first");
     if (x.shape(0) != std::size_t(n_) || last.size() != std::size_t(n_) || stages.size() != rows_.size() * n_)
       refuse("x, stages or last has a wrong shape");
+    if (head < 0 || std::size_t(head) >= rows_.size()) refuse("head: not a level");
     const Turn turn(busy_);
     const double* from = x.data();
     double *to = stages.data(), *end = last.data();
     const nb::gil_scoped_release release;
-    return stages_->solve(from, to, end);
+    return stages_->solve(from, head, to, end);
   }
 
   // What account() reads beside the rows: stages, which solve wrote, and the element of each row.
@@ -193,7 +195,7 @@ NB_MODULE(_priced, m) {
       .def(nb::init<int, const std::vector<int>&, const std::vector<int>&>(), "n"_a, "rows"_a, "priced"_a)
       .def("bind", &Stages::bind, "levels"_a, "handed"_a, "prices"_a, "shares"_a, "F"_a.none(), "f"_a.none(),
            "guard"_a.none())
-      .def("solve", &Stages::solve, "x"_a, "stages"_a, "last"_a)
+      .def("solve", &Stages::solve, "x"_a, "stages"_a, "last"_a, "head"_a = 0)
       .def("accounts", &Stages::accounts, "stages"_a, "owner"_a, "elements"_a)
       .def("account", &Stages::account, "w"_a, "multipliers"_a.none(), "guards"_a, "out"_a)
       .def("describe", &Stages::describe, "x"_a, "constraints"_a, "activity"_a, "violation"_a, "slack"_a, "marks"_a)

@@ -71,7 +71,7 @@ class StageLevels final : public PricedStages {
                   worth);
   }
 
-  int solve(const double* x, double* stages, double* last) override {
+  int solve(const double* x, int head, double* stages, double* last) override {
     iterations_ = 0;
     ended_ = true;
     row_of_.clear();
@@ -83,6 +83,7 @@ class StageLevels final : public PricedStages {
     for (int k = 0; k <= last_; ++k) {
       const bool priced = prices_[k] > 0.0;
       const bool settled = met && settles(k);
+      if (settled && head > 0 && k == head) return -2;
       if (settled && first < 0) continue;
       if (first < 0) {
         first = k;
@@ -105,6 +106,7 @@ class StageLevels final : public PricedStages {
       } else {
         hold(k, x_.data());
       }
+      if (met && head > 0 && k == head) return -2;
       take(k, priced);
     }
     if (met && ended_) return -1;  // every level hands down its rows as they are
