@@ -6,7 +6,7 @@ from numpy import int8
 from numpy.typing import NDArray
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.plans import Plan
+from hqp.plans import ExternalWrench, Payload, Plan
 from hqp.reference import Reference
 from hqp.robot import Body, Placed, TreeJoint
 
@@ -79,6 +79,12 @@ class Assembly:
         self, name: str, target: Vec | None, shape: Sequence[int], normal: Vec | None, rate: Vec, feedforward: Vec
     ) -> None:
         """Where the reference of an element goes: target, flat, of that shape, None where Python reads the value."""
+
+    def load(self, plan: Payload | ExternalWrench, value: Vec) -> None:
+        """A known load, its live value read at each ``run`` and ``loads``; payloads count for centres of mass."""
+
+    def loads(self, A: Mat, bias: Vec, gravity: Vec) -> None:
+        """Add what the loads add to A ``(nv, nv)``, its upper triangle, and to b + g, of the latest ``run``."""
 
     def hold(self, name: str, value: Vec | None) -> None:
         """The value, flat, that an element has without a reference."""

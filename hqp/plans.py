@@ -318,9 +318,43 @@ class SupportPolygon:
     shape: tuple[int, ...] = field(default=(), init=False)
 
 
+@dataclass(frozen=True, eq=False)
+class Momentum:
+    """Some of linear x, y, z and angular x, y, z (0 to 5) of the centroidal momentum; the reference, zero, is not read.
+
+    inertias: xx, yy, zz, xy, xz, yz of each body about its centre of mass, in its axes.
+    """
+
+    picked: tuple[int, ...]
+    inertias: tuple[tuple[float, ...], ...]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the reference's value."""
+        return (len(self.picked),)
+
+
+@dataclass(frozen=True, eq=False)
+class Payload:
+    """A point mass on a frame; value: mass and where in the frame's axes ``(4,)``."""
+
+    frame: Frame
+    shape: tuple[int, ...] = field(default=(4,), init=False)
+
+
+@dataclass(frozen=True, eq=False)
+class ExternalWrench:
+    """Force and moment on a frame ``(6,)``, in its axes with local."""
+
+    frame: Frame
+    local: bool
+    shape: tuple[int, ...] = field(default=(6,), init=False)
+
+
 Plan: TypeAlias = (
     Point | Pose | Rotation | Angles | Edge | Wheel | Com | Joints | Coupling | JointBox | Constant | Collision
     | Still | Steady | Frozen | Pointing | Apart | Manipulability | Cone | Within | SupportPolygon
+    | Momentum | Payload | ExternalWrench
 )  # fmt: skip
 
 

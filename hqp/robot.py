@@ -23,6 +23,9 @@ TreeJoint: TypeAlias = tuple[int, int, int, tuple[float, ...], Placed]
 """A joint for native forward kinematics: 0 turning, 1 turning with cosine and sine in q, 2 sliding, 3 a ball, 4 free;
 its first places in q and v, its axis, and where it stands in the body that carries it."""
 
+Load: TypeAlias = tuple[str, float, Vec]
+"""A point mass that the robot carries: on which frame, mass [kg], where in the frame's axes ``(3,)`` [m]."""
+
 
 class Wheel(Protocol):
     """A wheel: radius [m] and axle, a unit vector in the wheel's frame."""
@@ -141,6 +144,11 @@ class Robot(Protocol):
         ...
 
     @property
+    def inertias(self) -> Sequence[tuple[float, ...]]:
+        """Of each of ``bodies``: xx, yy, zz, xy, xz, yz [kg m^2] about its centre of mass, in its axes."""
+        ...
+
+    @property
     def tree_joints(self) -> Sequence[TreeJoint] | None:
         """The joints for native forward kinematics, one for each of ``bodies`` but the world.
 
@@ -219,6 +227,9 @@ class State(Protocol):
 
     commanded: Vec | None
     """Velocity ``(nv,)`` that a session at velocity level sent last; None before the first, and at other levels."""
+
+    loads: tuple[Load, ...]
+    """What the robot carries besides its model, as a torque controller was told: ``com`` and momenta see it."""
 
     @property
     def time(self) -> float | None:

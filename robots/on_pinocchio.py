@@ -178,6 +178,13 @@ class Robot:
         return self._bodies
 
     @property
+    def inertias(self) -> tuple[tuple[float, ...], ...]:
+        """Of each of ``bodies``: xx, yy, zz, xy, xz, yz about its centre of mass, in its axes; zero of the world."""
+        every = [np.asarray(inertia.inertia) for inertia in self.model.inertias]
+        places = (0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)
+        return ((0.0,) * 6, *(tuple(float(own[at]) for at in places) for own in every[1:]))
+
+    @property
     def tree_joints(self) -> Sequence[TreeJoint] | None:
         """The joints for native forward kinematics, None where one is neither of one axis nor a ball nor free."""
         return kinematic_tree.joints(self)

@@ -11,10 +11,13 @@ import pinocchio as pin
 from hqp.arrays import FLOAT, Mat, Vec
 from hqp.errors import ModelError, StaleState
 
+from . import carried
 from .checks import normalise, not_finite
 from .joints import matrix
 
 if TYPE_CHECKING:
+    from hqp.robot import Load
+
     from .on_pinocchio import Robot
 
 _WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -34,14 +37,16 @@ class State:
     """One (q, v) of a robot; see hqp.robot.State.  Computes each quantity when first asked for, and once.
 
     q and v are copies that cannot be written to; quaternions within 1e-3 of length one are normalised.  commanded: the
-    velocity ``(nv,)`` that a session at velocity level sent last, written by the session.
+    velocity ``(nv,)`` that a session at velocity level sent last, written by the session, as are ``loads``: point
+    masses that ``com`` and momenta count with the robot's.
     """
 
-    __slots__ = ("_done", "_gravity", "_unit", "commanded", "finite", "q", "robot", "square", "time", "v")
+    __slots__ = ("_done", "_gravity", "_unit", "commanded", "finite", "loads", "q", "robot", "square", "time", "v")
 
     def __init__(self, robot: Robot, q: Vec, v: Vec | None, time: float | None = None) -> None:
         self.robot, self.time = robot, time
         self.commanded: Vec | None = None
+        self.loads: tuple[Load, ...] = ()
         ordinary = isinstance(q, np.ndarray) and isinstance(v, np.ndarray) and q.dtype is FLOAT and v.dtype is FLOAT
         self.q = q = q.copy() if ordinary else np.array(q, FLOAT)
         self.v = v = v.copy() if ordinary else np.zeros(robot.nv) if v is None else np.array(v, FLOAT)  # type: ignore[union-attr]
@@ -154,23 +159,27 @@ class State:
         return np.array(motion.vector)
 
     def com(self, subtree: int = 0) -> Vec:
-        """Centre of mass of the robot or a subtree, ``(3,)`` [m]."""
+        """Centre of mass of the robot or a subtree with their ``loads``, ``(3,)`` [m]."""
         if subtree == 0:
             self._need(_COM)
-            return np.array(self.robot.data.com[0])
-        self._need(_SUBTREES)
-        placement = self.robot.data.oMi[subtree]
-        return np.array(placement.translation + placement.rotation @ self.robot.data.com[subtree])
+            centre = np.array(self.robot.data.com[0])
+        else:
+            self._need(_SUBTREES)
+            placement = self.robot.data.oMi[subtree]
+            centre = np.array(placement.translation + placement.rotation @ self.robot.data.com[subtree])
+        return carried.mean(self, subtree, centre, carried.position) if self.loads else centre
 
     def com_jacobian(self, subtree: int = 0) -> Mat:
-        """Jacobian of the centre of mass, ``(3, nv)``: a live view where subtree is 0."""
+        """Jacobian of the centre of mass, ``(3, nv)``: a live view where subtree is 0 and there are no ``loads``."""
         robot = self.robot
         if subtree == 0:
             self._need(_COM)
-            return matrix(robot.data.Jcom)
-        self.kinematics()
-        self._done &= ~(_COM | _SUBTREES)  # Pinocchio writes the subtree's Jacobian over the whole robot's
-        return np.array(matrix(pin.jacobianSubtreeCenterOfMass(robot.model, robot.data, subtree)))
+            J = matrix(robot.data.Jcom)
+        else:
+            self.kinematics()
+            self._done &= ~(_COM | _SUBTREES)  # Pinocchio writes the subtree's Jacobian over the whole robot's
+            J = np.array(matrix(pin.jacobianSubtreeCenterOfMass(robot.model, robot.data, subtree)))
+        return carried.mean(self, subtree, J, carried.jacobian) if self.loads else J
 
     def com_velocity(self, subtree: int = 0) -> Vec:
         """Velocity of the centre of mass, ``(3,)`` [m/s]."""
@@ -180,7 +189,8 @@ class State:
         """dJ/dt v of the centre of mass, ``(3,)``."""
         self._need(_SUBTREES)
         data = self.robot.data
-        return np.array(data.oMi[subtree].rotation @ data.acom[subtree])
+        drift = np.array(data.oMi[subtree].rotation @ data.acom[subtree])
+        return carried.mean(self, subtree, drift, carried.drift) if self.loads else drift
 
     def dynamics(self) -> None:
         """Make kinematics, ``inertia`` and ``bias_force`` those of this state; raises StaleState."""
@@ -225,7 +235,8 @@ class State:
         robot = self.robot
         rate = np.array(pin.dccrba(robot.model, robot.data, self.q, self.v))
         self._done &= _KINEMATICS | _BIAS | _INERTIA | _MASS
-        return np.array(robot.data.Ag), rate @ self.v
+        found = np.array(robot.data.Ag), rate @ self.v
+        return carried.momentum(self, *found) if self.loads else found
 
 
 _ZEROS: dict[int, Vec] = {}

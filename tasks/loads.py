@@ -9,10 +9,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hqp import plans
 from hqp.arrays import Mat, Vec
 from hqp.element import Element, Quantity
 from hqp.reference import Reference, numbers
-from hqp.robot import Robot, State
+from hqp.robot import Load, Robot, State
 
 from .fields import check_frame, check_number, set_vector
 from .relative import skew
@@ -34,6 +35,10 @@ class _Load(Element):
         """None; raises FrameNotFound."""
         robot.frame(self.frame)
         return 0
+
+    def carried(self, reference: Vec) -> Load | None:
+        """The point mass on the robot, None for a load that has none."""
+        return None
 
     @abstractmethod
     def terms(self, state: State, reference: Vec) -> tuple[Mat | None, Vec, Vec]:
@@ -80,14 +85,19 @@ class ExternalWrench(_Load):
         force = -(state.jacobian(self.frame).T @ w)
         return None, force, force if self.resisted else np.zeros_like(force)
 
+    def plan(self, robot: Robot) -> plans.ExternalWrench:
+        """The native operation."""
+        return plans.ExternalWrench(plans.frame(robot, self.frame), self.local)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Payload(_Load):
     """A point mass m carried at a point of a frame: A + m J_p^T J_p, b + g + m J_p^T (dJ_p/dt v - gravity).
 
     ``at(mass, com)`` says each tick what is carried [kg] and where, ``(3,)`` [m] in the frame's axes; mass and com are
-    what it is without.  The dynamics, the forces of contacts, gravity compensation and what is sent at rest see it; a
-    ``Com`` task does not.  A negative mass is less than the model has.  Its own moments of inertia are left out.
+    what it is without.  The dynamics, the forces of contacts, gravity compensation, what is sent at rest, and centres
+    of mass and momenta (Com, SupportPolygon, Momentum) see it.  A negative mass is less than the model has.  Its own
+    moments of inertia are left out.
     In ``subject_to`` of a torque controller.  Raises DeclarationError for fields, FrameNotFound on binding.
     """
 
@@ -124,3 +134,11 @@ class Payload(_Load):
         a = drift[:3] + skew(drift[3:]) @ arm + turn @ (turn @ arm)
         g = state.robot.gravity
         return m * (J_p.T @ J_p), m * (J_p.T @ (a - g)), -m * (J_p.T @ g)
+
+    def carried(self, reference: Vec) -> Load:
+        """The point mass that centres of mass and momenta have to see."""
+        return self.frame, float(reference[0]), reference[1:]
+
+    def plan(self, robot: Robot) -> plans.Payload:
+        """The native operation."""
+        return plans.Payload(plans.frame(robot, self.frame))

@@ -213,6 +213,10 @@ class Momentum(_RateTask):
         """The axes."""
         return (*(f"linear {a}" for a in self.linear), *(f"angular {a}" for a in self.angular))
 
+    def plan(self, robot: Robot) -> plans.Momentum:
+        """The native operation."""
+        return plans.Momentum(tuple(self._picked()), tuple(robot.inertias))
+
 
 @dataclass(frozen=True, kw_only=True)
 class BaseVelocityLimits(Inequality):

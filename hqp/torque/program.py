@@ -86,12 +86,13 @@ class TorqueProgram(Program):
         self.dt, self._laws = dt, laws
         self.actuation = require_actuation(held, robot, dt, laws)
         exact = price is not None and price.tau == 0.0
-        self.loads = Loads(loads_of(stack), robot)
-        groups = lay_out(stack, robot, held=(*held, *self.loads.elements), torque=True, contacts_first=not exact)
+        loads = loads_of(stack)
+        groups = lay_out(stack, robot, held=(*held, *loads), torque=True, contacts_first=not exact)
         motion = [e for group in groups for e in group.elements if e.quantity == "motion"]
         picked = [e for e in motion if selection_of(e, robot) is not None]
         dense = [*held, *(e for e in motion if selection_of(e, robot) is None)]
         self.assembly = Assembly(dense, picked, robot, dt, laws)
+        self.loads = Loads(loads, robot, self.assembly.native_rows)
         self.held = held
         self._m = sum(self.assembly.members[e.name].part.stop - self.assembly.members[e.name].part.start for e in held)
         self.dynamics = ConstrainedDynamics(robot.nv, self._m, robot.actuated, coordinate_parents(robot))
@@ -195,6 +196,7 @@ class TorqueProgram(Program):
     def prepare(self, state: State) -> None:
         """Compute inertia, forces and kinematics of the state."""
         state.dynamics()
+        self.loads.begin(state)
 
     def fill(
         self,
@@ -209,11 +211,12 @@ class TorqueProgram(Program):
         """
         rows, dynamics, m = self.assembly, self.dynamics, self._m
         self._state = state
+        lost = self.loads.take(state, references)
         mine = [r for r in given if r.name in rows.members] if given else given
         rows.fill(state, references, mine, [name for name in left_out if name in rows.members])
         for name in left_out:
             self._rest_in_place(name)
-        self._unusable = rows.unusable() + self.loads.take(references)
+        self._unusable = rows.unusable() + lost
         if self._unusable:
             return  # no elimination with constraints that are no numbers
         if self._self_motions:

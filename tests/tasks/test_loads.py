@@ -64,6 +64,56 @@ def test_a_payload_is_a_mass_in_the_model(robots: dict[str, Any], name: str, fra
             assert np.allclose(found[foot], expected[foot], atol=1e-6 * size)
 
 
+@pytest.mark.parametrize(("name", "frame"), [("cbi", "r_palm"), ("panda", "panda_hand")])
+def test_centres_of_mass_and_momenta_are_those_of_the_heavier_robot(
+    robots: dict[str, Any], name: str, frame: str
+) -> None:
+    robot, mass, com = robots[name], 3.0, np.array([0.1, -0.05, 0.2])
+    twin, rng = heavier(robot, frame, mass, com), np.random.default_rng(3)
+    other = heavier(twin, frame, 0.5, -com)
+    last = robot.model.frames[robot.frame(frame)].parentJoint
+    for loads, expected in (((frame, mass, com),), twin), (((frame, mass, com), (frame, 0.5, -com)), other):
+        q, v = robot.integrate(robot.home, rng.uniform(-0.3, 0.3, robot.nv), 1.0), rng.normal(size=robot.nv)
+        state, there = robot.state(q, v), expected.state(q, v)
+        state.loads = loads
+        for subtree in (0, last, int(robot.model.parents[last]), 1):
+            assert np.allclose(state.com(subtree), there.com(subtree), atol=1e-12)
+            assert np.allclose(state.com_jacobian(subtree), there.com_jacobian(subtree), atol=1e-12)
+            assert np.allclose(state.com_drift(subtree), there.com_drift(subtree), atol=1e-10)
+        for a, b in zip(state.momentum_map(), there.momentum_map(), strict=True):
+            assert np.allclose(a, b, atol=1e-9)
+
+
+@pytest.mark.parametrize("native", [True, False])
+def test_balance_sees_a_payload(robots: dict[str, Any], native: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Com, SupportPolygon and Momentum ask for the same torques as on the robot with the mass in its model."""
+    robot, frame, mass, com = robots["cbi"], "r_palm", 3.0, (0.1, -0.05, 0.2)
+    if not native:
+        monkeypatch.setattr(hqp.assembly, "native", None)
+    twin, load = heavier(robot, frame, mass, com), t.Payload(frame=frame)
+    centre, momentum = t.Com(axes="xy"), t.Momentum(linear="", angular="xyz")
+    polygon = t.SupportPolygon(sole=(-0.1, 0.12, -0.06, 0.06), margin=0.05)
+    arm = t.Com(subtree="r_elbow" if "r_elbow" in robot.model.names else robot.joint_names[-1], name="arm")
+    levels = Level(centre), Level(momentum), Level(arm), Level(t.Posture())
+    one = hqp.Controller(
+        Stack(*levels, subject_to=[*feet(robot), polygon, load]), hqp.Torque(), price=0, deadline=math.inf
+    )
+    two = hqp.Controller(Stack(*levels, subject_to=[*feet(robot), polygon]), hqp.Torque(), price=0, deadline=math.inf)
+    a, b = one.session(robot, DT), two.session(twin, DT)
+    rng, goal = np.random.default_rng(4), centre.at(twin.state().com()[:2] + [0.02, 0.01])
+    reach = arm.at(arm.value(twin.state()))
+    for k in range(3):
+        q, v = robot.integrate(robot.home, rng.uniform(-0.1, 0.1, robot.nv), 1.0), rng.normal(size=robot.nv) * 0.3
+        if k == 0:
+            q, v = robot.home, np.zeros(robot.nv)  # hold values: the posture's
+        x = a.step(robot.state(q, v), goal, reach, load.at(mass, com))
+        y = b.step(twin.state(q, v), goal, reach)
+        assert x.status is y.status is Status.OPTIMAL
+        assert np.allclose(x.command, y.command, atol=1e-6 * (1.0 + np.abs(y.command).max()))
+    blind = two.session(robot, DT).step(robot.state(q, v), goal, reach)
+    assert not np.allclose(blind.command, y.command, atol=1.0)
+
+
 @pytest.mark.parametrize("local", [False, True])
 @pytest.mark.parametrize(("name", "frame"), [("cbi", "r_palm"), ("panda", "panda_hand")])
 def test_a_wrench_is_one_of_pinocchio(robots: dict[str, Any], name: str, frame: str, local: bool) -> None:

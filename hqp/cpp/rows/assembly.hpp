@@ -13,8 +13,10 @@
 #include "com.hpp"
 #include "frames.hpp"
 #include "laws.hpp"
+#include "loads.hpp"
 #include "loop.hpp"
 #include "manipulability.hpp"
+#include "momentum.hpp"
 #include "plan.hpp"
 #include "wheels.hpp"
 
@@ -76,6 +78,23 @@ class Assembly {
     for (const auto& operation : operations_) operation->run(q.data(), v.data());
   }
   void demand(const Vector& v) { demands_->run(v.data()); }
+
+  // A load whose value is live; payloads count for centres of mass, too.
+  void load(const nb::object& object, const Vector& value) {
+    kept_.push_back(object);
+    const Plan plan(object, kept_);
+    const bool wrench = plan.name() == "ExternalWrench";
+    const hqp::Frame frame = plan.frame_of("frame");
+    const double* numbers = keep(value);
+    loads_.add({frame, numbers, wrench, wrench && plan.flag("local")});
+    if (wrench) return;
+    tree_.carry({frame.body, frame.position, frame.rotation, numbers});
+    tree_.need_motions();
+  }
+  // What they add to A (nv, nv), its upper triangle, and to b + g; of the latest run.
+  void loads(const WrittenColumns& A, const Written& bias, const Vector& gravity) {
+    loads_.apply(tree_, hqp::load(gravity.data()), A.data(), bias.data());
+  }
 
   // Where the reference of an element goes, and its hold value, None for one that is not there.
   void slot(const std::string& name, const std::optional<Written>& target, Ints shape,
@@ -183,6 +202,10 @@ class Assembly {
       return std::make_unique<hqp::Com>(hqp::Rows(out, tree_, {}, p.relative()), static_cast<int>(p.number("part")),
                                         p.ints("axes"));
     }
+    if (name == "Momentum") {
+      tree_.need_centres();
+      return std::make_unique<hqp::Momentum>(out, tree_, p.ints("picked"), p.list<hqp::Momentum::Inertia>("inertias"));
+    }
     if (name == "Joints") return std::make_unique<hqp::Posture>(out, p.joints());
     if (name == "Coupling")
       return std::make_unique<hqp::Coupling>(out, p.part("joints").joints(), p.numbers("coefficients"));
@@ -281,6 +304,7 @@ class Assembly {
   hqp::Tree tree_;
   std::vector<Operation> operations_;
   std::unique_ptr<hqp::Demands> demands_;
+  hqp::KnownLoads loads_;
   hqp::Loop loop_;
   nb::object solve_;
   const double* values_ = nullptr;

@@ -46,7 +46,7 @@ class Com final : public Operation, Rows {
   Vec3 relative_centre_drift(const Vec3& p, double share) const {
     Vec3 velocity{}, drift{};
     for (const int b : bodies_) {
-      const double m = share * tree_.bodies()[b].mass;
+      const double m = share * tree_.own_mass(b);
       velocity = velocity + m * tree_.motion(b).at(tree_.centre(b));
       drift = drift + m * tree_.point_drift(b, tree_.centre(b));
     }

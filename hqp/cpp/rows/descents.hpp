@@ -10,7 +10,6 @@
 
 namespace binding {
 
-using WrittenColumns = nb::ndarray<double, nb::ndim<2>, nb::f_contig, nb::device::cpu>;
 using Fixed = std::tuple<int, Numbers, Numbers, std::tuple<Written, WrittenColumns>>;  // parent, placement, live views
 using Joint = std::tuple<int, int, int, Numbers, Fixed>;                               // kind, q, v, axis
 using Members = std::vector<std::tuple<int, int, double, int>>;                        // hqp::Told

@@ -16,6 +16,14 @@ struct Body {  // a link and the joint that carries it; the first of a tree is t
   const double *position, *rotation;  // live placement, the rotation column-major
 };
 
+struct Carried {  // a point mass on a body; the placement of its frame and value are live
+  int body;
+  const double *position, *rotation;
+  const double* value;  // mass, and where in the frame's axes
+
+  Vec3 at() const { return load(position) + load_rotation(rotation) * load(value + 1); }
+};
+
 class Tree {
  public:
   Tree(std::vector<Body> bodies, const double* twists)
@@ -24,10 +32,12 @@ class Tree {
         motions_(bodies_.size()),
         drifts_(bodies_.size()),
         centres_(bodies_.size()),
+        own_(bodies_.size()),
         masses_(bodies_.size()),
         moments_(bodies_.size()) {
     for (std::size_t i = bodies_.size(); i-- > 0;) {
-      masses_[i] += bodies_[i].mass;
+      own_[i] = bodies_[i].mass;
+      masses_[i] += own_[i];
       if (i > 0) masses_[bodies_[i].parent] += masses_[i];
     }
     for (std::size_t i = 0; i < bodies_.size(); ++i) {
@@ -39,6 +49,7 @@ class Tree {
 
   void need_motions() { moving_ = true; }
   void need_centres() { weighing_ = true; }
+  void carry(Carried load) { carried_.push_back(load); }
 
   // Parents come before their children. A joint's own twists turn with its body: dJ_i/dt = V_i x J_i.
   void update(const double* v) {
@@ -57,6 +68,7 @@ class Tree {
       moments_[i] = body.mass * centres_[i];
     }
     if (weighing_) moments_[0] = {};
+    if (weighing_ && !carried_.empty()) take_up();
     for (std::size_t i = n; weighing_ && i-- > 1;)
       moments_[bodies_[i].parent] = moments_[bodies_[i].parent] + moments_[i];
   }
@@ -65,6 +77,7 @@ class Tree {
   int owner(int column) const { return owners_[column]; }                 // the body it moves
   const double* twist(int column) const { return twists_ + 6 * column; }  // (6,) of one tangent coordinate
   const std::vector<Body>& bodies() const { return bodies_; }
+  const std::vector<Carried>& carried() const { return carried_; }
 
   const Motion& motion(int body) const { return motions_[body]; }
   const Motion& drift(int body) const { return drifts_[body]; }  // rate of the motion at zero acceleration
@@ -72,20 +85,35 @@ class Tree {
     return drifts_[body].at(p) + cross(motions_[body].angular, motions_[body].at(p));
   }
 
+  double own_mass(int body) const { return own_[body]; }         // of the body with its payloads
   double mass(int body) const { return masses_[body]; }          // of the body and all it carries
   const Vec3& moment(int body) const { return moments_[body]; }  // their mass times their centre
-  const Vec3& centre(int body) const { return centres_[body]; }  // of the body alone
+  const Vec3& centre(int body) const { return centres_[body]; }  // of the body with its payloads
   bool carries(int carrier, int body) const {
     while (body > carrier) body = bodies_[body].parent;
     return body == carrier;
   }
 
  private:
+  void take_up() {  // masses and centres of the bodies with what they carry
+    for (std::size_t i = 0; i < bodies_.size(); ++i) own_[i] = bodies_[i].mass;
+    for (const Carried& load : carried_) {
+      const Vec3 p = load.at();
+      const int b = load.body;
+      own_[b] += load.value[0];
+      moments_[b] = moments_[b] + load.value[0] * p;
+      if (own_[b] != 0.0) centres_[b] = (1.0 / own_[b]) * moments_[b];
+    }
+    masses_ = own_;
+    for (std::size_t i = bodies_.size(); i-- > 1;) masses_[bodies_[i].parent] += masses_[i];
+  }
+
   std::vector<Body> bodies_;
   const double* twists_;  // (6, nv) column-major
   std::vector<Motion> motions_, drifts_;
   std::vector<Vec3> centres_;
-  std::vector<double> masses_;
+  std::vector<Carried> carried_;
+  std::vector<double> own_, masses_;
   std::vector<Vec3> moments_;
   std::vector<int> owners_;
   bool moving_ = false, weighing_ = false;

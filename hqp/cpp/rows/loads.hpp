@@ -1,0 +1,58 @@
+// Known loads in the equation of motion A qdd + b + g = ...: payloads and wrenches. See tasks/loads.py.
+#pragma once
+
+#include <vector>
+
+#include "relative_frame.hpp"
+
+namespace hqp {
+
+struct KnownLoad {
+  Frame frame;
+  const double* value;  // mass and point (3,) in the frame's axes of a payload; force and moment of a wrench
+  bool wrench, local;   // local: the wrench is in the frame's axes
+};
+
+class KnownLoads {
+ public:
+  void add(KnownLoad load) { loads_.push_back(std::move(load)); }
+
+  // A: (nv, nv) column-major, its upper triangle; bias: b + g (nv,).
+  void apply(const Tree& tree, const Vec3& gravity, double* A, double* bias) {
+    const int nv = tree.size();
+    for (const KnownLoad& load : loads_) {
+      const Vec3 origin = hqp::load(load.frame.position);
+      const Mat3 R = load_rotation(load.frame.rotation);
+      if (load.wrench) {
+        Vec3 force = hqp::load(load.value), moment = hqp::load(load.value + 3);
+        if (load.local) force = R * force, moment = R * moment;
+        moment = moment + cross(origin, force);
+        for (const int c : load.frame.columns) {
+          const double* t = tree.twist(c);
+          bias[c] -= dot(force, hqp::load(t)) + dot(moment, hqp::load(t + 3));
+        }
+        continue;
+      }
+      const double m = load.value[0];
+      if (m == 0.0) continue;
+      const Vec3 p = origin + R * hqp::load(load.value + 1);
+      const Vec3 a = tree.point_drift(load.frame.body, p) - gravity;
+      const std::vector<int>& columns = load.frame.columns;
+      speeds_.clear();
+      for (const int c : columns) {
+        const double* t = tree.twist(c);
+        speeds_.push_back(hqp::load(t) + cross(hqp::load(t + 3), p));
+        bias[c] += m * dot(speeds_.back(), a);
+      }
+      for (std::size_t j = 0; j < columns.size(); ++j)
+        for (std::size_t i = 0; i <= j; ++i)  // columns ascend
+          A[static_cast<std::ptrdiff_t>(columns[j]) * nv + columns[i]] += m * dot(speeds_[i], speeds_[j]);
+    }
+  }
+
+ private:
+  std::vector<KnownLoad> loads_;
+  std::vector<Vec3> speeds_;
+};
+
+}  // namespace hqp
