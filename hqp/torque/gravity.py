@@ -36,8 +36,9 @@ class Gravity:
         self._rows: Assembly | None = None
         others = np.setdiff1d(np.arange(robot.nv), robot.actuated)
         self._native = None
-        if native is not None and sum(e.rows(robot) for e in held) == others.size:
-            self._native = native.Holding(robot.actuated.tolist(), others.tolist())
+        constraints = sum(e.rows(robot) for e in held)
+        if native is not None and constraints >= others.size:
+            self._native = native.Holding(robot.actuated.tolist(), others.tolist(), constraints)
 
     @staticmethod
     def asked(given: Sequence[Reference]) -> bool:

@@ -88,13 +88,15 @@ def test_parents_are_the_pattern_of_the_inertia() -> None:
     assert carried.sum() < 0.6 * carried.size
 
 
-def test_native_holding_torque_equals_the_dense_one() -> None:
+@pytest.mark.parametrize("constraints", [3, 5, 12])
+def test_native_holding_torque_equals_the_dense_one(constraints: int) -> None:
     assert hqp.torque.dynamics.native is not None
     rng, actuated, others = np.random.default_rng(3), [1, 3, 4, 6], [0, 2, 5]
-    holding, tau = hqp.torque.dynamics.native.Holding(actuated, others), np.empty(4)
+    holding, tau = hqp.torque.dynamics.native.Holding(actuated, others, constraints), np.empty(4)
     for _ in range(20):
-        J, g = rng.normal(size=(3, 7)), rng.normal(size=7)
+        J, g = rng.normal(size=(constraints, 7)), rng.normal(size=7)
         J[0, 0] = 0.0  # another row has to go first
+        J[4:] = J[:1]  # what holds twice shares the load
         assert holding.torque(J, g, tau)
         expected = holding_torque(J, g, np.array(actuated))
         assert np.abs(tau - expected).max() < 1e-9 * np.abs(expected).max()

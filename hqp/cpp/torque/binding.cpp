@@ -127,7 +127,7 @@ NB_MODULE(_torque, module) {
       .def("motion", &TorqueRows::motion, "scale"_a, "rest"_a, "F"_a.noconvert(), "f"_a.noconvert())
       .def("run", &TorqueRows::run, "v"_a, "c"_a.none());
   nb::class_<hqp::Holding>(module, "Holding")
-      .def(nb::init<Ints, Ints>(), "actuated"_a, "others"_a)
+      .def(nb::init<Ints, Ints, int>(), "actuated"_a, "others"_a, "constraints"_a)
       .def(
           "torque",
           [](hqp::Holding& h, const Block& J, const Vector& g, const Written& tau) {
