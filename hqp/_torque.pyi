@@ -48,11 +48,11 @@ class TorqueRows:
         """All of it from the latest map; c for rows in the place of the map's own."""
 
 class Holding:
-    """``hqp.torque.gravity.holding_torque`` for no fewer constraints than ``others``, the coordinates without a motor."""
+    """``hqp.torque.gravity.holding_torque`` for no fewer constraints than ``others``, coordinates without a motor."""
 
     def __init__(self, actuated: Sequence[int], others: Sequence[int], constraints: int) -> None: ...
     def torque(self, J: Mat, g: Vec, tau: Vec) -> bool:
-        """tau = g - J^T f on the actuated coordinates, f zeroing it on the others, of several that of least norm with tau.
+        """tau = g - J^T f on the actuated coordinates, f zeroing it on the others; of several f that of least norm.
 
         False where no f does.
         """

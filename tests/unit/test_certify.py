@@ -28,9 +28,10 @@ def projector(problem: Hierarchy, levels: int | None = None) -> np.ndarray:
     return x
 
 
-def planted(rng: Generator, scales: bool = False) -> tuple[Hierarchy, np.ndarray]:
+def planted(rng: Generator, scales: bool = False, lean: float = 1.0) -> tuple[Hierarchy, np.ndarray]:
     """A hierarchy whose unique optimum is known: rows are drawn, then bent so that multipliers of the right
-    sign close the optimality conditions of every level at a chosen x."""
+    sign, those of inequalities about as large as ``lean``, close the optimality conditions of every level at a
+    chosen x."""
     n, x = 7, rng.normal(size=7)
     above: list[tuple[np.ndarray, np.ndarray]] = []  # per level: rows that can carry a multiplier, its sign (0 free)
     levels = []
@@ -40,7 +41,9 @@ def planted(rng: Generator, scales: bool = False) -> tuple[Hierarchy, np.ndarray
         kind = np.zeros(m, dtype=int) if last else rng.integers(0, 4, size=m)  # equality, violated, active, inactive
         force = np.zeros(n)
         for A, sign in above:
-            weight = np.where(sign == 0, rng.normal(size=sign.size), sign * rng.uniform(0.1, 1.0, size=sign.size))
+            weight = np.where(
+                sign == 0, rng.normal(size=sign.size), lean * sign * rng.uniform(0.1, 1.0, size=sign.size)
+            )
             force += A.T @ (weight * (rng.random(sign.size) < 0.6))
         w = np.where(kind == 0, rng.normal(size=m), 0.0)
         w[kind == 1] = rng.uniform(0.2, 1.0, size=int(np.sum(kind == 1)))
@@ -146,6 +149,29 @@ def test_a_lower_level_may_not_lean_on_a_bound_from_the_wrong_side() -> None:
     assert not certificate(Hierarchy((rows, wish)), np.array([0.5, 0.5])).ok
     wish = Rows(np.eye(2), np.ones(2), np.ones(2))
     assert certificate(Hierarchy((rows, wish)), np.array([0.5, 0.5])).ok
+
+
+@pytest.mark.parametrize("seed", [974, 1805, 2221])
+def test_a_row_that_holds_a_level_back_a_little_is_fixed_for_those_below(seed: int) -> None:
+    """With LOCK_TOLERANCE a thousand times as large each of these accepts a neighbour of the optimum: of a row that is
+    left free where the level above has fixed it rounding alone is left, and that leans on anything."""
+    rng = np.random.default_rng(seed)
+    problem, x = planted(rng, lean=10 ** rng.uniform(-4.0, 0.0))
+    assert certificate(problem, x).ok
+    for step in rng.normal(size=(5, 7)):
+        assert not certificate(problem, x + 10 ** rng.uniform(-5.0, -2.0) * (step / np.linalg.norm(step))).ok
+
+
+def test_rows_violated_from_below_are_fixed_for_those_below() -> None:
+    apart = Rows(np.array([[1.0, 0.0], [-1.0, 0.0]]), np.ones(2), np.full(2, np.inf))  # x_0 >= 1 and x_0 <= -1
+    wish = Rows(np.eye(2), np.array([2.0, 3.0]), np.array([2.0, 3.0]))
+    for sign in (1.0, -1.0):  # from above as well
+        low, high = (apart.lower, apart.upper) if sign > 0.0 else (-apart.upper, -apart.lower)
+        verdict = certificate(Hierarchy((Rows(sign * apart.A, low, high), wish)), np.array([0.0, 3.0]))
+        assert verdict.ok
+        assert verdict.ranks == (1, 1, 0)
+        assert np.count_nonzero(verdict.multipliers[1][:2]) == 2  # of equalities, shared between them: not of one side
+        assert not certificate(Hierarchy((Rows(sign * apart.A, low, high), wish)), np.array([0.1, 3.0])).ok
 
 
 def test_the_completion_is_judged() -> None:
