@@ -229,12 +229,11 @@ def too_fast(program: Program, name: str, w: Vec, v: Vec) -> bool:
 
 def _unpriced(problem: Hierarchy) -> tuple[Stages, Mat] | None:
     """Stages of a hierarchy without prices: none to solve, but they know its rows."""
-    from hqp.solvers.stages import row_arrays
+    from hqp.solvers.stages import row_arrays, stages_of
 
     levels = len(problem.levels)
-    assert native is not None
     try:
-        stages = native.Stages(problem.n, [rows.m for rows in problem.levels], [0] * levels)
+        stages = stages_of(problem.n, [rows.m for rows in problem.levels], [False] * levels)
         nothing = np.zeros(levels)
         stages.bind([row_arrays(rows) for rows in problem.levels], [None] * levels, nothing, nothing, None, None, False)
     except TypeError:  # rows that lie otherwise in memory

@@ -23,13 +23,7 @@ import numpy as np
 
 from hqp.arrays import Mat, Vec
 from hqp.problem import Hierarchy, Motion, Rows
-from hqp.tolerances import MET_TOLERANCE
-
-ZERO = 1e-12
-"""A row's slack below this fraction of its level's terms is zero."""
-
-FLAT = 1e-7
-"""Directions without motion get this fraction of the largest column of F, so that the least ||x|| is taken there."""
+from hqp.tolerances import FLAT_TOLERANCE, MET_TOLERANCE, SLACK_TOLERANCE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +45,7 @@ class Coordinates:
         F, f = motion.F, motion.f
         if F.ndim == 1:
             return Coordinates(np.zeros(n) if f is None else f / F, 1.0 / F, F)
-        flat = FLAT * float(np.sqrt(np.einsum("ij,ij->j", F, F).max(initial=0.0))) or 1.0
+        flat = FLAT_TOLERANCE * float(np.sqrt(np.einsum("ij,ij->j", F, F).max(initial=0.0))) or 1.0
         Q, R = np.linalg.qr(np.concatenate([F, flat * np.eye(n)]))
         P = np.asarray(np.linalg.solve(R, np.eye(n)), dtype=np.float64)
         return Coordinates(np.zeros(n) if f is None else P @ (f @ Q[: F.shape[0]]), P, R)
@@ -101,7 +95,9 @@ def handed_down(rows: Rows, x: Vec, still: Vec, share: float, guard: float | Non
         w, y = rows.slack(x), A @ x
         norm = float(np.sqrt(w @ w))
         width = share * norm / np.sqrt(rows.m)
-        fixed = ((lower == upper) | (np.abs(w) > ZERO * _size(rows, x))) & ((lower > -np.inf) | (upper < np.inf))
+        fixed = ((lower == upper) | (np.abs(w) > SLACK_TOLERANCE * _size(rows, x))) & (
+            (lower > -np.inf) | (upper < np.inf)
+        )
         lower[fixed], upper[fixed] = y[fixed] - width, y[fixed] + width
         u = -w / norm
         made = float(u @ (y - A @ still))

@@ -36,6 +36,12 @@ ACTIVITY_TOLERANCE = 1e-9
 MET_TOLERANCE = 1e-10
 """Of the terms of a row or level: a residual below this fraction is zero."""
 
+SLACK_TOLERANCE = 1e-12
+"""Of its level's terms: a row's slack below this fraction is zero, in what a priced level hands down."""
+
+FLAT_TOLERANCE = 1e-7
+"""Directions without motion get this fraction of the largest column of F, so that the least ||x|| is taken there."""
+
 LOCK_TOLERANCE = 1e-5
 """The certificate takes a met row as fixed for the levels below above this relative multiplier."""
 

@@ -10,7 +10,7 @@ hand down (hqp.pricing).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from time import perf_counter
@@ -22,7 +22,13 @@ from hqp.arrays import Mat, Signs, Vec, longest_row
 from hqp.pricing import Coordinates, after_stages, at_optimum, feasible_set, is_met, room, stack_rows
 from hqp.problem import SHARE, Hierarchy, Rows, Selection, Shape, Solution, Stats, Status
 from hqp.solvers.base import Described, Workspace, check_shape, describe, finish
-from hqp.tolerances import ACTIVITY_TOLERANCE, VIOLATION_TOLERANCE
+from hqp.tolerances import (
+    ACTIVITY_TOLERANCE,
+    FLAT_TOLERANCE,
+    MET_TOLERANCE,
+    SLACK_TOLERANCE,
+    VIOLATION_TOLERANCE,
+)
 
 try:
     from hqp import _priced as native_stages
@@ -115,9 +121,7 @@ class StagedWorkspace:
         self._last = exact(replace(shape, rows=rows, selections=selections, inequalities=True, priced=()))
         self._latest = self._exact
         self._make, self._workspaces = exact, dict[Shape, Workspace]()
-        self._native = (
-            native_stages.Stages(shape.n, list(shape.rows), list(shape.priced)) if native and native_stages else None
-        )
+        self._native = stages_of(shape.n, shape.rows, shape.priced) if native and native_stages else None
         self._points: Mat = np.full((len(rows), shape.n), np.nan)
         self._end: Vec = np.zeros(shape.n)
         ends = np.concatenate(([0], np.cumsum(shape.rows))).astype(int).tolist()
@@ -348,6 +352,12 @@ class StagedWorkspace:
             self._workspaces[shape] = self._make(shape)
         answer = self._workspaces[shape].solve(problem)
         return answer.x if np.isfinite(answer.x).all() else otherwise
+
+
+def stages_of(n: int, rows: Sequence[int], priced: Sequence[bool]) -> native_stages.Stages:
+    """Native stages of a hierarchy, to be bound to its arrays."""
+    tolerances = MET_TOLERANCE, SLACK_TOLERANCE, FLAT_TOLERANCE
+    return native_stages.Stages(n, list(rows), [int(p) for p in priced], *tolerances)
 
 
 def row_arrays(rows: Rows) -> tuple[object, ...]:

@@ -51,16 +51,18 @@ class Turn {
 
 class Stages {
  public:
-  Stages(int n, const std::vector<int>& rows, const std::vector<int>& priced) : n_(n), rows_(rows), priced_(priced) {
+  Stages(int n, const std::vector<int>& rows, const std::vector<int>& priced, double met, double zero, double flat)
+      : n_(n), rows_(rows), priced_(priced) {
+    const hqp::Tolerances tolerances{met, zero, flat};
     if (n < 1 || rows.size() != priced.size()) refuse("a level is priced or not");
     std::unique_ptr<bool[]> marks(new bool[priced.size()]);
     for (std::size_t k = 0; k < priced.size(); ++k) marks[k] = priced[k] != 0;
     const int levels = static_cast<int>(rows.size());
 #if defined(HQP_AVX2)
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
-      stages_.reset(hqp::make_stages_avx2(n, levels, rows.data(), marks.get()));
+      stages_.reset(hqp::make_stages_avx2(n, levels, rows.data(), marks.get(), tolerances));
 #endif
-    if (!stages_) stages_.reset(hqp::make_stages_generic(n, levels, rows.data(), marks.get()));
+    if (!stages_) stages_.reset(hqp::make_stages_generic(n, levels, rows.data(), marks.get(), tolerances));
   }
 
   // levels: (A or None, index or None, scale or None, lower, upper); handed: (A, lower, upper) or None where a level
@@ -192,7 +194,8 @@ class Stages {
 NB_MODULE(_priced, m) {
   m.doc() = "Native stages of levels with a price.";
   nb::class_<Stages>(m, "Stages")
-      .def(nb::init<int, const std::vector<int>&, const std::vector<int>&>(), "n"_a, "rows"_a, "priced"_a)
+      .def(nb::init<int, const std::vector<int>&, const std::vector<int>&, double, double, double>(), "n"_a, "rows"_a,
+           "priced"_a, "met"_a, "zero"_a, "flat"_a)
       .def("bind", &Stages::bind, "levels"_a, "handed"_a, "prices"_a, "shares"_a, "F"_a.none(), "f"_a.none(),
            "guard"_a.none())
       .def("solve", &Stages::solve, "x"_a, "stages"_a, "last"_a, "head"_a = 0)

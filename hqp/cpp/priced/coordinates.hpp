@@ -10,11 +10,11 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kFlat = 1e-7;  // directions without motion get this fraction of the largest column of F
-
 class Coordinates {
  public:
-  explicit Coordinates(int n) : n_(n), ld_(padded(n)), still_(n, 0.0), inverse_(n, 1.0), unit_(n, 1.0) {}
+  // flat: directions without motion get this fraction of the largest column of F.
+  Coordinates(int n, double flat)
+      : n_(n), ld_(padded(n)), flat_(flat), still_(n, 0.0), inverse_(n, 1.0), unit_(n, 1.0) {}
 
   // F: (r, n), or its diagonal where r = 0, or null for the identity; f: (r), (n) for a diagonal, or null.
   void set(const double* F, const double* f, int r) {
@@ -84,7 +84,7 @@ class Coordinates {
       x[i] = (x[i] - dot_any(&R_[i * ld_ + i + 1], x + i + 1, n_ - i - 1)) / R_[i * ld_ + i];
   }
 
-  // Q R = [F; kFlat |F| I] by reflections, rows of the second block entering one by one.
+  // Q R = [F; flat |F| I] by reflections, rows of the second block entering one by one.
   void factor(const double* F, const double* f, int r) {
     const int rows = r + n_;
     work_.assign(static_cast<std::size_t>(rows) * (n_ + 1), 0.0);
@@ -100,7 +100,7 @@ class Coordinates {
       }
       largest = larger(largest, square);
     }
-    const double flat = largest > 0.0 ? kFlat * std::sqrt(largest) : 1.0;
+    const double flat = largest > 0.0 ? flat_ * std::sqrt(largest) : 1.0;
     for (int j = 0; j < n_; ++j) work_[static_cast<std::size_t>(j) * rows + r + j] = flat;
     double* target = &work_[static_cast<std::size_t>(n_) * rows];
     if (f) std::copy(f, f + r, target);
@@ -123,6 +123,7 @@ class Coordinates {
   }
 
   int n_, ld_;
+  double flat_;
   bool diagonal_ = true;
   std::vector<double> still_, inverse_, unit_, R_, work_, parts_;
 };

@@ -17,15 +17,15 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kMet = 1e-10;      // ||w|| below this fraction of a level's terms is zero
 constexpr double kHolds = 1e-9;     // rows hold at the point of least motion, relative to 1 + |value|
 constexpr double kDepends = 1e-10;  // a row's square below this fraction of itself, off the rows before, is dependent
 constexpr int kRounds = 8;          // working sets tried for a level
 
 class Settled {
  public:
-  Settled(int n, const std::vector<PricedLevel>& levels, int rows)
+  Settled(int n, const std::vector<PricedLevel>& levels, int rows, double met)
       : n_(n),
+        met_(met),
         ld_(padded(n)),
         width_(padded(rows + 1)),
         level_(levels),
@@ -70,7 +70,7 @@ class Settled {
     for (int i = 0; i < level.m && consistent_; ++i) {
       if (level.left_out(i)) continue;
       const double value = at_point(level, i, exact_);
-      const bool off = std::abs(slack(value, level.lower[i], level.upper[i])) > kMet * (1.0 + std::abs(value));
+      const bool off = std::abs(slack(value, level.lower[i], level.upper[i])) > met_ * (1.0 + std::abs(value));
       if (level.lower[i] == level.upper[i] || off) {
         consistent_ = append(level, i, value, 0);
         independent_ = independent_ && kept_[count_ - 1];
@@ -219,7 +219,9 @@ class Settled {
     return std::sqrt(square);
   }
 
-  int n_, ld_, width_;
+  int n_;
+  double met_;
+  int ld_, width_;
   const std::vector<PricedLevel>& level_;
   std::vector<std::vector<int>> warm_;  // of each level: a row's number + 1, negative at its lower bound
   std::vector<int> first_;

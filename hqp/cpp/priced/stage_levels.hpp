@@ -16,21 +16,21 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kZero = 1e-12;        // a row's slack below this fraction of its level's terms is zero
 constexpr double kSlackMotion = 1e-5;  // slacks of inequality rows count this much as motion
 
 class StageLevels final : public PricedStages {
  public:
-  StageLevels(int n, int levels, const int* m, const bool* priced)
+  StageLevels(int n, int levels, const int* m, const bool* priced, const Tolerances& tolerances)
       : n_(n),
         level_(sized(levels, m)),
         handed_(levels),
         priced_(priced, priced + levels),
         warm_(levels),
-        at_(n),
+        tolerances_(tolerances),
+        at_(n, tolerances.flat),
         ends_(levels),
         accounts_(n),
-        settled_(n, level_, total(levels, m)),
+        settled_(n, level_, total(levels, m), tolerances.met),
         search_(total(levels, m) + levels, n + most(levels, m)) {
     last_ = -1;
     for (int k = 0; k < levels; ++k)
@@ -203,7 +203,7 @@ class StageLevels final : public PricedStages {
       size = larger(size, terms + std::abs(bound));
     }
     const double norm = std::sqrt(square);
-    if (norm <= kMet * size) return false;
+    if (norm <= tolerances_.met * size) return false;
     const double width = shares_[k] * norm / std::sqrt(static_cast<double>(level.m));
     double made = 0.0, base = 0.0;
     for (int i = 0; i < level.m; ++i) {
@@ -212,7 +212,7 @@ class StageLevels final : public PricedStages {
       made += u * (value - dot_any(a, at_.still(), n_));
       base += u * value;
       add_any(guard, a, u, n_);
-      if (!level.left_out(i) && (level.lower[i] == level.upper[i] || std::abs(w_[i]) > kZero * size)) {
+      if (!level.left_out(i) && (level.lower[i] == level.upper[i] || std::abs(w_[i]) > tolerances_.zero * size)) {
         out.lower[i] = value - width;
         out.upper[i] = value + width;
       }
@@ -231,7 +231,7 @@ class StageLevels final : public PricedStages {
     for (int i = 0; i < level.m; ++i) {
       if (level.left_out(i)) continue;
       const double value = dot_any(row(level, i), x, n_), w = slack(value, low_[i], high_[i]);
-      if (low_[i] == high_[i] || std::abs(w) > kMet * (1.0 + std::abs(value))) low_[i] = high_[i] = value;
+      if (low_[i] == high_[i] || std::abs(w) > tolerances_.met * (1.0 + std::abs(value))) low_[i] = high_[i] = value;
     }
   }
 
@@ -309,6 +309,7 @@ class StageLevels final : public PricedStages {
   std::vector<bool> priced_;
   std::vector<std::vector<int>> warm_;
   const double *prices_ = nullptr, *shares_ = nullptr, *F_ = nullptr, *f_ = nullptr;
+  Tolerances tolerances_;
   Coordinates at_;
   std::vector<StageEnd> ends_;
   std::vector<int> row_of_;

@@ -3,8 +3,8 @@
 
 namespace hqp {
 
-PricedStages* HQP_MAKE(int n, int levels, const int* m, const bool* priced) {
-  return new StageLevels(n, levels, m, priced);
+PricedStages* HQP_MAKE(int n, int levels, const int* m, const bool* priced, const Tolerances& tolerances) {
+  return new StageLevels(n, levels, m, priced, tolerances);
 }
 
 }  // namespace hqp

@@ -42,6 +42,12 @@ struct AccountRows {
   bool guards = false;
 };
 
+// Of a level's terms: ||w|| below `met` and a row's slack below `zero` are zero.  flat: directions without motion get
+// this fraction of the largest column of F.
+struct Tolerances {
+  double met, zero, flat;
+};
+
 class PricedStages {
  public:
   virtual ~PricedStages() = default;
@@ -65,7 +71,7 @@ class PricedStages {
   virtual void account(const AccountRows& rows, double* numbers, double* shares, double* worth) = 0;
 };
 
-PricedStages* make_stages_generic(int n, int levels, const int* m, const bool* priced);
-PricedStages* make_stages_avx2(int n, int levels, const int* m, const bool* priced);
+PricedStages* make_stages_generic(int n, int levels, const int* m, const bool* priced, const Tolerances& tolerances);
+PricedStages* make_stages_avx2(int n, int levels, const int* m, const bool* priced, const Tolerances& tolerances);
 
 }  // namespace hqp
