@@ -266,7 +266,7 @@ class Session:
             worst = b if b.held else a
             self._rest = second._rest  # of the contacts that the robot stands on now
             tick = self._held_tick(state, worst.solution, worst.notes, fit=worst.fit)
-            tick.program = second.program
+            tick.take_place_of(worst)
             return tick
         last = self._x
         waits = bearing(first.program, a.x, transition.released) if transition.released else ()

@@ -107,10 +107,19 @@ class Tick:
             self._notes = self._notes()
         return self._notes
 
+    def take_place_of(self, tick: Tick) -> None:
+        """Tell of the rows of another tick, whose solution this one has."""
+        self._session, self._count, self.program = tick._session, tick._count, tick.program
+
     @property
     def state(self) -> State:
         """The state of the tick; of a tick that was pickled its plain numbers."""
         return self._state
+
+    @property
+    def session(self) -> Session | None:
+        """Whose rows the tick has: the session, in a transition one of those that it blends; None once pickled."""
+        return self._session
 
     @property
     def jump(self) -> Jump:

@@ -30,6 +30,7 @@ class _Shown:
     status: Status
     notes: tuple[Note, ...]
     times: None = None
+    session: None = None
 
 
 class ReplayView(View):

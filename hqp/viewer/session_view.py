@@ -57,6 +57,7 @@ class View:
         title: str = "",
     ) -> None:
         self.session, self.period = session, period
+        self._run = session  # whose rows the tick that is shown has: in a transition another one
         self._codes = {status: i for i, status in enumerate(STATUSES)}
         self._version = 0
         self._program: Any = None
@@ -94,7 +95,8 @@ class View:
     def show(self, state: State, tick: Tick, *references: Reference) -> None:
         """Show a tick that the session has just made; costs a few microseconds."""
         clock = perf_counter()
-        if self.session.program is not self._program:
+        self._run = tick.session or self.session
+        if self._run.program is not self._program:
             self._describe()
         # a tick is taken apart and copied in batches: most ticks pay for being kept, not for cold memory
         self._batch.append((clock, state, tick))
@@ -158,11 +160,11 @@ class View:
         """After a change of stack: new sizes, new targets at their hold values."""
         self._flush()
         self._version += 1
-        description = describe_stack(self.session, self._version)
+        description = describe_stack(self._run, self._version)
         used = sum(description.sizes)
         if used > self._channel.layout.room:
             raise HqpError("the new stack is more than twice as large as the one the viewer was started with")
-        self._program, self.description = self.session.program, description
+        self._program, self.description = self._run.program, description
         self._pickled = pickle.dumps(description, 5)
         self._channel.set_used(used)
         self._nothing = np.full(used - sum(description.sizes[:3]), np.nan)
@@ -220,30 +222,30 @@ class View:
 
     def _fast(self, tick: Tick) -> frozenset[str]:
         """Elements that lack the rate of their reference more than its place."""
-        program, solution = self.session.program, tick.solution
+        program, solution = self._run.program, tick.solution
         assert solution is not None
         lack = {n: solution.residuals[p.level][p.part] / p.element.weight for n, p in program.places.items()}
         return frozenset(n for n, w in lack.items() if too_fast(program, n, w, tick.state.v))
 
     def _problem(self) -> Hierarchy:
         """The hierarchy of the tick that is shown."""
-        return self.session.program.problem
+        return self._run.program.problem
 
     def _row_names(self) -> dict[str, tuple[str, ...]]:
         """Names of rows that change from tick to tick: the pairs of a collision avoidance that are near."""
-        named = (e for e in self.session.stack if isinstance(e, CollisionAvoidance))
+        named = (e for e in self._run.stack if isinstance(e, CollisionAvoidance))
         return {e.name: tuple(e.row_names(self.session.robot)) for e in named}
 
     def _contact_forces(self, tick: Tick) -> dict[str, Vec]:
         """Forces and moments of contacts at torque level."""
-        forces = getattr(self.session.program, "contact_forces", None)
+        forces = getattr(self._run.program, "contact_forces", None)
         return {} if forces is None or tick.solution is None else dict(forces(tick.solution.x))
 
     def _snapshot(self, tick: Tick) -> None:
         """Publish the rows of this tick, from which the page's process tells what holds what back."""
         problem, solution = self._problem(), tick.solution
         assert solution is not None
-        held = getattr(self.session, "_holds", {})
+        held = getattr(self._run, "_holds", {})
         for name, index in self._places.items():
             if name not in self._shown and name in held:
                 self._channel.set_current(index, np.asarray(held[name].value).ravel()[: TARGET - 1])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import hqp
 from benchmarks.changes import DT, LEVELS, ROBOTS, Loop, lifted, measure, stack
 from hqp import PD, Level, P, Stack, Status
 from hqp.errors import DeclarationError, FrameNotFound, ModelError
+from hqp.recorder import load as load_recording
 from hqp.robots import Robot
 from hqp.tasks import (
     CenterOfPressure,
@@ -25,6 +27,7 @@ from hqp.tasks import (
     UnilateralContact,
 )
 from hqp.transition import LARGEST_CHANGE, Transition, inverse, smooth
+from hqp.viewer.session_view import View
 from hqp.waypoints import Waypoint, path, unloaded
 
 EVERY_LEVEL = pytest.mark.parametrize("level", LEVELS)
@@ -254,6 +257,49 @@ def test_the_way_of_a_change_of_contacts(robot: Robot) -> None:
     with pytest.raises(DeclarationError, match="no contact is left on the way"):
         run.change(points, 0.2)
     assert run.stack == whole
+
+
+class Unserved(View):
+    """A viewer's side of the loop alone."""
+
+    def _start(self, host: str, port: int, title: str) -> None:
+        self._hurry, self.period = True, 0.0
+
+    def close(self) -> None:
+        """Nothing is served."""
+
+
+def test_every_tick_of_a_change_tells_of_its_own_rows(robot: Robot, tmp_path: Path) -> None:
+    """Stacks on the way have other rows than the last one: explained, recorded and shown all the same."""
+    whole = stack(robot, "torque")
+    loop = Loop(robot, whole, "torque")
+    loop.shift(100)
+    recorder = loop.run.record(ticks=120, on="never", to=tmp_path)
+    view = Unserved(loop.run)
+    loop.run.change(lifted(whole, robot), 0.02)
+    names, start = [], len(loop.ticks)
+    while len(loop.ticks) == start or loop.ticks[-1].transition < 1.0:
+        state = robot.state(loop.q, loop.v)
+        if len(loop.ticks) == start + 3:
+            tick = loop.run.step(robot.state(np.full(robot.nq, np.nan)), *loop.goals(1.0))
+            view.show(state, tick)
+        (tick,) = loop.go(1, loop.goals(1.0))
+        view.show(state, tick, *loop.goals(1.0))
+        names.append({account.element for account in tick.explain().accounts})
+        assert set(tick.account().elements) == names[-1]
+    view._flush()
+    right = robot.landmarks["soles"][1]
+    assert f"{right} bears nothing" in names[0]
+    assert f"{right} carried" not in names[0]
+    assert right not in names[-1]
+    recorder.dump()
+    recorder.wait()
+    for recorded in load_recording(recorder.files[0]):
+        if recorded.solution is not None:
+            slacks = recorded.problem.slacks(recorded.solution.x)
+            assert all(
+                np.allclose(w, own, atol=1e-9) for w, own in zip(slacks, recorded.solution.residuals, strict=True)
+            )
 
 
 def test_what_is_told_while_a_foot_is_released_is_held_on_the_feet_that_stand(robot: Robot) -> None:
