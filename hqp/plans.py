@@ -189,7 +189,9 @@ class Constant:
 @dataclass(frozen=True, eq=False)
 class Collision:
     """Capsules of links (body, ends in its axes, radius), shapes of the world (kind 0 capsule, 1 box, 2 half-space, and
-    size), the columns that move each body, pairs of shapes with clearances, and live slots; reference: poses.
+    size), the columns that move each body, pairs of shapes with clearances, and live slots.
+
+    reference ``(n, 6, 4)``: a shape's pose ``(4, 4)``, velocity and angular velocity, three numbers and a zero each.
     """
 
     links: tuple[tuple[int, tuple[float, ...], float], ...]

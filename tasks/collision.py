@@ -35,6 +35,8 @@ class CollisionAvoidance(Inequality):
     A row is free beyond the influence and comes in without a jump.  d is between the robot's capsules
     (``robot.capsules``) and those of its other links, or the shapes of ``world``.
 
+    Shapes of the world move as ``at`` says: with w the rate of the distance by that, each row is J v >= -a(h) - w.
+
     pairs: ``"auto"``, all links that are more than three joints apart and apart at home; or pairs of names, each a
     link, a joint group or a shape of the world; or the path of an SRDF, whose disabled pairs are left out of "auto";
     ``"world"``, links against the world only.  world: shapes of ``hqp.shapes``, which ``at`` moves.
@@ -96,30 +98,47 @@ class CollisionAvoidance(Inequality):
         return scene(self, robot).row_names()
 
     def poses(self, value: Mat | None = None) -> Mat:
-        """Poses of the world's shapes ``(n, 4, 4)``: those declared, or those given."""
-        return np.array([s.pose for s in self.world]).reshape(-1, 4, 4) if value is None else value
+        """The world's shapes ``(n, 6, 4)``, declared at rest, or as given: pose ``(4, 4)``, then velocity of the origin
+        and angular velocity, world axes, three numbers and a zero each."""
+        if value is not None and value.shape[1:] == (6, 4):
+            return value
+        found = np.zeros((len(self.world), 6, 4))
+        found[:, :4] = np.array([s.pose for s in self.world]).reshape(-1, 4, 4) if value is None else value
+        return found
 
     def hold(self, state: State) -> Reference:
         """The world as it was declared."""
         return Reference(self.name, self.poses())
 
-    def at(self, poses: Mapping[str, Any]) -> Reference:
+    def at(self, poses: Mapping[str, Any], velocity: Mapping[str, Any] | None = None) -> Reference:
         """Shapes of the world at poses ``(4, 4)`` or positions ``(3,)`` [m], by name; the others as declared.
 
-        Raises DeclarationError for an unknown name or a pose that is none.
+        velocity: of shapes that move, ``(3,)`` of the origin [m/s], or ``(6,)`` with the angular velocity [rad/s],
+        world axes; it does not change within the tick.  Raises DeclarationError for an unknown name, and for a pose or
+        a velocity that is none.
         """
-        value, names = self.poses(), [s.name for s in self.world]
+        value = self.poses()
         for name, pose in poses.items():
-            if name not in names:
-                raise self.invalid("shape", name, ", ".join(names) or "none: the element has no world")
-            given = np.asarray(pose, dtype=np.float64)
+            i, given = self._shape(name), np.asarray(pose, dtype=np.float64)
             if given.shape == (3,):
-                value[names.index(name), :3, 3] = given
+                value[i, :3, 3] = given
             elif given.shape == (4, 4):
-                value[names.index(name)] = given
+                value[i, :4] = given
             else:
                 raise self.invalid(f"pose of {name}", pose, "a matrix (4, 4) or a position (3,) [m]")
+        for name, rate in (velocity or {}).items():
+            i, given = self._shape(name), np.asarray(rate, dtype=np.float64)
+            if given.shape not in ((3,), (6,)):
+                raise self.invalid(f"velocity of {name}", rate, "(3,) [m/s], or (6,) with an angular velocity [rad/s]")
+            value[i, 4, :3] = given[:3]
+            value[i, 5, :3] = given[3:] if given.size == 6 else 0.0
         return Reference(self.name, value)
+
+    def _shape(self, name: str) -> int:
+        names = [s.name for s in self.world]
+        if name not in names:
+            raise self.invalid("shape", name, ", ".join(names) or "none: the element has no world")
+        return names.index(name)
 
     def near(self, state: State, value: Mat | None = None) -> list[Near | None]:
         """What is in each slot: its pair, distance, normal and nearest point; None for a free slot."""
@@ -141,12 +160,19 @@ class CollisionAvoidance(Inequality):
 
     def drift(self, state: State, value: Mat | None = None) -> Vec:
         """dJ/dt v ``(m,)``: how the rate of each distance changes at zero acceleration, nearest points sliding."""
-        own, drift = scene(self, state.robot), np.zeros(self.rows(state.robot))
-        motions, poses = Motions(state), self.poses(value)
+        motions, drift = self._motions(state, value), np.zeros(self.rows(state.robot))
         for i, found in enumerate(self.near(state, value)):
             if found is not None:
-                drift[i] = motions.drift(own, found, poses)
+                drift[i] = motions.drift(found)
         return drift
+
+    def carried(self, state: State, value: Mat | None = None) -> Vec:
+        """Rates of the distances ``(m,)`` [m/s] by the motion of the world's shapes."""
+        motions, near = self._motions(state, value), self.near(state, value)
+        return np.array([0.0 if found is None else motions.carried(found) for found in near])
+
+    def _motions(self, state: State, value: Mat | None) -> Motions:
+        return Motions(state, scene(self, state.robot), self.poses(value))
 
     def approach(self, found: Near) -> float:
         """-a(h) of one pair: the least rate of its distance [m/s]."""
@@ -174,11 +200,11 @@ class CollisionAvoidance(Inequality):
 
     def step_bounds(self, state: State, dt: float, order: int, value: Mat | None = None) -> tuple[Vec, Vec]:
         """(lower, upper) ``(m,)`` of J x; upper is infinite."""
-        near = self.near(state, value)
+        near, carried = self.near(state, value), self.carried(state, value)
         if order == 1:
-            lower = np.array([-math.inf if n is None else self.approach(n) for n in near])
+            lower = np.array([-math.inf if n is None else self.approach(n) for n in near]) - carried
         else:
-            speeds = self.jacobian(state, value) @ state.v
+            speeds = self.jacobian(state, value) @ state.v + carried
             least = [-math.inf if n is None else self.braking(n, u) for n, u in zip(near, speeds, strict=True)]
             lower = np.array(least) - self.drift(state, value)
         return lower, np.full(lower.size, math.inf)
@@ -188,49 +214,74 @@ class CollisionAvoidance(Inequality):
         if any(shape.is_mesh for shape in self.world):
             return None
         own = scene(self, robot)
-        shape = (len(self.world), 4, 4) if self.world else ()
+        shape = (len(self.world), 6, 4) if self.world else ()
         return plans.Collision(*own.tables(), own.slots, self.influence, self.rate, self.recovery, STEP, shape)
 
 
 class Motions:
-    """Velocities of a robot's bodies and their rates at zero acceleration, ``(6,)`` at the world's origin."""
+    """Velocities of a scene's shapes and their rates at zero acceleration, ``(6,)`` at the world's origin.
 
-    def __init__(self, state: State) -> None:
-        robot = state.robot
-        self._bodies = robot.bodies
-        self._velocity, self._rate = np.zeros((2, len(self._bodies), 6))
-        for i, (parent, first, count, *_) in enumerate(self._bodies[1:], start=1):
-            own = robot.joint_twists[:, first : first + count] @ state.v[first : first + count]
-            self._velocity[i] = V = self._velocity[parent] + own
-            turn = np.concatenate((np.cross(V[3:], own[:3]) + np.cross(V[:3], own[3:]), np.cross(V[3:], own[3:])))
-            self._rate[i] = self._rate[parent] + turn
+    poses ``(n, 6, 4)`` of the world's shapes, with their velocities.
+    """
 
-    def drift(self, own: Scene, found: Near, poses: Mat) -> float:
+    def __init__(self, state: State, own: Scene, poses: Mat) -> None:
+        robot, bodies = state.robot, state.robot.bodies
+        self._own, self._poses = own, poses
+        velocity, rate = np.zeros((2, len(bodies), 6))
+        for i, (parent, first, count, *_) in enumerate(bodies[1:], start=1):
+            moved = robot.joint_twists[:, first : first + count] @ state.v[first : first + count]
+            velocity[i] = V = velocity[parent] + moved
+            turn = np.concatenate((np.cross(V[3:], moved[:3]) + np.cross(V[:3], moved[3:]), np.cross(V[3:], moved[3:])))
+            rate[i] = rate[parent] + turn
+        places = [own.body(k) for k in range(own.links)]
+        still = np.zeros(3)
+        self._velocity = [velocity[b] for b in places]
+        self._rate = [rate[b] for b in places]
+        for pose in poses:
+            origin, v, omega = pose[:3, 3], pose[4, :3], pose[5, :3]
+            self._velocity.append(np.concatenate((v - np.cross(omega, origin), omega)))
+            self._rate.append(np.concatenate((-np.cross(omega, v), still)))
+
+    def carried(self, found: Near) -> float:
+        """Rate of a pair's distance by the motion of the world [m/s]."""
+        two = self._own.pairs[found.pair][1]
+        return 0.0 if two < self._own.links else float(found.normal @ _at(self._velocity[two], found.point))
+
+    def drift(self, found: Near) -> float:
         """Change of the rate of a pair's distance at zero acceleration [m/s^2], by differences over 2 STEP.
 
         Where the nearest point or the normal jumps in between, that of the points that are nearest now.
         """
-        one, two = own.pairs[found.pair]
+        one, two = self._own.pairs[found.pair]
         ends = []
         for h in (STEP, -STEP):
-            moved = [self._moved(own, k, h) if k < own.links else None for k in (one, two)]
-            _, normal, point = own.measure(found.pair, poses, *moved)
-            twist = self._relative(own, one, two, h)
-            ends.append((normal, point, float(normal @ (twist[:3] + np.cross(twist[3:], point)))))
+            moved = [self._moved(k, h) if k < self._own.links else None for k in (one, two)]
+            _, normal, point = self._own.measure(found.pair, self._world(h), *moved)
+            twist = self._velocity[two] - self._velocity[one] + h * (self._rate[two] - self._rate[one])
+            ends.append((normal, point, float(normal @ _at(twist, point))))
         (n, p, fast), (m, q, slow) = ends
         if float((p - q) @ (p - q)) <= JUMP * JUMP and float(n @ m) >= TURN:
             return (fast - slow) / (2.0 * STEP)
-        apart = self._point_drift(own.body(two), found.point) - self._point_drift(own.body(one), found.point)
+        apart = self._point_drift(two, found.point) - self._point_drift(one, found.point)
         return float(found.normal @ apart)
 
-    def _relative(self, own: Scene, one: int, two: int, h: float) -> Vec:
-        first, second = (self._velocity[b] + h * self._rate[b] for b in (own.body(one), own.body(two)))
-        return np.asarray(second - first)
+    def _point_drift(self, k: int, p: Vec) -> Vec:
+        V, A = self._velocity[k], self._rate[k]
+        return np.asarray(_at(A, p) + np.cross(V[3:], _at(V, p)))
 
-    def _point_drift(self, body: int, p: Vec) -> Vec:
-        V, A = self._velocity[body], self._rate[body]
-        return np.asarray(A[:3] + np.cross(A[3:], p) + np.cross(V[3:], V[:3] + np.cross(V[3:], p)))
+    def _moved(self, k: int, h: float) -> tuple[Vec, Vec]:
+        V, (a, b) = self._velocity[k], self._own.ends(k)
+        return a + h * _at(V, a), b + h * _at(V, b)
 
-    def _moved(self, own: Scene, k: int, h: float) -> tuple[Vec, Vec]:
-        V, (a, b) = self._velocity[own.body(k)], own.ends(k)
-        return a + h * (V[:3] + np.cross(V[3:], a)), b + h * (V[:3] + np.cross(V[3:], b))
+    def _world(self, h: float) -> Mat:
+        """The world's shapes a time h later."""
+        poses = self._poses.copy()
+        for pose in poses:
+            pose[:3, 3] += h * pose[4, :3]
+            pose[:3, :3] += h * np.cross(pose[5, :3], pose[:3, :3].T).T
+        return poses
+
+
+def _at(twist: Vec, p: Vec) -> Vec:
+    """Velocity of a body's point."""
+    return np.asarray(twist[:3] + np.cross(twist[3:], p))

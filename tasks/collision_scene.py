@@ -136,7 +136,7 @@ class Scene:
         if j < self.links:
             c, d = two
             return distances.to_capsule(a, b, radius, c, d, self.capsules[j].radius)
-        shape, pose = self.world[j - self.links], poses[j - self.links]
+        shape, pose = self.world[j - self.links], poses[j - self.links][:4]
         if shape.kind == "half_space":
             return distances.to_half_space(a, b, radius, pose)
         if shape.is_mesh:

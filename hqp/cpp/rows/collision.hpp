@@ -102,14 +102,16 @@ class Collision final : public Operation {
     }
   }
 
-  Distance measure(int pair, const Segment& one, const Segment& two) const {
+  // h: how much later the world's shapes are.
+  Distance measure(int pair, const Segment& one, const Segment& two, double h = 0.0) const {
     const auto [i, j] = s_.pairs[pair];
     const double radius = s_.links[i].radius;
     if (is_link(j)) return Measure::capsule(one, radius, two, s_.links[j].radius);
     const std::size_t k = j - s_.links.size();
-    const double* T = out_.reference + 16 * k;  // (4, 4) row-major
-    const Vec3 origin{T[3], T[7], T[11]};
-    const Mat3 R{{{T[0], T[4], T[8]}, {T[1], T[5], T[9]}, {T[2], T[6], T[10]}}};
+    const double* T = pose(j);
+    const Vec3 turn = h * load(T + 20), origin = Vec3{T[3], T[7], T[11]} + h * load(T + 16);
+    Mat3 R{{{T[0], T[4], T[8]}, {T[1], T[5], T[9]}, {T[2], T[6], T[10]}}};
+    for (Vec3& column : R.column) column = column + cross(turn, column);
     const WorldShape& shape = s_.world[k];
     if (shape.kind == Solid::kHalfSpace) return Measure::half_space(one, radius, origin, R);
     if (shape.kind == Solid::kBox) return Measure::box(one, radius, 0.5 * shape.size, origin, R);
@@ -150,11 +152,14 @@ class Collision final : public Operation {
     const Form form = along(found.normal, found.point);
     for (const int c : chains_[pair][0]) J[c] = -out_.weight * value(form, c);
     for (const int c : chains_[pair][1]) J[c] = out_.weight * value(form, c);
-    double lower = approach(found.value, s_.clearances[pair]);
+    const double clearance = s_.clearances[pair];
     if (s_.order == 2) {
-      lower = braking(found.value, s_.clearances[pair], rate(pair, found, 0.0)) - drift(pair);
+      out_.lower[i] = braking(found.value, clearance, rate(pair, found, 0.0)) - drift(pair);
+      return;
     }
-    out_.lower[i] = lower;
+    const int other = s_.pairs[pair][1];
+    const double carried = is_link(other) ? 0.0 : dot(found.normal, motion(other).at(found.point));
+    out_.lower[i] = approach(found.value, clearance) - carried;
   }
 
   double value(const Form& form, int column) const {
@@ -187,13 +192,13 @@ class Collision final : public Operation {
     constexpr double kJump = 0.01, kTurn = 0.9;
     const auto [i, j] = s_.pairs[pair];
     const double h = s_.step;
-    const Distance ends[2] = {measure(pair, moved(i, h), is_link(j) ? moved(j, h) : Segment{}),
-                              measure(pair, moved(i, -h), is_link(j) ? moved(j, -h) : Segment{})};
+    const Distance ends[2] = {measure(pair, moved(i, h), is_link(j) ? moved(j, h) : Segment{}, h),
+                              measure(pair, moved(i, -h), is_link(j) ? moved(j, -h) : Segment{}, -h)};
     const Vec3 slid = ends[0].point - ends[1].point;
     if (dot(slid, slid) <= kJump * kJump && dot(ends[0].normal, ends[1].normal) >= kTurn)
       return (rate(pair, ends[0], h) - rate(pair, ends[1], -h)) / (2.0 * h);
     const Distance& now = found_[pair];
-    return dot(now.normal, tree_.point_drift(body(j), now.point) - tree_.point_drift(body(i), now.point));
+    return dot(now.normal, point_drift(j, now.point) - point_drift(i, now.point));
   }
   double rate(int pair, const Distance& found, double h) const {  // of a pair's distance, after a time h
     const auto [i, j] = s_.pairs[pair];
@@ -203,9 +208,24 @@ class Collision final : public Operation {
     const Motion& V = tree_.motion(body(k));
     return {ends_[k].a + h * V.at(ends_[k].a), ends_[k].b + h * V.at(ends_[k].b)};
   }
-  Vec3 velocity(int k, double h, const Vec3& p) const {
-    if (!is_link(k)) return {0.0, 0.0, 0.0};
-    return tree_.motion(body(k)).at(p) + h * tree_.drift(body(k)).at(p);
+  Vec3 velocity(int k, double h, const Vec3& p) const { return motion(k).at(p) + h * motion_rate(k).at(p); }
+  Vec3 point_drift(int k, const Vec3& p) const {
+    const Motion V = motion(k);
+    return motion_rate(k).at(p) + cross(V.angular, V.at(p));
+  }
+
+  // A shape of the world: pose (4, 4) row-major, velocity of the origin and angular velocity, three of four numbers.
+  const double* pose(int k) const { return out_.reference + 24 * (k - s_.links.size()); }
+  Motion motion(int k) const {
+    if (is_link(k)) return tree_.motion(body(k));
+    const double* T = pose(k);
+    const Vec3 turn = load(T + 20);
+    return {load(T + 16) - cross(turn, {T[3], T[7], T[11]}), turn};
+  }
+  Motion motion_rate(int k) const {  // at zero acceleration
+    if (is_link(k)) return tree_.drift(body(k));
+    const double* T = pose(k);
+    return {-1.0 * cross(load(T + 20), load(T + 16)), {}};
   }
 
   Target out_;

@@ -1,0 +1,135 @@
+"""Shapes of the world that move: the rate of a distance and its change count their motion, and a hand gives way."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import hqp
+from hqp import Level, P, Stack, shapes
+from hqp.errors import DeclarationError
+from hqp.tasks import CollisionAvoidance, JointLimits, Position, Posture
+
+WORLD = (
+    shapes.sphere("ball", 0.1),
+    shapes.capsule("pole", 0.05, 0.6),
+    shapes.box("box", (0.2, 0.3, 0.25)),
+    shapes.half_space("wall"),
+)
+
+
+@pytest.fixture(scope="module")
+def panda() -> Any:
+    if "panda" not in hqp.robots.names():
+        pytest.skip("needs example-robot-data")
+    return hqp.robots.load("panda")
+
+
+def moved(pose: Any, rate: Any, h: float) -> Any:
+    found = pose.copy()
+    found[:3, 3] += h * rate[:3]
+    found[:3, :3] = pin.exp3(h * rate[3:]) @ pose[:3, :3]
+    return found
+
+
+def around(panda: Any, rng: np.random.Generator) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Poses near the hand, and velocities."""
+    hand, poses, rates = panda.state().position("panda_hand"), {}, {}
+    for shape in WORLD:
+        pose = np.eye(4)
+        pose[:3, :3] = pin.exp3(rng.normal(size=3))
+        away = rng.normal(size=3)
+        pose[:3, 3] = hand + 0.35 * away / np.linalg.norm(away)
+        if shape.name == "wall":
+            pose[:3, 3] = hand - 0.2 * pose[:3, 2]
+        poses[shape.name], rates[shape.name] = pose, rng.normal(size=6)
+    return poses, rates
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_native_rows_equal_readable_rows(panda: Any, order: int, written: Callable[..., Any]) -> None:
+    element, rng = CollisionAvoidance(pairs="world", world=WORLD, influence=0.6), np.random.default_rng(1)
+    near = 0
+    for _ in range(10):
+        poses, rates = around(panda, rng)
+        q, v = panda.integrate(panda.home, 0.2 * rng.normal(size=panda.nv), 1.0), rng.normal(size=panda.nv)
+        at = element.at(poses, rates)
+        state = panda.state(q, v)
+        native = written(element, state, at, order)
+        readable = written(element, state, at, order, native=False)
+        np.testing.assert_allclose(native.J, readable.J, atol=1e-9)
+        np.testing.assert_allclose(native.lower, readable.lower, atol=1e-5, rtol=1e-6)
+        still = written(element, state, element.at(poses), order)
+        finite = np.isfinite(native.lower)
+        near += int(finite.sum())
+        assert not finite.any() or np.abs(native.lower[finite] - still.lower[finite]).max() > 1e-3
+    assert near > 50
+
+
+def test_rates_and_drifts_by_differences(panda: Any) -> None:
+    """d/dt of a distance is J v + carried, its second derivative at zero acceleration the drift."""
+    element, rng = CollisionAvoidance(pairs="world", world=WORLD, influence=0.6), np.random.default_rng(2)
+    h, compared = 1e-5, 0
+    for _ in range(10):
+        poses, rates = around(panda, rng)
+        q, v = panda.integrate(panda.home, 0.2 * rng.normal(size=panda.nv), 1.0), rng.normal(size=panda.nv)
+
+        def at(
+            t: float, q: Any = q, v: Any = v, poses: Any = poses, rates: Any = rates
+        ) -> tuple[dict[int, float], dict[int, float], dict[int, float]]:
+            value = element.at({n: moved(p, rates[n], t) for n, p in poses.items()}, rates).value
+            state = panda.state(panda.integrate(q, v, t), v)
+            near = element.near(state, value)
+            rate = element.jacobian(state, value) @ v + element.carried(state, value)
+            drift = element.drift(state, value)
+            keys = [None if n is None else n.pair for n in near]
+            tables = ([n.distance if n else 0.0 for n in near], rate, drift)
+            found = [{k: float(x) for k, x in zip(keys, table, strict=True) if k is not None} for table in tables]
+            return found[0], found[1], found[2]
+
+        (before, slow, _), (_, rate, drift), (after, fast, _) = (at(t) for t in (-h, 0.0, h))
+        for pair in before.keys() & after.keys() & rate.keys():
+            assert (after[pair] - before[pair]) / (2 * h) == pytest.approx(rate[pair], abs=1e-3)
+            change = (fast[pair] - slow[pair]) / (2 * h)
+            if abs(change) < 100.0:  # not where the nearest point jumps
+                assert drift[pair] == pytest.approx(change, abs=1e-2, rel=1e-2)
+                compared += 1
+    assert compared > 50
+
+
+@pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration()], ids=["velocity", "acceleration"])
+def test_a_hand_gives_way_to_a_ball(panda: Any, formulation: Any) -> None:
+    """At 0.3 m/s through where the hand wants to be: not touched when told of the velocity, touched when not."""
+    frame, dt, least = "panda_hand_tcp", 0.002, {}
+    order = 1 if isinstance(formulation, hqp.Velocity) else 2
+    place = panda.state().position(frame)
+    for told in (True, False):
+        avoid = CollisionAvoidance(
+            pairs="world", world=shapes.sphere("ball", 0.08), clearance=0.02, influence=0.15, recovery=0.1
+        )
+        hand = Position(frame=frame, law=P(3.0, max_velocity=0.5) if order == 1 else None)
+        stack = Stack(Level(hand), Level(Posture()), subject_to=[JointLimits(), avoid])
+        session = hqp.Controller(stack, formulation, deadline=math.inf).session(panda, dt)
+        q, v, least[told] = panda.home, np.zeros(panda.nv), math.inf
+        for k in range(1500):
+            ball, rate = place + [0.0, 0.5 - 0.3 * dt * k, 0.03], {"ball": [0.0, -0.3, 0.0]}
+            world = avoid.at({"ball": ball}, rate if told else None)
+            q, v = session.step(panda.state(q, v), hand.at(place), world).advance()
+            now = avoid.at({"ball": ball + [0.0, -0.3 * dt, 0.0]}).value
+            gaps = [n.distance - n.clearance for n in avoid.near(panda.state(q), now) if n is not None]
+            least[told] = min([least[told], *gaps])
+    assert least[True] > -1e-3
+    assert least[False] < -0.01
+
+
+def test_bad_velocities() -> None:
+    avoid = CollisionAvoidance(pairs="world", world=WORLD)
+    with pytest.raises(DeclarationError, match="velocity of ball"):
+        avoid.at({}, {"ball": [0.0, 1.0]})
+    with pytest.raises(DeclarationError, match="bell"):
+        avoid.at({}, {"bell": [0.0, 0.0, 1.0]})
