@@ -147,24 +147,35 @@ def cells(full: bool) -> list[Cell]:
         turned = replace(scene, heading=math.radians(60.0))
         add("heading", f"60 deg, kept, torso turns, {plant}", turned, Compliance(torso=1.0), limit=ONE_CM)
         own = replace(MAPPED, torso=1.0)
-        add("heading", f"60 deg, kept, torso turns, {plant}, own map", turned, own, limit=ONE_CM)
+        add("heading", f"60 deg, kept, torso turns, {plant}, own map", turned, own)
+        felt_too = replace(FELT, torso=1.0)
+        add("heading", f"60 deg, kept, torso turns, {plant}, ground felt", turned, felt_too, limit=ONE_CM)
     for degrees in (30, 45, 60):
         angle, name = math.radians(degrees), f"{degrees} deg off the fall line, rollers"
         oblique = replace(rollers, heading=angle, hand=SpringHand(direction=angle))
         limit = ONE_CM if degrees == 30 else None
         add("cross slope", name, oblique, limit=limit)
         add("cross slope", f"{name}, own map", oblique, MAPPED, limit=limit)
-        add("cross slope", f"{name}, own map, ground felt", oblique, FELT, limit=ONE_CM if degrees <= 45 else None)
-    noisy = replace(rollers, heading=math.radians(45.0), hand=SpringHand(direction=math.radians(45.0)))
-    noisy = replace(noisy, sensors=NOISY, delay=0.004)
-    add("cross slope", "45 deg, noise, 4 ms, rollers, own map, ground felt", noisy, FELT, limit=ONE_CM)
-    for way, choice in (("", Compliance()), (", own map, ground felt", FELT)):  # told, where nothing tells it in time
+        add("cross slope", f"{name}, ground felt", oblique, FELT, limit=ONE_CM if degrees <= 45 else None)
+    for way, choice in (("", Compliance()), (", ground felt", FELT)):  # told, where nothing tells it in time
         told = replace(choice, torso=1.0, faces=0.0)
-        add("cross slope", f"60 deg off the fall line, torso told to face it, rollers{way}", oblique, told)
+        add(
+            "cross slope", f"60 deg off the fall line, torso told to face it, rollers{way}", oblique, told, limit=ONE_CM
+        )
+    noisy = replace(rollers, sensors=NOISY, delay=0.004)
+    add("noise", "all sensors, 4 ms, rollers, ground felt", noisy, FELT, limit=ONE_CM)
+    turned = replace(noisy, heading=math.radians(45.0), hand=SpringHand(direction=math.radians(45.0)))
+    add("cross slope", "45 deg, noise, 4 ms, rollers, ground felt", turned, FELT, limit=ONE_CM)
+    for degrees in (0, 8, 10):
+        limit = ONE_CM if degrees <= 8 else None
+        add("slope", f"{degrees} deg, rollers, ground felt", replace(rollers, slope=float(degrees)), FELT, limit=limit)
+    add("heading", "45 deg, rollers, ground felt", replace(rollers, heading=math.radians(45.0)), FELT, limit=ONE_CM)
+    add("mass error", "upper body 10 % heavier, rollers, ground felt", replace(rollers, extra_mass=1.1), FELT)
     for name, rough in (("bumps of 5 mm", {"bumps": 0.005}), ("a step of 10 mm", {"step": 0.01})):
         for scene in (ball, rollers):
             add("rough", f"{name}, {NAMES[scene.plant]}", replace(scene, slope=0.0, **rough))  # type: ignore[arg-type]
     add("rough", "bumps of 5 mm, rollers, own map", replace(rollers, slope=0.0, bumps=0.005), MAPPED)
+    add("rough", "bumps of 5 mm, rollers, ground felt", replace(rollers, slope=0.0, bumps=0.005), FELT)
     add("rough", "a step of 2 mm, rollers", replace(rollers, slope=0.0, step=0.002))
     add("heading", "180 deg, ball wheels", replace(ball, heading=math.pi), earlier="49")
     combined = replace(

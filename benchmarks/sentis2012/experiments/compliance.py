@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from benchmarks.sentis2012.experiments.ground import UP, Heading
+from benchmarks.sentis2012.experiments.ground import GROUND_PUSH, UP, Heading
 from benchmarks.sentis2012.experiments.hand_loads import loads
 from benchmarks.sentis2012.experiments.misread import AbsoluteCom, AbsolutePosition, RollingAlongAxle
 from benchmarks.sentis2012.stack import WHEELS, paper_stack
@@ -23,6 +23,7 @@ from hqp.law import Law, SelfMotion
 from hqp.reference import Reference
 from hqp.tasks import (
     Com,
+    ExternalWrench,
     FrictionCone,
     OmniWheelContact,
     Orientation,
@@ -40,10 +41,11 @@ HAND_GOAL = (0.397, -0.216, 1.063)
 
 LEVEL = np.zeros(2)
 
-Normals = Literal["contact", "map", "base", "contact in all", "vertical"]
+Normals = Literal["contact", "map", "felt", "base", "contact in all", "vertical"]
 """Ground normals: ``contact``, the base's in the rows and each wheel's own in the gravity compensation; ``map``, the
-same with the wheels' normals from a map of heights that the robot makes as it goes; ``base``, the base's (what an IMU
-alone can tell); ``contact in all``, each wheel's own in the rows too; ``vertical``."""
+same with the wheels' normals from a map of heights that the robot makes as it goes; ``felt``, the base's, and gravity
+compensation holds against the push of ground that is not in its plane (``GroundForce``); ``base``, the base's (what an
+IMU alone can tell); ``contact in all``, each wheel's own in the rows too; ``vertical``."""
 
 Wrench = Literal["none", "measured", "observed"]
 """The force at the hand: unknown, from a sensor at the wrist, or from a momentum observer on torques and motion.  It
@@ -62,7 +64,6 @@ class Compliance:
     friction bounds as inequalities, with friction as the coefficient assumed.  turn: largest rate at which the robot
     turns to where it is led [rad/s], 0 to keep its heading; torso: the same of the torso's posture goal alone.
     faces: where the torso is turned instead, world azimuth [rad], for a robot that is told where the slope runs.
-    ground_force: the map takes the slope's direction from the force with which the ground pushes.
     least_load: to be kept on every wheel where there are limits [N].  bandwidth: of the observer [1/s].  assist:
     by this share of the human's pull the wheels go along with it.  self_motion: k_E of the posture law of eqs. (40) to
     (44) [1/s], 0 for a PD law.  period: of control [s].
@@ -81,7 +82,6 @@ class Compliance:
     turn: float = 0.0
     torso: float = 0.0
     faces: float | None = None
-    ground_force: bool = False
     least_load: float = 0.0
     wrench: Wrench = "none"
     payload: Payload = "none"
@@ -106,12 +106,13 @@ def stack(choice: Compliance) -> Stack:
     if choice.self_motion:
         posture_law = SelfMotion(choice.posture, 2.0 * math.sqrt(choice.posture), choice.self_motion)
     added: list[Element] = []
+    pushed = [ExternalWrench(frame="base", name=GROUND_PUSH)] if choice.normals == "felt" else []
     if choice.limits:
         added = [TorqueLimits(), *(FrictionCone(contact=name, mu=choice.friction, edges=4) for name in WHEELS)]
         if choice.least_load:
             added += [UnilateralContact(contact=name, minimum=choice.least_load) for name in WHEELS]
     return paper_stack(
-        [*added, *loads(choice.wrench != "none", choice.payload != "none")],
+        [*added, *loads(choice.wrench != "none", choice.payload != "none"), *pushed],
         com=com_kind(axes="xy", subtree="torso_yaw", relative_to="base", heading=True, law=law, name="com"),
         yaw=Orientation(frame="base", axes="yaw", law=PD(choice.yaw), name="yaw"),
         hand=hand_kind(frame="hand_point", relative_to="base", heading=True, law=PD(choice.hand), name="hand"),

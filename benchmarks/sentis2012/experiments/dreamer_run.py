@@ -12,7 +12,7 @@ import numpy as np
 import hqp
 from benchmarks.lab.recorder import Recorder, level_residuals
 from benchmarks.sentis2012.experiments.compliance import COM_GOAL, HAND_GOAL, Compliance, Targets, stack
-from benchmarks.sentis2012.experiments.ground import ContactNormals, GroundForce, Odometry
+from benchmarks.sentis2012.experiments.ground import GROUND_PUSH, ContactNormals, GroundForce, Odometry
 from benchmarks.sentis2012.experiments.ground_map import GroundMap
 from benchmarks.sentis2012.experiments.hand_loads import HandLoads
 from benchmarks.sentis2012.experiments.scene import OFF, Scene
@@ -20,6 +20,7 @@ from hqp.arrays import Vec
 from hqp.robots.on_mujoco import Contacts, Plant, Sensors
 from hqp.session import Tick
 from hqp.solvers.base import Solver
+from hqp.tasks import ExternalWrench
 
 
 class Outing:
@@ -54,7 +55,8 @@ class Outing:
         self._targets = Targets(choice, tasks, self.posture, scene.heading, 9.81 * self.robot.mass)
         self._normals = ContactNormals(3, choice.period)
         self._map = GroundMap(self.robot, choice.period) if choice.normals == "map" else None
-        self._odometry, self._ground_force = Odometry(self.robot), GroundForce(self.robot, choice.period)
+        pushed = tasks.find(GROUND_PUSH, ExternalWrench) if choice.normals == "felt" else None
+        self._odometry, self._ground_force = Odometry(self.robot), GroundForce(self.robot, pushed, choice.period)
         self._actuated = self.robot.actuated
         self._limit = scene.strength * self.robot.effort_limit[self._actuated]
         model = self.plant.model
@@ -69,7 +71,6 @@ class Outing:
         self._held = self.q.copy()
         self.hand_at_rest = self.plant.place("hand_point")[0]
         self.pull: Vec = np.zeros(3)
-        self._push: Vec | None = None
         self._com_error: Vec = np.zeros(2)
         self.t, self.wall, self.processor = 0.0, 0.0, 0.0
         self.log = Recorder()
@@ -146,16 +147,17 @@ class Outing:
         if self._map is None:
             normals = self._normals.update(contacts, rotation[:, 2])
         else:
-            normals = self._map.update(rotation, v[:3], self._push)
+            normals = self._map.update(rotation, v[:3])
         loads = contacts.load if choice.normals in ("contact", "contact in all") else None
         acting, shift = self.loads.references(state, self.pull)
-        tick = self.session.step(state, *self._targets(rotation, v[:3], normals, loads, shift), *acting)
+        push = self._ground_force.references()
+        tick = self.session.step(state, *self._targets(rotation, v[:3], normals, loads, shift), *acting, *push)
         torque = tick.command + self._damping * v[self._actuated]
         self._brake(torque)
         torque = np.minimum(np.maximum(torque, -self._limit), self._limit)
         self.loads.sent(state, torque)
-        if choice.ground_force:
-            self._push = self._ground_force.update(self.loads.residual, rotation, self.loads.observed)
+        if choice.normals == "felt":
+            self._ground_force.update(self.loads.residual, rotation, self.loads.observed)
         spent = time.perf_counter() - began
         self._disturb()
         plant.step(torque, steps=round(choice.period / plant.timestep))

@@ -8,9 +8,14 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Mat, Vec
+from hqp.reference import Reference
 from hqp.robots.on_mujoco import Contacts
+from hqp.tasks import ExternalWrench
 
 UP = np.array([0.0, 0.0, 1.0])
+
+GROUND_PUSH = "ground_push"
+"""Name of the wrench at the base in a stack that holds against it."""
 
 
 class ContactNormals:
@@ -123,16 +128,27 @@ class GroundForce:
 
     The base's rows of a momentum observer hold all forces from outside, those of the wheels tell each wheel's traction:
     a rim that the ground holds back by f turns its wheel with -r f.  What is left without the hand's force is that of
-    normals which are off the base's own, sum N_i (n_i - n_base): along the fall line, whatever the direction of travel.
-    time_constant: of the low-pass on it [s].
+    normals which are off the base's own, sum N_i (n_i - n_base): along the fall line, whatever the direction of travel,
+    as soon as a wheel bears on a slope.  Held against like gravity, it is what the wheels' own normals would add to the
+    gravity compensation, without a map or a force sensor.
+    element: of the stack that is told, None for a controller that does not hold against it.
+    time_constant: of the low-pass on it [s].  most: that is held against [N].
     """
 
-    def __init__(self, robot: Any, period: float, time_constant: float = 0.05) -> None:
+    def __init__(
+        self,
+        robot: Any,
+        element: ExternalWrench | None,
+        period: float,
+        time_constant: float = 0.05,
+        most: float = 150.0,
+    ) -> None:
         names = tuple(robot.wheels)
         rims = np.array([np.cross(robot.wheels[name].axle, UP)[:2] for name in names])
         self._wheels = robot.joints("wheels")
         self._traction = rims.T / np.array([robot.wheels[name].radius for name in names])
-        self._share = period / time_constant
+        self._share, self._most = period / time_constant, most
+        self._element = element
         self.force: Vec = np.zeros(2)
         """In the plane, world axes ``(2,)`` [N]."""
 
@@ -145,3 +161,11 @@ class GroundForce:
         here = residual[:2] - (rotation.T @ hand)[:2] + self._traction @ residual[self._wheels]
         self.force = self.force + self._share * (rotation[:2, :2] @ here - self.force)
         return self.force
+
+    def references(self) -> list[Reference]:
+        """What the controller is told: the force at the base's frame, which lies on the ground."""
+        if self._element is None:
+            return []
+        size = float(np.hypot(*self.force))
+        held = self.force * min(1.0, self._most / size) if size > 0.0 else self.force
+        return [self._element.at(np.append(held, np.zeros(4)))]

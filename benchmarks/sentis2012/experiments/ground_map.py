@@ -22,10 +22,9 @@ class GroundMap:
     p the place in the plane from odometry, g the gradient under the base at the start, d one of DIRECTIONS in the
     plane.  For every d there is a profile f: wheels on ground that is known tell the height of the base, the others
     what is new.  Where two wheels are on known ground they contradict each other by what is wrong about d, and that
-    d is taken which has been contradicted least, with a preference for the direction of travel, which is all that the
-    heights have to go by until a second wheel has come to new ground, or, where it is known, for that of the force
-    with which the ground pushes (``GroundForce``).  Profiles go on as they began where no wheel has been.  All start
-    anew, from the tilt at that moment, where even the best is contradicted by more than WRONG.
+    d is taken which has been contradicted least, with a preference for the direction of travel, which is all there is
+    to go by until a second wheel has come to new ground.  Profiles go on as they began where no wheel has been.  All
+    start anew, from the tilt at that moment, where even the best is contradicted by more than WRONG.
     """
 
     CELL, SPAN, REACH = 0.01, 4, 6.0  # [m], cells, [m]
@@ -39,8 +38,6 @@ class GroundMap:
     EDGE, FOUND = 0.05, 0.05
     """Least difference of slopes under the wheels that shows where an edge is, and the time to move there [s]."""
     SLOW, TIME_CONSTANT = 0.05, 0.2  # [m/s], [s]
-    FAINT = 20.0
-    """Least force of the ground that tells a direction [N]."""
 
     def __init__(self, robot: Any, period: float) -> None:
         state = robot.state()
@@ -55,11 +52,8 @@ class GroundMap:
         self.restarts = -1
         self.direction = 0
 
-    def update(self, rotation: Mat, velocity: Vec, push: Vec | None = None) -> Mat:
-        """Unit normals ``(3, 3)``, world axes, for the base's rotation and its velocity in its own axes [m/s].
-
-        push: horizontal force of the ground on the wheels, less traction, world axes ``(2,)`` [N], where it is known.
-        """
+    def update(self, rotation: Mat, velocity: Vec) -> Mat:
+        """Unit normals ``(3, 3)``, world axes, for the base's rotation and its velocity in its own axes [m/s]."""
         moving = (rotation @ velocity)[:2]
         self._place = self._place + self._period * moving
         self._velocity += self._period / self.TIME_CONSTANT * (moving - self._velocity)
@@ -75,7 +69,7 @@ class GroundMap:
             self._begin(rotation, where)  # beyond the map
             return np.tile(rotation[:, 2], (3, 1))
         self._learn(cells, deviation)
-        best = self._choose(push)
+        best = self._choose(moving)
         if best < 0:
             self._begin(rotation, where)
             return np.tile(rotation[:, 2], (3, 1))
@@ -135,16 +129,13 @@ class GroundMap:
         profile[at + step * steps] = profile[at] + steps / abs(cell - at) * (new - profile[at])
         ends[k], self._samples[k, end] = cell, 1.0
 
-    def _choose(self, push: Vec | None) -> int:
+    def _choose(self, moving: Vec) -> int:
         """The direction that has been contradicted least, -1 if none will do."""
         if float(self._contradiction.min()) > self.WRONG**2:
             return -1
-        likely, least = self._velocity, self.SLOW
-        if push is not None and math.hypot(*push) > self.FAINT:
-            likely, least = push, self.FAINT
-        size = math.hypot(*likely)
-        if size > least:
-            square = 1.0 - (likely @ self._along / size) ** 2
+        speed = math.hypot(*self._velocity)
+        if speed > self.SLOW:
+            square = 1.0 - (self._velocity @ self._along / speed) ** 2
             score = self._contradiction + self.PREFERENCE**2 * square
             best = int(np.argmin(score))
             if score[best] < score[self.direction] - 0.1 * self.PREFERENCE**2:

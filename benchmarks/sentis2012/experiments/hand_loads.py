@@ -64,7 +64,7 @@ class HandLoads:
             robot, "hand_point", "upper_body", choice.period, coupled={"torso_thorax": ("torso_hip", 1.0)},
             bandwidth=choice.bandwidth, damping=by_coordinate,
         )  # fmt: skip
-        self.observing = "observed" in (choice.wrench, choice.payload) or choice.ground_force
+        self.observing = "observed" in (choice.wrench, choice.payload) or choice.normals == "felt"
         self.observed: Vec = np.zeros(3)
         """The force at the hand by the observer, whether anything takes it or not [N]."""
         self.force: Vec = np.zeros(3)

@@ -30,7 +30,7 @@ from benchmarks.sentis2012.experiments.dreamer_run import Outing
 from benchmarks.sentis2012.experiments.measures import measure
 from benchmarks.sentis2012.experiments.promised import compared
 from benchmarks.sentis2012.experiments.scene import Scene
-from benchmarks.sentis2012.experiments.variants import IMU_ONLY, IMU_WALK, MAPPED, PULL
+from benchmarks.sentis2012.experiments.variants import FELT, IMU_ONLY, IMU_WALK, MAPPED, PULL
 from hqp.robots.on_mujoco import Noise, Sensors
 
 TRIFLES = Sensors(
@@ -47,6 +47,7 @@ MANY, FEW = 300, 30
 ABOUT = {
     "nominal": "7 degrees on rollers, contact normals from the simulator: privileged",
     "nominal-imu": "the same by IMU, encoders and wheel odometry alone: normals from the robot's own map",
+    "nominal-felt": "the same by IMU, encoders, odometry and motor torques: the ground's push, no map",
     "nominal-tilt": "the same by the IMU's tilt alone, the human carries a share of the weight",
 }
 
@@ -58,6 +59,7 @@ def registry() -> Mapping[str, Cell]:
     nominal = {
         "nominal": Cell(case=Case(name="nominal", scene=rollers), group="nominal", limit=6.0),
         "nominal-imu": Cell(case=Case(name="nominal-imu", scene=rollers, choice=MAPPED), group="nominal", limit=10.0),
+        "nominal-felt": Cell(case=Case(name="nominal-felt", scene=rollers, choice=FELT), group="nominal", limit=10.0),
         "nominal-tilt": Cell(
             case=Case(name="nominal-tilt", scene=replace(rollers, walk=IMU_WALK), choice=IMU_ONLY),
             group="nominal",
@@ -183,10 +185,9 @@ def command(arguments: Any) -> int:
 
 def knows(cell: str) -> str:
     """Where the ground's normals come from: the simulator's contacts, which are privileged, or the robot itself."""
-    choice = registry()[cell].case.choice
-    if choice.normals == "map":
-        return "own map, ground felt" if choice.ground_force else "own map"
-    return {"contact": "privileged", "base": "tilt"}.get(choice.normals, choice.normals)
+    words = {"contact": "privileged", "map": "own map", "felt": "ground felt", "base": "tilt"}
+    normals = registry()[cell].case.choice.normals
+    return words.get(normals, normals)
 
 
 def by_tilt(made: Iterable[str], but: Sequence[str]) -> list[str]:

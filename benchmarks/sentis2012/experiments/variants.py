@@ -33,8 +33,8 @@ TOO_MUCH = replace(IMU_ONLY, carried=(0.0, 0.0), wrench="none", assist=0.0)
 MAPPED = Compliance(normals="map")
 """Full gravity compensation with normals from the robot's own map: IMU and wheel encoders, no force sensor."""
 
-FELT = replace(MAPPED, ground_force=True)
-"""The map's direction from the force with which the ground pushes, by a momentum observer: edges met obliquely."""
+FELT = Compliance(normals="felt")
+"""Full gravity compensation by the tilt and by the ground's push, from a momentum observer: no force sensor, no map."""
 
 
 def variants(full: bool) -> list[Case]:
