@@ -68,13 +68,14 @@ problem-sets: setup
 
 CPP := $(wildcard hqp/cpp/*/*.hpp hqp/cpp/*/*.cpp tests/solvers/native/*.cpp)
 
-# Every MJCF of two PyPI packages (80 MB), read and compared with MuJoCo.
+# Every MJCF of PyPI packages (120 MB), read and compared with MuJoCo; examples on models of packages.
 CORPUS := build/corpus
 corpus: setup
 	mkdir -p $(CORPUS)
-	$(BIN)/python -m pip download --quiet --no-deps --dest $(CORPUS) dm_control gymnasium-robotics
+	$(BIN)/python -m pip download --quiet --no-deps --dest $(CORPUS) dm_control gymnasium-robotics \
+	    hello-robot-stretch-urdf gym-aloha
 	for wheel in $(CORPUS)/*.whl; do $(BIN)/python -m zipfile -e $$wheel $(CORPUS); done
-	HQP_CORPUS=$(CORPUS) $(BIN)/python -m pytest -s -m corpus tests/robots
+	HQP_CORPUS=$(CORPUS) $(BIN)/python -m pytest -s -m corpus tests/robots tests/examples
 
 check: setup
 	$(BIN)/ruff check .

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -11,8 +12,21 @@ import pytest
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 UNTESTED = {"ros2_node"}
-NEEDS = {"aloha": "gym_aloha", "pink_g1": "pink", "view_g1": "viser"}
+NEEDS = {
+    "aloha": "gym_aloha",
+    "hand_with_cube": "gymnasium_robotics",
+    "pink_g1": "pink",
+    "stretch": "stretch_urdf",
+    "view_g1": "viser",
+}
 ARGUMENTS = {"view_g1": ["2"]}
+CORPUS = Path(os.environ.get("HQP_CORPUS", "build/corpus")).absolute()
+MODELS = {
+    "aloha": "gym_aloha/assets",
+    "hand_with_cube": "gymnasium_robotics/envs/assets/hand/manipulate_block.xml",
+    "stretch": "stretch_urdf/SE3/stretch_description_SE3_eoa_wrist_dw3_tool_sg3.urdf",
+}
+"""Models of other packages, which ``make corpus`` fetches."""
 
 
 def test_there_are_a_dozen() -> None:
@@ -27,7 +41,19 @@ def test_it_runs(path: Path, tmp_path: Path) -> None:
         return
     if path.stem in NEEDS and importlib.util.find_spec(NEEDS[path.stem]) is None:
         pytest.skip(f"needs {NEEDS[path.stem]}")
-    given = [sys.executable, str(path), *ARGUMENTS.get(path.stem, [])]
-    result = subprocess.run(given, capture_output=True, text=True, cwd=tmp_path, timeout=120, check=False)
+    run(path, tmp_path, *ARGUMENTS.get(path.stem, []))
+
+
+@pytest.mark.corpus
+@pytest.mark.parametrize("name", MODELS)
+def test_it_runs_on_the_model_of_its_package(name: str, tmp_path: Path) -> None:
+    if not (CORPUS / MODELS[name]).exists():
+        pytest.skip("no corpus here: make corpus")
+    run(EXAMPLES / f"{name}.py", tmp_path, str(CORPUS / MODELS[name]))
+
+
+def run(path: Path, folder: Path, *arguments: str) -> None:
+    given = [sys.executable, str(path), *arguments]
+    result = subprocess.run(given, capture_output=True, text=True, cwd=folder, timeout=120, check=False)
     assert result.returncode == 0, result.stdout + result.stderr
     assert result.stdout.strip()
