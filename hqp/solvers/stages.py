@@ -130,7 +130,7 @@ class StagedWorkspace:
         self._has_prices = False
         self._head = 0
         self._heads = dict[int, tuple[Workspace, Kernel | None]]()
-        self._seconds = 0.0
+        self._seconds = self._began = 0.0
 
     def reset(self) -> None:
         """Forget the warm starts."""
@@ -147,12 +147,13 @@ class StagedWorkspace:
         """Time for the next solves [s], as the solver's own workspace takes it."""
         self._seconds = seconds
         for workspace in (self._exact, self._last, *(workspace for workspace, _ in self._heads.values())):
-            getattr(workspace, "limit", lambda _: None)(seconds)
+            _limit(workspace, seconds)
 
     def solve(self, problem: Hierarchy) -> Solution:
         """The exact answer where it settles every priced level, else that of the stages, with their points."""
         if self._problem is not problem:
             self._bind(problem)
+        self._began = perf_counter()
         if self._head and (counts := self._from_head()) is not None:
             return self.answer(problem, counts)
         return self._priced(problem, self._exact.solve(self._plain))
@@ -168,13 +169,14 @@ class StagedWorkspace:
         x, stages, points, end = values[: problem.n], self._native.solve, self._points, self._end
 
         def settled() -> Counts:
+            self._began = perf_counter()
             if self._head and (found := self._from_head()) is not None:
                 return found
             counts = solve()
             self._latest = self._exact
             if counts[0]:
                 return counts
-            first = stages(x, points, end)
+            first = stages(x, points, end, 0, self._left())
             self._head = max(first, 0)
             return counts if first < 0 else (UNSETTLED, *counts[1:])
 
@@ -194,7 +196,7 @@ class StagedWorkspace:
         counts = solve()
         if counts[0]:
             return None
-        first = self._native.solve(values[: self._shape.n], self._points, self._end, head)
+        first = self._native.solve(values[: self._shape.n], self._points, self._end, head, self._left())
         if first < 0:
             return None
         self._head = first
@@ -206,7 +208,7 @@ class StagedWorkspace:
             plain, levels=plain.levels[:head], constraints=min(plain.constraints, head), n=self._shape.n, stacked=None
         )
         workspace = self._make(above.shape)
-        getattr(workspace, "limit", lambda _: None)(self._seconds)
+        _limit(workspace, self._seconds)
         kernel: Kernel | None = getattr(workspace, "kernel", lambda _: None)(above)
         self._heads[head] = workspace, kernel
         return kernel
@@ -225,14 +227,13 @@ class StagedWorkspace:
         """The solution of the latest solve of ``kernel``."""
         if counts[0] != UNSETTLED:
             return self._priced(problem, self._exact.answer(self._plain, counts))  # type: ignore[attr-defined]
-        return self._below(problem, Stats(*counts[1:3]), self._native_stages(), perf_counter())
+        return self._below(problem, Stats(*counts[1:3]), self._native_stages())
 
     def _priced(self, problem: Hierarchy, exact: Solution) -> Solution:
         """The exact solution, or that of the stages from the first level that it does not settle."""
-        began = perf_counter()
         found = self._stages(problem, exact.x) if self._has_prices and self._begins(problem, exact) else None
         self._latest = self._exact
-        return exact if found is None else self._below(problem, exact.stats, found, began)
+        return exact if found is None else self._below(problem, exact.stats, found)
 
     @staticmethod
     def _begins(problem: Hierarchy, exact: Solution) -> bool:
@@ -246,20 +247,35 @@ class StagedWorkspace:
         last = max(k for k, priced in enumerate(problem.priced) if priced)
         return all(is_met(problem.levels[k], exact.x) for k in range(last) if not problem.priced[k])
 
-    def _below(self, problem: Hierarchy, exact: Stats, found: Found, began: float) -> Solution:
+    def _below(self, problem: Hierarchy, exact: Stats, found: Found) -> Solution:
         """The answer of the exact hierarchy that the stages leave."""
         stages, point, steps, final = found
+        if self._native is not None and not self._native.effort()[1]:
+            return self._stopped(problem, exact, found)
         self._latest = self._last
+        if self._seconds:
+            _limit(self._last, self._left())
         answer = self._last.solve(final)
         stats = Stats(
             exact.iterations + answer.stats.iterations + steps,
             exact.factorisations + answer.stats.factorisations,
             exact.build_s,
-            exact.solve_s + perf_counter() - began,
+            perf_counter() - self._began,
         )
         # where the last solve ends without an answer, the last stage's point keeps to what every level handed down
         best = answer.x if answer.status.solved else point
         return finish(problem, best, answer.status, stats, answer.detail, stages, self._describe)
+
+    def _stopped(self, problem: Hierarchy, exact: Stats, found: Found) -> Solution:
+        """The point at which a stage was stopped: it keeps to what the levels above left."""
+        stages, point, steps, _ = found
+        status = Status.TIME_LIMIT if self._seconds else Status.ITERATION_LIMIT
+        stats = Stats(exact.iterations + steps, exact.factorisations, exact.build_s, perf_counter() - self._began)
+        return finish(problem, point, status, stats, "", stages, self._describe)
+
+    def _left(self) -> float:
+        """What is left of the time for this solve [s], 0 for no limit."""
+        return max(self._seconds - (perf_counter() - self._began), 1e-6) if self._seconds else 0.0
 
     def _describe(self, problem: Hierarchy, x: Vec) -> Described:
         """As hqp.solvers.base.describe, natively where the stages are."""
@@ -301,7 +317,7 @@ class StagedWorkspace:
     def _stages(self, problem: Hierarchy, x: Vec) -> Found | None:
         """The stages from the first level that x does not settle; None where x settles all."""
         if self._native is not None:
-            first = self._native.solve(x, self._points, self._end)
+            first = self._native.solve(x, self._points, self._end, 0, self._left())
             self._head = max(first, 0)
             return None if first < 0 else self._native_stages()
         at = Coordinates.of(problem.motion, problem.n)
@@ -352,6 +368,10 @@ class StagedWorkspace:
             self._workspaces[shape] = self._make(shape)
         answer = self._workspaces[shape].solve(problem)
         return answer.x if np.isfinite(answer.x).all() else otherwise
+
+
+def _limit(workspace: Workspace, seconds: float) -> None:
+    getattr(workspace, "limit", lambda _: None)(seconds)
 
 
 def stages_of(n: int, rows: Sequence[int], priced: Sequence[bool]) -> native_stages.Stages:

@@ -189,6 +189,30 @@ def test_out_of_reach_only_the_levels_above_are_solved_exactly() -> None:
     assert len(set(beyond) & set(exact)) == 1  # the step on which the goal went out of reach
 
 
+def test_stages_keep_the_deadline() -> None:
+    """Stopped at its first step, a stage leaves its point where it is: in the box, levels above as they were."""
+    rng, n = np.random.default_rng(5), 40
+    above, task = rng.standard_normal((4, n)), rng.standard_normal((12, n))
+    levels = (
+        Rows(Selection(np.arange(n)), np.full(n, -0.3), np.full(n, 0.3)),
+        Rows(above, np.zeros(4), np.zeros(4)),
+        Rows(task, np.full(12, 9.0), np.full(12, 9.0)),
+        Rows(Selection(np.arange(n)), np.zeros(n), np.zeros(n)),
+    )
+    problem = Hierarchy(levels, constraints=1, prices=np.array([0.0, 0.02, 0.02, 0.0]))
+    workspace: Any = hqp.solvers.load("lexicographic").workspace(problem.shape)
+    whole = workspace.solve(problem)
+    assert whole.status is Status.OPTIMAL
+    assert whole.stage_points is not None
+    workspace.reset()
+    workspace.limit(np.inf)
+    workspace._left = lambda: 1e-9  # the exact levels took all of it
+    stopped = workspace.solve(problem)
+    assert stopped.status is Status.TIME_LIMIT
+    assert np.all(problem.levels[0].slack(stopped.x) == 0.0)
+    assert np.abs(above @ stopped.x).max() < 1e-9
+
+
 def test_what_is_handed_down_is_kept() -> None:
     solver = hqp.solvers.load("lexicographic")
     for seed in range(30):

@@ -113,7 +113,8 @@ class Stages {
 
   // The first level that x does not settle, -1 for none; otherwise stages (levels, n) and last (n) are written.
   // head: x is the exact answer of the levels above this one only, 0 for all; -2 where level `head` is met.
-  int solve(const Vector& x, const Out& stages, const Out& last, int head) {
+  // seconds: for the stages, 0 for no limit.
+  int solve(const Vector& x, const Out& stages, const Out& last, int head, double seconds) {
     if (!bound_) refuse("bind() comes first");
     if (x.shape(0) != std::size_t(n_) || last.size() != std::size_t(n_) || stages.size() != rows_.size() * n_)
       refuse("x, stages or last has a wrong shape");
@@ -122,7 +123,7 @@ class Stages {
     const double* from = x.data();
     double *to = stages.data(), *end = last.data();
     const nb::gil_scoped_release release;
-    return stages_->solve(from, head, to, end);
+    return stages_->solve(from, head, seconds, to, end);
   }
 
   // What account() reads beside the rows: stages, which solve wrote, and the element of each row.
@@ -198,7 +199,7 @@ NB_MODULE(_priced, m) {
            "priced"_a, "met"_a, "zero"_a, "flat"_a)
       .def("bind", &Stages::bind, "levels"_a, "handed"_a, "prices"_a, "shares"_a, "F"_a.none(), "f"_a.none(),
            "guard"_a.none())
-      .def("solve", &Stages::solve, "x"_a, "stages"_a, "last"_a, "head"_a = 0)
+      .def("solve", &Stages::solve, "x"_a, "stages"_a, "last"_a, "head"_a = 0, "seconds"_a = 0.0)
       .def("accounts", &Stages::accounts, "stages"_a, "owner"_a, "elements"_a)
       .def("account", &Stages::account, "w"_a, "multipliers"_a.none(), "guards"_a, "out"_a)
       .def("describe", &Stages::describe, "x"_a, "constraints"_a, "activity"_a, "violation"_a, "slack"_a, "marks"_a)

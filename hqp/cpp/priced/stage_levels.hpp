@@ -71,7 +71,8 @@ class StageLevels final : public PricedStages {
                   worth);
   }
 
-  int solve(const double* x, int head, double* stages, double* last) override {
+  int solve(const double* x, int head, double seconds, double* stages, double* last) override {
+    search_.limit(seconds);
     iterations_ = 0;
     ended_ = true;
     row_of_.clear();

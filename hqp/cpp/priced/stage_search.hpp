@@ -5,6 +5,7 @@
 #pragma once
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <vector>
 
@@ -56,6 +57,13 @@ class StageSearch {
         lambda_(variables),
         bound_(variables) {}
 
+  // Every solve from now on ends once so many seconds have gone by; never for 0.
+  void limit(double seconds) {
+    limited_ = seconds > 0.0 && std::isfinite(seconds);
+    if (limited_)
+      end_ = Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
+  }
+
   // The stages of another problem follow.
   void restart() {
     set_.clear();
@@ -98,6 +106,7 @@ class StageSearch {
     const int cap = 20 * (N_ + rows_->count);
     bool zero = false;
     for (int step = 0; step < cap; ++step) {
+      if (limited_ && Clock::now() > end_) return false;
       ++iterations;
       minimiser(T, t, m, price, y);
       double far = 1.0;
@@ -255,7 +264,11 @@ class StageSearch {
     return found;
   }
 
+  using Clock = std::chrono::steady_clock;
+
   const StageRows* rows_ = nullptr;
+  bool limited_ = false;
+  Clock::time_point end_;
   int N_ = 0, fixed_ = 0, scanned_ = 0;
   RowSpace space_;
   Secular secular_;

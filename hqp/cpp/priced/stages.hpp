@@ -60,7 +60,8 @@ class PricedStages {
   // x: the exact answer of all levels, or of those above level `head` where it is not 0.  The first level that it does
   // not settle, -1 for none; from that level on the stages are solved, stages (levels, n) hold their points (NaN
   // elsewhere), and last the last of them.  -2 where level `head` is met: the exact answer of all levels is needed.
-  virtual int solve(const double* x, int head, double* stages, double* last) = 0;
+  // seconds: after which a stage ends where it is, none for 0.
+  virtual int solve(const double* x, int head, double seconds, double* stages, double* last) = 0;
   // Slacks and marks of all rows at x, as in Solution; whether a row of the first `constraints` levels is violated.
   virtual bool describe(const double* x, int constraints, double activity, double violation, double* slack,
                         std::int8_t* marks) = 0;
