@@ -66,13 +66,12 @@ class Store:
         if len(parts) > MANY_PARTS:
             self._write(read(self.folder))
             for part in parts:  # a crash before this leaves a row twice, which ``read`` sees once
-                part.unlink()
+                part.unlink(missing_ok=True)  # another program may have merged as well
 
     def done(self, failed: bool = True) -> frozenset[str]:
         """Keys of the results that are there; without ``failed``, of those that ended without an exception."""
         found: set[str] = set()
-        for part in _parts(self.folder):
-            table = _arrow().parquet.read_table(part, columns=["key", "ok"])
+        for table in _tables(self.folder, columns=["key", "ok"]):
             columns = zip(table["key"].to_pylist(), table["ok"].to_pylist(), strict=True)
             found.update(key for key, ok in columns if ok or failed)
         return frozenset(found)
@@ -97,7 +96,7 @@ def read(folder: str | Path) -> Any:
     ``x`` as ``case.x``, a result ``y`` as ``result.y``.
     """
     arrow = _arrow()
-    tables = [arrow.parquet.read_table(part) for part in _parts(Path(folder))]
+    tables = _tables(Path(folder))
     if not tables:
         return arrow.table({})
     try:
@@ -126,6 +125,16 @@ def _column(values: Sequence[Any]) -> Any:
         if numbers:
             return arrow.array([None if x is None else float(x) for x in values])
         return arrow.array([None if x is None else x if isinstance(x, str) else json.dumps(x) for x in values])
+
+
+def _tables(folder: Path, columns: Sequence[str] | None = None) -> list[Any]:
+    """The parts; all anew where another program merged them in the meantime."""
+    arrow = _arrow()
+    while True:
+        try:
+            return [arrow.parquet.read_table(part, columns=columns) for part in _parts(folder)]
+        except FileNotFoundError:
+            continue
 
 
 def _parts(folder: Path) -> list[Path]:

@@ -101,6 +101,23 @@ def test_many_parts_are_merged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert [r["result.square"] for r in rows] == [x * x if x != 7 else None for x in range(9)]
 
 
+def test_two_programs_merge_the_parts_of_one_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the one has listed, the other has merged and removed before it is read, or removed itself."""
+    from hqp.sweep import store
+
+    run(toml(tmp_path))
+    listed, gone = store._parts, tmp_path / "out" / "part-0-gone.parquet"
+    answers = iter([[gone]])
+    monkeypatch.setattr(store, "_parts", lambda folder: next(answers, listed(folder)))
+    assert len(sweep.read(tmp_path / "out").to_pylist()) == 9
+    monkeypatch.setattr(store, "MANY_PARTS", 0)
+    monkeypatch.setattr(store, "read", lambda folder: (gone.unlink(missing_ok=True), sweep.read(folder))[1])
+    with store.Store(tmp_path / "out") as kept:
+        gone.write_bytes(next(iter(listed(tmp_path / "out"))).read_bytes())
+        assert kept.done()
+    assert len(sweep.read(tmp_path / "out").to_pylist()) == 9
+
+
 def test_grids_multiply_cases(tmp_path: Path) -> None:
     text = """
 function = "toy_function:square"
