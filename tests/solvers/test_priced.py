@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import hqp.solvers
+from benchmarks.calm import continuity
 from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
 from hqp.arrays import Mat, Vec
 from hqp.errors import ProblemError, UnsupportedProblem
@@ -244,20 +245,12 @@ def test_wrong_answers_are_refused() -> None:
         assert not certificate(problem, solver.solve(problem.exact()).x, 1e-8, solution.stage_points).ok
 
 
-def test_neighbouring_problems_have_neighbouring_answers_where_exact_ones_jump() -> None:
-    solver, jumps = hqp.solvers.load("lexicographic"), {"exact": 0, "priced": 0}
-    for seed in range(150):
-        rng = np.random.default_rng(seed)
-        problem = random_problem(rng, "contradictory")
-        moved = tuple(
-            Rows(r.dense(problem.n) + 1e-6 * rng.standard_normal((r.m, problem.n)), r.lower, r.upper) if priced else r
-            for r, priced in zip(problem.levels, problem.priced, strict=True)
-        )
-        near = replace(problem, levels=moved)
-        for kind, one, two in (("priced", problem, near), ("exact", problem.exact(), near.exact())):
-            jumps[kind] += float(np.abs(solver.solve(one).x - solver.solve(two).x).max()) > 0.01
-    assert jumps["exact"] > 75  # the control: exact answers do jump
-    assert jumps["priced"] <= 3
+@pytest.mark.parametrize("family", continuity.FAMILIES)
+def test_neighbouring_problems_have_neighbouring_answers(family: str) -> None:
+    found = continuity.measure(family, 150)
+    assert found.kept, found
+    if family == "contradictory":
+        assert found.jumps[0] > 0.5  # the control: exact answers do jump
 
 
 def test_what_a_solver_cannot_do_is_refused() -> None:
