@@ -109,19 +109,15 @@ def measure(family: str, count: int, seed: int = 0) -> Continuity:
 def table(found: Iterable[Continuity]) -> str:
     """A row for each family; a share above that of the study is bold."""
     header = (
-        "family",
-        "pairs",
-        "exact: jumps",
-        "p99 of dx/ddata",
-        "priced: jumps",
-        "p99 of dx/ddata",
+        "family", "pairs", "exact: jumps", "p99 of dx/ddata", "priced: jumps", "p99 of dx/ddata",
         "in the study: no guard, guard",
-    )
+    )  # fmt: skip
     rows = []
     for one in found:
         share = f"{100.0 * one.jumps[1]:.1f} %"
+        known = " / ".join(f"{100.0 * each:.1f} %" for each in FAMILIES[one.family])
         rows.append((
             one.family, f"{one.count}", f"{100.0 * one.jumps[0]:.1f} %", f"{one.slope[0]:.2g}",
-            share if one.kept else f"**{share}**", f"{one.slope[1]:.2g}", " / ".join(f"{100.0 * share:.1f} %" for share in FAMILIES[one.family]),
+            share if one.kept else f"**{share}**", f"{one.slope[1]:.2g}", known,
         ))  # fmt: skip
     return report.table(header, rows)
