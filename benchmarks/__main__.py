@@ -29,6 +29,7 @@ EXTRA = {
     "changes": "changes of stack in a closed loop: jumps of the command, time of a tick",
     "soak": "random closed loops with everything that goes wrong, at length",
     "collision": "hands that are blocked, a table in MuJoCo, and what pairs cost",
+    "reach": "inverse kinematics to 1000 random poses, beside roboplan",
 }
 """Parts that the main job leaves out."""
 
@@ -38,6 +39,7 @@ ROOMS = {
     "solvers": "speed.solvers",
     "calm": "calm.command",
     "collision": "collision.command",
+    "reach": "reach.command",
 }
 """Modules of parts that do not bear the part's name."""
 

@@ -10,7 +10,7 @@ STEP = 0.8
 """Largest change of a coordinate in one step [rad or m]."""
 LEAST = 0.01
 """A step that makes things worse is halved down to this, then taken all the same [rad or m]."""
-STALLED, PROGRESS = 6, 0.9
+STALLED, PROGRESS = 6, 0.7
 """Steps without the first unmet level falling to this share of what it was, after which a start is given up."""
 POLISH = 0.01
 """Once the targets are met, steps go on while they are larger than this [rad or m]: levels below settle."""

@@ -1,0 +1,1 @@
+"""Inverse kinematics to random reachable poses: how many, how fast."""

@@ -1,0 +1,149 @@
+"""``hqp.reach`` to poses of random configurations inside the limits and free of collisions, beside roboplan."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import subprocess
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import hqp
+from benchmarks.reports import report
+from hqp import Level, Stack
+from hqp.arrays import Mat, Vec
+from hqp.errors import HqpError
+from hqp.tasks import CollisionAvoidance, Pose
+
+CASES = {
+    "UR5, `tool0`": ("ur5", ("tool0",), {}),
+    "Panda, `panda_hand_tcp`": ("panda", ("panda_hand_tcp",), {}),
+    "Panda, started with its elbow at the limit": ("panda", ("panda_hand_tcp",), {3: "upper"}),
+    "G1, both wrists": ("g1", ("left_wrist_yaw_link", "right_wrist_yaw_link"), {}),
+}
+WITHIN = 1e-3
+"""Of a pose that is reached [m], [rad]."""
+LEAST = 0.995
+"""Share of poses that have to be reached."""
+WORKER = Path(__file__).with_name("roboplan_worker.py")
+PAGE = Path(__file__).parents[2] / "docs" / "inverse-kinematics.md"
+MARK = "<!-- table: python -m benchmarks reach --roboplan PYTHON --page -->"
+"""Of the page, before what is written by this command."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Of one case: how many poses were reached, of these from the first start, and times of all [s]."""
+
+    reached: int
+    first: int
+    times: Vec
+
+    def __str__(self) -> str:
+        return f"{1e3 * float(np.median(self.times)):.3f}, {1e3 * float(np.mean(self.times)):.2f} ms"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of this part."""
+    parser.add_argument("--count", type=int, default=1000, help="poses of each robot (1000)")
+    parser.add_argument("--rounds", type=int, default=2, help="by turns; the one with the lower median counts (2)")
+    parser.add_argument("--roboplan", metavar="PYTHON", help="an interpreter with roboplan and Pinocchio")
+    parser.add_argument("--page", action="store_true", help=f"write the table into {PAGE.name}")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Measure, show, write; returns 1 where too few poses are reached."""
+    count = 50 if arguments.quick else arguments.count
+    header = ["robot", "reached", "from the first start", "median, mean"]
+    rows, failed, release = [], False, ""
+    for title, (name, frames, moved) in CASES.items():
+        robot = hqp.robots.load(name, floating=False)
+        start = robot.home.copy()
+        for joint, side in moved.items():
+            start[joint] = getattr(robot, side)[joint]
+        poses = reachable(robot, frames, count)
+        ours, theirs = [], []
+        for _ in range(arguments.rounds):
+            ours.append(measured(robot, frames, start, poses))
+            if arguments.roboplan:
+                release, found = rival(arguments.roboplan, robot, frames, start, poses)
+                theirs.append(found)
+        best = min(ours, key=lambda outcome: float(np.median(outcome.times)))
+        failed |= best.reached < LEAST * count
+        row = [title, f"{best.reached} of {count}", str(best.first), str(best)]
+        if theirs:
+            other = min(theirs, key=lambda outcome: float(np.median(outcome.times)))
+            row.append(f"{other.reached}: {other}")
+        rows.append(row)
+        report.console.print(", ".join(row))
+    if release:
+        header.append(f"roboplan {release} SimpleIk, reached: median, mean")
+    text = report.table(header, rows)
+    report.section(arguments.output, "reach", text)
+    if arguments.page:
+        head, mark, rest = PAGE.read_text().partition(MARK)
+        tail = rest.split("\n\n", 2)[2] if mark else ""
+        PAGE.write_text(f"{head}{MARK}\n\n{text.strip()}\n\n{tail}")
+    if arguments.json is not None:
+        arguments.json.write_text(json.dumps(rows, indent=1))
+    return int(failed)
+
+
+def reachable(robot: Any, frames: tuple[str, ...], count: int) -> Mat:
+    """Poses of frames ``(count, k, 4, 4)`` in random configurations inside the limits and free of collisions."""
+    apart, rng = CollisionAvoidance(clearance=0.0), np.random.default_rng(1)
+    lower, upper = np.maximum(robot.lower, -math.pi), np.minimum(robot.upper, math.pi)
+    found: list[list[Mat]] = []
+    while len(found) < count:
+        step = rng.uniform(lower, upper) - robot.state(robot.home).angles
+        state = robot.state(robot.integrate(robot.home, step, 1.0))
+        if all(near is None or near.distance > 0.0 for near in apart.near(state)):
+            found.append([Pose(frame=f).value(state) for f in frames])
+    return np.array(found)
+
+
+def measured(robot: Any, frames: tuple[str, ...], start: Vec, poses: Mat) -> Outcome:
+    """Each pose by ``hqp.reach`` with its defaults; the first call of a stack, which compiles it, does not count."""
+    hands = [Pose(frame=f) for f in frames]
+    stack = Stack(Level(*hands))
+    hqp.reach(stack, robot, *(h.at(p) for h, p in zip(hands, poses[0], strict=True)), q0=start)
+    times, reached, first = [], 0, 0
+    for k, goal in enumerate(poses):
+        references = [h.at(p) for h, p in zip(hands, goal, strict=True)]
+        begin = time.perf_counter()
+        found = hqp.reach(stack, robot, *references, q0=start, seed=k)
+        times.append(time.perf_counter() - begin)
+        good = found.success and there(robot, frames, found.q, goal)
+        reached, first = reached + good, first + (good and found.starts == 1)
+    return Outcome(reached, first, np.array(times))
+
+
+def there(robot: Any, frames: tuple[str, ...], q: Vec, goal: Mat) -> bool:
+    """Whether frames are at their poses, and joints inside their limits."""
+    state = robot.state(np.asarray(q, dtype=np.float64))
+    if np.any(state.angles < robot.lower - 1e-9) or np.any(state.angles > robot.upper + 1e-9):
+        return False
+    errors = [
+        (state.position(f) - T[:3, 3], robot.log3(state.rotation(f) @ T[:3, :3].T))
+        for f, T in zip(frames, goal, strict=True)
+    ]
+    return all(float(np.linalg.norm(e)) < WITHIN for pair in errors for e in pair)
+
+
+def rival(python: str, robot: Any, frames: tuple[str, ...], start: Vec, poses: Mat) -> tuple[str, Outcome]:
+    """The same poses by roboplan; raises HqpError where it does not run."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "poses.npz"
+        np.savez(file, poses=poses, start=start, frames=np.array(frames), source=str(robot.source))
+        result = subprocess.run([python, str(WORKER), str(file)], capture_output=True, text=True, check=False)
+    if result.returncode:
+        raise HqpError(f"roboplan does not run in {python}:\n{result.stderr[-2000:]}")
+    told = json.loads(result.stdout.strip().splitlines()[-1])
+    good = sum(t and there(robot, frames, q, p) for t, q, p in zip(told["told"], told["q"], poses, strict=True))
+    return told["version"], Outcome(good, 0, np.array(told["times"]))
