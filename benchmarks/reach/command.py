@@ -21,12 +21,18 @@ from hqp.arrays import Mat, Vec
 from hqp.errors import HqpError
 from hqp.tasks import CollisionAvoidance, Pose
 
+WRISTS = ("left_wrist_yaw_link", "right_wrist_yaw_link")
 CASES = {
-    "UR5, `tool0`": ("ur5", ("tool0",), {}),
-    "Panda, `panda_hand_tcp`": ("panda", ("panda_hand_tcp",), {}),
-    "Panda, started with its elbow at the limit": ("panda", ("panda_hand_tcp",), {3: "upper"}),
-    "G1, both wrists": ("g1", ("left_wrist_yaw_link", "right_wrist_yaw_link"), {}),
+    "UR5, `tool0`": ("ur5", ("tool0",), {}, False),
+    "Panda, `panda_hand_tcp`": ("panda", ("panda_hand_tcp",), {}, False),
+    "Panda, started with its elbow at the limit": ("panda", ("panda_hand_tcp",), {3: "upper"}, False),
+    "G1, both wrists": ("g1", WRISTS, {}, False),
+    "UR5, without collisions": ("ur5", ("tool0",), {}, True),
+    "Panda, without collisions": ("panda", ("panda_hand_tcp",), {}, True),
+    "G1, without collisions": ("g1", WRISTS, {}, True),
 }
+"""Robot, frames, joints that start at a limit, and whether links must keep apart."""
+APART = CollisionAvoidance(clearance=1e-3, influence=0.05)
 WITHIN = 1e-3
 """Of a pose that is reached [m], [rad]."""
 LEAST = 0.995
@@ -62,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     count = 50 if arguments.quick else arguments.count
     header = ["robot", "reached", "from the first start", "median, mean"]
     rows, failed, release = [], False, ""
-    for title, (name, frames, moved) in CASES.items():
+    for title, (name, frames, moved, apart) in CASES.items():
         robot = hqp.robots.load(name, floating=False)
         start = robot.home.copy()
         for joint, side in moved.items():
@@ -70,16 +76,18 @@ def run(arguments: argparse.Namespace) -> int:
         poses = reachable(robot, frames, count)
         ours, theirs = [], []
         for _ in range(arguments.rounds):
-            ours.append(measured(robot, frames, start, poses))
-            if arguments.roboplan:
+            ours.append(measured(robot, frames, start, poses, apart))
+            if arguments.roboplan and not apart:
                 release, found = rival(arguments.roboplan, robot, frames, start, poses)
                 theirs.append(found)
         best = min(ours, key=lambda outcome: float(np.median(outcome.times)))
         failed |= best.reached < LEAST * count
         row = [title, f"{best.reached} of {count}", str(best.first), str(best)]
+        if arguments.roboplan:
+            row.append("")
         if theirs:
             other = min(theirs, key=lambda outcome: float(np.median(outcome.times)))
-            row.append(f"{other.reached}: {other}")
+            row[-1] = f"{other.reached}: {other}"
         rows.append(row)
         report.console.print(", ".join(row))
     if release:
@@ -108,10 +116,10 @@ def reachable(robot: Any, frames: tuple[str, ...], count: int) -> Mat:
     return np.array(found)
 
 
-def measured(robot: Any, frames: tuple[str, ...], start: Vec, poses: Mat) -> Outcome:
+def measured(robot: Any, frames: tuple[str, ...], start: Vec, poses: Mat, apart: bool) -> Outcome:
     """Each pose by ``hqp.reach`` with its defaults; the first call of a stack, which compiles it, does not count."""
     hands = [Pose(frame=f) for f in frames]
-    stack = Stack(Level(*hands))
+    stack = Stack(Level(*hands), subject_to=[APART] if apart else ())
     hqp.reach(stack, robot, *(h.at(p) for h, p in zip(hands, poses[0], strict=True)), q0=start)
     times, reached, first = [], 0, 0
     for k, goal in enumerate(poses):
@@ -120,6 +128,8 @@ def measured(robot: Any, frames: tuple[str, ...], start: Vec, poses: Mat) -> Out
         found = hqp.reach(stack, robot, *references, q0=start, seed=k)
         times.append(time.perf_counter() - begin)
         good = found.success and there(robot, frames, found.q, goal)
+        if apart:
+            good &= all(near is None or near.distance > 0.0 for near in APART.near(robot.state(found.q)))
         reached, first = reached + good, first + (good and found.starts == 1)
     return Outcome(reached, first, np.array(times))
 

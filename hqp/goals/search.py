@@ -100,7 +100,7 @@ class Search:
         state = self.robot.state(q0)
         given = {reference.name: reference for reference in references}
         held = [e.hold(state) for elements in self._members for e in elements if e.name not in given]
-        self._references = (*references, *(r for r in held if r.value is not None))
+        self._references = (*references, *(r for r in held if r.value is not None and r.value.size))
         self._steered = {r.name: r.value for r in self._references}
         self._targets = frozenset((*given, *(e.name for e in self._members[0])))
         self._native.aim(self._references, self._targets)
@@ -129,7 +129,7 @@ class Search:
 
     def _violation(self, element: Inequality, state: State) -> float:
         """How far an inequality is violated [m or rad]."""
-        value = (self._steered[element.name],) if element.steered else ()
+        value = (self._steered.get(element.name),) if element.steered else ()
         lower, upper = element.bounds(state, *value)
         return max(0.0, float(np.max(lower, initial=0.0)), float(np.max(np.negative(upper), initial=0.0)))
 
