@@ -35,7 +35,7 @@ from hqp.rest import Rest
 from hqp.restless import LimitWatch
 from hqp.robot import Robot, State
 from hqp.safety import Braking, RateLimits, StateBounds, StateCheck, positive, rate_limiter
-from hqp.solvers import default, load
+from hqp.solvers import load
 from hqp.solvers.base import Solver, Workspace
 from hqp.soundness import rehearse, require_sound
 from hqp.stack import Stack, coupled
@@ -101,7 +101,7 @@ class Controller:
             raise DeclarationError("controller", "not a formulation", value=self.formulation, allowed="Velocity(), ...")
         object.__setattr__(self, "price", as_price("controller", self.price))
         if isinstance(self.solver, str):
-            object.__setattr__(self, "solver", load(self.solver or default()))
+            object.__setattr__(self, "solver", load(self.solver))
         if self.deadline is not None and self.deadline != math.inf:
             positive("controller", "deadline", self.deadline)
         for name, kind in (("rates", RateLimits), ("bounds", StateBounds), ("braking", Braking)):

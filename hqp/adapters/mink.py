@@ -28,7 +28,7 @@ def solve_ik(
     configuration: Any,
     tasks: Iterable[Any],
     dt: float,
-    solver: str | Solver = "lexicographic",
+    solver: str | Solver = "",
     *,
     safety_break: bool = False,
     limits: Iterable[Any] | None = None,
@@ -36,14 +36,13 @@ def solve_ik(
 ) -> Vec:
     """Velocity ``(nv,)`` in MuJoCo's tangent space, as mink's solve_ik gives it.
 
-    limits, constraints, safety_break: as mink's; ``damping`` and ``lm_damping`` have no counterpart.  Tasks without
-    compute_error (kinetic energy) are refused by Python.  Raises NotSolved where no usable answer was found,
-    DeclarationError for tasks mixed with levels, and mink's NotWithinConfigurationLimits.
+    solver: as a Controller takes it.  limits, constraints, safety_break: as mink's; ``damping`` and ``lm_damping``
+    have no counterpart.  Tasks without compute_error (kinetic energy) are refused by Python.  Raises NotSolved where
+    no usable answer was found, DeclarationError for tasks mixed with levels, and mink's NotWithinConfigurationLimits.
     """
-    mink: Any = importlib.import_module("mink")
-
     configuration.check_limits(safety_break=safety_break)
     if limits is None:
+        mink: Any = importlib.import_module("mink")
         limits = [mink.ConfigurationLimit(configuration.model)]
     inequalities = [
         (rows.G, rows.h) for limit in limits if not (rows := limit.compute_qp_inequalities(configuration, dt)).inactive

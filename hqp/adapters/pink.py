@@ -31,7 +31,7 @@ def solve_ik(
     configuration: Any,
     tasks: Iterable[Any],
     dt: float,
-    solver: str | Solver = "lexicographic",
+    solver: str | Solver = "",
     *,
     limits: Iterable[Any] | None = None,
     barriers: Iterable[Any] | None = None,
@@ -40,9 +40,9 @@ def solve_ik(
 ) -> Vec:
     """Velocity ``(nv,)`` as pink's solve_ik gives it, from strict levels where ``tasks`` holds sequences of tasks.
 
-    limits, barriers, constraints, safety_break: as pink's; a barrier's penalty on safe displacements is left out, and
-    so is ``lm_damping``.  Raises NotSolved where no usable answer was found, DeclarationError for tasks mixed with
-    levels, and pink's NotWithinConfigurationLimits.
+    solver: as a Controller takes it.  limits, barriers, constraints, safety_break: as pink's; a barrier's penalty on
+    safe displacements is left out, and so is ``lm_damping``.  Raises NotSolved where no usable answer was found,
+    DeclarationError for tasks mixed with levels, and pink's NotWithinConfigurationLimits.
     """
     configuration.check_limits(safety_break=safety_break)
     if limits is None:

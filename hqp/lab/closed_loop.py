@@ -8,7 +8,7 @@ from typing import Any
 
 from hqp.errors import HqpError, SolverNotInstalled, UnsupportedProblem
 from hqp.formulation import Formulation, Velocity
-from hqp.solvers import available, load
+from hqp.solvers import available, default, load
 from hqp.solvers.base import Solver
 from hqp.stack import Stack
 
@@ -24,7 +24,7 @@ def bench(
     robot: Any,
     *,
     trajectory: str | Path | Motion = "circle",
-    solvers: str | Sequence[str | Solver] = ("lexicographic",),
+    solvers: str | Sequence[str | Solver] = "",
     formulation: Formulation | None = None,
     dt: float = 0.002,
     seconds: float = 2.0,
@@ -34,14 +34,15 @@ def bench(
 ) -> Bench:
     """Run a stack in closed loop with each solver and measure time, accuracy and calm.
 
-    trajectory: see Trajectory.  solvers: names, Solver values, or "all" that are available.  plant: ``integrator`` or
-    ``mujoco``.  certify_every: every how many ticks the answer is judged by the certificate, outside the timed step.
+    trajectory: see Trajectory.  solvers: names, Solver values, "all" that are available, or "" for the one that a
+    Controller takes.  plant: ``integrator`` or ``mujoco``.  certify_every: every how many ticks the answer is judged by
+    the certificate, outside the timed step.
     progress: called with a solver's name and the share of its loop that is done.
     A solver that refuses the stack, or is not installed, has a line that says why.
     Raises DeclarationError for a bad trajectory or plant.
     """
     formulation = formulation or Velocity()
-    chosen = available() if solvers == "all" else (solvers,) if isinstance(solvers, str) else solvers
+    chosen = available() if solvers == "all" else (solvers or default(),) if isinstance(solvers, str) else solvers
     ticks = max(2, round(seconds / dt))
     motion = Trajectory(trajectory, stack, robot, seconds)
     lines: list[Summary] = []

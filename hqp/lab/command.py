@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hqp.arguments import add_stack, read_stack
+from hqp.solvers import default
 
 if TYPE_CHECKING:
     from hqp.robot import Robot
@@ -29,7 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--trajectory", default="circle", metavar="WHAT", help=f"FILE.csv, FILE.parquet, module:function, or {named}"
     )
-    parser.add_argument("--solvers", nargs="+", default=["lexicographic"], metavar="NAME", help="or all")
+    parser.add_argument(
+        "--solvers", nargs="+", default=[default()], metavar="NAME", help=f"or all; default here: {default()}"
+    )
     parser.add_argument("--plant", choices=PLANTS, default="integrator", help="default: integrator")
     parser.add_argument("--seconds", type=float, default=2.0, metavar="S", help="of each loop, default 2")
     for suffix, what in (("html", "one page with plots"), ("md", "Markdown"), ("json", "JSON"), ("parquet", "ticks")):

@@ -72,7 +72,7 @@ def available() -> tuple[str, ...]:
 
 
 def default() -> str:
-    """The solver of a Controller that names none: ``lexicographic``, or ``cascade`` where it was not compiled."""
+    """The solver where none is named: ``lexicographic``, or ``cascade`` where it was not compiled."""
     return "cascade" if "solver" in missing_parts() else "lexicographic"
 
 
@@ -81,12 +81,13 @@ def exact() -> str:
     return "reference" if "solver" in missing_parts() else "lexicographic"
 
 
-def load(name: str, **options: Any) -> Solver:
-    """The solver of that name, ``"cascade:proxqp"`` being ``load("cascade", backend="proxqp")``.
+def load(name: str = "", **options: Any) -> Solver:
+    """The solver of that name, ``"cascade:proxqp"`` being ``load("cascade", backend="proxqp")``; ``default()`` for "".
 
     Raises DeclarationError for an unknown name or option, SolverNotInstalled (with the pip line) where a
     package is missing.
     """
+    name = name or default()
     base, _, backend = name.partition(":")
     if backend:
         options = {"backend": backend, **options}

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from hqp.arguments import add_stack, read_stack
+from hqp.solvers import default
 
 HELP = "see a stack on a robot in a browser, with targets to drag"
 DESCRIPTION = """Run a stack on a robot that carries out every command exactly, and show it in a browser: drag the
@@ -15,7 +16,7 @@ targets and watch which level gives way to which.  A recording (.npz) is shown a
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     add_stack(parser)
-    parser.add_argument("--solver", default="lexicographic", metavar="NAME", help="default: lexicographic")
+    parser.add_argument("--solver", default="", metavar="NAME", help=f"default here: {default()}")
     parser.add_argument("--port", type=int, default=8080, help="of the page, default 8080, or the next that is free")
     parser.add_argument("--host", default="127.0.0.1", help="0.0.0.0 opens the page to the network, without a password")
     parser.add_argument("--seconds", type=float, metavar="S", help="stop after that long; default: on Ctrl-C")

@@ -21,7 +21,7 @@ def run(
     robot: Robot,
     *,
     formulation: Formulation,
-    solver: str | Solver = "lexicographic",
+    solver: str | Solver = "",
     dt: float = 0.002,
     host: str = "127.0.0.1",
     port: int = 8080,
@@ -31,7 +31,8 @@ def run(
     """Run until interrupted, or for some seconds of the clock; returns the number of ticks.
 
     Every element holds the value it has at home until it is dragged in the page.  A tick that is late is not made up
-    for.  started: called with the view once the page is served.  Raises what ``Controller.session`` raises.
+    for.  solver: as a Controller takes it.  started: called with the view once the page is served.  Raises what
+    ``Controller.session`` raises.
     """
     session = Controller(stack, formulation, solver).session(robot, dt)
     q, v = robot.home.copy(), np.zeros(robot.nv)

@@ -57,6 +57,35 @@ def test_without_compiled_parts_a_controller_takes_cascade_and_ticks() -> None:
     assert hqp.Controller(Stack(Level(Posture()))).solver.name == "lexicographic"  # type: ignore[union-attr]
 
 
+TOOLS = {
+    "bench": "print(main(['bench', stack, '--robot', 'cbi', '--seconds', '.02', '--json', stack + '.json']))\n"
+    "import json\nprint(*(line['status'] for line in json.load(open(stack + '.json'))['lines']))\n",
+    "view": "print(main(['view', stack, '--robot', 'cbi', '--seconds', '.1']))\nprint('OPTIMAL')\n",
+    "adapters": "import numpy as np\nfrom types import SimpleNamespace as Space\nfrom hqp.adapters import mink, pink\n"
+    "task = Space(gain=1.0, compute_jacobian=lambda c: np.eye(2), compute_error=lambda c: np.array([-1.0, 0.5]))\n"
+    "at = Space(check_limits=lambda safety_break: None, model=Space(nv=2))\n"
+    "for own in pink, mink: assert np.allclose(own.solve_ik(at, [task], 0.1, limits=[]), [10.0, -5.0])\n"
+    "print('0 OPTIMAL')\n",
+}
+
+
+@pytest.mark.parametrize("tool", TOOLS)
+def test_without_compiled_parts_every_tool_takes_cascade(tool: str, tmp_path: Path) -> None:
+    if tool == "view":
+        pytest.importorskip("viser")
+    stack = tmp_path / "stack.toml"
+    stack.write_text(serial.dumps(Stack(Level(Position(frame="r_palm", law=P(5.0)), name="hand"), Level(Posture()))))
+    code = (
+        "import sys\nfrom hqp.__main__ import main\nfrom hqp.solvers.cascade import Cascade\nstack = sys.argv[1]\n"
+        "workspace = Cascade.workspace\n"
+        "Cascade.workspace = lambda self, shape: print('taken') or workspace(self, shape)\n"
+    )
+    result = run(PURE + code + TOOLS[tool], str(stack), HQP_PURE="1")
+    words = result.stdout.split()
+    assert "taken" in words, result.stdout + result.stderr
+    assert [word for word in words if word in ("0", "1", "OPTIMAL", "refused")][-2:] == ["0", "OPTIMAL"], result.stderr
+
+
 def test_without_compiled_parts_conflicts_are_still_found() -> None:
     code = (
         "import numpy as np\nfrom hqp.conflict import conflict\nfrom hqp.problem import Hierarchy, Rows\n"

@@ -98,7 +98,7 @@ def _ours(scenes: Sequence[Scene], seconds: float, dt: float, which: str) -> lis
     for s in scenes:
         motion = _motion(s, seconds)
         done = run(
-            _torque_stack(s.stack) if torque else s.stack, s.robot, load("lexicographic"), "hqp", formulation, motion,
+            _torque_stack(s.stack) if torque else s.stack, s.robot, load(), "hqp", formulation, motion,
             dt=dt, ticks=round(seconds / dt), plant="integrator", certify_every=10**9, told=lambda k: None,
             price=0 if which == EXACT else None,
         )  # fmt: skip
