@@ -16,6 +16,7 @@ from hqp.element import Element
 from hqp.errors import DeclarationError
 from hqp.law import PD, Law, P, SelfMotion
 from hqp.layout import lay_out
+from hqp.loads import Loads, loads_of
 from hqp.price import GUARD_FLOOR, Price, level_prices
 from hqp.problem import Hierarchy, Motion, Rows, Selection, Shape, Stacked
 from hqp.reference import Reference
@@ -131,7 +132,7 @@ class Formulation(ABC):
     def check(self, stack: Stack) -> None:
         """Raise DeclarationError for an element that binds a quantity this formulation cannot map."""
         for element in stack:
-            if element.quantity not in self.quantities:
+            if element.quantity not in self.quantities and not getattr(element, "is_mass", False):
                 raise DeclarationError(
                     element.name,
                     f"{type(self).__name__} maps {', '.join(sorted(self.quantities))} only",
@@ -182,10 +183,13 @@ class MotionProgram(Program):
         formulation.check(stack)
         laws = formulation.laws(stack)
         exact = price is not None and price.tau == 0.0
-        groups = lay_out(stack, robot, contacts_first=not exact)
+        loads = loads_of(stack)
+        groups = lay_out(stack, robot, held=loads, contacts_first=not exact)
         dense = [e for group in groups if not group.selection for e in group.elements]
         selections = [e for group in groups if group.selection for e in group.elements]
         self.assembly = rows = Assembly(dense, selections, robot, dt, laws)
+        self._loads = Loads(loads, robot, rows.native_rows)
+        self._lost: tuple[str, ...] = ()
         self.dt = dt
         self._order = formulation.order
         self.kind = "velocity" if self._order == 1 else "acceleration"
@@ -233,6 +237,8 @@ class MotionProgram(Program):
     def prepare(self, state: State) -> None:
         """Compute the quantities of the state that the rows and the price of motion need."""
         state.kinematics()
+        if self._loads:
+            self._loads.begin(state)
         motion = self.problem.motion
         if motion is not None and motion.f is not None:  # S qdd = -rest S v costs nothing
             np.multiply(state.v, self._slowing, out=motion.f)
@@ -245,11 +251,23 @@ class MotionProgram(Program):
         left_out: Sequence[str] = (),
     ) -> None:
         """Refill the hierarchy for a state and one reference an element; ``given`` may hold feedforward."""
+        if self._loads:
+            self._lost = self._loads.take(state, references)
+            given = [r for r in given if r.name in self.assembly.members]
+            left_out = [name for name in left_out if name in self.assembly.members]
         self.assembly.fill(state, references, given, left_out)
+
+    def unusable(self) -> tuple[str, ...]:
+        """Names of elements whose rows, and of payloads whose numbers, are not usable."""
+        return self.assembly.unusable() + self._lost
+
+    def reason(self, name: str) -> str:
+        """Why they are not."""
+        return self.assembly.reason(name) or "its numbers are not finite"
 
     def direct(self, workspace: object) -> Direct | None:
         """The loop that takes ordinary ticks in one native call; None where rows or solver are not native."""
-        return direct(self.assembly, self.problem, workspace, self._actuated)
+        return None if self._loads else direct(self.assembly, self.problem, workspace, self._actuated)
 
     def rest(self, robot: Robot, braking: Braking) -> Rest:
         """A deceleration that keeps contacts, at either level."""

@@ -21,9 +21,11 @@ from .relative import skew
 
 @dataclass(frozen=True, kw_only=True)
 class _Load(Element):
-    """A term of the equation of motion at a frame; no rows.  It belongs into ``subject_to`` of a torque controller."""
+    """A term of the equation of motion at a frame; no rows.  It belongs into ``subject_to``."""
 
     quantity: ClassVar[Quantity] = "load"
+    is_mass: ClassVar[bool] = False
+    """Whether centres of mass see it, so that it says something to controllers of velocities and accelerations."""
 
     frame: str
 
@@ -97,9 +99,11 @@ class Payload(_Load):
     ``at(mass, com)`` says each tick what is carried [kg] and where, ``(3,)`` [m] in the frame's axes; mass and com are
     what it is without.  The dynamics, the forces of contacts, gravity compensation, what is sent at rest, and centres
     of mass and momenta (Com, SupportPolygon, Momentum) see it.  A negative mass is less than the model has.  Its own
-    moments of inertia are left out.
-    In ``subject_to`` of a torque controller.  Raises DeclarationError for fields, FrameNotFound on binding.
+    moments of inertia are left out.  In ``subject_to``; where x is a velocity or an acceleration centres of mass and
+    momenta alone see it.  Raises DeclarationError for fields, FrameNotFound on binding.
     """
+
+    is_mass: ClassVar[bool] = True
 
     mass: float = 0.0
     com: tuple[float, float, float] = (0.0, 0.0, 0.0)

@@ -15,6 +15,7 @@ from hqp.errors import DeclarationError, DynamicsFailed, StaleState
 from hqp.formulation import Formulation, Place, Program
 from hqp.law import PD, Law
 from hqp.layout import Group, lay_out
+from hqp.loads import Loads, loads_of
 from hqp.price import GUARD_FLOOR, LevelPrices, Price, level_prices
 from hqp.problem import Hierarchy, Motion, Rows, Shape, Stacked
 from hqp.reference import Reference
@@ -25,7 +26,6 @@ from hqp.stack import Stack
 from hqp.torque.dynamics import ConstrainedDynamics, coordinate_parents
 from hqp.torque.forces import Efforts, Forces
 from hqp.torque.gravity import Gravity, holding_torque
-from hqp.torque.loads import Loads, loads_of
 from hqp.torque.reactions import reactions, require_actuation
 from hqp.torque.rest import Hold
 from hqp.torque.rows import TorqueRows

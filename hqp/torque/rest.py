@@ -10,12 +10,12 @@ from hqp.arrays import Vec
 from hqp.assembly import Assembly
 from hqp.element import Element
 from hqp.law import Law
+from hqp.loads import Loads
 from hqp.rest import Rest
 from hqp.robot import Robot, State
 from hqp.safety import Braking
 from hqp.torque.dynamics import ConstrainedDynamics, coordinate_parents
 from hqp.torque.gravity import Gravity
-from hqp.torque.loads import Loads
 
 
 class Hold(Rest):

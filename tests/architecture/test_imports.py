@@ -53,8 +53,8 @@ for _part in ("robot", "robots", "tasks"):
 
 ABOVE = {
     "account", "adapters", "arguments", "comparison", "conflict", "contact_watch", "direct", "doctor", "estimation",
-    "explain", "formulation", "goals", "lab", "markdown", "recorder", "recording", "replay", "restless", "serial",
-    "session", "soundness", "sweep", "tick", "torque", "transition", "viewer", "waypoints",
+    "explain", "formulation", "goals", "lab", "loads", "markdown", "recorder", "recording", "replay", "restless",
+    "serial", "session", "soundness", "sweep", "tick", "torque", "transition", "viewer", "waypoints",
 }  # fmt: skip
 """Formulations, sessions and what stands on them: they may import what they need, but in no circle."""
 

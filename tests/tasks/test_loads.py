@@ -114,6 +114,31 @@ def test_balance_sees_a_payload(robots: dict[str, Any], native: bool, monkeypatc
     assert not np.allclose(blind.command, y.command, atol=1.0)
 
 
+@pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration()], ids=["velocity", "acceleration"])
+def test_balance_sees_a_payload_where_forces_do_not_count(robots: dict[str, Any], formulation: Any) -> None:
+    """The centre of mass with the load comes to its goal and stays; a NaN mass is told and the declared one taken."""
+    robot, frame, com = robots["cbi"], "r_palm", np.array([0.1, 0.0, 0.0])
+    load, centre = t.Payload(frame=frame), t.Com(axes="xy")
+    stack = Stack(Level(centre), Level(t.Posture()), subject_to=[*feet(robot), t.JointLimits(), load])
+    session = hqp.Controller(stack, formulation, deadline=math.inf).session(robot, DT)
+    q, v, goal = robot.home, np.zeros(robot.nv), robot.state().com()[:2].copy()
+    for _ in range(1500):
+        tick = session.step(robot.state(q, v), centre.at(goal), load.at(4.0, com))
+        assert tick.status is Status.OPTIMAL
+        q, v = tick.advance()
+    there = heavier(robot, frame, 4.0, com).state(q).com()[:2]
+    assert np.allclose(there, goal, atol=1e-6)
+    assert np.linalg.norm(robot.state(q).com()[:2] - goal) > 0.01
+    tick = session.step(robot.state(q, v), centre.at(goal), load.at(math.nan))
+    assert tick.status is Status.INVALID_REFERENCE
+    wrench = t.ExternalWrench(frame=frame)
+    with pytest.raises(DeclarationError, match="Torque for contact forces"):
+        hqp.Controller(Stack(Level(centre), subject_to=[wrench]), formulation).session(robot, DT)
+    found = hqp.reach(stack, robot, centre.at(goal), load.at(4.0, com))
+    assert found.success, found.reason
+    assert np.linalg.norm(heavier(robot, frame, 4.0, com).state(found.q).com()[:2] - goal) < 1e-3
+
+
 @pytest.mark.parametrize("local", [False, True])
 @pytest.mark.parametrize(("name", "frame"), [("cbi", "r_palm"), ("panda", "panda_hand")])
 def test_a_wrench_is_one_of_pinocchio(robots: dict[str, Any], name: str, frame: str, local: bool) -> None:
@@ -212,11 +237,13 @@ def test_what_is_not_finite_is_left_out(robots: dict[str, Any]) -> None:
 def test_what_is_refused(robots: dict[str, Any]) -> None:
     robot = robots["panda"]
     load = t.Payload(frame="panda_hand")
+    wrench = t.ExternalWrench(frame="panda_hand")
     for formulation in (hqp.Velocity(), hqp.Acceleration()):
         with pytest.raises(DeclarationError, match="loads"):
-            hqp.Controller(Stack(Level(t.Posture()), subject_to=[load]), formulation).session(robot, DT)
-    with pytest.raises(DeclarationError, match="subject_to"):
-        hqp.Controller(Stack(Level(t.Posture(), load)), hqp.Torque()).session(robot, DT)
+            hqp.Controller(Stack(Level(t.Posture()), subject_to=[wrench]), formulation).session(robot, DT)
+    for formulation in (hqp.Velocity(), hqp.Torque()):
+        with pytest.raises(DeclarationError, match="subject_to"):
+            hqp.Controller(Stack(Level(t.Posture(), load)), formulation).session(robot, DT)
     stack = Stack(Level(t.Posture()), subject_to=[t.ExternalWrench(frame="panda_hnd")])
     with pytest.raises(FrameNotFound, match="panda_hand"):
         hqp.Controller(stack, hqp.Torque()).session(robot, DT)
