@@ -87,7 +87,8 @@ class JointLimits(Inequality):
         a = np.full(picked.size, self.acceleration or math.inf)
         if self.acceleration == ACCELERATION:
             a = np.minimum(a, robot.velocity_limit[picked] / RISE)
-            a = np.minimum(a, robot.effort_limit[picked] / home_inertia(robot)[picked])
+            with np.errstate(over="ignore"):  # a joint that carries next to nothing
+                a = np.minimum(a, robot.effort_limit[picked] / home_inertia(robot)[picked])
         return a, np.minimum(a, self.braking or math.inf)
 
     def _positions(self, robot: Robot) -> tuple[Vec, Vec]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -89,6 +90,26 @@ def test_a_humanoid_out_of_reach_says_what_was_asked_and_given() -> None:
     tick = drive(robot, run, hand, [1.0, 0.0, 0.2], 300)
     assert {"hand"} == {note.element for note in tick.notes}  # lower levels that nobody asked for are not noted
     assert "short along" in tick.notes[0].detail
+
+
+def test_notes_may_be_read_later() -> None:
+    """Their texts are made when they are read, from the numbers of their own tick."""
+    read, later = [], []
+    for at_once in (True, False):
+        robot, run, hand = humanoid("g1", hqp.Velocity())
+        q, v = robot.home.copy(), np.zeros(robot.nv)
+        goal = robot.state(q, v).position(hand.frame) + [1.0, 0.0, 0.2]
+        ticks = []
+        for k in range(120):
+            tick = run.step(robot.state(q, v), hand.at(goal - 0.01 * k))
+            q, v = tick.advance()
+            ticks.append(tick)
+            if at_once:
+                read.append(tick.notes)
+        if not at_once:
+            later = [pickle.loads(pickle.dumps(tick)).notes if k % 2 else tick.notes for k, tick in enumerate(ticks)]
+    assert read == later
+    assert len({notes[0].detail for notes in read if notes}) > 50
 
 
 def test_worth_is_the_slope_of_what_is_not_met() -> None:
