@@ -178,8 +178,9 @@ class Settled {
     double* b = &B_[static_cast<std::size_t>(c) * ld_];
     at_->row(a, b);
     b_[c] = target - dot_any(a, at_->still(), n_);
-    const double square = dot_any(b, b, n_);
-    dots_any(b, B_.data(), ld_, c, n_, column_.data());
+    const int whole = lanes(n_);  // rows are padded with zeros
+    const double square = dot_any(b, b, whole);
+    dots_any(b, B_.data(), ld_, c, whole, column_.data());
     double pivot = square, z = b_[c];
     for (int j = 0; j < c; ++j) {
       const double f = column_[j] * inverse_[j];
@@ -204,7 +205,7 @@ class Settled {
     for (int j = count_ - 1; j >= 0; --j) {
       const double* u = &U_[static_cast<std::size_t>(j) * width_];
       lambda_[j] = (z_[j] - dot_any(u + j + 1, &lambda_[j + 1], count_ - j - 1)) * inverse_[j];
-      add_any(y_.data(), &B_[static_cast<std::size_t>(j) * ld_], lambda_[j], n_);
+      add_any(y_.data(), &B_[static_cast<std::size_t>(j) * ld_], lambda_[j], lanes(n_));
     }
     at_->point(y_.data(), x_.data());
   }
