@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from time import perf_counter
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -29,6 +29,9 @@ from hqp.tolerances import (
     SLACK_TOLERANCE,
     VIOLATION_TOLERANCE,
 )
+
+if TYPE_CHECKING:
+    from hqp._priced import Stages as NativeStages
 
 try:
     from hqp import _priced as native_stages
@@ -374,8 +377,9 @@ def _limit(workspace: Workspace, seconds: float) -> None:
     getattr(workspace, "limit", lambda _: None)(seconds)
 
 
-def stages_of(n: int, rows: Sequence[int], priced: Sequence[bool]) -> native_stages.Stages:
+def stages_of(n: int, rows: Sequence[int], priced: Sequence[bool]) -> NativeStages:
     """Native stages of a hierarchy, to be bound to its arrays."""
+    assert native_stages is not None
     tolerances = MET_TOLERANCE, SLACK_TOLERANCE, FLAT_TOLERANCE
     return native_stages.Stages(n, list(rows), [int(p) for p in priced], *tolerances)
 
