@@ -27,6 +27,7 @@ PARTS = {
 
 EXTRA = {
     "changes": "changes of stack in a closed loop: jumps of the command, time of a tick",
+    "deadline": "torque ticks with violated constraints: how long with the default deadline and without, how good",
     "soak": "random closed loops with everything that goes wrong, at length",
     "collision": "hands that are blocked, a table in MuJoCo, and what pairs cost",
     "reach": "inverse kinematics to 1000 random poses, beside roboplan",

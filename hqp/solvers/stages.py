@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -44,6 +44,7 @@ LEAST = 1e-6
 ROOT = 1e-12
 """m is found to this relative accuracy."""
 
+T = TypeVar("T")
 
 Counts: TypeAlias = tuple[int, int, int, bool]
 """As NativeWorkspace.kernel: outcome (0 for an optimum), iterations, factorisations, whether it was judged."""
@@ -122,7 +123,7 @@ class StagedWorkspace:
         rows = tuple(m + priced for m, priced in zip(shape.rows, shape.priced, strict=True))
         selections = tuple(s and not p for s, p in zip(shape.selections, shape.priced, strict=True))
         self._last = exact(replace(shape, rows=rows, selections=selections, inequalities=True, priced=()))
-        self._latest = self._exact
+        self._latest: Workspace | None = self._exact
         self._make, self._workspaces = exact, dict[Shape, Workspace]()
         self._native = stages_of(shape.n, shape.rows, shape.priced) if native and native_stages else None
         self._points: Mat = np.full((len(rows), shape.n), np.nan)
@@ -157,9 +158,11 @@ class StagedWorkspace:
         if self._problem is not problem:
             self._bind(problem)
         self._began = perf_counter()
-        if self._head and (counts := self._from_head()) is not None:
+        if not self._head:
+            return self._priced(problem, self._exact.solve(self._plain))
+        if (counts := self._from_head()) is not None:
             return self.answer(problem, counts)
-        return self._priced(problem, self._exact.solve(self._plain))
+        return self._priced(problem, self._in_the_rest(lambda: self._exact.solve(self._plain)))
 
     def kernel(self, problem: Hierarchy) -> Kernel | None:
         """The exact hierarchy's kernel, as NativeWorkspace.kernel; its outcome is UNSETTLED where stages follow."""
@@ -173,9 +176,12 @@ class StagedWorkspace:
 
         def settled() -> Counts:
             self._began = perf_counter()
-            if self._head and (found := self._from_head()) is not None:
+            if not self._head:
+                counts = solve()
+            elif (found := self._from_head()) is not None:
                 return found
-            counts = solve()
+            else:
+                counts = self._in_the_rest(solve)
             self._latest = self._exact
             if counts[0]:
                 return counts
@@ -271,10 +277,20 @@ class StagedWorkspace:
 
     def _stopped(self, problem: Hierarchy, exact: Stats, found: Found) -> Solution:
         """The point at which a stage was stopped: it keeps to what the levels above left."""
-        stages, point, steps, _ = found
+        _, point, steps, _ = found
+        self._latest = None  # no multipliers: the stage has none yet
         status = Status.TIME_LIMIT if self._seconds else Status.ITERATION_LIMIT
         stats = Stats(exact.iterations + steps, exact.factorisations, exact.build_s, perf_counter() - self._began)
-        return finish(problem, point, status, stats, "", stages, self._describe)
+        return finish(problem, point, status, stats, describe=self._describe)
+
+    def _in_the_rest(self, solve: Callable[[], T]) -> T:
+        """The exact hierarchy solved in what is left of the time."""
+        if not self._seconds:
+            return solve()
+        _limit(self._exact, self._left())
+        found = solve()
+        _limit(self._exact, self._seconds)
+        return found
 
     def _left(self) -> float:
         """What is left of the time for this solve [s], 0 for no limit."""

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 import hqp
+from benchmarks.deadline import measure as measure_deadline
+from benchmarks.deadline import overloaded
 from hqp import Level, P, Stack, Status
 from hqp.element import Inequality
 from hqp.errors import ConcurrentUse, DeclarationError, HqpError, ModelError, UnknownReference
@@ -235,6 +237,29 @@ def test_an_answer_that_is_not_certified_is_not_sent(robot: Robot, monkeypatch: 
     assert [tick.held for tick in ticks] == [1, 2, 3]
     assert all(tick.status is Status.NOT_CERTIFIED for tick in ticks)
     assert all(np.abs(tick.command).max() < np.abs(good.command).max() for tick in ticks)
+
+
+@pytest.mark.parametrize("deadline", [2e-4, 1e-3])
+def test_conflicts_at_torque_level_keep_a_deadline(deadline: float) -> None:
+    """Feet that must bear more than the robot weighs: whatever is stopped, exact levels, stages or a verdict, tells."""
+    found = measure_deadline(hqp.robots.load("g1"), 150, deadline)
+    assert found.statuses["TIME_LIMIT"] > 20
+    assert found.worse == 0
+    assert np.median(found.cpu) < deadline + 2e-3
+    assert np.percentile(found.cpu, 95) < deadline + 5e-3
+
+
+def test_a_stopped_tick_can_be_explained() -> None:
+    robot = hqp.robots.load("g1")
+    run = hqp.Controller(overloaded(robot), hqp.Torque(), deadline=3e-4).session(robot, DT)
+    goal = run.stack.find("hand", Position).at([1.0, 0.5, 1.0])
+    stopped = 0
+    for k in range(60):
+        tick = run.step(robot.state(None, 0.1 * np.sin(k + np.arange(robot.nv))), goal)
+        if tick.status is Status.TIME_LIMIT:
+            stopped += 1
+            assert {a.element for a in tick.explain().accounts} == set(tick.account().elements)
+    assert stopped > 5
 
 
 def test_an_unfinished_answer_is_no_worse_than_the_last_command(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:

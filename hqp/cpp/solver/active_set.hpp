@@ -32,6 +32,9 @@ class ActiveSet final : public Step {
   }
 
  private:
+  static constexpr double kForget = 0.9;  // of how long a verdict takes, each time there is none: it may have been late
+  double verdict_ = 0.0;                  // time that the last one took
+
   // Swap everything that is violated or wrong-signed at once; true if that ends at the optimum.
   bool block_exchange() {
     int exchanges_left = options_->exchanges, fewest = 1 << 30;
@@ -213,7 +216,14 @@ class ActiveSet final : public Step {
              32 * multipliers.doubted + 64 * table.uneven + 128 * stopped_;
     if (outcome == Outcome::iteration_limit) outcome = Outcome::optimal;
     const bool uncertain = tableau.closest < kDoubt;
+    const double begun = deadline_ > 0.0 ? now() : 0.0;
+    if (deadline_ > 0.0 && begun + verdict_ > deadline_) {  // no time for another verdict: what was doubted stays so
+      verdict_ *= kForget;
+      outcome = stopped_ ? Outcome::time_limit : Outcome::rank_uncertain;
+      return;
+    }
     const bool passed = level_search.judge(x);
+    if (deadline_ > 0.0) verdict_ = now() - begun;
     if (passed && level_search.gap <= kGood) {
       if (stopped_) take_working_set();
       if (uncertain) outcome = Outcome::rank_uncertain;

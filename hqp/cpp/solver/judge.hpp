@@ -286,7 +286,9 @@ class Judge {
 
   static bool rotate(double* a, double* b, int f) {
     const double aa = dot_any(a, a, f), bb = dot_any(b, b, f), ab = dot_any(a, b, f);
-    if (!(std::fabs(ab) > 1e-15 * std::sqrt(aa) * std::sqrt(bb)) || std::fabs(ab) < 1e-300) return false;
+    // rows of nothing but rounding are orthogonal to none
+    if (!(std::fabs(ab) > 1e-14 * std::sqrt(aa) * std::sqrt(bb)) || smaller(aa, bb) < kRounding * kRounding)
+      return false;
     const double zeta = (bb - aa) / (2.0 * ab);
     const double t = (zeta >= 0.0 ? 1.0 : -1.0) / (std::fabs(zeta) + std::sqrt(1.0 + zeta * zeta));
     const double c = 1.0 / std::sqrt(1.0 + t * t), s = c * t;
