@@ -37,13 +37,17 @@ def fall_rate_bound(falls: int, runs: int, confidence: float = CONFIDENCE) -> fl
 
 @dataclass(frozen=True)
 class Asked:
-    """A measure by its key, in words, with the limits that were promised; scale: of the number shown over it."""
+    """A measure by its key, in words, with the limits that were promised.
+
+    scale: of the number shown over it.  smaller_is_worse: also where no lower limit was promised.
+    """
 
     key: str
     words: str
     low: float = -math.inf
     high: float = math.inf
     scale: float = 1.0
+    smaller_is_worse: bool = False
 
     @property
     def promised(self) -> bool:
@@ -63,7 +67,7 @@ class Asked:
         if math.isfinite(self.low) and math.isfinite(self.high):
             badness = np.abs(values - 0.5 * (self.low + self.high))
         else:
-            badness = -values if math.isfinite(self.low) else values
+            badness = -values if self.smaller_is_worse or math.isfinite(self.low) else values
         return _picked(values[np.argsort(badness, kind="stable")])
 
     def cell(self, rows: Sequence[Mapping[str, float]]) -> str:

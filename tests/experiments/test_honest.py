@@ -196,6 +196,10 @@ def test_figures_are_ordered_by_how_near_they_come_to_their_limit() -> None:
     assert figures["speed"].spread(rows)["worst"] == pytest.approx(0.3)
     assert figures["pull"].spread(rows) == {"median": 9.0, "p95": 18.0, "p99": 19.0, "worst": 19.0}
     assert math.isnan(figures["pull"].spread([*rows, {"pull": math.nan}])["worst"])
+    assert (
+        replace(figures["load_quantile"], low=-math.inf).spread([{"load_quantile": x} for x in (1.0, 2.0)])["worst"]
+        == 1
+    )
     run = {figure.key: 55.0 for figure in PRIVILEGED}
     (row,) = (row for row in compared({"nominal": [run], "nominal-imu": [run]}).rows if row[0] == "pull, max [N]")
     assert row[1:] == ("55 / 55 / 55 (FAIL, <= 50)", "55 / 55 / 55 (pass, <= 60)")

@@ -21,7 +21,7 @@ PRIVILEGED = (
     Asked("posture", "posture error, max [deg]", high=32.0),
     Asked("coupling", "biarticular coupling [deg]", high=0.02),
     Asked("unloaded", "a wheel unloaded [ms]", high=0.0, scale=1e3),
-    Asked("load_quantile", "wheel load, 0.5 % quantile [N]", low=60.0),
+    Asked("load_quantile", "wheel load, 0.5 % quantile [N]", low=60.0, smaller_is_worse=True),
     Asked("wheel_torque", "wheel torque, max [N m]", high=10.0),
 )
 """The limits of a single run in ``slope.acceptance``."""
