@@ -10,61 +10,41 @@ import numpy as np
 
 from hqp.arrays import Index, Mask, Mat, Vec, row_lengths
 from hqp.errors import BackendError
-from hqp.problem import Hierarchy, Shape, Solution, Stats
+from hqp.problem import Shape, Stats
 from hqp.solvers.backends import QpAnswer, QpWorkspace, load
-from hqp.solvers.base import Solver, Workspace, check_fields
-from hqp.solvers.conclude import conclude
-from hqp.solvers.flat import Flat
+from hqp.solvers.external import External, ExternalWorkspace
 from hqp.solvers.recursion import Recursion, geqp3, ormqr
-from hqp.solvers.refine import Refiner
-from hqp.solvers.stages import StagedWorkspace
-from hqp.tolerances import RANK_TOLERANCE, ROUNDING
+from hqp.tolerances import ROUNDING
 
 RELAXATION = 1e-11
 """Rows met above may be left by this much [unit of the row, its length taken as 1]: the next level is degenerate."""
 
 
 @dataclass(frozen=True)
-class Cascade(Solver):
+class Cascade(External):
     """Level by level min ||w_k|| with the levels above kept optimal (Kanoun, Lamiraux, Wieber 2011).
 
     Level k moves in x + Z y only, Z an orthonormal null-space basis of the rows that the levels above fix: equalities,
     violated rows (their optimal slack is unique) and met rows with a positive multiplier; other met rows are carried
     along as inequalities.  No fixed row is ever stacked as an equality.  The completion is the last level.
-    backend: proxqp, osqp, or any solver of qpsolvers.  tolerance: asked of it, absolute, for rows of length 1.
-    max_iterations: of the back end, a level.  rank_tolerance: as in nullspace.  refine: make the answer exact by its
-    active set (at most ``exchanges`` changes of it), otherwise it is only judged.
+    backend: proxqp, osqp, or any solver of qpsolvers.  Its options are those of External, max_iterations a level.
     """
 
     name: ClassVar[str] = "cascade"
-    accuracy: ClassVar[float] = 1e-8
-    priced: ClassVar[bool] = True
 
     backend: str = "proxqp"
-    tolerance: float = 1e-9
-    max_iterations: int = 2000
-    rank_tolerance: float = RANK_TOLERANCE
-    refine: bool = True
-    exchanges: int = 100
 
-    def __post_init__(self) -> None:
-        check_fields(self, shares=("tolerance", "rank_tolerance"), counts=("max_iterations", "exchanges"))
-
-    def workspace(self, shape: Shape) -> Workspace:
-        """Allocate; raises DeclarationError for an unknown back end."""
-        self.require(shape)
-        if shape.priced:
-            return StagedWorkspace(shape, self.workspace)
+    def exact(self, shape: Shape) -> CascadeWorkspace:
+        """A workspace; raises DeclarationError for an unknown back end."""
         return CascadeWorkspace(self, shape)
 
 
-class CascadeWorkspace:
+class CascadeWorkspace(ExternalWorkspace):
     """Buffers of one shape, and the back end's workspace of every size of QP met so far."""
 
     def __init__(self, solver: Cascade, shape: Shape) -> None:
+        super().__init__(solver, shape, trusted=max(1e-7, 100.0 * solver.tolerance))
         self.solver = solver
-        self.flat = Flat(shape, complete=True)
-        self.refiner = Refiner(self.flat, solver.rank_tolerance, solver.exchanges) if solver.refine else None
         self._backend = load(solver.backend, solver.tolerance, solver.max_iterations)
         self._programs: dict[tuple[int, ...], QpWorkspace] = {}
         self._single = Recursion(shape.n, solver.rank_tolerance)
@@ -73,18 +53,14 @@ class CascadeWorkspace:
         """Forget the warm starts."""
         self._programs.clear()
 
-    def solve(self, problem: Hierarchy) -> Solution:
-        """The solution, exact where it could be confirmed; NOT_CERTIFIED, naming the level, where it could not."""
-        began = perf_counter()
-        flat = self.flat
-        unusable = flat.load(problem)
-        if unusable:
-            return flat.refuse(problem, Stats(build_s=perf_counter() - began), unusable)
+    def find(self, began: float) -> tuple[Vec, Stats, str]:
+        """x level by level."""
+        flat, n = self.flat, self.flat.shape.n
         self._iterations, self._qp_s = 0, 0.0
         self._complaints: list[str] = []
         self._lengths = row_lengths(flat.A)
-        x: Vec = np.zeros(problem.n)
-        Z: Mat = np.eye(problem.n)
+        x: Vec = np.zeros(n)
+        Z: Mat = np.eye(n)
         held: Index = np.zeros(0, dtype=np.intp)
         start = 0
         settled = self.refiner is not None and not flat.inequality.any()  # no active set to find: nothing to ask
@@ -94,9 +70,7 @@ class CascadeWorkspace:
             x, Z, held = self._level(k, np.arange(start, stop), x, Z, held)
             start = stop
         stats = Stats(self._iterations, 0, perf_counter() - began - self._qp_s, self._qp_s)
-        nearness = max(1e-7, 100.0 * self.solver.tolerance)
-        detail = "; ".join(self._complaints)
-        return conclude(problem, flat, self.refiner, x, nearness, self.solver.accuracy, stats, detail)
+        return x, stats, "; ".join(self._complaints)
 
     def _level(self, k: int, rows: Index, x: Vec, Z: Mat, held: Index) -> tuple[Vec, Mat, Index]:
         """x moved to the optimum of level k, Z and held rows for the level below."""
@@ -116,7 +90,7 @@ class CascadeWorkspace:
                 y = self._single.point()
             x = x + Z @ y
         w = np.abs(self._slack(unequal, x))
-        broken = w > max(1e-7, 100.0 * self.solver.tolerance) * size * (1.0 + np.abs(x).max())
+        broken = w > self._trusted * size * (1.0 + np.abs(x).max())
         fixed = np.concatenate([flat.A[equal] / size, flat.A[unequal[broken]] / size])
         locked = flat.A[held[pressed]] / self._lengths[held[pressed], None]
         Z = self._shrink(Z, np.concatenate([fixed, locked]))
