@@ -150,7 +150,7 @@ class Assembly {
     const nb::object record = nb::steal(
         PyByteArray_FromStringAndSize(nullptr, static_cast<Py_ssize_t>(sizeof(double) * numbers + active_count_)));
     if (!record.is_valid()) nb::raise_python_error();
-    double* out = reinterpret_cast<double*>(PyByteArray_AS_STRING(record.ptr()));
+    double* out = reinterpret_cast<double*>(PyByteArray_AsString(record.ptr()));
     for (const int i : command_) *out++ = values_[i];
     out = std::copy(values_, values_ + value_count_, out);
     *out++ = hqp::seconds({}, begin_);

@@ -216,7 +216,8 @@ class Workspace {
   }
 
   nb::object fresh(const nb::object& type) const {
-    PyObject* made = PyBaseObject_Type.tp_new(reinterpret_cast<PyTypeObject*>(type.ptr()), none_.ptr(), nullptr);
+    static const auto make = reinterpret_cast<newfunc>(PyType_GetSlot(&PyBaseObject_Type, Py_tp_new));
+    PyObject* made = make(reinterpret_cast<PyTypeObject*>(type.ptr()), none_.ptr(), nullptr);
     if (!made) nb::raise_python_error();
     return nb::steal(made);
   }
@@ -226,7 +227,7 @@ class Workspace {
   }
 
   nb::object copy(const nb::object& array) const {
-    PyObject* made = PyObject_CallMethodNoArgs(array.ptr(), key_.copy.ptr());
+    PyObject* made = PyObject_CallMethodObjArgs(array.ptr(), key_.copy.ptr(), nullptr);
     if (!made) nb::raise_python_error();
     return nb::steal(made);
   }
@@ -237,7 +238,7 @@ class Workspace {
     for (std::size_t k = 0; k < count; ++k) {
       PyObject* piece = PyObject_GetItem(values.ptr(), nb::object(parts[k]).ptr());
       if (!piece) nb::raise_python_error();
-      PyTuple_SET_ITEM(all.ptr(), static_cast<Py_ssize_t>(k), piece);
+      PyTuple_SetItem(all.ptr(), static_cast<Py_ssize_t>(k), piece);
     }
     return all;
   }

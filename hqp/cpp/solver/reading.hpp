@@ -20,10 +20,10 @@ class Reader {
             Problem& problem) {
     nb::object all, count, first, second;
     if (!get(hierarchy, key_levels_, all) || !PyTuple_Check(all.ptr())) return false;
-    if (PyTuple_GET_SIZE(all.ptr()) != static_cast<Py_ssize_t>(rows.size())) return false;
+    if (PyTuple_Size(all.ptr()) != static_cast<Py_ssize_t>(rows.size())) return false;
     if (!get(hierarchy, key_n_, count) || PyLong_AsLong(count.ptr()) != n) return cleared();
     for (std::size_t k = 0; k < rows.size(); ++k)
-      if (!level(PyTuple_GET_ITEM(all.ptr(), static_cast<Py_ssize_t>(k)), n, rows[k], levels[k])) return false;
+      if (!level(PyTuple_GetItem(all.ptr(), static_cast<Py_ssize_t>(k)), n, rows[k], levels[k])) return false;
     if (!get(hierarchy, key_metric_, first) || !get(hierarchy, key_origin_, second)) return false;
     if (first.is_none() == metric) return false;
     problem.metric = problem.origin = nullptr;
