@@ -193,13 +193,21 @@ def test_native_descents_are_those_of_the_general_path(name: str, monkeypatch: p
         stack = Stack(Level(hand), Level(Posture()))
     start, runs = hand.value(robot.state()), []
     goals = []
-    for _ in range(8):
+    for k in range(8):
         goal = start.copy()
-        goal[..., 3 if goal.ndim > 1 else slice(None)][:3] += rng.uniform(-0.4, 0.4, 3)
+        goal[..., 3 if goal.ndim > 1 else slice(None)][:3] += rng.uniform(-0.4, 0.4, 3) * (4.0 if k > 5 else 1.0)
         goals.append(hand.at(goal))
     search = Search(stack, robot)
-    search.aim(robot.home, goals[:1])
-    assert search._native.descend(robot.home, 1e-3, 5, 1.0) is not None
+    for goal in goals:
+        search.aim(robot.home, [goal])
+        for most in (3, 30):
+            start_q = reaching.random_start(robot, robot.home, rng)
+            one = search._native.descend(start_q, 1e-3, most, 60.0)
+            other = search._descend(start_q, 1e-3, most, math.inf, False)
+            assert one is not None
+            assert (one.steps, one.reason) == (other.steps, other.reason)
+            np.testing.assert_allclose(one.q, other.q, atol=1e-5)
+            np.testing.assert_allclose(one.merit, other.merit, rtol=1e-4)
     for general in (False, True):
         if general:
             python_only(monkeypatch)
