@@ -73,8 +73,8 @@ def lifted(whole: Stack, robot: Robot) -> Stack:
 class Loop:
     """A closed loop on the exact integrator, every command and the time of every tick kept."""
 
-    def __init__(self, robot: Robot, declared: Stack, level: str) -> None:
-        controller = hqp.Controller(declared, formulation(level), deadline=np.inf)
+    def __init__(self, robot: Robot, declared: Stack, level: str, deadline: float | None = np.inf) -> None:
+        controller = hqp.Controller(declared, formulation(level), deadline=deadline)
         self.robot, self.run = robot, controller.session(robot, DT)
         self.q, self.v = robot.home.copy(), np.zeros(robot.nv)
         start = robot.state()

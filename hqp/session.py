@@ -270,7 +270,8 @@ class Session:
             return tick
         last = self._x
         waits = bearing(first.program, a.x, transition.released) if transition.released else ()
-        x = transition.blend(a.x, b.x, last, self._joints, wait=bool(waits))
+        unfinished = not (a.finished and b.finished)
+        x = transition.blend(a.x, b.x, last, self._joints, wait=bool(waits), unfinished=unfinished)
         notes = waits or tuple(note for note in b.notes if note not in a.notes)
         notes = (*a.notes, *notes)
         if waits:  # the contact is still there: so are the dynamics of the first stack

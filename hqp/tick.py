@@ -117,6 +117,11 @@ class Tick:
         return self._state
 
     @property
+    def finished(self) -> bool:
+        """Whether the solver came to its end, rather than to its deadline."""
+        return self.solution is not None and self.solution.status.solved
+
+    @property
     def session(self) -> Session | None:
         """Whose rows the tick has: the session, in a transition one of those that it blends; None once pickled."""
         return self._session
@@ -197,6 +202,7 @@ class OrdinaryTick(Tick):
     status = Status.OPTIMAL
     held = 0
     fit = True
+    finished = True
     transition = 1.0
 
     def __init__(

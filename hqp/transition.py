@@ -106,10 +106,11 @@ class Transition:
             return ()
         return tuple(element.hold(state) for element in self.released_rows if element.name not in given)
 
-    def blend(self, a: Vec, b: Vec, last: Vec, joints: Index, *, wait: bool = False) -> Vec:
+    def blend(self, a: Vec, b: Vec, last: Vec, joints: Index, *, wait: bool = False, unfinished: bool = False) -> Vec:
         """x of this tick: as far from a to b as the schedule says, no further than the largest change allows.
 
-        joints: which entries of x are a command.  wait: no further than before.
+        joints: which entries of x are a command.  wait: no further than before.  unfinished: a or b is the best point
+        within the deadline, which may lie anywhere; from the last x it is followed by the largest change at most.
         """
         pace = self._pace if self._spans[self._at] else 1.0
         target = self._s if wait else min(1.0, self._s + pace)
@@ -120,7 +121,10 @@ class Transition:
             least = min(target, self._s + SLOWEST * self._pace)
             h = max(smooth(least), self._fastest(start, difference, h))
         self._s = 1.0 if h >= 1.0 else max(self._s, inverse(h))
-        return a + h * (b - a)
+        x = a + h * (b - a)
+        if unfinished and (reach := float(np.abs(x - last)[joints].max(initial=0.0))) > self._cap:
+            return last + (self._cap / reach) * (x - last)
+        return x
 
     def _fastest(self, start: Vec, difference: Vec, h: float) -> float:
         """The largest h below ``h`` for which |start + h difference| stays within the cap, 0 where there is none."""

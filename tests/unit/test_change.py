@@ -26,6 +26,7 @@ from hqp.tasks import (
     TorqueLimits,
     UnilateralContact,
 )
+from hqp.tick import Tick
 from hqp.transition import LARGEST_CHANGE, Transition, inverse, smooth
 from hqp.viewer.session_view import View
 from hqp.waypoints import Waypoint, path, unloaded
@@ -198,6 +199,23 @@ def test_a_heavy_foot_is_released_without_a_jump() -> None:
     (change,) = measure(hqp.robots.load("cbi"), "torque", ["release"])
     assert change.during <= 3.0, str(change)
     assert change.after <= 3.0, str(change)
+
+
+@pytest.mark.parametrize("finished", [True, False])
+def test_an_answer_that_was_stopped_is_followed_by_the_largest_change_at_most(
+    robot: Robot, finished: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """CBi jumped by 14.6 N m where one of its two stacks was stopped at the deadline: such an answer lies anywhere."""
+    whole = stack(robot, "torque")
+    loop = Loop(robot, whole, "torque")
+    loop.shift(300)
+    loop.run.change(lifted(whole, robot), 0.1)
+    loop.go(5, loop.goals(1.0))
+    monkeypatch.setattr(Tick, "finished", property(lambda tick: finished))
+    kicked = robot.state(loop.q, loop.v + 0.05 * np.sin(np.arange(robot.nv)))
+    tick = loop.run.step(kicked, *loop.goals(1.0))
+    largest = np.abs(tick.command - loop.ticks[-1].command).max()
+    assert largest > 2.0 if finished else largest <= LARGEST_CHANGE["torque"] * (1.0 + 1e-9)
 
 
 def on_small_soles(robot: Robot) -> Stack:
