@@ -168,7 +168,7 @@ def _knowing(setting: Setting) -> Table:
         "outcome",
         "base off by [mm]",
         "and by [deg]",
-        "CoG RMS [mm]",
+        "CoG left-right RMS [mm]",
         "CoG max [mm]",
     )
     return table("What the controller knows", header, rows)
