@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+import hqp
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 UNTESTED = {"ros2_node"}
@@ -42,6 +45,13 @@ def test_it_runs(path: Path, tmp_path: Path) -> None:
     if path.stem in NEEDS and importlib.util.find_spec(NEEDS[path.stem]) is None:
         pytest.skip(f"needs {NEEDS[path.stem]}")
     run(path, tmp_path, *ARGUMENTS.get(path.stem, []))
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.stem)
+def test_the_stacks_of_the_readme_run_on_the_robot_they_are_named_after(path: Path) -> None:
+    robot = hqp.robots.load(path.stem)
+    tick = hqp.Controller(hqp.serial.load(path), deadline=math.inf).session(robot, 0.002).step(robot.state())
+    assert tick.status.name == "OPTIMAL"
 
 
 @pytest.mark.corpus
