@@ -56,7 +56,7 @@ class Loads:
         return bool(self.elements)
 
     def begin(self, state: State) -> None:
-        """Let the state know what the robot carries, as of the latest tick; as declared before the first."""
+        """Give the state the payloads of the latest tick, or as declared before the first."""
         if len(self.values) < len(self.elements):
             for element in self.elements:
                 self._set(element, element.hold(state).value)

@@ -108,7 +108,7 @@ class Tick:
         return self._notes
 
     def take_place_of(self, tick: Tick) -> None:
-        """Tell of the rows of another tick, whose solution this one has."""
+        """Take the rows of another tick, whose solution this one has."""
         self._session, self._count, self.program = tick._session, tick._count, tick.program
 
     @property

@@ -100,7 +100,7 @@ class Transition:
         return any(session.knows(name) for session in self._sessions)
 
     def here(self, state: State, references: Sequence[Reference]) -> tuple[Reference, ...]:
-        """References that ask a contact on its way out to stay where it is, not to return to where it was."""
+        """References that hold a contact on its way out where it is, not where it was."""
         given = {getattr(reference, "name", "") for reference in references}
         if not state.valid:
             return ()

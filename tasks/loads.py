@@ -140,7 +140,7 @@ class Payload(_Load):
         return m * (J_p.T @ J_p), m * (J_p.T @ (a - g)), -m * (J_p.T @ g)
 
     def carried(self, reference: Vec) -> Load:
-        """The point mass that centres of mass and momenta have to see."""
+        """The point mass that centres of mass and momenta include."""
         return self.frame, float(reference[0]), reference[1:]
 
     def plan(self, robot: Robot) -> plans.Payload:
