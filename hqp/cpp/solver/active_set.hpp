@@ -217,9 +217,9 @@ class ActiveSet final : public Step {
     if (outcome == Outcome::iteration_limit) outcome = Outcome::optimal;
     const bool uncertain = tableau.closest < kDoubt;
     const double begun = deadline_ > 0.0 ? now() : 0.0;
-    if (deadline_ > 0.0 && begun + verdict_ > deadline_) {  // no time for another verdict: what was doubted stays so
+    if (deadline_ > 0.0 && begun + verdict_ > deadline_) {  // no time for another verdict
       verdict_ *= kForget;
-      outcome = stopped_ ? Outcome::time_limit : Outcome::rank_uncertain;
+      outcome = Outcome::time_limit;
       return;
     }
     const bool passed = level_search.judge(x);
