@@ -39,8 +39,6 @@ COM_GOAL = (0.0289, -0.0522)
 HAND_GOAL = (0.397, -0.216, 1.063)
 """Of the palm in the base's heading frame [m]: that of the posture goal."""
 
-LEVEL = np.zeros(2)
-
 Normals = Literal["contact", "map", "felt", "base", "contact in all", "vertical"]
 """Ground normals: ``contact``, the base's in the rows and each wheel's own in the gravity compensation; ``map``, the
 same with the wheels' normals from a map of heights that the robot makes as it goes; ``felt``, the base's, and gravity
@@ -150,15 +148,13 @@ class Targets:
         velocity: Vec,
         contact_normals: Mat,
         loads: Vec | None = None,
-        com_shift: Vec = LEVEL,
     ) -> tuple[Reference, ...]:
         """For a base with a rotation ``(3, 3)`` and velocity ``(3,)`` [m/s] in its own axes, and normals at wheels.
 
-        loads: measured at the wheels ``(3,)`` [N], None for a robot without load cells.  com_shift: of the CoM goal,
-        for what the hand carries, in the base's heading ``(2,)`` [m].
+        loads: measured at the wheels ``(3,)`` [N], None for a robot without load cells.
         """
         choice, base = self._choice, rotation[:, 2]
-        goal = np.array(choice.com_goal) + com_shift
+        goal = np.array(choice.com_goal)
         if choice.goal_at_axles:
             goal = goal + 0.101 * self._level(rotation, base)
         moving = rotation @ velocity

@@ -149,9 +149,9 @@ class Outing:
         else:
             normals = self._map.update(rotation, v[:3])
         loads = contacts.load if choice.normals in ("contact", "contact in all") else None
-        acting, shift = self.loads.references(state, self.pull)
+        acting = self.loads.references(state, self.pull)
         push = self._ground_force.references()
-        tick = self.session.step(state, *self._targets(rotation, v[:3], normals, loads, shift), *acting, *push)
+        tick = self.session.step(state, *self._targets(rotation, v[:3], normals, loads), *acting, *push)
         torque = tick.command + self._damping * v[self._actuated]
         self._brake(torque)
         torque = np.minimum(np.maximum(torque, -self._limit), self._limit)

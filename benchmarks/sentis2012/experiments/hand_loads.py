@@ -6,7 +6,6 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pinocchio as pin
 
 from hqp import Stack
 from hqp.arrays import Vec
@@ -46,7 +45,7 @@ def loads(wrench: bool, payload: bool) -> list[Element]:
 
 
 class HandLoads:
-    """References of the hand's wrench and payload, and by how much the CoM goal has to move for a payload.
+    """References of the hand's wrench and payload, and of what it carries.
 
     The observer takes the joints of the upper body, whose rows hold no contact force; hip and thorax together, so that
     the coupling's force drops out.  damping: of the joints, in the order of torques ``(n,)`` [N m s/rad], as in the
@@ -71,9 +70,6 @@ class HandLoads:
         """At the hand, as known: the human's pull, without what a payload weighs [N]."""
         self._down = 0.0
         self._share = 1.0 - math.exp(-choice.period / SLOW)
-        data = robot.model.createData()
-        pin.computeSubtreeMasses(robot.model, data)
-        self._upper = float(data.mass[robot.subtree("torso_yaw")])
 
     @property
     def mass(self) -> float:
@@ -85,13 +81,10 @@ class HandLoads:
         """Of the observer ``(nv,)`` [N, N m]."""
         return self._observer.residual
 
-    def references(self, state: State, measured: Vec) -> tuple[list[Reference], Vec]:
-        """The references of a tick, and the shift of the CoM goal ``(2,)`` [m].
+    def references(self, state: State, measured: Vec) -> list[Reference]:
+        """The references of a tick; the CoM task sees the payload by itself.
 
         measured: force at the wrist ``(3,)`` [N], for a robot that has a sensor there.
-
-        With a mass m at p the upper body's CoM is (M c + m p) / (M + m); it is at the goal g where
-        c = g + (m / M) (g - p).
         """
         found: list[Reference] = []
         if self._wrench is not None:
@@ -101,14 +94,9 @@ class HandLoads:
             found.append(self._wrench.at((1.0 + self._choice.assist) * force))
             if self._assist is not None:
                 found.append(self._assist.at(-self._choice.assist * force))
-        if self._payload is None:
-            return found, np.zeros(2)
-        found.append(self._payload.at(self.mass))
-        x, y, _ = state.rotation("base")[:, 0].tolist()
-        length = math.hypot(x, y)
-        at = state.position(HAND) + state.rotation(HAND) @ CARRIED_AT - state.position("base")
-        heading = np.array([[x, y], [-y, x]]) / length
-        return found, self.mass / self._upper * (np.array(self._choice.com_goal) - heading @ at[:2])
+        if self._payload is not None:
+            found.append(self._payload.at(self.mass))
+        return found
 
     def sent(self, state: State, torque: Vec) -> None:
         """Take the torque that goes to the motors at a state."""
