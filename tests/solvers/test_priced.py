@@ -190,6 +190,26 @@ def test_out_of_reach_only_the_levels_above_are_solved_exactly() -> None:
     assert len(set(beyond) & set(exact)) == 1  # the step on which the goal went out of reach
 
 
+def test_levels_of_many_rows_against_the_reference() -> None:
+    """From seven rows on the secular equation is solved by Cholesky factors, not by rotations."""
+    unmet = 0
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        n, m = int(rng.integers(15, 30)), int(rng.integers(7, 13))
+        levels = [Rows(Selection(np.arange(n)), -np.ones(n), np.ones(n))]
+        for rows in (m, 5):
+            goal = rng.choice([1.0, 10.0]) * rng.standard_normal(rows)
+            levels.append(Rows(rng.standard_normal((rows, n)), goal, goal.copy()))
+        levels.append(Rows(Selection(np.arange(n)), np.zeros(n), np.zeros(n)))
+        prices = np.array([0.0, *10.0 ** rng.uniform(-2.0, 1.0, 2), 0.0])
+        problem = Hierarchy(tuple(levels), constraints=1, prices=prices)
+        solution = hqp.solvers.load("lexicographic").solve(problem)
+        np.testing.assert_allclose(solution.x, hqp.solvers.load("reference").solve(problem).x, atol=1e-9)
+        assert certificate(problem, solution.x, 1e-8, solution.stage_points).ok
+        unmet += solution.stage_points is not None
+    assert unmet > 6
+
+
 def test_stages_keep_the_deadline() -> None:
     """Stopped at its first step, a stage leaves its point where it is: in the box, levels above as they were."""
     rng, n = np.random.default_rng(5), 40

@@ -1,4 +1,6 @@
-// min ||M z - e|| + c/2 |z|^2 for a few rows M (m, N): singular values by Jacobi rotations, then a scalar equation.
+// min ||M z - e|| + c/2 |z|^2 for rows M (m, N): z = M' (M M' + mu I)^-1 e with mu from a scalar equation. A few rows
+// are rotated until they are orthogonal, so that each step of the equation costs nothing; for many a step is a Cholesky
+// factor, as long as mu is far enough from rounding.
 #pragma once
 
 #include <cmath>
@@ -9,11 +11,16 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
+constexpr int kFew = 6;            // rows that are rotated
+constexpr double kClearOf = 1e-5;  // mu above this fraction of the largest square is clear of rounding
+
 class Secular {
  public:
-  // Rows M (m, ld) are replaced by the rotated ones, e (m) by U'e.
+  // Rows M (m, ld) are replaced by the rotated ones, e (m) by U'e, where there are few.
   void solve(double* M, int ld, int N, double* e, int m, double price) {
     m_ = m;
+    by_factor_ = m > kFew && factored(M, ld, N, e, price);
+    if (by_factor_) return;
     U_.assign(static_cast<std::size_t>(m) * m, 0.0);
     square_.resize(m);
     for (int i = 0; i < m; ++i) U_[i * m + i] = 1.0;
@@ -42,8 +49,9 @@ class Secular {
 
   bool met() const { return met_; }
 
-  // Weight of the rotated row i in z.
+  // Weight of row i, as solve has left it, in z.
   double weight(int i) const {
+    if (by_factor_) return lambda_[i];
     const double d = square_[i] + multiplier_;
     return square_[i] > 0.0 && d > 0.0 ? e_[i] / d : 0.0;
   }
@@ -51,6 +59,11 @@ class Secular {
   // u (m): w / ||w||, or the shortest multipliers where the level is met.
   void direction(double price, double* u) const {
     double length = 0.0;
+    if (by_factor_) {
+      const double norm = std::sqrt(dot_any(lambda_.data(), lambda_.data(), m_));
+      for (int i = 0; i < m_; ++i) u[i] = -lambda_[i] / norm;
+      return;
+    }
     for (int i = 0; i < m_; ++i) u[i] = 0.0;
     for (int i = 0; i < m_; ++i) {
       double part;
@@ -67,6 +80,73 @@ class Secular {
   }
 
  private:
+  // lambda_ = (M M' + mu I)^-1 e with |lambda_| = 1 / c; false where mu is not clear of rounding, or the level is met.
+  bool factored(const double* M, int ld, int N, const double* e, double price) {
+    const int m = m_;
+    gram_.resize(static_cast<std::size_t>(m) * m);
+    factor_.resize(static_cast<std::size_t>(m) * m);
+    lambda_.resize(m);
+    part_.resize(m);
+    double largest = 0.0;
+    for (int i = 0; i < m; ++i) {
+      dots_any(M + i * ld, M, ld, i + 1, N, &gram_[static_cast<std::size_t>(i) * m]);
+      largest += gram_[static_cast<std::size_t>(i) * m + i];
+    }
+    const double least = kClearOf * largest;
+    double low = least, high = price * std::sqrt(dot_any(e, e, m));
+    if (!(high > low)) return false;
+    double phi, slope;
+    if (!at(low, e, phi, slope) || price * price * phi <= 1.0) return false;  // the root lies below
+    double mu = high;
+    for (int step = 0; step < 60; ++step) {
+      if (!at(mu, e, phi, slope)) return false;
+      const double psi = 1.0 / std::sqrt(phi);
+      if (psi < price) low = mu;
+      else high = mu;
+      double next = mu + (price - psi) * phi / (psi * slope);
+      if (!(next > low && next < high)) next = 0.5 * (low + high);
+      if (std::abs(next - mu) <= 4e-16 * mu || high - low <= 4e-16 * high) break;
+      mu = next;
+    }
+    met_ = false;
+    multiplier_ = mu;
+    return true;
+  }
+
+  // lambda_ at mu; phi = |lambda_|^2 and slope = lambda_' (M M' + mu I)^-1 lambda_.
+  bool at(double mu, const double* e, double& phi, double& slope) {
+    const int m = m_;
+    for (int i = 0; i < m; ++i) {
+      double* L = &factor_[static_cast<std::size_t>(i) * m];
+      double rest = e[i];
+      for (int j = 0; j <= i; ++j) {
+        const double* other = &factor_[static_cast<std::size_t>(j) * m];
+        const double value = gram_[static_cast<std::size_t>(i) * m + j] - dot_any(L, other, j);
+        if (j < i) {
+          L[j] = value / other[j];
+          rest -= L[j] * part_[j];
+          continue;
+        }
+        if (!(value + mu > 0.0)) return false;
+        L[i] = std::sqrt(value + mu);
+      }
+      part_[i] = rest / L[i];
+    }
+    for (int i = m - 1; i >= 0; --i) {
+      const double* L = &factor_[static_cast<std::size_t>(i) * m];
+      lambda_[i] = part_[i] / L[i];
+      add_any(part_.data(), L, -lambda_[i], i);
+    }
+    phi = dot_any(lambda_.data(), lambda_.data(), m);
+    slope = 0.0;
+    for (int i = 0; i < m; ++i) {
+      const double* L = &factor_[static_cast<std::size_t>(i) * m];
+      part_[i] = (lambda_[i] - dot_any(L, part_.data(), i)) / L[i];
+      slope += part_[i] * part_[i];
+    }
+    return phi > 0.0 && std::isfinite(phi);
+  }
+
   // One-sided Jacobi: pairs of rows are rotated until all are orthogonal.
   void rotate(double* M, int ld, int N, double* e) {
     for (int sweep = 0; sweep < 30; ++sweep) {
@@ -124,10 +204,10 @@ class Secular {
   }
 
   int m_ = 0;
-  bool met_ = false;
+  bool met_ = false, by_factor_ = false;
   double multiplier_ = 0.0;
   const double* e_ = nullptr;
-  std::vector<double> U_, square_;
+  std::vector<double> U_, square_, gram_, factor_, lambda_, part_;
 };
 
 }  // namespace HQP_ISA
