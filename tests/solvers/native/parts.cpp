@@ -204,7 +204,8 @@ static void row_space() {
 static void secular_equation() {
   int met = 0;
   for (int trial = 0; trial < 200; ++trial) {
-    const int n = 6, ld = padded(n), m = 3;
+    const bool many = trial % 2;  // rows: by Cholesky factors, where the level is far from met
+    const int n = many ? 14 : 6, ld = padded(n), m = many ? 9 : 3;
     auto M = random_vector(m * ld), e = random_vector(m);
     const auto rows = M;
     const auto target = e;
