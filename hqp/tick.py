@@ -202,7 +202,6 @@ class OrdinaryTick(Tick):
     status = Status.OPTIMAL
     held = 0
     fit = True
-    finished = True
     transition = 1.0
 
     def __init__(
@@ -227,6 +226,11 @@ class OrdinaryTick(Tick):
     def note(self, notes: tuple[Note, ...]) -> None:
         """Give the tick notes."""
         self._found["notes"] = notes
+
+    @property
+    def finished(self) -> bool:
+        """The solver came to its end."""
+        return True
 
     @property
     def command(self) -> Vec:  # type: ignore[override]
