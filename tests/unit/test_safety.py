@@ -251,7 +251,7 @@ def test_conflicts_at_torque_level_keep_a_deadline(deadline: float) -> None:
 
 def test_a_stopped_tick_can_be_explained() -> None:
     robot = hqp.robots.load("g1")
-    run = hqp.Controller(overloaded(robot), hqp.Torque(), deadline=3e-4).session(robot, DT)
+    run = hqp.Controller(overloaded(robot), hqp.Torque(), deadline=3e-5).session(robot, DT)
     goal = run.stack.find("hand", Position).at([1.0, 0.5, 1.0])
     stopped = 0
     for k in range(60):
