@@ -33,11 +33,16 @@ JUMP = 0.01
 """A change of the answer above this is a jump."""
 
 
-def problem(rng: Generator, family: str) -> Hierarchy:
-    """A random hierarchy of a family, its levels but the box and the posture with a price."""
+def levels(rng: Generator, family: str, inequalities: bool = True) -> list[Rows]:
+    """Random levels of a family: a box, two or three levels of a few rows, a posture on every variable.
+
+    inequalities: with the box, and now and then a bound in place of a target.
+    """
     n = int(rng.integers(4, 9))
-    box = rng.uniform(0.5, 3.0, n)
-    levels, prices = [Rows(Selection(np.arange(n)), -box, box)], [0.0]
+    found: list[Rows] = []
+    if inequalities:
+        box = rng.uniform(0.5, 3.0, n)
+        found.append(Rows(Selection(np.arange(n)), -box, box))
     above: Mat | None = None
     for _ in range(int(rng.integers(2, 4))):
         m = int(rng.integers(1, 4))
@@ -52,26 +57,31 @@ def problem(rng: Generator, family: str) -> Hierarchy:
             A[0] = above[0]
         lower = rng.standard_normal(m) * (4.0 if family == "beyond" else 0.5)
         upper = lower.copy()
-        if rng.random() < 0.3:
+        if inequalities and rng.random() < 0.3:
             upper[-1] = np.inf if rng.random() < 0.5 else lower[-1] + 0.3
-        levels.append(Rows(A, lower, upper))
-        prices.append(TAU * float(np.sqrt(np.square(A).sum(axis=0)).max()))
+        found.append(Rows(A, lower, upper))
         above = A
     posture = rng.uniform(-1.0, 1.0, n)
-    levels.append(Rows(np.eye(n), posture, posture.copy()))
-    return Hierarchy(tuple(levels), constraints=1, prices=np.array([*prices, 0.0]))
+    return [*found, Rows(np.eye(n), posture, posture.copy())]
+
+
+def problem(rng: Generator, family: str) -> Hierarchy:
+    """A random hierarchy of a family, its levels but the box and the posture with a price."""
+    box, *tasks, posture = levels(rng, family)
+    longest = [float(np.sqrt(np.square(rows.A).sum(axis=0)).max()) for rows in tasks]
+    return Hierarchy((box, *tasks, posture), constraints=1, prices=np.array([0.0, *(TAU * c for c in longest), 0.0]))
 
 
 def neighbour(problem: Hierarchy, rng: Generator) -> Hierarchy:
     """The same with all data of priced levels moved a little."""
-    levels = []
+    moved = []
     for rows, priced in zip(problem.levels, problem.priced, strict=True):
         if priced:
             shift = MOVED * rng.standard_normal(rows.m)
             A = rows.dense(problem.n) + MOVED * rng.standard_normal((rows.m, problem.n))
             rows = Rows(A, rows.lower + shift, rows.upper + shift)
-        levels.append(rows)
-    return replace(problem, levels=tuple(levels))
+        moved.append(rows)
+    return replace(problem, levels=tuple(moved))
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,12 @@ import pytest
 import hqp.solvers
 from benchmarks.calm import continuity
 from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Vec
 from hqp.errors import ProblemError, UnsupportedProblem
 
 STORED = np.load(Path(__file__).parents[1] / "data" / "calm20.npz")
 SOLVERS = [name for name in (*hqp.solvers.available(), "reference") if hqp.solvers.load(name).priced]
-FAMILIES = ("plain", "small", "parallel", "contradictory", "beyond", "mixed")
+FAMILIES = tuple(continuity.FAMILIES)
 
 
 def stored(i: int) -> tuple[Hierarchy, Vec]:
@@ -33,32 +33,8 @@ def stored(i: int) -> tuple[Hierarchy, Vec]:
 
 
 def random_problem(rng: np.random.Generator, family: str, inequalities: bool = True) -> Hierarchy:
-    """A box, priced levels and a posture on every variable, with the faults that the family is named after."""
-    n = int(rng.integers(4, 9))
-    levels: list[Rows] = []
-    if inequalities:
-        box = rng.uniform(0.5, 3.0, n)
-        levels.append(Rows(Selection(np.arange(n)), -box, box))
-    above: Mat | None = None
-    for _ in range(int(rng.integers(2, 4))):
-        m = int(rng.integers(1, 4))
-        A = 0.5 * rng.standard_normal((m, n))
-        if family == "small" or (family == "mixed" and rng.random() < 0.5):
-            U, sigma, Vt = np.linalg.svd(A, full_matrices=False)
-            sigma[-1] = 10.0 ** rng.uniform(-6.0, -2.0)
-            A = U * sigma @ Vt
-        if above is not None and (family == "parallel" or (family == "mixed" and rng.random() < 0.4)):
-            A[0] = above[0] + 10.0 ** rng.uniform(-6.0, -2.0) * rng.standard_normal(n)
-        if above is not None and family == "contradictory":
-            A[0] = above[0]
-        lower = rng.standard_normal(m) * (4.0 if family == "beyond" else 0.5)
-        upper = lower.copy()
-        if inequalities and rng.random() < 0.3:
-            upper[-1] = np.inf if rng.random() < 0.5 else lower[-1] + 0.3
-        levels.append(Rows(A, lower, upper))
-        above = A
-    posture = rng.uniform(-1.0, 1.0, n)
-    levels.append(Rows(np.eye(n), posture, posture.copy()))
+    """Levels of a family with random prices; without inequalities no share is handed down."""
+    levels = continuity.levels(rng, family, inequalities)
     prices = np.array([*[0.0] * inequalities, *rng.uniform(0.02, 0.2, len(levels) - 1 - inequalities), 0.0])
     shares = np.full(len(levels), 1e-3 if inequalities else 0.0)
     return Hierarchy(tuple(levels), constraints=int(inequalities), prices=prices, shares=shares)

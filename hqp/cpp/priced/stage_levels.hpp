@@ -24,7 +24,6 @@ class StageLevels final : public PricedStages {
       : n_(n),
         level_(sized(levels, m)),
         handed_(levels),
-        priced_(priced, priced + levels),
         warm_(levels),
         tolerances_(tolerances),
         at_(n, tolerances.flat),
@@ -307,7 +306,6 @@ class StageLevels final : public PricedStages {
   double guard_floor_ = 0.0;
   std::vector<PricedLevel> level_;
   std::vector<Handed> handed_;
-  std::vector<bool> priced_;
   std::vector<std::vector<int>> warm_;
   const double *prices_ = nullptr, *shares_ = nullptr, *F_ = nullptr, *f_ = nullptr;
   Tolerances tolerances_;

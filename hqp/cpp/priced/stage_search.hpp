@@ -88,8 +88,6 @@ class StageSearch {
     return reached;
   }
 
-  bool met() const { return secular_.met(); }
-
   // The rows held at the end, and their multipliers.
   const std::vector<int>& held() const { return set_; }
   const std::vector<double>& multipliers() const { return lambda_; }
