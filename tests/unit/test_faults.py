@@ -56,7 +56,7 @@ def test_a_gravity_normal_shifts_force_rows_the_right_way() -> None:
     run.step(state, *(w.at(gravity_normal=slope) for w in wheels))
     gravity = state.gravity_force()
     flat = program._gravity.torque(gravity, program.assembly.J[: program._m])
-    there = program._gravity.other(state, gravity, run._current)
+    there = program._gravity.other(state, gravity, run._references.current)
     shift = there - flat
     assert np.abs(shift).max() > 0.1
     rng = np.random.default_rng(0)

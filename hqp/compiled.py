@@ -1,0 +1,73 @@
+"""Stacks made ready for a robot, and a cache of those that a session has seen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from hqp.formulation import Program
+from hqp.price import affordable, as_price
+from hqp.rest import Rest
+from hqp.robot import Robot
+from hqp.solvers.base import Solver, Workspace
+from hqp.stack import Stack, coupled
+
+if TYPE_CHECKING:
+    from hqp.controller import Controller
+
+KEPT = 16
+"""Compiled stacks that a session keeps."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Compiled:
+    """A stack made ready for a robot: its program, a workspace, how to limit its time, how to come to rest.
+
+    dropped: what of its prices the solver cannot do.
+    """
+
+    stack: Stack
+    program: Program
+    workspace: Workspace
+    limit: Callable[[float], None] | None
+    rest: Rest
+    hard: frozenset[str]
+    dropped: str
+
+
+class Compiler:
+    """Compiles stacks for one controller on one robot, and keeps the latest of them."""
+
+    def __init__(self, controller: Controller, robot: Robot, dt: float, deadline: float) -> None:
+        self._controller, self._robot, self._dt, self._deadline = controller, robot, dt, deadline
+        self._seen: dict[Stack, Compiled] = {}
+
+    def compile(self, stack: Stack) -> Compiled:
+        """Everything that a stack needs, from the cache where it was seen before."""
+        try:
+            known = self._seen.pop(stack, None)
+        except TypeError:  # an element of the user's own with a field that has no hash
+            return self._compiled(stack)
+        known = known or self._compiled(stack)
+        self._seen[stack] = known  # the latest last
+        if len(self._seen) > KEPT:
+            del self._seen[next(iter(self._seen))]
+        return known
+
+    def _compiled(self, stack: Stack) -> Compiled:
+        whole = coupled(stack, self._robot)
+        solver = self._controller.solver
+        assert isinstance(solver, Solver)  # Controller has loaded it
+        price, dropped = affordable(whole, as_price("controller", self._controller.price), solver)
+        program = self._controller.formulation.compile(whole, self._robot, self._dt, price)
+        solver.require(program.shape)
+        workspace = solver.workspace(program.shape)
+        limit = None if getattr(solver, "deadline", 0.0) is not None else getattr(workspace, "limit", None)
+        if limit is not None and self._deadline == math.inf:
+            limit(math.inf)
+            limit = None
+        hard = frozenset(element.name for element in whole.subject_to)
+        rest = program.rest(self._robot, self._controller.braking)
+        return Compiled(whole, program, workspace, limit, rest, hard, dropped)

@@ -1,0 +1,68 @@
+"""What a user declares of a controller: everything but the robot."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from hqp.errors import DeclarationError
+from hqp.formulation import Formulation, Velocity
+from hqp.price import Priced, as_price
+from hqp.robot import Robot
+from hqp.safety import Braking, RateLimits, StateBounds, positive
+from hqp.solvers import load
+from hqp.solvers.base import Solver
+from hqp.stack import Stack
+
+if TYPE_CHECKING:
+    from hqp.session import Session
+
+DEADLINE = 0.8
+"""Share of the control period that a tick may take before its solver returns the best point so far."""
+
+
+@dataclass(frozen=True)
+class Controller:
+    """A stack, a formulation and a solver: everything of a controller but the robot.
+
+    solver: a name for ``hqp.solvers.load`` or a Solver, ``hqp.solvers.default()`` for "".  deadline [s]: after the
+    start of a tick, when its solver returns the best point so far; 0.8 dt for None, ``math.inf`` for none; the first
+    answer of a session may take longer, and only ``lexicographic`` takes notice.  rates: how fast a command may
+    change, no limit for None.  bounds: of a state that is believed.  braking: how a command comes to rest.
+    price: of levels that declare none, a Price, None for the default (docs/calm.md); 0 makes every level exact,
+    whatever it declares.
+    """
+
+    stack: Stack
+    formulation: Formulation = field(default_factory=Velocity)
+    solver: str | Solver = ""
+    deadline: float | None = None
+    rates: RateLimits | None = None
+    bounds: StateBounds = field(default_factory=StateBounds)
+    braking: Braking = field(default_factory=Braking)
+    price: Priced = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.stack, Stack):
+            raise DeclarationError("controller", "stack is not a Stack", value=self.stack)
+        if not isinstance(self.formulation, Formulation):
+            raise DeclarationError("controller", "not a formulation", value=self.formulation, allowed="Velocity(), ...")
+        object.__setattr__(self, "price", as_price("controller", self.price))
+        if isinstance(self.solver, str):
+            object.__setattr__(self, "solver", load(self.solver))
+        if self.deadline is not None and self.deadline != math.inf:
+            positive("controller", "deadline", self.deadline)
+        for name, kind in (("rates", RateLimits), ("bounds", StateBounds), ("braking", Braking)):
+            value = getattr(self, name)
+            if not isinstance(value, kind) and not (name == "rates" and value is None):
+                raise DeclarationError("controller", name, value=value, allowed=f"{kind.__name__}(...)")
+
+    def session(self, robot: Robot, dt: float, *, max_age: float | None = None) -> Session:
+        """Compile for a robot at a control period dt [s]; states older than max_age [s] are refused.
+
+        Raises DeclarationError, ModelError or UnsupportedProblem for what does not fit, before the loop.
+        """
+        from hqp.session import Session
+
+        return Session(self, robot, dt, max_age=max_age)

@@ -1,0 +1,58 @@
+"""What a session sends: the better of two answers, within the declared rates, and who is to blame where it is off."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.formulation import Program
+from hqp.problem import Hierarchy, Solution, Status
+from hqp.safety import RateLimiter
+from hqp.tick import Note
+from hqp.tolerances import VIOLATION_TOLERANCE
+
+
+def better(problem: Hierarchy, x: Vec, last: Vec) -> Vec:
+    """Of an unfinished answer and the last x, both clipped into today's box, the one whose levels are less off."""
+    candidates = [problem.boxed(x), problem.boxed(last)]
+    found = [[float(np.sqrt(w @ w)) for w in problem.slacks(candidate)] for candidate in candidates]
+    for new, old in zip(*found, strict=True):
+        if abs(new - old) > VIOLATION_TOLERANCE * (1.0 + old):
+            return candidates[0] if new < old else candidates[1]
+    return candidates[0]
+
+
+def within_rates(
+    limiter: RateLimiter, x: Vec, last: Vec, notes: tuple[Note, ...], program: Program
+) -> tuple[Vec, tuple[Note, ...]]:
+    """x, or the point towards it that the rate limits allow, and what of ``subject_to`` is off by that.
+
+    last: the x before.  program: whose rows are those of this tick.
+    """
+    command = program.command
+    share, why = limiter.share(command(last), command(x))
+    if share == 1.0:
+        return x, notes
+    x = last + share * (x - last)
+    limited = (Note("rates", Status.OPTIMAL, why),)
+    return x, notes + limited + violations(program, program.problem.slacks(x), " by the rate limit")
+
+
+def violations(program: Program, residuals: tuple[Vec, ...], why: str = "") -> tuple[Note, ...]:
+    """Notes on the members of ``subject_to`` that are off."""
+    notes, problem = [], program.problem
+    for name, place in program.places.items():
+        if place.level < problem.constraints:
+            rows, w = problem.levels[place.level], np.abs(residuals[place.level][place.part])
+            bound = np.minimum(np.abs(rows.lower[place.part]), np.abs(rows.upper[place.part]))
+            if np.any(w > VIOLATION_TOLERANCE * (1.0 + bound)):
+                notes.append(Note(name, Status.CONSTRAINTS_VIOLATED, f"off by up to {w.max():.3g}{why}"))
+    return tuple(notes)
+
+
+def culprits(program: Program, solution: Solution) -> tuple[Note, ...]:
+    """Notes on the constraints that are violated, or on the solver where none is."""
+    notes = violations(program, solution.residuals)
+    if not notes or solution.status is not Status.CONSTRAINTS_VIOLATED:
+        notes += (Note("solver", solution.status, solution.detail or solution.status.value),)
+    return notes

@@ -1,0 +1,99 @@
+"""The references of a tick: those that were given, and hold values for all other elements."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import NoReturn
+
+from hqp.errors import DeclarationError, UnknownReference, closest
+from hqp.formulation import Program
+from hqp.problem import Status
+from hqp.reference import Reference
+from hqp.robot import State
+from hqp.stack import Stack
+from hqp.tick import Note
+
+
+class References:
+    """One reference an element, good for one tick; what cannot be used is left out by name.
+
+    holds: hold values.  current: what this tick takes.  given: those of ``current`` that the caller gave.
+    """
+
+    __slots__ = ("current", "given", "holds")
+
+    def __init__(self, holds: Mapping[str, Reference]) -> None:
+        self.holds = dict(holds)
+        self.current: dict[str, Reference] = {}
+        self.given: list[Reference] = []
+
+    def copy(self) -> References:
+        """The same, to go on beside it."""
+        found = References(self.holds)
+        found.current, found.given = dict(self.current), list(self.given)
+        return found
+
+    def take_holds(self, stack: Stack, state: State) -> None:
+        """Hold values of elements that have none yet, at the first step or after a change of stack."""
+        for element in stack:
+            if element.name not in self.holds:
+                self.holds[element.name] = element.hold(state)
+        self.current = {element.name: self.holds[element.name] for element in stack}
+
+    def apply(self, references: tuple[Reference, ...]) -> None:
+        """Put this tick's references in place of the hold values; raises UnknownReference, DeclarationError."""
+        current, holds = self.current, self.holds
+        for old in self.given:
+            current[old.name] = holds[old.name]
+        self.given = []
+        for reference in references:
+            if not isinstance(reference, Reference) or reference.name not in current:
+                refuse(reference, current)
+            name = reference.name
+            held = holds[name].value
+            if reference.value is None:
+                reference = replace(reference, value=held)
+            elif held is not None and reference.value.shape != held.shape:
+                given = reference.value.shape
+                raise DeclarationError(name, f"value has shape {given}", allowed=f"shape {held.shape}")
+            current[name] = reference
+            self.given.append(reference)
+
+    def repair(
+        self, program: Program, hard: frozenset[str], state: State, unusable: tuple[str, ...]
+    ) -> tuple[Note, ...]:
+        """Refill without what cannot be used: hold values for members of ``subject_to``, free rows for all others."""
+        given = {reference.name for reference in self.given}
+        for name, error in program.errors.items():
+            if name in given and isinstance(error, DeclarationError) and self.holds[name].value is None:
+                raise error  # a reference of the wrong length, which only the element could tell
+        wrong = tuple(name for name in unusable if name in given and not self.current[name].finite)
+        notes = []
+        for name in wrong:
+            self.current[name] = self.holds[name]
+        self.given = [reference for reference in self.given if reference.name not in wrong]
+        broken = unusable
+        out = tuple(name for name in wrong if name not in hard)
+        if wrong:
+            program.fill(state, self.current, self.given)
+            broken = program.unusable()
+        for name in wrong:
+            done = "left out of this tick" if name in out or name in broken else "its hold value was taken instead"
+            notes.append(Note(name, Status.INVALID_REFERENCE, f"its reference is not finite: {done}"))
+        for name in broken:
+            if name not in wrong:
+                reason = program.reason(name)
+                notes.append(Note(name, Status.INVALID_ELEMENT, f"{reason}: left out of this tick"))
+        left_out = dict.fromkeys((*out, *broken))
+        if left_out:
+            program.fill(state, self.current, self.given, tuple(left_out))
+        return tuple(notes)
+
+
+def refuse(reference: object, names: Iterable[str]) -> NoReturn:
+    """Raise DeclarationError for what is no reference, UnknownReference for one of an element that is not there."""
+    if not isinstance(reference, Reference):
+        raise DeclarationError("step", "not a reference", value=reference, allowed="element.at(...)")
+    near = ", ".join(closest(reference.name, names) or list(names)[:3])
+    raise UnknownReference(f"a reference for {reference.name!r}, which the stack does not hold; closest: {near}")

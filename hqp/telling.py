@@ -1,0 +1,121 @@
+"""What a session tells of its latest tick: who holds what back, and which constraints exclude each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hqp.account import MOST, Accountant, TickAccount, of_explanation, too_fast, unit_of
+from hqp.errors import HqpError
+from hqp.explain import Explanation, explain
+from hqp.formulation import Program
+from hqp.problem import Solution, Status
+from hqp.robot import Robot
+from hqp.solvers.base import Workspace
+from hqp.stack import Stack
+from hqp.tick import Note, Tick
+
+if TYPE_CHECKING:
+    from hqp.conflict import Conflict
+
+UNITS = {
+    "motion": {"velocity": "(rad, m)/s", "acceleration": "(rad, m)/s^2", "torque": "(rad, m)/s^2"},
+    "force": dict.fromkeys(("velocity", "acceleration", "torque"), "(N, N m)"),
+    "effort": dict.fromkeys(("velocity", "acceleration", "torque"), "N m"),
+}
+"""Units of rows by what they bind and what x is."""
+
+DULL = ("joint_limits", "torque_limits")
+"""Elements whose rows say enough by their joint."""
+
+
+class Teller:
+    """Tells of the latest tick of one compiled stack; what it needs is made when first asked for."""
+
+    __slots__ = ("_accountant", "_made_of", "_program", "_robot", "_stack")
+
+    def __init__(self, stack: Stack, program: Program, workspace: Workspace, robot: Robot) -> None:
+        self._stack, self._program, self._robot = stack, program, robot
+        self._made_of = program, workspace, robot
+        self._accountant: Accountant | None = None
+
+    @property
+    def _accounts(self) -> Accountant:
+        if self._accountant is None:
+            self._accountant = Accountant(*self._made_of)
+        return self._accountant
+
+    def held_back(self, count: int, solution: Solution, named: frozenset[str]) -> Callable[[], tuple[Note, ...]] | None:
+        """What makes the notes on elements that are short of what they were asked for: those that are named, and
+        those whose price is what holds them.  Numbers are taken now, texts are written when they are read."""
+        accounts = self._accounts
+        w = np.concatenate(solution.residuals)
+        account = accounts.account(count, w, guards=True)
+        if account is None:
+            return None
+
+        def notes() -> tuple[Note, ...]:
+            return tuple(
+                Note(held.element, Status.OPTIMAL, held.note(account.losses(held.element)))
+                for held in accounts.held_back(account, w)
+                if held.share > MOST or held.element in named
+            )
+
+        return notes
+
+    def explain(self, count: int, tick: Tick) -> Explanation:
+        """Which element got what and lost to which."""
+        solution = self._latest("explain", count, tick)
+        program, v = self._program, tick.state.v
+        row_names = {element.name: element.row_names(self._robot) for element in self._stack}
+        units = {element.name: unit_of(element, program.kind) for element in self._stack}
+        fast = set()
+        for name, place in program.places.items():
+            w = solution.residuals[place.level][place.part] / place.element.weight
+            if too_fast(program, name, w, v):
+                fast.add(name)
+        told = self._account(count, tick)
+        shares = None if told is None else told.shares
+        found = explain(program.problem, solution, program.places, row_names, fast=fast, units=units, shares=shares)
+        return replace(found, remarks=program.remarks(tick.state))
+
+    def account(self, count: int, tick: Tick) -> TickAccount:
+        """Who holds what back."""
+        self._latest("account", count, tick)
+        found = self._account(count, tick)
+        return of_explanation(self._accounts.layout, count, self.explain(count, tick)) if found is None else found
+
+    def conflict(self, count: int, tick: Tick) -> Conflict:
+        """Which rows of ``subject_to`` exclude each other."""
+        self._latest("conflict", count, tick)
+        from hqp.conflict import conflict
+
+        program, problem = self._program, self._program.problem
+        names = [[("", "")] * rows.m for rows in problem.levels]
+        for name, place in program.places.items():
+            rows = place.element.row_names(self._robot)
+            unit = UNITS[place.element.quantity][program.kind]
+            for i in range(place.part.stop - place.part.start):
+                row = rows[i] if i < len(rows) else f"row {i}"
+                title = row if name in DULL else f"{name}: {row}"
+                names[place.level][place.part.start + i] = (title, unit)
+        return conflict(problem, names)
+
+    def _account(self, count: int, tick: Tick) -> TickAccount | None:
+        guards = tick.solution is not None and tick.solution.stage_points is not None
+        return self._accounts.account(count, tick._slacks(), guards, tick.state.v)
+
+    @staticmethod
+    def _latest(what: str, count: int, tick: Tick) -> Solution:
+        if tick._count != count or tick.solution is None:
+            raise HqpError(f"{what}() tells of the latest step with a solution; call it before the next step")
+        return tick.solution
+
+
+def restless_notes(restless: Iterable[tuple[str, float]]) -> tuple[Note, ...]:
+    """Notes on joints whose command alternates from limit to limit."""
+    why = "its command alternates from limit to limit {:.0f} times a second: give levels a price, or a better target"
+    return tuple(Note(name, Status.OPTIMAL, why.format(rate)) for name, rate in restless)
