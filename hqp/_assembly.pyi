@@ -11,10 +11,10 @@ from hqp.reference import Reference
 from hqp.robot import Body, Placed, TreeJoint
 
 class Measure:
-    """(q'q + v'v, whether parts of q, start to stop, have length one up to rounding)."""
+    """(q'q + v'v, whether parts of q, start to stop, have length one up to rounding); None for other shapes."""
 
-    def __init__(self, units: Sequence[tuple[int, int]], rounding: float) -> None: ...
-    def __call__(self, q: Vec, v: Vec) -> tuple[float, bool]: ...
+    def __init__(self, units: Sequence[tuple[int, int]], rounding: float, nq: int, nv: int) -> None: ...
+    def __call__(self, q: Vec, v: Vec) -> tuple[float, bool] | None: ...
 
 def is_rotation(R: Mat, tolerance: float) -> bool:
     """Whether R ``(3, 3)`` is a rotation; False for what is not finite."""
@@ -92,6 +92,7 @@ class Assembly:
     def answers(
         self,
         solve: Callable[[], tuple[int, int, int, bool]],
+        call: object | None,
         values: Vec,
         active: NDArray[int8],
         command: Sequence[int],
@@ -99,6 +100,7 @@ class Assembly:
     ) -> None:
         """What ``solve`` of a bound kernel leaves: outcome (0: an optimum) and counts; x and slack; marks.
 
+        call: a capsule of the same as native modules run it, None where there is none.
         command: which of x are one.  largest: a demand whose norm is beyond it is out of the ordinary.
         """
 
@@ -108,13 +110,17 @@ class Assembly:
     def solve(self, v: Vec) -> bytearray | tuple[int, int, int, bool] | None:
         """Laws and solver: a record of the tick, what ``solve`` returned if no optimum, None for extraordinary demands.
 
-        The record: command, x, slack, begin and seconds for rows and for solve, iterations, factorisations; marks.
+        The record: command, x, slack, begin and seconds for rows and for solve, iterations, factorisations; marks;
+        whether they differ from those before.
         """
 
     def step(
-        self, q: Vec, v: Vec, references: tuple[Reference, ...], fresh: bool
+        self, q: Vec, v: Vec | None, references: tuple[Reference, ...], fresh: bool
     ) -> bytearray | tuple[int, int, int, bool] | None:
-        """``fill`` and ``solve``; None where either finds something out of the ordinary."""
+        """``fill`` and ``solve``; None where either finds something out of the ordinary.
+
+        v: None for the x of the latest record.
+        """
 
 class Pace:
     """Sizes of steps of a descent and when it ends: see hqp/goals/descent.py."""

@@ -15,6 +15,15 @@ class Stages:
         guard: float | None,
     ) -> None: ...
     def solve(self, x: Vec, stages: Mat, last: Vec, head: int = 0, seconds: float = 0.0) -> int: ...
+    def after(self, exact: object, x: Vec, stages: Mat, last: Vec) -> object:
+        """The solve whose capsule is given, and ``solve`` of x which it wrote: a capsule for other native modules."""
+
+    def limit(self, seconds: float) -> None:
+        """Time for solves by way of that capsule [s], none for 0."""
+
+    def latest(self) -> tuple[int, bool, float]:
+        """First unsettled level of the latest solve or 0, whether there was none, time since its beginning [s]."""
+
     def accounts(self, stages: Mat, owner: Any, elements: int) -> None: ...
     def account(self, w: Vec, multipliers: Vec | None, guards: bool, out: Vec) -> None: ...
     def describe(

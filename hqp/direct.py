@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 Counts: TypeAlias = tuple[int, int, int, bool]
 """Outcome (0: an optimum), iterations, factorisations of a kernel's solve, and whether its answer was judged."""
 
-Kernel: TypeAlias = tuple[Callable[[], Counts], Vec, Signs]
-"""A bound kernel: its solve, live views of (x, slack) and of the marks."""
+Kernel: TypeAlias = tuple[Callable[[], Counts], Vec, Signs, object]
+"""A bound kernel: its solve, live views of (x, slack) and of the marks, and the solve as native modules call it."""
 
 
 class Direct:
@@ -45,7 +45,9 @@ class Direct:
         self._names = frozenset(member.element.name for member in self._written)
         self._holds: dict[str, Reference] = {}
         self.fresh = True
-        native.answers(*kernel, command.tolist(), LARGEST)
+        solve, values, marks, call = kernel
+        native.answers(solve, call, values, marks, command.tolist(), LARGEST)
+        self._velocity = assembly.order == 1
         n, rows = problem.n, [level.m for level in problem.levels]
         self._x = slice(command.size, command.size + n)
         ends = np.concatenate(([0], np.cumsum(rows))).astype(int).tolist()
@@ -54,7 +56,7 @@ class Direct:
         self._count = self._slack.stop + 5
         self._command = int(command.size)
         self.marks = 8 * self._count
-        """Where the marks of all rows begin in a record."""
+        """Where the marks of all rows begin in a record, whose last byte tells whether they changed."""
 
     def hold(self, holds: Mapping[str, Reference]) -> None:
         """Take the hold values of all elements."""
@@ -69,10 +71,19 @@ class Direct:
             self.fresh = True
             self._assembly.forget()
 
-    def step(self, state: State, references: tuple[Reference, ...]) -> bytearray | Counts | None:
-        """A record of an optimum, the counts of another outcome, None for what is out of the ordinary."""
+    def step(
+        self, state: State, references: tuple[Reference, ...], before: bytearray | Vec
+    ) -> bytearray | Counts | None:
+        """A record of an optimum, the counts of another outcome, None for what is out of the ordinary.
+
+        before: the latest record, or the x to start from.
+        """
         native, fresh = self._native, self.fresh
+        if not (fresh or self._written):
+            return native.step(state.q, None if self._velocity else state.v, references, False)
         self.fresh = False
+        if self._velocity:
+            state.commanded = before if isinstance(before, np.ndarray) else self.x(before)
         v = state.v if state.commanded is None else state.commanded
         if not self._written:
             return native.step(state.q, v, references, fresh)
@@ -111,7 +122,7 @@ class Direct:
     def solution(self, record: bytearray) -> Solution:
         """What the solver gave."""
         numbers = np.frombuffer(record, np.float64, self._count)
-        marks = np.frombuffer(record, np.int8, -1, 8 * self._count)
+        marks = np.frombuffer(record, np.int8, len(record) - 1 - self.marks, self.marks)
         numbers.setflags(write=False)  # what the session may have to slow down from
         slack = numbers[self._slack]
         _, _, solve, iterations, factorisations = numbers[self._slack.stop :].tolist()

@@ -212,9 +212,11 @@ class MotionProgram(Program):
         constraints = sum(group.constraint for group in groups)
         paid = level_prices(groups, robot, laws, formulation.order, dt, price)
         motion = None
+        self._slowed: Vec | None = None
         if paid is not None:
             self._slowing = -paid.rest * paid.scale
-            motion = Motion(paid.scale, np.zeros(robot.nv) if paid.rest > 0.0 else None)
+            self._slowed = np.zeros(robot.nv) if paid.rest > 0.0 else None
+            motion = Motion(paid.scale, self._slowed)
         self.problem = Hierarchy(
             tuple(levels),
             constraints=constraints,
@@ -237,11 +239,10 @@ class MotionProgram(Program):
     def prepare(self, state: State) -> None:
         """Compute the quantities of the state that the rows and the price of motion need."""
         state.kinematics()
-        if self._loads:
+        if self._loads.elements:
             self._loads.begin(state)
-        motion = self.problem.motion
-        if motion is not None and motion.f is not None:  # S qdd = -rest S v costs nothing
-            np.multiply(state.v, self._slowing, out=motion.f)
+        if self._slowed is not None:  # S qdd = -rest S v costs nothing
+            np.multiply(state.v, self._slowing, out=self._slowed)
 
     def fill(
         self,

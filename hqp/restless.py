@@ -42,11 +42,12 @@ class LimitWatch:
         self._names, self._dt = tuple(names), dt
         self._side, self._rate = np.zeros(len(names), dtype=np.int8), np.zeros(len(names))
         self._last, self._tick, self._seen = bytearray(), 0, 0
-        self._busy = False
+        self.busy = False
+        """Whether a rate has still to fade."""
 
-    def record(self, record: bytearray, begin: int) -> tuple[tuple[str, float], ...]:
-        """As ``look``, for marks of all rows as bytes from ``begin`` on; nearly nothing where they are as before."""
-        self._tick += 1
+    def record(self, record: bytearray, begin: int, tick: int) -> tuple[tuple[str, float], ...]:
+        """As ``look``, for marks of all rows as bytes from ``begin`` on; needed where they changed, or busy."""
+        self._tick = tick
         parts = self.parts
         if len(parts) == 1:
             marks = record[begin + parts[0].start : begin + parts[0].stop]
@@ -54,9 +55,9 @@ class LimitWatch:
             marks = bytearray().join(record[begin + part.start : begin + part.stop] for part in parts)
         return self._take(marks)
 
-    def look(self, active: Sequence[Signs]) -> tuple[tuple[str, float], ...]:
-        """Names and rates [1/s] of limits that alternate, from the marks of each level."""
-        self._tick += 1
+    def look(self, active: Sequence[Signs], tick: int) -> tuple[tuple[str, float], ...]:
+        """Names and rates [1/s] of limits that alternate, from the marks of each level; tick: its number."""
+        self._tick = tick
         if not self.parts or not len(active):  # a solver that marks nothing
             return ()
         marks = bytearray().join(active[level][part].tobytes() for level, part in self._own)
@@ -64,7 +65,7 @@ class LimitWatch:
 
     def _take(self, marks: bytearray) -> tuple[tuple[str, float], ...]:
         if marks == self._last:
-            return self._restless() if self._busy else ()
+            return self._restless() if self.busy else ()
         self._last = marks
         return self._update(np.frombuffer(marks, np.int8))
 
@@ -74,8 +75,8 @@ class LimitWatch:
         if turned.any():
             self._fade()
             self._rate[turned] += 1.0 / SPAN
-            self._busy = True
-        return self._restless() if self._busy else ()
+            self.busy = True
+        return self._restless() if self.busy else ()
 
     def _fade(self) -> None:
         self._rate *= math.exp(-(self._tick - self._seen) * self._dt / SPAN)
@@ -84,5 +85,5 @@ class LimitWatch:
     def _restless(self) -> tuple[tuple[str, float], ...]:
         self._fade()
         rates: Vec = self._rate
-        self._busy = bool(rates.max(initial=0.0) > 0.1 * OFTEN)
+        self.busy = bool(rates.max(initial=0.0) > 0.1 * OFTEN)
         return tuple((self._names[i], float(rates[i])) for i in np.flatnonzero(rates > OFTEN))

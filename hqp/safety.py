@@ -99,7 +99,8 @@ class StateCheck:
         limit = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, 0.0)
         self._speed = np.maximum(bounds.speed, 10.0 * limit)
         smallest = min((float(np.min(s)) for s in (self._high, -self._low, self._speed) if s.size), default=math.inf)
-        self._ordinary = max(0.0, min(smallest, bounds.distance)) ** 2
+        self.ordinary = max(0.0, min(smallest, bounds.distance)) ** 2
+        """A valid state that tells no time and whose ``square`` is less has nothing wrong with it."""
 
     def fault(self, state: State, now: float | None) -> str:
         """What is wrong with the state at time ``now`` [s]; "" where nothing is."""
@@ -107,11 +108,7 @@ class StateCheck:
             return state.fault
         if self._max_age is not None and (fault := self._age(state, now)):
             return fault
-        return "" if state.square < self._ordinary else self._size(state)
-
-    def ordinary(self, state: State) -> bool:
-        """Whether a look at its size is enough to know that nothing is wrong with a state that tells no time."""
-        return state.valid and state.square < self._ordinary
+        return "" if state.square < self.ordinary else self._size(state)
 
     @property
     def ages(self) -> bool:

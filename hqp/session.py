@@ -99,7 +99,8 @@ class Session:
         ``time.monotonic`` for None.  Raises StaleState, UnknownReference, ConcurrentUse, ModelError (a state of
         another robot) or DeclarationError (a reference of another shape), which are errors of the program.
         """
-        self._enter()
+        if not self._lock.acquire(False):
+            self._refuse()
         try:
             self._named = references
             for reference in references:
@@ -129,19 +130,23 @@ class Session:
 
     def _enter(self) -> None:
         if not self._lock.acquire(blocking=False):
-            raise ConcurrentUse("another thread is in this session; make a session a thread, each of its robot.copy()")
+            self._refuse()
+
+    def _refuse(self) -> NoReturn:
+        raise ConcurrentUse("another thread is in this session; make a session a thread, each of its robot.copy()")
 
     def _ordinary_tick(self, direct: Direct, state: State, references: tuple[Reference, ...]) -> Tick | None:
         """A tick in one native call; None for what is out of the ordinary, which the general path tells."""
         start = perf_counter()
-        if state.robot is not self.robot or direct.workspace is not self.workspace or not self._check.ordinary(state):
+        if state.robot is not self.robot or direct.workspace is not self.workspace:
+            return None
+        if not (state.square < self._check.ordinary and state.valid):
             return None
         if direct.fresh and self._limit is not None:
             self._limit(self._deadline)
         self.program.prepare(state)
-        if self._velocity:
-            state.commanded = self._x if self._latest is None else direct.x(self._latest)
-        found = direct.step(state, references)
+        before = self._x if self._latest is None else self._latest
+        found = direct.step(state, references, before)
         if found is None:
             return None
         self.count += 1
@@ -149,12 +154,11 @@ class Session:
             self._leave_direct()
             solution = self.workspace.answer(self.program.problem, found)  # type: ignore[attr-defined]
             return self._conclude(state, solution, (), start, start, start)
-        before, self._latest = self._latest, found
-        self._good, self._held = state, 0
+        self._latest, self._good, self._held = found, state, 0
         if self._status is not Status.OPTIMAL:
             self._log(Status.OPTIMAL, ())
-        tick = OrdinaryTick(self, direct, state, found, self._x if before is None else before, start)
-        if restless := self._limits.record(found, direct.marks):
+        tick = OrdinaryTick(self, direct, state, found, before, start)
+        if (found[-1] or self._limits.busy) and (restless := self._limits.record(found, direct.marks, self.count)):
             tick.note(restless_notes(restless))
         return tick
 
@@ -261,7 +265,7 @@ class Session:
         if solution.stage_points is not None:
             named = frozenset(reference.name for reference in self._named)
             held_back = self._teller.held_back(self.count, solution, named)
-        if restless := self._limits.look(solution.active):
+        if restless := self._limits.look(solution.active, self.count):
             notes += restless_notes(restless)
         if self._contacts.missing:
             notes += tuple(Note(name, Status.CONTACT_LOST, why) for name, why in self._contacts.lost())

@@ -197,7 +197,7 @@ class Tick:
 class OrdinaryTick(Tick):
     """A tick whose answer is the optimum, with nothing to note; what it can tell is computed when asked for."""
 
-    __slots__ = ("_before", "_direct", "_found", "_record", "_start")
+    __slots__ = ("_before", "_command", "_direct", "_noted", "_record", "_solution", "_start")
 
     status = Status.OPTIMAL
     held = 0
@@ -215,17 +215,18 @@ class OrdinaryTick(Tick):
     ) -> None:
         self._session, self._direct, self._state, self._count = session, direct, state, session.count
         self._record, self._before, self._start = record, before, start
-        self._found: dict[str, Any] = {}
+        self._noted: tuple[Note, ...] = ()
+        self._command: Vec | None = None
+        self._solution: Solution | None = None
 
     @property
     def _notes(self) -> tuple[Note, ...]:  # type: ignore[override]
         """Joints whose command alternates between its limits, nothing else."""
-        found: tuple[Note, ...] = self._found.get("notes", ())
-        return found
+        return self._noted
 
     def note(self, notes: tuple[Note, ...]) -> None:
         """Give the tick notes."""
-        self._found["notes"] = notes
+        self._noted = notes
 
     @property
     def finished(self) -> bool:
@@ -235,18 +236,16 @@ class OrdinaryTick(Tick):
     @property
     def command(self) -> Vec:  # type: ignore[override]
         """The command ``(n_actuated,)``, the caller's own copy."""
-        found = self._found.get("command")
-        if found is None:
-            found = self._found["command"] = self._direct.command(self._record)
-        return found
+        if self._command is None:
+            self._command = self._direct.command(self._record)
+        return self._command
 
     @property
     def solution(self) -> Solution:  # type: ignore[override]
         """What the solver gave."""
-        found = self._found.get("solution")
-        if found is None:
-            found = self._found["solution"] = self._direct.solution(self._record)
-        return found
+        if self._solution is None:
+            self._solution = self._direct.solution(self._record)
+        return self._solution
 
     @property
     def times(self) -> Times:  # type: ignore[override]

@@ -43,19 +43,21 @@ def unit_parts(model: Any) -> tuple[tuple[int, int], ...]:
 
 
 class Measure:
-    """(q'q + v'v, whether unit parts have length one up to rounding) of a state, for each new one."""
+    """(q'q + v'v, whether unit parts have length one up to rounding) of a state; None where a shape is wrong."""
 
-    def __init__(self, units: tuple[tuple[int, int], ...]) -> None:
-        self._units = units
+    def __init__(self, units: tuple[tuple[int, int], ...], nq: int, nv: int) -> None:
+        self._units, self._shapes = units, ((nq,), (nv,))
 
-    def __call__(self, q: Vec, v: Vec) -> tuple[float, bool]:
+    def __call__(self, q: Vec, v: Vec) -> tuple[float, bool] | None:
+        if (q.shape, v.shape) != self._shapes:
+            return None
         square = float(q.dot(q) + v.dot(v))
         return square, all(abs(float(q[a:z].dot(q[a:z])) - 1.0) < ROUNDING for a, z in self._units)
 
 
-def measure(units: tuple[tuple[int, int], ...]) -> Callable[[Vec, Vec], tuple[float, bool]]:
+def measure(units: tuple[tuple[int, int], ...], nq: int, nv: int) -> Callable[[Vec, Vec], tuple[float, bool] | None]:
     """A native Measure where there is one."""
-    return Measure(units) if native is None else native.Measure(units, ROUNDING)
+    return Measure(units, nq, nv) if native is None else native.Measure(units, ROUNDING, nq, nv)
 
 
 def owner(robot: Any, place: int, *, velocity: bool) -> str:

@@ -93,7 +93,7 @@ class Robot:
             home = description.home if description and description.home is not None else pin.neutral(model)
         self.set_home(home)
         self._units = unit_parts(model)
-        self._measure = measure(self._units)
+        self._measure = measure(self._units, self.nq, self.nv)
         self._views: dict[int, tuple[Vec, Mat]] = {}
         self._bodies: tuple[Any, ...] = ()
         self.current: State | None = None

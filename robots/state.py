@@ -41,33 +41,36 @@ class State:
     masses that ``com`` and momenta count with the robot's.
     """
 
-    __slots__ = ("_done", "_gravity", "_unit", "commanded", "finite", "loads", "q", "robot", "square", "time", "v")
+    __slots__ = (
+        "_done", "_gravity", "_unit", "commanded", "finite", "loads", "q", "robot", "square", "time", "v", "valid",
+    )  # fmt: skip
 
     def __init__(self, robot: Robot, q: Vec, v: Vec | None, time: float | None = None) -> None:
         self.robot, self.time = robot, time
         self.commanded: Vec | None = None
         self.loads: tuple[Load, ...] = ()
-        ordinary = isinstance(q, np.ndarray) and isinstance(v, np.ndarray) and q.dtype is FLOAT and v.dtype is FLOAT
-        self.q = q = q.copy() if ordinary else np.array(q, FLOAT)
-        self.v = v = v.copy() if ordinary else np.zeros(robot.nv) if v is None else np.array(v, FLOAT)  # type: ignore[union-attr]
-        if q.shape != (robot.nq,) or v.shape != (robot.nv,):
+        if type(q) is np.ndarray is type(v) and q.dtype is FLOAT is v.dtype:
+            q, v = q.copy(), v.copy()
+        else:
+            q, v = np.array(q, FLOAT), np.zeros(robot.nv) if v is None else np.array(v, FLOAT)
+        self.q, self.v = q, v
+        measured = robot._measure(q, v)
+        if measured is None:
             raise ModelError(
                 f"{robot.name}: a state takes q ({robot.nq},) and v ({robot.nv},), given {q.shape} and {v.shape}"
             )
         # a sum of squares is finite only if every entry is (entries whose square overflows are no states either)
-        self.square, unit = robot._measure(q, v)
-        self.finite, self._unit = self.square < math.inf, unit
+        self.square, unit = measured
+        self.finite = self.square < math.inf
         if self.finite and not unit:
-            self._unit = not normalise(robot, q)
+            unit = not normalise(robot, q)
+        self._unit = unit
+        self.valid = self.finite and unit
+        """Whether q and v are finite and every quaternion has length one within 1e-3."""
         q.setflags(write=False)
         v.setflags(write=False)
         self._done = 0
         self._gravity: Vec | None = None
-
-    @property
-    def valid(self) -> bool:
-        """Whether q and v are finite and every quaternion has length one within 1e-3."""
-        return self.finite and self._unit
 
     @property
     def fault(self) -> str:

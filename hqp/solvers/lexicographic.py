@@ -14,14 +14,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from hqp.arrays import Mat, Signs, Vec
+from hqp.arrays import Mat, Vec
 from hqp.certify import certificate
 from hqp.errors import DeclarationError, SolverNotInstalled
 from hqp.native import ADVICE
 from hqp.problem import Hierarchy, Selection, Shape, Solution, Stats, Status
 from hqp.solvers.base import UNSURE, Solver, Workspace, check_shape, finish
 from hqp.solvers.flat import Flat
-from hqp.solvers.stages import StagedWorkspace
+from hqp.solvers.stages import Kernel, StagedWorkspace
 from hqp.tolerances import FEASIBILITY_TOLERANCE, MULTIPLIER_TOLERANCE, RANK_TOLERANCE
 
 try:
@@ -184,15 +184,17 @@ class NativeWorkspace:
             return _refuse(problem, self._shape, Stats(build_s=build))
         return self._judged(problem, solution)
 
-    def kernel(self, problem: Hierarchy) -> tuple[Callable[[], tuple[int, int, int, bool]], Vec, Signs] | None:
-        """The kernel bound to a problem that is refilled in place: its solve, and views of (x, slack) and of the marks.
+    def kernel(self, problem: Hierarchy) -> Kernel | None:
+        """The kernel bound to a problem that is refilled in place, see hqp.solvers.stages.Kernel.
 
         solve() returns outcome, iterations, factorisations and whether the answer was judged.  None where there is
         more to do than to solve.
         """
         if problem is not self._bound:
             self._take(problem)
-        return None if self._bound is None or self._multipliers else (self._kernel.solve, *self._views[:2])
+        if self._bound is None or self._multipliers:
+            return None
+        return self._kernel.solve, *self._views[:2], self._kernel.call()
 
     def answer(self, problem: Hierarchy, counts: tuple[int, int, int, bool]) -> Solution:
         """The solution of the latest solve of ``kernel``."""

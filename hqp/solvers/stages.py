@@ -49,13 +49,17 @@ T = TypeVar("T")
 Counts: TypeAlias = tuple[int, int, int, bool]
 """As NativeWorkspace.kernel: outcome (0 for an optimum), iterations, factorisations, whether it was judged."""
 
-Kernel: TypeAlias = tuple[Callable[[], Counts], Vec, Signs]
+Kernel: TypeAlias = tuple[Callable[[], Counts], Vec, Signs, object]
+"""A bound kernel: its solve, live views of (x, slack) and of the marks, and the solve as native modules call it."""
 
 Found: TypeAlias = tuple[Mat, Vec, int, Hierarchy]
 """The stage points, the last of them, steps taken, and the exact hierarchy that is left."""
 
 UNSETTLED = 99
 """Outcome of a kernel's solve that does not settle every priced level."""
+
+UNSETTLED_NATIVE = 98
+"""The same, found without Python: head and beginning are still to be taken over."""
 
 
 def multiplier(unmet: Callable[[float], float], price: float, size: float) -> float | None:
@@ -152,6 +156,8 @@ class StagedWorkspace:
         self._seconds = seconds
         for workspace in (self._exact, self._last, *(workspace for workspace, _ in self._heads.values())):
             _limit(workspace, seconds)
+        if self._native is not None:
+            self._native.limit(seconds if seconds < math.inf else 0.0)
 
     def solve(self, problem: Hierarchy) -> Solution:
         """The exact answer where it settles every priced level, else that of the stages, with their points."""
@@ -171,7 +177,7 @@ class StagedWorkspace:
         exact: Kernel | None = getattr(self._exact, "kernel", lambda _: None)(self._plain)
         if exact is None or self._native is None or not self._has_prices:
             return exact
-        solve, values, marks = exact
+        solve, values, marks, call = exact
         x, stages, points, end = values[: problem.n], self._native.solve, self._points, self._end
 
         def settled() -> Counts:
@@ -189,7 +195,7 @@ class StagedWorkspace:
             self._head = max(first, 0)
             return counts if first < 0 else (UNSETTLED, *counts[1:])
 
-        return settled, values, marks
+        return settled, values, marks, self._native.after(call, x, points, end)
 
     def _from_head(self) -> Counts | None:
         """Stages from the exact answer of the levels above the one that was not met a tick ago.
@@ -201,7 +207,7 @@ class StagedWorkspace:
         kernel = self._heads[head][1] if head in self._heads else self._make_head(head)
         if kernel is None or self._native is None:
             return None
-        solve, values, _ = kernel
+        solve, values, *_ = kernel
         counts = solve()
         if counts[0]:
             return None
@@ -229,12 +235,16 @@ class StagedWorkspace:
 
     def tell(self) -> Vec | None:
         """Multipliers of the workspace that gave the latest answer; those of guards are among them after stages."""
-        told: Callable[[], Vec | None] = getattr(self._latest, "tell", lambda: None)
+        settled = self._native is not None and self._native.latest()[1]
+        told: Callable[[], Vec | None] = getattr(self._exact if settled else self._latest, "tell", lambda: None)
         return told()
 
     def answer(self, problem: Hierarchy, counts: Counts) -> Solution:
         """The solution of the latest solve of ``kernel``."""
-        if counts[0] != UNSETTLED:
+        if counts[0] == UNSETTLED_NATIVE and self._native is not None:
+            self._head, _, elapsed = self._native.latest()
+            self._began = perf_counter() - elapsed
+        elif counts[0] != UNSETTLED:
             return self._priced(problem, self._exact.answer(self._plain, counts))  # type: ignore[attr-defined]
         return self._below(problem, Stats(*counts[1:3]), self._native_stages())
 

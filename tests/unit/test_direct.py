@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -111,6 +112,29 @@ def test_direct_ticks_equal_general_ones(stack: Stack, formulation: Any) -> None
         assert str(one.explain()["r_palm"].residual)[:6] == str(other.explain()["r_palm"].residual)[:6]
         q, v = one.advance()
     assert 60 < direct < 120
+
+
+@pytest.mark.parametrize("limits", [(t.JointLimits(),), ()], ids=["limits", "no limits"])
+def test_direct_ticks_with_prices_equal_general_ones(limits: tuple[hqp.Element, ...]) -> None:
+    """A hand that goes out of reach and comes back: ticks whose exact answer stands, and ticks of stages."""
+    robot = hqp.robots.load("ur5")
+    hand = t.Pose(frame="tool0")
+    stack = Stack(Level(hand), Level(t.Posture()), subject_to=limits)
+    fast, slow = (hqp.Controller(stack, deadline=np.inf).session(r, 0.002) for r in (robot, robot.copy()))
+    slow._direct_known = True
+    q, v = robot.integrate(robot.home, np.array((0.3, -1.0, 1.2, -0.8, 0.6, 0.2)), 1.0), np.zeros(robot.nv)
+    start, kinds = hand.value(robot.state(q)), []
+    for k in range(400):
+        goal = start.copy()
+        goal[0, 3] += 1.5 * max(0.0, np.sin(2.0 * np.pi * k / 200))
+        one, other = (s.step(s.robot.state(q, v), hand.at(goal)) for s in (fast, slow))
+        kinds.append(isinstance(one, OrdinaryTick))
+        np.testing.assert_array_equal(one.x, other.x)
+        assert (one.status, one.notes) == (other.status, other.notes)
+        assert str(one.account()) == str(other.account())
+        q, v = one.advance()
+    assert min(sum(kinds), 400 - sum(kinds)) > 50
+    assert sum(a != b for a, b in pairwise(kinds)) >= 2
 
 
 def test_what_a_direct_tick_tells_stays() -> None:

@@ -1,18 +1,24 @@
 // Python's view of the stages: bound once to the arrays of a hierarchy and of what its levels hand down.
+#include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <cstdint>
 #include <memory>
 #include <numeric>
 #include <optional>
 #include <stdexcept>
+#include <tuple>
 #include <vector>
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
+#include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include "../shared/isa.hpp"
+#include "../shared/solve_call.hpp"
 #include "stages.hpp"
 
 namespace nb = nanobind;
@@ -49,7 +55,9 @@ class Turn {
   std::atomic<bool>& busy_;
 };
 
-class Stages {
+constexpr int kUnsettled = 98;  // an outcome: the exact answer does not settle every priced level
+
+class Stages final : public hqp::SolveCall {
  public:
   Stages(int n, const std::vector<int>& rows, const std::vector<int>& priced, double met, double zero, double flat)
       : n_(n), rows_(rows), priced_(priced) {
@@ -58,11 +66,7 @@ class Stages {
     std::unique_ptr<bool[]> marks(new bool[priced.size()]);
     for (std::size_t k = 0; k < priced.size(); ++k) marks[k] = priced[k] != 0;
     const int levels = static_cast<int>(rows.size());
-#if defined(HQP_AVX2)
-    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
-      stages_.reset(hqp::make_stages_avx2(n, levels, rows.data(), marks.get(), tolerances));
-#endif
-    if (!stages_) stages_.reset(hqp::make_stages_generic(n, levels, rows.data(), marks.get(), tolerances));
+    stages_.reset(HQP_FOR_MACHINE(make_stages, n, levels, rows.data(), marks.get(), tolerances));
   }
 
   // levels: (A or None, index or None, scale or None, lower, upper); handed: (A, lower, upper) or None where a level
@@ -109,6 +113,7 @@ class Stages {
     stages_->bind(prices.data(), shares.data(), matrix, target, r, guard.is_none() ? nullptr : &floor);
     kept_ = nb::make_tuple(levels, handed, prices, shares, F, f);
     bound_ = true;
+    head_ = 0;
   }
 
   // The first level that x does not settle, -1 for none; otherwise stages (levels, n) and last (n) are written.
@@ -123,8 +128,33 @@ class Stages {
     const double* from = x.data();
     double *to = stages.data(), *end = last.data();
     const nb::gil_scoped_release release;
-    return stages_->solve(from, head, seconds, to, end);
+    return found(stages_->solve(from, head, seconds, to, end));
   }
+
+  // solve() of all levels straight after the exact solve whose capsule is given, as one call for another native module.
+  nb::capsule after(const nb::capsule& exact, const Vector& x, const Out& stages, const Out& last) {
+    if (x.shape(0) != std::size_t(n_) || last.size() != std::size_t(n_) || stages.size() != rows_.size() * n_)
+      refuse("x, stages or last has a wrong shape");
+    exact_ = hqp::call_of(exact);
+    x_ = x.data(), to_ = stages.data(), end_ = last.data();
+    chained_ = nb::make_tuple(exact, x, stages, last);
+    return hqp::capsule_of(this);
+  }
+  hqp::Solved run(const double* v) override {
+    if (head_) return {hqp::kAskPython};
+    began_ = Clock::now();
+    hqp::Solved solved = exact_->run(v);
+    if (solved.outcome) return solved;
+    const Turn turn(busy_);
+    const double left = limit_ > 0.0 ? std::max(limit_ - elapsed(), 1e-6) : 0.0;
+    if (found(stages_->solve(x_, 0, left, to_, end_)) >= 0) solved.outcome = kUnsettled;
+    return solved;
+  }
+  // Time for run() [s], none for 0.
+  void limit(double seconds) { limit_ = seconds; }
+  // Of the latest solve: the first level that was not settled, 0 for none too; whether all were; the time since run()
+  // began [s].
+  std::tuple<int, bool, double> latest() const { return {head_, settled_, elapsed()}; }
 
   // What account() reads beside the rows: stages, which solve wrote, and the element of each row.
   void accounts(const Out& stages, const Owners& owner, int elements) {
@@ -168,9 +198,22 @@ class Stages {
   }
 
   std::pair<int, bool> effort() const { return {stages_->iterations(), stages_->ended()}; }
-  void reset() { stages_->reset(); }
+  void reset() {
+    stages_->reset();
+    head_ = 0;
+  }
 
  private:
+  using Clock = std::chrono::steady_clock;
+
+  double elapsed() const { return std::chrono::duration<double>(Clock::now() - began_).count(); }
+
+  int found(int first) {
+    settled_ = first < 0;
+    head_ = std::max(first, 0);
+    return first;
+  }
+
   std::size_t total() const { return std::accumulate(rows_.begin(), rows_.end(), std::size_t{0}); }
 
   static double* room(nb::handle h, std::size_t size) {
@@ -182,7 +225,14 @@ class Stages {
   int n_;
   std::vector<int> rows_, priced_;
   std::unique_ptr<hqp::PricedStages> stages_;
-  nb::object kept_, read_;
+  nb::object kept_, read_, chained_;
+  hqp::SolveCall* exact_ = nullptr;
+  const double* x_ = nullptr;
+  double *to_ = nullptr, *end_ = nullptr;
+  int head_ = 0;
+  bool settled_ = false;
+  double limit_ = 0.0;
+  Clock::time_point began_;
   const double* points_ = nullptr;
   std::vector<std::int32_t> owner_;
   int elements_ = 0;
@@ -200,6 +250,9 @@ NB_MODULE(_priced, m) {
       .def("bind", &Stages::bind, "levels"_a, "handed"_a, "prices"_a, "shares"_a, "F"_a.none(), "f"_a.none(),
            "guard"_a.none())
       .def("solve", &Stages::solve, "x"_a, "stages"_a, "last"_a, "head"_a = 0, "seconds"_a = 0.0)
+      .def("after", &Stages::after, "exact"_a, "x"_a, "stages"_a, "last"_a)
+      .def("limit", &Stages::limit, "seconds"_a)
+      .def("latest", &Stages::latest)
       .def("accounts", &Stages::accounts, "stages"_a, "owner"_a, "elements"_a)
       .def("account", &Stages::account, "w"_a, "multipliers"_a.none(), "guards"_a, "out"_a)
       .def("describe", &Stages::describe, "x"_a, "constraints"_a, "activity"_a, "violation"_a, "slack"_a, "marks"_a)

@@ -9,6 +9,7 @@
 
 #include <nanobind/stl/optional.h>
 
+#include "../shared/solve_call.hpp"
 #include "collision.hpp"
 #include "com.hpp"
 #include "frames.hpp"
@@ -73,10 +74,7 @@ class Assembly {
     demands_ = std::make_unique<hqp::Demands>(std::move(laws));
   }
 
-  void run(const Vector& q, const Vector& v) {
-    tree_.update(v.data());
-    for (const auto& operation : operations_) operation->run(q.data(), v.data());
-  }
+  void run(const Vector& q, const Vector& v) { operate(q.data(), v.data()); }
   void demand(const Vector& v) { demands_->run(v.data()); }
 
   // A load whose value is live; payloads count for centres of mass, too.
@@ -118,58 +116,42 @@ class Assembly {
     if (value->size() != size) throw nb::value_error(("the hold value of " + name + " does not fit its plan").c_str());
     slot->hold.assign(value->data(), value->data() + size);
   }
-  // solve: of a workspace bound to the arrays of the laws, (outcome, ...) with 0 for an optimum; values: x and slack,
-  // active: marks, both its own. command: what of x is one. largest: a demand beyond it is out of the ordinary.
-  void answers(const nb::object& solve, const Vector& values, const Marks& active, Ints command, double largest) {
+  // solve: of a workspace bound to the arrays of the laws, (outcome, ...) with 0 for an optimum; call: the same without
+  // Python, where there is one. values: x and slack, active: marks, both its own. command: what of x is one. largest: a
+  // demand beyond it is out of the ordinary.
+  void answers(const nb::object& solve, const std::optional<nb::capsule>& call, const Vector& values,
+               const Marks& active, Ints command, double largest) {
     solve_ = solve;
+    call_ = call ? hqp::call_of(*call) : nullptr;
     values_ = keep(values), active_ = keep(active);
     value_count_ = values.size(), active_count_ = active.size();
+    sent_.assign(values.data(), values.data() + std::min(values.size(), static_cast<std::size_t>(tree_.size())));
+    marks_.assign(active_count_, 0);
     command_ = std::move(command);
     largest_ = largest * largest;
   }
 
   // Rows of native operations; false where a reference is out of the ordinary.
   bool fill(const Vector& q, const Vector& v, const nb::tuple& references, bool fresh) {
-    begin_ = hqp::Clock::now();
-    if (!loop_.take(references, fresh)) return false;
-    run(q, v);
-    return true;
+    return filled(q.data(), v.data(), references, fresh);
   }
-  // Laws and solver: a record [command, x, slack, begin, seconds for rows and solve, solve's counts, marks]; what solve
-  // returned where that is no optimum, None where a demand is out of the ordinary.
-  nb::object solve(const Vector& v) {
-    demand(v);
-    if (!(hqp::squared(demands_->demand(), demands_->size()) < largest_)) return nb::none();
-    const auto filled = hqp::Clock::now();
-    const nb::object outcome = solve_();
-    const auto solved = hqp::Clock::now();
-    const nb::tuple found = nb::cast<nb::tuple>(outcome);
-    const int kind = nb::cast<int>(found[0]);
-    if (kind != kOptimal) return kind == kInvalid ? nb::none() : outcome;
-    const std::size_t numbers = command_.size() + value_count_ + 5;
-    const nb::object record = nb::steal(
-        PyByteArray_FromStringAndSize(nullptr, static_cast<Py_ssize_t>(sizeof(double) * numbers + active_count_)));
-    if (!record.is_valid()) nb::raise_python_error();
-    double* out = reinterpret_cast<double*>(PyByteArray_AsString(record.ptr()));
-    for (const int i : command_) *out++ = values_[i];
-    out = std::copy(values_, values_ + value_count_, out);
-    *out++ = hqp::seconds({}, begin_);
-    *out++ = hqp::seconds(begin_, filled);
-    *out++ = hqp::seconds(filled, solved);
-    for (int i = 1; i < 3; ++i) *out++ = nb::cast<double>(found[i]);
-    std::copy(active_, active_ + active_count_, reinterpret_cast<std::int8_t*>(out));
-    return record;
-  }
-  nb::object step(const Vector& q, const Vector& v, const nb::tuple& references, bool fresh) {
-    return fill(q, v, references, fresh) ? solve(v) : nb::none();
+  // Laws and solver: a record [command, x, slack, begin, seconds for rows and solve, solve's counts, marks, whether
+  // marks are others than in the record before]; what solve returned where that is no optimum, None where a demand is
+  // out of the ordinary.
+  nb::object solve(const Vector& v) { return answered(v.data()); }
+  // Both; v None for the x of the record before, at velocity level.
+  nb::object step(nb::handle q, nb::handle v, const nb::tuple& references, bool fresh) {
+    const hqp::Doubles at(q);
+    if (v.is_none()) return stepped(at.data(), sent_.data(), references, fresh);
+    const hqp::Doubles speed(v);
+    return stepped(at.data(), speed.data(), references, fresh);
   }
 
   // The same without Python's objects, for many configurations at rest under the same references: x, null for what is
   // out of the ordinary or was not solved; rows alone.
   bool take(const nb::tuple& references) { return loop_.take(references, true); }
   bool write(const double* q, const double* v) {
-    tree_.update(v);
-    for (const auto& operation : operations_) operation->run(q, v);
+    operate(q, v);
     demands_->run(v);
     return hqp::squared(demands_->demand(), demands_->size()) < largest_;
   }
@@ -182,6 +164,61 @@ class Assembly {
 
  private:
   using Operation = std::unique_ptr<hqp::Operation>;
+
+  nb::object answered(const double* v) {
+    demands_->run(v);
+    if (!(hqp::squared(demands_->demand(), demands_->size()) < largest_)) return nb::none();
+    const auto begun = hqp::Clock::now();
+    const hqp::Solved found = solved(v);
+    if (found.outcome == kInvalid) return nb::none();
+    if (found.outcome != kOptimal)
+      return nb::make_tuple(found.outcome, found.iterations, found.factorisations, found.judged);
+    return record(found, hqp::seconds(begin_, begun), hqp::seconds(begun, hqp::Clock::now()));
+  }
+  nb::object stepped(const double* q, const double* v, const nb::tuple& references, bool fresh) {
+    if (!q || !v) throw nb::type_error("q and v are vectors of doubles");
+    return filled(q, v, references, fresh) ? answered(v) : nb::none();
+  }
+  bool filled(const double* q, const double* v, const nb::tuple& references, bool fresh) {
+    begin_ = hqp::Clock::now();
+    if (!loop_.take(references, fresh)) return false;
+    operate(q, v);
+    return true;
+  }
+  void operate(const double* q, const double* v) {
+    tree_.update(v);
+    for (const auto& operation : operations_) operation->run(q, v);
+  }
+
+  hqp::Solved solved(const double* v) {
+    hqp::Solved found{hqp::kAskPython};
+    if (call_) {
+      const nb::gil_scoped_release release;
+      found = call_->run(v);
+    }
+    if (found.outcome != hqp::kAskPython) return found;
+    const nb::tuple told = nb::cast<nb::tuple>(solve_());
+    return {nb::cast<int>(told[0]), nb::cast<int>(told[1]), nb::cast<int>(told[2]), nb::cast<int>(told[3])};
+  }
+
+  nb::object record(const hqp::Solved& found, double filling, double solving) {
+    const std::size_t numbers = command_.size() + value_count_ + 5;
+    const nb::object made = nb::steal(
+        PyByteArray_FromStringAndSize(nullptr, static_cast<Py_ssize_t>(sizeof(double) * numbers + active_count_ + 1)));
+    if (!made.is_valid()) nb::raise_python_error();
+    double* out = reinterpret_cast<double*>(PyByteArray_AsString(made.ptr()));
+    for (const int i : command_) *out++ = values_[i];
+    out = std::copy(values_, values_ + value_count_, out);
+    std::copy(values_, values_ + sent_.size(), sent_.begin());
+    for (const double number :
+         {hqp::seconds({}, begin_), filling, solving, double(found.iterations), double(found.factorisations)})
+      *out++ = number;
+    std::int8_t* marks = reinterpret_cast<std::int8_t*>(out);
+    std::copy(active_, active_ + active_count_, marks);
+    marks[active_count_] = !std::equal(active_, active_ + active_count_, marks_.begin());
+    std::copy(active_, active_ + active_count_, marks_.begin());
+    return made;
+  }
 
   Operation make(const Plan& p, const hqp::Target& out) {
     const std::string name = p.name();
@@ -307,6 +344,9 @@ class Assembly {
   hqp::KnownLoads loads_;
   hqp::Loop loop_;
   nb::object solve_;
+  hqp::SolveCall* call_ = nullptr;
+  std::vector<double> sent_;        // x of the latest record
+  std::vector<std::int8_t> marks_;  // and its marks
   const double* values_ = nullptr;
   const std::int8_t* active_ = nullptr;
   std::size_t value_count_ = 0, active_count_ = 0;

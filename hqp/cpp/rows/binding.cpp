@@ -22,21 +22,24 @@ bool rotation(const Block& A, int width, double tolerance) {
   return dot(x, cross(y, z)) > 0.0;
 }
 
-// (q'q + v'v, whether quaternions and (cos, sin) pairs in q have length one up to rounding).
+// (q'q + v'v, whether quaternions and (cos, sin) pairs in q have length one up to rounding), None for other shapes.
 class Measure {
  public:
-  Measure(std::vector<std::tuple<int, int>> units, double rounding) : units_(std::move(units)), rounding_(rounding) {}
-  std::tuple<double, bool> operator()(const Vector& q, const Vector& v) const {
+  Measure(std::vector<std::tuple<int, int>> units, double rounding, int nq, int nv)
+      : units_(std::move(units)), rounding_(rounding), nq_(nq), nv_(nv) {}
+  std::optional<std::tuple<double, bool>> operator()(nb::handle position, nb::handle velocity) const {
+    const hqp::Doubles q(position), v(velocity);
+    if (!q.data() || !v.data() || !q.has(&nq_, 1) || !v.has(&nv_, 1)) return {};
     bool unit = true;
     for (const auto& [start, stop] : units_)
       unit = unit && std::fabs(hqp::squared(q.data() + start, stop - start) - 1.0) < rounding_;
-    const int nq = static_cast<int>(q.shape(0)), nv = static_cast<int>(v.shape(0));
-    return {hqp::squared(q.data(), nq) + hqp::squared(v.data(), nv), unit};
+    return std::tuple(hqp::squared(q.data(), nq_) + hqp::squared(v.data(), nv_), unit);
   }
 
  private:
   std::vector<std::tuple<int, int>> units_;
   double rounding_;
+  int nq_, nv_;
 };
 
 }  // namespace
@@ -45,7 +48,7 @@ NB_MODULE(_assembly, module) {
   module.doc() = "Rows of the common tasks, written by one call a tick.";
   nb::set_leak_warnings(std::getenv("HQP_LEAK_WARNINGS") != nullptr);  // a script may end anyhow
   nb::class_<Measure>(module, "Measure")
-      .def(nb::init<std::vector<std::tuple<int, int>>, double>(), "units"_a, "rounding"_a)
+      .def(nb::init<std::vector<std::tuple<int, int>>, double, int, int>(), "units"_a, "rounding"_a, "nq"_a, "nv"_a)
       .def("__call__", &Measure::operator(), "q"_a, "v"_a);
   module.def(
       "is_rotation", [](const Block& R, double tolerance) { return square(R, 3) && rotation(R, 3, tolerance); }, "R"_a,
@@ -66,11 +69,11 @@ NB_MODULE(_assembly, module) {
       .def("load", &Assembly::load, "plan"_a, "value"_a.noconvert())
       .def("loads", &Assembly::loads, "A"_a.noconvert(), "bias"_a.noconvert(), "gravity"_a.noconvert())
       .def("hold", &Assembly::hold, "name"_a, "value"_a.none())
-      .def("answers", &Assembly::answers, "solve"_a, "values"_a.noconvert(), "active"_a.noconvert(), "command"_a,
-           "largest"_a)
+      .def("answers", &Assembly::answers, "solve"_a, "call"_a.none(), "values"_a.noconvert(), "active"_a.noconvert(),
+           "command"_a, "largest"_a)
       .def("fill", &Assembly::fill, "q"_a, "v"_a, "references"_a, "fresh"_a)
       .def("solve", &Assembly::solve, "v"_a)
-      .def("step", &Assembly::step, "q"_a, "v"_a, "references"_a, "fresh"_a)
+      .def("step", &Assembly::step, "q"_a, "v"_a.none(), "references"_a, "fresh"_a)
       .def("add", &Assembly::add, "plan"_a, nb::kw_only(), "J"_a.noconvert().none(), "error"_a.noconvert(),
            "drift"_a.noconvert().none(), "lower"_a.noconvert(), "upper"_a.noconvert(), "reference"_a.noconvert(),
            "normal"_a.noconvert().none(), "weight"_a)

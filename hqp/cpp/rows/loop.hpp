@@ -23,6 +23,33 @@ struct ReferenceFields {
       gravity_normal{"gravity_normal"};
 };
 
+// The numbers of an array of doubles, without a copy; null where the object is no such array, or not contiguous.
+class Doubles {
+ public:
+  explicit Doubles(nb::handle array) {
+    held_ = PyObject_GetBuffer(array.ptr(), &view_, PyBUF_ND | PyBUF_FORMAT) == 0;
+    if (!held_) PyErr_Clear();
+  }
+  ~Doubles() {
+    if (held_) PyBuffer_Release(&view_);
+  }
+  Doubles(const Doubles&) = delete;
+
+  const double* data() const {
+    return held_ && view_.format && !std::strcmp(view_.format, "d") ? static_cast<const double*>(view_.buf) : nullptr;
+  }
+  bool has(const int* shape, int dimensions) const {
+    if (!held_ || view_.ndim != dimensions) return false;
+    for (int i = 0; i < dimensions; ++i)
+      if (view_.shape[i] != shape[i]) return false;
+    return true;
+  }
+
+ private:
+  Py_buffer view_;
+  bool held_;
+};
+
 // The Python objects of a tick: references are read, a record is made.
 class Loop {
  public:
@@ -75,20 +102,12 @@ class Loop {
   static bool copy(const nb::object& array, double* to, const int* shape, int dimensions) {
     if (array.is_none()) return true;
     if (!to) return false;
-    Py_buffer view;
-    if (PyObject_GetBuffer(array.ptr(), &view, PyBUF_ND | PyBUF_FORMAT)) {
-      PyErr_Clear();
-      return false;
-    }
-    bool fits = view.ndim == dimensions && view.format && !std::strcmp(view.format, "d");
+    const Doubles numbers(array);
+    if (!numbers.data() || !numbers.has(shape, dimensions)) return false;
     int size = 1;
-    for (int i = 0; fits && i < dimensions; ++i) {
-      fits = view.shape[i] == shape[i];
-      size *= shape[i];
-    }
-    if (fits) std::memcpy(to, view.buf, sizeof(double) * size);
-    PyBuffer_Release(&view);
-    return fits && finite(to, size);
+    for (int i = 0; i < dimensions; ++i) size *= shape[i];
+    std::memcpy(to, numbers.data(), sizeof(double) * size);
+    return finite(to, size);
   }
 
   nb::object reference_;

@@ -10,6 +10,8 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
+#include "../shared/isa.hpp"
+#include "../shared/solve_call.hpp"
 #include "batch.hpp"
 #include "kernel.hpp"
 #include "reading.hpp"
@@ -19,19 +21,8 @@ using namespace nb::literals;
 
 namespace hqp {
 
-bool has_avx2() {
-#if defined(HQP_AVX2)
-  return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
-#else
-  return false;
-#endif
-}
-
 Kernel* make_kernel(int n, int levels, const int* m, bool metric) {
-#if defined(HQP_AVX2)
-  if (has_avx2()) return make_avx2(n, levels, m, metric);
-#endif
-  return make_generic(n, levels, m, metric);
+  return HQP_FOR_MACHINE(make, n, levels, m, metric);
 }
 
 }  // namespace hqp
@@ -51,7 +42,7 @@ struct Keys {
       factorisations{"factorisations"}, build_s{"build_s"}, solve_s{"solve_s"}, stats{"stats"}, copy{"copy"};
 };
 
-class Workspace {
+class Workspace final : public hqp::SolveCall {
  public:
   // Seconds for the next solves, none if zero.
   void limit(double seconds) { options_.time_limit = seconds; }
@@ -121,9 +112,15 @@ class Workspace {
 
   // Outcome, iterations, factorisations, judged; the numbers are in values(), active() and multipliers().
   nb::tuple solve() {
-    const hqp::Answer answer = run();
+    const hqp::Answer answer = unlocked();
     return nb::make_tuple(static_cast<int>(answer.outcome), answer.iterations, answer.factorisations, answer.judged);
   }
+  hqp::Solved run(const double*) override {
+    const hqp::Answer answer = answered();
+    return {static_cast<int>(answer.outcome), answer.iterations, answer.factorisations, answer.judged};
+  }
+  // The same for another native module.
+  nb::capsule call() { return hqp::capsule_of(this); }
 
   // What solution() builds: the two classes, the statuses by outcome, and the slices of each level.
   void report_as(const nb::object& solution, const nb::object& stats, const nb::tuple& statuses, const nb::tuple& slack,
@@ -147,7 +144,7 @@ class Workspace {
                       const nb::object& all_multipliers) {
     if (!solution_.is_valid()) refuse("call report_as first");
     const auto begin = std::chrono::steady_clock::now();
-    const hqp::Answer answer = run();
+    const hqp::Answer answer = unlocked();
     if (answer.outcome == hqp::Outcome::invalid) return nb::none();
     const nb::object values = copy(all_values), marks = copy(all_marks);
     const nb::object made = fresh(solution_), stats = fresh(stats_);
@@ -202,7 +199,12 @@ class Workspace {
   static constexpr int kMost = 10000;
   static constexpr std::size_t kOutcomes = 6;
 
-  hqp::Answer run() {
+  hqp::Answer unlocked() {
+    const nb::gil_scoped_release release;
+    return answered();
+  }
+
+  hqp::Answer answered() {
     const Lock lock(busy_);
     if (!bound_) refuse("bind a problem first");
     hqp::Answer answer;
@@ -210,7 +212,6 @@ class Workspace {
     answer.slack = values_.data() + n_;
     answer.active = active_.data();
     answer.multipliers = options_.multipliers ? lambda_.data() : nullptr;
-    const nb::gil_scoped_release release;
     kernel_->solve(problem_, options_, answer);
     return answer;
   }
@@ -332,6 +333,7 @@ NB_MODULE(_lexicographic, m) {
       .def("bind", &Workspace::bind, "levels"_a, "constraints"_a, "metric"_a.none(), "origin"_a.none())
       .def("take", &Workspace::take, "hierarchy"_a)
       .def("solve", &Workspace::solve)
+      .def("call", &Workspace::call)
       .def("limit", &Workspace::limit, "seconds"_a)
       .def("report_as", &Workspace::report_as, "solution"_a, "stats"_a, "statuses"_a, "slack"_a, "active"_a,
            "multipliers"_a, "stopped"_a, "unsure"_a)

@@ -19,7 +19,6 @@ Kernel* make_generic(int n, int levels, const int* m, bool metric);
 Kernel* make_avx2(int n, int levels, const int* m, bool metric);
 
 // Built for the widest instruction set that the machine has.
-bool has_avx2();
 Kernel* make_kernel(int n, int levels, const int* m, bool metric);
 
 }  // namespace hqp

@@ -10,6 +10,7 @@
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/vector.h>
 
+#include "../shared/isa.hpp"
 #include "elimination.hpp"
 #include "holding.hpp"
 
@@ -26,22 +27,10 @@ using Ints = std::vector<int>;
 
 [[noreturn]] void refuse(const char* text) { throw nb::value_error(text); }
 
-bool has_avx2() {
-#if defined(HQP_AVX2)
-  return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
-#else
-  return false;
-#endif
-}
-
 class Elimination {
  public:
-  Elimination(Ints parents, Ints actuated, int rows) {
-#if defined(HQP_AVX2)
-    if (has_avx2()) native_.reset(hqp::make_elimination_avx2(parents, actuated, rows));
-#endif
-    if (!native_) native_.reset(hqp::make_elimination_generic(std::move(parents), std::move(actuated), rows));
-  }
+  Elimination(const Ints& parents, const Ints& actuated, int rows)
+      : native_(HQP_FOR_MACHINE(make_elimination, parents, actuated, rows)) {}
 
   int eliminate(const Columns& A, const Vector& bias, const Block& J, const Vector& gamma, double tolerance,
                 const Block& map, const Block& phi, const Block& Q, const Block& T, const Block& top) {
@@ -57,11 +46,7 @@ class Elimination {
 class TorqueRows {
  public:
   explicit TorqueRows(const Block& map) : nv_(map.shape(0)), n_(map.shape(1) - 1) {
-    const int nv = static_cast<int>(nv_), n = static_cast<int>(n_);
-#if defined(HQP_AVX2)
-    if (has_avx2()) native_.reset(hqp::make_torque_rows_avx2(map.data(), nv, n));
-#endif
-    if (!native_) native_.reset(hqp::make_torque_rows_generic(map.data(), nv, n));
+    native_.reset(HQP_FOR_MACHINE(make_torque_rows, map.data(), static_cast<int>(map.shape(0)), static_cast<int>(n_)));
     kept_.append(map);
   }
 
@@ -114,7 +99,7 @@ NB_MODULE(_torque, module) {
   module.doc() = "The constraint forces eliminated, and gravity compensation.";
   nb::set_leak_warnings(std::getenv("HQP_LEAK_WARNINGS") != nullptr);  // a script may end anyhow
   nb::class_<Elimination>(module, "Elimination")
-      .def(nb::init<Ints, Ints, int>(), "parents"_a, "actuated"_a, "rows"_a)
+      .def(nb::init<const Ints&, const Ints&, int>(), "parents"_a, "actuated"_a, "rows"_a)
       .def("eliminate", &Elimination::eliminate, "A"_a.noconvert(), "bias"_a.noconvert(), "J"_a.noconvert(),
            "gamma"_a.noconvert(), "tolerance"_a, "map"_a.noconvert(), "phi"_a.noconvert(), "Q"_a.noconvert(),
            "T"_a.noconvert(), "top"_a.noconvert());

@@ -1,0 +1,21 @@
+// Which build of a kernel this machine runs.
+#pragma once
+
+namespace hqp {
+
+static inline bool has_avx2() {
+#if defined(HQP_AVX2)
+  return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+#else
+  return false;
+#endif
+}
+
+}  // namespace hqp
+
+// One of NAME_generic and NAME_avx2, made from the same source.
+#if defined(HQP_AVX2)
+#define HQP_FOR_MACHINE(name, ...) (hqp::has_avx2() ? hqp::name##_avx2(__VA_ARGS__) : hqp::name##_generic(__VA_ARGS__))
+#else
+#define HQP_FOR_MACHINE(name, ...) hqp::name##_generic(__VA_ARGS__)
+#endif

@@ -1,0 +1,28 @@
+// A solve of one native module that another runs, with nothing of Python in between.
+#pragma once
+
+#include <nanobind/nanobind.h>
+
+namespace hqp {
+
+struct Solved {
+  int outcome = 0, iterations = 0, factorisations = 0, judged = 0;
+};
+
+constexpr int kAskPython = -1;  // an outcome: nothing was solved, the same in Python has to do it
+
+class SolveCall {
+ public:
+  virtual ~SolveCall() = default;
+  // Without the interpreter's lock; v: of the state. Throws where another thread solves.
+  virtual Solved run(const double* v) = 0;
+};
+
+// Its owner has to outlive what is given the capsule.
+inline nanobind::capsule capsule_of(SolveCall* call) { return {call, "hqp.solve_call"}; }
+
+inline SolveCall* call_of(const nanobind::capsule& capsule) {
+  return static_cast<SolveCall*>(PyCapsule_GetPointer(capsule.ptr(), "hqp.solve_call"));
+}
+
+}  // namespace hqp
