@@ -31,6 +31,10 @@ class Coordinates {
   }
 
   const double* still() const { return still_.data(); }
+  bool diagonal() const { return diagonal_; }
+
+  // The entry of a row that picks x_i, where E is diagonal.
+  double picked(int i, double scale) const { return scale * unit_[i]; }
 
   // b (n, in whole vectors) = a P for a row a of x.
   void row(const double* a, double* b) const {

@@ -1,5 +1,6 @@
 // An orthonormal basis of the rows of a working set, grown row by row: W = R' Q with Q (rank, N) and R upper
-// triangular.
+// triangular. Rows that pick one coordinate (frozen joints), as long as no other row came before, take it out of the
+// rows that follow for nothing.
 #pragma once
 
 #include <cmath>
@@ -15,20 +16,30 @@ constexpr double kDependent = 1e-10;  // what a row of unit length must keep to 
 class RowSpace {
  public:
   RowSpace(int most, int ld)
-      : ld_(ld), Q_(static_cast<std::size_t>(most) * ld, 0.0), R_(most * most), parts_(most), z_(most), most_(most) {}
+      : ld_(ld),
+        Q_(static_cast<std::size_t>(most) * ld, 0.0),
+        R_(most * most),
+        parts_(most),
+        z_(most),
+        picks_(most),
+        most_(most) {}
 
   int rank() const { return rank_; }
-  void cut(int rank) { rank_ = rank; }
+  void cut(int rank) {
+    rank_ = rank;
+    if (picked_ > rank) picked_ = rank;
+  }
   const double* basis(int j) const { return &Q_[static_cast<std::size_t>(j) * ld_]; }
 
-  // Whether the row, of unit length, adds a direction.
-  bool add(const double* row, int N) {
+  // Whether the row, of unit length, adds a direction.  only: the place of its one entry, -1 where it has more.
+  bool add(const double* row, int N, int only = -1) {
     if (rank_ == most_) return false;
     double* q = &Q_[static_cast<std::size_t>(rank_) * ld_];
     double* r = &R_[rank_];  // column rank_
     for (int j = 0; j < N; ++j) q[j] = row[j];
     for (int j = N; j < ld_; ++j) q[j] = 0.0;
     for (int j = 0; j < rank_; ++j) r[j * most_] = 0.0;
+    if (only >= 0 && rank_ == picked_) return pick(only, q, r);
     double length = 0.0;
     for (int pass = 0; pass < 2; ++pass) {
       take_out(q, N);
@@ -70,15 +81,32 @@ class RowSpace {
   }
 
  private:
+  bool pick(int at, double* q, double* r) {
+    for (int k = 0; k < picked_; ++k)
+      if (picks_[k] == at) return false;
+    r[rank_ * most_] = q[at];
+    q[at] = 1.0;
+    picks_[picked_++] = at;
+    ++rank_;
+    return true;
+  }
+
   // v less its parts along the basis; twice is enough for rounding.
   void take_out(double* v, int N) {
-    dots_any(v, Q_.data(), ld_, rank_, N, parts_.data());
-    subtract_rows(v, Q_.data(), ld_, rank_, parts_.data(), N);
+    for (int k = 0; k < picked_; ++k) {
+      parts_[k] = v[picks_[k]];
+      v[picks_[k]] = 0.0;
+    }
+    if (picked_ == rank_) return;
+    const double* from = basis(picked_);
+    dots_any(v, from, ld_, rank_ - picked_, N, &parts_[picked_]);
+    subtract_rows(v, from, ld_, rank_ - picked_, &parts_[picked_], N);
   }
 
   int ld_;
   std::vector<double> Q_, R_, parts_, z_;
-  int most_, rank_ = 0;
+  std::vector<int> picks_;  // (picked), coordinates of the rows that pick one, which come first
+  int most_, rank_ = 0, picked_ = 0;
 };
 
 }  // namespace HQP_ISA

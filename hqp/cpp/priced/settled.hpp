@@ -2,13 +2,15 @@
 // has multipliers u of level k with c_k ||u|| <= 1, level k is met for its price, and its stage need not be solved.
 //
 // The least motion is min |y|^2 / 2 over equality rows B y = b and inequality rows, of which a working set is held at
-// its bounds. It begins with the set of the last tick; rows of the wrong sign leave and violated rows enter, all at
-// once. A set that does not settle in a few rounds shows nothing, and the stage decides.
+// its bounds. Coordinates with one value left (frozen joints) are columns taken out of B. It begins with the set of the
+// last tick; rows of the wrong sign leave and violated rows enter, all at once. A set that does not settle in a few
+// rounds shows nothing, and the stage decides.
 #pragma once
 
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <utility>
 #include <vector>
 
 #include "coordinates.hpp"
@@ -61,6 +63,7 @@ class Settled {
     exact_ = x;
     count_ = equalities_ = 0;
     consistent_ = independent_ = true;
+    taken_out_.clear();
   }
 
   // The rows of an exact level, which x meets as well as they can be.
@@ -72,6 +75,7 @@ class Settled {
       const double value = at_point(level, i, exact_);
       const bool off = std::abs(slack(value, level.lower[i], level.upper[i])) > met_ * (1.0 + std::abs(value));
       if (level.lower[i] == level.upper[i] || off) {
+        if (count_ == 0 && take_out(level, i, value)) continue;
         consistent_ = append(level, i, value, 0);
         independent_ = independent_ && kept_[count_ - 1];
       }
@@ -101,6 +105,18 @@ class Settled {
   }
 
   void cut(int count) { count_ = count; }
+
+  // The coordinate that a row picks, off the rows that follow; false where the row is another, or picks it again.
+  bool take_out(const PricedLevel& level, int i, double value) {
+    if (level.A || !at_->diagonal()) return false;
+    const int j = static_cast<int>(level.index[i]);
+    for (const auto& [other, y] : taken_out_)
+      if (other == j) return false;
+    const double c = at_->picked(j, level.scale[i]);
+    if (c == 0.0) return false;
+    taken_out_.emplace_back(j, (value - level.scale[i] * at_->still()[j]) / c);
+    return true;
+  }
 
   // The working set of level k from that of the last tick; whether it was found.
   bool least_motion(int k) {
@@ -180,8 +196,12 @@ class Settled {
     b_[c] = target - dot_any(a, at_->still(), n_);
     const int whole = lanes(n_);  // rows are padded with zeros
     const double square = dot_any(b, b, whole);
+    for (const auto& [j, y] : taken_out_) {
+      b_[c] -= b[j] * y;
+      b[j] = 0.0;
+    }
     dots_any(b, B_.data(), ld_, c, whole, column_.data());
-    double pivot = square, z = b_[c];
+    double pivot = taken_out_.empty() ? square : dot_any(b, b, whole), z = b_[c];
     for (int j = 0; j < c; ++j) {
       const double f = column_[j] * inverse_[j];
       double* u = &U_[static_cast<std::size_t>(j) * width_];
@@ -207,6 +227,7 @@ class Settled {
       lambda_[j] = (z_[j] - dot_any(u + j + 1, &lambda_[j + 1], count_ - j - 1)) * inverse_[j];
       add_any(y_.data(), &B_[static_cast<std::size_t>(j) * ld_], lambda_[j], lanes(n_));
     }
+    for (const auto& [j, y] : taken_out_) y_[j] = y;
     at_->point(y_.data(), x_.data());
   }
 
@@ -230,6 +251,7 @@ class Settled {
   std::vector<int> held_;
   std::vector<char> kept_;
   std::vector<double> y_, a_, x_;
+  std::vector<std::pair<int, double>> taken_out_;  // coordinates, their values
   const Coordinates* at_ = nullptr;
   const double *prices_ = nullptr, *exact_ = nullptr;
   int count_ = 0, equalities_ = 0;

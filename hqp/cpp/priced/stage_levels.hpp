@@ -230,7 +230,8 @@ class StageLevels final : public PricedStages {
     high_.assign(level.upper, level.upper + level.m);
     for (int i = 0; i < level.m; ++i) {
       if (level.left_out(i)) continue;
-      const double value = dot_any(row(level, i), x, n_), w = slack(value, low_[i], high_[i]);
+      const double value = level.A ? dot_any(row(level, i), x, n_) : level.scale[i] * x[level.index[i]];
+      const double w = slack(value, low_[i], high_[i]);
       if (low_[i] == high_[i] || std::abs(w) > tolerances_.met * (1.0 + std::abs(value))) low_[i] = high_[i] = value;
     }
   }
@@ -239,7 +240,18 @@ class StageLevels final : public PricedStages {
   void take(int k, bool priced) {
     const PricedLevel& level = level_[k];
     const int m = priced ? level.m + 1 : level.m;
+    const int first = first_row(k);
+    const bool picks = !level.A && !priced && at_.diagonal();
     for (int i = 0; i < m; ++i) {
+      if (picks) {
+        if (low_[i] == -INFINITY && high_[i] == INFINITY) continue;
+        const int j = static_cast<int>(level.index[i]);
+        const double shift = level.scale[i] * at_.still()[j];
+        if (!rows_.pick(rows_.count, j, at_.picked(j, level.scale[i]), low_[i] - shift, high_[i] - shift)) continue;
+        ++rows_.count;
+        row_of_.push_back(first + i);
+        continue;
+      }
       const double* a = priced ? handed_[k].A + static_cast<std::size_t>(i) * n_ : row(level, i);
       const double low = priced ? handed_[k].lower[i] : low_[i], high = priced ? handed_[k].upper[i] : high_[i];
       if (low == -INFINITY && high == INFINITY) continue;
@@ -249,7 +261,7 @@ class StageLevels final : public PricedStages {
       const double shift = dot_any(a, at_.still(), n_);
       if (!rows_.close(rows_.count, n_, low - shift, high - shift)) continue;
       ++rows_.count;
-      row_of_.push_back(first_row(k) + (i < level.m ? i : 0));  // the guard counts for the first element of its level
+      row_of_.push_back(first + (i < level.m ? i : 0));  // the guard counts for the first element of its level
     }
   }
 

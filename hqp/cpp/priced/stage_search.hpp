@@ -22,6 +22,7 @@ struct StageRows {
   int ld = 0, count = 0;
   std::vector<double> C, lower, upper;
   std::vector<char> equal;
+  std::vector<int> only;  // the one entry that is not zero, -1 where there are more
 
   void room(int rows, int stride) {
     ld = stride;
@@ -29,9 +30,13 @@ struct StageRows {
     lower.resize(rows);
     upper.resize(rows);
     equal.resize(rows);
+    only.resize(rows);
   }
   double* row(int i) { return &C[static_cast<std::size_t>(i) * ld]; }
   const double* row(int i) const { return &C[static_cast<std::size_t>(i) * ld]; }
+  double value(int i, const double* y, int N) const {
+    return only[i] < 0 ? dot_any(row(i), y, N) : row(i)[only[i]] * y[only[i]];
+  }
 
   // Scale row i, already written, to unit length; a row of no length or no bound is dropped by the caller.
   bool close(int i, int N, double low, double high) {
@@ -39,10 +44,27 @@ struct StageRows {
     const double length = std::sqrt(dot_any(c, c, N));
     if (!(length > 1e-13) || (low == -INFINITY && high == INFINITY)) return false;
     for (int j = 0; j < N; ++j) c[j] /= length;
-    lower[i] = low / length;
-    upper[i] = high / length;
-    equal[i] = low == high;
+    only[i] = -1;
+    bound(i, low / length, high / length);
     return true;
+  }
+
+  // Row i picks coordinate j: low <= c y_j <= high.
+  bool pick(int i, int j, double c, double low, double high) {
+    const double length = std::abs(c);
+    if (!(length > 1e-13)) return false;
+    std::fill(row(i), row(i) + ld, 0.0);
+    row(i)[j] = c > 0.0 ? 1.0 : -1.0;
+    only[i] = j;
+    bound(i, low / length, high / length);
+    return true;
+  }
+
+ private:
+  void bound(int i, double low, double high) {
+    lower[i] = low;
+    upper[i] = high;
+    equal[i] = low == high;
   }
 };
 
@@ -157,7 +179,7 @@ class StageSearch {
     for (int j = 0; j < N_; ++j) aim_[j] += y[j];
     for (int i = 0; i < rows_->count; ++i) {
       if (std::abs(side_[i]) == 1) continue;
-      const double value = dot_any(rows_->row(i), aim_.data(), N_);
+      const double value = rows_->value(i, aim_.data(), N_);
       if (value < rows_->lower[i] - kOnFace * (1.0 + std::abs(rows_->lower[i])) ||
           value > rows_->upper[i] + kOnFace * (1.0 + std::abs(rows_->upper[i])))
         return false;
@@ -170,12 +192,12 @@ class StageSearch {
   bool at_bound(int i, int side, const double* y) const {
     const double bound = side > 0 ? rows_->upper[i] : rows_->lower[i];
     if (std::isinf(bound)) return false;  // the row had another meaning a tick ago
-    return std::abs(dot_any(rows_->row(i), y, N_) - bound) <= 1e-10 * (1.0 + std::abs(bound));
+    return std::abs(rows_->value(i, y, N_) - bound) <= 1e-10 * (1.0 + std::abs(bound));
   }
 
   // A row that depends on those held stays where it is without being held.
   void enter(int i, int side) {
-    if (!space_.add(rows_->row(i), N_)) {
+    if (!space_.add(rows_->row(i), N_, rows_->only[i])) {
       side_[i] = 2;
       if (!rows_->equal[i]) dependent_.push_back(i);
       return;
@@ -225,11 +247,11 @@ class StageSearch {
     const double floor = 1e-12 * length_;
     for (int i = 0; i < rows_->count; ++i) {
       if (side_[i] != 0) continue;
-      rate_[i] = dot_any(rows_->row(i), aim_.data(), N_);
+      rate_[i] = rows_->value(i, aim_.data(), N_);
       if (std::abs(rate_[i]) <= floor) continue;
       const double bound = rate_[i] > 0.0 ? rows_->upper[i] : rows_->lower[i];
       if (std::isinf(bound)) continue;
-      const double times = larger(0.0, (bound - dot_any(rows_->row(i), y, N_)) / rate_[i]);
+      const double times = larger(0.0, (bound - rows_->value(i, y, N_)) / rate_[i]);
       if (times < far - (lowest ? 1e-13 : 0.0)) {
         far = times;
         found = i;

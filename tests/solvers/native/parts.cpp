@@ -175,7 +175,8 @@ static void level_along_step() {
   }
 }
 
-static void row_space() {
+// The first `picks` of the rows pick one coordinate each.
+static void row_space(int picks) {
   const int n = 7, ld = padded(n), m = 4;
   RowSpace space(n, ld);
   std::vector<std::vector<double>> W;
@@ -183,7 +184,13 @@ static void row_space() {
     auto row = random_vector(ld);
     const double length = std::sqrt(dot_any(row.data(), row.data(), n));
     for (double& x : row) x /= length;
-    if (!space.add(row.data(), n)) ++failures;
+    const int only = i < picks ? (2 * i + 1) % n : -1;
+    if (only >= 0) {
+      std::fill(row.begin(), row.end(), 0.0);
+      row[only] = i % 2 ? -1.0 : 1.0;
+    }
+    if (!space.add(row.data(), n, only)) ++failures;
+    if (only >= 0 && space.add(row.data(), n, only)) small("row space: a coordinate picked twice", 1.0);
     W.push_back(row);
   }
   if (space.add(W[1].data(), n)) small("row space: a dependent row added", 1.0);
@@ -245,7 +252,7 @@ int main() {
   factorisation();
   updates();
   level_along_step();
-  row_space();
+  for (int picks : {0, 2, 4}) row_space(picks);
   secular_equation();
   std::printf("%d failures\n", failures);
   return failures != 0;
