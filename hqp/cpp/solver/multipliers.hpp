@@ -67,7 +67,7 @@ struct Multipliers {
       if (norm <= t.block[k].rounding) continue;
       const double length = slack(k, W, v, span);
       if (length == 0.0) continue;
-      own_signs(k, W, span);
+      own_signs(k, W, span, length);
       if (!pending) break;
       gradient(k, W);
       sweep_above(k, lambda);
@@ -76,7 +76,7 @@ struct Multipliers {
       const bool refined = doubtful(k, least, limit);
       if (refined) refine(k);
       faint_ = 1e-13 * norm * length;
-      clear_ = 1e-9 * norm * length;
+      clear_ = larger(1e-9, tolerance * tableau->growth) * norm * length;
       decide(k, W, F, refined ? least : limit, refined);
       if (highest && count) return;
     }
@@ -167,10 +167,14 @@ struct Multipliers {
  private:
   double faint_ = 0.0, clear_ = 0.0;  // a multiplier between them is doubtful
 
-  void own_signs(int k, const std::int8_t* W, double span) {
+  void own_signs(int k, const std::int8_t* W, double span, double length) {
     const Block& b = table->block[k];
+    const double unclear = larger(1e-9, tolerance * tableau->growth) * length;
     for (int r = b.begin; r < b.end; ++r) {
-      if (!open[r] || met(r, W, span)) continue;
+      if (!open[r]) continue;
+      const double size = std::fabs(w[r]);
+      doubted = doubted || (size > 1e-13 * length && size < unclear);
+      if (met(r, W, span)) continue;
       if (w[r] * W[r] < 0.0) to_release[count++] = WrongSign{k, r, false, std::fabs(w[r]) * table->norm[r]};
       open[r] = 0;
       --pending;
