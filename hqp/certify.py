@@ -30,7 +30,14 @@ from hqp.errors import ProblemError
 from hqp.nnls import nonnegative_least_squares
 from hqp.pricing import Coordinates, after_stages, feasible_set, is_met
 from hqp.problem import Hierarchy, Rows
-from hqp.tolerances import CERTIFIED_RANK_TOLERANCE, LOCK_TOLERANCE, ROUNDING, SMALLEST_LOCK
+from hqp.tolerances import (
+    CERTIFIED_RANK_TOLERANCE,
+    LARGEST_ROUNDING,
+    LOCK_TOLERANCE,
+    NULL_SPACE_ROUNDING,
+    ROUNDING,
+    SMALLEST_LOCK,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,6 +49,8 @@ class Certificate:
     relative error of x in the directions that the level determines well, and blind to the scale of a level.
     norms: ``(levels,)``, ||w_k||.  ranks: ``(levels + 1,)``, directions that each level fixed.
     multipliers: per level k ``(m_0 + ... + m_k,)``, as in Solution.multipliers.
+    rounding: ``(levels + 1,)``, the part of a gap that rounding of the rows above may have made (5e-7 at most): 4e-15
+    times the multipliers, and times the inverse of the shortest direction that they fix.
     """
 
     gaps: Vec
@@ -49,11 +58,12 @@ class Certificate:
     norms: Vec
     ranks: tuple[int, ...]
     multipliers: tuple[Vec, ...]
+    rounding: Vec | float = 0.0
 
     @property
     def ok(self) -> bool:
-        """Whether every gap is within the tolerance."""
-        return bool(np.all(self.gaps <= self.tolerance))
+        """Whether every gap is within the tolerance and its rounding."""
+        return bool(np.all(self.gaps <= self.tolerance + self.rounding))
 
     @property
     def gap(self) -> float:
@@ -113,7 +123,7 @@ def _priced(problem: Hierarchy, x: Vec, tolerance: float, stages: Mat | None, se
     own = [rows.m for rows in problem.levels]
     places = [np.arange(m) + sum(rows.m for rows in exact.levels[:k]) for k, m in enumerate(own)]
     multipliers = tuple(final.multipliers[k][np.concatenate(places[: k + 1])] for k in range(len(own)))
-    return Certificate(gaps, tolerance, norms, final.ranks, multipliers)
+    return Certificate(gaps, tolerance, norms, final.ranks, multipliers, final.rounding)
 
 
 def stage_multipliers(problem: Hierarchy, stages: Mat, level: int, tolerance: float = 1e-6) -> tuple[Vec, float]:
@@ -202,7 +212,7 @@ def _conditions(judge: _Judge, A: Mat, rows: Rows, x: Vec, motion: Vec) -> float
 
 def _verdict(problem: Hierarchy, x: Vec, tolerance: float, lock: float) -> Certificate:
     judge = _Judge(problem.n, tolerance, lock)
-    gaps, norms, ranks, multipliers = [], [], [], []
+    gaps, norms, ranks, multipliers, rounding = [], [], [], [], []
     dense = [rows.dense(problem.n) for rows in problem.levels]
     every = [row_lengths(A) for A in dense]
     zero = ROUNDING * max((float(lengths.max(initial=0.0)) for lengths in every), default=0.0)
@@ -214,11 +224,15 @@ def _verdict(problem: Hierarchy, x: Vec, tolerance: float, lock: float) -> Certi
         scale = longest * (longest + np.abs(w).max(initial=0.0) + terms.max(initial=0.0))
         gap, shares = judge.judge(A.T @ w, scale)
         gaps.append(gap)
+        rounding.append(judge.rounding)
         norms.append(float(np.linalg.norm(w)))
         multipliers.append(np.concatenate([shares, w]))
         ranks.append(judge.descend(A, A @ x, rows.lower, rows.upper, lengths, terms, zero))
     gap, rank = _completion(problem, x, judge)
-    return Certificate(np.array([*gaps, gap]), tolerance, np.array(norms), (*ranks, rank), tuple(multipliers))
+    rounding.append(judge.rounding)
+    return Certificate(
+        np.array([*gaps, gap]), tolerance, np.array(norms), (*ranks, rank), tuple(multipliers), np.array(rounding)
+    )
 
 
 def _completion(problem: Hierarchy, x: Vec, judge: _Judge) -> tuple[float, int]:
@@ -240,6 +254,8 @@ class _Judge:
 
     def __init__(self, n: int, tolerance: float, lock: float) -> None:
         self.tolerance, self.lock = tolerance, lock
+        self.shortest = 1.0  # singular value of a direction that was fixed
+        self._forces = 0.0  # sum of the multipliers of the level just judged
         self.Z: Mat = np.eye(n)
         self.unit: Mat = np.zeros((0, n))  # every row so far, of unit length
         self.lengths: Vec = np.zeros(0)
@@ -247,10 +263,16 @@ class _Judge:
         self.side: Vec = np.zeros(0)  # +1 active at upper, -1 at lower, 0 neither
         self._positive = np.zeros(0, dtype=bool)
 
+    @property
+    def rounding(self) -> float:
+        """What rounding of the rows, those that were fixed and those with a multiplier, may have made of the gap."""
+        return min(NULL_SPACE_ROUNDING * (1.0 / self.shortest + self._forces), LARGEST_ROUNDING)
+
     def judge(self, gradient: Vec, scale: float) -> tuple[float, Vec]:
         """Relative gap of a gradient, and the multiplier of every row so far."""
         shares = np.zeros(self.side.size)
         self._positive = np.zeros(self.side.size, dtype=bool)
+        self._forces = 0.0
         if scale <= 0.0:
             return 0.0, shares
         target = -(gradient @ self.Z) / scale
@@ -258,6 +280,7 @@ class _Judge:
         cone = (self.side[active, None] * (self.unit[active] @ self.Z)).T
         mu = nonnegative_least_squares(cone, target)
         gap = float(np.linalg.norm(target - cone @ mu))
+        self._forces = float(mu.sum())
         shares[active] = self.side[active] * mu
         force = mu * np.linalg.norm(cone, axis=0)  # in the null space: what the level rises by, a unit step off the row
         self._positive[active] = force > max(self.lock, 100.0 * gap)  # what the gap could have made says nothing
@@ -292,6 +315,7 @@ class _Judge:
             return 0
         _, sigma, Vt = np.linalg.svd(projected, full_matrices=True)
         rank = int(np.count_nonzero(sigma > CERTIFIED_RANK_TOLERANCE))
+        self.shortest = min(self.shortest, float(sigma[:rank].min(initial=1.0)))
         self.Z = self.Z @ Vt[rank:].T
         return rank
 

@@ -15,16 +15,19 @@ def nonnegative_least_squares(G: Mat, b: Vec) -> Vec:
     k = G.shape[1]
     mu = np.zeros(k)
     passive = np.zeros(k, dtype=bool)
+    tried = np.zeros(k, dtype=bool)  # entered without a decrease that can be seen: another column may show one
     enough = 1e-15 * float(np.abs(b).max(initial=0.0))
     for _ in range(3 * (k + b.size)):
         pull = G.T @ (b - G @ mu)
-        pull[passive] = 0.0
+        pull[passive | tried] = 0.0
         entering = int(np.argmax(pull)) if k else 0
         if not k or pull[entering] <= enough:
             break
         passive[entering] = True
-        if not _restore(G, b, mu, passive):
-            break
+        if _restore(G, b, mu, passive):
+            tried[:] = False
+        else:
+            tried[entering] = True
     return mu
 
 

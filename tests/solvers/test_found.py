@@ -79,3 +79,22 @@ def test_nearly_parallel_rows_end_in_an_answer_that_passes(name: str) -> None:
     solution = hqp.solvers.load("lexicographic").solve(problem)
     assert solution.status.solved, solution.detail
     assert any(certificate(problem, solution.x, tolerance).ok for tolerance in fuzz.TOLERANCES)
+
+
+@needs_kernel
+@pytest.mark.parametrize("seed", [301651, 305643, 316400, 317864, 325916, 332014])
+def test_a_slack_below_its_error_decides_no_sign(seed: int) -> None:
+    """Inequalities of one level, nearly parallel: a row met but for 1e-5 to 1e-11 decided its own sign, undoubted."""
+    problem = fuzz.problem("near_parallel", seed)[0]
+    solution = hqp.solvers.load("lexicographic").solve(problem)
+    assert not solution.status.solved or certificate(problem, solution.x, 1e-8).ok
+
+
+@needs_kernel
+@pytest.mark.parametrize("seed", [706657, 701991])
+def test_two_opposite_rows_that_hold_the_optimum_far_away(seed: int) -> None:
+    """The first multiplier lowers the least squares by nothing that can be seen, the second by all of it."""
+    problem = fuzz.problem("near_parallel", seed)[0]
+    solution = hqp.solvers.load("lexicographic").solve(problem)
+    assert solution.status.solved, solution.detail
+    assert certificate(problem, solution.x, 1e-8).ok

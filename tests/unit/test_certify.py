@@ -240,3 +240,25 @@ def test_nonnegative_least_squares_meets_its_conditions(seed: int) -> None:
     assert np.all(mu >= 0.0)
     assert np.all(pull <= 1e-9)
     assert abs(pull @ mu) < 1e-9
+
+
+def test_nonnegative_least_squares_of_two_nearly_opposite_columns() -> None:
+    """Either column alone takes away less than rounding shows, both together everything."""
+    G = np.array([[1.0, -1.0], [0.0, 3e-9]])
+    b = np.array([1e-10, 0.5])
+    mu = nonnegative_least_squares(G, b)
+    assert np.linalg.norm(b - G @ mu) < 1e-6
+    assert mu == pytest.approx([0.5 / 3e-9, 0.5 / 3e-9], rel=1e-6)
+
+
+def test_rounding_excuses_no_gap_beyond_its_bound() -> None:
+    """A level fixes a direction of length 1e-9: the level below may miss by 5e-7 of x, not by 1e-5."""
+    far = np.array([1.0, 1.0, 0.0])
+    upper = Rows(
+        np.array([[1.0, 0.0, 0.0], [1.0, 1e-9, 0.0]]), np.array([1.0, 1.0 + 1e-9]), np.array([1.0, 1.0 + 1e-9])
+    )
+    problem = Hierarchy((upper,))
+    verdict = certificate(problem, far, 1e-8)
+    assert verdict.ok
+    assert verdict.rounding[-1] == pytest.approx(5e-7)  # type: ignore[index]
+    assert not certificate(problem, far + [0.0, 0.0, 1e-5], 1e-8).ok

@@ -53,13 +53,7 @@ class Judge {
   // Whether the point is optimal under either reading of small multipliers.
   bool judge(const double* at) {
     for (int i = 0; i < n_; ++i) x[i] = at[i];
-    twisted_ = false;
-    const double lock = pass(kLeastLock) ? kLeastLock : pass(kLock) ? kLock : 0.0;
-    if (lock == 0.0 || shortest_ > kWell) return lock > 0.0;
-    twisted_ = true;  // ill-conditioned: the same verdict where rounding falls otherwise
-    const bool again = pass(lock);
-    twisted_ = false;
-    return again;
+    return pass_twice(kLeastLock) || pass_twice(kLock);
   }
 
   // The side at which a row held a level back, 0 if at none.
@@ -96,8 +90,23 @@ class Judge {
     take_box();
   }
 
-  // Largest gap of an optimum: rounding of the rows turns the null space by as much as it is of the shortest direction.
-  double allowed() const { return kSlop + smaller(kTurned, kData / shortest_); }
+  // Largest gap of an optimum: rounding of the rows turns the null space by as much as it is of the shortest direction,
+  // and counts as often as the multipliers have it.
+  double allowed() const {
+    double forces = 0.0;
+    for (int a = 0; a < active_; ++a) forces += columns_.mu[a];
+    return kSlop + smaller(kTurned, kData * (1.0 / shortest_ + forces));
+  }
+
+  // Where ill-conditioned the same verdict again, in coordinates in which rounding falls otherwise.
+  bool pass_twice(double lock) {
+    if (!pass(lock)) return false;
+    if (shortest_ > kWell) return true;
+    twisted_ = true;
+    const bool again = pass(lock);
+    twisted_ = false;
+    return again;
+  }
 
   bool pass(double lock) {
     slop_ = kSlop;
