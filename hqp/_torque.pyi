@@ -47,6 +47,42 @@ class TorqueRows:
     def run(self, v: Vec, c: Vec | None) -> None:
         """All of it from the latest map; c for rows in the place of the map's own."""
 
+class ForceRows:
+    """As ``hqp.torque.forces.Forces.fill`` after an elimination, whose T and top it reads."""
+
+    def __init__(self, T: Mat, top: Mat) -> None: ...
+    def turn(self, first: int, rotation: Mat) -> None:
+        """The three rows of the constraints from ``first`` on are in world axes, to be turned into the rotation's."""
+
+    def add(self, C: Mat, A: Mat, asked_lower: Vec, asked_upper: Vec, lower: Vec, upper: Vec) -> None:
+        """A = C F, bounds = asked - C f."""
+
+    def run(self, shift: Vec | None) -> None:
+        """All of it; shift: part of tau that the model of the forces does not know."""
+
+class Chain:
+    """Elimination of live arrays, and rows and force rows after it; factor: where a copy of A goes."""
+
+    def __init__(
+        self,
+        elimination: Elimination,
+        rows: object,
+        forces: object,
+        A: Mat,
+        bias: Vec,
+        factor: Mat,
+        J: Mat,
+        gamma: Vec,
+        tolerance: float,
+        map: Mat,
+        phi: Mat,
+        Q: Mat,
+        T: Mat,
+        top: Mat,
+    ) -> None: ...
+    def before(self, next: object) -> object:
+        """A capsule of all that and then the solve whose capsule is given."""
+
 class Holding:
     """``hqp.torque.gravity.holding_torque`` for no fewer constraints than ``others``, coordinates without a motor."""
 

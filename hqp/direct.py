@@ -16,6 +16,8 @@ from hqp.robot import State
 
 if TYPE_CHECKING:
     from hqp._assembly import Assembly as NativeAssembly
+    from hqp._torque import Chain
+    from hqp.torque.program import TorqueProgram
 
 Counts: TypeAlias = tuple[int, int, int, bool]
 """Outcome (0: an optimum), iterations, factorisations of a kernel's solve, and whether its answer was judged."""
@@ -39,13 +41,19 @@ class Direct:
         kernel: Kernel,
         problem: Hierarchy,
         command: Index,
+        program: TorqueProgram | None,
+        chain: Chain | None,
     ) -> None:
         self._assembly, self._native, self.workspace = assembly, native, workspace
         self._written = assembly.written
         self._names = frozenset(member.element.name for member in self._written)
         self._holds: dict[str, Reference] = {}
+        self._all_holds: dict[str, Reference] = {}
         self.fresh = True
         solve, values, marks, call = kernel
+        self._program, self._chain = program, chain
+        if chain is not None:
+            call = chain.before(call)
         native.answers(solve, call, values, marks, command.tolist(), LARGEST)
         self._velocity = assembly.order == 1
         n, rows = problem.n, [level.m for level in problem.levels]
@@ -64,6 +72,7 @@ class Direct:
             value = holds[name].value
             self._native.hold(name, None if value is None else np.array(value, dtype=np.float64).reshape(-1))
         self._holds = {name: holds[name] for name in self._names}
+        self._all_holds = dict(holds)
 
     def leave(self) -> None:
         """The general path takes over: nothing of the last ordinary tick must stay."""
@@ -82,6 +91,8 @@ class Direct:
         if not (fresh or self._written):
             return native.step(state.q, None if self._velocity else state.v, references, False)
         self.fresh = False
+        if fresh and self._program is not None:
+            self._program.begin_direct(state, self._all_holds)
         if self._velocity:
             state.commanded = before if isinstance(before, np.ndarray) else self.x(before)
         v = state.v if state.commanded is None else state.commanded
@@ -135,10 +146,20 @@ class Direct:
         )
 
 
-def direct(assembly: Assembly, problem: Hierarchy, workspace: object, command: Sequence[int] | Index) -> Direct | None:
-    """The native loop, None where rows or solver are not native, or the solver has more to do than to solve."""
+def direct(
+    assembly: Assembly,
+    problem: Hierarchy,
+    workspace: object,
+    command: Sequence[int] | Index,
+    program: TorqueProgram | None = None,
+    chain: Chain | None = None,
+) -> Direct | None:
+    """The native loop, None where rows or solver are not native, or the solver has more to do than to solve.
+
+    program, chain: at torque level, what is between the rows on the acceleration and the solver.
+    """
     bind: Callable[[Hierarchy], Kernel | None] | None = getattr(workspace, "kernel", None)
     native = assembly.native_rows
     if bind is None or native is None or (kernel := bind(problem)) is None:
         return None
-    return Direct(assembly, native, workspace, kernel, problem, np.asarray(command, dtype=np.intp))
+    return Direct(assembly, native, workspace, kernel, problem, np.asarray(command, dtype=np.intp), program, chain)

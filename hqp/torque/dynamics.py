@@ -15,6 +15,7 @@ The native elimination takes for L the factor that is as sparse as the tree, and
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import get_lapack_funcs
@@ -23,6 +24,9 @@ from hqp.arrays import Index, Mat, Vec
 from hqp.errors import DynamicsFailed
 from hqp.robot import Robot
 from hqp.tolerances import RANK_TOLERANCE
+
+if TYPE_CHECKING:
+    from hqp._torque import Chain
 
 try:
     from hqp import _torque as native
@@ -59,13 +63,16 @@ class ConstrainedDynamics:
         self._top: Mat = np.zeros((rows, self.n + 1))
         self._qr, self._tau = self._image, np.zeros(rows)
         self._T: Mat = np.zeros((rows, rows))
-        self._lower, self._factored = 0, False
+        self._lower = 0
+        self._root: Mat | None = None
         self._S: Mat | None = None
         self.J: Mat = np.zeros((rows, nv))
         self.X: Mat = self.map[:, : self.n]
         self.c: Vec = self.map[:, self.n]
         self.phi: Mat = np.zeros((self.n, self.n))
         self._native = None
+        self.sparse = False
+        """Whether the latest update was the sparse one."""
         if native is not None:
             chain = range(-1, nv - 1) if parents is None else parents
             self._native = native.Elimination(list(chain), actuated.tolist(), rows)
@@ -78,9 +85,26 @@ class ConstrainedDynamics:
         """
         self.J = J
         np.copyto(self._factor, A)
-        self._factored = False
-        if self._native is None or not self._eliminate(bias, J, gamma):
+        self._root = None
+        self.sparse = self._native is not None and self._eliminate(bias, J, gamma)
+        if not self.sparse:
             self._eliminate_densely(bias, J, gamma)
+
+    def forget(self) -> None:
+        """Native code is to refill the arrays: what was derived from them is none of theirs."""
+        self._root = None
+
+    def chain(self, A: Mat, bias: Vec, J: Mat, gamma: Vec, rows: object, forces: object) -> Chain | None:
+        """The sparse ``update`` and the rows after it as one native call, of arrays that are refilled in place."""
+        if self._native is None or native is None:
+            return None
+        written = self.map, self.phi, self._Q, self._R, self._top
+        return native.Chain(self._native, rows, forces, A, bias, self._factor, J, gamma, RANK_TOLERANCE, *written)
+
+    @property
+    def sparse_forces(self) -> tuple[Mat, Mat]:
+        """T ``(m, m)`` and top ``(m, n + 1)`` of the latest sparse update, live: lambda = T^-1 top (tau, 1)."""
+        return self._R, self._top
 
     def _eliminate(self, bias: Vec, J: Mat, gamma: Vec) -> bool:
         """The sparse way; False where constraints are dependent."""
@@ -99,7 +123,7 @@ class ConstrainedDynamics:
         L, info = potrf(self._factor, lower=0, clean=0, overwrite_a=1)  # A = L' L here: the upper factor
         if info:
             raise DynamicsFailed(f"the joint-space inertia is not positive definite (pivot {info})")
-        self._factor, self._factored = L, True
+        self._root = L
         np.negative(bias, out=self._columns[:, n])
         image = self._whole
         np.copyto(image, self._columns)
@@ -207,9 +231,9 @@ class ConstrainedDynamics:
         return symmetric_pinv(self.phi) @ -self.c[self.actuated]
 
     def _solve(self, right: Mat) -> Mat:
-        if not self._factored:
-            self._factor, self._factored = potrf(self._factor, lower=0, clean=0)[0], True
-        return potrs(self._factor, right, lower=0)[0]  # type: ignore[no-any-return]
+        if self._root is None:
+            self._root = potrf(self._factor, lower=0, clean=0)[0]
+        return potrs(self._root, right, lower=0)[0]  # type: ignore[no-any-return]
 
 
 def coordinate_parents(robot: Robot) -> list[int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +17,14 @@ from hqp.problem import Rows, Selection
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 from hqp.torque.dynamics import ConstrainedDynamics
+
+if TYPE_CHECKING:
+    from hqp._torque import ForceRows
+
+try:
+    from hqp import _torque as native
+except ImportError:  # no compiler was there
+    native = None  # type: ignore[assignment]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +89,11 @@ class Efforts:
             raise element.invalid("has no bounds(state)", type(element).__name__, "an Inequality, or a target")
         self._written.append(_Effort(element, lower, upper, constant))
 
+    @property
+    def fixed(self) -> bool:
+        """Whether no bound changes but with a reference."""
+        return all(effort.constant is not None or effort.element.equality for effort in self._written)
+
     def fill(self, state: State, references: Mapping[str, Reference]) -> None:
         """Refill the bounds; a target is the reference's value, zero without one."""
         for effort in self._written:
@@ -134,15 +147,27 @@ class Forces:
             at += C.shape[0]
         self._C, self._lower, self._upper = np.vstack(parts), np.concatenate(lower), np.concatenate(upper)
         self._turn: Mat = np.eye(m)  # from the rows' axes to the contacts'
-        self._frames: list[tuple[Mat, Mat]] = []
+        self._frames: list[tuple[int, Mat, Mat]] = []
         for contact in dict.fromkeys(turned):
             part = rows.members[contact.name].part
             rotation, blocks = _axes(contact, part.stop - part.start, robot)
             for block in blocks:
                 here = slice(part.start + block.start, part.start + block.stop)
-                self._frames.append((self._turn[here, here], rotation.T))
+                self._frames.append((here.start, self._turn[here, here], rotation))
         self._targets = [(e.name, self._places[e.name], e.weight) for e in elements if e.equality]
         self._plan: list[list[Any]] = []
+        self.native: ForceRows | None = None
+        """The same natively, after sparse eliminations."""
+
+    def bind(self, dynamics: ConstrainedDynamics) -> None:
+        """Every element has its place; the rows are to be written from that elimination."""
+        if native is None or not self._elements:
+            return
+        self.native = native.ForceRows(*dynamics.sparse_forces)
+        for start, _, rotation in self._frames:
+            self.native.turn(start, rotation)
+        for own, _, *rows in self._plan:
+            self.native.add(self._C[own], rows[0], self._lower[own], self._upper[own], *rows[1:])
 
     def __bool__(self) -> bool:
         return bool(self._elements)
@@ -160,6 +185,13 @@ class Forces:
             self._plan.pop()
         self._plan.append([own, here, A[here], lower[here], upper[here]])
 
+    def target(self, references: Mapping[str, Reference]) -> None:
+        """Take the targets of equalities."""
+        for name, place, weight in self._targets:
+            value = references[name].value
+            self._lower[place] = 0.0 if value is None else weight * value
+            self._upper[place] = self._lower[place]
+
     def fill(
         self, references: Mapping[str, Reference], dynamics: ConstrainedDynamics, shift: Vec | None = None
     ) -> None:
@@ -167,12 +199,12 @@ class Forces:
 
         shift: part of tau that the model of the forces does not know, ``(n,)``.
         """
-        for name, place, weight in self._targets:
-            value = references[name].value
-            self._lower[place] = 0.0 if value is None else weight * value
-            self._upper[place] = self._lower[place]
-        for block, rotation in self._frames:
-            block[:] = rotation
+        self.target(references)
+        if self.native is not None and dynamics.sparse:
+            self.native.run(shift)
+            return
+        for _, block, rotation in self._frames:
+            block[:] = rotation.T
         C = self._C @ self._turn
         F, f = dynamics.force_map()
         offset = C @ (f if shift is None else f - F @ shift)

@@ -10,6 +10,7 @@ import numpy as np
 
 from hqp.arrays import Mat, Vec
 from hqp.assembly import Assembly
+from hqp.direct import Direct, direct
 from hqp.element import Element, selection_of
 from hqp.errors import DeclarationError, DynamicsFailed, StaleState
 from hqp.formulation import Formulation, Place, Program
@@ -101,6 +102,7 @@ class TorqueProgram(Program):
         self._rows = TorqueRows(self.dynamics.map)
         self._origin = np.zeros(robot.actuated.size) if formulation.gravity_compensation else None
         self._lay_out(groups, robot, level_prices(groups, robot, laws, formulation.order, dt, price))
+        self._forces.bind(self.dynamics)
         self._self_motions = SelfMotions(stack, groups, held, robot, dt, laws, self.assembly)
         self._gravity = Gravity(held, robot, dt)
         self._state: State | None = None
@@ -196,7 +198,10 @@ class TorqueProgram(Program):
     def prepare(self, state: State) -> None:
         """Compute inertia, forces and kinematics of the state."""
         state.dynamics()
-        self.loads.begin(state)
+        self._state = state
+        self.dynamics.forget()
+        if self.loads.elements:
+            self.loads.begin(state)
 
     def fill(
         self,
@@ -210,7 +215,6 @@ class TorqueProgram(Program):
         Raises DynamicsFailed where the inertia is not positive definite or the elimination is not finite.
         """
         rows, dynamics, m = self.assembly, self.dynamics, self._m
-        self._state = state
         lost = self.loads.take(state, references)
         mine = [r for r in given if r.name in rows.members] if given else given
         rows.fill(state, references, mine, [name for name in left_out if name in rows.members])
@@ -252,6 +256,21 @@ class TorqueProgram(Program):
     def reason(self, name: str) -> str:
         """Why an element's rows are not usable."""
         return self.assembly.reason(name) or "its target is not finite"
+
+    def direct(self, workspace: object) -> Direct | None:
+        """The loop that takes ordinary ticks in one native call; None where a part of a tick is not native."""
+        state, rows, m = self._state, self.assembly, self._m
+        more = self.loads or self._self_motions or self._origin is not None or not self._efforts.fixed
+        if more or state is None or not self.dynamics.sparse or (self._forces and self._forces.native is None):
+            return None
+        terms = state.inertia(), state.bias_force(), rows.J[:m], rows.lower[:m]
+        chain = self.dynamics.chain(*terms, self._rows.native, self._forces.native)
+        return None if chain is None else direct(rows, self.problem, workspace, range(self.dynamics.n), self, chain)
+
+    def begin_direct(self, state: State, references: Mapping[str, Reference]) -> None:
+        """Native ticks follow: the bounds that they leave as they are."""
+        self._efforts.fill(state, references)
+        self._forces.target(references)
 
     def rest(self, robot: Robot, braking: Braking) -> Rest:
         """Holding torque with damping."""

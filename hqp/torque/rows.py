@@ -24,30 +24,31 @@ class TorqueRows:
         self._products: list[tuple[Mat, Mat, Mat, Mat]] = []
         self._picks: list[tuple[Index, Vec, Mat, Mat, Mat]] = []
         self._motion: tuple[Vec, float, Motion] | None = None
-        self._native = None if native is None else native.TorqueRows(map)
+        self.native = None if native is None else native.TorqueRows(map)
+        """The same natively, None without a compiler."""
 
     def product(self, J: Mat, A: Mat, asked: Mat, bounds: Mat) -> None:
         """Rows J ``(m, nv)`` on qdd become A ``(m, n)`` = J X."""
         self._products.append((J, A, asked, bounds))
-        if self._native is not None:
-            self._native.product(J, A, *asked, *bounds)
+        if self.native is not None:
+            self.native.product(J, A, *asked, *bounds)
 
     def pick(self, index: Index, weight: Vec, A: Mat, asked: Mat, bounds: Mat) -> None:
         """Rows that pick coordinates ``(m,)`` of qdd, times a weight each, become A ``(m, n)``."""
         self._picks.append((index, weight, A, asked, bounds))
-        if self._native is not None:
-            self._native.pick(index.tolist(), weight.tolist(), A, *asked, *bounds)
+        if self.native is not None:
+            self.native.pick(index.tolist(), weight.tolist(), A, *asked, *bounds)
 
     def motion(self, scale: Vec, rest: float, motion: Motion) -> None:
         """E = |S (qdd + rest v)|^2 / 2 becomes F = S X, f = -S (c + rest v), S = diag(scale)."""
         self._motion = scale, rest, motion
-        if self._native is not None:
-            self._native.motion(scale.tolist(), rest, motion.F, motion.f)  # type: ignore[arg-type]
+        if self.native is not None:
+            self.native.motion(scale.tolist(), rest, motion.F, motion.f)  # type: ignore[arg-type]
 
     def fill(self, v: Vec, c: Vec | None) -> None:
         """All of it from the latest map; c ``(nv,)``: for rows in the place of the map's own."""
-        if self._native is not None:
-            self._native.run(v, c)
+        if self.native is not None:
+            self.native.run(v, c)
             return
         X, own = self._map[:, :-1], self._map[:, -1]
         if self._motion is not None:

@@ -157,7 +157,7 @@ class Assembly {
   }
   const double* answer() {
     const nb::tuple found = nb::cast<nb::tuple>(solve_());
-    return nb::cast<int>(found[0]) <= kViolated ? values_ : nullptr;
+    return nb::cast<int>(found[0]) <= hqp::kViolated ? values_ : nullptr;
   }
   const hqp::Demands& demands() const { return *demands_; }
   int size() const { return tree_.size(); }
@@ -170,10 +170,11 @@ class Assembly {
     if (!(hqp::squared(demands_->demand(), demands_->size()) < largest_)) return nb::none();
     const auto begun = hqp::Clock::now();
     const hqp::Solved found = solved(v);
-    if (found.outcome == kInvalid) return nb::none();
-    if (found.outcome != kOptimal)
+    if (found.outcome == hqp::kInvalid) return nb::none();
+    if (found.outcome != hqp::kOptimal)
       return nb::make_tuple(found.outcome, found.iterations, found.factorisations, found.judged);
-    return record(found, hqp::seconds(begin_, begun), hqp::seconds(begun, hqp::Clock::now()));
+    return record(found, hqp::seconds(begin_, begun) + found.before,
+                  hqp::seconds(begun, hqp::Clock::now()) - found.before);
   }
   nb::object stepped(const double* q, const double* v, const nb::tuple& references, bool fresh) {
     if (!q || !v) throw nb::type_error("q and v are vectors of doubles");
@@ -198,7 +199,8 @@ class Assembly {
     }
     if (found.outcome != hqp::kAskPython) return found;
     const nb::tuple told = nb::cast<nb::tuple>(solve_());
-    return {nb::cast<int>(told[0]), nb::cast<int>(told[1]), nb::cast<int>(told[2]), nb::cast<int>(told[3])};
+    return {nb::cast<int>(told[0]), nb::cast<int>(told[1]), nb::cast<int>(told[2]), nb::cast<int>(told[3]),
+            found.before};
   }
 
   nb::object record(const hqp::Solved& found, double filling, double solving) {

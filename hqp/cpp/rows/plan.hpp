@@ -37,8 +37,6 @@ using Numbers = std::vector<double>;
 using Placement = std::tuple<Vector, Columns>;                                      // position, rotation
 using Bodies = std::vector<std::tuple<int, int, int, double, Numbers, Placement>>;  // hqp.robot.Body
 
-constexpr int kOptimal = 0, kViolated = 2, kInvalid = 6;  // of the outcomes of a kernel
-
 inline hqp::Vec3 vector(const Numbers& a) {
   if (a.size() != 3) throw nb::value_error("a vector has three numbers");
   return hqp::load(a.data());

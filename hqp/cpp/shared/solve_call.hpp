@@ -7,9 +7,11 @@ namespace hqp {
 
 struct Solved {
   int outcome = 0, iterations = 0, factorisations = 0, judged = 0;
+  double before = 0.0;  // time for what the rows still needed ahead of the solve [s]
 };
 
 constexpr int kAskPython = -1;  // an outcome: nothing was solved, the same in Python has to do it
+constexpr int kOptimal = 0, kViolated = 2, kInvalid = 6;  // of the outcomes of a kernel
 
 class SolveCall {
  public:

@@ -1,4 +1,7 @@
 // Python's view of the elimination of constraint forces and of gravity compensation.
+#include <algorithm>
+#include <chrono>
+#include <cmath>
 #include <cstdlib>
 #include <memory>
 #include <optional>
@@ -11,6 +14,7 @@
 #include <nanobind/stl/vector.h>
 
 #include "../shared/isa.hpp"
+#include "../shared/solve_call.hpp"
 #include "elimination.hpp"
 #include "holding.hpp"
 
@@ -23,6 +27,7 @@ using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::
 using Written = nb::ndarray<double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Block = nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using Columns = nb::ndarray<const double, nb::ndim<2>, nb::f_contig, nb::device::cpu>;
+using WrittenColumns = nb::ndarray<double, nb::ndim<2>, nb::f_contig, nb::device::cpu>;
 using Ints = std::vector<int>;
 
 [[noreturn]] void refuse(const char* text) { throw nb::value_error(text); }
@@ -37,6 +42,7 @@ class Elimination {
     return native_->eliminate(A.data(), bias.data(), J.data(), gamma.data(), tolerance, map.data(), phi.data(),
                               Q.data(), T.data(), top.data());
   }
+  hqp::Elimination& get() { return *native_; }
 
  private:
   std::unique_ptr<hqp::Elimination> native_;
@@ -76,6 +82,7 @@ class TorqueRows {
     if (v.shape(0) != nv_ || (c && c->shape(0) != nv_)) refuse("v or c: wrong shape");
     native_->run(v.data(), c ? c->data() : nullptr);
   }
+  hqp::TorqueRows& get() { return *native_; }
 
  private:
   hqp::Asked asked(const Block& A, const Vector& asked_lower, const Vector& asked_upper, const Written& lower,
@@ -91,6 +98,106 @@ class TorqueRows {
   std::size_t nv_, n_;
   std::unique_ptr<hqp::TorqueRows> native_;
   nb::list kept_;
+};
+
+// Bound to arrays that are refilled in place, which it keeps alive.
+class ForceRows {
+ public:
+  ForceRows(const Block& T, const Block& top) : m_(top.shape(0)), n_(top.shape(1) - 1), T_(T.data()), top_(top.data()) {
+    if (T.shape(0) != m_ || T.shape(1) != m_) refuse("T: wrong shape");
+    native_.reset(HQP_FOR_MACHINE(make_force_rows, static_cast<int>(m_), static_cast<int>(n_)));
+    kept_.append(nb::make_tuple(T, top));
+  }
+  void turn(int first, const Columns& rotation) {
+    if (first < 0 || std::size_t(first) + 3 > m_ || rotation.size() != 9) refuse("first: wrong shape");
+    native_->turn(first, rotation.data());
+    kept_.append(rotation);
+  }
+  void add(const Block& C, const Block& A, const Vector& asked_lower, const Vector& asked_upper, const Written& lower,
+           const Written& upper) {
+    const std::size_t rows = C.shape(0);
+    if (C.shape(1) != m_ || A.shape(0) != rows || A.shape(1) != n_ || asked_lower.shape(0) != rows ||
+        asked_upper.shape(0) != rows || lower.shape(0) != rows || upper.shape(0) != rows)
+      refuse("rows: wrong shape");
+    native_->add(C.data(), {static_cast<int>(rows), A.data(), asked_lower.data(), asked_upper.data(), lower.data(),
+                            upper.data()});
+    kept_.append(nb::make_tuple(C, A, asked_lower, asked_upper, lower, upper));
+  }
+  void run(const std::optional<Vector>& shift) {
+    if (shift && shift->shape(0) != n_) refuse("shift: wrong shape");
+    native_->run(T_, top_, shift ? shift->data() : nullptr);
+  }
+  void run() { native_->run(T_, top_, nullptr); }
+
+ private:
+  std::size_t m_, n_;
+  const double *T_, *top_;
+  std::unique_ptr<hqp::ForceRows> native_;
+  nb::list kept_;
+};
+
+// From rows on the acceleration to a solve on the torque, in one call for another native module: the elimination, with
+// live A (nv, nv), bias (nv), J (m, nv) and gamma (m), then the rows of all levels.  factor (nv, nv): a copy of A.
+class Chain final : public hqp::SolveCall {
+ public:
+  Chain(nb::object elimination, nb::object rows, nb::object forces, const Columns& A, const Vector& bias,
+        const WrittenColumns& factor, const Block& J, const Vector& gamma, double tolerance, const Block& map,
+        const Block& phi, const Block& Q, const Block& T, const Block& top)
+      : elimination_(nb::cast<Elimination&>(elimination).get()),
+        rows_(nb::cast<TorqueRows&>(rows).get()),
+        forces_(forces.is_none() ? nullptr : &nb::cast<ForceRows&>(forces)),
+        nv_(bias.shape(0)),
+        n_(phi.shape(0)),
+        A_(A.data()),
+        bias_(bias.data()),
+        J_(J.data()),
+        gamma_(gamma.data()),
+        tolerance_(tolerance),
+        factor_(factor.data()),
+        map_(map.data()),
+        phi_(phi.data()),
+        Q_(Q.data()),
+        T_(T.data()),
+        top_(top.data()) {
+    const std::size_t m = gamma.shape(0);
+    if (A.size() != nv_ * nv_ || factor.size() != A.size() || J.size() != m * nv_ || map.size() != nv_ * (n_ + 1) ||
+        Q.size() != nv_ * m || T.size() != m * m || top.size() != m * (n_ + 1))
+      refuse("an array has a wrong shape");
+    kept_ = nb::make_tuple(elimination, rows, forces, A, bias, factor, J, gamma, map, phi, Q, T, top);
+  }
+
+  nb::capsule before(const nb::capsule& next) {
+    next_ = hqp::call_of(next);
+    next_kept_ = next;
+    return hqp::capsule_of(this);
+  }
+
+  hqp::Solved run(const double* v) override {
+    const auto begin = std::chrono::steady_clock::now();
+    std::copy(A_, A_ + nv_ * nv_, factor_);
+    if (elimination_.eliminate(factor_, bias_, J_, gamma_, tolerance_, map_, phi_, Q_, T_, top_) != 1)
+      return {hqp::kInvalid};
+    double square = 0.0;
+    for (std::size_t i = 0; i < nv_; ++i) square += map_[i * (n_ + 1) + n_] * map_[i * (n_ + 1) + n_];
+    if (!(square < INFINITY)) return {hqp::kInvalid};
+    rows_.run(v, nullptr);
+    if (forces_) forces_->run();
+    const double before = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    hqp::Solved found = next_->run(v);
+    found.before = before;
+    return found;
+  }
+
+ private:
+  hqp::Elimination& elimination_;
+  hqp::TorqueRows& rows_;
+  ForceRows* forces_;
+  std::size_t nv_, n_;
+  const double *A_, *bias_, *J_, *gamma_;
+  double tolerance_;
+  double *factor_, *map_, *phi_, *Q_, *T_, *top_;
+  hqp::SolveCall* next_ = nullptr;
+  nb::object kept_, next_kept_;
 };
 
 }  // namespace
@@ -111,6 +218,20 @@ NB_MODULE(_torque, module) {
            "asked_upper"_a.noconvert(), "lower"_a.noconvert(), "upper"_a.noconvert())
       .def("motion", &TorqueRows::motion, "scale"_a, "rest"_a, "F"_a.noconvert(), "f"_a.noconvert())
       .def("run", &TorqueRows::run, "v"_a, "c"_a.none());
+  nb::class_<ForceRows>(module, "ForceRows")
+      .def(nb::init<const Block&, const Block&>(), "T"_a.noconvert(), "top"_a.noconvert())
+      .def("turn", &ForceRows::turn, "first"_a, "rotation"_a.noconvert())
+      .def("add", &ForceRows::add, "C"_a.noconvert(), "A"_a.noconvert(), "asked_lower"_a.noconvert(),
+           "asked_upper"_a.noconvert(), "lower"_a.noconvert(), "upper"_a.noconvert())
+      .def("run", nb::overload_cast<const std::optional<Vector>&>(&ForceRows::run), "shift"_a.none());
+  nb::class_<Chain>(module, "Chain")
+      .def(nb::init<nb::object, nb::object, nb::object, const Columns&, const Vector&, const WrittenColumns&,
+                    const Block&, const Vector&, double, const Block&, const Block&, const Block&, const Block&,
+                    const Block&>(),
+           "elimination"_a, "rows"_a, "forces"_a.none(), "A"_a.noconvert(), "bias"_a.noconvert(),
+           "factor"_a.noconvert(), "J"_a.noconvert(), "gamma"_a.noconvert(), "tolerance"_a, "map"_a.noconvert(),
+           "phi"_a.noconvert(), "Q"_a.noconvert(), "T"_a.noconvert(), "top"_a.noconvert())
+      .def("before", &Chain::before, "next"_a);
   nb::class_<hqp::Holding>(module, "Holding")
       .def(nb::init<Ints, Ints, int>(), "actuated"_a, "others"_a, "constraints"_a)
       .def(

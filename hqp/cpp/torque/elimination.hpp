@@ -36,9 +36,24 @@ class TorqueRows {
   virtual void run(const double* v, const double* c) = 0;
 };
 
+// Rows on the forces of m constraints, lambda = T^-1 top (tau, 1), as rows on tau: lower <= -C lambda <= upper.
+class ForceRows {
+ public:
+  virtual ~ForceRows() = default;
+  // Three of the constraints' rows from `first` on are turned into a contact's axes, by the live transpose of its
+  // rotation, row-major.
+  virtual void turn(int first, const double* rotation) = 0;
+  virtual void add(const double* C, const Asked& rows) = 0;  // C (rows, m), its sign that of lambda
+  // T (m, m), top (m, n + 1) of an elimination; shift (n): part of tau that the model of the forces does not know, or
+  // null.
+  virtual void run(const double* T, const double* top, const double* shift) = 0;
+};
+
 Elimination* make_elimination_generic(std::vector<int> parents, std::vector<int> actuated, int rows);
 Elimination* make_elimination_avx2(std::vector<int> parents, std::vector<int> actuated, int rows);
 TorqueRows* make_torque_rows_generic(const double* map, int nv, int n);
 TorqueRows* make_torque_rows_avx2(const double* map, int nv, int n);
+ForceRows* make_force_rows_generic(int m, int n);
+ForceRows* make_force_rows_avx2(int m, int n);
 
 }  // namespace hqp

@@ -1,6 +1,8 @@
-// Compiled once per instruction set; HQP_ISA names the namespace, HQP_MAKE and HQP_MAKE_ROWS the entries.
+// Compiled once per instruction set; HQP_ISA names the namespace, HQP_MAKE, HQP_MAKE_ROWS and
+// HQP_MAKE_FORCES the entries.
 #include <utility>
 
+#include "force_rows.hpp"
 #include "level_rows.hpp"
 #include "sparse_elimination.hpp"
 
@@ -11,5 +13,7 @@ Elimination* HQP_MAKE(std::vector<int> parents, std::vector<int> actuated, int r
 }
 
 TorqueRows* HQP_MAKE_ROWS(const double* map, int nv, int n) { return new LevelRows(map, nv, n); }
+
+ForceRows* HQP_MAKE_FORCES(int m, int n) { return new RowsOfForces(m, n); }
 
 }  // namespace hqp

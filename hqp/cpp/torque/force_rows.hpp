@@ -1,0 +1,62 @@
+// Rows on the forces of the constraints: lower <= C f <= upper with f = -lambda seen in the axes of the contacts.
+#pragma once
+
+#include <algorithm>
+#include <utility>
+#include <vector>
+
+#include "elimination.hpp"
+#include "sums.hpp"
+
+namespace hqp {
+inline namespace HQP_ISA {
+
+class RowsOfForces final : public ForceRows {
+ public:
+  RowsOfForces(int m, int n) : m_(m), n_(n), map_(m * (n + 1)), turned_(map_.size()) {}
+
+  void turn(int first, const double* rotation) override { turns_.push_back({first, rotation}); }
+  void add(const double* C, const Asked& rows) override { rows_.push_back({C, rows}); }
+
+  void run(const double* T, const double* top, const double* shift) override {
+    const int w = n_ + 1;
+    std::copy(top, top + m_ * w, map_.begin());
+    for (int i = m_ - 1; i >= 0; --i) {  // lambda = T^-1 top (tau, 1)
+      add_rows(row(map_, i), -1.0, T + i * m_ + i + 1, 1, row(map_, i + 1), w, m_ - i - 1, w);
+      scale(row(map_, i), w, 1.0 / T[i * m_ + i]);
+    }
+    if (shift)
+      for (int i = 0; i < m_; ++i)
+        for (int k = 0; k < n_; ++k) row(map_, i)[n_] -= row(map_, i)[k] * shift[k];
+    turned_ = map_;
+    for (const auto& [first, rotation] : turns_)
+      for (int i = 0; i < 3; ++i) {
+        std::fill(row(turned_, first + i), row(turned_, first + i + 1), 0.0);
+        add_rows(row(turned_, first + i), 1.0, rotation + 3 * i, 1, row(map_, first), w, 3, w);
+      }
+    for (const auto& [C, rows] : rows_)
+      for (int i = 0; i < rows.m; ++i) {
+        std::fill(sum_.begin(), sum_.end(), 0.0);
+        add_rows(sum_.data(), 1.0, C + i * m_, 1, turned_.data(), w, m_, w);
+        std::copy(sum_.begin(), sum_.begin() + n_, rows.A + i * n_);
+        rows.lower[i] = rows.asked_lower[i] - sum_[n_];
+        rows.upper[i] = rows.asked_upper[i] - sum_[n_];
+      }
+  }
+
+ private:
+  double* row(std::vector<double>& block, int i) { return block.data() + i * (n_ + 1); }
+
+  struct Bound {
+    const double* C;
+    Asked rows;
+  };
+
+  int m_, n_;
+  std::vector<double> map_, turned_, sum_ = std::vector<double>(n_ + 1);
+  std::vector<std::pair<int, const double*>> turns_;
+  std::vector<Bound> rows_;
+};
+
+}  // namespace HQP_ISA
+}  // namespace hqp
