@@ -84,17 +84,19 @@ def fit(spec: Any, actuation: Actuation, servo: Servo | None, wanted: Sequence[s
 
 def _make(actuator: Any, name: str, joint: Any | None, actuation: Actuation, servo: Servo | None) -> None:
     effort = _effort(actuator, joint if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT else None)
+    no, yes = mujoco.mjtLimited.mjLIMITED_FALSE, mujoco.mjtLimited.mjLIMITED_TRUE
+    limited = yes if effort[0] < effort[1] else no
     if actuation == "torque":
         actuator.set_to_motor()
-        actuator.ctrlrange = effort
-        actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_FALSE
+        actuator.ctrlrange, actuator.ctrllimited = effort, limited
+        actuator.forcelimited = no
     else:
         if servo is None:
             raise DeclarationError("plant", "a position servo needs gains", allowed="servo=Servo(kp=...)")
         kp = servo.gain(name)
         actuator.set_to_position(kp=kp, kv=servo.damping_time * kp)
-        actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
-        actuator.forcerange = effort
+        actuator.ctrllimited = no
+        actuator.forcerange, actuator.forcelimited = effort, limited
     if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT:
         actuator.gear = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
 

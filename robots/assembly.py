@@ -68,14 +68,15 @@ def prepared(spec: Any, timestep: float) -> Any:
 
 def name_all(spec: Any) -> None:
     """Give bodies and joints without a name the one that the robot knows them by."""
-    simulated = spec.compile()
+    twin = spec.copy()  # compiled once more, geoms between two points are refused
+    simulated = twin.compile()
     bodies, joints = body_names(simulated), joint_names(simulated)
-    for body in spec.bodies:
+    for body, same in zip(spec.bodies, twin.bodies, strict=True):
         if not body.name:
-            body.name = bodies[body.id]
-    for joint in spec.joints:
+            body.name = bodies[same.id]
+    for joint, same in zip(spec.joints, twin.joints, strict=True):
         if not joint.name:
-            joint.name = joints[joint.id]
+            joint.name = joints[same.id]
 
 
 def root_of(spec: Any, robot: Any) -> str:

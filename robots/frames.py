@@ -10,7 +10,7 @@ from .mujoco_extra import mujoco
 
 
 class Frames:
-    """Finds sites and bodies of a MjModel; a site goes before a body of the same name."""
+    """Finds sites and bodies of a MjModel; a body goes before a site of the same name, which is ``NAME_site``."""
 
     def __init__(self, model: Any) -> None:
         self._model = model
@@ -28,10 +28,11 @@ class Frames:
         return int(self._model.site_bodyid[index]) if site else index
 
     def _search(self, name: str) -> tuple[bool, int]:
-        for kind in (mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_BODY):
-            index = int(mujoco.mj_name2id(self._model, kind, name))
+        site, body = mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_BODY
+        for kind, own in ((body, name), (site, name), (site, name.removesuffix("_site"))):
+            index = int(mujoco.mj_name2id(self._model, kind, own))
             if index >= 0:
-                return kind == mujoco.mjtObj.mjOBJ_SITE, index
+                return kind == site, index
         known = [self._model.site(i).name for i in range(self._model.nsite)]
         known += [self._model.body(i).name for i in range(self._model.nbody)]
         raise FrameNotFound(name, known, "the MuJoCo model")

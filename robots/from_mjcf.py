@@ -18,10 +18,13 @@ from hqp.errors import DeclarationError, ModelError
 
 from . import mjcf_limits
 from .description import Description
-from .mjcf_names import body_names, joint_names
+from .mjcf_names import body_names, joint_names, site_name
 from .mujoco_extra import mujoco
 
 _FREE, _BALL, _SLIDE, _HINGE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{k}")) for k in ("FREE", "BALL", "SLIDE", "HINGE"))
+
+MOST = 400
+"""Most coordinates of a model: Pinocchio's data grow with their cube."""
 
 
 def compiled(path: Path, floating: bool | None = None) -> Any:
@@ -30,9 +33,20 @@ def compiled(path: Path, floating: bool | None = None) -> Any:
         spec = mujoco.MjSpec.from_file(str(path))
         if floating is not None:
             set_root(spec, floating)
-        return spec.compile()
+        simulated = spec.compile()
     except ValueError as error:
         raise ModelError(f"{path} could not be read: {error}") from error
+    _represented(simulated, path)
+    return simulated
+
+
+def _represented(simulated: Any, path: Path) -> None:
+    """Raise ModelError for what no tree of rigid bodies holds, and for one that Pinocchio has no room for."""
+    if simulated.nflex:
+        raise ModelError(f"{path}: deformable bodies (flex) are no part of a robot of rigid bodies")
+    if simulated.nv > MOST:
+        size = 32 * simulated.nv**3 / 1e9  # four tensors
+        raise ModelError(f"{path}: nv = {simulated.nv}, at most {MOST}: Pinocchio would take {size:.0f} GB for it")
 
 
 def set_root(spec: Any, floating: bool) -> None:
@@ -76,6 +90,8 @@ def describe(simulated: Any, path: Path) -> Description:
     tree = _Tree(simulated)
     found = Description(model=tree.model, source=path, simulated=simulated, carriers=tree.carriers)
     mjcf_limits.read(simulated, found)
+    if tree.renamed:
+        found.notes.append(f"sites named as a body elsewhere are NAME_site: {', '.join(tree.renamed)}")
     return found
 
 
@@ -91,6 +107,7 @@ class _Tree:
             model.gravity.linear = np.zeros(3)
         self.bodies, self.joints = body_names(simulated), joint_names(simulated)
         self.carriers: list[tuple[int, Any]] = [(0, pin.SE3.Identity())] * simulated.nbody
+        self.renamed: list[str] = []
         for body in self._order():
             self._add(body)
         self._add_frames()
@@ -142,22 +159,27 @@ class _Tree:
             model.appendBodyToJoint(joint, own, placement)
 
     def _add_frames(self) -> None:
-        """Sites, then bodies, then joints: the first of a name keeps it."""
+        """Bodies, then sites, then joints: the first of a name keeps it, a site elsewhere is ``NAME_site``."""
         source, model = self.source, self.model
-        taken = {frame.name for frame in model.frames}
-        wanted = []
-        for s in range(source.nsite):
-            joint, placement = self.carriers[int(source.site_bodyid[s])]
-            local = _placement(source.site_pos[s], source.site_quat[s])
-            wanted.append((source.site(s).name, joint, placement * local, pin.FrameType.OP_FRAME))
         for name, (joint, placement) in zip(self.bodies, self.carriers, strict=True):
-            wanted.append((name, joint, placement, pin.FrameType.BODY))
+            model.addFrame(pin.Frame(name, joint, 0, placement, pin.FrameType.BODY), False)
+        places = dict(zip(self.bodies, self.carriers, strict=True))
+        for s in range(source.nsite):
+            name = source.site(s).name
+            if not name:
+                continue
+            joint, placement = self.carriers[int(source.site_bodyid[s])]
+            placement = placement * _placement(source.site_pos[s], source.site_quat[s])
+            if name in places:
+                if places[name][0] == joint and places[name][1].isApprox(placement, 1e-12):
+                    continue
+                self.renamed.append(name)
+                name = site_name(name, places)
+            places[name] = joint, placement
+            model.addFrame(pin.Frame(name, joint, 0, placement, pin.FrameType.OP_FRAME), False)
         for joint in range(1, model.njoints):
-            wanted.append((model.names[joint], joint, pin.SE3.Identity(), pin.FrameType.JOINT))
-        for name, joint, placement, kind in wanted:
-            if name and name not in taken:
-                taken.add(name)
-                model.addFrame(pin.Frame(name, joint, 0, placement, kind), False)
+            if model.names[joint] not in places:
+                model.addFrame(pin.Frame(model.names[joint], joint, 0, pin.SE3.Identity(), pin.FrameType.JOINT), False)
 
 
 def _joint(kind: int, axis: Vec) -> Any:

@@ -92,13 +92,8 @@ def mesh_shape(points: Mat, faces: Any) -> Any:
 
     mesh = coal.BVHModelOBBRSS()
     mesh.beginModel(len(faces), len(points))
-    vertices = coal.StdVec_Vec3s()
-    for point in np.asarray(points, dtype=np.float64):
-        vertices.append(point)
-    triangles = coal.StdVec_Triangle()
-    for a, b, c in np.asarray(faces):
-        triangles.append(coal.Triangle(int(a), int(b), int(c)))
-    mesh.addSubModel(vertices, triangles)
+    mesh.addVertices(np.asarray(points, dtype=np.float64))
+    mesh.addTriangles(np.asarray(faces, dtype=np.int64))
     mesh.endModel()
     return mesh
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -123,14 +124,21 @@ class Joints:
         lower[unset], upper[unset] = -np.inf, np.inf
         return lower, upper, velocity, effort
 
-    def inside(self, model: Any, q: Vec, lower: Vec, upper: Vec) -> tuple[Vec, list[str]]:
-        """q with its joints clipped into their limits, and the names of those that were outside."""
+    def inside(self, model: Any, q: Vec, lower: Vec, upper: Vec, cones: Mapping[str, float]) -> tuple[Vec, list[str]]:
+        """q with its joints clipped into their limits, balls into cones [rad], and the names of those outside."""
         q = np.array(q, dtype=np.float64)
         here = q[self.single_q]
         there = np.clip(here, lower[self.single_v], upper[self.single_v])
         moved = np.flatnonzero(here != there)
         q[self.single_q] = there
-        return q, [self.name(int(self.single_v[i])) for i in moved]
+        balls = []
+        for name, most in cones.items():
+            i = self.several[name][0]
+            turned = pin.log3(pin.Quaternion(q[i : i + 4]).matrix())
+            if (angle := float(np.linalg.norm(turned))) > most:
+                q[i : i + 4] = pin.Quaternion(pin.exp3(turned * (most / angle))).coeffs()
+                balls.append(name)
+        return q, [*(self.name(int(self.single_v[i])) for i in moved), *balls]
 
     def turned(self, q: Vec, column: int, angle: float) -> Vec:
         """q with the joint of one tangent coordinate at an angle [rad or m]."""

@@ -122,7 +122,7 @@ def _read_notes(simulated: Any, found: Description) -> None:
     if light := [bodies[b] for b in np.flatnonzero(simulated.body_gravcomp)]:
         found.notes.append(f"gravity compensation of the file is no part of the model's forces: {_some(light)}")
     if simulated.ntendon and np.any(simulated.tendon_armature):
-        found.notes.append("rotor inertia of tendons is no part of the model's inertia")
+        found.warnings.append("rotor inertia of tendons is no part of the model's inertia, as it is of MuJoCo's")
 
 
 def _some(names: list[str]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from typing import Any
 
 from .mujoco_extra import mujoco
@@ -21,6 +22,14 @@ def joint_names(model: Any) -> tuple[str, ...]:
         place = f"_{j - int(model.body_jntadr[body])}" if model.body_jntnum[body] > 1 else ""
         found.append(model.joint(j).name or f"{bodies[body]}_{word}{place}")
     return _unique(found)
+
+
+def site_name(name: str, taken: Container[str]) -> str:
+    """Name of the frame of a site whose own name is taken."""
+    name += "_site"
+    while name in taken:
+        name += "_"
+    return name
 
 
 def _unique(names: list[str]) -> tuple[str, ...]:

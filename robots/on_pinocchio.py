@@ -103,7 +103,7 @@ class Robot:
         q = np.array(q, dtype=np.float64)
         if q.shape != (self.nq,):
             raise DeclarationError(self.name, f"home has shape {q.shape}", allowed=f"({self.nq},)")
-        self.home, moved = self._joints.inside(self.model, q, self.lower, self.upper)
+        self.home, moved = self._joints.inside(self.model, q, self.lower, self.upper, self.cones)
         for terms, offset in self.description.couplings if self.description else ():
             (follower, factor), *leaders = terms.items()
             angle = (offset - sum(c * self._angle(leader) for leader, c in leaders)) / factor

@@ -23,11 +23,16 @@ def dress(spec: Any, root: str, terrain: Terrain | None) -> None:
     """Add everything but the robot to a MjSpec; without a terrain the file's own ground stays alone."""
     for light in list(spec.lights):
         spec.delete(light)
+    for camera in list(spec.cameras):
+        if camera.name in VIEWS:
+            spec.delete(camera)
     _sky_and_light(spec)
     if terrain is not None:
         for geom in list(spec.worldbody.geoms):
             if geom.type == mujoco.mjtGeom.mjGEOM_PLANE:
                 spec.delete(geom)
+            elif geom.name == "ground":
+                geom.name = "ground_"
         _ground(spec, terrain)
     _hand(spec)
     _cameras(spec, root)
@@ -36,7 +41,7 @@ def dress(spec: Any, root: str, terrain: Terrain | None) -> None:
 def _sky_and_light(spec: Any) -> None:
     sky = {"builtin": mujoco.mjtBuiltin.mjBUILTIN_GRADIENT, "width": 512, "height": 512}
     kind = mujoco.mjtTexture.mjTEXTURE_SKYBOX
-    spec.add_texture(name="sky", type=kind, rgb1=[0.86, 0.90, 0.95], rgb2=[0.98, 0.98, 0.98], **sky)
+    spec.add_texture(name="plant_sky", type=kind, rgb1=[0.86, 0.90, 0.95], rgb2=[0.98, 0.98, 0.98], **sky)
     spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
     spec.visual.headlight.diffuse = [0.25, 0.25, 0.25]
     spec.visual.headlight.specular = [0.0, 0.0, 0.0]
@@ -65,9 +70,9 @@ def _ground(spec: Any, terrain: Terrain) -> None:
         "solimp": [*terrain.impedance, 0.001, 0.5, 2.0],
     }
     world, plane, box = spec.worldbody, mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_BOX
-    level = _tiles(spec, "level", (0.80, 0.81, 0.83), (0.72, 0.74, 0.77))
+    level = _tiles(spec, "plant_level", (0.80, 0.81, 0.83), (0.72, 0.74, 0.77))
     world.add_geom(name="ground", type=plane, size=[0, 0, 0.05], material=level, **law)
-    raised = _tiles(spec, "raised", (0.86, 0.80, 0.70), (0.80, 0.73, 0.62))
+    raised = _tiles(spec, "plant_raised", (0.86, 0.80, 0.70), (0.80, 0.73, 0.62))
     for k, slab in enumerate(terrain.slabs()):
         half = -0.5 * slab.angle  # a turn about -y
         geom = world.add_geom(name=f"slab_{k}", type=box, material=raised, **law)
@@ -101,7 +106,7 @@ def _hand(spec: Any) -> None:
 
 
 def _cameras(spec: Any, root: str) -> None:
-    model = spec.compile()
+    model = spec.copy().compile()
     data = mujoco.MjData(model)
     mujoco.mj_fwdPosition(model, data)
     body = data.body(root)

@@ -13,7 +13,7 @@ from hqp.element import Inequality
 from hqp.robot import Robot, State
 
 from .fields import check_number, set_names
-from .limits import BRAKING, fastest
+from .limits import ACCELERATION, BRAKING, JointLimits, fastest
 
 STRAIGHT = 1e-3
 """A joint that is turned by less [rad] has no direction to turn back in, and a long way to go: its row is free."""
@@ -25,23 +25,26 @@ class BallLimits(Inequality):
 
         theta <= theta_max,   J v = u . omega = d theta / dt,   dJ/dt v = |omega - u (u . omega)|^2 cot(theta / 2) / 2,
 
-    approached on the braking curve of ``JointLimits`` and left at its return velocity.  A session adds it to a stack
-    that has ``JointLimits`` of such joints and no BallLimits.
+    approached on the braking curve of ``JointLimits`` and left at its return velocity, which is reached at most at its
+    acceleration.  A session adds it to a stack that has ``JointLimits`` of such joints and no BallLimits.
 
-    joints: balls or groups with balls, all that have a limit by default.  margin [rad].  braking [rad/s^2], 0 or None
-    for none.  return_velocity [rad/s].  Raises DeclarationError for fields and where no joint is a limited ball.
+    joints: balls or groups with balls, all that have a limit by default.  margin [rad].  acceleration, braking
+    [rad/s^2], 0 or None for none.  return_velocity [rad/s].  Raises DeclarationError for fields and where no joint is
+    a limited ball.
     """
 
     joints: str | Sequence[str] | None = None
     margin: float = 0.0
+    acceleration: float | None = ACCELERATION
     braking: float | None = BRAKING
     return_velocity: float = 0.5
 
     def __post_init__(self) -> None:
         super().__post_init__()
         set_names(self, "joints")
-        object.__setattr__(self, "braking", 0.0 if self.braking is None else self.braking)
-        for name in ("margin", "braking"):
+        for name in ("acceleration", "braking"):
+            object.__setattr__(self, name, getattr(self, name) or 0.0)
+        for name in ("margin", "acceleration", "braking"):
             check_number(self, name, getattr(self, name), 0.0)
         check_number(self, "return_velocity", self.return_velocity, 0.0, strict=True)
 
@@ -94,11 +97,20 @@ class BallLimits(Inequality):
         """Bounds of the rate of each angle, or of the acceleration that J x gives, ``(k,)`` each."""
         robot, (_, ways) = state.robot, self.bounds(state)
         speed = np.array([robot.velocity_limit[f : f + 3].min() for _, f, _ in self.balls(robot)])
-        upper = fastest(ways, speed, np.full(ways.size, self.braking or math.inf), self.return_velocity, dt)
+        a, b = self._rates(robot)
+        J, v = self.jacobian(state), state.v if state.commanded is None else state.commanded
+        upper = np.maximum(fastest(ways, speed, b, self.return_velocity, dt), J @ v - a * dt)
         upper[np.isinf(ways)] = math.inf
         if order == 2:
-            upper = (upper - self.jacobian(state) @ state.v) / dt - self.drift(state)
+            upper = (upper - J @ state.v) / dt - self.drift(state)
         return np.full(ways.size, -math.inf), upper
+
+    def _rates(self, robot: Robot) -> tuple[Vec, Vec]:
+        """Acceleration and braking of each ball ``(k,)`` [rad/s^2]: the least of its axes in JointLimits."""
+        names = tuple(name for name, *_ in self.balls(robot))
+        axes = JointLimits(joints=names, acceleration=self.acceleration, braking=self.braking)
+        a, b = (rate.reshape(-1, 3).min(axis=1) for rate in axes.rates(robot))
+        return a, b
 
     def row_names(self, robot: Robot) -> tuple[str, ...]:
         """The joints."""

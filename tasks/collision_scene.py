@@ -95,7 +95,8 @@ class Scene:
             found.append((one, two))
             clearances.append(clearance)
         if not found:
-            raise element.invalid("pairs", element.pairs, "names of links or shapes that may collide")
+            allowed = "names of links or shapes that may collide; no two of these have shapes that are apart at home"
+            raise element.invalid("pairs", element.pairs, allowed)
         self.pairs, self.clearance = found, np.array(clearances)
         self.slots: NDArray[np.int32] = np.full(min(element.slots or MOST, len(found)), -1, dtype=np.int32)
         self._columns = {body: self._support(body) for body in {c.body for c in self.capsules}}

@@ -138,7 +138,7 @@ class JointLimits(Inequality):
         balls = tuple(n for n, (first, most) in robot.spherical.items() if first in own and math.isfinite(most))
         if not balls:
             return ()
-        rates = {"braking": self.braking, "return_velocity": self.return_velocity}
+        rates = {"acceleration": self.acceleration, "braking": self.braking, "return_velocity": self.return_velocity}
         return (BallLimits(joints=balls, margin=self.margin, **rates),)  # type: ignore[arg-type]
 
     def plan(self, robot: Robot) -> plans.JointBox | None:

@@ -14,6 +14,7 @@ from hqp import PD, Level, P, Stack
 from hqp.errors import DeclarationError
 from hqp.robots import Robot
 from hqp.tasks import BallLimits, JointLimits, Position, Posture
+from hqp.tasks.limits import ACCELERATION
 
 MOST = 0.6
 """Limit of the ball [rad]."""
@@ -52,6 +53,24 @@ def test_derivatives(robot: Any, element: Any) -> None:
 def test_configuration_is_the_inverse_of_angles(robot: Any) -> None:
     angles = np.array([0.3, -0.2, 1.0, 0.4, -0.3, 0.2, 0.7])
     np.testing.assert_allclose(robot.state(robot.configuration(angles)).angles, angles, atol=1e-12)
+
+
+@pytest.mark.parametrize(("formulation", "law"), [(hqp.Velocity(), P(1.0)), (hqp.Acceleration(), PD(4.0, 4.0))])
+def test_from_outside_its_cone_a_ball_comes_back_gradually(robot: Any, formulation: Any, law: Any) -> None:
+    """The return velocity is reached at the acceleration of JointLimits, whose box allows no more."""
+    posture = Posture(law=law)
+    stack = Stack(Level(posture), subject_to=[JointLimits()])
+    session = hqp.Controller(stack, formulation, deadline=math.inf).session(robot, dt=0.002)
+    angles = np.zeros(robot.nv)
+    angles[3:6] = 0.7, 0.6, -0.3
+    q, v, last = robot.configuration(angles), np.zeros(robot.nv), np.zeros(robot.nv)
+    for _ in range(1500):
+        tick = session.step(robot.state(q, v), posture.at(angles))
+        assert tick.status == hqp.Status.OPTIMAL
+        q, v = tick.advance()
+        assert np.linalg.norm(v - last) <= ACCELERATION * 0.002 * (1.0 + 1e-9)
+        last = v
+    assert turn(robot, q) < MOST + 1e-3
 
 
 def test_a_posture_takes_a_ball_the_shortest_way(robot: Any) -> None:
