@@ -77,6 +77,19 @@ def test_unsaturated_com_task_falls_from_a_start_out_of_place() -> None:
     assert not Outing(scene, Compliance(), "nullspace").run().fallen
 
 
+@pytest.mark.slow
+def test_a_push_aside_of_60_newtons_is_borne_within_the_joints_range() -> None:
+    scene = Scene(slope=0.0, push=(0.0, 60.0, 0.0), seconds=3.0)
+    bounded = Compliance(limits=True, com_acceleration=math.inf, least_load=90.0, normals="base")
+    outing = Outing(scene, bounded, "lexicographic").run()
+    assert not outing.fallen
+    assert measure(outing).com_up < 10.0
+    robot, angles = outing.robot, outing.log["posture"] + outing.posture
+    joints = robot.joints("upper_body")
+    assert np.all(angles > robot.lower[joints])
+    assert np.all(angles < robot.upper[joints])
+
+
 def test_rolling_along_the_axle_is_refused_with_the_ranks() -> None:
     assert "rank [J_constr; U] = 18 of 19" in refusal(Compliance(axle_rolling=True))
     assert not refusal(Compliance())

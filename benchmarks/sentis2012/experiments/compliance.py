@@ -21,6 +21,7 @@ from hqp.arrays import Mat, Vec
 from hqp.element import Element
 from hqp.law import Law, SelfMotion
 from hqp.reference import Reference
+from hqp.robots import load
 from hqp.tasks import (
     Com,
     ExternalWrench,
@@ -31,6 +32,7 @@ from hqp.tasks import (
     Posture,
     TorqueLimits,
     UnilateralContact,
+    Within,
 )
 
 COM_GOAL = (0.0289, -0.0522)
@@ -106,7 +108,8 @@ def stack(choice: Compliance) -> Stack:
     added: list[Element] = []
     pushed = [ExternalWrench(frame="base", name=GROUND_PUSH)] if choice.normals == "felt" else []
     if choice.limits:
-        added = [TorqueLimits(), *(FrictionCone(contact=name, mu=choice.friction, edges=4) for name in WHEELS)]
+        cones = [FrictionCone(contact=name, mu=choice.friction, edges=4) for name in WHEELS]
+        added = [TorqueLimits(), joint_range(), *cones]
         if choice.least_load:
             added += [UnilateralContact(contact=name, minimum=choice.least_load) for name in WHEELS]
     return paper_stack(
@@ -117,6 +120,19 @@ def stack(choice: Compliance) -> Stack:
         posture=Posture(joints="upper_body", law=posture_law),
         contacts=wheels,
     )
+
+
+def joint_range(margin: float = 0.03, rate: float = 10.0) -> Within:
+    """Bounds that keep the upper body's joints off their stops, by a margin [rad] and a rate of approach [1/s].
+
+    No limits of speed, which the table sets for safety and the edge of the slope exceeds by geometry.  A joint that
+    runs into its stop throws the load from one wheel to another, and an observer takes the stop for a human's push.
+    """
+    robot = load("dreamer")
+    joints = robot.joints("upper_body")
+    lower, upper = robot.lower[joints] + margin, robot.upper[joints] - margin
+    low, high = lower.tolist(), upper.tolist()
+    return Within(Posture(joints="upper_body"), lower=low, upper=high, rate=rate, name="joint_range")
 
 
 def gravity_share(normal: Vec, carried: tuple[float, float], weight: float) -> float:
