@@ -239,6 +239,16 @@ def test_a_line_has_what_was_agreed_and_a_promise_holds_at_the_99th_percentile()
     assert json.loads(json.dumps(statistics.finite(fallen), allow_nan=False))["com_up_mm"]["worst"] is None
 
 
+def test_runs_of_other_versions_count_only_if_vouched_for() -> None:
+    def row(case: str, code: str, finished: float, ok: bool = True) -> dict[str, object]:
+        return {"case": case, "code": code, "finished": finished, "ok": ok}
+
+    rows = [row("a", "old", 1.0), row("a", "new", 2.0), row("b", "older", 3.0), row("c", "new", 4.0, ok=False)]
+    assert list(statistics.by_case(rows, {"new"})) == ["a"]
+    found = statistics.by_case(rows[::-1], {"new", "old", "older"})
+    assert {case: kept["code"] for case, kept in found.items()} == {"a": "new", "b": "older"}
+
+
 def test_runs_differ_by_trifles_and_repeat() -> None:
     case = statistics.registry()["nominal"].case
     first, second = (statistics.varied(case, run, 0) for run in (0, 1))

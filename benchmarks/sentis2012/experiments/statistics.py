@@ -13,7 +13,7 @@ import json
 import math
 import sys
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
@@ -116,6 +116,12 @@ def summary(cell: str, rows: Sequence[Mapping[str, float]]) -> dict[str, Any]:
     }
 
 
+def by_case(rows: Sequence[Mapping[str, Any]], codes: Container[str]) -> dict[str, Mapping[str, Any]]:
+    """The latest row without an exception of every case, of those made by one of the versions ``codes``."""
+    found = sorted((row for row in rows if row["ok"] and row["code"] in codes), key=lambda row: row["finished"])
+    return {row["case"]: row for row in found}
+
+
 def runs_of(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> dict[str, list[dict[str, Any]]]:
     """The measures of every cell that has runs, from the rows of a sweep."""
     found: dict[str, list[dict[str, Any]]] = {name: [] for name in names}
@@ -167,11 +173,16 @@ def command(arguments: Any) -> int:
         for name in names
         if run < each[name]
     ]
-    cases = sweep.Sweep("benchmarks.sentis2012.experiments.statistics:one_run", wanted, arguments.code)
+    function = "benchmarks.sentis2012.experiments.statistics:one_run"
+    cases = sweep.Sweep(function, wanted, arguments.code)
     kept = arguments.kept or Path(arguments.output) / "dreamer-statistics"
-    sweep.run(cases, kept, on="serial" if arguments.jobs == 1 else "local", jobs=arguments.jobs)
-    keys = {case.key(cases.code) for case in cases}
-    made = runs_of([row for row in sweep.read(kept).to_pylist() if row["key"] in keys], names)
+    codes = {cases.code, *arguments.vouch}
+    done = by_case(sweep.read(kept).to_pylist(), codes)
+    missing = [case.arguments for case in cases if case.text not in done]
+    on = "serial" if arguments.jobs == 1 else "local"
+    sweep.run(sweep.Sweep(function, missing, cases.code), kept, on=on, jobs=arguments.jobs)
+    rows = by_case(sweep.read(kept).to_pylist(), codes)
+    made = runs_of([rows[case.text] for case in cases if case.text in rows], names)
     found = [summary(name, own) for name, own in made.items()]
     _print(shown(found))
     for group in (nominal := [name for name in made if registry()[name].group == "nominal"]), by_tilt(made, nominal):
