@@ -10,7 +10,7 @@ import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
+from time import thread_time
 from typing import Any
 
 import numpy as np
@@ -88,9 +88,9 @@ class Loop:
         """Ticks with those references."""
         for _ in range(ticks):
             state = self.robot.state(self.q, self.v)
-            begin = perf_counter()
+            begin = thread_time()
             tick = self.run.step(state, *goals)
-            self.times.append(perf_counter() - begin)
+            self.times.append(thread_time() - begin)
             self.ticks.append(tick)
             self.q, self.v = tick.advance()
         return self.ticks[len(self.ticks) - ticks :]
@@ -119,8 +119,9 @@ class Change:
     """What a change did: largest changes of the command in a tick, before it (a second), in it and after it (0.1 s,
     when the new stack does what it does).
 
-    abrupt: the same without easing, in its first tick.  ticks: of the transition.  own, plain: median time of a tick
-    in the transition, and of the ticks that follow the abrupt change [s].  notes: that a contact cannot be released.
+    abrupt: the same without easing, in its first tick.  ticks: of the transition.  own: median CPU time of a tick in
+    the transition [s].  old, new: of the quarter of a second before it, and of the ticks that follow the abrupt change,
+    as many as the transition takes.  notes: that a contact cannot be released.
     """
 
     robot: str
@@ -132,7 +133,8 @@ class Change:
     abrupt: float
     ticks: int
     own: float
-    plain: float
+    old: float
+    new: float
     notes: tuple[str, ...]
 
     @property
@@ -148,14 +150,15 @@ class Change:
 
     def __str__(self) -> str:
         jumps = f"before {self.before:.3g}, after {self.after:.3g}, at once {self.abrupt:.3g}"
-        times = f"{self.ticks} ticks, each {self.ratio:.2f} of {1e6 * self.plain:.0f} us"
+        plain = f"{1e6 * self.old:.0f} us before and {1e6 * self.new:.0f} us after"
+        times = f"{self.ticks} ticks of {1e6 * self.own:.0f} us, {self.ratio:.2f} of {plain}"
         told = "; ".join(("" if self.calm else "NOT CALM", *self.notes))
         return f"{self.event}: {self.during:.3g} ({jumps}), {times} {told}"
 
     @property
     def ratio(self) -> float:
-        """A tick of the transition in plain ticks."""
-        return self.own / self.plain
+        """A tick of the transition in plain ticks, the mean of those of the two stacks."""
+        return 2.0 * self.own / (self.old + self.new)
 
 
 def change(loop: Loop, twin: Loop, level: str, event: str, stack: Stack) -> Change:
@@ -182,7 +185,8 @@ def change(loop: Loop, twin: Loop, level: str, event: str, stack: Stack) -> Chan
         abrupt=float(twin.changes[start - 1]),
         ticks=end - start,
         own=float(np.median(loop.times[start:end])),
-        plain=float(np.median(twin.times[start:end])),
+        old=float(np.median(loop.times[start - SECOND // 4 : start])),
+        new=float(np.median(twin.times[start:end])),
         notes=tuple({str(n) for t in loop.ticks[start:end] for n in t.notes if "released" in n.detail}),
     )
 
@@ -253,7 +257,8 @@ def tables(found: Sequence[Change]) -> str:
     return (
         "Largest change of a command in one tick; in brackets that of the second before, and of the same change at"
         f" once:\n\n{head}{rows(jump)}\n\n"
-        "A tick of the transition in plain ticks, those that follow the same change at once (medians):\n\n"
+        "CPU time of a tick of the transition in plain ticks, the mean of those of the old stack before it and of those"
+        " that follow\nthe same change at once (medians):\n\n"
         f"{head}{rows(lambda c: f'{c.ratio:.1f}')}\n"
     )
 

@@ -80,7 +80,7 @@ class Chain:
         T: Mat,
         top: Mat,
     ) -> None: ...
-    def before(self, next: object) -> object:
+    def before(self, next: object | None) -> object:
         """A capsule of all that and then the solve whose capsule is given."""
 
 class Holding:

@@ -6,14 +6,17 @@ import math
 import threading
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from hqp.compiled import Compiled
-from hqp.errors import DeclarationError
+from hqp.errors import DeclarationError, DynamicsFailed
 from hqp.outgoing import within_rates
+from hqp.problem import Status
 from hqp.reference import Reference
 from hqp.references import References, refuse
 from hqp.robot import State
 from hqp.stack import Stack
-from hqp.tick import BlendedTick, OrdinaryTick, Tick
+from hqp.tick import BlendedTick, Note, Notes, OrdinaryTick, Tick
 from hqp.transition import Transition, surviving
 from hqp.waypoints import Waypoint, bearing
 from hqp.waypoints import path as path_of
@@ -29,20 +32,24 @@ def change(session: Session, stack: Stack, over: float) -> None:
     """Switch to another stack; the session is as it was where this raises."""
     if not isinstance(over, (int, float)) or not 0.0 <= over < math.inf:
         raise DeclarationError("change", "bad duration", value=over, unit="s", allowed="over >= 0")
+    ordinary = session._latest is not None
     session._leave_direct()
     if session._transition is not None:
         for each in session._transition.pair:
             each._leave_direct()
+            stop_easing(each)
             each._direct, each._direct_known = None, True
     points = path(session, stack, over)
     compiled = [session._compiler.compile(point.stack) for point in points]
     holds = surviving(session.stack, session._references.holds, compiled[-1].stack)
     sessions = [clone(session), *(clone(session, item) for item in compiled[1:])] if over else []
-    if len(sessions) == 2 and session._transition is None and sessions[0].program is not sessions[1].program:
+    if session._transition is None and len({id(each.program) for each in sessions}) == len(sessions) > 0:
         for each in sessions:  # each with rows and a solver of its own: ordinary ticks in one native call
             each._direct_known = False
+        sessions[0]._direct, sessions[0]._direct_known = session._direct, session._direct is not None
     session._activate(compiled[-1], References(holds))
-    session._transition = Transition(sessions, points, over, session.dt, session.program.kind) if over else None
+    kind = session.program.kind
+    session._transition = Transition(sessions, points, over, session.dt, kind, ordinary=ordinary) if over else None
 
 
 def path(session: Session, stack: Stack, over: float) -> list[Waypoint]:
@@ -76,54 +83,129 @@ def blended(
     first, second = transition.pair
     for reference in references:
         name = getattr(reference, "name", "")
-        if name not in session.stack and not transition.knows(name):
+        if name not in session.stack and name not in transition:
             refuse(reference, [element.name for element in session.stack])
     if not second._references.current:
-        second._references.holds = surviving(first.stack, first._references.holds, second.stack)
+        begin(transition, first, second, state)
     # each keeps the last x of its own: limits that stand around it (a window on acceleration) then bound how fast
     # its answer moves, not how far it may be from the blend
     second._contacts = session._contacts
     here = transition.here(state, references) if transition.released_rows else ()
-    a = beside(first, state, (*references, *here), now)
-    b = beside(second, state, references, now)
+    ease, asked = transition.ease, (*references, *here)
+    if ease is None or ease.second:
+        a = beside(first, state, asked, now)
+        waits = bearing(first.program, a.x, transition.released) if transition.released and not a.held else ()
+        h = transition.target(wait=bool(waits))
+        if ease is not None:
+            ease.aim(a.x, h)
+        b = beside(second, state, references, now)
+    else:
+        b = beside(second, state, references, now)
+        waits, h = (), transition.target()
+        ease.aim(b.x, h)
+        a = beside(first, state, asked, now)
     session.count += 1
     if a.held or b.held:
-        worst = b if b.held else a
-        session._rest = second._rest  # of the contacts that the robot stands on now
-        tick = session._held_tick(state, worst.solution, worst.notes, fit=worst.fit)
-        tick.take_place_of(worst)
-        return tick
-    last = session._x
-    waits = bearing(first.program, a.x, transition.released) if transition.released else ()
-    unfinished = not (a.finished and b.finished)
-    x = transition.blend(a.x, b.x, last, session._joints, wait=bool(waits), unfinished=unfinished)
-    notes = waits or tuple(note for note in b.notes if note not in a.notes)
-    notes = (*a.notes, *notes)
+        return held(session, second, state, b if b.held else a)
+    last, unfinished = session._x, not (a.finished and b.finished)
+    x = transition.blend(a.x, b.x, last, session._joints, h, unfinished=unfinished)
+    told: Notes = ()
+    status = Status.OPTIMAL
+    if waits or type(a) is not OrdinaryTick or type(b) is not OrdinaryTick or a._noted or b._noted:
+        told, status = notes_of(a, b, waits), Status.worst(a.status, b.status)
     if waits:  # the contact is still there: so are the dynamics of the first stack
-        second, b = first, a
+        second, b, status = first, a, a.status
     if session._limiter is not None:
-        x, notes = within_rates(session._limiter, x, last, notes, second.program)
+        x, limited = within_rates(session._limiter, x, last, (), second.program)
+        if limited:
+            status = Status.worst(status, *(note.status for note in limited))
+            told = added(told, limited)
     session._x, session._good, session._held = x, state, 0
-    command = second.program.command
-    if type(b) is OrdinaryTick and not notes:
-        b = BlendedTick(b, x, command(x), command(last), transition.progress)
+    if type(b) is OrdinaryTick and not told:
+        b = BlendedTick(b, x, last, transition.progress)
     else:
         b = b.general() if isinstance(b, OrdinaryTick) else b
-        b.follow(x, command(x), command(last), notes, transition.progress)
+        command = second.program.command
+        b.follow(x, command(x), command(last), told, status, transition.progress)
     if transition.done:
-        session._transition = None
-        first._leave_direct()
-        second._leave_direct()
-        session._rest = second._rest
-        session._references = second._references
+        finish(session, first, second)
     else:
         transition.advance()
     return b
 
 
+def begin(transition: Transition, first: Session, second: Session, state: State) -> None:
+    """The first tick of a pair: hold values of the second stack, its eased tasks, and its native loop."""
+    ease = transition.ease
+    if ease is not None:
+        eased = second if ease.second else first
+        eased._ease = ease
+        if eased._direct is not None:
+            eased._direct.before_solving(ease)
+    second._references.holds = surviving(first.stack, first._references.holds, second.stack)
+    if second._direct_known or not state.valid or second._good is None:
+        return
+    try:
+        second.program.prepare(state)
+        second._references.take_holds(second.stack, state)
+    except (DynamicsFailed, np.linalg.LinAlgError):  # the general path tells
+        return
+    second._find_direct()
+    if second._direct is not None and second._ease is not None:
+        second._direct.before_solving(second._ease)
+
+
+def held(session: Session, second: Session, state: State, worst: Tick) -> Tick:
+    """A tick in which one of the two stacks has no usable answer."""
+    session._rest = second._rest  # of the contacts that the robot stands on now
+    tick = session._held_tick(state, worst.solution, worst.notes, fit=worst.fit)
+    tick.take_place_of(worst)
+    return tick
+
+
+def notes_of(a: Tick, b: Tick, waits: tuple[Note, ...]) -> Notes:
+    """Notes on both stacks, or on the first one and on what waits; texts that are not made yet are made when read."""
+    first, second = a._notes, b._notes
+    if waits:
+        return added(first, waits)
+    if not callable(first) and not callable(second):
+        return (*first, *(note for note in second if note not in first)) if first or second else ()
+
+    def notes() -> tuple[Note, ...]:
+        known = first() if callable(first) else first
+        return (*known, *(note for note in (second() if callable(second) else second) if note not in known))
+
+    return notes
+
+
+def added(notes: Notes, more: tuple[Note, ...]) -> Notes:
+    """Those notes and some more."""
+    return (lambda: (*notes(), *more)) if callable(notes) else (*notes, *more)
+
+
+def stop_easing(session: Session) -> None:
+    """The native loop asks for all of every task again."""
+    if session._direct is not None and session._ease is not None:
+        session._direct.before_solving(None)
+
+
+def finish(session: Session, first: Session, second: Session) -> None:
+    """The second stack has taken over: the session goes on with what its twin has made ready."""
+    session._transition = None
+    first._leave_direct()
+    second._leave_direct()
+    for each in (first, second):
+        stop_easing(each)
+    session._rest, session._references = second._rest, second._references
+    session._limits = second._limits
+    if session._limiter is None:
+        session._direct, session._direct_known = second._direct, second._direct is not None
+
+
 def beside(session: Session, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
     """A tick of one of two stacks, with the references that are its own."""
-    session._named = mine = tuple(r for r in references if session.knows(r.name))
+    known = session.stack if session._transition is None else session
+    session._named = mine = tuple([r for r in references if r.name in known])
     if session._direct is not None and not session._contacts.missing:
         tick = session._ordinary_tick(session._direct, state, mine)
         if tick is not None:

@@ -7,9 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from hqp.direct import Direct
 from hqp.formulation import Program
 from hqp.price import affordable, as_price
 from hqp.rest import Rest
+from hqp.restless import Watched
 from hqp.robot import Robot
 from hqp.solvers.base import Solver, Workspace
 from hqp.stack import Stack, coupled
@@ -21,11 +23,12 @@ KEPT = 16
 """Compiled stacks that a session keeps."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Compiled:
     """A stack made ready for a robot: its program, a workspace, how to limit its time, how to come to rest.
 
-    dropped: what of its prices the solver cannot do.
+    dropped: what of its prices the solver cannot do.  watched: its limits of joints.
+    loop: of ordinary ticks, once looked for.
     """
 
     stack: Stack
@@ -35,6 +38,15 @@ class Compiled:
     rest: Rest
     hard: frozenset[str]
     dropped: str
+    watched: Watched
+    loop: Direct | None = None
+    looked: bool = False
+
+    def direct(self) -> Direct | None:
+        """The loop of ordinary ticks, made once; None where there is none."""
+        if not self.looked:
+            self.loop, self.looked = self.program.direct(self.workspace), True
+        return self.loop
 
 
 class Compiler:
@@ -70,4 +82,4 @@ class Compiler:
             limit = None
         hard = frozenset(element.name for element in whole.subject_to)
         rest = program.rest(self._robot, self._controller.braking)
-        return Compiled(whole, program, workspace, limit, rest, hard, dropped)
+        return Compiled(whole, program, workspace, limit, rest, hard, dropped, Watched(program, self._robot))

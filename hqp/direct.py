@@ -50,12 +50,10 @@ class Direct:
         self._holds: dict[str, Reference] = {}
         self._all_holds: dict[str, Reference] = {}
         self.fresh = True
-        solve, values, marks, call = kernel
         self._program, self._chain = program, chain
-        if chain is not None:
-            call = chain.before(call)
-        native.answers(solve, call, values, marks, command.tolist(), LARGEST)
+        self._kernel, self._picks = kernel, command.tolist()
         self._velocity = assembly.order == 1
+        self.before_solving(None)
         n, rows = problem.n, [level.m for level in problem.levels]
         self._x = slice(command.size, command.size + n)
         ends = np.concatenate(([0], np.cumsum(rows))).astype(int).tolist()
@@ -73,6 +71,19 @@ class Direct:
             self._native.hold(name, None if value is None else np.array(value, dtype=np.float64).reshape(-1))
         self._holds = {name: holds[name] for name in self._names}
         self._all_holds = dict(holds)
+
+    def before_solving(self, act: Callable[[], None] | None) -> None:
+        """Call that between rows and solver from now on, None for nothing."""
+        solve, values, marks, call = self._kernel
+
+        def acted() -> Counts:
+            act()  # type: ignore[misc]
+            return solve()
+
+        call = call if act is None else None  # the solver is asked from Python after that
+        if self._chain is not None:
+            call = self._chain.before(call)
+        self._native.answers(solve if act is None else acted, call, values, marks, self._picks, LARGEST)
 
     def leave(self) -> None:
         """The general path takes over: nothing of the last ordinary tick must stay."""

@@ -18,29 +18,37 @@ OFTEN = 20.0
 """Alternations a second from which on a joint is restless: four or so within SPAN, which no reference asks for."""
 
 
+class Watched:
+    """Which rows of a program are limits of joints: parts of each level, parts of all rows, and their names."""
+
+    def __init__(self, program: Program, robot: Robot) -> None:
+        starts = np.concatenate(([0], np.cumsum([rows.m for rows in program.problem.levels]))).astype(int).tolist()
+        names: list[str] = []
+        self.parts: list[slice] = []
+        self.own: list[tuple[int, slice]] = []
+        for place in program.places.values():
+            element = place.element
+            if element.equality or element.selection(robot) is None:
+                continue
+            rows = element.row_names(robot)
+            if len(rows) != place.part.stop - place.part.start:
+                continue
+            start = starts[place.level]
+            self.own.append((place.level, place.part))
+            self.parts.append(slice(start + place.part.start, start + place.part.stop))
+            names += rows
+        self.names = tuple(names)
+
+
 class LimitWatch:
     """Counts how often each limit binds on the one side and then on the other, by the marks of its rows.
 
     The rate of a row is sum exp(-age / SPAN) / SPAN over its alternations, in the mean their number a second.
     """
 
-    def __init__(self, program: Program, robot: Robot, dt: float) -> None:
-        starts = np.concatenate(([0], np.cumsum([rows.m for rows in program.problem.levels]))).astype(int).tolist()
-        names: list[str] = []
-        self.parts: list[slice] = []
-        """Which rows are watched, among all rows."""
-        self._own: list[tuple[int, slice]] = []
-        for place in program.places.values():
-            element = place.element
-            rows = element.row_names(robot)
-            if element.equality or element.selection(robot) is None or len(rows) != place.part.stop - place.part.start:
-                continue
-            start = starts[place.level]
-            self._own.append((place.level, place.part))
-            self.parts.append(slice(start + place.part.start, start + place.part.stop))
-            names += rows
-        self._names, self._dt = tuple(names), dt
-        self._side, self._rate = np.zeros(len(names), dtype=np.int8), np.zeros(len(names))
+    def __init__(self, watched: Watched, dt: float) -> None:
+        self.parts, self._own, self._names, self._dt = watched.parts, watched.own, watched.names, dt
+        self._side, self._rate = np.zeros(len(self._names), dtype=np.int8), np.zeros(len(self._names))
         self._last, self._tick, self._seen = bytearray(), 0, 0
         self.busy = False
         """Whether a rate has still to fade."""

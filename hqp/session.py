@@ -18,6 +18,7 @@ from hqp.compiled import Compiled, Compiler
 from hqp.contact_watch import ContactWatch
 from hqp.controller import DEADLINE, Controller
 from hqp.direct import Direct
+from hqp.easing import Easing
 from hqp.errors import ConcurrentUse, DeclarationError, DynamicsFailed, ModelError
 from hqp.outgoing import better, culprits, within_rates
 from hqp.problem import Hierarchy, Solution, Status
@@ -72,20 +73,23 @@ class Session:
         self._named: tuple[Reference, ...] = ()
         self._recorder: Recorder | None = None
         torque = self.program.kind == "torque"
-        self._joints: Index = np.arange(len(robot.joint_names)) if torque else robot.actuated
+        joints: Index = np.arange(len(robot.joint_names)) if torque else robot.actuated
+        behind = bool(joints.size and np.all(np.diff(joints) == 1))
+        self._joints = slice(int(joints[0]), int(joints[-1]) + 1) if behind else joints
 
     def _activate(self, compiled: Compiled, references: References) -> None:
         self.stack, self.program, self.workspace = compiled.stack, compiled.program, compiled.workspace
         self._limit, self._rest, self._hard = compiled.limit, compiled.rest, compiled.hard
-        self.dropped = compiled.dropped
+        self.dropped, self._compiled = compiled.dropped, compiled
         self._references = references
         self._velocity = self.program.kind == "velocity"
         self._direct: Direct | None = None
         self._latest: bytearray | None = None
         self._direct_known = False
+        self._ease: Easing | None = None
         self._teller = Teller(compiled.stack, compiled.program, compiled.workspace, self.robot)
         self._contacts = ContactWatch(compiled.stack, self.dt)
-        self._limits = LimitWatch(compiled.program, self.robot, self.dt)
+        self._limits = LimitWatch(compiled.watched, self.dt)
 
     @property
     def problem(self) -> Hierarchy:
@@ -124,9 +128,8 @@ class Session:
             return self._step(state, references, now)
         return blended(self, self._transition, state, references, now)
 
-    def knows(self, name: str) -> bool:
-        """Whether a reference of that name is taken now."""
-        return name in self.stack or (self._transition is not None and self._transition.knows(name))
+    def __contains__(self, name: str) -> bool:
+        return name in self.stack or (self._transition is not None and name in self._transition)
 
     def _enter(self) -> None:
         if not self._lock.acquire(blocking=False):
@@ -200,7 +203,7 @@ class Session:
         """Ordinary ticks from now on, once hold values are known and an answer was usable."""
         self._direct_known = True
         if self._limiter is None and not self._check.ages:
-            self._direct = self.program.direct(self.workspace)
+            self._direct = self._compiled.direct()
             if self._direct is not None:
                 self._direct.hold(self._references.holds)
 
@@ -231,6 +234,8 @@ class Session:
                 notes = asked.repair(program, self._hard, state, unusable)
         except (DynamicsFailed, np.linalg.LinAlgError) as error:
             return self._held_tick(state, None, (Note("robot", Status.DYNAMICS_FAILED, str(error)),), fit=False)
+        if self._ease is not None:
+            self._ease()
         filled = perf_counter()
         if self._limit is not None and self._good is not None:  # the very first answer may take its time
             self._limit(max(self._deadline - (filled - start), 1e-6))
@@ -320,7 +325,7 @@ class Session:
         self._enter()
         try:
             for point in path(self, stack, 1.0)[1:]:
-                self._compiler.compile(point.stack)
+                self._compiler.compile(point.stack).direct()
         finally:
             self._lock.release()
 

@@ -95,10 +95,10 @@ class Tick:
         self.program: Program | None = session.program
         self._names = session.robot.joint_names
 
-    def follow(self, x: Vec, command: Vec, last: Vec, notes: tuple[Note, ...], transition: float) -> None:
-        """Take the place of the tick in a transition: another answer, and the notes on both stacks."""
+    def follow(self, x: Vec, command: Vec, last: Vec, notes: Notes, status: Status, transition: float) -> None:
+        """Take the place of the tick in a transition: another answer, status and notes of both stacks."""
         self.x, self.command, self._last, self._notes, self.transition = x, command, last, notes, transition
-        self.status = Status.worst(self.status, *(note.status for note in notes))
+        self.status = status
 
     @property
     def notes(self) -> tuple[Note, ...]:
@@ -292,14 +292,18 @@ class BlendedTick(OrdinaryTick):
 
     __slots__ = ("_blend",)
 
-    def __init__(self, tick: OrdinaryTick, x: Vec, command: Vec, last: Vec, transition: float) -> None:
-        super().__init__(tick._live(), tick._direct, tick._state, tick._record, tick._before, tick._start)
-        self._blend = x, command, last, transition
+    def __init__(self, tick: OrdinaryTick, x: Vec, last: Vec, transition: float) -> None:
+        self._session, self._direct, self._state, self._count = tick._session, tick._direct, tick._state, tick._count
+        self._record, self._before, self._start = tick._record, tick._before, tick._start
+        self._noted, self._command, self._solution = (), None, None
+        self._blend = x, last, transition
 
     @property
     def command(self) -> Vec:  # type: ignore[override]
         """The command ``(n_actuated,)``, the caller's own copy."""
-        return self._blend[1]
+        if self._command is None:
+            self._command = self._live().program.command(self._blend[0])
+        return self._command
 
     @property
     def x(self) -> Vec:  # type: ignore[override]
@@ -309,11 +313,11 @@ class BlendedTick(OrdinaryTick):
     @property
     def transition(self) -> float:  # type: ignore[override]
         """How far the change of stack has come."""
-        return self._blend[3]
+        return self._blend[2]
 
     @property
     def _last(self) -> Vec:  # type: ignore[override]
-        return self._blend[2]
+        return self._live().program.command(self._blend[1])
 
 
 def _restored(kept: dict[str, Any]) -> Tick:

@@ -9,13 +9,16 @@ and Park (2012) for a task that comes or goes.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
+from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hqp.arrays import Index, Vec
+from hqp.easing import Easing, easing
 from hqp.element import Element
 from hqp.reference import Reference
 from hqp.stack import Stack
@@ -43,6 +46,8 @@ def surviving(before: Stack, holds: Mapping[str, Reference], after: Stack) -> di
 
 def same_quantity(one: Element, other: Element) -> bool:
     """Whether a hold value of one is one of the other: class and every field but name, law and weight agree."""
+    if one is other:
+        return True
     if type(one) is not type(other) or not is_dataclass(one):
         return False
     names = [item.name for item in fields(one) if item.name not in ("name", "law", "weight")]
@@ -60,14 +65,29 @@ class Transition:
     """Where a session stands on its path: the pair of sessions that is blended, and how far."""
 
     def __init__(
-        self, sessions: Sequence[Session], path: Sequence[Waypoint], over: float, dt: float, kind: str
+        self,
+        sessions: Sequence[Session],
+        path: Sequence[Waypoint],
+        over: float,
+        dt: float,
+        kind: str,
+        *,
+        ordinary: bool = False,
     ) -> None:
+        """ordinary: whether the latest tick was, with every task within reach."""
         self._sessions, self._path = list(sessions), list(path)
         self._spans = [0.0 if point.switch else 1.0 for point in self._path[:-1]]
+        self._done = [0.0, *accumulate(self._spans)]
         self._pace = dt * sum(self._spans) / over
         self._cap = LARGEST_CHANGE[kind]
-        self._at, self._s = 0, 0.0
+        self._at, self._s, self._kind = 0, 0.0, kind
         self.released_rows = () if kind == "torque" else without_successor(path[0].stack, path[-1].stack)
+        self._easings = [
+            easing(*pair, one.stack, other.stack, released=bool(self.released_rows) and ordinary) if span else None
+            for span, pair, (one, other) in zip(
+                self._spans, pairwise(self._sessions), pairwise(self._path), strict=True
+            )
+        ]
 
     @property
     def pair(self) -> tuple[Session, Session]:
@@ -77,7 +97,8 @@ class Transition:
     @property
     def progress(self) -> float:
         """0 at the start, 1 at the end of the whole path."""
-        return (sum(self._spans[: self._at]) + self._spans[self._at] * smooth(self._s)) / sum(self._spans)
+        at = self._at
+        return (self._done[at] + self._spans[at] * smooth(self._s)) / self._done[-1]
 
     @property
     def done(self) -> bool:
@@ -95,36 +116,50 @@ class Transition:
         """Contacts that must bear nothing now, for they leave the dynamics."""
         return self._path[self._at].released
 
-    def knows(self, name: str) -> bool:
-        """Whether a reference of that name is for a stack of this transition."""
-        return any(session.knows(name) for session in self._sessions)
+    def __contains__(self, name: str) -> bool:
+        return any(name in session for session in self._sessions)
 
     def here(self, state: State, references: Sequence[Reference]) -> tuple[Reference, ...]:
         """References that hold a contact on its way out where it is, not where it was."""
-        given = {getattr(reference, "name", "") for reference in references}
-        if not state.valid:
+        ease = self.ease
+        if ease is not None and self._kind == "velocity":
+            ease.still = not ease.second and not any(r.name in ease.names for r in references)
+        if not state.valid or (ease is not None and ease.still):
             return ()
-        return tuple(element.hold(state) for element in self.released_rows if element.name not in given)
+        given = [getattr(reference, "name", "") for reference in references]
+        return tuple([element.hold(state) for element in self.released_rows if element.name not in given])
 
-    def blend(self, a: Vec, b: Vec, last: Vec, joints: Index, *, wait: bool = False, unfinished: bool = False) -> Vec:
-        """x of this tick: as far from a to b as the schedule says, no further than the largest change allows.
+    @property
+    def ease(self) -> Easing | None:
+        """What eases the rows that only one stack of the pair has, None where they differ in more than these."""
+        return self._easings[self._at]
 
-        joints: which entries of x are a command.  wait: no further than before.  unfinished: a or b is the best point
-        within the deadline, which may lie anywhere; from the last x it is followed by the largest change at most.
+    def target(self, *, wait: bool = False) -> float:
+        """h that this tick comes to unless a command would change too fast.  wait: no further than before."""
+        return smooth(self._s if wait else min(1.0, self._s + self._step))
+
+    def blend(self, a: Vec, b: Vec, last: Vec, joints: Index | slice, h: float, *, unfinished: bool = False) -> Vec:
+        """x of this tick: as far from a to b as h says, no further than the largest change allows.
+
+        joints: which entries of x are a command.  unfinished: a or b is the best point within the deadline, which may
+        lie anywhere; from the last x it is followed by the largest change at most.
         """
-        pace = self._pace if self._spans[self._at] else 1.0
-        target = self._s if wait else min(1.0, self._s + pace)
-        difference, start = (b - a)[joints], (a - last)[joints]
-        h = smooth(target)
-        reach = float(np.abs(start + h * difference).max(initial=0.0))
-        if reach > self._cap:
-            least = min(target, self._s + SLOWEST * self._pace)
-            h = max(smooth(least), self._fastest(start, difference, h))
-        self._s = 1.0 if h >= 1.0 else max(self._s, inverse(h))
-        x = a + h * (b - a)
-        if unfinished and (reach := float(np.abs(x - last)[joints].max(initial=0.0))) > self._cap:
+        ease, way = self.ease, b - a
+        weight = h if ease is None else ease.weight(h)
+        x, s = a + weight * way, inverse(h)
+        if largest((x - last)[joints]) > self._cap:
+            least = smooth(min(s, self._s + SLOWEST * self._pace))
+            least = least if ease is None else ease.weight(least)
+            weight = max(least, self._fastest((a - last)[joints], way[joints], weight))
+            x, s = a + weight * way, inverse(weight if ease is None else ease.share(weight))
+        self._s = 1.0 if h >= 1.0 and weight >= 1.0 else max(self._s, s)
+        if unfinished and (reach := largest((x - last)[joints])) > self._cap:
             return last + (self._cap / reach) * (x - last)
         return x
+
+    @property
+    def _step(self) -> float:
+        return self._pace if self._spans[self._at] else 1.0
 
     def _fastest(self, start: Vec, difference: Vec, h: float) -> float:
         """The largest h below ``h`` for which |start + h difference| stays within the cap, 0 where there is none."""
@@ -141,6 +176,11 @@ class Transition:
             self._at, self._s = self._at + 1, 0.0
 
 
+def largest(change: Vec) -> float:
+    """The largest magnitude."""
+    return float(np.abs(change).max(initial=0.0))
+
+
 def smooth(s: float) -> float:
     """3 s^2 - 2 s^3."""
     return s * s * (3.0 - 2.0 * s)
@@ -148,4 +188,4 @@ def smooth(s: float) -> float:
 
 def inverse(h: float) -> float:
     """s with smooth(s) = h."""
-    return float(0.5 - np.sin(np.arcsin(1.0 - 2.0 * min(max(h, 0.0), 1.0)) / 3.0))
+    return 0.5 - math.sin(math.asin(1.0 - 2.0 * min(max(h, 0.0), 1.0)) / 3.0)

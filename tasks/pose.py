@@ -138,9 +138,12 @@ class Pose(_FramePose):
         return plans.Pose(*plans.apart(plans.frame(robot, self.frame), relative))
 
 
+_HERE = np.eye(4)
+
+
 def homogeneous(position: Vec, rotation: Mat) -> Mat:
     """``(4, 4)`` of a position ``(3,)`` and a rotation ``(3, 3)``."""
-    pose = np.eye(4)
+    pose = _HERE.copy()
     pose[:3, :3], pose[:3, 3] = rotation, position
     return pose
 

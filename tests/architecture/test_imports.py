@@ -53,9 +53,9 @@ for _part in ("robot", "robots", "tasks"):
 
 ABOVE = {
     "account", "adapters", "arguments", "changing", "comparison", "compiled", "conflict", "contact_watch", "controller",
-    "direct", "doctor", "estimation", "explain", "formulation", "goals", "lab", "loads", "markdown", "outgoing",
-    "recorder", "recording", "references", "replay", "restless", "serial", "session", "soundness", "sweep", "telling",
-    "tick", "torque", "transition", "viewer", "waypoints",
+    "direct", "doctor", "easing", "estimation", "explain", "formulation", "goals", "lab", "loads", "markdown",
+    "outgoing", "recorder", "recording", "references", "replay", "restless", "serial", "session", "soundness", "sweep",
+    "telling", "tick", "torque", "transition", "viewer", "waypoints",
 }  # fmt: skip
 """Formulations, sessions and what stands on them: they may import what they need, but in no circle."""
 

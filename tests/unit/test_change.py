@@ -168,7 +168,7 @@ def test_a_transition_slows_down_rather_than_jump() -> None:
     transition = Transition([None, None], way, 0.02, DT, "velocity")  # type: ignore[list-item]
     a, b, x, changes = np.zeros(2), np.array([0.5, -0.4]), np.zeros(2), []
     while not transition.done:
-        new = transition.blend(a, b, x, np.arange(2))
+        new = transition.blend(a, b, x, np.arange(2), transition.target())
         changes.append(float(np.abs(new - x).max()))
         x = new
         assert len(changes) < 100

@@ -11,7 +11,7 @@ import pytest
 
 import hqp
 from hqp import Level, P, Stack
-from hqp.restless import OFTEN, SPAN, LimitWatch
+from hqp.restless import OFTEN, SPAN, LimitWatch, Watched
 from hqp.tasks import JointLimits, Position, Posture
 
 DT = 0.002
@@ -54,7 +54,7 @@ def test_a_priced_arm_does_not() -> None:
 def test_rates_are_counted_and_fade() -> None:
     robot = hqp.robots.load("ur5")
     run = hqp.Controller(Stack(Level(Posture()), subject_to=[JointLimits()])).session(robot, DT)
-    watch = LimitWatch(run.program, robot, DT)
+    watch = LimitWatch(Watched(run.program, robot), DT)
     rows = sum(level.m for level in run.problem.levels)
     assert watch.parts == [slice(0, 6)]
 

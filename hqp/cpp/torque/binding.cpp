@@ -166,9 +166,10 @@ class Chain final : public hqp::SolveCall {
     kept_ = nb::make_tuple(elimination, rows, forces, A, bias, factor, J, gamma, map, phi, Q, T, top);
   }
 
-  nb::capsule before(const nb::capsule& next) {
-    next_ = hqp::call_of(next);
-    next_kept_ = next;
+  // next: of the solver, null where Python asks it.
+  nb::capsule before(const std::optional<nb::capsule>& next) {
+    next_ = next ? hqp::call_of(*next) : nullptr;
+    next_kept_ = next ? nb::object(*next) : nb::none();
     return hqp::capsule_of(this);
   }
 
@@ -183,7 +184,7 @@ class Chain final : public hqp::SolveCall {
     rows_.run(v, nullptr);
     if (forces_) forces_->run();
     const double before = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-    hqp::Solved found = next_->run(v);
+    hqp::Solved found = next_ ? next_->run(v) : hqp::Solved{hqp::kAskPython};
     found.before = before;
     return found;
   }
@@ -231,7 +232,7 @@ NB_MODULE(_torque, module) {
            "elimination"_a, "rows"_a, "forces"_a.none(), "A"_a.noconvert(), "bias"_a.noconvert(),
            "factor"_a.noconvert(), "J"_a.noconvert(), "gamma"_a.noconvert(), "tolerance"_a, "map"_a.noconvert(),
            "phi"_a.noconvert(), "Q"_a.noconvert(), "T"_a.noconvert(), "top"_a.noconvert())
-      .def("before", &Chain::before, "next"_a);
+      .def("before", &Chain::before, "next"_a.none());
   nb::class_<hqp::Holding>(module, "Holding")
       .def(nb::init<Ints, Ints, int>(), "actuated"_a, "others"_a, "constraints"_a)
       .def(
