@@ -353,10 +353,26 @@ class ExternalWrench:
     shape: tuple[int, ...] = field(default=(6,), init=False)
 
 
+@dataclass(frozen=True, eq=False)
+class KineticEnergy:
+    """L^T of the joint-space inertia L L^T ``(nv, nv)``; the reference, zero, is not read.
+
+    inertias: as in Momentum.  rotors: reflected rotor inertia of each tangent coordinate.
+    """
+
+    inertias: tuple[tuple[float, ...], ...]
+    rotors: tuple[float, ...]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the reference's value."""
+        return (len(self.rotors),)
+
+
 Plan: TypeAlias = (
     Point | Pose | Rotation | Angles | Edge | Wheel | Com | Joints | Coupling | JointBox | Constant | Collision
     | Still | Steady | Frozen | Pointing | Apart | Manipulability | Cone | Within | SupportPolygon
-    | Momentum | Payload | ExternalWrench
+    | Momentum | KineticEnergy | Payload | ExternalWrench
 )  # fmt: skip
 
 

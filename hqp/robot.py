@@ -149,6 +149,11 @@ class Robot(Protocol):
         ...
 
     @property
+    def rotors(self) -> Vec:
+        """Reflected rotor inertia of each tangent coordinate ``(nv,)`` [kg m^2, kg], on the diagonal of A."""
+        ...
+
+    @property
     def tree_joints(self) -> Sequence[TreeJoint] | None:
         """The joints for native forward kinematics, one for each of ``bodies`` but the world.
 

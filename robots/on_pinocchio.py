@@ -185,6 +185,11 @@ class Robot:
         return ((0.0,) * 6, *(tuple(float(own[at]) for at in places) for own in every[1:]))
 
     @property
+    def rotors(self) -> Vec:
+        """Reflected rotor inertia of each tangent coordinate ``(nv,)`` [kg m^2, kg], on the diagonal of A."""
+        return np.array(self.model.armature)
+
+    @property
     def tree_joints(self) -> Sequence[TreeJoint] | None:
         """The joints for native forward kinematics, None where one is neither of one axis nor a ball nor free."""
         return kinematic_tree.joints(self)

@@ -169,9 +169,11 @@ class Damping(_RateTask):
         inner[np.diag_indices_from(inner)] *= 0.5
         return np.asarray((L @ inner).T @ state.v)
 
-    def plan(self, robot: Robot) -> plans.Still | None:
-        """The native operation, none by kinetic energy."""
-        return None if self.kinetic_energy else plans.Still(tuple(range(robot.nv)))
+    def plan(self, robot: Robot) -> plans.Still | plans.KineticEnergy:
+        """The native operation."""
+        if not self.kinetic_energy:
+            return plans.Still(tuple(range(robot.nv)))
+        return plans.KineticEnergy(tuple(robot.inertias), tuple(robot.rotors.tolist()))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,7 +23,7 @@ from .test_derivatives import CLASSES, NAMES, examples
 pytestmark = pytest.mark.skipif(hqp.assembly.native is None, reason="no native assembly here")
 
 CASES = [(robot, name) for robot in ("cbi", "panda", "dreamer", "tiago") for name in CLASSES]
-PLANLESS = {"Damping"}  # by kinetic energy
+PLANLESS: set[str] = set()
 """Classes with rows on motion that have no native operation, and may do without."""
 OTHER = {
     "dreamer": {"f": "hand", "o": "base", "a": "torso_yaw", "b": "torso_hip", "c": "torso_thorax"},

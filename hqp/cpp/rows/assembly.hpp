@@ -13,6 +13,7 @@
 #include "collision.hpp"
 #include "com.hpp"
 #include "frames.hpp"
+#include "kinetic_energy.hpp"
 #include "laws.hpp"
 #include "loads.hpp"
 #include "loop.hpp"
@@ -243,8 +244,11 @@ class Assembly {
     }
     if (name == "Momentum") {
       tree_.need_centres();
-      return std::make_unique<hqp::Momentum>(out, tree_, p.ints("picked"), p.list<hqp::Momentum::Inertia>("inertias"));
+      return std::make_unique<hqp::Momentum>(out, tree_, p.ints("picked"), p.list<hqp::BodyInertia>("inertias"));
     }
+    if (name == "KineticEnergy")
+      return std::make_unique<hqp::KineticEnergy>(out, tree_, p.list<hqp::BodyInertia>("inertias"),
+                                                  p.numbers("rotors"));
     if (name == "Joints") return std::make_unique<hqp::Posture>(out, p.joints());
     if (name == "Coupling")
       return std::make_unique<hqp::Coupling>(out, p.part("joints").joints(), p.numbers("coefficients"));

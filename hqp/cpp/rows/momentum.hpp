@@ -1,18 +1,15 @@
 // Centroidal momentum, linear and about the centre of mass.
 #pragma once
 
-#include <array>
-
+#include "inertia.hpp"
 #include "rows.hpp"
 
 namespace hqp {
 
 class Momentum final : public Operation {
  public:
-  using Inertia = std::array<double, 6>;  // xx, yy, zz, xy, xz, yz about a body's centre of mass, in its axes
-
   // picked: of linear x, y, z, angular x, y, z. inertias: of all bodies.
-  Momentum(Target out, const Tree& tree, std::vector<int> picked, std::vector<Inertia> inertias)
+  Momentum(Target out, const Tree& tree, std::vector<int> picked, std::vector<BodyInertia> inertias)
       : out_(out), tree_(tree), picked_(std::move(picked)), inertias_(std::move(inertias)), about_(inertias_.size()) {
     if (inertias_.size() != tree_.bodies().size()) throw std::invalid_argument("an inertia for every body is needed");
   }
@@ -64,19 +61,11 @@ class Momentum final : public Operation {
     drift[0] = drift[0] + rate;
     drift[1] = drift[1] + cross(p - centre, rate);
   }
-  static Mat3 turned(const Mat3& R, const Inertia& I) {  // R I R^T
-    const Mat3 own{{{I[0], I[3], I[4]}, {I[3], I[1], I[5]}, {I[4], I[5], I[2]}}}, half = R * own;
-    Mat3 found;
-    for (int k = 0; k < 3; ++k)
-      found.column[k] =
-          R.column[0][k] * half.column[0] + R.column[1][k] * half.column[1] + R.column[2][k] * half.column[2];
-    return found;
-  }
 
   Target out_;
   const Tree& tree_;
   std::vector<int> picked_;
-  std::vector<Inertia> inertias_;
+  std::vector<BodyInertia> inertias_;
   std::vector<Mat3> about_;
 };
 
