@@ -141,7 +141,7 @@ def _from_file(path: Path, floating: bool | None, name: str | None) -> Robot:
 
 def _read(path: Path, floating: bool | None) -> Description:
     if path.suffix == ".urdf":
-        return from_urdf.read(path, floating is not False)
+        return from_urdf.read(path, floating)
     from . import agreement, from_mjcf  # MuJoCo is an extra
 
     found = from_mjcf.read(path, floating)

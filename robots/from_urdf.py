@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
@@ -10,26 +11,49 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from hqp.errors import ModelError
+from hqp.errors import DeclarationError, ModelError
 
 from .description import Description
 
+_KINDS = ("revolute", "prismatic", "continuous", "fixed", "floating", "planar")
+_TRIPLES = ("xyz", "rpy")
+_PREFIX = re.compile(rb"(</?|\s)([A-Za-z_][\w.-]*):([A-Za-z_][\w.-]*)(?=[\s=/>])")
 _AXIAL = ("revolute", "prismatic", "continuous", "planar")
 _SLACK = 1e-6  # of the triangle inequality, relative to the largest moment: decimals in files
 
 
-def read(path: Path, floating: bool) -> Description:
+def parsed(path: Path) -> ET.Element:
+    """The file's root element; prefixes that it does not declare become part of the names.  Raises ModelError."""
+    try:
+        text = path.read_bytes()
+        try:
+            return ET.fromstring(text)
+        except ET.ParseError as error:
+            if "unbound prefix" not in str(error):
+                raise
+        return ET.fromstring(_PREFIX.sub(rb"\1\2_\3", text))
+    except (ET.ParseError, UnicodeDecodeError) as error:
+        raise ModelError(f"{path} could not be read: {error}") from error
+
+
+def read(path: Path, floating: bool | None) -> Description:
     """The file's model, couplings and notes; raises ModelError that names the link or joint.
+
+    floating: whether the root is freed, None for where the file has no free root itself.  Raises DeclarationError where
+    the file frees the root that floating=False would fix.
 
     Refused: numbers that are not finite, negative masses, inertias of links that make that of the joints negative,
     axes of no length, lower limits above upper ones.  Warned of: other negative moments of inertia, those against the
     triangle inequality, limits that say nothing (zero or missing), joints that their limits hold in one place, mimic
     joints that follow an unknown one.
     """
-    try:
-        root = ET.parse(path).getroot()
-    except (ET.ParseError, UnicodeDecodeError) as error:
-        raise ModelError(f"{path} could not be read: {error}") from error
+    root = parsed(path)
+    freed = _free_root(root)
+    if freed and floating is False:
+        raise DeclarationError(
+            "floating", f"joint {freed!r} of {path} frees the root", value=False, allowed="None, True"
+        )
+    floating = floating is not False and not freed
     warnings: list[str] = []
     negative = [name for link in root.findall("link") if (name := _check_link(path, link, warnings))]
     _check_joints(path, root, warnings)
@@ -44,6 +68,20 @@ def read(path: Path, floating: bool) -> Description:
     found = Description(model=model, source=path, warnings=warnings)
     _read_mimics(path, root, found)
     return found
+
+
+def _free_root(root: ET.Element) -> str:
+    """Name of the one joint of the root link where it is floating, empty otherwise."""
+    joints = {str(j.get("name")): [_link(j, end) for end in ("parent", "child")] for j in root.findall("joint")}
+    children = {child for _, child in joints.values()}
+    first = [name for name, (parent, _) in joints.items() if parent not in children]
+    kinds = [j.get("type") for j in root.findall("joint") if j.get("name") in first]
+    return first[0] if kinds == ["floating"] else ""
+
+
+def _link(joint: ET.Element, end: str) -> str:
+    found = joint.find(end)
+    return "" if found is None else str(found.get("link"))
 
 
 def _indefinite(model: Any) -> bool:
@@ -61,6 +99,8 @@ def _numbers(path: Path, what: str, element: ET.Element | None, default: str, *n
             parts = [float(word) for word in text.split()]
         except ValueError:
             raise ModelError(f"{path}: {what}: {name}={text!r} is no number") from None
+        if name in _TRIPLES and len(parts) != 3:
+            raise ModelError(f"{path}: {what}: {name}={text!r} has {len(parts)} numbers, allowed 3")
         if not all(map(math.isfinite, parts)):
             raise ModelError(f"{path}: {what}: {name}={text!r} is not finite")
         values += parts
@@ -95,6 +135,8 @@ def _check_joints(path: Path, root: ET.Element, warnings: list[str]) -> None:
     for joint in root.findall("joint"):
         name, kind = str(joint.get("name")), joint.get("type")
         what, limit = f"joint {name!r}", joint.find("limit")
+        if kind not in _KINDS:
+            raise ModelError(f"{path}: {what} is of type {kind!r}; allowed: {', '.join(_KINDS)}")
         _numbers(path, what, joint.find("origin"), "0 0 0", "xyz", "rpy")
         axis = _numbers(path, what, joint.find("axis"), "1 0 0", "xyz")
         if kind in _AXIAL and (len(axis) != 3 or not any(axis)):

@@ -11,9 +11,11 @@ import pinocchio as pin
 from hqp.arrays import Mat
 from hqp.errors import ModelError
 
+from . import from_urdf
 from .geometry import points
 from .mujoco_extra import mujoco
 
+_THIN = 1e-3  # [m]
 _SHOWN = (0.75, 0.76, 0.79, 1.0)
 
 
@@ -22,7 +24,7 @@ def read(robot: Any) -> Any:
 
     Meshes are taken as their convex hulls.  Pairs of links that touch at home do not collide.
     """
-    root = ET.parse(robot.source).getroot()
+    root = from_urdf.parsed(robot.source)
     for link in root.findall("link"):
         for kind in ("visual", "collision"):
             for shape in link.findall(kind):
@@ -35,7 +37,7 @@ def read(robot: Any) -> Any:
         spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
     except ValueError as error:
         raise ModelError(f"{robot.source}: MuJoCo cannot read it: {error}") from error
-    if robot.floating:
+    if robot.floating and robot.model.names[1] not in [joint.name for joint in spec.joints]:
         free = spec.worldbody.first_body().add_freejoint()
         free.name = robot.model.names[1]
     _free_frames(spec, robot)
@@ -80,11 +82,20 @@ def _shapes(spec: Any, robot: Any) -> None:
         body = bodies.get(name)
         if body is None:
             raise ModelError(f"{robot.name}: MuJoCo has no body {name!r} for the shape {item.name!r}")
+        if _vanishes(item.geometry):
+            continue
         local = _placement_in(robot, name, item.placement)
         wxyz = pin.Quaternion(local.rotation)
         geom = body.add_geom(name=item.name, pos=local.translation, rgba=_SHOWN, mass=0.0)
         geom.quat = [wxyz.w, wxyz.x, wxyz.y, wxyz.z]
         _fill(spec, geom, item)
+
+
+def _vanishes(shape: Any) -> bool:
+    """Whether a shape has no size, which MuJoCo refuses."""
+    if hasattr(shape, "radius"):
+        return not shape.radius > 0.0
+    return hasattr(shape, "halfSide") and not np.all(np.asarray(shape.halfSide) > 0.0)
 
 
 def _fill(spec: Any, geom: Any, item: Any) -> None:
@@ -104,10 +115,20 @@ def _fill(spec: Any, geom: Any, item: Any) -> None:
 
 
 def hull(cloud: Mat) -> tuple[Mat, Any]:
-    """Corners ``(n, 3)`` and triangles ``(m, 3)``, turned outwards, of the convex hull of points."""
-    from scipy.spatial import ConvexHull
+    """Corners ``(n, 3)`` and triangles ``(m, 3)``, turned outwards, of the convex hull of points.
 
-    found = ConvexHull(cloud)
+    Points in a plane or on a line are made _THIN thick.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        found = ConvexHull(cloud)
+    except QhullError:
+        axes = np.linalg.svd(cloud - cloud.mean(axis=0), full_matrices=True)[2] * _THIN
+        thin = axes[np.ptp((cloud - cloud.mean(axis=0)) @ axes.T, axis=0) < 1e-2 * _THIN**2]
+        for axis in thin if len(thin) else axes[2:]:
+            cloud = np.vstack((cloud - 0.5 * axis, cloud + 0.5 * axis))
+        found = ConvexHull(cloud)
     place = np.full(len(cloud), -1)
     place[found.vertices] = np.arange(len(found.vertices))
     corners, faces = cloud[found.vertices], place[found.simplices]

@@ -201,3 +201,38 @@ def test_pinocchios_own_mimic_joints_are_refused(tmp_path: Path) -> None:
     model = pin.buildModelFromUrdf(str(with_fingers(tmp_path)), mimic=True)
     with pytest.raises(ModelError, match=r"right_finger.*mimic=True"):
         Robot(model)
+
+
+def test_a_prefix_that_the_file_does_not_declare_is_read_over(tmp_path: Path) -> None:
+    """Drake's attributes and elements, as in files of several packages; readers of URDF pass over them."""
+    path = write(tmp_path, limit=LIMIT.replace("lower", 'drake:acceleration="2.5" lower'))
+    path.write_text(path.read_text().replace("</robot>", "<drake:group name='a'><drake:member/></drake:group></robot>"))
+    robot = hqp.robots.load(path, floating=False)
+    assert robot.upper[robot.joints("elbow")[0]] == 1.5
+
+
+def test_a_root_that_the_file_frees_is_freed_once(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    joint = '<joint name="free" type="floating"><parent link="world"/><child link="base"/></joint>'
+    path.write_text(path.read_text().replace("</robot>", f'<link name="world"/>{joint}</robot>'))
+    for floating in (None, True):
+        robot = hqp.robots.load(path, floating=floating)
+        assert robot.floating
+        assert robot.nv == 8
+    with pytest.raises(DeclarationError, match="'free'"):
+        hqp.robots.load(path, floating=False)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('type="revolute"', 'type="spherical"', r"joint 'shoulder' is of type 'spherical'"),
+        ('<origin xyz="0 0 0.2"/>', '<origin xyz="0 0 0.2 0"/>', r"xyz='0 0 0.2 0' has 4 numbers"),
+        ('<origin xyz="0 0 0.2"/>', '<origin rpy="1, 2 3"/>', r"rpy='1, 2 3' is no number"),
+    ],
+)
+def test_what_the_reader_would_not_name_is_named(tmp_path: Path, old: str, new: str, told: str) -> None:
+    path = write(tmp_path)
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(ModelError, match=told):
+        hqp.robots.load(path)
