@@ -41,12 +41,17 @@ def within_rates(
 def violations(program: Program, residuals: tuple[Vec, ...], why: str = "") -> tuple[Note, ...]:
     """Notes on the members of ``subject_to`` that are off."""
     notes, problem = [], program.problem
+    sizes = [np.abs(w) for w in residuals[: problem.constraints]]
+    off = [
+        w > VIOLATION_TOLERANCE * (1.0 + np.minimum(np.abs(rows.lower), np.abs(rows.upper)))
+        for rows, w in zip(problem.levels, sizes, strict=False)
+    ]
+    any_off = [bool(found.any()) for found in off]
     for name, place in program.places.items():
-        if place.level < problem.constraints:
-            rows, w = problem.levels[place.level], np.abs(residuals[place.level][place.part])
-            bound = np.minimum(np.abs(rows.lower[place.part]), np.abs(rows.upper[place.part]))
-            if np.any(w > VIOLATION_TOLERANCE * (1.0 + bound)):
-                notes.append(Note(name, Status.CONSTRAINTS_VIOLATED, f"off by up to {w.max():.3g}{why}"))
+        k = place.level
+        if k < problem.constraints and any_off[k] and off[k][place.part].any():
+            worst = sizes[k][place.part].max()
+            notes.append(Note(name, Status.CONSTRAINTS_VIOLATED, f"off by up to {worst:.3g}{why}"))
     return tuple(notes)
 
 

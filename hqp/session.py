@@ -6,6 +6,7 @@ import logging
 import math
 import threading
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from time import monotonic, perf_counter
 from typing import TYPE_CHECKING, NoReturn
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, NoReturn
 import numpy as np
 
 from hqp.arrays import Index, Vec
+from hqp.budget import Budget
 from hqp.changing import blended, change, path
 from hqp.compiled import Compiled, Compiler
 from hqp.contact_watch import ContactWatch
@@ -58,8 +60,8 @@ class Session:
         self.count = 0
         self._lock = threading.Lock()
         self._check = StateCheck(robot, controller.bounds, max_age)
-        self._deadline = DEADLINE * self.dt if controller.deadline is None else controller.deadline
-        self._compiler = Compiler(controller, robot, self.dt, self._deadline)
+        self._budget = Budget(DEADLINE * self.dt if controller.deadline is None else controller.deadline)
+        self._compiler = Compiler(controller, robot, self.dt, self._budget.deadline)
         self._transition: Transition | None = None
         require_sound(robot)
         compiled = self._compiler.compile(controller.stack)
@@ -146,7 +148,8 @@ class Session:
         if not (state.square < self._check.ordinary and state.valid):
             return None
         if direct.fresh and self._limit is not None:
-            self._limit(self._deadline)
+            self._budget.begin()
+            self._limit(self._budget.left(0.0))
         self.program.prepare(state)
         before = self._x if self._latest is None else self._latest
         found = direct.step(state, references, before)
@@ -209,6 +212,8 @@ class Session:
 
     def _step(self, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
         start = perf_counter()
+        if self._limit is not None:
+            self._budget.begin()
         self._leave_direct()
         self.count += 1
         if state.robot is not self.robot:
@@ -238,7 +243,7 @@ class Session:
             self._ease()
         filled = perf_counter()
         if self._limit is not None and self._good is not None:  # the very first answer may take its time
-            self._limit(max(self._deadline - (filled - start), 1e-6))
+            self._limit(self._budget.left(filled - start))
         solution = self.workspace.solve(program.problem)
         tick = self._conclude(state, solution, notes, start, prepared, filled)
         if not self._direct_known and self._good is not None:
@@ -266,12 +271,13 @@ class Session:
         elif not float(x.dot(x)) < math.inf:
             notes += (Note("solver", Status.NOT_CERTIFIED, "the answer is not finite"),)
             return self._held_tick(state, solution, notes, fit=True)
-        held_back = None
+        later: list[Callable[[], tuple[Note, ...]]] = []  # all OPTIMAL: their texts are made when they are read
         if solution.stage_points is not None:
             named = frozenset(reference.name for reference in self._named)
-            held_back = self._teller.held_back(self.count, solution, named)
+            if held_back := self._teller.held_back(self.count, solution, named):
+                later.append(held_back)
         if restless := self._limits.look(solution.active, self.count):
-            notes += restless_notes(restless)
+            later.append(partial(restless_notes, restless))
         if self._contacts.missing:
             notes += tuple(Note(name, Status.CONTACT_LOST, why) for name, why in self._contacts.lost())
         if self._limiter is not None:
@@ -280,8 +286,11 @@ class Session:
         for note in notes:
             status = status if note.status.severity <= status.severity else note.status
         command = program.command(x)
-        times = Times(prepared - start, filled - prepared, solved - filled, perf_counter() - solved)
-        told: Notes = notes if held_back is None else lambda: (*notes, *held_back())
+        end = perf_counter()
+        if self._limit is not None:
+            self._budget.end(cut=solution.status is Status.TIME_LIMIT)
+        times = Times(prepared - start, filled - prepared, solved - filled, end - solved)
+        told: Notes = (lambda: (*notes, *(note for make in later for note in make()))) if later else notes
         return Tick(self, state, self._x, command, program.command(last), status, told, solution, times, 0)
 
     def _held_tick(self, state: State, solution: Solution | None, notes: tuple[Note, ...], *, fit: bool) -> Tick:

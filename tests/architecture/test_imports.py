@@ -52,10 +52,10 @@ for _part in ("robot", "robots", "tasks"):
     MAY[_part] |= {"shapes"}
 
 ABOVE = {
-    "account", "adapters", "arguments", "changing", "comparison", "compiled", "conflict", "contact_watch", "controller",
-    "direct", "doctor", "easing", "estimation", "explain", "formulation", "goals", "lab", "loads", "markdown",
-    "outgoing", "recorder", "recording", "references", "replay", "restless", "serial", "session", "soundness", "sweep",
-    "telling", "tick", "torque", "transition", "viewer", "waypoints",
+    "account", "adapters", "arguments", "budget", "changing", "comparison", "compiled", "conflict", "contact_watch",
+    "controller", "direct", "doctor", "easing", "estimation", "explain", "formulation", "goals", "lab", "loads",
+    "markdown", "outgoing", "recorder", "recording", "references", "replay", "restless", "serial", "session",
+    "soundness", "sweep", "telling", "tick", "torque", "transition", "viewer", "waypoints",
 }  # fmt: skip
 """Formulations, sessions and what stands on them: they may import what they need, but in no circle."""
 
