@@ -20,12 +20,13 @@ def test_the_margin_follows_how_late_ticks_end(monkeypatch: pytest.MonkeyPatch) 
     assert each.left(1e-4) == pytest.approx((1.0 - FIRST) * 1e-3 - 1e-4)
     for _ in range(40_000):
         each.begin()
-        clock += each.left(1e-4) + 1e-4 + rng.uniform(0.0, 4e-4)  # what comes after the solver
+        clock += each.left(1e-4) + 1e-4 + rng.exponential(5e-5)  # what comes after the solver
         late.append(clock)
         each.end(cut=True)
     ends = np.diff([0.0, *late])
     assert np.mean(ends[5000:] > 1e-3) < 5.0 * LATE
-    assert 3.5e-4 < each.margin < 4.0e-4 + STEP  # the quantile, no more than that
+    quantile = -5e-5 * math.log(LATE)
+    assert abs(each.margin - quantile) < 2.0 * STEP
 
 
 def test_the_margin_has_its_limits(monkeypatch: pytest.MonkeyPatch) -> None:

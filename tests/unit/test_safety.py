@@ -18,7 +18,7 @@ from hqp.element import Inequality
 from hqp.errors import ConcurrentUse, DeclarationError, HqpError, ModelError, UnknownReference
 from hqp.robots import Robot
 from hqp.safety import Braking, RateLimits, StateBounds
-from hqp.tasks import Com, FixedContact, JointLimits, JointTorque, Position, Posture, TorqueLimits
+from hqp.tasks import Com, FixedContact, JointLimits, JointTorque, Momentum, Position, Posture, TorqueLimits
 
 DT = 0.002
 
@@ -514,9 +514,18 @@ def test_a_chain_without_mass_is_found_before_the_loop(formulation: Any) -> None
     if torque:
         with pytest.raises(ModelError, match=r"light.*j2.*positive definite"):
             hqp.Controller(joints, formulation).session(last, DT)
-    else:  # no row needs the inertia
-        run = hqp.Controller(joints, formulation).session(last, DT)
-        assert run.step(last.state()).status is Status.OPTIMAL
+        return
+    whole = Stack(Level(Com(axes="xy")), *joints.levels, subject_to=joints.subject_to)
+    for stack in (joints, whole):  # no row needs the inertia, and the robot has a CoM
+        tick = hqp.Controller(stack, formulation).session(last, DT).step(last.state())
+        assert tick.status is Status.OPTIMAL
+        assert np.isfinite(tick.command).all()
+    for task, name, robot in (
+        (Com(axes="xy", subtree="j2"), "com", last),  # of the link without mass
+        (Momentum(), "momentum", three_links("no mass")),
+    ):
+        with pytest.raises(ModelError, match=f"light.*{name}: its Jacobian is not finite"):
+            hqp.Controller(Stack(Level(task)), formulation).session(robot, DT)
 
 
 class SingularAtHome(Posture):
