@@ -49,7 +49,7 @@ class LimitWatch:
     def __init__(self, watched: Watched, dt: float) -> None:
         self.parts, self._own, self._names, self._dt = watched.parts, watched.own, watched.names, dt
         self._side, self._rate = np.zeros(len(self._names), dtype=np.int8), np.zeros(len(self._names))
-        self._last, self._tick, self._seen = bytearray(), 0, 0
+        self._last, self._tick, self._seen, self._peak = bytearray(), 0, 0, 0.0
         self.busy = False
         """Whether a rate has still to fade."""
 
@@ -83,15 +83,24 @@ class LimitWatch:
         if turned.any():
             self._fade()
             self._rate[turned] += 1.0 / SPAN
+            self._peak = float(self._rate.max())
             self.busy = True
         return self._restless() if self.busy else ()
 
+    def _faded(self) -> float:
+        return math.exp(-(self._tick - self._seen) * self._dt / SPAN)
+
     def _fade(self) -> None:
-        self._rate *= math.exp(-(self._tick - self._seen) * self._dt / SPAN)
+        factor = self._faded()
+        self._rate *= factor
+        self._peak *= factor
         self._seen = self._tick
 
     def _restless(self) -> tuple[tuple[str, float], ...]:
+        peak = self._peak * self._faded()
+        self.busy = peak > 0.1 * OFTEN
+        if peak <= OFTEN:
+            return ()
         self._fade()
         rates: Vec = self._rate
-        self.busy = bool(rates.max(initial=0.0) > 0.1 * OFTEN)
         return tuple((self._names[i], float(rates[i])) for i in np.flatnonzero(rates > OFTEN))
