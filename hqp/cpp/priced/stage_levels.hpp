@@ -102,6 +102,7 @@ class StageLevels final : public PricedStages {
       at_.point(y_.data(), x_.data());
       if (priced) {
         if (hand_down(k, x_.data())) met = false;
+        else settled_.begin_with(k, warm_[k], row_of_);  // the stage ended at the point of least motion
         std::copy(x_.begin(), x_.end(), stages + static_cast<std::size_t>(k) * n_);
       } else {
         hold(k, x_.data());
