@@ -1,4 +1,4 @@
-"""pink's yumi: two arms cross to where the other one was, and do not touch.  Baxter, as no package has the yumi."""
+"""Two arms of Baxter cross to where the other one was, and do not touch (pink's yumi: yumi.py)."""
 
 import numpy as np
 

@@ -27,6 +27,8 @@ KEPT = 0.8
 """Share of their distance at home that two links keep at most."""
 MOST = 64
 """Slots by default, where there are more pairs."""
+SHORT = 0.01
+"""Capsules whose axis is shorter than this [m] are as good as a ball on a face."""
 
 
 Tables: TypeAlias = tuple[
@@ -81,10 +83,10 @@ class Scene:
         self._twin = robot.copy()
         self._twin.state(self._twin.home).kinematics()
         home, declared = self._twin.bodies, element.poses()
-        self._local = [(np.array(c.a), np.array(c.b)) for c in self.capsules]
         found: list[tuple[int, int]] = []
         clearances: list[float] = []
-        self.pairs: list[tuple[int, int]] = self._candidates()
+        self.pairs: list[tuple[int, int]] = self._with_ends(self._candidates())
+        self._local = [(np.array(c.a), np.array(c.b)) for c in self.capsules]
         for k, (one, two) in enumerate(self.pairs):
             clearance = element.clearance
             if two < self.links:
@@ -224,6 +226,26 @@ class Scene:
             and frozenset((_link(names[i]), _link(names[j]))) not in off
         ]
         return links + world
+
+    def _with_ends(self, pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
+        """The pairs, and next to one of a capsule with something flat those of its two ends.
+
+        The nearest point of a capsule that lies on a face jumps from one end to the other, and commands alternate where
+        only that point has a row.
+        """
+        flat = {self.links + k for k, s in enumerate(self.world) if s.kind not in ("sphere", "capsule")}
+        lying = [(i, j) for i, j in pairs if j in flat and math.dist(self.capsules[i].a, self.capsules[i].b) > SHORT]
+        ends: dict[int, int] = {}
+        capsules = list(self.capsules)
+        for i, _ in lying:
+            if i not in ends:
+                ends[i] = len(capsules)
+                own = capsules[i]
+                capsules += [own._replace(b=own.a), own._replace(a=own.b)]
+        more = len(capsules) - self.links
+        whole = [(i, j + more if j >= self.links else j) for i, j in pairs]
+        self.capsules, self.links = tuple(capsules), len(capsules)
+        return whole + [(ends[i] + k, j + more) for i, j in lying for k in (0, 1)]
 
     def _apart(self, one: int, two: int) -> int:
         """Number of joints between two bodies."""

@@ -21,6 +21,7 @@ NEEDS = {
     "pink_g1": "pink",
     "stretch": "stretch_urdf",
     "view_g1": "viser",
+    "yumi": "robosuite_models",
 }
 ARGUMENTS = {"view_g1": ["2"]}
 CORPUS = Path(os.environ.get("HQP_CORPUS", "build/corpus")).absolute()
@@ -28,6 +29,7 @@ MODELS = {
     "aloha": "gym_aloha/assets",
     "hand_with_cube": "gymnasium_robotics/envs/assets/hand/manipulate_block.xml",
     "stretch": "stretch_urdf/SE3/stretch_description_SE3_eoa_wrist_dw3_tool_sg3.urdf",
+    "yumi": "robosuite_models/assets/robots/yumi/robot.xml",
 }
 """Models of other packages, which ``make corpus`` fetches."""
 

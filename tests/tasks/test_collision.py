@@ -147,6 +147,38 @@ def test_a_hand_stops_at_a_mesh(panda: Any, tmp_path: Any) -> None:
     assert -5e-4 < least < 5e-3
 
 
+@pytest.mark.parametrize("kind", ["box", "half_space", "mesh"])
+def test_both_ends_of_a_capsule_that_lies_on_a_face_have_rows(kind: str, tmp_path: Any) -> None:
+    """With the nearest point's row alone, that point jumps from end to end, and commands alternate for good."""
+    model = pin.Model()
+    wrist = model.addJoint(0, pin.JointModelPZ(), pin.SE3.Identity(), "lift")
+    joint = model.addJoint(wrist, pin.JointModelRY(), pin.SE3.Identity(), "tilt")
+    for k in (wrist, joint):
+        model.appendBodyToJoint(k, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    bare = hqp.robots.Robot(model, name="stamp").with_capsules(
+        [LinkCapsule("stamp", joint, (-0.1, 0, 0), (0.1, 0, 0), 0.02)]
+    )
+    write_box(tmp_path / "table.stl", np.array([0.5, 0.5, 0.1]))
+    world = {
+        "box": shapes.box("table", (1.0, 1.0, 0.2), (0.0, 0.0, -0.1)),
+        "half_space": shapes.half_space("table"),
+        "mesh": shapes.mesh("table", tmp_path / "table.stl", (0.0, 0.0, -0.1)),
+    }
+    avoid = CollisionAvoidance(pairs="world", world=world[kind], clearance=0.01)
+    down = Posture(joints="lift", law=P(5.0), name="down")
+    stack = Stack(Level(down), Level(Posture(joints="tilt")), subject_to=[avoid])
+    session = hqp.Controller(stack, deadline=math.inf).session(bare, 0.01)
+    q, commands = np.array([0.15, 0.3]), []
+    for _ in range(300):
+        tick = session.step(bare.state(q), down.at([-0.2]))
+        commands.append(tick.command)
+        q, _ = tick.advance()
+    near = [n for n in avoid.near(bare.state(q)) if n is not None]
+    assert {round(float(n.point[0]), 2) for n in near} >= {-0.1, 0.1}
+    assert min(n.distance for n in near) == pytest.approx(0.01, abs=1e-6)
+    assert np.abs(commands[-1]).max() < 1e-6
+
+
 def test_meshes_that_are_none(panda: Any, tmp_path: Any) -> None:
     with pytest.raises(DeclarationError, match="no such file"):
         shapes.mesh("bunny", tmp_path / "bunny.stl")

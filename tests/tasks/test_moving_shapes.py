@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ import hqp
 from hqp import Level, P, Stack, shapes
 from hqp.errors import DeclarationError
 from hqp.tasks import CollisionAvoidance, JointLimits, Position, Posture
+
+from .test_collision import write_box
 
 WORLD = (
     shapes.sphere("ball", 0.1),
@@ -133,3 +136,61 @@ def test_bad_velocities() -> None:
         avoid.at({}, {"ball": [0.0, 1.0]})
     with pytest.raises(DeclarationError, match="bell"):
         avoid.at({}, {"bell": [0.0, 0.0, 1.0]})
+
+
+@pytest.fixture
+def block(tmp_path: Path) -> Any:
+    """A mesh of a box, and the box."""
+    path = tmp_path / "block.stl"
+    write_box(path, np.array([0.1, 0.15, 0.125]))
+    return shapes.mesh("block", path), shapes.box("block", (0.2, 0.3, 0.25))
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_moving_mesh_has_the_rows_of_the_box_that_it_is(panda: Any, block: Any, order: int, written: Any) -> None:
+    """J and the bounds with the motion of the world in them, drift included; coal's distances are exact to 1e-6."""
+    mesh, box = (CollisionAvoidance(pairs="world", world=shape, influence=0.6) for shape in block)
+    rng, compared = np.random.default_rng(4), 0
+    for _ in range(12):
+        poses, rates = around(panda, rng)
+        pose, rate = {"block": poses["box"]}, {"block": rates["box"]}
+        q, v = panda.integrate(panda.home, 0.2 * rng.normal(size=panda.nv), 1.0), rng.normal(size=panda.nv)
+        rows = []
+        for element in (mesh, box):
+            at, state = element.at(pose, rate), panda.state(q, v)
+            near = element.near(state, at.value)
+            own = written(element, state, at, order, native=False)
+            rows.append({n.pair: (n, own.J[k], own.lower[k]) for k, n in enumerate(near) if n is not None})
+        for pair in rows[0].keys() & rows[1].keys():
+            (n, J, lower), (m, K, other) = rows[0][pair], rows[1][pair]
+            if m.distance < 0.01 or np.linalg.norm(n.point - m.point) > 1e-3:
+                continue  # one of several nearest points
+            np.testing.assert_allclose(J, K, atol=5e-3)
+            assert lower == pytest.approx(other, abs=2e-2 if order == 1 else 0.5, rel=2e-2)
+            compared += 1
+    assert compared > 20
+
+
+@pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration()], ids=["velocity", "acceleration"])
+def test_a_hand_gives_way_to_a_moving_mesh(panda: Any, block: Any, formulation: Any) -> None:
+    frame, dt, least = "panda_hand_tcp", 0.005, math.inf
+    order = 1 if isinstance(formulation, hqp.Velocity) else 2
+    place = panda.state().position(frame)
+    fingers = ("panda_hand", "panda_leftfinger", "panda_rightfinger", "panda_link7")
+    avoid = CollisionAvoidance(
+        pairs=tuple((f, "block") for f in fingers), world=block[0], clearance=0.02, influence=0.15, recovery=0.1
+    )
+    hand = Position(frame=frame, law=P(3.0, max_velocity=0.5) if order == 1 else None)
+    stack = Stack(Level(hand), Level(Posture()), subject_to=[JointLimits(), avoid])
+    session = hqp.Controller(stack, formulation, deadline=math.inf).session(panda, dt)
+    q, v = panda.home, np.zeros(panda.nv)
+    for k in range(300):
+        pose = np.eye(4)
+        pose[:3, 3] = place + [0.0, 0.45 - 0.2 * dt * k, 0.03]
+        at = avoid.at({"block": pose}, {"block": np.array([0.0, -0.2, 0.0, 0.0, 0.0, 0.0])})
+        tick = session.step(panda.state(q, v), at, hand.at(place))
+        assert tick.status == hqp.Status.OPTIMAL
+        q, v = tick.advance()
+        least = min([least, *(n.distance for n in avoid.near(panda.state(q), at.value) if n is not None)])
+    assert 0.012 < least < 0.03
+    assert np.linalg.norm(panda.state(q).position(frame) - place) > 0.04
