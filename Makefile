@@ -68,12 +68,12 @@ problem-sets: setup
 
 CPP := $(wildcard hqp/cpp/*/*.hpp hqp/cpp/*/*.cpp tests/solvers/native/*.cpp)
 
-# Every MJCF of PyPI packages (180 MB), read and compared with MuJoCo; examples on models of packages.
+# Every MJCF of PyPI packages (340 MB), read and compared with MuJoCo; examples on models of packages.
 CORPUS := build/corpus
 corpus: setup
 	mkdir -p $(CORPUS)
 	$(BIN)/python -m pip download --quiet --no-deps --dest $(CORPUS) dm_control gymnasium-robotics \
-	    hello-robot-stretch-urdf gym-aloha robosuite-models
+	    hello-robot-stretch-urdf gym-aloha robosuite-models robosuite
 	for wheel in $(CORPUS)/*.whl; do $(BIN)/python -m zipfile -e $$wheel $(CORPUS); done
 	HQP_CORPUS=$(CORPUS) $(BIN)/python -m pytest -s -m corpus tests/robots tests/examples
 

@@ -20,6 +20,7 @@ NEEDS = {
     "hand_with_cube": "gymnasium_robotics",
     "pink_g1": "pink",
     "stretch": "stretch_urdf",
+    "tidybot": "robosuite",
     "view_g1": "viser",
     "yumi": "robosuite_models",
 }
@@ -29,6 +30,7 @@ MODELS = {
     "aloha": "gym_aloha/assets",
     "hand_with_cube": "gymnasium_robotics/envs/assets/hand/manipulate_block.xml",
     "stretch": "stretch_urdf/SE3/stretch_description_SE3_eoa_wrist_dw3_tool_sg3.urdf",
+    "tidybot": "robosuite/models/assets",
     "yumi": "robosuite_models/assets/robots/yumi/robot.xml",
 }
 """Models of other packages, which ``make corpus`` fetches."""

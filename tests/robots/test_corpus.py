@@ -1,4 +1,4 @@
-"""Every MJCF of the wheels of dm_control, gymnasium-robotics and gym-aloha: ``make corpus`` fetches and reads them."""
+"""Every MJCF of the wheels that ``make corpus`` fetches."""
 
 from __future__ import annotations
 
