@@ -28,7 +28,7 @@ FORMULATIONS: dict[str, Callable[[], Formulation]] = {
     "acceleration": hqp.Acceleration,
     "torque": hqp.Torque,
 }
-LIBRARIES = ("pink 4.4", "mink 1.3", "placo 0.10", "tsid 1.10", "embodik 0.23")
+LIBRARIES = ("pink 4.4", "mink 1.3", "placo 0.10", "tsid 1.10", "embodik 0.23", "OpenSoT")
 
 HAND, HEAD, FEET = "r_palm", "head", ("l_sole", "r_sole")
 FOOT = "l_sole"
@@ -78,49 +78,69 @@ HELD = ("ExternalWrench", "Payload", "Frozen", "JointLimits", "BallLimits", "Tor
 """Those that belong into ``subject_to``."""
 CONTACTS = ("EdgeContact", "FixedContact", "OmniWheelContact", "PointContact", "WheelContact", "Weld", "JointCoupling")
 
-ELSEWHERE: dict[str, tuple[str, str, str, str, str]] = {
-    "AlignAxis": ("", "AxisAlignTask", "AxisAlignTask", "", ""),
-    "BaseVelocityLimits": ("FloatingBaseVelocityLimit", "FreeJointVelocityLimit", "", "", "set_base_*_bounds"),
-    "CenterOfPressure": ("", "", "Contact6D", "Contact6d, TaskCopEquality", "ZmpAccelerationConstraint"),
+ELSEWHERE: dict[str, tuple[str, str, str, str, str, str]] = {
+    "AlignAxis": ("", "AxisAlignTask", "AxisAlignTask", "", "", ""),
+    "BaseVelocityLimits": ("FloatingBaseVelocityLimit", "FreeJointVelocityLimit", "", "", "set_base_*_bounds", ""),
+    "CenterOfPressure": ("", "", "Contact6D", "Contact6d, TaskCopEquality", "ZmpAccelerationConstraint", "force::CoP"),
     "CollisionAvoidance": (
-        "SelfCollisionBarrier", "CollisionAvoidanceLimit", "AvoidSelfCollisions*Constraint", "", "CollisionConstraint",
+        "SelfCollisionBarrier", "CollisionAvoidanceLimit", "AvoidSelfCollisions*Constraint",
+        "", "CollisionConstraint", "CollisionAvoidance",
     ),
-    "Com": ("ComTask", "ComTask", "CoMTask", "TaskComEquality", "COMTask"),
-    "Cone": ("", "", "ConeConstraint", "", ""),
-    "ContactForce": ("", "", "Contact (objective weights)", "ContactBase force task", ""),
-    "Damping": ("DampingTask", "DampingTask, KineticEnergyRegularizationTask", "RegularizationTask", "", ""),
-    "Distance": ("", "", "DistanceTask", "", ""),
-    "EdgeContact": ("", "", "LineContact", "", ""),
-    "ExternalWrench": ("", "", "ExternalWrenchContact", "", ""),
-    "FixedContact": ("FrameTask as constraint", "FrameTask as constraint", "Contact6D", "Contact6d", "TightFramePose"),
-    "FrictionCone": ("", "", "Contact", "Contact6d", ""),
-    "Frozen": ("", "DofFreezingTask", "mask_dof", "", "excluded_joint_indices"),
-    "JointCoupling": ("JointCouplingTask, LinearHolonomicTask", "EqualityConstraintTask", "GearTask", "", ""),
+    "Com": ("ComTask", "ComTask", "CoMTask", "TaskComEquality", "COMTask", "CoM"),
+    "Cone": ("", "", "ConeConstraint", "", "", ""),
+    "ContactForce": ("", "", "Contact (objective weights)", "ContactBase force task", "", "force::Wrench"),
+    "Damping": (
+        "DampingTask", "DampingTask, KineticEnergyRegularizationTask", "RegularizationTask",
+        "", "", "MinimumVelocity",
+    ),
+    "Distance": ("", "", "DistanceTask", "", "", ""),
+    "EdgeContact": ("", "", "LineContact", "", "", ""),
+    "ExternalWrench": ("", "", "ExternalWrenchContact", "", "", ""),
+    "FixedContact": (
+        "FrameTask as constraint", "FrameTask as constraint", "Contact6D",
+        "Contact6d", "TightFramePose", "Contact",
+    ),
+    "ForceLimits": ("", "", "", "", "", "force::WrenchLimits"),
+    "FrictionCone": ("", "", "Contact", "Contact6d", "", "force::FrictionCone"),
+    "Frozen": ("", "DofFreezingTask", "mask_dof", "", "excluded_joint_indices", ""),
+    "JointCoupling": ("JointCouplingTask, LinearHolonomicTask", "EqualityConstraintTask", "GearTask", "", "", ""),
     "JointLimits": (
-        "ConfigurationLimit, VelocityLimit, AccelerationLimit", "ConfigurationLimit, VelocityLimit",
-        "enable_*_limits", "TaskJointBounds", "enable_*_limits",
+        "ConfigurationLimit, VelocityLimit, AccelerationLimit", "ConfigurationLimit, VelocityLimit", "enable_*_limits",
+        "TaskJointBounds", "enable_*_limits", "JointLimits, VelocityLimits, AccelerationLimits",
     ),
-    "JointTorque": ("", "", "DynamicsTorqueTask", "TaskActuationEquality", ""),
-    "JointVelocity": ("JointVelocityTask", "", "", "", ""),
-    "LookAt": ("", "LookAtTask", "", "", ""),
-    "LowAcceleration": ("LowAccelerationTask", "", "", "", ""),
-    "Manipulability": ("ManipulabilityTask", "", "ManipulabilityTask", "", "ManipulabilityTask"),
-    "Momentum": ("", "", "CentroidalMomentumTask", "TaskAMEquality", "CentroidalMomentumTask"),
-    "OmniWheelContact": ("OmniwheelTask", "", "WheelTask", "", ""),
-    "Orientation": ("FrameTask", "FrameTask", "OrientationTask", "TaskSE3Equality, masked", "FrameTask"),
-    "PointContact": ("", "", "PointContact", "ContactPoint", "TightPoint"),
-    "Pose": ("FrameTask", "FrameTask", "FrameTask", "TaskSE3Equality", "FrameTask"),
-    "Position": ("FrameTask", "FrameTask", "PositionTask", "TaskSE3Equality, masked", "FrameTask"),
-    "Posture": ("PostureTask", "PostureTask", "JointsTask", "TaskJointPosture", "PostureTask"),
-    "SupportPolygon": ("", "", "CoMPolygonConstraint", "", "ComSupportPolygon*"),
-    "TorqueLimits": ("", "", "enable_torque_limits", "TaskActuationBounds", "EffortConstraintOptions"),
-    "TorqueSpeedLimits": ("", "", "enable_velocity_vs_torque_limits", "", ""),
-    "UnilateralContact": ("", "", "Contact", "Contact6d", ""),
-    "Weld": ("", "EqualityConstraintTask", "RelativeFrameTask, hard", "ContactTwoFramePositions", "RelativePose"),
-    "WheelContact": ("RollingTask", "", "WheelTask", "", ""),
-    "Within": ("PositionBarrier, BodySphericalBarrier", "", "", "", "TaskAccelerationBounds"),
+    "JointTorque": ("", "", "DynamicsTorqueTask", "TaskActuationEquality", "", ""),
+    "JointVelocity": ("JointVelocityTask", "", "", "", "", ""),
+    "LookAt": ("", "LookAtTask", "", "", "", "Gaze"),
+    "LowAcceleration": ("LowAccelerationTask", "", "", "", "", "MinimizeAcceleration"),
+    "Manipulability": ("ManipulabilityTask", "", "ManipulabilityTask", "", "ManipulabilityTask", "Manipulability"),
+    "Momentum": (
+        "", "", "CentroidalMomentumTask",
+        "TaskAMEquality", "CentroidalMomentumTask", "AngularMomentum, LinearMomentum",
+    ),
+    "OmniWheelContact": ("OmniwheelTask", "", "WheelTask", "", "", "OmniWheels4X"),
+    "Orientation": (
+        "FrameTask", "FrameTask", "OrientationTask",
+        "TaskSE3Equality, masked", "FrameTask", "Cartesian, masked",
+    ),
+    "PointContact": ("", "", "PointContact", "ContactPoint", "TightPoint", ""),
+    "Pose": ("FrameTask", "FrameTask", "FrameTask", "TaskSE3Equality", "FrameTask", "Cartesian"),
+    "Position": ("FrameTask", "FrameTask", "PositionTask", "TaskSE3Equality, masked", "FrameTask", "Cartesian, masked"),
+    "Posture": ("PostureTask", "PostureTask", "JointsTask", "TaskJointPosture", "PostureTask", "Postural"),
+    "SupportPolygon": ("", "", "CoMPolygonConstraint", "", "ComSupportPolygon*", "ConvexHull"),
+    "TorqueLimits": ("", "", "enable_torque_limits", "TaskActuationBounds", "EffortConstraintOptions", "TorqueLimits"),
+    "TorqueSpeedLimits": ("", "", "enable_velocity_vs_torque_limits", "", "", ""),
+    "UnilateralContact": ("", "", "Contact", "Contact6d", "", "force::WrenchLimits"),
+    "Weld": (
+        "", "EqualityConstraintTask", "RelativeFrameTask, hard",
+        "ContactTwoFramePositions", "RelativePose", "Cartesian of two links",
+    ),
+    "WheelContact": ("RollingTask", "", "WheelTask", "", "", "PureRolling"),
+    "Within": (
+        "PositionBarrier, BodySphericalBarrier", "", "",
+        "", "TaskAccelerationBounds", "CartesianPositionConstraint, TaskToConstraint",
+    ),
 }  # fmt: skip
-"""Class or function of pink, mink, placo, tsid and embodik by element; nobody else has what is not listed."""
+"""Class or function of each library by element, of OpenSoT by its public headers."""
 
 
 @cache
