@@ -66,7 +66,8 @@ class SupportPolygon(_Barrier):
             fits = fits and all(math.isfinite(x) for p in values for x in p)
         except (TypeError, ValueError):
             rows, fits = (), False
-        if not fits or 0 < len(rows) < 3:
+        empty = not isinstance(given, tuple)  # the default is a tuple of nothing
+        if not fits or (0 if empty else 1) <= len(rows) < 3:
             allowed = "((frame, x, y, z), ...)" if count == 4 else "((x, y), ...)"
             raise self.invalid(what, given, f"{allowed} [m], at least three")
         object.__setattr__(self, what, rows)

@@ -97,6 +97,10 @@ class Within(_Barrier):
             self._set_bound(what)
         if self.lower is None and self.upper is None:
             raise self.invalid("bounds", None, "lower, upper or both")
+        if self.lower is not None and self.upper is not None:
+            low, high = np.atleast_1d(self.lower), np.atleast_1d(self.upper)
+            if (low.size == high.size or 1 in (low.size, high.size)) and np.any(low > high):
+                raise self.invalid("lower", self.lower, f"at most upper, {self.upper}")
 
     def _set_bound(self, what: str) -> None:
         value = getattr(self, what)
