@@ -100,7 +100,7 @@ class RowSpace {
     if (picked_ == rank_) return;
     const double* from = basis(picked_);
     dots_any(v, from, ld_, rank_ - picked_, N, &parts_[picked_]);
-    subtract_rows(v, from, ld_, rank_ - picked_, &parts_[picked_], N);
+    add_rows(v, from, ld_, rank_ - picked_, -1.0, &parts_[picked_], 1, N);
   }
 
   int ld_;

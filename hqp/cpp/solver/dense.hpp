@@ -222,23 +222,33 @@ static inline void dots_any(const double* x, const double* Y, int ld, int count,
   for (; i < count; ++i) to[i] = dot_any(x, Y + static_cast<std::ptrdiff_t>(i) * ld, n);
 }
 
-// y -= sum_i a_i X(i, :) over `count` rows of X, four at a time.
-static inline void subtract_rows(double* y, const double* X, int ld, int count, const double* a, int n) {
+// y += sign * sum_i a[i * step] X(i, :) over `count` rows of X, four at a time: y is then read and written less. Four
+// zeros in a row (joints of another branch) cost nothing.
+static inline void add_rows(double* __restrict y, const double* __restrict X, int ld, int count, double sign,
+                            const double* a, int step, int n) {
   int i = 0;
   for (; i + 4 <= count; i += 4) {
+    const double b0 = sign * a[i * step], b1 = sign * a[(i + 1) * step];
+    const double b2 = sign * a[(i + 2) * step], b3 = sign * a[(i + 3) * step];
+    if (b0 == 0.0 && b1 == 0.0 && b2 == 0.0 && b3 == 0.0) continue;
     const double *x0 = X + static_cast<std::ptrdiff_t>(i) * ld, *x1 = x0 + ld, *x2 = x1 + ld, *x3 = x2 + ld;
-    const Vec4 a0 = splat(a[i]), a1 = splat(a[i + 1]), a2 = splat(a[i + 2]), a3 = splat(a[i + 3]);
+    const Vec4 f0 = splat(b0), f1 = splat(b1), f2 = splat(b2), f3 = splat(b3);
     int j = 0;
     for (; j + 4 <= n; j += 4)
-      *reinterpret_cast<Vec4u*>(y + j) -=
-          (a0 * *reinterpret_cast<const Vec4u*>(x0 + j) + a1 * *reinterpret_cast<const Vec4u*>(x1 + j)) +
-          (a2 * *reinterpret_cast<const Vec4u*>(x2 + j) + a3 * *reinterpret_cast<const Vec4u*>(x3 + j));
-    for (; j < n; ++j) y[j] -= (a[i] * x0[j] + a[i + 1] * x1[j]) + (a[i + 2] * x2[j] + a[i + 3] * x3[j]);
+      *reinterpret_cast<Vec4u*>(y + j) +=
+          (f0 * *reinterpret_cast<const Vec4u*>(x0 + j) + f1 * *reinterpret_cast<const Vec4u*>(x1 + j)) +
+          (f2 * *reinterpret_cast<const Vec4u*>(x2 + j) + f3 * *reinterpret_cast<const Vec4u*>(x3 + j));
+    for (; j < n; ++j) y[j] += (b0 * x0[j] + b1 * x1[j]) + (b2 * x2[j] + b3 * x3[j]);
   }
   for (; i < count; ++i) {
     const double* x = X + static_cast<std::ptrdiff_t>(i) * ld;
-    for (int j = 0; j < n; ++j) y[j] -= a[i] * x[j];
+    const double f = sign * a[i * step];
+    for (int j = 0; j < n; ++j) y[j] += f * x[j];
   }
+}
+
+static inline void scale(double* y, int n, double factor) {
+  for (int j = 0; j < n; ++j) y[j] *= factor;
 }
 
 // y += a x, vectors of any length at any address.

@@ -5,8 +5,8 @@
 #include <utility>
 #include <vector>
 
+#include "../solver/dense.hpp"
 #include "elimination.hpp"
-#include "sums.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
@@ -22,7 +22,7 @@ class RowsOfForces final : public ForceRows {
     const int w = n_ + 1;
     std::copy(top, top + m_ * w, map_.begin());
     for (int i = m_ - 1; i >= 0; --i) {  // lambda = T^-1 top (tau, 1)
-      add_rows(row(map_, i), -1.0, T + i * m_ + i + 1, 1, row(map_, i + 1), w, m_ - i - 1, w);
+      add_rows(row(map_, i), row(map_, i + 1), w, m_ - i - 1, -1.0, T + i * m_ + i + 1, 1, w);
       scale(row(map_, i), w, 1.0 / T[i * m_ + i]);
     }
     if (shift)
@@ -32,12 +32,12 @@ class RowsOfForces final : public ForceRows {
     for (const auto& [first, rotation] : turns_)
       for (int i = 0; i < 3; ++i) {
         std::fill(row(turned_, first + i), row(turned_, first + i + 1), 0.0);
-        add_rows(row(turned_, first + i), 1.0, rotation + 3 * i, 1, row(map_, first), w, 3, w);
+        add_rows(row(turned_, first + i), row(map_, first), w, 3, 1.0, rotation + 3 * i, 1, w);
       }
     for (const auto& [C, rows] : rows_)
       for (int i = 0; i < rows.m; ++i) {
         std::fill(sum_.begin(), sum_.end(), 0.0);
-        add_rows(sum_.data(), 1.0, C + i * m_, 1, turned_.data(), w, m_, w);
+        add_rows(sum_.data(), turned_.data(), w, m_, 1.0, C + i * m_, 1, w);
         std::copy(sum_.begin(), sum_.begin() + n_, rows.A + i * n_);
         rows.lower[i] = rows.asked_lower[i] - sum_[n_];
         rows.upper[i] = rows.asked_upper[i] - sum_[n_];

@@ -5,8 +5,8 @@
 #include <utility>
 #include <vector>
 
+#include "../solver/dense.hpp"
 #include "elimination.hpp"
-#include "sums.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
@@ -40,7 +40,7 @@ class LevelRows final : public TorqueRows {
       std::fill(rows.A, rows.A + rows.m * n_, 0.0);
       for (int i = 0; i < rows.m; ++i) {
         const double* row = J + i * nv_;
-        add_rows(rows.A + i * n_, 1.0, row, 1, map_, w, nv_, n_);
+        add_rows(rows.A + i * n_, map_, w, nv_, 1.0, row, 1, n_);
         double offset = 0.0;
         for (int j = 0; j < nv_; ++j) offset += row[j] * c_[j];
         shift(rows, i, offset);

@@ -9,8 +9,8 @@
 #include <utility>
 #include <vector>
 
+#include "../solver/dense.hpp"
 #include "elimination.hpp"
-#include "sums.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
@@ -88,7 +88,7 @@ class SparseElimination final : public Elimination {
       for (int k = 0; k < m_; ++k) R(i)[k] = J[k * nv_ + i];
     for (int i = nv_ - 1; i >= 0; --i) {
       scale(R(i), m_, 1.0 / H(i)[i]);
-      for (int j = parents_[i]; j >= 0; j = parents_[j]) subtract(R(j), H(i)[j], R(i), m_);
+      for (int j = parents_[i]; j >= 0; j = parents_[j]) add_any(R(j), R(i), -H(i)[j], m_);
     }
     if (!reflect(tolerance)) return false;
     for (int k = 0; k < m_; ++k)
@@ -108,10 +108,10 @@ class SparseElimination final : public Elimination {
     const int w = n_ + 1;
     std::fill(top, top + m_ * w, 0.0);
     for (int k = 0; k < m_; ++k) top[k * w + n_] = -y_[k];
-    for (int k = 0; k < m_; ++k) add_rows(top + k * w, 1.0, Q + k, m_, Y, w, nv_, w);
-    for (int i = 0; i < nv_; ++i) add_rows(Y + i * w, -1.0, Q + i * m_, 1, top, w, m_, w);
+    for (int k = 0; k < m_; ++k) add_rows(top + k * w, Y, w, nv_, 1.0, Q + k, m_, w);
+    for (int i = 0; i < nv_; ++i) add_rows(Y + i * w, top, w, m_, -1.0, Q + i * m_, 1, w);
     std::fill(phi, phi + n_ * n_, 0.0);
-    for (int k = 0; k < n_; ++k) add_rows(phi + k * n_ + k, 1.0, Y + k, w, Y + k, w, nv_, n_ - k);
+    for (int k = 0; k < n_; ++k) add_rows(phi + k * n_ + k, Y + k, w, nv_, 1.0, Y + k, w, n_ - k);
     for (int k = 0; k < n_; ++k)
       for (int c = 0; c < k; ++c) phi[k * n_ + c] = phi[c * n_ + k];
   }
@@ -120,7 +120,7 @@ class SparseElimination final : public Elimination {
   void motions(double* B) const {
     const int w = n_ + 1;
     for (int i = 0; i < nv_; ++i) {
-      for (int j = parents_[i]; j >= 0; j = parents_[j]) subtract(B + i * w, H(i)[j], B + j * w, w);
+      for (int j = parents_[i]; j >= 0; j = parents_[j]) add_any(B + i * w, B + j * w, -H(i)[j], w);
       scale(B + i * w, w, 1.0 / H(i)[i]);
     }
   }
@@ -146,10 +146,10 @@ class SparseElimination final : public Elimination {
       R(k)[k] = -norm;
       const int rest = m_ - k - 1;
       std::copy(R(k) + k + 1, R(k) + m_, work_.begin());
-      for (int i = k + 1; i < nv_; ++i) subtract(work_.data(), -R(i)[k], R(i) + k + 1, rest);
+      add_rows(work_.data(), R(k + 1) + k + 1, m_, nv_ - k - 1, 1.0, R(k + 1) + k, m_, rest);
       scale(work_.data(), rest, taus_[k]);
-      subtract(R(k) + k + 1, 1.0, work_.data(), rest);
-      for (int i = k + 1; i < nv_; ++i) subtract(R(i) + k + 1, R(i)[k], work_.data(), rest);
+      add_any(R(k) + k + 1, work_.data(), -1.0, rest);
+      for (int i = k + 1; i < nv_; ++i) add_any(R(i) + k + 1, work_.data(), -R(i)[k], rest);
     }
     return m_ == 0 || least > tolerance * largest;
   }
@@ -162,10 +162,10 @@ class SparseElimination final : public Elimination {
       double* q = Q + k * m_ + k;  // rows and columns from k on are all that is there
       q[0] = 1.0;
       std::copy(q, q + size, work_.begin());
-      for (int i = k + 1; i < nv_; ++i) subtract(work_.data(), -R(i)[k], Q + i * m_ + k, size);
+      add_rows(work_.data(), q + m_, m_, nv_ - k - 1, 1.0, R(k + 1) + k, m_, size);
       scale(work_.data(), size, taus_[k]);
-      subtract(q, 1.0, work_.data(), size);
-      for (int i = k + 1; i < nv_; ++i) subtract(Q + i * m_ + k, R(i)[k], work_.data(), size);
+      add_any(q, work_.data(), -1.0, size);
+      for (int i = k + 1; i < nv_; ++i) add_any(Q + i * m_ + k, work_.data(), -R(i)[k], size);
     }
   }
 
