@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.errors import DeclarationError
+from hqp.errors import DeclarationError, NotSolved
 from hqp.problem import Hierarchy, Rows, Selection, Solution
 from hqp.solvers import load
 from hqp.solvers.base import Solver, Workspace
@@ -195,3 +195,21 @@ def make_levels(tasks: Iterable[Any], configuration: Any) -> list[list[Part]]:
         if parts:
             levels.append(parts)
     return levels
+
+
+def velocity(
+    configuration: Any,
+    tasks: Iterable[Any],
+    inequalities: Sequence[tuple[Mat, Vec]],
+    constraints: Iterable[Any] | None,
+    dt: float,
+    solver: str | Solver,
+) -> Vec:
+    """dq / dt ``(nv,)`` of their tasks, of limits G dq <= h and of hard tasks; raises NotSolved without an answer."""
+    equalities = [
+        (c.compute_jacobian(configuration), -c.gain * c.compute_error(configuration)) for c in constraints or ()
+    ]
+    solution = solve(int(configuration.model.nv), make_levels(tasks, configuration), inequalities, equalities, solver)
+    if not solution.status.usable:
+        raise NotSolved(f"{solution.status.name}: {solution.status.value}", None)
+    return np.asarray(solution.x / dt)

@@ -8,20 +8,17 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.element import Task
-from hqp.errors import NotSolved
-from hqp.law import P
-from hqp.reference import Reference
-from hqp.robot import Robot, State
+from hqp.robot import State
 from hqp.solvers.base import Solver
 
-from .displacement import cost_of, make_levels, solve
+from .displacement import velocity
+from .foreign import ForeignTask
 
 
 def solve_ik(
@@ -47,18 +44,11 @@ def solve_ik(
     inequalities = [
         (rows.G, rows.h) for limit in limits if not (rows := limit.compute_qp_inequalities(configuration, dt)).inactive
     ]
-    equalities = [
-        (c.compute_jacobian(configuration), -c.gain * c.compute_error(configuration)) for c in constraints or ()
-    ]
-    nv = int(configuration.model.nv)
-    solution = solve(nv, make_levels(tasks, configuration), inequalities, equalities, solver)
-    if not solution.status.usable:
-        raise NotSolved(f"{solution.status.name}: {solution.status.value}", None)
-    return np.asarray(solution.x / dt)
+    return velocity(configuration, tasks, inequalities, constraints, dt, solver)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class MinkTask(Task):
+class MinkTask(ForeignTask):
     """A mink task as an element: W J B v = -(gain / dt) W e, with B from our coordinates to MuJoCo's.
 
     task: a mink.Task, whose target stays its own to set.  model: the MjModel it was made for; its joints are matched
@@ -66,41 +56,7 @@ class MinkTask(Task):
     ModelError or JointNotFound where robot and model do not fit.
     """
 
-    task: Any
     model: Any
-    dt: float
-    _held: dict[Any, Any] = field(default_factory=dict, repr=False)
-
-    def __post_init__(self) -> None:
-        if self.law is None:
-            object.__setattr__(self, "law", P(float(self.task.gain) / self.dt))
-        super().__post_init__()
-
-    def default_name(self) -> str:
-        """The task's frame where it has one, its class otherwise."""
-        return str(getattr(self.task, "frame_name", None) or type(self.task).__name__)
-
-    def rows(self, robot: Robot) -> int:
-        """Rows whose cost is not zero."""
-        return self.value(robot.state(robot.home)).size
-
-    def value(self, state: State) -> Vec:
-        """W e ``(k,)``, to be brought to zero."""
-        configuration, _ = self._configuration(state)
-        e = np.asarray(self.task.compute_error(configuration))
-        weight = cost_of(self.task, e.size)
-        return np.asarray((weight * e)[weight > 0.0])
-
-    def jacobian(self, state: State) -> Mat:
-        """W J B ``(k, nv)``."""
-        configuration, B = self._configuration(state)
-        J = np.asarray(self.task.compute_jacobian(configuration))
-        weight = cost_of(self.task, J.shape[0])
-        return np.asarray((weight[:, None] * J)[weight > 0.0] @ B)
-
-    def hold(self, state: State) -> Reference:
-        """Zero: the target is the mink task's own."""
-        return Reference(self.name, np.zeros(self.value(state).size))
 
     def _configuration(self, state: State) -> tuple[Any, Mat]:
         mink: Any = importlib.import_module("mink")

@@ -10,21 +10,16 @@ from __future__ import annotations
 import importlib
 import inspect
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-import numpy as np
-
-from hqp.arrays import Mat, Vec
-from hqp.element import Task
-from hqp.errors import NotSolved
-from hqp.law import P
-from hqp.reference import Reference
-from hqp.robot import Robot, State
+from hqp.arrays import Vec
+from hqp.robot import State
 from hqp.solvers.base import Solver
 
-from .displacement import cost_of, make_levels, solve
+from .displacement import velocity
+from .foreign import ForeignTask
 
 
 def solve_ik(
@@ -53,14 +48,7 @@ def solve_ik(
             limits.append(base)
     inequalities = [rows for limit in limits if (rows := _inequalities(limit, configuration, dt)) is not None]
     inequalities += [b.compute_qp_inequalities(configuration, dt) for b in barriers or ()]
-    equalities = [
-        (c.compute_jacobian(configuration), -c.gain * c.compute_error(configuration)) for c in constraints or ()
-    ]
-    nv = int(configuration.model.nv)
-    solution = solve(nv, make_levels(tasks, configuration), inequalities, equalities, solver)
-    if not solution.status.usable:
-        raise NotSolved(f"{solution.status.name}: {solution.status.value}", None)
-    return np.asarray(solution.x / dt)
+    return velocity(configuration, tasks, inequalities, constraints, dt, solver)
 
 
 def _inequalities(limit: Any, configuration: Any, dt: float) -> Any:
@@ -75,50 +63,14 @@ def _takes_q(kind: type) -> bool:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PinkTask(Task):
+class PinkTask(ForeignTask):
     """A pink task as an element: W J v = -(gain / dt) W e with its cost W; rows of cost zero are left out.
 
     task: a pink.Task, whose target stays its own to set.  dt: control period [s], which turns pink's gain, a share of
     the error per step, into P(gain / dt) [1/s].  Velocity level only.  Raises DeclarationError for fields.
     """
 
-    task: Any
-    dt: float
-    _held: dict[Any, Any] = field(default_factory=dict, repr=False)
-
-    def __post_init__(self) -> None:
-        if self.law is None:
-            object.__setattr__(self, "law", P(float(self.task.gain) / self.dt))
-        super().__post_init__()
-
-    def default_name(self) -> str:
-        """The task's frame where it has one, its class otherwise."""
-        return str(getattr(self.task, "frame", None) or type(self.task).__name__)
-
-    def rows(self, robot: Robot) -> int:
-        """Rows whose cost is not zero."""
-        return int(self._weight(robot.state(robot.home)).astype(bool).sum())
-
-    def value(self, state: State) -> Vec:
-        """W e ``(k,)``, to be brought to zero."""
-        e = np.asarray(self.task.compute_error(self._configuration(state)))
-        weight = cost_of(self.task, e.size)
-        return np.asarray((weight * e)[weight > 0.0])
-
-    def jacobian(self, state: State) -> Mat:
-        """W J ``(k, nv)``."""
-        J = np.asarray(self.task.compute_jacobian(self._configuration(state)))
-        weight = cost_of(self.task, J.shape[0])
-        return np.asarray((weight[:, None] * J)[weight > 0.0])
-
-    def hold(self, state: State) -> Reference:
-        """Zero: the target is the pink task's own."""
-        return Reference(self.name, np.zeros(self.value(state).size))
-
-    def _weight(self, state: State) -> Vec:
-        return cost_of(self.task, np.asarray(self.task.compute_error(self._configuration(state))).size)
-
-    def _configuration(self, state: State) -> Any:
+    def _configuration(self, state: State) -> tuple[Any, None]:
         pink: Any = importlib.import_module("pink")
 
         robot: Any = state.robot
@@ -127,4 +79,4 @@ class PinkTask(Task):
         configuration = self._held[robot]
         if configuration.q is not state.q:
             configuration.update(state.q)
-        return configuration
+        return configuration, None
