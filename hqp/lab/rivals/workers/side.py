@@ -99,3 +99,51 @@ def weighed(task, dt):
 def cost(level, weight):
     """Levels by weight: 100, 10, 1, ... as costs, which the objective squares."""
     return weight * 10.0 ** (2 - level)
+
+
+class WeighedTasks:
+    """Tasks of one weighted QP, as pink and mink alike have them: q, v, model and configuration are the rival's.
+
+    It makes ``com_task(cost, gain)``, ``posture_task(cost, gain)`` and ``frame_task(frame, position, orientation,
+    gain)``, and ``moved(pose, kind, mask, value)`` is a pose with a part of it elsewhere.
+    """
+
+    def take(self, scene, targets):
+        self.tasks, self.hard, self.soft = {}, [], []
+        for t in scene["tasks"]:
+            w, gain, mask = weighed(t, self.dt)
+            kind = t["kind"]
+            if kind == "com":
+                task = self.com_task(w * mask, gain)
+            elif kind == "posture":
+                task = self.posture_task(w, gain)
+            else:
+                costs = {"position": (w * mask, 0.0), "orientation": (0.0, w * mask), "pose": (w, w)}[kind]
+                task = self.frame_task(t["frame"], *costs, gain)
+            task.set_target_from_configuration(self.configuration)
+            self.tasks[t["name"]] = (task, kind, mask > 0.0)
+            (self.hard if t["level"] < 0 else self.soft).append(task)
+            if kind != "posture":
+                self.aim(t["name"], targets[t["name"]])
+        self.v = np.zeros(self.model.nv)
+
+    def aim(self, name, value):
+        task, kind, mask = self.tasks[name]
+        if kind == "com":
+            goal = task.target_com.copy()
+            goal[mask] = value
+        else:
+            goal = self.moved(task.transform_target_to_world, kind, mask, value)
+        task.set_target(goal)
+
+    def prepare(self):
+        pass
+
+    def stop(self):
+        self.v = np.zeros(self.model.nv)
+
+    def angles(self):
+        return self.q[self.at]
+
+    def speeds(self):
+        return self.v[self.columns]
