@@ -45,6 +45,10 @@ class SupportPolygon(_Barrier):
     margin: float = 0.0
 
     def __post_init__(self) -> None:
+        for what in ("points", "polygon"):
+            given = getattr(self, what)
+            if not isinstance(given, tuple) and np.size(given) == 0:  # the default is a tuple
+                raise self.invalid(what, given, "at least three points")
         super().__post_init__()
         set_names(self, "contacts")
         check_number(self, "margin", self.margin, 0.0)
@@ -66,8 +70,7 @@ class SupportPolygon(_Barrier):
             fits = fits and all(math.isfinite(x) for p in values for x in p)
         except (TypeError, ValueError):
             rows, fits = (), False
-        empty = not isinstance(given, tuple)  # the default is a tuple of nothing
-        if not fits or (0 if empty else 1) <= len(rows) < 3:
+        if not fits or 0 < len(rows) < 3:
             allowed = "((frame, x, y, z), ...)" if count == 4 else "((x, y), ...)"
             raise self.invalid(what, given, f"{allowed} [m], at least three")
         object.__setattr__(self, what, rows)
