@@ -20,7 +20,6 @@ from hqp.stack import Stack
 from hqp.tick import BlendedTick, Note, Notes, OrdinaryTick, Tick
 from hqp.transition import Transition, surviving
 from hqp.waypoints import Waypoint, bearing
-from hqp.waypoints import path as path_of
 
 if TYPE_CHECKING:
     from hqp.session import Session
@@ -58,7 +57,7 @@ def path(session: Session, stack: Stack, over: float) -> list[Waypoint]:
     if not over:
         return [Waypoint(stack)]
     law = session.controller.formulation.contact_law if session.program.kind == "torque" else None
-    return path_of(session.stack, stack, session.robot, law)
+    return session._compiler.way(session.stack, stack, law)
 
 
 def clone(session: Session, compiled: Compiled | None = None) -> Session:

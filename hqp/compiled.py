@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING
 
 from hqp.direct import Direct
 from hqp.formulation import Program
+from hqp.law import Law
 from hqp.price import affordable, as_price
 from hqp.rest import Rest
 from hqp.restless import Watched
 from hqp.robot import Robot
 from hqp.solvers.base import Solver, Workspace
 from hqp.stack import Stack, coupled
+from hqp.waypoints import Waypoint, path
 
 if TYPE_CHECKING:
     from hqp.controller import Controller
@@ -55,6 +57,19 @@ class Compiler:
     def __init__(self, controller: Controller, robot: Robot, dt: float, deadline: float) -> None:
         self._controller, self._robot, self._dt, self._deadline = controller, robot, dt, deadline
         self._seen: dict[Stack, Compiled] = {}
+        self._ways: dict[tuple[Stack, Stack], list[Waypoint]] = {}
+
+    def way(self, before: Stack, after: Stack, law: Law | None) -> list[Waypoint]:
+        """The stacks on the way of a transition, from the cache where it was gone before; law: as ``path`` takes it."""
+        try:
+            known = self._ways.pop((before, after), None)
+        except TypeError:  # as below
+            return path(before, after, self._robot, law)
+        known = known or path(before, after, self._robot, law)
+        self._ways[before, after] = known
+        if len(self._ways) > KEPT:
+            del self._ways[next(iter(self._ways))]
+        return known
 
     def compile(self, stack: Stack) -> Compiled:
         """Everything that a stack needs, from the cache where it was seen before."""
