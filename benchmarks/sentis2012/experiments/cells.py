@@ -147,6 +147,8 @@ def cells(full: bool) -> list[Cell]:
         add("payload", f"1 kg, known, {plant}", loaded, known, limit=ONE_CM)
         found_out = Compliance(payload="observed", wrench="observed")
         add("payload", f"1 kg, unknown, observed, {plant}", loaded, found_out, limit=ONE_CM)
+        own = replace(FELT, payload="observed", wrench="observed")
+        add("payload", f"1 kg, unknown, observed, {plant}, ground felt", loaded, own, limit=ONE_CM)
         turned = replace(scene, heading=math.radians(60.0))
         add("heading", f"60 deg, kept, torso turns, {plant}", turned, Compliance(torso=1.0), limit=ONE_CM)
         own = replace(MAPPED, torso=1.0)

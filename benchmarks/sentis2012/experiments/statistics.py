@@ -177,10 +177,13 @@ def command(arguments: Any) -> int:
     cases = sweep.Sweep(function, wanted, arguments.code)
     kept = arguments.kept or Path(arguments.output) / "dreamer-statistics"
     codes = {cases.code, *arguments.vouch}
-    done = by_case(sweep.read(kept).to_pylist(), codes)
-    missing = [case.arguments for case in cases if case.text not in done]
-    on = "serial" if arguments.jobs == 1 else "local"
-    sweep.run(sweep.Sweep(function, missing, cases.code), kept, on=on, jobs=arguments.jobs)
+    if arguments.show:
+        codes |= {row["code"] for row in sweep.read(kept).to_pylist()}
+    else:
+        done = by_case(sweep.read(kept).to_pylist(), codes)
+        missing = [case.arguments for case in cases if case.text not in done]
+        on = "serial" if arguments.jobs == 1 else "local"
+        sweep.run(sweep.Sweep(function, missing, cases.code), kept, on=on, jobs=arguments.jobs)
     rows = by_case(sweep.read(kept).to_pylist(), codes)
     made = runs_of([rows[case.text] for case in cases if case.text in rows], names)
     found = [summary(name, own) for name, own in made.items()]
