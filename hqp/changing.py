@@ -151,8 +151,7 @@ def begin(transition: Transition, first: Session, second: Session, state: State)
     except (DynamicsFailed, np.linalg.LinAlgError):  # the general path tells
         return
     second._find_direct()
-    if second._direct is not None and second._ease is not None:
-        second._direct.before_solving(second._ease)
+    second._direct_known = second._direct is not None  # else after a tick
 
 
 def held(session: Session, second: Session, state: State, worst: Tick) -> Tick:

@@ -30,7 +30,7 @@ class Compiled:
     """A stack made ready for a robot: its program, a workspace, how to limit its time, how to come to rest.
 
     dropped: what of its prices the solver cannot do.  watched: its limits of joints.
-    loop: of ordinary ticks, once looked for.
+    loop: of ordinary ticks, once it was found.
     """
 
     stack: Stack
@@ -42,12 +42,11 @@ class Compiled:
     dropped: str
     watched: Watched
     loop: Direct | None = None
-    looked: bool = False
 
     def direct(self) -> Direct | None:
-        """The loop of ordinary ticks, made once; None where there is none."""
-        if not self.looked:
-            self.loop, self.looked = self.program.direct(self.workspace), True
+        """The loop of ordinary ticks, made once; None where there is none now."""
+        if self.loop is None:  # at torque level there may be one later, once the rows have been filled
+            self.loop = self.program.direct(self.workspace)
         return self.loop
 
 

@@ -209,6 +209,8 @@ class Session:
             self._direct = self._compiled.direct()
             if self._direct is not None:
                 self._direct.hold(self._references.holds)
+                if self._ease is not None:
+                    self._direct.before_solving(self._ease)
 
     def _step(self, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
         start = perf_counter()
