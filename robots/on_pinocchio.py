@@ -17,7 +17,7 @@ from hqp.arrays import Index, Mat, Vec
 from hqp.errors import DeclarationError, FrameNotFound, ModelError, ModelWarning
 from hqp.shapes import LinkCapsule
 
-from . import kinematic_tree
+from . import expanded, kinematic_tree
 from .checks import measure, unit_parts
 from .joints import Joints, actuation, matrix
 from .placement import se3
@@ -41,7 +41,8 @@ class Wheel:
 class Robot:
     """A Pinocchio model with one Data; see hqp.robot.Robot for what the properties mean.
 
-    model: a pinocchio.Model, floating if its first joint is a free flyer.  actuated: names of the actuated
+    model: a pinocchio.Model, floating if its first joint is a free flyer; composite, Euler-angle and universal joints
+    become chains NAME_0, NAME_1, ... and a group NAME, q and v stay as they were.  actuated: names of the actuated
     joints, all single-axis joints by default.  groups: joint groups by name.  home: ``(nq,)``, moved into the joint
     limits.  wheels: by frame.  landmarks: frames by role, such as ``soles``, ``palms``, ``base``.
     description: what the file of the robot says besides.  geometry, visual: pinocchio.GeometryModel of a model that
@@ -65,8 +66,9 @@ class Robot:
         geometry: Any = None,
         visual: Any = None,
     ) -> None:
+        model, places, chains = expanded.plain(model)
         self.model = model
-        self._geometry, self._visual = geometry, visual
+        self._geometry, self._visual = (expanded.shapes(shapes, places) for shapes in (geometry, visual))
         self._capsules: tuple[LinkCapsule, ...] | None = None
         self.data = model.createData()
         self.name: str = name or model.name
@@ -75,7 +77,7 @@ class Robot:
         self.floating, self.continuous = joints.floating, joints.continuous
         self.description = description
         self.source: Path | None = description.source if description else None
-        self.groups = {key: tuple(value) for key, value in (groups or {}).items()}
+        self.groups = chains | {key: tuple(value) for key, value in (groups or {}).items()}
         self.wheels = dict(wheels or {})
         self.landmarks = {key: tuple(value) for key, value in (landmarks or {}).items()}
         if actuated is None and description is not None:

@@ -84,7 +84,10 @@ class Manipulability(Task):
         X[:, self.picked] = np.linalg.solve(A, J).T  # tr(A^-1 dJ J^T) = sum over j of X_j . dJ_j
         v, w = whole[:3, moving].T, whole[3:, moving].T
         v_j, w_j = whole[:3, joints].T, whole[3:, joints].T
-        before = np.array(moving)[:, None] <= np.array(joints)[None]
+        starts = np.zeros(state.robot.nv, dtype=np.intp)  # the columns of a ball turn with all of its own
+        for _, first, count, *_ in state.robot.bodies:
+            starts[first : first + count] = first
+        before = starts[moving][:, None] <= np.array(joints)[None]
         linear = np.where(before[:, :, None], np.cross(w[:, None], v_j[None]), np.cross(w_j[None], v[:, None]))
         angular = np.where(before[:, :, None], np.cross(w[:, None], w_j[None]), 0.0)
         turn = np.einsum("ijk,jk->i", linear, X[:, :3]) + np.einsum("ijk,jk->i", angular, X[:, 3:])

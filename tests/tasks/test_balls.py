@@ -13,7 +13,7 @@ import hqp
 from hqp import PD, Level, P, Stack
 from hqp.errors import DeclarationError
 from hqp.robots import Robot
-from hqp.tasks import BallLimits, JointLimits, Position, Posture
+from hqp.tasks import BallLimits, Damping, JointLimits, Manipulability, Momentum, Position, Posture
 from hqp.tasks.limits import ACCELERATION
 
 MOST = 0.6
@@ -43,11 +43,32 @@ def turn(robot: Any, q: Any) -> float:
 
 
 @pytest.mark.parametrize(
-    "element", [Posture(), Posture(joints="ball"), Posture(joints=("hinge", "base")), BallLimits()]
+    "element",
+    [
+        Posture(),
+        Posture(joints="ball"),
+        Posture(joints=("hinge", "base")),
+        BallLimits(),
+        Manipulability(frame="tip"),
+        Momentum(),
+        Damping(kinetic_energy=True),
+    ],
 )
 def test_derivatives(robot: Any, element: Any) -> None:
     found = hqp.check(element, robot)
     assert not found.faults, str(found)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("element", [Manipulability(frame="tip"), Momentum(), Damping(kinetic_energy=True)])
+def test_native_rows_equal_readable_rows(robot: Any, element: Any, order: int, written: Any) -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(5):
+        q = robot.integrate(robot.home, rng.uniform(-1.0, 1.0, robot.nv), 1.0)
+        state = robot.state(q, rng.normal(size=robot.nv))
+        native, readable = (written(element, state, element.hold(state), order, native=way) for way in (True, False))
+        np.testing.assert_allclose(native.J, readable.J, atol=1e-9)
+        np.testing.assert_allclose(native.lower, readable.lower, atol=1e-8)
 
 
 def test_configuration_is_the_inverse_of_angles(robot: Any) -> None:

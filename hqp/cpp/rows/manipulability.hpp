@@ -26,11 +26,12 @@ class Manipulability final : public Operation, Rows {  // w = sqrt(det(J J^T)), 
     if (!(square >= kSingular)) return;
     for (const int i : frame_.columns) {
       const Column own = column(i, p);
+      const int start = tree_.bodies()[tree_.owner(i)].first;  // the columns of a ball turn with all of its own
       double turn = 0.0;
       for (std::size_t j = 0; j < joints_.size(); ++j) {
         const Column& other = columns_[j];
         Column change{cross(other.angular, own.linear), {0.0, 0.0, 0.0}};
-        if (i <= joints_[j]) change = {cross(own.angular, other.linear), cross(own.angular, other.angular)};
+        if (start <= joints_[j]) change = {cross(own.angular, other.linear), cross(own.angular, other.angular)};
         turn += weighted(change, other);
       }
       J[i] = out_.weight * w * turn;
