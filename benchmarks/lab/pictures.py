@@ -79,7 +79,7 @@ SHOOTS = {
         draw=overlay.plumb_line,
     ),
     "dreamer-slope": Shoot(
-        wanted=lambda run: isinstance(run, Outing) and run.scene.plant == "dreamer_rollers",
+        wanted=lambda run: isinstance(run, Outing) and run.choice.normals == "map",
         view=View(azimuth=98.0, elevation=-7.0, distance=2.75, height=0.85, ahead=0.12),
         instants=_slope_instants,
         draw=overlay.human_and_plumb_line,

@@ -132,8 +132,9 @@ def switch(output: Path, run: Balance) -> Files:
 
 
 def slope_panels(output: Path, run: Outing) -> Files:
-    """Fig. 5 (D) to (G) for the run on rollers."""
-    return _panels(run, output, "dreamer_slope", "Dreamer on rollers, 7 degrees (compare Sentis 2012, Fig. 5)")
+    """Fig. 5 (D) to (G) for the run on rollers, on the robot's own sensing."""
+    title = "Dreamer on rollers, by IMU and odometry, 7 degrees (compare Sentis 2012, Fig. 5)"
+    return _panels(run, output, "dreamer_slope", title)
 
 
 def staged_panels(output: Path, run: Outing) -> Files:

@@ -21,6 +21,7 @@ from benchmarks.sentis2012.experiments.variants import (
     IMU_ONLY,
     NAMES,
     PULL,
+    SENSED,
     negative_figures,
     negatives,
     refusal,
@@ -39,7 +40,10 @@ TILT = Scene(slope=0.0, tilt=math.radians(7.0), enable=(0.0, math.inf), push=(0.
 
 
 def experiment(setting: Setting) -> Outcome:
-    """Both plants up and back; in full every variant, Fig. 5's timeline, Fig. 3's tilt and the negative tests."""
+    """On the robot's own sensing, and both plants privileged, up and back.
+
+    In full every variant, Fig. 5's timeline, Fig. 3's tilt and the negative tests.
+    """
     outcome = Outcome("dreamer-slope")
     outcome.parameters = {
         "slope [deg]": 7.0,
@@ -50,6 +54,9 @@ def experiment(setting: Setting) -> Outcome:
         "gains": Compliance(),
         "joint speed limits": "not enforced; see rates over the table's limits",
     }
+    sensed = Outing(SENSED.scene, SENSED.choice, setting.solver, setting.show).run()
+    setting.log(outcome, "own_map", sensed.log)
+    setting.advance()
     nominal = {}
     for plant in ("dreamer", "dreamer_rollers"):
         run = Outing(Scene(plant=plant, walk=PULL), Compliance(), setting.solver, setting.show).run()
@@ -70,7 +77,8 @@ def experiment(setting: Setting) -> Outcome:
             binding=False,
         )
     )
-    measures = carry_out(variants(setting.full), setting.solver, setting.jobs, setting.advance)
+    others = carry_out(variants(setting.full), setting.solver, setting.jobs, setting.advance)
+    measures = {SENSED.name: measure(sensed), **others}
     outcome.figures += variant_figures(measures, setting.full)
     outcome.tables += [
         _shares(nominal["dreamer"]),
@@ -82,7 +90,7 @@ def experiment(setting: Setting) -> Outcome:
     refused = refusal(Compliance(axle_rolling=True))
     outcome.figures.append(holds("rolling rows along the axles are refused when compiled", bool(refused)))
     outcome.notes.append(f"Refusal of rolling rows along the axles: {refused}")
-    setting.plot(outcome, "slope_panels", rollers)
+    setting.plot(outcome, "slope_panels", sensed)
     if setting.full:
         staged = Outing(STAGED, Compliance(), setting.solver, setting.show).run()
         outcome.figures += _staged(staged)
