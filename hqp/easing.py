@@ -9,18 +9,22 @@ that the row gets h b + (1 - h) J x_other or its mirror image, as it does withou
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from hqp.arrays import Mat, Vec
 from hqp.formulation import Program
+from hqp.law import P
 from hqp.problem import Selection
 from hqp.stack import Stack
 
 if TYPE_CHECKING:
     from hqp.session import Session
 
-P = 0.75
-"""Exponent of k: at 1 nothing would be blended, and what two stacks decide differently would jump."""
+EXPONENT = 0.75
+"""p: at 1 nothing would be blended, and what two stacks decide differently would jump."""
 
 
 def added(before: Stack, after: Stack) -> tuple[str, ...]:
@@ -45,33 +49,47 @@ class Easing:
     def __init__(self, program: Program, names: tuple[str, ...], *, second: bool) -> None:
         self.second = second
         self.names = frozenset(names)
-        self.still = False
-        """Whether b is zero: a contact on its way out of a stack of velocities stands still where it is."""
+        self.here = False
+        """Whether b is without the error: a contact on its way out is held where it is, not where it was."""
         self._rows: list[tuple[Mat, Vec, Vec]] = []
+        self._pull: list[tuple[Vec, Vec]] = []
         for name in names:
             place = program.places[name]
             rows, part = program.problem.levels[place.level], place.part
             if not isinstance(rows.A, Selection):
                 self._rows.append((rows.A[part], rows.lower[part], rows.upper[part]))
+            member = program.assembly.members[name]
+            gain = member.law.gain if isinstance(member.law, P) else getattr(member.law, "kp", None)
+            bound = None if member.law is None else min(member.law.max_velocity, member.law.max_acceleration)
+            if gain is not None and bound == math.inf and program.kind != "torque":
+                pull = place.element.weight * np.broadcast_to(
+                    np.asarray(gain, dtype=np.float64), rows.lower[part].shape
+                )
+                self._pull.append((program.assembly.error[member.part], pull))
         self._whole = len(self._rows) == len(names)
+        self.stands = not second and self._whole and len(self._pull) == len(names)
+        """Whether ``here`` is possible: b is linear in the error."""
         self._other: Vec | None = None
         self._k = 1.0
 
     def aim(self, other: Vec, h: float) -> None:
         """Ask for that share of the way from the other stack's answer."""
         self._other = other
-        self._k = (h if self.second else 1.0 - h) ** P if self._whole else 1.0
+        self._k = (h if self.second else 1.0 - h) ** EXPONENT if self._whole else 1.0
 
     def __call__(self) -> None:
         """Rewrite the rows."""
-        if self._other is None or (self._k == 1.0 and not self.still):
+        if self._other is None or (self._k == 1.0 and not self.here):
             return
-        for A, lower, upper in self._rows:
+        for i, (A, lower, upper) in enumerate(self._rows):
+            if not lower[0] > -math.inf:  # left out of this tick
+                continue
+            if self.here:
+                error, pull = self._pull[i]
+                lower += pull * error
+                upper[:] = lower
             there = A @ self._other
             there *= 1.0 - self._k
-            if self.still:
-                lower[:] = upper[:] = there
-                continue
             for bound in (lower, upper):
                 bound *= self._k
                 bound += there

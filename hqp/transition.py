@@ -80,7 +80,7 @@ class Transition:
         self._done = [0.0, *accumulate(self._spans)]
         self._pace = dt * sum(self._spans) / over
         self._cap = LARGEST_CHANGE[kind]
-        self._at, self._s, self._kind = 0, 0.0, kind
+        self._at, self._s = 0, 0.0
         self.released_rows = () if kind == "torque" else without_successor(path[0].stack, path[-1].stack)
         self._easings = [
             easing(*pair, one.stack, other.stack, released=bool(self.released_rows) and ordinary) if span else None
@@ -122,9 +122,9 @@ class Transition:
     def here(self, state: State, references: Sequence[Reference]) -> tuple[Reference, ...]:
         """References that hold a contact on its way out where it is, not where it was."""
         ease = self.ease
-        if ease is not None and self._kind == "velocity":
-            ease.still = not ease.second and not any(r.name in ease.names for r in references)
-        if not state.valid or (ease is not None and ease.still):
+        if ease is not None:
+            ease.here = ease.stands and not any(getattr(r, "name", "") in ease.names for r in references)
+        if not state.valid or (ease is not None and ease.here):
             return ()
         given = [getattr(reference, "name", "") for reference in references]
         return tuple([element.hold(state) for element in self.released_rows if element.name not in given])

@@ -103,3 +103,52 @@ def test_the_native_loop_asks_for_all_of_a_task_again_after_the_change() -> None
     for _ in range(3):  # the general path, then the native one
         last = run.step(state, hand.at(goal))
         assert np.abs(last.command - tick.command).max() < 1e-9
+
+
+@pytest.mark.parametrize("level", ["velocity", "acceleration"])
+def test_a_contact_on_its_way_out_is_held_where_it_is(level: str) -> None:
+    """Written into the rows, which is quick, as by a reference of the caller's in each tick."""
+    robot = hqp.robots.load("g1")
+    whole = stack(robot, level)
+    foot = whole.find(robot.landmarks["soles"][1], FixedContact)
+    loops = Loop(robot, whole, level), Loop(robot, whole, level)
+    for loop in loops:
+        loop.shift(200)
+        loop.run.change(lifted(whole, robot), 0.2)
+    for _ in range(98):
+        own, by_hand = loops
+        own.go(1, own.goals(1.0))
+        by_hand.go(1, [*by_hand.goals(1.0), foot.hold(robot.state(by_hand.q, by_hand.v))])
+        assert own.ticks[-1].transition < 1.0
+        assert np.abs(own.ticks[-1].command - by_hand.ticks[-1].command).max() < 1e-7
+    assert np.abs(own.ticks[-1].command - own.ticks[-98].command).max() > 1e-3
+
+
+@pytest.mark.parametrize("level", ["velocity", "acceleration"])
+def test_rows_that_are_left_out_stay_out(level: str) -> None:
+    robot = hqp.robots.load("g1")
+    whole = stack(robot, level)
+    loop = Loop(robot, whole.without("hand"), level)
+    loop.go(20, loop.goals(0.0))
+    hand = whole.find("hand", Position)
+    for target, reference in ((whole, hand.at([np.nan, 0.0, 0.0])), (lifted(whole, robot), hand.at())):
+        loop.run.change(target, 0.1)
+        for _ in range(60):
+            state = robot.state(loop.q, loop.v)
+            tick = loop.run.step(state, reference)
+            assert np.isfinite(tick.command).all()
+            assert not tick.held
+            loop.q, loop.v = tick.advance()
+        assert tick.transition == 1.0
+
+
+def test_torque_stacks_go_on_natively() -> None:
+    robot = hqp.robots.load("talos")
+    whole = stack(robot, "torque")
+    loop = Loop(robot, whole.without("hand"), "torque")
+    loop.run.prepare(whole)
+    loop.go(10, loop.goals(0.0))
+    loop.run.change(whole, 0.05)
+    found = loop.go(40, [])
+    assert {type(tick).__name__ for tick in found[2:24]} == {"BlendedTick"}
+    assert {type(tick).__name__ for tick in found[26:]} == {"OrdinaryTick"}
