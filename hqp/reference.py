@@ -10,7 +10,7 @@ from hqp.arrays import FLOAT, Mat, Vec
 from hqp.errors import DeclarationError
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Reference:
     """A target for the element of that name, good for one tick.
 
@@ -44,13 +44,21 @@ class Reference:
         gravity_normal: Vec | None = None,
         load: float | None = None,
     ) -> None:
-        _name(self, name)
-        _value(self, value)
-        _velocity(self, velocity)
-        _acceleration(self, acceleration)
-        _normal(self, normal)
-        _gravity_normal(self, gravity_normal)
-        _load(self, load)
+        # past the frozen class's __setattr__, which costs a tick too much; what is not given stays the class's default
+        fields = self.__dict__
+        fields["name"] = name
+        if value is not None:
+            fields["value"] = value
+        if velocity is not None:
+            fields["velocity"] = velocity
+        if acceleration is not None:
+            fields["acceleration"] = acceleration
+        if normal is not None:
+            fields["normal"] = normal
+        if gravity_normal is not None:
+            fields["gravity_normal"] = gravity_normal
+        if load is not None:
+            fields["load"] = load
 
     @property
     def finite(self) -> bool:
@@ -61,12 +69,6 @@ class Reference:
                 if not float(flat @ flat) < np.inf:
                     return False
         return True
-
-
-# A frozen dataclass would set its fields through object.__setattr__, at three times the cost, each tick.
-_name, _value, _velocity, _acceleration, _normal, _gravity_normal, _load = (
-    vars(Reference)[field].__set__ for field in Reference.__slots__
-)
 
 
 def numbers(element: str, what: str, value: object, shape: tuple[int, ...]) -> Vec:

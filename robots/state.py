@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from .on_pinocchio import Robot
 
+_joint_jacobians, _frame_placements = pin.computeJointJacobians, pin.updateFramePlacements
 _WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 _KINEMATICS, _COM, _SUBTREES, _DRIFT, _INERTIA, _MASS, _BIAS = (1 << i for i in range(7))
 
@@ -86,12 +87,9 @@ class State:
     def _compute(self, what: int) -> None:
         robot = self.robot
         if robot.current is not self:
-            raise StaleState(f"{robot.name} has moved on to another state; ask robot.state(q, v) again")
+            raise self._stale()
         model, data = robot.model, robot.data
-        if what == _KINEMATICS:
-            pin.computeJointJacobians(model, data, self.q)
-            pin.updateFramePlacements(model, data)
-        elif what == _COM:
+        if what == _COM:
             self.kinematics()
             pin.jacobianCenterOfMass(model, data, False)
             self._done &= ~_SUBTREES  # it leaves sums in world axes where the subtrees' centres were, in joint axes
@@ -114,8 +112,17 @@ class State:
 
     def kinematics(self) -> None:
         """Make placements and joint_twists those of this state; raises StaleState."""
-        if not self._done & _KINEMATICS or self.robot.current is not self:
-            self._compute(_KINEMATICS)
+        robot = self.robot
+        if robot.current is not self:
+            raise self._stale()
+        if not self._done & _KINEMATICS:
+            _joint_jacobians(robot.model, robot.data, self.q)
+            _frame_placements(robot.model, robot.data)
+            self._done |= _KINEMATICS
+
+    def _stale(self) -> StaleState:
+        name = self.robot.name
+        return StaleState(f"{name} has moved on to another state; ask robot.state(q, v) again")
 
     def _need(self, what: int) -> None:
         if not self._done & what or self.robot.current is not self:
@@ -197,8 +204,9 @@ class State:
 
     def dynamics(self) -> None:
         """Make kinematics, ``inertia`` and ``bias_force`` those of this state; raises StaleState."""
-        for what in (_KINEMATICS, _INERTIA, _BIAS):
-            self._need(what)
+        self.kinematics()
+        self._need(_INERTIA)
+        self._need(_BIAS)
 
     def inertia(self) -> Mat:
         """Upper triangle of A, ``(nv, nv)``, entries below the diagonal are undefined; a live view."""
@@ -219,7 +227,7 @@ class State:
         """g: gravity forces, ``(nv,)``."""
         if self._gravity is None:
             if self.robot.current is not self:
-                self._compute(_KINEMATICS)
+                raise self._stale()
             model, data = self.robot.model, self.robot.data
             self._gravity = np.array(pin.computeGeneralizedGravity(model, data, self.q), dtype=np.float64)
         return self._gravity

@@ -156,10 +156,7 @@ class Assembly {
     demands_->run(v);
     return hqp::squared(demands_->demand(), demands_->size()) < largest_;
   }
-  const double* answer() {
-    const nb::tuple found = nb::cast<nb::tuple>(solve_());
-    return nb::cast<int>(found[0]) <= hqp::kViolated ? values_ : nullptr;
-  }
+  const double* answer() { return solved(nullptr).outcome <= hqp::kViolated ? values_ : nullptr; }
   const hqp::Demands& demands() const { return *demands_; }
   int size() const { return tree_.size(); }
 
