@@ -32,6 +32,8 @@ class ActiveSet final : public Step {
   }
 
  private:
+  static constexpr int kAll = 1 << 30;
+  static constexpr int kAlone = 2;        // highest levels that are solved one after the other, without those below
   static constexpr double kForget = 0.9;  // of how long a verdict takes, each time there is none: it may have been late
   double verdict_ = 0.0;                  // time that the last one took
 
@@ -129,7 +131,8 @@ class ActiveSet final : public Step {
   }
 
   // Lexicographic descent from the best point so far: x never leaves the box, no level rises for a lower one. It stops
-  // where steps of no length follow one another or a working set comes again.
+  // where steps of no length follow one another or a working set comes again. Until the highest levels are optimal the
+  // others are left out and x moves no further than those ask: what is far from x is soon stopped by a bound.
   void primal() {
     for (int r = 0; r < table.rows; ++r) W[r] = start_W_[r];
     for (int i = 0; i < table.n; ++i) F[i] = start_F_[i];
@@ -139,7 +142,9 @@ class ActiveSet final : public Step {
     seen_count_ = 0;
     product_is_current_ = false;
     int idle = 0;
+    tableau.lowest = 0;
     while (!out_of_time()) {
+      if (leaves_out()) table.rest_at(x);
       if (iterations % 16 == 0 || !product_is_current_) table.product(x, v);
       product_is_current_ = false;
       sort_rows();
@@ -148,6 +153,11 @@ class ActiveSet final : public Step {
         idle = alpha_ > 0.0 ? 0 : idle + 1;
         stalled_ = stalled_ || idle > 0;
         if (idle <= kIdle) continue;
+        if (leaves_out()) {
+          take_all();
+          idle = 0;
+          continue;
+        }
         stopped_ = true;
         break;
       }
@@ -155,6 +165,12 @@ class ActiveSet final : public Step {
       if (violations()) continue;
       multipliers.judge(W, F, target_, true);
       if (multipliers.count == 0) {
+        if (leaves_out()) {
+          ++tableau.lowest;
+          if (tableau.lowest == kAlone || !leaves_out()) take_all();
+          changes_.start();
+          continue;
+        }
         if (reduced()) {
           unreduce();
           continue;
@@ -167,6 +183,11 @@ class ActiveSet final : public Step {
         return;
       }
       if (repeated()) {
+        if (leaves_out()) {
+          take_all();
+          changes_.forget();
+          continue;
+        }
         if (reduced()) {
           unreduce();
           continue;
@@ -176,7 +197,17 @@ class ActiveSet final : public Step {
       }
       release_some();
     }
+    if (leaves_out()) take_all();
     if (reduced()) unreduce();
+  }
+
+  // Whether levels are left out below those at hand.
+  bool leaves_out() const { return tableau.lowest < table.blocks - 1; }
+
+  // From now on all levels count.
+  void take_all() {
+    tableau.lowest = kAll;
+    table.rest_at(nullptr);
   }
 
   // At the highest level that is held back: the strongest and those at least half as strong.

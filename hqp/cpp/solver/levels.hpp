@@ -55,7 +55,12 @@ struct Levels : Pivoting {
 
  protected:
   void descend(int from, const std::int8_t* W) {
-    for (int k = from; k < table->blocks; ++k) level(k, W);
+    const int last = table->blocks - 1;
+    solved = lowest < last ? lowest : last - 1;
+    for (int k = from; k <= last; ++k) {
+      if (k <= solved || k == last) level(k, W);
+      else leave_out(k);
+    }
     for (int i = 0; i < basic; ++i) x[base[i]] = G[static_cast<std::ptrdiff_t>(i) * ld];
     if (gram_free) solution_of_gram();
   }
@@ -118,6 +123,15 @@ struct Levels : Pivoting {
       reduction.base[i] = base[i];
       reduction.c[i] = g[0];
     }
+  }
+
+  void leave_out(int k) {
+    Stage& s = stage[k];
+    s.kind = Stage::kIdle;
+    s.rank = s.m = 0;
+    s.before = basic;
+    s.residual = -1.0;
+    snapshot[k].valid = false;
   }
 
   void level(int k, const std::int8_t* W) {

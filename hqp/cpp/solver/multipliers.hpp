@@ -62,7 +62,7 @@ struct Multipliers {
     }
     if (!pending) return;
     const double span = t.span(tableau->x);
-    for (int k = 0; k < t.blocks && pending; ++k) {
+    for (int k = 0; k < t.blocks && k <= tableau->lowest && pending; ++k) {
       const double norm = t.block[k].norm;
       if (norm <= t.block[k].rounding) continue;
       const double length = slack(k, W, v, span);

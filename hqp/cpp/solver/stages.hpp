@@ -67,6 +67,8 @@ struct TableauData {
   Stage* stage = nullptr;
   Snapshot* snapshot = nullptr;
   Reduction reduction;
+  int lowest = 1 << 30;    // levels below this one are left out but for the last
+  int solved = 0;          // the lowest level that the tableau solved but for the last
   bool recording = false;  // keep snapshots, for changes in front of any level
   Extra* extra = nullptr;
   int extras = 0;

@@ -9,6 +9,7 @@ inline namespace HQP_ISA {
 
 class Step : public WorkingSet {
  protected:
+  static constexpr double kTie = 1e-14;                     // lengths of steps nearer than this are equal
   static constexpr double kLengths[] = {0.2, 0.04, 0.008};  // parts of a step that are tried clipped
 
   // Rows violated at x work at their side, rows well inside do not, rows at a bound stay as they are.
@@ -53,11 +54,12 @@ class Step : public WorkingSet {
     int row = -1, variable = -1;
     std::int8_t side = 0;
     for (int i = 0; i < n; ++i) {
+      reach_[i] = kInfinity;
       if (F[i] || step_[i] == 0.0) continue;
       const double bound = step_[i] > 0 ? table.hi[i] : table.lo[i];
       const double over = step_[i] > 0 ? tableau.x[i] - bound : bound - tableau.x[i];
       if (!(over > tolerance * (std::fabs(bound) + size))) continue;
-      const double a = larger(0.0, (bound - x[i]) / step_[i]);
+      const double a = reach_[i] = larger(0.0, (bound - x[i]) / step_[i]);
       if (a < alpha) {
         alpha = a;
         variable = i;
@@ -90,11 +92,13 @@ class Step : public WorkingSet {
     for (int r = 0; r < table.rows; ++r) v[r] += alpha * change_[r];
     product_is_current_ = true;
     changes_.start();
-    if (variable >= 0) {
-      F[variable] = side;
-      x[variable] = side > 0 ? table.hi[variable] : table.lo[variable];
-      changes_.note_join(table.rows + variable, side);
-    }
+    if (variable >= 0)
+      for (int i = 0; i < n; ++i)  // those met at the same length together
+        if (!(reach_[i] > alpha + kTie)) {
+          F[i] = step_[i] > 0 ? kUpper : kLower;
+          x[i] = step_[i] > 0 ? table.hi[i] : table.lo[i];
+          changes_.note_join(table.rows + i, F[i]);
+        }
     if (row >= 0) {
       W[row] = side;
       changes_.note_join(row, side);

@@ -111,6 +111,13 @@ struct Table {
     return value > upper[r] ? value - upper[r] : value < lower[r] ? value - lower[r] : 0.0;
   }
 
+  // The last level asks for the point nearest to this one; null: what the problem asks for.
+  void rest_at(const double* point) {
+    const Block& b = block[blocks - 1];
+    const double* goal = point ? point : goal_;
+    for (int i = 0; i < n; ++i) lower[b.begin + i] = upper[b.begin + i] = goal[i];
+  }
+
   const Block& block_of(int r) const {
     const Block* b = block;
     while (b->end <= r) ++b;
@@ -220,6 +227,7 @@ struct Table {
     } else if (problem.origin) {
       last.lower = last.upper = problem.origin;
     }
+    goal_ = last.lower;
     if (last.lower == zeros && identity_ == rows) {
       add_identity(last);
       return true;
@@ -240,7 +248,8 @@ struct Table {
     b.end = rows += level.m;
   }
 
-  int identity_ = -1;  // where the rows of the least norm begin, if they are still there
+  const double* goal_ = nullptr;  // (n,) of the last level
+  int identity_ = -1;             // where the rows of the least norm begin, if they are still there
 
   // Pivoted Cholesky: metric = rows' rows, stopped at 1e-10 of the largest entry; the number of rows, -1 if not finite.
   int root(const double* metric) {

@@ -98,15 +98,25 @@ struct Tableau : Levels {
   }
 
   // Solve the levels from gram_level on again.
-  void resume(const std::int8_t* W) {
-    const int from = gram_level;
+  void resume(const std::int8_t* W) { resume(W, gram_level); }
+
+  // The levels that were left out until now, where everything else stands.
+  bool deepen(const std::int8_t* W) {
+    if (lowest <= solved || gram_level != table->blocks - 1) return false;
+    for (int q = 0; q < extras; ++q)
+      if (extra[q].level == gram_level) extra[q].level = solved + 1;
+    resume(W, solved + 1);
+    return true;
+  }
+
+ private:
+  void resume(const std::int8_t* W, int from) {
     rest = gram_free;
     gram_free = 0;
     gram_level = -1;
     descend(from, W);
   }
 
- private:
   // How the basic variables follow a held one that moves by one, in `direction`; false where levels above would not.
   bool respond(int variable) {
     double* d = direction;

@@ -49,6 +49,7 @@ class WorkingSet {
     arena.place(start_x_, n);
     arena.place(start_slack_, count);
     arena.place(step_, n);
+    arena.place(reach_, n);
     arena.place(change_, total);
     arena.place(target_, total);
     arena.place(trial_x_, n);
@@ -92,7 +93,8 @@ class WorkingSet {
   static constexpr double kSame = 1e-9;    // slacks nearer than this, relative to 1 + slack, are no progress
   const Options* options_ = nullptr;
   std::int8_t *start_W_ = nullptr, *start_F_ = nullptr, *side_ = nullptr, *side_x_ = nullptr;
-  double *start_x_ = nullptr, *start_slack_ = nullptr, *step_ = nullptr, *change_ = nullptr, *target_ = nullptr;
+  double *start_x_ = nullptr, *start_slack_ = nullptr, *step_ = nullptr, *reach_ = nullptr, *change_ = nullptr,
+         *target_ = nullptr;
   double *trial_x_ = nullptr, *trial_v_ = nullptr;
   std::uint64_t* seen_ = nullptr;
   int cap_ = 0, seen_count_ = 0;
@@ -137,7 +139,7 @@ class WorkingSet {
   bool update() {
     if (always_refactorise_ || !changes_.known) return false;
     if (changes_.front >= 0) return tableau.rewind(changes_.front) && leave_all();
-    if (changes_.joined == 0) return false;
+    if (changes_.joined == 0) return tableau.deepen(W);
     const int last = tableau.gram_level, before = tableau.newcomers;
     if (last >= 0 && tableau.rewind(last) && join_all()) return true;
     tableau.newcomers = before;
