@@ -21,6 +21,7 @@ from hqp.native import ADVICE
 from hqp.problem import Hierarchy, Selection, Shape, Solution, Stats, Status
 from hqp.solvers.base import UNSURE, Solver, Workspace, check_shape, finish
 from hqp.solvers.flat import Flat
+from hqp.solvers.lazy import LazySolution
 from hqp.solvers.stages import Kernel, StagedWorkspace
 from hqp.tolerances import FEASIBILITY_TOLERANCE, MULTIPLIER_TOLERANCE, RANK_TOLERANCE
 
@@ -134,8 +135,7 @@ class NativeWorkspace:
         rows = [sum(shape.rows[:k]) for k in range(len(shape.rows) + 1)]
         pairs = [sum(rows[1 : k + 1]) for k in range(len(rows))]
         self._kernel.report_as(
-            Solution,
-            Stats,
+            LazySolution,
             STATUSES,
             tuple(slice(shape.n + a, shape.n + b) for a, b in pairwise(rows)),
             tuple(slice(a, b) for a, b in pairwise(rows)),
@@ -182,7 +182,7 @@ class NativeWorkspace:
         solution: Solution | None = self._kernel.solution(build, *self._views)
         if solution is None:
             return _refuse(problem, self._shape, Stats(build_s=build))
-        return self._judged(problem, solution)
+        return solution if solution.status is Status.OPTIMAL else self._judged(problem, solution)
 
     def kernel(self, problem: Hierarchy) -> Kernel | None:
         """The kernel bound to a problem that is refilled in place, see hqp.solvers.stages.Kernel.

@@ -37,9 +37,8 @@ using Index = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::dev
 
 // Names of the fields that solution() sets.
 struct Keys {
-  nb::str x{"x"}, status{"status"}, residuals{"residuals"}, active{"active"}, detail{"detail"},
-      multipliers{"multipliers"}, stage_points{"stage_points"}, iterations{"iterations"},
-      factorisations{"factorisations"}, build_s{"build_s"}, solve_s{"solve_s"}, stats{"stats"}, copy{"copy"};
+  nb::str x{"x"}, status{"status"}, detail{"detail"}, multipliers{"multipliers"}, stage_points{"stage_points"},
+      values{"_values"}, marks{"_marks"}, parts{"_parts"}, counts{"_counts"}, copy{"copy"};
 };
 
 class Workspace final : public hqp::SolveCall {
@@ -122,24 +121,23 @@ class Workspace final : public hqp::SolveCall {
   // The same for another native module.
   nb::capsule call() { return hqp::capsule_of(this); }
 
-  // What solution() builds: the two classes, the statuses by outcome, and the slices of each level.
-  void report_as(const nb::object& solution, const nb::object& stats, const nb::tuple& statuses, const nb::tuple& slack,
-                 const nb::tuple& active, const nb::tuple& multipliers, const nb::str& stopped, const nb::str& unsure) {
-    if (!PyType_Check(solution.ptr()) || !PyType_Check(stats.ptr()) || statuses.size() != kOutcomes)
-      refuse("report_as takes two classes and one status an outcome");
+  // What solution() builds: the class, the statuses by outcome, and the slices of each level.
+  void report_as(const nb::object& solution, const nb::tuple& statuses, const nb::tuple& slack, const nb::tuple& active,
+                 const nb::tuple& multipliers, const nb::str& stopped, const nb::str& unsure) {
+    if (!PyType_Check(solution.ptr()) || statuses.size() != kOutcomes)
+      refuse("report_as takes a class and one status an outcome");
     solution_ = solution;
-    stats_ = stats;
     statuses_ = statuses;
     stopped_ = stopped;
     unsure_ = unsure;
-    slack_ = slack;
-    marks_ = active;
+    parts_ = nb::make_tuple(slack, active);
     pairs_of_levels_ = multipliers;
     head_ = nb::steal(PySlice_New(nullptr, nb::int_(n_).ptr(), nullptr));
   }
 
   // Solve and build the Solution from copies of the views given, None if the numbers were not usable. The fields are
-  // set past the frozen class's own initialiser, which would cost as much as the factorisation.
+  // set past the frozen class's own initialiser, which would cost as much as the factorisation; slacks, marks and
+  // counts are cut out of the copies when they are asked for.
   nb::object solution(double build_seconds, const nb::object& all_values, const nb::object& all_marks,
                       const nb::object& all_multipliers) {
     if (!solution_.is_valid()) refuse("call report_as first");
@@ -147,21 +145,18 @@ class Workspace final : public hqp::SolveCall {
     const hqp::Answer answer = unlocked();
     if (answer.outcome == hqp::Outcome::invalid) return nb::none();
     const nb::object values = copy(all_values), marks = copy(all_marks);
-    const nb::object made = fresh(solution_), stats = fresh(stats_);
+    const nb::object made = fresh(solution_);
     set(made, key_.x, nb::object(values[head_]));
     set(made, key_.status, nb::object(statuses_[static_cast<std::size_t>(answer.outcome)]));
-    set(made, key_.residuals, split(values, slack_));
-    set(made, key_.active, split(marks, marks_));
+    set(made, key_.values, values);
+    set(made, key_.marks, marks);
+    set(made, key_.parts, parts_);
     set(made, key_.detail, answer.outcome == hqp::Outcome::not_certified ? stopped_ : answer.unsure ? unsure_ : empty_);
     if (options_.multipliers) set(made, key_.multipliers, split(copy(all_multipliers), pairs_of_levels_));
     else set(made, key_.multipliers, nb::none());
     set(made, key_.stage_points, nb::none());
-    set(stats, key_.iterations, nb::int_(answer.iterations));
-    set(stats, key_.factorisations, nb::int_(answer.factorisations));
-    set(stats, key_.build_s, nb::float_(build_seconds));
-    set(stats, key_.solve_s,
-        nb::float_(std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count()));
-    set(made, key_.stats, stats);
+    const std::chrono::duration<double> taken = std::chrono::steady_clock::now() - begin;
+    set(made, key_.counts, nb::make_tuple(answer.iterations, answer.factorisations, build_seconds, taken.count()));
     return made;
   }
 
@@ -183,14 +178,12 @@ class Workspace final : public hqp::SolveCall {
   int traverse(visitproc visit, void* arg) {
     Py_VISIT(kept_.ptr());
     Py_VISIT(solution_.ptr());
-    Py_VISIT(stats_.ptr());
     Py_VISIT(statuses_.ptr());
     return 0;
   }
   void clear() {
     kept_.reset();
     solution_.reset();
-    stats_.reset();
     statuses_.reset();
     bound_ = false;
   }
@@ -288,8 +281,8 @@ class Workspace final : public hqp::SolveCall {
   hqp::Problem problem_;
   hqp::Reader reader_;
   hqp::Options options_;
-  nb::object kept_, solution_, stats_, head_;
-  nb::tuple statuses_, slack_, marks_, pairs_of_levels_, none_;
+  nb::object kept_, solution_, head_;
+  nb::tuple statuses_, parts_, pairs_of_levels_, none_;
   nb::str stopped_{""}, unsure_{""}, empty_{""};
   Keys key_;
   bool bound_ = false;
@@ -335,8 +328,8 @@ NB_MODULE(_lexicographic, m) {
       .def("solve", &Workspace::solve)
       .def("call", &Workspace::call)
       .def("limit", &Workspace::limit, "seconds"_a)
-      .def("report_as", &Workspace::report_as, "solution"_a, "stats"_a, "statuses"_a, "slack"_a, "active"_a,
-           "multipliers"_a, "stopped"_a, "unsure"_a)
+      .def("report_as", &Workspace::report_as, "solution"_a, "statuses"_a, "slack"_a, "active"_a, "multipliers"_a,
+           "stopped"_a, "unsure"_a)
       .def("solution", &Workspace::solution, "build_seconds"_a, "values"_a, "active"_a, "multipliers"_a)
       .def("tell", &Workspace::tell)
       .def("reset", &Workspace::reset, "plain"_a = false)
