@@ -98,3 +98,14 @@ def test_two_opposite_rows_that_hold_the_optimum_far_away(seed: int) -> None:
     solution = hqp.solvers.load("lexicographic").solve(problem)
     assert solution.status.solved, solution.detail
     assert certificate(problem, solution.x, 1e-8).ok
+
+
+@needs_kernel
+@pytest.mark.parametrize("name", ["row_scales 1901480", "level_scales 1902071"])
+def test_the_last_level_is_asked_for_its_own_goal_in_the_end(name: str) -> None:
+    """One level, or two: the search once stopped while the completion still asked for the nearest point."""
+    kind, seed = name.split()
+    problem = fuzz.problem(kind, int(seed))[0]
+    solution = hqp.solvers.load("lexicographic").solve(problem)
+    assert solution.status.solved, solution.detail
+    assert certificate(problem, solution.x, 1e-8).ok
