@@ -10,7 +10,7 @@ import pytest
 import hqp
 from benchmarks.changes import Loop, lifted, stack
 from hqp import Level, Stack
-from hqp.easing import added
+from hqp.easing import Easing, added
 from hqp.tasks import Com, FixedContact, Position, Posture
 
 
@@ -140,6 +140,24 @@ def test_rows_that_are_left_out_stay_out(level: str) -> None:
             assert not tick.held
             loop.q, loop.v = tick.advance()
         assert tick.transition == 1.0
+
+
+def test_free_rows_are_not_rewritten() -> None:
+    robot = hqp.robots.load("g1")
+    whole = stack(robot, "acceleration")
+    right = robot.landmarks["soles"][1]
+    run = hqp.Controller(whole, hqp.Acceleration(), deadline=np.inf).session(robot, 0.002)
+    run.step(robot.state())
+    each = Easing(run.program, (right,), second=False)
+    place = run.program.places[right]
+    rows = run.problem.levels[place.level]
+    rows.lower[place.part], rows.upper[place.part] = -np.inf, np.inf
+    for h in (0.5, 1.0):  # at 1 nothing is left of the row, and infinity times nothing is no number
+        for each.here in (False, True):
+            each.aim(np.zeros(robot.nv), h)
+            each()
+            assert np.all(rows.lower[place.part] == -np.inf)
+            assert np.all(rows.upper[place.part] == np.inf)
 
 
 def test_torque_stacks_go_on_natively() -> None:
