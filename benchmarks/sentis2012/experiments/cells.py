@@ -133,6 +133,8 @@ def cells(full: bool) -> list[Cell]:
     add("step pull", "60 N aside, flat, with limits", aside, kept, limit=ONE_CM)
     sensed = replace(bounded, least_load=90.0, normals="base")
     add("step pull", "60 N aside, flat, with limits, tilt alone", aside, sensed, limit=ONE_CM)
+    on_rollers = replace(aside, plant="dreamer_rollers")
+    add("step pull", "60 N aside, flat, with limits, tilt alone, rollers", on_rollers, sensed, limit=ONE_CM)
     # what knowing the force at the hand gives
     add("step pull", "60 N aside, flat, force measured", aside, replace(kept, wrench="measured"), limit=ONE_CM)
     observed = replace(kept, wrench="observed", bandwidth=100.0)
