@@ -7,12 +7,13 @@ class Stages:
     def bind(
         self,
         levels: list[tuple[Any, ...]],
-        handed: list[tuple[Mat, Vec, Vec] | None],
+        handed: list[tuple[Mat | None, Vec, Vec] | None],
         prices: Vec,
         shares: Vec,
         F: Mat | Vec | None,
         f: Vec | None,
         guard: float | None,
+        pace: float,
     ) -> None: ...
     def solve(self, x: Vec, stages: Mat, last: Vec, head: int = 0, seconds: float = 0.0) -> int: ...
     def after(self, exact: object, x: Vec, stages: Mat, last: Vec) -> object:
@@ -24,8 +25,8 @@ class Stages:
     def latest(self) -> tuple[int, bool, float]:
         """First unsettled level of the latest solve or 0, whether there was none, time since its beginning [s]."""
 
-    def accounts(self, stages: Mat, owner: Any, elements: int) -> None: ...
-    def account(self, w: Vec, multipliers: Vec | None, guards: bool, out: Vec) -> None: ...
+    def accounts(self, stages: Mat, owner: Any, elements: int, near: float) -> None: ...
+    def account(self, w: Vec, x: Vec, multipliers: Vec | None, guards: bool, out: Vec) -> None: ...
     def describe(
         self, x: Vec, constraints: int, activity: float, violation: float, slack: Vec, marks: Signs
     ) -> bool: ...

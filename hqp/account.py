@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from hqp.explain import MET, NOTHING, PRICE, SHARE, Explanation, HeldBack, Loss,
 from hqp.formulation import Program
 from hqp.problem import Hierarchy
 from hqp.robot import Robot
+from hqp.tolerances import NEAR
 
 if TYPE_CHECKING:
     from hqp._priced import Stages
@@ -158,10 +160,10 @@ class Accountant:
         self._size = 4 * len(names) + count * (len(names) + 2)
         if found is not None:
             self._stages, points = found
-            found[0].accounts(points, self._owner, len(names))
+            found[0].accounts(points, self._owner, len(names), NEAR)
 
-    def account(self, count: int, w: Vec, guards: bool, v: Vec | None = None) -> TickAccount | None:
-        """The account of the latest solve, from the slacks of all its rows; guards: after stages.
+    def account(self, count: int, w: Vec, x: Vec, guards: bool, v: Vec | None = None) -> TickAccount | None:
+        """The account of the latest solve, from the slacks of all its rows and its answer x; guards: after stages.
 
         v: of the state, to tell what is too fast from what is held back; without it nothing is too fast.
         None where the kernel has nothing to tell: no kernel, or an answer that was found in another way.
@@ -170,7 +172,7 @@ class Accountant:
         if self._stages is None or told is None:
             return None
         values = np.empty(self._size)
-        self._stages.account(w, told, guards, values)
+        self._stages.account(w, x, told, guards, values)
         fast = self._fast(w, v) if v is not None and self._rate.any() else NONE
         return TickAccount(count, self.layout, values, fast)
 
@@ -235,7 +237,9 @@ def _unpriced(problem: Hierarchy) -> tuple[Stages, Mat] | None:
     try:
         stages = stages_of(problem.n, [rows.m for rows in problem.levels], [False] * levels)
         nothing = np.zeros(levels)
-        stages.bind([row_arrays(rows) for rows in problem.levels], [None] * levels, nothing, nothing, None, None, False)
+        stages.bind(
+            [row_arrays(rows) for rows in problem.levels], [None] * levels, nothing, nothing, None, None, None, inf
+        )
     except TypeError:  # rows that lie otherwise in memory
         return None
     return stages, np.zeros((levels, problem.n))

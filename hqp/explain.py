@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mask, Mat, Vec, row_lengths
 from hqp.certify import Certificate, certificate, stage_multipliers
 from hqp.errors import closest
 from hqp.formulation import Place
-from hqp.pricing import Coordinates
+from hqp.pricing import Coordinates, stack_rows
 from hqp.problem import Hierarchy, Motion, Solution
+from hqp.tolerances import NEAR
 
 NOTHING = 1e-6
 """A gradient below this fraction of what its rows could give is zero: no motion lessens the residual."""
@@ -254,7 +255,18 @@ def _multipliers(problem: Hierarchy, solution: Solution, verdict: Certificate, k
     w = solution.residuals[k]
     norm = float(np.sqrt(w @ w))
     motion = (problem.motion or Motion(np.ones(problem.n))).gradient(x)
-    return norm * found, float(problem.prices[k]) * norm * motion
+    A = stack_rows(problem.levels[:k], problem.n).dense(problem.n)
+    passing = norm * np.where(_holds(problem, solution, k, found), 0.0, found)
+    return norm * found - passing, float(problem.prices[k]) * norm * motion + A.T @ passing
+
+
+def _holds(problem: Hierarchy, solution: Solution, k: int, multipliers: Vec) -> Mask:
+    """Which rows above level k hold it back: those active at the answer, and those close to rest (tolerances.NEAR)."""
+    at, rows = Coordinates.of(problem.motion, problem.n), stack_rows(problem.levels[:k], problem.n)
+    A = rows.dense(problem.n)
+    bound = np.where(multipliers > 0.0, rows.upper, rows.lower)
+    near = np.abs(bound - A @ at.still) <= NEAR * row_lengths(at.rows(A))
+    return np.asarray(near | (np.concatenate([np.zeros(0), *solution.active[:k]]) != 0))
 
 
 def _shares(

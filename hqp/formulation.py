@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -225,7 +226,8 @@ class MotionProgram(Program):
             prices=None if paid is None else paid.values,
             shares=None if paid is None else paid.shares,
             motion=motion,
-            guard_floor=GUARD_FLOOR,
+            guard_floor=GUARD_FLOOR if formulation.order == 2 else 0.0,
+            pace=math.inf if paid is None else paid.pace,
         )
         inequalities = any(not element.equality for element in stack)
         self.shape = Shape(

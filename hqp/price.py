@@ -28,7 +28,7 @@ PARTIAL_POSTURE_TAU = 0.2
 """tau [s] of a level that selects single joints above levels that do more."""
 
 GUARD_FLOOR = 2e-3
-"""Fraction of an unmet level's band that its guard leaves to the levels below where the level makes no motion.
+"""At order 2: fraction of an unmet level's band that its guard leaves to levels below where the level makes no motion.
 
 An arm pulled straight by a target at the edge of its reach then rests a little bent; with none, the posture below would
 alternate about the straight arm."""
@@ -38,6 +38,12 @@ REST_TIME = math.sqrt(2.0)
 
 A limb of two equal links that a target beyond its reach pulls straight is an oscillator of at most 1 / (2 tau) [rad/s],
 and this damps it to 0.7 of critical."""
+
+TURNING = {1: 0.02, 2: 0.1}
+"""[rad/s, rad/s^2] postures below an unmet level move at most at the pace p with p^2 dt^order = share TURNING.
+
+At 500 Hz that is 0.1 rad/s and 5 rad/s^2.  In one tick the motion of the posture then turns the rows of the level by no
+more than the band that it leaves; a faster one jumps between the corners of the band (hqp/pace.py)."""
 
 GAIN_TIME = 0.25
 """At order 1, tau is at most this over the gain: a demand that speed limits cut would slow all rows of its level."""
@@ -81,13 +87,15 @@ class LevelPrices:
     """What the motion of a hierarchy costs: c_k and share of every level, E(x) = 1/2 ||S (xdot - f)||^2.
 
     values, shares: one a level.  scale: diagonal of S, ``(nv,)``.  rest: f = -rest v for accelerations, the rate [1/s]
-    at which the motion that costs nothing comes to rest; 0 for velocities.
+    at which the motion that costs nothing comes to rest; 0 for velocities.  pace: of postures below an unmet level
+    [rad/s, rad/s^2].
     """
 
     values: Vec
     shares: Vec
     scale: Vec
     rest: float
+    pace: float
 
 
 class Group(Protocol):
@@ -218,7 +226,9 @@ def level_prices(
     if sizes is None:
         return None
     rest = 1.0 / (REST_TIME * (longest or LONGEST_TAU[order])) if order == 2 else 0.0
-    return LevelPrices(prices, shares, sizes.scale, rest)
+    least = float(min((eta for eta, c in zip(shares, prices, strict=True) if c > 0.0 < eta), default=SHARE))
+    pace = math.sqrt(least * TURNING[order] / dt**order)
+    return LevelPrices(prices, shares, sizes.scale, rest, pace)
 
 
 def affordable(stack: Stack, given: Price | None, solver: Solver) -> tuple[Price | None, str]:

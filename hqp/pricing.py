@@ -12,16 +12,20 @@ and S_k adds the rows of level k as they are where ||w_k|| = 0, and otherwise
         with u = -w_k / ||w_k||, made = u'A_k (x_k - x_still) > 0, phi the floor of the guard,
 
 the last row, the guard, where the level has two rows or more; x_still is the point of least motion.
+
+phi is hqp.pace.floor_of, and single coordinates in levels after the last price are slowed as hqp.pace says.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hqp.arrays import Mat, Vec
+from hqp.pace import coordinates_below, guard_of, slowed, speed_below
 from hqp.problem import Hierarchy, Motion, Rows
 from hqp.tolerances import FLAT_TOLERANCE, MET_TOLERANCE, SLACK_TOLERANCE
 
@@ -118,11 +122,15 @@ def after_stages(problem: Hierarchy, stages: Mat, coordinates: Coordinates | Non
     stages: ``(levels, n)``; a level whose row is NaN keeps its rows, being met for its price.
     """
     still = (coordinates or Coordinates.of(problem.motion, problem.n)).still
-    levels = list(problem.levels)
-    for k, price in enumerate([] if problem.prices is None else problem.prices):
-        if price > 0.0 and not np.isnan(stages[k, 0]):
-            levels[k] = handed_down(levels[k], stages[k], still, problem.share(k), problem.guarded)
-    return replace(problem, levels=tuple(levels), stacked=None, prices=None, shares=None, motion=None)
+    levels, guard, speed = list(problem.levels), guard_of(problem, still), math.inf
+    for k, priced in enumerate(problem.priced):
+        if priced and not np.isnan(stages[k, 0]):
+            levels[k] = handed_down(problem.levels[k], stages[k], still, problem.share(k), guard)
+            if not is_met(problem.levels[k], stages[k]):
+                speed = min(speed, speed_below(problem, k, stages[k]))
+    for k in coordinates_below(problem):
+        levels[k] = slowed(problem, k, still, speed)
+    return replace(problem.exact(), levels=tuple(levels), stacked=None)
 
 
 def feasible_set(problem: Hierarchy, stages: Mat, level: int, x: Vec, still: Vec) -> Rows:
@@ -130,11 +138,11 @@ def feasible_set(problem: Hierarchy, stages: Mat, level: int, x: Vec, still: Vec
 
     stages: ``(levels, n)`` with the points of priced levels above.  x: ``(n,)``, a point of S_{k-1}.
     """
-    parts: list[Rows] = []
+    parts, guard = list[Rows](), guard_of(problem, still)
     for k in range(level):
         rows = problem.levels[k]
         if problem.prices is not None and problem.prices[k] > 0.0:
-            parts.append(handed_down(rows, stages[k], still, problem.share(k), problem.guarded))
+            parts.append(handed_down(rows, stages[k], still, problem.share(k), guard))
         else:
             parts.append(at_optimum(rows, x))
     return stack_rows(parts, problem.n)

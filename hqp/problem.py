@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
@@ -201,8 +202,10 @@ class Hierarchy:
     shares: ``(levels,)`` eta, by how much of ||w_k|| the levels below may move the rows of an unmet level, 1e-3 by
     default.  motion: E, 1/2 ||x||^2 by default.  guard: levels below keep half of the motion that an unmet level made,
     less ``guard_floor`` of the width eta ||w_k||: with no floor the half-space turns over where a column crosses zero.
+    pace: [unit of F x] how far the targets of single coordinates, in levels after the last price, may move those while
+    a priced level is not met (hqp/pace.py); no bound by default.
     Raises ProblemError for shapes that disagree, n = 0, a metric that is not symmetric positive semidefinite, prices
-    or shares that are negative or not finite.
+    or shares that are negative or not finite, a pace that is not positive.
     """
 
     levels: tuple[Rows, ...]
@@ -216,6 +219,7 @@ class Hierarchy:
     motion: Motion | None = None
     guard: bool = True
     guard_floor: float = 0.0
+    pace: float = math.inf
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "levels", tuple(self.levels))
@@ -256,6 +260,8 @@ class Hierarchy:
                 object.__setattr__(self, name, values)
         if not 0.0 <= self.guard_floor <= 1.0:
             raise ProblemError(f"hierarchy: guard_floor must be from 0 to 1, given {self.guard_floor}")
+        if not self.pace > 0.0:
+            raise ProblemError(f"hierarchy: pace must be positive, given {self.pace}")
         if self.motion is not None and self.motion.F.shape[-1] != n:
             raise ProblemError(f"hierarchy: motion.F has shape {self.motion.F.shape}, the problem has n = {n}")
 
@@ -308,7 +314,7 @@ class Hierarchy:
 
     def exact(self) -> Hierarchy:
         """The same hierarchy without prices; the arrays are shared."""
-        return replace(self, prices=None, shares=None, motion=None)
+        return replace(self, prices=None, shares=None, motion=None, pace=math.inf)
 
     def slacks(self, x: Vec) -> tuple[Vec, ...]:
         """The slack of every level at x, computed in one product where the levels are stored as one block."""

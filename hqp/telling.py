@@ -53,7 +53,7 @@ class Teller:
         those whose price is what holds them.  Numbers are taken now, texts are written when they are read."""
         accounts = self._accounts
         w = np.concatenate(solution.residuals)
-        account = accounts.account(count, w, guards=True)
+        account = accounts.account(count, w, solution.x, guards=True)
         if account is None:
             return None
 
@@ -106,7 +106,7 @@ class Teller:
 
     def _account(self, count: int, tick: Tick) -> TickAccount | None:
         guards = tick.solution is not None and tick.solution.stage_points is not None
-        return self._accounts.account(count, tick._slacks(), guards, tick.state.v)
+        return self._accounts.account(count, tick._slacks(), tick.x, guards, tick.state.v)
 
     @staticmethod
     def _latest(what: str, count: int, tick: Tick) -> Solution:

@@ -45,6 +45,12 @@ MET_TOLERANCE = 1e-10
 SLACK_TOLERANCE = 1e-12
 """Of its level's terms: a row's slack below this fraction is zero, in what a priced level hands down."""
 
+NEAR = 0.02
+"""[unit of motion] an inequality that binds only in a stage holds its level back where it is this close to rest.
+
+One further away, such as a window of acceleration, bounds how fast the level is met, not how far: what it holds counts
+for the price, which would have held it in the end."""
+
 FLAT_TOLERANCE = 1e-7
 """Directions without motion get this fraction of the largest column of F, so that the least ||x|| is taken there."""
 

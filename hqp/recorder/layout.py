@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import fields, replace
 from typing import Any
 
@@ -104,6 +105,7 @@ def pattern_of(problem: Hierarchy) -> dict[str, Any]:
         "shares": None if problem.shares is None else problem.shares.tolist(),
         "guard": problem.guard,
         "guard_floor": problem.guard_floor,
+        "pace": problem.pace,
         "motion": motion,
     }
 
@@ -131,6 +133,7 @@ def from_pattern(told: dict[str, Any]) -> Hierarchy:
         shares=None if told["shares"] is None else np.array(told["shares"]),
         guard=told["guard"],
         guard_floor=told["guard_floor"],
+        pace=told.get("pace", math.inf),
         motion=motion,
     )
     return replace(made, metric=np.eye(n) if told["metric"] else None, origin=np.zeros(n) if told["origin"] else None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from time import perf_counter
 from typing import ClassVar
@@ -10,7 +11,8 @@ import numpy as np
 
 from hqp.arrays import Mat, Vec, longest_row
 from hqp.errors import ProblemError, UnsupportedProblem
-from hqp.pricing import Coordinates
+from hqp.pace import coordinates_below, slowed, speed_below
+from hqp.pricing import Coordinates, is_met
 from hqp.problem import Hierarchy, Shape, Solution, Stats, Status
 from hqp.solvers.base import Solver, check_number, finish
 from hqp.solvers.completion import metric_factor
@@ -105,7 +107,11 @@ class NullspaceWorkspace:
         at = Coordinates.of(problem.motion, problem.n)
         y, Z = np.zeros(problem.n), np.eye(problem.n)
         stages = np.full((len(stops), problem.n), np.nan)
+        b, speed, below = b.copy(), math.inf, coordinates_below(problem)
         for k, (start, stop) in enumerate(zip([0, *stops], stops, strict=False)):
+            if k in below:
+                given = slowed(problem, k, at.still, speed)
+                b[start:stop] = given.lower[given.equality]
             rows = A[start:stop]
             B = at.rows(rows)
             size = longest_row(B)
@@ -116,6 +122,8 @@ class NullspaceWorkspace:
                 Z = Z @ np.linalg.svd(seen, full_matrices=True)[0][:, seen.shape[1] :]
             if prices[k] > 0.0:
                 stages[k] = at.point(y)
+                if not is_met(problem.levels[k], stages[k]):
+                    speed = min(speed, speed_below(problem, k, stages[k]))
         x = _complete(problem, at.point(y), at.P[:, None] * Z if at.P.ndim == 1 else at.P @ Z)
         status, detail = self._verdict(x)
         return finish(problem, x, status, Stats(0, len(stops), 0.0, perf_counter() - began), detail, stages)

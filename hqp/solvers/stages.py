@@ -323,19 +323,26 @@ class StagedWorkspace:
         if self._native is None or not self._has_prices:
             return
         priced = [bool(p) for p in problem.priced]
-        below = [room(rows, problem.n) if p else rows for rows, p in zip(problem.levels, priced, strict=True)]
-        handed = [(rows.A, rows.lower, rows.upper) if p else None for rows, p in zip(below, priced, strict=True)]
+        below, handed = list[Rows](), list[tuple[Mat | None, Vec, Vec] | None]()
+        for k, (rows, price) in enumerate(zip(problem.levels, priced, strict=True)):
+            slowed = isinstance(rows.A, Selection) and not any(priced[k:]) and problem.pace < math.inf
+            own = room(rows, problem.n) if price else replace(rows, lower=rows.lower.copy(), upper=rows.upper.copy())
+            below.append(own if price or slowed else rows)
+            handed.append((own.dense(problem.n), own.lower, own.upper) if price else None)
+            if slowed:
+                handed[-1] = None, own.lower, own.upper
         self._final = replace(self._plain, levels=tuple(below), stacked=None)
         shares = problem.shares if problem.shares is not None else np.full(len(priced), SHARE)
         motion = problem.motion
         self._native.bind(
             [row_arrays(rows) for rows in problem.levels],
-            handed,  # type: ignore[arg-type]
+            handed,
             np.ascontiguousarray(problem.prices),
             np.ascontiguousarray(shares),
             None if motion is None else motion.F,
             None if motion is None else motion.f,
             problem.guarded,
+            problem.pace,
         )
 
     def _native_stages(self) -> Found:

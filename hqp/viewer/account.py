@@ -111,7 +111,7 @@ def _explain(snapshot: Mapping[str, Any], stack: StackDescription) -> Explanatio
         problem = Hierarchy(
             levels, stack.constraints, snapshot["metric"], snapshot["origin"], snapshot["n"],
             prices=snapshot["prices"], shares=snapshot["shares"], motion=motion, guard=snapshot["guard"],
-            guard_floor=snapshot["guard_floor"],
+            guard_floor=snapshot["guard_floor"], pace=snapshot["pace"],
         )  # fmt: skip
         solution = Solution(
             snapshot["x"], Status[snapshot["solved"]], snapshot["residuals"], snapshot["active"],

@@ -265,6 +265,7 @@ class View:
                 "shares": problem.shares,
                 "guard": problem.guard,
                 "guard_floor": problem.guard_floor,
+                "pace": problem.pace,
                 "stage_points": solution.stage_points,
                 "fast": self._fast(tick),
                 "names": self._row_names(),

@@ -1,22 +1,31 @@
-"""Hands out of reach for eight seconds: what is calm at first must stay calm."""
+"""Hands out of reach for many seconds: what is calm at first must stay calm, and arms that can move must not stall."""
 
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import hqp
-from hqp import Level, P, Price, Stack
+from hqp import Level, P, Stack
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, Position, Posture
 
 RESTLESS = 0.02
 """Median over 0.8 s of the largest change of a joint's speed in a tick [rad/s]; bang-bang in the window is 0.1."""
 
 
-def restless(name: str, ahead: list[float], price: Price | None) -> int:
-    """Periods of 0.8 s, of the last 6.4 s of 8 s, in which a command is restless; base and posture are not slowed."""
+ARM = """<mujoco><compiler angle="radian"/><worldbody><body><joint name="shoulder" axis="0 0 1" range="-3 3"/>
+<geom type="capsule" fromto="0 0 0 .5 0 0" size=".03"/>
+<body pos=".5 0 0"><joint name="elbow" axis="0 0 1" range="-3 3"/>
+<geom type="capsule" fromto="0 0 0 .5 0 0" size=".03"/><body name="tip" pos=".5 0 0"><geom size=".02"/></body></body>
+</body></worldbody></mujoco>"""
+"""Two links of half a metre in the plane."""
+
+
+def restless(name: str, ahead: list[float], gain: float = 1.0, ticks: int = 4000) -> int:
+    """Periods of 0.8 s, but the first two, in which a command is restless; base and posture are not slowed."""
     robot = hqp.robots.load(name)
     hand = Position(frame=robot.landmarks["palms"][1], law=P(5.0, max_velocity=0.5), name="hand")
     base = Orientation(frame=robot.landmarks["base"][0], law=P(2.0), name="base")
@@ -24,35 +33,56 @@ def restless(name: str, ahead: list[float], price: Price | None) -> int:
         Level(Com(axes="xy", law=P(2.0))),
         Level(hand),
         Level(base),
-        Level(Posture(law=P(1.0))),
+        Level(Posture(law=P(gain))),
         subject_to=[*(FixedContact(frame=sole) for sole in robot.landmarks["soles"]), JointLimits()],
     )
-    session = hqp.Controller(stack, deadline=math.inf, price=price).session(robot, 0.002)
+    session = hqp.Controller(stack, deadline=math.inf).session(robot, 0.002)
     q, v = robot.home.copy(), np.zeros(robot.nv)
     goal, commands = robot.state(q).position(hand.frame) + np.array(ahead), []
-    for _ in range(4000):
+    for _ in range(ticks):
         tick = session.step(robot.state(q, v), hand.at(goal))
         commands.append(tick.command)
         q, v = tick.advance()
     change = np.abs(np.diff(np.array(commands), axis=0)).max(axis=1)
-    return sum(float(np.median(change[k : k + 400])) > RESTLESS for k in range(800, 3999, 400))
-
-
-@pytest.mark.parametrize(("name", "ahead"), [("talos", [0.7, 0.0, 0.25]), ("g1", [-0.6, 0.0, 0.1])])
-def test_by_default(name: str, ahead: list[float]) -> None:
-    assert restless(name, ahead, None) == 0
+    return sum(float(np.median(change[k : k + 400])) > RESTLESS for k in range(800, ticks - 1, 400))
 
 
 @pytest.mark.parametrize(
-    ("name", "ahead"), [("g1", [0.7, 0.0, 0.25]), ("g1", [0.2, -0.8, 0.1]), ("cbi", [0.7, 0.0, 0.25])]
+    ("name", "ahead"),
+    [
+        ("talos", [0.7, 0.0, 0.25]),
+        ("g1", [-0.6, 0.0, 0.1]),
+        ("g1", [0.7, 0.0, 0.25]),
+        ("g1", [0.3, -0.3, 0.9]),
+        ("cbi", [0.7, 0.0, 0.25]),
+        ("cbi", [0.3, -0.3, 0.9]),
+        ("icub", [0.3, -0.3, 0.9]),
+    ],
 )
-def test_with_wider_bands(name: str, ahead: list[float]) -> None:
-    assert restless(name, ahead, Price(tau=0.1, share=1e-2)) == 0
+def test_out_of_reach_it_stays_calm(name: str, ahead: list[float]) -> None:
+    """A posture as fast as its law asks would jump between the corners of the bands of hand and base."""
+    assert restless(name, ahead) == 0
 
 
-@pytest.mark.xfail(
-    strict=True, reason="a posture alternates between the ends of bands in directions that are nearly lost"
-)
-@pytest.mark.parametrize(("name", "ahead"), [("g1", [0.7, 0.0, 0.25]), ("cbi", [0.7, 0.0, 0.25])])
-def test_known_to_be_restless_by_default(name: str, ahead: list[float]) -> None:
-    assert restless(name, ahead, None) == 0
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "gain"), [("g1", 1.0), ("g1", 10.0), ("cbi", 10.0)])
+@pytest.mark.parametrize("ahead", [[0.7, 0.0, 0.25], [0.3, -0.3, 0.9]])
+def test_for_twenty_seconds_and_with_eager_postures(name: str, ahead: list[float], gain: float) -> None:
+    """13 to 22 of 23 periods without the pace."""
+    assert restless(name, ahead, gain, 10_000) <= 1
+
+
+@pytest.mark.parametrize("bend", [0.1, 1e-2, 1e-3, 1e-4, -1e-4])
+def test_a_nearly_straight_arm_leaves_towards_a_target_on_its_line(bend: float, tmp_path: Path) -> None:
+    """The posture, drawn to the straight arm, would undo the little motion that the lost direction allows."""
+    (tmp_path / "two.xml").write_text(ARM)
+    robot = hqp.robots.load(str(tmp_path / "two.xml"))
+    hand = Position(frame="tip", axes="xy", law=P(5.0, max_velocity=0.4), name="hand")
+    posture = Posture(law=P(1.0), name="posture")
+    stack = Stack(Level(hand), Level(posture), subject_to=[JointLimits()])
+    session = hqp.Controller(stack, deadline=math.inf).session(robot, 0.002)
+    q, v = np.array([0.3, bend]), np.zeros(2)
+    start, goal = q.copy(), 0.7 * robot.state(q).position("tip")[:2]
+    for _ in range(3000):
+        q, v = session.step(robot.state(q, v), hand.at(goal), posture.at(start)).advance()
+    assert np.linalg.norm(robot.state(q).position("tip")[:2] - goal) < 5e-3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -67,6 +68,25 @@ def test_every_solver_meets_the_conditions_of_every_stage(name: str, family: str
         else:
             assert solution.detail
     assert solved >= 0.6 * seeds
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("name", SOLVERS)
+def test_postures_below_an_unmet_level_are_slowed(name: str, family: str) -> None:
+    """The conditions of the slowed problem hold, and where a level is unmet those of the problem as asked do not."""
+    solver, told = hqp.solvers.load(name), set[bool]()
+    for seed in range(4):
+        rng = np.random.default_rng([seed, len(family)])
+        problem = random_problem(rng, family, solver.inequalities)
+        eager = rng.uniform(-3.0, 3.0, problem.n)
+        posture = Rows(Selection(np.arange(problem.n), rng.uniform(0.5, 2.0, problem.n)), eager, eager)
+        problem = replace(problem, levels=(*problem.levels[:-1], posture), pace=0.3)
+        solution = solver.solve(problem)
+        if solution.status.solved and solution.stage_points is not None:
+            stages = solution.stage_points
+            assert certificate(problem, solution.x, solver.accuracy, stages).ok, seed
+            told.add(certificate(replace(problem, pace=math.inf), solution.x, 1e-6, stages).ok)
+    assert told <= {True} if family == "plain" else False in told  # all levels of that family are met
 
 
 def test_solvers_agree_where_motion_is_flat_and_a_metric_chooses() -> None:

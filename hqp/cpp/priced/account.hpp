@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "coordinates.hpp"
+#include "stage_search.hpp"
 #include "stages.hpp"
 
 namespace hqp {
@@ -24,14 +25,15 @@ struct StageEnd {
 
 class Accounts {
  public:
-  explicit Accounts(int n) : n_(n), g_(padded(n)), y_(padded(n)), b_(padded(n)) {}
+  explicit Accounts(int n) : n_(n), g_(padded(n)), y_(padded(n)), b_(padded(n)), end_(padded(n)) {}
 
   // numbers (elements, 4): ||w||, ||w|| at the point of least motion, ||A'w||, the largest that A'w could be.
   // shares (levels, elements + 1): of level k's push g = A_k'w what each element above holds, its price last, each
   // divided by their sum; zero where the level is met.  worth (levels): c ||y_k||, what more motion would bring.
-  // held: rows of unit length in motion coordinates; row_of: the row of the problem that each stands for.
+  // held: rows of unit length in motion coordinates; row_of: the row of the problem that each stands for. What a row
+  // holds counts for the price where it binds in the stage alone, and further than rows.near from rest.
   void run(const std::vector<PricedLevel>& levels, const std::vector<Handed>& handed, const Coordinates& at,
-           const double* prices, const std::vector<StageEnd>& ends, const double* held, int ld,
+           const double* prices, const std::vector<StageEnd>& ends, const StageRows& held,
            const std::vector<int>& row_of, const AccountRows& rows, double* numbers, double* shares, double* worth) {
     const int elements = rows.elements, width = elements + 1;
     std::fill(numbers, numbers + 4 * elements, 0.0);
@@ -39,6 +41,7 @@ class Accounts {
     std::fill(worth, worth + levels.size(), 0.0);
     const double* lambda = rows.lambda;
     int start = 0, before = 0;
+    at.motion(rows.x, end_.data());
     for (std::size_t k = 0; k < levels.size(); ++k) {
       const PricedLevel& level = levels[k];
       const double* w = rows.w + start;
@@ -63,8 +66,9 @@ class Accounts {
           for (std::size_t q = 0; q < ends[k].rows.size(); ++q) {
             const int row = ends[k].rows[q];
             if (row >= static_cast<int>(row_of.size())) continue;  // the level's own
-            const double along = dot_any(g_.data(), held + static_cast<std::size_t>(row) * ld, n_);
-            mine[rows.owner[row_of[row]]] += ends[k].lambda[q] * along;
+            const double force = ends[k].lambda[q] * dot_any(g_.data(), held.row(row), n_);
+            const bool counts = equality(levels, row_of[row]) || holds(held, row, ends[k].lambda[q], rows.near);
+            mine[counts ? rows.owner[row_of[row]] : elements] += force;
           }
         } else if (!priced && lambda) {
           at.step(g_.data(), y_.data());
@@ -88,6 +92,20 @@ class Accounts {
  private:
   static double slack(double value, double lower, double upper) {
     return value > upper ? value - upper : value < lower ? value - lower : 0.0;
+  }
+
+  static bool equality(const std::vector<PricedLevel>& levels, int row) {
+    for (const PricedLevel& level : levels) {
+      if (row < level.m) return level.lower[row] == level.upper[row];
+      row -= level.m;
+    }
+    return true;
+  }
+
+  bool holds(const StageRows& held, int row, double lambda, double near) const {
+    const double bound = lambda > 0.0 ? held.lower[row] : held.upper[row];
+    return std::abs(bound) <= near ||
+           std::abs(held.value(row, end_.data(), n_) - bound) <= 1e-9 * (1.0 + std::abs(bound));
   }
 
   double product(const PricedLevel& level, int i, const double* x) const {
@@ -141,7 +159,7 @@ class Accounts {
   }
 
   int n_;
-  std::vector<double> g_, y_, b_;
+  std::vector<double> g_, y_, b_, end_;
 };
 
 }  // namespace HQP_ISA

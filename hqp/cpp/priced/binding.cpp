@@ -70,9 +70,10 @@ class Stages final : public hqp::SolveCall {
   }
 
   // levels: (A or None, index or None, scale or None, lower, upper); handed: (A, lower, upper) or None where a level
-  // has no price. The caller keeps the arrays alive, and so does this object.
+  // has no price; (None, lower, upper) of a level of single coordinates after the last price. The caller keeps the
+  // arrays alive, and so does this object.
   void bind(const nb::list& levels, const nb::list& handed, const Vector& prices, const Vector& shares,
-            const nb::object& F, const nb::object& f, const nb::object& guard) {
+            const nb::object& F, const nb::object& f, const nb::object& guard, double pace) {
     if (levels.size() != rows_.size() || handed.size() != rows_.size() || prices.shape(0) != rows_.size() ||
         shares.shape(0) != rows_.size())
       refuse("one entry a level");
@@ -96,9 +97,11 @@ class Stages final : public hqp::SolveCall {
       if (handed[k].is_none()) continue;
       const auto down = nb::cast<nb::tuple>(handed[k]);
       hqp::Handed& out = stages_->handed()[k];
-      out.A = room(down[0], (m + 1) * n_);
-      out.lower = room(down[1], m + 1);
-      out.upper = room(down[2], m + 1);
+      const std::size_t rows = down[0].is_none() ? m : m + 1;
+      if (down[0].is_none() && (level.A || priced_[k])) refuse("only unpriced levels of single coordinates have no A");
+      out.A = down[0].is_none() ? nullptr : room(down[0], rows * n_);
+      out.lower = room(down[1], rows);
+      out.upper = room(down[2], rows);
     }
     const double *matrix = nullptr, *target = nullptr;
     int r = 0;
@@ -110,7 +113,7 @@ class Stages final : public hqp::SolveCall {
     }
     if (!f.is_none()) target = checked<Vector>(f, static_cast<std::size_t>(r ? r : n_));
     const double floor = guard.is_none() ? 0.0 : nb::cast<double>(guard);
-    stages_->bind(prices.data(), shares.data(), matrix, target, r, guard.is_none() ? nullptr : &floor);
+    stages_->bind(prices.data(), shares.data(), matrix, target, r, guard.is_none() ? nullptr : &floor, pace);
     kept_ = nb::make_tuple(levels, handed, prices, shares, F, f);
     bound_ = true;
     head_ = 0;
@@ -156,8 +159,9 @@ class Stages final : public hqp::SolveCall {
   // began [s].
   std::tuple<int, bool, double> latest() const { return {head_, settled_, elapsed()}; }
 
-  // What account() reads beside the rows: stages, which solve wrote, and the element of each row.
-  void accounts(const Out& stages, const Owners& owner, int elements) {
+  // What account() reads beside the rows: stages, which solve wrote, the element of each row, and how close to rest an
+  // inequality holds that binds in a stage alone.
+  void accounts(const Out& stages, const Owners& owner, int elements, double near) {
     const std::size_t rows = total();
     if (owner.shape(0) != rows || elements < 1 || stages.size() != rows_.size() * n_)
       refuse("stages or owner has a wrong shape");
@@ -166,13 +170,14 @@ class Stages final : public hqp::SolveCall {
     points_ = stages.data();
     owner_.assign(owner.data(), owner.data() + rows);
     elements_ = elements;
+    near_ = near;
     read_ = nb::make_tuple(stages, owner);
   }
 
-  // What holds every level back, of the latest solve, for the slacks of all rows and the multipliers of exact levels
-  // (guards: priced levels have one row more there), into one vector: numbers (elements, 4), shares (levels,
-  // elements + 1), worth (levels).
-  void account(const Vector& w, const std::optional<Vector>& lambda, bool guards, const Out& out) {
+  // What holds every level back, of the latest solve, for the slacks of all rows, the answer and the multipliers of
+  // exact levels (guards: priced levels have one row more there), into one vector: numbers (elements, 4), shares
+  // (levels, elements + 1), worth (levels).
+  void account(const Vector& w, const Vector& x, const std::optional<Vector>& lambda, bool guards, const Out& out) {
     if (!bound_ || !elements_) refuse("bind() and accounts() come first");
     const std::size_t E = static_cast<std::size_t>(elements_), levels = rows_.size();
     std::size_t pairs = 0, sum = 0;
@@ -180,12 +185,14 @@ class Stages final : public hqp::SolveCall {
       sum += static_cast<std::size_t>(rows_[k] + (guards && priced_[k] ? 1 : 0));
       pairs += sum;
     }
-    if (w.shape(0) != owner_.size() || out.size() != 4 * E + levels * (E + 2) || (lambda && lambda->shape(0) != pairs))
+    if (w.shape(0) != owner_.size() || x.shape(0) != std::size_t(n_) || out.size() != 4 * E + levels * (E + 2) ||
+        (lambda && lambda->shape(0) != pairs))
       refuse("an array has a wrong shape");
     const Turn turn(busy_);
     double* to = out.data();
-    stages_->account({points_, w.data(), owner_.data(), elements_, lambda ? lambda->data() : nullptr, guards}, to,
-                     to + 4 * E, to + 4 * E + levels * (E + 1));
+    stages_->account(
+        {points_, w.data(), owner_.data(), elements_, lambda ? lambda->data() : nullptr, guards, x.data(), near_}, to,
+        to + 4 * E, to + 4 * E + levels * (E + 1));
   }
 
   // slack (rows) and marks (rows) of x, as in Solution; whether a row of the first levels is violated.
@@ -236,6 +243,7 @@ class Stages final : public hqp::SolveCall {
   const double* points_ = nullptr;
   std::vector<std::int32_t> owner_;
   int elements_ = 0;
+  double near_ = 0.0;
   bool bound_ = false;
   std::atomic<bool> busy_{false};
 };
@@ -248,13 +256,13 @@ NB_MODULE(_priced, m) {
       .def(nb::init<int, const std::vector<int>&, const std::vector<int>&, double, double, double>(), "n"_a, "rows"_a,
            "priced"_a, "met"_a, "zero"_a, "flat"_a)
       .def("bind", &Stages::bind, "levels"_a, "handed"_a, "prices"_a, "shares"_a, "F"_a.none(), "f"_a.none(),
-           "guard"_a.none())
+           "guard"_a.none(), "pace"_a)
       .def("solve", &Stages::solve, "x"_a, "stages"_a, "last"_a, "head"_a = 0, "seconds"_a = 0.0)
       .def("after", &Stages::after, "exact"_a, "x"_a, "stages"_a, "last"_a)
       .def("limit", &Stages::limit, "seconds"_a)
       .def("latest", &Stages::latest)
-      .def("accounts", &Stages::accounts, "stages"_a, "owner"_a, "elements"_a)
-      .def("account", &Stages::account, "w"_a, "multipliers"_a.none(), "guards"_a, "out"_a)
+      .def("accounts", &Stages::accounts, "stages"_a, "owner"_a, "elements"_a, "near"_a)
+      .def("account", &Stages::account, "w"_a, "x"_a, "multipliers"_a.none(), "guards"_a, "out"_a)
       .def("describe", &Stages::describe, "x"_a, "constraints"_a, "activity"_a, "violation"_a, "slack"_a, "marks"_a)
       .def("effort", &Stages::effort)
       .def("reset", &Stages::reset);

@@ -53,8 +53,9 @@ class StageLevels final : public PricedStages {
     settled_.forget();
   }
 
-  void bind(const double* prices, const double* shares, const double* F, const double* f, int r,
-            const double* guard) override {
+  void bind(const double* prices, const double* shares, const double* F, const double* f, int r, const double* guard,
+            double pace) override {
+    pace_ = pace;
     prices_ = prices;
     shares_ = shares;
     F_ = F;
@@ -66,14 +67,14 @@ class StageLevels final : public PricedStages {
 
   void account(const AccountRows& rows, double* numbers, double* shares, double* worth) override {
     if (last_ < 0) at_.set(F_, f_, r_);
-    accounts_.run(level_, handed_, at_, prices_, ends_, rows_.C.data(), rows_.ld, row_of_, rows, numbers, shares,
-                  worth);
+    accounts_.run(level_, handed_, at_, prices_, ends_, rows_, row_of_, rows, numbers, shares, worth);
   }
 
   int solve(const double* x, int head, double seconds, double* stages, double* last) override {
     search_.limit(seconds);
     iterations_ = 0;
     ended_ = true;
+    speed_ = INFINITY;
     row_of_.clear();
     for (StageEnd& end : ends_) end.known = false;
     at_.set(F_, f_, r_);
@@ -90,6 +91,7 @@ class StageLevels final : public PricedStages {
         const int levels = static_cast<int>(level_.size());
         std::fill(stages, stages + static_cast<std::size_t>(levels) * n_, std::numeric_limits<double>::quiet_NaN());
         rows_.count = 0;
+        set_floor();
         search_.restart();
         for (int l = 0; l < k; ++l) leave(l, x);
       }
@@ -112,6 +114,7 @@ class StageLevels final : public PricedStages {
     }
     if (met && ended_) return -1;  // every level hands down its rows as they are
     std::copy(x_.begin(), x_.end(), last);
+    for (std::size_t k = last_ + 1; k < level_.size(); ++k) slow(static_cast<int>(k));
     return first;
   }
 
@@ -205,6 +208,7 @@ class StageLevels final : public PricedStages {
     }
     const double norm = std::sqrt(square);
     if (norm <= tolerances_.met * size) return false;
+    speed_ = smaller(speed_, pace_ * larger(1.0, prices_[k] * pace_ * pace_ / norm));
     const double width = shares_[k] * norm / std::sqrt(static_cast<double>(level.m));
     double made = 0.0, base = 0.0;
     for (int i = 0; i < level.m; ++i) {
@@ -219,7 +223,7 @@ class StageLevels final : public PricedStages {
       }
     }
     if (guard_ && level.m > 1 && made > 0.0)
-      out.lower[level.m] = base - smaller(shares_[k] * norm, 0.5 * made + guard_floor_ * shares_[k] * norm);
+      out.lower[level.m] = base - smaller(shares_[k] * norm, 0.5 * made + floor_ * shares_[k] * norm);
     else std::fill(guard, guard + n_, 0.0);
     return true;
   }
@@ -235,6 +239,44 @@ class StageLevels final : public PricedStages {
       const double w = slack(value, low_[i], high_[i]);
       if (low_[i] == high_[i] || std::abs(w) > tolerances_.met * (1.0 + std::abs(value))) low_[i] = high_[i] = value;
     }
+  }
+
+  // How far the targets of single coordinates in level k, after the last price, are from rest: ||F (t - still)||.
+  double asked(int k) const {
+    const PricedLevel& level = level_[k];
+    if (!handed_[k].lower || r_ > 0) return 0.0;
+    double square = 0.0;
+    for (int i = 0; i < level.m; ++i) {
+      if (level.lower[i] != level.upper[i]) continue;
+      const auto j = level.index[i];
+      const double y = (F_ ? F_[j] : 1.0) * (level.lower[i] / level.scale[i] - at_.still()[j]);
+      square += y * y;
+    }
+    return std::sqrt(square);
+  }
+
+  // phi: a guard turns with the motion of the levels below it, and holds only as far as they are slow.
+  void set_floor() {
+    double speed = 0.0;
+    for (std::size_t k = last_ + 1; k < level_.size(); ++k) speed = larger(speed, asked(static_cast<int>(k)));
+    const double share = speed / pace_;
+    floor_ = larger(guard_floor_, smaller(1.0, share * share));
+  }
+
+  // Those targets, drawn towards rest to speed_ at most.
+  void slow(int k) {
+    const PricedLevel& level = level_[k];
+    const Handed& out = handed_[k];
+    if (!out.lower) return;
+    std::copy(level.lower, level.lower + level.m, out.lower);
+    std::copy(level.upper, level.upper + level.m, out.upper);
+    const double speed = asked(k);
+    if (!(speed > speed_)) return;
+    const double lost = 1.0 - speed_ / speed;
+    for (int i = 0; i < level.m; ++i)
+      if (level.lower[i] == level.upper[i])
+        out.lower[i] = out.upper[i] =
+            level.lower[i] - lost * (level.lower[i] - level.scale[i] * at_.still()[level.index[i]]);
   }
 
   // The rows that a level leaves join the set of the stages below.
@@ -316,7 +358,8 @@ class StageLevels final : public PricedStages {
 
   int n_, last_ = -1, r_ = 0, iterations_ = 0;
   bool guard_ = true, ended_ = true;
-  double guard_floor_ = 0.0;
+  double guard_floor_ = 0.0, floor_ = 0.0;     // floor_: of this solve
+  double pace_ = INFINITY, speed_ = INFINITY;  // speed_: of single coordinates, below what is not met so far
   std::vector<PricedLevel> level_;
   std::vector<Handed> handed_;
   std::vector<std::vector<int>> warm_;

@@ -23,7 +23,8 @@ inline double slack(double value, double lower, double upper) {
   return value > upper ? value - upper : value < lower ? value - lower : 0.0;
 }
 
-// What a priced level hands down, written in place: (m + 1, n), the guard's row last.
+// What a priced level hands down, written in place: (m + 1, n), the guard's row last. Of a level of single coordinates
+// after the last price: its bounds (m), drawn towards rest; A is null.
 struct Handed {
   double* A = nullptr;
   double* lower = nullptr;
@@ -40,6 +41,8 @@ struct AccountRows {
   int elements = 0;
   const double* lambda = nullptr;
   bool guards = false;
+  const double* x = nullptr;
+  double near = 0.0;
 };
 
 // Of a level's terms: ||w|| below `met` and a row's slack below `zero` are zero.  flat: directions without motion get
@@ -54,9 +57,9 @@ class PricedStages {
   virtual PricedLevel* levels() = 0;  // to be filled once
   virtual Handed* handed() = 0;
   // prices, shares: one a level.  guard: its floor, or null for no guard.  F: (r, n), or its diagonal where r = 0, or
-  // null for the identity; f: (r), or null.
+  // null for the identity; f: (r), or null.  pace: of single coordinates below an unmet level.
   virtual void bind(const double* prices, const double* shares, const double* F, const double* f, int r,
-                    const double* guard) = 0;
+                    const double* guard, double pace) = 0;
   // x: the exact answer of all levels, or of those above level `head` where it is not 0.  The first level that it does
   // not settle, -1 for none; from that level on the stages are solved, stages (levels, n) hold their points (NaN
   // elsewhere), and last the last of them.  -2 where level `head` is met: the exact answer of all levels is needed.

@@ -1,0 +1,65 @@
+"""How fast single coordinates (a posture) may move while a priced level above them is not met.
+
+A level after the last price that selects single coordinates asks for x = t on its equality rows, at the speed
+v = ||F (t - x_still)||.  While a priced level is not met it is given
+
+    t' = x_still + (t - x_still) min(1, s / v),    s = least of p max(1, c_k p^2 / ||w_k||) over the levels not met,
+
+with p the pace of the hierarchy, and the floor of every guard (hqp.pricing) is phi = max(floor, min(1, v^2 / p^2)).
+
+The rows of an unmet level turn as fast as the joints move.  In its nearly lost directions the corners of the band that
+it hands down, and the half-space of its guard, then move further in one tick than they are wide, and the answer would
+jump from corner to corner as fast as the posture asks.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.problem import Hierarchy, Rows, Selection
+
+
+def coordinates_below(problem: Hierarchy) -> tuple[int, ...]:
+    """The levels of single coordinates after the last price; none where no pace bounds them."""
+    if not problem.priced or problem.pace == math.inf or (problem.motion is not None and problem.motion.F.ndim == 2):
+        return ()
+    last = max(k for k, priced in enumerate(problem.priced) if priced)
+    return tuple(k for k in range(last + 1, len(problem.levels)) if isinstance(problem.levels[k].A, Selection))
+
+
+def guard_of(problem: Hierarchy, still: Vec) -> float | None:
+    """The floor phi of the guards, None where there are none.  still: ``(n,)``, the point of least motion."""
+    if not problem.guard:
+        return None
+    speed = max((asked(problem, k, still)[1] for k in coordinates_below(problem)), default=0.0)
+    return max(problem.guard_floor, min(1.0, (speed / problem.pace) ** 2))
+
+
+def speed_below(problem: Hierarchy, level: int, x: Vec) -> float:
+    """s below one priced level that is not met in its stage, which ended at x."""
+    w, pace = problem.levels[level].slack(x), problem.pace
+    price = 0.0 if problem.prices is None else float(problem.prices[level])
+    return pace if pace == math.inf else pace * max(1.0, price * pace**2 / float(np.sqrt(w @ w)))
+
+
+def slowed(problem: Hierarchy, level: int, still: Vec, speed: float) -> Rows:
+    """The rows of a level of single coordinates with their targets t' for the speed s; inequality rows as they are."""
+    rows = problem.levels[level]
+    away, size = asked(problem, level, still)
+    if size <= speed:
+        return rows
+    given, equal = rows.lower - (1.0 - speed / size) * away, rows.equality
+    return Rows(rows.A, np.where(equal, given, rows.lower), np.where(equal, given, rows.upper))
+
+
+def asked(problem: Hierarchy, level: int, still: Vec) -> tuple[Vec, float]:
+    """A (t - x_still) of a level of single coordinates, zero on inequality rows ``(m,)``, and its speed v."""
+    rows, motion = problem.levels[level], problem.motion
+    assert isinstance(rows.A, Selection)
+    index, scale = rows.A.index, rows.A.scale
+    away = np.where(rows.equality, rows.lower - scale * still[index], 0.0)
+    y = away / scale if motion is None else motion.F[index] * away / scale
+    return away, float(np.sqrt(y @ y))
