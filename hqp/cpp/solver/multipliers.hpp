@@ -169,7 +169,7 @@ struct Multipliers {
 
   void own_signs(int k, const std::int8_t* W, double span, double length) {
     const Block& b = table->block[k];
-    const double unclear = larger(1e-9, tolerance * tableau->growth) * length;
+    const double unclear = larger(1e-8, 10.0 * tolerance * tableau->growth) * length;
     for (int r = b.begin; r < b.end; ++r) {
       if (!open[r]) continue;
       const double size = std::fabs(w[r]);
