@@ -84,7 +84,6 @@ class Teller:
 
     def account(self, count: int, tick: Tick) -> TickAccount:
         """Who holds what back."""
-        self._latest("account", count, tick)
         found = self._account(count, tick)
         return of_explanation(self._accounts.layout, count, self.explain(count, tick)) if found is None else found
 
@@ -105,14 +104,21 @@ class Teller:
         return conflict(problem, names)
 
     def _account(self, count: int, tick: Tick) -> TickAccount | None:
-        guards = tick.solution is not None and tick.solution.stage_points is not None
-        return self._accounts.account(count, tick._slacks(), tick.x, guards, tick.state.v)
+        solved = tick._solved() if tick._count == count else None
+        if solved is None:
+            raise _too_late("account")
+        w, x, staged = solved
+        return self._accounts.account(count, w, x, staged, tick.state.v)
 
     @staticmethod
     def _latest(what: str, count: int, tick: Tick) -> Solution:
         if tick._count != count or tick.solution is None:
-            raise HqpError(f"{what}() tells of the latest step with a solution; call it before the next step")
+            raise _too_late(what)
         return tick.solution
+
+
+def _too_late(what: str) -> HqpError:
+    return HqpError(f"{what}() tells of the latest step with a solution; call it before the next step")
 
 
 def restless_notes(restless: Iterable[tuple[str, float]]) -> tuple[Note, ...]:

@@ -141,10 +141,11 @@ class Tick:
         """Who holds what back, in microseconds, so that a history can be kept; as ``explain``."""
         return self._live().account(self)
 
-    def _slacks(self) -> Vec:
-        """Slacks of all rows."""
-        assert self.solution is not None
-        return np.concatenate([*self.solution.residuals, NO_ROWS])
+    def _solved(self) -> tuple[Vec, Vec, bool] | None:
+        """Slacks of all rows, the solver's answer, and whether it is that of stages; None without a solution."""
+        if (solution := self.solution) is None:
+            return None
+        return np.concatenate([*solution.residuals, NO_ROWS]), solution.x, solution.stage_points is not None
 
     def conflict(self) -> Conflict:
         """Which rows of ``subject_to`` exclude each other, and what each would have to give way; as ``explain``."""
@@ -273,8 +274,8 @@ class OrdinaryTick(Tick):
     def _names(self) -> tuple[str, ...]:  # type: ignore[override]
         return self._live().robot.joint_names
 
-    def _slacks(self) -> Vec:
-        return self._direct.slacks(self._record)
+    def _solved(self) -> tuple[Vec, Vec, bool]:
+        return self._direct.slacks(self._record), self._direct.x(self._record), False
 
     def general(self) -> Tick:
         """The same as a Tick whose parts are there."""

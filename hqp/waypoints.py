@@ -140,6 +140,8 @@ def bearing(program: Any, x: Vec, contacts: Sequence[str]) -> tuple[Note, ...]:
     for name in contacts:
         force = np.atleast_1d(forces[name])
         if float(np.abs(force).max(initial=0.0)) > BEARS_NOTHING:
-            why = f"cannot be released: it still bears {np.linalg.norm(force[:3]):.3g} N; take the weight off it first"
+            moment = f" and {np.linalg.norm(force[3:]):.3g} N m" if force.size > 3 else ""
+            bears = f"{np.linalg.norm(force[:3]):.3g} N{moment}"
+            why = f"cannot be released: it still bears {bears}; take the weight off it first"
             notes.append(Note(name, Status.OPTIMAL, why))
     return tuple(notes)

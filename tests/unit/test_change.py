@@ -257,10 +257,15 @@ def test_a_foot_that_cannot_be_unloaded_keeps_the_change_waiting(robot: Robot) -
     assert all(tick.transition <= 0.5 and tick.status is Status.OPTIMAL for tick in waiting)
     tick = waiting[-1]
     program: Any = tick.program
-    bears = np.linalg.norm(program.contact_forces(tick.x)[right][:3])
+    wrench = program.contact_forces(tick.x)[right]
+    bears = np.linalg.norm(wrench[:3])
     assert bears > 100.0
     assert [(n.element, n.detail) for n in tick.notes] == [
-        (right, f"cannot be released: it still bears {bears:.3g} N; take the weight off it first")
+        (
+            right,
+            f"cannot be released: it still bears {bears:.3g} N and {np.linalg.norm(wrench[3:]):.3g} N m; "
+            "take the weight off it first",
+        )
     ]
     assert np.abs(robot.state(loop.q).com() - loop.com).max() < 1e-5
     loop.shift(700)  # a user takes the weight off it
