@@ -3,9 +3,11 @@
 A level after the last price that selects single coordinates asks for x = t on its equality rows, at the speed
 v = ||F (t - x_still)||.  While a priced level is not met it is given
 
-    t' = x_still + (t - x_still) min(1, s / v),    s = least of p max(1, c_k p^2 / ||w_k||) over the levels not met,
+    t' = x_still + y' / F,  y' = sign(y) min(|y|, theta),    y = F (t - x_still),  ||y'|| = min(v, s),
+    s = least of p max(1, c_k p^2 / ||w_k||) over the levels not met,
 
-with p the pace of the hierarchy, and the floor of every guard (hqp.pricing) is phi = max(floor, min(1, v^2 / p^2)).
+with p the pace of the hierarchy: fast coordinates are slowed alike, slow ones (a gripper) not at all.  The floor of
+every guard (hqp.pricing) is phi = max(floor, min(1, v^2 / p^2)).
 
 The rows of an unmet level turn as fast as the joints move.  In its nearly lost directions the corners of the band that
 it hands down, and the half-space of its guard, then move further in one tick than they are wide, and the answer would
@@ -48,18 +50,29 @@ def speed_below(problem: Hierarchy, level: int, x: Vec) -> float:
 def slowed(problem: Hierarchy, level: int, still: Vec, speed: float) -> Rows:
     """The rows of a level of single coordinates with their targets t' for the speed s; inequality rows as they are."""
     rows = problem.levels[level]
-    away, size = asked(problem, level, still)
+    y, size = asked(problem, level, still)
     if size <= speed:
         return rows
-    given, equal = rows.lower - (1.0 - speed / size) * away, rows.equality
+    assert isinstance(rows.A, Selection)
+    index, scale, equal = rows.A.index, rows.A.scale, rows.equality
+    away = np.sign(y) * np.minimum(np.abs(y), common_bound(np.abs(y), speed))
+    given = scale * (still[index] + (away if problem.motion is None else away / problem.motion.F[index]))
     return Rows(rows.A, np.where(equal, given, rows.lower), np.where(equal, given, rows.upper))
 
 
+def common_bound(size: Vec, speed: float) -> float:
+    """theta with ||min(size, theta)|| = speed, where ||size|| > speed: found in a few passes, for it only grows."""
+    bound, count = 0.0, 0
+    while (cut := size > bound).sum() != count:
+        count = int(cut.sum())
+        bound = math.sqrt(max(speed**2 - float(np.square(size[~cut]).sum()), 0.0) / count)
+    return bound
+
+
 def asked(problem: Hierarchy, level: int, still: Vec) -> tuple[Vec, float]:
-    """A (t - x_still) of a level of single coordinates, zero on inequality rows ``(m,)``, and its speed v."""
+    """y of a level of single coordinates, zero on inequality rows ``(m,)``, and its speed v."""
     rows, motion = problem.levels[level], problem.motion
     assert isinstance(rows.A, Selection)
     index, scale = rows.A.index, rows.A.scale
-    away = np.where(rows.equality, rows.lower - scale * still[index], 0.0)
-    y = away / scale if motion is None else motion.F[index] * away / scale
-    return away, float(np.sqrt(y @ y))
+    y = np.where(rows.equality, rows.lower / scale - still[index], 0.0) * (1.0 if motion is None else motion.F[index])
+    return y, float(np.sqrt(y @ y))

@@ -86,3 +86,18 @@ def test_a_nearly_straight_arm_leaves_towards_a_target_on_its_line(bend: float, 
     for _ in range(3000):
         q, v = session.step(robot.state(q, v), hand.at(goal), posture.at(start)).advance()
     assert np.linalg.norm(robot.state(q).position("tip")[:2] - goal) < 5e-3
+
+
+def test_a_gripper_is_not_slowed_with_the_arm() -> None:
+    """Fast joints of a posture are slowed alike below an unmet level, slow ones not at all."""
+    robot = hqp.robots.load("panda")
+    hand = Position(frame="panda_hand", law=P(5.0, max_velocity=0.4), name="hand")
+    posture = Posture(law=P(5.0), name="posture")
+    stack = Stack(Level(hand), Level(posture), subject_to=[JointLimits()])
+    session = hqp.Controller(stack, deadline=math.inf).session(robot, 0.002)
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    goal, wanted = robot.state(q).position(hand.frame) + np.array([1.5, 0.0, 0.0]), q.copy()
+    wanted[-2:] = np.where(q[-2:] < 0.02, 0.03, 0.01)
+    for _ in range(1000):
+        q, v = session.step(robot.state(q, v), hand.at(goal), posture.at(wanted)).advance()
+    np.testing.assert_allclose(q[-2:], wanted[-2:], atol=1e-3)

@@ -241,17 +241,18 @@ class StageLevels final : public PricedStages {
     }
   }
 
-  // How far the targets of single coordinates in level k, after the last price, are from rest: ||F (t - still)||.
+  // How far the target of row i of a level of single coordinates is from rest: |F (t - still)|, 0 for inequalities.
+  double away(const PricedLevel& level, int i) const {
+    if (level.lower[i] != level.upper[i]) return 0.0;
+    const auto j = level.index[i];
+    return std::abs((F_ ? F_[j] : 1.0) * (level.lower[i] / level.scale[i] - at_.still()[j]));
+  }
+
+  // The speed that such a level k, after the last price, asks for.
   double asked(int k) const {
-    const PricedLevel& level = level_[k];
     if (!handed_[k].lower || r_ > 0) return 0.0;
     double square = 0.0;
-    for (int i = 0; i < level.m; ++i) {
-      if (level.lower[i] != level.upper[i]) continue;
-      const auto j = level.index[i];
-      const double y = (F_ ? F_[j] : 1.0) * (level.lower[i] / level.scale[i] - at_.still()[j]);
-      square += y * y;
-    }
+    for (int i = 0; i < level_[k].m; ++i) square += away(level_[k], i) * away(level_[k], i);
     return std::sqrt(square);
   }
 
@@ -263,20 +264,32 @@ class StageLevels final : public PricedStages {
     floor_ = larger(guard_floor_, smaller(1.0, share * share));
   }
 
-  // Those targets, drawn towards rest to speed_ at most.
+  // Those targets, drawn towards rest: the largest alike, so that the level asks for speed_ at most.
   void slow(int k) {
     const PricedLevel& level = level_[k];
     const Handed& out = handed_[k];
     if (!out.lower) return;
     std::copy(level.lower, level.lower + level.m, out.lower);
     std::copy(level.upper, level.upper + level.m, out.upper);
-    const double speed = asked(k);
-    if (!(speed > speed_)) return;
-    const double lost = 1.0 - speed_ / speed;
-    for (int i = 0; i < level.m; ++i)
-      if (level.lower[i] == level.upper[i])
-        out.lower[i] = out.upper[i] =
-            level.lower[i] - lost * (level.lower[i] - level.scale[i] * at_.still()[level.index[i]]);
+    if (!(asked(k) > speed_)) return;
+    double bound = 0.0;
+    for (int count = 0, cut = -1; count != cut;) {
+      cut = count;
+      double square = 0.0;
+      count = 0;
+      for (int i = 0; i < level.m; ++i) {
+        const double size = away(level, i);
+        if (size > bound) ++count;
+        else square += size * size;
+      }
+      if (count != cut) bound = std::sqrt(larger(speed_ * speed_ - square, 0.0) / count);
+    }
+    for (int i = 0; i < level.m; ++i) {
+      const double size = away(level, i);
+      if (!(size > bound)) continue;
+      const double rest = level.scale[i] * at_.still()[level.index[i]];
+      out.lower[i] = out.upper[i] = rest + bound / size * (level.lower[i] - rest);
+    }
   }
 
   // The rows that a level leaves join the set of the stages below.
