@@ -170,3 +170,19 @@ def test_ours_in_the_same_table() -> None:
 def test_an_unknown_rival() -> None:
     with pytest.raises(DeclarationError, match="placo"):
         environments.environment("plaxo")
+
+
+def test_our_torques_out_of_reach_are_calm_and_within_the_motors() -> None:
+    """Without torque limits a straight leg took 1e10 N m, and hands out of reach reversed 87 times a second."""
+    robot = hqp.robots.load("talos")
+    feet = [FixedContact(frame=sole) for sole in robot.landmarks["soles"]]
+    hand = Position(frame=robot.landmarks["palms"][1], law=P(5.0), name="hand")
+    stack = Stack(
+        Level(*feet, Com(axes="xy", law=P(2.0)), name="balance"),
+        Level(hand, name="hand"),
+        Level(Orientation(frame=robot.landmarks["base"][0]), Posture(law=P(1.0)), name="rest"),
+        subject_to=[JointLimits()],
+    )
+    (line,) = compare._ours([scene("unreachable", robot, stack)], 1.4, 0.002, compare.TORQUE)
+    assert line.said == ""
+    assert line.reversals <= 5.0
