@@ -45,6 +45,9 @@ TURNING = {1: 0.02, 2: 0.1}
 At 500 Hz that is 0.1 rad/s and 5 rad/s^2.  In one tick the motion of the posture then turns the rows of the level by no
 more than the band that it leaves; a faster one jumps between the corners of the band (hqp/pace.py)."""
 
+LONGEST_TICK = 0.5
+"""[s] longer steps are those of a search for a pose (hqp.reach), not ticks: postures have no pace there."""
+
 GAIN_TIME = 0.25
 """At order 1, tau is at most this over the gain: a demand that speed limits cut would slow all rows of its level."""
 
@@ -227,7 +230,7 @@ def level_prices(
         return None
     rest = 1.0 / (REST_TIME * (longest or LONGEST_TAU[order])) if order == 2 else 0.0
     least = float(min((eta for eta, c in zip(shares, prices, strict=True) if c > 0.0 < eta), default=SHARE))
-    pace = math.sqrt(least * TURNING[order] / dt**order)
+    pace = math.sqrt(least * TURNING[order] / dt**order) if dt <= LONGEST_TICK else math.inf
     return LevelPrices(prices, shares, sizes.scale, rest, pace)
 
 
