@@ -110,6 +110,16 @@ def test_bounds_hold_exactly() -> None:
         assert np.all(value <= upper)
 
 
+def test_a_long_row_along_a_long_x_is_held_to_its_own_terms() -> None:
+    """900 x_1 <= 27 is not passed by 3e-7 because x_0 is 90: the row of a light joint among large torques."""
+    limit = Rows(np.array([[1e-3, 900.0]]), np.array([-np.inf]), np.array([27.0]))
+    large = Rows(np.array([[1.0, 0.0]]), np.array([90.0]), np.array([90.0]))
+    beyond = Rows(np.array([[1e-3, 900.0]]), np.array([27.0 + 3e-7]), np.array([27.0 + 3e-7]))
+    answer = Lexicographic().solve(Hierarchy((limit, large, beyond), constraints=1))
+    assert answer.status is Status.OPTIMAL
+    assert answer.residuals[0][0] <= 1e-9
+
+
 def test_multipliers_are_those_of_the_optimum() -> None:
     solver = Lexicographic(multipliers=True)
     drawn = [

@@ -200,6 +200,13 @@ static inline double dot_any(const double* x, const double* y, int n) {
   return s;
 }
 
+// The same of their magnitudes.
+static inline double absolute_dot(const double* x, const double* y, int n) {
+  double s = 0.0;
+  for (int j = 0; j < n; ++j) s += std::fabs(x[j] * y[j]);
+  return s;
+}
+
 // to[i] = x . Y(i, :) for `count` rows of Y, four at a time.
 static inline void dots_any(const double* x, const double* Y, int ld, int count, int n, double* to) {
   int i = 0;

@@ -142,12 +142,6 @@ class Judge {
     }
   }
 
-  static double absolute_dot(const double* a, const double* b, int n) {
-    double s = 0.0;
-    for (int i = 0; i < n; ++i) s += std::fabs(a[i] * b[i]);
-    return s;
-  }
-
   // Row q of unit length as Q' a, brought up to date.
   const double* projected(int q) {
     double* y = row_ + static_cast<std::ptrdiff_t>(q) * ld_;

@@ -71,7 +71,7 @@ class Step : public WorkingSet {
       if (table.kind[r] != kUpper || W[r] || change_[r] == 0.0) continue;
       const double bound = change_[r] > 0 ? table.upper[r] : table.lower[r];
       const double over = change_[r] > 0 ? target_[r] - bound : bound - target_[r];
-      if (!(over > slackness(r, bound, size))) continue;
+      if (!is_over(r, over, bound, size)) continue;
       const double a = larger(0.0, (bound - v[r]) / change_[r]);
       if (a < alpha) {
         alpha = a;
@@ -146,7 +146,7 @@ class Step : public WorkingSet {
     for (int r = table.block[level].begin; r < table.block[level].end; ++r) {
       if (table.kind[r] != kUpper || W[r] || change_[r] == 0.0) continue;
       const double bound = change_[r] > 0 ? table.upper[r] : table.lower[r];
-      if (!((change_[r] > 0 ? target_[r] - bound : bound - target_[r]) > slackness(r, bound, size))) continue;
+      if (!is_over(r, change_[r] > 0 ? target_[r] - bound : bound - target_[r], bound, size)) continue;
       const double a = larger(0.0, (bound - v[r]) / change_[r]);
       if (a < first) {
         first = a;

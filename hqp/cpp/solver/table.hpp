@@ -131,6 +131,13 @@ struct Table {
     return b.A ? dot_any(b.A + static_cast<std::ptrdiff_t>(i) * n, x, n) : b.scale[i] * x[b.index[i]];
   }
 
+  // What row r of A x is the sum of, in magnitude.
+  double terms(int r, const double* x) const {
+    const Block& b = block_of(r);
+    const int i = r - b.begin;
+    return b.A ? absolute_dot(b.A + static_cast<std::ptrdiff_t>(i) * n, x, n) : std::fabs(b.scale[i] * x[b.index[i]]);
+  }
+
   // v = A x over the rows of the table.
   void product(const double* x, double* v) const {
     for (int k = 0; k < blocks; ++k) {
