@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from hqp.direct import Direct
 from hqp.formulation import Program
 from hqp.law import Law
-from hqp.price import affordable, as_price
+from hqp.price import affordable, as_price, is_exact
 from hqp.rest import Rest
 from hqp.restless import Watched
 from hqp.robot import Robot
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from hqp.controller import Controller
 
 KEPT = 16
-"""Compiled stacks that a session keeps."""
+"""Stacks whose compiled form a session keeps; one that was completed counts as two."""
 
 
 @dataclass(slots=True, eq=False)
@@ -77,8 +77,10 @@ class Compiler:
         except TypeError:  # an element of the user's own with a field that has no hash
             return self._compiled(stack)
         known = known or self._compiled(stack)
-        self._seen[stack] = known  # the latest last
-        if len(self._seen) > KEPT:
+        for key in (known.stack, stack):  # a transition starts from the stack as it was completed
+            self._seen.pop(key, None)
+            self._seen[key] = known  # the latest last
+        while len(self._seen) > KEPT:
             del self._seen[next(iter(self._seen))]
         return known
 
@@ -87,7 +89,10 @@ class Compiler:
         solver = self._controller.solver
         assert isinstance(solver, Solver)  # Controller has loaded it
         price, dropped = affordable(whole, as_price("controller", self._controller.price), solver)
-        program = self._controller.formulation.compile(whole, self._robot, self._dt, price)
+        formulation = self._controller.formulation
+        if solver.inequalities and not is_exact(price):
+            whole = formulation.bounded(whole, self._robot)
+        program = formulation.compile(whole, self._robot, self._dt, price)
         solver.require(program.shape)
         workspace = solver.workspace(program.shape)
         limit = None if getattr(solver, "deadline", 0.0) is not None else getattr(workspace, "limit", None)

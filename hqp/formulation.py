@@ -18,7 +18,7 @@ from hqp.errors import DeclarationError
 from hqp.law import PD, Law, P, SelfMotion
 from hqp.layout import lay_out
 from hqp.loads import Loads, loads_of
-from hqp.price import GUARD_FLOOR, Price, level_prices
+from hqp.price import GUARD_FLOOR, Price, is_exact, level_prices
 from hqp.problem import Hierarchy, Motion, Rows, Selection, Shape, Stacked
 from hqp.reference import Reference
 from hqp.rest import Brake, Rest, SlowDown
@@ -115,6 +115,10 @@ class Formulation(ABC):
         price: of levels that declare none, the default for None; one with tau = 0 makes every level exact.
         """
 
+    def bounded(self, stack: Stack, robot: Robot) -> Stack:
+        """The stack under the bounds on x that it leaves unsaid; a stack that is compiled exact goes without."""
+        return stack
+
     def laws(self, stack: Stack) -> dict[str, Law]:
         """The law of each element, defaults filled in; raises DeclarationError for a law of another order."""
         laws = {}
@@ -183,7 +187,7 @@ class MotionProgram(Program):
     ) -> None:
         formulation.check(stack)
         laws = formulation.laws(stack)
-        exact = price is not None and price.tau == 0.0
+        exact = is_exact(price)
         loads = loads_of(stack)
         groups = lay_out(stack, robot, held=loads, contacts_first=not exact)
         dense = [e for group in groups if not group.selection for e in group.elements]

@@ -85,6 +85,11 @@ def as_price(owner: str, value: object) -> Price | None:
     raise DeclarationError(owner, "not a price", value=value, allowed="Price(tau=..., share=...), or 0 for exact")
 
 
+def is_exact(price: Price | None) -> bool:
+    """Whether levels with that price are the exact problem."""
+    return price is not None and price.tau == 0.0
+
+
 @dataclass(frozen=True)
 class LevelPrices:
     """What the motion of a hierarchy costs: c_k and share of every level, E(x) = 1/2 ||S (xdot - f)||^2.
@@ -203,7 +208,7 @@ def level_prices(
     given: the controller's price, for levels that declare none; one with tau = 0 makes every level exact.  By default
     a level has a price unless it and all levels below it select single joints; hard levels never have one.
     """
-    if given is not None and given.tau == 0.0:
+    if is_exact(given):
         return None
     sizes: Sizes | None = None
     prices, shares = np.zeros(len(groups)), np.full(len(groups), SHARE)
@@ -214,7 +219,7 @@ def level_prices(
         single = all(p is not None for p in picks)
         trailing = trailing and single
         declared = group.price if group.price is not None else given
-        if not group.tasks or (trailing and group.price is None) or (declared is not None and declared.tau == 0.0):
+        if not group.tasks or (trailing and group.price is None) or is_exact(declared):
             continue
         sizes = sizes or Sizes.of(robot)
         shares[k] = SHARE if declared is None else declared.share
@@ -242,7 +247,7 @@ def affordable(stack: Stack, given: Price | None, solver: Solver) -> tuple[Price
     declared = [level.price for level in stack.levels if level.price is not None]
     declared += [given] if given is not None else []
     wanted = [price for price in declared if price.tau != 0.0]
-    if given is not None and given.tau == 0.0:
+    if is_exact(given):
         return given, ""
     if not solver.priced:
         if wanted:

@@ -17,7 +17,7 @@ from hqp.formulation import Formulation, Place, Program
 from hqp.law import PD, Law
 from hqp.layout import Group, lay_out
 from hqp.loads import Loads, loads_of
-from hqp.price import GUARD_FLOOR, LevelPrices, Price, level_prices
+from hqp.price import GUARD_FLOOR, LevelPrices, Price, is_exact, level_prices
 from hqp.problem import Hierarchy, Motion, Rows, Shape, Stacked
 from hqp.reference import Reference
 from hqp.rest import Rest
@@ -47,6 +47,9 @@ class Torque(Formulation):
     constraints; none by default, for ground does not move on request.  gravity_compensation: what the levels leave
     is settled by min |tau - tau_g| in phi* instead (eq. 27), tau_g the torque that holds the robot: it floats rather
     than falls; wheels then hold a robot on a slope whose goals all move with it.
+    effort_limits: a stack that bounds no torque in ``subject_to`` gets ``TorqueLimits()`` of the robot's motors before
+    everything else, unless it is exact (price=0) or its solver takes no inequalities: a leg that comes to be straight
+    would else ask for 1e7 N m and more.
     """
 
     order: ClassVar[int] = 2
@@ -54,6 +57,19 @@ class Torque(Formulation):
     law: Law = field(default=PD(100.0, 20.0))
     contact_law: Law = field(default=PD(0.0, 0.0))
     gravity_compensation: bool = False
+    effort_limits: bool = True
+
+    def bounded(self, stack: Stack, robot: Robot) -> Stack:
+        """The stack within the robot's effort limits, where it has none of its own."""
+        if not self.effort_limits or any(e.quantity == "effort" for e in stack.subject_to):
+            return stack
+        names = [robot.joint_names[i] for i, k in enumerate(robot.actuated) if np.isfinite(robot.effort_limit[k])]
+        if not names:
+            return stack
+        from hqp.tasks import TorqueLimits
+
+        motors = TorqueLimits(name="motors", joints=None if len(names) == robot.actuated.size else names)
+        return Stack(*stack.levels, subject_to=(motors, *stack.subject_to))
 
     def laws(self, stack: Stack) -> dict[str, Law]:
         """The law of each element; reaction constraints take contact_law, contacts in a level take law."""
@@ -86,7 +102,7 @@ class TorqueProgram(Program):
         held = reactions(stack)
         self.dt, self._laws = dt, laws
         self.actuation = require_actuation(held, robot, dt, laws)
-        exact = price is not None and price.tau == 0.0
+        exact = is_exact(price)
         loads = loads_of(stack)
         groups = lay_out(stack, robot, held=(*held, *loads), torque=True, contacts_first=not exact)
         motion = [e for group in groups for e in group.elements if e.quantity == "motion"]
