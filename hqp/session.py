@@ -72,6 +72,7 @@ class Session:
         self._good: State | None = None
         self._status = Status.OPTIMAL
         self._held = 0
+        self._rows_time = 0.0
         self._named: tuple[Reference, ...] = ()
         self._recorder: Recorder | None = None
         torque = self.program.kind == "torque"
@@ -149,7 +150,7 @@ class Session:
             return None
         if direct.fresh and self._limit is not None:
             self._budget.begin()
-            self._limit(self._budget.left(0.0))
+            self._limit(self._budget.left(self._rows_time))
         self.program.prepare(state)
         before = self._x if self._latest is None else self._latest
         found = direct.step(state, references, before)
@@ -244,6 +245,7 @@ class Session:
         if self._ease is not None:
             self._ease()
         filled = perf_counter()
+        self._rows_time = filled - start
         if self._limit is not None and self._good is not None:  # the very first answer may take its time
             self._limit(self._budget.left(filled - start))
         solution = self.workspace.solve(program.problem)

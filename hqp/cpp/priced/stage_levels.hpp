@@ -102,6 +102,7 @@ class StageLevels final : public PricedStages {
       if (met) at_.motion(x, y_.data());
       stage(k, priced ? prices_[k] : 0.0);
       at_.point(y_.data(), x_.data());
+      if (!ended_ && search_.late()) break;  // the levels below begin where this one does
       if (priced) {
         if (hand_down(k, x_.data())) met = false;
         else settled_.begin_with(k, warm_[k], row_of_);  // the stage ended at the point of least motion
@@ -112,7 +113,11 @@ class StageLevels final : public PricedStages {
       if (met && head > 0 && k == head) return -2;
       take(k, priced);
     }
-    if (met && ended_) return -1;  // every level hands down its rows as they are
+    if (!ended_) {
+      std::copy(x_.begin(), x_.end(), last);
+      return first;
+    }
+    if (met) return -1;  // every level hands down its rows as they are
     std::copy(x_.begin(), x_.end(), last);
     for (std::size_t k = last_ + 1; k < level_.size(); ++k) slow(static_cast<int>(k));
     return first;

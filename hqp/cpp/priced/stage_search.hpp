@@ -86,6 +86,9 @@ class StageSearch {
       end_ = Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
   }
 
+  // Whether that time has gone by.
+  bool late() const { return limited_ && Clock::now() > end_; }
+
   // The stages of another problem follow.
   void restart() {
     set_.clear();
@@ -101,6 +104,7 @@ class StageSearch {
     rows_ = &rows;
     N_ = N;
     begin();
+    if (late()) return false;
     for (; scanned_ < lasting; ++scanned_) hold(scanned_);
     ++iterations;
     bool reached = !working.empty() && on_the_face_of(working, T, t, m, price, y);
@@ -126,7 +130,7 @@ class StageSearch {
     const int cap = 20 * (N_ + rows_->count);
     bool zero = false;
     for (int step = 0; step < cap; ++step) {
-      if (limited_ && Clock::now() > end_) return false;
+      if (late()) return false;
       ++iterations;
       minimiser(T, t, m, price, y);
       double far = 1.0;

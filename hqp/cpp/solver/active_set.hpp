@@ -15,8 +15,7 @@ class ActiveSet final : public Step {
     factorisations = iterations = judged = 0;
     outcome = Outcome::optimal;
     cap_ = options.max_iterations > 0 ? options.max_iterations : 100 + 10 * (table.rows + table.n);
-    looked_ = options.time_limit > 0 ? now() : 0.0;
-    deadline_ = options.time_limit > 0 ? looked_ + options.time_limit : 0.0;
+    level_search.deadline.start(options.time_limit);
     changes_.forget();
     tableau.choose_bias();
     stopped_ = stalled_ = false;
@@ -33,9 +32,7 @@ class ActiveSet final : public Step {
 
  private:
   static constexpr int kAll = 1 << 30;
-  static constexpr int kAlone = 2;        // highest levels that are solved one after the other, without those below
-  static constexpr double kForget = 0.9;  // of how long a verdict takes, each time there is none: it may have been late
-  double verdict_ = 0.0;                  // time that the last one took
+  static constexpr int kAlone = 2;  // highest levels that are solved one after the other, without those below
 
   // Swap everything that is violated or wrong-signed at once; true if that ends at the optimum.
   bool block_exchange() {
@@ -247,35 +244,34 @@ class ActiveSet final : public Step {
              32 * multipliers.doubted + 64 * table.uneven + 128 * stopped_;
     if (outcome == Outcome::iteration_limit) outcome = Outcome::optimal;
     const bool uncertain = tableau.closest < kDoubt;
-    const double begun = deadline_ > 0.0 ? now() : 0.0;
-    if (deadline_ > 0.0 && begun + verdict_ > deadline_) {  // no time for another verdict
-      verdict_ *= kForget;
+    Deadline& deadline = level_search.deadline;
+    const bool passed = level_search.judge(x);
+    if (deadline.passed()) {
       outcome = Outcome::time_limit;
       return;
     }
-    const bool passed = level_search.judge(x);
-    if (deadline_ > 0.0) verdict_ = now() - begun;
     if (passed && level_search.gap <= kGood) {
       if (stopped_) take_working_set();
       if (uncertain) outcome = Outcome::rank_uncertain;
       return;
     }
     judged += 1;
-    bool found = level_search.search(x, deadline_);
+    bool found = level_search.search(x);
     iterations += level_search.solves;
-    if (!found && !passed && !level_search.late) {
-      for (int i = 0; i < table.n; ++i) v[i] = inside_box(i, 0.0);
+    if (!found && !passed)  // lower than where it began, or the same
       for (int i = 0; i < table.n; ++i) x[i] = level_search.x[i];
-      found = level_search.search(v, deadline_);
+    if (!found && !passed && !deadline.passed()) {
+      for (int i = 0; i < table.n; ++i) v[i] = inside_box(i, 0.0);
+      found = level_search.search(v);
       iterations += level_search.solves;
     }
+    if (found)
+      for (int i = 0; i < table.n; ++i) x[i] = level_search.x[i];
     if (!found && passed) {
       outcome = Outcome::rank_uncertain;
       return;
     }  // as good as it gets
-    if (found || level_search.late)
-      for (int i = 0; i < table.n; ++i) x[i] = level_search.x[i];
-    if (level_search.late) {
+    if (!found && deadline.passed()) {
       outcome = Outcome::time_limit;
       return;
     }

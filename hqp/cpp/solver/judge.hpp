@@ -25,6 +25,7 @@ class Judge {
 
   double* x = nullptr;  // (n,) the point
   double gap = 0.0;     // the largest so far
+  Deadline deadline;    // ends a verdict unsaid: the point does not pass
 
   void layout(Arena& arena, int n, int rows, int most) {
     n_ = n;
@@ -48,12 +49,15 @@ class Judge {
     arena.place(y_, n);
   }
 
-  void start(const Table* table) { table_ = table; }
+  void start(const Table* table) {
+    table_ = table;
+    columns_.deadline = &deadline;
+  }
 
   // Whether the point is optimal under either reading of small multipliers.
   bool judge(const double* at) {
     for (int i = 0; i < n_; ++i) x[i] = at[i];
-    return pass_twice(kLeastLock) || pass_twice(kLock);
+    return pass_twice(kLeastLock) || (!deadline.passed() && pass_twice(kLock));
   }
 
   // The side at which a row held a level back, 0 if at none.
@@ -117,7 +121,7 @@ class Judge {
       if (!(own <= allowed())) return false;
       descend(k, lock, own);
     }
-    return true;
+    return !deadline.passed();
   }
 
   double lower(int q) const { return q < n_ ? table_->lo[q] : table_->lower[q - n_]; }
@@ -222,7 +226,7 @@ class Judge {
   void fix() {
     const int base = null_.rank, listed = listed_;
     bool grey = false;
-    while (listed_ && null_.freedom()) {
+    while (listed_ && null_.freedom() && !deadline.passed()) {
       int best = 0;
       double longest = -1.0;
       for (int i = 0; i < listed_; ++i) {
@@ -259,7 +263,7 @@ class Judge {
     bool turned = true;
     for (int sweep = 0; sweep < 30 && turned; ++sweep) {
       turned = false;
-      for (int i = 0; i < listed_; ++i)
+      for (int i = 0; i < listed_ && !deadline.passed(); ++i)
         for (int j = i + 1; j < listed_; ++j) turned = rotate(tail(list_[i], base), tail(list_[j], base), f) || turned;
     }
     for (int i = 0; i < listed_ && null_.freedom(); ++i) {

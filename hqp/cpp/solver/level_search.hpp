@@ -1,19 +1,11 @@
 // The search that always ends: one level after the other from a given point, no level rises for one below.
 #pragma once
 
-#include <ctime>
-
 #include "judge.hpp"
 #include "level_along_step.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
-
-static inline double now() {
-  timespec t;
-  clock_gettime(CLOCK_MONOTONIC, &t);
-  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
-}
 
 // At level k the multipliers of the active rows that explain the gradient best (non-negative least squares) are found.
 // If something is left of it, that is a direction along which the level falls and no active row is in the way, however
@@ -22,8 +14,7 @@ static inline double now() {
 // of rows comes again.
 class LevelSearch : public Judge {
  public:
-  bool late = false;  // the deadline ended the search
-  int solves = 0;     // subspaces minimised
+  int solves = 0;  // subspaces minimised
 
   void layout(Arena& arena, int n, int rows, int most) {
     Judge::layout(arena, n, rows, most);
@@ -44,15 +35,13 @@ class LevelSearch : public Judge {
   }
 
   // Lower level after level from x, which keeps the box; true if what is reached is optimal.
-  bool search(const double* from, double deadline) {
-    deadline_ = deadline;
-    looked_ = deadline > 0.0 ? now() : 0.0;
-    late = false;
+  bool search(const double* from) {
     solves = 0;
+    deadline.turn();
     for (int i = 0; i < n_; ++i) x[i] = from[i];
     for (int turn = 0; turn < kPasses; ++turn) {
       const bool moved = lower_all();
-      if (late) return false;
+      if (deadline.passed()) return false;
       for (int i = 0; i < n_; ++i) t_[i] = x[i];
       if (judge(t_)) return true;
       if (!moved) return false;
@@ -68,19 +57,11 @@ class LevelSearch : public Judge {
   static constexpr double kFlat =
       1e-9;  // a row whose rest is no longer than this, relative, adds no direction to its level
   int wide_ = 0, kept_count_ = 0;
-  double deadline_ = 0.0, looked_ = 0.0;
   double *B_ = nullptr, *rhs_ = nullptr, *length_ = nullptr, *size_ = nullptr, *mix_ = nullptr, *z_ = nullptr,
          *d_ = nullptr, *dv_ = nullptr, *t_ = nullptr;
   int *order_ = nullptr, *column_ = nullptr, *kept_ = nullptr;
 
   double* row(int i) { return B_ + static_cast<std::ptrdiff_t>(i) * wide_; }
-
-  bool out_of_time() {
-    if (late || deadline_ == 0.0) return late;
-    const double time = now(), lap = time - looked_;
-    looked_ = time;
-    return late = time + lap > deadline_;
-  }
 
   bool lower_all() {
     slop_ = kActive;
@@ -92,7 +73,7 @@ class LevelSearch : public Judge {
         own = lower_level(k, own);
         moved = true;
       }
-      if (late) break;
+      if (deadline.passed()) break;
       descend(k, kLeastLock, own);
     }
     return moved;
@@ -102,7 +83,7 @@ class LevelSearch : public Judge {
   double lower_level(int k, double own) {
     double least = kInfinity, nearest = own;
     int stalls = 0;
-    for (int turn = 0; turn < kTurns && own > kGoal && !out_of_time(); ++turn) {
+    for (int turn = 0; turn < kTurns && own > kGoal && !deadline.too_near(1.0); ++turn) {
       kept_count_ = 0;
       for (int a = 0; a < active_; ++a)
         if (columns_.passive[a]) kept_[kept_count_++] = id_[a];
@@ -122,7 +103,7 @@ class LevelSearch : public Judge {
   // To the lowest point of the level where the rows kept stay as they are, keeping those that are met on the way.
   void minimise(int k) {
     bool moved = false;
-    for (int turn = 0; turn < 3 * n_ + 60 && !out_of_time(); ++turn, ++solves) {
+    for (int turn = 0; turn < 3 * n_ + 60 && !deadline.too_near(1.0); ++turn, ++solves) {
       int blocking = -1;
       if (!direction(k)) return;
       double alpha = step(k, blocking);

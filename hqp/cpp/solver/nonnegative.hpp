@@ -2,6 +2,7 @@
 #pragma once
 
 #include "arena.hpp"
+#include "deadline.hpp"
 #include "dense.hpp"
 
 namespace hqp {
@@ -15,6 +16,7 @@ class NonnegativeLeastSquares {
   double* mu = nullptr;             // (count,)
   double* rest = nullptr;           // (size,) t - sum_a mu_a c_a
   std::int8_t* passive = nullptr;   // (count,) mu_a > 0
+  Deadline* deadline = nullptr;     // where it ends the search, nothing of the answer is usable
 
   void layout(Arena& arena, int n, int most) {
     ld_ = padded(n);
@@ -33,7 +35,8 @@ class NonnegativeLeastSquares {
     arena.place(t_, n);
   }
 
-  // Returns the length of the rest. At its end c_a' rest <= 0 for every column, up to rounding.
+  // Returns the length of the rest, infinity after the deadline. At its end c_a' rest <= 0 for every column, up to
+  // rounding.
   double solve(const double* t, int size) {
     size_ = size;
     chosen_ = 0;
@@ -48,7 +51,7 @@ class NonnegativeLeastSquares {
     }
     const double enough = 1e-15 * most;
     double length = norm(rest);
-    for (int turn = 0; turn < 3 * (count + size) && count; ++turn) {
+    for (int turn = 0; turn < 3 * (count + size) && count && !late(); ++turn) {
       int best = -1;
       double most_pull = enough;
       for (int a = 0; a < count; ++a) {
@@ -72,7 +75,7 @@ class NonnegativeLeastSquares {
         for (int a = 0; a < count; ++a) skip_[a] = 0;
       else skip_[best] = 1;
     }
-    return length;
+    return late() ? kInfinity : length;
   }
 
  private:
@@ -82,6 +85,7 @@ class NonnegativeLeastSquares {
   double *q_ = nullptr, *r_ = nullptr, *aim_ = nullptr, *along_ = nullptr,
          *t_ = nullptr;  // columns = Q' R, along = Q t
 
+  bool late() const { return deadline && deadline->passed(); }
   double norm(const double* y) const { return std::sqrt(dot_any(y, y, size_)); }
   double* q(int i) { return q_ + static_cast<std::ptrdiff_t>(i) * ld_; }
   double* r(int i) { return r_ + static_cast<std::ptrdiff_t>(i) * ld_; }  // column i of R
@@ -124,7 +128,7 @@ class NonnegativeLeastSquares {
     passive[order_[place]] = 0;
     mu[order_[place]] = 0.0;
     chosen_ = place;
-    for (int j = place + 1; j < last; ++j) {
+    for (int j = place + 1; j < last && !late(); ++j) {
       const int a = order_[j];
       if (!join(a)) {
         passive[a] = 0;
@@ -136,7 +140,7 @@ class NonnegativeLeastSquares {
 
   // Towards the least squares over the passive columns, dropping those that turn negative.
   void back_off() {
-    for (;;) {
+    while (!late()) {
       double step = 1.0;
       int worst = -1;
       for (int i = 0; i < chosen_; ++i) {

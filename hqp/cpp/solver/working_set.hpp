@@ -84,8 +84,9 @@ class WorkingSet {
 
  protected:
   static constexpr int kSeen = 512;
-  static constexpr int kIdle = 8;       // so many steps of no length may follow one another
-  static constexpr double kNear = 1e4;  // a pivot this near it, or one that magnifies rounding by kGrown, is judged
+  static constexpr double kTurns = 2.0;  // another turn like the last one, and what is left to do after it
+  static constexpr int kIdle = 8;        // so many steps of no length may follow one another
+  static constexpr double kNear = 1e4;   // a pivot this near it, or one that magnifies rounding by kGrown, is judged
   static constexpr double kGrown = 1e6;
   static constexpr double kGood = 1e-11;   // an answer that was judged and has a larger gap is lowered level by level
   static constexpr double kDoubt = 100.0;  // a pivot this near the rank tolerance, as a ratio, is no clear decision
@@ -98,9 +99,8 @@ class WorkingSet {
   double *trial_x_ = nullptr, *trial_v_ = nullptr;
   std::uint64_t* seen_ = nullptr;
   int cap_ = 0, seen_count_ = 0;
-  double deadline_ = 0.0, looked_ = 0.0;  // when the deadline was last looked at
-  Changes changes_;                       // since the tableau was made
-  int progress_ = -1;                     // first level that the last step changed
+  Changes changes_;    // since the tableau was made
+  int progress_ = -1;  // first level that the last step changed
   bool warm_ = false;
   bool always_refactorise_ = false;  // this search factorises every working set
   bool product_is_current_ = false;  // v = A x
@@ -179,16 +179,9 @@ class WorkingSet {
 
   bool out_of_time() {
     if (iterations >= cap_) outcome = Outcome::iteration_limit;
-    else if (deadline_ > 0.0 && too_late()) outcome = Outcome::time_limit;
+    else if (level_search.deadline.too_near(kTurns)) outcome = Outcome::time_limit;
     else return false;
     return true;
-  }
-
-  // Whether another turn like the last one, and what is left to do after it, would pass the deadline.
-  bool too_late() {
-    const double time = now(), lap = time - looked_;
-    looked_ = time;
-    return time + 2.0 * lap > deadline_;
   }
 
   double slackness(int r, double bound, double size) const {

@@ -1,0 +1,50 @@
+// When a search has to end with what it has.
+#pragma once
+
+#include <ctime>
+
+namespace hqp {
+inline namespace HQP_ISA {
+
+static inline double now() {
+  timespec t;
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+}
+
+// A look costs 25 ns: every loop whose turns take longer than 10 us looks, so that none ends much later.
+class Deadline {
+ public:
+  // seconds: from now, none for 0.
+  void start(double seconds) {
+    looked_ = now();
+    end_ = seconds > 0.0 ? looked_ + seconds : 0.0;
+    missed_ = false;
+  }
+
+  // Whether it has passed.
+  bool passed() {
+    if (!missed_ && end_ > 0.0) missed_ = now() > end_;
+    return missed_;
+  }
+
+  // Turns of another kind follow.
+  void turn() {
+    if (end_ > 0.0) looked_ = now();
+  }
+
+  // Whether so many more turns like the one since the last such question would pass it.
+  bool too_near(double turns) {
+    if (missed_ || end_ == 0.0) return missed_;
+    const double time = now(), lap = time - looked_;
+    looked_ = time;
+    return missed_ = time + turns * lap > end_;
+  }
+
+ private:
+  double end_ = 0.0, looked_ = 0.0;
+  bool missed_ = false;
+};
+
+}  // namespace HQP_ISA
+}  // namespace hqp
