@@ -203,7 +203,6 @@ class Collision:
     influence: float
     rate: float
     recovery: float
-    outset: float
     step: float
     shape: tuple[int, ...]
 
@@ -285,7 +284,6 @@ class Cone:
     angle: float
     rate: float
     recovery: float
-    outset: float
     shape: tuple[int, ...] = field(default=(3,), init=False)
 
 
@@ -301,7 +299,6 @@ class Within:
     upper: tuple[float, ...]
     rate: float
     recovery: float
-    outset: float
     rates: bool
     turn: int
 
@@ -320,7 +317,6 @@ class SupportPolygon:
     margin: float
     rate: float
     recovery: float
-    outset: float
     shape: tuple[int, ...] = field(default=(), init=False)
 
 

@@ -109,3 +109,31 @@ def test_the_last_level_is_asked_for_its_own_goal_in_the_end(name: str) -> None:
     solution = hqp.solvers.load("lexicographic").solve(problem)
     assert solution.status.solved, solution.detail
     assert certificate(problem, solution.x, 1e-8).ok
+
+
+@needs_kernel
+@pytest.mark.parametrize("seed", [2007166, 2020853, 2056136])
+def test_levels_that_conflict_and_are_nearly_singular(seed: int) -> None:
+    """A rank that the kernel's own verdict rests on lay within 20 of its tolerance (the first two: 8e-10, 1.00001e-10);
+    a row of length 1e-9 made a multiplier of 4e-8 in the level above it count as rounding."""
+    problem = fuzz.problem("conflicts", seed)[0]
+    solution = hqp.solvers.load("lexicographic").solve(problem)
+    assert solution.status.solved, solution.detail
+    assert any(certificate(problem, solution.x, tolerance).ok for tolerance in fuzz.TOLERANCES)
+
+
+@needs_kernel
+def test_a_short_row_below_does_not_widen_the_bounds_above() -> None:
+    """The goal of the second level is 3e9 away: a bound exceeded by 2e-5 once counted as met because of it."""
+    upper = np.array([1.0, 1e-9])
+    problem = Hierarchy(
+        (
+            Rows(np.eye(2)[:1], np.array([-np.inf]), upper[:1]),
+            Rows(np.array([[1.0, 1.0]]), np.array([2.0 + 2e-5]), np.array([2.0 + 2e-5])),
+            Rows(np.array([[1.0, -1.0]]), np.array([2e-5]), np.array([2e-5])),
+            Rows(np.array([[1e-9, 2e-9]]), np.array([5.0]), np.array([5.0])),
+        )
+    )
+    solution = hqp.solvers.load("lexicographic").solve(problem)
+    assert solution.x[0] <= 1.0 + 1e-11
+    assert certificate(problem, solution.x, 1e-8).ok

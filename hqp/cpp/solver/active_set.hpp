@@ -233,7 +233,7 @@ class ActiveSet final : public Step {
 
   // Whether rounding or a rank decision may have made the answer what it is.
   bool doubtful() const {
-    return tableau.closest < kNear || tableau.growth > kGrown || multipliers.doubted || table.uneven;
+    return tableau.closest < kNear || tableau.growth > kGrown || multipliers.doubted || overlooked_ || table.uneven;
   }
 
   // The answer is judged in orthogonal coordinates; what is not optimal is lowered level by level, from x and then from
@@ -241,9 +241,8 @@ class ActiveSet final : public Step {
   void certify() {
     if (options_->max_iterations > 0 && outcome == Outcome::iteration_limit) return;
     judged = 1 + 4 * stalled_ + 8 * (tableau.closest < kNear) + 16 * (tableau.growth > kGrown) +
-             32 * multipliers.doubted + 64 * table.uneven + 128 * stopped_;
+             32 * (multipliers.doubted || overlooked_) + 64 * table.uneven + 128 * stopped_;
     if (outcome == Outcome::iteration_limit) outcome = Outcome::optimal;
-    const bool uncertain = tableau.closest < kDoubt;
     Deadline& deadline = level_search.deadline;
     const bool passed = level_search.judge(x);
     if (deadline.passed()) {
@@ -252,7 +251,7 @@ class ActiveSet final : public Step {
     }
     if (passed && level_search.gap <= kGood) {
       if (stopped_) take_working_set();
-      if (uncertain) outcome = Outcome::rank_uncertain;
+      if (uncertain()) outcome = Outcome::rank_uncertain;
       return;
     }
     judged += 1;
@@ -276,8 +275,11 @@ class ActiveSet final : public Step {
       return;
     }
     take_working_set();
-    outcome = !found ? Outcome::not_certified : uncertain ? Outcome::rank_uncertain : Outcome::optimal;
+    outcome = !found ? Outcome::not_certified : uncertain() ? Outcome::rank_uncertain : Outcome::optimal;
   }
+
+  // Whether a rank that the answer or its verdict rests on was no clear decision.
+  bool uncertain() const { return tableau.closest < kDoubt || level_search.closest < kDoubt; }
 
   // The working set that the search level by level ended with, for the next problem.
   void take_working_set() {

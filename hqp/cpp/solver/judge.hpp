@@ -23,9 +23,10 @@ class Judge {
   static constexpr double kLock = 1e-5;  // a row counts as fixed for the levels below above this relative multiplier,
   static constexpr double kLeastLock = 1e-13;  // or above this one: either reading may be the right one
 
-  double* x = nullptr;  // (n,) the point
-  double gap = 0.0;     // the largest so far
-  Deadline deadline;    // ends a verdict unsaid: the point does not pass
+  double* x = nullptr;         // (n,) the point
+  double gap = 0.0;            // the largest so far
+  double closest = kInfinity;  // nearest a direction came to kRank in the last verdict, as a ratio >= 1
+  Deadline deadline;           // ends a verdict unsaid: the point does not pass
 
   void layout(Arena& arena, int n, int rows, int most) {
     n_ = n;
@@ -57,6 +58,7 @@ class Judge {
   // Whether the point is optimal under either reading of small multipliers.
   bool judge(const double* at) {
     for (int i = 0; i < n_; ++i) x[i] = at[i];
+    closest = kInfinity;
     return pass_twice(kLeastLock) || (!deadline.passed() && pass_twice(kLock));
   }
 
@@ -237,7 +239,7 @@ class Judge {
         }
       }
       grey = grey || (longest < kClear && longest > kRounding);
-      if (grey || !(longest > kRank)) break;
+      if (grey || !decide(longest)) break;
       null_.add(projected(list_[best]), longest);
       shortest_ = smaller(shortest_, longest);
       --listed_;
@@ -251,6 +253,12 @@ class Judge {
       fix_by_singular_values();
     }
     listed_ = 0;
+  }
+
+  // Whether a length is one of a direction.
+  bool decide(double length) {
+    closest = smaller(closest, length > kRank ? length / kRank : kRank / larger(length, 1e-300));
+    return length > kRank;
   }
 
   // One-sided Jacobi: rotations make the rows orthogonal, their lengths are the singular values.
@@ -276,7 +284,7 @@ class Judge {
           best = j;
         }
       }
-      if (!(longest > kRank)) break;
+      if (!decide(longest)) break;
       shortest_ = smaller(shortest_, longest);
       const int q = list_[best];
       list_[best] = list_[i];

@@ -76,7 +76,7 @@ struct Multipliers {
       const bool refined = doubtful(k, least, limit);
       if (refined) refine(k);
       faint_ = 1e-13 * norm * length;
-      clear_ = larger(1e-9, tolerance * tableau->growth) * norm * length;
+      clear_ = larger(larger(1e-9, tolerance * tableau->growth) * norm * length, refined ? least : limit);
       decide(k, W, F, refined ? least : limit, refined);
       if (highest && count) return;
     }
@@ -100,7 +100,7 @@ struct Multipliers {
       missed = missed || (w[r] != 0.0 && !met(r, W, span));
     }
     if (missed) return std::sqrt(square);
-    doubted = doubted || std::sqrt(square) > 1e-3 * tolerance * b.norm * span;
+    doubted = doubted || std::sqrt(square) > 1e-3 * tolerance * b.norm * t.largest(tableau->x);
     for (int r = b.begin; r < b.end; ++r) w[r] = 0.0;
     return 0.0;
   }
@@ -173,8 +173,9 @@ struct Multipliers {
     for (int r = b.begin; r < b.end; ++r) {
       if (!open[r]) continue;
       const double size = std::fabs(w[r]);
-      doubted = doubted || (size > 1e-13 * length && size < unclear);
-      if (met(r, W, span)) continue;
+      const bool zero = met(r, W, span);
+      doubted = doubted || (size > 1e-13 * length && (zero || size < unclear));
+      if (zero) continue;
       if (w[r] * W[r] < 0.0) to_release[count++] = WrongSign{k, r, false, std::fabs(w[r]) * table->norm[r]};
       open[r] = 0;
       --pending;

@@ -98,8 +98,10 @@ struct Table {
   }
 
   // The size of x for tolerances: of its largest entry, and not below what the rows' rounding leaves.
-  double span(const double* x) const {
-    double s = 1e-3 * reach;
+  double span(const double* x) const { return larger(1e-3 * reach, largest(x)); }
+
+  double largest(const double* x) const {
+    double s = 0.0;
     for (int i = 0; i < n; ++i) s = larger(s, std::fabs(x[i]));
     return s;
   }

@@ -107,6 +107,7 @@ class WorkingSet {
   double alpha_ = 0.0;               // length of the last step, 1 for a whole one
   bool stalled_ = false;             // a step had no length
   bool stopped_ = false;             // the search was given up at x, which need not be optimal
+  bool overlooked_ = false;          // a bound is exceeded by what only rows that reach far beyond x make rounding
 
   // The last working set where it still makes sense, else equalities and nothing more.
   void working_set() {
@@ -201,7 +202,8 @@ class WorkingSet {
 
   // Which rows and variables outside the working set are violated at the tableau's point; their number.
   int violations() {
-    const double size = table.span(tableau.x);
+    const double size = table.span(tableau.x), near = table.largest(tableau.x);
+    overlooked_ = near < size && exceeded(near);
     int number = 0;
     for (int r = 0; r < table.rows; ++r) {
       side_[r] = 0;
@@ -222,6 +224,20 @@ class WorkingSet {
       number += side_x_[i] != 0;
     }
     return number;
+  }
+
+  // Whether a row or variable outside the working set exceeds a bound where the size of x is taken to be `size`.
+  bool exceeded(double size) const {
+    for (int r = 0; r < table.rows; ++r)
+      if (table.kind[r] == kUpper && !W[r]) {
+        const double out = table.beyond(r, target_[r]);
+        if (std::fabs(out) > slackness(r, out > 0.0 ? table.upper[r] : table.lower[r], size)) return true;
+      }
+    for (int i = 0; i < table.n; ++i) {
+      const double bound = inside_box(i, tableau.x[i]), out = std::fabs(tableau.x[i] - bound);
+      if (!F[i] && out > options_->feasibility_tolerance * (std::fabs(bound) + size)) return true;
+    }
+    return false;
   }
 
   // Norm of what the rows of a level miss at values (rows,).
