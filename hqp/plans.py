@@ -203,6 +203,7 @@ class Collision:
     influence: float
     rate: float
     recovery: float
+    outset: float
     step: float
     shape: tuple[int, ...]
 
@@ -284,6 +285,7 @@ class Cone:
     angle: float
     rate: float
     recovery: float
+    outset: float
     shape: tuple[int, ...] = field(default=(3,), init=False)
 
 
@@ -299,6 +301,7 @@ class Within:
     upper: tuple[float, ...]
     rate: float
     recovery: float
+    outset: float
     rates: bool
     turn: int
 
@@ -317,6 +320,7 @@ class SupportPolygon:
     margin: float
     rate: float
     recovery: float
+    outset: float
     shape: tuple[int, ...] = field(default=(), init=False)
 
 

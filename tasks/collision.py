@@ -41,8 +41,10 @@ class CollisionAvoidance(Inequality):
     link, a joint group or a shape of the world; or the path of an SRDF, whose disabled pairs are left out of "auto";
     ``"world"``, links against the world only.  world: shapes of ``hqp.shapes``, which ``at`` moves.
     clearance [m]: for two links at most 0.8 of their distance at home.  influence [m]: of d, above the clearance.
-    rate [1/s].  recovery [m/s]: fastest way out of a collision.  slots: rows, the most pairs that are near at once
-    (a pair keeps its row while it is near), 64 or the number of pairs by default.
+    rate [1/s].  recovery [m/s]: fastest way out of a collision.  acceleration [m/s^2]: with which it sets in, rate *
+    recovery by default.  slots: rows, the most pairs that are near at once (a pair keeps its row while it is near), 64
+    or as many as there may be by default.  Capsules side by side have rows for their ends as well, which fade out
+    from 10 to 20 degrees.
     In ``subject_to`` rows stand below contacts and joint limits, so that a pair that cannot be kept apart does not
     cost the feet; as a member of a level they are kept as well as its priority allows.
     Raises DeclarationError for fields and for pairs that name nothing, ModelError for a robot without shapes.
@@ -56,6 +58,7 @@ class CollisionAvoidance(Inequality):
     influence: float = 0.1
     rate: float = 5.0
     recovery: float = 0.1
+    acceleration: float | None = None
     slots: int = 0
 
     def __post_init__(self) -> None:
@@ -71,6 +74,8 @@ class CollisionAvoidance(Inequality):
         for what in ("clearance", "rate", "recovery"):
             check_number(self, what, getattr(self, what), 0.0, strict=what != "clearance")
         check_number(self, "influence", self.influence, self.clearance, strict=True)
+        if self.acceleration is not None and self.acceleration != math.inf:
+            check_number(self, "acceleration", self.acceleration, 0.0, strict=True)
         if not isinstance(self.slots, int) or isinstance(self.slots, bool) or self.slots < 0:
             raise self.invalid("slots", self.slots, "a whole number, 0 for as many as there may be pairs near")
 
@@ -141,7 +146,7 @@ class CollisionAvoidance(Inequality):
         return names.index(name)
 
     def near(self, state: State, value: Mat | None = None) -> list[Near | None]:
-        """What is in each slot: its pair, distance, normal and nearest point; None for a free slot."""
+        """What is in each slot: its pair or end, distance, normal and nearest point; None for a free slot."""
         return scene(self, state.robot).update(state, self.poses(value))
 
     def distance(self, state: State, value: Mat | None = None) -> Vec:
@@ -174,24 +179,36 @@ class CollisionAvoidance(Inequality):
     def _motions(self, state: State, value: Mat | None) -> Motions:
         return Motions(state, scene(self, state.robot), self.poses(value))
 
-    def approach(self, found: Near) -> float:
-        """-a(h) of one pair: the least rate of its distance [m/s]."""
+    @property
+    def outset(self) -> float:
+        """The acceleration with which a way out sets in [m/s^2]."""
+        return self.rate * self.recovery if self.acceleration is None else self.acceleration
+
+    def approach(self, found: Near, speed: float, dt: float) -> float:
+        """-a(h) of one pair: the least rate of its distance [m/s], which changes at ``speed`` now."""
         h = found.distance - found.clearance
         if h < 0.0:
-            return min(-self.rate * h, self.recovery)
+            most = speed + dt * self.outset + min(1.0, 5.0 * dt * self.rate) * max(-speed, 0.0)
+            return min(-self.rate * h, self.recovery, most) - self._loose(found)
         share = max(found.distance, 0.0) / self.influence
-        return -self.rate * h / (1.0 - share**4) if share < 1.0 else -math.inf
+        return -self.rate * h / (1.0 - share**4) - self._loose(found) if share < 1.0 else -math.inf
+
+    def _loose(self, found: Near) -> float:
+        """What a row that fades is loosened by [m/s]."""
+        return self.rate * self.influence * (1.0 / found.fade - 1.0)
 
     def braking(self, found: Near, speed: float) -> float:
         """The least acceleration of one pair's distance [m/s^2], before the drift."""
         h, fast = found.distance - found.clearance, 4.0 * self.rate
         if h < 0.0:
             wanted = min(-self.rate * h, self.recovery)
-            return fast * (wanted - speed) - (self.rate * speed if wanted < self.recovery else 0.0)
+            least = fast * (wanted - speed) - (self.rate * speed if wanted < self.recovery else 0.0)
+            return min(least, self.outset + 5.0 * self.rate * max(-speed, 0.0)) - fast * self._loose(found)
         power = (max(found.distance, 0.0) / self.influence) ** 8
         if not power < 1.0:
             return -math.inf
-        return -(fast + self.rate) * speed - fast * self.rate * (h + self.influence * power / (1.0 - power))
+        way = h + self.influence * power / (1.0 - power)
+        return -(fast + self.rate) * speed - fast * (self.rate * way + self._loose(found))
 
     def bounds(self, state: State, value: Mat | None = None) -> tuple[Vec, float]:
         """(clearance - d, inf): how far distances may still go ``(m,)`` [m], -inf in a free slot."""
@@ -201,10 +218,12 @@ class CollisionAvoidance(Inequality):
     def step_bounds(self, state: State, dt: float, order: int, value: Mat | None = None) -> tuple[Vec, Vec]:
         """(lower, upper) ``(m,)`` of J x; upper is infinite."""
         near, carried = self.near(state, value), self.carried(state, value)
+        v = state.v if order == 2 or state.commanded is None else state.commanded
+        speeds = self.jacobian(state, value) @ v + carried
         if order == 1:
-            lower = np.array([-math.inf if n is None else self.approach(n) for n in near]) - carried
+            least = [-math.inf if n is None else self.approach(n, u, dt) for n, u in zip(near, speeds, strict=True)]
+            lower = np.array(least) - carried
         else:
-            speeds = self.jacobian(state, value) @ state.v + carried
             least = [-math.inf if n is None else self.braking(n, u) for n, u in zip(near, speeds, strict=True)]
             lower = np.array(least) - self.drift(state, value)
         return lower, np.full(lower.size, math.inf)
@@ -215,7 +234,8 @@ class CollisionAvoidance(Inequality):
             return None
         own = scene(self, robot)
         shape = (len(self.world), 6, 4) if self.world else ()
-        return plans.Collision(*own.tables(), own.slots, self.influence, self.rate, self.recovery, STEP, shape)
+        rates = self.rate, self.recovery, self.outset
+        return plans.Collision(*own.tables(), own.slots, self.influence, *rates, STEP, shape)
 
 
 class Motions:
@@ -244,7 +264,7 @@ class Motions:
 
     def carried(self, found: Near) -> float:
         """Rate of a pair's distance by the motion of the world [m/s]."""
-        two = self._own.pairs[found.pair][1]
+        two = self._own.pair(found.pair)[1]
         return 0.0 if two < self._own.links else float(found.normal @ _at(self._velocity[two], found.point))
 
     def drift(self, found: Near) -> float:
@@ -252,7 +272,7 @@ class Motions:
 
         Where the nearest point or the normal jumps in between, that of the points that are nearest now.
         """
-        one, two = self._own.pairs[found.pair]
+        one, two = self._own.pair(found.pair)
         ends = []
         for h in (STEP, -STEP):
             moved = [self._moved(k, h) if k < self._own.links else None for k in (one, two)]

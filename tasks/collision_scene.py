@@ -28,7 +28,9 @@ KEPT = 0.8
 MOST = 64
 """Slots by default, where there are more pairs."""
 SHORT = 0.01
-"""Capsules whose axis is shorter than this [m] are as good as a ball on a face."""
+"""Capsules whose axis is shorter than this [m] are as good as a ball."""
+ALIGNED, ACROSS = 0.03, 0.12
+"""Squared sines of the angle of two axes between which the rows of their ends fade out."""
 
 
 Tables: TypeAlias = tuple[
@@ -41,13 +43,17 @@ Tables: TypeAlias = tuple[
 
 
 class Near(NamedTuple):
-    """A pair that is near: its number, distance and clearance [m], normal, nearest point of its first axis."""
+    """What has a row: its number, distance and clearance [m], normal, nearest point of its first axis, its share.
+
+    pair: that of the pair, or of an end of one of its capsules, see ``Scene``.
+    """
 
     pair: int
     distance: float
     clearance: float
     normal: Vec
     point: Vec
+    fade: float = 1.0
 
 
 _SCENES: WeakKeyDictionary[Robot, dict[Any, Scene]] = WeakKeyDictionary()
@@ -64,7 +70,10 @@ def scene(element: CollisionAvoidance, robot: Robot) -> Scene:
 class Scene:
     """Shapes (capsules of links, then the world's), pairs of them ``(n, 2)`` with clearances, and slots.
 
-    slots ``(m,)`` holds the number of the pair that has each row, -1 for none; the native operation writes it too.
+    slots ``(m,)`` holds the number of what has each row, -1 for none; the native operation writes it too.  That is the
+    number n of a pair, or, with N pairs, n + k N for an end of its capsules, k = 1 and 2 of the first, 3 and 4 of the
+    second.  The nearest point of capsules side by side jumps from one end to the other, and commands alternate where
+    only that point has a row.
     """
 
     def __init__(self, element: CollisionAvoidance, robot: Robot) -> None:
@@ -100,7 +109,8 @@ class Scene:
             allowed = "names of links or shapes that may collide; no two of these have shapes that are apart at home"
             raise element.invalid("pairs", element.pairs, allowed)
         self.pairs, self.clearance = found, np.array(clearances)
-        self.slots: NDArray[np.int32] = np.full(min(element.slots or MOST, len(found)), -1, dtype=np.int32)
+        most = len(found) + 4 * sum(self._sided(*pair) for pair in found)
+        self.slots: NDArray[np.int32] = np.full(min(element.slots or MOST, most), -1, dtype=np.int32)
         self._columns = {body: self._support(body) for body in {c.body for c in self.capsules}}
         self._sizes = np.array([0.5 * math.dist(c.a, c.b) + c.radius for c in self.capsules])
         self._pairs = np.array(found)
@@ -113,13 +123,17 @@ class Scene:
         """Name of a shape."""
         return self.capsules[k].name if k < self.links else self.world[k - self.links].name
 
+    def pair(self, row: int) -> tuple[int, int]:
+        """The shapes of a pair, or of the one that an end belongs to."""
+        return self.pairs[row % len(self.pairs)]
+
     def row_names(self) -> tuple[str, ...]:
         """Names of the pairs in the slots."""
-        return tuple("free" if p < 0 else " - ".join(map(self.name, self.pairs[p])) for p in self.slots)
+        return tuple("free" if p < 0 else " - ".join(map(self.name, self.pair(p))) for p in self.slots)
 
     def difference(self, pair: int) -> Vec:
         """1 for each tangent coordinate that moves only the second shape, -1 only the first, ``(nv,)``."""
-        one, two = (self.body(k) for k in self.pairs[pair])
+        one, two = (self.body(k) for k in self.pair(pair))
         none = np.zeros(self._robot.nv)
         return self._columns.get(two, none) - self._columns.get(one, none)
 
@@ -133,22 +147,51 @@ class Scene:
         return position + rotation @ a, position + rotation @ b
 
     def measure(self, pair: int, poses: Mat, one: Any, two: Any) -> distances.Found:
-        """Distance, normal and nearest point of a pair, whose links have these ends."""
-        i, j = self.pairs[pair]
-        (a, b), radius = one, self.capsules[i].radius
-        if j < self.links:
-            c, d = two
-            return distances.to_capsule(a, b, radius, c, d, self.capsules[j].radius)
+        """Distance, normal and nearest point of a pair or an end, whose links have these ends."""
+        i, j = self.pair(pair)
+        end, (a, b), radius = pair // len(self.pairs), one, self.capsules[i].radius
+        a, b = (a, a) if end == 1 else (b, b) if end == 2 else (a, b)
+        if self._is_capsule(j):
+            c, d = self._axis(j, poses) if two is None else two
+            c, d = (c, c) if end == 3 else (d, d) if end == 4 else (c, d)
+            other = self.capsules[j].radius if j < self.links else self.world[j - self.links].size[0]
+            return distances.to_capsule(a, b, radius, c, d, other)
         shape, pose = self.world[j - self.links], poses[j - self.links][:4]
         if shape.kind == "half_space":
             return distances.to_half_space(a, b, radius, pose)
         if shape.is_mesh:
             return self._meshes.to_mesh(a, b, radius, self._meshes.read(shape), pose)
-        if shape.kind == "box":
-            return distances.to_box(a, b, radius, 0.5 * np.array(shape.size), pose)
-        length = shape.size[1] if shape.kind == "capsule" else 0.0
-        half = 0.5 * length * pose[:3, 2]
-        return distances.to_capsule(a, b, radius, pose[:3, 3] - half, pose[:3, 3] + half, shape.size[0])
+        return distances.to_box(a, b, radius, 0.5 * np.array(shape.size), pose)
+
+    def _is_capsule(self, k: int) -> bool:
+        return k < self.links or self.world[k - self.links].kind in ("sphere", "capsule")
+
+    def _axis(self, k: int, poses: Mat) -> tuple[Vec, Vec]:
+        """Ends of a sphere or capsule of the world."""
+        shape, pose = self.world[k - self.links], poses[k - self.links]
+        half = (0.5 * shape.size[1] if shape.kind == "capsule" else 0.0) * pose[:3, 2]
+        return pose[:3, 3] - half, pose[:3, 3] + half
+
+    def _length(self, k: int) -> float:
+        """Of the axis of a capsule [m]."""
+        if k < self.links:
+            return math.dist(self.capsules[k].a, self.capsules[k].b)
+        shape = self.world[k - self.links]
+        return shape.size[1] if shape.kind == "capsule" else 0.0
+
+    def _sided(self, i: int, j: int) -> bool:
+        """Whether a pair may lie side by side."""
+        return self._is_capsule(j) and min(self._length(i), self._length(j)) > SHORT
+
+    def fade(self, pair: int, poses: Mat, one: Any, two: Any) -> float:
+        """The share of the rows of a pair's ends: 1 where its axes are parallel, 0 for none."""
+        i, j = self.pairs[pair]
+        if not self._sided(i, j):
+            return 0.0
+        (a, b), (c, d) = one, self._axis(j, poses) if two is None else two
+        u, v = b - a, d - c
+        square = 1.0 - float(u @ v) ** 2 / float((u @ u) * (v @ v))
+        return min(1.0, max(0.0, (ACROSS - square) / (ACROSS - ALIGNED)))
 
     def update(self, state: State, poses: Mat) -> list[Near | None]:
         """Measure what may be near, give it slots, and tell what is in each of them."""
@@ -157,9 +200,16 @@ class Scene:
         near: dict[int, Near] = {}
         for pair in self._candidates_near(ends, poses):
             i, j = self.pairs[pair]
-            found = self.measure(pair, poses, ends[i], ends[j] if j < self.links else None)
-            if found[0] < self._element.influence:
-                near[pair] = Near(pair, found[0], float(self.clearance[pair]), *found[1:])
+            both = ends[i], ends[j] if j < self.links else None
+            found = self.measure(pair, poses, *both)
+            if not found[0] < self._element.influence:
+                continue
+            clearance, fade = float(self.clearance[pair]), self.fade(pair, poses, *both)
+            near[pair] = Near(pair, found[0], clearance, *found[1:])
+            for row in range(pair + len(self.pairs), 5 * len(self.pairs) if fade else 0, len(self.pairs)):
+                found = self.measure(row, poses, *both)
+                if found[0] < self._element.influence:
+                    near[row] = Near(row, found[0], clearance, *found[1:], fade)
         self._assign({pair: n.distance for pair, n in near.items()})
         return [near[p] if p >= 0 else None for p in self.slots.tolist()]
 

@@ -29,7 +29,8 @@ class Cone(_Barrier):
     The way left is (cos theta - cos angle) / sin(angle) inside and angle - theta outside [rad], the same to first
     order at the bound, and smooth where u and w agree.  task: an AlignAxis, w its direction, or a LookAt, w the
     direction of its point, a gaze cone; the reference is the task's, by default what it holds at the first tick.
-    angle [rad]: above 0, at most pi / 2.  rate [1/s], recovery [rad/s]: as of ``Within``.
+    angle [rad]: above 0, at most pi / 2.  rate [1/s], recovery [rad/s], acceleration [rad/s^2]: as of
+    ``Within``.
     Raises DeclarationError for fields, FrameNotFound on binding.
     """
 
@@ -118,4 +119,4 @@ class Cone(_Barrier):
         if not isinstance(own, plans.Pointing):
             return None
         parts = (own.frame, own.axis, own.first, own.other, own.point)
-        return plans.Cone(*parts, self.angle, self.rate, self.recovery)
+        return plans.Cone(*parts, self.angle, self.rate, self.recovery, self.outset)

@@ -34,7 +34,8 @@ class SupportPolygon(_Barrier):
     Without points and polygon they are those of the stack's contacts (contacts: of these, by name): the corners of
     its CenterOfPressure, those of sole = (x_min, x_max, y_min, y_max) [m] in the frame of a face that has none, the
     origin of a PointContact or a wheel.  points: ((frame, x, y, z), ...) in the frames' axes [m], found anew each
-    tick.  polygon: ((x, y), ...) in the world [m].  margin [m].  rate [1/s], recovery [m/s]: as of ``Within``.
+    tick.  polygon: ((x, y), ...) in the world [m].  margin [m].  rate [1/s], recovery [m/s], acceleration [m/s^2]: as
+    of ``Within``, slower by default, for a foot can push the body aside by little.
     Raises DeclarationError for fields, fewer than three points and faces of unknown size, FrameNotFound on binding.
     """
 
@@ -43,6 +44,7 @@ class SupportPolygon(_Barrier):
     points: tuple[tuple[Any, ...], ...] = ()
     polygon: tuple[tuple[float, float], ...] = ()
     margin: float = 0.0
+    recovery: float = 0.1
 
     def __post_init__(self) -> None:
         for what in ("points", "polygon"):
@@ -157,7 +159,7 @@ class SupportPolygon(_Barrier):
         self.rows(robot)
         points = tuple((plans.frame(robot, f), tuple(map(float, p))) for f, *p in self.points)
         polygon = tuple((float(x), float(y)) for x, y in self.polygon)
-        return plans.SupportPolygon(points, polygon, self.margin, self.rate, self.recovery)
+        return plans.SupportPolygon(points, polygon, self.margin, self.rate, self.recovery, self.outset)
 
 
 def hull(points: Mat) -> list[int]:

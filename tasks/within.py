@@ -33,25 +33,45 @@ class _Barrier(Inequality):
 
         a <= 4 rate (phi(h) - u) - phi'(h) u.
 
+    A return sets in gradually: outside, no more is asked than a <= -acceleration - 5 rate max(u, 0), at velocity level
+    of the change of u in a tick from what was commanded last.
+
     A base class: ``jacobian``, ``drift`` and ``bounds`` say the rest.  rate [1/s]: at most 1/dt, 1/(4 dt) where x is
-    an acceleration.  recovery: fastest way back [m/s or rad/s].
+    an acceleration.  recovery: fastest way back [m/s or rad/s].  acceleration: with which it sets in [m/s^2 or
+    rad/s^2], rate * recovery by default.
     """
 
     rate: float = 5.0
     recovery: float = 0.5
+    acceleration: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_number(self, "rate", self.rate, 0.0, strict=True)
         check_number(self, "recovery", self.recovery, 0.0, strict=True)
+        if self.acceleration is not None and self.acceleration != math.inf:
+            check_number(self, "acceleration", self.acceleration, 0.0, strict=True)
+
+    @property
+    def outset(self) -> float:
+        """The acceleration with which a return sets in."""
+        return self.rate * self.recovery if self.acceleration is None else self.acceleration
 
     def step_bounds(self, state: State, dt: float, order: int, *steer: Any) -> tuple[Vec, Vec]:
         """(lower, upper) ``(m,)`` of J x, infinite where there is no bound."""
         lower, upper = (np.atleast_1d(np.asarray(way, dtype=np.float64)) for way in self.bounds(state, *steer))
+        v = state.v if order == 2 or state.commanded is None else state.commanded
+        speed = self.jacobian(state, *steer) @ v
         if order == 1:
-            return -self.fastest(-lower), self.fastest(upper)
-        speed, drift = self.jacobian(state, *steer) @ state.v, self.drift(state, *steer)
+            return -self.next(-lower, -speed, dt), self.next(upper, speed, dt)
+        drift = self.drift(state, *steer)
         return -self.hardest(-lower, -speed) - drift, self.hardest(upper, speed) - drift
+
+    def next(self, way: Vec, speed: Vec, dt: float) -> Vec:
+        """The largest velocity ``(m,)`` towards a bound in the next tick, at a speed in this one."""
+        least = speed - dt * self.outset - min(1.0, dt * (1.0 + FAST) * self.rate) * np.maximum(speed, 0.0)
+        wanted = self.fastest(way)
+        return np.where(way < 0.0, np.maximum(wanted, least), wanted)
 
     def fastest(self, way: Vec) -> Vec:
         """phi ``(m,)``: the largest velocity towards a bound."""
@@ -63,7 +83,9 @@ class _Barrier(Inequality):
         wanted = self.fastest(way)
         slope = np.where(way >= 0.0, self.rate, self.rate * (1.0 - (wanted / self.recovery) ** 2))
         with np.errstate(invalid="ignore"):
-            return np.where(np.isinf(way), way, FAST * self.rate * (wanted - speed) - slope * speed)
+            most = np.where(np.isinf(way), way, FAST * self.rate * (wanted - speed) - slope * speed)
+        least = -self.outset - (1.0 + FAST) * self.rate * np.maximum(speed, 0.0)
+        return np.where(way < 0.0, np.maximum(most, least), most)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,9 +99,10 @@ class Within(_Barrier):
     its rotation vector from the reference, which is where it is at the first tick or what ``at`` says; J is then the
     rate of that vector, at every angle.  AlignAxis and LookAt are refused: ``Cone`` bounds directions.
 
-    rate [1/s], recovery [m/s or rad/s]: u <= rate h inside and a return at most as fast as recovery outside; where x is
-    an acceleration with poles at the rate and at four times the rate.  In ``subject_to`` it binds, as a member of a
-    level it is met as well as its priority allows.  A half-space is ``Within(Position(..., axes="x"), upper=...)``.
+    rate [1/s], recovery [m/s or rad/s], acceleration [m/s^2 or rad/s^2]: u <= rate h inside and a return at most as
+    fast as recovery outside, which sets in at the acceleration, rate * recovery by default; where x is an acceleration
+    with poles at the rate and at four times the rate.  In ``subject_to`` it binds, as a member of a level it is
+    met as well as its priority allows.  A half-space is ``Within(Position(..., axes="x"), upper=...)``.
     Raises DeclarationError for fields, for bounds of another number than rows, and for a task it cannot bound.
     """
 
@@ -204,7 +227,8 @@ class Within(_Barrier):
             return None
         low, high = (tuple(x.tolist()) for x in self.ends(self.task.rows(robot)))
         turn, rates = self.task.rotation_rows, isinstance(self.task, _RateTask)
-        return plans.Within(task, low, high, self.rate, self.recovery, rates, -1 if turn is None else turn)
+        turn = -1 if turn is None else turn
+        return plans.Within(task, low, high, self.rate, self.recovery, self.outset, rates, turn)
 
 
 _VECTORS: WeakKeyDictionary[Robot, dict[Task, bool]] = WeakKeyDictionary()

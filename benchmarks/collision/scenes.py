@@ -143,4 +143,4 @@ def _name(avoid: CollisionAvoidance, robot: object, pair: int) -> str:
     from hqp.tasks.collision_scene import scene
 
     own = scene(avoid, robot)  # type: ignore[arg-type]
-    return " - ".join(own.name(k) for k in own.pairs[pair])
+    return " - ".join(own.name(k) for k in own.pair(pair))

@@ -48,7 +48,7 @@ def steps_of(stack: Stack, robot: Robot) -> Stack:
         if isinstance(element, JointLimits):
             return dataclasses.replace(element, acceleration=0.0, braking=0.0)
         if isinstance(element, (CollisionAvoidance, Cone, SupportPolygon, Within)):
-            return dataclasses.replace(element, rate=GUARD_RATE, recovery=1.0)
+            return dataclasses.replace(element, rate=GUARD_RATE, recovery=1.0, acceleration=math.inf)
         if not isinstance(element, (Task, Inequality)):
             return element
         most = CAP if selection_of(element, robot) is None else math.inf

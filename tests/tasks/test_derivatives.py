@@ -176,7 +176,7 @@ def distances(element: t.CollisionAvoidance, state: State) -> Callable[[State], 
         found = np.zeros(len(near))
         for k, n in enumerate(near):
             if n is not None:
-                i, j = own.pairs[n.pair]
+                i, j = own.pair(n.pair)
                 ends = own.ends(i), own.ends(j) if j < own.links else None
                 found[k] = own.measure(n.pair, poses, *ends)[0] - n.distance
         return found

@@ -91,6 +91,56 @@ def test_from_outside_it_comes_back_no_faster_than_recovery(robots: dict[str, An
     assert 0.0499 < z[-1] <= z.max() < 0.05
 
 
+OUTSIDE = {"wall": 0.1, "cone": 0.4, "polygon": 0.03}
+"""How far outside the start is [m, rad]."""
+
+
+@pytest.mark.parametrize("kind", FORMULATIONS)
+@pytest.mark.parametrize(
+    ("name", "what"),
+    [("talos", "polygon"), ("talos", "wall"), ("g1", "polygon"), ("g1", "cone"), ("panda", "wall"), ("panda", "cone")],
+)
+def test_a_return_from_outside_sets_in_gradually(robots: dict[str, Any], name: str, what: str, kind: str) -> None:
+    """No tick is violated, for no more acceleration is asked than rate * recovery, and the command does not turn."""
+    robot, off = robots[name], OUTSIDE[what]
+    frame, home = frame_of(robot), robots[name].state()
+    start, com, references = home.position(frame), home.com()[:2], []
+    bound: Any
+    if what == "wall":
+        bound = t.Within(t.Position(frame=frame, axes="x"), upper=float(start[0]) - off, name="wall")
+    elif what == "polygon":
+        corners = com - [off, 0.0] + 0.04 * np.array([[0, 1], [-2, 1], [-2, -1], [0, -1]])
+        bound = t.SupportPolygon(polygon=tuple((float(x), float(y)) for x, y in corners))
+    else:
+        bound = t.Cone(t.AlignAxis(frame=frame, axis=(0.0, 0.0, 1.0)), angle=0.2, name="cone")
+        turn = 0.2 + off
+        references = [bound.at(home.rotation(frame) @ [0.0, math.sin(turn), math.cos(turn)])]
+    held = references[0].value if references else bound.hold(home).value if what == "wall" else None
+    posture = Level(t.Posture(law=P(1.0) if kind == "velocity" else PD(20.0)))
+    hard = [*contacts(robot), t.JointLimits(), *([t.TorqueLimits()] if kind == "torque" else []), bound]
+    session = hqp.Controller(Stack(posture, subject_to=hard), FORMULATIONS[kind], deadline=math.inf).session(robot, DT)
+
+    def way(state: Any) -> float:
+        low, high = bound.bounds(state, *(() if held is None else (held,)))
+        return float(min(np.min(high), np.min(-np.asarray(low))))
+
+    q, v, ways, rates = robot.home, np.zeros(robot.nv), [way(home)], [np.zeros(robot.nv)]
+    for _ in range(1000):
+        tick = session.step(robot.state(q, v), *references)
+        assert tick.status == hqp.Status.OPTIMAL
+        q, v = tick.advance()
+        ways.append(way(robot.state(q, v)))
+        rates.append(v)
+    speed = np.diff(ways) / DT
+    most = bound.rate * bound.recovery
+    assert ways[0] == pytest.approx(-off, abs=1e-3)
+    assert ways[-1] > -2e-3
+    assert max(ways) < 1e-3
+    assert np.min(speed) > -1e-3  # no reversal
+    assert np.max(np.diff(speed, prepend=0.0)) < 1.2 * most * DT
+    assert np.abs(np.diff(rates, axis=0)).max() / DT < 30.0
+
+
 def test_bounds_travel_with_a_reference(robots: dict[str, Any]) -> None:
     robot = robots["panda"]
     start = robot.state().position("panda_hand")
@@ -250,6 +300,7 @@ def test_a_momentum_stays_under_its_limit(robots: dict[str, Any]) -> None:
         (lambda: t.Within(t.Com(), lower=math.nan), "lower"),
         (lambda: t.Within(t.Com(), upper=1.0, rate=0.0), "rate"),
         (lambda: t.Within(t.Com(), upper=1.0, recovery=-1.0), "recovery"),
+        (lambda: t.Within(t.Com(), upper=1.0, acceleration=0.0), "acceleration"),
         (lambda: t.SupportPolygon(points=(("l", 0, 0, 0), ("l", 1, 0, 0))), "points"),
         (lambda: t.SupportPolygon(points=((0, 0, 0, 0),) * 3), "points"),
         (lambda: t.SupportPolygon(polygon=((0, 0), (1, 1), (2, 2))), "one line"),

@@ -271,7 +271,7 @@ class Assembly {
     if (name == "Manipulability")
       return std::make_unique<hqp::Manipulability>(fixed(), p.ints("picked"), p.ints("joints"));
     if (name == "Cone")
-      return std::make_unique<hqp::Cone>(fixed(), p.axis(), p.flag("point"), p.number("angle"), p.barrier(), order_);
+      return std::make_unique<hqp::Cone>(fixed(), p.axis(), p.flag("point"), p.number("angle"), p.barrier(dt_), order_);
     if (name == "Within") return within(p, out);
     if (name == "SupportPolygon") return support_polygon(p, out);
     if (name == "Collision") return std::make_unique<hqp::Collision>(out, tree_, scene(p));
@@ -286,7 +286,7 @@ class Assembly {
     const hqp::Target inner = own->target(out.J, rates ? nullptr : out.reference, out.weight, nv, order_ == 2);
     Operation task = make(p.part("task"), inner);
     return std::make_unique<hqp::Within>(out, std::move(own), std::move(task), std::move(low), p.numbers("upper"),
-                                         p.barrier(), rates, static_cast<int>(p.number("turn")), nv, order_);
+                                         p.barrier(dt_), rates, static_cast<int>(p.number("turn")), nv, order_);
   }
 
   Operation support_polygon(const Plan& p, const hqp::Target& out) {
@@ -300,7 +300,7 @@ class Assembly {
       corners.push_back({false, p.part_of(frame).frame(), vector(point)});
     for (const Numbers& corner : p.list<Numbers>("polygon")) corners.push_back({true, {}, {corner[0], corner[1], 0.0}});
     return std::make_unique<hqp::SupportPolygon>(out, std::move(own), std::move(com), std::move(corners),
-                                                 p.number("margin"), p.barrier(), order_);
+                                                 p.number("margin"), p.barrier(dt_), order_);
   }
 
   hqp::CollisionScene scene(const Plan& p) {
@@ -318,7 +318,9 @@ class Assembly {
     found.influence = p.number("influence");
     found.rate = p.number("rate");
     found.recovery = p.number("recovery");
+    found.outset = p.number("outset");
     found.step = p.number("step");
+    found.dt = dt_;
     found.order = order_;
     if (order_ == 2) tree_.need_motions();
     return found;

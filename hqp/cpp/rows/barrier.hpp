@@ -11,17 +11,26 @@
 namespace hqp {
 
 struct Barrier {
-  double rate, recovery;
+  double rate, recovery, outset, dt;  // outset: acceleration with which a return sets in
 
   double fastest(double way) const {  // largest velocity towards a bound
     return way >= 0.0 ? rate * way : -recovery * std::tanh(rate * -way / recovery);
   }
+  // That of the next tick, at a speed in this one.
+  double next(double way, double speed) const {
+    const double wanted = fastest(way), outwards = std::max(speed, 0.0);
+    if (!(way < 0.0)) return wanted;
+    return std::max(wanted, speed - dt * outset - std::min(1.0, dt * (1.0 + kFast) * rate) * outwards);
+  }
   double hardest(double way, double speed) const {  // largest acceleration towards it
-    constexpr double kFast = 4.0;                   // the second pole over the first
     if (std::isinf(way)) return way;
     const double wanted = fastest(way), share = way >= 0.0 ? 0.0 : wanted / recovery;
-    return kFast * rate * (wanted - speed) - rate * (1.0 - share * share) * speed;
+    const double most = kFast * rate * (wanted - speed) - rate * (1.0 - share * share) * speed;
+    return way < 0.0 ? std::max(most, -outset - (1.0 + kFast) * rate * std::max(speed, 0.0)) : most;
   }
+
+ private:
+  static constexpr double kFast = 4.0;  // the second pole over the first
 };
 
 struct Numbers {  // what an operation writes into besides the rows of its element
@@ -100,12 +109,18 @@ class Within final : public Operation {
     if (turn_ >= 0) make_rate(J + static_cast<std::ptrdiff_t>(turn_) * nv_, v);
     for (std::size_t i = 0; i < low_.size(); ++i) {
       const double e = rates_ ? 0.0 : own_->error[i], up = high_[i] - e, down = e - low_[i];
-      if (order_ == 1) {
-        out_.upper[i] = rates_ ? high_[i] : barrier_.fastest(up);
-        out_.lower[i] = rates_ ? low_[i] : -barrier_.fastest(down);
+      if (order_ == 1 && rates_) {
+        out_.upper[i] = high_[i];
+        out_.lower[i] = low_[i];
         continue;
       }
-      const double speed = product(J + i * nv_, v, nv_) / out_.weight, drift = own_->drift[i];
+      const double speed = product(J + i * nv_, v, nv_) / out_.weight;
+      if (order_ == 1) {
+        out_.upper[i] = barrier_.next(up, speed);
+        out_.lower[i] = -barrier_.next(down, -speed);
+        continue;
+      }
+      const double drift = own_->drift[i];
       out_.upper[i] = (rates_ ? barrier_.rate * (high_[i] - speed) : barrier_.hardest(up, speed)) - drift;
       out_.lower[i] = (rates_ ? barrier_.rate * (low_[i] - speed) : -barrier_.hardest(down, -speed)) - drift;
     }
@@ -174,11 +189,12 @@ class SupportPolygon final : public Operation {
       const double way = nx * (x_[i] - own_->error[0]) + ny * (y_[i] - own_->error[1]) - margin_;
       double* J = out_.row(i);
       for (int c = 0; c < nv; ++c) J[c] = out_.weight * (nx * Jx[c] + ny * Jy[c]);
+      const double speed = product(J, v, nv) / out_.weight;
       if (order_ == 1) {
-        out_.upper[i] = barrier_.fastest(way);
+        out_.upper[i] = barrier_.next(way, speed);
       } else {
         const double drift = nx * own_->drift[0] + ny * own_->drift[1];
-        out_.upper[i] = barrier_.hardest(way, product(J, v, nv) / out_.weight) - drift;
+        out_.upper[i] = barrier_.hardest(way, speed) - drift;
       }
     }
   }

@@ -28,12 +28,14 @@ struct CollisionScene {
   std::vector<std::vector<int>> chains;  // coordinates that move each body
   std::vector<std::array<int, 2>> pairs;
   std::vector<double> clearances;
-  std::int32_t* slots;  // (m,) live: the pair that has each row, -1 for none
+  std::int32_t* slots;  // (m,) live: what has each row, -1 for none
   int rows;
-  double influence, rate, recovery, step;
+  double influence, rate, recovery, outset, step, dt;
   int order;
 };
 
+// A row is that of a pair, by its number n, or of an end of one of its capsules, n + k times the number of pairs: k = 1
+// and 2 for the ends of the first, 3 and 4 of the second.
 class Collision final : public Operation {
  public:
   Collision(Target out, const Tree& tree, CollisionScene scene)
@@ -43,8 +45,10 @@ class Collision final : public Operation {
         ends_(s_.links.size()),
         centres_(s_.links.size()),
         sizes_(s_.links.size()),
-        near_(s_.pairs.size(), kFar),
-        found_(s_.pairs.size()),
+        count_(static_cast<int>(s_.pairs.size())),
+        near_(5 * s_.pairs.size(), kFar),
+        found_(5 * s_.pairs.size()),
+        fade_(5 * s_.pairs.size(), 1.0),
         old_(s_.rows, -1) {
     for (std::size_t k = 0; k < s_.links.size(); ++k) {
       const Vec3 axis = s_.links[k].local.b - s_.links[k].local.a;
@@ -59,12 +63,15 @@ class Collision final : public Operation {
     look();
     assign();
     for (int i = 0; i < s_.rows; ++i) write(i, v);
-    for (const int pair : close_) near_[pair] = kFar;
+    for (const int row : close_) near_[row] = kFar, fade_[row] = 1.0;
   }
 
  private:
   static constexpr double kFar = std::numeric_limits<double>::infinity();
+  // Squared sines of the angle of two axes between which rows of their ends fade out; axes that are points.
+  static constexpr double kAligned = 0.03, kAcross = 0.12, kShort = 0.01;
 
+  const std::array<int, 2>& pair_of(int row) const { return s_.pairs[row % count_]; }
   bool is_link(int k) const { return k < static_cast<int>(s_.links.size()); }
   int body(int k) const { return is_link(k) ? s_.links[k].body : 0; }
   std::vector<int> apart(int one, int two) const {  // what moves the first body only
@@ -96,16 +103,52 @@ class Collision final : public Operation {
       }
       const Distance found = measure(static_cast<int>(n), ends_[i], is_link(j) ? ends_[j] : Segment{});
       if (!(found.value < s_.influence)) continue;
-      near_[n] = found.value;
-      found_[n] = found;
-      close_.push_back(static_cast<int>(n));
+      take(static_cast<int>(n), found);
+      if (is_link(j) || s_.world[j - s_.links.size()].kind == Solid::kCapsule) look_at_ends(static_cast<int>(n));
     }
   }
 
+  void take(int row, const Distance& found) {
+    near_[row] = found.value;
+    found_[row] = found;
+    close_.push_back(row);
+  }
+
+  void look_at_ends(int n) {
+    const auto [i, j] = s_.pairs[n];
+    const Segment& one = ends_[i];
+    const Segment two = is_link(j) ? ends_[j] : world_axis(j, 0.0);
+    const Vec3 u = one.b - one.a, v = two.b - two.a;
+    const double A = dot(u, u), B = dot(u, v), C = dot(v, v);
+    if (!(std::min(A, C) > kShort * kShort)) return;
+    const double fade = std::min(1.0, (kAcross - (1.0 - B * B / (A * C))) / (kAcross - kAligned));
+    if (!(fade > 0.0)) return;
+    for (int k = 1; k <= 4; ++k) {
+      const int row = n + k * count_;
+      const Distance found = measure(row, one, two);
+      if (!(found.value < s_.influence)) continue;
+      take(row, found);
+      fade_[row] = fade;
+    }
+  }
+
+  Segment world_axis(int j, double h) const {  // of a capsule of the world, a time h later
+    const double* T = pose(j);
+    const Vec3 origin = Vec3{T[3], T[7], T[11]} + h * load(T + 16), axis{T[2], T[6], T[10]};
+    const Vec3 half = 0.5 * s_.world[j - s_.links.size()].size[1] * (axis + h * cross(load(T + 20), axis));
+    return {origin - half, origin + half};
+  }
+
   // h: how much later the world's shapes are.
-  Distance measure(int pair, const Segment& one, const Segment& two, double h = 0.0) const {
-    const auto [i, j] = s_.pairs[pair];
+  Distance measure(int row, Segment one, Segment two, double h = 0.0) const {
+    const auto [i, j] = pair_of(row);
+    const int end = row / count_;
     const double radius = s_.links[i].radius;
+    if (!is_link(j) && s_.world[j - s_.links.size()].kind == Solid::kCapsule) two = world_axis(j, h);
+    if (end == 1) one.b = one.a;
+    if (end == 2) one.a = one.b;
+    if (end == 3) two.b = two.a;
+    if (end == 4) two.a = two.b;
     if (is_link(j)) return Measure::capsule(one, radius, two, s_.links[j].radius);
     const std::size_t k = j - s_.links.size();
     const double* T = pose(j);
@@ -115,51 +158,58 @@ class Collision final : public Operation {
     const WorldShape& shape = s_.world[k];
     if (shape.kind == Solid::kHalfSpace) return Measure::half_space(one, radius, origin, R);
     if (shape.kind == Solid::kBox) return Measure::box(one, radius, 0.5 * shape.size, origin, R);
-    const Vec3 half = 0.5 * shape.size[1] * R.column[2];
-    return Measure::capsule(one, radius, {origin - half, origin + half}, shape.size[0]);
+    return Measure::capsule(one, radius, two, shape.size[0]);
   }
 
   // A pair keeps its slot while it is near; others get free slots, then those of pairs that are farther off.
   void assign() {
     for (int k = 0; k < s_.rows; ++k)
       if (s_.slots[k] >= 0 && near_[s_.slots[k]] == kFar) s_.slots[k] = -1;
-    for (const int pair : close_) {
-      if (std::find(s_.slots, s_.slots + s_.rows, pair) != s_.slots + s_.rows) continue;
+    for (const int row : close_) {
+      if (std::find(s_.slots, s_.slots + s_.rows, row) != s_.slots + s_.rows) continue;
       std::int32_t* free = std::find(s_.slots, s_.slots + s_.rows, -1);
       if (free != s_.slots + s_.rows) {
-        *free = pair;
+        *free = row;
         continue;
       }
       int farthest = 0;
       for (int k = 1; k < s_.rows; ++k)
         if (near_[s_.slots[k]] > near_[s_.slots[farthest]]) farthest = k;
-      if (near_[s_.slots[farthest]] > near_[pair]) s_.slots[farthest] = pair;
+      if (near_[s_.slots[farthest]] > near_[row]) s_.slots[farthest] = row;
     }
   }
 
-  void write(int i, const double*) {
-    const int pair = s_.slots[i];
+  void write(int i, const double* v) {
+    const int row = s_.slots[i];
     double* J = out_.row(i);
-    if (old_[i] >= 0 && old_[i] != pair)
-      for (const auto& chain : chains_[old_[i]])
+    if (old_[i] >= 0 && old_[i] != row)
+      for (const auto& chain : chains_[old_[i] % count_])
         for (const int c : chain) J[c] = 0.0;
-    old_[i] = pair;
+    old_[i] = row;
     out_.upper[i] = kFar;
     out_.lower[i] = -kFar;
     if (out_.drift) out_.drift[i] = 0.0;
-    if (pair < 0) return;
-    const Distance& found = found_[pair];
+    if (row < 0) return;
+    const Distance& found = found_[row];
+    const auto& chains = chains_[row % count_];
     const Form form = along(found.normal, found.point);
-    for (const int c : chains_[pair][0]) J[c] = -out_.weight * value(form, c);
-    for (const int c : chains_[pair][1]) J[c] = out_.weight * value(form, c);
-    const double clearance = s_.clearances[pair];
+    for (const int c : chains[0]) J[c] = -out_.weight * value(form, c);
+    for (const int c : chains[1]) J[c] = out_.weight * value(form, c);
+    const double clearance = s_.clearances[row % count_], loose = s_.rate * s_.influence * (1.0 / fade_[row] - 1.0);
     if (s_.order == 2) {
-      out_.lower[i] = braking(found.value, clearance, rate(pair, found, 0.0)) - drift(pair);
+      out_.lower[i] = braking(found.value, clearance, rate(row, found, 0.0)) - 4.0 * s_.rate * loose - drift(row);
       return;
     }
-    const int other = s_.pairs[pair][1];
+    const int other = pair_of(row)[1];
     const double carried = is_link(other) ? 0.0 : dot(found.normal, motion(other).at(found.point));
-    out_.lower[i] = approach(found.value, clearance) - carried;
+    double least = approach(found.value, clearance);
+    if (found.value < clearance) {  // a return sets in gradually
+      double speed = carried;
+      for (const auto& chain : chains)
+        for (const int c : chain) speed += J[c] * v[c] / out_.weight;
+      least = std::min(least, speed + s_.dt * s_.outset + std::min(1.0, 5.0 * s_.dt * s_.rate) * std::max(-speed, 0.0));
+    }
+    out_.lower[i] = least - loose - carried;
   }
 
   double value(const Form& form, int column) const {
@@ -178,7 +228,8 @@ class Collision final : public Operation {
     const double h = distance - clearance, fast = 4.0 * s_.rate;
     if (h < 0.0) {
       const double wanted = std::min(-s_.rate * h, s_.recovery);
-      return fast * (wanted - speed) - (wanted < s_.recovery ? s_.rate * speed : 0.0);
+      const double least = fast * (wanted - speed) - (wanted < s_.recovery ? s_.rate * speed : 0.0);
+      return std::min(least, s_.outset + 5.0 * s_.rate * std::max(-speed, 0.0));
     }
     double power = std::max(distance, 0.0) / s_.influence;
     for (int k = 0; k < 3; ++k) power *= power;
@@ -188,20 +239,20 @@ class Collision final : public Operation {
 
   // How the rate changes at zero acceleration, bodies moved by their velocities for a moment either way. Where the
   // nearest point or the normal jumps in between, that of the points that are nearest now.
-  double drift(int pair) const {
+  double drift(int row) const {
     constexpr double kJump = 0.01, kTurn = 0.9;
-    const auto [i, j] = s_.pairs[pair];
+    const auto [i, j] = pair_of(row);
     const double h = s_.step;
-    const Distance ends[2] = {measure(pair, moved(i, h), is_link(j) ? moved(j, h) : Segment{}, h),
-                              measure(pair, moved(i, -h), is_link(j) ? moved(j, -h) : Segment{}, -h)};
+    const Distance ends[2] = {measure(row, moved(i, h), is_link(j) ? moved(j, h) : Segment{}, h),
+                              measure(row, moved(i, -h), is_link(j) ? moved(j, -h) : Segment{}, -h)};
     const Vec3 slid = ends[0].point - ends[1].point;
     if (dot(slid, slid) <= kJump * kJump && dot(ends[0].normal, ends[1].normal) >= kTurn)
-      return (rate(pair, ends[0], h) - rate(pair, ends[1], -h)) / (2.0 * h);
-    const Distance& now = found_[pair];
+      return (rate(row, ends[0], h) - rate(row, ends[1], -h)) / (2.0 * h);
+    const Distance& now = found_[row];
     return dot(now.normal, point_drift(j, now.point) - point_drift(i, now.point));
   }
-  double rate(int pair, const Distance& found, double h) const {  // of a pair's distance, after a time h
-    const auto [i, j] = s_.pairs[pair];
+  double rate(int row, const Distance& found, double h) const {  // of a pair's distance, after a time h
+    const auto [i, j] = pair_of(row);
     return dot(found.normal, velocity(j, h, found.point) - velocity(i, h, found.point));
   }
   Segment moved(int k, double h) const {
@@ -234,8 +285,10 @@ class Collision final : public Operation {
   std::vector<Segment> ends_;
   std::vector<Vec3> centres_;
   std::vector<double> sizes_;
-  std::vector<double> near_;  // distance of each pair, infinite beyond the influence
+  int count_;                 // of pairs
+  std::vector<double> near_;  // distance for each row, infinite beyond the influence
   std::vector<Distance> found_;
+  std::vector<double> fade_;  // share of rows of ends, 1 for others
   std::vector<int> old_, close_;
   std::vector<std::array<std::vector<int>, 2>> chains_;
 };

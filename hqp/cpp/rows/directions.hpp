@@ -97,12 +97,12 @@ class Cone final : public Operation, Rows {  // an axis no further than an angle
     const Vec3 across = (-1.0 / (s.distance * scale)) * (u - cosine * w);
     write_form(0, {across, cross(p, across) + (1.0 / scale) * turn});
     out_.upper[0] = std::numeric_limits<double>::infinity();
-    if (order_ == 1) {
-      out_.lower[0] = -barrier_.fastest(way);
-      return;
-    }
     double speed = 0.0;
     for (const int c : frame_.columns) speed += out_.row(0)[c] * v[c];
+    if (order_ == 1) {
+      out_.lower[0] = -barrier_.next(way, -speed / out_.weight);
+      return;
+    }
     const double drift =
         inside ? second(s, u, p) / scale : (second(s, u, p) + cosine * square(first(s, u, p) / scale)) / scale;
     out_.lower[0] = -barrier_.hardest(way, -speed / out_.weight) - drift;

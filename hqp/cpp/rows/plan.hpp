@@ -78,7 +78,7 @@ class Plan {
   }
   bool flag(const char* field) const { return nb::cast<bool>(object_.attr(field)); }
   hqp::Axis axis() const { return {vec3("axis"), vec3("first"), vec3("other")}; }
-  hqp::Barrier barrier() const { return {number("rate"), number("recovery")}; }
+  hqp::Barrier barrier(double dt) const { return {number("rate"), number("recovery"), number("outset"), dt}; }
   Plan part_of(const nb::object& object) const {
     kept_.push_back(object);
     return {kept_.back(), kept_};
