@@ -29,7 +29,7 @@ KEPT = 16
 class Compiled:
     """A stack made ready for a robot: its program, a workspace, how to limit its time, how to come to rest.
 
-    dropped: what of its prices the solver cannot do.  watched: its limits of joints.
+    dropped: what of prices the solver and of limits the robot cannot do, in words.  watched: its limits of joints.
     loop: of ordinary ticks, once it was found.
     """
 
@@ -91,7 +91,8 @@ class Compiler:
         price, dropped = affordable(whole, as_price("controller", self._controller.price), solver)
         formulation = self._controller.formulation
         if solver.inequalities and not is_exact(price):
-            whole = formulation.bounded(whole, self._robot)
+            whole, unbounded = formulation.bounded(whole, self._robot)
+            dropped = "; ".join(filter(None, (dropped, unbounded)))
         program = formulation.compile(whole, self._robot, self._dt, price)
         solver.require(program.shape)
         workspace = solver.workspace(program.shape)

@@ -115,9 +115,9 @@ class Formulation(ABC):
         price: of levels that declare none, the default for None; one with tau = 0 makes every level exact.
         """
 
-    def bounded(self, stack: Stack, robot: Robot) -> Stack:
-        """The stack under the bounds on x that it leaves unsaid; a stack that is compiled exact goes without."""
-        return stack
+    def bounded(self, stack: Stack, robot: Robot) -> tuple[Stack, str]:
+        """The stack under the bounds on x that it leaves unsaid, and what they leave out, in words."""
+        return stack, ""
 
     def laws(self, stack: Stack) -> dict[str, Law]:
         """The law of each element, defaults filled in; raises DeclarationError for a law of another order."""

@@ -66,6 +66,8 @@ class Session:
         require_sound(robot)
         compiled = self._compiler.compile(controller.stack)
         rehearse(controller.formulation, compiled.stack, robot, self.dt)
+        if compiled.dropped:
+            LOG.warning("%s", compiled.dropped)
         self._activate(compiled, References({}))
         self._limiter = rate_limiter(robot, controller.rates, self.program.kind, self.dt)
         self._x: Vec = np.zeros(self.program.problem.n)

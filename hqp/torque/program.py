@@ -27,6 +27,7 @@ from hqp.stack import Stack
 from hqp.torque.dynamics import ConstrainedDynamics, coordinate_parents
 from hqp.torque.forces import Efforts, Forces
 from hqp.torque.gravity import Gravity, holding_torque
+from hqp.torque.motors import within_motors
 from hqp.torque.reactions import reactions, require_actuation
 from hqp.torque.rest import Hold
 from hqp.torque.rows import TorqueRows
@@ -49,7 +50,7 @@ class Torque(Formulation):
     than falls; wheels then hold a robot on a slope whose goals all move with it.
     effort_limits: a stack that bounds no torque in ``subject_to`` gets ``TorqueLimits()`` of the robot's motors before
     everything else, unless it is exact (price=0) or its solver takes no inequalities: a leg that comes to be straight
-    would else ask for 1e7 N m and more.
+    would else ask for 1e7 N m and more.  Motors that could not hold the robot at home are left out.
     """
 
     order: ClassVar[int] = 2
@@ -59,17 +60,9 @@ class Torque(Formulation):
     gravity_compensation: bool = False
     effort_limits: bool = True
 
-    def bounded(self, stack: Stack, robot: Robot) -> Stack:
-        """The stack within the robot's effort limits, where it has none of its own."""
-        if not self.effort_limits or any(e.quantity == "effort" for e in stack.subject_to):
-            return stack
-        names = [robot.joint_names[i] for i, k in enumerate(robot.actuated) if np.isfinite(robot.effort_limit[k])]
-        if not names:
-            return stack
-        from hqp.tasks import TorqueLimits
-
-        motors = TorqueLimits(name="motors", joints=None if len(names) == robot.actuated.size else names)
-        return Stack(*stack.levels, subject_to=(motors, *stack.subject_to))
+    def bounded(self, stack: Stack, robot: Robot) -> tuple[Stack, str]:
+        """The stack within the limits of the robot's motors, where it bounds no torque itself."""
+        return within_motors(stack, robot) if self.effort_limits else (stack, "")
 
     def laws(self, stack: Stack) -> dict[str, Law]:
         """The law of each element; reaction constraints take contact_law, contacts in a level take law."""

@@ -58,3 +58,18 @@ def test_what_leaves_torques_free() -> None:
     unlimited.effort_limit = np.full(robot.nv, np.inf)
     session = hqp.Controller(stack, Torque()).session(unlimited, DT)
     assert "motors" not in session.stack
+
+
+def test_a_motor_that_could_not_hold_the_robot_is_left_out_and_told(caplog: pytest.LogCaptureFixture) -> None:
+    robot = hqp.robots.load("talos").copy()
+    stack, _ = reaching(robot)
+    knee = robot.actuated[robot.joint_names.index("leg_left_4_joint")]
+    robot.effort_limit = robot.effort_limit.copy()
+    robot.effort_limit[knee] = 1.0
+    with caplog.at_level("WARNING", logger="hqp"):
+        session = hqp.Controller(stack, Torque()).session(robot, DT)
+    assert "leg_left_4_joint 1 of " in session.dropped
+    assert session.dropped in caplog.text
+    tick = session.step(robot.state())
+    assert tick.status is hqp.Status.OPTIMAL
+    assert abs(tick.command[robot.joint_names.index("leg_left_4_joint")]) > 1.0

@@ -1,0 +1,51 @@
+"""The limits of a robot's motors, for stacks that bound no torques themselves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.assembly import Assembly
+from hqp.law import P
+from hqp.robot import Robot
+from hqp.stack import Stack
+from hqp.torque.gravity import holding_torque
+from hqp.torque.reactions import reactions
+
+
+def within_motors(stack: Stack, robot: Robot) -> tuple[Stack, str]:
+    """The stack with ``TorqueLimits()`` before everything else, and what they leave out, in words.
+
+    A stack with bounds on torques in ``subject_to`` stays as it is.  Left out are joints whose limit could not hold the
+    robot at home on the stack's contacts: it is a wrong number, and the robot would sink without a word.
+    """
+    if any(e.quantity == "effort" for e in stack.subject_to):
+        return stack, ""
+    names = [robot.joint_names[i] for i in range(robot.actuated.size)]
+    limit = robot.effort_limit[robot.actuated]
+    needed = np.abs(_holding(stack, robot))
+    weak = [i for i in range(limit.size) if needed[i] > limit[i]]
+    kept = [name for i, name in enumerate(names) if np.isfinite(limit[i]) and i not in weak]
+    told = ", ".join(f"{names[i]} {limit[i]:.3g} of {needed[i]:.3g} N m" for i in weak)
+    told = f"motors too weak to hold {robot.name} at home are not limited: {told}" if weak else ""
+    if not kept:
+        return stack, told
+    from hqp.tasks import TorqueLimits
+
+    motors = TorqueLimits(name="motors", joints=None if len(kept) == len(names) else kept)
+    return Stack(*stack.levels, subject_to=(motors, *stack.subject_to)), told
+
+
+def _holding(stack: Stack, robot: Robot) -> Vec:
+    """The torque ``(n_actuated,)`` [N m] that holds the robot at home; 0 where its contacts do not carry it."""
+    twin, held = robot.copy(), reactions(stack)
+    state = twin.state(twin.home)
+    if not held:
+        J = np.zeros((0, twin.nv))
+    else:
+        rows = Assembly(held, (), twin, 1.0, {e.name: P(0.0) for e in held})
+        rows.fill(state, {e.name: e.hold(state) for e in held}, ())
+        J = rows.J
+    if np.linalg.matrix_rank(np.delete(J, twin.actuated, axis=1)) < twin.nv - twin.actuated.size:
+        return np.zeros(twin.actuated.size)
+    return holding_torque(J, state.gravity_force(), twin.actuated)
