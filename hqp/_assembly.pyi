@@ -122,6 +122,24 @@ class Assembly:
         v: None for the x of the latest record.
         """
 
+class EasedRows:
+    """Rows of a transition, rewritten ahead of their solve: see ``hqp.easing.Easing``; keeps references to arrays."""
+
+    def add(self, A: Mat, lower: Vec, upper: Vec, error: Vec | None, pull: Vec | None) -> None:
+        """Live rows ``(m, n)`` and bounds; error and pull ``(m,)`` where the bounds are linear in an error.
+
+        Raises ValueError for a wrong shape.
+        """
+
+    def aim(self, other: Vec, k: float, here: bool) -> None:
+        """That share k of the way from the other x ``(n,)``, which is copied; here: without the error."""
+
+    def rewrite(self) -> None:
+        """Rewrite the bounds."""
+
+    def before(self, next: object) -> object:
+        """A capsule of that and then the solve whose capsule is given."""
+
 class Pace:
     """Sizes of steps of a descent and when it ends: see hqp/goals/descent.py."""
 

@@ -121,10 +121,9 @@ def blended(
             status = Status.worst(status, *(note.status for note in limited))
             told = added(told, limited)
     session._x, session._good, session._held = x, state, 0
-    if type(b) is OrdinaryTick and not told:
-        b = BlendedTick(b, x, last, transition.progress)
+    if isinstance(b, OrdinaryTick):
+        b = BlendedTick(b, x, last, transition.progress, told, status)
     else:
-        b = b.general() if isinstance(b, OrdinaryTick) else b
         command = second.program.command
         b.follow(x, command(x), command(last), told, status, transition.progress)
     if transition.done:

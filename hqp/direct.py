@@ -17,6 +17,7 @@ from hqp.robot import State
 if TYPE_CHECKING:
     from hqp._assembly import Assembly as NativeAssembly
     from hqp._torque import Chain
+    from hqp.easing import Easing
     from hqp.torque.program import TorqueProgram
 
 Counts: TypeAlias = tuple[int, int, int, bool]
@@ -72,18 +73,22 @@ class Direct:
         self._holds = {name: holds[name] for name in self._names}
         self._all_holds = dict(holds)
 
-    def before_solving(self, act: Callable[[], None] | None) -> None:
-        """Call that between rows and solver from now on, None for nothing."""
+    def before_solving(self, ease: Easing | None) -> None:
+        """Ease rows ahead of every solve from now on, None for no more."""
         solve, values, marks, call = self._kernel
+        self._ease, asked = ease, solve  # kept, as what the capsule runs
+        if ease is not None and (eased := ease.before(call)) is not None:
+            call = eased
+        elif ease is not None:
 
-        def acted() -> Counts:
-            act()  # type: ignore[misc]
-            return solve()
+            def asked() -> Counts:
+                ease()
+                return solve()
 
-        call = call if act is None else None  # the solver is asked from Python after that
+            call = None
         if self._chain is not None:
             call = self._chain.before(call)
-        self._native.answers(solve if act is None else acted, call, values, marks, self._picks, LARGEST)
+        self._native.answers(asked, call, values, marks, self._picks, LARGEST)
 
     def leave(self) -> None:
         """The general path takes over: nothing of the last ordinary tick must stay."""

@@ -23,6 +23,11 @@ from hqp.stack import Stack
 if TYPE_CHECKING:
     from hqp.session import Session
 
+try:
+    from hqp import _assembly as native
+except ImportError:  # no compiler was there
+    native = None  # type: ignore[assignment]
+
 EXPONENT = 0.75
 """p: at 1 nothing would be blended, and what two stacks decide differently would jump."""
 
@@ -52,40 +57,53 @@ class Easing:
         self.here = False
         """Whether b is without the error: a contact on its way out is held where it is, not where it was."""
         self._rows: list[tuple[Mat, Vec, Vec]] = []
-        self._pull: list[tuple[Vec, Vec]] = []
+        self._pull: list[tuple[Vec, Vec] | None] = []
         for name in names:
             place = program.places[name]
             rows, part = program.problem.levels[place.level], place.part
             if not isinstance(rows.A, Selection):
                 self._rows.append((rows.A[part], rows.lower[part], rows.upper[part]))
             member = program.assembly.members[name]
+            linear: tuple[Vec, Vec] | None = None
             gain = member.law.gain if isinstance(member.law, P) else getattr(member.law, "kp", None)
             bound = None if member.law is None else min(member.law.max_velocity, member.law.max_acceleration)
             if gain is not None and bound == math.inf and program.kind != "torque":
-                pull = place.element.weight * np.broadcast_to(
-                    np.asarray(gain, dtype=np.float64), rows.lower[part].shape
-                )
-                self._pull.append((program.assembly.error[member.part], pull))
+                gains = np.broadcast_to(np.asarray(gain, dtype=np.float64), rows.lower[part].shape)
+                linear = program.assembly.error[member.part], place.element.weight * gains
+            self._pull.append(linear)
         self._whole = len(self._rows) == len(names)
-        self.stands = not second and self._whole and len(self._pull) == len(names)
+        self.stands = not second and self._whole and all(pull is not None for pull in self._pull)
         """Whether ``here`` is possible: b is linear in the error."""
         self._other: Vec | None = None
         self._k = 1.0
+        self._native = None if native is None or not self._whole else native.EasedRows()
+        if self._native is not None:
+            for rows_of, pull in zip(self._rows, self._pull, strict=True):
+                self._native.add(*rows_of, *(pull or (None, None)))
 
     def aim(self, other: Vec, h: float) -> None:
         """Ask for that share of the way from the other stack's answer."""
         self._other = other
         self._k = (h if self.second else 1.0 - h) ** EXPONENT if self._whole else 1.0
+        if self._native is not None:
+            self._native.aim(other, self._k, self.here)
+
+    def before(self, solve: object) -> object | None:
+        """The solve of that capsule with this ahead of it, as native modules run it; None where it is not native."""
+        return None if self._native is None else self._native.before(solve)
 
     def __call__(self) -> None:
         """Rewrite the rows."""
+        if self._native is not None:
+            self._native.rewrite()
+            return
         if self._other is None or (self._k == 1.0 and not self.here):
             return
         for i, (A, lower, upper) in enumerate(self._rows):
             if not lower[0] > -math.inf:  # left out of this tick
                 continue
-            if self.here:
-                error, pull = self._pull[i]
+            if self.here and (linear := self._pull[i]) is not None:
+                error, pull = linear
                 lower += pull * error
                 upper[:] = lower
             there = A @ self._other

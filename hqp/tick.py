@@ -277,27 +277,47 @@ class OrdinaryTick(Tick):
     def _solved(self) -> tuple[Vec, Vec, bool]:
         return self._direct.slacks(self._record), self._direct.x(self._record), False
 
-    def general(self) -> Tick:
-        """The same as a Tick whose parts are there."""
-        kept = {name: getattr(self, name) for name in Tick.__slots__}
-        return _restored({**kept, "x": self.x.copy()})
-
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickled, it is a Tick as any other."""
         kept = {name: getattr(self, name) for name in Tick.__slots__ if name != "_session"}
-        return _restored, ({**kept, "x": self.x.copy(), "program": None, "_session": None},)
+        return _restored, ({**kept, "_notes": self.notes, "x": self.x.copy(), "program": None, "_session": None},)
 
 
 class BlendedTick(OrdinaryTick):
-    """An ordinary tick in a transition: what the new stack's solver gave, and another command."""
+    """An ordinary tick in a transition: what one stack's solver gave, another command, notes and status of both."""
 
-    __slots__ = ("_blend",)
+    __slots__ = ("_blend", "_told")
 
-    def __init__(self, tick: OrdinaryTick, x: Vec, last: Vec, transition: float) -> None:
+    def __init__(
+        self,
+        tick: OrdinaryTick,
+        x: Vec,
+        last: Vec,
+        transition: float,
+        told: Notes = (),
+        status: Status = Status.OPTIMAL,
+    ) -> None:
         self._session, self._direct, self._state, self._count = tick._session, tick._direct, tick._state, tick._count
         self._record, self._before, self._start = tick._record, tick._before, tick._start
         self._noted, self._command, self._solution = (), None, None
-        self._blend = x, last, transition
+        self._blend = x, last, transition, status
+        self._told = told
+
+    @property
+    def status(self) -> Status:  # type: ignore[override]
+        """The worst of the two stacks."""
+        return self._blend[3]
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """Those of both stacks."""
+        if callable(self._told):
+            self._told = self._told()
+        return self._told
+
+    @property
+    def _notes(self) -> Notes:  # type: ignore[override]
+        return self._told
 
     @property
     def command(self) -> Vec:  # type: ignore[override]

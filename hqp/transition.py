@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 LARGEST_CHANGE = {"velocity": 0.02, "acceleration": 1.0, "torque": 1.0}
 """A transition slows down rather than change a command by more in one tick [rad/s, rad/s^2, N m]."""
 
+STILL = 1e-9
+"""Share of the largest change below which a command is the same in both stacks."""
+
 SLOWEST = 0.1
 """Share of its pace that a transition keeps whatever the command does, so that it ends."""
 
@@ -163,11 +166,11 @@ class Transition:
 
     def _fastest(self, start: Vec, difference: Vec, h: float) -> float:
         """The largest h below ``h`` for which |start + h difference| stays within the cap, 0 where there is none."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ends = np.sort(np.stack([(-self._cap - start) / difference, (self._cap - start) / difference]), axis=0)
-        still = difference == 0.0
-        low = float(np.max(np.where(still, -np.inf, ends[0]), initial=0.0))
-        high = float(np.min(np.where(still, np.inf, ends[1]), initial=h))
+        size = np.abs(difference)
+        moving = size > STILL * self._cap
+        size, middle = size[moving], -start[moving] / difference[moving]
+        reach = self._cap / size
+        low, high = float((middle - reach).max(initial=0.0)), float((middle + reach).min(initial=h))
         return high if low <= high else 0.0
 
     def advance(self) -> None:
@@ -178,7 +181,7 @@ class Transition:
 
 def largest(change: Vec) -> float:
     """The largest magnitude."""
-    return float(np.abs(change).max(initial=0.0))
+    return float(np.abs(change).max()) if change.size else 0.0
 
 
 def smooth(s: float) -> float:

@@ -170,3 +170,22 @@ def test_torque_stacks_go_on_natively() -> None:
     found = loop.go(40, [])
     assert {type(tick).__name__ for tick in found[2:24]} == {"BlendedTick"}
     assert {type(tick).__name__ for tick in found[26:]} == {"OrdinaryTick"}
+
+
+@pytest.mark.parametrize(("level", "event"), [("velocity", "release"), ("acceleration", "add"), ("torque", "add")])
+def test_native_easing_is_what_python_does(level: str, event: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same rows, and commands that agree up to rounding, whether the rows are eased in native code or not."""
+    robot = hqp.robots.load("g1")
+    whole = stack(robot, level)
+    bare = whole.without("hand")
+    before, after = (bare, whole) if event == "add" else (whole, lifted(whole, robot))
+
+    def commands() -> list[Any]:
+        loop = Loop(robot, before, level)
+        loop.go(20, loop.goals(0.0))
+        loop.run.change(after, 0.1)
+        return [tick.command.copy() for tick in loop.go(40, loop.goals(0.0))]
+
+    fast = commands()
+    monkeypatch.setattr("hqp.easing.native", None)
+    assert np.allclose(fast, commands(), rtol=1e-6, atol=1e-7)

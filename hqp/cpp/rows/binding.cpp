@@ -3,6 +3,7 @@
 
 #include "assembly.hpp"
 #include "descents.hpp"
+#include "easing.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -83,6 +84,13 @@ NB_MODULE(_assembly, module) {
            "lower"_a.noconvert(), "upper"_a.noconvert(), "saturations"_a)
       .def("run", &Assembly::run, "q"_a, "v"_a)
       .def("demand", &Assembly::demand, "v"_a);
+  nb::class_<EasedRows>(module, "EasedRows")
+      .def(nb::init<>())
+      .def("add", &EasedRows::add, "A"_a.noconvert(), "lower"_a.noconvert(), "upper"_a.noconvert(),
+           "error"_a.noconvert().none(), "pull"_a.none())
+      .def("aim", &EasedRows::aim, "other"_a, "k"_a, "here"_a)
+      .def("rewrite", &EasedRows::rewrite)
+      .def("before", &EasedRows::before, "next"_a);
   nb::class_<hqp::Pace>(module, "Pace")
       .def(nb::init<double, double, double, double, double, int, int>(), "step"_a, "least"_a, "progress"_a, "polish"_a,
            "still"_a, "stalled"_a, "last"_a);
