@@ -368,3 +368,27 @@ def test_a_tick_solves_its_stages_once() -> None:
     expected = hqp.solvers.load("lexicographic").solve(problem)
     np.testing.assert_array_equal(answer.x, expected.x)
     np.testing.assert_array_equal(answer.stage_points, expected.stage_points)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_a_level_is_settled_alike_warm_or_cold(family: str) -> None:
+    """Over problems that change slowly, then jump: multipliers of the last tick decide as those made anew."""
+    solver, decided = hqp.solvers.load("lexicographic"), set[bool]()
+    for seed in range(6):
+        rng = np.random.default_rng([seed, 7])
+        one = random_problem(rng, family)
+        turns = [rng.standard_normal(rows.dense(one.n).shape) for rows in one.levels]
+        workspace = solver.workspace(one.shape)
+        for tick in range(120):
+            turn = 0.002 * tick if tick < 80 else rng.uniform()
+            asked = 0.3 + 0.3 * math.sin(0.1 * tick)  # met for its price, and not, in turns
+            levels = [one.levels[0]]
+            for rows, other in zip(one.levels[1:], turns[1:], strict=True):
+                levels.append(Rows(rows.dense(one.n) + turn * other, asked * rows.lower, asked * rows.upper))
+            problem = replace(one, levels=tuple(levels))
+            warm, cold = workspace.solve(problem), solver.solve(problem)
+            decided.add(cold.stage_points is None)
+            assert (warm.stage_points is None) == (cold.stage_points is None), (seed, tick)
+            if warm.status.solved and cold.status.solved:
+                np.testing.assert_allclose(warm.norms, cold.norms, rtol=0.0, atol=1e-8)
+    assert decided == {True, False} or family in ("contradictory", "beyond")

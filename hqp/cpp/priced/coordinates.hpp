@@ -21,8 +21,8 @@ class Coordinates {
     diagonal_ = r == 0;
     if (diagonal_) {
       for (int i = 0; i < n_; ++i) {
-        inverse_[i] = F ? F[i] : 1.0;
-        unit_[i] = 1.0 / inverse_[i];
+        const double size = F ? F[i] : 1.0;
+        if (inverse_[i] != size) unit_[i] = 1.0 / (inverse_[i] = size);
         still_[i] = f ? f[i] * unit_[i] : 0.0;
       }
       return;

@@ -83,7 +83,7 @@ class StageLevels final : public PricedStages {
     bool met = true;  // all levels so far, so that x keeps to what they leave
     for (int k = 0; k <= last_; ++k) {
       const bool priced = prices_[k] > 0.0;
-      const bool settled = met && settles(k);
+      const bool settled = met && (!priced || settled_.meets(k));
       if (settled && head > 0 && k == head) return -2;
       if (settled && first < 0) continue;
       if (first < 0) {
@@ -165,13 +165,6 @@ class StageLevels final : public PricedStages {
     std::fill(a_.begin(), a_.end(), 0.0);
     a_[level.index[i]] = level.scale[i];
     return a_.data();
-  }
-
-  // Whether the exact answer settles level k, all levels above being met.
-  bool settles(int k) {
-    if (prices_[k] > 0.0) return settled_.meets(k);
-    settled_.keep(k);
-    return true;
   }
 
   // A level that x settles leaves its rows as they are, an exact one its values.
