@@ -123,6 +123,15 @@ def test_levels_that_conflict_and_are_nearly_singular(seed: int) -> None:
 
 
 @needs_kernel
+def test_a_direction_that_is_none_decides_no_sign() -> None:
+    """A row parallel to one above but for 5e-11 gave a constraint nearly along it a multiplier 3000 times as large."""
+    problem = fuzz.problem("near_parallel", 3076326)[0]
+    solution = hqp.solvers.load("lexicographic").solve(problem)
+    assert solution.status.solved, solution.detail
+    assert certificate(problem, solution.x, 1e-8).ok
+
+
+@needs_kernel
 def test_a_short_row_below_does_not_widen_the_bounds_above() -> None:
     """The goal of the second level is 3e9 away: a bound exceeded by 2e-5 once counted as met because of it."""
     upper = np.array([1.0, 1e-9])

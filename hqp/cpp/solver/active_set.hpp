@@ -222,13 +222,21 @@ class ActiveSet final : public Step {
 
   // Whether this working set was left before (64-bit hash).
   bool repeated() {
-    std::uint64_t hash = 1469598103934665603ull;
-    for (int r = 0; r < table.rows; ++r) hash = (hash ^ static_cast<std::uint8_t>(W[r] + 1)) * 1099511628211ull;
-    for (int i = 0; i < table.n; ++i) hash = (hash ^ static_cast<std::uint8_t>(F[i] + 1)) * 1099511628211ull;
+    const std::uint64_t hash = mixed(F, table.n, mixed(W, table.rows, 1469598103934665603ull));
     for (int q = 0; q < (seen_count_ < kSeen ? seen_count_ : kSeen); ++q)
       if (seen_[q] == hash) return true;
     seen_[seen_count_++ % kSeen] = hash;
     return false;
+  }
+
+  static std::uint64_t mixed(const std::int8_t* marks, int count, std::uint64_t hash) {
+    for (int i = 0; i < count; i += 8) {
+      std::uint64_t word = 0;
+      std::memcpy(&word, marks + i, static_cast<std::size_t>(count - i < 8 ? count - i : 8));
+      hash = (hash ^ word) * 0x9e3779b97f4a7c15ull;
+      hash ^= hash >> 32;
+    }
+    return hash;
   }
 
   // Whether rounding or a rank decision may have made the answer what it is.

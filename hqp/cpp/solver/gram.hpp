@@ -104,8 +104,8 @@ struct Gram : TableauData {
 
   void solution_of_gram() {
     for (int j = 0; j < gram_free; ++j) x[free[j]] = target[j];
-    for (int i = 0; i < basic; ++i)
-      x[base[i]] -= dot_any(G + static_cast<std::ptrdiff_t>(i) * ld + 1, target, gram_free);
+    dots_any(target, G + 1, ld, basic, gram_free, size);
+    for (int i = 0; i < basic; ++i) x[base[i]] -= size[i];
   }
 };
 

@@ -18,19 +18,19 @@ struct Multipliers {
   const Table* table = nullptr;
   Tableau* tableau = nullptr;
   double tolerance = 1e-11;
-  double* g = nullptr;            // (n,) gradient
-  double* w = nullptr;            // (rows,) slack of the working rows
-  double* lambda = nullptr;       // (rows,)
-  double* delta = nullptr;        // (rows,) what refinement changed
-  double* mu = nullptr;           // (n,) multipliers of the held variables
-  double* before = nullptr;       // (n,) mu before refinement
-  double* y = nullptr;            // scratch
-  std::int8_t* open = nullptr;    // (rows,) sign not known yet
-  std::int8_t* open_x = nullptr;  // (n,)
+  double* g = nullptr;       // (n,) gradient
+  double* w = nullptr;       // (rows,) slack of the working rows
+  double* lambda = nullptr;  // (rows,)
+  double* delta = nullptr;   // (rows,) what refinement changed
+  double* mu = nullptr;      // (n,) multipliers of the held variables
+  double* before = nullptr;  // (n,) mu before refinement
+  double* y = nullptr;       // scratch
+  int* open = nullptr;       // (open_rows,) rows whose sign is not known yet, in order
+  int* open_x = nullptr;     // (open_variables,) held variables, the same
   WrongSign* to_release = nullptr;
   bool doubted = false;  // a multiplier was near rounding, or a residual was taken for it
   int count = 0;
-  int pending = 0;
+  int open_rows = 0, open_variables = 0;
 
   void layout(Arena& arena, int n, int rows, int most) {
     arena.place(g, n);
@@ -49,26 +49,21 @@ struct Multipliers {
   // level that has any.
   void judge(const std::int8_t* W, const std::int8_t* F, const double* v, bool highest = false) {
     const Table& t = *table;
-    count = 0;
-    pending = 0;
+    count = open_rows = open_variables = 0;
     doubted = false;
-    for (int i = 0; i < t.n; ++i) {
-      open_x[i] = F[i] && !t.fixed[i];
-      pending += open_x[i];
-    }
-    for (int r = 0; r < t.rows; ++r) {
-      open[r] = W[r] && t.kind[r] == kUpper;
-      pending += open[r];
-    }
-    if (!pending) return;
+    for (int i = 0; i < t.n; ++i)
+      if (F[i] && !t.fixed[i]) open_x[open_variables++] = i;
+    for (int r = 0; r < t.rows; ++r)
+      if (W[r] && t.kind[r] == kUpper) open[open_rows++] = r;
+    if (!pending()) return;
     const double span = t.span(tableau->x);
-    for (int k = 0; k < t.blocks && k <= tableau->lowest && pending; ++k) {
+    for (int k = 0; k < t.blocks && k <= tableau->lowest && pending(); ++k) {
       const double norm = t.block[k].norm;
       if (norm <= t.block[k].rounding) continue;
       const double length = slack(k, W, v, span);
       if (length == 0.0) continue;
       own_signs(k, W, span, length);
-      if (!pending) break;
+      if (!pending()) break;
       gradient(k, W);
       sweep_above(k, lambda);
       const double least = norm * ((0.1 * tolerance) * length + 1e-15 * norm * span);
@@ -76,11 +71,13 @@ struct Multipliers {
       const bool refined = doubtful(k, least, limit);
       if (refined) refine(k);
       faint_ = 1e-13 * norm * length;
-      clear_ = larger(larger(1e-9, tolerance * tableau->growth) * norm * length, refined ? least : limit);
+      clear_ = larger(larger(1e-9, 10.0 * tolerance * tableau->growth) * norm * length, refined ? least : limit);
       decide(k, W, F, refined ? least : limit, refined);
       if (highest && count) return;
     }
   }
+
+  bool pending() const { return open_rows + open_variables > 0; }
 
   // w_k of the working rows and its norm; zero where each row is met within rounding.
   double slack(int k, const std::int8_t* W, const double* v, double span) {
@@ -114,8 +111,9 @@ struct Multipliers {
     for (int i = 0; i < table->n; ++i) g[i] = 0.0;
     for (int q = 0; q < tableau->extras; ++q) tableau->extra[q].lambda = 0.0;
     const Block& b = table->block[k];
+    if (b.A) return add_rows(g, b.A, table->n, b.end - b.begin, 1.0, w + b.begin, 1, table->n);
     for (int r = b.begin; r < b.end; ++r)
-      if (W[r] && w[r] != 0.0) add_row(b, r, w[r]);
+      if (w[r] != 0.0) add_row(b, r, w[r]);
   }
 
   // Multipliers of everything above block k that clear its gradient; mu is what the held variables take.
@@ -140,6 +138,7 @@ struct Multipliers {
     if (s.kind == Stage::kIdle || s.rank == 0) return;
     if (s.kind == Stage::kGram) gram_multipliers(s, b, out);
     else reflector_multipliers(s, out);
+    if (b.A && s.m == b.end - b.begin) return add_rows(g, b.A, table->n, s.m, 1.0, out + b.begin, 1, table->n);
     for (int i = 0; i < s.m; ++i) add_row(b, s.rows[i], out[s.rows[i]]);
   }
 
@@ -170,52 +169,64 @@ struct Multipliers {
   void own_signs(int k, const std::int8_t* W, double span, double length) {
     const Block& b = table->block[k];
     const double unclear = larger(1e-8, 10.0 * tolerance * tableau->growth) * length;
-    for (int r = b.begin; r < b.end; ++r) {
-      if (!open[r]) continue;
+    int left = 0;
+    for (int q = 0; q < open_rows; ++q) {
+      const int r = open[q];
+      if (r < b.begin || r >= b.end) {
+        open[left++] = r;
+        continue;
+      }
       const double size = std::fabs(w[r]);
       const bool zero = met(r, W, span);
       doubted = doubted || (size > 1e-13 * length && (zero || size < unclear));
-      if (zero) continue;
+      if (zero) {
+        open[left++] = r;
+        continue;
+      }
       if (w[r] * W[r] < 0.0) to_release[count++] = WrongSign{k, r, false, std::fabs(w[r]) * table->norm[r]};
-      open[r] = 0;
-      --pending;
     }
+    open_rows = left;
   }
 
   // Whether some sign rests on a multiplier so small that rounding of one sweep may have made it.
   bool doubtful(int k, double limit, double rounding) const {
     const double small = 1e6 * rounding;
-    for (int r = 0; r < table->block[k].begin; ++r) {
-      if (!open[r]) continue;
-      const double force = std::fabs(lambda[r]) * table->norm[r];
+    for (int q = 0; q < open_rows && open[q] < table->block[k].begin; ++q) {
+      const double force = std::fabs(lambda[open[q]]) * table->norm[open[q]];
       if (force > limit && force < small) return true;
     }
-    for (int i = 0; i < table->n; ++i)
-      if (open_x[i] && std::fabs(mu[i]) > limit && std::fabs(mu[i]) < small) return true;
+    for (int q = 0; q < open_variables; ++q) {
+      const double force = std::fabs(mu[open_x[q]]);
+      if (force > limit && force < small) return true;
+    }
     return false;
   }
 
   void decide(int k, const std::int8_t* W, const std::int8_t* F, double limit, bool refined) {
     const Table& t = *table;
-    for (int r = 0; r < t.block[k].begin; ++r) {
-      if (!open[r]) continue;
+    int left = 0;
+    for (int q = 0; q < open_rows; ++q) {
+      const int r = open[q];
+      if (r >= t.block[k].begin) {
+        open[left++] = r;
+        continue;
+      }
       const double force = std::fabs(lambda[r]) * t.norm[r];
       const double error = refined ? 10.0 * std::fabs(delta[r]) * t.norm[r] : 0.0;
       doubted = doubted || (force > faint_ && force < larger(clear_, 10.0 * error));
-      if (!(force > limit && force > error)) continue;
-      if (lambda[r] * W[r] < 0.0) to_release[count++] = WrongSign{k, r, false, force};
-      open[r] = 0;
-      --pending;
+      if (!(force > limit && force > error)) open[left++] = r;
+      else if (lambda[r] * W[r] < 0.0) to_release[count++] = WrongSign{k, r, false, force};
     }
-    for (int i = 0; i < t.n; ++i) {
-      if (!open_x[i]) continue;
+    open_rows = left;
+    left = 0;
+    for (int q = 0; q < open_variables; ++q) {
+      const int i = open_x[q];
       const double force = std::fabs(mu[i]), error = refined ? 10.0 * std::fabs(mu[i] - before[i]) : 0.0;
       doubted = doubted || (force > faint_ && force < larger(clear_, 10.0 * error));
-      if (!(force > limit && force > error)) continue;
-      if (mu[i] * F[i] < 0.0) to_release[count++] = WrongSign{k, i, true, force};
-      open_x[i] = 0;
-      --pending;
+      if (!(force > limit && force > error)) open_x[left++] = i;
+      else if (mu[i] * F[i] < 0.0) to_release[count++] = WrongSign{k, i, true, force};
     }
+    open_variables = left;
   }
 
   void add_row(const Block& b, int r, double f) {

@@ -145,8 +145,9 @@ struct Table {
     for (int k = 0; k < blocks; ++k) {
       const Block& b = block[k];
       const int m = b.end - b.begin;
-      if (b.A)
-        for (int i = 0; i < m; ++i) v[b.begin + i] = dot_any(b.A + static_cast<std::ptrdiff_t>(i) * n, x, n);
+      if (b.A) dots_any(x, b.A, n, m, n, v + b.begin);
+      else if (b.index == every && b.scale == ones)
+        for (int i = 0; i < n; ++i) v[b.begin + i] = x[i];
       else
         for (int i = 0; i < m; ++i) v[b.begin + i] = b.scale[i] * x[b.index[i]];
     }
