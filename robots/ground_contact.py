@@ -12,8 +12,12 @@ import numpy as np
 
 from hqp.arrays import Mat, Vec
 
+from .mujoco_extra import mujoco
+
 Triple = tuple[float, float, float]
 _NOWHERE = (0.0,) * 6  # normal and point of what carries nothing
+BURIED = 5e-3
+"""What is deeper in the ground than this is lifted [m]."""
 
 
 @dataclass(frozen=True)
@@ -86,3 +90,18 @@ class ContactReader:
             n, s, t = self._efc[address : address + 3]  # elliptic cones: forces along the three
             force = (n * nx + s * sx + t * tx, n * ny + s * sy + t * ty, n * nz + s * sz + t * tz)
             yield max(first, second), force, (nx, ny, nz), point
+
+
+def out_of_ground(model: Any, states: Any, q: Vec) -> Vec:
+    """A configuration ``(nq,)`` in the robot's order, its free base lifted until nothing is buried in the ground."""
+    free, data = model.jnt_qposadr[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE], mujoco.MjData(model)
+    for _ in range(3 if free.size else 0):
+        data.qpos[:], data.qvel[:] = states.to_mujoco(q, np.zeros(states.nv))
+        mujoco.mj_forward(model, data)
+        ground = (model.geom_bodyid[data.contact.geom] == 0).any(axis=1)
+        depth = -float(np.min(data.contact.dist[ground], initial=0.0))
+        if depth < BURIED:
+            break
+        data.qpos[free[0] + 2] += depth
+        q = states.to_pinocchio(data.qpos, data.qvel)[0]
+    return q

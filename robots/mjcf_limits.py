@@ -29,7 +29,7 @@ def _read_joints(simulated: Any, found: Description) -> None:
     model, names = found.model, joint_names(simulated)
     lower, upper = np.full(model.nq, -np.inf), np.full(model.nq, np.inf)
     model.velocityLimit = np.full(model.nv, np.inf)
-    effort = np.full(model.nv, np.inf)
+    effort, unequal = np.full(model.nv, np.inf), []
     for j, name in enumerate(names):
         joint, dof = model.joints[model.getJointId(name)], int(simulated.jnt_dofadr[j])
         columns = slice(joint.idx_v, joint.idx_v + joint.nv)
@@ -42,7 +42,11 @@ def _read_joints(simulated: Any, found: Description) -> None:
         elif simulated.jnt_limited[j] and joint.nv == 3:
             found.cones[name] = high
         if joint.nv == 1:
-            effort[joint.idx_v] = _effort(simulated, j)
+            effort[joint.idx_v], equal = _effort(simulated, j)
+            if not equal:
+                unequal.append(name)
+    if unequal:
+        found.notes.append(f"of unequal effort limits of a joint the smaller one counts: {_some(unequal)}")
     model.lowerPositionLimit, model.upperPositionLimit, model.effortLimit = lower, upper, effort
     convert = StateMap(simulated, model)
     rest = np.zeros(simulated.nv)
@@ -74,8 +78,11 @@ def _read_motors(simulated: Any, found: Description) -> None:
         found.notes.append(f"{others} actuators of the file drive no joint directly (tendons, sites, bodies)")
 
 
-def _effort(simulated: Any, joint: int) -> float:
-    """The larger end of the effort range of a joint [N m or N], inf where the file gives none."""
+def _effort(simulated: Any, joint: int) -> tuple[float, bool]:
+    """The smaller end of the effort range of a joint [N m or N], and whether its ends are equal.
+
+    The other end where a range goes one way only (muscles, cables); inf where the file gives none.
+    """
     ranges = [simulated.jnt_actfrcrange[joint]] if simulated.jnt_actfrclimited[joint] else []
     for a in np.flatnonzero(simulated.actuator_trnid[:, 0] == joint):
         if simulated.actuator_trntype[a] != mujoco.mjtTrn.mjTRN_JOINT:
@@ -88,8 +95,9 @@ def _effort(simulated: Any, joint: int) -> float:
         plain &= simulated.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_NONE
         if plain and simulated.actuator_ctrllimited[a]:
             ranges.append(gear * float(simulated.actuator_gainprm[a, 0]) * simulated.actuator_ctrlrange[a])
-    ends = [float(np.abs(np.asarray(r)).max()) for r in ranges]
-    return min((e for e in ends if e > 0.0), default=math.inf)
+    ends = [(float(min(abs(r))), float(max(abs(r))), r[0] * r[1] < 0.0) for r in ranges if np.any(r)]
+    least = min((small if both else large for small, large, both in ends), default=math.inf)
+    return least, all(small == large for small, large, both in ends if both)
 
 
 def _read_couplings(simulated: Any, found: Description) -> None:

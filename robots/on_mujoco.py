@@ -23,7 +23,7 @@ from . import scene
 from .actuators import Actuation, Servo, fit
 from .assembly import add_imu, find, root_of, set_armature
 from .frames import Frames
-from .ground_contact import ContactReader, Contacts
+from .ground_contact import ContactReader, Contacts, out_of_ground
 from .mujoco_extra import mujoco
 from .sensors import Noise, Reading, Sensors, rotation_vector
 from .state_map import StateMap, quaternion
@@ -102,6 +102,9 @@ class Plant:
             watched = [c["frame"] for c in (*about.get("contacts", ()), *about.get("wheels", ()))]
         self.watched = tuple(watched)
         self._contacts = ContactReader(self.model, [self._frames.body(frame) for frame in self.watched])
+        self._start = self._initial()
+        if path.suffix == ".urdf":
+            self._start = out_of_ground(self.model, self.map, self._start)
         self._delay, self._seed = round(delay / timestep), seed
         self.timestep = timestep
         self.reset()
@@ -110,11 +113,11 @@ class Plant:
         """Start at (q, v); noise starts anew.  Returns the state.
 
         The default is at rest in the robot's home if it came from the same file, else in the file's first keyframe or
-        its initial configuration.
+        its initial configuration.  A robot from a URDF, which says no height of its base, is lifted out of the ground.
         """
         mujoco.mj_resetData(self.model, self.data)
         if q is None:
-            q = self._initial()
+            q = self._start.copy()
         self.data.qpos[:], self.data.qvel[:] = self.map.to_mujoco(q, np.zeros(self.map.nv) if v is None else v)
         self._rng = np.random.default_rng(self._seed)
         self._turned = np.array([q[i] for i, *_ in self.map.wheels.values()])

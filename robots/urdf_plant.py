@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 import xml.etree.ElementTree as ET
 from typing import Any
 
@@ -9,11 +10,12 @@ import numpy as np
 import pinocchio as pin
 
 from hqp.arrays import Mat
-from hqp.errors import ModelError
+from hqp.errors import ModelError, ModelWarning
 
 from . import from_urdf
 from .geometry import points
 from .mujoco_extra import mujoco
+from .physical import make_physical
 
 _THIN = 1e-3  # [m]
 _SHOWN = (0.75, 0.76, 0.79, 1.0)
@@ -22,7 +24,8 @@ _SHOWN = (0.75, 0.76, 0.79, 1.0)
 def read(robot: Any) -> Any:
     """A MjSpec of a robot from a URDF: bodies, joints, inertias by MuJoCo's reader; raises ModelError.
 
-    Meshes are taken as their convex hulls.  Pairs of links that touch at home do not collide.
+    Meshes are taken as their convex hulls.  Pairs of links that touch at home do not collide.  Where MuJoCo refuses
+    inertias, those that no body has are changed, see ``make_physical``; warns (ModelWarning) of the links.
     """
     root = from_urdf.parsed(robot.source)
     for link in root.findall("link"):
@@ -33,6 +36,20 @@ def read(robot: Any) -> Any:
         root.remove(old)
     compiler = ET.SubElement(ET.SubElement(root, "mujoco"), "compiler")
     compiler.attrib.update(fusestatic="false", inertiafromgeom="false", autolimits="true")
+    try:
+        return _spec(root, robot)
+    except ModelError as error:
+        changed = make_physical(root) if "inertia" in str(error) else []
+        if not changed:
+            raise
+    some = ", ".join(changed[:4]) + (f" and {len(changed) - 4} more" if len(changed) > 4 else "")
+    told = f"{robot.name}: links have inertias in the plant that bodies can have, not those of the file: {some}"
+    warnings.warn(told, ModelWarning, stacklevel=4)
+    return _spec(root, robot)
+
+
+def _spec(root: ET.Element, robot: Any) -> Any:
+    """Of a URDF without shapes; raises ModelError."""
     try:
         spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
     except ValueError as error:

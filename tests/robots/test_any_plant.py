@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
+import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -11,6 +14,7 @@ import pytest
 import hqp.robots
 from hqp.errors import ModelWarning
 from hqp.robots.on_mujoco import Plant, Servo
+from hqp.robots.physical import LIGHT, make_physical
 
 DATA = Path(__file__).parents[1] / "data" / "mjcf"
 
@@ -40,6 +44,58 @@ def test_urdf_robot_has_its_own_inertia_in_mujoco_and_stands(name: str) -> None:
         feet = [f.removesuffix("_sole") for f in robot.landmarks.get("soles", robot.landmarks.get("feet"))]
         assert touching - {"world"}
         assert len(touching - {"world"}) <= len(feet), touching
+
+
+@pytest.mark.parametrize(
+    ("name", "link", "off"),
+    [("icub", "head", 1e-2), ("romeo", "RElbowYawLink", 1e-2), ("anymal", "depth_camera", 1e-2), ("human", "", 1e-1)],
+)
+def test_inertias_that_no_body_has_are_mended_in_the_plant_and_told(name: str, link: str, off: float) -> None:
+    """MuJoCo refuses them; the plant's M stays the robot's but for little."""
+    robot = hqp.robots.load(name)
+    with pytest.warns(ModelWarning, match=f"inertias.*{link}"):
+        plant = Plant(robot)
+    q, _ = plant.reset()
+    M = robot.state(q).mass_matrix()
+    assert np.abs(plant.mass_matrix() - M).max() < off * np.abs(M).max()
+    assert np.linalg.eigvalsh(plant.mass_matrix())[0] > 0.0
+
+
+@pytest.mark.parametrize("name", ["go1", "a1"])
+def test_a_robot_whose_home_is_in_the_ground_starts_on_it(name: str) -> None:
+    """The file says no height of the base: the plant lifts the robot, which then stays near where it starts."""
+    robot = hqp.robots.load(name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        plant = Plant(robot, actuation="position", servo=Servo(other=300.0))
+    q, _ = plant.reset()
+    assert q[2] > robot.home[2] + 0.3
+    assert np.min(plant.data.contact.dist, initial=0.0) > -5e-3
+    start, command = plant.com(), robot.state(robot.home).angles[robot.actuated]
+    plant.step(command, steps=200)
+    assert np.linalg.norm(plant.com() - start) < 0.1
+    placed, _ = plant.reset(robot.home)
+    np.testing.assert_allclose(placed, robot.home, atol=1e-12)  # what is asked for is taken as it is
+
+
+@pytest.mark.parametrize(
+    ("mass", "moments", "wanted"),
+    [
+        (1.0, (1.0, 1.0, 5.0), (2.0, 2.0, 4.0)),  # A + B < C
+        (1.0, (-1e-8, 1.0, 1.0), (1e-4, 1.0, 1.0)),
+        (0.0, (0.0, 0.0, 0.0), (1e-7, 1e-7, 1e-7)),
+        (1.0, (0.3, 0.4, 0.5), (0.3, 0.4, 0.5)),
+    ],
+)
+def test_the_nearest_inertia_that_a_body_has(mass: float, moments: Any, wanted: Any) -> None:
+    tensor = 'ixx="{}" iyy="{}" izz="{}" ixy="0" ixz="0" iyz="0"'.format(*moments)
+    inertial = f'<inertial><mass value="{mass}"/><inertia {tensor}/></inertial>'
+    text = f'<robot><link name="arm">{inertial}</link><joint type="revolute"><child link="arm"/></joint></robot>'
+    root = ET.fromstring(text)
+    assert make_physical(root) == (["arm"] if moments != wanted else [])
+    found = next(root.iter("inertia"))
+    assert [float(found.get(k, 0.0)) for k in ("ixx", "iyy", "izz")] == pytest.approx(wanted, rel=1e-6)
+    assert float(next(root.iter("mass")).get("value", 0.0)) == (mass or LIGHT)
 
 
 def test_mobile_arm_with_an_object_and_a_door() -> None:
@@ -80,3 +136,11 @@ def test_root_that_was_freed_on_loading_is_free_in_the_plant() -> None:
     plant = Plant(free, terrain=None)
     assert plant.map.floating
     assert plant.model.nv == free.nv
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_every_robot_of_the_catalogue_has_a_plant() -> None:
+    for name in hqp.robots.names():
+        q, _ = Plant(hqp.robots.load(name)).reset()
+        assert np.all(np.isfinite(q)), name
