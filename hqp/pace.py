@@ -6,8 +6,9 @@ v = ||F (t - x_still)||.  While a priced level is not met it is given
     t' = x_still + y' / F,  y' = sign(y) min(|y|, theta),    y = F (t - x_still),  ||y'|| = min(v, s),
     s = least of p max(1, c_k p^2 / ||w_k||) over the levels not met,
 
-with p the pace of the hierarchy: fast coordinates are slowed alike, slow ones (a gripper) not at all.  The floor of
-every guard (hqp.pricing) is phi = max(floor, min(1, v^2 / p^2)).
+with p the pace of the hierarchy: fast coordinates are slowed alike, slow ones (a gripper) not at all, and y = 0 for
+those that no row of a priced level or of one before it has (the other arm of a robot on a fixed base): they keep t.
+The floor of every guard (hqp.pricing) is phi = max(floor, min(1, v^2 / p^2)).
 
 The rows of an unmet level turn as fast as the joints move.  In its nearly lost directions the corners of the band that
 it hands down, and the half-space of its guard, then move further in one tick than they are wide, and the answer would
@@ -20,7 +21,7 @@ import math
 
 import numpy as np
 
-from hqp.arrays import Vec
+from hqp.arrays import Mask, Vec
 from hqp.problem import Hierarchy, Rows, Selection
 
 
@@ -54,10 +55,10 @@ def slowed(problem: Hierarchy, level: int, still: Vec, speed: float) -> Rows:
     if size <= speed:
         return rows
     assert isinstance(rows.A, Selection)
-    index, scale, equal = rows.A.index, rows.A.scale, rows.equality
-    away = np.sign(y) * np.minimum(np.abs(y), common_bound(np.abs(y), speed))
+    index, scale, bound = rows.A.index, rows.A.scale, common_bound(np.abs(y), speed)
+    cut, away = np.abs(y) > bound, np.sign(y) * bound
     given = scale * (still[index] + (away if problem.motion is None else away / problem.motion.F[index]))
-    return Rows(rows.A, np.where(equal, given, rows.lower), np.where(equal, given, rows.upper))
+    return Rows(rows.A, np.where(cut, given, rows.lower), np.where(cut, given, rows.upper))
 
 
 def common_bound(size: Vec, speed: float) -> float:
@@ -74,5 +75,20 @@ def asked(problem: Hierarchy, level: int, still: Vec) -> tuple[Vec, float]:
     rows, motion = problem.levels[level], problem.motion
     assert isinstance(rows.A, Selection)
     index, scale = rows.A.index, rows.A.scale
-    y = np.where(rows.equality, rows.lower / scale - still[index], 0.0) * (1.0 if motion is None else motion.F[index])
+    turning = rows.equality & turned(problem)[index]
+    y = np.where(turning, rows.lower / scale - still[index], 0.0) * (1.0 if motion is None else motion.F[index])
     return y, float(np.sqrt(y @ y))
+
+
+def turned(problem: Hierarchy) -> Mask:
+    """The coordinates ``(n,)`` that a row of a priced level has, or one of a level before it, but for boxes."""
+    last = max(k for k, priced in enumerate(problem.priced) if priced)
+    found = np.zeros(problem.n, dtype=bool)
+    for rows, priced in zip(problem.levels[: last + 1], problem.priced, strict=False):
+        if isinstance(rows.A, Selection):
+            if priced:
+                found[rows.A.index] = True
+        else:
+            asks = np.isfinite(rows.lower) | np.isfinite(rows.upper)
+            found |= rows.A[asks].any(axis=0)
+    return found

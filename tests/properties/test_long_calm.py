@@ -101,3 +101,23 @@ def test_a_gripper_is_not_slowed_with_the_arm() -> None:
     for _ in range(1000):
         q, v = session.step(robot.state(q, v), hand.at(goal), posture.at(wanted)).advance()
     np.testing.assert_allclose(q[-2:], wanted[-2:], atol=1e-3)
+
+
+def test_the_other_arm_follows_its_posture() -> None:
+    """No row of the hand out of reach has it: it turns nothing, and is not slowed."""
+    robot = hqp.robots.load("baxter", floating=False)
+    hand = Position(frame="left_gripper_base_link", law=P(5.0, max_velocity=0.4), name="hand")
+    posture = Posture(law=P(10.0), name="posture")
+    stack = Stack(Level(hand), Level(posture), subject_to=[JointLimits()])
+    session = hqp.Controller(stack, deadline=math.inf).session(robot, 0.002)
+    shoulder = robot.joints("right_s0")[0]
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    state = robot.state(q, v)
+    goal, wanted, feed = state.position(hand.frame) + np.array([1.0, 0.0, 0.0]), state.angles.copy(), np.zeros(robot.nv)
+    for k in range(2000):
+        wanted[shoulder], feed[shoulder] = 0.5 * math.sin(0.004 * k), math.cos(0.004 * k)
+        state = robot.state(q, v)
+        if k > 500:
+            assert abs(state.angles[shoulder] - wanted[shoulder]) < 5e-3
+        q, v = session.step(state, hand.at(goal), posture.at(wanted, velocity=feed)).advance()
+    assert np.linalg.norm(robot.state(q).position(hand.frame) - goal) > 0.5

@@ -80,13 +80,22 @@ def test_postures_below_an_unmet_level_are_slowed(name: str, family: str) -> Non
         problem = random_problem(rng, family, solver.inequalities)
         eager = rng.uniform(-3.0, 3.0, problem.n)
         posture = Rows(Selection(np.arange(problem.n), rng.uniform(0.5, 2.0, problem.n)), eager, eager)
-        problem = replace(problem, levels=(*problem.levels[:-1], posture), pace=0.3)
+        above = [_without_last(rows, problem.n) for rows in problem.levels[:-1]] if seed % 2 else problem.levels[:-1]
+        problem = replace(problem, levels=(*above, posture), pace=0.3)
         solution = solver.solve(problem)
+        if seed % 2 and solution.status.solved:  # a coordinate that no row above has
+            assert solution.x[-1] == pytest.approx(eager[-1] / posture.A.scale[-1], abs=10 * solver.accuracy)
         if solution.status.solved and solution.stage_points is not None:
             stages = solution.stage_points
             assert certificate(problem, solution.x, solver.accuracy, stages).ok, seed
             told.add(certificate(replace(problem, pace=math.inf), solution.x, 1e-6, stages).ok)
     assert told <= {True} if family == "plain" else False in told  # all levels of that family are met
+
+
+def _without_last(rows: Rows, n: int) -> Rows:
+    A = rows.dense(n).copy()
+    A[:, -1] = 0.0
+    return Rows(A, rows.lower, rows.upper)
 
 
 def test_solvers_agree_where_motion_is_flat_and_a_metric_chooses() -> None:

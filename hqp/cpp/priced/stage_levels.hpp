@@ -91,6 +91,7 @@ class StageLevels final : public PricedStages {
         const int levels = static_cast<int>(level_.size());
         std::fill(stages, stages + static_cast<std::size_t>(levels) * n_, std::numeric_limits<double>::quiet_NaN());
         rows_.count = 0;
+        find_turned();
         set_floor();
         search_.restart();
         for (int l = 0; l < k; ++l) leave(l, x);
@@ -239,10 +240,35 @@ class StageLevels final : public PricedStages {
     }
   }
 
-  // How far the target of row i of a level of single coordinates is from rest: |F (t - still)|, 0 for inequalities.
+  // The coordinates that a row of a priced level has, or one of a level before it, but for boxes.
+  void find_turned() {
+    turned_.assign(n_, 0);
+    int count = 0;
+    for (int k = 0; k <= last_ && count < n_; ++k) {
+      const PricedLevel& level = level_[k];
+      if (!level.A && !(prices_[k] > 0.0)) continue;
+      for (int i = 0; i < level.m && count < n_; ++i) {
+        if (level.left_out(i)) continue;
+        if (!level.A) {
+          count += !turned_[level.index[i]];
+          turned_[level.index[i]] = 1;
+          continue;
+        }
+        const double* a = level.A + static_cast<std::size_t>(i) * n_;
+        for (int j = 0; j < n_; ++j)
+          if (a[j] != 0.0 && !turned_[j]) {
+            turned_[j] = 1;
+            ++count;
+          }
+      }
+    }
+  }
+
+  // How far the target of row i of a level of single coordinates is from rest: |F (t - still)|, 0 for inequalities
+  // and for coordinates that turn nothing.
   double away(const PricedLevel& level, int i) const {
-    if (level.lower[i] != level.upper[i]) return 0.0;
     const auto j = level.index[i];
+    if (level.lower[i] != level.upper[i] || !turned_[j]) return 0.0;
     return std::abs((F_ ? F_[j] : 1.0) * (level.lower[i] / level.scale[i] - at_.still()[j]));
   }
 
@@ -370,6 +396,7 @@ class StageLevels final : public PricedStages {
   int n_, last_ = -1, r_ = 0, iterations_ = 0;
   bool guard_ = true, ended_ = true;
   double guard_floor_ = 0.0, floor_ = 0.0;     // floor_: of this solve
+  std::vector<char> turned_;                   // (n,) what the pace bounds
   double pace_ = INFINITY, speed_ = INFINITY;  // speed_: of single coordinates, below what is not met so far
   std::vector<PricedLevel> level_;
   std::vector<Handed> handed_;
