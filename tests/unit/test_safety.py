@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import hqp
+from benchmarks.changes import stack as stack_of_changes
 from benchmarks.deadline import measure as measure_deadline
 from benchmarks.deadline import overloaded
 from hqp import Level, P, Stack, Status
@@ -19,6 +20,7 @@ from hqp.errors import ConcurrentUse, DeclarationError, HqpError, ModelError, Un
 from hqp.robots import Robot
 from hqp.safety import Braking, RateLimits, StateBounds
 from hqp.tasks import Com, FixedContact, JointLimits, JointTorque, Momentum, Position, Posture, TorqueLimits
+from hqp.tick import OrdinaryTick
 
 DT = 0.002
 
@@ -444,6 +446,36 @@ def test_dynamics_that_fail_are_a_status(robot: Robot, monkeypatch: pytest.Monke
     assert tick.held == 1
     assert np.abs(tick.command).max() > 1.0
     assert np.abs(tick.command - good.command).max() < np.abs(good.command).max() + 100.0
+
+
+@pytest.mark.parametrize("over", [0.0, 1.0], ids=["plain", "in a transition"])
+def test_the_native_chain_tells_that_dynamics_fail(over: float) -> None:
+    """Masses that go bad under way, as an estimate may, end at the elimination within the one native call."""
+    robot = hqp.robots.load("g1").copy()
+    whole = stack_of_changes(robot, "torque")
+    run = session(robot, hqp.Torque(), whole.without("hand") if over else whole)
+    for _ in range(5):
+        good = run.step(robot.state())
+    if over:
+        run.change(whole, over)
+        for _ in range(5):
+            good = run.step(robot.state())
+    assert isinstance(good, OrdinaryTick)
+    heaviest = int(np.argmax([inertia.mass for inertia in robot.model.inertias]))
+    mass = robot.model.inertias[heaviest].mass
+    for bad in (-50.0, np.nan, 1e300):
+        robot.model.inertias[heaviest].mass = bad
+        for held in (1, 2):
+            tick = run.step(robot.state())
+            assert tick.status is Status.DYNAMICS_FAILED
+            assert tick.notes[0].element == "robot"
+            assert tick.held == held
+            assert np.abs(tick.command - good.command).max() < 1.0
+        robot.model.inertias[heaviest].mass = mass
+        ticks = [run.step(robot.state()) for _ in range(3)]
+        assert all(tick.status is Status.OPTIMAL for tick in ticks)
+        assert isinstance(ticks[-1], OrdinaryTick)
+        assert np.abs(ticks[-1].command - good.command).max() < 1.0
 
 
 def kind_inertia(state: Any) -> Any:
