@@ -140,6 +140,16 @@ class EasedRows:
     def before(self, next: object) -> object:
         """A capsule of that and then the solve whose capsule is given."""
 
+class Snapshots:
+    """Live arrays copied into a ring of snapshots of ``size`` bytes; keeps references to all of them.
+
+    parts: bytes, and where they begin in a snapshot.  Raises ValueError for a part that does not fit.
+    """
+
+    def __init__(self, parts: Sequence[tuple[memoryview, int]], ring: bytearray, size: int) -> None: ...
+    def take(self, i: int) -> None:
+        """Write snapshot ``i``; raises IndexError for one beyond the ring."""
+
 class Pace:
     """Sizes of steps of a descent and when it ends: see hqp/goals/descent.py."""
 

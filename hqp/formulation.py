@@ -10,7 +10,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from hqp.arrays import Vec
+from hqp.arrays import Index, Mat, Vec
 from hqp.assembly import Assembly
 from hqp.direct import Direct, direct
 from hqp.element import Element
@@ -45,6 +45,11 @@ class Program(ABC):
     shape: Shape
     places: dict[str, Place]
     assembly: Assembly
+
+    @property
+    def copies(self) -> list[tuple[Mat, Mat, Index, Vec]]:
+        """Blocks of rows ``(m, n)`` that are rows of a live array times a factor each: (A, array, rows, factors)."""
+        return []
 
     @abstractmethod
     def prepare(self, state: State) -> None:

@@ -3,27 +3,47 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 
+from hqp.arrays import Index, Mat, Vec
 from hqp.problem import Hierarchy, Motion, Rows, Selection
+
+LINE = 64
+"""Parts of a tick begin at multiples of so many bytes."""
 
 
 class Memory:
-    """The buffers that a hierarchy's arrays are views of, each once; ``size`` bytes in all."""
+    """The buffers that a hierarchy's arrays are views of, each once, but for rows that are multiples of others.
 
-    def __init__(self, problem: Hierarchy) -> None:
+    copies: as ``Program.copies``.  ``size`` bytes a tick; ``parts``: what is copied, and its place there.
+    """
+
+    def __init__(self, problem: Hierarchy, copies: Sequence[tuple[Mat, Mat, Index, Vec]] = ()) -> None:
         self._problem = problem.copy()  # what never changes: shapes, selections, prices
         self.parts: list[tuple[memoryview, int, int]] = []
-        """Each buffer and its place in a tick's bytes."""
         self.size = 0
+        self._owners: list[tuple[Any, int]] = []
         self._begin: dict[int, int] = {}
+        self._whole = 0
         self._views = [self._view(array) for array in _arrays(problem)]
+        kept = [(target, *rest) for target, *rest in copies if target.size and target.flags.c_contiguous]
+        self._copies = [(self._view(A), self._view(source), rows, factors) for A, source, rows, factors in kept]
+        begins = [view[0] for view, *_ in self._copies]
+        gaps = sorted((start, start + item[0].nbytes) for start, item in zip(begins, kept, strict=True))
+        self._places: list[int] = []
+        for owner, begin in self._owners:
+            content = memoryview(owner.data).cast("B")
+            for start, stop in _between(begin, begin + owner.nbytes, gaps):
+                self.parts.append((content[start - begin : stop - begin], self.size, self.size + stop - start))
+                self._places.append(start)
+                self.size += -(-(stop - start) // LINE) * LINE
 
     def _view(self, array: Any) -> tuple[int, tuple[int, ...], tuple[int, ...]]:
-        """Place, shape and strides of an array in a tick's bytes."""
+        """Place, shape and strides of an array in all the buffers, one after the other."""
         owner: Any = array
         while isinstance(owner.base, np.ndarray):
             owner = owner.base
@@ -31,17 +51,38 @@ class Memory:
             owner = array
         key = id(owner)
         if key not in self._begin:
-            self._begin[key] = self.size
-            bytes_ = memoryview(owner.data).cast("B") if owner.size else memoryview(b"")
-            self.parts.append((bytes_, self.size, self.size + owner.nbytes))
-            self.size += owner.nbytes
+            self._begin[key] = self._whole
+            if owner.size:
+                self._owners.append((owner, self._whole))
+            self._whole += owner.nbytes
         offset = array.__array_interface__["data"][0] - owner.__array_interface__["data"][0]
         return self._begin[key] + offset, array.shape, array.strides
 
     def problem(self, content: bytes) -> Hierarchy:
         """The hierarchy of a tick, from its bytes, in arrays of its own."""
-        found = [np.ndarray(shape, np.float64, content, place, strides).copy() for place, shape, strides in self._views]
-        return rebuilt(self._problem, found)
+        whole = bytearray(self._whole)
+        for (_, begin, end), place in zip(self.parts, self._places, strict=True):
+            whole[place : place + end - begin] = content[begin:end]
+
+        def array(view: tuple[int, tuple[int, ...], tuple[int, ...]]) -> Any:
+            place, shape, strides = view
+            return np.ndarray(shape, np.float64, whole, place, strides)
+
+        for target, source, rows, factors in self._copies:
+            A = array(target)
+            np.multiply(array(source)[rows, : A.shape[1]], factors[:, None], out=A)
+        return rebuilt(self._problem, [array(view).copy() for view in self._views])
+
+
+def _between(begin: int, end: int, gaps: list[tuple[int, int]]) -> Iterator[tuple[int, int]]:
+    """What is left of an interval without the gaps, which are sorted."""
+    for start, stop in gaps:
+        if begin <= start < end:
+            if start > begin:
+                yield begin, start
+            begin = max(begin, stop)
+    if begin < end:
+        yield begin, end
 
 
 def _arrays(problem: Hierarchy) -> list[Any]:

@@ -17,6 +17,11 @@ from hqp.problem import Status
 from hqp.recorder.layout import Memory
 from hqp.reference import Reference
 
+try:
+    from hqp import _assembly as native
+except ImportError:  # no compiler was there
+    native = None  # type: ignore[assignment]
+
 if TYPE_CHECKING:
     from hqp.robot import Robot
     from hqp.session import Session
@@ -38,11 +43,13 @@ class Segment:
     """Ticks of one compiled stack, the latest ``ticks`` of them."""
 
     def __init__(self, program: Program, ticks: int, spare: list[bytearray]) -> None:
-        self.program, self.memory, self.ticks = program, Memory(program.problem), ticks
+        self.program, self.memory, self.ticks = program, Memory(program.problem, program.copies), ticks
         size = max(1, self.memory.size) * ticks
         fit = next((k for k, ring in enumerate(spare) if len(ring) == size), None)
         self.ring = spare.pop(fit) if fit is not None else bytearray(size)
         self.view = memoryview(self.ring)
+        parts = [(part, begin) for part, begin, _ in self.memory.parts]
+        self.snapshots: Any = None if native is None else native.Snapshots(parts, self.ring, max(1, self.memory.size))
         self.entries: list[tuple[Tick, tuple[Reference, ...]] | None] = [None] * ticks
         self.count = 0
 
@@ -91,9 +98,12 @@ class Recorder:
                 return
             segment = self._begin(program)
         i = segment.count % segment.ticks
-        base, view = i * segment.memory.size, segment.view
-        for part, begin, end in segment.memory.parts:
-            view[base + begin : base + end] = part
+        if segment.snapshots is not None:
+            segment.snapshots.take(i)
+        else:
+            base, view = i * segment.memory.size, segment.view
+            for part, begin, end in segment.memory.parts:
+                view[base + begin : base + end] = part
         segment.entries[i] = (tick, references)
         segment.count += 1
         if self._quiet:
@@ -119,6 +129,7 @@ class Recorder:
             write(path, self._about, segments, self.ticks, self._robot)
             self.files.append(path)
             for segment in segments[-2:]:
+                segment.snapshots = None
                 segment.view.release()
                 self._spare.append(segment.ring)
             del self._spare[:-2]

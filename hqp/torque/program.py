@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Index, Mat, Vec
 from hqp.assembly import Assembly
 from hqp.direct import Direct, direct
 from hqp.element import Element, selection_of
@@ -183,6 +183,11 @@ class TorqueProgram(Program):
         self.shape = Shape(
             n, tuple(sizes), selections, inequalities, True, self._origin is not None, self.problem.priced
         )
+
+    @property
+    def copies(self) -> list[tuple[Mat, Mat, Index, Vec]]:
+        """Rows that pick coordinates of qdd, and the motion: multiples of rows of X."""
+        return self._rows.copies
 
     def _size(self, element: Element) -> int:
         if element.quantity == "motion":

@@ -45,6 +45,15 @@ class TorqueRows:
         if self.native is not None:
             self.native.motion(scale.tolist(), rest, motion.F, motion.f)  # type: ignore[arg-type]
 
+    @property
+    def copies(self) -> list[tuple[Mat, Mat, Index, Vec]]:
+        """Blocks that are rows of the map times a factor each, to the bit: (A, map, rows, factors)."""
+        found = [(A, self._map, index, weight) for index, weight, A, *_ in self._picks]
+        if self._motion is not None:
+            scale, _, motion = self._motion
+            found.append((motion.F, self._map, np.arange(scale.size), scale))
+        return found
+
     def fill(self, v: Vec, c: Vec | None) -> None:
         """All of it from the latest map; c ``(nv,)``: for rows in the place of the map's own."""
         if self.native is not None:

@@ -18,6 +18,7 @@ import hqp
 from hqp import Level, Stack, Status
 from hqp.errors import DeclarationError, HqpError
 from hqp.recorder import load, replay
+from hqp.recorder.layout import Memory
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, Position, Posture, TorqueLimits
 
@@ -72,6 +73,9 @@ def test_a_file_holds_what_was_solved(formulation: Any, tmp_path: Path) -> None:
             one, other = getattr(problem, name), getattr(found.problem, name)
             assert (one is None) == (other is None)
             assert one is None or np.array_equal(one, other)
+        assert problem.motion is not None
+        assert found.problem.motion is not None
+        assert np.array_equal(found.problem.motion.F, problem.motion.F)
         assert tick.solution is not None
         assert found.solution is not None
         assert np.array_equal(found.solution.x, tick.solution.x)
@@ -81,6 +85,22 @@ def test_a_file_holds_what_was_solved(formulation: Any, tmp_path: Path) -> None:
     assert recording.about["format"] == 1
     assert hqp.serial.loads(recording.about["toml"]) == run.controller.stack
     assert recording.about["hqp"] == hqp.__version__
+
+
+def test_rows_that_are_multiples_of_others_are_kept_once(tmp_path: Path) -> None:
+    """At torque level a posture, limits of joints and the motion are rows of qdd = X tau + c."""
+    robot, run, _ = make(hqp.Torque())
+    run.step(robot.state())
+    program = run.program
+    plain, lean = Memory(program.problem), Memory(program.problem, program.copies)
+    n = robot.actuated.size
+    assert plain.size - lean.size > 0.9 * 8 * n * n
+    ring = bytearray(lean.size)
+    for part, begin, end in lean.parts:
+        ring[begin:end] = part
+    found = lean.problem(bytes(ring))
+    for one, other in zip(program.problem.levels, found.levels, strict=True):
+        assert np.array_equal(one.dense(n), other.dense(n))
 
 
 def test_a_file_is_written_when_something_happens_and_not_again_at_once(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@
 #include "assembly.hpp"
 #include "descents.hpp"
 #include "easing.hpp"
+#include "snapshots.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -91,6 +92,11 @@ NB_MODULE(_assembly, module) {
       .def("aim", &EasedRows::aim, "other"_a, "k"_a, "here"_a)
       .def("rewrite", &EasedRows::rewrite)
       .def("before", &EasedRows::before, "next"_a);
+  nb::class_<Snapshots>(module, "Snapshots")
+      .def(nb::init<const std::vector<std::tuple<Snapshots::Bytes, std::size_t>>&, const Snapshots::Ring&,
+                    std::size_t>(),
+           "parts"_a, "ring"_a, "size"_a)
+      .def("take", &Snapshots::take, "i"_a);
   nb::class_<hqp::Pace>(module, "Pace")
       .def(nb::init<double, double, double, double, double, int, int>(), "step"_a, "least"_a, "progress"_a, "polish"_a,
            "still"_a, "stalled"_a, "last"_a);
