@@ -1,8 +1,11 @@
 """Which constraints exclude each other: an irreducible set of rows, and what each would have to give way.
 
-At the least-squares violation of all rows, min ||w||^2, the stationarity condition A' w = 0 makes w a certificate of
-Farkas: the rows with w != 0 cannot hold together.  A deletion filter then removes every row that the conflict does not
-need (Chinneck and Dravnieks, 1991): what is left is feasible without any one of its rows.
+At the least-squares violation of all rows, min ||w||^2, the stationarity condition A' w = 0 makes y = w a certificate
+of Farkas, A' y = 0 and b' y < 0, b_i being the bound at the side of y_i: rows with y_i != 0 cannot hold together.
+Along A' z = 0, b' z = 0 one y_i after the other becomes zero (Caratheodory), until y is unique up to its length:
+without any one of its rows what is left has no certificate, so it is feasible.  Where the others hold, row i is off by
+-b' y / |y_i|.
+Where rounding has its say instead, a deletion filter decides (Chinneck and Dravnieks, 1991).
 """
 
 from __future__ import annotations
@@ -12,13 +15,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Index, Mat, Vec
 from hqp.problem import Hierarchy, Rows
 from hqp.solvers import exact, load
+from hqp.solvers.base import Solver
 from hqp.tolerances import VIOLATION_TOLERANCE
 
-SUPPORT = 1e-6
+SUPPORT = 1e-9
 """Rows whose share of the certificate is below this do not take part in it."""
+
+DEPENDENT = 1e-11
+"""Singular values below this, relative to the largest, are zero."""
+
+QUICK = 0.04
+"""Time for the least violation [s]."""
+
+FAR = 1e3
+"""A certificate excludes points so many times as far from zero as that of the least violation."""
+
+CLEAR = 1e-9
+"""The second smallest singular value of the rows of a conflict, relative to the largest, is above this."""
+
+ZERO = 1e-9
+"""Entries of a certificate of length one below this are zero."""
 
 
 @dataclass(frozen=True)
@@ -64,22 +83,84 @@ def conflict(problem: Hierarchy, names: Sequence[Sequence[tuple[str, str]]] | No
     A, lower, upper, places = _stack(problem)
     if not lower.size:
         return Conflict(())
-    w = _violation(A, lower, upper)
-    if not _violated(w, lower, upper):
+    whole = Hierarchy((Rows(A, lower, upper),))
+    quick = _quick().solve(whole)
+    if not _violated(quick.residuals[0], lower, upper):
         return Conflict(())
-    kept = np.flatnonzero(np.abs(w) > SUPPORT * float(np.abs(w).max()))
-    for i in kept.copy():
-        rest = kept[kept != i]
-        if rest.size and _violated(_violation(A[rest], lower[rest], upper[rest]), lower[rest], upper[rest]):
-            kept = rest
+    found_by = _smallest_certificate(A, lower, upper, quick.residuals[0], 1.0 + float(np.linalg.norm(quick.x)))
+    if found_by is None:
+        w = _violation(A, lower, upper)
+        if not _violated(w, lower, upper):
+            return Conflict(())
+        found_by = _filtered(A, lower, upper, _support(w))
     found = []
-    for j in kept.tolist():
+    for j, alone in zip(*(part.tolist() for part in found_by), strict=True):
         level, row, length = places[j]
-        alone = _relaxation(A, lower, upper, kept[kept != j], j)
         name, unit = names[level][row] if names is not None else (f"level {level}, row {row}", "")
         side = "equality" if lower[j] == upper[j] else "upper" if alone > 0.0 else "lower"
         found.append(Conflicting(name, level, row, side, abs(alone) * length, unit))
     return Conflict(tuple(found))
+
+
+def _quick() -> Solver:
+    """The solver, without its doubts where it is the native one: the certificate of Farkas is judged here."""
+    name = exact()
+    return load(name, deadline=QUICK) if name == "lexicographic" else load(name)
+
+
+def _support(w: Vec) -> Index:
+    return np.flatnonzero(np.abs(w) > SUPPORT * float(np.abs(w).max()))
+
+
+def _smallest_certificate(A: Mat, lower: Vec, upper: Vec, w: Vec, size: float) -> tuple[Index, Vec] | None:
+    """Rows of an irreducible conflict, and by how much each is off alone; None where rounding decides.
+
+    w: the least violation, a certificate.  size: of x, beyond a thousand times of which none is looked for.
+    """
+    kept = _support(w)
+    y, bound = w[kept], np.where(w > 0.0, upper, lower)[kept]
+    scale = max(1.0, float(np.abs(bound).max()))
+    _, sigma, V = np.linalg.svd(np.vstack([A[kept].T, bound / scale]))
+    Z = V[int(np.sum(sigma > DEPENDENT * sigma[0])) :].T
+    while Z.shape[1]:
+        z = Z[:, 0]
+        moves = np.abs(z) > DEPENDENT * float(np.abs(z).max())
+        steps = np.full(y.size, np.inf)
+        steps[moves] = np.abs(y[moves] / z[moves])
+        j = int(np.argmin(steps))
+        y = np.delete(y - y[j] / z[j] * z, j)
+        c = int(np.argmax(np.abs(Z[j])))
+        Z = np.delete(Z - np.outer(Z[:, c] / Z[j, c], Z[j]), c, axis=1)
+        Z, kept, bound = np.delete(Z, j, axis=0), np.delete(kept, j), np.delete(bound, j)
+    unique = _null_vector(A[kept])
+    if unique is not None and np.any(small := np.abs(unique) < ZERO):  # they became zero together with another one
+        kept, bound, y = kept[~small], bound[~small], y[~small]
+        unique = _null_vector(A[kept])
+    if unique is None:
+        return None
+    unique = unique if float(unique @ y) > 0.0 else -unique
+    off, error = -float(bound @ unique), float(np.linalg.norm(unique @ A[kept]))
+    if np.any(unique * w[kept] <= 0.0) or not off > max(VIOLATION_TOLERANCE * scale, FAR * size * error):
+        return None
+    return kept, off / unique
+
+
+def _null_vector(A: Mat) -> Vec | None:
+    """y of length one with A' y = 0; None where there is none, or where others nearly do the same."""
+    _, sigma, V = np.linalg.svd(A.T)
+    rank = A.shape[0] - 1
+    if rank < 0 or sigma.size < rank or (rank and sigma[rank - 1] < CLEAR * sigma[0]):
+        return None
+    return np.asarray(V[-1])
+
+
+def _filtered(A: Mat, lower: Vec, upper: Vec, kept: Index) -> tuple[Index, Vec]:
+    """The same by solving without one row after the other."""
+    for i in kept.copy():
+        rest = kept[kept != i]
+        if rest.size and _violated(_violation(A[rest], lower[rest], upper[rest]), lower[rest], upper[rest]):
+            kept = rest
+    return kept, np.array([_relaxation(A, lower, upper, kept[kept != j], j) for j in kept])
 
 
 def _stack(problem: Hierarchy) -> tuple[Mat, Vec, Vec, list[tuple[int, int, float]]]:
