@@ -1,4 +1,4 @@
-"""The limits of a robot's motors, for stacks that bound no torques themselves."""
+"""A net under stacks that bound no torques themselves: a few times what the robot's motors give."""
 
 from __future__ import annotations
 
@@ -12,27 +12,31 @@ from hqp.stack import Stack
 from hqp.torque.gravity import holding_torque
 from hqp.torque.reactions import reactions
 
+OVERLOAD = 3.0
+"""Of a motor's limit: more is no plan but a singularity of the dynamics.  A motor that is a little too weak for a
+target would, at its limit, set the whole body moving to make up for it: that is for the user to ask for."""
+
 
 def within_motors(stack: Stack, robot: Robot) -> tuple[Stack, str]:
-    """The stack with ``TorqueLimits()`` before everything else, and what they leave out, in words.
+    """The stack with ``TorqueLimits(scale=OVERLOAD)`` before everything else, and what they leave out, in words.
 
-    A stack with bounds on torques in ``subject_to`` stays as it is.  Left out are joints whose limit could not hold the
-    robot at home on the stack's contacts: it is a wrong number, and the robot would sink without a word.
+    A stack with bounds on torques in ``subject_to`` stays as it is.  Left out are joints for which that is not enough
+    to hold the robot at home on the stack's contacts: it is a wrong number, and the robot would sink without a word.
     """
     if any(e.quantity == "effort" for e in stack.subject_to):
         return stack, ""
     names = [robot.joint_names[i] for i in range(robot.actuated.size)]
-    limit = robot.effort_limit[robot.actuated]
+    limit = OVERLOAD * robot.effort_limit[robot.actuated]
     needed = np.abs(_holding(stack, robot))
     weak = [i for i in range(limit.size) if needed[i] > limit[i]]
     kept = [name for i, name in enumerate(names) if np.isfinite(limit[i]) and i not in weak]
-    told = ", ".join(f"{names[i]} {limit[i]:.3g} of {needed[i]:.3g} N m" for i in weak)
+    told = ", ".join(f"{names[i]} {limit[i] / OVERLOAD:.3g} of {needed[i]:.3g} N m" for i in weak)
     told = f"motors too weak to hold {robot.name} at home are not limited: {told}" if weak else ""
     if not kept:
         return stack, told
     from hqp.tasks import TorqueLimits
 
-    motors = TorqueLimits(name="motors", joints=None if len(kept) == len(names) else kept)
+    motors = TorqueLimits(name="motors", joints=None if len(kept) == len(names) else kept, scale=OVERLOAD)
     return Stack(*stack.levels, subject_to=(motors, *stack.subject_to)), told
 
 

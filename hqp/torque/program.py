@@ -48,9 +48,9 @@ class Torque(Formulation):
     constraints; none by default, for ground does not move on request.  gravity_compensation: what the levels leave
     is settled by min |tau - tau_g| in phi* instead (eq. 27), tau_g the torque that holds the robot: it floats rather
     than falls; wheels then hold a robot on a slope whose goals all move with it.
-    effort_limits: a stack that bounds no torque in ``subject_to`` gets ``TorqueLimits()`` of the robot's motors before
-    everything else, unless it is exact (price=0) or its solver takes no inequalities: a leg that comes to be straight
-    would else ask for 1e7 N m and more.  Motors that could not hold the robot at home are left out.
+    effort_limits: a stack that bounds no torque in ``subject_to`` gets ``TorqueLimits(scale=3)`` before all else,
+    unless it is exact (price=0) or its solver takes no inequalities: a net, for a leg that comes to be straight would
+    else ask for 1e7 N m and more.  Motors for which that could not hold the robot at home are left out.
     """
 
     order: ClassVar[int] = 2
@@ -61,7 +61,7 @@ class Torque(Formulation):
     effort_limits: bool = True
 
     def bounded(self, stack: Stack, robot: Robot) -> tuple[Stack, str]:
-        """The stack within the limits of the robot's motors, where it bounds no torque itself."""
+        """The stack within a few times the limits of the robot's motors, where it bounds no torque itself."""
         return within_motors(stack, robot) if self.effort_limits else (stack, "")
 
     def laws(self, stack: Stack) -> dict[str, Law]:

@@ -22,7 +22,7 @@ from hqp.lab.trajectory import Trajectory
 from hqp.law import PD, Law
 from hqp.solvers import load
 from hqp.stack import Level, Stack
-from hqp.tasks import CenterOfPressure, FrictionCone
+from hqp.tasks import CenterOfPressure, FrictionCone, TorqueLimits
 from hqp.torque import Torque
 
 from .environments import RIVALS, environment
@@ -110,7 +110,7 @@ def _ours(scenes: Sequence[Scene], seconds: float, dt: float, which: str) -> lis
 
 
 def _torque_stack(stack: Stack) -> Stack:
-    """Laws of second order, contacts as constraints with friction and centre of pressure."""
+    """Laws of second order, torque limits, contacts as constraints with friction and centre of pressure."""
     second: dict[str, Law] = {
         e.name: PD(4.0 * gain(e) ** 2, 4.0 * gain(e)) for e in stack if e.equality and not e.is_contact
     }
@@ -122,7 +122,8 @@ def _torque_stack(stack: Stack) -> Stack:
     for contact in contacts:
         cones += [FrictionCone(contact=contact.name, mu=0.6), CenterOfPressure(contact=contact.name, rectangle=SOLE)]
     rest = [e for e in stack.subject_to if e not in contacts]
-    return Stack(*levels, subject_to=[*contacts, *cones, *rest])
+    motors = [] if any(isinstance(e, TorqueLimits) for e in rest) else [TorqueLimits()]
+    return Stack(*levels, subject_to=[*motors, *contacts, *cones, *rest])
 
 
 def _motion(s: Scene, seconds: float) -> Trajectory:
