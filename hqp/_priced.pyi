@@ -19,11 +19,24 @@ class Stages:
     def after(self, exact: object, x: Vec, stages: Mat, last: Vec) -> object:
         """The solve whose capsule is given, and ``solve`` of x which it wrote: a capsule for other native modules."""
 
+    def above(self, head: int, solve: object, x: Vec) -> None:
+        """For that capsule: the solve of the levels above one, and the x that it writes."""
+
+    def below(self, solve: object, x: Vec, constraints: int, activity: float, violation: float) -> None:
+        """For that capsule: the solve of what the stages hand down, and the x that it writes."""
+
+    @property
+    def head(self) -> int:
+        """The level above which all are settled, for the next solve; 0 for none known."""
+
+    @head.setter
+    def head(self, head: int) -> None: ...
     def limit(self, seconds: float) -> None:
         """Time for solves by way of that capsule [s], none for 0."""
 
-    def latest(self) -> tuple[int, bool, float]:
-        """First unsettled level of the latest solve or 0, whether there was none, time since its beginning [s]."""
+    def latest(self) -> tuple[int, bool, bool, float]:
+        """First unsettled level of the latest solve or 0, whether there was none, whether the capsule answered itself,
+        time since it began [s]."""
 
     def accounts(self, stages: Mat, owner: Any, elements: int, near: float) -> None: ...
     def account(self, w: Vec, x: Vec, multipliers: Vec | None, guards: bool, out: Vec) -> None: ...

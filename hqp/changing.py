@@ -10,6 +10,7 @@ import numpy as np
 
 from hqp.budget import Budget
 from hqp.compiled import Compiled
+from hqp.direct import Direct
 from hqp.errors import DeclarationError, DynamicsFailed
 from hqp.outgoing import within_rates
 from hqp.problem import Status
@@ -32,7 +33,8 @@ def change(session: Session, stack: Stack, over: float) -> None:
     """Switch to another stack; the session is as it was where this raises."""
     if not isinstance(over, (int, float)) or not 0.0 <= over < math.inf:
         raise DeclarationError("change", "bad duration", value=over, unit="s", allowed="over >= 0")
-    ordinary = session._latest is not None
+    latest = session._latest
+    ordinary = latest is not None and not Direct.staged(latest)
     session._leave_direct()
     if session._transition is not None:
         for each in session._transition.pair:

@@ -63,7 +63,7 @@ class Direct:
         self._count = self._slack.stop + 5
         self._command = int(command.size)
         self.marks = 8 * self._count
-        """Where the marks of all rows begin in a record, whose last byte tells whether they changed."""
+        """Where the marks of all rows begin in a record, whose last byte is odd where they changed."""
 
     def hold(self, holds: Mapping[str, Reference]) -> None:
         """Take the hold values of all elements."""
@@ -146,10 +146,19 @@ class Direct:
         """Slacks of all rows."""
         return np.frombuffer(record, np.float64, self._slack.stop)[self._slack]
 
+    @staticmethod
+    def staged(record: bytearray) -> bool:
+        """Whether the answer is that of stages."""
+        return record[-1] > 1
+
     def solution(self, record: bytearray) -> Solution:
         """What the solver gave."""
         numbers = np.frombuffer(record, np.float64, self._count)
-        marks = np.frombuffer(record, np.int8, len(record) - 1 - self.marks, self.marks)
+        marks = np.frombuffer(record, np.int8, self._rows[-1].stop, self.marks)
+        points = None
+        if self.staged(record):
+            count, n = len(self._rows), self._x.stop - self._x.start
+            points = np.frombuffer(record, np.float64, count * n, self.marks + marks.size).reshape(count, n).copy()
         numbers.setflags(write=False)  # what the session may have to slow down from
         slack = numbers[self._slack]
         _, _, solve, iterations, factorisations = numbers[self._slack.stop :].tolist()
@@ -159,6 +168,7 @@ class Direct:
             tuple(slack[part] for part in self._rows),
             tuple(marks[part] for part in self._rows),
             Stats(int(iterations), int(factorisations), 0.0, solve),
+            stage_points=points,
         )
 
 

@@ -167,9 +167,20 @@ class Session:
         if self._status is not Status.OPTIMAL:
             self._log(Status.OPTIMAL, ())
         tick = OrdinaryTick(self, direct, state, found, before, start)
-        if (found[-1] or self._limits.busy) and (restless := self._limits.record(found, direct.marks, self.count)):
-            tick.note(restless_notes(restless))
+        if found[-1] or self._limits.busy:
+            self._note(tick, direct, found, references)
         return tick
+
+    def _note(self, tick: OrdinaryTick, direct: Direct, found: bytearray, references: tuple[Reference, ...]) -> None:
+        """What an ordinary tick has to tell: who is held back below a stage, and restless joints."""
+        later = None
+        if direct.staged(found):
+            later = self._teller.held_back(self.count, direct.slacks(found), direct.x(found), references)
+        restless = self._limits.record(found, direct.marks, self.count)
+        if later and restless:
+            tick.note(lambda: (*later(), *restless_notes(restless)))
+        elif later or restless:
+            tick.note(later or restless_notes(restless))
 
     def _told(self, tick: Tick, references: tuple[Reference, ...]) -> Tick:
         """The tick, recorded; a change of status is logged."""
@@ -279,8 +290,8 @@ class Session:
             return self._held_tick(state, solution, notes, fit=True)
         later: list[Callable[[], tuple[Note, ...]]] = []  # all OPTIMAL: their texts are made when they are read
         if solution.stage_points is not None:
-            named = frozenset(reference.name for reference in self._named)
-            if held_back := self._teller.held_back(self.count, solution, named):
+            w = np.concatenate(solution.residuals)
+            if held_back := self._teller.held_back(self.count, w, solution.x, self._named):
                 later.append(held_back)
         if restless := self._limits.look(solution.active, self.count):
             later.append(partial(restless_notes, restless))

@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from hqp.account import MOST, Accountant, TickAccount, of_explanation, too_fast, unit_of
+from hqp.arrays import Vec
 from hqp.errors import HqpError
 from hqp.explain import Explanation, explain
 from hqp.formulation import Program
 from hqp.problem import Solution, Status
+from hqp.reference import Reference
 from hqp.robot import Robot
 from hqp.solvers.base import Workspace
 from hqp.stack import Stack
@@ -48,14 +48,16 @@ class Teller:
             self._accountant = Accountant(*self._made_of)
         return self._accountant
 
-    def held_back(self, count: int, solution: Solution, named: frozenset[str]) -> Callable[[], tuple[Note, ...]] | None:
+    def held_back(
+        self, count: int, w: Vec, x: Vec, references: tuple[Reference, ...]
+    ) -> Callable[[], tuple[Note, ...]] | None:
         """What makes the notes on elements that are short of what they were asked for: those that are named, and
         those whose price is what holds them.  Numbers are taken now, texts are written when they are read."""
         accounts = self._accounts
-        w = np.concatenate(solution.residuals)
-        account = accounts.account(count, w, solution.x, guards=True)
+        account = accounts.account(count, w, x, guards=True)
         if account is None:
             return None
+        named = frozenset(reference.name for reference in references)
 
         def notes() -> tuple[Note, ...]:
             return tuple(

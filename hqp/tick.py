@@ -196,7 +196,7 @@ class Tick:
 
 
 class OrdinaryTick(Tick):
-    """A tick whose answer is the optimum, with nothing to note; what it can tell is computed when asked for."""
+    """A tick whose answer is the optimum, with few notes; what it can tell is computed when asked for."""
 
     __slots__ = ("_before", "_command", "_direct", "_noted", "_record", "_solution", "_start")
 
@@ -216,16 +216,18 @@ class OrdinaryTick(Tick):
     ) -> None:
         self._session, self._direct, self._state, self._count = session, direct, state, session.count
         self._record, self._before, self._start = record, before, start
-        self._noted: tuple[Note, ...] = ()
+        self._noted: Notes = ()
         self._command: Vec | None = None
         self._solution: Solution | None = None
 
     @property
     def _notes(self) -> tuple[Note, ...]:  # type: ignore[override]
-        """Joints whose command alternates between its limits, nothing else."""
+        """Who is held back by a price, and joints whose command alternates between its limits."""
+        if callable(self._noted):
+            self._noted = self._noted()
         return self._noted
 
-    def note(self, notes: tuple[Note, ...]) -> None:
+    def note(self, notes: Notes) -> None:
         """Give the tick notes."""
         self._noted = notes
 
@@ -275,7 +277,8 @@ class OrdinaryTick(Tick):
         return self._live().robot.joint_names
 
     def _solved(self) -> tuple[Vec, Vec, bool]:
-        return self._direct.slacks(self._record), self._direct.x(self._record), False
+        direct, record = self._direct, self._record
+        return direct.slacks(record), direct.x(record), direct.staged(record)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickled, it is a Tick as any other."""

@@ -59,7 +59,7 @@ UNSETTLED = 99
 """Outcome of a kernel's solve that does not settle every priced level."""
 
 UNSETTLED_NATIVE = 98
-"""The same, found without Python: head and beginning are still to be taken over."""
+"""The same, found without Python, whose answer is still to be told from an optimum."""
 
 
 def multiplier(unmet: Callable[[float], float], price: float, size: float) -> float | None:
@@ -136,7 +136,6 @@ class StagedWorkspace:
         self._parts = [slice(a, b) for a, b in pairwise(ends)]
         self._problem: Hierarchy | None = None
         self._has_prices = False
-        self._head = 0
         self._heads = dict[int, tuple[Workspace, Kernel | None]]()
         self._seconds = self._began = 0.0
 
@@ -145,7 +144,6 @@ class StagedWorkspace:
         self._exact.reset()
         self._last.reset()
         self._workspaces.clear()
-        self._head = 0
         for workspace, _ in self._heads.values():
             workspace.reset()
         if self._native is not None:
@@ -164,7 +162,7 @@ class StagedWorkspace:
         if self._problem is not problem:
             self._bind(problem)
         self._began = perf_counter()
-        if not self._head:
+        if self._native is None or not self._native.head:
             return self._priced(problem, self._exact.solve(self._plain))
         if (counts := self._from_head()) is not None:
             return self.answer(problem, counts)
@@ -178,11 +176,15 @@ class StagedWorkspace:
         if exact is None or self._native is None or not self._has_prices:
             return exact
         solve, values, marks, call = exact
-        x, stages, points, end = values[: problem.n], self._native.solve, self._points, self._end
+        native, x, stages, points, end = self._native, values[: problem.n], self._native.solve, self._points, self._end
+        last: Kernel | None = getattr(self._last, "kernel", lambda _: None)(self._final)
+        if last is not None:
+            tolerances = ACTIVITY_TOLERANCE, VIOLATION_TOLERANCE
+            native.below(last[3], last[1][: problem.n], problem.constraints, *tolerances)
 
         def settled() -> Counts:
             self._began = perf_counter()
-            if not self._head:
+            if not native.head:
                 counts = solve()
             elif (found := self._from_head()) is not None:
                 return found
@@ -192,7 +194,6 @@ class StagedWorkspace:
             if counts[0]:
                 return counts
             first = stages(x, points, end, 0, self._left())
-            self._head = max(first, 0)
             return counts if first < 0 else (UNSETTLED, *counts[1:])
 
         return settled, values, marks, self._native.after(call, x, points, end)
@@ -203,19 +204,18 @@ class StagedWorkspace:
         Far out of reach the exact answer of all levels is large, ill-conditioned and of no use.  None where that level
         is met by now, or the levels above have no optimum: the exact hierarchy decides.
         """
-        head, self._head = self._head, 0
+        if self._native is None:
+            return None
+        head, self._native.head = self._native.head, 0
         kernel = self._heads[head][1] if head in self._heads else self._make_head(head)
-        if kernel is None or self._native is None:
+        if kernel is None:
             return None
         solve, values, *_ = kernel
         counts = solve()
         if counts[0]:
             return None
         first = self._native.solve(values[: self._shape.n], self._points, self._end, head, self._left())
-        if first < 0:
-            return None
-        self._head = first
-        return UNSETTLED, *counts[1:]
+        return None if first < 0 else (UNSETTLED, *counts[1:])
 
     def _make_head(self, head: int) -> Kernel | None:
         plain = self._plain
@@ -226,6 +226,8 @@ class StagedWorkspace:
         _limit(workspace, self._seconds)
         kernel: Kernel | None = getattr(workspace, "kernel", lambda _: None)(above)
         self._heads[head] = workspace, kernel
+        if kernel is not None and self._native is not None:
+            self._native.above(head, kernel[3], kernel[1][: self._shape.n])
         return kernel
 
     @property
@@ -235,15 +237,17 @@ class StagedWorkspace:
 
     def tell(self) -> Vec | None:
         """Multipliers of the workspace that gave the latest answer; those of guards are among them after stages."""
-        settled = self._native is not None and self._native.latest()[1]
-        told: Callable[[], Vec | None] = getattr(self._exact if settled else self._latest, "tell", lambda: None)
+        latest = self._latest
+        if self._native is not None:
+            _, settled, answered, _ = self._native.latest()
+            latest = self._exact if settled else self._last if answered else latest
+        told: Callable[[], Vec | None] = getattr(latest, "tell", lambda: None)
         return told()
 
     def answer(self, problem: Hierarchy, counts: Counts) -> Solution:
         """The solution of the latest solve of ``kernel``."""
         if counts[0] == UNSETTLED_NATIVE and self._native is not None:
-            self._head, _, elapsed = self._native.latest()
-            self._began = perf_counter() - elapsed
+            self._began = perf_counter() - self._native.latest()[-1]
         elif counts[0] != UNSETTLED:
             return self._priced(problem, self._exact.answer(self._plain, counts))  # type: ignore[attr-defined]
         return self._below(problem, Stats(*counts[1:3]), self._native_stages())
@@ -318,7 +322,6 @@ class StagedWorkspace:
     def _bind(self, problem: Hierarchy) -> None:
         check_shape(problem, self._shape)
         self._problem, self._plain, self._has_prices = problem, problem.exact(), any(problem.priced)
-        self._head = 0
         self._heads.clear()
         if self._native is None or not self._has_prices:
             return
@@ -354,7 +357,6 @@ class StagedWorkspace:
         """The stages from the first level that x does not settle; None where x settles all."""
         if self._native is not None:
             first = self._native.solve(x, self._points, self._end, 0, self._left())
-            self._head = max(first, 0)
             return None if first < 0 else self._native_stages()
         at = Coordinates.of(problem.motion, problem.n)
         start = first_unclear(problem, x, at)

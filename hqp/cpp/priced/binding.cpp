@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cmath>
 #include <cstdint>
 #include <memory>
 #include <numeric>
@@ -117,6 +118,8 @@ class Stages final : public hqp::SolveCall {
     kept_ = nb::make_tuple(levels, handed, prices, shares, F, f);
     bound_ = true;
     head_ = 0;
+    heads_.clear();
+    last_ = nullptr;
   }
 
   // The first level that x does not settle, -1 for none; otherwise stages (levels, n) and last (n) are written.
@@ -143,21 +146,48 @@ class Stages final : public hqp::SolveCall {
     chained_ = nb::make_tuple(exact, x, stages, last);
     return hqp::capsule_of(this);
   }
+  // The solve of the levels above one that may be the first that is not settled, and the x that it writes.
+  void above(int head, const nb::capsule& solve, const Vector& x) {
+    if (head < 1 || std::size_t(head) >= rows_.size() || x.shape(0) != std::size_t(n_)) refuse("head: not a level");
+    heads_.push_back({head, hqp::call_of(solve), x.data(), nb::make_tuple(solve, x)});
+  }
+  // The solve of what the stages hand down, and the x that it writes: with it, run() answers itself where the stages
+  // reach their optima and no row of the first levels is violated. The rest as for describe().
+  void below(const nb::capsule& solve, const Vector& x, int constraints, double activity, double violation) {
+    if (x.shape(0) != std::size_t(n_)) refuse("x has a wrong shape");
+    last_ = hqp::call_of(solve), last_x_ = x.data();
+    constraints_ = constraints, activity_ = activity, violation_ = violation;
+    last_kept_ = nb::make_tuple(solve, x);
+    values_.resize(n_ + total());
+    marks_.resize(total());
+  }
   hqp::Solved run(const double* v) override {
-    if (head_) return {hqp::kAskPython};
     began_ = Clock::now();
+    const int level = head_;
+    if (level) {
+      const auto at = std::find_if(heads_.begin(), heads_.end(), [&](const Head& h) { return h.level == level; });
+      if (at == heads_.end()) return {hqp::kAskPython};
+      head_ = 0;
+      hqp::Solved solved = at->solve->run(v);
+      if (!solved.outcome && staged(at->x, level) >= 0) return answered(solved, v);
+      if (limit_ > 0.0) exact_->limit(left());
+    }
     hqp::Solved solved = exact_->run(v);
+    if (level && limit_ > 0.0) exact_->limit(limit_);
     if (solved.outcome) return solved;
-    const Turn turn(busy_);
-    const double left = limit_ > 0.0 ? std::max(limit_ - elapsed(), 1e-6) : 0.0;
-    if (found(stages_->solve(x_, 0, left, to_, end_)) >= 0) solved.outcome = kUnsettled;
-    return solved;
+    return staged(x_, 0) >= 0 ? answered(solved, v) : solved;
   }
   // Time for run() [s], none for 0.
-  void limit(double seconds) { limit_ = seconds; }
-  // Of the latest solve: the first level that was not settled, 0 for none too; whether all were; the time since run()
-  // began [s].
-  std::tuple<int, bool, double> latest() const { return {head_, settled_, elapsed()}; }
+  void limit(double seconds) override { limit_ = seconds; }
+  // Of the latest solve: the first level that was not settled, 0 for none too; whether all were; whether run() answered
+  // itself; the time since it began [s].
+  std::tuple<int, bool, bool, double> latest() const { return {head_, settled_, answered_, elapsed()}; }
+  // The level above which all are settled, for the next solve; 0 for none known.
+  int head() const { return head_; }
+  void begin_at(int head) {
+    if (head < 0 || std::size_t(head) >= rows_.size()) refuse("head: not a level");
+    head_ = head;
+  }
 
   // What account() reads beside the rows: stages, which solve wrote, the element of each row, and how close to rest an
   // inequality holds that binds in a stage alone.
@@ -213,10 +243,48 @@ class Stages final : public hqp::SolveCall {
  private:
   using Clock = std::chrono::steady_clock;
 
+  struct Head {
+    int level;
+    hqp::SolveCall* solve;
+    const double* x;
+    nb::object kept;
+  };
+
+  double left() const { return limit_ > 0.0 ? std::max(limit_ - elapsed(), 1e-6) : 0.0; }
+
+  int staged(const double* x, int head) {
+    const Turn turn(busy_);
+    return found(stages_->solve(x, head, left(), to_, end_));
+  }
+
+  // The answer below the stages; kUnsettled where there is more to tell than an optimum.
+  hqp::Solved answered(hqp::Solved solved, const double* v) {
+    solved.outcome = kUnsettled;
+    if (!last_ || !stages_->ended()) return solved;
+    if (limit_ > 0.0) last_->limit(left());
+    const hqp::Solved found = last_->run(v);
+    if (limit_ > 0.0) last_->limit(limit_);
+    if (found.outcome) return solved;
+    double square = 0.0;
+    for (int i = 0; i < n_; ++i) square += last_x_[i] * last_x_[i];
+    if (!(square < INFINITY)) return solved;
+    std::copy(last_x_, last_x_ + n_, values_.begin());
+    if (stages_->describe(last_x_, constraints_, activity_, violation_, values_.data() + n_, marks_.data()))
+      return solved;
+    solved.outcome = hqp::kOptimal;
+    solved.iterations += found.iterations + stages_->iterations();
+    solved.factorisations += found.factorisations;
+    solved.values = values_.data(), solved.active = marks_.data();
+    solved.points = to_, solved.point_count = rows_.size() * n_;
+    answered_ = true;
+    return solved;
+  }
+
   double elapsed() const { return std::chrono::duration<double>(Clock::now() - began_).count(); }
 
   int found(int first) {
     settled_ = first < 0;
+    answered_ = false;
     head_ = std::max(first, 0);
     return first;
   }
@@ -237,7 +305,15 @@ class Stages final : public hqp::SolveCall {
   const double* x_ = nullptr;
   double *to_ = nullptr, *end_ = nullptr;
   int head_ = 0;
-  bool settled_ = false;
+  bool settled_ = false, answered_ = false;
+  std::vector<Head> heads_;
+  hqp::SolveCall* last_ = nullptr;
+  const double* last_x_ = nullptr;
+  nb::object last_kept_;
+  int constraints_ = 0;
+  double activity_ = 0.0, violation_ = 0.0;
+  std::vector<double> values_;
+  std::vector<std::int8_t> marks_;
   double limit_ = 0.0;
   Clock::time_point began_;
   const double* points_ = nullptr;
@@ -259,6 +335,9 @@ NB_MODULE(_priced, m) {
            "guard"_a.none(), "pace"_a)
       .def("solve", &Stages::solve, "x"_a, "stages"_a, "last"_a, "head"_a = 0, "seconds"_a = 0.0)
       .def("after", &Stages::after, "exact"_a, "x"_a, "stages"_a, "last"_a)
+      .def("above", &Stages::above, "head"_a, "solve"_a, "x"_a)
+      .def("below", &Stages::below, "solve"_a, "x"_a, "constraints"_a, "activity"_a, "violation"_a)
+      .def_prop_rw("head", &Stages::head, &Stages::begin_at)
       .def("limit", &Stages::limit, "seconds"_a)
       .def("latest", &Stages::latest)
       .def("accounts", &Stages::accounts, "stages"_a, "owner"_a, "elements"_a, "near"_a)

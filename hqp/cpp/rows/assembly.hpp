@@ -1,6 +1,7 @@
 // The rows of a stack: operations that are added once, when it is compiled, and run together each tick.
 #pragma once
 
+#include <cstring>
 #include <memory>
 #include <optional>
 #include <string>
@@ -136,9 +137,9 @@ class Assembly {
   bool fill(const Vector& q, const Vector& v, const nb::tuple& references, bool fresh) {
     return filled(q.data(), v.data(), references, fresh);
   }
-  // Laws and solver: a record [command, x, slack, begin, seconds for rows and solve, solve's counts, marks, whether
-  // marks are others than in the record before]; what solve returned where that is no optimum, None where a demand is
-  // out of the ordinary.
+  // Laws and solver: a record [command, x, slack, begin, seconds for rows and solve, solve's counts, marks, points of
+  // stages where there were any, 1 where marks are others than in the record before + 2 for stages]; what solve
+  // returned where that is no optimum, None where a demand is out of the ordinary.
   nb::object solve(const Vector& v) { return answered(v.data()); }
   // Both; v None for the x of the record before, at velocity level.
   nb::object step(nb::handle q, nb::handle v, const nb::tuple& references, bool fresh) {
@@ -156,7 +157,10 @@ class Assembly {
     demands_->run(v);
     return hqp::squared(demands_->demand(), demands_->size()) < largest_;
   }
-  const double* answer() { return solved(nullptr).outcome <= hqp::kViolated ? values_ : nullptr; }
+  const double* answer() {
+    const hqp::Solved found = solved(nullptr);
+    return found.outcome > hqp::kViolated ? nullptr : found.values ? found.values : values_;
+  }
   const hqp::Demands& demands() const { return *demands_; }
   int size() const { return tree_.size(); }
 
@@ -202,21 +206,24 @@ class Assembly {
   }
 
   nb::object record(const hqp::Solved& found, double filling, double solving) {
-    const std::size_t numbers = command_.size() + value_count_ + 5;
-    const nb::object made = nb::steal(
-        PyByteArray_FromStringAndSize(nullptr, static_cast<Py_ssize_t>(sizeof(double) * numbers + active_count_ + 1)));
+    const std::size_t numbers = command_.size() + value_count_ + 5, points = sizeof(double) * found.point_count;
+    const double* values = found.values ? found.values : values_;
+    const std::int8_t* active = found.active ? found.active : active_;
+    const nb::object made = nb::steal(PyByteArray_FromStringAndSize(
+        nullptr, static_cast<Py_ssize_t>(sizeof(double) * numbers + active_count_ + points + 1)));
     if (!made.is_valid()) nb::raise_python_error();
     double* out = reinterpret_cast<double*>(PyByteArray_AsString(made.ptr()));
-    for (const int i : command_) *out++ = values_[i];
-    out = std::copy(values_, values_ + value_count_, out);
-    std::copy(values_, values_ + sent_.size(), sent_.begin());
+    for (const int i : command_) *out++ = values[i];
+    out = std::copy(values, values + value_count_, out);
+    std::copy(values, values + sent_.size(), sent_.begin());
     for (const double number :
          {hqp::seconds({}, begin_), filling, solving, double(found.iterations), double(found.factorisations)})
       *out++ = number;
     std::int8_t* marks = reinterpret_cast<std::int8_t*>(out);
-    std::copy(active_, active_ + active_count_, marks);
-    marks[active_count_] = !std::equal(active_, active_ + active_count_, marks_.begin());
-    std::copy(active_, active_ + active_count_, marks_.begin());
+    std::copy(active, active + active_count_, marks);
+    if (points) std::memcpy(marks + active_count_, found.points, points);
+    marks[active_count_ + points] = (points ? 2 : 0) + !std::equal(active, active + active_count_, marks_.begin());
+    std::copy(active, active + active_count_, marks_.begin());
     return made;
   }
 

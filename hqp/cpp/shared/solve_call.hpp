@@ -1,6 +1,9 @@
 // A solve of one native module that another runs, with nothing of Python in between.
 #pragma once
 
+#include <cstddef>
+#include <cstdint>
+
 #include <nanobind/nanobind.h>
 
 namespace hqp {
@@ -8,6 +11,11 @@ namespace hqp {
 struct Solved {
   int outcome = 0, iterations = 0, factorisations = 0, judged = 0;
   double before = 0.0;  // time for what the rows still needed ahead of the solve [s]
+  // x and slacks, marks, and points of stages, where they are not those of the workspace that was bound.
+  const double* values = nullptr;
+  const std::int8_t* active = nullptr;
+  const double* points = nullptr;
+  std::size_t point_count = 0;
 };
 
 constexpr int kAskPython = -1;  // an outcome: nothing was solved, the same in Python has to do it
@@ -18,6 +26,8 @@ class SolveCall {
   virtual ~SolveCall() = default;
   // Without the interpreter's lock; v: of the state. Throws where another thread solves.
   virtual Solved run(const double* v) = 0;
+  // Time for the next runs [s], none for 0.
+  virtual void limit(double) {}
 };
 
 // Its owner has to outlive what is given the capsule.

@@ -44,7 +44,7 @@ struct Keys {
 class Workspace final : public hqp::SolveCall {
  public:
   // Seconds for the next solves, none if zero.
-  void limit(double seconds) { options_.time_limit = seconds; }
+  void limit(double seconds) override { options_.time_limit = seconds; }
 
   Workspace(int n, const std::vector<int>& rows, bool metric, const hqp::Options& options)
       : n_(n), rows_(rows), metric_(metric), options_(options) {
