@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -32,7 +32,15 @@ class Reference:
 
         A contact that carries nothing for a while ends the tick in ``Status.CONTACT_LOST``; NaN is no measurement.
         """
-        return replace(self, load=float(load))
+        return Reference(
+            self.name, self.value, self.velocity, self.acceleration, self.normal, self.gravity_normal, float(load)
+        )
+
+    def aiming_at(self, value: Vec | Mat | None) -> Reference:
+        """The same with another value."""
+        return Reference(
+            self.name, value, self.velocity, self.acceleration, self.normal, self.gravity_normal, self.load
+        )
 
     def __init__(
         self,

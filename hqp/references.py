@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from typing import NoReturn
 
 from hqp.errors import DeclarationError, UnknownReference, closest
@@ -53,7 +52,7 @@ class References:
             name = reference.name
             held = holds[name].value
             if reference.value is None:
-                reference = replace(reference, value=held)
+                reference = reference.aiming_at(held)
             elif held is not None and reference.value.shape != held.shape:
                 given = reference.value.shape
                 raise DeclarationError(name, f"value has shape {given}", allowed=f"shape {held.shape}")

@@ -61,12 +61,13 @@ class ContactReader:
             self._efc = data.efc_force.tolist()
 
     def contacts(self, disturb: Callable[[Vec], Vec] | None = None) -> Contacts:
-        """Sums over each watched body; ``disturb`` adds noise to the force of each of its contacts, ``(3,)`` [N]."""
+        """Sums over each watched body; ``disturb`` adds noise to the forces of their contacts ``(k, 3)`` [N]."""
         sums = [[0.0] * 10 for _ in range(self._count)]  # force, load, load * normal, load * point
-        for row, force, normal, (x, y, z) in self._touching():
-            if disturb is not None:
-                force = disturb(np.array(force)).tolist()
-            (fx, fy, fz), (nx, ny, nz) = force, normal
+        found = list(self._touching())
+        if disturb is not None and found:
+            noisy = disturb(np.array([force for _, force, *_ in found])).tolist()
+            found = [(row, force, *rest) for (row, _, *rest), force in zip(found, noisy, strict=True)]
+        for row, (fx, fy, fz), (nx, ny, nz), (x, y, z) in found:
             load = max(fx * nx + fy * ny + fz * nz, 0.0)
             terms = fx, fy, fz, load, load * nx, load * ny, load * nz, load * x, load * y, load * z
             sums[row] = list(map(add, sums[row], terms))

@@ -239,9 +239,10 @@ class Plant:
         sensors, rng, nv = self.sensors, self._rng, self.map.nv
         q, v = self.state()
         first = 6 if self.map.floating else 0
-        angles = np.zeros(nv)
-        angles[first:] = sensors.angle.read(np.zeros(nv - first), rng)
-        self.map.turn_joints(q, angles)
+        if sensors.angle != _PERFECT.angle:
+            angles = np.zeros(nv)
+            angles[first:] = sensors.angle.read(angles[first:], rng)
+            self.map.turn_joints(q, angles)
         v[first:] = sensors.rate.read(v[first:], rng)
         true = self.data.site_xmat[self._site].reshape(3, 3)
         rotation = true @ rotation_vector(sensors.orientation.read(np.zeros(3), rng))
@@ -251,7 +252,8 @@ class Plant:
             q[3:7] = quaternion(rotation @ mounting.T)
             v[3:6] = mounting @ gyro
         accelerometer = sensors.accelerometer.read(self._accelerometer, rng)
-        contacts = self._contacts.contacts(lambda force: sensors.force.read(force, rng))
+        exact = sensors.force == _PERFECT.force
+        contacts = self._contacts.contacts(None if exact else lambda force: sensors.force.read(force, rng))
         return Reading(self.time, q, v, rotation, gyro, accelerometer, contacts)
 
     def _initial(self) -> Vec:

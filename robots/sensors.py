@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -30,7 +31,7 @@ class Noise:
 
     def read(self, true: Vec, rng: np.random.Generator) -> Vec:
         """The reading of a true value, same shape."""
-        measured: Vec = true + np.asarray(self.bias)
+        measured: Vec = true + self.bias
         if self.std:
             measured += rng.normal(0.0, self.std, measured.shape)
         return measured
@@ -73,9 +74,12 @@ class Reading:
 
 def rotation_vector(w: Vec) -> Mat:
     """exp([w]x), the rotation by the vector w [rad], ``(3, 3)``."""
-    angle = float(np.linalg.norm(w))
+    angle = math.sqrt(float(w.dot(w)))
     if angle == 0.0:
         return np.eye(3)
     x, y, z = (w / angle).tolist()
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross)
+    return np.asarray(_IDENTITY + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross)
+
+
+_IDENTITY = np.eye(3)

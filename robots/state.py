@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from hqp.arrays import FLOAT, Mat, Vec
+from hqp.arrays import FLOAT, Index, Mat, Vec
 from hqp.errors import ModelError, StaleState
 
 from . import carried
@@ -104,7 +105,7 @@ class State:
             pin.crba(model, data, self.q, pin.Convention.WORLD)
         elif what == _MASS:
             self._need(_INERTIA)
-            upper = np.triu_indices(robot.nv, 1)
+            upper = _upper(robot.nv)
             data.M.T[upper] = data.M[upper]
         elif what == _BIAS:
             pin.nonLinearEffects(model, data, self.q, self.v)
@@ -248,6 +249,12 @@ class State:
         self._done &= _KINEMATICS | _BIAS | _INERTIA | _MASS
         found = np.array(robot.data.Ag), rate @ self.v
         return carried.momentum(self, *found) if self.loads else found
+
+
+@cache
+def _upper(n: int) -> tuple[Index, Index]:
+    """Places above the diagonal."""
+    return np.triu_indices(n, 1)
 
 
 _ZEROS: dict[int, Vec] = {}

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.linalg.lapack import dgelsd as gelsd
+from scipy.linalg.lapack import dgelsd_lwork as gelsd_lwork
 
 from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError
@@ -58,6 +60,8 @@ class MomentumObserver:
         self.residual: Vec = np.zeros(robot.nv)
         """r ``(nv,)`` [N, N m]; of joints between the ground and the limb it holds contact forces too."""
         self._before: tuple[Mat, Vec, Vec] | None = None
+        work, integers, _ = gelsd_lwork(columns.size, 3, 1)
+        self._work, self._integers = int(work), int(integers)
 
     def update(self, state: State, torque: Vec) -> Vec:
         """The force on the robot at the frame ``(3,)`` [N], world axes, after a state and the torque sent for it.
@@ -80,5 +84,5 @@ class MomentumObserver:
     def force(self, state: State) -> Vec:
         """Least squares over the rows of the joints, at a state ``(3,)`` [N]."""
         transposed = self._rows @ state.jacobian(self.frame)[:3].T
-        found = np.linalg.lstsq(transposed, self._rows @ self.residual, rcond=1e-6)[0]
-        return np.asarray(found, dtype=np.float64)
+        found, *_ = gelsd(transposed, self._rows @ self.residual, self._work, self._integers, cond=1e-6)
+        return np.array(found[:3], dtype=np.float64)

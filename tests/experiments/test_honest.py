@@ -168,6 +168,9 @@ def test_the_force_of_the_ground_is_found_beside_traction_and_a_hand() -> None:
     assert found == pytest.approx(push, abs=1e-3)
     (told,) = ground.references()
     assert told.value[:2] == pytest.approx(push * 20.0 / np.linalg.norm(push), abs=1e-3)
+    for _ in range(500):  # a wheel that spins is no slope
+        found = ground.update(residual, R, hand, contradiction=1.0)
+    assert found == pytest.approx(np.zeros(2), abs=1e-3)
 
 
 @pytest.mark.slow
@@ -259,3 +262,14 @@ def test_runs_differ_by_trifles_and_repeat() -> None:
         assert 0.0 <= scene.walk.start - case.scene.walk.start <= 0.5
         assert abs(scene.friction / case.scene.friction - 1.0) <= 0.02
         assert replace(scene, walk=case.scene.walk, friction=0.8, sensors=case.scene.sensors, seed=0) == case.scene
+
+
+def test_a_wheel_that_another_overtook_in_the_same_tick_does_not_go_to_the_other_end_of_the_profile() -> None:
+    made = GroundMap(hqp.robots.load("dreamer"), 0.002)
+    made.update(np.eye(3), np.zeros(3))
+    first, last = made._ends[0]
+    before = made._height[0][:first]
+    made._learn([[last + 3, last + 1, last - 1]] * made.DIRECTIONS, [0.03, 0.01, 0.0])
+    assert made._ends[0] == [first, last + 3]
+    assert made._height[0][:first] == before
+    np.testing.assert_allclose(made._height[0][last : last + 4], [0.0, 0.01, 0.02, 0.03], atol=1e-12)

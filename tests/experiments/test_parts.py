@@ -105,6 +105,22 @@ def test_odometry_inverts_rolling() -> None:
     np.testing.assert_allclose(odometry.slip(v), 0.0, atol=1e-12)
 
 
+@pytest.mark.parametrize("wheel", range(3))
+def test_odometry_does_not_follow_a_wheel_that_spins(wheel: int) -> None:
+    robot = hqp.robots.load("dreamer")
+    odometry, wheels = Odometry(robot), robot.joints("wheels")
+    v = np.zeros(robot.nv)
+    for speed in np.linspace(0.0, 0.5, 100):  # along x, nothing turns
+        v[wheels] = [speed * np.cross(w.axle, UP)[0] / w.radius for w in robot.wheels.values()]
+        np.testing.assert_allclose(odometry.velocity(v), [speed, 0.0, 0.0], atol=1e-12)
+        assert odometry.contradiction < 1e-12
+    v[wheels[wheel]] += 100.0
+    np.testing.assert_allclose(odometry.velocity(v), [0.5, 0.0, 0.0], atol=1e-12)
+    assert odometry.contradiction > 1.0
+    v[wheels] += [100.0, -250.0, 400.0]  # all of them: what it was
+    np.testing.assert_allclose(odometry.velocity(v), [0.5, 0.0, 0.0], atol=1e-12)
+
+
 def test_contact_normals_are_low_passed_by_load_and_upright_without() -> None:
     normals = ContactNormals(2, period=0.002, time_constant=0.01, least_load=10.0)
     tilted = np.array([-math.sin(0.1), 0.0, math.cos(0.1)])

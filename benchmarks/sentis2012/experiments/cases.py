@@ -48,7 +48,7 @@ def carry_out(
 
 
 def _one(case: Case, solver: str | Solver) -> Measures:
-    return measure(Outing(case.scene, case.choice, case.solver or solver).run(), case.since)
+    return measure(Outing(case.scene, case.choice, case.solver or solver, residuals=False).run(), case.since)
 
 
 def seeded(case: Case, seeds: int) -> list[Case]:

@@ -9,7 +9,7 @@ from benchmarks.sentis2012.experiments.cases import Case
 from benchmarks.sentis2012.experiments.compliance import Compliance
 from benchmarks.sentis2012.experiments.human import SpringHand
 from benchmarks.sentis2012.experiments.scene import Scene
-from benchmarks.sentis2012.experiments.variants import FELT, IMU_ONLY, IMU_WALK, MAPPED, NAMES, PULL
+from benchmarks.sentis2012.experiments.variants import FELT, IMU_ONLY, IMU_WALK, MAPPED, NAMES, ONE, PULL
 from hqp.robots.on_mujoco import Noise, Sensors
 
 ONE_CM = 10.0
@@ -191,57 +191,31 @@ def cells(full: bool) -> list[Cell]:
         hand=SpringHand(stiffness=300.0),
     )  # fmt: skip
     add("combined", "rollers", combined, limit=14.0, earlier="11.1", seeds=True)
+    for name, scene, limit in duties():
+        add("one controller", name, scene, ONE, limit=limit)
     return found
 
 
-@dataclass(frozen=True)
-class Pair:
-    """The projector and the HQP in one scene; text says what the HQP is told."""
-
-    text: str
-    projector: Case
-    bounded: Case
-
-
-def pairs(full: bool) -> list[Pair]:
-    """Where torque limits and friction bind; the HQP assumes 5 % less friction than there is where it is little."""
-    ball, rollers = Scene(walk=PULL), Scene(plant="dreamer_rollers", walk=PULL)
-    bounded = Compliance(limits=True, com_acceleration=math.inf)
-    uncapped = Compliance(com_acceleration=math.inf)
-    scenes = [
-        ("friction 0.2, rollers", replace(rollers, friction=0.2), Compliance(), replace(bounded, friction=0.19)),
-    ]
-    if full:
-        away = replace(PULL, distance=0.3, back=False)
-        scenes += [
-            (
-                "friction 0.15, rollers",
-                replace(rollers, friction=0.15),
-                Compliance(),
-                replace(bounded, friction=0.1425),
-            ),
-            ("10 deg, ball wheels", replace(ball, slope=10.0), Compliance(), bounded),
-            ("10 deg, rollers", replace(rollers, slope=10.0), Compliance(), bounded),
-            ("12 deg, ball wheels", replace(ball, slope=12.0), Compliance(), bounded),
-            ("15 deg, ball wheels", replace(ball, slope=15.0), Compliance(), bounded),
-            ("10 deg, ball wheels, projector without cap", replace(ball, slope=10.0), uncapped, bounded),
-            ("step pull of 80 N, flat", Scene(slope=0.0, push=(80.0, 0.0, 0.0), seconds=5.0), Compliance(), bounded),
-            ("step pull of 120 N, flat", Scene(slope=0.0, push=(120.0, 0, 0), seconds=5.0), Compliance(), bounded),
-            (
-                "step pull of 60 N aside, flat",
-                Scene(slope=0.0, push=(0.0, 60.0, 0), seconds=5.0),
-                Compliance(),
-                replace(bounded, least_load=60.0),
-            ),
-            ("heading 60 deg, ball wheels", replace(ball, heading=math.radians(60.0)), Compliance(), bounded),
-            ("start out of place, no cap", Scene(out_of_place=1.0, walk=away), uncapped, bounded),
-            ("7 deg, rollers", rollers, Compliance(), bounded),
-        ]
+def duties() -> list[tuple[str, Scene, float | None]]:
+    """What one configuration of the controller is asked to do, and what of it is promised [mm]."""
+    rollers, turned = Scene(plant="dreamer_rollers", walk=PULL), math.radians(45.0)
+    aside = Scene(slope=0.0, push=(0.0, 60.0, 0.0), seconds=5.0)
     return [
-        Pair(
-            name,
-            Case(name=f"{name}, projector", scene=scene, choice=plain, solver="nullspace"),
-            Case(name=f"{name}, HQP", scene=scene, choice=hqp, solver="lexicographic"),
-        )
-        for name, scene, plain, hqp in scenes
+        ("7 deg", rollers, ONE_CM),
+        ("0 deg", replace(rollers, slope=0.0), ONE_CM),
+        ("8 deg", replace(rollers, slope=8.0), ONE_CM),
+        ("60 N ahead", replace(aside, push=(60.0, 0.0, 0.0)), ONE_CM),
+        ("60 N aside, ball wheels", aside, ONE_CM),
+        ("payload of 1 kg", replace(rollers, payload=1.0), ONE_CM),
+        ("heading 45 deg", replace(rollers, heading=turned), ONE_CM),
+        ("heading 60 deg, kept", replace(rollers, heading=math.radians(60.0)), ONE_CM),
+        ("edge at 45 deg", replace(rollers, heading=turned, hand=SpringHand(direction=turned)), ONE_CM),
+        ("noise, 4 ms", replace(rollers, sensors=NOISY, delay=0.004), ONE_CM),
+        ("friction 0.25", replace(rollers, friction=0.25), ONE_CM),
+        ("60 N aside, rollers", replace(aside, plant="dreamer_rollers"), None),
+        ("upper body 10 % heavier", replace(rollers, extra_mass=1.1), None),
+        ("bumps of 5 mm", replace(rollers, slope=0.0, bumps=0.005), None),
+        ("10 deg", replace(rollers, slope=10.0), None),
+        ("12 deg", replace(rollers, slope=12.0), None),
+        ("a step of 2 mm", replace(rollers, slope=0.0, step=0.002), None),
     ]

@@ -24,7 +24,10 @@ from hqp.tasks import ExternalWrench
 
 
 class Outing:
-    """Robot, plant, session; ``run`` carries it out and returns the log."""
+    """Robot, plant, session; ``run`` carries it out and returns the log.
+
+    residuals: whether the log has those of every level, which no figure needs.
+    """
 
     def __init__(
         self,
@@ -32,8 +35,9 @@ class Outing:
         choice: Compliance,
         solver: str | Solver,
         seen: Callable[[Outing], None] | None = None,
+        residuals: bool = True,
     ) -> None:
-        self.scene, self.choice, self._seen = scene, choice, seen
+        self.scene, self.choice, self._seen, self._residuals = scene, choice, seen, residuals
         self.robot = hqp.robots.load("dreamer", rotors=True)
         tasks = stack(choice)
         formulation = hqp.Torque(gravity_compensation=True)
@@ -50,6 +54,8 @@ class Outing:
             seed=scene.seed,
         )
         self._upper = self.robot.joints("upper_body")
+        self._places = self.robot.positions(self._upper)
+        self._coupled = self.robot.positions(self.robot.joints(("torso_hip", "torso_thorax")))
         self.posture = self.robot.state(self.robot.home).angles[self._upper]
         self.q, self.v = self.plant.reset(self._start())
         self._targets = Targets(choice, tasks, self.posture, scene.heading, 9.81 * self.robot.mass)
@@ -66,12 +72,15 @@ class Outing:
         one_motor = self.robot.joint_names.index("torso_hip")  # bends the thorax as much
         self._damping[one_motor] += model.joint("torso_thorax").damping[0]
         self.loads = HandLoads(self.robot, choice, tasks, self._damping, scene.payload)
-        self._subtree = int(model.joint("torso_yaw").bodyid[0])
+        data = self.plant.data  # live views, which the log is made from
+        self._com = data.subtree_com[int(model.joint("torso_yaw").bodyid[0])]
+        self._base_place, self._base_axes = data.body("base").xpos, data.body("base").xmat
+        self._hand = data.site("hand_point").xpos
         self._perfect = scene.sensors == Sensors()
         self._held = self.q.copy()
         self.hand_at_rest = self.plant.place("hand_point")[0]
         self.pull: Vec = np.zeros(3)
-        self._com_error: Vec = np.zeros(2)
+        self._com_error = 0.0, 0.0
         self.t, self.wall, self.processor = 0.0, 0.0, 0.0
         self.log = Recorder()
 
@@ -101,7 +110,7 @@ class Outing:
     def fallen(self) -> bool:
         """Whether the base has tipped, the upper body is off by 30 cm, or the state is no longer finite."""
         upright = 1.0 - 2.0 * (self.q[3] ** 2 + self.q[4] ** 2)  # cosine of the base's tilt
-        error = float(np.linalg.norm(self._com_error))
+        error = math.hypot(*self._com_error)
         return not (upright > math.cos(math.radians(self.scene.slope + 20.0)) and error < 0.3)
 
     @property
@@ -157,7 +166,8 @@ class Outing:
         torque = np.minimum(np.maximum(torque, -self._limit), self._limit)
         self.loads.sent(state, torque)
         if choice.normals == "felt":
-            self._ground_force.update(self.loads.residual, rotation, self.loads.observed)
+            felt, hand = self.loads.residual, self.loads.observed
+            self._ground_force.update(felt, rotation, hand, self._odometry.contradiction)
         spent = time.perf_counter() - began
         self._disturb()
         plant.step(torque, steps=round(choice.period / plant.timestep))
@@ -168,11 +178,12 @@ class Outing:
         """Before the motors are on, brakes hold joints and wheels."""
         upper_on, base_on = self.scene.enable
         if self.t < upper_on:
-            places = self.robot.positions(self._upper)
             stiff = np.where(np.arange(9) < 2, 2000.0, 300.0)
             own = torque[:9]
             gravity = self.robot.state(self.q, self.v).gravity_force()
-            own[:] = gravity[self._upper] - stiff * (self.q - self._held)[places] - 0.05 * stiff * self.v[self._upper]
+            own[:] = (
+                gravity[self._upper] - stiff * (self.q - self._held)[self._places] - 0.05 * stiff * self.v[self._upper]
+            )
             own[1] += gravity[self.robot.joints("torso_thorax")[0]]
         if self.t < base_on:
             torque[9:] = -20.0 * self.v[self._actuated][9:]
@@ -200,24 +211,29 @@ class Outing:
         self.plant.push("wheel_contact_0", np.array([0.0, 0.0, min(max(force, 0.0), 600.0)]))
 
     def _record(self, torque: Vec, contacts: Contacts, tick: Tick, spent: float) -> None:
-        plant, q, v = self.plant, self.q, self.v
-        place, rotation = plant.place("base")
-        yaw = math.atan2(rotation[1, 0], rotation[0, 0])
-        heading = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
-        com = plant.data.subtree_com[self._subtree] - place
-        hand = plant.place("hand_point")[0] - place
-        world = rotation @ v[:3]
-        hip, thorax = self.robot.positions(self.robot.joints(("torso_hip", "torso_thorax")))
-        self._com_error = heading @ com[:2] - COM_GOAL
+        q, v = self.q, self.v
+        x, y, z = place = self._base_place.tolist()
+        axes = self._base_axes.tolist()
+        yaw = math.atan2(axes[3], axes[0])
+        c, s = math.cos(yaw), math.sin(yaw)
+        (com_x, com_y, _), (hand_x, hand_y, hand_z) = self._com.tolist(), self._hand.tolist()
+        com_x, com_y, hand_x, hand_y = com_x - x, com_y - y, hand_x - x, hand_y - y
+        # numbers one by one: so few take arrays longer
+        error = self._com_error = c * com_x + s * com_y - COM_GOAL[0], c * com_y - s * com_x - COM_GOAL[1]
+        hip, thorax = self._coupled
         self.log.add(
             t=self.t,
-            com=self._com_error,
-            hand=np.append(heading @ hand[:2], hand[2]) - HAND_GOAL,
+            com=error,
+            hand=(
+                c * hand_x + s * hand_y - HAND_GOAL[0],
+                c * hand_y - s * hand_x - HAND_GOAL[1],
+                hand_z - z - HAND_GOAL[2],
+            ),
             q=q,
             v=v,
-            posture=q[self.robot.positions(self._upper)] - self.posture,
-            base=(*place, yaw, math.asin(max(-1.0, min(1.0, rotation[2, 0])))),
-            velocity=world,
+            posture=q[self._places] - self.posture,
+            base=(*place, yaw, math.asin(max(-1.0, min(1.0, axes[6])))),
+            velocity=self._base_axes.reshape(3, 3) @ v[:3],
             pull=self.pull,
             felt=self.loads.force,
             carried=self.loads.mass,
@@ -226,7 +242,7 @@ class Outing:
             rate=v[self._actuated],
             coupling=q[hip] - q[thorax],
             slip=self._odometry.slip(v),
-            residuals=level_residuals(tick),
+            **({"residuals": level_residuals(tick)} if self._residuals else {}),
             status=tick.status.severity,
             lost=float(any(note.status is hqp.Status.CONTACT_LOST for note in tick.notes)),
             tick=spent,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -54,8 +55,8 @@ class ContactNormals:
             self.ignored += int(np.count_nonzero(odd))
         self._force += change
         normals = self._force + self._upright
-        lengths = [math.hypot(*normal) for normal in normals.tolist()]
-        return np.asarray(normals / np.array(lengths)[:, None])
+        lengths = [[math.hypot(*normal)] for normal in normals.tolist()]
+        return np.asarray(normals / lengths)
 
 
 class Heading:
@@ -94,10 +95,17 @@ class Heading:
 
 
 class Odometry:
-    """Linear velocity of an omnidirectional base from its wheel rates and gyro, assuming that nothing slips.
+    """Linear velocity of an omnidirectional base from its wheel rates and gyro.
 
-    Each wheel's rim moves over the ground at r qd = rim . (v + omega x p), rim = axle x z.
+    Each wheel's rim moves over the ground at r qd = rim . (v + omega x p), rim = axle x z: with the gyro's yaw rate,
+    three wheels for two unknowns.  Where they contradict each other by more than APART one of them slips, or spins in
+    the air; then those two are believed that agree best with the velocity a moment ago, if any two do.
     """
+
+    APART = 0.05
+    """Contradiction between the wheels beyond which one of them slips [m/s]."""
+    SUDDEN = 0.1
+    """Change of velocity in one tick that no two wheels are believed [m/s]."""
 
     def __init__(self, robot: Any) -> None:
         state = robot.state()
@@ -108,12 +116,30 @@ class Odometry:
         self._rolled = np.zeros((len(names), robot.nv))  # r qd less the part of the yaw rate
         self._rolled[:, 5] = [-np.cross(p, rim)[2] for p, rim in zip(contacts, rims, strict=True)]
         self._rolled[range(len(names)), robot.joints("wheels")] = [robot.wheels[name].radius for name in names]
-        self._velocity = np.zeros((3, robot.nv))
-        self._velocity[:2] = np.linalg.pinv(self._rims[:, :2]) @ self._rolled
+        self._velocity = self._of(range(len(names)), robot.nv)
+        self._apart = self._rims @ self._velocity - self._rolled
+        self._without = [self._of([k for k in range(len(names)) if k != i], robot.nv) for i in range(len(names))]
+        self._last = np.zeros(3)
+        self.contradiction = 0.0
+        """By how much the wheels contradicted each other at the latest tick [m/s]."""
+
+    def _of(self, wheels: Sequence[int], nv: int) -> Mat:
+        """What makes (v_x, v_y, 0) of v from some of the wheels ``(3, nv)``."""
+        found = np.zeros((3, nv))
+        found[:2] = np.linalg.pinv(self._rims[list(wheels), :2]) @ self._rolled[list(wheels)]
+        return found
 
     def velocity(self, v: Vec) -> Vec:
-        """(v_x, v_y, 0) in the base ``(3,)`` [m/s], from the wheel rates and the yaw rate in v ``(nv,)``."""
-        return np.asarray(self._velocity @ v)
+        """(v_x, v_y, 0) in the base ``(3,)`` [m/s] at a tick, from the wheel rates and the yaw rate in v ``(nv,)``."""
+        found = self._velocity @ v
+        self.contradiction = max(map(abs, (self._apart @ v).tolist()))
+        if self.contradiction > self.APART:
+            last = self._last
+            found = min((two @ v for two in self._without), key=lambda u: float((u - last) @ (u - last)))
+            if math.hypot(*(found - last)) > self.SUDDEN:
+                found = last.copy()
+        self._last = found
+        return found.copy()
 
     def slip(self, v: Vec) -> Vec:
         """Speed of each wheel's rim over the ground along its rolling direction, from the true v, ``(wheels,)`` [m/s].
@@ -132,16 +158,20 @@ class GroundForce:
     as soon as a wheel bears on a slope.  Held against like gravity, it is what the wheels' own normals would add to the
     gravity compensation, without a map or a force sensor.
     element: of the stack that is told, None for a controller that does not hold against it.
-    time_constant: of the low-pass on it [s].  most: that is held against [N].
+    time_constant: of the low-pass on it [s].  most: that is held against [N].  While the wheels contradict each other
+    by more than SPINNING it dies away: one that has lost its load and spins would be felt as a slope.
     """
+
+    SPINNING = 0.1
+    """Contradiction (``Odometry.contradiction``) beyond which a wheel spins; at edges wheels slip by less [m/s]."""
 
     def __init__(
         self,
         robot: Any,
         element: ExternalWrench | None,
         period: float,
-        time_constant: float = 0.05,
-        most: float = 150.0,
+        time_constant: float = 0.03,
+        most: float = 200.0,
     ) -> None:
         names = tuple(robot.wheels)
         rims = np.array([np.cross(robot.wheels[name].axle, UP)[:2] for name in names])
@@ -152,12 +182,15 @@ class GroundForce:
         self.force: Vec = np.zeros(2)
         """In the plane, world axes ``(2,)`` [N]."""
 
-    def update(self, residual: Vec, rotation: Mat, hand: Vec) -> Vec:
+    def update(self, residual: Vec, rotation: Mat, hand: Vec, contradiction: float = 0.0) -> Vec:
         """The force after a tick ``(2,)`` [N].
 
         residual: of a MomentumObserver ``(nv,)``.  rotation: of the base ``(3, 3)``.  hand: force there, world axes
-        ``(3,)`` [N].
+        ``(3,)`` [N].  contradiction: between the wheels [m/s].
         """
+        if contradiction > self.SPINNING:
+            self.force = (1.0 - self._share) * self.force
+            return self.force
         here = residual[:2] - (rotation.T @ hand)[:2] + self._traction @ residual[self._wheels]
         self.force = self.force + self._share * (rotation[:2, :2] @ here - self.force)
         return self.force
@@ -166,6 +199,6 @@ class GroundForce:
         """What the controller is told: the force at the base's frame, which lies on the ground."""
         if self._element is None:
             return []
-        size = float(np.hypot(*self.force))
-        held = self.force * min(1.0, self._most / size) if size > 0.0 else self.force
-        return [self._element.at(np.append(held, np.zeros(4)))]
+        x, y = self.force.tolist()
+        share = min(1.0, self._most / max(math.hypot(x, y), 1e-300))
+        return [self._element.at((share * x, share * y, 0.0, 0.0, 0.0, 0.0))]

@@ -38,6 +38,8 @@ class GroundMap:
     EDGE, FOUND = 0.05, 0.05
     """Least difference of slopes under the wheels that shows where an edge is, and the time to move there [s]."""
     SLOW, TIME_CONSTANT = 0.05, 0.2  # [m/s], [s]
+    LEVEL = math.radians(1.0)
+    """Difference of slopes under the wheels that is none."""
 
     def __init__(self, robot: Any, period: float) -> None:
         state = robot.state()
@@ -47,7 +49,6 @@ class GroundMap:
         self._place, self._velocity = np.zeros(2), np.zeros(2)
         angles = np.arange(self.DIRECTIONS) * math.pi / self.DIRECTIONS
         self._along = np.array([np.cos(angles), np.sin(angles)])
-        self._rows = np.arange(self.DIRECTIONS)[:, None]
         self._gradient: Vec | None = None
         self.restarts = -1
         self.direction = 0
@@ -64,74 +65,86 @@ class GroundMap:
         gradient = self._gradient
         assert gradient is not None
         deviation = places[:, 2] - where @ gradient  # of each wheel from the first plane, but for the base's height
-        cells = (((where - self._origin) @ self._along).T / self.CELL + self._middle).astype(np.intp)
-        if cells.min() < self.SPAN or cells.max() >= self._height.shape[1] - self.SPAN:
+        numbers = self._cells(where)
+        if numbers.min() < self.SPAN or numbers.max() >= self._size - self.SPAN:
             self._begin(rotation, where)  # beyond the map
-            return np.tile(rotation[:, 2], (3, 1))
-        self._learn(cells, deviation)
-        best = self._choose(moving)
+            return self._one_plane(rotation)
+        cells, heights = numbers.tolist(), deviation.tolist()
+        self._learn(cells, heights)
+        best = self._choose()
         if best < 0:
             self._begin(rotation, where)
-            return np.tile(rotation[:, 2], (3, 1))
+            return self._one_plane(rotation)
         slopes = self._slopes(best, cells[best])
-        self._find_back(best, cells[best], deviation, slopes)
-        if np.ptp(slopes) < math.radians(1.0):
-            return np.tile(rotation[:, 2], (3, 1))  # one plane: the tilt itself tells better
+        self._find_back(best, cells[best], heights, slopes)
+        if max(slopes) - min(slopes) < self.LEVEL:
+            return self._one_plane(rotation)  # the tilt itself tells better
         normals = np.ones((3, 3))
-        normals[:, :2] = -(gradient + slopes[:, None] * self._along[:, best])
+        normals[:, :2] = -(gradient + np.array(slopes)[:, None] * self._along[:, best])
         return np.asarray(normals / np.linalg.norm(normals, axis=1)[:, None])
+
+    def _cells(self, where: Mat) -> Grid:
+        """Cells of the wheels in every profile ``(DIRECTIONS, 3)``."""
+        found: Grid = (((where - self._origin) @ self._along).T / self.CELL + self._middle).astype(np.intp)
+        return found
+
+    @staticmethod
+    def _one_plane(rotation: Mat) -> Mat:
+        normals = np.empty((3, 3))
+        normals[:] = rotation[:, 2]
+        return normals
 
     def _begin(self, rotation: Mat, where: Mat) -> None:
         """Know nothing but the plane that the wheels stand on."""
         self._gradient = -rotation[:2, 2] / rotation[2, 2]
         self._origin = self._place.copy()
-        size = round(2.0 * self.REACH / self.CELL)
-        self._middle = 0.5 * size
-        self._height = np.zeros((self.DIRECTIONS, size))
-        self._samples = np.ones((self.DIRECTIONS, 2))
-        cells = (((where - self._origin) @ self._along).T / self.CELL + self._middle).astype(np.intp)
-        self._first, self._last = cells.min(axis=1), cells.max(axis=1)
-        self._contradiction = np.zeros(self.DIRECTIONS)
+        self._size = round(2.0 * self.REACH / self.CELL)
+        self._middle = 0.5 * self._size
+        # lists: a profile has three numbers to learn from at a time, which arrays take longer for
+        self._height = [[0.0] * self._size for _ in range(self.DIRECTIONS)]
+        self._samples = [[1.0, 1.0] for _ in range(self.DIRECTIONS)]
+        cells = self._cells(where)
+        self._ends: list[list[int]] = np.array([cells.min(axis=1), cells.max(axis=1)]).T.tolist()
+        self._contradiction = [0.0] * self.DIRECTIONS
         self.restarts += 1
 
-    def _learn(self, cells: Grid, deviation: Vec) -> None:
+    def _learn(self, cells: list[list[int]], deviation: list[float]) -> None:
         """Height of the base by each profile, what wheels on known ground contradict, and what the others find."""
-        known = (cells > self._first[:, None]) & (cells < self._last[:, None])
-        unknown = ~known.any(axis=1)
-        if unknown.any():  # all at the ends: the one nearest to the middle of what is known counts as known
-            middle = 0.5 * (self._first + self._last)[:, None]
-            nearest = np.argmin(np.abs(cells - middle), axis=1)
-            known[unknown, nearest[unknown]] = True
-        inside = np.clip(cells, self._first[:, None], self._last[:, None])
-        says = self._height[self._rows, inside] - deviation
-        count = known.sum(axis=1)
-        base = np.where(known, says, 0.0).sum(axis=1) / count
-        spread = np.where(known, (says - base[:, None]) ** 2, 0.0).sum(axis=1)
         # by the length travelled, so that standing still proves nothing
         share = min(1.0, self._period * math.hypot(*self._velocity) / self.MEMORY)
-        several = count > 1
-        self._contradiction[several] += share * (spread[several] - self._contradiction[several])
-        for k, i in np.argwhere((cells >= self._last[:, None]) | (cells <= self._first[:, None])).tolist():
-            if not known[k, i]:
-                self._extend(k, int(cells[k, i]), float(base[k] + deviation[i]))
+        for k, (ends, wheels, profile) in enumerate(zip(self._ends, cells, self._height, strict=True)):
+            first, last = ends
+            known = [i for i, cell in enumerate(wheels) if first < cell < last]
+            if not known:  # all at the ends: the one nearest to the middle of what is known counts as known
+                middle = 0.5 * (first + last)
+                known = [min(range(3), key=lambda i: abs(wheels[i] - middle))]
+            says = [profile[min(max(wheels[i], first), last)] - deviation[i] for i in known]
+            base = sum(says) / len(says)
+            if len(says) > 1:
+                spread = sum([(height - base) * (height - base) for height in says])
+                self._contradiction[k] += share * (spread - self._contradiction[k])
+            if len(known) < 3:
+                for i, cell in enumerate(wheels):
+                    if i not in known and not ends[0] < cell < ends[1]:
+                        self._extend(k, cell, base + deviation[i])
 
     def _extend(self, k: int, cell: int, new: float) -> None:
         """Take a height at or beyond an end of profile k; cells that were jumped over lie on a line."""
-        end = int(cell >= self._last[k])
-        ends = self._last if end else self._first
-        at, profile = int(ends[k]), self._height[k]
+        ends, profile = self._ends[k], self._height[k]
+        end = int(cell >= ends[1])
+        at = ends[end]
         if cell == at:  # the mean of what the cell has seen
-            self._samples[k, end] += 1.0
-            profile[at] += (new - profile[at]) / self._samples[k, end]
+            self._samples[k][end] += 1.0
+            profile[at] += (new - profile[at]) / self._samples[k][end]
             return
-        step = 1 if end else -1
-        steps = np.arange(1, abs(cell - at) + 1)
-        profile[at + step * steps] = profile[at] + steps / abs(cell - at) * (new - profile[at])
-        ends[k], self._samples[k, end] = cell, 1.0
+        step, jump, start = (1 if end else -1), abs(cell - at), profile[at]
+        for i in range(1, jump + 1):
+            profile[at + step * i] = start + i / jump * (new - start)
+        ends[end], self._samples[k][end] = cell, 1.0
 
-    def _choose(self, moving: Vec) -> int:
+    def _choose(self) -> int:
         """The direction that has been contradicted least, -1 if none will do."""
-        if float(self._contradiction.min()) > self.WRONG**2:
+        if min(self._contradiction) > self.WRONG**2:
             return -1
         speed = math.hypot(*self._velocity)
         if speed > self.SLOW:
@@ -142,27 +155,32 @@ class GroundMap:
                 self.direction = best
         return self.direction
 
-    def _find_back(self, k: int, cells: Grid, deviation: Vec, slopes: Vec) -> None:
+    def _find_back(self, k: int, cells: list[int], deviation: list[float], slopes: list[float]) -> None:
         """Move the place along d to where the wheels, all on known ground, contradict each other less.
 
         A wheel that slips or leaves the ground over an edge takes odometry off by centimetres, and with it the place
         of that edge on the way back.
         """
-        if cells.min() <= self._first[k] or cells.max() >= self._last[k]:
+        first, last = self._ends[k]
+        if min(cells) <= first or max(cells) >= last:
             return
-        lever = slopes - slopes.mean()
-        strength = float(lever @ lever)
+        middle = sum(slopes) / 3.0
+        lever = [slope - middle for slope in slopes]
+        strength = sum([x * x for x in lever])
         if strength < self.EDGE**2:
             return
-        says = self._height[k, cells] - deviation
-        shift = -float((says - says.mean()) @ lever) / strength
+        says = [self._height[k][cell] - height for cell, height in zip(cells, deviation, strict=True)]
+        mean = sum(says) / 3.0
+        shift = -sum([(height - mean) * x for height, x in zip(says, lever, strict=True)]) / strength
         step = max(-self.CELL, min(self.CELL, shift)) * min(1.0, self._period / self.FOUND)
         self._place = self._place + step * self._along[:, k]
 
-    def _slopes(self, k: int, cells: Grid) -> Vec:
-        """Of profile k under the wheels ``(3,)``, over SPAN cells that are known."""
-        last = np.minimum(cells + self.SPAN // 2, self._last[k])
-        first = np.maximum(last - self.SPAN, self._first[k])
-        last = np.minimum(first + self.SPAN, self._last[k])
-        run = np.maximum(last - first, 1) * self.CELL
-        return np.asarray((self._height[k, last] - self._height[k, first]) / run)
+    def _slopes(self, k: int, cells: list[int]) -> list[float]:
+        """Of profile k under the wheels, over SPAN cells that are known."""
+        (first, last), profile, found = self._ends[k], self._height[k], []
+        for cell in cells:
+            high = min(cell + self.SPAN // 2, last)
+            low = max(high - self.SPAN, first)
+            high = min(low + self.SPAN, last)
+            found.append((profile[high] - profile[low]) / (max(high - low, 1) * self.CELL))
+        return found

@@ -90,7 +90,7 @@ class HandLoads:
         if self._wrench is not None:
             if self._choice.wrench == "measured":
                 self.force = measured
-            force = np.append(self.force, np.zeros(3))
+            force = np.array([*self.force.tolist(), 0.0, 0.0, 0.0])
             found.append(self._wrench.at((1.0 + self._choice.assist) * force))
             if self._assist is not None:
                 found.append(self._assist.at(-self._choice.assist * force))

@@ -11,9 +11,10 @@ from collections.abc import Mapping, Sequence
 from benchmarks.lab.outcome import Figure, Outcome, Table, holds, number, table
 from benchmarks.lab.setting import Setting
 from benchmarks.sentis2012.experiments.cases import carry_out, seeded
-from benchmarks.sentis2012.experiments.cells import NOISY, ONE_CM, Cell, Pair, cells, pairs
+from benchmarks.sentis2012.experiments.cells import NOISY, ONE_CM, Cell, cells
 from benchmarks.sentis2012.experiments.compliance import Compliance
 from benchmarks.sentis2012.experiments.measures import Measures
+from benchmarks.sentis2012.experiments.pairs import Pair, pairs
 from benchmarks.sentis2012.experiments.step_bound import steps
 from benchmarks.sentis2012.experiments.variants import PULL
 

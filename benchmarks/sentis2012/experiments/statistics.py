@@ -88,7 +88,7 @@ def varied(case: Case, run: int, seed: int) -> Case:
 def one_run(cell: str, run: int, seed: int, solver: str = "lexicographic") -> dict[str, Any]:
     """The measures of one run, as a case of a sweep calls it."""
     case = varied(registry()[cell].case, run, seed)
-    outing = Outing(case.scene, case.choice, case.solver or solver).run()
+    outing = Outing(case.scene, case.choice, case.solver or solver, residuals=False).run()
     return {**asdict(measure(outing, case.since)), "ignored_normals": outing.ignored_normals}
 
 
