@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
+import sys
 import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -64,14 +65,16 @@ class Element(ABC):
     def __post_init__(self) -> None:
         for item in dataclasses.fields(self):
             value = getattr(self, item.name)
-            if isinstance(value, list):
-                object.__setattr__(self, item.name, tuple(value))
-            elif isinstance(value, np.generic):
-                object.__setattr__(self, item.name, value.item())
+            if isinstance(value, (list, np.generic, np.ndarray)):
+                object.__setattr__(self, item.name, _plain(value))
+        if self.name is not None and not isinstance(self.name, str):
+            raise DeclarationError(type(self).__name__, "name must be a string", value=self.name)
         if not self.name:
             object.__setattr__(self, "name", self.default_name())
-        if not isinstance(self.name, str):
-            raise DeclarationError(type(self).__name__, "name must be a string", value=self.name)
+        for item in dataclasses.fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, int) and abs(value) > sys.float_info.max:
+                raise self.invalid(item.name, "a whole number of more than 308 digits", "a finite number")
         if not isinstance(self.weight, Real) or not 0.0 < self.weight < math.inf:
             raise self.invalid("weight", self.weight, "a positive finite number")
         if self.law is not None and not isinstance(self.law, Law):
@@ -152,12 +155,23 @@ class Task(Element):
         return Reference(self.name, self.value(state))
 
     def at(self, value: Any = None, *, velocity: Any = None, acceleration: Any = None) -> Reference:
-        """The target for one tick, with velocity and acceleration feedforward; None keeps the hold value."""
+        """The target for one tick, with velocity and acceleration feedforward; None keeps the hold value.
+
+        Raises DeclarationError for what is no number.
+        """
+
+        def array(what: str, x: Any) -> Any:
+            try:
+                return None if x is None else np.array(x, dtype=np.float64)
+            except (TypeError, ValueError, OverflowError) as error:
+                raise self.invalid(what, x, "numbers") from error
+
+        rate, change = array("velocity", velocity), array("acceleration", acceleration)
         return Reference(
             self.name,
-            None if value is None else np.array(value, dtype=np.float64),
-            None if velocity is None else np.atleast_1d(np.array(velocity, dtype=np.float64)),
-            None if acceleration is None else np.atleast_1d(np.array(acceleration, dtype=np.float64)),
+            array("value", value),
+            None if rate is None else np.atleast_1d(rate),
+            None if change is None else np.atleast_1d(change),
         )
 
     def _at(self, shape: tuple[int, ...], value: Any, velocity: Any, acceleration: Any) -> Reference:
@@ -210,6 +224,13 @@ class Inequality(Constraint):
     def drift(self, state: State) -> Vec:
         """dJ/dt v ``(m,)``; rows without it are refused where accelerations are asked for."""
         raise NotImplementedError
+
+
+def _plain(value: Any) -> Any:
+    """Numbers and nested tuples of a list or an array."""
+    if isinstance(value, (np.generic, np.ndarray)):
+        value = value.tolist()
+    return tuple(map(_plain, value)) if isinstance(value, list) else value
 
 
 def has(element: Element, function: str) -> bool:

@@ -83,7 +83,7 @@ def numbers(element: str, what: str, value: object, shape: tuple[int, ...]) -> V
     """A float64 copy of ``value``, of that shape; raises DeclarationError naming what was given."""
     try:
         array = value.copy() if isinstance(value, np.ndarray) and value.dtype is FLOAT else np.array(value, FLOAT)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise DeclarationError(element, f"{what} is not numeric", value=value) from error
     if array.shape != shape:
         raise DeclarationError(element, f"{what} has shape {array.shape}", allowed=f"shape {shape}")

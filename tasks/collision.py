@@ -64,6 +64,8 @@ class CollisionAvoidance(Inequality):
     def __post_init__(self) -> None:
         if isinstance(self.world, shapes.Shape):
             object.__setattr__(self, "world", (self.world,))
+        if not isinstance(self.world, (tuple, list)):
+            raise self.invalid("world", self.world, "shapes of hqp.shapes, in a tuple")
         object.__setattr__(self, "world", tuple(shapes.checked(s) for s in self.world))
         if not isinstance(self.pairs, str):
             object.__setattr__(self, "pairs", self._checked_pairs())
@@ -82,7 +84,7 @@ class CollisionAvoidance(Inequality):
     def _checked_pairs(self) -> tuple[tuple[str, str], ...]:
         try:
             pairs = tuple((str(one), str(two)) for one, two in self.pairs)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             pairs = ()
         if not pairs:
             raise self.invalid(
@@ -122,22 +124,32 @@ class CollisionAvoidance(Inequality):
         world axes; it does not change within the tick.  Raises DeclarationError for an unknown name, and for a pose or
         a velocity that is none.
         """
+        velocity = {} if velocity is None else velocity
+        for what, named in (("poses", poses), ("velocity", velocity)):
+            if not isinstance(named, Mapping):
+                raise self.invalid(what, named, 'by name of the shape, such as {"ball": (0.4, 0.0, 0.5)}')
         value = self.poses()
         for name, pose in poses.items():
-            i, given = self._shape(name), np.asarray(pose, dtype=np.float64)
+            i, given = self._shape(name), self._numbers(f"pose of {name}", pose)
             if given.shape == (3,):
                 value[i, :3, 3] = given
             elif given.shape == (4, 4):
                 value[i, :4] = given
             else:
                 raise self.invalid(f"pose of {name}", pose, "a matrix (4, 4) or a position (3,) [m]")
-        for name, rate in (velocity or {}).items():
-            i, given = self._shape(name), np.asarray(rate, dtype=np.float64)
+        for name, rate in velocity.items():
+            i, given = self._shape(name), self._numbers(f"velocity of {name}", rate)
             if given.shape not in ((3,), (6,)):
                 raise self.invalid(f"velocity of {name}", rate, "(3,) [m/s], or (6,) with an angular velocity [rad/s]")
             value[i, 4, :3] = given[:3]
             value[i, 5, :3] = given[3:] if given.size == 6 else 0.0
         return Reference(self.name, value)
+
+    def _numbers(self, what: str, value: Any) -> Vec:
+        try:
+            return np.asarray(value, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise self.invalid(what, value, "numbers") from error
 
     def _shape(self, name: str) -> int:
         names = [s.name for s in self.world]

@@ -311,7 +311,7 @@ class Scene:
     def _disabled(self, path: str) -> set[frozenset[str]]:
         try:
             root = ET.parse(Path(path)).getroot()
-        except (OSError, ET.ParseError) as error:
+        except (OSError, ValueError, ET.ParseError) as error:
             raise self._element.invalid(
                 "pairs", path, f'"auto", "world", an SRDF that can be read, or pairs of names ({error})'
             ) from error

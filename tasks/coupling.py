@@ -33,7 +33,7 @@ class JointCoupling(Task, Constraint):
         given = self.coefficients
         try:
             pairs = tuple((joint, value) for joint, value in (given.items() if isinstance(given, Mapping) else given))
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             pairs = ()
         joints = [joint for joint, _ in pairs]
         if not pairs or not all(isinstance(j, str) and j for j in joints) or len(set(joints)) < len(joints):

@@ -35,6 +35,8 @@ def check_frame(element: Element, what: str, frame: object) -> None:
 
 def check_relative(element: Element, relative_to: object, heading: object = False) -> None:
     """Raise DeclarationError unless ``relative_to`` is a name or None, and there is one where ``heading`` is set."""
+    if not isinstance(heading, bool):
+        raise element.invalid("heading", heading, "True or False")
     if relative_to is not None:
         check_frame(element, "relative_to", relative_to)
     elif heading:
@@ -54,7 +56,7 @@ def set_vector(element: Element, what: str, count: int = 3) -> None:
     value = getattr(element, what)
     try:
         numbers = tuple(float(x) for x in value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         numbers = ()
     if len(numbers) != count or not all(map(math.isfinite, numbers)):
         raise element.invalid(what, value, f"{count} finite numbers")

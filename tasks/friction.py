@@ -193,7 +193,7 @@ class CenterOfPressure(_ContactForce):
         allowed = "(x_min, x_max, y_min, y_max)" if width == 4 else "corners (x, y), finite"
         try:
             array = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise self.invalid(what, value, allowed) from None
         right = array.shape == (4,) if width == 4 else array.ndim == 2 and array.shape[1] == 2
         if not right or not np.isfinite(array).all():

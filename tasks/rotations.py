@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import FLOAT, Mat, Vec
 from hqp.errors import DeclarationError
 from hqp.reference import numbers
 
@@ -32,7 +32,7 @@ def as_rotation(element: str, value: Any) -> Mat:
     """
     try:
         array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise DeclarationError(element, "rotation is not numeric", value=value, allowed=ALLOWED) from error
     if array.shape == (4,):
         return _from_quaternion(element, array)
@@ -50,7 +50,7 @@ def as_rotation(element: str, value: Any) -> Mat:
 
 def is_pose(T: Mat) -> bool:
     """Whether a ``(4, 4)`` is known to be finite and homogeneous with a rotation; False where nothing native is."""
-    return native is not None and native.is_pose(T, ORTHONORMAL)
+    return native is not None and T.shape == (4, 4) and T.dtype is FLOAT and native.is_pose(T, ORTHONORMAL)
 
 
 def _from_quaternion(element: str, quaternion: Vec) -> Mat:

@@ -70,7 +70,7 @@ class SupportPolygon(_Barrier):
             values = [[float(x) for x in p[count == 4 :]] for p in rows]
             fits = all(len(p) == count and isinstance(p[0], str) >= (count == 4) for p in rows)
             fits = fits and all(math.isfinite(x) for p in values for x in p)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             rows, fits = (), False
         if not fits or 0 < len(rows) < 3:
             allowed = "((frame, x, y, z), ...)" if count == 4 else "((x, y), ...)"

@@ -71,7 +71,12 @@ class ContactForce(Element):
     def __post_init__(self) -> None:
         super().__post_init__()
         given = self.components
-        if isinstance(given, str) or not given or len(set(given)) < len(given) or not set(given) <= set(COMPONENTS):
+        if (
+            not isinstance(given, (tuple, set, frozenset))
+            or not given
+            or len(set(given)) < len(given)
+            or not {*map(str, given)} <= set(COMPONENTS)
+        ):
             raise self.invalid("components", given, f"distinct names of {', '.join(COMPONENTS)}")
         object.__setattr__(self, "components", tuple(given))
         if not isinstance(self.contact, str) or not self.contact:

@@ -130,8 +130,8 @@ class Within(_Barrier):
         if value is None:
             return
         try:
-            numbers = tuple(float(x) for x in np.atleast_1d(value))
-        except (TypeError, ValueError):
+            numbers = () if np.iscomplexobj(value) else tuple(float(x) for x in np.atleast_1d(value))
+        except (TypeError, ValueError, OverflowError):
             numbers = (math.nan,)
         if not numbers or any(map(math.isnan, numbers)):
             raise self.invalid(what, value, "a number or a sequence of numbers")

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 
 from hqp.arrays import Vec
 from hqp.errors import DeclarationError, ModelError
-from hqp.reference import Reference
+from hqp.reference import Reference, numbers
 from hqp.robot import Robot
 from hqp.stack import Stack
 
@@ -127,13 +128,19 @@ def _check(
         raise DeclarationError("reach", "not a Stack", value=stack, allowed="Stack(Level(...), ...)")
     if not references:
         raise DeclarationError("reach", "no references", allowed="task.at(...) of at least one task of the stack")
+    if not hasattr(robot, "nq"):
+        raise DeclarationError("reach", "not a robot", value=robot, allowed='hqp.robots.load("panda")')
     for reference in references:
+        if not isinstance(reference, Reference):
+            raise DeclarationError("reach", "not a reference", value=reference, allowed="task.at(...)")
         stack.find(reference.name)
     if q0 is not None and np.shape(q0) != (robot.nq,):
         raise ModelError(f"{robot.name}: q0 has shape {np.shape(q0)}, not ({robot.nq},)")
+    if q0 is not None and not np.isfinite(numbers("reach", "q0", q0, (robot.nq,))).all():
+        raise DeclarationError("reach", "bad q0", value=q0, allowed="finite numbers")
     for name, number, least in (("restarts", restarts, 0), ("steps", steps, 1)):
         if not isinstance(number, (int, np.integer)) or number < least:
             raise DeclarationError("reach", f"bad {name}", value=number, allowed=f"a whole number, {least} or more")
     for name, size in (("tolerance", tolerance), ("budget", budget)):
-        if not size > 0.0:
+        if not isinstance(size, Real) or not size > 0.0:
             raise DeclarationError("reach", f"bad {name}", value=size, allowed="above 0")

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from numbers import Real
 
 import numpy as np
 
 from hqp.arrays import Vec
 from hqp.element import Element
+from hqp.errors import DeclarationError
 from hqp.formulation import Velocity
-from hqp.reference import Reference
+from hqp.reference import Reference, numbers
 from hqp.robot import Robot
 from hqp.session import Controller, Session
 from hqp.stack import Level, Stack
@@ -37,6 +39,14 @@ def solve_ik(
     first call, the acceleration window of ``JointLimits`` counts from the velocity of its last; fresh starts anew.
     Raises NotSolved where no answer may be used, DeclarationError and ModelError for what does not fit.
     """
+    if not hasattr(robot, "nq"):
+        raise DeclarationError("solve_ik", "not a robot", value=robot, allowed='hqp.robots.load("panda")')
+    if not isinstance(levels, (Stack, Sequence)) or isinstance(levels, (str, bytes)):
+        raise DeclarationError("solve_ik", "no levels", value=levels, allowed="a Stack, or a list of Level(...)")
+    if not isinstance(dt, Real):
+        raise DeclarationError("solve_ik", "bad dt", value=dt, unit="s", allowed="above 0")
+    if q is not None:
+        q = numbers("solve_ik", "q", q, (robot.nq,))
     stack = levels if isinstance(levels, Stack) else Stack(*levels, subject_to=subject_to)
     key = robot, stack, float(dt), solver
     if fresh:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +15,8 @@ import hqp.assembly
 import hqp.tasks as t
 from hqp import PD, Inequality, Level, P, Stack, Task
 from hqp.assembly import Assembly
-from hqp.element import plan_of, selection_of
+from hqp.element import REGISTRY, plan_of, selection_of
+from hqp.errors import HqpError
 
 from .test_derivatives import CLASSES, NAMES, examples
 
@@ -265,3 +268,73 @@ def test_check_of_inequalities(cbi: Any) -> None:
     assert "wrong sign" in str(found)
     with pytest.raises(hqp.HqpError, match="no rows on the robot's motion"):
         hqp.check(t.TorqueLimits(), cbi)
+
+
+BAD = (
+    math.nan, math.inf, -1.0, 0.0, -1, True, None, "", "nope", "xx", "\x00", b"x", (), {}, set(), (1, 2),
+    (math.nan,) * 3,
+    np.zeros(3), np.zeros((3, 3)), np.full(3, math.nan), np.array(5), np.float32(1.0), object(), print, 1j, (None,) * 3,
+    {"a": math.nan}, ("nope", "nope"), range(3), 10**400, (10**400,) * 3, 1e300, Level(t.Com()),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", [name for name, cls in REGISTRY.items() if cls.__module__.startswith("hqp.tasks")])
+@pytest.mark.filterwarnings("ignore")
+def test_whatever_is_given_the_error_is_ours(cbi: Any, name: str) -> None:
+    """Each field with each bad value: taken, or refused where it is declared or counts its rows on a robot."""
+    hand, sole = "r_palm", "l_sole"
+    some: dict[str, Any] = {
+        "frame": hand, "contact": sole, "wheel": "r_palm", "other": "pelvis", "task": t.Position(frame=hand), "mu": 0.5,
+        "rectangle": (-0.1, 0.1, -0.05, 0.05), "relative_to": "pelvis", "force": 10.0, "upper": 5.0, "radius": 0.1,
+        "coefficients": {"r_elbow": 1.0}, "joints": None, "linear": 1.0,
+    }  # fmt: skip
+    own = {
+        "EdgeContact": {"axis": "y"}, "Cone": {"task": t.AlignAxis(frame=hand), "angle": 0.3},
+        "SupportPolygon": {"sole": (-0.1, 0.1, -0.05, 0.05)}, "Frozen": {"joints": cbi.joint_names[0]},
+    }  # fmt: skip
+    cls: Any = REGISTRY[name]
+    needed = [
+        f.name for f in dataclasses.fields(cls) if f.init and f.default is f.default_factory is dataclasses.MISSING
+    ]
+    fields = {**{k: some[k] for k in needed if k in some}, **own.get(name, {})}
+    if name in ("ForceLimits", "Weld", "Within", "BaseVelocityLimits"):
+        fields |= {
+            "ForceLimits": {"force": 10.0}, "Weld": {"relative_to": "pelvis"}, "Within": {"upper": 5.0},
+            "BaseVelocityLimits": {"linear": 1.0},
+        }[name]  # fmt: skip
+    told = []
+    for field in (f.name for f in dataclasses.fields(cls) if f.init):
+        for bad in BAD:
+            try:
+                element = cls(**{**fields, field: bad})
+                if isinstance(bad, (str, tuple)):
+                    element.rows(cbi)
+            except HqpError as error:
+                told.append(str(error))
+    assert told
+    assert min(map(len, told)) > 20
+
+
+@pytest.mark.parametrize(
+    "element",
+    [
+        t.Pose(frame="r_palm"), t.Position(frame="r_palm"), t.Orientation(frame="r_palm"), t.AlignAxis(frame="r_palm"),
+        t.LowAcceleration(), t.JointVelocity(), t.Com(), t.Payload(frame="r_palm"), t.ExternalWrench(frame="r_palm"),
+        t.CollisionAvoidance(), t.Within(t.Position(frame="r_palm"), upper=1.0), t.ContactForce(contact="l_sole"),
+    ],
+    ids=lambda e: type(e).__name__,
+)  # fmt: skip
+@pytest.mark.filterwarnings("ignore")
+def test_whatever_a_reference_is_given_the_error_is_ours(element: Any) -> None:
+    refused, others = 0, set()
+    for bad in BAD:
+        for arguments in ((bad,), (None,)):
+            for rates in ({}, {"velocity": bad}, {"acceleration": bad}):
+                try:
+                    element.at(*arguments, **rates)
+                except HqpError:
+                    refused += 1
+                except TypeError as error:
+                    others.add(str(error).partition("argument")[1])  # it takes none of that name
+    assert refused > 10
+    assert others <= {"argument"}

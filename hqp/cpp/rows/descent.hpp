@@ -99,6 +99,7 @@ class Descent {
       } else {
         error = std::sqrt(squared(rows + t.start, t.stop - t.start));
       }
+      if (!(error >= 0.0)) error = std::numeric_limits<double>::infinity();  // not a number
       errors_[i] = error;
       if (t.group >= 0) merit_[t.group] = std::max(merit_[t.group], error / tolerance);
     }
