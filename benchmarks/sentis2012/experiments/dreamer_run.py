@@ -62,7 +62,8 @@ class Outing:
         self._normals = ContactNormals(3, choice.period)
         self._map = GroundMap(self.robot, choice.period) if choice.normals == "map" else None
         pushed = tasks.find(GROUND_PUSH, ExternalWrench) if choice.normals == "felt" else None
-        self._odometry, self._ground_force = Odometry(self.robot), GroundForce(self.robot, pushed, choice.period)
+        self._odometry = Odometry(self.robot)
+        self._ground_force = GroundForce(self.robot, pushed, choice.period, *choice.felt)
         self._actuated = self.robot.actuated
         self._limit = scene.strength * self.robot.effort_limit[self._actuated]
         model = self.plant.model
@@ -166,8 +167,8 @@ class Outing:
         torque = np.minimum(np.maximum(torque, -self._limit), self._limit)
         self.loads.sent(state, torque)
         if choice.normals == "felt":
-            felt, hand = self.loads.residual, self.loads.observed
-            self._ground_force.update(felt, rotation, hand, self._odometry.contradiction)
+            apart = self._odometry.contradiction
+            self._ground_force.update(self.loads.residual, rotation, self.loads.observed, apart)
         spent = time.perf_counter() - began
         self._disturb()
         plant.step(torque, steps=round(choice.period / plant.timestep))
@@ -218,7 +219,6 @@ class Outing:
         c, s = math.cos(yaw), math.sin(yaw)
         (com_x, com_y, _), (hand_x, hand_y, hand_z) = self._com.tolist(), self._hand.tolist()
         com_x, com_y, hand_x, hand_y = com_x - x, com_y - y, hand_x - x, hand_y - y
-        # numbers one by one: so few take arrays longer
         error = self._com_error = c * com_x + s * com_y - COM_GOAL[0], c * com_y - s * com_x - COM_GOAL[1]
         hip, thorax = self._coupled
         self.log.add(

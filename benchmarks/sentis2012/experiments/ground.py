@@ -170,8 +170,8 @@ class GroundForce:
         robot: Any,
         element: ExternalWrench | None,
         period: float,
-        time_constant: float = 0.03,
-        most: float = 200.0,
+        time_constant: float = 0.05,
+        most: float = 150.0,
     ) -> None:
         names = tuple(robot.wheels)
         rims = np.array([np.cross(robot.wheels[name].axle, UP)[:2] for name in names])

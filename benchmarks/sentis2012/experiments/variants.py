@@ -37,7 +37,8 @@ FELT = Compliance(normals="felt")
 """Full gravity compensation by the tilt and by the ground's push, from a momentum observer: no force sensor, no map."""
 
 ONE = replace(
-    FELT, limits=True, com_acceleration=math.inf, least_load=90.0, torso=1.0, payload="observed"
+    FELT, limits=True, com_acceleration=math.inf, least_load=90.0, torso=1.0, payload="observed",
+    felt=(0.03, 200.0),
 )  # fmt: skip
 """One controller for every duty, on the robot's own sensing: the ground felt, torque limits, joint range and friction
 cones in place of the cap, loads kept on the wheels, the torso turns to where it is led, a payload is found out."""
