@@ -118,7 +118,7 @@ class CascadeWorkspace(ExternalWorkspace):
         if answer is None:
             return np.zeros(r), np.zeros(held.size, dtype=bool)
         pressed = np.abs(answer.multipliers[m:]) > max(1e-6, 1e3 * self.solver.tolerance)
-        return answer.x[:r], pressed
+        return answer.x[:r], pressed & (self._lengths[held] > 0.0)  # a row of zeros locks nothing
 
     def _solve_qp(self, key: tuple[int, ...], H: Mat, g: Vec, C: Mat, lower: Vec, upper: Vec) -> QpAnswer | None:
         """The back end's answer; None, and a complaint noted, where it has none."""

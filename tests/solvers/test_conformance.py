@@ -134,3 +134,15 @@ def test_no_level_at_all(solver: Solver) -> None:
 def test_huge_targets_stay_finite(solver: Solver) -> None:
     problem = Hierarchy((equality(np.eye(3)[:2], np.array([1e6, -1e6])), equality(np.ones((1, 3)), np.zeros(1))))
     check(solver, problem)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_row_of_zeros_at_its_bound_divides_nothing(solver: Solver) -> None:
+    """An interior-point back end gives it a multiplier."""
+    walls = Rows(np.array([[1.0, 0.0], [0.0, 0.0]]), np.full(2, -np.inf), np.array([0.5, 0.0]))
+    line, place = equality(np.ones((1, 2)), np.ones(1)), equality(np.eye(2), np.array([1.0, 0.0]))
+    problem = Hierarchy((walls, line, place), constraints=1)
+    if supports(solver, problem):
+        solution = solver.solve(problem)
+        if solution.status.solved:
+            np.testing.assert_allclose(solution.x, [0.5, 0.5], atol=1e-6)
