@@ -5,7 +5,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hqp.problem import Hierarchy, Solution, Stats, Status
+from hqp.problem import Hierarchy, Solution, Status
 
 _Vec: TypeAlias = NDArray[np.float64]
 _Level: TypeAlias = tuple[_Vec | None, NDArray[np.intp] | None, _Vec | None, _Vec, _Vec]
@@ -34,7 +34,6 @@ class Workspace:
     def report_as(
         self,
         solution: type[Solution],
-        stats: type[Stats],
         statuses: tuple[Status, ...],
         slack: tuple[slice, ...],
         active: tuple[slice, ...],
