@@ -184,10 +184,23 @@ def row_scales(element: Element, robot: Robot, sizes: Sizes) -> Iterator[float]:
         for unit in element.units:
             yield element.weight * (sizes.length if unit == "m" else 1.0)
     else:
-        jacobian = getattr(element, "jacobian", None)
-        J = np.zeros((0, robot.nv)) if jacobian is None else np.asarray(jacobian(robot.copy().state()))
-        columns = np.sqrt(np.square(J).sum(axis=0)) / sizes.scale
-        yield element.weight * (float(columns.max(initial=0.0)) or 1.0)
+        yield element.weight * (longest_column(element, robot, sizes) or 1.0)
+
+
+def longest_column(element: Element, robot: Robot, sizes: Sizes) -> float:
+    """Of the Jacobian at home; raises DeclarationError, which names the element, where it has none that is usable."""
+    jacobian = getattr(element, "jacobian", None)
+    if jacobian is None:
+        return 0.0
+    try:
+        J = np.asarray(jacobian(robot.copy().state()), dtype=np.float64)
+        found = float((np.sqrt(np.square(J).sum(axis=0)) / sizes.scale).max(initial=0.0))
+    except Exception as error:  # whatever an element of the user's does
+        why = f"no Jacobian at home: {type(error).__name__}: {error}"
+        raise DeclarationError(element.name, why) from error
+    if not found < math.inf:
+        raise DeclarationError(element.name, "its Jacobian at home is not finite")
+    return found
 
 
 def tau_of(laws: Sequence[Law], order: int, dt: float) -> float:

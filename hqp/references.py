@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import NoReturn
 
+from hqp.element import Element
 from hqp.errors import DeclarationError, UnknownReference, closest
 from hqp.formulation import Program
 from hqp.problem import Status
 from hqp.reference import Reference
 from hqp.robot import State
+from hqp.soundness import OWN
 from hqp.stack import Stack
 from hqp.tick import Note
 
@@ -17,40 +19,63 @@ from hqp.tick import Note
 class References:
     """One reference an element, good for one tick; what cannot be used is left out by name.
 
-    holds: hold values.  current: what this tick takes.  given: those of ``current`` that the caller gave.
+    holds: hold values.  current: what this tick takes.  given: those of ``current`` that the caller gave.  without: why
+    an element of the user's own has no hold value; it is asked again every tick, and left out until it has one.
     """
 
-    __slots__ = ("current", "given", "holds")
+    __slots__ = ("current", "given", "holds", "without")
 
     def __init__(self, holds: Mapping[str, Reference]) -> None:
         self.holds = dict(holds)
         self.current: dict[str, Reference] = {}
         self.given: list[Reference] = []
+        self.without: dict[str, str] = {}
 
     def copy(self) -> References:
         """The same, to go on beside it."""
         found = References(self.holds)
-        found.current, found.given = dict(self.current), list(self.given)
+        found.current, found.given, found.without = dict(self.current), list(self.given), dict(self.without)
         return found
 
     def take_holds(self, stack: Stack, state: State) -> None:
         """Hold values of elements that have none yet, at the first step or after a change of stack."""
+        self.without = {}
         for element in stack:
             if element.name not in self.holds:
-                self.holds[element.name] = element.hold(state)
-        self.current = {element.name: self.holds[element.name] for element in stack}
+                self._take_hold(element, state)
+        self.current = {element.name: self._held(element.name) for element in stack}
+
+    def _held(self, name: str) -> Reference:
+        return self.holds.get(name) or Reference(name)
+
+    def _take_hold(self, element: Element, state: State) -> None:
+        try:
+            held: object = element.hold(state)
+        except Exception as error:
+            if type(element).__module__.startswith(OWN):
+                raise
+            self.without[element.name] = f"its hold value raised {type(error).__name__}: {error}"
+            return
+        if isinstance(held, Reference):
+            self.holds[element.name] = held
+        else:
+            self.without[element.name] = f"its hold value is no reference, but {type(held).__name__}"
+
+    def lacking(self) -> tuple[str, ...]:
+        """Elements that have neither a hold value nor a reference in this tick."""
+        return tuple(name for name in self.without if self.current[name].value is None) if self.without else ()
 
     def apply(self, references: tuple[Reference, ...]) -> None:
         """Put this tick's references in place of the hold values; raises UnknownReference, DeclarationError."""
-        current, holds = self.current, self.holds
+        current = self.current
         for old in self.given:
-            current[old.name] = holds[old.name]
+            current[old.name] = self._held(old.name)
         self.given = []
         for reference in references:
             if not isinstance(reference, Reference) or reference.name not in current:
                 refuse(reference, current)
             name = reference.name
-            held = holds[name].value
+            held = self._held(name).value
             if reference.value is None:
                 reference = reference.aiming_at(held)
             elif held is not None and reference.value.shape != held.shape:
@@ -65,24 +90,24 @@ class References:
         """Refill without what cannot be used: hold values for members of ``subject_to``, free rows for all others."""
         given = {reference.name for reference in self.given}
         for name, error in program.errors.items():
-            if name in given and isinstance(error, DeclarationError) and self.holds[name].value is None:
+            if name in given and isinstance(error, DeclarationError) and self._held(name).value is None:
                 raise error  # a reference of the wrong length, which only the element could tell
         wrong = tuple(name for name in unusable if name in given and not self.current[name].finite)
         notes = []
         for name in wrong:
-            self.current[name] = self.holds[name]
+            self.current[name] = self._held(name)
         self.given = [reference for reference in self.given if reference.name not in wrong]
         broken = unusable
         out = tuple(name for name in wrong if name not in hard)
         if wrong:
             program.fill(state, self.current, self.given)
-            broken = program.unusable()
+            broken = tuple(dict.fromkeys(program.unusable() + self.lacking()))
         for name in wrong:
             done = "left out of this tick" if name in out or name in broken else "its hold value was taken instead"
             notes.append(Note(name, Status.INVALID_REFERENCE, f"its reference is not finite: {done}"))
         for name in broken:
             if name not in wrong:
-                reason = program.reason(name)
+                reason = self.without.get(name) or program.reason(name)
                 notes.append(Note(name, Status.INVALID_ELEMENT, f"{reason}: left out of this tick"))
         left_out = dict.fromkeys((*out, *broken))
         if left_out:

@@ -6,6 +6,7 @@ import logging
 import math
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from time import monotonic, perf_counter
@@ -21,7 +22,7 @@ from hqp.contact_watch import ContactWatch
 from hqp.controller import DEADLINE, Controller
 from hqp.direct import Direct
 from hqp.easing import Easing
-from hqp.errors import ConcurrentUse, DeclarationError, DynamicsFailed, ModelError
+from hqp.errors import ConcurrentUse, DeclarationError, DynamicsFailed, ModelError, StaleState
 from hqp.outgoing import better, culprits, within_rates
 from hqp.problem import Hierarchy, Solution, Status
 from hqp.reference import Reference
@@ -218,6 +219,8 @@ class Session:
 
     def _find_direct(self) -> None:
         """Ordinary ticks from now on, once hold values are known and an answer was usable."""
+        if self._references.without:
+            return
         self._direct_known = True
         if self._limiter is None and not self._check.ages:
             self._direct = self._compiled.direct()
@@ -243,7 +246,7 @@ class Session:
         notes: tuple[Note, ...] = ()
         try:
             program.prepare(state)
-            if not asked.current:
+            if not asked.current or asked.without:
                 asked.take_holds(self.stack, state)
             prepared = perf_counter()
             state.commanded = self._x if self._velocity and self._good is not None else None
@@ -251,6 +254,8 @@ class Session:
                 asked.apply(references)
             program.fill(state, asked.current, asked.given)
             unusable = program.unusable()
+            if asked.without:
+                unusable = tuple(dict.fromkeys(unusable + asked.lacking()))
             if unusable:
                 notes = asked.repair(program, self._hard, state, unusable)
         except (DynamicsFailed, np.linalg.LinAlgError) as error:
@@ -351,7 +356,9 @@ class Session:
         self._enter()
         try:
             for point in path(self, stack, 1.0)[1:]:
-                self._compiler.compile(point.stack).direct()
+                compiled = self._compiler.compile(point.stack)
+                with suppress(StaleState):  # no state is at hand: the native loop is made at the change
+                    compiled.direct()
         finally:
             self._lock.release()
 

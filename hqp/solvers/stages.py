@@ -321,10 +321,15 @@ class StagedWorkspace:
 
     def _bind(self, problem: Hierarchy) -> None:
         check_shape(problem, self._shape)
-        self._problem, self._plain, self._has_prices = problem, problem.exact(), any(problem.priced)
+        self._problem = None  # until all of it is bound
+        self._plain, self._has_prices = problem.exact(), any(problem.priced)
         self._heads.clear()
-        if self._native is None or not self._has_prices:
-            return
+        if self._native is not None and self._has_prices:
+            self._bind_stages(problem, self._native)
+        self._problem = problem
+
+    def _bind_stages(self, problem: Hierarchy, stages: NativeStages) -> None:
+        """Bind the native stages to the arrays of a problem, and make the hierarchy that they leave."""
         priced = [bool(p) for p in problem.priced]
         below, handed = list[Rows](), list[tuple[Mat | None, Vec, Vec] | None]()
         for k, (rows, price) in enumerate(zip(problem.levels, priced, strict=True)):
@@ -337,7 +342,7 @@ class StagedWorkspace:
         self._final = replace(self._plain, levels=tuple(below), stacked=None)
         shares = problem.shares if problem.shares is not None else np.full(len(priced), SHARE)
         motion = problem.motion
-        self._native.bind(
+        stages.bind(
             [row_arrays(rows) for rows in problem.levels],
             handed,
             np.ascontiguousarray(problem.prices),

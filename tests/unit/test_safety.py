@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import pickle
 import threading
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -352,7 +352,9 @@ class Wall(Inequality):
         object.__setattr__(self, "_count", getattr(self, "_count", 0) + 1)
         if getattr(self, "_count", 0) == 1:
             return -5.0, 5.0
-        return {"crossed": (1.0, -1.0), "nan": (-1.0, np.nan), "infinite": (-1.0, -np.inf)}[self.kind]
+        return {"crossed": (1.0, -1.0), "nan": (-1.0, np.nan), "infinite": (-1.0, -np.inf), "beyond": (np.inf, np.inf)}[
+            self.kind
+        ]
 
 
 @FORMULATIONS
@@ -373,7 +375,7 @@ def test_a_faulty_task_costs_no_other_element_its_rows(robot: Robot, formulation
 
 
 @FORMULATIONS
-@pytest.mark.parametrize("kind", ["crossed", "nan", "infinite"])
+@pytest.mark.parametrize("kind", ["crossed", "nan", "infinite", "beyond"])
 def test_a_faulty_constraint_costs_no_other_element_its_rows(robot: Robot, formulation: Any, kind: str) -> None:
     run, without = (
         session(robot, formulation, stack(Wall(name="wall", kind=kind))),
@@ -386,6 +388,73 @@ def test_a_faulty_constraint_costs_no_other_element_its_rows(robot: Robot, formu
             assert [note.element for note in tick.notes] == ["wall"]
             assert "bounds" in tick.notes[0].detail
         assert np.abs(tick.command - plain.command).max() < 1e-9 * (1.0 + np.abs(plain.command).max())
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Unsteady(Position):
+    """A user's task that now and then has no hold value or no Jacobian."""
+
+    units: ClassVar[tuple[Any, ...]] = ()
+    fault: Any = dataclasses.field(default_factory=lambda: {"": None}, compare=False)
+
+    def hold(self, state: Any) -> Any:
+        if self.fault.get("hold") == "raises":
+            raise ValueError("no sight of it")
+        return None if self.fault.get("hold") == "none" else super().hold(state)
+
+    def jacobian(self, state: Any) -> Any:
+        if self.fault.get("J") == "raises":
+            raise KeyError("no sight of it")
+        return super().jacobian(state) * (np.nan if self.fault.get("J") == "nan" else 1.0)
+
+
+@FORMULATIONS
+@pytest.mark.parametrize("how", ["raises", "none"])
+@pytest.mark.parametrize("when", ["first", "change", "eased"])
+def test_an_element_without_a_hold_value_is_left_out(robot: Robot, formulation: Any, how: str, when: str) -> None:
+    """It is asked again in every tick, and takes part once it has a hold value or is given a reference."""
+    task = Unsteady(frame="l_palm", name="unsteady")
+    whole = Stack(*stack().levels[:1], Level(task), *stack().levels[1:], subject_to=stack().subject_to)
+    run = session(robot, formulation, whole if when == "first" else stack())
+    if when != "first":
+        run.step(robot.state())
+        run.change(whole, 0.02 if when == "eased" else 0.0)
+    task.fault["hold"] = how
+    for _ in range(4):
+        tick = run.step(robot.state())
+        assert tick.status is Status.INVALID_ELEMENT
+        assert [note.element for note in tick.notes] == ["unsteady"]
+        assert "hold value" in tick.notes[0].detail
+        assert np.isfinite(tick.command).all()
+    goal = task.at(robot.state().position("l_palm"))
+    assert run.step(robot.state(), goal).status is Status.OPTIMAL
+    assert run.step(robot.state()).status is Status.INVALID_ELEMENT
+    task.fault["hold"] = ""
+    assert all(run.step(robot.state()).status is Status.OPTIMAL for _ in range(20))
+
+
+@pytest.mark.parametrize("how", ["raises", "nan"])
+def test_a_change_to_an_element_without_a_jacobian_is_refused(robot: Robot, how: str) -> None:
+    task = Unsteady(frame="l_palm", name="unsteady", fault={"J": how})
+    run = session(robot)
+    before = run.step(robot.state())
+    whole = Stack(*stack().levels[:1], Level(task), *stack().levels[1:], subject_to=stack().subject_to)
+    for act in (run.change, run.prepare):
+        with pytest.raises(DeclarationError, match=r"unsteady.*Jacobian at home"):
+            act(whole)
+    assert np.array_equal(run.step(robot.state()).command, before.command)
+
+
+def test_a_stack_is_prepared_where_the_robot_has_moved_on(robot: Robot) -> None:
+    rates = RateLimits(torque=1e5)  # no native loop is made in the first step
+    run, other = session(robot, hqp.Torque(), rates=rates), stack(TorqueLimits()).without("hand")
+    run.step(robot.state())
+    run.change(other)
+    run.step(robot.state())
+    robot.state()
+    run.prepare(stack(TorqueLimits()))
+    run.prepare(other)
+    assert run.step(robot.state()).status is Status.OPTIMAL
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
