@@ -5,10 +5,6 @@
 // its bounds. Coordinates with one value left (frozen joints) are columns taken out of B. It begins with the set of the
 // last tick; rows of the wrong sign leave and violated rows enter, all at once. A set that does not settle in a few
 // rounds shows nothing, and the stage decides.
-//
-// In a loop all this changes little from tick to tick: with the inverse of B B' of an earlier tick, the multipliers of
-// the last one need one step of refinement, and their error can be told. Where what follows is clear by a margin, no
-// factor is made (near()).
 #pragma once
 
 #include <algorithm>
@@ -18,19 +14,14 @@
 #include <vector>
 
 #include "coordinates.hpp"
+#include "refined.hpp"
 #include "stages.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kHolds = 1e-9;     // rows hold at the point of least motion, relative to 1 + |value|
 constexpr double kDepends = 1e-10;  // a row's square below this fraction of itself, off the rows before, is dependent
 constexpr int kRounds = 8;          // working sets tried for a level
-constexpr double kClear = 0.9;      // c ||u|| that is clear of 1
-constexpr double kStep = 0.02;      // of c ||u|| from one tick to the next
-constexpr double kRefined = 0.02;   // of a residual, left by a step of refinement
-constexpr double kMargin = 0.1;     // of that step, to a bound
-constexpr int kLongest = 100;       // ticks that it does
 
 class Settled {
  public:
@@ -41,7 +32,6 @@ class Settled {
         width_(padded(rows + 1)),
         level_(levels),
         warm_(levels.size()),
-        last_(levels.size()),
         first_(levels.size()),
         B_(static_cast<std::size_t>(rows) * ld_),
         U_(static_cast<std::size_t>(rows) * width_),
@@ -53,10 +43,10 @@ class Settled {
         held_(rows),
         number_(rows),
         kept_(rows),
-        value_(width_),
         y_(ld_),
-        a_(ld_),
-        x_(ld_) {
+        a_(n),
+        x_(n),
+        refined_(n, levels, rows) {
     int before = 0;
     for (std::size_t k = 0; k < levels.size(); ++k) {
       first_[k] = before;
@@ -66,7 +56,7 @@ class Settled {
 
   void forget() {
     for (auto& set : warm_) set.clear();
-    for (Last& last : last_) last.known = false;
+    refined_.forget();
   }
 
   // x: the exact answer, whose values exact levels keep.
@@ -74,6 +64,7 @@ class Settled {
     at_ = &coordinates;
     prices_ = prices;
     exact_ = x;
+    refined_.begin(coordinates, prices, x);
     count_ = equalities_ = reached_ = 0;
     consistent_ = independent_ = true;
     taken_out_.clear();
@@ -90,137 +81,23 @@ class Settled {
 
   // Whether priced level k, the next one down, is met for its price.
   bool meets(int k) {
-    if (near(k)) return true;
-    last_[k].known = false;
+    if (refined_.clear(k)) return true;
     for (; reached_ < k; ++reached_) enter(reached_);
     const int own = equalities_;
     enter(k);
     reached_ = k + 1;
     const bool met = consistent_ && own_rank_ && least_motion(k) && prices_[k] * multipliers(k, own) <= 1.0;
-    if (met && independent_) remember(k);
+    if (met && independent_)
+      refined_.take(k, count_, number_.data(), held_.data(), lambda_.data(), U_.data(), width_, inverse_.data());
     return met;
   }
 
  private:
-  // What a test found, for the next tick: rows as numbered in B, their multipliers (all rows down to the level), the
-  // inverse of B B', the part each row has.
-  struct Last {
-    bool known = false;
-    int age = 0;
-    std::vector<int> rows;
-    std::vector<double> lambda, change, inverse;
-    std::vector<signed char> part;
-  };
-  enum Part : signed char { kBelow = -1, kFree, kAbove, kEqual, kOut };
-
-  // Whether level k is met for its price by a margin, as the test before told and little has changed.
-  bool near(int k) {
-    Last& last = last_[k];
-    if (!last.known || ++last.age > kLongest) return false;
-    at_->point(combined(k, last.lambda), x_.data());
-    for (int l = 0; l <= k; ++l)
-      for (int i = 0; i < level_[l].m && !level_[l].A; ++i)
-        if (last.part[first_[l] + i] == kOut) x_[level_[l].index[i]] = exact_[level_[l].index[i]];
-    for (int l = 0; l <= k; ++l) {
-      const PricedLevel& level = level_[l];
-      const signed char* part = &last.part[first_[l]];
-      double* value = &value_[first_[l]];
-      if (level.A) dots_any(x_.data(), level.A, n_, level.m, n_, value);
-      for (int i = 0; i < level.m; ++i) {
-        if ((level.lower[i] == level.upper[i]) != (part[i] >= kEqual)) return false;
-        if (!level.A) value[i] = level.scale[i] * x_[level.index[i]];
-        if (part[i] != kFree) value[i] = (part[i] == kBelow ? level.lower[i] : level.upper[i]) - value[i];
-      }
-    }
-    const int c = static_cast<int>(last.rows.size());
-    for (int j = 0; j < c; ++j) lambda_[j] = value_[last.rows[j]];
-    std::fill(column_.begin(), column_.begin() + c, 0.0);
-    add_rows(column_.data(), last.inverse.data(), c, c, 1.0, lambda_.data(), 1, c);
-    double square = 0.0, moved = 0.0;
-    for (int j = 0; j < c; ++j) {
-      const int row = last.rows[j];
-      last.change[row] = column_[j];
-      const double lambda = last.lambda[row] += column_[j];
-      if (std::abs(last.part[row]) == 1 && !(last.part[row] * lambda < -std::abs(column_[j]))) return false;
-      if (row < first_[k]) continue;
-      square += lambda * lambda;
-      moved += column_[j] * column_[j];
-    }
-    moved = prices_[k] * std::sqrt(moved);
-    if (!(moved < kStep && prices_[k] * std::sqrt(square) + 2.0 * moved < kClear)) return false;
-    at_->step(combined(k, last.change), x_.data());
-    double before = 0.0, after = 0.0;  // residuals
-    for (int l = 0; l <= k; ++l) {
-      const PricedLevel& level = level_[l];
-      double* step = lambda_.data();
-      if (level.A) dots_any(x_.data(), level.A, n_, level.m, n_, step);
-      for (int i = 0; i < level.m; ++i) {
-        const int row = first_[l] + i;
-        if (!level.A) step[i] = level.scale[i] * x_[level.index[i]];
-        if (last.part[row] == kOut) continue;
-        if (last.part[row] != kFree) {
-          before = larger(before, std::abs(value_[row]));
-          after = larger(after, std::abs(value_[row] - step[i]));
-          continue;
-        }
-        const double value = value_[row] + step[i], close = kMargin * std::abs(step[i]) - kHolds;
-        if (!(value - level.lower[i] >= close && level.upper[i] - value >= close)) return false;
-      }
-    }
-    return after <= kRefined * before + kHolds;
-  }
-
-  // In motion coordinates: the sum of all rows down to level k.
-  const double* combined(int k, const std::vector<double>& weights) {
-    std::fill(y_.begin(), y_.end(), 0.0);
-    for (int l = 0; l <= k; ++l) {
-      const PricedLevel& level = level_[l];
-      const double* weight = &weights[first_[l]];
-      if (level.A) {
-        add_rows(y_.data(), level.A, n_, level.m, 1.0, weight, 1, n_);
-        continue;
-      }
-      for (int i = 0; i < level.m; ++i) y_[level.index[i]] += level.scale[i] * weight[i];
-    }
-    at_->row(y_.data(), a_.data());
-    return a_.data();
-  }
-
   // Which row of which level.
   std::pair<const PricedLevel&, int> place(int row) const {
     int l = 0;
     while (l + 1 < static_cast<int>(level_.size()) && first_[l + 1] <= row) ++l;
     return {level_[l], row - first_[l]};
-  }
-
-  void remember(int k) {
-    Last& last = last_[k];
-    const int c = count_, all = first_[k] + level_[k].m;
-    last.known = true;
-    last.age = 0;
-    last.rows.assign(number_.begin(), number_.begin() + c);
-    last.lambda.assign(all, 0.0);
-    last.change.assign(all, 0.0);
-    last.part.assign(all, kFree);
-    for (int j = 0; j < c; ++j) {
-      last.lambda[number_[j]] = lambda_[j];
-      last.part[number_[j]] = held_[j] > 0 ? kAbove : held_[j] < 0 ? kBelow : kEqual;
-    }
-    for (int l = 0; l <= k; ++l)
-      for (int i = 0; i < level_[l].m; ++i)
-        if (level_[l].lower[i] == level_[l].upper[i] && last.part[first_[l] + i] == kFree)
-          last.part[first_[l] + i] = kOut;
-    // row by row of W = U^-T, and the inverse W' W
-    last.inverse.assign(static_cast<std::size_t>(c) * c, 0.0);
-    W_.assign(static_cast<std::size_t>(c) * c, 0.0);
-    for (int i = 0; i < c; ++i) {
-      double* w = &W_[static_cast<std::size_t>(i) * c];
-      w[i] = 1.0;
-      for (int j = 0; j < i; ++j)
-        add_any(w, &W_[static_cast<std::size_t>(j) * c], -U_[static_cast<std::size_t>(j) * width_ + i], j + 1);
-      scale(w, i + 1, inverse_[i]);
-      for (int j = 0; j <= i; ++j) add_any(&last.inverse[static_cast<std::size_t>(j) * c], w, w[j], i + 1);
-    }
   }
 
   // Rows that level k leaves to those below hold: of an exact level as x meets them, of a priced one its equalities.
@@ -399,14 +276,13 @@ class Settled {
   int ld_, width_;
   const std::vector<PricedLevel>& level_;
   std::vector<std::vector<int>> warm_;  // of each level: a row's number + 1, negative at its lower bound
-  std::vector<Last> last_;
   std::vector<int> first_;
   std::vector<double> B_, U_, b_, z_, lambda_, column_, inverse_;  // B B' = U' U, inverse_ 1 / U_jj
   std::vector<int> held_, number_;  // how a row is held, as in warm_; which of all rows it is
   std::vector<char> kept_;
-  std::vector<double> value_, W_;
   std::vector<double> y_, a_, x_;
   std::vector<std::pair<int, double>> taken_out_;  // coordinates, their values
+  Refined refined_;
   const Coordinates* at_ = nullptr;
   const double *prices_ = nullptr, *exact_ = nullptr;
   int count_ = 0, equalities_ = 0, reached_ = 0;  // reached_: levels whose rows have entered

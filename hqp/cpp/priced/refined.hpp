@@ -1,0 +1,184 @@
+// Whether a level is still met for its price, from the multipliers of the last tick (settled.hpp): with the inverse of
+// B B' of an earlier tick they take one step of iterative refinement. That shows it where the step leaves little of
+// every residual and what follows is clear by a margin; else the level is tested in full.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "coordinates.hpp"
+#include "stages.hpp"
+
+namespace hqp {
+inline namespace HQP_ISA {
+
+constexpr double kHolds = 1e-9;    // rows hold at the point of least motion, relative to 1 + |value|
+constexpr double kClear = 0.9;     // c ||u|| that is clear of 1
+constexpr double kStep = 0.02;     // of c ||u|| from one tick to the next
+constexpr double kRefined = 0.02;  // of a residual, left by a step of refinement
+constexpr double kMargin = 0.1;    // of that step, to a bound
+constexpr int kLongest = 100;      // ticks that it does
+
+class Refined {
+ public:
+  Refined(int n, const std::vector<PricedLevel>& levels, int rows)
+      : n_(n),
+        level_(levels),
+        first_(levels.size()),
+        last_(levels.size()),
+        value_(padded(rows + 1)),
+        residual_(padded(rows + 1)),
+        change_(padded(rows + 1)),
+        y_(padded(n)),
+        b_(padded(n)),
+        x_(padded(n)) {
+    int before = 0;
+    for (std::size_t k = 0; k < levels.size(); ++k) {
+      first_[k] = before;
+      before += levels[k].m;
+    }
+  }
+
+  void forget() {
+    for (Last& last : last_) last.known = false;
+  }
+
+  void begin(const Coordinates& coordinates, const double* prices, const double* x) {
+    at_ = &coordinates;
+    prices_ = prices;
+    exact_ = x;
+  }
+
+  // Whether level k is met for its price by a margin; where it is not shown, a full test has to be taken first.
+  bool clear(int k) {
+    Last& last = last_[k];
+    last.known = last.known && ++last.age <= kLongest && shown(k, last);
+    return last.known;
+  }
+
+  // What a full test of level k found: c rows of the problem by number, how they are held (as Settled does), their
+  // multipliers, and B B' = U'U with 1 / U_jj.
+  void take(int k, int c, const int* number, const int* held, const double* lambda, const double* U, int width,
+            const double* inverse) {
+    Last& last = last_[k];
+    const int all = first_[k] + level_[k].m;
+    last.known = true;
+    last.age = 0;
+    last.rows.assign(number, number + c);
+    last.lambda.assign(all, 0.0);
+    last.change.assign(all, 0.0);
+    last.part.assign(all, kFree);
+    for (int j = 0; j < c; ++j) {
+      last.lambda[number[j]] = lambda[j];
+      last.part[number[j]] = held[j] > 0 ? kAbove : held[j] < 0 ? kBelow : kEqual;
+    }
+    for (int l = 0; l <= k; ++l)
+      for (int i = 0; i < level_[l].m; ++i)
+        if (level_[l].lower[i] == level_[l].upper[i] && last.part[first_[l] + i] == kFree)
+          last.part[first_[l] + i] = kOut;
+    // row by row of W = U^-T, and the inverse W' W
+    last.inverse.assign(static_cast<std::size_t>(c) * c, 0.0);
+    W_.assign(static_cast<std::size_t>(c) * c, 0.0);
+    for (int i = 0; i < c; ++i) {
+      double* w = &W_[static_cast<std::size_t>(i) * c];
+      w[i] = 1.0;
+      for (int j = 0; j < i; ++j)
+        add_any(w, &W_[static_cast<std::size_t>(j) * c], -U[static_cast<std::size_t>(j) * width + i], j + 1);
+      scale(w, i + 1, inverse[i]);
+      for (int j = 0; j <= i; ++j) add_any(&last.inverse[static_cast<std::size_t>(j) * c], w, w[j], i + 1);
+    }
+  }
+
+ private:
+  // Rows as numbered in B, multipliers and parts of all rows down to the level, the inverse of B B'.
+  struct Last {
+    bool known = false;
+    int age = 0;
+    std::vector<int> rows;
+    std::vector<double> lambda, change, inverse;
+    std::vector<signed char> part;
+  };
+  enum Part : signed char { kBelow = -1, kFree, kAbove, kEqual, kOut };
+
+  bool shown(int k, Last& last) {
+    at_->point(combined(k, last.lambda), x_.data());
+    for (int l = 0; l <= k; ++l)
+      for (int i = 0; i < level_[l].m && !level_[l].A; ++i)
+        if (last.part[first_[l] + i] == kOut) x_[level_[l].index[i]] = exact_[level_[l].index[i]];
+    for (int l = 0; l <= k; ++l) {
+      const PricedLevel& level = level_[l];
+      const signed char* part = &last.part[first_[l]];
+      double* value = &value_[first_[l]];
+      if (level.A) dots_any(x_.data(), level.A, n_, level.m, n_, value);
+      for (int i = 0; i < level.m; ++i) {
+        if ((level.lower[i] == level.upper[i]) != (part[i] >= kEqual)) return false;
+        if (!level.A) value[i] = level.scale[i] * x_[level.index[i]];
+        if (part[i] != kFree) value[i] = (part[i] == kBelow ? level.lower[i] : level.upper[i]) - value[i];
+      }
+    }
+    const int c = static_cast<int>(last.rows.size());
+    for (int j = 0; j < c; ++j) residual_[j] = value_[last.rows[j]];
+    std::fill(change_.begin(), change_.begin() + c, 0.0);
+    add_rows(change_.data(), last.inverse.data(), c, c, 1.0, residual_.data(), 1, c);
+    double square = 0.0, moved = 0.0;
+    for (int j = 0; j < c; ++j) {
+      const int row = last.rows[j];
+      last.change[row] = change_[j];
+      const double lambda = last.lambda[row] += change_[j];
+      if (std::abs(last.part[row]) == 1 && !(last.part[row] * lambda < -std::abs(change_[j]))) return false;
+      if (row < first_[k]) continue;
+      square += lambda * lambda;
+      moved += change_[j] * change_[j];
+    }
+    moved = prices_[k] * std::sqrt(moved);
+    if (!(moved < kStep && prices_[k] * std::sqrt(square) + 2.0 * moved < kClear)) return false;
+    at_->step(combined(k, last.change), x_.data());
+    double before = 0.0, after = 0.0;  // residuals
+    for (int l = 0; l <= k; ++l) {
+      const PricedLevel& level = level_[l];
+      double* step = residual_.data();
+      if (level.A) dots_any(x_.data(), level.A, n_, level.m, n_, step);
+      for (int i = 0; i < level.m; ++i) {
+        const int row = first_[l] + i;
+        if (!level.A) step[i] = level.scale[i] * x_[level.index[i]];
+        if (last.part[row] == kOut) continue;
+        if (last.part[row] != kFree) {
+          before = larger(before, std::abs(value_[row]));
+          after = larger(after, std::abs(value_[row] - step[i]));
+          continue;
+        }
+        const double value = value_[row] + step[i], close = kMargin * std::abs(step[i]) - kHolds;
+        if (!(value - level.lower[i] >= close && level.upper[i] - value >= close)) return false;
+      }
+    }
+    return after <= kRefined * before + kHolds;
+  }
+
+  // In motion coordinates: the sum of all rows down to level k.
+  const double* combined(int k, const std::vector<double>& weights) {
+    std::fill(y_.begin(), y_.end(), 0.0);
+    for (int l = 0; l <= k; ++l) {
+      const PricedLevel& level = level_[l];
+      const double* weight = &weights[first_[l]];
+      if (level.A) {
+        add_rows(y_.data(), level.A, n_, level.m, 1.0, weight, 1, n_);
+        continue;
+      }
+      for (int i = 0; i < level.m; ++i) y_[level.index[i]] += level.scale[i] * weight[i];
+    }
+    at_->row(y_.data(), b_.data());
+    return b_.data();
+  }
+
+  int n_;
+  const std::vector<PricedLevel>& level_;
+  std::vector<int> first_;
+  std::vector<Last> last_;
+  std::vector<double> value_, residual_, change_, W_, y_, b_, x_;
+  const Coordinates* at_ = nullptr;
+  const double *prices_ = nullptr, *exact_ = nullptr;
+};
+
+}  // namespace HQP_ISA
+}  // namespace hqp
