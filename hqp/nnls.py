@@ -6,6 +6,9 @@ import numpy as np
 
 from hqp.arrays import Mask, Mat, Vec
 
+DEPENDENT = 1e-13
+"""Singular values of the passive columns below this fraction of the largest add no direction."""
+
 
 def nonnegative_least_squares(G: Mat, b: Vec) -> Vec:
     """min ||G mu - b|| over mu >= 0, ``(k,)``, by the active set of Lawson and Hanson (1974), chapter 23.
@@ -18,7 +21,7 @@ def nonnegative_least_squares(G: Mat, b: Vec) -> Vec:
     tried = np.zeros(k, dtype=bool)  # entered without a decrease that can be seen: another column may show one
     enough = 1e-15 * float(np.abs(b).max(initial=0.0))
     for _ in range(3 * (k + b.size)):
-        pull = G.T @ (b - G @ mu)
+        pull = G.T @ _rest(G, b, passive)
         pull[passive | tried] = 0.0
         entering = int(np.argmax(pull)) if k else 0
         if not k or pull[entering] <= enough:
@@ -31,12 +34,22 @@ def nonnegative_least_squares(G: Mat, b: Vec) -> Vec:
     return mu
 
 
+def _rest(G: Mat, b: Vec, passive: Mask) -> Vec:
+    """What the least squares over the passive set leave of b, by projection: b - G mu is as rounded as mu is large."""
+    if not passive.any():
+        return b
+    U, sigma, _ = np.linalg.svd(G[:, passive], full_matrices=False)
+    Q = U[:, sigma > DEPENDENT * sigma[0]]
+    rest = b - Q @ (b @ Q)
+    return np.asarray(rest - Q @ (rest @ Q))
+
+
 def _restore(G: Mat, b: Vec, mu: Vec, passive: Mask) -> bool:
     """Move mu towards the least squares over the passive set, dropping what turns negative."""
     before = float(np.linalg.norm(b - G @ mu))
     while passive.any():
         chosen = np.flatnonzero(passive)
-        aim = np.linalg.lstsq(G[:, chosen], b, rcond=1e-13)[0]
+        aim = np.linalg.lstsq(G[:, chosen], b, rcond=DEPENDENT)[0]
         if np.all(aim > 0.0):
             mu[:] = 0.0
             mu[chosen] = aim

@@ -132,6 +132,16 @@ def test_a_direction_that_is_none_decides_no_sign() -> None:
 
 
 @needs_kernel
+def test_large_multipliers_of_rows_nearly_parallel_do_not_hide_one_more() -> None:
+    """Of 4e5 and of columns that agree but for 1e-7: what they left of the gradient was rounding, and a right answer
+    was refused."""
+    problem = fuzz.problem("near_parallel", 3189278)[0]
+    solution = hqp.solvers.load("lexicographic").solve(problem)
+    assert solution.status.solved, solution.detail
+    assert certificate(problem, solution.x, 1e-8).ok
+
+
+@needs_kernel
 def test_a_short_row_below_does_not_widen_the_bounds_above() -> None:
     """The goal of the second level is 3e9 away: a bound exceeded by 2e-5 once counted as met because of it."""
     upper = np.array([1.0, 1e-9])

@@ -63,11 +63,12 @@ class ActiveSet final : public Step {
         return true;
       }
       changes_.start();
-      for (int r = 0; r < table.rows; ++r)
-        if (side_[r]) {
-          W[r] = side_[r];
-          changes_.note_join(r, side_[r]);
-        }
+      for (int q = 0; q < table.inequalities; ++q) {
+        const int r = table.unequal[q];
+        if (!side_[r]) continue;
+        W[r] = side_[r];
+        changes_.note_join(r, side_[r]);
+      }
       for (int i = 0; i < table.n; ++i)
         if (side_x_[i]) {
           F[i] = side_x_[i];
@@ -116,7 +117,11 @@ class ActiveSet final : public Step {
     }
     if (!better) return;
     for (int k = 0; k + 1 < table.blocks; ++k) start_slack_[k] = change_[k];
-    for (int r = 0; r < table.rows; ++r) start_W_[r] = side_[r] ? side_[r] : W[r];
+    for (int r = 0; r < table.rows; ++r) start_W_[r] = W[r];
+    for (int q = 0; q < table.inequalities; ++q) {
+      const int r = table.unequal[q];
+      if (side_[r]) start_W_[r] = side_[r];
+    }
     for (int i = 0; i < table.n; ++i) {
       start_F_[i] = side_x_[i] ? side_x_[i] : F[i];
       start_x_[i] = x[i];
@@ -292,8 +297,8 @@ class ActiveSet final : public Step {
   // The working set that the search level by level ended with, for the next problem.
   void take_working_set() {
     table.product(x, v);
-    for (int r = 0; r < table.rows; ++r) {
-      if (table.kind[r] != kUpper) continue;
+    for (int q = 0; q < table.inequalities; ++q) {
+      const int r = table.unequal[q];
       const double out = table.beyond(r, v[r]);
       const std::int8_t side = out > 0.0 ? kUpper : out < 0.0 ? kLower : kFree, held = level_search.held(table.n + r);
       W[r] = held ? held : side;

@@ -53,8 +53,8 @@ struct Multipliers {
     doubted = false;
     for (int i = 0; i < t.n; ++i)
       if (F[i] && !t.fixed[i]) open_x[open_variables++] = i;
-    for (int r = 0; r < t.rows; ++r)
-      if (W[r] && t.kind[r] == kUpper) open[open_rows++] = r;
+    for (int q = 0; q < t.inequalities; ++q)
+      if (W[t.unequal[q]]) open[open_rows++] = t.unequal[q];
     if (!pending()) return;
     const double span = t.span(tableau->x);
     for (int k = 0; k < t.blocks && k <= tableau->lowest && pending(); ++k) {

@@ -15,8 +15,8 @@ class Step : public WorkingSet {
   // Rows violated at x work at their side, rows well inside do not, rows at a bound stay as they are.
   void sort_rows() {
     const double size = table.span(x);
-    for (int r = 0; r < table.rows; ++r) {
-      if (table.kind[r] != kUpper) continue;
+    for (int q = 0; q < table.inequalities; ++q) {
+      const int r = table.unequal[q];
       const double above = slackness(r, table.upper[r], size), below = slackness(r, table.lower[r], size);
       const std::int8_t old = W[r];
       if (v[r] > table.upper[r] + above) W[r] = kUpper;
@@ -32,8 +32,10 @@ class Step : public WorkingSet {
     for (int k = 0; k < table.blocks; ++k) {
       const Block& b = table.block[k];
       double square = 0.0;
-      for (int r = b.begin; r < b.end; ++r)
-        if (W[r]) square += change_[r] * change_[r];
+      if (b.equalities) square = dot_any(change_ + b.begin, change_ + b.begin, b.end - b.begin);
+      else
+        for (int r = b.begin; r < b.end; ++r)
+          if (W[r]) square += change_[r] * change_[r];
       if (std::sqrt(square) > larger(1e-9 * b.norm, b.rounding) * (length + 1e-3 * size)) return k;
     }
     return table.blocks;
@@ -66,9 +68,10 @@ class Step : public WorkingSet {
         side = step_[i] > 0 ? kUpper : kLower;
       }
     }
-    const int rows = level < table.blocks ? table.block[level].begin : table.rows;
-    for (int r = 0; r < rows; ++r) {
-      if (table.kind[r] != kUpper || W[r] || change_[r] == 0.0) continue;
+    const int above = level < table.blocks ? table.block[level].unequal_begin : table.inequalities;
+    for (int q = 0; q < above; ++q) {
+      const int r = table.unequal[q];
+      if (W[r] || change_[r] == 0.0) continue;
       const double bound = change_[r] > 0 ? table.upper[r] : table.lower[r];
       const double over = change_[r] > 0 ? target_[r] - bound : bound - target_[r];
       if (!is_over(r, over, bound, size)) continue;
@@ -143,8 +146,9 @@ class Step : public WorkingSet {
   void bend(int level, double size, double& alpha, int& row, int& variable, std::int8_t& side) const {
     double first = kInfinity;
     int nearest = -1;
-    for (int r = table.block[level].begin; r < table.block[level].end; ++r) {
-      if (table.kind[r] != kUpper || W[r] || change_[r] == 0.0) continue;
+    for (int q = table.block[level].unequal_begin; q < table.block[level].unequal_end; ++q) {
+      const int r = table.unequal[q];
+      if (W[r] || change_[r] == 0.0) continue;
       const double bound = change_[r] > 0 ? table.upper[r] : table.lower[r];
       if (!is_over(r, change_[r] > 0 ? target_[r] - bound : bound - target_[r], bound, size)) continue;
       const double a = larger(0.0, (bound - v[r]) / change_[r]);

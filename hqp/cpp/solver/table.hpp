@@ -20,6 +20,8 @@ struct Block {
   double norm;      // largest norm of a row that is not left out
   double rounding;  // no direction of the level is shorter: what rounding leaves of zero in this problem
   int begin, end;
+  int unequal_begin, unequal_end;  // of its inequalities in `unequal`
+  bool equalities;                 // it has nothing else
 };
 
 struct Table {
@@ -34,6 +36,7 @@ struct Table {
   double* upper = nullptr;
   double* norm = nullptr;
   std::int8_t* kind = nullptr;  // kEquality, kFree = left out, kUpper = inequality
+  int* unequal = nullptr;       // (inequalities,) their rows, in order
   double* lo = nullptr;         // (n,) the box
   double* hi = nullptr;
   std::int8_t* fixed = nullptr;  // (n,) lo == hi
@@ -56,6 +59,7 @@ struct Table {
     arena.place(upper, all);
     arena.place(norm, all);
     arena.place(kind, all);
+    arena.place(unequal, all);
     arena.place(lo, n);
     arena.place(hi, n);
     arena.place(fixed, n);
@@ -191,6 +195,8 @@ struct Table {
     b.begin = rows;
     b.end = rows + level.m;
     b.norm = b.rounding = 0.0;
+    b.unequal_begin = inequalities;
+    b.equalities = true;
     for (int i = 0; i < level.m; ++i) {
       const int r = rows + i;
       const double l = level.lower[i], u = level.upper[i];
@@ -203,11 +209,13 @@ struct Table {
       if (!(square < kInfinity)) return false;
       norm[r] = std::sqrt(square);
       kind[r] = l == u ? kEquality : (l == -kInfinity && u == kInfinity) ? kFree : kUpper;
-      inequalities += kind[r] == kUpper;
+      b.equalities = b.equalities && kind[r] == kEquality;
+      if (kind[r] == kUpper) unequal[inequalities++] = r;
       if (kind[r] == kFree) continue;
       if (norm[r] > b.norm) b.norm = norm[r];
     }
     rows += level.m;
+    b.unequal_end = inequalities;
     return true;
   }
 
@@ -254,6 +262,8 @@ struct Table {
     b.scale = level.scale;
     b.rounding = 0.0;
     b.norm = 1.0;
+    b.unequal_begin = b.unequal_end = inequalities;
+    b.equalities = true;
     b.begin = rows;
     b.end = rows += level.m;
   }

@@ -85,7 +85,7 @@ class WorkingSet {
  protected:
   static constexpr int kSeen = 512;
   static constexpr double kTurns = 2.0;  // another turn like the last one, and what is left to do after it
-  static constexpr int kIdle = 8;        // so many steps of no length may follow one another
+  static constexpr int kIdle = 16;       // so many steps of no length may follow one another
   static constexpr double kNear = 1e4;   // a pivot this near it, or one that magnifies rounding by kGrown, is judged
   static constexpr double kGrown = 1e6;
   static constexpr double kGood = 1e-11;   // an answer that was judged and has a larger gap is lowered level by level
@@ -205,9 +205,10 @@ class WorkingSet {
     const double size = table.span(tableau.x), near = table.largest(tableau.x);
     overlooked_ = near < size && exceeded(near);
     int number = 0;
-    for (int r = 0; r < table.rows; ++r) {
+    for (int q = 0; q < table.inequalities; ++q) {
+      const int r = table.unequal[q];
       side_[r] = 0;
-      if (table.kind[r] != kUpper || W[r]) continue;
+      if (W[r]) continue;
       const double value = target_[r];
       if (is_over(r, value - table.upper[r], table.upper[r], size)) side_[r] = kUpper;
       else if (is_over(r, table.lower[r] - value, table.lower[r], size)) side_[r] = kLower;
@@ -228,11 +229,11 @@ class WorkingSet {
 
   // Whether a row or variable outside the working set exceeds a bound where the size of x is taken to be `size`.
   bool exceeded(double size) const {
-    for (int r = 0; r < table.rows; ++r)
-      if (table.kind[r] == kUpper && !W[r]) {
-        const double out = table.beyond(r, target_[r]);
-        if (std::fabs(out) > slackness(r, out > 0.0 ? table.upper[r] : table.lower[r], size)) return true;
-      }
+    for (int q = 0; q < table.inequalities; ++q) {
+      const int r = table.unequal[q];
+      const double out = table.beyond(r, target_[r]);
+      if (!W[r] && std::fabs(out) > slackness(r, out > 0.0 ? table.upper[r] : table.lower[r], size)) return true;
+    }
     for (int i = 0; i < table.n; ++i) {
       const double bound = inside_box(i, tableau.x[i]), out = std::fabs(tableau.x[i] - bound);
       if (!F[i] && out > options_->feasibility_tolerance * (std::fabs(bound) + size)) return true;
