@@ -99,7 +99,7 @@ class Lexicographic final : public Kernel {
       if (own >= 0) {
         const double length = a.slack(own, set_.W, set_.values(), span);
         if (length > 0.0) {
-          a.gradient(own, set_.W);
+          a.gradient(own);
           a.sweep_above(own, a.lambda);
           a.refine(own);
           int at = before;

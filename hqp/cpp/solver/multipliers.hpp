@@ -64,7 +64,7 @@ struct Multipliers {
       if (length == 0.0) continue;
       own_signs(k, W, span, length);
       if (!pending()) break;
-      gradient(k, W);
+      gradient(k);
       sweep_above(k, lambda);
       const double least = norm * ((0.1 * tolerance) * length + 1e-15 * norm * span);
       const double limit = norm * ((tolerance + 1e-15 * tableau->growth) * length + 1e-15 * norm * span);
@@ -107,7 +107,7 @@ struct Multipliers {
     return std::fabs(w[r]) <= tolerance * (std::fabs(tableau->bound(r, W)) + table->norm[r] * span);
   }
 
-  void gradient(int k, const std::int8_t* W) {
+  void gradient(int k) {
     for (int i = 0; i < table->n; ++i) g[i] = 0.0;
     for (int q = 0; q < tableau->extras; ++q) tableau->extra[q].lambda = 0.0;
     const Block& b = table->block[k];
