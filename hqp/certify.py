@@ -160,7 +160,7 @@ def stage_multipliers(problem: Hierarchy, stages: Mat, level: int, tolerance: fl
 def _stage_judge(problem: Hierarchy, stages: Mat, k: int, at: Coordinates, tolerance: float) -> tuple[_Judge, Rows]:
     """The judge of level k's stage after the levels above, and the set that those leave, as rows."""
     x_k = stages[k]
-    above = feasible_set(problem, stages, k, x_k, at.still)
+    above = feasible_set(problem, stages, k, x_k, at)
     raw = above.dense(problem.n)
     judge = _Judge(problem.n, tolerance, LOCK_TOLERANCE)
     C, shift, y = at.rows(raw), raw @ at.still, at.motion(x_k)

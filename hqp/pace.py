@@ -1,13 +1,19 @@
 """How fast single coordinates (a posture) may move while a priced level above them is not met.
 
-A level after the last price that selects single coordinates asks for x = t on its equality rows, at the speed
-v = ||F (t - x_still)||.  While a priced level is not met it is given
+A level of single coordinates after the last price asks for a_i . x = b_i on its equality rows; where the motion
+E = 1/2 ||F x - f||^2 is no diagonal (torques, of which every coordinate's acceleration has all) every level after the
+last price is one of single coordinates.  Row i alone asks for the speed |y_i|, the least motion that meets it, and the
+level for v = ||y||:
 
-    t' = x_still + y' / F,  y' = sign(y) min(|y|, theta),    y = F (t - x_still),  ||y'|| = min(v, s),
+    y_i = (b_i - a_i . x_still) / ||a_i P||,    F P orthonormal.
+
+While a priced level is not met it is given
+
+    b_i' = a_i . x_still + sign(y_i) min(|y_i|, theta) ||a_i P||,    ||y'|| = min(v, s),
     s = least of p max(1, c_k p^2 / ||w_k||) over the levels not met,
 
 with p the pace of the hierarchy: fast coordinates are slowed alike, slow ones (a gripper) not at all, and y = 0 for
-those that no row of a priced level or of one before it has (the other arm of a robot on a fixed base): they keep t.
+those that no row of a priced level or of one before it has (the other arm of a robot on a fixed base): they keep b_i.
 The floor of every guard (hqp.pricing) is phi = max(floor, min(1, v^2 / p^2)).
 
 The rows of an unmet level turn as fast as the joints move.  In its nearly lost directions the corners of the band that
@@ -18,26 +24,36 @@ jump from corner to corner as fast as the posture asks.
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hqp.arrays import Mask, Vec
 from hqp.problem import Hierarchy, Rows, Selection
 
+if TYPE_CHECKING:
+    from hqp.pricing import Coordinates
+
 
 def coordinates_below(problem: Hierarchy) -> tuple[int, ...]:
     """The levels of single coordinates after the last price; none where no pace bounds them."""
-    if not problem.priced or problem.pace == math.inf or (problem.motion is not None and problem.motion.F.ndim == 2):
+    if not any(problem.priced) or problem.pace == math.inf:
         return ()
     last = max(k for k, priced in enumerate(problem.priced) if priced)
-    return tuple(k for k in range(last + 1, len(problem.levels)) if isinstance(problem.levels[k].A, Selection))
+    return tuple(k for k in range(last + 1, len(problem.levels)) if is_paced(problem, k))
 
 
-def guard_of(problem: Hierarchy, still: Vec) -> float | None:
-    """The floor phi of the guards, None where there are none.  still: ``(n,)``, the point of least motion."""
+def is_paced(problem: Hierarchy, level: int) -> bool:
+    """Whether a level after the last price is one of single coordinates."""
+    mixed = problem.motion is not None and problem.motion.F.ndim == 2
+    return mixed or isinstance(problem.levels[level].A, Selection)
+
+
+def guard_of(problem: Hierarchy, at: Coordinates) -> float | None:
+    """The floor phi of the guards, None where there are none."""
     if not problem.guard:
         return None
-    speed = max((asked(problem, k, still)[1] for k in coordinates_below(problem)), default=0.0)
+    speed = max((float(np.linalg.norm(asked(problem, k, at))) for k in coordinates_below(problem)), default=0.0)
     return max(problem.guard_floor, min(1.0, (speed / problem.pace) ** 2))
 
 
@@ -48,17 +64,16 @@ def speed_below(problem: Hierarchy, level: int, x: Vec) -> float:
     return pace if pace == math.inf else pace * max(1.0, price * pace**2 / float(np.sqrt(w @ w)))
 
 
-def slowed(problem: Hierarchy, level: int, still: Vec, speed: float) -> Rows:
-    """The rows of a level of single coordinates with their targets t' for the speed s; inequality rows as they are."""
-    rows = problem.levels[level]
-    y, size = asked(problem, level, still)
-    if size <= speed:
+def slowed(problem: Hierarchy, level: int, at: Coordinates, speed: float) -> Rows:
+    """The rows of a level of single coordinates with their targets b' for the speed s; inequality rows as they are."""
+    rows, y = problem.levels[level], np.abs(asked(problem, level, at))
+    if float(np.linalg.norm(y)) <= speed:
         return rows
-    assert isinstance(rows.A, Selection)
-    index, scale, bound = rows.A.index, rows.A.scale, common_bound(np.abs(y), speed)
-    cut, away = np.abs(y) > bound, np.sign(y) * bound
-    given = scale * (still[index] + (away if problem.motion is None else away / problem.motion.F[index]))
-    return Rows(rows.A, np.where(cut, given, rows.lower), np.where(cut, given, rows.upper))
+    bound = common_bound(y, speed)
+    rest = rows.A @ at.still
+    part = np.divide(bound, y, where=y > bound, out=np.ones_like(y))
+    given = rest + part * (np.where(y > bound, rows.lower, rest) - rest)
+    return Rows(rows.A, np.where(y > bound, given, rows.lower), np.where(y > bound, given, rows.upper))
 
 
 def common_bound(size: Vec, speed: float) -> float:
@@ -70,14 +85,14 @@ def common_bound(size: Vec, speed: float) -> float:
     return bound
 
 
-def asked(problem: Hierarchy, level: int, still: Vec) -> tuple[Vec, float]:
-    """y of a level of single coordinates, zero on inequality rows ``(m,)``, and its speed v."""
-    rows, motion = problem.levels[level], problem.motion
-    assert isinstance(rows.A, Selection)
-    index, scale = rows.A.index, rows.A.scale
-    turning = rows.equality & turned(problem)[index]
-    y = np.where(turning, rows.lower / scale - still[index], 0.0) * (1.0 if motion is None else motion.F[index])
-    return y, float(np.sqrt(y @ y))
+def asked(problem: Hierarchy, level: int, at: Coordinates) -> Vec:
+    """y of a level of single coordinates ``(m,)``, zero on inequality rows and on those that turn nothing."""
+    rows, found = problem.levels[level], turned(problem)
+    A = rows.dense(problem.n)
+    reach = np.linalg.norm(at.rows(A), axis=1)
+    counts = rows.equality & (A[:, found] != 0.0).any(axis=1) & (reach > 0.0)
+    off = np.where(counts, rows.lower, 0.0) - np.where(counts, rows.A @ at.still, 0.0)
+    return off / np.where(counts, reach, 1.0)
 
 
 def turned(problem: Hierarchy) -> Mask:

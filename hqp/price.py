@@ -96,7 +96,7 @@ class LevelPrices:
 
     values, shares: one a level.  scale: diagonal of S, ``(nv,)``.  rest: f = -rest v for accelerations, the rate [1/s]
     at which the motion that costs nothing comes to rest; 0 for velocities.  pace: of postures below an unmet level
-    [rad/s, rad/s^2].
+    [rad/s, rad/s^2].  postures: whether every level after the last price selects single joints.
     """
 
     values: Vec
@@ -104,6 +104,7 @@ class LevelPrices:
     scale: Vec
     rest: float
     pace: float
+    postures: bool
 
 
 class Group(Protocol):
@@ -225,7 +226,7 @@ def level_prices(
         return None
     sizes: Sizes | None = None
     prices, shares = np.zeros(len(groups)), np.full(len(groups), SHARE)
-    trailing, longest = True, 0.0
+    trailing, longest, postures = True, 0.0, True
     for k in range(len(groups) - 1, -1, -1):
         group = groups[k]
         picks = [selection_of(e, robot) if e.quantity == "motion" else None for e in group.elements]
@@ -233,6 +234,7 @@ def level_prices(
         trailing = trailing and single
         declared = group.price if group.price is not None else given
         if not group.tasks or (trailing and group.price is None) or is_exact(declared):
+            postures = postures and (single or sizes is not None)
             continue
         sizes = sizes or Sizes.of(robot)
         shares[k] = SHARE if declared is None else declared.share
@@ -249,7 +251,7 @@ def level_prices(
     rest = 1.0 / (REST_TIME * (longest or LONGEST_TAU[order])) if order == 2 else 0.0
     least = float(min((eta for eta, c in zip(shares, prices, strict=True) if c > 0.0 < eta), default=SHARE))
     pace = math.sqrt(least * TURNING[order] / dt**order) if dt <= LONGEST_TICK else math.inf
-    return LevelPrices(prices, shares, sizes.scale, rest, pace)
+    return LevelPrices(prices, shares, sizes.scale, rest, pace, postures)
 
 
 def affordable(stack: Stack, given: Price | None, solver: Solver) -> tuple[Price | None, str]:

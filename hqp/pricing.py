@@ -121,28 +121,28 @@ def after_stages(problem: Hierarchy, stages: Mat, coordinates: Coordinates | Non
 
     stages: ``(levels, n)``; a level whose row is NaN keeps its rows, being met for its price.
     """
-    still = (coordinates or Coordinates.of(problem.motion, problem.n)).still
-    levels, guard, speed = list(problem.levels), guard_of(problem, still), math.inf
+    at = coordinates or Coordinates.of(problem.motion, problem.n)
+    levels, guard, speed = list(problem.levels), guard_of(problem, at), math.inf
     for k, priced in enumerate(problem.priced):
         if priced and not np.isnan(stages[k, 0]):
-            levels[k] = handed_down(problem.levels[k], stages[k], still, problem.share(k), guard)
+            levels[k] = handed_down(problem.levels[k], stages[k], at.still, problem.share(k), guard)
             if not is_met(problem.levels[k], stages[k]):
                 speed = min(speed, speed_below(problem, k, stages[k]))
     for k in coordinates_below(problem):
-        levels[k] = slowed(problem, k, still, speed)
+        levels[k] = slowed(problem, k, at, speed)
     return replace(problem.exact(), levels=tuple(levels), stacked=None)
 
 
-def feasible_set(problem: Hierarchy, stages: Mat, level: int, x: Vec, still: Vec) -> Rows:
+def feasible_set(problem: Hierarchy, stages: Mat, level: int, x: Vec, at: Coordinates) -> Rows:
     """S_{k-1} of a level as hard rows: what each level above hands down, an exact one at its optimum x.
 
     stages: ``(levels, n)`` with the points of priced levels above.  x: ``(n,)``, a point of S_{k-1}.
     """
-    parts, guard = list[Rows](), guard_of(problem, still)
+    parts, guard = list[Rows](), guard_of(problem, at)
     for k in range(level):
         rows = problem.levels[k]
         if problem.prices is not None and problem.prices[k] > 0.0:
-            parts.append(handed_down(rows, stages[k], still, problem.share(k), guard))
+            parts.append(handed_down(rows, stages[k], at.still, problem.share(k), guard))
         else:
             parts.append(at_optimum(rows, x))
     return stack_rows(parts, problem.n)

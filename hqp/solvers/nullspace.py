@@ -110,7 +110,7 @@ class NullspaceWorkspace:
         b, speed, below = b.copy(), math.inf, coordinates_below(problem)
         for k, (start, stop) in enumerate(zip([0, *stops], stops, strict=False)):
             if k in below:
-                given = slowed(problem, k, at.still, speed)
+                given = slowed(problem, k, at, speed)
                 b[start:stop] = given.lower[given.equality]
             rows = A[start:stop]
             B = at.rows(rows)

@@ -107,7 +107,7 @@ class _Run:
             if known is not None and not np.isnan(known[k, 0]):
                 stages[k] = x = known[k]
                 continue
-            above = feasible_set(problem, stages, k, x, self.coordinates.still)
+            above = feasible_set(problem, stages, k, x, self.coordinates)
             if problem.priced[k] and problem.prices is not None:
                 stages[k] = x = self._priced(problem.levels[k], above, x, float(problem.prices[k]))
             else:
@@ -123,7 +123,7 @@ class _Run:
             problem = after_stages(problem, stages, self.coordinates)
         whole = Hierarchy((*problem.levels, *completion(problem)), n=problem.n)
         for k in range(first, len(whole.levels)):
-            x = self._least_squares(whole.levels[k], feasible_set(whole, np.zeros((0, 0)), k, x, x), x)
+            x = self._least_squares(whole.levels[k], feasible_set(whole, np.zeros((0, 0)), k, x, self.coordinates), x)
         return x
 
     def _priced(self, rows: Rows, above: Rows, x: Vec, price: float) -> Vec:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 import numpy as np
 
 from hqp.arrays import Mat, Signs, Vec, longest_row
+from hqp.pace import is_paced
 from hqp.pricing import Coordinates, after_stages, at_optimum, feasible_set, is_met, room, stack_rows
 from hqp.problem import SHARE, Hierarchy, Rows, Selection, Shape, Solution, Stats, Status
 from hqp.solvers.base import Described, Workspace, check_shape, describe, finish
@@ -333,7 +334,7 @@ class StagedWorkspace:
         priced = [bool(p) for p in problem.priced]
         below, handed = list[Rows](), list[tuple[Mat | None, Vec, Vec] | None]()
         for k, (rows, price) in enumerate(zip(problem.levels, priced, strict=True)):
-            slowed = isinstance(rows.A, Selection) and not any(priced[k:]) and problem.pace < math.inf
+            slowed = not any(priced[k:]) and problem.pace < math.inf and is_paced(problem, k)
             own = room(rows, problem.n) if price else replace(rows, lower=rows.lower.copy(), upper=rows.upper.copy())
             below.append(own if price or slowed else rows)
             handed.append((own.dense(problem.n), own.lower, own.upper) if price else None)
@@ -372,10 +373,10 @@ class StagedWorkspace:
         known[:start] = x  # levels above are met by x, which stands for the point of their stage
         for k in range(start, len(problem.levels)):
             if problem.priced[k]:
-                x = self._by_secant(problem, at, feasible_set(problem, known, k, x, at.still), x, k)
+                x = self._by_secant(problem, at, feasible_set(problem, known, k, x, at), x, k)
                 stages[k] = known[k] = x
             elif any(problem.priced[k + 1 :]):
-                hard = feasible_set(problem, known, k, x, at.still)
+                hard = feasible_set(problem, known, k, x, at)
                 x = self._solve_exact(Hierarchy((hard, problem.levels[k]), constraints=1, n=problem.n), x)
         final = after_stages(problem, stages, at)
         levels = [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -177,6 +178,7 @@ class TorqueProgram(Program):
             shares=None if paid is None else paid.shares,
             motion=motion,
             guard_floor=GUARD_FLOOR,
+            pace=paid.pace if paid is not None and paid.postures else math.inf,
         )
         inequalities = any(not e.equality for group in groups for e in group.elements)
         selections = tuple(group.selection for group in groups)

@@ -99,7 +99,7 @@ class Stages final : public hqp::SolveCall {
       const auto down = nb::cast<nb::tuple>(handed[k]);
       hqp::Handed& out = stages_->handed()[k];
       const std::size_t rows = down[0].is_none() ? m : m + 1;
-      if (down[0].is_none() && (level.A || priced_[k])) refuse("only unpriced levels of single coordinates have no A");
+      if (down[0].is_none() && priced_[k]) refuse("only unpriced levels have no A");
       out.A = down[0].is_none() ? nullptr : room(down[0], rows * n_);
       out.lower = room(down[1], rows);
       out.upper = room(down[2], rows);

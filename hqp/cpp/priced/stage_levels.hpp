@@ -22,6 +22,7 @@ class StageLevels final : public PricedStages {
  public:
   StageLevels(int n, int levels, const int* m, const bool* priced, const Tolerances& tolerances)
       : n_(n),
+        asked_(levels),
         level_(sized(levels, m)),
         handed_(levels),
         warm_(levels),
@@ -264,26 +265,60 @@ class StageLevels final : public PricedStages {
     }
   }
 
-  // How far the target of row i of a level of single coordinates is from rest: |F (t - still)|, 0 for inequalities
-  // and for coordinates that turn nothing.
-  double away(const PricedLevel& level, int i) const {
-    const auto j = level.index[i];
-    if (level.lower[i] != level.upper[i] || !turned_[j]) return 0.0;
-    return std::abs((F_ ? F_[j] : 1.0) * (level.lower[i] / level.scale[i] - at_.still()[j]));
+  // |y_i| of the rows of a level k of single coordinates: the least motion that meets row i alone; 0 for inequalities
+  // and for rows that turn nothing. rest: what the row is worth at the point of least motion.
+  void ask(int k) {
+    const PricedLevel& level = level_[k];
+    Asked& asked = asked_[k];
+    asked.away.assign(level.m, 0.0);
+    asked.rest.resize(level.m);
+    asked.speed = 0.0;
+    if (!handed_[k].lower) return;
+    double square = 0.0;
+    for (int i = 0; i < level.m; ++i) {
+      if (level.lower[i] != level.upper[i] || !turns(level, i)) continue;
+      double reach;
+      if (level.A) {
+        const double* a = level.A + static_cast<std::size_t>(i) * n_;
+        at_.row(a, y_.data());
+        reach = std::sqrt(dot_any(y_.data(), y_.data(), n_));
+        asked.rest[i] = dot_any(a, at_.still(), n_);
+      } else {
+        const int j = static_cast<int>(level.index[i]);
+        reach = std::abs(picked(j, level.scale[i]));
+        asked.rest[i] = level.scale[i] * at_.still()[j];
+      }
+      if (!(reach > 0.0)) continue;
+      asked.away[i] = std::abs(level.lower[i] - asked.rest[i]) / reach;
+      square += asked.away[i] * asked.away[i];
+    }
+    asked.speed = std::sqrt(square);
   }
 
-  // The speed that such a level k, after the last price, asks for.
-  double asked(int k) const {
-    if (!handed_[k].lower || r_ > 0) return 0.0;
-    double square = 0.0;
-    for (int i = 0; i < level_[k].m; ++i) square += away(level_[k], i) * away(level_[k], i);
-    return std::sqrt(square);
+  bool turns(const PricedLevel& level, int i) const {
+    if (!level.A) return turned_[level.index[i]];
+    const double* a = level.A + static_cast<std::size_t>(i) * n_;
+    for (int j = 0; j < n_; ++j)
+      if (a[j] != 0.0 && turned_[j]) return true;
+    return false;
+  }
+
+  // The length of scale e_j' P.
+  double picked(int j, double scale) {
+    if (at_.diagonal()) return at_.picked(j, scale);
+    a_.assign(n_, 0.0);
+    a_[j] = scale;
+    at_.row(a_.data(), y_.data());
+    return std::sqrt(dot_any(y_.data(), y_.data(), n_));
   }
 
   // phi: a guard turns with the motion of the levels below it, and holds only as far as they are slow.
   void set_floor() {
     double speed = 0.0;
-    for (std::size_t k = last_ + 1; k < level_.size(); ++k) speed = larger(speed, asked(static_cast<int>(k)));
+    for (std::size_t k = last_ + 1; k < level_.size(); ++k) {
+      ask(static_cast<int>(k));
+      speed = larger(speed, asked_[k].speed);
+    }
     const double share = speed / pace_;
     floor_ = larger(guard_floor_, smaller(1.0, share * share));
   }
@@ -295,25 +330,22 @@ class StageLevels final : public PricedStages {
     if (!out.lower) return;
     std::copy(level.lower, level.lower + level.m, out.lower);
     std::copy(level.upper, level.upper + level.m, out.upper);
-    if (!(asked(k) > speed_)) return;
+    const Asked& asked = asked_[k];
+    if (!(asked.speed > speed_)) return;
     double bound = 0.0;
     for (int count = 0, cut = -1; count != cut;) {
       cut = count;
       double square = 0.0;
       count = 0;
-      for (int i = 0; i < level.m; ++i) {
-        const double size = away(level, i);
+      for (const double size : asked.away) {
         if (size > bound) ++count;
         else square += size * size;
       }
       if (count != cut) bound = std::sqrt(larger(speed_ * speed_ - square, 0.0) / count);
     }
-    for (int i = 0; i < level.m; ++i) {
-      const double size = away(level, i);
-      if (!(size > bound)) continue;
-      const double rest = level.scale[i] * at_.still()[level.index[i]];
-      out.lower[i] = out.upper[i] = rest + bound / size * (level.lower[i] - rest);
-    }
+    for (int i = 0; i < level.m; ++i)
+      if (const double size = asked.away[i]; size > bound)
+        out.lower[i] = out.upper[i] = asked.rest[i] + bound / size * (level.lower[i] - asked.rest[i]);
   }
 
   // The rows that a level leaves join the set of the stages below.
@@ -398,6 +430,11 @@ class StageLevels final : public PricedStages {
   double guard_floor_ = 0.0, floor_ = 0.0;     // floor_: of this solve
   std::vector<char> turned_;                   // (n,) what the pace bounds
   double pace_ = INFINITY, speed_ = INFINITY;  // speed_: of single coordinates, below what is not met so far
+  struct Asked {                               // by a level of single coordinates after the last price
+    std::vector<double> away, rest;
+    double speed = 0.0;
+  };
+  std::vector<Asked> asked_;
   std::vector<PricedLevel> level_;
   std::vector<Handed> handed_;
   std::vector<std::vector<int>> warm_;
