@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.linalg.lapack import dgelsd as gelsd
-from scipy.linalg.lapack import dgelsd_lwork as gelsd_lwork
+from scipy.linalg.lapack import dgelsd as gelsd  # pyright: ignore[reportAttributeAccessIssue]
+from scipy.linalg.lapack import dgelsd_lwork as gelsd_lwork  # pyright: ignore[reportAttributeAccessIssue]
 
 from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError
