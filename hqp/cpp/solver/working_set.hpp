@@ -193,7 +193,7 @@ class WorkingSet {
   // short along a long x, such as the acceleration of a light gripper by all torques, would else pass far outside.
   bool is_over(int r, double over, double bound, double size) const {
     if (!(over > 0.0)) return false;
-    const double rounding = 1e-16 * tableau.growth * table.norm[r] * size;
+    const double rounding = 1e-15 * table.norm[r] * size;
     const double most = slackness(r, bound, size);
     if (over > most) return true;
     if (rounding >= most) return false;
