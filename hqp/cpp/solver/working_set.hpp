@@ -192,12 +192,9 @@ class WorkingSet {
   // Whether row r is outside its bound by so much at the tableau's point. Its own terms decide: a long row that is
   // short along a long x, such as the acceleration of a light gripper by all torques, would else pass far outside.
   bool is_over(int r, double over, double bound, double size) const {
-    if (!(over > 0.0)) return false;
-    const double rounding = 1e-15 * table.norm[r] * size;
-    const double most = slackness(r, bound, size);
-    if (over > most) return true;
-    if (rounding >= most) return false;
-    return over > options_->feasibility_tolerance * (std::fabs(bound) + table.terms(r, tableau.x)) + rounding;
+    if (!(over > 0.0) || over > slackness(r, bound, size)) return over > 0.0;
+    const double own = std::fabs(bound) + table.terms(r, tableau.x), rounding = 1e-15 * table.norm[r] * size;
+    return over > options_->feasibility_tolerance * own + rounding;
   }
 
   // Which rows and variables outside the working set are violated at the tableau's point; their number.
