@@ -10,7 +10,7 @@ level for v = ||y||:
 While a priced level is not met it is given
 
     b_i' = a_i . x_still + sign(y_i) min(|y_i|, theta) ||a_i P||,    ||y'|| = min(v, s),
-    s = least of p max(1, c_k p^2 / ||w_k||) over the levels not met,
+    s = least of p max(1, 2 c_k p^2 / ||w_k||) over the levels not met,
 
 with p the pace of the hierarchy: fast coordinates are slowed alike, slow ones (a gripper) not at all, and y = 0 for
 those that no row of a priced level or of one before it has (the other arm of a robot on a fixed base): they keep b_i.
@@ -61,7 +61,7 @@ def speed_below(problem: Hierarchy, level: int, x: Vec) -> float:
     """s below one priced level that is not met in its stage, which ended at x."""
     w, pace = problem.levels[level].slack(x), problem.pace
     price = 0.0 if problem.prices is None else float(problem.prices[level])
-    return pace if pace == math.inf else pace * max(1.0, price * pace**2 / float(np.sqrt(w @ w)))
+    return pace if pace == math.inf else pace * max(1.0, 2.0 * price * pace**2 / float(np.sqrt(w @ w)))
 
 
 def slowed(problem: Hierarchy, level: int, at: Coordinates, speed: float) -> Rows:

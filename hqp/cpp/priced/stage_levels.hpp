@@ -208,7 +208,7 @@ class StageLevels final : public PricedStages {
     }
     const double norm = std::sqrt(square);
     if (norm <= tolerances_.met * size) return false;
-    speed_ = smaller(speed_, pace_ * larger(1.0, prices_[k] * pace_ * pace_ / norm));
+    speed_ = smaller(speed_, pace_ * larger(1.0, 2.0 * prices_[k] * pace_ * pace_ / norm));
     const double width = shares_[k] * norm / std::sqrt(static_cast<double>(level.m));
     double made = 0.0, base = 0.0;
     for (int i = 0; i < level.m; ++i) {
