@@ -335,11 +335,15 @@ class StagedWorkspace:
         below, handed = list[Rows](), list[tuple[Mat | None, Vec, Vec] | None]()
         for k, (rows, price) in enumerate(zip(problem.levels, priced, strict=True)):
             slowed = not any(priced[k:]) and problem.pace < math.inf and is_paced(problem, k)
-            own = room(rows, problem.n) if price else replace(rows, lower=rows.lower.copy(), upper=rows.upper.copy())
-            below.append(own if price or slowed else rows)
-            handed.append((own.dense(problem.n), own.lower, own.upper) if price else None)
-            if slowed:
-                handed[-1] = None, own.lower, own.upper
+            if price:
+                below.append(own := room(rows, problem.n))
+                handed.append((own.dense(problem.n), own.lower, own.upper))
+            elif slowed:
+                below.append(own := replace(rows, lower=rows.lower.copy(), upper=rows.upper.copy()))
+                handed.append((None, own.lower, own.upper))
+            else:
+                below.append(rows)
+                handed.append(None)
         self._final = replace(self._plain, levels=tuple(below), stacked=None)
         shares = problem.shares if problem.shares is not None else np.full(len(priced), SHARE)
         motion = problem.motion

@@ -7,6 +7,7 @@ tolerance, that decided a sign; many constraints through one vertex.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -111,34 +112,33 @@ def test_the_last_level_is_asked_for_its_own_goal_in_the_end(name: str) -> None:
     assert certificate(problem, solution.x, 1e-8).ok
 
 
+def _solved_and_certified(kind: str, seed: int, tolerances: Sequence[float]) -> None:
+    """A problem of the fuzz is solved, and its answer passes the certificate at one of the tolerances."""
+    problem = fuzz.problem(kind, seed)[0]
+    solution = hqp.solvers.load("lexicographic").solve(problem)
+    assert solution.status.solved, solution.detail
+    assert any(certificate(problem, solution.x, tolerance).ok for tolerance in tolerances)
+
+
 @needs_kernel
 @pytest.mark.parametrize("seed", [2007166, 2020853, 2056136])
 def test_levels_that_conflict_and_are_nearly_singular(seed: int) -> None:
     """A rank that the kernel's own verdict rests on lay within 20 of its tolerance (the first two: 8e-10, 1.00001e-10);
     a row of length 1e-9 made a multiplier of 4e-8 in the level above it count as rounding."""
-    problem = fuzz.problem("conflicts", seed)[0]
-    solution = hqp.solvers.load("lexicographic").solve(problem)
-    assert solution.status.solved, solution.detail
-    assert any(certificate(problem, solution.x, tolerance).ok for tolerance in fuzz.TOLERANCES)
+    _solved_and_certified("conflicts", seed, fuzz.TOLERANCES)
 
 
 @needs_kernel
 def test_a_direction_that_is_none_decides_no_sign() -> None:
     """A row parallel to one above but for 5e-11 gave a constraint nearly along it a multiplier 3000 times as large."""
-    problem = fuzz.problem("near_parallel", 3076326)[0]
-    solution = hqp.solvers.load("lexicographic").solve(problem)
-    assert solution.status.solved, solution.detail
-    assert certificate(problem, solution.x, 1e-8).ok
+    _solved_and_certified("near_parallel", 3076326, (1e-8,))
 
 
 @needs_kernel
 def test_large_multipliers_of_rows_nearly_parallel_do_not_hide_one_more() -> None:
     """Of 4e5 and of columns that agree but for 1e-7: what they left of the gradient was rounding, and a right answer
     was refused."""
-    problem = fuzz.problem("near_parallel", 3189278)[0]
-    solution = hqp.solvers.load("lexicographic").solve(problem)
-    assert solution.status.solved, solution.detail
-    assert certificate(problem, solution.x, 1e-8).ok
+    _solved_and_certified("near_parallel", 3189278, (1e-8,))
 
 
 @needs_kernel
