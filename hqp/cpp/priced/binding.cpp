@@ -18,8 +18,8 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
-#include "../shared/isa.hpp"
-#include "../shared/solve_call.hpp"
+#include "../common/isa.hpp"
+#include "../common/solve_call.hpp"
 #include "stages.hpp"
 
 namespace nb = nanobind;

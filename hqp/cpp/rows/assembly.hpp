@@ -10,7 +10,7 @@
 
 #include <nanobind/stl/optional.h>
 
-#include "../shared/solve_call.hpp"
+#include "../common/solve_call.hpp"
 #include "collision.hpp"
 #include "com.hpp"
 #include "frames.hpp"

@@ -8,7 +8,7 @@
 
 #include <nanobind/stl/optional.h>
 
-#include "../shared/solve_call.hpp"
+#include "../common/solve_call.hpp"
 #include "plan.hpp"
 
 namespace binding {

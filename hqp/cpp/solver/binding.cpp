@@ -10,8 +10,8 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
-#include "../shared/isa.hpp"
-#include "../shared/solve_call.hpp"
+#include "../common/isa.hpp"
+#include "../common/solve_call.hpp"
 #include "batch.hpp"
 #include "kernel.hpp"
 #include "reading.hpp"

@@ -13,8 +13,8 @@
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/vector.h>
 
-#include "../shared/isa.hpp"
-#include "../shared/solve_call.hpp"
+#include "../common/isa.hpp"
+#include "../common/solve_call.hpp"
 #include "elimination.hpp"
 #include "holding.hpp"
 
