@@ -15,13 +15,10 @@ from hqp.element import Inequality
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 
-from .collision_scene import Near, Scene, scene
+from . import collision_world
+from .collision_motion import STEP, Motions
+from .collision_scene import Near, scene
 from .fields import check_number
-
-STEP = 1e-5
-"""Time by which bodies are moved to find how the rate of a distance changes [s]."""
-JUMP, TURN = 0.01, 0.9
-"""A nearest point that moves farther in that time [m], or normals of a smaller product, have jumped."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,13 +102,8 @@ class CollisionAvoidance(Inequality):
         return scene(self, robot).row_names()
 
     def poses(self, value: Mat | None = None) -> Mat:
-        """The world's shapes ``(n, 6, 4)``, declared at rest, or as given: pose ``(4, 4)``, then velocity of the origin
-        and angular velocity, world axes, three numbers and a zero each."""
-        if value is not None and value.shape[1:] == (6, 4):
-            return value
-        found = np.zeros((len(self.world), 6, 4))
-        found[:, :4] = np.array([s.pose for s in self.world]).reshape(-1, 4, 4) if value is None else value
-        return found
+        """The world's shapes ``(n, 6, 4)``, declared at rest, or as given."""
+        return collision_world.poses(self.world, value)
 
     def hold(self, state: State) -> Reference:
         """The world as it was declared."""
@@ -124,38 +116,7 @@ class CollisionAvoidance(Inequality):
         world axes; it does not change within the tick.  Raises DeclarationError for an unknown name, and for a pose or
         a velocity that is none.
         """
-        velocity = {} if velocity is None else velocity
-        for what, named in (("poses", poses), ("velocity", velocity)):
-            if not isinstance(named, Mapping):
-                raise self.invalid(what, named, 'by name of the shape, such as {"ball": (0.4, 0.0, 0.5)}')
-        value = self.poses()
-        for name, pose in poses.items():
-            i, given = self._shape(name), self._numbers(f"pose of {name}", pose)
-            if given.shape == (3,):
-                value[i, :3, 3] = given
-            elif given.shape == (4, 4):
-                value[i, :4] = given
-            else:
-                raise self.invalid(f"pose of {name}", pose, "a matrix (4, 4) or a position (3,) [m]")
-        for name, rate in velocity.items():
-            i, given = self._shape(name), self._numbers(f"velocity of {name}", rate)
-            if given.shape not in ((3,), (6,)):
-                raise self.invalid(f"velocity of {name}", rate, "(3,) [m/s], or (6,) with an angular velocity [rad/s]")
-            value[i, 4, :3] = given[:3]
-            value[i, 5, :3] = given[3:] if given.size == 6 else 0.0
-        return Reference(self.name, value)
-
-    def _numbers(self, what: str, value: Any) -> Vec:
-        try:
-            return np.asarray(value, dtype=np.float64)
-        except (TypeError, ValueError, OverflowError) as error:
-            raise self.invalid(what, value, "numbers") from error
-
-    def _shape(self, name: str) -> int:
-        names = [s.name for s in self.world]
-        if name not in names:
-            raise self.invalid("shape", name, ", ".join(names) or "none: the element has no world")
-        return names.index(name)
+        return Reference(self.name, collision_world.moved(self, poses, {} if velocity is None else velocity))
 
     def near(self, state: State, value: Mat | None = None) -> list[Near | None]:
         """What is in each slot: its pair or end, distance, normal and nearest point; None for a free slot."""
@@ -248,72 +209,3 @@ class CollisionAvoidance(Inequality):
         shape = (len(self.world), 6, 4) if self.world else ()
         rates = self.rate, self.recovery, self.outset
         return plans.Collision(*own.tables(), own.slots, self.influence, *rates, STEP, shape)
-
-
-class Motions:
-    """Velocities of a scene's shapes and their rates at zero acceleration, ``(6,)`` at the world's origin.
-
-    poses ``(n, 6, 4)`` of the world's shapes, with their velocities.
-    """
-
-    def __init__(self, state: State, own: Scene, poses: Mat) -> None:
-        robot, bodies = state.robot, state.robot.bodies
-        self._own, self._poses = own, poses
-        velocity, rate = np.zeros((2, len(bodies), 6))
-        for i, (parent, first, count, *_) in enumerate(bodies[1:], start=1):
-            moved = robot.joint_twists[:, first : first + count] @ state.v[first : first + count]
-            velocity[i] = V = velocity[parent] + moved
-            turn = np.concatenate((np.cross(V[3:], moved[:3]) + np.cross(V[:3], moved[3:]), np.cross(V[3:], moved[3:])))
-            rate[i] = rate[parent] + turn
-        places = [own.body(k) for k in range(own.links)]
-        still = np.zeros(3)
-        self._velocity = [velocity[b] for b in places]
-        self._rate = [rate[b] for b in places]
-        for pose in poses:
-            origin, v, omega = pose[:3, 3], pose[4, :3], pose[5, :3]
-            self._velocity.append(np.concatenate((v - np.cross(omega, origin), omega)))
-            self._rate.append(np.concatenate((-np.cross(omega, v), still)))
-
-    def carried(self, found: Near) -> float:
-        """Rate of a pair's distance by the motion of the world [m/s]."""
-        two = self._own.pair(found.pair)[1]
-        return 0.0 if two < self._own.links else float(found.normal @ _at(self._velocity[two], found.point))
-
-    def drift(self, found: Near) -> float:
-        """Change of the rate of a pair's distance at zero acceleration [m/s^2], by differences over 2 STEP.
-
-        Where the nearest point or the normal jumps in between, that of the points that are nearest now.
-        """
-        one, two = self._own.pair(found.pair)
-        ends = []
-        for h in (STEP, -STEP):
-            moved = [self._moved(k, h) if k < self._own.links else None for k in (one, two)]
-            _, normal, point = self._own.measure(found.pair, self._world(h), *moved)
-            twist = self._velocity[two] - self._velocity[one] + h * (self._rate[two] - self._rate[one])
-            ends.append((normal, point, float(normal @ _at(twist, point))))
-        (n, p, fast), (m, q, slow) = ends
-        if float((p - q) @ (p - q)) <= JUMP * JUMP and float(n @ m) >= TURN:
-            return (fast - slow) / (2.0 * STEP)
-        apart = self._point_drift(two, found.point) - self._point_drift(one, found.point)
-        return float(found.normal @ apart)
-
-    def _point_drift(self, k: int, p: Vec) -> Vec:
-        V, A = self._velocity[k], self._rate[k]
-        return np.asarray(_at(A, p) + np.cross(V[3:], _at(V, p)))
-
-    def _moved(self, k: int, h: float) -> tuple[Vec, Vec]:
-        V, (a, b) = self._velocity[k], self._own.ends(k)
-        return a + h * _at(V, a), b + h * _at(V, b)
-
-    def _world(self, h: float) -> Mat:
-        """The world's shapes a time h later."""
-        poses = self._poses.copy()
-        for pose in poses:
-            pose[:3, 3] += h * pose[4, :3]
-            pose[:3, :3] += h * np.cross(pose[5, :3], pose[:3, :3].T).T
-        return poses
-
-
-def _at(twist: Vec, p: Vec) -> Vec:
-    """Velocity of a body's point."""
-    return np.asarray(twist[:3] + np.cross(twist[3:], p))

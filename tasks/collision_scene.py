@@ -1,10 +1,8 @@
-"""Which pairs of shapes may collide, and which of them have the rows now: one scene for an element on a robot."""
+"""Pairs that are near, and which of them have the rows now: one scene for an element on a robot."""
 
 from __future__ import annotations
 
 import math
-import xml.etree.ElementTree as ET
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 from weakref import WeakKeyDictionary, proxy
 
@@ -12,27 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hqp.arrays import Mat, Vec
-from hqp.errors import DeclarationError, closest
 from hqp.robot import Robot, State
-from hqp.shapes import LinkCapsule, Shape
+from hqp.shapes import Shape
 
 from . import distances
+from .collision_pairs import SHORT, candidates
 
 if TYPE_CHECKING:
     from .collision import CollisionAvoidance
 
-APART = 3
-"""Links this many joints apart or nearer are neighbours, which may touch."""
 KEPT = 0.8
 """Share of their distance at home that two links keep at most."""
 MOST = 64
 """Slots by default, where there are more pairs."""
-SHORT = 0.01
-"""Capsules whose axis is shorter than this [m] are as good as a ball."""
-ALIGNED, ACROSS = 0.03, 0.12
-"""Squared sines of the angle of two axes between which the rows of their ends fade out."""
-
-
 Tables: TypeAlias = tuple[
     tuple[tuple[int, tuple[float, ...], float], ...],
     tuple[tuple[int, tuple[float, ...]], ...],
@@ -79,7 +69,7 @@ class Scene:
     def __init__(self, element: CollisionAvoidance, robot: Robot) -> None:
         self._robot: Robot = proxy(robot)  # the robot holds the scene, not the other way round
         self._element = element
-        self.capsules: tuple[LinkCapsule, ...] = tuple(robot.capsules)
+        self.capsules, self.pairs = candidates(element, robot)
         self.world: tuple[Shape, ...] = element.world
         self.links = len(self.capsules)
         if any(shape.is_mesh for shape in self.world):
@@ -94,7 +84,6 @@ class Scene:
         home, declared = self._twin.bodies, element.poses()
         found: list[tuple[int, int]] = []
         clearances: list[float] = []
-        self.pairs: list[tuple[int, int]] = self._with_ends(self._candidates())
         self._local = [(np.array(c.a), np.array(c.b)) for c in self.capsules]
         for k, (one, two) in enumerate(self.pairs):
             clearance = element.clearance
@@ -189,9 +178,7 @@ class Scene:
         if not self._sided(i, j):
             return 0.0
         (a, b), (c, d) = one, self._axis(j, poses) if two is None else two
-        u, v = b - a, d - c
-        square = 1.0 - float(u @ v) ** 2 / float((u @ u) * (v @ v))
-        return min(1.0, max(0.0, (ACROSS - square) / (ACROSS - ALIGNED)))
+        return distances.aligned(b - a, d - c)
 
     def update(self, state: State, poses: Mat) -> list[Near | None]:
         """Measure what may be near, give it slots, and tell what is in each of them."""
@@ -255,84 +242,3 @@ class Scene:
             mask[first : first + count] = 1.0
             body = parent
         return mask
-
-    def _candidates(self) -> list[tuple[int, int]]:
-        pairs, n = self._element.pairs, self.links
-        everything = range(n + len(self.world))
-        if not isinstance(pairs, str):
-            wanted = [(self._named(one), self._named(two)) for one, two in pairs]
-            found = {(min(i, j), max(i, j)) for a, b in wanted for i in a for j in b if min(i, j) < n}
-            return sorted(p for p in found if self.body(p[0]) != self.body(p[1]) and min(p) < n)
-        world = [(i, j) for i in range(n) for j in everything[n:] if self.capsules[i].body > 0]
-        if pairs == "world":
-            return world
-        off = set() if pairs == "auto" else self._disabled(pairs)
-        names = [c.name for c in self.capsules]
-        links = [
-            (i, j)
-            for i in range(n)
-            for j in range(i + 1, n)
-            if self._apart(self.capsules[i].body, self.capsules[j].body) > APART
-            and frozenset((_link(names[i]), _link(names[j]))) not in off
-        ]
-        return links + world
-
-    def _with_ends(self, pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
-        """The pairs, and next to one of a capsule with something flat those of its two ends.
-
-        The nearest point of a capsule that lies on a face jumps from one end to the other, and commands alternate where
-        only that point has a row.
-        """
-        flat = {self.links + k for k, s in enumerate(self.world) if s.kind not in ("sphere", "capsule")}
-        lying = [(i, j) for i, j in pairs if j in flat and math.dist(self.capsules[i].a, self.capsules[i].b) > SHORT]
-        ends: dict[int, int] = {}
-        capsules = list(self.capsules)
-        for i, _ in lying:
-            if i not in ends:
-                ends[i] = len(capsules)
-                own = capsules[i]
-                capsules += [own._replace(b=own.a), own._replace(a=own.b)]
-        more = len(capsules) - self.links
-        whole = [(i, j + more if j >= self.links else j) for i, j in pairs]
-        self.capsules, self.links = tuple(capsules), len(capsules)
-        return whole + [(ends[i] + k, j + more) for i, j in lying for k in (0, 1)]
-
-    def _apart(self, one: int, two: int) -> int:
-        """Number of joints between two bodies."""
-        count, bodies = 0, self._robot.bodies
-        while one != two:
-            if one > two:
-                one = bodies[one][0]
-            else:
-                two = bodies[two][0]
-            count += 1
-        return count
-
-    def _disabled(self, path: str) -> set[frozenset[str]]:
-        try:
-            root = ET.parse(Path(path)).getroot()
-        except (OSError, ValueError, ET.ParseError) as error:
-            raise self._element.invalid(
-                "pairs", path, f'"auto", "world", an SRDF that can be read, or pairs of names ({error})'
-            ) from error
-        return {frozenset((str(e.get("link1")), str(e.get("link2")))) for e in root.iter("disable_collisions")}
-
-    def _named(self, name: str) -> list[int]:
-        """Shapes of a link, a joint group, or the world; raises DeclarationError with the closest names."""
-        found = [k for k, c in enumerate(self.capsules) if name in (c.name, _link(c.name))]
-        found += [self.links + k for k, s in enumerate(self.world) if s.name == name]
-        members = self._robot.groups.get(name, ())
-        bodies = {self._robot.subtree(joint) for joint in members}
-        found += [k for k, c in enumerate(self.capsules) if c.body in bodies]
-        if not found and name in self._robot.frame_names:
-            found = [k for k, c in enumerate(self.capsules) if c.body == self._robot.body(self._robot.frame(name))]
-        if not found:
-            known = [*(_link(c.name) for c in self.capsules), *self._robot.groups, *(s.name for s in self.world)]
-            near = ", ".join(closest(name, known) or known[:5])
-            raise DeclarationError(self._element.name, "no shape of that name", value=name, allowed=f"closest: {near}")
-        return found
-
-
-def _link(name: str) -> str:
-    """The link of a capsule: a link with several numbers them after a slash."""
-    return name.split("/")[0]

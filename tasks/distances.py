@@ -18,6 +18,9 @@ PARALLEL = 1e-9
 TOUCHING = 1e-9
 """Distance of two axes below which they give no normal [m]."""
 
+ALIGNED, ACROSS = 0.03, 0.12
+"""Squared sines of the angle of two axes between which they come to count as side by side."""
+
 Found = tuple[float, Vec, Vec]
 
 
@@ -55,6 +58,12 @@ def nearest(a: Vec, b: Vec, c: Vec, d: Vec) -> tuple[float, float]:
     if t > 1.0:
         return _share((D + B) / A), 1.0
     return s, t
+
+
+def aligned(u: Vec, v: Vec) -> float:
+    """How far two axes lie side by side: 1 where they are parallel within 10 degrees, 0 beyond 20."""
+    square = 1.0 - float(u @ v) ** 2 / float((u @ u) * (v @ v))
+    return min(1.0, max(0.0, (ACROSS - square) / (ACROSS - ALIGNED)))
 
 
 def to_half_space(a: Vec, b: Vec, radius: float, pose: Mat) -> Found:

@@ -18,6 +18,7 @@ from hqp import PD, Level, P, Stack, shapes
 from hqp.errors import DeclarationError, ModelWarning
 from hqp.shapes import LinkCapsule
 from hqp.tasks import CollisionAvoidance, Com, FixedContact, JointLimits, Orientation, Position, Posture, distances
+from hqp.tasks.collision_pairs import joints_between
 from hqp.tasks.collision_scene import scene
 
 DT = 0.002
@@ -264,7 +265,7 @@ def test_home_violates_nothing(talos: Any) -> None:
     assert all(n.distance >= n.clearance for n in near if n is not None)
     own = scene(element, talos)
     assert len(own.pairs) > 500
-    apart = [own._apart(own.body(i), own.body(j)) for i, j in own.pairs]
+    apart = [joints_between(talos, own.body(i), own.body(j)) for i, j in own.pairs]
     assert min(apart) > 3
 
 

@@ -1,0 +1,84 @@
+"""How shapes of a collision scene move: rates of distances by the world's motion, and their drift."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec
+from hqp.robot import State
+
+from .collision_scene import Near, Scene
+
+STEP = 1e-5
+"""Time by which bodies are moved to find how the rate of a distance changes [s]."""
+JUMP, TURN = 0.01, 0.9
+"""A nearest point that moves farther in that time [m], or normals of a smaller product, have jumped."""
+
+
+class Motions:
+    """Velocities of a scene's shapes and their rates at zero acceleration, ``(6,)`` at the world's origin.
+
+    poses ``(n, 6, 4)`` of the world's shapes, with their velocities.
+    """
+
+    def __init__(self, state: State, own: Scene, poses: Mat) -> None:
+        robot, bodies = state.robot, state.robot.bodies
+        self._own, self._poses = own, poses
+        velocity, rate = np.zeros((2, len(bodies), 6))
+        for i, (parent, first, count, *_) in enumerate(bodies[1:], start=1):
+            moved = robot.joint_twists[:, first : first + count] @ state.v[first : first + count]
+            velocity[i] = V = velocity[parent] + moved
+            turn = np.concatenate((np.cross(V[3:], moved[:3]) + np.cross(V[:3], moved[3:]), np.cross(V[3:], moved[3:])))
+            rate[i] = rate[parent] + turn
+        places = [own.body(k) for k in range(own.links)]
+        still = np.zeros(3)
+        self._velocity = [velocity[b] for b in places]
+        self._rate = [rate[b] for b in places]
+        for pose in poses:
+            origin, v, omega = pose[:3, 3], pose[4, :3], pose[5, :3]
+            self._velocity.append(np.concatenate((v - np.cross(omega, origin), omega)))
+            self._rate.append(np.concatenate((-np.cross(omega, v), still)))
+
+    def carried(self, found: Near) -> float:
+        """Rate of a pair's distance by the motion of the world [m/s]."""
+        two = self._own.pair(found.pair)[1]
+        return 0.0 if two < self._own.links else float(found.normal @ _at(self._velocity[two], found.point))
+
+    def drift(self, found: Near) -> float:
+        """Change of the rate of a pair's distance at zero acceleration [m/s^2], by differences over 2 STEP.
+
+        Where the nearest point or the normal jumps in between, that of the points that are nearest now.
+        """
+        one, two = self._own.pair(found.pair)
+        ends = []
+        for h in (STEP, -STEP):
+            moved = [self._moved(k, h) if k < self._own.links else None for k in (one, two)]
+            _, normal, point = self._own.measure(found.pair, self._world(h), *moved)
+            twist = self._velocity[two] - self._velocity[one] + h * (self._rate[two] - self._rate[one])
+            ends.append((normal, point, float(normal @ _at(twist, point))))
+        (n, p, fast), (m, q, slow) = ends
+        if float((p - q) @ (p - q)) <= JUMP * JUMP and float(n @ m) >= TURN:
+            return (fast - slow) / (2.0 * STEP)
+        apart = self._point_drift(two, found.point) - self._point_drift(one, found.point)
+        return float(found.normal @ apart)
+
+    def _point_drift(self, k: int, p: Vec) -> Vec:
+        V, A = self._velocity[k], self._rate[k]
+        return np.asarray(_at(A, p) + np.cross(V[3:], _at(V, p)))
+
+    def _moved(self, k: int, h: float) -> tuple[Vec, Vec]:
+        V, (a, b) = self._velocity[k], self._own.ends(k)
+        return a + h * _at(V, a), b + h * _at(V, b)
+
+    def _world(self, h: float) -> Mat:
+        """The world's shapes a time h later."""
+        poses = self._poses.copy()
+        for pose in poses:
+            pose[:3, 3] += h * pose[4, :3]
+            pose[:3, :3] += h * np.cross(pose[5, :3], pose[:3, :3].T).T
+        return poses
+
+
+def _at(twist: Vec, p: Vec) -> Vec:
+    """Velocity of a body's point."""
+    return np.asarray(twist[:3] + np.cross(twist[3:], p))

@@ -1,0 +1,111 @@
+"""Which pairs of shapes may collide: links far enough apart in the tree, or pairs that the user names."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hqp.errors import DeclarationError, closest
+from hqp.robot import Robot
+from hqp.shapes import LinkCapsule
+
+if TYPE_CHECKING:
+    from .collision import CollisionAvoidance
+
+APART = 3
+"""Links this many joints apart or nearer are neighbours, which may touch."""
+SHORT = 0.01
+"""Capsules whose axis is shorter than this [m] are as good as a ball."""
+
+Pair = tuple[int, int]
+
+
+def candidates(element: CollisionAvoidance, robot: Robot) -> tuple[tuple[LinkCapsule, ...], list[Pair]]:
+    """The links' capsules and pairs of shapes, numbered in the order of capsules, then the world's shapes.
+
+    Next to a pair of a capsule with something flat stand those of its two ends, as capsules of no length.  The nearest
+    point of a capsule that lies on a face jumps from one end to the other, and commands alternate where only that
+    point has a row.  Raises DeclarationError for names and files of no use.
+    """
+    capsules, world = tuple(robot.capsules), element.world
+    links = len(capsules)
+    pairs = _pairs(element, robot, capsules)
+    flat = {links + k for k, shape in enumerate(world) if shape.kind not in ("sphere", "capsule")}
+    lying = [(i, j) for i, j in pairs if j in flat and math.dist(capsules[i].a, capsules[i].b) > SHORT]
+    ends: dict[int, int] = {}
+    points: list[LinkCapsule] = []
+    for i, _ in lying:
+        if i not in ends:
+            own, ends[i] = capsules[i], links + len(points)
+            points += [own._replace(b=own.a), own._replace(a=own.b)]
+    more = len(points)
+    whole = [(i, j + more if j >= links else j) for i, j in pairs]
+    return (*capsules, *points), whole + [(ends[i] + k, j + more) for i, j in lying for k in (0, 1)]
+
+
+def _pairs(element: CollisionAvoidance, robot: Robot, capsules: tuple[LinkCapsule, ...]) -> list[Pair]:
+    pairs, links = element.pairs, len(capsules)
+    every = range(links + len(element.world))
+    if not isinstance(pairs, str):
+        wanted = [(_named(element, robot, one), _named(element, robot, two)) for one, two in pairs]
+        found = {(min(i, j), max(i, j)) for a, b in wanted for i in a for j in b if min(i, j) < links}
+        body = [c.body for c in capsules] + [0] * len(element.world)
+        return sorted((i, j) for i, j in found if body[i] != body[j])
+    world = [(i, j) for i in range(links) for j in every[links:] if capsules[i].body > 0]
+    if pairs == "world":
+        return world
+    off = set() if pairs == "auto" else _disabled(element, pairs)
+    names, body = [_link(c.name) for c in capsules], [c.body for c in capsules]
+    within = [
+        (i, j)
+        for i, j in combinations(range(links), 2)
+        if joints_between(robot, body[i], body[j]) > APART and frozenset((names[i], names[j])) not in off
+    ]
+    return within + world
+
+
+def joints_between(robot: Robot, one: int, two: int) -> int:
+    """Number of joints between two bodies."""
+    count, bodies = 0, robot.bodies
+    while one != two:
+        if one > two:
+            one = bodies[one][0]
+        else:
+            two = bodies[two][0]
+        count += 1
+    return count
+
+
+def _disabled(element: CollisionAvoidance, path: str) -> set[frozenset[str]]:
+    """Pairs of links that an SRDF disables; raises DeclarationError where it cannot be read."""
+    try:
+        root = ET.parse(Path(path)).getroot()
+    except (OSError, ValueError, ET.ParseError) as error:
+        raise element.invalid(
+            "pairs", path, f'"auto", "world", an SRDF that can be read, or pairs of names ({error})'
+        ) from error
+    return {frozenset((str(e.get("link1")), str(e.get("link2")))) for e in root.iter("disable_collisions")}
+
+
+def _named(element: CollisionAvoidance, robot: Robot, name: str) -> list[int]:
+    """Shapes of a link, a joint group, or the world; raises DeclarationError with the closest names."""
+    capsules, world = tuple(robot.capsules), element.world
+    found = [k for k, c in enumerate(capsules) if name in (c.name, _link(c.name))]
+    found += [len(capsules) + k for k, s in enumerate(world) if s.name == name]
+    bodies = {robot.subtree(joint) for joint in robot.groups.get(name, ())}
+    found += [k for k, c in enumerate(capsules) if c.body in bodies]
+    if not found and name in robot.frame_names:
+        found = [k for k, c in enumerate(capsules) if c.body == robot.body(robot.frame(name))]
+    if not found:
+        known = [*(_link(c.name) for c in capsules), *robot.groups, *(s.name for s in world)]
+        near = ", ".join(closest(name, known) or known[:5])
+        raise DeclarationError(element.name, "no shape of that name", value=name, allowed=f"closest: {near}")
+    return found
+
+
+def _link(name: str) -> str:
+    """The link of a capsule: a link with several numbers them after a slash."""
+    return name.split("/")[0]
