@@ -18,14 +18,13 @@ phi is hqp.pace.floor_of, and single coordinates in levels after the last price 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.pace import coordinates_below, guard_of, slowed, speed_below
+from hqp.pace import coordinates_below, guard_of, haste_below, slowed
 from hqp.problem import Hierarchy, Motion, Rows
 from hqp.tolerances import FLAT_TOLERANCE, MET_TOLERANCE, SLACK_TOLERANCE
 
@@ -122,14 +121,14 @@ def after_stages(problem: Hierarchy, stages: Mat, coordinates: Coordinates | Non
     stages: ``(levels, n)``; a level whose row is NaN keeps its rows, being met for its price.
     """
     at = coordinates or Coordinates.of(problem.motion, problem.n)
-    levels, guard, speed = list(problem.levels), guard_of(problem, at), math.inf
+    levels, guard, haste = list(problem.levels), guard_of(problem, at), 1.0
     for k, priced in enumerate(problem.priced):
         if priced and not np.isnan(stages[k, 0]):
             levels[k] = handed_down(problem.levels[k], stages[k], at.still, problem.share(k), guard)
             if not is_met(problem.levels[k], stages[k]):
-                speed = min(speed, speed_below(problem, k, stages[k]))
+                haste = min(haste, haste_below(problem, k, stages[k]))
     for k in coordinates_below(problem):
-        levels[k] = slowed(problem, k, at, speed)
+        levels[k] = slowed(problem, k, at, haste)
     return replace(problem.exact(), levels=tuple(levels), stacked=None)
 
 

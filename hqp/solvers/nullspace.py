@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from time import perf_counter
 from typing import ClassVar
@@ -11,7 +10,7 @@ import numpy as np
 
 from hqp.arrays import Mat, Vec, longest_row
 from hqp.errors import ProblemError, UnsupportedProblem
-from hqp.pace import coordinates_below, slowed, speed_below
+from hqp.pace import coordinates_below, haste_below, slowed
 from hqp.pricing import Coordinates, is_met
 from hqp.problem import Hierarchy, Shape, Solution, Stats, Status
 from hqp.solvers.base import Solver, check_number, finish
@@ -107,10 +106,10 @@ class NullspaceWorkspace:
         at = Coordinates.of(problem.motion, problem.n)
         y, Z = np.zeros(problem.n), np.eye(problem.n)
         stages = np.full((len(stops), problem.n), np.nan)
-        b, speed, below = b.copy(), math.inf, coordinates_below(problem)
+        b, haste, below = b.copy(), 1.0, coordinates_below(problem)
         for k, (start, stop) in enumerate(zip([0, *stops], stops, strict=False)):
             if k in below:
-                given = slowed(problem, k, at, speed)
+                given = slowed(problem, k, at, haste)
                 b[start:stop] = given.lower[given.equality]
             rows = A[start:stop]
             B = at.rows(rows)
@@ -123,7 +122,7 @@ class NullspaceWorkspace:
             if prices[k] > 0.0:
                 stages[k] = at.point(y)
                 if not is_met(problem.levels[k], stages[k]):
-                    speed = min(speed, speed_below(problem, k, stages[k]))
+                    haste = min(haste, haste_below(problem, k, stages[k]))
         x = _complete(problem, at.point(y), at.P[:, None] * Z if at.P.ndim == 1 else at.P @ Z)
         status, detail = self._verdict(x)
         return finish(problem, x, status, Stats(0, len(stops), 0.0, perf_counter() - began), detail, stages)

@@ -16,6 +16,7 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
+constexpr double kFade = 16.0;         // hqp/pace.py, FADE
 constexpr double kSlackMotion = 1e-5;  // slacks of inequality rows count this much as motion
 
 class StageLevels final : public PricedStages {
@@ -75,7 +76,7 @@ class StageLevels final : public PricedStages {
     search_.limit(seconds);
     iterations_ = 0;
     ended_ = true;
-    speed_ = INFINITY;
+    haste_ = 1.0;
     row_of_.clear();
     for (StageEnd& end : ends_) end.known = false;
     at_.set(F_, f_, r_);
@@ -208,7 +209,7 @@ class StageLevels final : public PricedStages {
     }
     const double norm = std::sqrt(square);
     if (norm <= tolerances_.met * size) return false;
-    speed_ = smaller(speed_, pace_ * larger(1.0, 2.0 * prices_[k] * pace_ * pace_ / norm));
+    haste_ = smaller(haste_, larger(0.0, 1.0 - norm / (kFade * prices_[k] * pace_ * pace_)));
     const double width = shares_[k] * norm / std::sqrt(static_cast<double>(level.m));
     double made = 0.0, base = 0.0;
     for (int i = 0; i < level.m; ++i) {
@@ -323,7 +324,7 @@ class StageLevels final : public PricedStages {
     floor_ = larger(guard_floor_, smaller(1.0, share * share));
   }
 
-  // Those targets, drawn towards rest: the largest alike, so that the level asks for speed_ at most.
+  // Those targets, drawn towards rest: the largest alike, so that the level asks for no more than its haste lets it.
   void slow(int k) {
     const PricedLevel& level = level_[k];
     const Handed& out = handed_[k];
@@ -331,7 +332,8 @@ class StageLevels final : public PricedStages {
     std::copy(level.lower, level.lower + level.m, out.lower);
     std::copy(level.upper, level.upper + level.m, out.upper);
     const Asked& asked = asked_[k];
-    if (!(asked.speed > speed_)) return;
+    if (!(asked.speed > pace_) || haste_ == 1.0) return;
+    const double speed = pace_ + haste_ * (asked.speed - pace_);
     double bound = 0.0;
     for (int count = 0, cut = -1; count != cut;) {
       cut = count;
@@ -341,7 +343,7 @@ class StageLevels final : public PricedStages {
         if (size > bound) ++count;
         else square += size * size;
       }
-      if (count != cut) bound = std::sqrt(larger(speed_ * speed_ - square, 0.0) / count);
+      if (count != cut) bound = std::sqrt(larger(speed * speed - square, 0.0) / count);
     }
     for (int i = 0; i < level.m; ++i)
       if (const double size = asked.away[i]; size > bound)
@@ -427,10 +429,10 @@ class StageLevels final : public PricedStages {
 
   int n_, last_ = -1, r_ = 0, iterations_ = 0;
   bool guard_ = true, ended_ = true;
-  double guard_floor_ = 0.0, floor_ = 0.0;     // floor_: of this solve
-  std::vector<char> turned_;                   // (n,) what the pace bounds
-  double pace_ = INFINITY, speed_ = INFINITY;  // speed_: of single coordinates, below what is not met so far
-  struct Asked {                               // by a level of single coordinates after the last price
+  double guard_floor_ = 0.0, floor_ = 0.0;  // floor_: of this solve
+  std::vector<char> turned_;                // (n,) what the pace bounds
+  double pace_ = INFINITY, haste_ = 1.0;    // haste_: of single coordinates, below what is not met so far
+  struct Asked {                            // by a level of single coordinates after the last price
     std::vector<double> away, rest;
     double speed = 0.0;
   };
