@@ -28,6 +28,9 @@ from hqp.pace import coordinates_below, guard_of, haste_below, slowed
 from hqp.problem import Hierarchy, Motion, Rows
 from hqp.tolerances import FLAT_TOLERANCE, MET_TOLERANCE, SLACK_TOLERANCE
 
+RESTING = 1e-4
+"""Of x's largest entry: what an entry counts for at least in the size of a row's terms."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coordinates:
@@ -80,9 +83,14 @@ def is_met(rows: Rows, x: Vec) -> bool:
 
 
 def _size(rows: Rows, x: Vec) -> float:
-    """What the rounding of a level's slacks is relative to: its largest terms and bounds."""
+    """What the rounding of a level's slacks is relative to: its largest terms and bounds.
+
+    Entries that rest have the rounding of those that move: none counts for less than RESTING of the largest.
+    """
     bounds = np.where(np.isfinite(rows.lower), rows.lower, np.where(np.isfinite(rows.upper), rows.upper, 0.0))
-    return float(np.max(np.abs(rows.dense(x.size)) @ np.abs(x) + np.abs(bounds), initial=0.0))
+    size = np.abs(x)
+    size += RESTING * size.max(initial=0.0)
+    return float(np.max(np.abs(rows.dense(x.size)) @ size + np.abs(bounds), initial=0.0))
 
 
 def handed_down(rows: Rows, x: Vec, still: Vec, share: float, guard: float | None) -> Rows:

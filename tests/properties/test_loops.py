@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -82,3 +83,32 @@ def test_no_answer_is_called_optimal_that_is_not(seed: int) -> None:
             if np.abs(v).max() > 1e3:
                 break
     assert solved > 0.8 * STACKS * TICKS
+
+
+def test_a_posture_in_three_levels_runs_no_stages_within_reach() -> None:
+    """A base that rests is met, however small the terms of its rows are beside the rounding of the arm's."""
+    robot = load("talos")
+    names = robot.joint_names
+    keys = ("torso", "head"), ("arm", "gripper"), ("leg",)
+    parts = [[name for name in names if name.startswith(key)] for key in keys]
+    law = partial(P, max_velocity=0.4)
+    hand = Position(frame=robot.landmarks["palms"][1], law=law(5.0), name="hand")
+    stack = Stack(
+        Level(*(FixedContact(frame=frame) for frame in robot.landmarks["soles"]), name="feet"),
+        Level(Com(axes="xy", law=law(5.0)), name="com"),
+        Level(hand, name="hand"),
+        Level(Orientation(frame="base_link", law=law(2.0)), name="base"),
+        *(Level(Posture(joints=part, law=law(1.0), name=str(i)), name=str(i)) for i, part in enumerate(parts)),
+        subject_to=[JointLimits()],
+    )
+    session = hqp.Controller(stack, hqp.Velocity(), deadline=math.inf).session(robot, 0.002)
+    q, v, staged = robot.home.copy(), np.zeros(robot.nv), 0
+    start = robot.state(q).position(hand.frame)
+    for i in range(300):
+        t = 0.002 * i
+        goal = start + 0.05 * np.array([np.sin(t), 1.0 - np.cos(t), 0.5 * np.sin(2.0 * t)])
+        tick = session.step(robot.state(q, v), hand.at(goal))
+        assert tick.status is Status.OPTIMAL
+        staged += tick.solution is not None and tick.solution.stage_points is not None
+        q, v = tick.advance()
+    assert staged < 15, f"{staged} of 300 ticks ran stages"

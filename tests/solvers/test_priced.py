@@ -15,6 +15,7 @@ from benchmarks.calm import continuity
 from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
 from hqp.arrays import Vec
 from hqp.errors import ProblemError, UnsupportedProblem
+from hqp.pricing import is_met
 
 STORED = np.load(Path(__file__).parents[1] / "data" / "calm20.npz")
 SOLVERS = [name for name in (*hqp.solvers.available(), "reference") if hqp.solvers.load(name).priced]
@@ -132,6 +133,13 @@ def test_a_level_that_is_met_for_its_price_is_exact_to_the_bit() -> None:
     solution = solver.solve(priced)
     np.testing.assert_array_equal(solution.x, solver.solve(priced.exact()).x)
     assert solution.stage_points is None
+
+
+def test_entries_that_rest_have_the_rounding_of_those_that_move() -> None:
+    rest = Rows(np.array([[1.0, 0.0]]), np.zeros(1), np.zeros(1))
+    assert is_met(rest, np.array([7e-18, 0.3]))
+    assert not is_met(rest, np.array([1e-11, 0.3]))
+    assert not is_met(rest, np.array([7e-18, 0.0]))
 
 
 def test_levels_are_settled_without_a_stage_while_limits_bind() -> None:

@@ -18,6 +18,7 @@ inline namespace HQP_ISA {
 
 constexpr double kFade = 16.0;         // hqp/pace.py, FADE
 constexpr double kSlackMotion = 1e-5;  // slacks of inequality rows count this much as motion
+constexpr double kResting = 1e-4;      // of the largest entry: terms of a row are no smaller, as hqp/pricing.py says
 
 class StageLevels final : public PricedStages {
  public:
@@ -194,14 +195,16 @@ class StageLevels final : public PricedStages {
     out.lower[level.m] = -INFINITY;
     out.upper[level.m] = INFINITY;
     if (!x) return false;
-    double square = 0.0, size = 0.0;
+    double square = 0.0, size = 0.0, largest = 0.0;
+    for (int j = 0; j < n_; ++j) largest = larger(largest, std::abs(x[j]));
+    const double least = kResting * largest;
     for (int i = 0; i < level.m; ++i) {
       const double* a = out.A + static_cast<std::size_t>(i) * n_;
       const double value = dot_any(a, x, n_);
       w_[i] = slack(value, level.lower[i], level.upper[i]);
       square += w_[i] * w_[i];
       double terms = 0.0;
-      for (int j = 0; j < n_; ++j) terms += std::abs(a[j] * x[j]);
+      for (int j = 0; j < n_; ++j) terms += std::abs(a[j]) * (std::abs(x[j]) + least);
       const double bound = std::isfinite(level.lower[i])   ? level.lower[i]
                            : std::isfinite(level.upper[i]) ? level.upper[i]
                                                            : 0.0;
