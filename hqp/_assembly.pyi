@@ -140,6 +140,12 @@ class EasedRows:
     def before(self, next: object) -> object:
         """A capsule of that and then the solve whose capsule is given."""
 
+def blend(a: Vec, b: Vec, last: Vec, weight: float, begin: int, end: int, x: Vec) -> float:
+    """Write x = a + weight (b - a) ``(n,)``; the largest ``|x - last|`` of its entries from begin to end.
+
+    Raises ValueError for a wrong shape.
+    """
+
 class Snapshots:
     """Live arrays copied into a ring of snapshots of ``size`` bytes; keeps references to all of them.
 

@@ -83,16 +83,16 @@ def blended(
 ) -> Tick:
     """A tick between two stacks: both are solved, their answers blended."""
     first, second = transition.pair
-    for reference in references:
-        name = getattr(reference, "name", "")
-        if name not in session.stack and name not in transition:
-            refuse(reference, [element.name for element in session.stack])
+    names = [getattr(reference, "name", "") for reference in references]
+    if not transition.names.issuperset(names):
+        stranger = next(r for r, name in zip(references, names, strict=True) if name not in transition.names)
+        refuse(stranger, [element.name for element in session.stack])
     if not second._references.current:
         begin(transition, first, second, state)
     # each keeps the last x of its own: limits that stand around it (a window on acceleration) then bound how fast
     # its answer moves, not how far it may be from the blend
     second._contacts = session._contacts
-    here = transition.here(state, references) if transition.released_rows else ()
+    here = transition.here(state, names) if transition.released_rows else ()
     ease, asked = transition.ease, (*references, *here)
     if ease is None or ease.second:
         a = beside(first, state, asked, now)
@@ -165,7 +165,7 @@ def held(session: Session, second: Session, state: State, worst: Tick) -> Tick:
 
 def notes_of(a: Tick, b: Tick, waits: tuple[Note, ...]) -> Notes:
     """Notes on both stacks, or on the first one and on what waits; texts that are not made yet are made when read."""
-    first, second = a._notes, b._notes
+    first, second = unread(a), unread(b)
     if waits:
         return added(first, waits)
     if not callable(first) and not callable(second):
@@ -176,6 +176,11 @@ def notes_of(a: Tick, b: Tick, waits: tuple[Note, ...]) -> Notes:
         return (*known, *(note for note in (second() if callable(second) else second) if note not in known))
 
     return notes
+
+
+def unread(tick: Tick) -> Notes:
+    """The notes of a tick, without making their texts."""
+    return tick._noted if type(tick) is OrdinaryTick else tick._notes
 
 
 def added(notes: Notes, more: tuple[Note, ...]) -> Notes:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
+from functools import cached_property
 from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING
 
@@ -22,6 +23,11 @@ from hqp.easing import Easing, easing
 from hqp.element import Element
 from hqp.reference import Reference
 from hqp.stack import Stack
+
+try:
+    from hqp import _assembly as native
+except ImportError:  # no compiler was there
+    native = None  # type: ignore[assignment]
 
 if TYPE_CHECKING:
     from hqp.robot import State
@@ -120,16 +126,22 @@ class Transition:
         return self._path[self._at].released
 
     def __contains__(self, name: str) -> bool:
-        return any(name in session for session in self._sessions)
+        return name in self.names
 
-    def here(self, state: State, references: Sequence[Reference]) -> tuple[Reference, ...]:
-        """References that hold a contact on its way out where it is, not where it was."""
+    @cached_property
+    def names(self) -> frozenset[str]:
+        """Elements of all stacks that are blended, those of transitions under way among them."""
+        found = {element.name for session in self._sessions for element in session.stack}
+        inner = self._sessions[0]._transition
+        return frozenset(found if inner is None else found | inner.names)
+
+    def here(self, state: State, given: Sequence[str]) -> tuple[Reference, ...]:
+        """References that hold a contact on its way out where it is, not where it was.  given: names that have one."""
         ease = self.ease
         if ease is not None:
-            ease.here = ease.stands and not any(getattr(r, "name", "") in ease.names for r in references)
+            ease.here = ease.stands and ease.names.isdisjoint(given)
         if not state.valid or (ease is not None and ease.here):
             return ()
-        given = [getattr(reference, "name", "") for reference in references]
         return tuple([element.hold(state) for element in self.released_rows if element.name not in given])
 
     @property
@@ -147,16 +159,17 @@ class Transition:
         joints: which entries of x are a command.  unfinished: a or b is the best point within the deadline, which may
         lie anywhere; from the last x it is followed by the largest change at most.
         """
-        ease, way = self.ease, b - a
-        weight = h if ease is None else ease.weight(h)
-        x, s = a + weight * way, inverse(h)
-        if largest((x - last)[joints]) > self._cap:
+        ease = self.ease
+        weight, s = h if ease is None else ease.weight(h), inverse(h)
+        x, reach = between(a, b, last, weight, joints)
+        if reach > self._cap:
             least = smooth(min(s, self._s + SLOWEST * self._pace))
             least = least if ease is None else ease.weight(least)
-            weight = max(least, self._fastest((a - last)[joints], way[joints], weight))
-            x, s = a + weight * way, inverse(weight if ease is None else ease.share(weight))
+            weight = max(least, self._fastest((a - last)[joints], (b - a)[joints], weight))
+            s = inverse(weight if ease is None else ease.share(weight))
+            x, reach = between(a, b, last, weight, joints)
         self._s = 1.0 if h >= 1.0 and weight >= 1.0 else max(self._s, s)
-        if unfinished and (reach := largest((x - last)[joints])) > self._cap:
+        if unfinished and reach > self._cap:
             return last + (self._cap / reach) * (x - last)
         return x
 
@@ -177,6 +190,15 @@ class Transition:
         """Take the next pair where this one is done."""
         if self._s >= 1.0 and self._at < len(self._sessions) - 2:
             self._at, self._s = self._at + 1, 0.0
+
+
+def between(a: Vec, b: Vec, last: Vec, weight: float, joints: Index | slice) -> tuple[Vec, float]:
+    """a + weight (b - a), and its largest distance from the last x over these joints."""
+    if native is not None and isinstance(joints, slice):
+        x = np.empty(a.size)
+        return x, native.blend(a, b, last, weight, joints.start, joints.stop, x)
+    x = a + weight * (b - a)
+    return x, largest((x - last)[joints])
 
 
 def largest(change: Vec) -> float:

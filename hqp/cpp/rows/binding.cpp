@@ -2,6 +2,7 @@
 #include <cstdlib>
 
 #include "assembly.hpp"
+#include "blending.hpp"
 #include "descents.hpp"
 #include "easing.hpp"
 #include "snapshots.hpp"
@@ -92,6 +93,7 @@ NB_MODULE(_assembly, module) {
       .def("aim", &EasedRows::aim, "other"_a, "k"_a, "here"_a)
       .def("rewrite", &EasedRows::rewrite)
       .def("before", &EasedRows::before, "next"_a);
+  module.def("blend", &blend, "a"_a, "b"_a, "last"_a, "weight"_a, "begin"_a, "end"_a, "x"_a.noconvert());
   nb::class_<Snapshots>(module, "Snapshots")
       .def(nb::init<const std::vector<std::tuple<Snapshots::Bytes, std::size_t>>&, const Snapshots::Ring&,
                     std::size_t>(),
