@@ -28,7 +28,8 @@ class CollisionAvoidance(Inequality):
         a(h) = rate h / (1 - (d / influence)^4)  outside,    a(h) = -min(rate |h|, recovery)  inside,
 
     J v = n . (v_b - v_a) at the nearest points, n from a to b.  Where x is an acceleration,
-    J a >= 4 rate (-a(h) - J v) - dJ/dt v with the rate at which the nearest points slide: poles at twice the rate.
+    J a >= 4 rate (-a(h) - J v) - dJ/dt v with the rate at which the nearest points slide: poles at twice the rate
+    (capsules side by side slide from end to end at once: that counts with a bound).
     A row is free beyond the influence and comes in without a jump.  d is between the robot's capsules
     (``robot.capsules``) and those of its other links, or the shapes of ``world``.
 
@@ -198,7 +199,9 @@ class CollisionAvoidance(Inequality):
             lower = np.array(least) - carried
         else:
             least = [-math.inf if n is None else self.braking(n, u) for n, u in zip(near, speeds, strict=True)]
-            lower = np.array(least) - self.drift(state, value)
+            motions = self._motions(state, value)
+            drift = [0.0 if n is None else motions.counted(n, self.outset) for n in near]
+            lower = np.array(least) - np.array(drift)
         return lower, np.full(lower.size, math.inf)
 
     def plan(self, robot: Robot) -> plans.Collision | None:

@@ -33,7 +33,9 @@ Tables: TypeAlias = tuple[
 
 
 class Near(NamedTuple):
-    """What has a row: its number, distance and clearance [m], normal, nearest point of its first axis, its share.
+    """What has a row: its number, distance and clearance [m], normal, nearest point of its first axis.
+
+    fade: its share, of the row of an end.  beside: the share of the rows of a pair's ends, of the pair's own.
 
     pair: that of the pair, or of an end of one of its capsules, see ``Scene``.
     """
@@ -44,6 +46,7 @@ class Near(NamedTuple):
     normal: Vec
     point: Vec
     fade: float = 1.0
+    beside: float = 0.0
 
 
 _SCENES: WeakKeyDictionary[Robot, dict[Any, Scene]] = WeakKeyDictionary()
@@ -192,7 +195,7 @@ class Scene:
             if not found[0] < self._element.influence:
                 continue
             clearance, fade = float(self.clearance[pair]), self.fade(pair, poses, *both)
-            near[pair] = Near(pair, found[0], clearance, *found[1:])
+            near[pair] = Near(pair, found[0], clearance, *found[1:], beside=fade)
             for row in range(pair + len(self.pairs), 5 * len(self.pairs) if fade else 0, len(self.pairs)):
                 found = self.measure(row, poses, *both)
                 if found[0] < self._element.influence:

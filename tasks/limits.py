@@ -42,9 +42,10 @@ class JointLimits(Inequality):
     the acceleration window, the box is then clipped into [v - a dt, v + a dt]; where the two do not meet it is the
     end of the window nearest to it, so that the box is never empty.  v is the velocity of the state; at velocity level
     it is the command that the session sent last, for a measured one lags behind.  Where x is an acceleration the
-    bounds are those of u = v + dt x, and a braking curve is neared at the rate k, so that braking sets in gradually:
+    bounds are those of u = v + dt x, and top speed and braking curve are neared at the rate k, so that braking sets in
+    gradually:
 
-        x <= k (f(d) - v) + (1 - k dt) s,    s = -b v / (f(d) + b dt), the slope of the curve; 0 where v_max is less.
+        x <= k (v_max - v),    x <= k (f(d) - v) + (1 - k dt) s,    s = -b v / (f(d) + b dt), the slope of the curve.
 
     The limit of a ball joint is a cone, one more row: a session adds ``BallLimits`` to a stack with JointLimits.
 
@@ -119,8 +120,8 @@ class JointLimits(Inequality):
         highest, lowest = fastest(up, speed, b, back, dt), -fastest(-down, speed, b, back, dt)
         upper, lower = highest, lowest
         if order == 2 and self.approach:
-            upper = gradual(highest, v, speed, b, self.approach, dt)
-            lower = -gradual(-lowest, -v, speed, b, self.approach, dt)
+            upper = gradual(up, highest, v, speed, b, self.approach, dt)
+            lower = -gradual(-down, -lowest, -v, speed, b, self.approach, dt)
             upper = np.maximum(upper, np.minimum(highest, lower))  # a gradual bound gives way where the two would cross
             lower = np.minimum(lower, np.maximum(lowest, upper))
         upper, lower = np.clip(upper, v - a * dt, v + a * dt), np.clip(lower, v - a * dt, v + a * dt)
@@ -163,19 +164,23 @@ def home_inertia(robot: Robot) -> Vec:
     return _INERTIA[robot]
 
 
-def fastest(way: Vec, speed: Vec, b: Vec, back: float, dt: float) -> Vec:
-    """Largest velocity ``(k,)`` towards a limit that is ``way`` off; from outside the one that leads back."""
+def braking_curve(way: Vec, b: Vec, dt: float) -> Vec:
+    """f(|d|), ``(k,)``: b (sqrt(dt^2 + 2 d / b) - dt) without the cancellation; d / dt where b is infinite."""
     off = np.abs(way)
     with np.errstate(invalid="ignore"):  # no limit is infinitely far
-        # b (sqrt(dt^2 + 2 d / b) - dt) without the cancellation; d / dt where b is infinite
-        curve = np.where(off < math.inf, 2.0 * off / (np.sqrt(dt * dt + 2.0 * off / b) + dt), math.inf)
-    most = np.minimum(curve, speed)
+        return np.where(off < math.inf, 2.0 * off / (np.sqrt(dt * dt + 2.0 * off / b) + dt), math.inf)
+
+
+def fastest(way: Vec, speed: Vec, b: Vec, back: float, dt: float) -> Vec:
+    """Largest velocity ``(k,)`` towards a limit that is ``way`` off; from outside the one that leads back."""
+    most = np.minimum(braking_curve(way, b, dt), speed)
     return np.where(way >= 0.0, most, -np.minimum(most, back))
 
 
-def gradual(curve: Vec, v: Vec, speed: Vec, b: Vec, approach: float, dt: float) -> Vec:
-    """Largest velocity ``(k,)`` of the next step from v that nears a braking curve at the rate ``approach``."""
+def gradual(way: Vec, most: Vec, v: Vec, speed: Vec, b: Vec, approach: float, dt: float) -> Vec:
+    """Largest velocity ``(k,)`` of the next step from v, at most ``most``, that nears curve and top speed gradually."""
+    curve, share = braking_curve(way, b, dt), min(1.0, approach * dt)
     with np.errstate(divide="ignore", invalid="ignore"):
-        slope = np.where((curve < speed) & (v > 0.0), -v / (curve / b + dt), 0.0)
-        near = v + dt * slope + min(1.0, approach * dt) * (curve - v - dt * slope)
-    return np.where((curve > 0.0) & np.isfinite(b), np.minimum(curve, near), curve)
+        slope = np.where(v > 0.0, -v / (curve / b + dt), 0.0)
+        near = np.minimum(v + share * (speed - v), v + dt * slope + share * (curve - v - dt * slope))
+    return np.where((most > 0.0) & np.isfinite(b), np.minimum(most, near), most)

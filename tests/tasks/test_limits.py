@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import hqp
 import hqp.robots
-from hqp import Level, P, Stack
+from hqp import PD, Level, P, Stack
 from hqp.errors import DeclarationError, JointNotFound
 from hqp.tasks import JointLimits, Position, Posture, TorqueLimits
 
@@ -132,6 +132,27 @@ def test_box_by_hand() -> None:
     lower, upper = box(JointLimits(acceleration=None, braking=2.0), robot, 0.01)([0.0, 0.995, 1.001, 0.0], np.ones(4))
     near, back = 2.0 * (math.sqrt(1e-4 + 1.0) - 0.01), 2.0 * (math.sqrt(1e-4 + 1e-3) - 0.01)
     np.testing.assert_allclose(upper, [near, slow, -back, near], atol=1e-12)
+
+
+def test_braking_from_top_speed_sets_in_gradually() -> None:
+    """A bound that turns to braking where the curve comes below the top speed changes by b = 5 in one tick."""
+    robot = hqp.robots.load("panda")
+    posture = Posture(law=PD(100.0, 20.0))
+    stack = Stack(Level(posture), subject_to=[JointLimits()])
+    session = hqp.Controller(stack, hqp.Acceleration(), deadline=math.inf).session(robot, 0.002)
+    elbow, q, v = robot.joints("panda_joint4")[0], robot.home.copy(), np.zeros(robot.nv)
+    goal, found = q.copy(), []
+    q[elbow] = robot.lower[elbow] + 0.1
+    goal[elbow] = robot.upper[elbow] + 2.0
+    top = 0.0
+    for _ in range(2000):
+        tick = session.step(robot.state(q, v), posture.at(goal))
+        found.append(tick.command[elbow])
+        q, v = tick.advance()
+        top = max(top, v[elbow])
+    assert top > 0.95 * robot.velocity_limit[elbow]
+    assert robot.upper[elbow] - q[elbow] < 0.01
+    assert np.abs(np.diff(found[300:])).max() < 1.0
 
 
 def test_defaults_follow_the_robot() -> None:

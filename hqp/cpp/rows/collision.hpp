@@ -49,6 +49,7 @@ class Collision final : public Operation {
         near_(5 * s_.pairs.size(), kFar),
         found_(5 * s_.pairs.size()),
         fade_(5 * s_.pairs.size(), 1.0),
+        beside_(s_.pairs.size(), 0.0),
         old_(s_.rows, -1) {
     for (std::size_t k = 0; k < s_.links.size(); ++k) {
       const Vec3 axis = s_.links[k].local.b - s_.links[k].local.a;
@@ -63,7 +64,7 @@ class Collision final : public Operation {
     look();
     assign();
     for (int i = 0; i < s_.rows; ++i) write(i, v);
-    for (const int row : close_) near_[row] = kFar, fade_[row] = 1.0;
+    for (const int row : close_) near_[row] = kFar, fade_[row] = 1.0, beside_[row % count_] = 0.0;
   }
 
  private:
@@ -123,6 +124,7 @@ class Collision final : public Operation {
     if (!(std::min(A, C) > kShort * kShort)) return;
     const double fade = std::min(1.0, (kAcross - (1.0 - B * B / (A * C))) / (kAcross - kAligned));
     if (!(fade > 0.0)) return;
+    beside_[n] = fade;
     for (int k = 1; k <= 4; ++k) {
       const int row = n + k * count_;
       const Distance found = measure(row, one, two);
@@ -238,18 +240,21 @@ class Collision final : public Operation {
   }
 
   // How the rate changes at zero acceleration, bodies moved by their velocities for a moment either way. Where the
-  // nearest point or the normal jumps in between, that of the points that are nearest now.
+  // nearest point or the normal jumps in between, that of the points that are nearest now. Of capsules side by side a
+  // nearest point that slides from end to end counts with a bound: the ends have rows of their own, which see it.
   double drift(int row) const {
-    constexpr double kJump = 0.01, kTurn = 0.9;
+    constexpr double kJump = 0.01, kTurn = 0.9, kSlide = 2.0;  // as in tasks/collision_motion.py
     const auto [i, j] = pair_of(row);
-    const double h = s_.step;
+    const double h = s_.step, beside = row < count_ ? beside_[row] : 0.0;
+    const Distance& now = found_[row];
+    const double held = dot(now.normal, point_drift(j, now.point) - point_drift(i, now.point));
     const Distance ends[2] = {measure(row, moved(i, h), is_link(j) ? moved(j, h) : Segment{}, h),
                               measure(row, moved(i, -h), is_link(j) ? moved(j, -h) : Segment{}, -h)};
     const Vec3 slid = ends[0].point - ends[1].point;
-    if (dot(slid, slid) <= kJump * kJump && dot(ends[0].normal, ends[1].normal) >= kTurn)
-      return (rate(row, ends[0], h) - rate(row, ends[1], -h)) / (2.0 * h);
-    const Distance& now = found_[row];
-    return dot(now.normal, point_drift(j, now.point) - point_drift(i, now.point));
+    if (dot(slid, slid) > kJump * kJump || dot(ends[0].normal, ends[1].normal) < kTurn) return held;
+    const double sliding = (rate(row, ends[0], h) - rate(row, ends[1], -h)) / (2.0 * h) - held;
+    const double most = kSlide * s_.outset / beside;
+    return held + std::min(std::max(sliding, -most), most);
   }
   double rate(int row, const Distance& found, double h) const {  // of a pair's distance, after a time h
     const auto [i, j] = pair_of(row);
@@ -288,7 +293,8 @@ class Collision final : public Operation {
   int count_;                 // of pairs
   std::vector<double> near_;  // distance for each row, infinite beyond the influence
   std::vector<Distance> found_;
-  std::vector<double> fade_;  // share of rows of ends, 1 for others
+  std::vector<double> fade_;    // share of rows of ends, 1 for others
+  std::vector<double> beside_;  // share of a pair's rows of ends, 0 for none
   std::vector<int> old_, close_;
   std::vector<std::array<std::vector<int>, 2>> chains_;
 };

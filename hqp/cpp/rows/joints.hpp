@@ -125,8 +125,9 @@ class JointBox final : public Operation {  // one consistent box for the next st
     for (std::size_t i = 0; i < joints_.size(); ++i) {
       const double at = joints_.angle(i, q), rate = v[joints_.columns[i]];
       const double reach = l.acceleration[i] * l.dt;
-      const double highest = fastest(l.high[i] - at, i), lowest = -fastest(at - l.low[i], i);
-      double up = gradual(highest, rate, i), down = -gradual(-lowest, -rate, i);
+      const double above = l.high[i] - at, below = at - l.low[i];
+      const double highest = fastest(above, i), lowest = -fastest(below, i);
+      double up = gradual(above, highest, rate, i), down = -gradual(below, -lowest, -rate, i);
       up = std::max(up, std::min(highest, down));  // a gradual bound gives way where the two would cross
       down = std::min(down, std::max(lowest, up));
       up = clip(up, rate - reach, rate + reach);
@@ -143,21 +144,25 @@ class JointBox final : public Operation {  // one consistent box for the next st
  private:
   static double clip(double u, double low, double high) { return std::min(std::max(u, low), high); }
 
-  // Velocity of the next step from `rate` that nears a braking curve gradually, at order 2.
-  double gradual(double curve, double rate, std::size_t i) const {
+  // Velocity of the next step from `rate` that nears braking curve and top speed gradually, at order 2.
+  double gradual(double way, double most, double rate, std::size_t i) const {
     const Limits& l = limits_;
-    if (l.order == 1 || !(curve > 0.0) || !std::isfinite(l.braking[i]) || !std::isfinite(l.approach)) return curve;
-    const double slope = curve < l.speed[i] && rate > 0.0 ? -rate / (curve / l.braking[i] + l.dt) : 0.0;
-    return std::min(curve, rate + l.dt * slope + std::min(1.0, l.approach * l.dt) * (curve - rate - l.dt * slope));
+    if (l.order == 1 || !(most > 0.0) || !std::isfinite(l.braking[i]) || !std::isfinite(l.approach)) return most;
+    const double f = curve(way, i), share = std::min(1.0, l.approach * l.dt);
+    const double slope = rate > 0.0 ? -rate / (f / l.braking[i] + l.dt) : 0.0;
+    const double near = rate + l.dt * slope + share * (f - rate - l.dt * slope);
+    return std::min({most, near, rate + share * (l.speed[i] - rate)});
   }
 
   double fastest(double way, std::size_t i) const {  // velocity towards a limit that is `way` off, or back to it
-    const Limits& l = limits_;
-    const double off = std::fabs(way);
-    double most = l.speed[i];
-    if (std::isfinite(off))
-      most = std::min(most, 2.0 * off / (std::sqrt(l.dt * l.dt + 2.0 * off / l.braking[i]) + l.dt));
-    return way >= 0.0 ? most : -std::min(most, l.return_velocity);
+    const double most = std::min(limits_.speed[i], curve(way, i));
+    return way >= 0.0 ? most : -std::min(most, limits_.return_velocity);
+  }
+
+  double curve(double way, std::size_t i) const {  // the speed from which a joint stops on the limit
+    const double off = std::fabs(way), dt = limits_.dt;
+    if (!std::isfinite(off)) return INFINITY;
+    return 2.0 * off / (std::sqrt(dt * dt + 2.0 * off / limits_.braking[i]) + dt);
   }
 
   Target out_;
