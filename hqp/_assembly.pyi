@@ -152,7 +152,7 @@ class Snapshots:
     parts: bytes, and where they begin in a snapshot.  Raises ValueError for a part that does not fit.
     """
 
-    def __init__(self, parts: Sequence[tuple[memoryview, int]], ring: bytearray, size: int) -> None: ...
+    def __init__(self, parts: Sequence[tuple[memoryview, int]], ring: memoryview, size: int) -> None: ...
     def take(self, i: int) -> None:
         """Write snapshot ``i``; raises IndexError for one beyond the ring."""
 

@@ -51,6 +51,11 @@ class Program(ABC):
         """Blocks of rows ``(m, n)`` that are rows of a live array times a factor each: (A, array, rows, factors)."""
         return []
 
+    @property
+    def symmetric(self) -> list[tuple[Mat, Index]]:
+        """Live arrays ``(rows, >= k)`` and k of their rows, of which the first k columns are symmetric to the bit."""
+        return []
+
     @abstractmethod
     def prepare(self, state: State) -> None:
         """Compute the quantities of the state that the rows need."""

@@ -85,9 +85,12 @@ def slowed(problem: Hierarchy, level: int, at: Coordinates, haste: float) -> Row
 
 
 def common_bound(size: Vec, speed: float) -> float:
-    """theta with ||min(size, theta)|| = speed, where ||size|| > speed: found in a few passes, for it only grows."""
+    """theta with ||min(size, theta)|| = speed, where ||size|| > speed: found in a few passes, for it only grows.
+
+    Where ||size|| is above speed by rounding alone theta may be above all of them.
+    """
     bound, count = 0.0, 0
-    while (cut := size > bound).sum() != count:
+    while (cut := size > bound).sum() != count and cut.any():
         count = int(cut.sum())
         bound = math.sqrt(max(speed**2 - float(np.square(size[~cut]).sum()), 0.0) / count)
     return bound

@@ -19,10 +19,16 @@ LINE = 64
 class Memory:
     """The buffers that a hierarchy's arrays are views of, each once, but for rows that are multiples of others.
 
-    copies: as ``Program.copies``.  ``size`` bytes a tick; ``parts``: what is copied, and its place there.
+    Of symmetric blocks one triangle is kept.  copies, symmetric: as ``Program.copies`` and ``Program.symmetric``.
+    ``size`` bytes a tick; ``parts``: what is copied, and its place there.
     """
 
-    def __init__(self, problem: Hierarchy, copies: Sequence[tuple[Mat, Mat, Index, Vec]] = ()) -> None:
+    def __init__(
+        self,
+        problem: Hierarchy,
+        copies: Sequence[tuple[Mat, Mat, Index, Vec]] = (),
+        symmetric: Sequence[tuple[Mat, Index]] = (),
+    ) -> None:
         self._problem = problem.copy()  # what never changes: shapes, selections, prices
         self.parts: list[tuple[memoryview, int, int]] = []
         self.size = 0
@@ -33,7 +39,13 @@ class Memory:
         kept = [(target, *rest) for target, *rest in copies if target.size and target.flags.c_contiguous]
         self._copies = [(self._view(A), self._view(source), rows, factors) for A, source, rows, factors in kept]
         begins = [view[0] for view, *_ in self._copies]
-        gaps = sorted((start, start + item[0].nbytes) for start, item in zip(begins, kept, strict=True))
+        self._symmetric = [(self._view(array), rows) for array, rows in symmetric if array.flags.c_contiguous]
+        gaps = [(start, start + item[0].nbytes) for start, item in zip(begins, kept, strict=True)]
+        for (place, shape, strides), rows in self._symmetric:  # the lower triangle; what is left are whole lines
+            for k, i in enumerate(rows.tolist()):
+                left = -(-(shape[1] - k) * strides[1] // LINE) * LINE
+                gaps.append((place + i * strides[0], place + max(i * strides[0], (i + 1) * strides[0] - left)))
+        gaps.sort()
         self._places: list[int] = []
         for owner, begin in self._owners:
             content = memoryview(owner.data).cast("B")
@@ -68,6 +80,9 @@ class Memory:
             place, shape, strides = view
             return np.ndarray(shape, np.float64, whole, place, strides)
 
+        for block, index in self._symmetric:
+            A, below = array(block), np.tril_indices(index.size, -1)
+            A[index[below[0]], below[1]] = A[index[below[1]], below[0]]
         for target, source, rows, factors in self._copies:
             A = array(target)
             np.multiply(array(source)[rows, : A.shape[1]], factors[:, None], out=A)

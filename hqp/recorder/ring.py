@@ -14,7 +14,7 @@ import numpy as np
 from hqp.errors import DeclarationError
 from hqp.formulation import Program
 from hqp.problem import Status
-from hqp.recorder.layout import Memory
+from hqp.recorder.layout import LINE, Memory
 from hqp.reference import Reference
 
 try:
@@ -43,13 +43,15 @@ class Segment:
     """Ticks of one compiled stack, the latest ``ticks`` of them."""
 
     def __init__(self, program: Program, ticks: int, spare: list[bytearray]) -> None:
-        self.program, self.memory, self.ticks = program, Memory(program.problem, program.copies), ticks
-        size = max(1, self.memory.size) * ticks
+        self.memory = Memory(program.problem, program.copies, program.symmetric)
+        self.program, self.ticks = program, ticks
+        size = max(1, self.memory.size) * ticks + LINE
         fit = next((k for k, ring in enumerate(spare) if len(ring) == size), None)
         self.ring = spare.pop(fit) if fit is not None else bytearray(size)
-        self.view = memoryview(self.ring)
+        begin = -np.frombuffer(self.ring, np.uint8).ctypes.data % LINE
+        self.view = memoryview(self.ring)[begin : begin + size - LINE]
         parts = [(part, begin) for part, begin, _ in self.memory.parts]
-        self.snapshots: Any = None if native is None else native.Snapshots(parts, self.ring, max(1, self.memory.size))
+        self.snapshots: Any = None if native is None else native.Snapshots(parts, self.view, max(1, self.memory.size))
         self.entries: list[tuple[Tick, tuple[Reference, ...]] | None] = [None] * ticks
         self.count = 0
 

@@ -45,8 +45,9 @@ class ConstrainedDynamics:
 
     nv: tangent coordinates.  rows: m constraint rows.  actuated: tangent coordinate of each of n actuated joints.
     parents: of the coordinates, see ``coordinate_parents``; A is zero between branches.  A full A without them.
-    After ``update``:  map ``(nv, n + 1)`` = [X, c]: qdd = X tau + c.  phi ``(n, n)``: phi* (eq. 15), symmetric,
-    singular where constraints take a direction from the actuators.  rank: number r of independent constraints.
+    After ``update``:  map ``(nv, n + 1)`` = [X, c]: qdd = X tau + c.  phi ``(n, n)``: phi* (eq. 15), symmetric, to the
+    bit the rows of X that are actuated; singular where constraints take a direction from the actuators.  rank: number r
+    of independent constraints.
     The live arrays are overwritten by the next update; the properties are computed anew at every access.
     """
 
@@ -146,6 +147,7 @@ class ConstrainedDynamics:
             ormqr("L", "N", self._qr, self._tau, image, _WORK, overwrite_c=1)
         trtrs(L, image, trans=0, overwrite_b=1)
         np.copyto(self.map, image)
+        self.X[self.actuated] = self.phi  # in exact numbers they are the same; see hqp/recorder/layout.py
 
     def _factorise(self) -> None:
         """Q and T of the constraints; S too where they turn out to be dependent."""

@@ -188,8 +188,14 @@ class TorqueProgram(Program):
 
     @property
     def copies(self) -> list[tuple[Mat, Mat, Index, Vec]]:
-        """Rows that pick coordinates of qdd, and the motion: multiples of rows of X."""
-        return self._rows.copies
+        """Rows that pick coordinates of qdd, the motion and the metric: multiples of rows of X."""
+        dynamics = self.dynamics
+        return [*self._rows.copies, (dynamics.phi, dynamics.map, dynamics.actuated, np.ones(dynamics.n))]
+
+    @property
+    def symmetric(self) -> list[tuple[Mat, Index]]:
+        """The map, whose rows of actuated coordinates begin with a symmetric block."""
+        return [(self.dynamics.map, self.dynamics.actuated)]
 
     def _size(self, element: Element) -> int:
         if element.quantity == "motion":

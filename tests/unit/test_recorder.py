@@ -88,19 +88,21 @@ def test_a_file_holds_what_was_solved(formulation: Any, tmp_path: Path) -> None:
 
 
 def test_rows_that_are_multiples_of_others_are_kept_once(tmp_path: Path) -> None:
-    """At torque level a posture, limits of joints and the motion are rows of qdd = X tau + c."""
+    """At torque level a posture, limits of joints, motion and metric are rows of qdd = X tau + c; X is symmetric."""
     robot, run, _ = make(hqp.Torque())
     run.step(robot.state())
     program = run.program
-    plain, lean = Memory(program.problem), Memory(program.problem, program.copies)
+    plain, lean = Memory(program.problem), Memory(program.problem, program.copies, program.symmetric)
     n = robot.actuated.size
-    assert plain.size - lean.size > 0.9 * 8 * n * n
+    assert plain.size - lean.size > 1.9 * 8 * n * n
     ring = bytearray(lean.size)
     for part, begin, end in lean.parts:
         ring[begin:end] = part
     found = lean.problem(bytes(ring))
     for one, other in zip(program.problem.levels, found.levels, strict=True):
         assert np.array_equal(one.dense(n), other.dense(n))
+    assert np.array_equal(program.problem.metric, found.metric)
+    assert np.array_equal(program.problem.motion.F, found.motion.F)
 
 
 def test_a_file_is_written_when_something_happens_and_not_again_at_once(tmp_path: Path) -> None:

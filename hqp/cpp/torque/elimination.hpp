@@ -10,8 +10,8 @@ class Elimination {
  public:
   virtual ~Elimination() = default;
   // A (nv, nv): its upper triangle, column-major; bias (nv), J (m, nv), gamma (m).  Written: map (nv, n + 1) = [X, c],
-  // phi (n, n), Q (nv, m) and T (m, m) with H^-T J^T = Q T, top (m, n + 1).
-  // -1: A is not positive definite; 0: the constraints are dependent; 1: all is written.
+  // phi (n, n), which the rows of X that are actuated hold to the bit, Q (nv, m) and T (m, m) with H^-T J^T = Q T, top
+  // (m, n + 1). -1: A is not positive definite; 0: the constraints are dependent; 1: all is written.
   virtual int eliminate(const double* A, const double* bias, const double* J, const double* gamma, double tolerance,
                         double* map, double* phi, double* Q, double* T, double* top) = 0;
 };

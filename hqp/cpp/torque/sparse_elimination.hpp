@@ -41,6 +41,8 @@ class SparseElimination final : public Elimination {
     if (!constraints(J, gamma, tolerance, Q, T)) return 0;
     project(Q, top, map, phi);
     motions(map);
+    // in exact numbers they are the same; to the bit, one is kept where both are written down
+    for (int k = 0; k < n_; ++k) std::copy(phi + k * n_, phi + (k + 1) * n_, map + actuated_[k] * (n_ + 1));
     return 1;
   }
 
