@@ -72,7 +72,7 @@ def test_the_same_call_again_does_only_what_is_missing(tmp_path: Path) -> None:
 
 def test_other_code_and_other_arguments_are_other_results(tmp_path: Path) -> None:
     case = next(iter(sweep.load(toml(tmp_path))))
-    same = sweep.Case(case.function, dict(reversed(case.arguments.items())))
+    same = sweep.Case(case.function, dict(reversed(list(case.arguments.items()))))
     assert case.key("a") == same.key("a") != case.key("b")
     assert case.key("a") != sweep.Case(case.function, {**case.arguments, "x": 100}).key("a")
     assert len(sweep.load(toml(tmp_path)).code) == 16

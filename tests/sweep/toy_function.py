@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from pathlib import Path
 
 import numpy as np
 
 
-def square(x: int, folder: str = "", kill_at: int | None = None, once: bool = True) -> dict[str, object]:
+def square(
+    x: int, folder: str = "", kill_at: int | None = None, once: bool = True, seconds: float = 0.0
+) -> dict[str, object]:
     """x squared; leaves a mark of every call in ``folder``, refuses 7, and kills its process at ``kill_at``."""
+    time.sleep(seconds)
     if folder:
         with open(Path(folder) / f"call-{x}", "a") as file:
             file.write("x")
