@@ -48,6 +48,12 @@ more than the band that it leaves; a faster one jumps between the corners of the
 LONGEST_TICK = 0.5
 """[s] longer steps are those of a search for a pose (hqp.reach), not ticks: postures have no pace there."""
 
+TICKS, LONGEST_BY_TICKS = 10.0, 0.1
+"""At order 1 tau is at least this many ticks, up to LONGEST_BY_TICKS [s].
+
+The rows of an unmet level turn with each tick, and an eager level below it (a base without speed limit) then jumps
+within its band: at 100 Hz with tau = 0.05 s for ever, with 0.1 s not.  A longer one slows what speed limits cut."""
+
 GAIN_TIME = 0.25
 """At order 1, tau is at most this over the gain: a demand that speed limits cut would slow all rows of its level."""
 
@@ -56,10 +62,11 @@ GAIN_TIME = 0.25
 class Price:
     """What motion costs a level: min ||w|| + c E(x), c = tau^order L, instead of min ||w|| (docs/calm.md).
 
-    tau: [s] a direction in which the level is nearly lost closes no faster than 1/tau; None follows from the laws:
-    max(dt, min(0.05, 0.25 / gain)) at order 1, min(0.1, 1 / sqrt(kp)) at order 2.  A level that can be met for its
-    price is exact; the price shows where it is out of reach.  share: where the level is not met, levels below may move
-    its rows by this fraction of its residual; 0 locks them.  Raises DeclarationError for numbers out of range.
+    tau: [s] a direction in which the level is nearly lost closes no faster than 1/tau; None follows from the laws and
+    the tick: max(min(0.05, 0.25 / gain), min(0.1, 10 dt)) at order 1, min(0.1, 1 / sqrt(kp)) at order 2, at least dt.
+    A level that can be met for its price is exact; the price shows where it is out of reach.  share: where the level
+    is not met, levels below may move its rows by this fraction of its residual; 0 locks them.  Raises DeclarationError
+    for numbers out of range.
     """
 
     tau: float | None = None
@@ -210,8 +217,9 @@ def tau_of(laws: Sequence[Law], order: int, dt: float) -> float:
     gain = max(gains, default=0.0)
     if gain <= 0.0:
         return LONGEST_TAU[order]
-    fastest = GAIN_TIME / gain if order == 1 else 1.0 / math.sqrt(gain)
-    return max(dt, min(LONGEST_TAU[order], fastest))
+    if order == 2:
+        return max(dt, min(LONGEST_TAU[2], 1.0 / math.sqrt(gain)))
+    return max(dt, min(TICKS * dt, LONGEST_BY_TICKS), min(LONGEST_TAU[1], GAIN_TIME / gain))
 
 
 def level_prices(

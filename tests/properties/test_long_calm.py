@@ -24,7 +24,7 @@ ARM = """<mujoco><compiler angle="radian"/><worldbody><body><joint name="shoulde
 """Two links of half a metre in the plane."""
 
 
-def restless(name: str, ahead: list[float], gain: float = 1.0, ticks: int = 4000) -> int:
+def restless(name: str, ahead: list[float], gain: float = 1.0, ticks: int = 4000, dt: float = 0.002) -> int:
     """Periods of 0.8 s, but the first two, in which a command is restless; base and posture are not slowed."""
     robot = hqp.robots.load(name)
     hand = Position(frame=robot.landmarks["palms"][1], law=P(5.0, max_velocity=0.5), name="hand")
@@ -36,7 +36,7 @@ def restless(name: str, ahead: list[float], gain: float = 1.0, ticks: int = 4000
         Level(Posture(law=P(gain))),
         subject_to=[*(FixedContact(frame=sole) for sole in robot.landmarks["soles"]), JointLimits()],
     )
-    session = hqp.Controller(stack, deadline=math.inf).session(robot, 0.002)
+    session = hqp.Controller(stack, deadline=math.inf).session(robot, dt)
     q, v = robot.home.copy(), np.zeros(robot.nv)
     goal, commands = robot.state(q).position(hand.frame) + np.array(ahead), []
     for _ in range(ticks):
@@ -44,7 +44,9 @@ def restless(name: str, ahead: list[float], gain: float = 1.0, ticks: int = 4000
         commands.append(tick.command)
         q, v = tick.advance()
     change = np.abs(np.diff(np.array(commands), axis=0)).max(axis=1)
-    return sum(float(np.median(change[k : k + 400])) > RESTLESS for k in range(800, ticks - 1, 400))
+    period = round(0.8 / dt)
+    slow = RESTLESS * dt / 0.002
+    return sum(float(np.median(change[k : k + period])) > slow for k in range(2 * period, ticks - 1, period))
 
 
 @pytest.mark.parametrize(
@@ -62,6 +64,12 @@ def restless(name: str, ahead: list[float], gain: float = 1.0, ticks: int = 4000
 def test_out_of_reach_it_stays_calm(name: str, ahead: list[float]) -> None:
     """A posture as fast as its law asks would jump between the corners of the bands of hand and base."""
     assert restless(name, ahead) == 0
+
+
+@pytest.mark.parametrize(("name", "dt"), [("g1", 0.01), ("icub", 0.01), ("cbi", 0.02), ("icub", 0.02)])
+def test_at_slow_rates_too(name: str, dt: float) -> None:
+    """With tau = 0.05 s the base jumped within the hand's band in 5 to 9 of 11 periods."""
+    assert restless(name, [0.3, -0.3, 0.9], ticks=round(9.0 / dt), dt=dt) == 0
 
 
 @pytest.mark.slow
