@@ -30,6 +30,7 @@ EXTRA = {
     "deadline": "torque ticks with violated constraints: how long with the default deadline and without, how good",
     "soak": "random closed loops with everything that goes wrong, at length",
     "collision": "hands that are blocked, a table in MuJoCo, and what pairs cost",
+    "pages": "tables of the experiments' pages from the committed runs",
     "reach": "inverse kinematics to 1000 random poses, beside roboplan",
 }
 """Parts that the main job leaves out."""

@@ -26,6 +26,7 @@ NAMES = {
     "cbi-statistics": "mistry2008.experiments.statistics",
     "dreamer-slope": "sentis2012.experiments.slope",
     "dreamer-robustness": "sentis2012.experiments.robustness",
+    "dreamer-limits": "sentis2012.experiments.pairs",
     "dreamer-statistics": "sentis2012.experiments.statistics",
 }
 
@@ -46,7 +47,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("dreamer-statistics, which by itself is the whole table")
     about = "nominal, nominal-imu, nominal-tilt, promised, all, or names of the table of robustness"
     group.add_argument("--cells", nargs="+", metavar="NAME", default=["nominal", "nominal-imu"], help=about)
-    group.add_argument("--runs", type=int, default=None, metavar="N", help="a cell; default 300, or 30 unpromised")
+    group.add_argument(
+        "--runs", type=int, default=None, metavar="N", help="a cell; default 300 of promised cells, else 30"
+    )
     group.add_argument("--seed", type=int, default=0, metavar="S", help="of what differs between runs, default 0")
     group.add_argument("--kept", type=Path, default=None, metavar="DIR", help="folder of the runs, to resume from")
     group.add_argument("--code", default="", metavar="TEXT", help="version of the code; default: a hash of the sources")
@@ -133,6 +136,8 @@ def _setting(arguments: argparse.Namespace, full: bool) -> Any:
 
 
 def _one(name: str, setting: Any, rendering: str) -> Any:
+    from hqp.lab.manifest import commit
+
     began = time.perf_counter()
     photographer = None
     if setting.pictures and setting.output is not None and rendering != "disable" and setting.show is None:
@@ -148,6 +153,7 @@ def _one(name: str, setting: Any, rendering: str) -> Any:
     outcome.parameters |= {
         "solver": str(setting.solver),
         "version": "full" if setting.full else "short",
+        "commit": commit(),
         "versions": {p: importlib.metadata.version(p) for p in ("mujoco", "pin", "numpy")},
         "wall time [s]": round(time.perf_counter() - began, 1),
     }

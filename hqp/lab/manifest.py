@@ -42,7 +42,7 @@ def manifest(**settings: Any) -> dict[str, Any]:
         },
         "python": platform.python_version(),
         "hqp": hqp.__version__,
-        "commit": _commit(),
+        "commit": commit(),
         "packages": {name: version for name in PACKAGES if (version := _version(name))},
         "blas": _blas(),
         **settings,
@@ -74,7 +74,7 @@ def _blas() -> str:
     return f"{name}, threads {'unknown' if threads is None else threads}"
 
 
-def _commit() -> str:
+def commit() -> str:
     """The commit of a checkout, an empty string for an installed wheel."""
     folder = Path(__file__).parents[2]
     if not (folder / ".git").exists():

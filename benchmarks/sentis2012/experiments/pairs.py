@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from benchmarks.sentis2012.experiments.cases import Case
+from benchmarks.lab.outcome import Figure, Outcome, Table, holds, number, table
+from benchmarks.lab.setting import Setting
+from benchmarks.sentis2012.experiments.cases import Case, carry_out
+from benchmarks.sentis2012.experiments.cells import ONE_CM
 from benchmarks.sentis2012.experiments.compliance import Compliance
+from benchmarks.sentis2012.experiments.measures import Measures
 from benchmarks.sentis2012.experiments.scene import Scene
+from benchmarks.sentis2012.experiments.step_bound import steps
 from benchmarks.sentis2012.experiments.variants import PULL
 
 
@@ -62,3 +68,37 @@ def pairs(full: bool) -> list[Pair]:
         )
         for name, scene, plain, hqp in scenes
     ]
+
+
+def experiment(setting: Setting) -> Outcome:
+    """Both side by side, and what statics asks at a step."""
+    outcome = Outcome("dreamer-limits")
+    outcome.parameters = {"human's way": PULL, "gains": Compliance()}
+    both = pairs(setting.full)
+    cases = [case for pair in both for case in (pair.projector, pair.bounded)]
+    measures = carry_out(cases, setting.solver, setting.jobs, setting.advance)
+    outcome.tables.append(_side_by_side(both, measures))
+    if setting.full:
+        outcome.tables.append(steps())
+    slippery = both[0]
+    outcome.figures += [
+        holds(f"{slippery.text}: HQP with friction bounds stands", math.isnan(measures[slippery.bounded.name].fell)),
+        Figure(f"{slippery.text}: CoM error, HQP", measures[slippery.bounded.name].com, "mm", high=ONE_CM),
+        holds(
+            f"{slippery.text}: projector keeps the CoM within 1 cm",
+            measures[slippery.projector.name].com <= ONE_CM,
+            wanted=False,
+        ),
+    ]
+    return outcome
+
+
+def _side_by_side(both: Sequence[Pair], measures: Mapping[str, Measures]) -> Table:
+    def say(m: Measures) -> str:
+        outcome = f"falls at {m.fell:.1f} s" if math.isfinite(m.fell) else f"CoM {number(m.com)} mm"
+        slip = "" if math.isnan(m.slip) else f", slip {number(m.slip)} m/s"
+        return f"{outcome}, unloaded {1e3 * m.unloaded:.0f} ms{slip}"
+
+    rows = [(pair.text, say(measures[pair.projector.name]), say(measures[pair.bounded.name])) for pair in both]
+    header = ("scene", "projector, CoM task capped at 2.5 m/s^2", "HQP: torque limits, friction cones, no cap")
+    return table("What inequalities buy", header, rows)

@@ -1,4 +1,4 @@
-"""Where Dreamer's controller holds and where it does not: one change at a time, some with several seeds, and limits.
+"""Where Dreamer's controller holds and where it does not: one change at a time, some with several seeds.
 
 Every cell is ``pass``, ``FAIL`` (a limit was promised and missed) or, where nothing was promised, what came out.
 """
@@ -6,27 +6,23 @@ Every cell is ``pass``, ``FAIL`` (a limit was promised and missed) or, where not
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
-from benchmarks.lab.outcome import Figure, Outcome, Table, holds, number, table
+from benchmarks.lab.outcome import Figure, Outcome, holds, number, table
 from benchmarks.lab.setting import Setting
 from benchmarks.sentis2012.experiments.cases import carry_out, seeded
 from benchmarks.sentis2012.experiments.cells import NOISY, ONE_CM, Cell, cells
 from benchmarks.sentis2012.experiments.compliance import Compliance
 from benchmarks.sentis2012.experiments.measures import Measures
-from benchmarks.sentis2012.experiments.pairs import Pair, pairs
-from benchmarks.sentis2012.experiments.step_bound import steps
 from benchmarks.sentis2012.experiments.variants import PULL
 
 
 def experiment(setting: Setting) -> Outcome:
-    """The table, and the projector against the HQP with limits."""
+    """The table."""
     outcome = Outcome("dreamer-robustness")
     outcome.parameters = {"human's way": PULL, "gains": Compliance(), "noise": NOISY, "seeds": setting.seeds}
     listed = cells(setting.full)
     cases = [c for cell in listed for c in (seeded(cell.case, setting.seeds) if cell.seeds else [cell.case])]
-    both = pairs(setting.full)
-    cases += [case for pair in both for case in (pair.projector, pair.bounded)]
     measures = carry_out(cases, setting.solver, setting.jobs, setting.advance)
     rows = []
     for cell in listed:
@@ -37,19 +33,6 @@ def experiment(setting: Setting) -> Outcome:
             outcome.figures.append(_figure(cell, runs))
     header = ("cell", "verdict", "asked [mm]", "CoM up / back [mm]", "within 1 cm", "least load [N]", "earlier [mm]")
     outcome.tables.append(table("Robustness", header, rows))
-    outcome.tables.append(_pairs(both, measures))
-    if setting.full:
-        outcome.tables.append(steps())
-    slippery = both[0]
-    outcome.figures += [
-        holds(f"{slippery.text}: HQP with friction bounds stands", math.isnan(measures[slippery.bounded.name].fell)),
-        Figure(f"{slippery.text}: CoM error, HQP", measures[slippery.bounded.name].com, "mm", high=ONE_CM),
-        holds(
-            f"{slippery.text}: projector keeps the CoM within 1 cm",
-            measures[slippery.projector.name].com <= ONE_CM,
-            wanted=False,
-        ),
-    ]
     return outcome
 
 
@@ -85,14 +68,3 @@ def _row(cell: Cell, runs: Sequence[Measures]) -> tuple[str, ...]:
 def _spread(values: Sequence[float]) -> str:
     low, high = min(values), max(values)
     return number(low) if len(values) == 1 else f"{number(low)} to {number(high)}"
-
-
-def _pairs(both: Sequence[Pair], measures: Mapping[str, Measures]) -> Table:
-    def say(m: Measures) -> str:
-        outcome = f"falls at {m.fell:.1f} s" if math.isfinite(m.fell) else f"CoM {number(m.com)} mm"
-        slip = "" if math.isnan(m.slip) else f", slip {number(m.slip)} m/s"
-        return f"{outcome}, unloaded {1e3 * m.unloaded:.0f} ms{slip}"
-
-    rows = [(pair.text, say(measures[pair.projector.name]), say(measures[pair.bounded.name])) for pair in both]
-    header = ("scene", "projector, CoM task capped at 2.5 m/s^2", "HQP: torque limits, friction cones, no cap")
-    return table("What inequalities buy", header, rows)

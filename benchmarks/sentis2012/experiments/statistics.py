@@ -2,7 +2,8 @@
 
 Runs differ in when the human sets out (up to half a second), in friction (2 percent) and in the sensors' noise (a tenth
 of the table's noisy cells, where a cell has none of its own).  A fall counts as an infinite error.  A promise holds
-if no run fell and the 99th percentile, rounded up to a run that was made, is within it.
+if no run fell and the 99th percentile, rounded up to a run that was made, is within it.  Promised are a few cells with
+many runs (PROMISED); of the others a few runs are held against a limit, which is an observation.
 
 Every run is a case of ``hqp.sweep``: the table takes hours, may be stopped at any time, and goes on where it was.
 """
@@ -43,6 +44,10 @@ LATER, SLIPPERIER = 0.5, 0.02
 
 MANY, FEW = 300, 30
 """Runs of a cell that promises something, and of another."""
+
+PROMISED = ("nominal-imu", "nominal-felt", "nominal")
+"""Cells whose limit is a promise: those that a reader needs, with runs enough for a rate.  Of the others it is the
+limit that a few runs are held against."""
 
 ABOUT = {
     "nominal": "7 degrees on rollers, contact normals from the simulator: privileged",
@@ -93,7 +98,10 @@ def one_run(cell: str, run: int, seed: int, solver: str = "lexicographic") -> di
 
 
 def summary(cell: str, rows: Sequence[Mapping[str, float]]) -> dict[str, Any]:
-    """A cell's line: percentiles over its runs, falls, what was promised and whether it holds."""
+    """A cell's line: percentiles over its runs, falls, what is promised (None: nothing), and whether its limit holds.
+
+    ``passed`` judges the limit of a cell that is only observed as well.
+    """
     fell = np.array([math.isfinite(row["fell"]) for row in rows])
     figures = {}
     for name, key, scale in (
@@ -105,13 +113,14 @@ def summary(cell: str, rows: Sequence[Mapping[str, float]]) -> dict[str, Any]:
         figures[name] = percentiles(np.where(fell | np.isnan(values), np.inf, values))
     limit = registry()[cell].limit
     worst = np.where(fell, np.inf, np.array([np.nanmax((row["com_up"], row["com_back"])) for row in rows]))
+    asked = "no fall" if limit == math.inf else limit
     holds = not fell.any() and (limit is None or percentiles(worst)["p99"] <= limit)
     return {
         "cell": cell,
         "runs": len(rows),
         **figures,
         "falls": int(fell.sum()),
-        "promised": "no fall" if limit == math.inf else limit,
+        "promised": asked if cell in PROMISED else None,
         "passed": bool(limit is None or holds),
     }
 
@@ -140,17 +149,20 @@ def shown(found: Sequence[Mapping[str, Any]]) -> Table:
 
     rows = []
     for line in found:
-        limit = line["promised"]
-        asked = "nothing" if limit is None else limit if isinstance(limit, str) else f"{limit:g}"
+        limit = registry()[line["cell"]].limit
+        asked = "none" if limit is None else "no fall" if limit == math.inf else f"{limit:g}"
+        verdict = "within" if line["passed"] else "beyond"
+        if line["promised"] is not None:
+            verdict = "promise holds" if line["passed"] else "promise FAILS"
         bound = 100.0 * fall_rate_bound(line["falls"], line["runs"])
         rows.append((
             line["cell"], knows(line["cell"]), str(line["runs"]), spread(line["com_up_mm"]),
             spread(line["com_back_mm"]), spread(line["unloaded_ms"]), f"{line['falls']} (< {bound:.3g} %)", asked,
-            "" if limit is None else "pass" if line["passed"] else "FAIL",
+            "" if limit is None else verdict,
         ))  # fmt: skip
     header = (
         "cell", "normals", "runs", "CoM up [mm]", "CoM back [mm]", "a wheel unloaded [ms]", "falls (rate, 95 %)",
-        "asked [mm]", "",
+        "limit [mm]", "",
     )  # fmt: skip
     return table("Statistics: median / 95th / 99th percentile / worst", header, rows)
 
@@ -165,7 +177,7 @@ def command(arguments: Any) -> int:
         print(f"benchmarks experiments: no cell {', '.join(unknown)}; there are {known}", file=sys.stderr)
         return 2
     solver = arguments.solver or "lexicographic"
-    each = {name: arguments.runs or (FEW if registry()[name].limit is None else MANY) for name in names}
+    each = {name: arguments.runs or (MANY if name in PROMISED else FEW) for name in names}
     # the first run of every cell, then the second: a table that is stopped has all of its cells
     wanted = [
         {"cell": name, "run": run, "seed": arguments.seed, "solver": solver}
@@ -194,7 +206,7 @@ def command(arguments: Any) -> int:
     if arguments.json is not None:
         arguments.json.parent.mkdir(parents=True, exist_ok=True)
         arguments.json.write_text(json.dumps(finite(found), indent=1) + "\n")
-    return int(not all(line["passed"] for line in found))
+    return int(not all(line["passed"] for line in found if line["promised"] is not None))
 
 
 def knows(cell: str) -> str:
@@ -210,9 +222,8 @@ def by_tilt(made: Iterable[str], but: Sequence[str]) -> list[str]:
 
 
 def _names(asked: Sequence[str]) -> list[str]:
-    promised = [name for name, cell in registry().items() if cell.limit is not None]
-    groups = {"promised": promised, "all": list(registry())}
-    return list(dict.fromkeys(name for word in asked for name in groups.get(word, [word])))
+    groups = {"promised": PROMISED, "all": tuple(registry())}
+    return list(dict.fromkeys(name for word in asked for name in groups.get(word, (word,))))
 
 
 def _print(made: Table) -> None:
