@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import hqp
-from benchmarks.calm.scenes import DT, FORMULATIONS, Scene
+from benchmarks.calm.scenes import FORMULATIONS, Scene
 from hqp.arrays import Mat, Vec
 from hqp.errors import StaleState
 from hqp.formulation import Formulation
@@ -94,7 +94,7 @@ class Run:
 def run(scene: Scene, variant: Variant, ticks: int = 1500) -> Run:
     """Carry the commands out exactly for ``ticks`` periods."""
     who, robot = scene.subject, scene.subject.robot
-    session = variant.of(scene.stack, FORMULATIONS[scene.formulation]).session(robot, DT)
+    session = variant.of(scene.stack, FORMULATIONS[scene.formulation]).session(robot, scene.dt)
     feet = who.feet
     data = Run.empty(scene, ticks)
     q, v = robot.home.copy(), np.zeros(robot.nv)
@@ -105,7 +105,7 @@ def run(scene: Scene, variant: Variant, ticks: int = 1500) -> Run:
     joints = robot.actuated
     low, high = robot.lower[joints], robot.upper[joints]
     for i in range(ticks):
-        goals = scene.targets(i * DT)
+        goals = scene.targets(i * scene.dt)
         state = robot.state(q, v)
         data.error[i] = np.linalg.norm(state.position(frame) - goals[0].value)
         data.contact[i] = max(
@@ -131,7 +131,7 @@ def run(scene: Scene, variant: Variant, ticks: int = 1500) -> Run:
         except StaleState:  # no dynamics at such a state: it has fallen, the rest stays zero
             data.com[i:] = math.inf
             break
-        data.accelerations[i] = (v_next - v)[joints] / DT
+        data.accelerations[i] = (v_next - v)[joints] / scene.dt
         v = v_next
     return data
 
@@ -153,7 +153,7 @@ def figures(data: Run) -> dict[str, float | str]:
     """The figures of a run over its second half: jumps, reversals, accelerations, errors [SI], times [us]."""
     half = data.commands.shape[0] // 2
     change = np.diff(data.commands[half:], axis=0)
-    size, seconds = data.scale * NOTICEABLE, (data.commands.shape[0] - half) * DT
+    size, seconds = data.scale * NOTICEABLE, (data.commands.shape[0] - half) * data.scene.dt
     noticed = np.abs(change) > size
     flips = (change[1:] * change[:-1] < 0.0) & noticed[1:] & noticed[:-1]
     share = np.abs(change) / data.scale

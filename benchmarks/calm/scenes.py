@@ -70,7 +70,7 @@ class Scene:
     """A stack on a robot and the references of its hands over time.
 
     tracked: the task whose error is told, its reference the first.  above: elements of levels above it.  within:
-    whether it can be reached.
+    whether it can be reached.  dt: period [s].
     """
 
     name: str
@@ -81,6 +81,7 @@ class Scene:
     tracked: str = "hand"
     above: tuple[str, ...] = ()
     within: bool = False
+    dt: float = DT
 
 
 def law(formulation: str, gain: float) -> Law:

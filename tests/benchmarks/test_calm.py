@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.calm import goals
+from benchmarks.calm import drawn, goals
 from benchmarks.calm.loop import EXACT, PRICED, Run, Variant, figures, run
 from benchmarks.calm.scenes import DT, scenes
 from benchmarks.calm.walking import walking
@@ -71,3 +71,13 @@ def test_figures_of_known_commands() -> None:
     assert told["error"] == pytest.approx(0.1)
     assert told["tick_p50"] == pytest.approx(100.0)
     assert list(goals.misses("velocity", told)) == ["jump", "reversals", "acceleration_p50"]
+
+
+def test_a_seed_draws_the_same_loop_twice() -> None:
+    first, again = (list(drawn.loops("velocity", [3])) for _ in range(2))
+    times = {"tick_p50", "tick_p99", "tick_max"}
+    assert [{k: v for k, v in r.items() if k not in times} for r in first] == [
+        {k: v for k, v in r.items() if k not in times} for r in again
+    ]
+    assert "seed 3" in first[0]["scene"]
+    assert "| velocity | 1 |" in drawn.table(first)

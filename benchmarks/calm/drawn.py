@@ -1,0 +1,94 @@
+"""Loops drawn at random: robot, rate, gains, tasks and targets, so that calm is not a matter of the chosen scenes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from benchmarks.calm import goals
+from benchmarks.calm.loop import PRICED, figures, run
+from benchmarks.calm.robots import ROBOTS, subject
+from benchmarks.calm.scenes import DT, Scene, Targets, both, circle, still
+from benchmarks.reports import report
+from hqp import PD, Level, P, Stack
+from hqp.law import Law
+from hqp.tasks import Com, JointLimits, Orientation, Position, Posture, TorqueLimits
+
+SECONDS = 6.0
+PERIODS = (0.001, 0.002, 0.002, 0.005, 0.01)
+"""[s], drawn from."""
+
+DISTANCES = (0.1, 0.3, 0.6, 1.2)
+"""Of a target from where the hand starts [m], in any direction."""
+
+Record = dict[str, Any]
+
+
+def scene(seed: int, formulation: str) -> Scene:
+    """The scene of a seed: base and posture have no speed limit, CoM and hands may have one."""
+    rng = np.random.default_rng(seed)
+    who = subject(str(rng.choice(ROBOTS)))
+    dt, speed = float(rng.choice(PERIODS)), None if rng.random() < 0.5 else 0.5
+
+    def law(gain: float, limited: bool = True) -> Law:
+        most = {"max_velocity": speed} if limited and speed else {}
+        return P(gain, **most) if formulation == "velocity" else PD(gain * gain, 2.0 * gain, **most)
+
+    gain = float(rng.choice((2.0, 5.0, 10.0)))
+    turned = rng.random() < 0.4
+    hands = who.hands if rng.random() < 0.3 else who.hands[:1]
+    together = rng.random() < 0.5
+    reaching, targets = list[list[Any]](), list[Targets]()
+    for k, frame in enumerate(hands):
+        task = Position(frame=frame, law=law(gain), name=f"hand {k}" if k else "hand")
+        own = [task, Orientation(frame=frame, law=law(gain), name=f"turn {k}")] if turned else [task]
+        reaching.append(own)
+        way = rng.standard_normal(3)
+        place = who.robot.state(who.robot.home).position(frame)
+        place = place + float(rng.choice(DISTANCES)) / float(np.linalg.norm(way)) * way
+        targets.append((circle if rng.random() < 0.25 else still)(task, place))
+    levels = [Level(Com(axes="xy", law=law(float(rng.choice((2.0, 5.0)))), name="com"))] if who.contacts else []
+    levels += [Level(*chain(*reaching))] if together else [Level(*own) for own in reaching]
+    base, posture = float(rng.choice((1.0, 2.0, 5.0, 10.0))), float(rng.choice((0.5, 1.0, 3.0, 10.0)))
+    if who.base is not None and rng.random() < 0.8:
+        levels.append(Level(Orientation(frame=who.base, law=law(base, False), name="base")))
+    levels.append(Level(Posture(law=law(posture, False), name="posture")))
+    hard = [*who.contacts, JointLimits(), *([TorqueLimits()] if formulation == "torque" else [])]
+    above = (*(c.name for c in who.contacts), *(("com",) if who.contacts else ()))
+    name = f"{dt * 1e3:g} ms, {len(hands)} x {'pose' if turned else 'position'}, gains {gain:g}, {base:g}, {posture:g}"
+    return Scene(name, who, formulation, Stack(*levels, subject_to=hard), both(*targets), above=above, dt=dt)
+
+
+def loops(formulation: str, seeds: Sequence[int]) -> Iterator[Record]:
+    """Figures and misses of each seed; a change of command may be as many times 500 Hz' as the period is 2 ms'."""
+    for seed in seeds:
+        drawn = scene(seed, formulation)
+        found = figures(run(drawn, PRICED, round(SECONDS / drawn.dt)))
+        judged = {**found, "jump": float(found["jump"]) * min(1.0, DT / drawn.dt)}
+        missed = list(goals.misses(formulation, judged))
+        yield {
+            "robot": drawn.subject.robot.name, "formulation": formulation, "scene": f"seed {seed}: {drawn.name}",
+            "variant": "drawn", **found, "misses": missed,
+        }  # fmt: skip
+
+
+def table(records: Sequence[Record]) -> str:
+    """A row for each formulation: how many loops, how many miss which goal, and what their ticks ended in."""
+    rows = []
+    for formulation in dict.fromkeys(r["formulation"] for r in records):
+        own = [r for r in records if r["formulation"] == formulation]
+        missed = Counter(goal for r in own for goal in r["misses"])
+        others = sum("OPTIMAL" not in r["statuses"].split(" ")[0] or "," in r["statuses"] for r in own)
+        rows.append((
+            formulation, str(len(own)), str(sum(not r["misses"] for r in own)),
+            ", ".join(f"{goal} {count}" for goal, count in missed.most_common()) or "none", str(others),
+        ))  # fmt: skip
+    told = [
+        f"- {r['robot']}, {r['formulation']}, {r['scene']}: {', '.join(r['misses'])}" for r in records if r["misses"]
+    ]
+    head = ("formulation", "loops", "all goals held", "missed, loops", "loops with ticks not OPTIMAL")
+    return report.table(head, rows) + "\n\n" + "\n".join(told)
