@@ -17,19 +17,25 @@ from hqp.robot import Robot, State
 
 from . import collision_world
 from .collision_motion import STEP, Motions
-from .collision_scene import Near, scene
+from .collision_rows import Near
+from .collision_scene import scene
 from .fields import check_number
+
+HELD = 0.5
+"""Share of the rate at which pairs inside are let go while a deeper one comes out."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CollisionAvoidance(Inequality):
     """Distances d of pairs of shapes kept at a clearance: with h = d - clearance, each row is J v >= -a(h),
 
-        a(h) = rate h / (1 - (d / influence)^4)  outside,    a(h) = -min(rate |h|, recovery)  inside,
+        a(h) = rate h / (1 - (d / influence)^4)  outside,    a(h) = -b(h)  inside,
 
-    J v = n . (v_b - v_a) at the nearest points, n from a to b.  Where x is an acceleration,
-    J a >= 4 rate (-a(h) - J v) - dJ/dt v with the rate at which the nearest points slide: poles at twice the rate
-    (capsules side by side slide from end to end at once: that counts with a bound).
+    J v = n . (v_b - v_a) at the nearest points, n from a to b.  Inside, a pair alone comes out at b = min(rate |h|,
+    recovery).  Several may exclude each other: of those that have a body or a shape in common the deepest, at H, comes
+    out so, at b(H), and the others at b(h) = b(H) - rate (h - H) / 2, not above rate |h| nor below -rate |h|.
+    Where x is an acceleration, J a >= 4 rate (-a(h) - J v) - dJ/dt v with the rate at which the nearest points slide:
+    poles at twice the rate (capsules side by side slide from end to end at once: that counts with a bound).
     A row is free beyond the influence and comes in without a jump.  d is between the robot's capsules
     (``robot.capsules``) and those of its other links, or the shapes of ``world``.
 
@@ -163,9 +169,15 @@ class CollisionAvoidance(Inequality):
         h = found.distance - found.clearance
         if h < 0.0:
             most = speed + dt * self.outset + min(1.0, 5.0 * dt * self.rate) * max(-speed, 0.0)
-            return min(-self.rate * h, self.recovery, most) - self._loose(found)
+            return min(self._back(found)[0], most) - self._loose(found)
         share = max(found.distance, 0.0) / self.influence
         return -self.rate * h / (1.0 - share**4) - self._loose(found) if share < 1.0 else -math.inf
+
+    def _back(self, found: Near) -> tuple[float, float]:
+        """The speed [m/s] with which one pair comes out, and that of the deepest pair it shares something with."""
+        h, H = found.distance - found.clearance, found.deepest
+        most = min(-self.rate * H, self.recovery)
+        return min(-self.rate * h, max(self.rate * h, most - HELD * self.rate * (h - H))), most
 
     def _loose(self, found: Near) -> float:
         """What a row that fades is loosened by [m/s]."""
@@ -175,8 +187,8 @@ class CollisionAvoidance(Inequality):
         """The least acceleration of one pair's distance [m/s^2], before the drift."""
         h, fast = found.distance - found.clearance, 4.0 * self.rate
         if h < 0.0:
-            wanted = min(-self.rate * h, self.recovery)
-            least = fast * (wanted - speed) - (self.rate * speed if wanted < self.recovery else 0.0)
+            back, deepest = self._back(found)
+            least = fast * (back - speed) - self.rate * (speed - (deepest if deepest >= self.recovery else 0.0))
             return min(least, self.outset + 5.0 * self.rate * max(-speed, 0.0)) - fast * self._loose(found)
         power = (max(found.distance, 0.0) / self.influence) ** 8
         if not power < 1.0:

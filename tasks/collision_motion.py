@@ -7,7 +7,8 @@ import numpy as np
 from hqp.arrays import Mat, Vec
 from hqp.robot import State
 
-from .collision_scene import Near, Scene
+from .collision_rows import Near
+from .collision_scene import Scene
 
 STEP = 1e-5
 """Time by which bodies are moved to find how the rate of a distance changes [s]."""

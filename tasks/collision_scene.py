@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from collections import defaultdict
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, TypeAlias
 from weakref import WeakKeyDictionary, proxy
 
 import numpy as np
@@ -15,6 +17,7 @@ from hqp.shapes import Shape
 
 from . import distances
 from .collision_pairs import SHORT, candidates
+from .collision_rows import Near, assign
 
 if TYPE_CHECKING:
     from .collision import CollisionAvoidance
@@ -30,23 +33,6 @@ Tables: TypeAlias = tuple[
     tuple[tuple[int, int], ...],
     tuple[float, ...],
 ]
-
-
-class Near(NamedTuple):
-    """What has a row: its number, distance and clearance [m], normal, nearest point of its first axis.
-
-    fade: its share, of the row of an end.  beside: the share of the rows of a pair's ends, of the pair's own.
-
-    pair: that of the pair, or of an end of one of its capsules, see ``Scene``.
-    """
-
-    pair: int
-    distance: float
-    clearance: float
-    normal: Vec
-    point: Vec
-    fade: float = 1.0
-    beside: float = 0.0
 
 
 _SCENES: WeakKeyDictionary[Robot, dict[Any, Scene]] = WeakKeyDictionary()
@@ -200,8 +186,22 @@ class Scene:
                 found = self.measure(row, poses, *both)
                 if found[0] < self._element.influence:
                     near[row] = Near(row, found[0], clearance, *found[1:], fade)
-        self._assign({pair: n.distance for pair, n in near.items()})
-        return [near[p] if p >= 0 else None for p in self.slots.tolist()]
+        assign(self.slots, {row: n.distance for row, n in near.items()})
+        deepest = self._deepest(near.values())
+        rows = [near[p] if p >= 0 else None for p in self.slots.tolist()]
+        return [n and n._replace(deepest=min(deepest[self._owner(k)] for k in self.pair(n.pair))) for n in rows]
+
+    def _owner(self, k: int) -> int:
+        """What a shape moves with: its body, itself in the world."""
+        return self.body(k) or -1 - k
+
+    def _deepest(self, near: Iterable[Near]) -> defaultdict[int, float]:
+        """By what moves: the least distance less clearance of its pairs, 0 where none is inside."""
+        found: defaultdict[int, float] = defaultdict(float)
+        for n in near:
+            for k in self.pair(n.pair):
+                found[self._owner(k)] = min(found[self._owner(k)], n.distance - n.clearance)
+        return found
 
     def _candidates_near(self, ends: list[tuple[Vec, Vec]], poses: Mat) -> list[int]:
         """Pairs whose bounding spheres are nearer than the influence; all those with the world."""
@@ -211,23 +211,6 @@ class Scene:
         apart = np.linalg.norm(centres[i] - centres[j], axis=1) - self._sizes[i] - self._sizes[j]
         world = np.flatnonzero(self._pairs[:, 1] >= self.links)
         return sorted([*links[apart < self._element.influence].tolist(), *world.tolist()])
-
-    def _assign(self, near: dict[int, float]) -> None:
-        """A pair keeps its slot while it is near; others get free slots, then those of pairs that are farther off."""
-        slots = self.slots
-        for k, pair in enumerate(slots.tolist()):
-            if pair not in near:
-                slots[k] = -1
-        for pair, distance in near.items():
-            if pair in slots:
-                continue
-            free = np.flatnonzero(slots < 0)
-            if free.size:
-                slots[free[0]] = pair
-                continue
-            farthest = max(range(slots.size), key=lambda k: near[int(slots[k])])
-            if near[int(slots[farthest])] > distance:
-                slots[farthest] = pair
 
     def tables(self) -> Tables:
         """Capsules, shapes of the world, pairs and clearances, as the native operation takes them."""

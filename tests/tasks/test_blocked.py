@@ -68,6 +68,8 @@ def test_from_inside_it_comes_out_at_the_recovery_speed(name: str) -> None:
     assert figures["margin_end"] > NEAREST
     assert figures["above"] < 1e-9
     assert figures["contact"] < 1e-5
+    if name != "panda":  # the ball is in the very middle between its fingers
+        assert "CONSTRAINTS_VIOLATED" not in figures["statuses"]
 
 
 @pytest.mark.skipif(importlib.util.find_spec("mujoco") is None, reason="needs MuJoCo")

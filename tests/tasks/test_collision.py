@@ -305,7 +305,9 @@ def test_a_ball_goes_around_a_post_and_stops_at_a_wall(formulation: hqp.Formulat
     avoid = CollisionAvoidance(pairs="world", world=(wall, shapes.sphere("post", 0.1, (0.0, 0.02, 0.0))), influence=0.2)
     law = P(5.0, max_velocity=1.0) if formulation.order == 1 else hqp.PD(100.0, 20.0, max_velocity=1.0)
     ball = Position(frame="ball", axes="xy", law=law)
-    session = hqp.Controller(Stack(Level(ball), subject_to=[avoid]), formulation).session(robot, dt=DT)
+    session = hqp.Controller(Stack(Level(ball), subject_to=[avoid]), formulation, deadline=math.inf).session(
+        robot, dt=DT
+    )
     q, v, least, rates = np.array([-0.6, 0.0]), np.zeros(2), math.inf, []
     for _ in range(4000):
         before = v
@@ -322,7 +324,7 @@ def test_from_inside_it_comes_out_at_the_recovery_speed_with_the_feet_where_they
     avoid = CollisionAvoidance(world=(shapes.sphere("ball", 0.1),), recovery=0.08)
     feet = [FixedContact(frame=f) for f in talos.landmarks["soles"]]
     stack = Stack(Level(Com(axes="xy")), Level(Posture()), subject_to=[*feet, JointLimits(), avoid])
-    session = hqp.Controller(stack, hqp.Velocity()).session(talos, dt=DT)
+    session = hqp.Controller(stack, hqp.Velocity(), deadline=math.inf).session(talos, dt=DT)
     q, v = talos.home, np.zeros(talos.nv)
     start = [talos.state(q).position(f).copy() for f in talos.landmarks["soles"]]
     ball = avoid.at({"ball": talos.state(q).position("gripper_left_base_link")})
@@ -373,9 +375,9 @@ def test_a_hand_sent_into_the_torso_is_kept_out(talos: Any, formulation: hqp.For
     hand = Position(frame="gripper_left_base_link")
     feet = [FixedContact(frame=f) for f in talos.landmarks["soles"]]
     levels = [Level(Com(axes="xy")), Level(hand), Level(Orientation(frame="base_link")), Level(Posture())]
-    session = hqp.Controller(Stack(*levels, subject_to=[*feet, JointLimits(), avoid]), formulation).session(
-        talos, dt=DT
-    )
+    session = hqp.Controller(
+        Stack(*levels, subject_to=[*feet, JointLimits(), avoid]), formulation, deadline=math.inf
+    ).session(talos, dt=DT)
     q, v = talos.home, np.zeros(talos.nv)
     home = talos.state(q)
     start, soles = home.position(hand.frame).copy(), [home.position(f).copy() for f in talos.landmarks["soles"]]

@@ -146,7 +146,7 @@ def test_bounds_travel_with_a_reference(robots: dict[str, Any]) -> None:
     start = robot.state().position("panda_hand")
     box = t.Within(t.Position(frame="panda_hand"), lower=-0.02, upper=0.02, name="box", rate=20.0)
     hand = t.Position(frame="panda_hand", name="hand", law=P(10.0))
-    session = hqp.Controller(Stack(Level(hand), subject_to=[box])).session(robot, DT)
+    session = hqp.Controller(Stack(Level(hand), subject_to=[box]), deadline=math.inf).session(robot, DT)
     q, v = robot.home, np.zeros(robot.nv)
     for k in range(1000):
         centre = start + [0.0, 0.05 * k * DT, 0.0]
@@ -278,7 +278,9 @@ def test_a_momentum_stays_under_its_limit(robots: dict[str, Any]) -> None:
     limit = t.Within(t.Momentum(linear="xyz", angular=""), lower=-2.0, upper=2.0, name="limit", rate=50.0)
     start = hand.value(robot.state())
     for formulation in (hqp.Velocity(law=P(2.0)), hqp.Acceleration(law=PD(200.0))):
-        session = hqp.Controller(Stack(Level(hand), subject_to=[limit]), formulation).session(robot, DT)
+        session = hqp.Controller(Stack(Level(hand), subject_to=[limit]), formulation, deadline=math.inf).session(
+            robot, DT
+        )
         q, v, most = robot.home, np.zeros(robot.nv), 0.0
         for _ in range(200):
             q, v = session.step(robot.state(q, v), hand.at(start + [0.3, 0.2, 0.3])).advance()

@@ -50,7 +50,8 @@ class Collision final : public Operation {
         found_(5 * s_.pairs.size()),
         fade_(5 * s_.pairs.size(), 1.0),
         beside_(s_.pairs.size(), 0.0),
-        old_(s_.rows, -1) {
+        old_(s_.rows, -1),
+        deepest_(s_.chains.size() + s_.links.size() + s_.world.size(), 0.0) {
     for (std::size_t k = 0; k < s_.links.size(); ++k) {
       const Vec3 axis = s_.links[k].local.b - s_.links[k].local.a;
       sizes_[k] = 0.5 * std::sqrt(dot(axis, axis)) + s_.links[k].radius;
@@ -64,7 +65,10 @@ class Collision final : public Operation {
     look();
     assign();
     for (int i = 0; i < s_.rows; ++i) write(i, v);
-    for (const int row : close_) near_[row] = kFar, fade_[row] = 1.0, beside_[row % count_] = 0.0;
+    for (const int row : close_) {
+      near_[row] = kFar, fade_[row] = 1.0, beside_[row % count_] = 0.0;
+      for (const int k : pair_of(row)) deepest_[owner(k)] = 0.0;
+    }
   }
 
  private:
@@ -72,9 +76,13 @@ class Collision final : public Operation {
   // Squared sines of the angle of two axes between which rows of their ends fade out; axes that are points.
   static constexpr double kAligned = 0.03, kAcross = 0.12, kShort = 0.01;
 
+  static constexpr double kHeld = 0.5;  // share of the rate at which pairs are let go while a deeper one comes out
+
   const std::array<int, 2>& pair_of(int row) const { return s_.pairs[row % count_]; }
   bool is_link(int k) const { return k < static_cast<int>(s_.links.size()); }
   int body(int k) const { return is_link(k) ? s_.links[k].body : 0; }
+  // What a shape moves with: its body, itself in the world.
+  std::size_t owner(int k) const { return body(k) ? body(k) : s_.chains.size() + k; }
   std::vector<int> apart(int one, int two) const {  // what moves the first body only
     std::vector<int> found;
     for (const int c : s_.chains[one])
@@ -113,6 +121,9 @@ class Collision final : public Operation {
     near_[row] = found.value;
     found_[row] = found;
     close_.push_back(row);
+    const double h = found.value - s_.clearances[row % count_];
+    if (h < 0.0)
+      for (const int k : pair_of(row)) deepest_[owner(k)] = std::min(deepest_[owner(k)], h);
   }
 
   void look_at_ends(int n) {
@@ -199,12 +210,12 @@ class Collision final : public Operation {
     for (const int c : chains[1]) J[c] = out_.weight * value(form, c);
     const double clearance = s_.clearances[row % count_], loose = s_.rate * s_.influence * (1.0 / fade_[row] - 1.0);
     if (s_.order == 2) {
-      out_.lower[i] = braking(found.value, clearance, rate(row, found, 0.0)) - 4.0 * s_.rate * loose - drift(row);
+      out_.lower[i] = braking(row, clearance, rate(row, found, 0.0)) - 4.0 * s_.rate * loose - drift(row);
       return;
     }
     const int other = pair_of(row)[1];
     const double carried = is_link(other) ? 0.0 : dot(found.normal, motion(other).at(found.point));
-    double least = approach(found.value, clearance);
+    double least = approach(row, clearance);
     if (found.value < clearance) {  // a return sets in gradually
       double speed = carried;
       for (const auto& chain : chains)
@@ -219,18 +230,26 @@ class Collision final : public Operation {
     return dot(form.linear, load(t)) + dot(form.angular, load(t + 3));
   }
 
-  double approach(double distance, double clearance) const {  // least rate of the distance
-    const double h = distance - clearance;
-    if (h < 0.0) return std::min(-s_.rate * h, s_.recovery);
+  // The speed with which a pair comes out, and that of the deepest one with which it shares a body or shape.
+  std::array<double, 2> back(int row, double h) const {
+    const auto [i, j] = pair_of(row);
+    const double deepest = std::min(deepest_[owner(i)], deepest_[owner(j)]);
+    const double most = std::min(-s_.rate * deepest, s_.recovery);
+    return {std::min(-s_.rate * h, std::max(s_.rate * h, most - kHeld * s_.rate * (h - deepest))), most};
+  }
+
+  double approach(int row, double clearance) const {  // least rate of the distance
+    const double distance = found_[row].value, h = distance - clearance;
+    if (h < 0.0) return back(row, h)[0];
     const double share = std::max(distance, 0.0) / s_.influence, square = share * share;
     return share < 1.0 ? -s_.rate * h / (1.0 - square * square) : -kFar;
   }
 
-  double braking(double distance, double clearance, double speed) const {  // least acceleration of the distance
-    const double h = distance - clearance, fast = 4.0 * s_.rate;
+  double braking(int row, double clearance, double speed) const {  // least acceleration of the distance
+    const double distance = found_[row].value, h = distance - clearance, fast = 4.0 * s_.rate;
     if (h < 0.0) {
-      const double wanted = std::min(-s_.rate * h, s_.recovery);
-      const double least = fast * (wanted - speed) - (wanted < s_.recovery ? s_.rate * speed : 0.0);
+      const auto [wanted, most] = back(row, h);
+      const double least = fast * (wanted - speed) - s_.rate * (speed - (most >= s_.recovery ? most : 0.0));
       return std::min(least, s_.outset + 5.0 * s_.rate * std::max(-speed, 0.0));
     }
     double power = std::max(distance, 0.0) / s_.influence;
@@ -296,6 +315,7 @@ class Collision final : public Operation {
   std::vector<double> fade_;    // share of rows of ends, 1 for others
   std::vector<double> beside_;  // share of a pair's rows of ends, 0 for none
   std::vector<int> old_, close_;
+  std::vector<double> deepest_;  // by owner: least distance less clearance of its pairs that are inside, 0 for none
   std::vector<std::array<std::vector<int>, 2>> chains_;
 };
 

@@ -1,0 +1,45 @@
+"""What has a row of a collision scene: pairs that are near, each in its slot."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hqp.arrays import Vec
+
+
+class Near(NamedTuple):
+    """A row's number, distance and clearance [m], normal, nearest point of its first axis.
+
+    pair: that of the pair, or of an end of one of its capsules, see ``Scene``.  fade: its share, of the row of an end.
+    beside: the share of the rows of a pair's ends, of the pair's own.  deepest: the least distance less
+    clearance of the pairs that have a body or a shape in common with it, itself included, at most 0 [m].
+    """
+
+    pair: int
+    distance: float
+    clearance: float
+    normal: Vec
+    point: Vec
+    fade: float = 1.0
+    beside: float = 0.0
+    deepest: float = 0.0
+
+
+def assign(slots: NDArray[np.int32], near: dict[int, float]) -> None:
+    """A pair keeps its slot while it is near; others get free slots, then those of pairs that are farther off."""
+    for k, pair in enumerate(slots.tolist()):
+        if pair not in near:
+            slots[k] = -1
+    for pair, distance in near.items():
+        if pair in slots:
+            continue
+        free = np.flatnonzero(slots < 0)
+        if free.size:
+            slots[free[0]] = pair
+            continue
+        farthest = max(range(slots.size), key=lambda k: near[int(slots[k])])
+        if near[int(slots[farthest])] > distance:
+            slots[farthest] = pair
