@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -66,7 +65,7 @@ def clone(session: Session, compiled: Compiled | None = None) -> Session:
     """The session as it runs now, or on another stack, to go on beside it; without rate limits of its own."""
     found = object.__new__(type(session))
     found.__dict__.update(session.__dict__)
-    found._lock, found._limiter, found._budget = threading.Lock(), None, Budget(0.5 * session._budget.deadline)
+    found._limiter, found._budget = None, Budget(0.5 * session._budget.deadline)
     found._direct, found._direct_known = None, True  # side by side they go the general way
     found._references = session._references.copy()
     if compiled is not None:

@@ -9,8 +9,9 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from threading import get_ident
 from time import monotonic, perf_counter
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, NoReturn, TypeVar
 
 import numpy as np
 
@@ -42,6 +43,8 @@ if TYPE_CHECKING:
     from hqp.explain import Explanation
     from hqp.recorder import Recorder
 
+T = TypeVar("T")
+
 LOG = logging.getLogger("hqp.session")
 """Changes of status: from good to bad as warnings, back as information."""
 LOG.addHandler(logging.NullHandler())
@@ -51,7 +54,7 @@ class Session:
     """A controller on one robot; keeps hold values, the last safe command and the solver's warm start.
 
     max_age [s]: states must tell their ``time`` on the clock of ``time.monotonic`` (or of ``step(..., now=)``) and be
-    no older.  One thread at a time may step.
+    no older.  One thread at a time may step, change the stack or ask about a tick: another one is refused.
     """
 
     def __init__(self, controller: Controller, robot: Robot, dt: float, *, max_age: float | None = None) -> None:
@@ -59,7 +62,7 @@ class Session:
             raise DeclarationError("session", "bad control period", value=dt, unit="s", allowed="dt > 0")
         self.controller, self.robot, self.dt = controller, robot, float(dt)
         self.count = 0
-        self._lock = threading.Lock()
+        self._lock, self._thread = threading.Lock(), 0
         self._check = StateCheck(robot, controller.bounds, max_age)
         self._budget = Budget(DEADLINE * self.dt if controller.deadline is None else controller.deadline)
         self._compiler = Compiler(controller, robot, self.dt, self._budget.deadline)
@@ -111,6 +114,7 @@ class Session:
         """
         if not self._lock.acquire(False):
             self._refuse()
+        self._thread = get_ident()
         try:
             self._named = references
             for reference in references:
@@ -140,6 +144,18 @@ class Session:
     def _enter(self) -> None:
         if not self._lock.acquire(blocking=False):
             self._refuse()
+        self._thread = get_ident()
+
+    def _asked(self, what: Callable[[int, Tick], T], tick: Tick) -> T:
+        """What is told of the rows of a tick, while no other thread writes them; a step may ask, too."""
+        if not self._lock.acquire(False):
+            if self._thread != get_ident():
+                self._refuse()
+            return what(self.count, tick)
+        try:
+            return what(self.count, tick)
+        finally:
+            self._lock.release()
 
     def _refuse(self) -> NoReturn:
         raise ConcurrentUse("another thread is in this session; make a session a thread, each of its robot.copy()")
@@ -364,15 +380,15 @@ class Session:
 
     def explain(self, tick: Tick) -> Explanation:
         """The account of the latest tick; raises HqpError for an earlier one, whose rows are overwritten."""
-        return self._teller.explain(self.count, tick)
+        return self._asked(self._teller.explain, tick)
 
     def account(self, tick: Tick) -> TickAccount:
         """Who holds what back in the latest tick, in microseconds; raises HqpError for an earlier one."""
-        return self._teller.account(self.count, tick)
+        return self._asked(self._teller.account, tick)
 
     def conflict(self, tick: Tick) -> Conflict:
         """Which rows of ``subject_to`` exclude each other in the latest tick; raises HqpError for an earlier one."""
-        return self._teller.conflict(self.count, tick)
+        return self._asked(self._teller.conflict, tick)
 
     def __reduce__(self) -> NoReturn:
         raise TypeError(

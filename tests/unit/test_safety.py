@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import pickle
+import sys
 import threading
 from typing import Any, ClassVar
 
@@ -690,6 +691,10 @@ def test_the_second_thread_is_refused(robot: Robot) -> None:
             return super().jacobian(state)
 
     run = session(robot, declared=stack(hand=Slow(frame="r_palm", name="hand")))
+    go.set()
+    before = run.step(robot.state())
+    inside.clear()
+    go.clear()
     state, found = robot.state(), []
     worker = threading.Thread(target=lambda: found.append(run.step(state)))
     worker.start()
@@ -698,10 +703,59 @@ def test_the_second_thread_is_refused(robot: Robot) -> None:
         run.step(state)
     with pytest.raises(ConcurrentUse, match="thread"):
         run.change(run.stack)
+    with pytest.raises(ConcurrentUse, match="thread"):
+        before.account()
     go.set()
     worker.join()
     assert found[0].status is Status.OPTIMAL
+    found[0].account()
     assert run.step(robot.state()).status is Status.OPTIMAL
+
+
+def test_threads_that_fight_for_a_session_get_right_answers_or_none(robot: Robot) -> None:
+    """Steps, changes and questions from four threads at once: each is refused or as if it were alone."""
+    run = session(robot, declared=stack())
+    hand = run.stack.find("hand", Position)
+    goal = robot.state().position("r_palm") + [0.0, 0.0, 0.02]
+    alone = session(robot, declared=stack())
+    expected = [alone.step(robot.state(), hand.at(goal)).command for _ in range(5)][-1]
+    state = robot.state()  # one for all, as states of a robot share its kinematics
+    wrong: list[object] = []
+    counts = {"taken": 0, "refused": 0}
+    interval = sys.getswitchinterval()
+
+    def fight(turn: int) -> None:
+        for k in range(150):
+            try:
+                if k % 10 == 9 and turn == 3:
+                    run.change(run.stack)
+                    continue
+                tick = run.step(state, hand.at(goal))
+                if not np.allclose(tick.command, expected, atol=1e-6):
+                    wrong.append(tick.command - expected)
+                if k % 3 == turn % 3:
+                    str(tick.account())
+                counts["taken"] += 1
+            except ConcurrentUse:
+                counts["refused"] += 1
+            except HqpError as error:
+                if "latest step" not in str(error):
+                    wrong.append(error)
+            except Exception as error:
+                wrong.append(error)
+
+    sys.setswitchinterval(1e-6)
+    try:
+        workers = [threading.Thread(target=fight, args=(turn,)) for turn in range(4)]
+        for worker in workers:
+            worker.start()
+        for worker in workers:
+            worker.join(60.0)
+    finally:
+        sys.setswitchinterval(interval)
+    assert not wrong, wrong[:3]
+    assert min(counts.values()) > 0, counts
+    assert run.step(robot.state(), hand.at(goal)).status is Status.OPTIMAL
 
 
 def test_ticks_pickle_and_sessions_say_what_to_pickle(robot: Robot) -> None:
