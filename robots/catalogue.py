@@ -93,12 +93,14 @@ def _own(key: str, rotors: bool) -> Robot:
 
 def _example(key: str, floating: bool | None, name: str | None) -> Robot:
     entry: Mapping[str, Any] = _catalogue().get(key, {"stem": key})
+    entry = dict(_catalogue().get(entry.get("like", ""), {})) | dict(entry)
     path = _stems().get(entry["stem"])
     if path is None:
         raise ModelError(f"robot {key!r} is in the package {_DATA}: pip install {_DATA}")
     if floating is None:
         floating = bool(entry.get("floating", True))
-    landmarks = {k: tuple(np.atleast_1d(entry[k]).tolist()) for k in ("soles", "feet", "palms", "base") if k in entry}
+    kinds: tuple[str, ...] = ("soles", "feet", "palms", "base")
+    landmarks = {k: tuple(np.atleast_1d(entry[k]).tolist()) for k in kinds if k in entry}
     found = _read(path, floating)
     for frame, place in entry.get("frames", {}).items():
         host = found.model.frames[found.model.getFrameId(place["parent"])]
@@ -112,12 +114,14 @@ def _example(key: str, floating: bool | None, name: str | None) -> Robot:
     robot = Robot(found.model, name=name or key, groups=entry.get("groups"), landmarks=landmarks, description=found)
     if floating:
         feet = landmarks.get("soles", landmarks.get("feet", ()))
-        _stand(robot, entry.get("posture", {}), feet, entry.get("foot_radius", 0.0))
+        _stand(robot, entry.get("posture", {}), feet, entry.get("foot_radius", 0.0), entry.get("height"))
     return robot
 
 
-def _stand(robot: Robot, posture: Mapping[str, float], feet: Any, height: float = 0.0) -> None:
-    """Put the joints at the posture and the base where the lowest of the feet is at a height [m]."""
+def _stand(
+    robot: Robot, posture: Mapping[str, float], feet: Any, height: float = 0.0, base: float | None = None
+) -> None:
+    """Put the joints at the posture and the base where the lowest of the feet is at a height [m], or itself at one."""
     q = robot.home.copy()
     for joint, angle in posture.items():
         q[robot.model.joints[robot.model.getJointId(joint)].idx_q] = angle
@@ -127,6 +131,8 @@ def _stand(robot: Robot, posture: Mapping[str, float], feet: Any, height: float 
         state = robot.state(q)
         q[2] += height - min(state.position(frame)[2] for frame in feet)
         robot.current = None
+    elif base is not None:
+        q[2] = base
 
 
 def _from_file(path: Path, floating: bool | None, name: str | None) -> Robot:

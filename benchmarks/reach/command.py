@@ -124,9 +124,9 @@ def measured(robot: Any, frames: tuple[str, ...], start: Vec, poses: Mat, apart:
     times, reached, first = [], 0, 0
     for k, goal in enumerate(poses):
         references = [h.at(p) for h, p in zip(hands, goal, strict=True)]
-        begin = time.perf_counter()
+        begin = time.process_time()
         found = hqp.reach(stack, robot, *references, q0=start, seed=k)
-        times.append(time.perf_counter() - begin)
+        times.append(time.process_time() - begin)
         good = found.success and there(robot, frames, found.q, goal)
         if apart:
             good &= all(near is None or near.distance > 0.0 for near in APART.near(robot.state(found.q)))

@@ -43,8 +43,8 @@ for poses in data["poses"]:
     begin, end = core.JointConfiguration(), core.JointConfiguration()
     begin.positions, begin.joint_names = start, names
     end.positions, end.joint_names = start.copy(), names
-    at = time.perf_counter()
+    at = time.process_time()
     told.append(bool(solver.solveIk(goals if len(goals) > 1 else goals[0], begin, end)))
-    times.append(time.perf_counter() - at)
+    times.append(time.process_time() - at)
     found.append(np.array(end.positions).tolist())
 print(json.dumps({"version": version("roboplan"), "times": times, "told": told, "q": found}))

@@ -64,9 +64,11 @@ def test_inertias_that_no_body_has_are_mended_in_the_plant_and_told(name: str, l
 @pytest.mark.parametrize("name", ["go1", "a1"])
 def test_a_robot_whose_home_is_in_the_ground_starts_on_it(name: str) -> None:
     """The file says no height of the base: the plant lifts the robot, which then stays near where it starts."""
-    robot = hqp.robots.load(name)
+    source = hqp.robots.load(name).source
+    assert source is not None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
+        robot = hqp.robots.load(source)  # the catalogue knows a height, the file does not
         plant = Plant(robot, actuation="position", servo=Servo(other=300.0))
     q, _ = plant.reset()
     assert q[2] > robot.home[2] + 0.3

@@ -30,7 +30,9 @@ def test_all_of_the_package_are_listed() -> None:
     assert set(STANDING) <= set(NAMES)
 
 
-@pytest.mark.parametrize("name", ["talos", "g1", "icub", "romeo", "solo12", "anymal", "go2"])
+@pytest.mark.parametrize(
+    "name", ["talos", "g1", "icub", "romeo", "solo12", "anymal", "go2", "talos_full_v2", "g1_29dof_with_hand_rev_1_0"]
+)
 def test_feet_stand_on_the_ground(name: str) -> None:
     """Soles are at the lowest point of the foot's shape, level, and that is at height zero."""
     robot = hqp.robots.load(name)
@@ -43,6 +45,21 @@ def test_feet_stand_on_the_ground(name: str) -> None:
         if soles:
             assert abs(state.position(frame)[2] - lowest) < _HEIGHT
             assert np.hypot(*state.rotation(frame)[2, :2]) < _LEVEL
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_floating_robot_stands_in_the_ground(name: str) -> None:
+    robot = hqp.robots.load(name)
+    if not robot.floating:
+        pytest.skip("its base is fixed")
+    robot.state().kinematics()
+    joints = {item.parentJoint for item in robot.geometry.geometryObjects} - {0}
+    heights = [geometry.lowest(robot.model, robot.data, robot.geometry, k) for k in joints]
+    if not heights or not np.isfinite(heights).any():
+        pytest.skip("it has no shapes")
+    assert min(heights) > -_HEIGHT
+    if name != "pr2":  # whose wheels have no shape
+        assert min(heights) < _HEIGHT
 
 
 @pytest.mark.parametrize("name", ["talos", "panda", "ur5"])
