@@ -14,6 +14,7 @@ import pytest
 import hqp
 from hqp import PD, Hierarchy, Level, Rows, Selection, Stack, Status
 from hqp.robots.catalogue import _stand
+from hqp.safety import RateLimits
 from hqp.tasks import (
     Com,
     FixedContact,
@@ -112,7 +113,7 @@ def test_only_a_usable_answer_becomes_the_safe_command() -> None:
     assert not Status.DYNAMICS_FAILED.usable
     assert Status.TIME_LIMIT.usable
     robot = hqp.robots.load("ur5")
-    rates = hqp.safety.RateLimits(velocity=1e6)
+    rates = RateLimits(velocity=1e6)
     run = hqp.Controller(Stack(Level(Posture())), price=0, deadline=inf, rates=rates).session(robot, 0.002)
     posture = run.stack.find("posture", Posture)
     good = run.step(robot.state(), posture.at(np.full(6, 0.2)))
