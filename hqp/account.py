@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.explain import MET, NOTHING, PRICE, SHARE, Explanation, HeldBack, Loss, Short, cause_of
+from hqp.explain import MET, NOTHING, cause_of
+from hqp.explanation import PRICE, SHARE, Explanation, HeldBack, Loss, Short
 from hqp.formulation import Program
 from hqp.problem import Hierarchy
 from hqp.robot import Robot

@@ -11,13 +11,15 @@ from hqp.budget import Budget
 from hqp.compiled import Compiled
 from hqp.direct import Direct
 from hqp.errors import DeclarationError, DynamicsFailed
+from hqp.ordinary import BlendedTick, OrdinaryTick, ordinary_tick
 from hqp.outgoing import within_rates
 from hqp.problem import Status
 from hqp.reference import Reference
 from hqp.references import References, refuse
 from hqp.robot import State
 from hqp.stack import Stack
-from hqp.tick import BlendedTick, Note, Notes, OrdinaryTick, Tick
+from hqp.stepping import held_tick
+from hqp.tick import Note, Notes, Tick
 from hqp.transition import Transition, surviving
 from hqp.waypoints import Waypoint, bearing
 
@@ -157,7 +159,7 @@ def begin(transition: Transition, first: Session, second: Session, state: State)
 def held(session: Session, second: Session, state: State, worst: Tick) -> Tick:
     """A tick in which one of the two stacks has no usable answer."""
     session._rest = second._rest  # of the contacts that the robot stands on now
-    tick = session._held_tick(state, worst.solution, worst.notes, fit=worst.fit)
+    tick = held_tick(session, state, worst.solution, worst.notes, fit=worst.fit)
     tick.take_place_of(worst)
     return tick
 
@@ -211,7 +213,7 @@ def beside(session: Session, state: State, references: tuple[Reference, ...], no
     known = session.stack if session._transition is None else session
     session._named = mine = tuple([r for r in references if r.name in known])
     if session._direct is not None and not session._contacts.missing:
-        tick = session._ordinary_tick(session._direct, state, mine)
+        tick = ordinary_tick(session, session._direct, state, mine)
         if tick is not None:
             return tick
     return session._tick(state, mine, now)

@@ -7,10 +7,8 @@ import math
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from threading import get_ident
-from time import monotonic, perf_counter
 from typing import TYPE_CHECKING, NoReturn, TypeVar
 
 import numpy as np
@@ -23,9 +21,9 @@ from hqp.contact_watch import ContactWatch
 from hqp.controller import DEADLINE, Controller
 from hqp.direct import Direct
 from hqp.easing import Easing
-from hqp.errors import ConcurrentUse, DeclarationError, DynamicsFailed, ModelError, StaleState
-from hqp.outgoing import better, culprits, within_rates
-from hqp.problem import Hierarchy, Solution, Status
+from hqp.errors import ConcurrentUse, DeclarationError, StaleState
+from hqp.ordinary import ordinary_tick
+from hqp.problem import Hierarchy, Status
 from hqp.reference import Reference
 from hqp.references import References
 from hqp.restless import LimitWatch
@@ -33,14 +31,15 @@ from hqp.robot import Robot, State
 from hqp.safety import StateCheck, rate_limiter
 from hqp.soundness import rehearse, require_sound
 from hqp.stack import Stack
-from hqp.telling import Teller, restless_notes
-from hqp.tick import Note, Notes, OrdinaryTick, Tick, Times
+from hqp.stepping import step
+from hqp.telling import Teller
+from hqp.tick import Note, Tick, Times
 from hqp.transition import Transition
 
 if TYPE_CHECKING:
     from hqp.account import TickAccount
     from hqp.conflict import Conflict
-    from hqp.explain import Explanation
+    from hqp.explanation import Explanation
     from hqp.recorder import Recorder
 
 T = TypeVar("T")
@@ -121,7 +120,7 @@ class Session:
                 if getattr(reference, "load", None) is not None:
                     self._contacts.measure(reference.name, reference.load)  # type: ignore[arg-type]
             if self._direct is not None and not self._contacts.missing:
-                tick = self._ordinary_tick(self._direct, state, references)
+                tick = ordinary_tick(self, self._direct, state, references)
                 if tick is not None:
                     if self._recorder is not None:
                         self._recorder.take(tick, references)
@@ -135,7 +134,7 @@ class Session:
 
     def _tick(self, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
         if self._transition is None:
-            return self._step(state, references, now)
+            return step(self, state, references, now)
         return blended(self, self._transition, state, references, now)
 
     def __contains__(self, name: str) -> bool:
@@ -159,45 +158,6 @@ class Session:
 
     def _refuse(self) -> NoReturn:
         raise ConcurrentUse("another thread is in this session; make a session a thread, each of its robot.copy()")
-
-    def _ordinary_tick(self, direct: Direct, state: State, references: tuple[Reference, ...]) -> Tick | None:
-        """A tick in one native call; None for what is out of the ordinary, which the general path tells."""
-        start = perf_counter()
-        if state.robot is not self.robot or direct.workspace is not self.workspace:
-            return None
-        if not (state.square < self._check.ordinary and state.valid):
-            return None
-        if direct.fresh and self._limit is not None:
-            self._budget.begin()
-            self._limit(self._budget.left(self._rows_time))
-        self.program.prepare(state)
-        before = self._x if self._latest is None else self._latest
-        found = direct.step(state, references, before)
-        if found is None:
-            return None
-        self.count += 1
-        if isinstance(found, tuple):
-            self._leave_direct()
-            solution = self.workspace.answer(self.program.problem, found)  # type: ignore[attr-defined]
-            return self._conclude(state, solution, (), start, start, start)
-        self._latest, self._good, self._held = found, state, 0
-        if self._status is not Status.OPTIMAL:
-            self._log(Status.OPTIMAL, ())
-        tick = OrdinaryTick(self, direct, state, found, before, start)
-        if found[-1] or self._limits.busy:
-            self._note(tick, direct, found, references)
-        return tick
-
-    def _note(self, tick: OrdinaryTick, direct: Direct, found: bytearray, references: tuple[Reference, ...]) -> None:
-        """What an ordinary tick has to tell: who is held back below a stage, and restless joints."""
-        later = None
-        if direct.staged(found):
-            later = self._teller.held_back(self.count, direct.slacks(found), direct.x(found), references)
-        restless = self._limits.record(found, direct.marks, self.count)
-        if later and restless:
-            tick.note(lambda: (*later(), *restless_notes(restless)))
-        elif later or restless:
-            tick.note(later or restless_notes(restless))
 
     def _told(self, tick: Tick, references: tuple[Reference, ...]) -> Tick:
         """The tick, recorded; a change of status is logged."""
@@ -244,108 +204,6 @@ class Session:
                 self._direct.hold(self._references.holds)
                 if self._ease is not None:
                     self._direct.before_solving(self._ease)
-
-    def _step(self, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
-        start = perf_counter()
-        if self._limit is not None:
-            self._budget.begin()
-        self._leave_direct()
-        self.count += 1
-        if state.robot is not self.robot:
-            raise ModelError(f"the session runs on {self.robot!r}, the state belongs to {state.robot!r}")
-        if self._check.ages and now is None:
-            now = monotonic()
-        fault = self._check.fault(state, now)
-        if fault:
-            return self._held_tick(state, None, (Note("state", Status.INVALID_STATE, fault),), fit=False)
-        program, asked = self.program, self._references
-        notes: tuple[Note, ...] = ()
-        try:
-            program.prepare(state)
-            if not asked.current or asked.without:
-                asked.take_holds(self.stack, state)
-            prepared = perf_counter()
-            state.commanded = self._x if self._velocity and self._good is not None else None
-            if references or asked.given:
-                asked.apply(references)
-            program.fill(state, asked.current, asked.given)
-            unusable = program.unusable()
-            if asked.without:
-                unusable = tuple(dict.fromkeys(unusable + asked.lacking()))
-            if unusable:
-                notes = asked.repair(program, self._hard, state, unusable)
-        except (DynamicsFailed, np.linalg.LinAlgError) as error:
-            return self._held_tick(state, None, (Note("robot", Status.DYNAMICS_FAILED, str(error)),), fit=False)
-        if self._ease is not None:
-            self._ease()
-        filled = perf_counter()
-        self._rows_time = filled - start
-        if self._limit is not None and self._good is not None:  # the very first answer may take its time
-            self._limit(self._budget.left(filled - start))
-        solution = self.workspace.solve(program.problem)
-        tick = self._conclude(state, solution, notes, start, prepared, filled)
-        if not self._direct_known and self._good is not None:
-            self._find_direct()
-        return tick
-
-    def _conclude(
-        self,
-        state: State,
-        solution: Solution,
-        notes: tuple[Note, ...],
-        start: float,
-        prepared: float,
-        filled: float,
-    ) -> Tick:
-        """The command of a solution, or what is sent where it is not usable; the rest: when which part began."""
-        program, solved = self.program, perf_counter()
-        x, status = solution.x, solution.status
-        if status is not Status.OPTIMAL:
-            notes += culprits(program, solution)
-            if not status.usable or not float(x.dot(x)) < math.inf:
-                return self._held_tick(state, solution, notes, fit=True)
-            if not status.solved and status is not Status.NOT_STRICT:
-                x = better(program.problem, x, self._x)
-        elif not float(x.dot(x)) < math.inf:
-            notes += (Note("solver", Status.NOT_CERTIFIED, "the answer is not finite"),)
-            return self._held_tick(state, solution, notes, fit=True)
-        later: list[Callable[[], tuple[Note, ...]]] = []  # all OPTIMAL: their texts are made when they are read
-        if solution.stage_points is not None:
-            w = np.concatenate(solution.residuals)
-            if held_back := self._teller.held_back(self.count, w, solution.x, self._named):
-                later.append(held_back)
-        if restless := self._limits.look(solution.active, self.count):
-            later.append(partial(restless_notes, restless))
-        if self._contacts.missing:
-            notes += tuple(Note(name, Status.CONTACT_LOST, why) for name, why in self._contacts.lost())
-        if self._limiter is not None:
-            x, notes = within_rates(self._limiter, x, self._x, notes, self.program)
-        last, self._x, self._good, self._held = self._x, x.copy(), state, 0
-        for note in notes:
-            status = status if note.status.severity <= status.severity else note.status
-        command = program.command(x)
-        end = perf_counter()
-        if self._limit is not None:
-            self._budget.end(cut=solution.status is Status.TIME_LIMIT)
-        times = Times(prepared - start, filled - prepared, solved - filled, end - solved)
-        told: Notes = (lambda: (*notes, *(note for make in later for note in make()))) if later else notes
-        return Tick(self, state, self._x, command, program.command(last), status, told, solution, times, 0)
-
-    def _held_tick(self, state: State, solution: Solution | None, notes: tuple[Note, ...], *, fit: bool) -> Tick:
-        """No answer is usable: the command comes to rest.  fit: whether this state is one to start from."""
-        start, self._held = perf_counter(), self._held + 1
-        if fit or self._held == 1:
-            self._rest.begin(state if fit else self._good, self._x, now=fit)
-        if self._good is None and not fit:
-            notes += (Note("session", notes[0].status, "no good state so far: the command is zero"),)
-        x = self._rest.next()
-        if self._limiter is not None:
-            x, notes = within_rates(self._limiter, x, self._x, notes, self.program)
-        last, self._x = self._x, x
-        status = Status.worst(*(note.status for note in notes))
-        times = Times(0.0, 0.0, 0.0, perf_counter() - start)
-        command, before = self.program.command(x), self.program.command(last)
-        return Tick(self, state, x, command, before, status, notes, solution, times, self._held, fit)
 
     def change(self, stack: Stack, over: float = 0.0) -> None:
         """Switch to another stack, at once or within ``over`` seconds at least (hqp/transition.py).

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from hqp.account import MOST, Accountant, TickAccount, of_explanation, too_fast, unit_of
 from hqp.arrays import Vec
 from hqp.errors import HqpError
-from hqp.explain import Explanation, explain
+from hqp.explain import explain
+from hqp.explanation import Explanation
 from hqp.formulation import Program
 from hqp.problem import Solution, Status
 from hqp.reference import Reference

@@ -54,9 +54,10 @@ for _part in ("robot", "robots", "tasks"):
 
 ABOVE = {
     "account", "adapters", "arguments", "budget", "changing", "comparison", "compiled", "conflict", "contact_watch",
-    "controller", "direct", "doctor", "easing", "estimation", "explain", "formulation", "goals", "lab", "loads",
-    "markdown", "outgoing", "recorder", "recording", "references", "replay", "restless", "serial", "session",
-    "soundness", "sweep", "telling", "tick", "torque", "transition", "viewer", "waypoints",
+    "controller", "direct", "doctor", "easing", "estimation", "explain", "explanation", "formulation", "goals",
+    "lab", "loads", "markdown", "ordinary", "outgoing", "recorder", "recording", "references", "replay", "restless",
+    "serial", "session", "soundness", "stepping", "sweep", "telling", "tick", "torque", "transition", "viewer",
+    "waypoints",
 }  # fmt: skip
 """Formulations, sessions and what stands on them: they may import what they need, but in no circle."""
 

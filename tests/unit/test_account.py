@@ -15,7 +15,7 @@ import hqp
 from hqp import PD, Level, P, Stack, Status
 from hqp.account import TickAccount
 from hqp.errors import HqpError
-from hqp.explain import PRICE, Short
+from hqp.explanation import PRICE, Short
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, PointContact, Position, Posture, TorqueLimits
 

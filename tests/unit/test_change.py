@@ -14,6 +14,7 @@ import hqp
 from benchmarks.changes import DT, LEVELS, ROBOTS, Loop, formulation, lifted, measure, stack
 from hqp import PD, Level, P, Stack, Status
 from hqp.errors import DeclarationError, FrameNotFound, ModelError
+from hqp.ordinary import OrdinaryTick
 from hqp.recorder import load as load_recording
 from hqp.robots import Robot
 from hqp.tasks import (
@@ -27,7 +28,7 @@ from hqp.tasks import (
     TorqueLimits,
     UnilateralContact,
 )
-from hqp.tick import OrdinaryTick, Tick
+from hqp.tick import Tick
 from hqp.transition import LARGEST_CHANGE, Transition, inverse, smooth
 from hqp.viewer.session_view import View
 from hqp.waypoints import Waypoint, path, unloaded

@@ -13,8 +13,8 @@ import pytest
 import hqp
 import hqp.tasks as t
 from hqp import Inequality, Level, P, Stack, Status
+from hqp.ordinary import OrdinaryTick
 from hqp.solvers.lexicographic import kernel
-from hqp.tick import OrdinaryTick
 
 pytestmark = pytest.mark.skipif(not kernel(), reason="no native kernel here")
 

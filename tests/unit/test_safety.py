@@ -18,10 +18,10 @@ from benchmarks.deadline import overloaded
 from hqp import Level, P, Stack, Status
 from hqp.element import Inequality
 from hqp.errors import ConcurrentUse, DeclarationError, HqpError, ModelError, UnknownReference
+from hqp.ordinary import OrdinaryTick
 from hqp.robots import Robot
 from hqp.safety import Braking, RateLimits, StateBounds
 from hqp.tasks import Com, FixedContact, JointLimits, JointTorque, Momentum, Position, Posture, TorqueLimits
-from hqp.tick import OrdinaryTick
 
 DT = 0.002
 

@@ -1,0 +1,157 @@
+"""An account of one solution in words: what each element asked for, what it got, and to which elements it lost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.certify import Certificate
+from hqp.errors import closest
+
+SHARE = 0.01
+"""Losses below this fraction of the whole are omitted."""
+
+PRICE = "its price"
+"""The name under which a price stands among the losses."""
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Who took how much: ``share`` (0 to 1) of the push on a level's residual that this element holds against it.
+
+    rows: of an inequality, its rows that hold against it, by name and side.
+    """
+
+    element: str
+    share: float
+    rows: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        rows = f" ({', '.join(self.rows[:3])}{', ...' if len(self.rows) > 3 else ''})" if self.rows else ""
+        return f"{self.element} {100.0 * self.share:.0f} %{rows}"
+
+
+@dataclass(frozen=True, slots=True)
+class Short:
+    """The direction in which an element is short: a unit vector ``(m,)`` over its rows, and their names."""
+
+    direction: tuple[float, ...]
+    names: tuple[str, ...] = ()
+
+    @staticmethod
+    def of(w: Vec, names: tuple[str, ...]) -> Short:
+        """The direction -w / ||w||."""
+        norm = float(np.sqrt(w @ w))
+        return Short(tuple((-w / norm).tolist()) if norm > 0.0 else (0.0,) * w.size, names)
+
+    def __str__(self) -> str:
+        """The largest components, as in ``0.98 x, -0.2 z``."""
+        size = sorted(range(len(self.direction)), key=lambda i: -abs(self.direction[i]))
+        name = [self.names[i] if i < len(self.names) else f"row {i}" for i in range(len(self.direction))]
+        return ", ".join(f"{self.direction[i]:.2g} {name[i]}" for i in size[:3] if abs(self.direction[i]) > 0.1)
+
+
+@dataclass(frozen=True, slots=True)
+class HeldBack:
+    """What the price of a level holds back of one element (docs/calm.md).
+
+    asked: ||w|| at standing still.  given: how much less it is now [unit].  share: of what holds the level back, the
+    price's part, 0 to 1.  short: the direction in which the element is short, where motion moves its rows least.
+    worth: how much less the level's ||w|| would be for another unit of motion (1 rad/s, 1 rad/s^2): c_k ||y_k||.
+    """
+
+    element: str
+    level: str
+    asked: float
+    given: float
+    unit: str
+    share: float
+    short: Short
+    worth: float
+
+    def note(self, losses: tuple[Loss, ...]) -> str:
+        """What was asked, what was given, and why not more."""
+        why = "the rest costs more motion than it is worth"
+        if losses and losses[0].element != PRICE:
+            why = f"the rest is held by {', '.join(str(loss) for loss in losses[:3])}"
+        return f"asked {self.asked:.3g} {self.unit}, given {self.given:.3g}, short along ({self.short}): {why}"
+
+    def __str__(self) -> str:
+        return self.note(())
+
+
+@dataclass(frozen=True)
+class Account:
+    """One element: its level, the norm of its residual in its own units, and its losses, largest first.
+
+    cause: why it is not met, "" where it is: ``lost`` to levels above, ``limit`` (held by an inequality, its rows
+    named), ``own level`` (fights: whom), ``out of reach`` (no motion of the robot lessens the residual), ``price``
+    (the rest costs more motion than it is worth), ``too fast`` (most of what it lacks is the rate of its reference,
+    not its error).  asked: ||w|| at the point of least motion, standing still, in the units of the residual.
+    held_back: what the price holds back, None where it holds nothing.  unit: of residual and asked.
+    """
+
+    element: str
+    level: str
+    rows: int
+    residual: float
+    met: bool
+    losses: tuple[Loss, ...]
+    active: tuple[str, ...]
+    cause: str = ""
+    fights: tuple[str, ...] = ()
+    asked: float = 0.0
+    held_back: HeldBack | None = None
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """The accounts of a tick and its certificate; ``str()`` is a table.  remarks: on loads, which have no rows."""
+
+    status: str
+    accounts: tuple[Account, ...]
+    certificate: Certificate
+    remarks: tuple[str, ...] = ()
+
+    def __getitem__(self, element: str) -> Account:
+        """The account of an element; raises KeyError with the closest names."""
+        for account in self.accounts:
+            if account.element == element:
+                return account
+        near = ", ".join(closest(element, [a.element for a in self.accounts]))
+        raise KeyError(f"no element {element!r}; closest: {near}")
+
+    def __str__(self) -> str:
+        header = ("level", "element", "rows", "residual", "outcome")
+        lines = [(a.level, a.element, str(a.rows), f"{a.residual:.3g}", _outcome(a)) for a in self.accounts]
+        widths = [max(len(row[i]) for row in (header, *lines)) for i in range(4)]
+        table = [
+            "  ".join((*(cell.ljust(width) for cell, width in zip(row[:4], widths, strict=True)), row[4]))
+            for row in (header, *lines)
+        ]
+        return "\n".join((*table, *self.remarks, f"{self.status}; {self.certificate}"))
+
+
+def _outcome(account: Account) -> str:
+    if account.active:
+        listed = ", ".join(account.active[:4]) + (", ..." if len(account.active) > 4 else "")
+        return f"active: {listed}"
+    if account.met:
+        return "met"
+    if account.cause == "out of reach":
+        return "out of reach: no motion of the robot lessens it"
+    if account.cause == "own level":
+        return "fights " + (", ".join(account.fights) or "itself") + " in its own level"
+    losses = ", ".join(str(loss) for loss in account.losses[:4])
+    if account.cause == "price":
+        return f"held back by its price: {account.held_back}" + (f" ({losses})" if len(account.losses) > 1 else "")
+    if account.held_back is not None and account.held_back.share > SHARE:
+        losses += f"; asked {account.asked:.3g}, given {account.asked - account.residual:.3g} {account.unit}"
+    if account.cause == "too fast":
+        return f"too fast: the rate of its reference, not its error, is more than {losses} allow"
+    if account.cause == "limit":
+        return f"held by {losses}"
+    return f"lost to {losses}" if losses else "lost"

@@ -1,0 +1,217 @@
+"""Ticks that are one native call: what they can tell is computed when asked for."""
+
+from __future__ import annotations
+
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+from hqp.arrays import Vec
+from hqp.problem import Solution, Status
+from hqp.reference import Reference
+from hqp.stepping import conclude
+from hqp.telling import restless_notes
+from hqp.tick import Note, Notes, Tick, Times
+
+if TYPE_CHECKING:
+    from hqp.direct import Direct
+    from hqp.formulation import Program
+    from hqp.robot import State
+    from hqp.session import Session
+
+
+class OrdinaryTick(Tick):
+    """A tick whose answer is the optimum, with few notes; what it can tell is computed when asked for."""
+
+    __slots__ = ("_before", "_command", "_direct", "_noted", "_record", "_solution", "_start")
+
+    status = Status.OPTIMAL
+    held = 0
+    fit = True
+    transition = 1.0
+
+    def __init__(
+        self,
+        session: Session,
+        direct: Direct,
+        state: State,
+        record: bytearray,
+        before: bytearray | Vec,
+        start: float,
+    ) -> None:
+        self._session, self._direct, self._state, self._count = session, direct, state, session.count
+        self._record, self._before, self._start = record, before, start
+        self._noted: Notes = ()
+        self._command: Vec | None = None
+        self._solution: Solution | None = None
+
+    @property
+    def _notes(self) -> tuple[Note, ...]:  # type: ignore[override]
+        """Who is held back by a price, and joints whose command alternates between its limits."""
+        if callable(self._noted):
+            self._noted = self._noted()
+        return self._noted
+
+    def note(self, notes: Notes) -> None:
+        """Give the tick notes."""
+        self._noted = notes
+
+    @property
+    def finished(self) -> bool:
+        """The solver came to its end."""
+        return True
+
+    @property
+    def command(self) -> Vec:  # type: ignore[override]
+        """The command ``(n_actuated,)``, the caller's own copy."""
+        if self._command is None:
+            self._command = self._direct.command(self._record)
+        return self._command
+
+    @property
+    def solution(self) -> Solution:  # type: ignore[override]
+        """What the solver gave."""
+        if self._solution is None:
+            self._solution = self._direct.solution(self._record)
+        return self._solution
+
+    @property
+    def times(self) -> Times:  # type: ignore[override]
+        """Where the time went, but for what it took to make this object."""
+        begin, rows, solve = self._direct.seconds(self._record)
+        return Times(begin - self._start, rows, solve, 0.0)
+
+    @property
+    def x(self) -> Vec:  # type: ignore[override]
+        """The answer that the command is part of."""
+        return self._direct.x(self._record)
+
+    @property
+    def program(self) -> Program | None:  # type: ignore[override]
+        """The compiled stack of the session."""
+        return None if self._session is None else self._session.program
+
+    @property
+    def _last(self) -> Vec:  # type: ignore[override]
+        before = self._before
+        x = self._direct.x(before) if isinstance(before, bytearray) else before
+        return self._live().program.command(x)
+
+    @property
+    def _names(self) -> tuple[str, ...]:  # type: ignore[override]
+        return self._live().robot.joint_names
+
+    def _solved(self) -> tuple[Vec, Vec, bool]:
+        direct, record = self._direct, self._record
+        return direct.slacks(record), direct.x(record), direct.staged(record)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickled, it is a Tick as any other."""
+        kept = {name: getattr(self, name) for name in Tick.__slots__ if name != "_session"}
+        return _restored, ({**kept, "_notes": self.notes, "x": self.x.copy(), "program": None, "_session": None},)
+
+
+class BlendedTick(OrdinaryTick):
+    """An ordinary tick in a transition: what one stack's solver gave, another command, notes and status of both."""
+
+    __slots__ = ("_blend", "_told")
+
+    def __init__(
+        self,
+        tick: OrdinaryTick,
+        x: Vec,
+        last: Vec,
+        transition: float,
+        told: Notes = (),
+        status: Status = Status.OPTIMAL,
+    ) -> None:
+        self._session, self._direct, self._state, self._count = tick._session, tick._direct, tick._state, tick._count
+        self._record, self._before, self._start = tick._record, tick._before, tick._start
+        self._noted, self._command, self._solution = (), None, None
+        self._blend = x, last, transition, status
+        self._told = told
+
+    @property
+    def status(self) -> Status:  # type: ignore[override]
+        """The worst of the two stacks."""
+        return self._blend[3]
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """Those of both stacks."""
+        if callable(self._told):
+            self._told = self._told()
+        return self._told
+
+    @property
+    def _notes(self) -> Notes:  # type: ignore[override]
+        return self._told
+
+    @property
+    def command(self) -> Vec:  # type: ignore[override]
+        """The command ``(n_actuated,)``, the caller's own copy."""
+        if self._command is None:
+            self._command = self._live().program.command(self._blend[0])
+        return self._command
+
+    @property
+    def x(self) -> Vec:  # type: ignore[override]
+        """The answer that the command is part of."""
+        return self._blend[0]
+
+    @property
+    def transition(self) -> float:  # type: ignore[override]
+        """How far the change of stack has come."""
+        return self._blend[2]
+
+    @property
+    def _last(self) -> Vec:  # type: ignore[override]
+        return self._live().program.command(self._blend[1])
+
+
+def _restored(kept: dict[str, Any]) -> Tick:
+    tick = Tick.__new__(Tick)
+    tick.__setstate__(kept)
+    return tick
+
+
+def ordinary_tick(session: Session, direct: Direct, state: State, references: tuple[Reference, ...]) -> Tick | None:
+    """A tick in one native call; None for what is out of the ordinary, which the general path tells."""
+    start = perf_counter()
+    if state.robot is not session.robot or direct.workspace is not session.workspace:
+        return None
+    if not (state.square < session._check.ordinary and state.valid):
+        return None
+    if direct.fresh and session._limit is not None:
+        session._budget.begin()
+        session._limit(session._budget.left(session._rows_time))
+    session.program.prepare(state)
+    before = session._x if session._latest is None else session._latest
+    found = direct.step(state, references, before)
+    if found is None:
+        return None
+    session.count += 1
+    if isinstance(found, tuple):
+        session._leave_direct()
+        solution = session.workspace.answer(session.program.problem, found)  # type: ignore[attr-defined]
+        return conclude(session, state, solution, (), start, start, start)
+    session._latest, session._good, session._held = found, state, 0
+    if session._status is not Status.OPTIMAL:
+        session._log(Status.OPTIMAL, ())
+    tick = OrdinaryTick(session, direct, state, found, before, start)
+    if found[-1] or session._limits.busy:
+        note(session, tick, direct, found, references)
+    return tick
+
+
+def note(
+    session: Session, tick: OrdinaryTick, direct: Direct, found: bytearray, references: tuple[Reference, ...]
+) -> None:
+    """What an ordinary tick has to tell: who is held back below a stage, and restless joints."""
+    later = None
+    if direct.staged(found):
+        later = session._teller.held_back(session.count, direct.slacks(found), direct.x(found), references)
+    restless = session._limits.record(found, direct.marks, session.count)
+    if later and restless:
+        tick.note(lambda: (*later(), *restless_notes(restless)))
+    elif later or restless:
+        tick.note(later or restless_notes(restless))
