@@ -52,6 +52,11 @@ class LevelSearch : public Judge {
  private:
   static constexpr int kPasses = 4;         // over all levels
   static constexpr int kTurns = 400;        // non-negative least squares a level
+  static constexpr int kIdle = 3;           // of them without progress end a level whose gap passes,
+  static constexpr int kLast = 16;          // and so many any level
+  static constexpr double kGain = 1e-10;    // of ||w_k||: progress
+  static constexpr double kStill = 1e-14;   // of ||w_k||: rounding
+  static constexpr int kSolves = 20;        // times variables and rows, of one search
   static constexpr double kGoal = 1e-12;    // gap of a level that is not worth lowering
   static constexpr double kActive = 1e-10;  // activity, relative to the row's terms
   static constexpr double kFlat =
@@ -79,11 +84,14 @@ class LevelSearch : public Judge {
     return moved;
   }
 
-  // Lower one level; its gap at the end.
+  bool spent() { return solves >= kSolves * all_ || deadline.too_near(1.0); }
+
+  // Lower one level; its gap at the end. A turn that halves the gap, or lowers ||w_k|| by more than could be rounding
+  // along a nearly lost direction, is progress.
   double lower_level(int k, double own) {
     double least = kInfinity, nearest = own;
     int stalls = 0;
-    for (int turn = 0; turn < kTurns && own > kGoal && !deadline.too_near(1.0); ++turn) {
+    for (int turn = 0; turn < kTurns && own > kGoal && !spent(); ++turn) {
       kept_count_ = 0;
       for (int a = 0; a < active_; ++a)
         if (columns_.passive[a]) kept_[kept_count_++] = id_[a];
@@ -92,9 +100,14 @@ class LevelSearch : public Judge {
       find_active();
       const double size = gradient(k);
       own = gap_of(k);
-      if (size < least * (1.0 - 1e-14) || own < 0.5 * nearest) stalls = 0;
-      else if (++stalls > 3) break;
-      least = smaller(least, size);
+      if (size < least * (1.0 - kGain)) {
+        least = size;
+        stalls = 0;
+      } else if (own < 0.5 * nearest) {
+        stalls = 0;
+      } else if (++stalls > (own > allowed() ? kLast : kIdle)) {
+        break;
+      }
       nearest = smaller(nearest, own);
     }
     return own;
@@ -103,7 +116,8 @@ class LevelSearch : public Judge {
   // To the lowest point of the level where the rows kept stay as they are, keeping those that are met on the way.
   void minimise(int k) {
     bool moved = false;
-    for (int turn = 0; turn < 3 * n_ + 60 && !deadline.too_near(1.0); ++turn, ++solves) {
+    double least = kInfinity;
+    for (int turn = 0; turn < 3 * n_ + 60 && !spent(); ++turn, ++solves) {
       int blocking = -1;
       if (!direction(k)) return;
       double alpha = step(k, blocking);
@@ -118,9 +132,21 @@ class LevelSearch : public Judge {
       }
       const bool same = move(k, alpha, blocking);
       moved = true;
-      if (blocking >= 0) keep(blocking);
-      else if (alpha >= 1.0 && same) return;
+      if (blocking >= 0) {
+        keep(blocking);
+        continue;
+      }
+      const double here = size_of(k);
+      if ((alpha >= 1.0 && same) || !(here < least * (1.0 - kStill))) return;  // a free step that lowers nothing
+      least = here;
     }
+  }
+
+  double size_of(int k) const {
+    const Block& b = table_->block[k];
+    double square = 0.0;
+    for (int r = b.begin; r < b.end; ++r) square += w_[r - b.begin] * w_[r - b.begin];
+    return std::sqrt(square);
   }
 
   void keep(int q) {
