@@ -161,16 +161,31 @@ def test_the_force_of_the_ground_is_found_beside_traction_and_a_hand() -> None:
         rim = np.cross(wheel.axle, (0.0, 0.0, 1.0))
         residual[:3] += f * rim
         residual[joint] = -wheel.radius * f
+    place, state = np.array([0.4, -0.2, 1.06]), robot.state()
     residual[:3] += R.T @ hand
+    residual[3:6] += R.T @ np.cross(place, hand)
     residual[:2] += np.linalg.solve(R[:2, :2], push)
+    pressed = np.array([120.0, 250.0, 330.0])
+    for frame, load in zip(robot.landmarks["wheel_contacts"], pressed, strict=True):
+        force = np.array([0.0, 0.0, load])
+        residual[:6] += np.concatenate([force, np.cross(state.position(frame) - state.position("base"), force)])
     for _ in range(500):
-        found = ground.update(residual, R, hand)
-    assert found == pytest.approx(push, abs=1e-3)
+        ground.update(residual, R, hand, place)
+    assert ground.force == pytest.approx(push, abs=1e-3)
+    assert ground.loads == pytest.approx(pressed)
     (told,) = ground.references()
     assert told.value[:2] == pytest.approx(push * 20.0 / np.linalg.norm(push), abs=1e-3)
     for _ in range(500):  # a wheel that spins is no slope
-        found = ground.update(residual, R, hand, contradiction=1.0)
-    assert found == pytest.approx(np.zeros(2), abs=1e-3)
+        ground.update(residual, R, hand, place, contradiction=1.0)
+    assert ground.force == pytest.approx(np.zeros(2), abs=1e-3)
+    for _ in range(500):
+        ground.update(residual, R, hand, place)
+    front = state.position(robot.landmarks["wheel_contacts"][0]) - state.position("base")
+    force = np.array([0.0, 0.0, 115.0])  # nor is one that has lost its load
+    residual[:6] -= np.concatenate([force, np.cross(front, force)])
+    for _ in range(500):
+        ground.update(residual, R, hand, place)
+    assert ground.force == pytest.approx(np.zeros(2), abs=1e-3)
 
 
 @pytest.mark.slow

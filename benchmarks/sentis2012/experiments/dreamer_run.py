@@ -168,7 +168,8 @@ class Outing:
         self.loads.sent(state, torque)
         if choice.normals == "felt":
             apart = self._odometry.contradiction
-            self._ground_force.update(self.loads.residual, rotation, self.loads.observed, apart)
+            place = state.position("hand_point") - state.position("base")
+            self._ground_force.update(self.loads.residual, rotation, self.loads.observed, place, apart)
         spent = time.perf_counter() - began
         self._disturb()
         plant.step(torque, steps=round(choice.period / plant.timestep))

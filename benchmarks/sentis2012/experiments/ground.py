@@ -159,11 +159,15 @@ class GroundForce:
     gravity compensation, without a map or a force sensor.
     element: of the stack that is told, None for a controller that does not hold against it.
     time_constant: of the low-pass on it [s].  most: that is held against [N].  While the wheels contradict each other
-    by more than SPINNING it dies away: one that has lost its load and spins would be felt as a slope.
+    by more than SPINNING, or one bears less than UNLOADED, it dies away: a wheel that has lost its load and spins would
+    be felt as a slope.  What each wheel bears is told by the base's rows as well, without load cells: the force square
+    to the base's plane and the two moments in it are those of three wheels.
     """
 
     SPINNING = 0.1
     """Contradiction (``Odometry.contradiction``) beyond which a wheel spins; at edges wheels slip by less [m/s]."""
+    UNLOADED = 10.0
+    """Load below which a wheel is taken to have lost it [N]."""
 
     def __init__(
         self,
@@ -179,19 +183,26 @@ class GroundForce:
         self._traction = rims.T / np.array([robot.wheels[name].radius for name in names])
         self._share, self._most = period / time_constant, most
         self._element = element
+        state = robot.state()
+        places = [state.position(frame) - state.position("base") for frame in robot.landmarks["wheel_contacts"]]
+        self._bearing = np.linalg.inv([[1.0, p[1], -p[0]] for p in places]).T
         self.force: Vec = np.zeros(2)
         """In the plane, world axes ``(2,)`` [N]."""
+        self.loads: Vec = np.zeros(len(names))
+        """What each wheel bears, square to the base's plane ``(wheels,)`` [N]."""
 
-    def update(self, residual: Vec, rotation: Mat, hand: Vec, contradiction: float = 0.0) -> Vec:
+    def update(self, residual: Vec, rotation: Mat, hand: Vec, place: Vec, contradiction: float = 0.0) -> Vec:
         """The force after a tick ``(2,)`` [N].
 
-        residual: of a MomentumObserver ``(nv,)``.  rotation: of the base ``(3, 3)``.  hand: force there, world axes
-        ``(3,)`` [N].  contradiction: between the wheels [m/s].
+        residual: of a MomentumObserver ``(nv,)``.  rotation: of the base ``(3, 3)``.  hand: force there, and place of
+        the hand from the base, world axes ``(3,)`` [N, m].  contradiction: between the wheels [m/s].
         """
-        if contradiction > self.SPINNING:
+        pull, turn = rotation.T @ hand, rotation.T @ np.cross(place, hand)
+        self.loads = self._bearing @ np.array([residual[2] - pull[2], residual[3] - turn[0], residual[4] - turn[1]])
+        if contradiction > self.SPINNING or self.loads.min() < self.UNLOADED:
             self.force = (1.0 - self._share) * self.force
             return self.force
-        here = residual[:2] - (rotation.T @ hand)[:2] + self._traction @ residual[self._wheels]
+        here = residual[:2] - pull[:2] + self._traction @ residual[self._wheels]
         self.force = self.force + self._share * (rotation[:2, :2] @ here - self.force)
         return self.force
 
