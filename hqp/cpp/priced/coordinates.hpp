@@ -90,46 +90,42 @@ class Coordinates {
 
   // Q R = [F; flat |F| I] by reflections, rows of the second block entering one by one.
   void factor(const double* F, const double* f, int r) {
-    const int rows = r + n_;
-    work_.assign(static_cast<std::size_t>(rows) * (n_ + 1), 0.0);
-    parts_.resize(n_);
+    const int rows = r + n_, width = padded(n_ + 1);
+    work_.assign(static_cast<std::size_t>(rows + 2) * width + kPad, 0.0);
+    v_.resize(rows);
     R_.resize(static_cast<std::size_t>(n_) * ld_);  // zero below the diagonal and in the padding
-    double largest = 0.0;
-    for (int j = 0; j < n_; ++j) {
-      double square = 0.0;
-      double* column = &work_[static_cast<std::size_t>(j) * rows];
-      for (int i = 0; i < r; ++i) {
-        column[i] = F[i * n_ + j];
-        square += column[i] * column[i];
-      }
-      largest = larger(largest, square);
+    double *T = aligned(work_.data()), *size = T + static_cast<std::size_t>(rows) * width, *no_weight = size + width;
+    for (int i = 0; i < r; ++i) {
+      double* row = T + static_cast<std::size_t>(i) * width;
+      std::copy(F + static_cast<std::size_t>(i) * n_, F + static_cast<std::size_t>(i + 1) * n_, row);
+      for (int j = 0; j < n_; ++j) size[j] += row[j] * row[j];
+      if (f) row[n_] = f[i];
     }
-    const double flat = largest > 0.0 ? flat_ * std::sqrt(largest) : 1.0;
-    for (int j = 0; j < n_; ++j) work_[static_cast<std::size_t>(j) * rows + r + j] = flat;
-    double* target = &work_[static_cast<std::size_t>(n_) * rows];
-    if (f) std::copy(f, f + r, target);
+    const double largest = std::sqrt(*std::max_element(size, size + n_)), flat = largest > 0.0 ? flat_ * largest : 1.0;
+    for (int j = 0; j < n_; ++j) T[static_cast<std::size_t>(r + j) * width + j] = flat;
     for (int j = 0; j < n_; ++j) {
-      double* v = &work_[static_cast<std::size_t>(j) * rows];
-      const int m = r + j + 1;  // below lies nothing yet
-      const double length = std::sqrt(dot_any(v + j, v + j, m - j));
-      const double pivot = v[j] > 0.0 ? -length : length;
-      const double head = v[j] - pivot;
-      const double tau = head == 0.0 ? 0.0 : -1.0 / (pivot * head);
-      v[j] = head;
-      double* next = &work_[static_cast<std::size_t>(j + 1) * rows];
-      dots_any(v + j, next + j, rows, n_ - j, m - j, parts_.data());
-      for (int k = j + 1; k <= n_; ++k, next += rows) add_any(next + j, v + j, -tau * parts_[k - j - 1], m - j);
-      R_[j * ld_ + j] = pivot;
-      for (int k = j + 1; k < n_; ++k) R_[j * ld_ + k] = work_[static_cast<std::size_t>(k) * rows + j];
+      double* top = T + static_cast<std::size_t>(j) * width;
+      const int m = r + 1;  // rows from j on: below them lies nothing yet
+      for (int i = 0; i < m; ++i) v_[i] = top[static_cast<std::size_t>(i) * width + j];
+      const double length = std::sqrt(dot_any(v_.data(), v_.data(), m));
+      const double pivot = v_[0] > 0.0 ? -length : length;
+      const double head = v_[0] -= pivot;
+      const int from = (j + 1) / kLane * kLane;  // what this changes of columns that are done is not read again
+      if (head != 0.0)
+        reflect(top + from, width, v_.data(), m, -1.0 / (pivot * head), lanes(n_ + 1 - from), size + from,
+                no_weight + from);
+      double* R = &R_[static_cast<std::size_t>(j) * ld_];
+      R[j] = pivot;
+      std::copy(top + j + 1, top + n_, R + j + 1);
+      still_[j] = top[n_];
     }
-    std::copy(target, target + n_, still_.data());
     solve_upper(still_.data());
   }
 
   int n_, ld_;
   double flat_;
   bool diagonal_ = true;
-  std::vector<double> still_, inverse_, unit_, R_, work_, parts_;
+  std::vector<double> still_, inverse_, unit_, R_, work_, v_;
 };
 
 }  // namespace HQP_ISA

@@ -25,6 +25,12 @@ static inline double smaller(double a, double b) { return a < b ? a : b; }
 static inline int padded(int width) { return (width + kPad - 1) / kPad * kPad; }
 static inline int lanes(int width) { return (width + kLane - 1) / kLane * kLane; }
 
+// The first address from p on where whole vectors may lie, at most kPad - 1 numbers further.
+static inline double* aligned(double* p) {
+  while (reinterpret_cast<std::uintptr_t>(p) % (kPad * sizeof(double))) ++p;
+  return p;
+}
+
 static inline Vec4 splat(double a) { return Vec4{a, a, a, a}; }
 static inline Vec4& at(double* p) { return *reinterpret_cast<Vec4*>(p); }
 static inline const Vec4& at(const double* p) { return *reinterpret_cast<const Vec4*>(p); }
@@ -229,28 +235,65 @@ static inline void dots_any(const double* x, const double* Y, int ld, int count,
   for (; i < count; ++i) to[i] = dot_any(x, Y + static_cast<std::ptrdiff_t>(i) * ld, n);
 }
 
-// y += sign * sum_i a[i * step] X(i, :) over `count` rows of X, four at a time: y is then read and written less. Four
-// zeros in a row (joints of another branch) cost nothing.
-static inline void add_rows(double* __restrict y, const double* __restrict X, int ld, int count, double sign,
-                            const double* a, int step, int n) {
-  int i = 0;
-  for (; i + 4 <= count; i += 4) {
-    const double b0 = sign * a[i * step], b1 = sign * a[(i + 1) * step];
-    const double b2 = sign * a[(i + 2) * step], b3 = sign * a[(i + 3) * step];
-    if (b0 == 0.0 && b1 == 0.0 && b2 == 0.0 && b3 == 0.0) continue;
-    const double *x0 = X + static_cast<std::ptrdiff_t>(i) * ld, *x1 = x0 + ld, *x2 = x1 + ld, *x3 = x2 + ld;
-    const Vec4 f0 = splat(b0), f1 = splat(b1), f2 = splat(b2), f3 = splat(b3);
-    int j = 0;
-    for (; j + 4 <= n; j += 4)
-      *reinterpret_cast<Vec4u*>(y + j) +=
-          (f0 * *reinterpret_cast<const Vec4u*>(x0 + j) + f1 * *reinterpret_cast<const Vec4u*>(x1 + j)) +
-          (f2 * *reinterpret_cast<const Vec4u*>(x2 + j) + f3 * *reinterpret_cast<const Vec4u*>(x3 + j));
-    for (; j < n; ++j) y[j] += (b0 * x0[j] + b1 * x1[j]) + (b2 * x2[j] + b3 * x3[j]);
+constexpr int kTerms = 64;  // of a sum of rows, gathered at a time
+
+// A sum of rows that is added to another, which has to be apart from them; zeros cost little.
+struct Terms {
+  const double* row[kTerms];
+  double factor[kTerms];
+  int count = 0;
+
+  void add(const double* x, double f) {
+    row[count] = x;
+    factor[count] = f;
+    count += f != 0.0;
   }
-  for (; i < count; ++i) {
-    const double* x = X + static_cast<std::ptrdiff_t>(i) * ld;
-    const double f = sign * a[i * step];
-    for (int j = 0; j < n; ++j) y[j] += f * x[j];
+
+  void to(double* y, int n) const {
+    int j = 0;
+    for (; j + 32 <= n; j += 32) block<8>(y, j);
+    if (j + 16 <= n) {
+      block<4>(y, j);
+      j += 16;
+    }
+    if (j + 8 <= n) {
+      block<2>(y, j);
+      j += 8;
+    }
+    if (j + 4 <= n) {
+      block<1>(y, j);
+      j += 4;
+    }
+    for (; j < n; ++j) {
+      double s = y[j];
+      for (int q = 0; q < count; ++q) s += factor[q] * row[q][j];
+      y[j] = s;
+    }
+  }
+
+ private:
+  // 4 * V columns from j on, in registers.
+  template <int V>
+  void block(double* y, int j) const {
+    Vec4 s[V];
+    for (int k = 0; k < V; ++k) s[k] = *reinterpret_cast<const Vec4u*>(y + j + kLane * k);
+    for (int q = 0; q < count; ++q) {
+      const Vec4 f = splat(factor[q]);
+      const double* x = row[q] + j;
+      for (int k = 0; k < V; ++k) s[k] += f * *reinterpret_cast<const Vec4u*>(x + kLane * k);
+    }
+    for (int k = 0; k < V; ++k) *reinterpret_cast<Vec4u*>(y + j + kLane * k) = s[k];
+  }
+};
+
+// y += sign * sum_i a[i * step] X(i, :) over `count` rows of X, y apart from them.
+static inline void add_rows(double* y, const double* X, int ld, int count, double sign, const double* a, int step,
+                            int n) {
+  for (int i = 0; i < count;) {
+    Terms terms;
+    for (; i < count && terms.count < kTerms; ++i)
+      terms.add(X + static_cast<std::ptrdiff_t>(i) * ld, sign * a[static_cast<std::ptrdiff_t>(i) * step]);
+    terms.to(y, n);
   }
 }
 

@@ -70,7 +70,7 @@ struct Table {
     arena.place(ones, n);
     arena.place(single_index, total + 1);
     arena.place(single_scale, total + 1);
-    arena.place(scratch, metric ? static_cast<std::size_t>(n) * n : 0);
+    arena.place(scratch, metric ? n : 0);
   }
 
   void start() {
@@ -274,24 +274,29 @@ struct Table {
   // Pivoted Cholesky: metric = rows' rows, stopped at 1e-10 of the largest entry; the number of rows, -1 if not finite.
   int root(const double* metric) {
     double largest = 0.0;
-    double* rest = scratch;
-    for (int i = 0; i < n * n; ++i) {
-      if (!(std::fabs(metric[i]) < kInfinity)) return -1;
-      rest[i] = metric[i];
+    double* left = scratch;  // of the diagonal, -1 for a pivot
+    for (int i = 0; i < n; ++i) {
+      const double* row = metric + static_cast<std::ptrdiff_t>(i) * n;
+      if (dot_any(row, zeros, n) != 0.0) return -1;  // 0 times what is not finite
+      left[i] = row[i];
+      largest = larger(largest, row[i]);
     }
-    for (int i = 0; i < n; ++i) largest = larger(largest, rest[i * n + i]);
     int rank = 0;
     for (; rank < n; ++rank) {
       int p = 0;
       for (int i = 1; i < n; ++i)
-        if (rest[i * n + i] > rest[p * n + p]) p = i;
-      const double pivot = rest[p * n + p];
-      if (!(pivot > 1e-10 * largest)) break;
+        if (left[i] > left[p]) p = i;
+      if (!(left[p] > 1e-10 * largest)) break;
       double* row = metric_rows + static_cast<std::ptrdiff_t>(rank) * n;
-      const double d = 1.0 / std::sqrt(pivot);
-      for (int j = 0; j < n; ++j) row[j] = 0.5 * (rest[p * n + j] + rest[j * n + p]) * d;
-      for (int i = 0; i < n; ++i) add_any(rest + i * n, row, -row[i], n);
-      for (int j = 0; j < n; ++j) rest[p * n + j] = rest[j * n + p] = 0.0;
+      const double* given = metric + static_cast<std::ptrdiff_t>(p) * n;
+      for (int j = 0; j < n; ++j) row[j] = 0.5 * (given[j] + metric[static_cast<std::ptrdiff_t>(j) * n + p]);
+      add_rows(row, metric_rows, n, rank, -1.0, metric_rows + p, n, n);
+      const double d = 1.0 / std::sqrt(row[p]);
+      for (int j = 0; j < n; ++j) {
+        row[j] = left[j] < 0.0 ? 0.0 : row[j] * d;
+        if (left[j] >= 0.0) left[j] = larger(left[j] - row[j] * row[j], 0.0);
+      }
+      left[p] = -1.0;
     }
     return rank;
   }

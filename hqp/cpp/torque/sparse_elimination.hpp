@@ -18,20 +18,28 @@ inline namespace HQP_ISA {
 class SparseElimination final : public Elimination {
  public:
   // parents: the coordinate before each on its way to the world, -1 for none; lower than itself.
-  SparseElimination(std::vector<int> parents, std::vector<int> actuated, int rows)
-      : parents_(std::move(parents)),
-        actuated_(std::move(actuated)),
-        nv_(static_cast<int>(parents_.size())),
+  SparseElimination(const std::vector<int>& parents, std::vector<int> actuated, int rows)
+      : actuated_(std::move(actuated)),
+        nv_(static_cast<int>(parents.size())),
         n_(static_cast<int>(actuated_.size())),
         m_(rows),
-        H_(nv_ * nv_),
-        ranges_(nv_),
-        R_(nv_ * rows),
-        y_(rows) {
-    for (int i = 0; i < nv_; ++i) ranges_[i] = {n_, 0};
+        ld_(padded(n_)),
+        H_(static_cast<std::size_t>(nv_) * nv_),
+        way_(nv_),
+        ranges_(nv_, {n_, 0}),
+        moving_(nv_),
+        R_(static_cast<std::size_t>(nv_) * rows),
+        Q_(R_.size()),
+        y_(rows),
+        taus_(rows),
+        work_(rows),
+        block_(static_cast<std::size_t>(nv_ + ld_) * ld_ + kPad) {
+    for (int i = 0; i < nv_; ++i) {
+      if (parents[i] >= 0) way_[i] = way_[parents[i]];
+      way_[i].push_back(i);
+    }
     for (int k = 0; k < n_; ++k)
-      for (int i = actuated_[k]; i >= 0; i = parents_[i])
-        ranges_[i] = {std::min(ranges_[i].first, k), std::max(ranges_[i].second, k + 1)};
+      for (int i : way_[actuated_[k]]) ranges_[i] = {std::min(ranges_[i].first, k), std::max(ranges_[i].second, k + 1)};
   }
 
   int eliminate(const double* A, const double* bias, const double* J, const double* gamma, double tolerance,
@@ -49,15 +57,14 @@ class SparseElimination final : public Elimination {
  private:
   // A: its upper triangle, column-major. False unless positive definite.
   bool factor(const double* A) {
-    std::copy(A, A + H_.size(), H_.begin());  // by columns the upper triangle is the lower one by rows
+    for (int i = 0; i < nv_; ++i)
+      for (std::size_t p = 0; p < way_[i].size(); ++p) H(i)[p] = A[i * nv_ + way_[i][p]];
     for (int k = nv_ - 1; k >= 0; --k) {
-      double* row = H(k);
-      if (!(row[k] > 0.0)) return false;
-      row[k] = std::sqrt(row[k]);
-      const double inverse = 1.0 / row[k];
-      for (int i = parents_[k]; i >= 0; i = parents_[i]) row[i] *= inverse;
-      for (int i = parents_[k]; i >= 0; i = parents_[i])
-        for (int j = i; j >= 0; j = parents_[j]) H(i)[j] -= row[i] * row[j];
+      double *row = H(k), *own = row + above(k);
+      if (!(*own > 0.0)) return false;
+      *own = std::sqrt(*own);
+      scale(row, above(k), 1.0 / *own);
+      for (int p = above(k) - 1; p >= 0; --p) add_any(H(way_[k][p]), row, -row[p], p + 1);
     }
     return true;
   }
@@ -70,32 +77,46 @@ class SparseElimination final : public Elimination {
     for (int i = 0; i < nv_; ++i) Y[i * w + n_] = -bias[i];
     for (int i = nv_ - 1; i >= 0; --i) {
       double* y = Y + i * w;
-      const double inverse = 1.0 / H(i)[i];
+      const double inverse = 1.0 / H(i)[above(i)];
       const auto [first, last] = ranges_[i];
-      for (int k = first; k < last; ++k) y[k] *= inverse;
+      scale(y + first, last - first, inverse);
       y[n_] *= inverse;
-      for (int j = parents_[i]; j >= 0; j = parents_[j]) {
-        double* other = Y + j * w;
-        for (int k = first; k < last; ++k) other[k] -= H(i)[j] * y[k];
-        other[n_] -= H(i)[j] * y[n_];
+      for (int p = 0; p < above(i); ++p) {
+        double* other = Y + way_[i][p] * w;
+        add_any(other + first, y + first, -H(i)[p], last - first);
+        other[n_] -= H(i)[p] * y[n_];
       }
     }
   }
 
   // Q (nv, m) and T (m, m) row-major with H^-T J^T = Q T; keeps y = T^-T gamma. False where T is singular within
-  // tolerance.
+  // tolerance. Coordinates that move no constraint are left out of the reflections: their rows are zero.
   bool constraints(const double* J, const double* gamma, double tolerance, double* Q, double* T) {
-    if (m_ > nv_) return false;
-    for (int i = 0; i < nv_; ++i)
-      for (int k = 0; k < m_; ++k) R(i)[k] = J[k * nv_ + i];
-    for (int i = nv_ - 1; i >= 0; --i) {
-      scale(R(i), m_, 1.0 / H(i)[i]);
-      for (int j = parents_[i]; j >= 0; j = parents_[j]) add_any(R(j), R(i), -H(i)[j], m_);
+    for (int i = 0; i < nv_; ++i) {
+      double size = 0.0;
+      for (int k = 0; k < m_; ++k) size += std::abs(R(i)[k] = J[k * nv_ + i]);
+      moving_[i] = size != 0.0;
     }
-    if (!reflect(tolerance)) return false;
+    for (int i = nv_ - 1; i >= 0; --i) {
+      if (!moving_[i]) continue;
+      scale(R(i), m_, 1.0 / H(i)[above(i)]);
+      for (int p = 0; p < above(i); ++p) {
+        add_any(R(way_[i][p]), R(i), -H(i)[p], m_);
+        moving_[way_[i][p]] = true;
+      }
+    }
+    count_ = 0;
+    for (int i = 0; i < nv_; ++i)
+      if (moving_[i]) std::copy(R(i), R(i) + m_, R(count_++));
+    if (m_ > count_ || !reflect(tolerance)) return false;
     for (int k = 0; k < m_; ++k)
       for (int c = 0; c < m_; ++c) T[k * m_ + c] = c < k ? 0.0 : R(k)[c];
-    accumulate(Q);
+    accumulate();
+    const double* q = Q_.data();
+    for (int i = 0; i < nv_; ++i) {
+      if (!moving_[i]) std::fill(Q + i * m_, Q + (i + 1) * m_, 0.0);
+      else std::copy(q, q + m_, Q + i * m_), q += m_;
+    }
     for (int k = 0; k < m_; ++k) {
       double left = gamma[k];
       for (int c = 0; c < k; ++c) left -= T[c * m_ + k] * y_[c];
@@ -106,76 +127,85 @@ class SparseElimination final : public Elimination {
 
   // With Y as columns() writes it: top (m, n + 1) = Q^T Y - [0, y], Y - Q top in the place of Y, and phi (n, n), the
   // products of its first n columns.
-  void project(const double* Q, double* top, double* Y, double* phi) const {
+  void project(const double* Q, double* top, double* Y, double* phi) {
     const int w = n_ + 1;
     std::fill(top, top + m_ * w, 0.0);
     for (int k = 0; k < m_; ++k) top[k * w + n_] = -y_[k];
     for (int k = 0; k < m_; ++k) add_rows(top + k * w, Y, w, nv_, 1.0, Q + k, m_, w);
-    for (int i = 0; i < nv_; ++i) add_rows(Y + i * w, top, w, m_, -1.0, Q + i * m_, 1, w);
-    std::fill(phi, phi + n_ * n_, 0.0);
-    for (int k = 0; k < n_; ++k) add_rows(phi + k * n_ + k, Y + k, w, nv_, 1.0, Y + k, w, n_ - k);
+    for (int i = 0; i < nv_; ++i)
+      if (moving_[i]) add_rows(Y + i * w, top, w, m_, -1.0, Q + i * m_, 1, w);
+    double *rows = aligned(block_.data()), *products = rows + nv_ * ld_;
+    for (int i = 0; i < nv_; ++i) std::copy(Y + i * w, Y + i * w + n_, rows + i * ld_);
+    gram(products, ld_, rows, ld_, nv_, lanes(n_));
     for (int k = 0; k < n_; ++k)
-      for (int c = 0; c < k; ++c) phi[k * n_ + c] = phi[c * n_ + k];
+      for (int c = k; c < n_; ++c) phi[k * n_ + c] = phi[c * n_ + k] = products[k * ld_ + c];
   }
 
   // B (nv, n + 1) row-major: H^-1 B in its place.
   void motions(double* B) const {
     const int w = n_ + 1;
     for (int i = 0; i < nv_; ++i) {
-      for (int j = parents_[i]; j >= 0; j = parents_[j]) add_any(B + i * w, B + j * w, -H(i)[j], w);
-      scale(B + i * w, w, 1.0 / H(i)[i]);
+      double* b = B + i * w;
+      for (int p = 0; p < above(i);) {
+        Terms terms;
+        for (; p < above(i) && terms.count < kTerms; ++p) terms.add(B + way_[i][p] * w, -H(i)[p]);
+        terms.to(b, w);
+      }
+      scale(b, w, 1.0 / H(i)[above(i)]);
     }
   }
 
+  // Row i of H, of the coordinates on the way to i alone, i last: the way to one of them is where the way to i begins.
   double* H(int i) { return H_.data() + i * nv_; }
   const double* H(int i) const { return H_.data() + i * nv_; }
+  int above(int i) const { return static_cast<int>(way_[i].size()) - 1; }
   double* R(int i) { return R_.data() + i * m_; }
 
   // I - tau u u^T for each column k, u = (1, what it leaves below the diagonal).
   bool reflect(double tolerance) {
-    taus_.assign(m_, 0.0);
-    work_.resize(m_);
     double least = INFINITY, largest = 0.0;
     for (int k = 0; k < m_; ++k) {
       double below = 0.0;
-      for (int i = k + 1; i < nv_; ++i) below += R(i)[k] * R(i)[k];
+      for (int i = k + 1; i < count_; ++i) below += R(i)[k] * R(i)[k];
       const double head = R(k)[k], norm = std::copysign(std::sqrt(head * head + below), head);
       least = std::min(least, std::abs(norm));
       largest = std::max(largest, std::abs(norm));
       if (!(std::abs(norm) > 0.0)) return false;
       taus_[k] = (head + norm) / norm;
-      for (int i = k + 1; i < nv_; ++i) R(i)[k] /= head + norm;
+      for (int i = k + 1; i < count_; ++i) R(i)[k] /= head + norm;
       R(k)[k] = -norm;
-      const int rest = m_ - k - 1;
-      std::copy(R(k) + k + 1, R(k) + m_, work_.begin());
-      add_rows(work_.data(), R(k + 1) + k + 1, m_, nv_ - k - 1, 1.0, R(k + 1) + k, m_, rest);
-      scale(work_.data(), rest, taus_[k]);
-      add_any(R(k) + k + 1, work_.data(), -1.0, rest);
-      for (int i = k + 1; i < nv_; ++i) add_any(R(i) + k + 1, work_.data(), -R(i)[k], rest);
+      turn(R(k) + k + 1, k, m_ - k - 1);
     }
     return m_ == 0 || least > tolerance * largest;
   }
 
   // The first m columns of the product of the reflections.
-  void accumulate(double* Q) {
-    std::fill(Q, Q + nv_ * m_, 0.0);
+  void accumulate() {
+    std::fill(Q_.begin(), Q_.end(), 0.0);
     for (int k = m_ - 1; k >= 0; --k) {
-      const int size = m_ - k;
-      double* q = Q + k * m_ + k;  // rows and columns from k on are all that is there
+      double* q = Q_.data() + k * m_ + k;  // rows and columns from k on are all that is there
       q[0] = 1.0;
-      std::copy(q, q + size, work_.begin());
-      add_rows(work_.data(), q + m_, m_, nv_ - k - 1, 1.0, R(k + 1) + k, m_, size);
-      scale(work_.data(), size, taus_[k]);
-      add_any(q, work_.data(), -1.0, size);
-      for (int i = k + 1; i < nv_; ++i) add_any(Q + i * m_ + k, work_.data(), -R(i)[k], size);
+      turn(q, k, m_ - k);
     }
   }
 
-  std::vector<int> parents_, actuated_;
-  int nv_, n_, m_;
+  // Reflection k of a block of so many columns whose row k begins at `top`, rows as far apart as those of R.
+  void turn(double* top, int k, int columns) {
+    std::copy(top, top + columns, work_.begin());
+    add_rows(work_.data(), top + m_, m_, count_ - k - 1, 1.0, R(k + 1) + k, m_, columns);
+    scale(work_.data(), columns, taus_[k]);
+    add_any(top, work_.data(), -1.0, columns);
+    for (int i = k + 1; i < count_; ++i) add_any(top + (i - k) * m_, work_.data(), -R(i)[k], columns);
+  }
+
+  std::vector<int> actuated_;
+  int nv_, n_, m_, ld_, count_ = 0;  // count_: of coordinates that move a constraint
   std::vector<double> H_;
+  std::vector<std::vector<int>> way_;        // coordinates from the world to each, itself the last
   std::vector<std::pair<int, int>> ranges_;  // of actuated joints that a coordinate carries
-  std::vector<double> R_, y_, taus_, work_;
+  std::vector<char> moving_;                 // which coordinates move a constraint
+  std::vector<double> R_, Q_, y_, taus_, work_;
+  std::vector<double> block_;  // (nv, n) and (n, n) in padded rows, zero in the padding
 };
 
 }  // namespace HQP_ISA
