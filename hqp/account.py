@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hqp.arrays import Mat, Vec
+from hqp.errors import DeclarationError, closest
 from hqp.explain import MET, NOTHING, cause_of
 from hqp.explanation import PRICE, SHARE, Explanation, HeldBack, Loss, Short
 from hqp.formulation import Program
@@ -44,6 +45,13 @@ class Layout:
     limits: tuple[bool, ...]
     count: int
     inverse: Vec
+
+    def place(self, element: str) -> int:
+        """The number of an element; raises DeclarationError with the closest names."""
+        if element not in self.elements:
+            near = ", ".join(closest(element, self.elements) or self.elements)
+            raise DeclarationError("account", "unknown element", value=element, allowed=near)
+        return self.elements.index(element)
 
 
 class TickAccount:
@@ -87,15 +95,15 @@ class TickAccount:
         return self.layout.elements
 
     def met(self, element: str) -> bool:
-        """Whether an element got what it asked for; raises ValueError for an unknown name."""
-        i = self.elements.index(element)
+        """Whether an element got what it asked for; raises DeclarationError for an unknown name."""
+        i = self.layout.place(element)
         return bool(self.residual[i] <= MET * (1.0 + self.asked[i]))
 
     def cause(self, element: str) -> str:
         """Why an element is not met, as ``explain.Account.cause``; "" where it is."""
         if self.met(element):
             return ""
-        i, layout = self.elements.index(element), self.layout
+        i, layout = self.layout.place(element), self.layout
         row = self.shares[layout.levels[i]]
         pull, most = self._values[4 * i + 2 : 4 * i + 4]
         if pull <= NOTHING * most:
@@ -107,8 +115,8 @@ class TickAccount:
         return cause_of(price=first == len(layout.limits), limit=limit, fast=element in self._fast)
 
     def losses(self, element: str) -> tuple[Loss, ...]:
-        """Who holds the level of an element back, largest share first."""
-        row = self.shares[self.layout.levels[self.elements.index(element)]]
+        """Who holds the level of an element back, largest share first; raises DeclarationError for an unknown name."""
+        row = self.shares[self.layout.levels[self.layout.place(element)]]
         names = (*self.elements, PRICE)
         order = np.argsort(-row, kind="stable")
         return tuple(Loss(names[i], float(row[i])) for i in order.tolist() if row[i] > SHARE)

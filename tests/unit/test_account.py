@@ -14,7 +14,7 @@ import pytest
 import hqp
 from hqp import PD, Level, P, Stack, Status
 from hqp.account import TickAccount
-from hqp.errors import HqpError
+from hqp.errors import DeclarationError, HqpError
 from hqp.explanation import PRICE, Short
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, PointContact, Position, Posture, TorqueLimits
@@ -270,6 +270,14 @@ def test_other_solvers_account_through_an_explanation() -> None:
     assert isinstance(account, TickAccount)
     assert account.cause("hand") == "price"
     assert account.cause("posture") == "lost"
+
+
+def test_an_unknown_name_is_told_with_the_closest() -> None:
+    robot, run, _ = arm()
+    account = run.step(robot.state()).account()
+    for ask in (account.met, account.cause, account.losses):
+        with pytest.raises(DeclarationError, match="hand"):
+            ask("hant")
 
 
 def test_accounts_can_be_kept_and_cost_little() -> None:
