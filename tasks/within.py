@@ -171,7 +171,10 @@ class Within(_Barrier):
         return Reference(self.name, np.zeros(self.task.rows(state.robot)))
 
     def at(self, value: Any) -> Reference:
-        """What the bounds are measured from, as of the task; raises DeclarationError for shapes."""
+        """What the bounds are measured from, as of the task; raises DeclarationError for shapes.
+
+        Its velocity is not known: bounds that move at u towards the value are passed by at most u / rate.
+        """
         return replace(self.task.at(value), name=self.name)
 
     def bounds(self, state: State, reference: Any = None) -> tuple[Vec, Vec]:

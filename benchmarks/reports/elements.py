@@ -1,6 +1,7 @@
 """Every element in every formulation, run; and who else has it.
 
-``python -m benchmarks.reports.elements`` writes the table of docs/elements-compared.md.
+``python -m benchmarks.reports.elements`` writes the table of docs/elements-compared.md, and docs/elements/in-files.md:
+every element as a file declares it.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 
 import hqp
 from benchmarks.reports import report
-from hqp import Level, Stack, shapes
+from hqp import Level, Stack, serial, shapes
 from hqp import tasks as t
 from hqp.element import Element
 from hqp.errors import DeclarationError
@@ -22,6 +23,7 @@ from hqp.formulation import Formulation
 from hqp.robots import Robot
 
 PAGE = Path(__file__).parents[2] / "docs" / "elements-compared.md"
+FILES = PAGE.with_name("elements") / "in-files.md"
 MARK = "<!-- table: python -m benchmarks.reports.elements -->"
 FORMULATIONS: dict[str, Callable[[], Formulation]] = {
     "velocity": hqp.Velocity,
@@ -196,8 +198,22 @@ def table() -> str:
     return report.table(("element", *FORMULATIONS, *LIBRARIES), rows)
 
 
+def in_files() -> str:
+    """Every element as TOML, in ``subject_to`` or in a level as it stands in the table's stacks."""
+    parts = []
+    for name in sorted(t.__all__):
+        element = EXAMPLES[name]()[-1]
+        hard = name in (*HELD, *CONTACTS)
+        text = serial.dumps(Stack(Level(t.Posture()), subject_to=[element]) if hard else Stack(Level(element)))
+        kept = text[text.index("[[subject_to]]") :] if hard else text
+        parts.append(f"## {name}\n\n```toml\n{kept.strip()}\n```\n")
+    return "\n".join(parts)
+
+
 def main() -> None:
-    """Write the page."""
+    """Write the pages."""
+    head, mark, _ = FILES.read_text(encoding="utf-8").partition(MARK)
+    FILES.write_text(f"{head}{mark}\n\n{in_files()}", encoding="utf-8")
     head, mark, _ = PAGE.read_text(encoding="utf-8").partition(MARK)
     PAGE.write_text(f"{head}{mark}\n\n{table()}", encoding="utf-8")
 
