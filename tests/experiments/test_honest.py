@@ -16,6 +16,7 @@ from benchmarks.sentis2012.experiments.compliance import gravity_share
 from benchmarks.sentis2012.experiments.ground import ContactNormals, GroundForce
 from benchmarks.sentis2012.experiments.ground_map import GroundMap
 from benchmarks.sentis2012.experiments.promised import PRIVILEGED, compared
+from benchmarks.sentis2012.experiments.slope_bound import stands as can_stand
 from benchmarks.sentis2012.experiments.step_bound import least_shift, meeting
 from hqp.arrays import Mat, Vec
 from hqp.robots.on_mujoco import Contacts
@@ -288,3 +289,13 @@ def test_a_wheel_that_another_overtook_in_the_same_tick_does_not_go_to_the_other
     assert made._ends[0] == [first, last + 3]
     assert made._height[0][:first] == before
     np.testing.assert_allclose(made._height[0][last : last + 4], [0.0, 0.01, 0.02, 0.03], atol=1e-12)
+
+
+def test_the_steepest_slope_by_statics() -> None:
+    """At friction 0.211 it is that of the experiment; at high friction the front wheel loses its load first."""
+    assert can_stand(math.radians(6.95), friction=0.211)
+    assert not can_stand(math.radians(7.05), friction=0.211)
+    assert can_stand(math.radians(20.0))  # steeper than any slope that the controller takes
+    assert not can_stand(math.radians(20.0), least_load=60.0)
+    assert not can_stand(math.radians(25.0))
+    assert can_stand(math.radians(25.0), pull=120.0)

@@ -13,7 +13,7 @@ from benchmarks.sentis2012.experiments import statistics
 
 pytest.importorskip("pyarrow")
 
-MANY = 20
+MANY = 19
 """Runs that a promise takes at least."""
 
 

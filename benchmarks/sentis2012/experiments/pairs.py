@@ -13,6 +13,7 @@ from benchmarks.sentis2012.experiments.cells import ONE_CM
 from benchmarks.sentis2012.experiments.compliance import Compliance
 from benchmarks.sentis2012.experiments.measures import Measures
 from benchmarks.sentis2012.experiments.scene import Scene
+from benchmarks.sentis2012.experiments.slope_bound import slopes
 from benchmarks.sentis2012.experiments.step_bound import steps
 from benchmarks.sentis2012.experiments.variants import PULL
 
@@ -79,7 +80,7 @@ def experiment(setting: Setting) -> Outcome:
     measures = carry_out(cases, setting.solver, setting.jobs, setting.advance)
     outcome.tables.append(_side_by_side(both, measures))
     if setting.full:
-        outcome.tables.append(steps())
+        outcome.tables += [steps(), slopes()]
     slippery = both[0]
     outcome.figures += [
         holds(f"{slippery.text}: HQP with friction bounds stands", math.isnan(measures[slippery.bounded.name].fell)),
