@@ -58,9 +58,9 @@ class Refined {
   }
 
   // What a full test of level k found: c rows of the problem by number, how they are held (as Settled does), their
-  // multipliers, and B B' = U'U with 1 / U_jj.
+  // multipliers, B B' = U'U with 1 / U_jj, and the point of least motion.
   void take(int k, int c, const int* number, const int* held, const double* lambda, const double* U, int width,
-            const double* inverse) {
+            const double* inverse, const double* x) {
     Last& last = last_[k];
     const int all = first_[k] + level_[k].m;
     last.known = true;
@@ -73,10 +73,18 @@ class Refined {
       last.lambda[number[j]] = lambda[j];
       last.part[number[j]] = held[j] > 0 ? kAbove : held[j] < 0 ? kBelow : kEqual;
     }
-    for (int l = 0; l <= k; ++l)
-      for (int i = 0; i < level_[l].m; ++i)
-        if (level_[l].lower[i] == level_[l].upper[i] && last.part[first_[l] + i] == kFree)
-          last.part[first_[l] + i] = kOut;
+    for (int l = 0; l <= k; ++l) {
+      const PricedLevel& level = level_[l];
+      for (int i = 0; i < level.m; ++i) {
+        signed char& part = last.part[first_[l] + i];
+        if (part != kFree) continue;
+        const double value =
+            level.A ? dot_any(level.A + static_cast<std::size_t>(i) * n_, x, n_) : level.scale[i] * x[level.index[i]];
+        const double off = smaller(value - level.lower[i], level.upper[i] - value);
+        if (level.lower[i] == level.upper[i]) part = kOut;
+        else if (off <= kHolds * (1.0 + std::abs(value))) part = kFollows;
+      }
+    }
     // row by row of W = U^-T, and the inverse W' W
     last.inverse.assign(static_cast<std::size_t>(c) * c, 0.0);
     W_.assign(static_cast<std::size_t>(c) * c, 0.0);
@@ -99,7 +107,8 @@ class Refined {
     std::vector<double> lambda, change, inverse;
     std::vector<signed char> part;
   };
-  enum Part : signed char { kBelow = -1, kFree, kAbove, kEqual, kOut };
+  // kFollows: at a bound without being held, as the other knee is where both feet stand and the base keeps its height.
+  enum Part : signed char { kBelow = -1, kFree, kAbove, kFollows, kEqual, kOut };
 
   bool shown(int k, Last& last) {
     at_->point(combined(k, last.lambda), x_.data());
@@ -114,7 +123,8 @@ class Refined {
       for (int i = 0; i < level.m; ++i) {
         if ((level.lower[i] == level.upper[i]) != (part[i] >= kEqual)) return false;
         if (!level.A) value[i] = level.scale[i] * x_[level.index[i]];
-        if (part[i] != kFree) value[i] = (part[i] == kBelow ? level.lower[i] : level.upper[i]) - value[i];
+        if (part[i] != kFree && part[i] != kFollows)
+          value[i] = (part[i] == kBelow ? level.lower[i] : level.upper[i]) - value[i];
       }
     }
     const int c = static_cast<int>(last.rows.size());
@@ -143,6 +153,10 @@ class Refined {
         const int row = first_[l] + i;
         if (!level.A) step[i] = level.scale[i] * x_[level.index[i]];
         if (last.part[row] == kOut) continue;
+        if (last.part[row] == kFollows) {
+          after = larger(after, std::abs(slack(value_[row] + step[i], level.lower[i], level.upper[i])));
+          continue;
+        }
         if (last.part[row] != kFree) {
           before = larger(before, std::abs(value_[row]));
           after = larger(after, std::abs(value_[row] - step[i]));

@@ -88,7 +88,8 @@ class Settled {
     reached_ = k + 1;
     const bool met = consistent_ && own_rank_ && least_motion(k) && prices_[k] * multipliers(k, own) <= 1.0;
     if (met && independent_)
-      refined_.take(k, count_, number_.data(), held_.data(), lambda_.data(), U_.data(), width_, inverse_.data());
+      refined_.take(k, count_, number_.data(), held_.data(), lambda_.data(), U_.data(), width_, inverse_.data(),
+                    x_.data());
     return met;
   }
 
