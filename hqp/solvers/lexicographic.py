@@ -182,7 +182,8 @@ class NativeWorkspace:
         solution: Solution | None = self._kernel.solution(build, *self._views)
         if solution is None:
             return _refuse(problem, self._shape, Stats(build_s=build))
-        return solution if solution.status is Status.OPTIMAL else self._judged(problem, solution)
+        settled = solution.status is Status.OPTIMAL and not solution.detail
+        return solution if settled else self._judged(problem, solution)
 
     def kernel(self, problem: Hierarchy) -> Kernel | None:
         """The kernel bound to a problem that is refilled in place, see hqp.solvers.stages.Kernel.
@@ -219,7 +220,7 @@ class NativeWorkspace:
         if solution.status is Status.ITERATION_LIMIT and not self._solver.max_iterations:
             doubtful = True
         if self._limited or not doubtful:
-            return solution
+            return replace(solution, detail="") if solution.status is Status.OPTIMAL else solution
         others: list[Callable[[], Solution]] = [self._again]
         others += [partial(self._with_rank, problem, rank) for rank in OTHER_RANKS]
         return second_opinion(problem, solution, [*others, partial(self._by_reference, problem)])
@@ -275,6 +276,8 @@ def second_opinion(problem: Hierarchy, doubtful: Solution, others: Iterable[Call
     for make in (lambda: doubtful, *others):
         found = make()
         if any(certificate(problem, found.x, tolerance).ok for tolerance in (Lexicographic.accuracy, ROUGH)):
+            if found is doubtful and found.status is Status.OPTIMAL:  # the data's last digits do not move it
+                return replace(found, detail="")
             status = finish(problem, found.x, Status.RANK_UNCERTAIN, found.stats).status
             return replace(found, status=status, detail="" if status is Status.RANK_UNCERTAIN else UNSURE)
     return replace(doubtful, status=Status.NOT_CERTIFIED, detail=STUCK)

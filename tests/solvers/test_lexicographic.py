@@ -14,7 +14,7 @@ from benchmarks.speed import problems, random_hierarchies
 from hqp import Hierarchy, Rows, Selection, Solution, Status, certificate
 from hqp.errors import DeclarationError, SolverNotInstalled
 from hqp.solvers import lexicographic
-from hqp.solvers.lexicographic import Lexicographic
+from hqp.solvers.lexicographic import Lexicographic, NativeWorkspace
 from hqp.solvers.reference import Reference
 
 RANDOM = 10_000
@@ -195,10 +195,19 @@ def test_time_limit() -> None:
     assert np.all(solution.residuals[0] == 0.0)
 
 
-def test_a_rank_decision_near_the_tolerance_is_told() -> None:
+@pytest.mark.parametrize(("goal", "status"), [([1.0, 1.0], Status.RANK_UNCERTAIN), ([0.0, 0.0], Status.OPTIMAL)])
+def test_a_rank_decision_near_the_tolerance_is_told(goal: list[float], status: Status) -> None:
+    """Where it matters: 1e-12 of a goal of 1 is 3e-4 of x along the second row's direction, of a goal of 0 nothing."""
     A = np.array([[1.0, 0.0], [1.0, 3e-9]])
-    solution = Lexicographic().solve(Hierarchy((Rows(A, np.zeros(2), np.zeros(2)),)))
-    assert solution.status is Status.RANK_UNCERTAIN
+    problem = Hierarchy((Rows(A, np.array(goal), np.array(goal)),))
+    for ticks in (False, True):
+        workspace = Lexicographic().workspace(problem.shape)
+        assert isinstance(workspace, NativeWorkspace)
+        if ticks:
+            workspace.limit(np.inf)
+        solution = workspace.solve(problem)
+        assert solution.status is status
+        assert not solution.detail
 
 
 def test_unusable_numbers_are_a_status() -> None:

@@ -13,6 +13,7 @@ class ActiveSet final : public Step {
     tableau.rank_tolerance = options.rank_tolerance;
     multipliers.tolerance = options.multiplier_tolerance;
     factorisations = iterations = judged = 0;
+    settled = false;
     outcome = Outcome::optimal;
     cap_ = options.max_iterations > 0 ? options.max_iterations : 100 + 10 * (table.rows + table.n);
     level_search.deadline.start(options.time_limit);
@@ -264,7 +265,8 @@ class ActiveSet final : public Step {
     }
     if (passed && level_search.gap <= kGood) {
       if (stopped_) take_working_set();
-      if (uncertain()) outcome = Outcome::rank_uncertain;
+      outcome = Outcome::optimal;
+      doubt();
       return;
     }
     judged += 1;
@@ -288,7 +290,42 @@ class ActiveSet final : public Step {
       return;
     }
     take_working_set();
-    outcome = !found ? Outcome::not_certified : uncertain() ? Outcome::rank_uncertain : Outcome::optimal;
+    outcome = found ? Outcome::optimal : Outcome::not_certified;
+    if (found) doubt();
+  }
+
+  // An optimum that rests on an unclear rank is uncertain, unless the data's last digits do not move it.
+  void doubt() {
+    if (!uncertain()) return;
+    settled = !moves();
+    if (!settled) outcome = Outcome::rank_uncertain;
+  }
+
+  // Whether the working set has its point elsewhere than at x, or moves it by more than kUnmoved, relative, where what
+  // its rows are worth is off by kDigits.
+  bool moves() {
+    double size = 1.0;
+    for (int i = 0; i < table.n; ++i) size = larger(size, std::fabs(x[i]));
+    bool still = !level_search.deadline.passed();
+    for (int pattern = 0; pattern < 3 && still; ++pattern) {
+      for (int r = 0; r < table.rows && pattern; ++r) {
+        if (!W[r]) continue;
+        double& bound = W[r] == kLower ? table.lower[r] : table.upper[r];
+        trial_v_[r] = bound;
+        const double off = kDigits * (std::fabs(bound) + table.terms(r, x));
+        bound += (static_cast<std::uint32_t>(r + 1) * 2654435761u >> (28 + pattern)) & 1u ? off : -off;
+      }
+      tableau.factorise(W, F);
+      ++factorisations;
+      for (int r = 0; r < table.rows && pattern; ++r)
+        if (W[r]) (W[r] == kLower ? table.lower[r] : table.upper[r]) = trial_v_[r];
+      for (int i = 0; i < table.n && still; ++i)
+        still = std::fabs(inside_box(i, tableau.x[i]) - x[i]) <= kUnmoved * size;
+    }
+    tableau.factorise(W, F);
+    ++factorisations;
+    table.product(tableau.x, target_);
+    return !still;
   }
 
   // Whether a rank that the answer or its verdict rests on was no clear decision.

@@ -75,9 +75,10 @@ class Lexicographic final : public Kernel {
           violated = violated || std::fabs(w) > kViolated * (1.0 + std::fabs(w > 0.0 ? u : l));
       }
     }
+    answer.unsure = set_.settled && answer.outcome == Outcome::optimal;
     const bool solved = answer.outcome == Outcome::optimal || answer.outcome == Outcome::rank_uncertain;
     if (!solved || !violated) return;
-    answer.unsure = answer.outcome == Outcome::rank_uncertain;
+    answer.unsure = answer.unsure || answer.outcome == Outcome::rank_uncertain;
     answer.outcome = Outcome::constraints_violated;
   }
 

@@ -50,7 +50,7 @@ struct Answer {
   std::int8_t* active = nullptr;  // (sum m,)
   double* multipliers = nullptr;  // level k after level k - 1, (m_0 + ... + m_k) each; null if not asked
   Outcome outcome = Outcome::optimal;
-  bool unsure = false;  // constraints are violated by an answer whose ranks were uncertain
+  bool unsure = false;  // ranks were uncertain, though constraints are violated or the data's last digits do not move x
   int iterations = 0;
   int factorisations = 0;
   int judged = 0;  // 1: the answer was judged, 2: it was refused and found level by level

@@ -20,6 +20,7 @@ class WorkingSet {
   int factorisations = 0, iterations = 0;
   int judged = 0;  // 1: the answer was doubted and judged, 2: it was refused and searched for level by level
   Outcome outcome = Outcome::optimal;
+  bool settled = false;  // an unclear rank does not matter: the data's last digits do not move x
 
   void layout(Arena& arena, int n, int levels, const int* m, int* blocks_m, bool metric) {
     table.layout(arena, n, levels, m, metric);
@@ -88,10 +89,12 @@ class WorkingSet {
   static constexpr int kIdle = 16;       // so many steps of no length may follow one another
   static constexpr double kNear = 1e4;   // a pivot this near it, or one that magnifies rounding by kGrown, is judged
   static constexpr double kGrown = 1e6;
-  static constexpr double kGood = 1e-11;   // an answer that was judged and has a larger gap is lowered level by level
-  static constexpr double kDoubt = 100.0;  // a pivot this near the rank tolerance, as a ratio, is no clear decision
-  static constexpr int kFarStart = 4;      // a first point is far off if it violates more than n / kFarStart bounds
-  static constexpr double kSame = 1e-9;    // slacks nearer than this, relative to 1 + slack, are no progress
+  static constexpr double kGood = 1e-11;     // an answer that was judged and has a larger gap is lowered level by level
+  static constexpr double kDoubt = 100.0;    // a pivot this near the rank tolerance, as a ratio, is no clear decision
+  static constexpr double kDigits = 1e-12;   // of the data, relative: those that are not known
+  static constexpr double kUnmoved = 1e-10;  // x moves by no more, relative: its ranks are certain enough
+  static constexpr int kFarStart = 4;        // a first point is far off if it violates more than n / kFarStart bounds
+  static constexpr double kSame = 1e-9;      // slacks nearer than this, relative to 1 + slack, are no progress
   const Options* options_ = nullptr;
   std::int8_t *start_W_ = nullptr, *start_F_ = nullptr, *side_ = nullptr, *side_x_ = nullptr;
   double *start_x_ = nullptr, *start_slack_ = nullptr, *step_ = nullptr, *reach_ = nullptr, *change_ = nullptr,
