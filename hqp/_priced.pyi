@@ -38,6 +38,9 @@ class Stages:
         """First unsettled level of the latest solve or 0, whether there was none, whether the capsule answered itself,
         time since it began [s]."""
 
+    def unasked(self) -> None:
+        """The latest answer came without the stages: ``latest`` is to tell nothing of those before."""
+
     def accounts(self, stages: Mat, owner: Any, elements: int, near: float) -> None: ...
     def account(self, w: Vec, x: Vec, multipliers: Vec | None, guards: bool, out: Vec) -> None: ...
     def describe(

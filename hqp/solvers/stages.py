@@ -255,7 +255,11 @@ class StagedWorkspace:
 
     def _priced(self, problem: Hierarchy, exact: Solution) -> Solution:
         """The exact solution, or that of the stages from the first level that it does not settle."""
-        found = self._stages(problem, exact.x) if self._has_prices and self._begins(problem, exact) else None
+        found = None
+        if self._has_prices and self._begins(problem, exact):
+            found = self._stages(problem, exact.x)
+        elif self._native is not None:
+            self._native.unasked()
         self._latest = self._exact
         return exact if found is None else self._below(problem, exact.stats, found)
 

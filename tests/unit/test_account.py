@@ -272,6 +272,22 @@ def test_other_solvers_account_through_an_explanation() -> None:
     assert account.cause("posture") == "lost"
 
 
+def test_an_answer_that_was_cut_short_after_stages_has_an_account() -> None:
+    """The multipliers of the tick before, which were more, were taken for its own: explain() raised ValueError."""
+    robot, run, hand = humanoid("talos", hqp.Velocity())
+    start, rng, cut = robot.state().position(hand.frame), np.random.default_rng(0), 0
+    for k in range(60):
+        run.workspace.limit(1e-9 if k % 3 == 2 else math.inf)  # type: ignore[attr-defined]
+        q = robot.home.copy()
+        if k % 2:
+            q[7:] += 0.02 * rng.normal(size=q.size - 7)
+        tick = run.step(robot.state(q), hand.at(start + [2.0 if k % 7 else 0.0, 0.0, 0.0]))
+        cut += tick.status is Status.TIME_LIMIT
+        assert "hand" in str(tick.account())
+        assert "hand" in str(tick.explain())
+    assert cut >= 20
+
+
 def test_an_unknown_name_is_told_with_the_closest() -> None:
     robot, run, _ = arm()
     account = run.step(robot.state()).account()

@@ -182,6 +182,9 @@ class Stages final : public hqp::SolveCall {
   // Of the latest solve: the first level that was not settled, 0 for none too; whether all were; whether run() answered
   // itself; the time since it began [s].
   std::tuple<int, bool, bool, double> latest() const { return {head_, settled_, answered_, elapsed()}; }
+
+  // The latest answer is none of the stages': they were not asked.
+  void unasked() { settled_ = answered_ = false; }
   // The level above which all are settled, for the next solve; 0 for none known.
   int head() const { return head_; }
   void begin_at(int head) {
@@ -340,6 +343,7 @@ NB_MODULE(_priced, m) {
       .def_prop_rw("head", &Stages::head, &Stages::begin_at)
       .def("limit", &Stages::limit, "seconds"_a)
       .def("latest", &Stages::latest)
+      .def("unasked", &Stages::unasked)
       .def("accounts", &Stages::accounts, "stages"_a, "owner"_a, "elements"_a, "near"_a)
       .def("account", &Stages::account, "w"_a, "x"_a, "multipliers"_a.none(), "guards"_a, "out"_a)
       .def("describe", &Stages::describe, "x"_a, "constraints"_a, "activity"_a, "violation"_a, "slack"_a, "marks"_a)
