@@ -90,10 +90,6 @@ class Accounts {
   }
 
  private:
-  static double slack(double value, double lower, double upper) {
-    return value > upper ? value - upper : value < lower ? value - lower : 0.0;
-  }
-
   static bool equality(const std::vector<PricedLevel>& levels, int row) {
     for (const PricedLevel& level : levels) {
       if (row < level.m) return level.lower[row] == level.upper[row];

@@ -41,9 +41,7 @@ class LevelRows final : public TorqueRows {
       for (int i = 0; i < rows.m; ++i) {
         const double* row = J + i * nv_;
         add_rows(rows.A + i * n_, map_, w, nv_, 1.0, row, 1, n_);
-        double offset = 0.0;
-        for (int j = 0; j < nv_; ++j) offset += row[j] * c_[j];
-        shift(rows, i, offset);
+        shift(rows, i, dot_any(row, c_.data(), nv_));
       }
     }
     for (const auto& [index, weight, rows] : picks_) {
