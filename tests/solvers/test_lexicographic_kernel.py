@@ -31,7 +31,7 @@ OPTIONS = (1e-9, 1e-11, 1e-11, 0.0, 0, 5, True)
 
 @pytest.mark.skipif(COMPILER is None, reason="needs a C++ compiler")
 def test_the_parts_of_the_kernel_alone(tmp_path: Path) -> None:
-    """Null space, factorisation, updates, least squares, line search, row space of a working set, secular equation."""
+    """Null space, factorisation, updates, least squares, verdict, searches, row space, secular equation."""
     program = tmp_path / "parts"
     subprocess.run(
         [str(COMPILER), "-std=c++17", "-O0", "-Wno-psabi", f"-I{HEADERS}", "-DHQP_ISA=generic",

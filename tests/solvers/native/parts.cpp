@@ -153,6 +153,31 @@ static void updates() {
   if (updated < 90) small("tableau: updates refused", 100 - updated, 10);
 }
 
+// Ranges above equalities: level by level from zero the point of the active set, which alone passes the verdict.
+static void level_search() {
+  for (int trial = 0; trial < 100; ++trial) {
+    Two two;
+    std::vector<double> upper(two.b.begin(), two.b.begin() + Two::m);
+    for (double& u : upper) u += 0.5;
+    two.level[0].upper = upper.data();
+    Problem problem;
+    problem.levels = two.level;
+    problem.count = 2;
+    if (!two.set.table.read(problem)) ++failures;
+    two.set.solve(Options{});
+    Placed<LevelSearch> search(Two::n, two.set.table.rows, Two::n);
+    search.start(&two.set.table);
+    std::vector<double> x(Two::n);
+    if (!search.search(x.data())) small("level search: not found", 1.0);
+    small("level search: points", search.solves, 30);
+    for (int i = 0; i < Two::n; ++i) small("level search: another point", search.x[i] - two.set.x[i], 1e-8);
+    x.assign(two.set.x, two.set.x + Two::n);
+    if (!search.judge(x.data())) small("judge: refuses the optimum", search.gap);
+    x[trial % Two::n] += 1e-3;
+    if (search.judge(x.data())) small("judge: passes another point", 1.0);
+  }
+}
+
 static void level_along_step() {
   for (int trial = 0; trial < 200; ++trial) {
     const int m = 7;
@@ -251,6 +276,7 @@ int main() {
   nonnegative_least_squares();
   factorisation();
   updates();
+  level_search();
   level_along_step();
   for (int picks : {0, 2, 4}) row_space(picks);
   secular_equation();
