@@ -91,4 +91,4 @@ def table(records: Sequence[Record]) -> str:
         f"- {r['robot']}, {r['formulation']}, {r['scene']}: {', '.join(r['misses'])}" for r in records if r["misses"]
     ]
     head = ("formulation", "loops", "all goals held", "missed, loops", "loops with ticks not OPTIMAL")
-    return report.table(head, rows) + "\n\n" + "\n".join(told)
+    return report.table(head, rows) + "".join(f"\n{line}" for line in told) + "\n"
