@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from hqp.arrays import Mat
 from hqp.errors import DeclarationError, ModelError
 
 from .description import Description
@@ -44,8 +45,8 @@ def read(path: Path, floating: bool | None) -> Description:
 
     Refused: numbers that are not finite, negative masses, inertias of links that make that of the joints negative,
     axes of no length, lower limits above upper ones.  Warned of: other negative moments of inertia, those against the
-    triangle inequality, limits that say nothing (zero or missing), joints that their limits hold in one place, mimic
-    joints that follow an unknown one.
+    triangle inequality, joints with which no mass moves, limits that say nothing (zero or missing), joints that their
+    limits hold in one place, mimic joints that follow an unknown one.
     """
     root = parsed(path)
     freed = _free_root(root)
@@ -63,8 +64,14 @@ def read(path: Path, floating: bool | None) -> Description:
         raise ModelError(f"{path} could not be read: {error}") from error
     if model.nv == (6 if floating else 0) and not floating:
         raise ModelError(f"{path}: no joint of it moves, so it is no robot; floating=True frees its root")
-    if negative and _indefinite(model):
+    M = _inertia(model)
+    moments = np.linalg.eigvalsh(M)
+    if negative and moments[0] < -1e-9 * abs(moments[-1]):
         raise ModelError(f"{path}: {negative[0]} makes the joint-space inertia negative")
+    idle = [repr(name) for name, at in zip(model.names[1:], model.idx_vs[1:], strict=True) if not M[at, at] > 0.0]
+    if idle:
+        told = ", ".join(idle[:3]) + (f" and {len(idle) - 3} more" if len(idle) > 3 else "")
+        warnings.append(f"no mass moves with {told}: torque level needs some")
     found = Description(model=model, source=path, warnings=warnings)
     _read_mimics(path, root, found)
     return found
@@ -84,11 +91,11 @@ def _link(joint: ET.Element, end: str) -> str:
     return "" if found is None else str(found.get("link"))
 
 
-def _indefinite(model: Any) -> bool:
+def _inertia(model: Any) -> Mat:
+    """The joint-space inertia where all joints are at zero, ``(nv, nv)``."""
     data = model.createData()
     pin.crba(model, data, pin.neutral(model))
-    moments = np.linalg.eigvalsh(data.M, UPLO="U")
-    return bool(moments[0] < -1e-9 * abs(moments[-1]))
+    return np.asarray(np.triu(data.M) + np.triu(data.M, 1).T)
 
 
 def _numbers(path: Path, what: str, element: ET.Element | None, default: str, *names: str) -> list[float]:

@@ -75,6 +75,14 @@ def test_warned_of_by_name(tmp_path: Path, fault: dict[str, str], told: str) -> 
         assert robot.state().angles[1] == 0.3  # home is inside
 
 
+def test_a_joint_that_moves_no_mass_is_told(tmp_path: Path) -> None:
+    """Its row of the joint-space inertia is zero, which a session at torque level refuses."""
+    path = write(tmp_path, mass="0", ixx="0")
+    path.write_text(path.read_text().replace('ixx="0" iyy="0.02" izz="0.01"', 'ixx="0" iyy="0" izz="0"'))
+    with pytest.warns(ModelWarning, match=r"no mass moves with 'elbow'"):
+        hqp.robots.load(path, floating=False)
+
+
 def test_robot_of_one_joint(tmp_path: Path) -> None:
     path = tmp_path / "one.urdf"
     joint = JOINT.format(name="j", kind="revolute", parent="base", child="arm", axis="0 1 0", limit=LIMIT, mimic="")
