@@ -182,7 +182,7 @@ class Accountant:
             return None
         values = np.empty(self._size)
         self._stages.account(w, x, told, guards, values)
-        fast = self._fast(w, v) if v is not None and self._rate.any() else NONE
+        fast = self._fast(w, v) if v is not None and np.count_nonzero(self._rate) else NONE
         return TickAccount(count, self.layout, values, fast)
 
     def _fast(self, w: Vec, v: Vec) -> frozenset[str]:
