@@ -65,8 +65,7 @@ def read(path: Path, floating: bool | None) -> Description:
     if model.nv == (6 if floating else 0) and not floating:
         raise ModelError(f"{path}: no joint of it moves, so it is no robot; floating=True frees its root")
     M = _inertia(model)
-    moments = np.linalg.eigvalsh(M)
-    if negative and moments[0] < -1e-9 * abs(moments[-1]):
+    if negative and _indefinite(M):
         raise ModelError(f"{path}: {negative[0]} makes the joint-space inertia negative")
     idle = [repr(name) for name, at in zip(model.names[1:], model.idx_vs[1:], strict=True) if not M[at, at] > 0.0]
     if idle:
@@ -96,6 +95,11 @@ def _inertia(model: Any) -> Mat:
     data = model.createData()
     pin.crba(model, data, pin.neutral(model))
     return np.asarray(np.triu(data.M) + np.triu(data.M, 1).T)
+
+
+def _indefinite(M: Mat) -> bool:
+    moments = np.linalg.eigvalsh(M)
+    return bool(moments[0] < -1e-9 * abs(moments[-1]))
 
 
 def _numbers(path: Path, what: str, element: ET.Element | None, default: str, *names: str) -> list[float]:

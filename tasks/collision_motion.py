@@ -70,8 +70,10 @@ class Motions:
         Of capsules side by side the nearest point may slide from end to end in one tick; the ends have rows of their
         own, which see it.
         """
-        drift, held = self.drift(found), self._held(found)
-        most = SLIDE * outset / found.beside if found.beside > 0.0 else np.inf
+        drift = self.drift(found)
+        if found.beside == 0.0:
+            return drift
+        held, most = self._held(found), SLIDE * outset / found.beside
         return held + min(max(drift - held, -most), most)
 
     def _held(self, found: Near) -> float:

@@ -265,15 +265,17 @@ class Collision final : public Operation {
     constexpr double kJump = 0.01, kTurn = 0.9, kSlide = 2.0;  // as in tasks/collision_motion.py
     const auto [i, j] = pair_of(row);
     const double h = s_.step, beside = row < count_ ? beside_[row] : 0.0;
-    const Distance& now = found_[row];
-    const double held = dot(now.normal, point_drift(j, now.point) - point_drift(i, now.point));
     const Distance ends[2] = {measure(row, moved(i, h), is_link(j) ? moved(j, h) : Segment{}, h),
                               measure(row, moved(i, -h), is_link(j) ? moved(j, -h) : Segment{}, -h)};
     const Vec3 slid = ends[0].point - ends[1].point;
-    if (dot(slid, slid) > kJump * kJump || dot(ends[0].normal, ends[1].normal) < kTurn) return held;
-    const double sliding = (rate(row, ends[0], h) - rate(row, ends[1], -h)) / (2.0 * h) - held;
+    const bool jumped = dot(slid, slid) > kJump * kJump || dot(ends[0].normal, ends[1].normal) < kTurn;
+    const double sliding = jumped ? 0.0 : (rate(row, ends[0], h) - rate(row, ends[1], -h)) / (2.0 * h);
+    if (!jumped && beside == 0.0) return sliding;
+    const Distance& now = found_[row];
+    const double held = dot(now.normal, point_drift(j, now.point) - point_drift(i, now.point));
+    if (jumped) return held;
     const double most = kSlide * s_.outset / beside;
-    return held + std::min(std::max(sliding, -most), most);
+    return held + std::min(std::max(sliding - held, -most), most);
   }
   double rate(int row, const Distance& found, double h) const {  // of a pair's distance, after a time h
     const auto [i, j] = pair_of(row);
