@@ -12,9 +12,9 @@ While a priced level is not met it is given
     b_i' = a_i . x_still + sign(y_i) min(|y_i|, theta) ||a_i P||,    ||y'|| = min(v, s),    s = p + h (v - p),
     h = least of max(0, 1 - ||w_k|| / (FADE c_k p^2)) over the levels not met,
 
-with p the pace of the hierarchy and h the haste that is left, which falls to 0 as a level comes to be unmet: fast
-coordinates are slowed alike, slow ones (a gripper) not at all, and y = 0 for those that no row of a priced level or of
-one before it has (the other arm of a robot on a fixed base): they keep b_i.
+with p the pace of the hierarchy and h the share of the speed above it that is left, which falls to 0 as a level comes
+to be unmet: fast coordinates are slowed alike, slow ones (a gripper) not at all, and y = 0 for those that no row of a
+priced level or of one before it has (the other arm of a robot on a fixed base): they keep b_i.
 The floor of every guard (hqp.pricing) is phi = max(floor, min(1, v^2 / p^2)).
 
 The rows of an unmet level turn as fast as the joints move.  In its nearly lost directions the corners of the band that
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from hqp.pricing import Coordinates
 
 FADE = 16.0
-"""No haste is left where a level misses by FADE c_k p^2 (as in hqp/cpp/priced/stage_levels.hpp).
+"""Nothing above the pace is left where a level misses by FADE c_k p^2 (as in hqp/cpp/priced/stage_levels.hpp).
 
 A target that comes to be out of reach takes some tens of ticks to it; at 2, torques jumped by half their limit."""
 
@@ -63,7 +63,7 @@ def guard_of(problem: Hierarchy, at: Coordinates) -> float | None:
     return max(problem.guard_floor, min(1.0, (speed / problem.pace) ** 2))
 
 
-def haste_below(problem: Hierarchy, level: int, x: Vec) -> float:
+def excess_below(problem: Hierarchy, level: int, x: Vec) -> float:
     """The bound on h by one priced level that is not met in its stage, which ended at x."""
     w, pace = problem.levels[level].slack(x), problem.pace
     price = 0.0 if problem.prices is None else float(problem.prices[level])
@@ -71,13 +71,13 @@ def haste_below(problem: Hierarchy, level: int, x: Vec) -> float:
     return max(0.0, 1.0 - float(np.sqrt(w @ w)) / lost) if lost > 0.0 else 0.0
 
 
-def slowed(problem: Hierarchy, level: int, at: Coordinates, haste: float) -> Rows:
-    """The rows of a level of single coordinates with their targets b' for the haste h; inequality rows as they are."""
+def slowed(problem: Hierarchy, level: int, at: Coordinates, excess: float) -> Rows:
+    """The rows of a level of single coordinates with their targets b' for h; inequality rows as they are."""
     rows, y = problem.levels[level], np.abs(asked(problem, level, at))
     above = float(np.linalg.norm(y)) - problem.pace
-    if haste == 1.0 or above <= 0.0:
+    if excess == 1.0 or above <= 0.0:
         return rows
-    bound = common_bound(y, problem.pace + haste * above)
+    bound = common_bound(y, problem.pace + excess * above)
     rest = rows.A @ at.still
     part = np.divide(bound, y, where=y > bound, out=np.ones_like(y))
     given = rest + part * (np.where(y > bound, rows.lower, rest) - rest)

@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.pace import coordinates_below, guard_of, haste_below, slowed
+from hqp.pace import coordinates_below, excess_below, guard_of, slowed
 from hqp.problem import Hierarchy, Motion, Rows
 from hqp.tolerances import FLAT_TOLERANCE, MET_TOLERANCE, SLACK_TOLERANCE
 
@@ -129,14 +129,14 @@ def after_stages(problem: Hierarchy, stages: Mat, coordinates: Coordinates | Non
     stages: ``(levels, n)``; a level whose row is NaN keeps its rows, being met for its price.
     """
     at = coordinates or Coordinates.of(problem.motion, problem.n)
-    levels, guard, haste = list(problem.levels), guard_of(problem, at), 1.0
+    levels, guard, excess = list(problem.levels), guard_of(problem, at), 1.0
     for k, priced in enumerate(problem.priced):
         if priced and not np.isnan(stages[k, 0]):
             levels[k] = handed_down(problem.levels[k], stages[k], at.still, problem.share(k), guard)
             if not is_met(problem.levels[k], stages[k]):
-                haste = min(haste, haste_below(problem, k, stages[k]))
+                excess = min(excess, excess_below(problem, k, stages[k]))
     for k in coordinates_below(problem):
-        levels[k] = slowed(problem, k, at, haste)
+        levels[k] = slowed(problem, k, at, excess)
     return replace(problem.exact(), levels=tuple(levels), stacked=None)
 
 

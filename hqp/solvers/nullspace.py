@@ -10,7 +10,7 @@ import numpy as np
 
 from hqp.arrays import Mat, Vec, longest_row
 from hqp.errors import ProblemError, UnsupportedProblem
-from hqp.pace import coordinates_below, haste_below, slowed
+from hqp.pace import coordinates_below, excess_below, slowed
 from hqp.pricing import Coordinates, is_met
 from hqp.problem import Hierarchy, Shape, Solution, Stats, Status
 from hqp.solvers.base import Solver, check_number, finish
@@ -106,10 +106,10 @@ class NullspaceWorkspace:
         at = Coordinates.of(problem.motion, problem.n)
         y, Z = np.zeros(problem.n), np.eye(problem.n)
         stages = np.full((len(stops), problem.n), np.nan)
-        b, haste, below = b.copy(), 1.0, coordinates_below(problem)
+        b, excess, below = b.copy(), 1.0, coordinates_below(problem)
         for k, (start, stop) in enumerate(zip([0, *stops], stops, strict=False)):
             if k in below:
-                given = slowed(problem, k, at, haste)
+                given = slowed(problem, k, at, excess)
                 b[start:stop] = given.lower[given.equality]
             rows = A[start:stop]
             B = at.rows(rows)
@@ -122,7 +122,7 @@ class NullspaceWorkspace:
             if prices[k] > 0.0:
                 stages[k] = at.point(y)
                 if not is_met(problem.levels[k], stages[k]):
-                    haste = min(haste, haste_below(problem, k, stages[k]))
+                    excess = min(excess, excess_below(problem, k, stages[k]))
         x = _complete(problem, at.point(y), at.P[:, None] * Z if at.P.ndim == 1 else at.P @ Z)
         status, detail = self._verdict(x)
         return finish(problem, x, status, Stats(0, len(stops), 0.0, perf_counter() - began), detail, stages)

@@ -82,7 +82,7 @@ def test_for_twenty_seconds_and_with_eager_postures(name: str, ahead: list[float
 
 @pytest.mark.parametrize("ahead", [[1.0, 0.0, 0.0], [0.3, -0.3, 0.9]])
 def test_torques_do_not_jump_as_a_level_comes_to_be_unmet(ahead: list[float]) -> None:
-    """An eager posture (kp = 100) that lost its haste in one tick took 4.8 and 2.6 times the jump that is allowed."""
+    """A posture with kp = 100 that is slowed to the pace in one tick takes 4.8 and 2.6 times the allowed jump."""
     robot = hqp.robots.load("talos")
     law = PD(100.0, 20.0, max_velocity=0.4)
     hand = Position(frame=robot.landmarks["palms"][1], law=law, name="hand")

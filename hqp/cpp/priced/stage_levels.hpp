@@ -77,7 +77,7 @@ class StageLevels final : public PricedStages {
     search_.limit(seconds);
     iterations_ = 0;
     ended_ = true;
-    haste_ = 1.0;
+    excess_ = 1.0;
     row_of_.clear();
     for (StageEnd& end : ends_) end.known = false;
     at_.set(F_, f_, r_);
@@ -212,7 +212,7 @@ class StageLevels final : public PricedStages {
     }
     const double norm = std::sqrt(square);
     if (norm <= tolerances_.met * size) return false;
-    haste_ = smaller(haste_, larger(0.0, 1.0 - norm / (kFade * prices_[k] * pace_ * pace_)));
+    excess_ = smaller(excess_, larger(0.0, 1.0 - norm / (kFade * prices_[k] * pace_ * pace_)));
     const double width = shares_[k] * norm / std::sqrt(static_cast<double>(level.m));
     double made = 0.0, base = 0.0;
     for (int i = 0; i < level.m; ++i) {
@@ -327,7 +327,8 @@ class StageLevels final : public PricedStages {
     floor_ = larger(guard_floor_, smaller(1.0, share * share));
   }
 
-  // Those targets, drawn towards rest: the largest alike, so that the level asks for no more than its haste lets it.
+  // Those targets, drawn towards rest: the largest alike, so that the level asks for the pace and what is left above
+  // it.
   void slow(int k) {
     const PricedLevel& level = level_[k];
     const Handed& out = handed_[k];
@@ -335,8 +336,8 @@ class StageLevels final : public PricedStages {
     std::copy(level.lower, level.lower + level.m, out.lower);
     std::copy(level.upper, level.upper + level.m, out.upper);
     const Asked& asked = asked_[k];
-    if (!(asked.speed > pace_) || haste_ == 1.0) return;
-    const double speed = pace_ + haste_ * (asked.speed - pace_);
+    if (!(asked.speed > pace_) || excess_ == 1.0) return;
+    const double speed = pace_ + excess_ * (asked.speed - pace_);
     double bound = 0.0;
     for (int count = 0, cut = -1; count != cut;) {
       cut = count;
@@ -434,7 +435,7 @@ class StageLevels final : public PricedStages {
   bool guard_ = true, ended_ = true;
   double guard_floor_ = 0.0, floor_ = 0.0;  // floor_: of this solve
   std::vector<char> turned_;                // (n,) what the pace bounds
-  double pace_ = INFINITY, haste_ = 1.0;    // haste_: of single coordinates, below what is not met so far
+  double pace_ = INFINITY, excess_ = 1.0;   // excess_: share of what single coordinates ask above it that is left
   struct Asked {                            // by a level of single coordinates after the last price
     std::vector<double> away, rest;
     double speed = 0.0;
