@@ -274,6 +274,20 @@ class Manipulability:
 
 
 @dataclass(frozen=True, eq=False)
+class HoldingTorque:
+    """Of the joints ``columns``, over their limits; reference ``(k,)``.  gravity: ``(3,)`` [m/s^2]."""
+
+    columns: tuple[int, ...]
+    limits: tuple[float, ...]
+    gravity: tuple[float, ...]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the reference's value."""
+        return (len(self.columns),)
+
+
+@dataclass(frozen=True, eq=False)
 class Cone:
     """As Pointing, with bounds on the angle; reference ``(3,)``."""
 
@@ -376,7 +390,7 @@ class KineticEnergy:
 Plan: TypeAlias = (
     Point | Pose | Rotation | Angles | Edge | Wheel | Com | Joints | Coupling | JointBox | Constant | Collision
     | Still | Steady | Frozen | Pointing | Apart | Manipulability | Cone | Within | SupportPolygon
-    | Momentum | KineticEnergy | Payload | ExternalWrench
+    | HoldingTorque | Momentum | KineticEnergy | Payload | ExternalWrench
 )  # fmt: skip
 
 

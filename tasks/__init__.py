@@ -15,6 +15,7 @@ from .directions import AlignAxis, Distance, LookAt
 from .edge import EdgeContact
 from .friction import CenterOfPressure, ForceLimits, FrictionCone, UnilateralContact
 from .frozen import Frozen
+from .holding_torque import HoldingTorque
 from .limits import JointLimits
 from .loads import ExternalWrench, Payload
 from .manipulability import Manipulability
@@ -47,6 +48,7 @@ __all__ = [
     "ForceLimits",
     "FrictionCone",
     "Frozen",
+    "HoldingTorque",
     "JointCoupling",
     "JointLimits",
     "JointTorque",

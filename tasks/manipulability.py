@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hqp import plans
 from hqp.arrays import Mat, Vec
@@ -16,6 +15,7 @@ from hqp.reference import Reference
 from hqp.robot import Robot, State
 
 from .fields import check_axes, check_frame, indices
+from .twists import twist_derivatives
 
 SINGULAR = 1e-12
 """Determinant below which there is no gradient."""
@@ -125,21 +125,11 @@ class Manipulability(Task):
 def _derivatives(state: State, frame: str) -> tuple[Mat, Mat]:
     """First and second time derivative of a frame's Jacobian ``(6, nv)`` at zero acceleration.
 
-    A twist turns with its body: t' = V x t, t'' = A x t + V x (V x t), all at the world's origin.
+    Those of the twists, taken from the world's origin to the frame's.
     """
     robot = state.robot
-    state.kinematics()
-    twists = np.array(robot.joint_twists)
-    bodies = robot.bodies
-    V, A = np.zeros((len(bodies), 6)), np.zeros((len(bodies), 6))
-    first, second = np.zeros_like(twists), np.zeros_like(twists)
-    for i, (parent, start, count, *_) in enumerate(bodies[1:], start=1):
-        own = slice(start, start + count)
-        step = twists[:, own] @ state.v[own]
-        V[i] = V[parent] + step
-        A[i] = A[parent] + _cross(V[i], step)
-        first[:, own] = _cross(V[i], twists[:, own].T).T
-        second[:, own] = _cross(A[i], twists[:, own].T).T + _cross(V[i], first[:, own].T).T
+    V, A, first, second = twist_derivatives(state)
+    twists = robot.joint_twists
     p, body = state.position(frame), robot.body(robot.frame(frame))
     rate = V[body, :3] + np.cross(V[body, 3:], p)
     change = A[body, :3] + np.cross(A[body, 3:], p) + np.cross(V[body, 3:], rate)
@@ -147,9 +137,3 @@ def _derivatives(state: State, frame: str) -> tuple[Mat, Mat]:
     second[:3] += (np.cross(t2, p) + 2.0 * np.cross(t1, rate) + np.cross(t, change)).T
     first[:3] += (np.cross(t1, p) + np.cross(t, rate)).T
     return first, second
-
-
-def _cross(V: Vec, t: NDArray[np.float64]) -> NDArray[np.float64]:
-    """V x t of motions ``(6,)``, linear first, for each row of t."""
-    linear = np.cross(V[3:], t[..., :3]) + np.cross(V[:3], t[..., 3:])
-    return np.concatenate((linear, np.cross(V[3:], t[..., 3:])), axis=-1)

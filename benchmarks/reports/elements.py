@@ -51,6 +51,7 @@ EXAMPLES: dict[str, Callable[[], tuple[Element, ...]]] = {
     "ForceLimits": lambda: (t.ForceLimits(contact=FOOT, force=1e4, moment=1e4),),
     "FrictionCone": lambda: (t.FrictionCone(contact=FOOT, mu=0.8),),
     "Frozen": lambda: (t.Frozen(joints=["R_EB"]),),
+    "HoldingTorque": lambda: (t.HoldingTorque(joints="R_SAA"),),
     "JointCoupling": lambda: (t.JointCoupling({"R_EB": 1.0, "L_EB": -1.0}),),
     "JointLimits": lambda: (t.JointLimits(),),
     "JointTorque": lambda: (t.JointTorque(),),

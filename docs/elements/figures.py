@@ -289,6 +289,32 @@ def motors() -> None:
     finish(figure, "motors", (axes, "torque of panda_joint1 [N m]"))
 
 
+def holding() -> None:
+    """Talos, both hands asked for one metre more than they can reach, with the bound on holding torques and without."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(8, 2.8))
+    law = PD(25.0, 10.0, max_velocity=0.4)
+    hands = [t.Position(frame=palm, name=palm, law=law) for palm in (LEFT, RIGHT)]
+    stack = Stack(
+        Level(t.Com(axes="xy", law=law)),
+        Level(*hands),
+        Level(t.Orientation(frame="base_link", law=PD(4.0))),
+        Level(t.Posture(law=PD(1.0))),
+        subject_to=[*FEET, t.JointLimits(), t.TorqueLimits()],
+    )
+    goals = [hand.at(TALOS.state().position(hand.frame) + [1.5, 0.0, 0.0]) for hand in hands]
+    torso = TALOS.actuated.tolist().index(int(TALOS.joints("torso_2_joint")[0]))
+    for label, share in (("Torque(holding=None)", None), ("holding=0.8", 0.8)):
+        found = run(TALOS, stack, goals, 2.5,
+                    lambda s, tick: [tick.command[torso], *s.com()[[0, 2]]], hqp.Torque(holding=share))  # fmt: skip
+        panel(left, found[:, 0], label)
+        panel(right, 100 * (found[:, 2] - TALOS.state().com()[2]), label)
+    for side in (-1.0, 1.0):
+        left.axhline(side * TALOS.effort_limit[TALOS.actuated[torso]], color="k", ls=":", lw=1)
+    finish(
+        figure, "holding", (left, "torque of torso_2_joint [N m]"), (right, "height of the CoM, from its start [cm]")
+    )
+
+
 def loads() -> None:
     """Panda with 3 kg in its hand, told of it or not; pushed by 40 N, told or not."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(8, 2.8))
@@ -323,7 +349,7 @@ def loads() -> None:
 
 
 ALL = (
-    within, support_polygon, directions, distance, weld, rates, manipulability, frozen, motors, loads,
+    within, support_polygon, directions, distance, weld, rates, manipulability, frozen, motors, holding, loads,
 )  # fmt: skip
 
 if __name__ == "__main__":

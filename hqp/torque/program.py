@@ -28,6 +28,7 @@ from hqp.stack import Stack
 from hqp.torque.dynamics import ConstrainedDynamics, coordinate_parents
 from hqp.torque.forces import Efforts, Forces
 from hqp.torque.gravity import Gravity, holding_torque
+from hqp.torque.holding import within_holding
 from hqp.torque.motors import within_motors
 from hqp.torque.reactions import reactions, require_actuation
 from hqp.torque.rest import Hold
@@ -52,6 +53,9 @@ class Torque(Formulation):
     effort_limits: a stack that bounds no torque in ``subject_to`` gets ``TorqueLimits(scale=3)`` before all else,
     unless it is exact (price=0) or its solver takes no inequalities: a net, for a leg that comes to be straight would
     else ask for 1e7 N m and more.  Motors for which that could not hold the robot at home are left out.
+    holding: share of the torque limits in ``subject_to`` that it may come to take to hold a joint against gravity,
+    ``Within(HoldingTorque(...))``, for joints that no contact helps to hold: with all of its torque used up for that,
+    a robot can but fall.  None for no such bound; none for exact stacks and solvers without inequalities.
     """
 
     order: ClassVar[int] = 2
@@ -60,10 +64,24 @@ class Torque(Formulation):
     contact_law: Law = field(default=PD(0.0, 0.0))
     gravity_compensation: bool = False
     effort_limits: bool = True
+    holding: float | None = 0.8
+
+    def __post_init__(self) -> None:
+        share = self.holding
+        if share is not None and not (isinstance(share, (int, float)) and 0.0 < share <= 1.0):
+            raise DeclarationError("Torque", "holding", value=share, allowed="a share above 0 and at most 1, or None")
 
     def bounded(self, stack: Stack, robot: Robot) -> tuple[Stack, str]:
-        """The stack within a few times the limits of the robot's motors, where it bounds no torque itself."""
-        return within_motors(stack, robot) if self.effort_limits else (stack, "")
+        """The stack within a few times the limits of the robot's motors, where it bounds no torque itself.
+
+        One that does so is kept where its motors can hold the robot.
+        """
+        told = unbounded = ""
+        if self.holding is not None:
+            stack, told = within_holding(stack, robot, self.holding)
+        if self.effort_limits:
+            stack, unbounded = within_motors(stack, robot)
+        return stack, told or unbounded
 
     def laws(self, stack: Stack) -> dict[str, Law]:
         """The law of each element; reaction constraints take contact_law, contacts in a level take law."""

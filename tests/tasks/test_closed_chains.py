@@ -94,13 +94,14 @@ def test_a_motor_at_speed_has_less_torque(robots: dict[str, Any]) -> None:
     whole = t.TorqueSpeedLimits()
     low, high = whole.bounds(robot.state())
     assert np.allclose(high, robot.effort_limit[robot.actuated])
-    stack = Stack(Level(t.Posture(law=PD(4e4))), subject_to=[t.TorqueSpeedLimits(no_load=2.0, corner=0.3)])
+    limits = t.TorqueSpeedLimits(no_load=2.0, corner=0.3)
+    stack = Stack(Level(t.Posture(law=PD(4e4))), subject_to=[limits])
     session = hqp.Controller(stack, hqp.Torque(), deadline=math.inf).session(robot, DT)
     q, v, less = robot.home, np.zeros(robot.nv), 0
     goal = t.Posture().at(robot.state().angles[robot.joints(None)] + 0.8)
     for _ in range(300):
         state = robot.state(q, v)
-        low, high = session.stack.subject_to[-1].bounds(state)  # type: ignore[attr-defined]
+        low, high = limits.bounds(state)
         tick = session.step(state, goal)
         assert (tick.command <= high + 1e-6).all()
         assert (tick.command >= low - 1e-6).all()

@@ -85,6 +85,7 @@ def examples(n: dict[str, str]) -> dict[str, list[Element]]:
             t.Manipulability(frame=f, linear="zx", angular=""),
             t.Manipulability(frame=f, linear="", angular="yx"),
         ],
+        "HoldingTorque": [t.HoldingTorque(), t.HoldingTorque(joints=[b, a], weight=2.0)],
         "JointVelocity": [t.JointVelocity(), t.JointVelocity(joints=[c, a])],
         "LowAcceleration": [t.LowAcceleration()],
         "Damping": [t.Damping(), t.Damping(kinetic_energy=True, name="energy")],
@@ -102,6 +103,7 @@ def examples(n: dict[str, str]) -> dict[str, list[Element]]:
             t.Within(t.JointCoupling({a: 1.0, b: -1.0}, offset=0.3), upper=0.1),
             t.Within(t.Posture(joints=[c, a]), lower=(-0.5, -0.2), upper=0.4),
             t.Within(t.Manipulability(frame=f), lower=0.02),
+            t.Within(t.HoldingTorque(), lower=-0.3, upper=0.3),
             t.Within(t.Momentum(), lower=-1.0, upper=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0)),
         ],
         "Cone": [

@@ -14,6 +14,7 @@
 #include "collision.hpp"
 #include "com.hpp"
 #include "frames.hpp"
+#include "holding_torque.hpp"
 #include "kinetic_energy.hpp"
 #include "laws.hpp"
 #include "loads.hpp"
@@ -277,6 +278,11 @@ class Assembly {
     if (name == "Apart") return std::make_unique<hqp::Apart>(rows());
     if (name == "Manipulability")
       return std::make_unique<hqp::Manipulability>(fixed(), p.ints("picked"), p.ints("joints"));
+    if (name == "HoldingTorque") {
+      tree_.need_centres();
+      return std::make_unique<hqp::HoldingTorque>(out, tree_, p.ints("columns"), p.numbers("limits"),
+                                                  p.vec3("gravity"));
+    }
     if (name == "Cone")
       return std::make_unique<hqp::Cone>(fixed(), p.axis(), p.flag("point"), p.number("angle"), p.barrier(dt_), order_);
     if (name == "Within") return within(p, out);

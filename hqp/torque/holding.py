@@ -1,0 +1,124 @@
+"""That no motor comes to need more for rest than it has: bounds on holding torques beside those on torques."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hqp.arrays import Mask, Vec
+from hqp.assembly import Assembly
+from hqp.element import Element
+from hqp.law import P
+from hqp.robot import Robot
+from hqp.stack import Stack
+from hqp.torque.reactions import reactions
+
+RECOVERY = 0.1
+"""Of a motor's limit per second: how fast a joint comes back that its motor can hardly hold."""
+
+
+def within_holding(stack: Stack, robot: Robot, share: float) -> tuple[Stack, str]:
+    """The stack with ``Within(HoldingTorque(...))``: motors hold the robot with a share of their limits, in any pose.
+
+    It bounds joints with torque limits in ``subject_to`` that can come to need more, and that no contact or coupling
+    helps to hold.  Left out, and told in words, are those that need more at home.  A stack that bounds holding torques
+    itself stays as it is.
+    """
+    from hqp.tasks import HoldingTorque, Within
+
+    scales = _scales(stack, robot)
+    if not scales or any(isinstance(getattr(e, "task", None), HoldingTorque) for e in stack):
+        return stack, ""
+    twin = robot.copy()
+    carried = _carried(stack, twin)
+    needed, shared = most_needed(twin), _shared(reactions(stack), twin)
+    bounds = {}
+    for body, (_, column, count, *_) in enumerate(robot.bodies):
+        bound = share * scales.get(column, np.inf)
+        limit = bound * robot.effort_limit[column] if count == 1 else np.inf
+        if not shared[column] and 0.0 < limit < (np.inf if carried[body] else needed[body]):
+            bounds[robot.joint_name(column)] = bound
+    if not bounds:
+        return stack, ""
+    at_home = HoldingTorque(joints=tuple(bounds)).value(twin.state(twin.home))
+    weak = {name: value for (name, bound), value in zip(bounds.items(), np.abs(at_home), strict=True) if value > bound}
+    told = ", ".join(f"{name} {value:.2g} of its limit" for name, value in weak.items())
+    told = (
+        f"motors that hold {robot.name} at home with more than {share:g} of their limits are not kept from it: {told}"
+        if weak
+        else ""
+    )
+    kept = {name: bound for name, bound in bounds.items() if name not in weak}
+    if not kept:
+        return stack, told
+    most = tuple(kept.values())
+    held = Within(
+        HoldingTorque(joints=tuple(kept)),
+        name="holding_torque",
+        lower=tuple(-x for x in most),
+        upper=most,
+        recovery=RECOVERY,
+    )
+    return Stack(*stack.levels, subject_to=(*stack.subject_to, held)), told
+
+
+def _scales(stack: Stack, robot: Robot) -> dict[int, float]:
+    """The share of its motor's limit that each joint may use, by coordinate."""
+    from hqp.tasks import TorqueLimits, TorqueSpeedLimits
+
+    found: dict[int, float] = {}
+    for element in stack.subject_to:
+        if isinstance(element, (TorqueLimits, TorqueSpeedLimits)):
+            for column in robot.actuated[element.selection(robot)].tolist():
+                found[column] = min(element.scale, found.get(column, np.inf))
+    return found
+
+
+def _carried(stack: Stack, robot: Robot) -> Mask:
+    """Bodies ``(n,)`` that may carry a payload."""
+    from hqp.tasks import Payload
+
+    found = np.zeros(len(robot.bodies), dtype=bool)
+    for element in stack.subject_to:
+        body = robot.body(robot.frame(element.frame)) if isinstance(element, Payload) else 0
+        while body:
+            found[body] = True
+            body = robot.bodies[body][0]
+    return found
+
+
+def most_needed(robot: Robot) -> Vec:
+    """More than any posture asks of the joint of each body ``(n,)`` [N m or N]: its links, all stretched out."""
+    robot.state(robot.home).kinematics()
+    bodies, turns = robot.bodies, np.any(robot.joint_twists[3:] != 0.0, axis=0)
+    mass, moment, sliding = np.zeros(len(bodies)), np.zeros(len(bodies)), np.zeros(len(bodies), dtype=bool)
+    for body in range(len(bodies) - 1, 0, -1):
+        parent, first, count, own, centre, (position, _) = bodies[body]
+        mass[body] += own
+        moment[body] += own * np.linalg.norm(centre)
+        slides = [c for c in range(first, first + count) if not turns[c]]
+        sliding[body] = bool(slides)
+        mass[parent] += mass[body]
+        if mass[body] > 0.0:
+            arm = np.linalg.norm(position - bodies[parent][5][0]) + sum(robot.upper[slides] - robot.lower[slides])
+            moment[parent] += moment[body] + mass[body] * arm
+    lever = np.where(sliding, mass, moment)
+    down = np.full(len(bodies), np.linalg.norm(robot.gravity))
+    for body, (parent, first, count, *_) in enumerate(bodies):
+        if parent == 0 and count == 1 and not sliding[body]:  # its axis never turns
+            down[body] = np.linalg.norm(np.cross(robot.joint_twists[3:, first], robot.gravity))
+    return np.asarray(down * lever, dtype=np.float64)
+
+
+def _shared(held: Sequence[Element], robot: Robot) -> Mask:
+    """Coordinates ``(nv,)`` on which a force of contacts or couplings acts, in some posture."""
+    found = np.zeros(robot.nv, dtype=bool)
+    if held:
+        rows = Assembly(held, (), robot, 1.0, {e.name: P(0.0) for e in held})
+        rng = np.random.default_rng(0)
+        for step in (np.zeros(robot.nv), *rng.uniform(-0.3, 0.3, (2, robot.nv))):
+            state = robot.state(robot.integrate(robot.home, step, 1.0))
+            rows.fill(state, {e.name: e.hold(state) for e in held}, ())
+            found |= np.any(np.abs(rows.J) > 1e-9, axis=0)
+    return found

@@ -1,0 +1,138 @@
+"""What it takes to hold joints against gravity."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hqp import plans
+from hqp.arrays import Index, Mat, Vec
+from hqp.element import Task
+from hqp.reference import Reference
+from hqp.robot import Robot, State
+
+from .fields import motor_positions, set_names
+from .twists import twist_derivatives
+
+
+@dataclass(frozen=True, kw_only=True)
+class HoldingTorque(Task):
+    """Torques that hold joints against gravity, as shares of their motors' limits: s_j = -p_j . gravity / tau_max,j,
+
+        p_j = m v_j + w_j x h,   ds_j/dq_i = -(w_j x p_i) . gravity / tau_max,j,   i carried by j (w_i x p_j else),
+
+    with (v_j, w_j) the joint's twist, m and h = m c of all that it carries, payloads too.  Forces of contacts and
+    other wrenches are left out: name joints that carry none.  ``Within(HoldingTorque(joints="torso"), lower=-0.8,
+    upper=0.8)`` keeps a robot where its motors can hold it; at torque level a session adds this to ``TorqueLimits``.
+
+    joints: of one axis, with a motor that has a limit, or groups of them; all such by default.  Raises
+    DeclarationError for fields and other joints, JointNotFound on binding.
+    """
+
+    joints: str | Sequence[str] | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        set_names(self, "joints")
+
+    def columns(self, robot: Robot) -> Index:
+        """Coordinates ``(k,)`` of the joints; raises DeclarationError, JointNotFound."""
+        columns = robot.actuated[motor_positions(self, robot, self.joints)]
+        single = np.array([robot.bodies[b][2] == 1 for b in carriers(robot)], dtype=bool)
+        fit = single[columns] & np.isfinite(robot.effort_limit[columns]) & (robot.effort_limit[columns] > 0.0)
+        if self.joints is None:
+            columns, fit = columns[fit], fit[fit]
+        if not columns.size or not fit.all():
+            raise self.invalid("joints", self.joints, "joints of one axis whose motors have a limit")
+        return columns
+
+    def rows(self, robot: Robot) -> int:
+        """Number of joints k; raises DeclarationError, JointNotFound."""
+        return self.columns(robot).size
+
+    def value(self, state: State) -> Vec:
+        """Shares ``(k,)``, positive where the motor pushes along its axis."""
+        parts = carriers(state.robot)
+        columns = self.columns(state.robot)
+        p = np.array([_moved(state, parts[j])[:, j] for j in columns])
+        return -(p @ state.robot.gravity) / state.robot.effort_limit[columns]
+
+    def jacobian(self, state: State) -> Mat:
+        """Rates of the shares ``(k, nv)`` [1/rad]."""
+        robot, columns, parts = state.robot, self.columns(state.robot), carriers(state.robot)
+        state.kinematics()
+        w, weight = np.array(robot.joint_twists)[3:].T, -robot.gravity
+        moved = {body: _moved(state, body) for body in {*parts}}
+        J = np.zeros((columns.size, robot.nv))
+        for row, j in zip(J, columns, strict=True):
+            above = {*_chain(robot, parts[j])}
+            for i in range(robot.nv):
+                if parts[j] in _chain(robot, parts[i]):
+                    row[i] = np.cross(w[j], moved[parts[i]][:, i]) @ weight
+                elif parts[i] in above:
+                    row[i] = np.cross(w[i], moved[parts[j]][:, j]) @ weight
+            row /= robot.effort_limit[j]
+        return J
+
+    def drift(self, state: State) -> Vec:
+        """dJ/dt v ``(k,)`` [1/s^2]."""
+        robot, columns, parts = state.robot, self.columns(state.robot), carriers(state.robot)
+        _, _, first, second = twist_derivatives(state)
+        twists, found = robot.joint_twists, np.empty(columns.size)
+        for k, j in enumerate(columns):
+            m, part = _mass(state, parts[j]), parts[j]
+            h, rate, change = m * state.com(part), m * state.com_velocity(part), m * state.com_drift(part)
+            turning = np.cross(second[3:, j], h) + 2.0 * np.cross(first[3:, j], rate) + np.cross(twists[3:, j], change)
+            found[k] = -(m * second[:3, j] + turning) @ robot.gravity / robot.effort_limit[j]
+        return found
+
+    def at(
+        self,
+        value: ArrayLike | None = None,
+        *,
+        velocity: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+    ) -> Reference:
+        """Shares to have ``(k,)`` with their rates, all of one length; raises DeclarationError."""
+        size = next((np.size(x) for x in (value, velocity, acceleration) if x is not None), 0)
+        return self._at((size,), value, velocity, acceleration)
+
+    def row_names(self, robot: Robot) -> tuple[str, ...]:
+        """The joints."""
+        return tuple(robot.joint_name(int(j)) for j in self.columns(robot))
+
+    def plan(self, robot: Robot) -> plans.HoldingTorque:
+        """The native operation."""
+        columns = self.columns(robot)
+        limits = tuple(robot.effort_limit[columns].tolist())
+        return plans.HoldingTorque(tuple(columns.tolist()), limits, tuple(robot.gravity.tolist()))
+
+
+def carriers(robot: Robot) -> list[int]:
+    """The body that each coordinate moves first, ``(nv,)``."""
+    found = [0] * robot.nv
+    for body, (_, first, count, *_) in enumerate(robot.bodies):
+        found[first : first + count] = [body] * count
+    return found
+
+
+def _chain(robot: Robot, body: int) -> Iterator[int]:
+    """The body and all that carry it."""
+    while body:
+        yield body
+        body = robot.bodies[body][0]
+
+
+def _mass(state: State, part: int) -> float:
+    """Of all that a body carries, with itself [kg]."""
+    robot = state.robot
+    own = sum(mass for b, (*_, mass, _, _) in enumerate(robot.bodies) if part in _chain(robot, b))
+    return own + sum(m for frame, m, _ in state.loads if part in _chain(robot, robot.body(robot.frame(frame))))
+
+
+def _moved(state: State, part: int) -> Mat:
+    """Mass times velocity of the centre of mass of what a body carries, per coordinate ``(3, nv)``."""
+    return _mass(state, part) * state.com_jacobian(part)
