@@ -76,12 +76,12 @@ class Torque(Formulation):
 
         One that does so is kept where its motors can hold the robot.
         """
-        told = unbounded = ""
-        if self.holding is not None:
-            stack, told = within_holding(stack, robot, self.holding)
+        told = weak = ""
         if self.effort_limits:
-            stack, unbounded = within_motors(stack, robot)
-        return stack, told or unbounded
+            stack, told = within_motors(stack, robot)
+        if self.holding is not None:
+            stack, weak = within_holding(stack, robot, self.holding)
+        return stack, "; ".join(filter(None, (told, weak)))
 
     def laws(self, stack: Stack) -> dict[str, Law]:
         """The law of each element; reaction constraints take contact_law, contacts in a level take law."""
