@@ -36,7 +36,8 @@ class HoldingTorque final : public Operation {
     for (std::size_t i = 0; i < held_.size(); ++i) {
       const Held& held = held_[i];
       const Vec3 &own = moved_[held.column], &n = held.down;
-      const Vec3 within = out_.weight * cross(n, load(tree_.twist(held.column) + 3)), above = out_.weight * cross(own, n);
+      const Vec3 within = out_.weight * cross(n, load(tree_.twist(held.column) + 3)),
+                 above = out_.weight * cross(own, n);
       double* J = out_.row(static_cast<int>(i));
       for (const int c : held.carried) J[c] = dot(within, moved_[c]);
       for (const int c : held.carrying) J[c] = dot(above, load(tree_.twist(c) + 3));
