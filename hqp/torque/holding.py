@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hqp.arrays import Mask, Vec
+from hqp.arrays import Mask, Mat, Vec
 from hqp.assembly import Assembly
 from hqp.element import Element
 from hqp.law import P
@@ -89,26 +89,33 @@ def _carried(stack: Stack, robot: Robot) -> Mask:
 
 
 def most_needed(robot: Robot) -> Vec:
-    """More than any posture asks of the joint of each body ``(n,)`` [N m or N]: its links, all stretched out."""
+    """More than any posture asks of the joint of each body ``(n,)`` [N m or N]: what it carries, all stretched out."""
     robot.state(robot.home).kinematics()
-    bodies, turns = robot.bodies, np.any(robot.joint_twists[3:] != 0.0, axis=0)
-    mass, moment, sliding = np.zeros(len(bodies)), np.zeros(len(bodies)), np.zeros(len(bodies), dtype=bool)
+    bodies, g = robot.bodies, robot.gravity
+    mass, away, across, needed = (np.zeros(len(bodies)) for _ in range(4))  # moments: in any direction, across the axis
     for body in range(len(bodies) - 1, 0, -1):
-        parent, first, count, own, centre, (position, _) = bodies[body]
+        parent, first, count, own, centre, (position, rotation) = bodies[body]
+        twists = robot.joint_twists[:, first : first + count]
+        slides = [c for c in range(count) if not twists[3:, c].any()]
+        lever = rotation @ np.array(centre)
         mass[body] += own
-        moment[body] += own * np.linalg.norm(centre)
-        slides = [c for c in range(first, first + count) if not turns[c]]
-        sliding[body] = bool(slides)
+        away[body] += own * np.linalg.norm(lever)
+        across[body] += own * _across(twists, lever)
+        steepest = np.linalg.norm(np.cross(twists[3:, 0], g) if parent == 0 and count == 1 else g)  # a fixed axis
+        needed[body] = np.linalg.norm(g) * mass[body] if slides else steepest * across[body]
         mass[parent] += mass[body]
-        if mass[body] > 0.0:
-            arm = np.linalg.norm(position - bodies[parent][5][0]) + sum(robot.upper[slides] - robot.lower[slides])
-            moment[parent] += moment[body] + mass[body] * arm
-    lever = np.where(sliding, mass, moment)
-    down = np.full(len(bodies), np.linalg.norm(robot.gravity))
-    for body, (parent, first, count, *_) in enumerate(bodies):
-        if parent == 0 and count == 1 and not sliding[body]:  # its axis never turns
-            down[body] = np.linalg.norm(np.cross(robot.joint_twists[3:, first], robot.gravity))
-    return np.asarray(down * lever, dtype=np.float64)
+        if parent and mass[body] > 0.0:
+            _, start, axes, *_, (origin, _) = bodies[parent]
+            arm, travel = position - origin, sum((robot.upper - robot.lower)[first : first + count][slides])
+            away[parent] += away[body] + mass[body] * (np.linalg.norm(arm) + travel)
+            turning = robot.joint_twists[:, start : start + axes]
+            across[parent] += away[body] + mass[body] * (_across(turning, arm) + travel)
+    return needed
+
+
+def _across(twists: Mat, arm: Vec) -> float:
+    """The length of an arm, across the axis where there is one."""
+    return float(np.linalg.norm(np.cross(twists[3:, 0], arm) if twists.shape[1] == 1 else arm))
 
 
 def _shared(held: Sequence[Element], robot: Robot) -> Mask:
