@@ -43,8 +43,10 @@ class Assembly:
         reference: Vec,
         normal: Vec | None,
         weight: float,
+        rate: Vec,
+        feedforward: Vec,
     ) -> None:
-        """The operation of a plan, with the arrays it writes; reference, flat, and normal ``(3,)`` are read.
+        """The operation of a plan, with the arrays it writes; those of the reference and normal ``(3,)`` are read.
 
         Raises TypeError for a plan without an operation.
         """

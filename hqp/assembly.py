@@ -129,6 +129,8 @@ class Assembly:
             reference=member.target.reshape(-1),
             normal=member.normal,
             weight=float(member.element.weight),
+            rate=self.rate[member.part],
+            feedforward=self.feedforward[member.part],
         )
 
     def _hand_over_laws(self, assembly: NativeAssembly) -> None:

@@ -289,7 +289,7 @@ class HoldingTorque:
 
 @dataclass(frozen=True, eq=False)
 class Cone:
-    """As Pointing, with bounds on the angle; reference ``(3,)``."""
+    """As Pointing, with bounds on the angle; reference ``(3, 3)`` with its velocity and acceleration."""
 
     frame: Frame
     axis: tuple[float, ...]
@@ -300,7 +300,7 @@ class Cone:
     rate: float
     recovery: float
     outset: float
-    shape: tuple[int, ...] = field(default=(3,), init=False)
+    shape: tuple[int, ...] = field(default=(3, 3), init=False)
 
 
 @dataclass(frozen=True, eq=False)

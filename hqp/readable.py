@@ -81,7 +81,8 @@ class Readable:
         if element.steered and reference.value is not None:
             normal = (reference.value,)
         if self._final:
-            lower, upper = element.step_bounds(state, self._dt, self._order, *normal)
+            moving = _moving(reference) if element.steered else {}
+            lower, upper = element.step_bounds(state, self._dt, self._order, *normal, **moving)
         else:
             lower, upper = element.bounds(state, *normal)
         out.lower[:] = lower
@@ -97,6 +98,12 @@ class Readable:
             given = np.shape(values)
             raise DeclarationError(self._element.name, f"{what} has shape {given}", allowed=f"shape {into.shape}")
         into[:] = values
+
+
+def _moving(reference: Reference) -> dict[str, Vec]:
+    """Velocity and acceleration of a reference, those it has."""
+    given = {"velocity": reference.velocity, "acceleration": reference.acceleration}
+    return {what: x for what, x in given.items() if x is not None}
 
 
 class Plane:

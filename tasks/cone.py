@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -11,12 +11,12 @@ import numpy as np
 from hqp import plans
 from hqp.arrays import Mat, Vec
 from hqp.element import plan_of
-from hqp.reference import Reference
+from hqp.reference import Reference, numbers
 from hqp.robot import Robot, State
 
+from .barrier import _Barrier
 from .directions import AlignAxis, LookAt
 from .fields import check_number
-from .within import _Barrier
 
 STRAIGHT_BACK = 1e-3
 """Sine of the angle below which an axis that points away has no direction to come back in."""
@@ -28,7 +28,8 @@ class Cone(_Barrier):
 
     The way left is (cos theta - cos angle) / sin(angle) inside and angle - theta outside [rad], the same to first
     order at the bound, and smooth where u and w agree.  task: an AlignAxis, w its direction, or a LookAt, w the
-    direction of its point, a gaze cone; the reference is the task's, by default what it holds at the first tick.
+    direction of its point, a gaze cone; the reference is the task's, by default what it holds at the first tick,
+    ``(3, 3)`` with its velocity and acceleration in the world.
     angle [rad]: above 0, at most pi / 2.  rate [1/s], recovery [rad/s], acceleration [rad/s^2]: as of
     ``Within``.
     Raises DeclarationError for fields, FrameNotFound on binding.
@@ -57,20 +58,37 @@ class Cone(_Barrier):
         return 1
 
     def hold(self, state: State) -> Reference:
-        """What the task holds."""
-        return replace(self.task.hold(state), name=self.name)
+        """What the task holds, at rest."""
+        return self.at(self.task.hold(state).value)
 
-    def at(self, value: Any) -> Reference:
-        """A direction or a point ``(3,)``, as of the task; raises DeclarationError."""
-        return replace(self.task.at(value), name=self.name)
+    def at(self, value: Any, *, velocity: Any = None, acceleration: Any = None) -> Reference:
+        """A point [m], or a direction of length 1, with velocity and acceleration ``(3,)``; raises DeclarationError."""
+        held = np.zeros((3, 3))
+        held[0] = self.task.at(value).value
+        for i, (what, x) in enumerate({"velocity": velocity, "acceleration": acceleration}.items(), 1):
+            if x is not None:
+                held[i] = numbers(self.name, what, x, (3,))
+        return Reference(self.name, held)
 
     def _parts(self, state: State, reference: Any) -> tuple[float, float, Vec, float, Vec]:
         """cos and sin of theta, w, the distance of the point (infinite for a direction), and u x w."""
-        held: Any = self.task.hold(state).value if reference is None else reference
-        w, d = self.task.towards(state, held)
+        w, d = self.task.towards(state, self._held(state, reference)[0])
         u = self.task.direction(state)
         turn = np.cross(u, w)
         return float(u @ w), math.hypot(*turn), w, d, turn
+
+    def _held(self, state: State, reference: Any) -> Mat:
+        held: Any = self.hold(state).value if reference is None else reference
+        return np.asarray(held)
+
+    def carried(self, state: State, velocity: Any, acceleration: Any, *steer: Any) -> tuple[Any, Any]:
+        """Velocity ``(1,)`` of the bound where w turns by itself; what it accelerates is in the drift."""
+        held = self._held(state, *(steer or (None,)))
+        if not held[1:].any():
+            return 0.0, 0.0
+        cosine, sine, w, d, _ = self._parts(state, held)
+        turning = _across(held[1], w) / (1.0 if math.isinf(d) else d)
+        return np.array([-(self.task.direction(state) @ turning) / self._scale(cosine, sine)]), 0.0
 
     def _scale(self, cosine: float, sine: float) -> float:
         """What u x w is divided by: sin(angle) inside, sin(theta) outside."""
@@ -94,15 +112,21 @@ class Cone(_Barrier):
         return ((turn @ J[3:] - across @ J[:3] / d) / self._scale(cosine, sine))[None]
 
     def drift(self, state: State, reference: Any = None) -> Vec:
-        """dJ/dt v ``(1,)``."""
+        """dJ/dt v ``(1,)``, with what a w adds that moves by itself."""
         cosine, sine, w, d, _ = self._parts(state, reference)
         u, rate, drift = self.task.direction(state), state.velocity(self.task.frame), state.drift(self.task.frame)
-        v, omega = rate[:3], rate[3:]
+        omega = rate[3:]
         u1 = np.cross(omega, u)
         u2 = np.cross(drift[3:], u) + np.cross(omega, u1)
-        closing = float(w @ v)
-        w1 = -(v - closing * w) / d
-        w2 = -(drift[:3] - float(w1 @ v + w @ drift[:3]) * w - closing * w1) / d + w1 * closing / d
+        _, velocity, acceleration = self._held(state, reference)
+        if math.isinf(d):
+            w1 = _across(velocity, w)
+            w2 = _across(acceleration, w) - float(w1 @ w1) * w
+        else:
+            v, a = rate[:3] - velocity, drift[:3] - acceleration
+            closing = float(w @ v)
+            w1 = -_across(v, w) / d
+            w2 = -(a - float(w1 @ v + w @ a) * w - closing * w1) / d + w1 * closing / d
         first, second = float(u1 @ w + u @ w1), float(u2 @ w + 2.0 * (u1 @ w1) + u @ w2)
         scale = self._scale(cosine, sine)
         if cosine >= math.cos(self.angle):
@@ -120,3 +144,8 @@ class Cone(_Barrier):
             return None
         parts = (own.frame, own.axis, own.first, own.other, own.point)
         return plans.Cone(*parts, self.angle, self.rate, self.recovery, self.outset)
+
+
+def _across(x: Vec, w: Vec) -> Vec:
+    """The part of a vector across a direction."""
+    return np.asarray(x - float(w @ x) * w)

@@ -14,11 +14,11 @@ from hqp.arrays import Mat, Vec
 from hqp.element import Element
 from hqp.robot import Robot, State
 
+from .barrier import _Barrier
 from .contact import PointContact
 from .edge import EdgeContact
 from .fields import check_number, set_names
 from .friction import CenterOfPressure
-from .within import _Barrier
 
 FLAT = 2e-5
 """A corner this near to the line between its neighbours is none [m]: rows of feet in line do not come and go."""

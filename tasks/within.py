@@ -11,93 +11,25 @@ import numpy as np
 
 from hqp import plans
 from hqp.arrays import Index, Mat, Vec
-from hqp.element import Inequality, Task, has, plan_of, selection_of
+from hqp.element import Task, has, plan_of, selection_of
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 
-from .fields import check_number
+from .barrier import _Barrier
 from .motion import _RateTask
 from .turns import rate_map, rate_map_change
-
-FAST = 4.0
-"""The second pole over the first where x is an acceleration."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Barrier(Inequality):
-    """Bounds kept with declared rates.  With h the way left to a bound, negative outside, its velocity towards it is
-
-        u <= phi(h),    phi(h) = rate h inside,    phi(h) = -recovery tanh(rate |h| / recovery) outside;
-
-    where x is an acceleration, a = J x + dJ/dt v towards the bound keeps to that with a second pole of 4 rate,
-
-        a <= 4 rate (phi(h) - u) - phi'(h) u.
-
-    A return sets in gradually: outside, no more is asked than a <= -acceleration - 5 rate max(u, 0), at velocity level
-    of the change of u in a tick from what was commanded last.
-
-    A base class: ``jacobian``, ``drift`` and ``bounds`` say the rest.  rate [1/s]: at most 1/dt, 1/(4 dt) where x is
-    an acceleration.  recovery: fastest way back [m/s or rad/s].  acceleration: with which it sets in [m/s^2 or
-    rad/s^2], rate * recovery by default.
-    """
-
-    rate: float = 5.0
-    recovery: float = 0.5
-    acceleration: float | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_number(self, "rate", self.rate, 0.0, strict=True)
-        check_number(self, "recovery", self.recovery, 0.0, strict=True)
-        if self.acceleration is not None and self.acceleration != math.inf:
-            check_number(self, "acceleration", self.acceleration, 0.0, strict=True)
-
-    @property
-    def outset(self) -> float:
-        """The acceleration with which a return sets in."""
-        return self.rate * self.recovery if self.acceleration is None else self.acceleration
-
-    def step_bounds(self, state: State, dt: float, order: int, *steer: Any) -> tuple[Vec, Vec]:
-        """(lower, upper) ``(m,)`` of J x, infinite where there is no bound."""
-        lower, upper = (np.atleast_1d(np.asarray(way, dtype=np.float64)) for way in self.bounds(state, *steer))
-        v = state.v if order == 2 or state.commanded is None else state.commanded
-        speed = self.jacobian(state, *steer) @ v
-        if order == 1:
-            return -self.next(-lower, -speed, dt), self.next(upper, speed, dt)
-        drift = self.drift(state, *steer)
-        return -self.hardest(-lower, -speed) - drift, self.hardest(upper, speed) - drift
-
-    def next(self, way: Vec, speed: Vec, dt: float) -> Vec:
-        """The largest velocity ``(m,)`` towards a bound in the next tick, at a speed in this one."""
-        least = speed - dt * self.outset - min(1.0, dt * (1.0 + FAST) * self.rate) * np.maximum(speed, 0.0)
-        wanted = self.fastest(way)
-        return np.where(way < 0.0, np.maximum(wanted, least), wanted)
-
-    def fastest(self, way: Vec) -> Vec:
-        """phi ``(m,)``: the largest velocity towards a bound."""
-        back = -self.recovery * np.tanh(self.rate * np.abs(np.minimum(way, 0.0)) / self.recovery)
-        return np.where(way >= 0.0, self.rate * way, back)
-
-    def hardest(self, way: Vec, speed: Vec) -> Vec:
-        """The largest acceleration ``(m,)`` towards a bound that is approached at a speed."""
-        wanted = self.fastest(way)
-        slope = np.where(way >= 0.0, self.rate, self.rate * (1.0 - (wanted / self.recovery) ** 2))
-        with np.errstate(invalid="ignore"):
-            most = np.where(np.isinf(way), way, FAST * self.rate * (wanted - speed) - slope * speed)
-        least = -self.outset - (1.0 + FAST) * self.rate * np.maximum(speed, 0.0)
-        return np.where(way < 0.0, np.maximum(most, least), most)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Within(_Barrier):
     """Bounds on the value of a task: lower <= value - reference <= upper, ``(m,)`` or a number for all rows.
 
-    The reference is zero, so that bounds are on the value itself, in its units; ``at`` carries them along.  J and
-    drift are the task's; angles are wrapped as the task wraps them.  None is no bound.  With a task of momentum or
-    velocity the bounds are on J v: lower <= J x <= upper, where x is an acceleration
-    rate (lower - J v) <= J x + dJ/dt v <= rate (upper - J v).  A rotation (Pose, a full Orientation) is bounded by
-    its rotation vector from the reference, which is where it is at the first tick or what ``at`` says; J is then the
-    rate of that vector, at every angle.  AlignAxis and LookAt are refused: ``Cone`` bounds directions.
+    The reference is zero, so that bounds are on the value itself, in its units; ``at`` carries them along, with a
+    velocity and an acceleration where they move.  J and drift are the task's; angles are wrapped as the task wraps
+    them.  None is no bound.  With a task of momentum or velocity the bounds are on J v: lower <= J x <= upper, where x
+    is an acceleration rate (lower - J v) <= J x + dJ/dt v <= rate (upper - J v).  A rotation (Pose, a full Orientation)
+    is bounded by its rotation vector from the reference, which is where it is at the first tick or what ``at`` says; J
+    is then the rate of that vector, at every angle.  AlignAxis and LookAt are refused: ``Cone`` bounds directions.
 
     rate [1/s], recovery [m/s or rad/s], acceleration [m/s^2 or rad/s^2]: u <= rate h inside and a return at most as
     fast as recovery outside, which sets in at the acceleration, rate * recovery by default; where x is an acceleration
@@ -170,12 +102,12 @@ class Within(_Barrier):
             return replace(self.task.hold(state), name=self.name)
         return Reference(self.name, np.zeros(self.task.rows(state.robot)))
 
-    def at(self, value: Any) -> Reference:
-        """What the bounds are measured from, as of the task; raises DeclarationError for shapes.
+    def at(self, value: Any = None, *, velocity: Any = None, acceleration: Any = None) -> Reference:
+        """What the bounds are measured from, with velocity and acceleration, as of the task; raises DeclarationError.
 
-        Its velocity is not known: bounds that move at u towards the value are passed by at most u / rate.
+        Bounds that move at u towards the value without a velocity given are passed by at most u / rate.
         """
-        return replace(self.task.at(value), name=self.name)
+        return replace(self.task.at(value, velocity=velocity, acceleration=acceleration), name=self.name)
 
     def bounds(self, state: State, reference: Any = None) -> tuple[Vec, Vec]:
         """(lower - e, upper - e) ``(m,)``, e = value - reference; lower and upper where the task is a velocity."""
@@ -185,15 +117,38 @@ class Within(_Barrier):
         e = self.task.error(state, self.hold(state).value if reference is None else reference)
         return low - e, high - e
 
-    def step_bounds(self, state: State, dt: float, order: int, *steer: Any) -> tuple[Vec, Vec]:
-        """(lower, upper) ``(m,)`` of J x."""
+    def step_bounds(
+        self, state: State, dt: float, order: int, *steer: Any, velocity: Any = None, acceleration: Any = None
+    ) -> tuple[Vec, Vec]:
+        """(lower, upper) ``(m,)`` of J x; velocity, acceleration: of the reference."""
         if not isinstance(self.task, _RateTask):
-            return super().step_bounds(state, dt, order, *steer)
-        low, high = self.ends(self.task.rows(state.robot))
+            return super().step_bounds(state, dt, order, *steer, velocity=velocity, acceleration=acceleration)
+        u, a = self.carried(state, velocity, acceleration)
+        low, high = (u + end for end in self.ends(self.task.rows(state.robot)))
         if order == 1:
             return low, high
-        speed, drift = self.jacobian(state) @ state.v, self.drift(state)
-        return self.rate * (low - speed) - drift, self.rate * (high - speed) - drift
+        speed, a = self.jacobian(state) @ state.v, a - self.drift(state)
+        return a + self.rate * (low - speed), a + self.rate * (high - speed)
+
+    def carried(self, state: State, velocity: Any, acceleration: Any, *steer: Any) -> tuple[Any, Any]:
+        """Velocity and acceleration ``(m,)`` of the bounds; of a rotation vector e, where B(e) omega is its rate, they
+        are B(-e) omega_ref and its derivative, with what a moving reference adds to dB/dt omega.
+        """
+        u, a = super().carried(state, velocity, acceleration)
+        k = self.task.rotation_rows
+        if k is None or (velocity is None and acceleration is None):
+            return u, a
+        m = self.task.rows(state.robot)
+        u, a = np.full(m, u), np.full(m, a)
+        turn, omega, part = self._turn(state, steer[0] if steer else None, k), self._omega(state, k), slice(k, k + 3)
+        back, wanted = rate_map(-turn), u[part].copy()
+        u[part] = back @ wanted
+        rate = rate_map(turn) @ omega - u[part]
+        a[part] = back @ a[part] - rate_map_change(-turn, rate) @ wanted + rate_map_change(turn, u[part]) @ omega
+        return u, a
+
+    def _omega(self, state: State, k: int) -> Vec:
+        return np.asarray(self.task.jacobian(state)[k : k + 3] @ state.v)
 
     def jacobian(self, state: State, reference: Any = None) -> Mat:
         """The task's J ``(m, nv)``, of a rotation vector with its rate."""
@@ -210,7 +165,7 @@ class Within(_Barrier):
         if k is None:
             return drift
         drift, turn = np.array(drift), self._turn(state, reference, k)
-        omega, B = self.task.jacobian(state)[k : k + 3] @ state.v, rate_map(turn)
+        omega, B = self._omega(state, k), rate_map(turn)
         drift[k : k + 3] = B @ drift[k : k + 3] + rate_map_change(turn, B @ omega) @ omega
         return drift
 

@@ -169,7 +169,7 @@ def test_a_gaze_stays_within_its_cone(robots: dict[str, Any], kind: str) -> None
     goal = turn.at(swap.T @ y @ swap @ x @ R)
     posture = Level(t.Posture(law=P(1.0) if kind == "velocity" else PD(20.0)))
     stack = Stack(Level(turn), posture, subject_to=[cone, t.JointLimits()])
-    hold = cone.hold(robot.state()).value
+    hold = cone.hold(robot.state()).value[0]
     e, _, _ = run(robot, stack, kind, [goal], 1500, lambda s: np.linalg.norm(axis.error(s, hold)))
     assert e.max() < 0.3 + 1e-4
     assert e[-1] > 0.29
@@ -297,6 +297,8 @@ def test_a_momentum_stays_under_its_limit(robots: dict[str, Any]) -> None:
         (lambda: t.Cone(t.Com(), angle=0.3), "AlignAxis"),
         (lambda: t.Cone(t.AlignAxis(frame="hand"), angle=0.0), "angle"),
         (lambda: t.Cone(t.LookAt(frame="hand"), angle=2.0), "angle"),
+        (lambda: t.Cone(t.LookAt(frame="hand"), angle=0.3).at([1.0, 0.0, 0.0], velocity=[1.0]), "velocity"),
+        (lambda: t.Within(t.Com(), upper=1.0).at([0.0, 0.0, 0.0], velocity=[1.0]), "velocity"),
         (lambda: t.Within(t.Com()), "bounds"),
         (lambda: t.Within(t.Com(), upper="high"), "upper"),
         (lambda: t.Within(t.Com(), lower=math.nan), "lower"),

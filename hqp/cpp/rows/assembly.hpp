@@ -34,7 +34,7 @@ class Assembly {
 
   void add(const nb::object& object, const std::optional<Block>& J, const Written& error,
            const std::optional<Written>& drift, const Written& lower, const Written& upper, const Vector& reference,
-           const std::optional<Vector>& normal, double weight) {
+           const std::optional<Vector>& normal, double weight, const Vector& rate, const Vector& feedforward) {
     kept_.push_back(object);
     const Plan plan(object, kept_);
     const hqp::Target out{J ? keep(*J) : nullptr,
@@ -45,7 +45,9 @@ class Assembly {
                           keep(reference),
                           normal ? keep(*normal) : nullptr,
                           weight,
-                          J ? static_cast<int>(J->shape(1)) : 0};
+                          J ? static_cast<int>(J->shape(1)) : 0,
+                          keep(rate),
+                          keep(feedforward)};
     if (drift) tree_.need_motions();
     operations_.push_back(make(plan, out));
   }

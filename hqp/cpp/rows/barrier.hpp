@@ -7,6 +7,7 @@
 #include <numeric>
 
 #include "com.hpp"
+#include "turns.hpp"
 
 namespace hqp {
 
@@ -46,38 +47,11 @@ struct Numbers {  // what an operation writes into besides the rows of its eleme
             reference ? reference : zeros.data(),
             nullptr,
             weight,
-            nv};
+            nv,
+            nullptr,
+            nullptr};
   }
   std::vector<double> J, error, drift, lower, upper, zeros;
-};
-
-// How a rotation vector changes: its rate is B omega. See tasks/turns.py.
-class RotationVector {
- public:
-  explicit RotationVector(const Vec3& turn) : turn_(turn) {
-    const double square = dot(turn, turn), t = std::sqrt(square);
-    if (t < 0.1) {
-      b_ = 1.0 / 12.0 + square / 720.0 + square * square / 30240.0;
-      slope_ = 1.0 / 360.0 + square / 7560.0;
-      return;
-    }
-    const double cot = 1.0 / std::tan(0.5 * t), sine = std::sin(0.5 * t);
-    b_ = (1.0 - 0.5 * t * cot) / square;
-    slope_ = (-2.0 / (t * square) + cot / (2.0 * square) + 1.0 / (4.0 * t * sine * sine)) / t;
-  }
-  Vec3 rate(const Vec3& omega) const {  // B omega
-    const Vec3 across = cross(turn_, omega);
-    return omega - 0.5 * across + b_ * cross(turn_, across);
-  }
-  Vec3 change(const Vec3& omega) const {  // dB/dt omega
-    const Vec3 r = rate(omega), across = cross(turn_, omega);
-    return slope_ * dot(turn_, r) * cross(turn_, across) - 0.5 * cross(r, omega) +
-           b_ * (cross(r, across) + cross(turn_, cross(r, omega)));
-  }
-
- private:
-  Vec3 turn_;
-  double b_ = 0.0, slope_ = 0.0;
 };
 
 inline double product(const double* a, const double* b, int n) {
@@ -102,43 +76,51 @@ class Within final : public Operation {
         rates_(rates),
         turn_(turn),
         nv_(nv),
-        order_(order) {}
+        order_(order),
+        along_(low_.size()),
+        push_(low_.size()) {}
   void run(const double* q, const double* v) override {
     task_->run(q, v);
+    std::copy_n(out_.rate, low_.size(), along_.begin());
+    std::copy_n(out_.feedforward, low_.size(), push_.begin());
     double* J = out_.J ? out_.J : own_->J.data();
     if (turn_ >= 0) make_rate(J + static_cast<std::ptrdiff_t>(turn_) * nv_, v);
     for (std::size_t i = 0; i < low_.size(); ++i) {
-      const double e = rates_ ? 0.0 : own_->error[i], up = high_[i] - e, down = e - low_[i];
+      const double e = rates_ ? 0.0 : own_->error[i], up = high_[i] - e, down = e - low_[i], along = along_[i];
       if (order_ == 1 && rates_) {
-        out_.upper[i] = high_[i];
-        out_.lower[i] = low_[i];
+        out_.upper[i] = along + high_[i];
+        out_.lower[i] = along + low_[i];
         continue;
       }
-      const double speed = product(J + i * nv_, v, nv_) / out_.weight;
+      const double speed = product(J + i * nv_, v, nv_) / out_.weight - along;
       if (order_ == 1) {
-        out_.upper[i] = barrier_.next(up, speed);
-        out_.lower[i] = -barrier_.next(down, -speed);
+        out_.upper[i] = along + barrier_.next(up, speed);
+        out_.lower[i] = along - barrier_.next(down, -speed);
         continue;
       }
-      const double drift = own_->drift[i];
-      out_.upper[i] = (rates_ ? barrier_.rate * (high_[i] - speed) : barrier_.hardest(up, speed)) - drift;
-      out_.lower[i] = (rates_ ? barrier_.rate * (low_[i] - speed) : -barrier_.hardest(down, -speed)) - drift;
+      const double push = push_[i] - own_->drift[i];
+      out_.upper[i] = push + (rates_ ? barrier_.rate * (high_[i] - speed) : barrier_.hardest(up, speed));
+      out_.lower[i] = push + (rates_ ? barrier_.rate * (low_[i] - speed) : -barrier_.hardest(down, -speed));
     }
   }
 
  private:
   void make_rate(double* J, const double* v) {  // of angular velocities rates of the rotation vector
-    const RotationVector vector(load(own_->error.data() + turn_));
-    double* drift = own_->drift.data() + turn_;
+    const Vec3 turn = load(own_->error.data() + turn_);
+    const RotationVector vector(turn), back(-1.0 * turn);
+    double *drift = own_->drift.data() + turn_, *along = along_.data() + turn_, *push = push_.data() + turn_;
     const Vec3 omega =
         (1.0 / out_.weight) * Vec3{product(J, v, nv_), product(J + nv_, v, nv_), product(J + 2 * nv_, v, nv_)};
     for (int c = 0; c < nv_; ++c) {
       const Vec3 rate = vector.rate({J[c], J[c + nv_], J[c + 2 * nv_]});
       for (int i = 0; i < 3; ++i) J[c + i * nv_] = rate[i];
     }
+    const Vec3 wanted = load(along), carried = back.rate(wanted), rate = vector.rate(omega);
+    for (int i = 0; i < 3; ++i) along[i] = carried[i];
     if (order_ == 1) return;
-    const Vec3 found = vector.rate(load(drift)) + vector.change(omega);
-    for (int i = 0; i < 3; ++i) drift[i] = found[i];
+    const Vec3 found = vector.rate(load(drift)) + vector.change(rate, omega);
+    const Vec3 pushed = back.rate(load(push)) + back.change(carried - rate, wanted) + vector.change(carried, omega);
+    for (int i = 0; i < 3; ++i) drift[i] = found[i], push[i] = pushed[i];
   }
 
   Target out_;
@@ -148,6 +130,7 @@ class Within final : public Operation {
   Barrier barrier_;
   bool rates_;
   int turn_, nv_, order_;
+  std::vector<double> along_, push_;  // velocity and acceleration of the bounds
 };
 
 struct Corner {  // of a polygon: a point of a frame, or of the world

@@ -79,7 +79,7 @@ NB_MODULE(_assembly, module) {
       .def("step", &Assembly::step, "q"_a, "v"_a.none(), "references"_a, "fresh"_a)
       .def("add", &Assembly::add, "plan"_a, nb::kw_only(), "J"_a.noconvert().none(), "error"_a.noconvert(),
            "drift"_a.noconvert().none(), "lower"_a.noconvert(), "upper"_a.noconvert(), "reference"_a.noconvert(),
-           "normal"_a.noconvert().none(), "weight"_a)
+           "normal"_a.noconvert().none(), "weight"_a, "rate"_a.noconvert(), "feedforward"_a.noconvert())
       .def("laws", &Assembly::laws, nb::kw_only(), "J"_a.noconvert(), "error"_a.noconvert(), "rate"_a.noconvert(),
            "feedforward"_a.noconvert(), "drift"_a.noconvert(), "kp"_a.noconvert(), "kd"_a.noconvert(),
            "weight"_a.noconvert(), "pick"_a.noconvert(), "kind"_a.noconvert(), "demand"_a.noconvert(),

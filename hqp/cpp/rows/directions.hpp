@@ -99,23 +99,27 @@ class Cone final : public Operation, Rows {  // an axis no further than an angle
     out_.upper[0] = std::numeric_limits<double>::infinity();
     double speed = 0.0;
     for (const int c : frame_.columns) speed += out_.row(0)[c] * v[c];
+    const double along = -dot(u, across_of(load(out_.reference + 3), w)) / (scale * (point_ ? s.distance : 1.0));
+    speed = speed / out_.weight - along;
     if (order_ == 1) {
-      out_.lower[0] = -barrier_.next(way, -speed / out_.weight);
+      out_.lower[0] = along - barrier_.next(way, -speed);
       return;
     }
     const double drift =
         inside ? second(s, u, p) / scale : (second(s, u, p) + cosine * square(first(s, u, p) / scale)) / scale;
-    out_.lower[0] = -barrier_.hardest(way, -speed / out_.weight) - drift;
+    out_.lower[0] = -barrier_.hardest(way, -speed) - drift;
   }
 
  private:
   static constexpr double kStraightBack = 1e-3;  // least sine with which an axis that points away has a way back
   static double square(double x) { return x * x; }
 
+  static Vec3 across_of(const Vec3& x, const Vec3& w) { return x - dot(w, x) * w; }
+
   Vec3 rate(const Sight& s, const Vec3& p) const {  // of the direction
-    if (!point_) return {0.0, 0.0, 0.0};
-    const Vec3 v = motion().at(p);
-    return (-1.0 / s.distance) * (v - dot(s.direction, v) * s.direction);
+    const Vec3 carried = load(out_.reference + 3);
+    if (!point_) return across_of(carried, s.direction);
+    return (-1.0 / s.distance) * across_of(motion().at(p) - carried, s.direction);
   }
   double first(const Sight& s, const Vec3& u, const Vec3& p) const {  // derivative of the cosine
     return dot(cross(motion().angular, u), s.direction) + dot(u, rate(s, p));
@@ -123,9 +127,10 @@ class Cone final : public Operation, Rows {  // an axis no further than an angle
   double second(const Sight& s, const Vec3& u, const Vec3& p) const {
     const Vec3 omega = motion().angular, u1 = cross(omega, u), w1 = rate(s, p);
     const Vec3 u2 = cross(body_drift().angular, u) + cross(omega, u1);
-    double found = dot(u2, s.direction) + 2.0 * dot(u1, w1);
-    if (!point_) return found;
-    const Vec3 v = motion().at(p), a = tree_.point_drift(frame_.body, p), &w = s.direction;
+    const double found = dot(u2, s.direction) + 2.0 * dot(u1, w1);
+    const Vec3 &w = s.direction, pushed = load(out_.reference + 6);
+    if (!point_) return found + dot(u, across_of(pushed, w) - dot(w1, w1) * w);
+    const Vec3 v = motion().at(p) - load(out_.reference + 3), a = tree_.point_drift(frame_.body, p) - pushed;
     const double closing = dot(w, v), share = 1.0 / s.distance;
     const Vec3 w2 = -share * (a - (dot(w1, v) + dot(w, a)) * w - closing * w1) + (closing * share) * w1;
     return found + dot(u, w2);

@@ -14,6 +14,7 @@ struct Target {
   const double* normal;  // (3,) of the ground, null where the rows do not ask for it
   double weight;
   int nv;
+  const double *rate, *feedforward;  // velocity and acceleration of the reference, null where no bounds move with it
   double* row(int i) const { return J + static_cast<std::ptrdiff_t>(i) * nv; }
 };
 
