@@ -297,6 +297,26 @@ static inline void add_rows(double* y, const double* X, int ld, int count, doubl
   }
 }
 
+// Position of the largest of `width` numbers, the lowest of equal ones.
+static inline int largest(const double* y, int width) {
+  Vec4 best = at(y), where = Vec4{0, 1, 2, 3}, here = where;
+  const Vec4 step = splat(kLane);
+  for (int j = kLane; j < width; j += kLane) {
+    const Vec4 t = at(y + j);
+    here += step;
+    const auto more = t > best;
+    best = more ? t : best;
+    where = more ? here : where;
+  }
+  double top = best[0], place = where[0];
+  for (int q = 1; q < kLane; ++q)
+    if (best[q] > top || (best[q] == top && where[q] < place)) {
+      top = best[q];
+      place = where[q];
+    }
+  return static_cast<int>(place);
+}
+
 static inline void scale(double* y, int n, double factor) {
   for (int j = 0; j < n; ++j) y[j] *= factor;
 }

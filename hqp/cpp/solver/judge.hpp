@@ -3,6 +3,7 @@
 
 #include "nonnegative.hpp"
 #include "null_space.hpp"
+#include "row_factor.hpp"
 #include "table.hpp"
 
 namespace hqp {
@@ -13,14 +14,13 @@ inline namespace HQP_ISA {
 // first, by variable, then the table's. All rows count with unit length.
 class Judge {
  public:
-  static constexpr double kRank = 1e-10;      // a row of unit length adds a fixed direction above this
-  static constexpr double kWell = 1e-5;       // a verdict with shorter directions than this is ill-conditioned
-  static constexpr double kClear = 1e-6;      // one that leaves less than this is nearly dependent,
-  static constexpr double kRounding = 1e-13;  // unless it is no longer than this
-  static constexpr double kSlop = 1e-8;       // activity, relative to the row's terms, and largest gap of an optimum
-  static constexpr double kData = 4e-15;      // rounding of rows of unit length
-  static constexpr double kTurned = 5e-7;     // what it may make of a gap at most
-  static constexpr double kLock = 1e-5;  // a row counts as fixed for the levels below above this relative multiplier,
+  static constexpr double kRank = 1e-10;   // a row of unit length adds a fixed direction above this
+  static constexpr double kWell = 1e-5;    // a verdict with shorter directions than this is ill-conditioned
+  static constexpr double kClear = 1e-6;   // one that leaves less than this is nearly dependent
+  static constexpr double kSlop = 1e-8;    // activity, relative to the row's terms, and largest gap of an optimum
+  static constexpr double kData = 4e-15;   // rounding of rows of unit length
+  static constexpr double kTurned = 5e-7;  // what it may make of a gap at most
+  static constexpr double kLock = 1e-5;    // a row counts as fixed for the levels below above this relative multiplier,
   static constexpr double kLeastLock = 1e-13;  // or above this one: either reading may be the right one
 
   double* x = nullptr;         // (n,) the point
@@ -34,6 +34,7 @@ class Judge {
     ld_ = padded(n);
     null_.layout(arena, n);
     columns_.layout(arena, n, all_);
+    factor_.layout(arena, n, all_);
     arena.place(x, n);
     arena.place(v_, all_);
     arena.place(terms_, all_);
@@ -74,6 +75,7 @@ class Judge {
   const Table* table_ = nullptr;
   NullSpace null_;
   NonnegativeLeastSquares columns_;
+  RowFactor factor_;
   int n_ = 0, all_ = 0, ld_ = 0, open_count_ = 0, active_ = 0, listed_ = 0;
   double *v_ = nullptr, *terms_ = nullptr, *row_ = nullptr, *w_ = nullptr, *g_ = nullptr, *y_ = nullptr;
   std::int8_t *state_ = nullptr, *side_ = nullptr, *held_ = nullptr;
@@ -223,96 +225,40 @@ class Judge {
     }
   }
 
-  // Shrink the null space by the rows in `list_`, the longest that is left first. Where one is nearly dependent their
-  // singular values decide.
+  // Shrink the null space by the rows in `list_`. Where one is nearly dependent their singular values decide.
   void fix() {
-    const int base = null_.rank, listed = listed_;
-    bool grey = false;
-    while (listed_ && null_.freedom() && !deadline.passed()) {
-      int best = 0;
-      double longest = -1.0;
-      for (int i = 0; i < listed_; ++i) {
-        const double length = null_.length(projected(list_[i]));
-        if (length > longest) {
-          longest = length;
-          best = i;
-        }
-      }
-      grey = grey || (longest < kClear && longest > kRounding);
-      if (grey || !decide(longest)) break;
-      null_.add(projected(list_[best]), longest);
-      shortest_ = smaller(shortest_, longest);
-      --listed_;
-      const int q = list_[best];
-      list_[best] = list_[listed_];
-      list_[listed_] = q;
-    }
-    if (grey) {
-      null_.rank = base;
-      listed_ = listed;
-      fix_by_singular_values();
-    }
+    const int base = null_.rank, rows = listed_;
     listed_ = 0;
+    if (!rows) return;
+    factor_.start(rows, null_.freedom());
+    const double left = factorise(rows, null_.freedom());
+    const int rank = factor_.rank;
+    const bool grey = rank && factor_.length(rank - 1) < kClear;
+    if (grey) factor_.find_small(kClear, deadline);
+    else if (left > 0.0) decide(left);
+    const int clear = grey ? factor_.first : rank;
+    int kept = clear;
+    for (int j = 0; j < clear; ++j) decide(factor_.length(j));
+    for (int j = clear; j < rank; ++j)
+      if (decide(factor_.singular_value(j))) ++kept;
+      else factor_.drop(j, null_, base);
+    if (kept == rank) return;
+    null_.rank = base;
+    factorise(rows, kept);
   }
 
-  // Whether a length is one of a direction.
+  double factorise(int rows, int most) {
+    const int base = null_.rank;
+    factor_.renew(rows);
+    for (int a = 0; a < rows; ++a) factor_.set(a, projected(list_[a]) + base);
+    return factor_.reduce(null_, most);
+  }
+
+  // Whether a length is one of a direction, which is fixed then.
   bool decide(double length) {
     closest = smaller(closest, length > kRank ? length / kRank : kRank / larger(length, 1e-300));
+    if (length > kRank) shortest_ = smaller(shortest_, length);
     return length > kRank;
-  }
-
-  // One-sided Jacobi: rotations make the rows orthogonal, their lengths are the singular values.
-  void fix_by_singular_values() {
-    const int base = null_.rank, f = null_.freedom();
-    for (int i = 0; i < listed_; ++i) {
-      applied_[list_[i]] = -1;
-      projected(list_[i]);
-    }
-    bool turned = true;
-    for (int sweep = 0; sweep < 30 && turned; ++sweep) {
-      turned = false;
-      for (int i = 0; i < listed_ && !deadline.passed(); ++i)
-        for (int j = i + 1; j < listed_; ++j) turned = rotate(tail(list_[i], base), tail(list_[j], base), f) || turned;
-    }
-    for (int i = 0; i < listed_ && null_.freedom(); ++i) {
-      int best = i;
-      double longest = -1.0;
-      for (int j = i; j < listed_; ++j) {
-        const double length = std::sqrt(dot_any(tail(list_[j], base), tail(list_[j], base), f));
-        if (length > longest) {
-          longest = length;
-          best = j;
-        }
-      }
-      if (!decide(longest)) break;
-      shortest_ = smaller(shortest_, longest);
-      const int q = list_[best];
-      list_[best] = list_[i];
-      list_[i] = q;
-      double* y = row_ + static_cast<std::ptrdiff_t>(q) * ld_;
-      for (int j = base; j < n_; ++j) y[j] /= longest;
-      null_.project(y, base);
-      null_.add(y, null_.length(y));
-    }
-    for (int i = 0; i < listed_; ++i) applied_[list_[i]] = -1;
-  }
-
-  double* tail(int q, int from) { return row_ + static_cast<std::ptrdiff_t>(q) * ld_ + from; }
-
-  static bool rotate(double* a, double* b, int f) {
-    const double aa = dot_any(a, a, f), bb = dot_any(b, b, f), ab = dot_any(a, b, f);
-    // rows of nothing but rounding are orthogonal to none
-    if (!(std::fabs(ab) > 1e-14 * std::sqrt(aa) * std::sqrt(bb)) || smaller(aa, bb) < kRounding * kRounding)
-      return false;
-    const double zeta = (bb - aa) / (2.0 * ab);
-    const double t = (zeta >= 0.0 ? 1.0 : -1.0) / (std::fabs(zeta) + std::sqrt(1.0 + zeta * zeta));
-    const double c = 1.0 / std::sqrt(1.0 + t * t), s = c * t;
-    for (int i = 0; i < f; ++i) {
-      const double u = a[i], v = b[i];
-      a[i] = c * u - s * v;
-      b[i] = s * u + c * v;
-    }
-    return true;
   }
 
   // w_k and A_k' w_k at x; the length of w_k.

@@ -25,9 +25,9 @@ struct NullSpace {
     for (int i = from; i < rank; ++i) reflect_one(i, y);
   }
 
-  // y := Q y
-  void lift(double* y) const {
-    for (int i = rank - 1; i >= 0; --i) reflect_one(i, y);
+  // y := Q y, but for the first `from` reflections.
+  void lift(double* y, int from = 0) const {
+    for (int i = rank - 1; i >= from; --i) reflect_one(i, y);
   }
 
   // One more row, given as Q' a: its reflection takes entries rank.. to a multiple of the first of them.
@@ -39,6 +39,10 @@ struct NullSpace {
     ++rank;
   }
 
+  // Reflection i from its first entry that is not zero on, and its factor: H = I - factor v v'.
+  const double* reflection(int i) const { return v_ + static_cast<std::ptrdiff_t>(i) * ld + i; }
+  double factor(int i) const { return tau_[i]; }
+
   // Length of the part of a row, given as Q' a, that lies in the null space.
   double length(const double* y) const { return std::sqrt(dot_any(y + rank, y + rank, n - rank)); }
 
@@ -46,7 +50,7 @@ struct NullSpace {
   double *v_ = nullptr, *tau_ = nullptr;
 
   void reflect_one(int i, double* y) const {
-    const double* v = v_ + static_cast<std::ptrdiff_t>(i) * ld + i;
+    const double* v = reflection(i);
     const double f = tau_[i] * dot_any(v, y + i, n - i);
     if (f != 0.0) add_any(y + i, v, -f, n - i);
   }

@@ -113,24 +113,9 @@ struct Pivoting : Gram {
     add_any(y + i, v + i, -f, s.m - i);
   }
 
-  // Position of the largest size, the lowest of equal ones; column 0 is the right-hand side.
+  // Position of the largest size; column 0 is the right-hand side.
   int largest_column(int width) const {
-    Vec4 best = at(size), where = Vec4{0, 1, 2, 3}, here = where;
-    const Vec4 step = splat(kLane);
-    for (int j = kLane; j < width; j += kLane) {
-      const Vec4 t = at(size + j);
-      here += step;
-      const auto more = t > best;
-      best = more ? t : best;
-      where = more ? here : where;
-    }
-    double top = best[0], place_of_top = where[0];
-    for (int q = 1; q < kLane; ++q)
-      if (best[q] > top || (best[q] == top && where[q] < place_of_top)) {
-        top = best[q];
-        place_of_top = where[q];
-      }
-    const int found = static_cast<int>(place_of_top);
+    const int found = largest(size, width);
     return found > 0 ? found : 1;
   }
 

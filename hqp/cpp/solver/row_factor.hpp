@@ -1,0 +1,195 @@
+// Rows by falling length, each orthogonal to those before it, and the singular values of what is nearly dependent.
+#pragma once
+
+#include "deadline.hpp"
+#include "null_space.hpp"
+
+namespace hqp {
+inline namespace HQP_ISA {
+
+// A P = R' Q': Householder with pivoting takes rows, as columns here, into a triangular factor R (rank, width), and its
+// reflections into a NullSpace. Where the last rows of R are short they are made orthogonal to those above the gap (the
+// second factor of Stewart 1999) and to one another by one-sided Jacobi rotations: their lengths are the small singular
+// values then, and direction j is what row j has become a sum of. Without a gap all rows are rotated.
+class RowFactor {
+ public:
+  static constexpr double kRounding = 1e-13;  // rows of unit length of which no more is left are dependent
+
+  int rank = 0;
+  int first = 0;  // rows of R from here on are short
+
+  void layout(Arena& arena, int n, int rows) {
+    ld_ = padded(n);
+    wide_ = padded(rows);
+    arena.place(T_, static_cast<std::size_t>(n) * wide_);
+    arena.place(u_, static_cast<std::size_t>(n) * ld_);
+    arena.place(L_, static_cast<std::size_t>(n) * ld_);
+    arena.place(length_, n);
+    arena.place(size_, wide_);
+    arena.place(weight_, wide_);
+    arena.place(y_, n);
+    arena.place(dropped_, n);
+  }
+
+  // So many rows, given by their coordinates in a null space of `freedom` dimensions.
+  void start(int rows, int freedom) {
+    width_ = lanes(rows);
+    freedom_ = freedom;
+    drops_ = 0;
+    renew(rows);
+  }
+
+  // The same rows once more.
+  void renew(int rows) {
+    for (int a = 0; a < width_; ++a) weight_[a] = a < rows ? 1.0 : 0.0;
+    for (int i = 0; i < freedom_; ++i)
+      for (int a = rows; a < width_; ++a) row(i)[a] = 0.0;
+  }
+
+  void set(int a, const double* y) {
+    for (int i = 0; i < freedom_; ++i) y_[i] = y[i];
+    for (int d = 0; d < drops_; ++d) add_any(y_, dropped_[d], -dot_any(y_, dropped_[d], freedom_), freedom_);
+    for (int i = 0; i < freedom_; ++i) row(i)[a] = y_[i];
+  }
+
+  // Fix at most so many directions of `null`, until what is left of every row is rounding. Returns the length that is
+  // left.
+  double reduce(NullSpace& null, int most) {
+    const int base = null.rank;
+    double reference = 0.0, left = 0.0;
+    for (rank = 0; rank < most; ++rank) {
+      int p = rank ? largest(size_, width_) : 0;
+      if (rank == 0 || size_[p] < 1e-8 * reference) {
+        measure();
+        p = largest(size_, width_);
+        reference = size_[p];
+      }
+      double square = 0.0;
+      for (int i = rank; i < freedom_; ++i) {
+        const double t = y_[base + i] = row(i)[p];
+        square += t * t;
+      }
+      left = std::sqrt(square);
+      if (!(left > kRounding)) return left;
+      const double pivot = y_[base + rank] >= 0.0 ? -left : left;
+      null.add(y_, left);
+      reflect(row(rank), wide_, null.reflection(base + rank), freedom_ - rank, null.factor(base + rank), width_, size_,
+              weight_);
+      row(rank)[p] = pivot;
+      for (int i = rank + 1; i < freedom_; ++i) row(i)[p] = 0.0;
+      size_[p] = weight_[p] = 0.0;
+      length_[rank] = left;
+    }
+    return 0.0;
+  }
+
+  // Length of the row that took direction j when it was taken.
+  double length(int j) const { return length_[j]; }
+  double singular_value(int j) { return std::sqrt(dot(row(j), row(j), width_)); }
+
+  // Singular values for the rows from the first wide gap below `clear` on, if there is one, else for all.
+  void find_small(double clear, Deadline& deadline) {
+    first = 0;
+    for (int i = 1; i < rank && !first; ++i)
+      if (length(i) < clear && length(i) < kGap * length(i - 1)) first = i;
+    if (!split()) {
+      first = 0;
+      split();
+    }
+    bool turned = true;
+    for (int sweep = 0; sweep < 30 && turned; ++sweep) {
+      turned = false;
+      for (int i = first; i < rank && !deadline.passed(); ++i)
+        for (int j = i + 1; j < rank; ++j) turned = rotate(i, j) || turned;
+    }
+  }
+
+  // Take direction j back: rows that are set again lose their part of it. Directions from `base` on are fixed by
+  // `null`.
+  void drop(int j, const NullSpace& null, int base) {
+    double* y = direction(j);
+    std::memmove(y + base, y, sizeof(double) * static_cast<std::size_t>(rank));
+    for (int i = 0; i < null.n; ++i)
+      if (i < base || i >= base + rank) y[i] = 0.0;
+    null.lift(y, base);
+    dropped_[drops_++] = y + base;
+  }
+
+ private:
+  static constexpr double kGap = 1e-4, kTilt = 1e-4;
+  int ld_ = 0, wide_ = 0, width_ = 0, freedom_ = 0, drops_ = 0;
+  double** dropped_ = nullptr;
+  double *T_ = nullptr, *u_ = nullptr, *L_ = nullptr, *length_ = nullptr, *size_ = nullptr, *weight_ = nullptr,
+         *y_ = nullptr;
+
+  double* row(int i) { return T_ + static_cast<std::ptrdiff_t>(i) * wide_; }
+  double* direction(int j) { return u_ + static_cast<std::ptrdiff_t>(j) * ld_; }
+  double* L(int i) { return L_ + static_cast<std::ptrdiff_t>(i) * ld_; }
+
+  void measure() {
+    for (int a = 0; a < width_; a += kLane) {
+      Vec4 total = splat(0.0);
+      for (int i = rank; i < freedom_; ++i) total += at(row(i) + a) * at(row(i) + a);
+      at(size_ + a) = total * at(weight_ + a);
+    }
+  }
+
+  // Make the rows from `first` on orthogonal to those before; false, and all as it was, where they are not clear of
+  // them.
+  bool split() {
+    double tilt = 0.0;  // by how much directions of short rows lean towards the others
+    for (int i = 0; i < rank; ++i) {
+      double *r = row(i), *l = L(i), *v = direction(i);
+      for (int j = 0; j < (i < first ? i : first); ++j) {
+        l[j] = dot(row(j), r, width_);
+        subtract(r, row(j), l[j], width_);
+      }
+      for (int j = 0; j < rank; ++j) v[j] = j == i ? 1.0 : 0.0;
+      if (i < first) {
+        l[i] = singular_value(i);
+        scale(r, width_, 1.0 / l[i]);
+        continue;
+      }
+      for (int j = first - 1; j >= 0; --j) {
+        double s = l[j];
+        for (int q = j + 1; q < first; ++q) s += v[q] * L(q)[j];
+        v[j] = -s / L(j)[j];
+        tilt = larger(tilt, std::fabs(v[j]));
+        direction(j)[i] = -v[j];
+      }
+      if (tilt > kTilt) {
+        for (int k = i; k >= 0; --k) {
+          if (k < first) scale(row(k), width_, L(k)[k]);
+          for (int j = 0; j < (k < first ? k : first); ++j) subtract(row(k), row(j), -L(k)[j], width_);
+        }
+        return false;
+      }
+    }
+    return true;
+  }
+
+  bool rotate(int i, int j) {
+    double *a = row(i), *b = row(j);
+    const double aa = dot(a, a, width_), bb = dot(b, b, width_), ab = dot(a, b, width_);
+    // rows of nothing but rounding are orthogonal to none
+    if (!(std::fabs(ab) > 1e-14 * std::sqrt(aa) * std::sqrt(bb)) || smaller(aa, bb) < kRounding * kRounding)
+      return false;
+    const double zeta = (bb - aa) / (2.0 * ab);
+    const double t = (zeta >= 0.0 ? 1.0 : -1.0) / (std::fabs(zeta) + std::sqrt(1.0 + zeta * zeta));
+    const double c = 1.0 / std::sqrt(1.0 + t * t), s = c * t;
+    turn(a, b, c, s, width_);
+    turn(direction(i), direction(j), c, s, rank);
+    return true;
+  }
+
+  static void turn(double* a, double* b, double c, double s, int size) {
+    for (int i = 0; i < size; ++i) {
+      const double p = a[i], q = b[i];
+      a[i] = c * p - s * q;
+      b[i] = s * p + c * q;
+    }
+  }
+};
+
+}  // namespace HQP_ISA
+}  // namespace hqp
