@@ -106,6 +106,9 @@ class Assembly:
         command: which of x are one.  largest: a demand whose norm is beyond it is out of the ordinary.
         """
 
+    def move(self, robot: Kinematics) -> None:
+        """``fill`` and ``step`` begin with the forward kinematics of q."""
+
     def fill(self, q: Vec, v: Vec, references: tuple[Reference, ...], fresh: bool) -> bool:
         """Take references and write rows; False for an extraordinary one.  fresh: hold values first."""
 

@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from hqp.arrays import Index, Signs, Vec
+from hqp.arrays import FLOAT, Index, Signs, Vec
 from hqp.assembly import LARGEST, Assembly
 from hqp.problem import Hierarchy, Solution, Stats, Status
 from hqp.reference import Reference
-from hqp.robot import State
+from hqp.robot import Robot, State
 
 if TYPE_CHECKING:
     from hqp._assembly import Assembly as NativeAssembly
+    from hqp._assembly import Kinematics
     from hqp._torque import Chain
     from hqp.easing import Easing
     from hqp.torque.program import TorqueProgram
@@ -44,7 +45,10 @@ class Direct:
         command: Index,
         program: TorqueProgram | None,
         chain: Chain | None,
+        prepare: Callable[[State], None] | None,
     ) -> None:
+        self.prepare = prepare
+        """What a tick needs of the state before the native call, None for nothing."""
         self._assembly, self._native, self.workspace = assembly, native, workspace
         self._written = assembly.written
         self._names = frozenset(member.element.name for member in self._written)
@@ -61,7 +65,8 @@ class Direct:
         self._rows = [slice(a, b) for a, b in pairwise(ends)]
         self._slack = slice(self._x.stop, self._x.stop + ends[-1])
         self._count = self._slack.stop + 5
-        self._command = int(command.size)
+        self.width = int(command.size)
+        """Numbers of the command, the first of a record."""
         self.marks = 8 * self._count
         """Where the marks of all rows begin in a record, whose last byte is odd where they changed."""
 
@@ -129,22 +134,18 @@ class Direct:
             return reference
         return Reference(reference.name, self._holds[reference.name].value, normal=reference.normal)
 
-    def command(self, record: bytearray) -> Vec:
-        """The actuated joints' part of x; memory of its own, as long as the record is not asked again."""
-        return np.frombuffer(record, np.float64, self._command)
-
     def x(self, record: bytearray) -> Vec:
         """x ``(n,)``."""
-        return np.frombuffer(record, np.float64, self._x.stop)[self._x]
+        return np.frombuffer(record, FLOAT, self._x.stop)[self._x]
 
     def seconds(self, record: bytearray) -> tuple[float, float, float]:
         """When the call began, on the clock of ``perf_counter``, and the time for rows and for the solver [s]."""
-        begin, rows, solve, *_ = np.frombuffer(record, np.float64, 5, 8 * self._slack.stop).tolist()
+        begin, rows, solve, *_ = np.frombuffer(record, FLOAT, 5, 8 * self._slack.stop).tolist()
         return begin, rows, solve
 
     def slacks(self, record: bytearray) -> Vec:
         """Slacks of all rows."""
-        return np.frombuffer(record, np.float64, self._slack.stop)[self._slack]
+        return np.frombuffer(record, FLOAT, self._slack.stop)[self._slack]
 
     @staticmethod
     def staged(record: bytearray) -> bool:
@@ -153,12 +154,12 @@ class Direct:
 
     def solution(self, record: bytearray) -> Solution:
         """What the solver gave."""
-        numbers = np.frombuffer(record, np.float64, self._count)
+        numbers = np.frombuffer(record, FLOAT, self._count)
         marks = np.frombuffer(record, np.int8, self._rows[-1].stop, self.marks)
         points = None
         if self.staged(record):
             count, n = len(self._rows), self._x.stop - self._x.start
-            points = np.frombuffer(record, np.float64, count * n, self.marks + marks.size).reshape(count, n).copy()
+            points = np.frombuffer(record, FLOAT, count * n, self.marks + marks.size).reshape(count, n).copy()
         numbers.setflags(write=False)  # what the session may have to slow down from
         slack = numbers[self._slack]
         _, _, solve, iterations, factorisations = numbers[self._slack.stop :].tolist()
@@ -179,13 +180,28 @@ def direct(
     command: Sequence[int] | Index,
     program: TorqueProgram | None = None,
     chain: Chain | None = None,
+    *,
+    prepare: Callable[[State], None] | None = None,
+    moving: Kinematics | None = None,
 ) -> Direct | None:
     """The native loop, None where rows or solver are not native, or the solver has more to do than to solve.
 
-    program, chain: at torque level, what is between the rows on the acceleration and the solver.
+    program, chain: at torque level, what is between the rows on the acceleration and the solver.  moving: forward
+    kinematics to begin with, where ``prepare`` does not see to them.
     """
     bind: Callable[[Hierarchy], Kernel | None] | None = getattr(workspace, "kernel", None)
     native = assembly.native_rows
     if bind is None or native is None or (kernel := bind(problem)) is None:
         return None
-    return Direct(assembly, native, workspace, kernel, problem, np.asarray(command, dtype=np.intp), program, chain)
+    if moving is not None:
+        native.move(moving)
+    picks = np.asarray(command, dtype=np.intp)
+    return Direct(assembly, native, workspace, kernel, problem, picks, program, chain, prepare)
+
+
+def kinematics(robot: Robot) -> Kinematics | None:
+    """Native forward kinematics of what rows read of a robot; None for joints that they do not know."""
+    from hqp._assembly import Kinematics
+
+    joints = robot.tree_joints
+    return None if joints is None else Kinematics(robot.joint_twists, joints, robot.placed_frames)

@@ -12,7 +12,7 @@ import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
 from hqp.assembly import Assembly
-from hqp.direct import Direct, direct
+from hqp.direct import Direct, direct, kinematics
 from hqp.element import Element
 from hqp.errors import DeclarationError
 from hqp.law import PD, Law, P, SelfMotion
@@ -208,7 +208,7 @@ class MotionProgram(Program):
         self.dt = dt
         self._order = formulation.order
         self.kind = "velocity" if self._order == 1 else "acceleration"
-        self._actuated = robot.actuated
+        self._robot, self._actuated = robot, robot.actuated
         levels, slices = [], []
         self.places = {}
         for k, group in enumerate(groups):
@@ -257,6 +257,9 @@ class MotionProgram(Program):
         state.kinematics()
         if self._loads.elements:
             self._loads.begin(state)
+        self._slow(state)
+
+    def _slow(self, state: State) -> None:
         if self._slowed is not None:  # S qdd = -rest S v costs nothing
             np.multiply(state.v, self._slowing, out=self._slowed)
 
@@ -284,7 +287,12 @@ class MotionProgram(Program):
 
     def direct(self, workspace: object) -> Direct | None:
         """The loop that takes ordinary ticks in one native call; None where rows or solver are not native."""
-        return None if self._loads else direct(self.assembly, self.problem, workspace, self._actuated)
+        rows = self.assembly
+        if self._loads or rows.native_rows is None:
+            return None
+        moving = None if rows.written else kinematics(self._robot)  # what is in Python asks the state for its own
+        prepare = self.prepare if moving is None else self._slow if self._slowed is not None else None
+        return direct(rows, self.problem, workspace, self._actuated, prepare=prepare, moving=moving)
 
     def rest(self, robot: Robot, braking: Braking) -> Rest:
         """A deceleration that keeps contacts, at either level."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from hqp.arrays import Vec
+import numpy as np
+
+from hqp.arrays import FLOAT, Vec
 from hqp.problem import Solution, Status
 from hqp.reference import Reference
 from hqp.stepping import conclude
@@ -17,6 +19,9 @@ if TYPE_CHECKING:
     from hqp.formulation import Program
     from hqp.robot import State
     from hqp.session import Session
+
+
+_new = object.__new__
 
 
 class OrdinaryTick(Tick):
@@ -64,7 +69,7 @@ class OrdinaryTick(Tick):
     def command(self) -> Vec:  # type: ignore[override]
         """The command ``(n_actuated,)``, the caller's own copy."""
         if self._command is None:
-            self._command = self._direct.command(self._record)
+            self._command = np.frombuffer(self._record, FLOAT, self._direct.width)
         return self._command
 
     @property
@@ -177,14 +182,16 @@ def _restored(kept: dict[str, Any]) -> Tick:
 def ordinary_tick(session: Session, direct: Direct, state: State, references: tuple[Reference, ...]) -> Tick | None:
     """A tick in one native call; None for what is out of the ordinary, which the general path tells."""
     start = perf_counter()
-    if state.robot is not session.robot or direct.workspace is not session.workspace:
+    robot = session.robot
+    if state.robot is not robot or robot.current is not state or direct.workspace is not session.workspace:
         return None
     if not (state.square < session._check.ordinary and state.valid):
         return None
     if direct.fresh and session._limit is not None:
         session._budget.begin()
         session._limit(session._budget.left(session._rows_time))
-    session.program.prepare(state)
+    if direct.prepare is not None:
+        direct.prepare(state)
     before = session._x if session._latest is None else session._latest
     found = direct.step(state, references, before)
     if found is None:
@@ -197,7 +204,8 @@ def ordinary_tick(session: Session, direct: Direct, state: State, references: tu
     session._latest, session._good, session._held = found, state, 0
     if session._status is not Status.OPTIMAL:
         session._log(Status.OPTIMAL, ())
-    tick = OrdinaryTick(session, direct, state, found, before, start)
+    tick = _new(OrdinaryTick)
+    tick.__init__(session, direct, state, found, before, start)  # type: ignore[misc]  # OrdinaryTick() costs more
     if found[-1] or session._limits.busy:
         note(session, tick, direct, found, references)
     return tick

@@ -46,6 +46,11 @@ class Robot(Protocol):
     @property
     def nv(self) -> int: ...
     @property
+    def current(self) -> State | None:
+        """The state that the robot was moved to last."""
+        ...
+
+    @property
     def floating(self) -> bool:
         """Whether the first six tangent coordinates are a free base."""
         ...

@@ -38,6 +38,9 @@ class Wheel:
     axle: tuple[float, float, float]
 
 
+_new = object.__new__
+
+
 class Robot:
     """A Pinocchio model with one Data; see hqp.robot.Robot for what the properties mean.
 
@@ -98,6 +101,7 @@ class Robot:
         self._measure = measure(self._units, self.nq, self.nv)
         self._views: dict[int, tuple[Vec, Mat]] = {}
         self._bodies: tuple[Any, ...] = ()
+        self._tree: Sequence[TreeJoint] | Literal[False] | None = False
         self.current: State | None = None
 
     def set_home(self, q: ArrayLike) -> None:
@@ -194,7 +198,9 @@ class Robot:
     @property
     def tree_joints(self) -> Sequence[TreeJoint] | None:
         """The joints for native forward kinematics, None where one is neither of one axis nor a ball nor free."""
-        return kinematic_tree.joints(self)
+        if self._tree is False:
+            self._tree = kinematic_tree.joints(self)
+        return self._tree
 
     @property
     def placed_frames(self) -> Sequence[Placed]:
@@ -319,7 +325,8 @@ class Robot:
         Raises ModelError for wrong shapes; NaN and quaternions that are not unit are taken and show as
         ``state.valid`` and ``state.fault``.
         """
-        state = State(self, self.home if q is None else q, v, time)
+        state = _new(State)
+        state.__init__(self, self.home if q is None else q, v, time)  # type: ignore[misc]  # State() costs more
         self.current = state
         return state
 
@@ -348,7 +355,8 @@ class Robot:
     def copy(self) -> Robot:
         """The same robot with data of its own; the model is shared."""
         clone = copy.copy(self)
-        clone.data, clone._views, clone._bodies, clone.current = self.model.createData(), {}, (), None
+        clone.data, clone._views, clone.current = self.model.createData(), {}, None
+        clone._bodies, clone._tree = (), False
         clone.home = self.home.copy()
         return clone
 

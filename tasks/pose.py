@@ -12,7 +12,7 @@ from hqp import plans
 from hqp.arrays import Mat, Vec
 from hqp.element import Task, Unit
 from hqp.errors import DeclarationError
-from hqp.reference import Reference, numbers
+from hqp.reference import Reference, numbers, target
 from hqp.robot import Robot, State
 
 from .fields import check_frame, check_relative, make_reference
@@ -73,7 +73,7 @@ class _FramePose(Task):
         A rotation is a matrix ``(3, 3)`` or a quaternion xyzw.  Raises DeclarationError for anything else.
         """
         if velocity is None and acceleration is None and isinstance(value, np.ndarray) and is_pose(value):
-            return Reference(self.name, value.copy())
+            return target(self.name, value.copy())
         pose = None if value is None else as_pose(self.name, value)
         return make_reference(self.name, 6, pose, velocity, acceleration)
 

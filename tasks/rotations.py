@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hqp.arrays import FLOAT, Mat, Vec
+from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError
 from hqp.reference import numbers
 
@@ -50,7 +50,7 @@ def as_rotation(element: str, value: Any) -> Mat:
 
 def is_pose(T: Mat) -> bool:
     """Whether a ``(4, 4)`` is known to be finite and homogeneous with a rotation; False where nothing native is."""
-    return native is not None and T.shape == (4, 4) and T.dtype is FLOAT and native.is_pose(T, ORTHONORMAL)
+    return native is not None and native.is_pose(T, ORTHONORMAL)
 
 
 def _from_quaternion(element: str, quaternion: Vec) -> Mat:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hqp.arrays import Vec
-from hqp.direct import Direct
+from hqp.direct import Direct, kinematics
 from hqp.element import Element, Inequality
 from hqp.reference import Reference
 from hqp.robot import Robot
@@ -87,7 +87,7 @@ class NativeDescents:
         return native if self._possible_now else None
 
     def _make(self) -> Descents:
-        from hqp._assembly import Descents, Kinematics, Pace
+        from hqp._assembly import Descents, Pace
         from hqp.tasks import JointLimits
 
         session, members = self._session, []
@@ -101,9 +101,8 @@ class NativeDescents:
                 counts = e.name in self._targets and not limit
                 members.append((part.start, part.stop, rate, group if counts else -1))
         pace = Pace(STEP, LEAST, PROGRESS, POLISH, STILL, STALLED, LAST)
-        joints = robot.tree_joints
-        assert joints is not None
-        live = Kinematics(robot.joint_twists, joints, robot.placed_frames)
+        live = kinematics(robot)
+        assert live is not None
         native = Descents(assembly.native_rows, live, members, len(self._members), robot.nq, pace)
         self._made[self._targets] = native
         return native

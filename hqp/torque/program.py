@@ -305,7 +305,11 @@ class TorqueProgram(Program):
             return None
         terms = state.inertia(), state.bias_force(), rows.J[:m], rows.lower[:m]
         chain = self.dynamics.chain(*terms, self._rows.native, self._forces.native)
-        return None if chain is None else direct(rows, self.problem, workspace, range(self.dynamics.n), self, chain)
+        return (
+            None
+            if chain is None
+            else direct(rows, self.problem, workspace, range(self.dynamics.n), self, chain, prepare=self.prepare)
+        )
 
     def begin_direct(self, state: State, references: Mapping[str, Reference]) -> None:
         """Native ticks follow: the bounds that they leave as they are."""

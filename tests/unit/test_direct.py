@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -109,9 +110,14 @@ def test_direct_ticks_equal_general_ones(stack: Stack, formulation: Any) -> None
         for w, expected in zip(one.solution.residuals, other.solution.residuals, strict=True):
             np.testing.assert_allclose(w, expected, atol=1e-8)
         assert all((a == b).all() for a, b in zip(one.solution.active, other.solution.active, strict=True))
-        assert str(one.explain()["r_palm"].residual)[:6] == str(other.explain()["r_palm"].residual)[:6]
+        assert one.explain()["r_palm"].residual == pytest.approx(other.explain()["r_palm"].residual, abs=1e-9)
         q, v = one.advance()
     assert 20 < direct < 120
+
+
+def told(account: Any) -> str:
+    """Its text, what is rounding as 0."""
+    return re.sub(r" *\d(\.\d*)?e-1[4-9]", " 0", str(account))
 
 
 @pytest.mark.parametrize("limits", [(t.JointLimits(),), ()], ids=["limits", "no limits"])
@@ -130,15 +136,14 @@ def test_direct_ticks_with_prices_equal_general_ones(limits: tuple[hqp.Element, 
         one, other = (s.step(s.robot.state(q, v), hand.at(goal)) for s in (fast, slow))
         direct += isinstance(one, OrdinaryTick)
         staged.append(other.solution.stage_points is not None)
-        np.testing.assert_array_equal(one.x, other.x)
+        np.testing.assert_allclose(one.x, other.x, rtol=0.0, atol=1e-10)  # kinematics of their own: to rounding
         assert (one.status, one.notes) == (other.status, other.notes)
-        assert str(one.account()) == str(other.account())
+        assert told(one.account()) == told(other.account())
         assert (one.solution.stage_points is not None) == staged[-1]
         if staged[-1]:
-            np.testing.assert_array_equal(one.solution.stage_points, other.solution.stage_points)
-            np.testing.assert_array_equal(
-                pickle.loads(pickle.dumps(one)).solution.stage_points, other.solution.stage_points
-            )
+            points = one.solution.stage_points
+            np.testing.assert_allclose(points, other.solution.stage_points, rtol=0.0, atol=1e-10)
+            np.testing.assert_array_equal(pickle.loads(pickle.dumps(one)).solution.stage_points, points)
         for mine, expected in zip(one.solution.active, other.solution.active, strict=True):
             np.testing.assert_array_equal(mine, expected)
         q, v = one.advance()

@@ -17,6 +17,7 @@
 #include "holding_torque.hpp"
 #include "kinetic_energy.hpp"
 #include "laws.hpp"
+#include "live_kinematics.hpp"
 #include "loads.hpp"
 #include "loop.hpp"
 #include "manipulability.hpp"
@@ -79,6 +80,11 @@ class Assembly {
     demands_ = std::make_unique<hqp::Demands>(std::move(laws));
   }
 
+  // Placements and twists are written by this, ahead of the rows of a tick.
+  void move(const nb::object& robot) {
+    kept_.push_back(robot);
+    kinematics_ = &nb::cast<LiveKinematics&>(robot).get();
+  }
   void run(const Vector& q, const Vector& v) { operate(q.data(), v.data()); }
   void demand(const Vector& v) { demands_->run(v.data()); }
 
@@ -146,9 +152,9 @@ class Assembly {
   nb::object solve(const Vector& v) { return answered(v.data()); }
   // Both; v None for the x of the record before, at velocity level.
   nb::object step(nb::handle q, nb::handle v, const nb::tuple& references, bool fresh) {
-    const hqp::Doubles at(q);
+    const hqp::Doubles at(q, true);
     if (v.is_none()) return stepped(at.data(), sent_.data(), references, fresh);
-    const hqp::Doubles speed(v);
+    const hqp::Doubles speed(v, true);
     return stepped(at.data(), speed.data(), references, fresh);
   }
 
@@ -188,6 +194,7 @@ class Assembly {
   bool filled(const double* q, const double* v, const nb::tuple& references, bool fresh) {
     begin_ = hqp::Clock::now();
     if (!loop_.take(references, fresh)) return false;
+    if (kinematics_) kinematics_->update(q);
     operate(q, v);
     return true;
   }
@@ -359,6 +366,7 @@ class Assembly {
   int order_;
   std::vector<nb::object> kept_;  // before what points into it
   hqp::Tree tree_;
+  hqp::Kinematics* kinematics_ = nullptr;
   std::vector<Operation> operations_;
   std::unique_ptr<hqp::Demands> demands_;
   hqp::KnownLoads loads_;

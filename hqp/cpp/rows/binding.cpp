@@ -14,11 +14,9 @@ namespace {
 
 using namespace binding;
 
-bool square(const Block& A, std::size_t n) { return A.shape(0) == n && A.shape(1) == n; }
-
 // Whether the leading 3 by 3 of rows of that width is a rotation; false for what is not finite.
-bool rotation(const Block& A, int width, double tolerance) {
-  const hqp::Vec3 x = hqp::load(A.data()), y = hqp::load(A.data() + width), z = hqp::load(A.data() + 2 * width);
+bool rotation(const double* A, int width, double tolerance) {
+  const hqp::Vec3 x = hqp::load(A), y = hqp::load(A + width), z = hqp::load(A + 2 * width);
   const double off[] = {dot(x, x) - 1.0, dot(y, y) - 1.0, dot(z, z) - 1.0, dot(x, y), dot(x, z), dot(y, z)};
   for (const double error : off)
     if (!(std::fabs(error) <= tolerance)) return false;
@@ -31,7 +29,7 @@ class Measure {
   Measure(std::vector<std::tuple<int, int>> units, double rounding, int nq, int nv)
       : units_(std::move(units)), rounding_(rounding), nq_(nq), nv_(nv) {}
   std::optional<std::tuple<double, bool>> operator()(nb::handle position, nb::handle velocity) const {
-    const hqp::Doubles q(position), v(velocity);
+    const hqp::Doubles q(position, true), v(velocity, true);
     if (!q.data() || !v.data() || !q.has(&nq_, 1) || !v.has(&nv_, 1)) return {};
     bool unit = true;
     for (const auto& [start, stop] : units_)
@@ -54,14 +52,22 @@ NB_MODULE(_assembly, module) {
       .def(nb::init<std::vector<std::tuple<int, int>>, double, int, int>(), "units"_a, "rounding"_a, "nq"_a, "nv"_a)
       .def("__call__", &Measure::operator(), "q"_a, "v"_a);
   module.def(
-      "is_rotation", [](const Block& R, double tolerance) { return square(R, 3) && rotation(R, 3, tolerance); }, "R"_a,
-      "tolerance"_a);
+      "is_rotation",
+      [](nb::handle R, double tolerance) {
+        const hqp::Doubles a(R);
+        const int shape[] = {3, 3};
+        return a.data() && a.has(shape, 2) && rotation(a.data(), 3, tolerance);
+      },
+      "R"_a, "tolerance"_a);
   module.def(
       "is_pose",
-      [](const Block& T, double tolerance) {
-        const double* last = T.data() + 12;
-        return square(T, 4) && last[0] == 0.0 && last[1] == 0.0 && last[2] == 0.0 && last[3] == 1.0 &&
-               hqp::finite(T.data(), 12) && rotation(T, 4, tolerance);
+      [](nb::handle T, double tolerance) {
+        const hqp::Doubles a(T);
+        const int shape[] = {4, 4};
+        if (!a.data() || !a.has(shape, 2)) return false;
+        const double* last = a.data() + 12;
+        return last[0] == 0.0 && last[1] == 0.0 && last[2] == 0.0 && last[3] == 1.0 && hqp::finite(a.data(), 12) &&
+               rotation(a.data(), 4, tolerance);
       },
       "T"_a, "tolerance"_a);
   nb::class_<Assembly>(module, "Assembly")
@@ -74,6 +80,7 @@ NB_MODULE(_assembly, module) {
       .def("hold", &Assembly::hold, "name"_a, "value"_a.none())
       .def("answers", &Assembly::answers, "solve"_a, "call"_a.none(), "values"_a.noconvert(), "active"_a.noconvert(),
            "command"_a, "largest"_a)
+      .def("move", &Assembly::move, "robot"_a)
       .def("fill", &Assembly::fill, "q"_a, "v"_a, "references"_a, "fresh"_a)
       .def("solve", &Assembly::solve, "v"_a)
       .def("step", &Assembly::step, "q"_a, "v"_a.none(), "references"_a, "fresh"_a)

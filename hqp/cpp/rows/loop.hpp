@@ -26,8 +26,9 @@ struct ReferenceFields {
 // The numbers of an array of doubles, without a copy; null where the object is no such array, or not contiguous.
 class Doubles {
  public:
-  explicit Doubles(nb::handle array) {
-    held_ = PyObject_GetBuffer(array.ptr(), &view_, PyBUF_ND | PyBUF_FORMAT) == 0;
+  // known: to hold doubles, as the arrays of a State do; NumPy spells a format out each time it is asked.
+  explicit Doubles(nb::handle array, bool known = false) : known_(known) {
+    held_ = PyObject_GetBuffer(array.ptr(), &view_, known ? PyBUF_ND : PyBUF_ND | PyBUF_FORMAT) == 0;
     if (!held_) PyErr_Clear();
   }
   ~Doubles() {
@@ -36,7 +37,8 @@ class Doubles {
   Doubles(const Doubles&) = delete;
 
   const double* data() const {
-    return held_ && view_.format && !std::strcmp(view_.format, "d") ? static_cast<const double*>(view_.buf) : nullptr;
+    const bool doubles = held_ && (known_ || (view_.format && !std::strcmp(view_.format, "d")));
+    return doubles ? static_cast<const double*>(view_.buf) : nullptr;
   }
   bool has(const int* shape, int dimensions) const {
     if (!held_ || view_.ndim != dimensions) return false;
@@ -47,7 +49,7 @@ class Doubles {
 
  private:
   Py_buffer view_;
-  bool held_;
+  bool known_, held_;
 };
 
 // The Python objects of a tick: references are read, a record is made.
@@ -67,9 +69,9 @@ class Loop {
   // Hold values everywhere but for the references given; false for one that is out of the ordinary.
   bool take(const nb::tuple& references, bool fresh) {
     for (std::size_t k = 0; fresh && k < slots_.size(); ++k) slots_[k].settle();
-    for (std::size_t k : given_)
+    for (std::size_t k : taken_)
       if (!fresh) slots_[k].settle();
-    given_.clear();
+    taken_.clear();
     for (const nb::handle reference : references)
       if (!take(reference)) return false;
     return true;
@@ -78,29 +80,32 @@ class Loop {
  private:
   bool take(nb::handle reference) {
     if (reinterpret_cast<PyObject*>(Py_TYPE(reference.ptr())) != reference_.ptr()) return false;
-    PyObject* found = PyDict_GetItem(index_.ptr(), field(reference, fields_.name).ptr());
+    const nb::object given = nb::steal(PyObject_GenericGetDict(reference.ptr(), nullptr));  // the rest is None
+    if (!given.is_valid()) nb::raise_python_error();
+    const nb::handle name = field(given, fields_.name);
+    PyObject* found = name.is_valid() ? PyDict_GetItem(index_.ptr(), name.ptr()) : nullptr;
     if (!found) return false;
     const std::size_t k = PyLong_AsSize_t(found);
     Slot& slot = slots_[k];
-    given_.push_back(k);
+    taken_.push_back(k);
     const int three[] = {3};
     const int dimensions = static_cast<int>(slot.shape.size());
-    return (slot.elsewhere || copy(field(reference, fields_.value), slot.target, slot.shape.data(), dimensions)) &&
-           copy(field(reference, fields_.velocity), slot.rate, &slot.rows, 1) &&
-           copy(field(reference, fields_.acceleration), slot.feedforward, &slot.rows, 1) &&
-           copy(field(reference, fields_.normal), slot.normal, three, 1) &&
-           field(reference, fields_.gravity_normal).is_none();
+    return (slot.elsewhere || copy(field(given, fields_.value), slot.target, slot.shape.data(), dimensions)) &&
+           copy(field(given, fields_.velocity), slot.rate, &slot.rows, 1) &&
+           copy(field(given, fields_.acceleration), slot.feedforward, &slot.rows, 1) &&
+           copy(field(given, fields_.normal), slot.normal, three, 1) &&
+           !field(given, fields_.gravity_normal).is_valid();
   }
 
-  static nb::object field(nb::handle object, const nb::str& name) {
-    PyObject* found = PyObject_GetAttr(object.ptr(), name.ptr());
-    if (!found) nb::raise_python_error();
-    return nb::steal(found);
+  // Null for None, too.
+  static nb::handle field(nb::handle given, const nb::str& name) {
+    PyObject* found = PyDict_GetItem(given.ptr(), name.ptr());
+    return found == Py_None ? nullptr : found;
   }
 
-  // Finite numbers of that shape; None leaves what is there.
-  static bool copy(const nb::object& array, double* to, const int* shape, int dimensions) {
-    if (array.is_none()) return true;
+  // Finite numbers of that shape; null leaves what is there.
+  static bool copy(nb::handle array, double* to, const int* shape, int dimensions) {
+    if (!array.is_valid()) return true;
     if (!to) return false;
     const Doubles numbers(array);
     if (!numbers.data() || !numbers.has(shape, dimensions)) return false;
@@ -114,7 +119,7 @@ class Loop {
   ReferenceFields fields_;
   nb::dict index_;
   std::vector<Slot> slots_;
-  std::vector<std::size_t> given_;
+  std::vector<std::size_t> taken_;
 };
 
 using Clock = std::chrono::steady_clock;
