@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -289,6 +290,61 @@ def motors() -> None:
     finish(figure, "motors", (axes, "torque of panda_joint1 [N m]"))
 
 
+ARM = """<mujoco><compiler angle="radian"/><worldbody><body pos="0 0 1.4">
+<joint name="shoulder" type="ball" range="0 1.3"/><geom type="capsule" fromto="0 0 0 0.15 0 -0.26" size="0.04"/>
+<body pos="0.15 0 -0.26"><joint name="elbow" axis="0 -1 0" range="-1.4 1"/>
+<geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03"/><body name="hand" pos="0.3 0 0"><geom size="0.04"/></body>
+</body></body></worldbody></mujoco>"""
+
+
+def balls() -> None:
+    """A shoulder that is a ball, with its limit and without, and what that leaves of the way overhead."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(8, 2.8))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "arm.xml"
+        path.write_text(ARM)
+        robot = hqp.robots.load(str(path))
+    hand = t.Position(frame="hand", law=P(5.0), name="hand")
+    start = robot.state().position("hand").copy()
+    for label, more in (("without", []), ("BallLimits, 1.3 rad", [t.BallLimits()])):
+        found = run(
+            robot,
+            Stack(Level(hand), posture(), subject_to=more),
+            lambda time, _: [hand.at(start + [-0.1 * math.sin(time) ** 2, 0.0, 0.35 * (1.0 - math.cos(time))])],
+            2.0 * math.pi,
+            lambda s, _: [np.linalg.norm(s.angles[:3]), s.position("hand")[2]],
+        )
+        panel(left, found[:, 0], label)
+        panel(right, 100 * (found[:, 1] - start[2]), label)
+    left.axhline(1.3, color="k", ls=":", lw=1)
+    finish(figure, "balls", (left, "turn of the shoulder [rad]"), (right, "height of the hand [cm]"))
+
+
+def joint_torque() -> None:
+    """Solo12 shifts its weight to and fro; the torque of one knee is said, below the balance, and where it is not."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(8, 2.8))
+    robot = hqp.robots.load("solo12")
+    feet = [t.PointContact(frame=foot) for foot in robot.landmarks["feet"]]
+    pushing = [t.UnilateralContact(contact=foot.frame) for foot in feet]
+    com, trunk = t.Com(law=PD(40.0), name="com"), t.Orientation(frame="base_link", law=PD(40.0))
+    knee = t.JointTorque(joints="FL_KFE", name="knee")
+    index, start = robot.joint_names.index("FL_KFE"), robot.state().com().copy()
+
+    def goals(time: float, asked: bool) -> list[Any]:
+        swing = [0.04 * math.sin(math.pi * time), 0.04 * math.sin(2.0 * math.pi * time), 0.0]
+        return [com.at(start + swing), *([knee.at([0.1 + 0.05 * math.sin(6.0 * time)])] if asked else [])]
+
+    for label, below in (("without", []), ("JointTorque", [Level(knee)])):
+        stack = Stack(Level(com, trunk), *below, subject_to=[*feet, *pushing])
+        found = run(robot, stack, lambda time, _, asked=bool(below): goals(time, asked), 2.0,
+                    lambda s, tick: [tick.command[index], *(100 * (s.com() - start)[:2])], hqp.Torque())  # fmt: skip
+        panel(left, found[:, 0], label)
+        right.plot(found[:, 1], found[:, 2], label=label, lw=1.6, ls="--" if below else "-")
+    panel(left, 0.1 + 0.05 * np.sin(6.0 * DT * np.arange(1000)), "reference", ls=":")
+    right.set_xlabel("x [cm]", fontsize=8)
+    finish(figure, "joint_torque", (left, "torque of a knee [N m]"), (right, "centre of mass, y [cm]"))
+
+
 def holding() -> None:
     """Talos, both hands asked for one metre more than they can reach, with the bound on holding torques and without."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(8, 2.8))
@@ -349,7 +405,8 @@ def loads() -> None:
 
 
 ALL = (
-    within, support_polygon, directions, distance, weld, rates, manipulability, frozen, motors, holding, loads,
+    within, support_polygon, directions, distance, weld, rates, manipulability, frozen, motors, balls, joint_torque,
+    holding, loads,
 )  # fmt: skip
 
 if __name__ == "__main__":

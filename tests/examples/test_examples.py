@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import math
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,8 @@ from pathlib import Path
 import pytest
 
 import hqp
+import hqp.tasks
+from hqp.element import REGISTRY
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 UNTESTED = {"ros2_node"}
@@ -38,6 +41,17 @@ MODELS = {
 
 def test_there_are_a_dozen() -> None:
     assert len(list(EXAMPLES.glob("*.py"))) - len(UNTESTED) >= 12
+
+
+@pytest.mark.parametrize("name", sorted(REGISTRY))
+def test_every_element_is_in_a_program_and_has_a_picture(name: str) -> None:
+    if not hasattr(hqp.tasks, name):
+        pytest.skip("a test's own")
+    used = re.compile(rf"\b{name}\(|, {name}, ")
+    assert any(used.search(path.read_text().split("import hqp", 1)[1]) for path in EXAMPLES.glob("*.py"))
+    pages = [page.read_text() for page in (EXAMPLES.parent / "docs/elements").glob("*.md") if page.stem != "in-files"]
+    shown = re.compile(rf"^(#|\|)[^\n]*\b{name}\b.*?!\[", re.MULTILINE | re.DOTALL)
+    assert any(shown.search(page) for page in pages)
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)
