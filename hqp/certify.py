@@ -32,6 +32,7 @@ from hqp.pricing import Coordinates, after_stages, feasible_set, is_met
 from hqp.problem import Hierarchy, Rows
 from hqp.tolerances import (
     CERTIFIED_RANK_TOLERANCE,
+    EITHER_RANK,
     LARGEST_ROUNDING,
     LOCK_TOLERANCE,
     NULL_SPACE_ROUNDING,
@@ -96,11 +97,21 @@ def certificate(
         )
     if problem.priced:
         return _priced(problem, x, tolerance, stages, settled)
-    verdict = _verdict(problem, x, tolerance, max(LOCK_TOLERANCE, 10.0 * tolerance))
-    if verdict.ok:
-        return verdict
-    other = _verdict(problem, x, tolerance, SMALLEST_LOCK)
-    return other if other.ok else verdict
+    first: Certificate | None = None
+    for rank in (
+        CERTIFIED_RANK_TOLERANCE,
+        CERTIFIED_RANK_TOLERANCE / EITHER_RANK,
+        CERTIFIED_RANK_TOLERANCE * EITHER_RANK,
+    ):
+        for lock in (max(LOCK_TOLERANCE, 10.0 * tolerance), SMALLEST_LOCK):
+            verdict, unclear = _verdict(problem, x, tolerance, lock, rank)
+            if verdict.ok:
+                return verdict
+            first = first or verdict
+        if not unclear:
+            break
+    assert first is not None
+    return first
 
 
 def _priced(problem: Hierarchy, x: Vec, tolerance: float, stages: Mat | None, settled: bool) -> Certificate:
@@ -210,8 +221,9 @@ def _conditions(judge: _Judge, A: Mat, rows: Rows, x: Vec, motion: Vec) -> float
     return max(gap, float(np.linalg.norm(u)) - 1.0)
 
 
-def _verdict(problem: Hierarchy, x: Vec, tolerance: float, lock: float) -> Certificate:
-    judge = _Judge(problem.n, tolerance, lock)
+def _verdict(problem: Hierarchy, x: Vec, tolerance: float, lock: float, rank: float) -> tuple[Certificate, bool]:
+    """The certificate under one reading of locks and ranks; whether a rank may be read otherwise."""
+    judge = _Judge(problem.n, tolerance, lock, rank)
     gaps, norms, ranks, multipliers, rounding = [], [], [], [], []
     dense = [rows.dense(problem.n) for rows in problem.levels]
     every = [row_lengths(A) for A in dense]
@@ -222,17 +234,19 @@ def _verdict(problem: Hierarchy, x: Vec, tolerance: float, lock: float) -> Certi
         if longest <= zero:
             longest = 0.0
         scale = longest * (longest + np.abs(w).max(initial=0.0) + terms.max(initial=0.0))
-        gap, shares = judge.judge(A.T @ w, scale)
+        missed = np.where(np.abs(w) > NULL_SPACE_ROUNDING * terms, w, 0.0)  # what is less is rounding of the terms
+        gap, shares = judge.judge(A.T @ missed, scale)
         gaps.append(gap)
         rounding.append(judge.rounding)
         norms.append(float(np.linalg.norm(w)))
         multipliers.append(np.concatenate([shares, w]))
         ranks.append(judge.descend(A, A @ x, rows.lower, rows.upper, lengths, terms, zero))
-    gap, rank = _completion(problem, x, judge)
+    gap, last = _completion(problem, x, judge)
     rounding.append(judge.rounding)
-    return Certificate(
-        np.array([*gaps, gap]), tolerance, np.array(norms), (*ranks, rank), tuple(multipliers), np.array(rounding)
+    found = Certificate(
+        np.array([*gaps, gap]), tolerance, np.array(norms), (*ranks, last), tuple(multipliers), np.array(rounding)
     )
+    return found, judge.unclear
 
 
 def _completion(problem: Hierarchy, x: Vec, judge: _Judge) -> tuple[float, int]:
@@ -252,8 +266,9 @@ def _completion(problem: Hierarchy, x: Vec, judge: _Judge) -> tuple[float, int]:
 class _Judge:
     """What the levels above leave: a basis Z of the null space of fixed rows, and the active rows' cone."""
 
-    def __init__(self, n: int, tolerance: float, lock: float) -> None:
-        self.tolerance, self.lock = tolerance, lock
+    def __init__(self, n: int, tolerance: float, lock: float, rank: float = CERTIFIED_RANK_TOLERANCE) -> None:
+        self.tolerance, self.lock, self.rank = tolerance, lock, rank
+        self.unclear = False  # a singular value may count as a direction or not
         self.shortest = 1.0  # singular value of a direction that was fixed
         self._forces = 0.0  # sum of the multipliers of the level just judged
         self.Z: Mat = np.eye(n)
@@ -314,7 +329,9 @@ class _Judge:
         if not projected.size:
             return 0
         _, sigma, Vt = np.linalg.svd(projected, full_matrices=True)
-        rank = int(np.count_nonzero(sigma > CERTIFIED_RANK_TOLERANCE))
+        rank = int(np.count_nonzero(sigma > self.rank))
+        ratio = sigma / CERTIFIED_RANK_TOLERANCE
+        self.unclear |= bool(np.any((ratio > 1.0 / EITHER_RANK) & (ratio < EITHER_RANK)))
         self.shortest = min(self.shortest, float(sigma[:rank].min(initial=1.0)))
         self.Z = self.Z @ Vt[rank:].T
         return rank

@@ -15,8 +15,12 @@ RANK_TOLERANCE = 1e-9
 CERTIFIED_RANK_TOLERANCE = 1e-10
 """Rows of unit length add a fixed direction above this singular value: the smallest that is no rounding."""
 
+EITHER_RANK = 10.0
+"""A singular value within this factor of CERTIFIED_RANK_TOLERANCE may be a direction or none: one reading must pass."""
+
 NULL_SPACE_ROUNDING = 4e-15
-"""Rounding of rows of unit length; a gap has it times their multipliers, and over the shortest direction they fix."""
+"""Rounding of a row's terms and of rows of unit length; a gap has it times their multipliers, and over the shortest
+direction they fix."""
 
 LARGEST_ROUNDING = 5e-7
 """What rounding may make of a gap at most, however short a direction is."""

@@ -42,7 +42,7 @@ STATUSES = (
 DOUBTFUL = (Status.NOT_CERTIFIED, Status.RANK_UNCERTAIN)
 """Statuses of answers that the certificate judges once more where no time is set."""
 
-OTHER_RANKS = (1e-7, 1e-10, 1e-8, 1e-5)
+OTHER_RANKS = (1e-7, 1e-10, 1e-8, 1e-5, 1e-11)
 """Rank tolerances tried where the solver's own led to no answer that passes: no single one suits all problems."""
 
 LAST_OPINION = 0.25

@@ -1,6 +1,8 @@
 // Optimality level by level, in orthogonal coordinates, believing no tableau: the conditions of hqp/certify.py.
 #pragma once
 
+#include <initializer_list>
+
 #include "nonnegative.hpp"
 #include "null_space.hpp"
 #include "row_factor.hpp"
@@ -16,6 +18,7 @@ class Judge {
  public:
   static constexpr double kRank = 1e-10;   // a row of unit length adds a fixed direction above this
   static constexpr double kWell = 1e-5;    // a verdict with shorter directions than this is ill-conditioned
+  static constexpr double kEither = 10.0;  // a direction this near kRank, as a ratio, may count or not
   static constexpr double kClear = 1e-6;   // one that leaves less than this is nearly dependent
   static constexpr double kSlop = 1e-8;    // activity, relative to the row's terms, and largest gap of an optimum
   static constexpr double kData = 4e-15;   // rounding of rows of unit length
@@ -56,11 +59,18 @@ class Judge {
     columns_.deadline = &deadline;
   }
 
-  // Whether the point is optimal under either reading of small multipliers.
+  // Whether the point is optimal under either reading of small multipliers, and of directions near kRank.
   bool judge(const double* at) {
     for (int i = 0; i < n_; ++i) x[i] = at[i];
     closest = kInfinity;
-    return pass_twice(kLeastLock) || (!deadline.passed() && pass_twice(kLock));
+    bool passed = false;
+    for (const double reading : {1.0, 1.0 / kEither, kEither}) {
+      rank_ = reading * kRank;
+      passed = pass_twice(kLeastLock) || (!deadline.passed() && pass_twice(kLock));
+      if (passed || closest > kEither) break;
+    }
+    rank_ = kRank;
+    return passed;
   }
 
   // The side at which a row held a level back, 0 if at none.
@@ -80,7 +90,7 @@ class Judge {
   double *v_ = nullptr, *terms_ = nullptr, *row_ = nullptr, *w_ = nullptr, *g_ = nullptr, *y_ = nullptr;
   std::int8_t *state_ = nullptr, *side_ = nullptr, *held_ = nullptr;
   int *applied_ = nullptr, *open_ = nullptr, *list_ = nullptr, *id_ = nullptr;
-  double scale_ = 0.0, slop_ = kSlop;
+  double scale_ = 0.0, slop_ = kSlop, rank_ = kRank;
   bool twisted_ = false;   // the verdict is made in coordinates turned by a reflection
   double shortest_ = 1.0;  // of what rows added to the null space's complement: its inverse magnifies rounding
 
@@ -257,8 +267,8 @@ class Judge {
   // Whether a length is one of a direction, which is fixed then.
   bool decide(double length) {
     closest = smaller(closest, length > kRank ? length / kRank : kRank / larger(length, 1e-300));
-    if (length > kRank) shortest_ = smaller(shortest_, length);
-    return length > kRank;
+    if (length > rank_) shortest_ = smaller(shortest_, length);
+    return length > rank_;
   }
 
   // w_k and A_k' w_k at x; the length of w_k.
@@ -269,7 +279,8 @@ class Judge {
     for (int i = 0; i < n_; ++i) g_[i] = 0.0;
     for (int r = b.begin; r < b.end; ++r) {
       const int i = r - b.begin;
-      const double w = w_[i] = t.kind[r] == kFree ? 0.0 : t.beyond(r, v_[n_ + r]);
+      double& w = w_[i] = t.kind[r] == kFree ? 0.0 : t.beyond(r, v_[n_ + r]);
+      if (std::fabs(w) <= kData * terms_[n_ + r]) w = 0.0;  // rounding of its terms
       terms = larger(terms, terms_[n_ + r]);
       if (w == 0.0) continue;
       square += w * w;
