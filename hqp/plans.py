@@ -7,13 +7,24 @@ the rows that the element's readable functions give; tests compare the two.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TypeAlias
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hqp.arrays import Index, Mat, Vec
 from hqp.robot import Robot
+
+
+class _Counted:
+    """Its reference has a number for each of the ``counted``."""
+
+    counted: ClassVar[str]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the reference's value."""
+        return (len(getattr(self, self.counted)),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,18 +50,14 @@ class RelativeFrame:
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class Point(_Counted):
     """Position of the point ``offset`` of a frame along ``axes``; reference ``(k,)``."""
 
+    counted = "axes"
     frame: Frame
     relative_to: RelativeFrame | None
     axes: tuple[int, ...]
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Of the reference's value."""
-        return (len(self.axes),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,18 +79,14 @@ class Rotation:
 
 
 @dataclass(frozen=True, eq=False)
-class Angles:
+class Angles(_Counted):
     """Some of roll, pitch, yaw (0, 1, 2) of a frame; gimbal: least |cos pitch| of their rates; reference ``(k,)``."""
 
+    counted = "picked"
     frame: Frame
     relative_to: RelativeFrame | None
     picked: tuple[int, ...]
     gimbal: float
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Of the reference's value."""
-        return (len(self.picked),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,26 +116,23 @@ class Wheel:
 
 
 @dataclass(frozen=True, eq=False)
-class Com:
+class Com(_Counted):
     """Centre of mass of what body ``part`` carries, itself included, along ``axes``; reference ``(k,)``."""
 
+    counted = "axes"
     relative_to: RelativeFrame | None
     part: int
     axes: tuple[int, ...]
 
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Of the reference's value."""
-        return (len(self.axes),)
-
 
 @dataclass(frozen=True, eq=False)
-class Joints:
+class Joints(_Counted):
     """Single-axis joints: tangent coordinates and places in q; ``continuous`` ones have cosine and sine there.
 
     Errors of continuous joints are wrapped.  Reference ``(k,)``.
     """
 
+    counted = "columns"
     columns: tuple[int, ...]
     positions: tuple[int, ...]
     continuous: tuple[bool, ...]
@@ -146,11 +146,6 @@ class Joints:
         turning = set(robot.continuous.tolist())
         picked = tuple(int(c) for c in columns)
         return cls(picked, tuple(positions), tuple(c in turning for c in picked))
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Of the reference's value."""
-        return (len(self.columns),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,15 +204,11 @@ class Collision:
 
 
 @dataclass(frozen=True, eq=False)
-class Still:
+class Still(_Counted):
     """Coordinates whose velocity is wanted for itself; the reference's value, zero, is not read."""
 
+    counted = "columns"
     columns: tuple[int, ...]
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Of the reference's value."""
-        return (len(self.columns),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,17 +265,13 @@ class Manipulability:
 
 
 @dataclass(frozen=True, eq=False)
-class HoldingTorque:
+class HoldingTorque(_Counted):
     """Of the joints ``columns``, over their limits; reference ``(k,)``.  gravity: ``(3,)`` [m/s^2]."""
 
+    counted = "columns"
     columns: tuple[int, ...]
     limits: tuple[float, ...]
     gravity: tuple[float, ...]
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Of the reference's value."""
-        return (len(self.columns),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -339,19 +326,15 @@ class SupportPolygon:
 
 
 @dataclass(frozen=True, eq=False)
-class Momentum:
+class Momentum(_Counted):
     """Some of linear x, y, z and angular x, y, z (0 to 5) of the centroidal momentum; the reference, zero, is not read.
 
     inertias: xx, yy, zz, xy, xz, yz of each body about its centre of mass, in its axes.
     """
 
+    counted = "picked"
     picked: tuple[int, ...]
     inertias: tuple[tuple[float, ...], ...]
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Of the reference's value."""
-        return (len(self.picked),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -372,19 +355,15 @@ class ExternalWrench:
 
 
 @dataclass(frozen=True, eq=False)
-class KineticEnergy:
+class KineticEnergy(_Counted):
     """L^T of the joint-space inertia L L^T ``(nv, nv)``; the reference, zero, is not read.
 
     inertias: as in Momentum.  rotors: reflected rotor inertia of each tangent coordinate.
     """
 
+    counted = "rotors"
     inertias: tuple[tuple[float, ...], ...]
     rotors: tuple[float, ...]
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Of the reference's value."""
-        return (len(self.rotors),)
 
 
 Plan: TypeAlias = (

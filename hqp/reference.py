@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hqp.arrays import FLOAT, Mat, Vec
 from hqp.errors import DeclarationError
+
+Given: TypeAlias = "ArrayLike | None"
+"""Numbers that may be left out."""
 
 
 @dataclass(frozen=True, eq=False)

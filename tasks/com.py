@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from numpy.typing import ArrayLike
-
 from hqp import plans
 from hqp.arrays import Mat, Vec
 from hqp.element import Task, Unit
-from hqp.reference import Reference
+from hqp.reference import Given, Reference
 from hqp.robot import Robot, State
 
 from .fields import check_axes, check_relative, indices
@@ -75,13 +73,7 @@ class Com(Task):
         view, velocity = View(state, self.relative_to, self.heading), state.com_velocity(part)
         return view.point_drift(state.com(part), velocity, state.com_drift(part))[indices(self.axes)]
 
-    def at(
-        self,
-        value: ArrayLike | None = None,
-        *,
-        velocity: ArrayLike | None = None,
-        acceleration: ArrayLike | None = None,
-    ) -> Reference:
+    def at(self, value: Given = None, *, velocity: Given = None, acceleration: Given = None) -> Reference:
         """Target ``(k,)`` [m] with velocity [m/s] and acceleration [m/s^2]; raises DeclarationError for shapes."""
         return self._at((len(self.axes),), value, velocity, acceleration)
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from numpy.typing import ArrayLike
-
 from hqp import plans
 from hqp.arrays import Mat, Vec
 from hqp.element import Constraint, Task
-from hqp.reference import Reference
+from hqp.reference import Given, Reference
 from hqp.robot import Robot, State
 
 from .fields import check_frame
@@ -62,13 +60,7 @@ class PointContact(Task, Constraint):
         """dJ_v/dt v ``(3,)`` [m/s^2]."""
         return state.drift(self.frame)[:3]
 
-    def at(
-        self,
-        value: ArrayLike | None = None,
-        *,
-        velocity: ArrayLike | None = None,
-        acceleration: ArrayLike | None = None,
-    ) -> Reference:
+    def at(self, value: Given = None, *, velocity: Given = None, acceleration: Given = None) -> Reference:
         """Place to keep ``(3,)`` [m], and the ground's motion if it moves; raises DeclarationError for shapes."""
         return self._at((3,), value, velocity, acceleration)
 

@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from hqp import plans
 from hqp.arrays import Index, Mat, Vec
 from hqp.element import Constraint, Task
-from hqp.reference import Reference
+from hqp.reference import Given, Reference
 from hqp.robot import Robot, State
 
 from .fields import check_number
@@ -86,13 +85,7 @@ class JointCoupling(Task, Constraint):
         """The offset, not what the joints are at."""
         return Reference(self.name, np.array([self.offset]))
 
-    def at(
-        self,
-        value: ArrayLike | None = None,
-        *,
-        velocity: ArrayLike | None = None,
-        acceleration: ArrayLike | None = None,
-    ) -> Reference:
+    def at(self, value: Given = None, *, velocity: Given = None, acceleration: Given = None) -> Reference:
         """Another offset ``(1,)`` for this tick, with its rates; raises DeclarationError for shapes."""
         parts = (None if x is None else np.atleast_1d(x) for x in (value, velocity, acceleration))
         return self._at((1,), *parts)

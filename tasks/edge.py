@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from hqp import plans
 from hqp.arrays import Mat, Vec
 from hqp.element import Constraint, Task
-from hqp.reference import Reference, numbers
+from hqp.reference import Given, Reference, numbers
 from hqp.robot import Robot, State
 
 from .fields import check_frame, make_reference, set_vector
@@ -89,13 +88,7 @@ class EdgeContact(Task, Constraint):
     def _complement(self, state: State) -> Mat:
         return state.rotation(self.frame) @ self._axes()[1]
 
-    def at(
-        self,
-        value: ArrayLike | None = None,
-        *,
-        velocity: ArrayLike | None = None,
-        acceleration: ArrayLike | None = None,
-    ) -> Reference:
+    def at(self, value: Given = None, *, velocity: Given = None, acceleration: Given = None) -> Reference:
         """Position and unit direction to keep ``(6,)``, and the ground's motion ``(5,)``; raises DeclarationError."""
         line = None if value is None else numbers(self.name, "position and direction", value, (6,))
         square = 1.0 if line is None else float(line[3:] @ line[3:])

@@ -6,12 +6,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from hqp import plans
 from hqp.arrays import Index, Mat, Vec
 from hqp.element import Task
-from hqp.reference import Reference
+from hqp.reference import Given, Reference
 from hqp.robot import Robot, State
 
 from .fields import motor_positions, set_names
@@ -89,13 +88,7 @@ class HoldingTorque(Task):
             found[k] = -(m * second[:3, j] + turning) @ robot.gravity / robot.effort_limit[j]
         return found
 
-    def at(
-        self,
-        value: ArrayLike | None = None,
-        *,
-        velocity: ArrayLike | None = None,
-        acceleration: ArrayLike | None = None,
-    ) -> Reference:
+    def at(self, value: Given = None, *, velocity: Given = None, acceleration: Given = None) -> Reference:
         """Shares to have ``(k,)`` with their rates, all of one length; raises DeclarationError."""
         size = next((np.size(x) for x in (value, velocity, acceleration) if x is not None), 0)
         return self._at((size,), value, velocity, acceleration)

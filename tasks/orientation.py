@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from hqp import plans
 from hqp.arrays import Mat, Vec
 from hqp.element import Task, Unit
-from hqp.reference import Reference, numbers
+from hqp.reference import Given, Reference, numbers
 from hqp.robot import Robot, State
 
 from .fields import check_frame, check_relative, make_reference, set_names
@@ -112,13 +111,7 @@ class Orientation(Task):
         R = state.rotation(self.frame)
         return R if self.relative_to is None else state.rotation(self.relative_to).T @ R
 
-    def at(
-        self,
-        value: ArrayLike | None = None,
-        *,
-        velocity: ArrayLike | None = None,
-        acceleration: ArrayLike | None = None,
-    ) -> Reference:
+    def at(self, value: Given = None, *, velocity: Given = None, acceleration: Given = None) -> Reference:
         """Target rotation, or angles ``(k,)`` [rad], with angular or angle velocity [rad/s] and acceleration [rad/s^2].
 
         Raises DeclarationError for wrong shapes or a matrix that is no rotation.

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from hqp import plans
 from hqp.arrays import Mat, Vec
 from hqp.element import Task, Unit
-from hqp.reference import Reference
+from hqp.reference import Given, Reference
 from hqp.robot import Robot, State
 
 from .fields import check_axes, check_frame, check_relative, indices, set_vector
@@ -83,13 +82,7 @@ class Position(Task):
         arm: Vec = state.rotation(self.frame) @ np.array(self.offset)
         return arm
 
-    def at(
-        self,
-        value: ArrayLike | None = None,
-        *,
-        velocity: ArrayLike | None = None,
-        acceleration: ArrayLike | None = None,
-    ) -> Reference:
+    def at(self, value: Given = None, *, velocity: Given = None, acceleration: Given = None) -> Reference:
         """Target ``(k,)`` [m] with velocity [m/s] and acceleration [m/s^2]; raises DeclarationError for shapes."""
         return self._at((len(self.axes),), value, velocity, acceleration)
 

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from hqp import plans
 from hqp.arrays import Index, Mat, Vec
 from hqp.element import Task, Unit
 from hqp.errors import DeclarationError
-from hqp.reference import Reference, numbers
+from hqp.reference import Given, Reference, numbers
 from hqp.robot import Robot, State
 
 from .fields import joint_columns, make_reference, set_names
@@ -75,13 +74,7 @@ class Posture(Task):
         """Zero, ``(k,)``."""
         return np.zeros(self.rows(state.robot))
 
-    def at(
-        self,
-        value: ArrayLike | None = None,
-        *,
-        velocity: ArrayLike | None = None,
-        acceleration: ArrayLike | None = None,
-    ) -> Reference:
+    def at(self, value: Given = None, *, velocity: Given = None, acceleration: Given = None) -> Reference:
         """Target ``(k,)`` [rad or m] with velocity and acceleration, all of one length; raises DeclarationError.
 
         k is the robot's where ``joints`` names groups or nothing: whether it fits shows when the robot is there.

@@ -23,11 +23,9 @@ class Workspace(Protocol):
 
     def solve(self, problem: Hierarchy) -> Solution:
         """The solution of a problem of the workspace's shape."""
-        ...
 
     def reset(self) -> None:
         """Forget the warm start."""
-        ...
 
 
 class Solver(ABC):
