@@ -31,6 +31,17 @@ def test_a_working_set_that_comes_again_ends_the_search(kind: str, seed: int) ->
     assert solution.stats.iterations < 100
 
 
+@pytest.mark.parametrize("seed", [4000165, 4000202, 4002161])
+def test_a_row_violated_where_the_step_ends_joins_the_working_set(seed: int) -> None:
+    """At a cone's apex, by 8e-15: no step saw it, and one point was solved for until the iterations were used up."""
+    problem = fuzz.problem("cone_apex", seed)[0]
+    workspace = hqp.solvers.load("lexicographic").workspace(problem.shape)
+    workspace.limit(10.0)  # so that nobody is asked after the kernel
+    solution = workspace.solve(problem)
+    assert solution.status is Status.OPTIMAL
+    assert solution.stats.iterations < 100
+
+
 def a_hair_short(seed: int) -> Hierarchy:
     """Constraints that end a hair short of where the level below them would go."""
     rng = np.random.default_rng(seed)

@@ -152,7 +152,7 @@ class ActiveSet final : public Step {
       product_is_current_ = false;
       sort_rows();
       equality_point();
-      if (!advance()) {
+      if (!advance() || oversteps()) {
         idle = alpha_ > 0.0 ? 0 : idle + 1;
         stalled_ = stalled_ || idle > 0;
         if (idle <= kIdle) continue;
@@ -164,8 +164,6 @@ class ActiveSet final : public Step {
         stopped_ = true;
         break;
       }
-      go_to_point();
-      if (violations()) continue;
       multipliers.judge(W, F, target_, true);
       if (multipliers.count == 0) {
         if (leaves_out()) {
@@ -202,6 +200,19 @@ class ActiveSet final : public Step {
     }
     if (leaves_out()) take_all();
     if (reduced()) unreduce();
+  }
+
+  // Go to the tableau's point; whether it violates rows, by rounding that no step sees, which join the working set.
+  bool oversteps() {
+    go_to_point();
+    if (violations() == 0) return false;
+    for (int q = 0; q < table.inequalities; ++q) {
+      const int r = table.unequal[q];
+      if (side_[r]) W[r] = side_[r];
+    }
+    changes_.forget();
+    alpha_ = 0.0;
+    return true;
   }
 
   // Whether levels are left out below those at hand.
