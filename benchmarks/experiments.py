@@ -43,7 +43,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--no-pictures", action="store_true", help="render nothing")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes for sweeps")
-    parser.add_argument("--seeds", type=int, default=5, metavar="N", help="seeds of cases with noise, default 5")
     group = parser.add_argument_group("dreamer-statistics, which by itself is the whole table")
     about = "nominal, nominal-imu, nominal-tilt, promised, all, or names of the table of robustness"
     group.add_argument("--cells", nargs="+", metavar="NAME", default=["nominal", "nominal-imu"], help=about)
@@ -131,7 +130,6 @@ def _setting(arguments: argparse.Namespace, full: bool) -> Any:
         video=arguments.video,
         show=viewer,
         jobs=1 if arguments.view else max(1, arguments.jobs),
-        seeds=max(1, arguments.seeds),
     )
 
 

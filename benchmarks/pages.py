@@ -136,11 +136,11 @@ def _dreamer() -> dict[str, str]:
     by_tilt = compared({slope: made[name] for slope, name in BY_TILT.items() if name in made})
     by_tilt = table("", by_tilt.header, [row for row in by_tilt.rows if row[0].startswith(TOLD_BY_TILT)])
 
-    def shown(names: Sequence[str]) -> str:
-        return _text(statistics.shown([lines[name] for name in names]))
+    def shown(names: Sequence[str], of: Sequence[str] = ("median", "worst")) -> str:
+        return _text(statistics.shown([lines[name] for name in names], of))
 
     return {
-        "promised": shown(promised),
+        "promised": shown(promised, tuple(statistics.SPREAD)),
         "observed": shown(observed),
         "one controller": shown(one).replace("| one controller, ", "| "),
         "nominal figures": _text(compared({name: made[name] for name in nominal})),

@@ -18,7 +18,7 @@ class Setting:
 
     full: everything, not the short version.  output: folder of logs and figures, None for none.  pictures, video:
     render the scene.  show: called after every period with the run, for a viewer.  advance: called as work gets done.
-    jobs: processes for sweeps.  seeds: of cases with noise.
+    jobs: processes for sweeps.
     """
 
     solver: str | Solver = "lexicographic"
@@ -27,7 +27,6 @@ class Setting:
     pictures: bool = True
     video: bool = False
     jobs: int = 1
-    seeds: int = 5
     show: Callable[[Any], None] | None = field(default=None, compare=False)
     advance: Callable[[], None] = field(default=lambda: None, compare=False)
 

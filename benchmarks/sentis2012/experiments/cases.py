@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -49,11 +48,3 @@ def carry_out(
 
 def _one(case: Case, solver: str | Solver) -> Measures:
     return measure(Outing(case.scene, case.choice, case.solver or solver, residuals=False).run(), case.since)
-
-
-def seeded(case: Case, seeds: int) -> list[Case]:
-    """The case with other seeds of its noise."""
-    return [
-        dataclasses.replace(case, name=f"{case.name}#{seed}", scene=dataclasses.replace(case.scene, seed=seed))
-        for seed in range(seeds)
-    ]

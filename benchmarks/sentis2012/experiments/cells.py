@@ -27,12 +27,10 @@ class Cell:
     case: Case
     group: str
     limit: float | None = None
-    earlier: str = ""
-    seeds: bool = False
 
 
-def cells(full: bool) -> list[Cell]:
-    """The table, or a few of its cells."""
+def cells() -> list[Cell]:
+    """The table."""
     found: list[Cell] = []
 
     def add(
@@ -42,77 +40,53 @@ def cells(full: bool) -> list[Cell]:
         choice: Compliance = Compliance(),  # noqa: B008 (a frozen value)
         *,
         limit: float | None = None,
-        earlier: str = "",
-        seeds: bool = False,
     ) -> None:
-        case = Case(name=f"{group}, {name}", scene=scene, choice=choice)
-        found.append(Cell(case=case, group=group, limit=limit, earlier=earlier, seeds=seeds))
+        found.append(Cell(case=Case(name=f"{group}, {name}", scene=scene, choice=choice), group=group, limit=limit))
 
     ball, rollers = Scene(walk=PULL), Scene(plant="dreamer_rollers", walk=PULL)
-    if not full:
-        add("slope", "5 deg, ball wheels", replace(ball, slope=5.0), limit=6.0, earlier="2.6")
-        add("friction", "0.25, rollers", replace(rollers, friction=0.25), limit=6.0, earlier="5.2")
-        return found
-    for scene in (ball, rollers):
-        plant = NAMES[scene.plant]
-        before = {0: ("2.6", "3.0"), 3: ("2.6", "3.0"), 5: ("2.6", "3.7"), 7: ("4.4", "4.8"), 8: ("5.7", "6.4"),
-                  10: ("8.6", "falls"), 12: ("19", ""), 15: ("170", ""), 20: ("falls", "")}  # fmt: skip
-        for slope, earlier in before.items():
+    for scene, slopes in ((ball, (0, 3, 5, 7, 8, 10, 12, 15, 20)), (rollers, (0, 3, 5, 7, 8, 10, 12))):
+        for slope in slopes:
             limit = 6.0 if slope <= 7 else 8.0 if slope == 8 else None
-            if slope in (10, 12) and plant != "rollers":
+            if slope in (10, 12) and scene is ball:
                 limit = math.inf
-            if slope <= 12 or plant != "rollers":
-                add(
-                    "slope",
-                    f"{slope} deg, {plant}",
-                    replace(scene, slope=float(slope)),
-                    limit=limit,
-                    earlier=earlier[plant == "rollers"],
-                )
-    for friction, earlier in ((1.0, "4.7"), (0.5, "4.9"), (0.3, "5.0"), (0.25, "5.2"), (0.2, "falls"), (0.15, "16")):
+            add("slope", f"{slope} deg, {NAMES[scene.plant]}", replace(scene, slope=float(slope)), limit=limit)
+    for friction in (1.0, 0.5, 0.3, 0.25, 0.2, 0.15):
         limit = 6.0 if friction >= 0.25 else None
-        add("friction", f"{friction:g}, rollers", replace(rollers, friction=friction), limit=limit, earlier=earlier)
-    for speed, earlier in ((0.2, "1.9"), (0.5, "10.3"), (0.6, "13.6"), (0.8, "16.7")):
+        add("friction", f"{friction:g}, rollers", replace(rollers, friction=friction), limit=limit)
+    for speed in (0.2, 0.5, 0.6, 0.8):
         scene = replace(ball, walk=replace(PULL, speed=0.95 * speed, distance=max(0.95, 2.0 * speed)))
-        add("pull speed", f"{speed:g} m/s, ball wheels", scene, limit=2.5 if speed <= 0.2 else None, earlier=earlier)
-    for force, earlier in ((20.0, "1.8"), (40.0, "3.5"), (60.0, "5.3"), (80.0, "127")):
+        add("pull speed", f"{speed:g} m/s, ball wheels", scene, limit=2.5 if speed <= 0.2 else None)
+    for force in (20.0, 40.0, 60.0, 80.0):
         scene = Scene(slope=0.0, push=(force, 0.0, 0.0), seconds=5.0)
-        add("step pull", f"{force:g} N ahead, flat", scene, limit=6.0 if force <= 60.0 else None, earlier=earlier)
-    for force, earlier in ((40.0, ""), (50.0, ""), (60.0, "4.8")):
+        add("step pull", f"{force:g} N ahead, flat", scene, limit=6.0 if force <= 60.0 else None)
+    for force in (40.0, 50.0, 60.0):
         scene = Scene(slope=0.0, push=(0.0, force, 0.0), seconds=5.0)
         limit = 6.0 if force < 60.0 else None  # 60 N are promised below, by limits
-        add("step pull", f"{force:g} N aside, flat", scene, limit=limit, earlier=earlier)
+        add("step pull", f"{force:g} N aside, flat", scene, limit=limit)
     add("step pull", "60 N aside, flat, motors twice as strong", replace(scene, strength=2.0))
-    for hz, earlier in ((100, "4.8"), (200, "4.5"), (500, "4.4"), (1000, "4.4")):
-        add("control rate", f"{hz} Hz, ball wheels", ball, Compliance(period=1.0 / hz), limit=6.0, earlier=earlier)
-    for ms, limit, earlier in ((2, 6.0, "4.8"), (4, 8.0, "5.2"), (10, 8.0, "6.4")):
-        add("delay", f"{ms} ms, ball wheels", replace(ball, delay=1e-3 * ms), limit=limit, earlier=earlier)
+    for hz in (100, 200, 500, 1000):
+        add("control rate", f"{hz} Hz, ball wheels", ball, Compliance(period=1.0 / hz), limit=6.0)
+    for ms, limit in ((2, 6.0), (4, 8.0), (10, 8.0)):
+        add("delay", f"{ms} ms, ball wheels", replace(ball, delay=1e-3 * ms), limit=limit)
     add("delay", "4 ms, rollers", replace(rollers, delay=0.004), limit=9.0)
-    add(
-        "noise", "all sensors, 4 ms, rollers", replace(rollers, delay=0.004, sensors=NOISY),
-        limit=9.0, earlier="7.9", seeds=True,
-    )  # fmt: skip
-    add("noise", "all sensors, ball wheels", replace(ball, sensors=NOISY), limit=9.0, seeds=True)
-    add(
-        "noise", "all sensors, 4 ms, rollers, own map", replace(rollers, delay=0.004, sensors=NOISY),
-        Compliance(normals="map"), limit=ONE_CM, seeds=True,
-    )  # fmt: skip
-    for degrees, limit, earlier in ((0.25, 10.0, "7.4"), (0.5, 15.0, "12.2"), (1.0, None, "22.9"), (2.0, None, "44")):
+    noisy = replace(rollers, delay=0.004, sensors=NOISY)
+    add("noise", "all sensors, 4 ms, rollers", noisy, limit=9.0)
+    add("noise", "all sensors, ball wheels", replace(ball, sensors=NOISY), limit=9.0)
+    add("noise", "all sensors, 4 ms, rollers, own map", noisy, MAPPED, limit=ONE_CM)
+    for degrees, limit in ((0.25, 10.0), (0.5, 15.0), (1.0, None), (2.0, None)):
         biased = Sensors(orientation=Noise(bias=(0.0, math.radians(degrees), 0.0)))
-        add(
-            "pitch bias", f"{degrees:g} deg, ball wheels", replace(ball, sensors=biased), limit=limit, earlier=earlier
-        )  # fmt: skip
-    for degrees, earlier in ((0.5, "12"), (1.0, "21")):
+        add("pitch bias", f"{degrees:g} deg, ball wheels", replace(ball, sensors=biased), limit=limit)
+    for degrees in (0.5, 1.0):
         biased = Sensors(orientation=Noise(bias=(math.radians(degrees), 0.0, 0.0)))
         scene = replace(ball, sensors=biased)
-        add("roll bias", f"{degrees:g} deg, ball wheels", scene, limit=math.inf, earlier=earlier)
-    for mass, earlier in ((0.5, "11"), (1.0, "17.6")):
-        add("payload", f"{mass:g} kg at the hand, ball wheels", replace(ball, payload=mass), earlier=earlier)
-    add("mass error", "upper body 10 % heavier, ball wheels", replace(ball, extra_mass=1.1), earlier="8.1")
-    for degrees, earlier in ((5, "4.4"), (10, "5.8"), (20, "4.3"), (30, "8.1"), (45, "7.4"), (60, "13"), (90, "97")):
+        add("roll bias", f"{degrees:g} deg, ball wheels", scene, limit=math.inf)
+    for mass in (0.5, 1.0):
+        add("payload", f"{mass:g} kg at the hand, ball wheels", replace(ball, payload=mass))
+    add("mass error", "upper body 10 % heavier, ball wheels", replace(ball, extra_mass=1.1))
+    for degrees in (5, 10, 20, 30, 45, 60, 90):
         limit = 10.0 if degrees <= 45 else math.inf if degrees == 90 else None  # 60: promised below, the torso turns
         scene = replace(rollers if degrees <= 45 else ball, heading=math.radians(degrees))
-        add("heading", f"{degrees} deg, {NAMES[scene.plant]}", scene, limit=limit, earlier=earlier)
+        add("heading", f"{degrees} deg, {NAMES[scene.plant]}", scene, limit=limit)
     for degrees in (60, 90):
         for scene in (ball, rollers):
             name = f"{degrees} deg, turns to where it is led, {NAMES[scene.plant]}"
@@ -169,7 +143,6 @@ def cells(full: bool) -> list[Cell]:
         add(
             "cross slope", f"60 deg off the fall line, torso told to face it, rollers{way}", oblique, told, limit=ONE_CM
         )
-    noisy = replace(rollers, sensors=NOISY, delay=0.004)
     add("noise", "all sensors, 4 ms, rollers, ground felt", noisy, FELT, limit=ONE_CM)
     turned = replace(noisy, heading=math.radians(45.0), hand=SpringHand(direction=math.radians(45.0)))
     add("cross slope", "45 deg, noise, 4 ms, rollers, ground felt", turned, FELT, limit=ONE_CM)
@@ -184,13 +157,13 @@ def cells(full: bool) -> list[Cell]:
     add("rough", "bumps of 5 mm, rollers, own map", replace(rollers, slope=0.0, bumps=0.005), MAPPED)
     add("rough", "bumps of 5 mm, rollers, ground felt", replace(rollers, slope=0.0, bumps=0.005), FELT)
     add("rough", "a step of 2 mm, rollers", replace(rollers, slope=0.0, step=0.002))
-    add("heading", "180 deg, ball wheels", replace(ball, heading=math.pi), earlier="49")
+    add("heading", "180 deg, ball wheels", replace(ball, heading=math.pi))
     combined = replace(
         rollers, slope=7.0, friction=0.5, delay=0.004, heading=math.radians(5.0), extra_mass=1.02,
         sensors=replace(NOISY, orientation=Noise(1e-3, (0.0, math.radians(0.25), 0.0))),
         hand=SpringHand(stiffness=300.0),
     )  # fmt: skip
-    add("combined", "rollers", combined, limit=14.0, earlier="11.1", seeds=True)
+    add("combined", "rollers", combined, limit=14.0)
     for name, scene, limit in duties():
         add("one controller", name, scene, ONE, limit=limit)
     return found

@@ -80,7 +80,7 @@ def registry() -> Mapping[str, Cell]:
             limit=10.0,
         ),
     }
-    return {**nominal, **{cell.case.name: cell for cell in cells(True)}}
+    return {**nominal, **{cell.case.name: cell for cell in cells()}}
 
 
 def varied(case: Case, run: int, seed: int) -> Case:
@@ -150,11 +150,16 @@ def runs_of(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> dict[str
     return {name: own for name, own in found.items() if own}
 
 
-def shown(found: Sequence[Mapping[str, Any]]) -> Table:
-    """The lines for people, with the bound on the fall rate."""
+SPREAD = {"median": "median", "p95": "95th", "p99": "99th percentile", "worst": "worst"}
+"""Figures of a distribution, in a row's order."""
+
+
+def shown(found: Sequence[Mapping[str, Any]], of: Sequence[str] = tuple(SPREAD)) -> Table:
+    """The lines for people: the figures ``of`` every distribution, and the bound on the fall rate."""
 
     def spread(figures: Mapping[str, float]) -> str:
-        return " / ".join(number(figures[name]) for name in ("median", "p95", "p99", "worst"))
+        found = [number(figures[name]) if figures[name] < math.inf else "falls" for name in of]
+        return "falls" if set(found) == {"falls"} else " / ".join(found)
 
     rows = []
     for line in found:
@@ -173,7 +178,7 @@ def shown(found: Sequence[Mapping[str, Any]]) -> Table:
         "cell", "normals", "runs", "CoM up [mm]", "CoM back [mm]", "a wheel unloaded [ms]", "falls (rate, 95 %)",
         "limit [mm]", "",
     )  # fmt: skip
-    return table("Statistics: median / 95th / 99th percentile / worst", header, rows)
+    return table(f"Statistics: {' / '.join(SPREAD[name] for name in of)}", header, rows)
 
 
 def command(arguments: Any) -> int:
