@@ -262,7 +262,8 @@ class Assembly:
         demand, J = self._demand, self._flat
         fine = float(demand.dot(demand)) + float(J.dot(J)) < LARGEST**2
         for views in self._own_bounds:
-            fine &= bool(((views.lower <= views.upper) & (views.lower < np.inf) & (views.upper > -np.inf)).all())
+            way = views.upper - views.lower  # NaN where both are +inf or both -inf
+            fine &= bool(np.minimum.reduce(way, initial=0.0) >= 0.0)
         return () if fine and not self.errors else tuple(name for name in self.members if self.reason(name))
 
     def reason(self, name: str) -> str:

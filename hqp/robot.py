@@ -48,92 +48,115 @@ class Robot(Protocol):
     @property
     def current(self) -> State | None:
         """The state that the robot was moved to last."""
+        ...
 
     @property
     def floating(self) -> bool:
         """Whether the first six tangent coordinates are a free base."""
+        ...
 
     @property
     def joint_names(self) -> tuple[str, ...]:
         """The actuated joints, in the order of a command."""
+        ...
 
     @property
     def actuated(self) -> Index:
         """Tangent coordinate of each actuated joint, ``(n_actuated,)``: the non-zeros of the actuation U."""
+        ...
 
     @property
     def frame_names(self) -> tuple[str, ...]: ...
     @property
     def groups(self) -> Mapping[str, tuple[str, ...]]:
         """Joint groups by name."""
+        ...
 
     @property
     def wheels(self) -> Mapping[str, Wheel]:
         """Wheels by frame."""
+        ...
 
     @property
     def landmarks(self) -> Mapping[str, tuple[str, ...]]:
         """Frames by role, such as ``soles``, ``palms``, ``base``."""
+        ...
 
     @property
     def capsules(self) -> Sequence[LinkCapsule]:
         """Capsules around the links, for collision avoidance; raises ModelError for a robot without shapes."""
+        ...
 
     @property
     def couplings(self) -> Sequence[Any]:
         """Linear relations of joints that the robot's file states: mimic joints, as constraints of a stack."""
+        ...
 
     @property
     def continuous(self) -> Index:
         """Tangent coordinates of joints that turn without end and whose angle is known up to full turns."""
+        ...
 
     @property
     def lower(self) -> Vec:
         """Lower joint limits ``(nv,)`` [rad or m], -inf where there is none."""
+        ...
 
     @property
     def upper(self) -> Vec:
         """Upper joint limits ``(nv,)`` [rad or m], inf where there is none."""
+        ...
 
     @property
     def velocity_limit(self) -> Vec:
         """Speed limits ``(nv,)`` [rad/s or m/s], inf where there is none."""
+        ...
 
     @property
     def effort_limit(self) -> Vec:
         """Effort limits ``(nv,)`` [N m or N], inf where there is none."""
+        ...
 
     @property
     def home(self) -> Vec:
         """A standing configuration ``(nq,)``."""
+        ...
 
     @property
     def gravity(self) -> Vec:
         """Acceleration of free fall, world axes, ``(3,)`` [m/s^2]."""
+        ...
 
     def frame(self, name: str) -> int:
         """Index of a frame; raises FrameNotFound with the closest names."""
+        ...
 
     def joints(self, names: str | Sequence[str] | None) -> Index:
         """Tangent coordinates of joints or groups, of all joints but free ones for None; raises JointNotFound."""
+        ...
 
     def joint_name(self, column: int) -> str:
         """Name of the joint of a tangent coordinate, 'base' for the free base."""
+        ...
 
     def placement(self, frame: int) -> Placement:
         """Live views of a frame's position and rotation."""
+        ...
 
     @property
     def bodies(self) -> Sequence[Body]:
         """The world, then the moving bodies, parents before children; ``subtree`` and ``body`` give indices of it."""
+        ...
 
     @property
     def inertias(self) -> Sequence[tuple[float, ...]]:
         """Of each of ``bodies``: xx, yy, zz, xy, xz, yz [kg m^2] about its centre of mass, in its axes."""
+        ...
 
     @property
     def rotors(self) -> Vec:
         """Reflected rotor inertia of each tangent coordinate ``(nv,)`` [kg m^2, kg], on the diagonal of A."""
+        ...
 
     @property
     def tree_joints(self) -> Sequence[TreeJoint] | None:
@@ -141,51 +164,65 @@ class Robot(Protocol):
 
         None where one is neither of a single axis, nor a ball, nor free.
         """
+        ...
 
     @property
     def placed_frames(self) -> Sequence[Placed]:
         """The frames whose ``placement`` was asked for so far."""
+        ...
 
     def body(self, frame: int) -> int:
         """Index of the body that a frame is fixed in."""
+        ...
 
     def positions(self, columns: Index) -> list[int] | None:
         """Places in q of single-axis joints; a continuous one has its cosine there, its sine after it.
 
         None if one is of a joint of several axes.
         """
+        ...
 
     def support(self, frame: int) -> Vec:
         """1 for each tangent coordinate that moves the frame, 0 elsewhere, ``(nv,)``."""
+        ...
 
     @property
     def joint_twists(self) -> Mat:
         """Live view ``(6, nv)``: world twist (at the origin, linear first) of each tangent coordinate."""
+        ...
 
     def log3(self, rotation: Mat) -> Vec:
         """Rotation vector ``(3,)`` of a rotation matrix [rad]."""
+        ...
 
     def subtree(self, joint: str) -> int:
         """Index of the body that a joint carries, with all it carries in turn; raises JointNotFound."""
+        ...
 
     def state(self, q: Vec | None = None, v: Vec | None = None, time: float | None = None) -> State:
         """Move the robot to (q, v), measured at ``time`` [s], and return that state; earlier states become stale."""
+        ...
 
     def integrate(self, q: Vec, v: Vec, dt: float) -> Vec:
         """The configuration after moving with velocity v for dt [s], ``(nq,)``."""
+        ...
 
     def configuration(self, angles: Vec) -> Vec:
         """The configuration ``(nq,)`` whose ``state.angles`` are these ``(nv,)``; free bodies as at home."""
+        ...
 
     @property
     def spherical(self) -> Mapping[str, tuple[int, float]]:
         """Ball joints: first tangent coordinate, and the largest turn from the zero [rad], inf where there is none."""
+        ...
 
     def difference(self, q0: Vec, q1: Vec) -> Vec:
         """The tangent vector from q0 to q1, ``(nv,)``."""
+        ...
 
     def copy(self) -> Robot:
         """The same robot with data of its own."""
+        ...
 
 
 class State(Protocol):
@@ -207,77 +244,101 @@ class State(Protocol):
     @property
     def time(self) -> float | None:
         """When it was measured [s], on the clock of the session; None where nobody said."""
+        ...
 
     @property
     def finite(self) -> bool:
         """Whether q and v hold neither NaN nor infinities."""
+        ...
 
     @property
     def valid(self) -> bool:
         """Whether q and v are finite and every quaternion has length one within 1e-3."""
+        ...
 
     @property
     def fault(self) -> str:
         """Why the state is not valid, naming the joint or the base; "" where it is."""
+        ...
 
     @property
     def square(self) -> float:
         """q'q + v'v: a bound on the magnitude of every number in it."""
+        ...
 
     @property
     def angles(self) -> Vec:
         """Joint positions by tangent coordinate ``(nv,)`` [rad or m], zero for free bodies."""
+        ...
 
     def difference(self, q: Vec) -> Vec:
         """Tangent vector from q to this state's configuration, ``(nv,)``."""
+        ...
 
     def kinematics(self) -> None:
         """Make placements and joint_twists those of this state; raises StaleState if the robot moved on."""
+        ...
 
     def position(self, frame: str) -> Vec:
         """Origin of a frame in the world, ``(3,)`` [m]."""
+        ...
 
     def rotation(self, frame: str) -> Mat:
         """Rotation of a frame in the world, ``(3, 3)``."""
+        ...
 
     def jacobian(self, frame: str) -> Mat:
         """Geometric Jacobian ``(6, nv)`` of a frame, linear first, world axes."""
+        ...
 
     def velocity(self, frame: str) -> Vec:
         """Velocity ``(6,)`` of a frame's origin [m/s] and its rotation [rad/s], world axes."""
+        ...
 
     def drift(self, frame: str) -> Vec:
         """dJ/dt v of a frame's geometric Jacobian, ``(6,)``."""
+        ...
 
     def com(self, subtree: int = 0) -> Vec:
         """Centre of mass of the robot or a subtree, ``(3,)`` [m]."""
+        ...
 
     def com_jacobian(self, subtree: int = 0) -> Mat:
         """Jacobian of the centre of mass, ``(3, nv)``: a live view where subtree is 0."""
+        ...
 
     def com_velocity(self, subtree: int = 0) -> Vec:
         """Velocity of the centre of mass, ``(3,)`` [m/s]."""
+        ...
 
     def com_drift(self, subtree: int = 0) -> Vec:
         """dJ/dt v of the centre of mass, ``(3,)``."""
+        ...
 
     def dynamics(self) -> None:
         """Make kinematics, ``inertia`` and ``bias_force`` those of this state; raises StaleState."""
+        ...
 
     def inertia(self) -> Mat:
         """Upper triangle of A, ``(nv, nv)``; entries below the diagonal are undefined."""
+        ...
 
     def mass_matrix(self) -> Mat:
         """Joint-space inertia A, ``(nv, nv)``, symmetric."""
+        ...
 
     def bias_force(self) -> Vec:
         """b + g: Coriolis, centrifugal and gravity forces, ``(nv,)``."""
+        ...
 
     def gravity_force(self) -> Vec:
         """g: gravity forces, ``(nv,)``."""
+        ...
 
     def inertia_rate(self) -> Mat:
         """dA/dt ``(nv, nv)``."""
+        ...
 
     def momentum_map(self) -> tuple[Mat, Vec]:
         """Centroidal momentum matrix ``(6, nv)``, linear first, and its dJ/dt v ``(6,)``; world axes."""
+        ...

@@ -23,9 +23,11 @@ class Workspace(Protocol):
 
     def solve(self, problem: Hierarchy) -> Solution:
         """The solution of a problem of the workspace's shape."""
+        ...
 
     def reset(self) -> None:
         """Forget the warm start."""
+        ...
 
 
 class Solver(ABC):
@@ -54,8 +56,11 @@ class Solver(ABC):
 
     def require(self, shape: Shape) -> None:
         """Raise UnsupportedProblem unless the capabilities cover the shape."""
-        if shape.inequalities and not self.inequalities:
-            raise UnsupportedProblem(f"{self.name} takes no inequalities; take an HQP solver such as 'lexicographic'")
+        if shape.inequalities and not self.inequalities and not getattr(self, "ignore_inequalities", False):
+            told = f"{self.name} takes no inequalities; take an HQP solver such as 'lexicographic'"
+            if hasattr(self, "ignore_inequalities"):
+                told += ", or let it leave them out with ignore_inequalities=True"
+            raise UnsupportedProblem(told)
         if (shape.metric or shape.origin) and not self.metric:
             raise UnsupportedProblem(f"{self.name} takes neither metric nor origin")
         if any(shape.priced) and not self.priced:

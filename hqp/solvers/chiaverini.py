@@ -9,7 +9,6 @@ from typing import ClassVar
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.errors import UnsupportedProblem
 from hqp.problem import Hierarchy, Shape, Solution, Stats, Status
 from hqp.solvers.base import Solver, check_number
 from hqp.solvers.flat import Flat
@@ -42,18 +41,6 @@ class Chiaverini(Solver):
         check_number("chiaverini", "rank_tolerance", self.rank_tolerance, below=1.0)
         check_number("chiaverini", "damping", self.damping, closed=True)
 
-    def require(self, shape: Shape) -> None:
-        """As Solver.require; inequalities pass where they are to be ignored."""
-        if shape.inequalities and not self.ignore_inequalities:
-            raise UnsupportedProblem(
-                f"{self.name} takes no inequalities; take an HQP solver such as 'lexicographic', or let it leave them "
-                "out with ignore_inequalities=True"
-            )
-        if shape.metric or shape.origin:
-            raise UnsupportedProblem(f"{self.name} takes neither metric nor origin")
-        if any(shape.priced):
-            raise UnsupportedProblem(f"{self.name} solves no priced levels; take 'lexicographic', or price=0")
-
     def workspace(self, shape: Shape) -> ChiaveriniWorkspace:
         """Allocate; raises UnsupportedProblem for inequalities, metric and origin."""
         self.require(shape)
@@ -79,9 +66,7 @@ class ChiaveriniWorkspace:
         unusable = flat.load(problem)
         if unusable:
             return flat.refuse(problem, Stats(build_s=perf_counter() - began), unusable)
-        marks = flat.equality
-        A, b = flat.A[marks], flat.lower[marks]
-        stops = [int(np.count_nonzero(marks[:stop])) for stop in flat.stops]
+        A, b, stops = flat.equations()
         built = perf_counter()
         x = np.zeros(problem.n)
         uncertain, start = False, 0

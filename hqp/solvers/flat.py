@@ -69,6 +69,13 @@ class Flat:
         self.inequality &= ~self.equality
         return self._unusable(bounded)
 
+    def equations(self) -> tuple[Mat, Vec, list[int]]:
+        """(A, b, stops) of the equality rows alone."""
+        marks = self.equality
+        if marks.all():
+            return self.A, self.lower, self.stops
+        return self.A[marks], self.lower[marks], [int(np.count_nonzero(marks[:stop])) for stop in self.stops]
+
     def _complete(self, problem: Hierarchy) -> None:
         A, lower, upper = self._completion[0]
         if problem.metric is not None:

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from hqp.arrays import Mat, Vec, longest_row
-from hqp.errors import ProblemError, UnsupportedProblem
+from hqp.errors import ProblemError
 from hqp.pace import coordinates_below, excess_below, slowed
 from hqp.pricing import Coordinates, is_met
 from hqp.problem import Hierarchy, Shape, Solution, Stats, Status
@@ -45,14 +45,6 @@ class Nullspace(Solver):
     def __post_init__(self) -> None:
         check_number("nullspace", "rank_tolerance", self.rank_tolerance, below=1.0)
 
-    def require(self, shape: Shape) -> None:
-        """As Solver.require; inequalities pass where they are to be ignored."""
-        if shape.inequalities and not self.ignore_inequalities:
-            raise UnsupportedProblem(
-                f"{self.name} takes no inequalities; take an HQP solver such as 'lexicographic', or let it leave them "
-                "out with ignore_inequalities=True"
-            )
-
     def workspace(self, shape: Shape) -> NullspaceWorkspace:
         """Allocate; raises UnsupportedProblem for inequalities, unless they are to be ignored."""
         self.require(shape)
@@ -77,10 +69,7 @@ class NullspaceWorkspace:
         unusable = flat.load(problem)
         if unusable:
             return flat.refuse(problem, Stats(build_s=perf_counter() - began), unusable)
-        A, b, stops = flat.A, flat.lower, flat.stops
-        if not flat.equality.all():
-            A, b = A[flat.equality], b[flat.equality]
-            stops = [int(np.count_nonzero(flat.equality[:stop])) for stop in stops]
+        A, b, stops = flat.equations()
         shift = problem.origin if problem.metric is None and not problem.priced else None
         if shift is not None:
             b = b - A @ shift

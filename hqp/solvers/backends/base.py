@@ -27,6 +27,7 @@ class QpWorkspace(Protocol):
 
     def solve(self, H: Mat, g: Vec, C: Mat, lower: Vec, upper: Vec) -> QpAnswer:
         """H ``(n, n)`` symmetric positive semidefinite, C ``(m, n)``; raises BackendError if the package raises."""
+        ...
 
 
 class Backend(Protocol):
@@ -34,3 +35,4 @@ class Backend(Protocol):
 
     def workspace(self, n: int, m: int) -> QpWorkspace:
         """Allocate for n variables and m rows."""
+        ...
