@@ -28,7 +28,7 @@ import numpy as np
 from hqp.arrays import Mat, Vec, longest_row, row_lengths
 from hqp.errors import ProblemError
 from hqp.nnls import nonnegative_least_squares
-from hqp.pricing import Coordinates, after_stages, feasible_set, is_met
+from hqp.pricing import Coordinates, after_stages, feasible_set, is_met, stage_price
 from hqp.problem import Hierarchy, Rows
 from hqp.tolerances import (
     CERTIFIED_RANK_TOLERANCE,
@@ -147,7 +147,7 @@ def stage_multipliers(problem: Hierarchy, stages: Mat, level: int, tolerance: fl
     stages = np.where(np.isnan(stages), x_k, stages)  # what needed no stage is met, here as well
     judge, above = _stage_judge(problem, stages, level, at, tolerance)
     A, y = at.rows(rows.dense(problem.n)), at.motion(x_k)
-    w, price = rows.slack(x_k), 0.0 if problem.prices is None else float(problem.prices[level])
+    w, price = rows.slack(x_k), stage_price(problem, stages, level)
     scale = longest_row(A) + price * float(np.linalg.norm(y))
     norm = float(np.linalg.norm(w))
     if not norm > 0.0 or not scale > 0.0:
@@ -183,7 +183,7 @@ def _stage_gap(problem: Hierarchy, stages: Mat, k: int, x: Vec, at: Coordinates,
     """How far x_k is from the set that the levels above leave, and from the optimality conditions on it."""
     x_k, rows = stages[k], problem.levels[k]
     A = at.rows(rows.dense(problem.n))  # in coordinates in which E is 1/2 ||y||^2
-    price = 0.0 if problem.prices is None else float(problem.prices[k])
+    price = stage_price(problem, stages, k)
     judge, above = _stage_judge(problem, stages, k, at, tolerance)
     exact = [j for j in range(k) if not problem.priced[j]]
     moved = [float(np.abs(problem.levels[j].slack(x_k) - problem.levels[j].slack(x)).max(initial=0.0)) for j in exact]

@@ -10,7 +10,7 @@ from hqp.arrays import Mask, Mat, Vec, row_lengths
 from hqp.certify import Certificate, certificate, stage_multipliers
 from hqp.explanation import PRICE, SHARE, Account, Explanation, HeldBack, Loss, Short
 from hqp.formulation import Place
-from hqp.pricing import Coordinates, stack_rows
+from hqp.pricing import Coordinates, stack_rows, stage_price
 from hqp.problem import Hierarchy, Motion, Solution
 from hqp.tolerances import NEAR
 
@@ -117,7 +117,12 @@ def _worth(problem: Hierarchy, solution: Solution, k: int) -> float:
     x = _point(solution, k)
     x = solution.x if x is None else x
     moved = (problem.motion or Motion(np.ones(problem.n))).offset(x)
-    return float(problem.prices[k]) * float(np.sqrt(moved @ moved)) if problem.prices is not None else 0.0
+    return _price(problem, solution, k) * float(np.sqrt(moved @ moved))
+
+
+def _price(problem: Hierarchy, solution: Solution, k: int) -> float:
+    points = solution.stage_points
+    return stage_price(problem, np.full((len(problem.levels), 1), np.nan) if points is None else points, k)
 
 
 def _multipliers(problem: Hierarchy, solution: Solution, verdict: Certificate, k: int) -> tuple[Vec, Vec | None]:
@@ -132,7 +137,7 @@ def _multipliers(problem: Hierarchy, solution: Solution, verdict: Certificate, k
     motion = (problem.motion or Motion(np.ones(problem.n))).gradient(x)
     A = stack_rows(problem.levels[:k], problem.n).dense(problem.n)
     passing = norm * np.where(_holds(problem, solution, k, found), 0.0, found)
-    return norm * found - passing, float(problem.prices[k]) * norm * motion + A.T @ passing
+    return norm * found - passing, _price(problem, solution, k) * norm * motion + A.T @ passing
 
 
 def _holds(problem: Hierarchy, solution: Solution, k: int, multipliers: Vec) -> Mask:

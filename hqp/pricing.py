@@ -13,7 +13,16 @@ and S_k adds the rows of level k as they are where ||w_k|| = 0, and otherwise
 
 the last row, the guard, where the level has two rows or more; x_still is the point of least motion.
 
-phi is hqp.pace.floor_of, and single coordinates in levels after the last price are slowed as hqp.pace says.
+phi is hqp.pace.guard_of, and single coordinates in levels after the last price are slowed as hqp.pace says.
+
+The price of a level below others that are not met.  Where rest costs nothing (velocities: F a diagonal, f = 0), a
+pace p is given, and every coordinate that the rows of level k have is one that rows of unmet levels above it have (a
+base below a hand out of reach; not a second hand, which has an arm of its own), its stage has the price
+
+    c_k (1 + min(DEARER - 1, LACKING max_a ||w_a|| / (c_a p^2)))       over the unmet levels a above it.
+
+The push of a price is the same however little is asked: against the band that an unmet level leaves in its nearly lost
+directions, which turn as fast as the joints move, even a slow base is drawn from corner to corner (hqp.pace).
 """
 
 from __future__ import annotations
@@ -23,13 +32,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mask, Mat, Vec
 from hqp.pace import coordinates_below, excess_below, guard_of, slowed
-from hqp.problem import Hierarchy, Motion, Rows
+from hqp.problem import Hierarchy, Motion, Rows, Selection
 from hqp.tolerances import FLAT_TOLERANCE, MET_TOLERANCE, SLACK_TOLERANCE
 
 RESTING = 1e-4
 """Of x's largest entry: what an entry counts for at least in the size of a row's terms."""
+
+DEARER, LACKING = 20.0, 0.003
+"""Below unmet levels the price of a level without a coordinate of its own rises to DEARER times its own, as if tau were
+1 s for 0.05 s.  It does so gradually, at 500 Hz to double where a hand misses by 0.1 m/s: at 30 times that pace Talos'
+base, asked to turn as its hand comes to be out of reach, stopped at the acceleration window."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,6 +129,36 @@ def handed_down(rows: Rows, x: Vec, still: Vec, share: float, guard: float | Non
         if guard is not None and rows.m > 1 and made > 0.0:
             last, below = u @ A, float(u @ y) - min(share * norm, 0.5 * made + guard * share * norm)
     return Rows(np.concatenate([A, last[None]]), np.append(lower, below), np.append(upper, np.inf))
+
+
+def stage_price(problem: Hierarchy, stages: Mat, level: int) -> float:
+    """The price c of a level in its stage, after levels above at their ``stages`` (NaN: met), ``(levels, n)``."""
+    if problem.prices is None or not problem.prices[level] > 0.0:
+        return 0.0
+    price = float(problem.prices[level])
+    motion = problem.motion
+    if problem.pace == np.inf or (motion is not None and (motion.F.ndim == 2 or motion.f is not None)):
+        return price
+    unmet = np.zeros(problem.n, dtype=bool)
+    lack = 0.0
+    for k in range(level):
+        rows = problem.levels[k]
+        if problem.priced[k] and not np.isnan(stages[k, 0]) and not is_met(rows, stages[k]):
+            unmet |= _used(rows, problem.n)
+            lack = max(lack, float(np.linalg.norm(rows.slack(stages[k]))) / float(problem.prices[k]))
+    own = _used(problem.levels[level], problem.n) & ~unmet
+    return price if own.any() else price * min(DEARER, 1.0 + LACKING * lack / problem.pace**2)
+
+
+def _used(rows: Rows, n: int) -> Mask:
+    """The coordinates that the rows of a level have, ``(n,)``."""
+    asks = np.isfinite(rows.lower) | np.isfinite(rows.upper)
+    found = np.zeros(n, dtype=bool)
+    if isinstance(rows.A, Selection):
+        found[rows.A.index[asks]] = True
+    else:
+        found[:] = (rows.A[asks] != 0.0).any(axis=0)
+    return found
 
 
 def room(rows: Rows, n: int) -> Rows:

@@ -11,7 +11,7 @@ import numpy as np
 from hqp.arrays import Mat, Vec, longest_row
 from hqp.errors import ProblemError
 from hqp.pace import coordinates_below, excess_below, slowed
-from hqp.pricing import Coordinates, is_met
+from hqp.pricing import Coordinates, is_met, stage_price
 from hqp.problem import Hierarchy, Shape, Solution, Stats, Status
 from hqp.solvers.base import Solver, check_number, finish
 from hqp.solvers.completion import metric_factor
@@ -105,7 +105,7 @@ class NullspaceWorkspace:
             size = longest_row(B)
             if size > 0.0 and Z.shape[1]:
                 e = b[start:stop] - rows @ at.still - B @ y
-                z, seen = least_unmet(B @ Z, e, float(prices[k]), self._tolerance * size)
+                z, seen = least_unmet(B @ Z, e, stage_price(problem, stages, k), self._tolerance * size)
                 y = y + Z @ z
                 Z = Z @ np.linalg.svd(seen, full_matrices=True)[0][:, seen.shape[1] :]
             if prices[k] > 0.0:

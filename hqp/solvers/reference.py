@@ -21,7 +21,7 @@ from hqp.arrays import Mask, Mat, Vec, longest_row, row_lengths
 from hqp.certify import certificate
 from hqp.errors import DeclarationError
 from hqp.nnls import nonnegative_least_squares
-from hqp.pricing import Coordinates, after_stages, at_optimum, feasible_set, stack_rows
+from hqp.pricing import Coordinates, after_stages, at_optimum, feasible_set, stack_rows, stage_price
 from hqp.problem import Hierarchy, Rows, Shape, Solution, Stats, Status
 from hqp.solvers.base import Solver, check_fields, finish
 from hqp.solvers.completion import completion
@@ -108,8 +108,8 @@ class _Run:
                 stages[k] = x = known[k]
                 continue
             above = feasible_set(problem, stages, k, x, self.coordinates)
-            if problem.priced[k] and problem.prices is not None:
-                stages[k] = x = self._priced(problem.levels[k], above, x, float(problem.prices[k]))
+            if problem.priced[k]:
+                stages[k] = x = self._priced(problem.levels[k], above, x, stage_price(problem, stages, k))
             else:
                 x = self._least_squares(problem.levels[k], above, x)
         return stages

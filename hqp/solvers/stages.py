@@ -20,7 +20,7 @@ import numpy as np
 
 from hqp.arrays import Mat, Signs, Vec, longest_row
 from hqp.pace import is_paced
-from hqp.pricing import Coordinates, after_stages, at_optimum, feasible_set, is_met, room, stack_rows
+from hqp.pricing import Coordinates, after_stages, at_optimum, feasible_set, is_met, room, stack_rows, stage_price
 from hqp.problem import SHARE, Hierarchy, Rows, Selection, Shape, Solution, Stats, Status
 from hqp.solvers.base import Described, Workspace, check_shape, describe, finish
 from hqp.tolerances import (
@@ -381,7 +381,8 @@ class StagedWorkspace:
         known[:start] = x  # levels above are met by x, which stands for the point of their stage
         for k in range(start, len(problem.levels)):
             if problem.priced[k]:
-                x = self._by_secant(problem, at, feasible_set(problem, known, k, x, at), x, k)
+                price = stage_price(problem, known, k)
+                x = self._by_secant(problem, at, feasible_set(problem, known, k, x, at), x, k, price)
                 stages[k] = known[k] = x
             elif any(problem.priced[k + 1 :]):
                 hard = feasible_set(problem, known, k, x, at)
@@ -393,10 +394,9 @@ class StagedWorkspace:
         ]
         return stages, x, 0, replace(final, levels=tuple(levels))
 
-    def _by_secant(self, problem: Hierarchy, at: Coordinates, above: Rows, x: Vec, k: int) -> Vec:
+    def _by_secant(self, problem: Hierarchy, at: Coordinates, above: Rows, x: Vec, k: int, price: float) -> Vec:
         rows, n = problem.levels[k], problem.n
         size = longest_row(rows.dense(n))
-        price = 0.0 if problem.prices is None else float(problem.prices[k])
         point, motion = x, at.level()
 
         def unmet(m: float) -> float:

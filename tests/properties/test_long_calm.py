@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 import hqp
+from benchmarks.calm import drawn
 from hqp import PD, Level, P, Stack
+from hqp.law import Law
+from hqp.robot import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, Position, Posture
 
 RESTLESS = 0.02
@@ -24,18 +27,22 @@ ARM = """<mujoco><compiler angle="radian"/><worldbody><body><joint name="shoulde
 """Two links of half a metre in the plane."""
 
 
+def stack_of(robot: Robot, com: Law, base: Law, posture: Law, hand: Position) -> Stack:
+    """CoM > hand > base > posture, s.t. feet and joint limits."""
+    return Stack(
+        Level(Com(axes="xy", law=com)),
+        Level(hand),
+        Level(Orientation(frame=robot.landmarks["base"][0], law=base, name="base")),
+        Level(Posture(law=posture)),
+        subject_to=[*(FixedContact(frame=sole) for sole in robot.landmarks["soles"]), JointLimits()],
+    )
+
+
 def restless(name: str, ahead: list[float], gain: float = 1.0, ticks: int = 4000, dt: float = 0.002) -> int:
     """Periods of 0.8 s, but the first two, in which a command is restless; base and posture are not slowed."""
     robot = hqp.robots.load(name)
     hand = Position(frame=robot.landmarks["palms"][1], law=P(5.0, max_velocity=0.5), name="hand")
-    base = Orientation(frame=robot.landmarks["base"][0], law=P(2.0), name="base")
-    stack = Stack(
-        Level(Com(axes="xy", law=P(2.0))),
-        Level(hand),
-        Level(base),
-        Level(Posture(law=P(gain))),
-        subject_to=[*(FixedContact(frame=sole) for sole in robot.landmarks["soles"]), JointLimits()],
-    )
+    stack = stack_of(robot, P(2.0), P(2.0), P(gain), hand)
     session = hqp.Controller(stack, deadline=math.inf).session(robot, dt)
     q, v = robot.home.copy(), np.zeros(robot.nv)
     goal, commands = robot.state(q).position(hand.frame) + np.array(ahead), []
@@ -72,6 +79,16 @@ def test_at_slow_rates_too(name: str, dt: float) -> None:
     assert restless(name, [0.3, -0.3, 0.9], ticks=round(9.0 / dt), dt=dt) == 0
 
 
+@pytest.mark.parametrize(("seed", "loop"), [(42, "cbi, 5 ms"), (110, "icub, 10 ms"), (465, "g1, 10 ms")])
+def test_an_eager_base_below_two_hands_out_of_reach(seed: int, loop: str) -> None:
+    """At its own price the base jumped from corner to corner of their bands: 55 to 86 reversals a second."""
+    (found,) = drawn.loops("velocity", [seed])
+    assert loop == f"{found['robot']}, {found['scene'].split(': ')[1].split(', ')[0]}"
+    assert float(found["reversals"]) < 5.0
+    assert float(found["acceleration_p50"]) < 1.0
+    assert float(found["acceleration_p99"]) < 30.0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "gain"), [("g1", 1.0), ("g1", 10.0), ("cbi", 10.0)])
 @pytest.mark.parametrize("ahead", [[0.7, 0.0, 0.25], [0.3, -0.3, 0.9]])
@@ -86,14 +103,7 @@ def test_torques_do_not_jump_as_a_level_comes_to_be_unmet(ahead: list[float]) ->
     robot = hqp.robots.load("talos")
     law = PD(100.0, 20.0, max_velocity=0.4)
     hand = Position(frame=robot.landmarks["palms"][1], law=law, name="hand")
-    base = Orientation(frame=robot.landmarks["base"][0], law=PD(100.0, 20.0), name="base")
-    stack = Stack(
-        Level(Com(axes="xy", law=law)),
-        Level(hand),
-        Level(base),
-        Level(Posture(law=PD(100.0, 20.0))),
-        subject_to=[*(FixedContact(frame=sole) for sole in robot.landmarks["soles"]), JointLimits()],
-    )
+    stack = stack_of(robot, law, PD(100.0, 20.0), PD(100.0, 20.0), hand)
     session = hqp.Controller(stack, hqp.Torque(contact_law=PD(0.0, 40.0)), deadline=math.inf).session(robot, 0.002)
     q, v = robot.home.copy(), np.zeros(robot.nv)
     goal, commands = robot.state(q).position(hand.frame) + np.array(ahead), []

@@ -15,7 +15,7 @@ from benchmarks.calm import continuity
 from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
 from hqp.arrays import Vec
 from hqp.errors import ProblemError, UnsupportedProblem
-from hqp.pricing import is_met
+from hqp.pricing import is_met, stage_price
 
 STORED = np.load(Path(__file__).parents[1] / "data" / "calm20.npz")
 SOLVERS = [name for name in (*hqp.solvers.available(), "reference") if hqp.solvers.load(name).priced]
@@ -91,6 +91,34 @@ def test_postures_below_an_unmet_level_are_slowed(name: str, family: str) -> Non
             assert certificate(problem, solution.x, solver.accuracy, stages).ok, seed
             told.add(certificate(replace(problem, pace=math.inf), solution.x, 1e-6, stages).ok)
     assert told <= {True} if family == "plain" else False in told  # all levels of that family are met
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_below_an_unmet_level_one_without_a_coordinate_of_its_own_pays_more(name: str) -> None:
+    """A base (coordinates 0, 1) below a hand out of reach (0 to 3); a second hand (3, 4) pays what it did."""
+    solver = hqp.solvers.load(name)
+    hand = _asked([[1.0, 0.2, 0.5, 0.3, 0.0], [1.0, 0.2, 0.5, 0.301, 0.0]], [2.0, -1.0])
+    base, other = _asked([[0.3, 1.0, 0.0, 0.0, 0.0]], [40.0]), _asked([[0.0, 0.0, 0.0, 0.2, 1.0]], [1.5])
+    shares = np.full(3, 0.0 if name == "nullspace" else 1e-3)
+    prices = np.array([0.05, 0.1, 0.05])
+    problem = Hierarchy((hand, base, other), prices=prices, shares=shares, pace=0.3)
+    solution = solver.solve(problem)
+    stages = solution.stage_points
+    assert solution.status.solved
+    assert stages is not None
+    assert [stage_price(problem, stages, k) for k in (0, 2)] == [0.05, 0.05]
+    assert stage_price(problem, stages, 1) > 1.5 * 0.1
+    assert certificate(problem, solution.x, solver.accuracy, stages).ok
+    np.testing.assert_allclose(solution.x, hqp.solvers.load("reference").solve(problem).x, atol=1e2 * solver.accuracy)
+    fast = solver.solve(replace(problem, pace=math.inf))
+    assert not certificate(problem, fast.x, 1e-6, fast.stage_points).ok
+    assert solution.residuals[1][0] < 1.1 * fast.residuals[1][0] < 0.0
+    second = replace(problem, motion=Motion(np.ones(5), np.zeros(5)))  # accelerations: rest costs something
+    assert stage_price(second, stages, 1) == 0.1
+
+
+def _asked(A: list[list[float]], b: list[float]) -> Rows:
+    return Rows(np.array(A), np.array(b), np.array(b))
 
 
 def _without_last(rows: Rows, n: int) -> Rows:

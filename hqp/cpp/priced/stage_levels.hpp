@@ -16,9 +16,10 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kFade = 16.0;         // hqp/pace.py, FADE
-constexpr double kSlackMotion = 1e-5;  // slacks of inequality rows count this much as motion
-constexpr double kResting = 1e-4;      // of the largest entry: terms of a row are no smaller, as hqp/pricing.py says
+constexpr double kFade = 16.0;                      // hqp/pace.py, FADE
+constexpr double kDearer = 20.0, kLacking = 0.003;  // hqp/pricing.py
+constexpr double kSlackMotion = 1e-5;               // slacks of inequality rows count this much as motion
+constexpr double kResting = 1e-4;  // of the largest entry: terms of a row are no smaller, as hqp/pricing.py says
 
 class StageLevels final : public PricedStages {
  public:
@@ -31,6 +32,7 @@ class StageLevels final : public PricedStages {
         tolerances_(tolerances),
         at_(n, tolerances.flat),
         ends_(levels),
+        paid_(levels),
         accounts_(n),
         settled_(n, level_, total(levels, m), tolerances.met),
         search_(total(levels, m) + levels, n + most(levels, m)) {
@@ -60,6 +62,7 @@ class StageLevels final : public PricedStages {
             double pace) override {
     pace_ = pace;
     prices_ = prices;
+    paid_.assign(prices, prices + level_.size());
     shares_ = shares;
     F_ = F;
     f_ = f;
@@ -70,7 +73,7 @@ class StageLevels final : public PricedStages {
 
   void account(const AccountRows& rows, double* numbers, double* shares, double* worth) override {
     if (last_ < 0) at_.set(F_, f_, r_);
-    accounts_.run(level_, handed_, at_, prices_, ends_, rows_, row_of_, rows, numbers, shares, worth);
+    accounts_.run(level_, handed_, at_, paid_.data(), ends_, rows_, row_of_, rows, numbers, shares, worth);
   }
 
   int solve(const double* x, int head, double seconds, double* stages, double* last) override {
@@ -79,6 +82,9 @@ class StageLevels final : public PricedStages {
     ended_ = true;
     excess_ = 1.0;
     row_of_.clear();
+    unmet_.assign(n_, 0);
+    lack_ = 0.0;
+    std::copy(prices_, prices_ + level_.size(), paid_.begin());
     for (StageEnd& end : ends_) end.known = false;
     at_.set(F_, f_, r_);
     settled_.begin(at_, prices_, x);
@@ -104,7 +110,8 @@ class StageLevels final : public PricedStages {
         continue;
       }
       if (met) at_.motion(x, y_.data());
-      stage(k, priced ? prices_[k] : 0.0);
+      if (priced) paid_[k] = cost(k);
+      stage(k, paid_[k]);
       at_.point(y_.data(), x_.data());
       if (!ended_ && search_.late()) break;  // the levels below begin where this one does
       if (priced) {
@@ -212,6 +219,8 @@ class StageLevels final : public PricedStages {
     }
     const double norm = std::sqrt(square);
     if (norm <= tolerances_.met * size) return false;
+    mark(level);
+    lack_ = larger(lack_, norm / prices_[k]);
     excess_ = smaller(excess_, larger(0.0, 1.0 - norm / (kFade * prices_[k] * pace_ * pace_)));
     const double width = shares_[k] * norm / std::sqrt(static_cast<double>(level.m));
     double made = 0.0, base = 0.0;
@@ -230,6 +239,30 @@ class StageLevels final : public PricedStages {
       out.lower[level.m] = base - smaller(shares_[k] * norm, 0.5 * made + floor_ * shares_[k] * norm);
     else std::fill(guard, guard + n_, 0.0);
     return true;
+  }
+
+  // The coordinates of a level that is not met.
+  void mark(const PricedLevel& level) {
+    for (int i = 0; i < level.m; ++i) {
+      if (level.left_out(i)) continue;
+      const double* a = row(level, i);
+      for (int j = 0; j < n_; ++j)
+        if (a[j] != 0.0) unmet_[j] = 1;
+    }
+  }
+
+  // The price of level k in its stage (hqp/pricing.py): more where it has no coordinate but those of unmet levels
+  // above.
+  double cost(int k) {
+    const PricedLevel& level = level_[k];
+    if (!(lack_ > 0.0) || f_ != nullptr || !at_.diagonal()) return prices_[k];
+    for (int i = 0; i < level.m; ++i) {
+      if (level.left_out(i)) continue;
+      const double* a = row(level, i);
+      for (int j = 0; j < n_; ++j)
+        if (a[j] != 0.0 && !unmet_[j]) return prices_[k];
+    }
+    return prices_[k] * smaller(kDearer, 1.0 + kLacking * lack_ / (pace_ * pace_));
   }
 
   // An exact level at its optimum: its slack is unique, so equality rows and violated rows keep their value.
@@ -434,7 +467,8 @@ class StageLevels final : public PricedStages {
   int n_, last_ = -1, r_ = 0, iterations_ = 0;
   bool guard_ = true, ended_ = true;
   double guard_floor_ = 0.0, floor_ = 0.0;  // floor_: of this solve
-  std::vector<char> turned_;                // (n,) what the pace bounds
+  std::vector<char> turned_, unmet_;        // (n,) what the pace bounds; what rows of unmet levels have
+  double lack_ = 0.0;                       // largest ||w|| / c of those
   double pace_ = INFINITY, excess_ = 1.0;   // excess_: share of what single coordinates ask above it that is left
   struct Asked {                            // by a level of single coordinates after the last price
     std::vector<double> away, rest;
@@ -448,6 +482,7 @@ class StageLevels final : public PricedStages {
   Tolerances tolerances_;
   Coordinates at_;
   std::vector<StageEnd> ends_;
+  std::vector<double> paid_;  // (levels,) the prices in the stages of the latest solve
   std::vector<int> row_of_;
   Accounts accounts_;
   Settled settled_;
