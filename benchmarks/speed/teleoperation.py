@@ -168,7 +168,10 @@ def _placo(s: Scene, start: Vec) -> Step:
         task = solver.add_frame_task(hand.frame, model.get_T_world_frame(hand.frame))
         task.configure(hand.frame, "soft", 1.0, 1.0)
         tasks.append(task)
-    for frame in s.robot.landmarks.get("soles", ()) if s.robot.floating else ():
+    for sole in s.robot.landmarks.get("soles", ()) if s.robot.floating else ():
+        # where a sole is not in the file, what holds its joint's body holds it, too
+        joint = s.robot.model.frames[s.robot.frame(sole)].parentJoint
+        frame = sole if sole in model.frame_names() else s.robot.model.names[joint]
         solver.add_frame_task(frame, model.get_T_world_frame(frame)).configure(frame, "hard", 1.0, 1.0)
     if s.robot.floating:
         solver.add_com_task(model.com_world()).configure("com", "hard", 1.0)
