@@ -52,6 +52,11 @@ class Motions:
 
         Where the nearest point or the normal jumps in between, that of the points that are nearest now.
         """
+        sliding = self._sliding(found)
+        return self._held(found) if sliding is None else sliding
+
+    def _sliding(self, found: Near) -> float | None:
+        """The drift with a nearest point that slides, None where it jumps."""
         one, two = self._own.pair(found.pair)
         ends = []
         for h in (STEP, -STEP):
@@ -62,7 +67,7 @@ class Motions:
         (n, p, fast), (m, q, slow) = ends
         if float((p - q) @ (p - q)) <= JUMP * JUMP and float(n @ m) >= TURN:
             return (fast - slow) / (2.0 * STEP)
-        return self._held(found)
+        return None
 
     def counted(self, found: Near, outset: float) -> float:
         """The drift that a row counts with: d + clip(drift - d, SLIDE outset / beside), d of the points nearest now.
@@ -70,7 +75,9 @@ class Motions:
         Of capsules side by side the nearest point may slide from end to end in one tick; the ends have rows of their
         own, which see it.
         """
-        drift = self.drift(found)
+        drift = self._sliding(found)
+        if drift is None:
+            return self._held(found)
         if found.beside == 0.0:
             return drift
         held, most = self._held(found), SLIDE * outset / found.beside

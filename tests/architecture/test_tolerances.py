@@ -1,0 +1,35 @@
+"""Tolerances that stand in C++ as constants are those of hqp/tolerances.py."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from hqp import tolerances
+
+CPP = Path(__file__).parents[2] / "hqp" / "cpp"
+
+SAME = {
+    ("solver/judge.hpp", "kRank"): "CERTIFIED_RANK_TOLERANCE",
+    ("solver/judge.hpp", "kEither"): "EITHER_RANK",
+    ("solver/judge.hpp", "kData"): "NULL_SPACE_ROUNDING",
+    ("solver/judge.hpp", "kTurned"): "LARGEST_ROUNDING",
+    ("solver/judge.hpp", "kLock"): "LOCK_TOLERANCE",
+    ("solver/judge.hpp", "kLeastLock"): "SMALLEST_LOCK",
+    ("solver/lexicographic.hpp", "kActive"): "ACTIVITY_TOLERANCE",
+    ("solver/lexicographic.hpp", "kViolated"): "VIOLATION_TOLERANCE",
+    ("solver/problem.hpp", "rank_tolerance"): "RANK_TOLERANCE",
+    ("solver/problem.hpp", "multiplier_tolerance"): "MULTIPLIER_TOLERANCE",
+    ("solver/problem.hpp", "feasibility_tolerance"): "FEASIBILITY_TOLERANCE",
+}
+"""Constants by file and name, and what they are in Python."""
+
+
+@pytest.mark.parametrize(("place", "name"), SAME.items(), ids=lambda x: x if isinstance(x, str) else x[1])
+def test_a_constant_in_cpp_is_that_of_python(place: tuple[str, str], name: str) -> None:
+    file, constant = place
+    found = re.search(rf"\b{constant} = ([0-9.e-]+)", (CPP / file).read_text(encoding="utf-8"))
+    assert found is not None, f"{file} has no {constant}"
+    assert float(found.group(1)) == getattr(tolerances, name)
