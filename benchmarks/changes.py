@@ -11,13 +11,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import thread_time
-from typing import Any
 
 import numpy as np
 
 import hqp
 from benchmarks.reports import report
-from hqp import PD, Level, Stack
+from hqp import Level, Stack
+from hqp.arguments import formulation
 from hqp.reference import Reference
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, FrictionCone, JointLimits, Orientation, Position, Posture, TorqueLimits
@@ -34,16 +34,8 @@ LOADED = 3.0
 LONGEST = 1500
 """Ticks that a transition may take."""
 
-PAGE = Path(__file__).parents[1] / "docs" / "safety.md"
 MARK = "<!-- tables: python -m benchmarks changes --page docs/safety.md -->"
 END = "<!-- end of tables -->"
-
-
-def formulation(level: str) -> Any:
-    """The formulation of that name; contacts with feedback on their velocity at torque level."""
-    if level == "torque":
-        return hqp.Torque(contact_law=PD(0.0, 40.0))
-    return hqp.Velocity() if level == "velocity" else hqp.Acceleration()
 
 
 def stack(robot: Robot, level: str) -> Stack:
@@ -231,8 +223,7 @@ def run(arguments: argparse.Namespace) -> int:
     text = tables(found)
     report.section(arguments.output, "changes", text)
     if arguments.page is not None:
-        head, mark, rest = PAGE.read_text().partition(MARK)
-        arguments.page.write_text(f"{head}{mark}\n\n{text}\n{END}{rest.partition(END)[2]}")
+        report.into_page(arguments.page, MARK, text, END)
     return 0 if all(each.calm for each in found) else 1
 
 

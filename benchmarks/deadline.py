@@ -15,15 +15,15 @@ from time import perf_counter, thread_time
 import numpy as np
 
 import hqp
-from benchmarks.changes import DT, formulation, stack
+from benchmarks.changes import DT, stack
 from benchmarks.reports import report
 from hqp import Stack, Status
+from hqp.arguments import formulation
 from hqp.robots import Robot
 from hqp.tasks import Com, Position, UnilateralContact
 from hqp.tolerances import VIOLATION_TOLERANCE
 
 ROBOTS = ("cbi", "talos", "g1")
-PAGE = Path(__file__).parents[1] / "docs" / "safety.md"
 MARK = "<!-- tables: python -m benchmarks deadline --page docs/safety.md -->"
 END = "<!-- end of deadlines -->"
 
@@ -118,6 +118,5 @@ def run(arguments: argparse.Namespace) -> int:
     text = "\n".join(lines) + "\n"
     report.section(arguments.output, "deadline", text)
     if arguments.page is not None:
-        head, mark, rest = PAGE.read_text().partition(MARK)
-        arguments.page.write_text(f"{head}{mark}\n\n{text}\n{END}{rest.partition(END)[2]}")
+        report.into_page(arguments.page, MARK, text, END)
     return int(worse > 0)

@@ -18,7 +18,8 @@ import numpy as np
 from numpy.random import Generator
 
 import hqp
-from hqp import PD, Level, Stack, Status
+from hqp import Level, Stack, Status
+from hqp.arguments import formulation
 from hqp.robots import Robot
 from hqp.safety import RateLimits
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, PointContact, Position, Posture, TorqueLimits
@@ -54,13 +55,6 @@ class Record:
             f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB",
         ]
         return "\n".join(lines)
-
-
-def formulation(level: str) -> hqp.Velocity | hqp.Acceleration | hqp.Torque:
-    """The formulation of that name; contacts with feedback on their velocity at torque level."""
-    if level == "torque":
-        return hqp.Torque(contact_law=PD(0.0, 40.0))
-    return hqp.Velocity() if level == "velocity" else hqp.Acceleration()
 
 
 def stacks(robot: Robot, level: str) -> list[Stack]:

@@ -19,7 +19,6 @@ ROBOTS = ("talos", "g1", "panda")
 MARGIN = -5e-4
 """Least distance less clearance that a scene may have [m]."""
 
-PAGE = Path(__file__).parents[2] / "docs" / "collision.md"
 MARK = "<!-- tables: python -m benchmarks collision --page docs/collision.md -->"
 """Of the page, before what is written by this command."""
 
@@ -55,8 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     text = "\n".join(sections)
     report.section(arguments.output, "collision", text)
     if arguments.page is not None:
-        head, mark, _ = PAGE.read_text().partition(MARK)
-        arguments.page.write_text(head + mark + "\n\n" + text)
+        report.into_page(arguments.page, MARK, text)
     if arguments.json is not None:
         arguments.json.write_text(json.dumps([*records, *map(asdict, times)], indent=1))
     return 1 if failed else 0

@@ -213,10 +213,8 @@ def in_files() -> str:
 
 def main() -> None:
     """Write the pages."""
-    head, mark, _ = FILES.read_text(encoding="utf-8").partition(MARK)
-    FILES.write_text(f"{head}{mark}\n\n{in_files()}", encoding="utf-8")
-    head, mark, _ = PAGE.read_text(encoding="utf-8").partition(MARK)
-    PAGE.write_text(f"{head}{mark}\n\n{table()}", encoding="utf-8")
+    report.into_page(FILES, MARK, in_files())
+    report.into_page(PAGE, MARK, table())
 
 
 if __name__ == "__main__":

@@ -100,6 +100,13 @@ def section(output: Path, part: str, *paragraphs: str) -> None:
     (output / f"{part}.md").write_text("\n\n".join(p.strip("\n") for p in paragraphs) + "\n")
 
 
+def into_page(page: Path, mark: str, text: str, end: str = "") -> None:
+    """Put a text after its mark in a page of docs/, up to ``end`` or to the end of the page."""
+    head, found, rest = page.read_text(encoding="utf-8").partition(mark)
+    tail = f"\n{end}{rest.partition(end)[2]}" if end else ""
+    page.write_text(f"{head}{found}\n\n{text}{tail}", encoding="utf-8")
+
+
 def write(output: Path, outcomes: Sequence[Outcome], quick: bool) -> Path:
     """The report: machine, outcome of each part, their sections."""
     lines = ["# Benchmark report", ""]

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 import hqp
-from benchmarks.changes import DT, LEVELS, ROBOTS, Loop, formulation, lifted, measure, stack
+from benchmarks.changes import DT, LEVELS, ROBOTS, Loop, lifted, measure, stack
 from hqp import PD, Level, P, Stack, Status
+from hqp.arguments import formulation
 from hqp.errors import DeclarationError, FrameNotFound, ModelError
 from hqp.ordinary import OrdinaryTick
 from hqp.recorder import load as load_recording

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import hqp
-from benchmarks.changes import formulation
 from benchmarks.deadline import overloaded
 from hqp import Hierarchy, Level, Rows, Selection, Stack, Status
+from hqp.arguments import formulation
 from hqp.conflict import conflict
 from hqp.tasks import FixedContact, JointLimits, PointContact, Posture
 
