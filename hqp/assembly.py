@@ -91,7 +91,8 @@ class Assembly:
             self._bind(member, robot, dt)
         members = self.members.values()
         self.written = [m for m in members if m.write is not None]
-        self._own_bounds = [m.views for m in self.written if not m.element.equality]
+        checked = [m for m in members if m.write is not None or m.element.steered]  # by a reference that is no number
+        self._own_bounds = [m.views for m in checked if not m.element.equality]
         self._targets = [(m.element.name, m.target, m) for m in members if m.target is not None and m.target.shape]
         if self.native_rows is not None:
             self._hand_over_laws(self.native_rows)

@@ -110,3 +110,24 @@ def test_they_are_not_passed(panda: Any, what: str, kind: str) -> None:
         assert jump < {"velocity": 0.02, "acceleration": 1.0, "torque": 1.0}[kind]  # rad/s, rad/s2, N m
     assert worst[False] > (0.008 if what == "box" else 0.03)
     assert worst[True] < 3e-4
+
+
+@pytest.mark.parametrize("kind", FORMULATIONS)
+@pytest.mark.parametrize("what", [*BOUNDED, "ball"])
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_a_velocity_that_is_no_number_is_told(panda: Any, what: str, kind: str, bad: float) -> None:
+    """The reference is not taken, and the tick says so; a ball of the world moves too."""
+    bounded: Any = BOUNDED.get(what)
+    if bounded is None:
+        ball = hqp.shapes.sphere("ball", 0.05, tuple((panda.state().position(FRAME) + [0.15, 0.0, 0.0]).tolist()))
+        bounded = t.CollisionAvoidance(pairs="world", world=ball, name="b")
+        told = bounded.at({"ball": ball.position}, {"ball": [bad, 0.0, 0.0]})
+    else:
+        given = moving(what, panda.state(), False)(0.0).value
+        value = given[0] if isinstance(bounded, t.Cone) else given
+        told = bounded.at(value, velocity=np.full(6 if what == "pose" else 3, bad))
+    session = hqp.Controller(Stack(Level(t.Posture()), subject_to=[bounded]), FORMULATIONS[kind]).session(panda, DT)
+    session.step(panda.state())
+    tick = session.step(panda.state(), told)
+    assert tick.status in (hqp.Status.INVALID_REFERENCE, hqp.Status.INVALID_ELEMENT)
+    assert np.isfinite(tick.command).all()
