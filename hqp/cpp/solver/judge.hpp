@@ -166,9 +166,10 @@ class Judge {
     if (applied_[q] < 0) {
       unit_row(q, y);
       twist(y);
-      applied_[q] = 0;
+      null_.project_tail(y);
+    } else {
+      null_.project(y, applied_[q]);
     }
-    null_.project(y, applied_[q]);
     applied_[q] = null_.rank;
     return y;
   }

@@ -16,6 +16,8 @@ struct NullSpace {
     ld = padded(n);
     arena.place(v_, static_cast<std::size_t>(n) * ld);
     arena.place(tau_, n);
+    arena.place(basis_, static_cast<std::size_t>(n) * ld);
+    arena.place(tail_, n);
   }
 
   int freedom() const { return n - rank; }
@@ -23,6 +25,23 @@ struct NullSpace {
   // y := Q' y, where the first `from` reflections were applied already.
   void project(double* y, int from = 0) const {
     for (int i = from; i < rank; ++i) reflect_one(i, y);
+  }
+
+  // The same of a row that no reflection was applied to, but for the first `rank` entries, which are left as they are:
+  // where little is left of the space, by a basis of it.
+  void project_tail(double* y) {
+    if (freedom() * kFew > rank) return project(y);
+    if (known_rank_ != rank || known_ != added_) {
+      for (int j = rank; j < n; ++j) {
+        double* z = basis_ + static_cast<std::ptrdiff_t>(j) * ld;
+        for (int i = 0; i < n; ++i) z[i] = i == j ? 1.0 : 0.0;
+        lift(z);
+      }
+      known_rank_ = rank;
+      known_ = added_;
+    }
+    dots_any(y, basis_ + static_cast<std::ptrdiff_t>(rank) * ld, ld, freedom(), n, tail_);
+    for (int j = rank; j < n; ++j) y[j] = tail_[j - rank];
   }
 
   // y := Q y, but for the first `from` reflections.
@@ -37,6 +56,7 @@ struct NullSpace {
     v[rank] += v[rank] >= 0.0 ? length : -length;
     tau_[rank] = 1.0 / (length * std::fabs(v[rank]));
     ++rank;
+    ++added_;
   }
 
   // Reflection i from its first entry that is not zero on, and its factor: H = I - factor v v'.
@@ -47,7 +67,10 @@ struct NullSpace {
   double length(const double* y) const { return std::sqrt(dot_any(y + rank, y + rank, n - rank)); }
 
  private:
-  double *v_ = nullptr, *tau_ = nullptr;
+  static constexpr int kFew = 4;  // reflections that cost as much as a direction of the basis
+  double *v_ = nullptr, *tau_ = nullptr, *basis_ = nullptr, *tail_ = nullptr;
+  int known_rank_ = -1;
+  long added_ = 0, known_ = 0;  // reflections ever added, and when the basis was made
 
   void reflect_one(int i, double* y) const {
     const double* v = reflection(i);

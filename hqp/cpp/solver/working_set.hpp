@@ -89,7 +89,7 @@ class WorkingSet {
   static constexpr int kIdle = 16;       // so many steps of no length may follow one another
   static constexpr double kNear = 1e4;   // a pivot this near it, or one that magnifies rounding by kGrown, is judged
   static constexpr double kGrown = 1e6;
-  static constexpr double kGood = 1e-11;     // an answer that was judged and has a larger gap is lowered level by level
+  static constexpr double kGood = 1e-10;     // an answer that was judged and has a larger gap is lowered level by level
   static constexpr double kDoubt = 100.0;    // a pivot this near the rank tolerance, as a ratio, is no clear decision
   static constexpr double kDigits = 1e-12;   // of the data, relative: those that are not known
   static constexpr double kUnmoved = 1e-10;  // x moves by no more, relative: its ranks are certain enough
