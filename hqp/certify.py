@@ -28,6 +28,7 @@ import numpy as np
 from hqp.arrays import Mat, Vec, longest_row, row_lengths
 from hqp.errors import ProblemError
 from hqp.nnls import nonnegative_least_squares
+from hqp.null_directions import without_rounding
 from hqp.pricing import Coordinates, after_stages, feasible_set, is_met, stage_price
 from hqp.problem import Hierarchy, Rows
 from hqp.tolerances import (
@@ -95,6 +96,7 @@ def certificate(
         return Certificate(
             np.full(levels + 1, np.inf), tolerance, np.full(levels, np.inf), (0,) * (levels + 1), nothing
         )
+    problem = without_rounding(problem)
     if problem.priced:
         return _priced(problem, x, tolerance, stages, settled)
     first: Certificate | None = None

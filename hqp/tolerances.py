@@ -28,6 +28,9 @@ LARGEST_ROUNDING = 5e-7
 METRIC_TOLERANCE = 1e-10
 """Of its largest diagonal entry: pivots of the metric below this fraction count as zero."""
 
+UNSEEN_BY_METRIC = 1e-13
+"""Of its longest row: a metric that is no longer than this along directions that no level sees does not see them."""
+
 INERTIA_TOLERANCE = 1e-12
 """Least eigenvalue of the inertia, its diagonal scaled to one, that Torque takes."""
 

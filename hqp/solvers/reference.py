@@ -21,6 +21,7 @@ from hqp.arrays import Mask, Mat, Vec, longest_row, row_lengths
 from hqp.certify import certificate
 from hqp.errors import DeclarationError
 from hqp.nnls import nonnegative_least_squares
+from hqp.null_directions import without_rounding
 from hqp.pricing import Coordinates, after_stages, at_optimum, feasible_set, stack_rows, stage_price
 from hqp.problem import Hierarchy, Rows, Shape, Solution, Stats, Status
 from hqp.solvers.base import Solver, check_fields, finish
@@ -76,7 +77,7 @@ class ReferenceWorkspace:
         unusable = self._flat.load(problem)
         if unusable:
             return self._flat.refuse(problem, Stats(build_s=perf_counter() - began), unusable)
-        run = _Run(problem, self._solver)
+        run = _Run(without_rounding(problem), self._solver)
         stages = run.stages() if problem.priced else None
         x = run.answer(stages)
         stats = Stats(run.steps, 0, 0.0, perf_counter() - began)
@@ -87,7 +88,7 @@ class ReferenceWorkspace:
 
 def witness(problem: Hierarchy, known: Mat | None = None) -> Mat:
     """The optimum of every priced level in its own stage, ``(levels, n)``, where ``known`` has none (NaN)."""
-    return _Run(problem, Reference()).stages(known)
+    return _Run(without_rounding(problem), Reference()).stages(known)
 
 
 class _Run:

@@ -17,6 +17,7 @@ class ActiveSet final : public Step {
     outcome = Outcome::optimal;
     cap_ = options.max_iterations > 0 ? options.max_iterations : 100 + 10 * (table.rows + table.n);
     level_search.deadline.start(options.time_limit);
+    level_search.unseen.forget();
     changes_.forget();
     tableau.choose_bias();
     stopped_ = stalled_ = false;

@@ -4,6 +4,7 @@
 #include <initializer_list>
 
 #include "nonnegative.hpp"
+#include "null_directions.hpp"
 #include "null_space.hpp"
 #include "row_factor.hpp"
 #include "table.hpp"
@@ -31,7 +32,10 @@ class Judge {
   double closest = kInfinity;  // nearest a direction came to kRank in the last verdict, as a ratio >= 1
   Deadline deadline;           // ends a verdict unsaid: the point does not pass
 
-  void layout(Arena& arena, int n, int rows, int most) {
+  NullDirections unseen;  // once they are known rows are judged without them
+
+  void layout(Arena& arena, int n, int rows, int most, int blocks) {
+    unseen.layout(arena, n, rows, blocks);
     n_ = n;
     all_ = n + rows;
     ld_ = padded(n);
@@ -63,6 +67,7 @@ class Judge {
   bool judge(const double* at) {
     for (int i = 0; i < n_; ++i) x[i] = at[i];
     closest = kInfinity;
+    if (table_->shortened) unseen.find(*table_);
     bool passed = false;
     for (const double reading : {1.0, 1.0 / kEither, kEither}) {
       rank_ = reading * kRank;
@@ -120,6 +125,7 @@ class Judge {
   bool pass_twice(double lock) {
     if (!pass(lock)) return false;
     if (shortest_ > kWell) return true;
+    unseen.find(*table_);
     twisted_ = true;
     const bool again = pass(lock);
     twisted_ = false;
@@ -192,7 +198,7 @@ class Judge {
         const double* a = b.A + static_cast<std::ptrdiff_t>(i) * n_;
         const double f = 1.0 / norm(q);
         for (int j = 0; j < n_; ++j) y[j] = f * a[j];
-        return;
+        return unseen.clean(static_cast<int>(&b - table_->block), y);
       }
       for (int j = 0; j < n_; ++j) y[j] = 0.0;
       y[b.index[i]] = b.scale[i] > 0.0 ? 1.0 : -1.0;
@@ -289,6 +295,7 @@ class Judge {
       if (b.A) add_any(g_, b.A + static_cast<std::ptrdiff_t>(i) * n_, w, n_);
       else g_[b.index[i]] += w * b.scale[i];
     }
+    unseen.clean(k, g_);
     scale_ = b.norm * (b.norm + most + terms);
     return std::sqrt(square);
   }

@@ -16,8 +16,8 @@ class LevelSearch : public Judge {
  public:
   int solves = 0;  // subspaces minimised
 
-  void layout(Arena& arena, int n, int rows, int most) {
-    Judge::layout(arena, n, rows, most);
+  void layout(Arena& arena, int n, int rows, int most, int blocks) {
+    Judge::layout(arena, n, rows, most, blocks);
     const std::size_t wide = static_cast<std::size_t>(padded(n + 1));
     wide_ = static_cast<int>(wide);
     arena.place(B_, (most + 1) * wide);
@@ -38,6 +38,7 @@ class LevelSearch : public Judge {
   bool search(const double* from) {
     solves = 0;
     deadline.turn();
+    unseen.find(*table_);
     for (int i = 0; i < n_; ++i) x[i] = from[i];
     for (int turn = 0; turn < kPasses; ++turn) {
       const bool moved = lower_all();

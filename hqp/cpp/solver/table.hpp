@@ -29,8 +29,11 @@ struct Table {
   int first = 0;  // 1 if level 0 became the box
   double reach =
       0.0;  // largest distance that a row of usual length asks for, |bound| / norm: the scale of rounding in x
-  bool uneven = false;  // rows of one level differ in length by more than 1e5
-  bool boxed = false;   // some variable has a finite bound or is fixed
+  bool uneven = false;     // rows of one level differ in length by more than 1e5
+  bool shortened = false;  // a row is so short that rounding of the longest one turns it by more than 1e-10
+  bool has_metric = false;
+  int constraint_blocks = 0;  // the first of them, which are constraints, or bounds on single variables
+  bool boxed = false;         // some variable has a finite bound or is fixed
   Block* block = nullptr;
   double* lower = nullptr;  // (rows,) of the table, copies
   double* upper = nullptr;
@@ -87,7 +90,7 @@ struct Table {
     inequalities = 0;
     first = 0;
     reach = 0.0;
-    uneven = false;
+    uneven = shortened = false;
     no_box();
     for (int k = 0, row = 0; k < problem.count; row += problem.levels[k++].m) {
       const Level level = simplest(problem.levels[k], row);
@@ -98,6 +101,9 @@ struct Table {
       }
     }
     measure();
+    constraint_blocks = problem.constraints > first ? problem.constraints - first : 0;
+    if (problem.constraints == 0 && first == 0 && blocks > 0 && !block[0].A) constraint_blocks = 1;
+    has_metric = problem.metric != nullptr;
     return complete(problem);
   }
 
@@ -180,6 +186,7 @@ struct Table {
       const double usual = larger(1e-3 * b.norm, b.rounding);
       for (int r = b.begin; r < b.end; ++r) {
         uneven = uneven || (kind[r] != kFree && norm[r] < 1e-5 * b.norm && norm[r] > b.rounding);
+        shortened = shortened || (kind[r] != kFree && norm[r] < 1e10 * b.rounding && norm[r] > b.rounding);
         if (kind[r] == kFree || norm[r] <= usual) continue;
         const double nearest = smaller(std::fabs(lower[r]), std::fabs(upper[r]));
         if (nearest > reach * norm[r]) reach = nearest / norm[r];

@@ -40,7 +40,7 @@ class WorkingSet {
     for (int k = 0; k + 1 < count; ++k) blocks_m[k] = blocks_m[k + 1] > blocks_m[k] ? blocks_m[k + 1] : blocks_m[k];
     tableau.layout(arena, n, count, blocks_m);
     multipliers.layout(arena, n, total, most);
-    level_search.layout(arena, n, total, most);
+    level_search.layout(arena, n, total, most, count);
     arena.place(W, total);
     arena.place(F, n);
     arena.place(x, n);

@@ -165,7 +165,7 @@ static void level_search() {
     problem.count = 2;
     if (!two.set.table.read(problem)) ++failures;
     two.set.solve(Options{});
-    Placed<LevelSearch> search(Two::n, two.set.table.rows, Two::n);
+    Placed<LevelSearch> search(Two::n, two.set.table.rows, Two::n, two.set.table.blocks);
     search.start(&two.set.table);
     std::vector<double> x(Two::n);
     if (!search.search(x.data())) small("level search: not found", 1.0);
