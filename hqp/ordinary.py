@@ -185,7 +185,7 @@ def ordinary_tick(session: Session, direct: Direct, state: State, references: tu
     robot = session.robot
     if state.robot is not robot or robot.current is not state or direct.workspace is not session.workspace:
         return None
-    if not (state.square < session._check.ordinary and state.valid):
+    if not state.valid or (state.square >= session._check.ordinary and session._check.fault(state, None)):
         return None
     if direct.fresh and session._limit is not None:
         session._budget.begin()

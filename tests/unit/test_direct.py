@@ -273,3 +273,19 @@ def test_direct_torque_ticks_equal_general_ones(price: Any) -> None:
         if one.times is not None and isinstance(one, OrdinaryTick):
             assert min(one.times.assemble, one.times.solve) > 0.0
     assert 20 < direct < 120
+
+
+def test_a_state_that_moves_fast_is_ordinary() -> None:
+    """A bound on q'q + v'v saves most ticks a look at each joint; what it does not tell is no reason to leave them."""
+    fast, _ = pair(NATIVE, hqp.Velocity())
+    robot = fast.robot
+    v = np.zeros(robot.nv)
+    for _ in range(4):
+        state = robot.state(robot.home, v)
+        tick = fast.step(state, HAND.at(HAND.value(state)))
+        v[6:] = 1.5
+    assert state.square > fast._check.ordinary
+    assert isinstance(tick, OrdinaryTick)
+    v[6] = 1e6
+    tick = fast.step(robot.state(robot.home, v))
+    assert tick.status is Status.INVALID_STATE
