@@ -30,7 +30,7 @@ assert found.success, found.reason
 
 cube = Pose(frame="object", law=P(10.0), name="cube")
 turn = Stack(Level(cube), Level(posture), subject_to=[*tips.values(), JointLimits()])
-session = hqp.Controller(turn).session(robot, dt=0.005)
+session = hqp.Controller(turn, deadline=np.inf).session(robot, dt=0.005)
 q, v, slid, error = found.q, np.zeros(robot.nv), 0.0, 0.0
 start = cube.value(robot.state(q))
 for k in range(1200):
