@@ -139,7 +139,9 @@ def slope_panels(output: Path, run: Outing) -> Files:
 
 def staged_panels(output: Path, run: Outing) -> Files:
     """Fig. 5 with the paper's timeline and its instants in words."""
-    return _panels(run, output, "dreamer_staged", "The paper's timeline (compare Sentis 2012, Fig. 5)")
+    return _panels(
+        run, output, "dreamer_staged", "The paper's timeline, privileged normals (compare Sentis 2012, Fig. 5)"
+    )
 
 
 def tilt_panels(output: Path, run: Outing) -> Files:
@@ -167,7 +169,7 @@ def _panels(run: Outing, output: Path, stem: str, title: str) -> Files:
     hand.plot(t, MM * np.linalg.norm(log["hand"], axis=1), color=ACTUAL)
     hand.set_ylabel("hand error [mm]")
     posture.plot(t, np.degrees(np.linalg.norm(log["posture"], axis=1)), color=ACTUAL)
-    posture.set_ylabel("posture error [deg]")
+    posture.set_ylabel("posture error,\nnorm [deg]")
     base.plot(t, np.degrees(log["base"][:, 4]), color=ACTUAL)
     base.set_ylabel("tilt of the\nbase [deg]")
     speed.plot(t, log["velocity"][:, 0], color=ACTUAL)
@@ -182,8 +184,9 @@ def _panels(run: Outing, output: Path, stem: str, title: str) -> Files:
     marks = [*instants, *([t[on_ramp[0]]] if on_ramp.size else [])]
     words = ("upper body on", "base on", "onto the ramp")
     for axis in (com, hand, posture, base, speed, pull, load):
-        for text, when in zip(words[0 if instants else 2 :], marks, strict=False):
+        for k, (text, when) in enumerate(zip(words[0 if instants else 2 :], marks, strict=False)):
             axis.axvline(when, color="0.3", linestyle="--", linewidth=0.8)
             if axis is com:
-                axis.annotate(f" {text}", (when, 0.6), xycoords=("data", "axes fraction"), fontsize="small")
+                place = (when, 0.8 - 0.2 * k)  # one below the other: two instants may be close
+                axis.annotate(f" {text}", place, xycoords=("data", "axes fraction"), fontsize="small")
     return _save(figure, output, stem, title)

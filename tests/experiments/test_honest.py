@@ -187,6 +187,12 @@ def test_the_force_of_the_ground_is_found_beside_traction_and_a_hand() -> None:
     for _ in range(500):
         ground.update(residual, R, hand, place)
     assert ground.force == pytest.approx(np.zeros(2), abs=1e-3)
+    for weight in (200.0, 2000.0):  # but as far as the base's tilt explains it, it may be
+        ground = GroundForce(robot, element, 0.002, tilted=weight)
+        for _ in range(500):
+            ground.update(residual, R, hand, place)
+        explained = min(1.0, weight * math.sin(lean) / np.linalg.norm(push))
+        assert ground.force == pytest.approx(explained * push, abs=1e-3)
 
 
 @pytest.mark.slow

@@ -65,8 +65,9 @@ class Compliance:
     turns to where it is led [rad/s], 0 to keep its heading; torso: the same of the torso's posture goal alone.
     faces: where the torso is turned instead, world azimuth [rad], for a robot that is told where the slope runs.
     least_load: to be kept on every wheel where there are limits [N].  bandwidth: of the observer [1/s].  assist:
-    by this share of the human's pull the wheels go along with it.  felt: of the ground's push, the low-pass [s] and the
-    most that is held against [N].  self_motion: k_E of the posture law of eqs. (40) to
+    by this share of the human's pull the wheels go along with it.  felt: of the ground's push, the low-pass [s], the
+    most that is held against [N], and of the weight along the base's tilt the share that is held against at most while
+    a wheel bears nothing.  self_motion: k_E of the posture law of eqs. (40) to
     (44) [1/s], 0 for a PD law.  period: of control [s].
     """
 
@@ -88,7 +89,7 @@ class Compliance:
     payload: Payload = "none"
     bandwidth: float = 20.0
     assist: float = 0.0
-    felt: tuple[float, float] = (0.05, 150.0)
+    felt: tuple[float, float, float] = (0.05, 150.0, 0.0)
     self_motion: float = 0.0
     com_goal: tuple[float, float] = COM_GOAL
     gyro: bool = True

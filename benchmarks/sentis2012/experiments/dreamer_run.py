@@ -63,7 +63,9 @@ class Outing:
         self._map = GroundMap(self.robot, choice.period) if choice.normals == "map" else None
         pushed = tasks.find(GROUND_PUSH, ExternalWrench) if choice.normals == "felt" else None
         self._odometry = Odometry(self.robot)
-        self._ground_force = GroundForce(self.robot, pushed, choice.period, *choice.felt)
+        lag, most, share = choice.felt
+        weight = 9.81 * self.robot.mass
+        self._ground_force = GroundForce(self.robot, pushed, choice.period, lag, most, share * weight)
         self._actuated = self.robot.actuated
         self._limit = scene.strength * self.robot.effort_limit[self._actuated]
         model = self.plant.model

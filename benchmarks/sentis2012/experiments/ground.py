@@ -159,9 +159,10 @@ class GroundForce:
     gravity compensation, without a map or a force sensor.
     element: of the stack that is told, None for a controller that does not hold against it.
     time_constant: of the low-pass on it [s].  most: that is held against [N].  While the wheels contradict each other
-    by more than SPINNING, or one bears less than UNLOADED, it dies away: a wheel that has lost its load and spins would
-    be felt as a slope.  What each wheel bears is told by the base's rows as well, without load cells: the force square
-    to the base's plane and the two moments in it are those of three wheels.
+    by more than SPINNING, or one bears less than UNLOADED, it dies away to what the base's tilt explains, ``tilted``
+    newtons times its sine: a wheel that has lost its load and spins on the flat would be felt as a slope.  What each
+    wheel bears is told by the base's rows as well, without load cells: the force square to the base's plane and the two
+    moments in it are those of three wheels.
     """
 
     SPINNING = 0.1
@@ -176,12 +177,13 @@ class GroundForce:
         period: float,
         time_constant: float = 0.05,
         most: float = 150.0,
+        tilted: float = 0.0,
     ) -> None:
         names = tuple(robot.wheels)
         rims = np.array([np.cross(robot.wheels[name].axle, UP)[:2] for name in names])
         self._wheels = robot.joints("wheels")
         self._traction = rims.T / np.array([robot.wheels[name].radius for name in names])
-        self._share, self._most = period / time_constant, most
+        self._share, self._most, self._tilted = period / time_constant, most, tilted
         self._element = element
         state = robot.state()
         places = [state.position(frame) - state.position("base") for frame in robot.landmarks["wheel_contacts"]]
@@ -199,11 +201,15 @@ class GroundForce:
         """
         pull, turn = rotation.T @ hand, rotation.T @ np.cross(place, hand)
         self.loads = self._bearing @ np.array([residual[2] - pull[2], residual[3] - turn[0], residual[4] - turn[1]])
-        if contradiction > self.SPINNING or self.loads.min() < self.UNLOADED:
+        lost = contradiction > self.SPINNING or self.loads.min() < self.UNLOADED
+        if lost and not self._tilted:
             self.force = (1.0 - self._share) * self.force
             return self.force
-        here = residual[:2] - pull[:2] + self._traction @ residual[self._wheels]
-        self.force = self.force + self._share * (rotation[:2, :2] @ here - self.force)
+        here = rotation[:2, :2] @ (residual[:2] - pull[:2] + self._traction @ residual[self._wheels])
+        if lost:
+            explained = self._tilted * math.hypot(rotation[0, 2], rotation[1, 2])
+            here = min(1.0, explained / max(math.hypot(*here), 1e-300)) * here
+        self.force = self.force + self._share * (here - self.force)
         return self.force
 
     def references(self) -> list[Reference]:
