@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 from benchmarks.lab.outcome import Figure, Outcome, holds
 from benchmarks.lab.setting import Setting
@@ -30,5 +30,5 @@ def experiment(setting: Setting) -> Outcome:
         elif cell.limit is not None:
             outcome.figures.append(Figure(f"{name}: CoM error", error, "mm", high=cell.limit))
     lines = [statistics.summary(name, [asdict(run)]) for name, run in measures.items()]
-    outcome.tables.append(statistics.shown(lines, ("worst",)))
+    outcome.tables.append(replace(statistics.shown(lines, ("worst",)), title="Single runs"))
     return outcome
