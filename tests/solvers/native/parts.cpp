@@ -57,6 +57,49 @@ static void null_space() {
     }
 }
 
+// Rows with given singular values: the short ones are found, behind a gap and without one, and one of them is dropped.
+static void row_factor(const std::vector<double>& sigma, int first) {
+  const int n = 9, m = static_cast<int>(sigma.size());
+  Placed<NullSpace> left(m), right(n), space(n);  // random orthogonal U and V
+  for (auto* q : {static_cast<NullSpace*>(&left), static_cast<NullSpace*>(&right)})
+    for (int i = 0; i < q->n; ++i) {
+      std::vector<double> y = random_vector(q->n);
+      q->project(y.data());
+      q->add(y.data(), q->length(y.data()));
+    }
+  std::vector<double> rows(m * n);
+  for (int k = 0; k < m; ++k) {
+    std::vector<double> u(m), v(n);
+    u[k] = v[k] = 1.0;
+    left.lift(u.data());
+    right.lift(v.data());
+    for (int a = 0; a < m; ++a) add_any(&rows[a * n], v.data(), sigma[k] * u[a], n);
+  }
+  Placed<RowFactor> factor(n, m);
+  Deadline none;
+  none.start(0.0);
+  factor.start(m, n);
+  for (int a = 0; a < m; ++a) factor.set(a, &rows[a * n]);
+  factor.reduce(space, n);
+  small("row factor: rank", factor.rank - m, 0);
+  factor.find_small(1e-6, none);
+  small("row factor: gap", factor.first - first, 0);
+  int shortest = first;
+  for (int j = first; j < m; ++j)
+    if (factor.singular_value(j) < factor.singular_value(shortest)) shortest = j;
+  small("row factor: least singular value", factor.singular_value(shortest) / sigma[m - 1] - 1.0, 1e-4);
+  factor.drop(shortest, space, 0);
+  space.rank = 0;
+  factor.renew(m);
+  for (int a = 0; a < m; ++a) factor.set(a, &rows[a * n]);
+  factor.reduce(space, m - 1);
+  std::vector<double> v(n);
+  v[m - 1] = 1.0;
+  right.lift(v.data());
+  space.project(v.data());
+  small("row factor: the direction dropped is free", space.length(v.data()) - 1.0, 1e-6);
+}
+
 static void nonnegative_least_squares() {
   const int n = 6, k = 10;
   for (int trial = 0; trial < 200; ++trial) {
@@ -273,6 +316,8 @@ static void secular_equation() {
 
 int main() {
   null_space();
+  row_factor({1.0, 0.7, 0.3, 1e-8, 3e-11}, 3);
+  row_factor({1.0, 1e-2, 1e-4, 5e-7, 1e-8, 2e-10}, 0);
   nonnegative_least_squares();
   factorisation();
   updates();
