@@ -198,7 +198,7 @@ class Judge {
         const double* a = b.A + static_cast<std::ptrdiff_t>(i) * n_;
         const double f = 1.0 / norm(q);
         for (int j = 0; j < n_; ++j) y[j] = f * a[j];
-        return unseen.clean(static_cast<int>(&b - table_->block), y);
+        return unseen.clean_row(static_cast<int>(&b - table_->block), y);
       }
       for (int j = 0; j < n_; ++j) y[j] = 0.0;
       y[b.index[i]] = b.scale[i] > 0.0 ? 1.0 : -1.0;

@@ -61,7 +61,12 @@ class NullDirections {
     }
   }
 
-  // Take out of a row, or a sum of rows, of block k what only rounding can have put there.
+  // Take out of a row of block k what only rounding can have put there; what is as small as the row's own stays.
+  void clean_row(int k, double* unit) const {
+    if (count_ && unseeing_[k] && along(unit) > kOwn) clean(k, unit);
+  }
+
+  // The same for a sum of rows.
   void clean(int k, double* y) const {
     if (!count_ || !unseeing_[k]) return;
     for (int j = 0; j < count_; ++j) add_any(y, Z(j), -dot_any(y, Z(j), n_), n_);
@@ -69,6 +74,7 @@ class NullDirections {
 
  private:
   static constexpr double kUnseenByMetric = 1e-8;  // of the longest row of the metric's root
+  static constexpr double kOwn = 1e-15;            // of a row of unit length: its own rounding
   NullSpace space_;
   int n_ = 0, ld_ = 0, count_ = 0;
   bool known_ = false;
