@@ -45,6 +45,9 @@ DEARER, LACKING = 20.0, 0.003
 1 s for 0.05 s.  It does so gradually, at 500 Hz to double where a hand misses by 0.1 m/s: at 30 times that pace Talos'
 base, asked to turn as its hand comes to be out of reach, stopped at the acceleration window."""
 
+UNUSED = 1e-12
+"""Of a row's largest entry: smaller ones are rounding, the row does not have that coordinate."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coordinates:
@@ -157,7 +160,8 @@ def _used(rows: Rows, n: int) -> Mask:
     if isinstance(rows.A, Selection):
         found[rows.A.index[asks]] = True
     else:
-        found[:] = (rows.A[asks] != 0.0).any(axis=0)
+        size = np.abs(rows.A[asks])
+        found[:] = (size > UNUSED * size.max(axis=1, initial=0.0)[:, None]).any(axis=0)
     return found
 
 

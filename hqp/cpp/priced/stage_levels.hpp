@@ -16,10 +16,10 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kFade = 16.0;                      // hqp/pace.py, FADE
-constexpr double kDearer = 20.0, kLacking = 0.003;  // hqp/pricing.py
-constexpr double kSlackMotion = 1e-5;               // slacks of inequality rows count this much as motion
-constexpr double kResting = 1e-4;  // of the largest entry: terms of a row are no smaller, as hqp/pricing.py says
+constexpr double kFade = 16.0;                                       // hqp/pace.py, FADE
+constexpr double kDearer = 20.0, kLacking = 0.006, kUnused = 1e-12;  // hqp/pricing.py
+constexpr double kSlackMotion = 1e-5;  // slacks of inequality rows count this much as motion
+constexpr double kResting = 1e-4;      // of the largest entry: terms of a row are no smaller, as hqp/pricing.py says
 
 class StageLevels final : public PricedStages {
  public:
@@ -241,13 +241,20 @@ class StageLevels final : public PricedStages {
     return true;
   }
 
+  double largest(const double* a) const {
+    double most = 0.0;
+    for (int j = 0; j < n_; ++j) most = larger(most, std::abs(a[j]));
+    return most;
+  }
+
   // The coordinates of a level that is not met.
   void mark(const PricedLevel& level) {
     for (int i = 0; i < level.m; ++i) {
       if (level.left_out(i)) continue;
       const double* a = row(level, i);
+      const double least = kUnused * largest(a);
       for (int j = 0; j < n_; ++j)
-        if (a[j] != 0.0) unmet_[j] = 1;
+        if (std::abs(a[j]) > least) unmet_[j] = 1;
     }
   }
 
@@ -259,8 +266,9 @@ class StageLevels final : public PricedStages {
     for (int i = 0; i < level.m; ++i) {
       if (level.left_out(i)) continue;
       const double* a = row(level, i);
+      const double least = kUnused * largest(a);
       for (int j = 0; j < n_; ++j)
-        if (a[j] != 0.0 && !unmet_[j]) return prices_[k];
+        if (std::abs(a[j]) > least && !unmet_[j]) return prices_[k];
     }
     return prices_[k] * smaller(kDearer, 1.0 + kLacking * lack_ / (pace_ * pace_));
   }
