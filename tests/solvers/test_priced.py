@@ -236,7 +236,7 @@ def test_levels_of_many_rows_against_the_reference() -> None:
     unmet = 0
     for seed in range(12):
         rng = np.random.default_rng(seed)
-        n, m = int(rng.integers(15, 30)), int(rng.integers(7, 13))
+        n, m = int(rng.integers(13, 19)), int(rng.integers(7, 11))
         levels = [Rows(Selection(np.arange(n)), -np.ones(n), np.ones(n))]
         for rows in (m, 5):
             goal = rng.choice([1.0, 10.0]) * rng.standard_normal(rows)
