@@ -40,10 +40,10 @@ from hqp.tolerances import FLAT_TOLERANCE, MET_TOLERANCE, SLACK_TOLERANCE
 RESTING = 1e-4
 """Of x's largest entry: what an entry counts for at least in the size of a row's terms."""
 
-DEARER, LACKING = 20.0, 0.006
+DEARER, LACKING = 20.0, 0.003
 """Below unmet levels the price of a level without a coordinate of its own rises to DEARER times its own, as if tau were
-1 s for 0.05 s.  It does so gradually, at 500 Hz to double where a hand misses by 0.05 m/s: at twice that pace Talos'
-base, asked to turn as its hand comes to be out of reach, stopped at the acceleration window."""
+1 s for 0.05 s.  It does so gradually, at 500 Hz to double where a hand misses by 0.1 m/s: at twice that slope Talos'
+base, asked to turn as its hand comes to be out of reach, is stopped at the acceleration window."""
 
 UNUSED = 1e-12
 """Of a row's largest entry: smaller ones are rounding, the row does not have that coordinate."""

@@ -17,7 +17,7 @@ namespace hqp {
 inline namespace HQP_ISA {
 
 constexpr double kFade = 16.0;                                       // hqp/pace.py, FADE
-constexpr double kDearer = 20.0, kLacking = 0.006, kUnused = 1e-12;  // hqp/pricing.py
+constexpr double kDearer = 20.0, kLacking = 0.003, kUnused = 1e-12;  // hqp/pricing.py
 constexpr double kSlackMotion = 1e-5;  // slacks of inequality rows count this much as motion
 constexpr double kResting = 1e-4;      // of the largest entry: terms of a row are no smaller, as hqp/pricing.py says
 
