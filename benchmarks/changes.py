@@ -21,7 +21,7 @@ from hqp.arguments import formulation
 from hqp.reference import Reference
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, FrictionCone, JointLimits, Orientation, Position, Posture, TorqueLimits
-from hqp.transition import LARGEST_CHANGE, smooth
+from hqp.transition.blend import LARGEST_CHANGE, smooth
 
 ROBOTS = ("talos", "cbi", "icub", "g1")
 LEVELS = ("velocity", "acceleration", "torque")

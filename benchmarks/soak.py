@@ -20,8 +20,8 @@ from numpy.random import Generator
 import hqp
 from hqp import Level, Stack, Status
 from hqp.arguments import formulation
+from hqp.loop.safety import RateLimits
 from hqp.robots import Robot
-from hqp.safety import RateLimits
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, PointContact, Position, Posture, TorqueLimits
 
 ROBOTS = ("talos", "g1", "cbi", "icub", "romeo")

@@ -128,7 +128,7 @@ class Assembly:
         """
 
 class EasedRows:
-    """Rows of a transition, rewritten ahead of their solve: see ``hqp.easing.Easing``; keeps references to arrays."""
+    """Rows of a transition, rewritten ahead of their solve (``hqp.transition.easing.Easing``); keeps the arrays."""
 
     def add(self, A: Mat, lower: Vec, upper: Vec, error: Vec | None, pull: Vec | None) -> None:
         """Live rows ``(m, n)`` and bounds; error and pull ``(m,)`` where the bounds are linear in an error.

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from hqp.errors import DeclarationError
 from hqp.formulation import Formulation, Velocity
+from hqp.loop.safety import Braking, RateLimits, StateBounds, positive
 from hqp.price import Priced, as_price
 from hqp.robot import Robot
-from hqp.safety import Braking, RateLimits, StateBounds, positive
 from hqp.solvers import load
 from hqp.solvers.base import Solver
 from hqp.stack import Stack

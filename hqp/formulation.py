@@ -12,18 +12,18 @@ import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
 from hqp.assembly import Assembly
-from hqp.direct import Direct, direct, kinematics
 from hqp.element import Element
 from hqp.errors import DeclarationError
 from hqp.law import PD, Law, P, SelfMotion
 from hqp.layout import lay_out
 from hqp.loads import Loads, loads_of
+from hqp.loop.direct import Direct, direct, kinematics
+from hqp.loop.rest import Brake, Rest, SlowDown
+from hqp.loop.safety import Braking
 from hqp.price import GUARD_FLOOR, Price, is_exact, level_prices
 from hqp.problem import Hierarchy, Motion, Rows, Selection, Shape, Stacked
 from hqp.reference import Reference
-from hqp.rest import Brake, Rest, SlowDown
 from hqp.robot import Robot, State
-from hqp.safety import Braking
 from hqp.stack import Stack
 
 

@@ -13,32 +13,32 @@ from typing import TYPE_CHECKING, NoReturn, TypeVar
 import numpy as np
 
 from hqp.arrays import Index, Vec
-from hqp.budget import Budget
-from hqp.changing import blended, change, path
-from hqp.compiled import Compiled, Compiler
-from hqp.contact_watch import ContactWatch
 from hqp.controller import DEADLINE, Controller
-from hqp.direct import Direct
-from hqp.easing import Easing
 from hqp.errors import ConcurrentUse, DeclarationError, StaleState
-from hqp.ordinary import ordinary_tick
+from hqp.explanation.questions import Teller
+from hqp.loop.budget import Budget
+from hqp.loop.compiled import Compiled, Compiler
+from hqp.loop.contact_watch import ContactWatch
+from hqp.loop.direct import Direct
+from hqp.loop.ordinary import ordinary_tick
+from hqp.loop.references import References
+from hqp.loop.restless import LimitWatch
+from hqp.loop.safety import StateCheck, rate_limiter
+from hqp.loop.soundness import rehearse, require_sound
+from hqp.loop.stepping import step
 from hqp.problem import Hierarchy, Status
 from hqp.reference import Reference
-from hqp.references import References
-from hqp.restless import LimitWatch
 from hqp.robot import Robot, State
-from hqp.safety import StateCheck, rate_limiter
-from hqp.soundness import rehearse, require_sound
 from hqp.stack import Stack
-from hqp.stepping import step
-from hqp.telling import Teller
 from hqp.tick import Note, Tick, Times
-from hqp.transition import Transition
+from hqp.transition.blend import Transition
+from hqp.transition.changing import blended, change, path
+from hqp.transition.easing import Easing
 
 if TYPE_CHECKING:
-    from hqp.account import TickAccount
-    from hqp.conflict import Conflict
-    from hqp.explanation import Explanation
+    from hqp.explanation.account import TickAccount
+    from hqp.explanation.conflict import Conflict
+    from hqp.explanation.words import Explanation
     from hqp.recorder import Recorder
 
 T = TypeVar("T")
@@ -213,7 +213,7 @@ class Session:
                     self._direct.before_solving(self._ease)
 
     def change(self, stack: Stack, over: float = 0.0) -> None:
-        """Switch to another stack, at once or within ``over`` seconds at least (hqp/transition.py).
+        """Switch to another stack, at once or within ``over`` seconds at least (hqp/transition/blend.py).
 
         Hold values survive where class, frame, axes, observer and shape agree; all other elements take fresh ones in
         the next step, those that return as well.  A stack that was seen before is not compiled again.  In a

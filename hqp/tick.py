@@ -10,12 +10,12 @@ import numpy as np
 
 from hqp.arrays import Vec
 from hqp.errors import HqpError, NotSolved
-from hqp.explanation import Explanation
+from hqp.explanation.words import Explanation
 from hqp.problem import Solution, Status
 
 if TYPE_CHECKING:
-    from hqp.account import TickAccount
-    from hqp.conflict import Conflict
+    from hqp.explanation.account import TickAccount
+    from hqp.explanation.conflict import Conflict
     from hqp.formulation import Program
     from hqp.robot import State
     from hqp.session import Session

@@ -18,8 +18,8 @@ import numpy as np
 
 from hqp.arrays import Vec
 from hqp.errors import DeclarationError, HqpError
-from hqp.explain import explain
-from hqp.explanation import Explanation
+from hqp.explanation.multipliers import explain
+from hqp.explanation.words import Explanation
 from hqp.formulation import Place
 from hqp.problem import Hierarchy, Solution, Stats, Status
 from hqp.recorder.layout import arrays_of, from_pattern, pattern_of, rebuilt

@@ -11,19 +11,19 @@ import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
 from hqp.assembly import Assembly
-from hqp.direct import Direct, direct
 from hqp.element import Element, selection_of
 from hqp.errors import DeclarationError, DynamicsFailed, StaleState
 from hqp.formulation import Formulation, Place, Program
 from hqp.law import PD, Law
 from hqp.layout import Group, lay_out
 from hqp.loads import Loads, loads_of
+from hqp.loop.direct import Direct, direct
+from hqp.loop.rest import Rest
+from hqp.loop.safety import Braking
 from hqp.price import GUARD_FLOOR, LevelPrices, Price, is_exact, level_prices
 from hqp.problem import Hierarchy, Motion, Rows, Shape, Stacked
 from hqp.reference import Reference
-from hqp.rest import Rest
 from hqp.robot import Robot, State
-from hqp.safety import Braking
 from hqp.stack import Stack
 from hqp.torque.dynamics import ConstrainedDynamics, coordinate_parents
 from hqp.torque.forces import Efforts, Forces

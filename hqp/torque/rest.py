@@ -11,9 +11,9 @@ from hqp.assembly import Assembly
 from hqp.element import Element
 from hqp.law import Law
 from hqp.loads import Loads
-from hqp.rest import Rest
+from hqp.loop.rest import Rest
+from hqp.loop.safety import Braking
 from hqp.robot import Robot, State
-from hqp.safety import Braking
 from hqp.torque.dynamics import ConstrainedDynamics, coordinate_parents
 from hqp.torque.gravity import Gravity
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Vec
-from hqp.explain import explain
-from hqp.explanation import PRICE, Explanation, Loss
+from hqp.explanation.multipliers import explain
+from hqp.explanation.words import PRICE, Explanation, Loss
 from hqp.formulation import Place
 from hqp.problem import Hierarchy, Motion, Rows, Selection, Solution, Status
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hqp.account import unit_of
+from hqp.explanation.account import unit_of
 from hqp.session import Session
 
 

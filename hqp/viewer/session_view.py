@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from hqp.account import too_fast
 from hqp.arrays import Vec
 from hqp.errors import HqpError
+from hqp.explanation.account import too_fast
 from hqp.problem import Hierarchy, Selection, Status
 from hqp.reference import Reference
 from hqp.robot import State

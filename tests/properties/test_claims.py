@@ -11,8 +11,8 @@ import pytest
 import hqp
 from hqp import Level, Stack, Status
 from hqp.element import Inequality
+from hqp.loop.safety import RateLimits
 from hqp.robots import Robot
-from hqp.safety import RateLimits
 from hqp.tasks import Com, FixedContact, JointLimits, Position, Posture, TorqueLimits
 
 DT = 0.002

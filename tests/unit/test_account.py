@@ -13,9 +13,9 @@ import pytest
 
 import hqp
 from hqp import PD, Level, P, Stack, Status
-from hqp.account import TickAccount
 from hqp.errors import DeclarationError, HqpError
-from hqp.explanation import PRICE, Short
+from hqp.explanation.account import TickAccount
+from hqp.explanation.words import PRICE, Short
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, PointContact, Position, Posture, TorqueLimits
 
@@ -224,7 +224,7 @@ def test_a_reference_that_is_too_fast_says_so(formulation: Any) -> None:
 @pytest.mark.parametrize("price", [None, 0])
 def test_the_kernels_shares_are_those_of_the_certificate(formulation: Any, price: Any) -> None:
     """On arms, where the rows above a level are well apart, so that their multipliers are unique."""
-    from hqp.explain import explain
+    from hqp.explanation.multipliers import explain
 
     compared = 0
     for name in ("panda", "ur5", "kinova"):

@@ -9,8 +9,8 @@ import pytest
 
 import hqp
 from benchmarks.deadline import overloaded
-from hqp import budget
-from hqp.budget import FIRST, LATE, LONGEST, STEP, Budget
+from hqp.loop import budget
+from hqp.loop.budget import FIRST, LATE, LONGEST, STEP, Budget
 
 
 def test_the_margin_follows_how_late_ticks_end(monkeypatch: pytest.MonkeyPatch) -> None:

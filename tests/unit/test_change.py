@@ -15,7 +15,7 @@ from benchmarks.changes import DT, LEVELS, ROBOTS, Loop, lifted, measure, stack
 from hqp import PD, Level, P, Stack, Status
 from hqp.arguments import formulation
 from hqp.errors import DeclarationError, FrameNotFound, ModelError
-from hqp.ordinary import OrdinaryTick
+from hqp.loop.ordinary import OrdinaryTick
 from hqp.recorder import load as load_recording
 from hqp.robots import Robot
 from hqp.tasks import (
@@ -30,9 +30,9 @@ from hqp.tasks import (
     UnilateralContact,
 )
 from hqp.tick import Tick
-from hqp.transition import LARGEST_CHANGE, Transition, inverse, smooth
+from hqp.transition.blend import LARGEST_CHANGE, Transition, inverse, smooth
+from hqp.transition.waypoints import Waypoint, path, unloaded
 from hqp.viewer.session_view import View
-from hqp.waypoints import Waypoint, path, unloaded
 
 EVERY_LEVEL = pytest.mark.parametrize("level", LEVELS)
 

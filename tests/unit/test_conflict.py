@@ -11,7 +11,7 @@ import hqp
 from benchmarks.deadline import overloaded
 from hqp import Hierarchy, Level, Rows, Selection, Stack, Status
 from hqp.arguments import formulation
-from hqp.conflict import conflict
+from hqp.explanation.conflict import conflict
 from hqp.tasks import FixedContact, JointLimits, PointContact, Posture
 
 inf = np.inf

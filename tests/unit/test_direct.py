@@ -14,7 +14,7 @@ import pytest
 import hqp
 import hqp.tasks as t
 from hqp import Inequality, Level, P, Stack, Status
-from hqp.ordinary import OrdinaryTick
+from hqp.loop.ordinary import OrdinaryTick
 from hqp.solvers.lexicographic import kernel
 
 pytestmark = pytest.mark.skipif(not kernel(), reason="no native kernel here")

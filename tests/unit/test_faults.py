@@ -13,8 +13,8 @@ import pytest
 
 import hqp
 from hqp import PD, Hierarchy, Level, Rows, Selection, Stack, Status
+from hqp.loop.safety import RateLimits
 from hqp.robots.catalogue import _stand
-from hqp.safety import RateLimits
 from hqp.tasks import (
     Com,
     FixedContact,

@@ -88,7 +88,7 @@ def test_without_compiled_parts_every_tool_takes_cascade(tool: str, tmp_path: Pa
 
 def test_without_compiled_parts_conflicts_are_still_found() -> None:
     code = (
-        "import numpy as np\nfrom hqp.conflict import conflict\nfrom hqp.problem import Hierarchy, Rows\n"
+        "import numpy as np\nfrom hqp.explanation.conflict import conflict\nfrom hqp.problem import Hierarchy, Rows\n"
         "A, lower, upper = np.eye(2)[[0, 0, 1]], np.array([2.0, -np.inf, 0.0]), np.array([np.inf, 1.0, 3.0])\n"
         "rows = Rows(np.diag([1.0, 2.0, 1.0]) @ A, lower, upper)\n"
         "print(conflict(Hierarchy((rows,), constraints=1)))"

@@ -18,9 +18,9 @@ from benchmarks.deadline import overloaded
 from hqp import Level, P, Stack, Status
 from hqp.element import Inequality
 from hqp.errors import ConcurrentUse, DeclarationError, HqpError, ModelError, UnknownReference
-from hqp.ordinary import OrdinaryTick
+from hqp.loop.ordinary import OrdinaryTick
+from hqp.loop.safety import Braking, RateLimits, StateBounds
 from hqp.robots import Robot
-from hqp.safety import Braking, RateLimits, StateBounds
 from hqp.tasks import Com, FixedContact, JointLimits, JointTorque, Momentum, Position, Posture, TorqueLimits
 
 DT = 0.002

@@ -1,4 +1,4 @@
-// A point between two answers, and how far its command is from the last one: the equation of hqp/transition.py.
+// A point between two answers, and how far its command is from the last one: the equation of hqp/transition/blend.py.
 #pragma once
 
 #include <cmath>

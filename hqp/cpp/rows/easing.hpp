@@ -1,5 +1,5 @@
 // Rows of a transition ask for what another stack gives, or for something on the way there, ahead of their solve: the
-// equations of hqp/easing.py.
+// equations of hqp/transition/easing.py.
 #pragma once
 
 #include <cmath>

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from hqp._assembly import Assembly as NativeAssembly
     from hqp._assembly import Kinematics
     from hqp._torque import Chain
-    from hqp.easing import Easing
     from hqp.torque.program import TorqueProgram
+    from hqp.transition.easing import Easing
 
 Counts: TypeAlias = tuple[int, int, int, bool]
 """Outcome (0: an optimum), iterations, factorisations of a kernel's solve, and whether its answer was judged."""

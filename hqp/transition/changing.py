@@ -7,21 +7,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hqp.budget import Budget
-from hqp.compiled import Compiled
-from hqp.direct import Direct
 from hqp.errors import DeclarationError, DynamicsFailed
-from hqp.ordinary import BlendedTick, OrdinaryTick, ordinary_tick
-from hqp.outgoing import within_rates
+from hqp.loop.budget import Budget
+from hqp.loop.compiled import Compiled
+from hqp.loop.direct import Direct
+from hqp.loop.ordinary import BlendedTick, OrdinaryTick, ordinary_tick
+from hqp.loop.outgoing import within_rates
+from hqp.loop.references import References, refuse
+from hqp.loop.stepping import held_tick
 from hqp.problem import Status
 from hqp.reference import Reference
-from hqp.references import References, refuse
 from hqp.robot import State
 from hqp.stack import Stack
-from hqp.stepping import held_tick
 from hqp.tick import Note, Notes, Tick
-from hqp.transition import Transition, surviving
-from hqp.waypoints import Waypoint, bearing
+from hqp.transition.blend import Transition, surviving
+from hqp.transition.waypoints import Waypoint, bearing
 
 if TYPE_CHECKING:
     from hqp.session import Session

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hqp.arrays import FLOAT, Vec
+from hqp.explanation.questions import restless_notes
+from hqp.loop.stepping import conclude
 from hqp.problem import Solution, Status
 from hqp.reference import Reference
-from hqp.stepping import conclude
-from hqp.telling import restless_notes
 from hqp.tick import Note, Notes, Tick, Times
 
 if TYPE_CHECKING:
-    from hqp.direct import Direct
     from hqp.formulation import Program
+    from hqp.loop.direct import Direct
     from hqp.robot import State
     from hqp.session import Session
 

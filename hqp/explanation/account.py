@@ -11,8 +11,8 @@ import numpy as np
 
 from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError, closest
-from hqp.explain import MET, NOTHING, cause_of
-from hqp.explanation import PRICE, SHARE, Explanation, HeldBack, Loss, Short
+from hqp.explanation.multipliers import MET, NOTHING, cause_of
+from hqp.explanation.words import PRICE, SHARE, Explanation, HeldBack, Loss, Short
 from hqp.formulation import Program
 from hqp.problem import Hierarchy
 from hqp.robot import Robot

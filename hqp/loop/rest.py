@@ -7,8 +7,8 @@ from abc import ABC, abstractmethod
 import numpy as np
 
 from hqp.arrays import Vec
+from hqp.loop.safety import Braking
 from hqp.robot import Robot, State
-from hqp.safety import Braking
 
 
 class Rest(ABC):

@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from hqp.account import MOST, Accountant, TickAccount, of_explanation, too_fast, unit_of
 from hqp.arrays import Vec
 from hqp.errors import HqpError
-from hqp.explain import explain
-from hqp.explanation import Explanation
+from hqp.explanation.account import MOST, Accountant, TickAccount, of_explanation, too_fast, unit_of
+from hqp.explanation.multipliers import explain
+from hqp.explanation.words import Explanation
 from hqp.formulation import Program
 from hqp.problem import Solution, Status
 from hqp.reference import Reference
@@ -20,7 +20,7 @@ from hqp.stack import Stack
 from hqp.tick import Note, Tick
 
 if TYPE_CHECKING:
-    from hqp.conflict import Conflict
+    from hqp.explanation.conflict import Conflict
 
 UNITS = {
     "motion": {"velocity": "(rad, m)/s", "acceleration": "(rad, m)/s^2", "torque": "(rad, m)/s^2"},
@@ -93,7 +93,7 @@ class Teller:
     def conflict(self, count: int, tick: Tick) -> Conflict:
         """Which rows of ``subject_to`` exclude each other."""
         self._latest("conflict", count, tick)
-        from hqp.conflict import conflict
+        from hqp.explanation.conflict import conflict
 
         program, problem = self._program, self._program.problem
         names = [[("", "")] * rows.m for rows in problem.levels]

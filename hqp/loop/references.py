@@ -8,10 +8,10 @@ from typing import NoReturn
 from hqp.element import Element
 from hqp.errors import DeclarationError, UnknownReference, closest
 from hqp.formulation import Program
+from hqp.loop.soundness import OWN
 from hqp.problem import Status
 from hqp.reference import Reference
 from hqp.robot import State
-from hqp.soundness import OWN
 from hqp.stack import Stack
 from hqp.tick import Note
 

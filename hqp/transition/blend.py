@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hqp.arrays import Index, Vec
-from hqp.easing import Easing, easing
 from hqp.element import Element
 from hqp.reference import Reference
 from hqp.stack import Stack
+from hqp.transition.easing import Easing, easing
 
 try:
     from hqp import _assembly as native
@@ -32,7 +32,7 @@ except ImportError:  # no compiler was there
 if TYPE_CHECKING:
     from hqp.robot import State
     from hqp.session import Session
-    from hqp.waypoints import Waypoint
+    from hqp.transition.waypoints import Waypoint
 
 LARGEST_CHANGE = {"velocity": 0.02, "acceleration": 1.0, "torque": 1.0}
 """A transition slows down rather than change a command by more in one tick [rad/s, rad/s^2, N m]."""

@@ -6,8 +6,8 @@ import numpy as np
 
 from hqp.arrays import Vec
 from hqp.formulation import Program
+from hqp.loop.safety import RateLimiter
 from hqp.problem import Hierarchy, Solution, Status
-from hqp.safety import RateLimiter
 from hqp.tick import Note
 from hqp.tolerances import VIOLATION_TOLERANCE
 

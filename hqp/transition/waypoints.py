@@ -29,7 +29,7 @@ from hqp.problem import Status
 from hqp.robot import Robot
 from hqp.stack import Level, Stack, coupled
 from hqp.tick import Note
-from hqp.transition import same_quantity
+from hqp.transition.blend import same_quantity
 
 BEARS_NOTHING = 1e-2
 """Largest force of a contact that is released [N, N m]."""

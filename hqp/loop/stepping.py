@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hqp.errors import DynamicsFailed, ModelError
-from hqp.outgoing import better, culprits, within_rates
+from hqp.explanation.questions import restless_notes
+from hqp.loop.outgoing import better, culprits, within_rates
 from hqp.problem import Solution, Status
 from hqp.reference import Reference
 from hqp.robot import State
-from hqp.telling import restless_notes
 from hqp.tick import Note, Notes, Tick, Times
 
 if TYPE_CHECKING:

@@ -7,16 +7,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from hqp.direct import Direct
 from hqp.formulation import Program
 from hqp.law import Law
+from hqp.loop.direct import Direct
+from hqp.loop.rest import Rest
+from hqp.loop.restless import Watched
 from hqp.price import affordable, as_price, is_exact
-from hqp.rest import Rest
-from hqp.restless import Watched
 from hqp.robot import Robot
 from hqp.solvers.base import Solver, Workspace
 from hqp.stack import Stack, coupled
-from hqp.waypoints import Waypoint, path
+from hqp.transition.waypoints import Waypoint, path
 
 if TYPE_CHECKING:
     from hqp.controller import Controller

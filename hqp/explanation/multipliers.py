@@ -1,4 +1,4 @@
-"""Who lost to whom in one solution, from its multipliers (hqp/explanation.py has the words)."""
+"""Who lost to whom in one solution, from its multipliers (hqp/explanation/words.py has the words)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from hqp.arrays import Mask, Mat, Vec, row_lengths
 from hqp.certify import Certificate, certificate, stage_multipliers
-from hqp.explanation import PRICE, SHARE, Account, Explanation, HeldBack, Loss, Short
+from hqp.explanation.words import PRICE, SHARE, Account, Explanation, HeldBack, Loss, Short
 from hqp.formulation import Place
 from hqp.pricing import Coordinates, stack_rows, stage_price
 from hqp.problem import Hierarchy, Motion, Solution
@@ -36,7 +36,7 @@ def explain(
     A level with a price is judged in its own stage, where c_k ||w_k|| F'(F x - f) holds against it too.
     row_names: names of single rows where an element has them (joints of a limit).  fast: elements whose lack is the
     rate of their reference.  units: of the elements' rows.  shares: ``(levels, elements + 1)`` of every element in the
-    order of places, the price's last, where the kernel has told them (hqp.account).
+    order of places, the price's last, where the kernel has told them (hqp.explanation.account).
     """
     verdict = certificate(problem, solution.x, stages=solution.stage_points, settled=True)
     pushes = [_shares(problem, solution, verdict, places, row_names, k) for k in range(len(problem.levels))]

@@ -1,0 +1,1 @@
+"""What a session does each tick: states checked, references taken, rows and solver run, a safe command sent."""
