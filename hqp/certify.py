@@ -1,4 +1,4 @@
-"""Judges an answer by the problem alone: level by level the optimality conditions, believing no solver.
+"""Certifies an answer from the problem alone: the optimality conditions, level by level, independent of every solver.
 
 At x level k is optimal below the levels above it when (Nocedal and Wright 2006, theorem 12.1)
 

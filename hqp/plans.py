@@ -1,4 +1,4 @@
-"""What a native operation needs to know of an element: one typed class an operation, read by name in cpp/rows.
+"""What a native operation needs of an element: one typed class an operation, read by name in cpp/rows.
 
 An element's ``plan(robot)`` returns one of these, with names resolved and live arrays in place.  The operation writes
 the rows that the element's readable functions give; tests compare the two.

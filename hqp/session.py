@@ -248,7 +248,7 @@ class Session:
         return self._asked(self._teller.explain, tick)
 
     def account(self, tick: Tick) -> TickAccount:
-        """Who holds what back in the latest tick, in microseconds; raises HqpError for an earlier one."""
+        """Which element holds which back in the latest tick, in microseconds; raises HqpError for an earlier one."""
         return self._asked(self._teller.account, tick)
 
     def conflict(self, tick: Tick) -> Conflict:

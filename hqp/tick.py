@@ -137,7 +137,7 @@ class Tick:
         return self._live().explain(self)
 
     def account(self) -> TickAccount:
-        """Who holds what back, in microseconds, so that a history can be kept; as ``explain``."""
+        """Which element holds which back, in microseconds, so that a history can be kept; as ``explain``."""
         return self._live().account(self)
 
     def _solved(self) -> tuple[Vec, Vec, bool] | None:

@@ -53,7 +53,7 @@ class ExternalWrench(_Load):
 
     ``at(wrench)`` says it each tick, force and moment ``(6,)`` [N, N m] at the frame's origin, zero without: in world
     axes, or in the frame's with local.  The dynamics, the forces of contacts, gravity compensation and what is sent
-    at rest see it; without ``resisted`` the last two do not, and who pulls at the frame moves the robot.  In
+    at rest see it; without ``resisted`` the last two do not, and a person who pulls at the frame moves the robot.  In
     ``subject_to`` of a torque controller.  Raises DeclarationError for fields, FrameNotFound on binding.
     """
 

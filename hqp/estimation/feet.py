@@ -77,7 +77,7 @@ class FeetEstimator:
         """
         dt, gyro = self._period, v[3:6]
         measured = rotation_of(q[3:7])
-        correction = np.cross(measured[2], self._base[2])  # the vertical in the base's axes, as measured and believed
+        correction = np.cross(measured[2], self._base[2])  # the vertical in the base's axes, measured and estimated
         R = self._base @ exponential(dt * gyro + self._tilt * correction)
         found_q, found_v = np.array(q, dtype=np.float64), np.array(v, dtype=np.float64)
         found_q[:3], found_v[:3] = 0.0, 0.0

@@ -1,4 +1,4 @@
-"""Who holds what back, tick by tick: an explanation's shares from the kernel's own multipliers, in microseconds."""
+"""Which element holds which back, tick by tick: shares from the kernel's own multipliers, in microseconds."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Layout:
 
 
 class TickAccount:
-    """What every element asked for and lacks, and who holds its level back; plain numbers, ``str()`` is a table.
+    """What every element asked for and lacks, and what holds its level back; plain numbers, ``str()`` is a table.
 
     elements ``(E,)``: names.  residual, asked ``(E,)``: ||w|| and ||w|| at standing still, in the element's own units.
     shares ``(levels, E + 1)``: of what holds a level back, the part of each element, its own price last; a row of
@@ -115,7 +115,7 @@ class TickAccount:
         return cause_of(price=first == len(layout.limits), limit=limit, fast=element in self._fast)
 
     def losses(self, element: str) -> tuple[Loss, ...]:
-        """Who holds the level of an element back, largest share first; raises DeclarationError for an unknown name."""
+        """What holds the level of an element back, largest share first; raises DeclarationError for an unknown name."""
         row = self.shares[self.layout.levels[self.layout.place(element)]]
         names = (*self.elements, PRICE)
         order = np.argsort(-row, kind="stable")

@@ -1,4 +1,4 @@
-"""Who lost to whom in one solution, from its multipliers (hqp/explanation/words.py has the words)."""
+"""What keeps each level from being met in one solution, from its multipliers (the words are in words.py)."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def explain(
     units: Mapping[str, str] | None = None,
     shares: Mat | None = None,
 ) -> Explanation:
-    """Who lost to whom: level k's gradient A_k' w_k is held by -sum_j A_j' lambda_kj, and each element's share of it.
+    """What balances each residual: A_k' w_k = -sum_j A_j' lambda_kj, and each element's share of it.
 
     A level with a price is judged in its own stage, where c_k ||w_k|| F'(F x - f) holds against it too.
     row_names: names of single rows where an element has them (joints of a limit).  fast: elements whose lack is the
@@ -70,7 +70,7 @@ def explain(
 
 
 def cause_of(*, price: bool, limit: bool, fast: bool) -> str:
-    """The cause by who holds most: a reference that is too fast for its limits or its price says so first."""
+    """The cause by the largest share: a reference that is too fast for its limits or its price says so first."""
     if fast and (price or limit):
         return "too fast"
     return "price" if price else "limit" if limit else "lost"

@@ -1,4 +1,4 @@
-"""What a session tells of its latest tick: who holds what back, and which constraints exclude each other."""
+"""Questions to a session about its latest tick: which element holds which back, which constraints are in conflict."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class Teller:
         return replace(found, remarks=program.remarks(tick.state))
 
     def account(self, count: int, tick: Tick) -> TickAccount:
-        """Who holds what back."""
+        """Which element holds which back."""
         found = self._account(count, tick)
         return of_explanation(self._accounts.layout, count, self.explain(count, tick)) if found is None else found
 

@@ -19,7 +19,7 @@ PRICE = "its price"
 
 @dataclass(frozen=True)
 class Loss:
-    """Who took how much: ``share`` (0 to 1) of the push on a level's residual that this element holds against it.
+    """One element's part in a residual: ``share`` (0 to 1) of the level's gradient that its multipliers balance.
 
     rows: of an inequality, its rows that hold against it, by name and side.
     """

@@ -51,7 +51,7 @@ class OrdinaryTick(Tick):
 
     @property
     def _notes(self) -> tuple[Note, ...]:  # type: ignore[override]
-        """Who is held back by a price, and joints whose command alternates between its limits."""
+        """Levels that a price keeps from being met, and joints whose command alternates between its limits."""
         if callable(self._noted):
             self._noted = self._noted()
         return self._noted
@@ -214,7 +214,7 @@ def ordinary_tick(session: Session, direct: Direct, state: State, references: tu
 def note(
     session: Session, tick: OrdinaryTick, direct: Direct, found: bytearray, references: tuple[Reference, ...]
 ) -> None:
-    """What an ordinary tick has to tell: who is held back below a stage, and restless joints."""
+    """Notes of an ordinary tick: levels that a stage keeps from being met, and restless joints."""
     later = None
     if direct.staged(found):
         later = session._teller.held_back(session.count, direct.slacks(found), direct.x(found), references)

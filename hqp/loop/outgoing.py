@@ -1,4 +1,4 @@
-"""What a session sends: the better of two answers, within the declared rates, and who is to blame where it is off."""
+"""What a session sends: the better of two answers, within the declared rates, and the rows that are violated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joints whose command alternates from limit to limit: who, and how often."""
+"""Joints whose command alternates from limit to limit: which, and how often."""
 
 from __future__ import annotations
 

@@ -191,7 +191,7 @@ class RecordedTick:
         return finish(self.problem, self.x_solved, status, Stats(), stages=self.stage_points)
 
     def explain(self) -> Explanation:
-        """Who got what and lost to whom; raises HqpError for a tick whose solver was not asked."""
+        """What each element got and to which it lost; raises HqpError for a tick whose solver was not asked."""
         if self.solution is None:
             raise HqpError(f"tick {self.count}: {self.status.name}, no solver was asked")
         return explain(self.problem, self.solution, self.places, self.row_names)

@@ -1,4 +1,4 @@
-"""A recording solved again: which solvers agree with what was sent, and who held what back over time."""
+"""A recording solved again: which solvers agree with what was sent, and which element held which back over time."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def periods(ticks: Sequence[RecordedTick]) -> tuple[Period, ...]:
 
 
 def _causes(tick: RecordedTick) -> tuple[tuple[str, str], ...]:
-    """Elements that are not met, and why: the cause, and who holds most."""
+    """Elements that are not met, and why: the cause, and the largest shares."""
     if tick.solution is None or tick.status is Status.NOT_CERTIFIED:
         return tuple((element, text) for element, _, text in tick.notes)
     found = []

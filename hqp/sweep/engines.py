@@ -1,4 +1,4 @@
-"""Who calls the function: this process, or the workers of a Ray cluster."""
+"""What calls the function: this process, or the workers of a Ray cluster."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the page says in words: who is met, who gives way and to what, which joints stand at a limit."""
+"""What the page says in words: which element is met, which gives way and to what, which joints stand at a limit."""
 
 from __future__ import annotations
 
@@ -226,7 +226,7 @@ def _why(told: Explanation | None, name: str) -> str:
 
 
 def _words(loss: Loss) -> str:
-    """Who it is lost to; of a limit the rows that hold, the joints."""
+    """The element it is lost to; of a limit the joints whose rows are active."""
     if loss.element == PRICE:
         return "the price on motion"
     rows = ", ".join(loss.rows[:2])

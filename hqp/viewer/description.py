@@ -1,4 +1,4 @@
-"""What the viewer's process must know of a session: plain data, so that no class of the user has to be found there."""
+"""What the viewer's process needs of a session: plain data, so that no class of the user has to be found there."""
 
 from __future__ import annotations
 

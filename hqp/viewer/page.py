@@ -98,10 +98,10 @@ def _constraints(levels: list[LevelView]) -> str:
 
 
 def panel(account: Account, curves: Curves, budget_us: float, unit: str) -> str:
-    """The side panel: who gives way to whom, joints at limits, changes of the command, times against the budget."""
+    """The side panel: which level gives way to which, joints at limits, changes of the command, times."""
     return (
         f'<div style="{_FONT};color:{INK};font-size:16px;padding:2px 4px">'
-        + _section("Who gives way", _losses(account))
+        + _section("What gives way", _losses(account))
         + (_section("Kept apart", _apart(account)) if account.apart else "")
         + _section("Joints at a limit", _limits(account))
         + _section("Change of the command in a tick", _change(curves, unit))

@@ -43,7 +43,7 @@ class View:
     served by another process, so that the loop pays for copies only.
 
     host: this machine only by default; "0.0.0.0" opens the page, which has no password, to the network.
-    port: of the page, another one where it is taken.  period: between two accounts of who holds what back [s].
+    port: of the page, another one where it is taken.  period: between two accounts of the active elements [s].
     Raises HqpError where viser is missing or the page does not come up.
     """
 
@@ -242,7 +242,7 @@ class View:
         return {} if forces is None or tick.solution is None else dict(forces(tick.solution.x))
 
     def _snapshot(self, tick: Tick) -> None:
-        """Publish the rows of this tick, from which the page's process tells what holds what back."""
+        """Publish the rows of this tick, from which the page's process computes the account."""
         problem, solution = self._problem(), tick.solution
         assert solution is not None
         held = getattr(self._run, "_holds", {})

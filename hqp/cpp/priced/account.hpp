@@ -1,5 +1,5 @@
-// Who holds back what, from the multipliers of the kernel and of the stages: a few products of what the latest solve
-// left behind.
+// Which element holds which back, from the multipliers of the kernel and of the stages: a few products of what the
+// latest solve left behind.
 #pragma once
 
 #include <algorithm>

@@ -1,4 +1,4 @@
-// Optimality level by level, in orthogonal coordinates, believing no tableau: the conditions of hqp/certify.py.
+// Optimality level by level, in orthogonal coordinates, independent of the tableau: the conditions of hqp/certify.py.
 #pragma once
 
 #include <initializer_list>
