@@ -76,7 +76,6 @@ class Session:
         self._good: State | None = None
         self._status = Status.OPTIMAL
         self._held = 0
-        self._rows_time = 0.0
         self._named: tuple[Reference, ...] = ()
         self._recorder: Recorder | None = None
         torque = self.program.kind == "torque"

@@ -34,6 +34,10 @@ class Budget:
         """A tick begins that may be cut."""
         self._begun = thread_time()
 
+    def skip(self) -> None:
+        """The tick that ends next was not measured from its begin."""
+        self._begun = None
+
     def left(self, spent: float) -> float:
         """Time for the solver [s], after so much of the tick."""
         return max(self.deadline - self.margin - spent, 1e-6)

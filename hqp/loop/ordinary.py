@@ -187,11 +187,13 @@ def ordinary_tick(session: Session, direct: Direct, state: State, references: tu
         return None
     if not state.valid or (state.square >= session._check.ordinary and session._check.fault(state, None)):
         return None
-    if direct.fresh and session._limit is not None:
+    limit = session._limit if direct.fresh else None
+    if limit is not None:
         session._budget.begin()
-        session._limit(session._budget.left(session._rows_time))
     if direct.prepare is not None:
         direct.prepare(state)
+    if limit is not None:
+        limit(session._budget.left(perf_counter() - start))
     before = session._x if session._latest is None else session._latest
     found = direct.step(state, references, before)
     if found is None:
@@ -199,6 +201,8 @@ def ordinary_tick(session: Session, direct: Direct, state: State, references: tu
     session.count += 1
     if isinstance(found, tuple):
         session._leave_direct()
+        if limit is None:
+            session._budget.skip()
         solution = session.workspace.answer(session.program.problem, found)  # type: ignore[attr-defined]
         return conclude(session, state, solution, (), start, start, start)
     session._latest, session._good, session._held = found, state, 0

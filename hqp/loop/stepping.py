@@ -57,7 +57,6 @@ def step(session: Session, state: State, references: tuple[Reference, ...], now:
     if session._ease is not None:
         session._ease()
     filled = perf_counter()
-    session._rows_time = filled - start
     if session._limit is not None and session._good is not None:  # the very first answer may take its time
         session._limit(session._budget.left(filled - start))
     solution = session.workspace.solve(program.problem)

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+import time
 
 import numpy as np
 import pytest
 
 import hqp
 from benchmarks.deadline import overloaded
+from hqp import Level, P, Stack, Status
 from hqp.loop import budget
 from hqp.loop.budget import FIRST, LATE, LONGEST, STEP, Budget
+from hqp.loop.stepping import step
+from hqp.tasks import Com, FixedContact, JointLimits, Position, Posture
 
 
 def test_the_margin_follows_how_late_ticks_end(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -56,3 +60,24 @@ def test_a_session_keeps_back_what_follows_the_solver() -> None:
     for _ in range(3):
         exact.step(robot.state())
     assert exact._limit is None
+
+
+def test_a_tick_that_was_held_up_costs_the_next_ones_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = hqp.robots.load("g1")
+    hand = Position(frame="left_rubber_hand", law=P(5.0, max_velocity=0.4), name="hand")
+    feet = [FixedContact(frame=f"{side}_ankle_roll_link") for side in ("left", "right")]
+    stack = Stack(Level(Com(axes="xy")), Level(hand), Level(Posture()), subject_to=[*feet, JointLimits()])
+    run = hqp.Controller(stack, deadline=0.02).session(robot, 0.002)
+    far, state = hand.at(robot.state().position(hand.frame) + np.array([1.0, 0.0, 0.0])), robot.state()
+    run.step(state, far)
+    fill = run.program.fill
+    with monkeypatch.context() as held_up:
+        held_up.setattr(run.program, "fill", lambda *given: (time.sleep(0.05), fill(*given)))
+        run._leave_direct()
+        step(run, state, (far,), None)
+    found = []
+    for _ in range(20):
+        q, _ = run.step(state, far).advance()
+        state = robot.state(q)
+        found.append(run.step(state, far).status)
+    assert found.count(Status.TIME_LIMIT) < 10, found
