@@ -18,10 +18,11 @@ import hqp
 from benchmarks.reports import report
 from hqp import Level, Stack
 from hqp.arguments import formulation
+from hqp.loop.outgoing import LARGEST_CHANGE
 from hqp.reference import Reference
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, FrictionCone, JointLimits, Orientation, Position, Posture, TorqueLimits
-from hqp.transition.blend import LARGEST_CHANGE, smooth
+from hqp.transition.blend import smooth
 
 ROBOTS = ("talos", "cbi", "icub", "g1")
 LEVELS = ("velocity", "acceleration", "torque")

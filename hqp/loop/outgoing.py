@@ -4,12 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from hqp.arrays import Vec
+from hqp.arrays import Index, Vec
 from hqp.formulation import Program
 from hqp.loop.safety import RateLimiter
 from hqp.problem import Hierarchy, Solution, Status
 from hqp.tick import Note
 from hqp.tolerances import VIOLATION_TOLERANCE
+
+LARGEST_CHANGE = {"velocity": 0.02, "acceleration": 1.0, "torque": 1.0}
+"""Of a command in one tick, in a transition and towards an unfinished answer [rad/s, rad/s^2, N m]."""
+
+
+def towards(x: Vec, last: Vec, joints: Index | slice, most: float) -> Vec:
+    """x, or the point between the last one and x at which no command changes by more.
+
+    Residuals are convex: where x is better than the last one, level by level, so is every point between them.
+    """
+    reach = float(np.abs((x - last)[joints]).max(initial=0.0))
+    return x if reach <= most else last + (most / reach) * (x - last)
 
 
 def better(problem: Hierarchy, x: Vec, last: Vec) -> Vec:

@@ -12,7 +12,7 @@ import numpy as np
 
 from hqp.errors import DynamicsFailed, ModelError
 from hqp.explanation.questions import restless_notes
-from hqp.loop.outgoing import better, culprits, within_rates
+from hqp.loop.outgoing import LARGEST_CHANGE, better, culprits, towards, within_rates
 from hqp.problem import Solution, Status
 from hqp.reference import Reference
 from hqp.robot import State
@@ -84,6 +84,9 @@ def conclude(
             return held_tick(session, state, solution, notes, fit=True)
         if not status.solved and status is not Status.NOT_STRICT:
             x = better(program.problem, x, session._x)
+            if session._good is not None:
+                last = program.problem.boxed(session._x)
+                x = towards(x, last, session._joints, LARGEST_CHANGE[program.kind])
     elif not float(x.dot(x)) < math.inf:
         notes += (Note("solver", Status.NOT_CERTIFIED, "the answer is not finite"),)
         return held_tick(session, state, solution, notes, fit=True)

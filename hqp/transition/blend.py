@@ -20,6 +20,7 @@ import numpy as np
 
 from hqp.arrays import Index, Vec
 from hqp.element import Element
+from hqp.loop.outgoing import LARGEST_CHANGE, towards
 from hqp.reference import Reference
 from hqp.stack import Stack
 from hqp.transition.easing import Easing, easing
@@ -33,9 +34,6 @@ if TYPE_CHECKING:
     from hqp.robot import State
     from hqp.session import Session
     from hqp.transition.waypoints import Waypoint
-
-LARGEST_CHANGE = {"velocity": 0.02, "acceleration": 1.0, "torque": 1.0}
-"""A transition slows down rather than change a command by more in one tick [rad/s, rad/s^2, N m]."""
 
 STILL = 1e-9
 """Share of the largest change below which a command is the same in both stacks."""
@@ -169,9 +167,7 @@ class Transition:
             s = inverse(weight if ease is None else ease.share(weight))
             x, reach = between(a, b, last, weight, joints)
         self._s = 1.0 if h >= 1.0 and weight >= 1.0 else max(self._s, s)
-        if unfinished and reach > self._cap:
-            return last + (self._cap / reach) * (x - last)
-        return x
+        return towards(x, last, joints, self._cap) if unfinished else x
 
     @property
     def _step(self) -> float:

@@ -10,11 +10,12 @@ import pytest
 
 import hqp
 from benchmarks.deadline import overloaded
-from hqp import Level, P, Stack, Status
+from hqp import PD, Level, P, Stack, Status
 from hqp.loop import budget
 from hqp.loop.budget import FIRST, LATE, LONGEST, STEP, Budget
+from hqp.loop.outgoing import LARGEST_CHANGE
 from hqp.loop.stepping import step
-from hqp.tasks import Com, FixedContact, JointLimits, Position, Posture
+from hqp.tasks import Com, FixedContact, JointLimits, Position, Posture, TorqueLimits
 
 
 def test_the_margin_follows_how_late_ticks_end(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -81,3 +82,26 @@ def test_a_tick_that_was_held_up_costs_the_next_ones_nothing(monkeypatch: pytest
         state = robot.state(q)
         found.append(run.step(state, far).status)
     assert found.count(Status.TIME_LIMIT) < 10, found
+
+
+def test_a_cut_tick_moves_the_command_a_little(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, rng = hqp.robots.load("g1"), np.random.default_rng(0)
+    law = PD(100.0, 20.0, max_velocity=0.4)
+    hand = Position(frame="left_rubber_hand", law=law, name="hand")
+    feet = [FixedContact(frame=f"{side}_ankle_roll_link") for side in ("left", "right")]
+    levels = (Level(Com(axes="xy", law=law)), Level(hand), Level(Posture(law=law)))
+    stack = Stack(*levels, subject_to=[*feet, JointLimits(), TorqueLimits()])
+    run = hqp.Controller(stack, hqp.Torque(), deadline=1.0).session(robot, 0.002)
+    far, state = hand.at(robot.state().position(hand.frame) + np.array([1.0, 0.0, 0.0])), robot.state()
+    last, cuts = run.step(state, far).command.copy(), 0
+    for k in range(150):
+        time_left = float(rng.uniform(1e-6, 2e-4)) if k % 3 == 0 else 1.0
+        monkeypatch.setattr(Budget, "left", lambda self, spent, found=time_left: found)
+        run._limit(time_left)
+        tick = run.step(state, far)
+        if tick.status is Status.TIME_LIMIT:
+            cuts += 1
+            assert np.abs(tick.command - last).max() <= LARGEST_CHANGE["torque"] + 0.1
+        last = tick.command.copy()
+        state = robot.state(*tick.advance())
+    assert cuts > 0

@@ -16,6 +16,7 @@ from hqp import PD, Level, P, Stack, Status
 from hqp.arguments import formulation
 from hqp.errors import DeclarationError, FrameNotFound, ModelError
 from hqp.loop.ordinary import OrdinaryTick
+from hqp.loop.outgoing import LARGEST_CHANGE
 from hqp.recorder import load as load_recording
 from hqp.robots import Robot
 from hqp.tasks import (
@@ -30,7 +31,7 @@ from hqp.tasks import (
     UnilateralContact,
 )
 from hqp.tick import Tick
-from hqp.transition.blend import LARGEST_CHANGE, Transition, inverse, smooth
+from hqp.transition.blend import Transition, inverse, smooth
 from hqp.transition.waypoints import Waypoint, path, unloaded
 from hqp.viewer.session_view import View
 
