@@ -81,6 +81,11 @@ class MomentumObserver:
         self._before = A, state.v.copy(), np.array(torque, dtype=np.float64)
         return self.force(state)
 
+    @property
+    def rows(self) -> Mat:
+        """S ``(k, nv)``: what picks the rows of the joints, coupled ones added."""
+        return self._rows
+
     def force(self, state: State) -> Vec:
         """Least squares over the rows of the joints, at a state ``(3,)`` [N]."""
         transposed = self._rows @ state.jacobian(self.frame)[:3].T

@@ -15,6 +15,7 @@ import numpy as np
 from benchmarks.sentis2012.experiments.ground import GROUND_PUSH, UP, Heading
 from benchmarks.sentis2012.experiments.hand_loads import loads
 from benchmarks.sentis2012.experiments.misread import AbsoluteCom, AbsolutePosition, RollingAlongAxle
+from benchmarks.sentis2012.experiments.released import MOTORS, MovingLimits
 from benchmarks.sentis2012.stack import WHEELS, paper_stack
 from hqp import PD, Stack
 from hqp.arrays import Mat, Vec
@@ -67,7 +68,9 @@ class Compliance:
     least_load: to be kept on every wheel where there are limits [N].  bandwidth: of the observer [1/s].  assist:
     by this share of the human's pull the wheels go along with it.  felt: of the ground's push, the low-pass [s], the
     most that is held against [N], and of the weight along the base's tilt the share that is held against at most while
-    a wheel bears nothing.  self_motion: k_E of the posture law of eqs. (40) to
+    a wheel bears nothing.  released: with limits and the ground felt, the load below which a wheel is taken from the
+    controller [N], see ``ReleasedWheels``; the robot has an accelerometer then.  own_weight: whether an upper body that
+    is heavier than its model is told from a payload.  self_motion: k_E of the posture law of eqs. (40) to
     (44) [1/s], 0 for a PD law.  period: of control [s].
     """
 
@@ -90,6 +93,8 @@ class Compliance:
     bandwidth: float = 20.0
     assist: float = 0.0
     felt: tuple[float, float, float] = (0.05, 150.0, 0.0)
+    released: float = 0.0
+    own_weight: bool = False
     self_motion: float = 0.0
     com_goal: tuple[float, float] = COM_GOAL
     gyro: bool = True
@@ -112,7 +117,9 @@ def stack(choice: Compliance) -> Stack:
     pushed = [ExternalWrench(frame="base", name=GROUND_PUSH)] if choice.normals == "felt" else []
     if choice.limits:
         cones = [FrictionCone(contact=name, mu=choice.friction, edges=4) for name in WHEELS]
-        added = [TorqueLimits(), joint_range(), *cones]
+        most = load("dreamer").effort_limit[load("dreamer").actuated]
+        motors = MovingLimits(lower=-most, upper=most, name=MOTORS) if choice.released else TorqueLimits()
+        added = [motors, joint_range(), *cones]
         if choice.least_load:
             added += [UnilateralContact(contact=name, minimum=choice.least_load) for name in WHEELS]
     return paper_stack(

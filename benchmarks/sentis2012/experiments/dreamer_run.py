@@ -15,6 +15,7 @@ from benchmarks.sentis2012.experiments.compliance import COM_GOAL, HAND_GOAL, Co
 from benchmarks.sentis2012.experiments.ground import GROUND_PUSH, ContactNormals, GroundForce, Odometry
 from benchmarks.sentis2012.experiments.ground_map import GroundMap
 from benchmarks.sentis2012.experiments.hand_loads import HandLoads
+from benchmarks.sentis2012.experiments.released import MOTORS, MovingLimits, ReleasedWheels
 from benchmarks.sentis2012.experiments.scene import OFF, Scene
 from hqp.arrays import Vec
 from hqp.robots.on_mujoco import Contacts, Plant, Sensors
@@ -63,6 +64,11 @@ class Outing:
         self._map = GroundMap(self.robot, choice.period) if choice.normals == "map" else None
         pushed = tasks.find(GROUND_PUSH, ExternalWrench) if choice.normals == "felt" else None
         self._odometry = Odometry(self.robot)
+        self._released: ReleasedWheels | None = None
+        if choice.released:
+            limits = tasks.find(MOTORS, MovingLimits)
+            self._released = ReleasedWheels(self.robot, limits, choice.released, choice.period)
+        self._was, self._shaken = self.v[:3].copy(), np.random.default_rng(scene.seed)
         lag, most, share = choice.felt
         weight = 9.81 * self.robot.mass
         self._ground_force = GroundForce(self.robot, pushed, choice.period, lag, most, share * weight)
@@ -151,7 +157,10 @@ class Outing:
             reading = plant.measure()
             q, v, contacts = reading.q, reading.v, reading.contacts
         q[:3] = 0.0  # nobody knows where the base is, and no task asks
-        v[:3] = self._odometry.velocity(v)
+        free = self._released
+        v[:3] = (
+            self._odometry.velocity(v) if free is None else self._odometry.velocity(v, self._gained(q), free.bearing)
+        )
         if not choice.gyro:
             v[3:5] = 0.0  # what wheels on the base's own plane say
         state = self.robot.state(q, v)
@@ -171,12 +180,23 @@ class Outing:
         if choice.normals == "felt":
             apart = self._odometry.contradiction
             place = state.position("hand_point") - state.position("base")
-            self._ground_force.update(self.loads.residual, rotation, self.loads.observed, place, apart)
+            out = free is not None and not all(free.bearing)
+            self._ground_force.update(self.loads.residual, rotation, self.loads.observed, place, apart, out)
+        if free is not None:
+            free.update(self._ground_force.loads, self._odometry.spinning(v))
         spent = time.perf_counter() - began
         self._disturb()
         plant.step(torque, steps=round(choice.period / plant.timestep))
         self.q, self.v = plant.state()
         return torque, contacts, tick, spent
+
+    def _gained(self, q: Vec) -> Vec:
+        """Velocity gained since the last tick by the accelerometer: noise of 0.1 m/s^2, gravity by the IMU's tilt."""
+        dt, true, (x, y, z, w) = self.choice.period, self._base_axes.reshape(3, 3)[2], q[3:7].tolist()
+        up = np.array([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)])
+        gained = self.v[:3] - self._was + 9.81 * dt * (true - up) + self._shaken.normal(0.0, 0.1 * dt, 3)
+        self._was = self.v[:3].copy()
+        return gained
 
     def _brake(self, torque: Vec) -> None:
         """Before the motors are on, brakes hold joints and wheels."""

@@ -99,13 +99,17 @@ class Odometry:
 
     Each wheel's rim moves over the ground at r qd = rim . (v + omega x p), rim = axle x z: with the gyro's yaw rate,
     three wheels for two unknowns.  Where they contradict each other by more than APART one of them slips, or spins in
-    the air; then those two are believed that agree best with the velocity a moment ago, if any two do.
+    the air; then those two are believed that agree best with the velocity a moment ago, if any two do.  With an
+    accelerometer, all three are believed that agree with each other and with it; else it is, and wheels that bear a
+    load and do not contradict it correct it.
     """
 
     APART = 0.05
     """Contradiction between the wheels beyond which one of them slips [m/s]."""
     SUDDEN = 0.1
-    """Change of velocity in one tick that no two wheels are believed [m/s]."""
+    """Change of velocity in one tick that no two wheels are believed, no wheel beside an accelerometer [m/s]."""
+    CORRECTED = 0.1
+    """Share of a tick of what a wheel tells otherwise than the accelerometer."""
 
     def __init__(self, robot: Any) -> None:
         state = robot.state()
@@ -129,17 +133,31 @@ class Odometry:
         found[:2] = np.linalg.pinv(self._rims[list(wheels), :2]) @ self._rolled[list(wheels)]
         return found
 
-    def velocity(self, v: Vec) -> Vec:
-        """(v_x, v_y, 0) in the base ``(3,)`` [m/s] at a tick, from the wheel rates and the yaw rate in v ``(nv,)``."""
-        found = self._velocity @ v
+    def velocity(self, v: Vec, gained: Vec | None = None, bearing: Sequence[bool] = ()) -> Vec:
+        """(v_x, v_y, 0) in the base ``(3,)`` [m/s] at a tick, from the wheel rates and the yaw rate in v ``(nv,)``.
+
+        gained: since the last tick by the accelerometer, in the base ``(3,)`` [m/s]; bearing: which wheels bear a load.
+        """
+        found, last = self._velocity @ v, self._last
         self.contradiction = max(map(abs, (self._apart @ v).tolist()))
-        if self.contradiction > self.APART:
-            last = self._last
+        if gained is not None:
+            carried = np.array([*(last + gained)[:2], 0.0])
+            agree = self.contradiction < self.APART and math.hypot(*(found - carried)) < self.APART
+            if not (agree and all(bearing)):
+                found, off = carried, self._rolled @ v - self._rims @ carried
+                for bears, apart, rim in zip(bearing, off, self._rims, strict=True):
+                    if bears and abs(apart) < self.SUDDEN:
+                        found = found + self.CORRECTED * apart * rim
+        elif self.contradiction > self.APART:
             found = min((two @ v for two in self._without), key=lambda u: float((u - last) @ (u - last)))
             if math.hypot(*(found - last)) > self.SUDDEN:
                 found = last.copy()
         self._last = found
         return found.copy()
+
+    def spinning(self, v: Vec) -> Vec:
+        """By how much each rim is faster than it would roll at the latest velocity, ``(wheels,)`` [m/s]."""
+        return np.asarray(self._rolled @ v - self._rims @ self._last)
 
     def slip(self, v: Vec) -> Vec:
         """Speed of each wheel's rim over the ground along its rolling direction, from the true v, ``(wheels,)`` [m/s].
@@ -159,8 +177,8 @@ class GroundForce:
     gravity compensation, without a map or a force sensor.
     element: of the stack that is told, None for a controller that does not hold against it.
     time_constant: of the low-pass on it [s].  most: that is held against [N].  While the wheels contradict each other
-    by more than SPINNING, or one bears less than UNLOADED, it dies away to what the base's tilt explains, ``tilted``
-    newtons times its sine: a wheel that has lost its load and spins on the flat would be felt as a slope.  What each
+    by more than SPINNING, or one is released or bears less than UNLOADED, it dies away to what the base's tilt
+    explains, ``tilted`` newtons times its sine: a wheel that has lost its load would be felt as a slope.  What each
     wheel bears is told by the base's rows as well, without load cells: the force square to the base's plane and the two
     moments in it are those of three wheels.
     """
@@ -193,15 +211,18 @@ class GroundForce:
         self.loads: Vec = np.zeros(len(names))
         """What each wheel bears, square to the base's plane ``(wheels,)`` [N]."""
 
-    def update(self, residual: Vec, rotation: Mat, hand: Vec, place: Vec, contradiction: float = 0.0) -> Vec:
+    def update(
+        self, residual: Vec, rotation: Mat, hand: Vec, place: Vec, contradiction: float = 0.0, released: bool = False
+    ) -> Vec:
         """The force after a tick ``(2,)`` [N].
 
         residual: of a MomentumObserver ``(nv,)``.  rotation: of the base ``(3, 3)``.  hand: force there, and place of
-        the hand from the base, world axes ``(3,)`` [N, m].  contradiction: between the wheels [m/s].
+        the hand from the base, world axes ``(3,)`` [N, m].  contradiction: between the wheels [m/s].  released:
+        whether any wheel is.
         """
         pull, turn = rotation.T @ hand, rotation.T @ np.cross(place, hand)
         self.loads = self._bearing @ np.array([residual[2] - pull[2], residual[3] - turn[0], residual[4] - turn[1]])
-        lost = contradiction > self.SPINNING or self.loads.min() < self.UNLOADED
+        lost = contradiction > self.SPINNING or self.loads.min() < self.UNLOADED or released
         if lost and not self._tilted:
             self.force = (1.0 - self._share) * self.force
             return self.force

@@ -28,6 +28,11 @@ SLOW = 1.0
 
 GRAVITY = 9.81
 
+EXPECTED = 0.1
+"""By how much the upper body may weigh more than its model, as a share: the prior of its estimate."""
+DOUBT = 0.5
+"""Of the observer's torques [N m]."""
+
 
 def loads(wrench: bool, payload: bool) -> list[Element]:
     """The elements of ``subject_to`` for what is known.
@@ -68,7 +73,7 @@ class HandLoads:
         """The force at the hand by the observer, whether anything takes it or not [N]."""
         self.force: Vec = np.zeros(3)
         """At the hand, as known: the human's pull, without what a payload weighs [N]."""
-        self._down = 0.0
+        self._down, self._heavier = 0.0, 0.0
         self._share = 1.0 - math.exp(-choice.period / SLOW)
 
     @property
@@ -103,6 +108,8 @@ class HandLoads:
         if not self.observing:
             return
         force = self._observer.update(state, torque)
+        if self._choice.own_weight:
+            force = self._less_own_weight(state)
         if self._choice.payload == "observed":
             self._down += self._share * (-force[2] * self._lever(state) - self._down)
             self._mass = max(self._down / GRAVITY, 0.0)
@@ -111,6 +118,19 @@ class HandLoads:
         self.observed = force
         if self._choice.wrench == "observed":
             self.force = force
+
+    def _less_own_weight(self, state: State) -> Vec:
+        """The force ``(3,)`` [N] without what the upper body weighs more than its model, by a share e of its gravity.
+
+        Least squares S r = S (J^T f + e g) with a prior on e: a payload bends the arm more than the hip.  Upright the
+        two look alike; leaning on the slope they do not.
+        """
+        S = self._observer.rows
+        J, g, r = S @ state.jacobian("hand_point")[:3].T, S @ state.gravity_force(), S @ self._observer.residual
+        A = np.vstack((np.column_stack((J, g)), (0.0, 0.0, 0.0, DOUBT / EXPECTED)))
+        found = np.linalg.lstsq(A, np.append(r, 0.0), rcond=None)[0]
+        self._heavier += self._share * (found[3] - self._heavier)
+        return np.asarray(np.linalg.lstsq(J, r - self._heavier * g, rcond=None)[0])
 
     def _lever(self, state: State) -> float:
         """A weight at the payload's place weighs this much less on the joints than one at the hand's point."""

@@ -38,7 +38,7 @@ FELT = Compliance(normals="felt")
 
 ONE = replace(
     FELT, limits=True, com_acceleration=math.inf, least_load=90.0, torso=1.0, payload="observed", bandwidth=100.0,
-    felt=(0.01, 200.0, 1.0),
+    felt=(0.01, 200.0, 1.0), released=20.0, own_weight=True,
 )  # fmt: skip
 """One controller for every duty, on the robot's own sensing: the ground felt, torque limits, joint range and friction
 cones in place of the cap, loads kept on the wheels, the torso turns to where it is led, a payload is found out.
