@@ -97,6 +97,7 @@ def test_a_cut_tick_moves_the_command_a_little(monkeypatch: pytest.MonkeyPatch) 
     for k in range(150):
         time_left = float(rng.uniform(1e-6, 2e-4)) if k % 3 == 0 else 1.0
         monkeypatch.setattr(Budget, "left", lambda self, spent, found=time_left: found)
+        assert run._limit is not None
         run._limit(time_left)
         tick = run.step(state, far)
         if tick.status is Status.TIME_LIMIT:
