@@ -13,7 +13,7 @@ from hqp.element import Inequality
 from hqp.robot import Robot, State
 
 from .fields import check_number, set_names
-from .limits import ACCELERATION, BRAKING, JointLimits, fastest
+from .limits import ACCELERATION, APPROACH, BRAKING, JointLimits, fastest, gradual, horizon
 
 STRAIGHT = 1e-3
 """A joint that is turned by less [rad] has no direction to turn back in, and a long way to go: its row is free."""
@@ -29,22 +29,23 @@ class BallLimits(Inequality):
     acceleration.  A session adds it to a stack that has ``JointLimits`` of such joints and no BallLimits.
 
     joints: balls or groups with balls, all that have a limit by default.  margin [rad].  acceleration, braking
-    [rad/s^2], 0 or None for none.  return_velocity [rad/s].  Raises DeclarationError for fields and where no joint is
-    a limited ball.
+    [rad/s^2], 0 or None for none.  approach [1/s], as of JointLimits.  return_velocity [rad/s].  Raises
+    DeclarationError for fields and where no joint is a limited ball.
     """
 
     joints: str | Sequence[str] | None = None
     margin: float = 0.0
     acceleration: float | None = ACCELERATION
     braking: float | None = BRAKING
+    approach: float | None = APPROACH
     return_velocity: float = 0.5
 
     def __post_init__(self) -> None:
         super().__post_init__()
         set_names(self, "joints")
-        for name in ("acceleration", "braking"):
+        for name in ("acceleration", "braking", "approach"):
             object.__setattr__(self, name, getattr(self, name) or 0.0)
-        for name in ("margin", "acceleration", "braking"):
+        for name in ("margin", "acceleration", "braking", "approach"):
             check_number(self, name, getattr(self, name), 0.0)
         check_number(self, "return_velocity", self.return_velocity, 0.0, strict=True)
 
@@ -99,7 +100,11 @@ class BallLimits(Inequality):
         speed = np.array([robot.velocity_limit[f : f + 3].min() for _, f, _ in self.balls(robot)])
         a, b = self._rates(robot)
         J, v = self.jacobian(state), state.v if state.commanded is None else state.commanded
-        upper = np.maximum(fastest(ways, speed, b, self.return_velocity, dt), J @ v - a * dt)
+        T, rate = horizon(b, self.approach, dt), J @ v
+        upper = fastest(ways, speed, b, self.return_velocity, T)
+        if order == 2 and self.approach:
+            upper = gradual(ways, upper, rate, speed, b, T, self.approach, dt)
+        upper = np.maximum(upper, rate - a * dt)
         upper[np.isinf(ways)] = math.inf
         if order == 2:
             upper = (upper - J @ state.v) / dt - self.drift(state)

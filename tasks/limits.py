@@ -35,17 +35,18 @@ class JointLimits(Inequality):
 
     With d the way left to a position limit, v_max the speed limit and b the braking deceleration, towards each limit
 
-        u <= min(v_max, f(d)),    u^2 / (2 b) + dt u <= d  at u = f(d) = b (sqrt(dt^2 + 2 d / b) - dt),
+        u <= min(v_max, f(d)),    f(d) = b (sqrt(T^2 + 2 d / b) - T),    T = max(dt, 1 / k),
 
-    so that after the step the joint can still stop in time at b, step by step: the braking curve.  From outside,
+    where f^2 / (2 b) + T f = d: after the step the joint can still stop in time at b, step by step, the braking
+    curve.  Its last part is d' = -k d: noise of d changes u by k times as much, no more.  From outside,
     d < 0, it comes back at least at min(return_velocity, v_max, f(-d)), bounded and at rest on the limit.  With a,
     the acceleration window, the box is then clipped into [v - a dt, v + a dt]; where the two do not meet it is the
     end of the window nearest to it, so that the box is never empty.  v is the velocity of the state; at velocity level
     it is the command that the session sent last, for a measured one lags behind.  Where x is an acceleration the
-    bounds are those of u = v + dt x, and top speed and braking curve are neared at the rate k, so that braking sets in
-    gradually:
+    bounds are those of u = v + dt x, and top speed, braking curve and return are neared at the rate k, so that they
+    set in gradually:
 
-        x <= k (v_max - v),    x <= k (f(d) - v) + (1 - k dt) s,    s = -b v / (f(d) + b dt), the slope of the curve.
+        x <= k (v_max - v),    x <= k (f(d) - v) + (1 - k dt) s,    s = -b v / (f(d) + b T), the slope of the curve.
 
     The limit of a ball joint is a cone, one more row: a session adds ``BallLimits`` to a stack with JointLimits.
 
@@ -53,7 +54,7 @@ class JointLimits(Inequality):
     acceleration [rad/s^2 or m/s^2]: a.  The default of 50 is lowered, joint by joint, to what the robot's data
     allow: effort limit / inertia about the joint at home, and v_max / 20 ms; another number is taken as it is.
     braking [rad/s^2 or m/s^2]: b, at most a (a joint brakes inside its window).  0 or None switches either off:
-    without both f(d) = d / dt.  approach [1/s]: k, 0 or None for at once.  return_velocity [rad/s or m/s].
+    without both f(d) = d / dt.  approach [1/s]: k, 0 or None for at once, T = dt.  return_velocity [rad/s or m/s].
     Raises DeclarationError for fields and for a margin that leaves no room, JointNotFound on binding.
     """
 
@@ -117,11 +118,12 @@ class JointLimits(Inequality):
         speed = state.robot.velocity_limit[picked]
         v = (state.v if state.commanded is None else state.commanded)[picked]
         (down, up), (a, b) = self.bounds(state), self.rates(state.robot)
-        highest, lowest = fastest(up, speed, b, back, dt), -fastest(-down, speed, b, back, dt)
+        T = horizon(b, self.approach, dt)
+        highest, lowest = fastest(up, speed, b, back, T), -fastest(-down, speed, b, back, T)
         upper, lower = highest, lowest
         if order == 2 and self.approach:
-            upper = gradual(up, highest, v, speed, b, self.approach, dt)
-            lower = -gradual(-down, -lowest, -v, speed, b, self.approach, dt)
+            upper = gradual(up, highest, v, speed, b, T, self.approach, dt)
+            lower = -gradual(-down, -lowest, -v, speed, b, T, self.approach, dt)
             upper = np.maximum(upper, np.minimum(highest, lower))  # a gradual bound gives way where the two would cross
             lower = np.minimum(lower, np.maximum(lowest, upper))
         upper, lower = np.clip(upper, v - a * dt, v + a * dt), np.clip(lower, v - a * dt, v + a * dt)
@@ -140,7 +142,7 @@ class JointLimits(Inequality):
         if not balls:
             return ()
         rates = {"acceleration": self.acceleration, "braking": self.braking, "return_velocity": self.return_velocity}
-        return (BallLimits(joints=balls, margin=self.margin, **rates),)  # type: ignore[arg-type]
+        return (BallLimits(joints=balls, margin=self.margin, approach=self.approach, **rates),)  # type: ignore[arg-type]
 
     def plan(self, robot: Robot) -> plans.JointBox | None:
         """The native operation, none for joints of several axes; raises DeclarationError for too wide a margin."""
@@ -164,23 +166,29 @@ def home_inertia(robot: Robot) -> Vec:
     return _INERTIA[robot]
 
 
-def braking_curve(way: Vec, b: Vec, dt: float) -> Vec:
-    """f(|d|), ``(k,)``: b (sqrt(dt^2 + 2 d / b) - dt) without the cancellation; d / dt where b is infinite."""
+def horizon(b: Vec, approach: float | None, dt: float) -> Vec:
+    """T of the braking curve, ``(k,)`` [s]."""
+    return np.where(np.isfinite(b), max(dt, 1.0 / approach), dt) if approach else np.full(b.size, dt)
+
+
+def braking_curve(way: Vec, b: Vec, T: Vec) -> Vec:
+    """f(|d|), ``(k,)``: b (sqrt(T^2 + 2 d / b) - T) without the cancellation; d / T where b is infinite."""
     off = np.abs(way)
     with np.errstate(invalid="ignore"):  # no limit is infinitely far
-        return np.where(off < math.inf, 2.0 * off / (np.sqrt(dt * dt + 2.0 * off / b) + dt), math.inf)
+        return np.where(off < math.inf, 2.0 * off / (np.sqrt(T * T + 2.0 * off / b) + T), math.inf)
 
 
-def fastest(way: Vec, speed: Vec, b: Vec, back: float, dt: float) -> Vec:
+def fastest(way: Vec, speed: Vec, b: Vec, back: float, T: Vec) -> Vec:
     """Largest velocity ``(k,)`` towards a limit that is ``way`` off; from outside the one that leads back."""
-    most = np.minimum(braking_curve(way, b, dt), speed)
+    most = np.minimum(braking_curve(way, b, T), speed)
     return np.where(way >= 0.0, most, -np.minimum(most, back))
 
 
-def gradual(way: Vec, most: Vec, v: Vec, speed: Vec, b: Vec, approach: float, dt: float) -> Vec:
-    """Largest velocity ``(k,)`` of the next step from v, at most ``most``, that nears curve and top speed gradually."""
-    curve, share = braking_curve(way, b, dt), min(1.0, approach * dt)
+def gradual(way: Vec, most: Vec, v: Vec, speed: Vec, b: Vec, T: Vec, approach: float, dt: float) -> Vec:
+    """Largest velocity ``(k,)`` of the next step from v that nears top speed, curve or return gradually."""
+    curve, share, back = braking_curve(way, b, T), min(1.0, approach * dt), np.minimum(v, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        slope = np.where(v > 0.0, -v / (curve / b + dt), 0.0)
+        slope = np.where(v > 0.0, -v / (curve / b + T), 0.0)
         near = np.minimum(v + share * (speed - v), v + dt * slope + share * (curve - v - dt * slope))
-    return np.where((most > 0.0) & np.isfinite(b), np.minimum(most, near), most)
+    inside, outside = np.minimum(most, near), np.maximum(most, back + share * (most - back))
+    return np.where(np.isfinite(b), np.where(most > 0.0, inside, outside), most)

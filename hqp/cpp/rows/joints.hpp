@@ -147,9 +147,11 @@ class JointBox final : public Operation {  // one consistent box for the next st
   // Velocity of the next step from `rate` that nears braking curve and top speed gradually, at order 2.
   double gradual(double way, double most, double rate, std::size_t i) const {
     const Limits& l = limits_;
-    if (l.order == 1 || !(most > 0.0) || !std::isfinite(l.braking[i]) || !std::isfinite(l.approach)) return most;
-    const double f = curve(way, i), share = std::min(1.0, l.approach * l.dt);
-    const double slope = rate > 0.0 ? -rate / (f / l.braking[i] + l.dt) : 0.0;
+    if (l.order == 1 || !std::isfinite(l.braking[i]) || !std::isfinite(l.approach)) return most;
+    const double share = std::min(1.0, l.approach * l.dt), back = std::min(rate, 0.0);
+    if (!(most > 0.0)) return std::max(most, back + share * (most - back));
+    const double f = curve(way, i);
+    const double slope = rate > 0.0 ? -rate / (f / l.braking[i] + horizon(i)) : 0.0;
     const double near = rate + l.dt * slope + share * (f - rate - l.dt * slope);
     return std::min({most, near, rate + share * (l.speed[i] - rate)});
   }
@@ -160,9 +162,13 @@ class JointBox final : public Operation {  // one consistent box for the next st
   }
 
   double curve(double way, std::size_t i) const {  // the speed from which a joint stops on the limit
-    const double off = std::fabs(way), dt = limits_.dt;
+    const double off = std::fabs(way), T = horizon(i);
     if (!std::isfinite(off)) return INFINITY;
-    return 2.0 * off / (std::sqrt(dt * dt + 2.0 * off / limits_.braking[i]) + dt);
+    return 2.0 * off / (std::sqrt(T * T + 2.0 * off / limits_.braking[i]) + T);
+  }
+
+  double horizon(std::size_t i) const {  // T of the curve [s]
+    return std::isfinite(limits_.braking[i]) ? std::max(limits_.dt, 1.0 / limits_.approach) : limits_.dt;
   }
 
   Target out_;
