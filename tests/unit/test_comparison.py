@@ -19,7 +19,7 @@ STACK = Stack(
     Level(FixedContact(frame="l_sole"), FixedContact(frame="r_sole"), Com(axes="xy"), name="balance"),
     Level(Position(frame="r_palm"), name="hand"),
     Level(Posture(law=P(1.0)), name="posture"),
-    subject_to=[JointLimits(acceleration=None)],
+    subject_to=[JointLimits(acceleration=None, approach=0)],
 )
 
 
