@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
-from hqp.element import Inequality, Quantity
+from hqp.arrays import Vec
+from hqp.robot import State
+from hqp.tasks import TorqueLimits
 
 MOTORS = "motors"
 """Name of the torque limits in a stack whose wheels may be released."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class MovingLimits(Inequality):
-    """Bounds of all motors' torques that are set each tick, ``(n_actuated,)`` [N m]."""
+class MovingLimits(TorqueLimits):
+    """Bounds of all motors' torques that are set between ticks, ``(n_actuated,)`` [N m]."""
 
-    quantity: ClassVar[Quantity] = "effort"
     lower: Vec
     upper: Vec
 
@@ -27,19 +27,7 @@ class MovingLimits(Inequality):
         for name in ("lower", "upper"):
             object.__setattr__(self, name, np.array(getattr(self, name)))
 
-    def rows(self, robot: Any) -> int:
-        """One a motor."""
-        return self.lower.size
-
-    def selection(self, robot: Any) -> Any:
-        """All motors."""
-        return np.arange(self.lower.size)
-
-    def jacobian(self, state: Any) -> Mat:
-        """The identity."""
-        return np.eye(self.lower.size)
-
-    def bounds(self, state: Any) -> tuple[Vec, Vec]:
+    def bounds(self, state: State) -> tuple[Vec, Vec]:
         """As set."""
         return self.lower, self.upper
 
