@@ -186,9 +186,9 @@ def duties() -> list[tuple[str, Scene, float | None]]:
         ("noise, 4 ms", replace(rollers, sensors=NOISY, delay=0.004), ONE_CM),
         ("friction 0.25", replace(rollers, friction=0.25), ONE_CM),
         ("60 N aside, rollers", replace(aside, plant="dreamer_rollers"), ONE_CM),
-        ("upper body 10 % heavier", replace(rollers, extra_mass=1.1), None),
-        ("bumps of 5 mm", replace(rollers, slope=0.0, bumps=0.005), None),
-        ("10 deg", replace(rollers, slope=10.0), None),
+        ("upper body 10 % heavier", replace(rollers, extra_mass=1.1), ONE_CM),
+        ("bumps of 5 mm", replace(rollers, slope=0.0, bumps=0.005), ONE_CM),
+        ("10 deg", replace(rollers, slope=10.0), ONE_CM),
         ("12 deg", replace(rollers, slope=12.0), None),
         ("a step of 2 mm", replace(rollers, slope=0.0, step=0.002), None),
     ]
