@@ -28,7 +28,7 @@ class Figure:
 
     @property
     def passed(self) -> bool:
-        return self.low <= self.measured <= self.high
+        return bool(self.low <= self.measured <= self.high)  # a numpy bool is no JSON
 
     @property
     def asked(self) -> str:
