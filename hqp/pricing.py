@@ -19,7 +19,7 @@ The price of a level below others that are not met.  Where rest costs nothing (v
 pace p is given, and every coordinate that the rows of level k have is one that rows of unmet levels above it have (a
 base below a hand out of reach; not a second hand, which has an arm of its own), its stage has the price
 
-    c_k (1 + min(DEARER - 1, LACKING max_a ||w_a|| / (c_a p^2)))       over the unmet levels a above it.
+    c_k / max(1 / DEARER, 1 - LACKING max_a ||w_a|| / (c_a p^2))       over the unmet levels a above it.
 
 The push of a price is the same however little is asked: against the band that an unmet level leaves in its nearly lost
 directions, which turn as fast as the joints move, even a slow base is drawn from corner to corner (hqp.pace).
@@ -40,10 +40,11 @@ from hqp.tolerances import FLAT_TOLERANCE, MET_TOLERANCE, SLACK_TOLERANCE
 RESTING = 1e-4
 """Of x's largest entry: what an entry counts for at least in the size of a row's terms."""
 
-DEARER, LACKING = 20.0, 0.003
+DEARER, LACKING = 20.0, 0.0016
 """Below unmet levels the price of a level without a coordinate of its own rises to DEARER times its own, as if tau were
-1 s for 0.05 s.  It does so gradually, at 500 Hz to double where a hand misses by 0.1 m/s: at twice that slope Talos'
-base, asked to turn as its hand comes to be out of reach, is stopped at the acceleration window."""
+1 s for 0.05 s.  In a nearly lost direction the level moves at a speed that is inverse to its price, so the inverse
+falls in proportion to what is missed, at 500 Hz to half where a hand misses by about 0.1 m/s: the base of
+a Talos whose hand comes to be out of reach is then braked evenly."""
 
 UNUSED = 1e-12
 """Of a row's largest entry: smaller ones are rounding, the row does not have that coordinate."""
@@ -150,7 +151,7 @@ def stage_price(problem: Hierarchy, stages: Mat, level: int) -> float:
             unmet |= _used(rows, problem.n)
             lack = max(lack, float(np.linalg.norm(rows.slack(stages[k]))) / float(problem.prices[k]))
     own = _used(problem.levels[level], problem.n) & ~unmet
-    return price if own.any() else price * min(DEARER, 1.0 + LACKING * lack / problem.pace**2)
+    return price if own.any() else price / max(1.0 / DEARER, 1.0 - LACKING * lack / problem.pace**2)
 
 
 def _used(rows: Rows, n: int) -> Mask:

@@ -16,8 +16,8 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kFade = 16.0;                                       // hqp/pace.py, FADE
-constexpr double kDearer = 20.0, kLacking = 0.003, kUnused = 1e-12;  // hqp/pricing.py
+constexpr double kFade = 16.0;                                        // hqp/pace.py, FADE
+constexpr double kDearer = 20.0, kLacking = 0.0016, kUnused = 1e-12;  // hqp/pricing.py
 constexpr double kSlackMotion = 1e-5;  // slacks of inequality rows count this much as motion
 constexpr double kResting = 1e-4;      // of the largest entry: terms of a row are no smaller, as hqp/pricing.py says
 
@@ -270,7 +270,7 @@ class StageLevels final : public PricedStages {
       for (int j = 0; j < n_; ++j)
         if (std::abs(a[j]) > least && !unmet_[j]) return prices_[k];
     }
-    return prices_[k] * smaller(kDearer, 1.0 + kLacking * lack_ / (pace_ * pace_));
+    return prices_[k] / larger(1.0 / kDearer, 1.0 - kLacking * lack_ / (pace_ * pace_));
   }
 
   // An exact level at its optimum: its slack is unique, so equality rows and violated rows keep their value.
