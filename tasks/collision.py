@@ -180,7 +180,7 @@ class CollisionAvoidance(Inequality):
         return min(-self.rate * h, max(self.rate * h, most - HELD * self.rate * (h - H))), most
 
     def _loose(self, found: Near) -> float:
-        """What a row that fades is loosened by [m/s]."""
+        """How far the bound of a row that fades is below that of a full row [m/s]."""
         return self.rate * self.influence * (1.0 / found.fade - 1.0)
 
     def braking(self, found: Near, speed: float) -> float:

@@ -16,8 +16,9 @@ class Weld(Pose, Constraint):
     frame, relative_to: the two frames; where one is in the other at the first tick is held, or what ``at`` says, a
     homogeneous matrix ``(4, 4)``.  In ``subject_to`` it binds; where x is a torque it then acts by a wrench ``(6,)``
     [N, N m] on ``frame`` at its origin, and by its opposite on the other frame, in the axes of ``relative_to``:
-    ``tick.contact_forces`` tells it, ``ForceLimits`` and ``ContactForce`` bind it, and a law of its own feeds the error
-    back.  Raises DeclarationError without ``relative_to`` or where the frames are the same, FrameNotFound on binding.
+    ``tick.contact_forces`` tells it, ``ForceLimits`` and ``ContactForce`` bind it, and ``law``, else the ``loop_law``
+    of ``Torque``, feeds the error back.  Raises DeclarationError without ``relative_to`` or where the frames are the
+    same, FrameNotFound on binding.
     """
 
     def __post_init__(self) -> None:

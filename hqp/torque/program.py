@@ -47,7 +47,8 @@ class Torque(Formulation):
     min tau^T phi* tau, and then by least tau.
 
     law: for elements without one.  contact_law: feedback in J qdd = -dJ/dt v - kp e - kd J v of reaction
-    constraints; none by default, for ground does not move on request.  gravity_compensation: what the levels leave
+    constraints; none by default, for ground does not move on request.  loop_law: the same for those between two frames
+    of the robot (``Weld``), whose error its own joints undo.  gravity_compensation: what the levels leave
     is settled by min |tau - tau_g| in phi* instead (eq. 27), tau_g the torque that holds the robot: it floats rather
     than falls; wheels then hold a robot on a slope whose goals all move with it.
     effort_limits: a stack that bounds no torque in ``subject_to`` gets ``TorqueLimits(scale=3)`` before all else,
@@ -62,6 +63,7 @@ class Torque(Formulation):
     quantities: ClassVar[frozenset[str]] = frozenset({"motion", "force", "effort", "load"})
     law: Law = field(default=PD(100.0, 20.0))
     contact_law: Law = field(default=PD(0.0, 0.0))
+    loop_law: Law = field(default=PD(400.0, 40.0))
     gravity_compensation: bool = False
     effort_limits: bool = True
     holding: float | None = 0.8
@@ -84,9 +86,12 @@ class Torque(Formulation):
         return stack, "; ".join(filter(None, (told, weak)))
 
     def laws(self, stack: Stack) -> dict[str, Law]:
-        """The law of each element; reaction constraints take contact_law, contacts in a level take law."""
-        held = {e.name for e in reactions(stack)}
-        given = {e.name: e.law or (self.contact_law if e.name in held else self.law) for e in stack}
+        """The law of each element; reaction constraints take contact_law or loop_law, contacts in a level take law."""
+        held = {
+            e.name: self.contact_law if getattr(e, "relative_to", None) is None else self.loop_law
+            for e in reactions(stack)
+        }
+        given = {e.name: e.law or held.get(e.name, self.law) for e in stack}
         for name, law in given.items():
             if law.order != self.order:
                 raise DeclarationError(

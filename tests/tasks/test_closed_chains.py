@@ -131,6 +131,26 @@ def test_a_weld_keeps_two_hands_together(robots: dict[str, Any], kind: str) -> N
     assert np.linalg.norm(robot.state(q).position(weld.frame) - goal) < 0.01
 
 
+def test_a_weld_without_a_law_does_not_drift_at_torque_level(robots: dict[str, Any]) -> None:
+    """The hands start 2 mm off the place that the weld asks for, and are there after half a second."""
+    robot = robots["talos"]
+    weld, posture = hands(robot), t.Posture(law=PD(20.0))
+    stack = Stack(Level(posture), subject_to=[*feet(robot), weld])
+    session = hqp.Controller(stack, hqp.Torque(), deadline=math.inf).session(robot, DT)
+    state = robot.state()
+    place = np.eye(4)
+    other = "gripper_right_base_link"
+    R = state.rotation(other)
+    place[:3, :3] = R.T @ state.rotation(weld.frame)
+    place[:3, 3] = R.T @ (state.position(weld.frame) - state.position(other)) + [0.0, 0.0, 0.002]
+    q, v = robot.home, np.zeros(robot.nv)
+    for _ in range(300):
+        q, v = session.step(robot.state(q, v), weld.at(place)).advance()
+    state = robot.state(q)
+    found = state.rotation(other).T @ (state.position(weld.frame) - state.position(other))
+    assert np.abs(found - place[:3, 3]).max() < 1e-4
+
+
 def test_the_wrench_of_a_weld_is_real(robots: dict[str, Any]) -> None:
     """With the torques and that wrench on both hands Pinocchio finds the acceleration of the program."""
     robot = robots["talos"]
