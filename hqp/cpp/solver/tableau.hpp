@@ -7,6 +7,8 @@ namespace hqp {
 inline namespace HQP_ISA {
 
 struct Tableau : Levels {
+  static constexpr double kSure = 1e4;  // a row joins by an update if its pivot is longer than this times the rank tolerance
+
   // Go back to where `level` was reached, now with all that joined since; false where that is lost.
   bool rewind(int level) {
     if (level < 0 || level >= table->blocks) return false;
@@ -62,7 +64,8 @@ struct Tableau : Levels {
     return true;
   }
 
-  // The same for a row; one of gram_level or below joins by itself when its level is solved.
+  // The same for a row; one of gram_level or below joins by itself when its level is solved. What a factorisation might
+  // call no direction is left to it: a working set has one rank, whatever the way to it.
   bool meet(int r, double bound) {
     const Block& b = table->block_of(r);
     if (&b - table->block >= gram_level) return true;
@@ -74,7 +77,7 @@ struct Tableau : Levels {
     for (int j = 0; j < gram_free; ++j) size[1 + j] = a[free[j]];
     for (int i = reduction.count; i < basic; ++i)
       if (a[base[i]] != 0.0) subtract(size, G + static_cast<std::ptrdiff_t>(i) * ld, a[base[i]], width);
-    if (!join(r, -1, table->norm[r])) return false;
+    if (!join(r, -1, table->norm[r], kSure * zero(static_cast<int>(&b - table->block)))) return false;
     newcomer[newcomers++] = Newcomer{r, -1, bound};
     return true;
   }
@@ -177,13 +180,13 @@ struct Tableau : Levels {
   }
 
   // The reduced row in `size`, sum_j size_j x_j = size_0, makes its largest variable basic.
-  bool join(int row, int variable, double norm) {
+  bool join(int row, int variable, double norm, double least = 0.0) {
     if (gram_free == 0 || extras == kChanges) return false;
     int q = 1;
     for (int j = 2; j <= gram_free; ++j)
       if (std::fabs(size[j]) > std::fabs(size[q])) q = j;
     const double pivot = size[q];
-    if (!(std::fabs(pivot) > 1e-3 * norm) || basic >= n) return false;
+    if (!(std::fabs(pivot) > larger(1e-3 * norm, least)) || basic >= n) return false;
     Extra& e = extra[extras++];
     e.level = gram_level;
     e.row = row;
