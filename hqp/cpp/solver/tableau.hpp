@@ -7,7 +7,8 @@ namespace hqp {
 inline namespace HQP_ISA {
 
 struct Tableau : Levels {
-  static constexpr double kSure = 1e4;  // a row joins by an update if its pivot is longer than this times the rank tolerance
+  static constexpr double kSure =
+      1e4;  // a row joins by an update if its pivot is longer than this times the rank tolerance
 
   // Go back to where `level` was reached, now with all that joined since; false where that is lost.
   bool rewind(int level) {
