@@ -73,8 +73,8 @@ class Lexicographic(Solver):
     rank_tolerance: a pivot below this times the largest row norm of its level is no direction of that level.
     multiplier_tolerance, feasibility_tolerance: relative, below them a multiplier has no sign and a bound is met.
     max_iterations: working sets solved, None for 100 + 10 (rows + n).  deadline [s]: of one solve, None for none;
-    either cap returns the best point so far.  exchange_credit: how many block exchanges may fail to lessen the number
-    of violated bounds and wrong signs before single changes take over.  multipliers: return them.
+    either cap returns the best point so far.  max_failed_exchanges: how many block exchanges may fail to lessen
+    the number of violated bounds and wrong signs before single changes take over.  multipliers: return them.
     Raises DeclarationError for a value out of range, SolverNotInstalled where the package was built without a compiler.
     """
 
@@ -87,7 +87,7 @@ class Lexicographic(Solver):
     feasibility_tolerance: float = FEASIBILITY_TOLERANCE
     max_iterations: int | None = None
     deadline: float | None = None
-    exchange_credit: int = 3
+    max_failed_exchanges: int = 3
     multipliers: bool = False
 
     def __post_init__(self) -> None:
@@ -99,8 +99,8 @@ class Lexicographic(Solver):
             raise DeclarationError("lexicographic.max_iterations", "need at least one", value=self.max_iterations)
         if self.deadline is not None and not self.deadline > 0.0:
             raise DeclarationError("lexicographic.deadline", "must be positive", value=self.deadline, unit="s")
-        if not 0 <= self.exchange_credit < 2**31:
-            raise DeclarationError("lexicographic.exchange_credit", "negative", value=self.exchange_credit)
+        if not 0 <= self.max_failed_exchanges < 2**31:
+            raise DeclarationError("lexicographic.max_failed_exchanges", "negative", value=self.max_failed_exchanges)
         if _native is None:
             raise SolverNotInstalled(NO_KERNEL)
 
@@ -128,7 +128,7 @@ class NativeWorkspace:
             solver.feasibility_tolerance,
             solver.deadline or 0.0,
             solver.max_iterations or 0,
-            solver.exchange_credit,
+            solver.max_failed_exchanges,
             solver.multipliers,
         )
         self._views = self._kernel.values(), self._kernel.active(), self._kernel.multipliers()

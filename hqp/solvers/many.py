@@ -89,7 +89,7 @@ def solve_many(
         raise ProblemError("solve_many: takes exact hierarchies; given one with priced levels")
     batch = module.Batch(
         shape.n, list(shape.rows), shape.metric, solver.rank_tolerance, solver.multiplier_tolerance,
-        solver.feasibility_tolerance, solver.max_iterations or 0, solver.exchange_credit,
+        solver.feasibility_tolerance, solver.max_iterations or 0, solver.max_failed_exchanges,
     )  # fmt: skip
     kept = _fill(batch, problems, shape)
     N, total = len(problems), sum(shape.rows)

@@ -230,7 +230,7 @@ def test_unusable_numbers_are_a_status() -> None:
 @pytest.mark.parametrize(
     "options",
     [{"rank_tolerance": 0.0}, {"multiplier_tolerance": 1.0}, {"feasibility_tolerance": -1.0}, {"max_iterations": 0},
-     {"deadline": 0.0}, {"exchange_credit": -1}, {"damping": 0.1}, {"native": False}],
+     {"deadline": 0.0}, {"max_failed_exchanges": -1}, {"damping": 0.1}, {"native": False}],
 )  # fmt: skip
 def test_options_out_of_range(options: dict[str, object]) -> None:
     with pytest.raises(DeclarationError):

@@ -62,7 +62,7 @@ def test_a_step_that_is_blocked_at_the_very_end_is_blocked() -> None:
     for seed in range(240):
         problem, met = a_hair_short(seed), False
         for most in range(1, 14):
-            solver = hqp.solvers.load("lexicographic", exchange_credit=0, max_iterations=most)
+            solver = hqp.solvers.load("lexicographic", max_failed_exchanges=0, max_iterations=most)
             solution = solver.solve(problem)
             met = met or solution.norms[0] <= 1e-9
             assert not met or solution.norms[0] <= 1e-9, f"seed {seed}, {most} iterations"
