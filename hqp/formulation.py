@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -259,6 +260,10 @@ class MotionProgram(Program):
             self._loads.begin(state)
         self._slow(state)
 
+    def _place(self, update: Callable[[Vec], None], state: State) -> None:
+        state.place(update)
+        self._slow(state)
+
     def _slow(self, state: State) -> None:
         if self._slowed is not None:  # S qdd = -rest S v costs nothing
             np.multiply(state.v, self._slowing, out=self._slowed)
@@ -290,8 +295,14 @@ class MotionProgram(Program):
         rows = self.assembly
         if self._loads or rows.native_rows is None:
             return None
-        moving = None if rows.written else kinematics(self._robot)  # what is in Python asks the state for its own
-        prepare = self.prepare if moving is None else self._slow if self._slowed is not None else None
+        # a drift in Python takes Pinocchio's kinematics anyway
+        moving = None if rows.written and self._order == 2 else kinematics(self._robot)
+        if moving is None:
+            return direct(rows, self.problem, workspace, self._actuated, prepare=self.prepare)
+        if rows.written:  # what it has placed, the rows in Python read too
+            place = partial(self._place, moving.update)
+            return direct(rows, self.problem, workspace, self._actuated, prepare=place)
+        prepare = self._slow if self._slowed is not None else None
         return direct(rows, self.problem, workspace, self._actuated, prepare=prepare, moving=moving)
 
     def rest(self, robot: Robot, braking: Braking) -> Rest:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol, TypeAlias
 
 from hqp.arrays import Index, Mat, Vec
@@ -277,6 +277,10 @@ class State(Protocol):
 
     def kinematics(self) -> None:
         """Make placements and joint_twists those of this state; raises StaleState if the robot moved on."""
+        ...
+
+    def place(self, update: Callable[[Vec], None]) -> None:
+        """Have ``update(q)`` write placements of bodies and joint_twists, unless they are there; raises StaleState."""
         ...
 
     def position(self, frame: str) -> Vec:

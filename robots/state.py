@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -22,8 +23,9 @@ if TYPE_CHECKING:
     from .on_pinocchio import Robot
 
 _joint_jacobians, _frame_placements = pin.computeJointJacobians, pin.updateFramePlacements
+_frame_placement = pin.updateFramePlacement
 _WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-_KINEMATICS, _COM, _SUBTREES, _DRIFT, _INERTIA, _MASS, _BIAS = (1 << i for i in range(7))
+_KINEMATICS, _COM, _SUBTREES, _DRIFT, _INERTIA, _MASS, _BIAS, _PLACED = (1 << i for i in range(8))
 
 
 class PlainState(NamedTuple):
@@ -122,6 +124,26 @@ class State:
             _frame_placements(robot.model, robot.data)
             self._done |= _KINEMATICS
 
+    def place(self, update: Callable[[Vec], None]) -> None:
+        """Have ``update(q)`` write placements of bodies and joint_twists, unless they are there; raises StaleState."""
+        if self.robot.current is not self:
+            raise self._stale()
+        if not self._done & _KINEMATICS:  # every time: another update may write other frames
+            update(self.q)
+            self._done |= _PLACED
+
+    def _placement(self, frame: str) -> tuple[Vec, Mat]:
+        robot, index = self.robot, self._at(frame)
+        if not self._done & _KINEMATICS:  # bodies are where they belong, the frame may not be
+            _frame_placement(robot.model, robot.data, index)
+        return robot.placement(index)
+
+    def _at(self, frame: str) -> int:
+        """Index of a frame whose body is placed."""
+        if not self._done & (_KINEMATICS | _PLACED) or self.robot.current is not self:
+            self.kinematics()
+        return self.robot.frame(frame)
+
     def _stale(self) -> StaleState:
         name = self.robot.name
         return StaleState(f"{name} has moved on to another state; ask robot.state(q, v) again")
@@ -141,19 +163,16 @@ class State:
 
     def position(self, frame: str) -> Vec:
         """Origin of a frame in the world, ``(3,)`` [m]."""
-        self.kinematics()
-        return self.robot.placement(self.robot.frame(frame))[0].copy()
+        return self._placement(frame)[0].copy()
 
     def rotation(self, frame: str) -> Mat:
         """Rotation of a frame in the world, ``(3, 3)``."""
-        self.kinematics()
-        return np.array(self.robot.placement(self.robot.frame(frame))[1], order="C")
+        return np.array(self._placement(frame)[1], order="C")
 
     def jacobian(self, frame: str) -> Mat:
         """Geometric Jacobian ``(6, nv)`` of a frame, linear first, world axes."""
-        self.kinematics()
-        robot = self.robot
-        return matrix(pin.getFrameJacobian(robot.model, robot.data, robot.frame(frame), _WORLD))
+        index, robot = self._at(frame), self.robot
+        return matrix(pin.getFrameJacobian(robot.model, robot.data, index, _WORLD))
 
     def velocity(self, frame: str) -> Vec:
         """Velocity ``(6,)`` of a frame's origin [m/s] and its rotation [rad/s], world axes."""
