@@ -14,6 +14,8 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
+constexpr double kInfinity = __builtin_inf();
+
 typedef double Vec4 __attribute__((vector_size(32), may_alias));
 
 constexpr int kLane = 4;  // doubles in a vector

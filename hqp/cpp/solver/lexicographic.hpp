@@ -19,23 +19,23 @@ class Lexicographic final : public Kernel {
     arena_.take();
     set_.layout(arena_, n, levels, m, sizes, metric);
     std::free(sizes);
-    set_.start();
+    set_.wire();
   }
 
   void reset(bool plain) override { set_.forget(plain); }
 
   void solve(const Problem& problem, const Options& options, Answer& answer) override {
     told_ = false;
-    if (!set_.table.read(problem)) {
+    if (!state_.problem.table.read(problem)) {
       set_.forget(false);
       answer.outcome = Outcome::invalid;
       return;
     }
     set_.solve(options);
-    told_ = set_.judged == 0 && (set_.outcome == Outcome::optimal || set_.outcome == Outcome::rank_uncertain);
-    answer.outcome = set_.outcome;
-    answer.iterations = set_.iterations;
-    answer.factorisations = set_.factorisations;
+    told_ = set_.judged == 0 && state_.outcome <= Outcome::rank_uncertain;
+    answer.outcome = state_.outcome;
+    answer.iterations = state_.iterations;
+    answer.factorisations = state_.problem.factorisations;
     answer.judged = set_.judged;
     report(problem, answer);
     if (answer.multipliers) multipliers(problem, answer);
@@ -49,14 +49,15 @@ class Lexicographic final : public Kernel {
  private:
   Arena arena_;
   ActiveSet set_;
+  SearchState& state_ = set_.state;
   int n_;
   bool told_ = false;
 
   // Slack and activity of every row from (problem, x) alone.
   void report(const Problem& problem, Answer& answer) {
-    const Table& t = set_.table;
-    for (int i = 0; i < n_; ++i) answer.x[i] = set_.x[i];
-    const double* values = set_.values();
+    const Table& t = state_.problem.table;
+    for (int i = 0; i < n_; ++i) answer.x[i] = state_.point.x[i];
+    const double* values = state_.values();
     int out = 0;
     bool violated = false;
     for (int k = 0; k < problem.count; ++k) {
@@ -76,29 +77,29 @@ class Lexicographic final : public Kernel {
       }
     }
     answer.unsure = set_.settled && answer.outcome == Outcome::optimal;
-    const bool solved = answer.outcome == Outcome::optimal || answer.outcome == Outcome::rank_uncertain;
-    if (!solved || !violated) return;
+    if (!violated || answer.outcome > Outcome::rank_uncertain) return;
     answer.unsure = answer.unsure || answer.outcome == Outcome::rank_uncertain;
     answer.outcome = Outcome::constraints_violated;
   }
 
   double box_value(const Level& level, int i) const {
-    const Table& t = set_.table;
-    return level.A ? t.single_scale[i] * set_.x[t.single_index[i]] : level.scale[i] * set_.x[level.index[i]];
+    const Table& t = state_.problem.table;
+    return level.A ? t.single_scale[i] * state_.point.x[t.single_index[i]]
+                   : level.scale[i] * state_.point.x[level.index[i]];
   }
 
   // lambda_kj of the last working set: the adjoint sweep of level k, what is left of the gradient on the box.
   void multipliers(const Problem& problem, Answer& answer) {
-    const Table& t = set_.table;
-    Multipliers& a = set_.multipliers;
-    const double span = t.span(set_.tableau.x);
+    const Table& t = state_.problem.table;
+    Multipliers& a = state_.multipliers;
+    const double span = t.span(state_.problem.tableau.x);
     double* out = answer.multipliers;
     int before = 0;
     for (int k = 0; k < problem.count; ++k) {
       const int m = problem.levels[k].m, own = k - t.first;
       for (int i = 0; i < before + m; ++i) out[i] = 0.0;
       if (own >= 0) {
-        const double length = a.slack(own, set_.W, set_.values(), span);
+        const double length = a.slack(own, state_.problem.set.W, state_.values(), span);
         if (length > 0.0) {
           a.gradient(own);
           a.sweep_above(own, a.lambda);
@@ -124,13 +125,13 @@ class Lexicographic final : public Kernel {
 
   // A fixed variable's multiplier goes to the first row that holds it.
   void box_multipliers(const Level& level, double* out) {
-    const Table& t = set_.table;
-    double* mu = set_.multipliers.mu;
+    const Table& t = state_.problem.table;
+    double* mu = state_.multipliers.mu;
     for (int i = 0; i < level.m; ++i) {
       const int j = static_cast<int>(level.A ? t.single_index[i] : level.index[i]);
       const double s = level.A ? t.single_scale[i] : level.scale[i];
-      if (!set_.F[j] || mu[j] == 0.0) continue;
-      if (!meets(level.lower[i], s * set_.x[j]) && !meets(level.upper[i], s * set_.x[j])) continue;
+      if (!state_.problem.set.F[j] || mu[j] == 0.0) continue;
+      if (!meets(level.lower[i], s * state_.point.x[j]) && !meets(level.upper[i], s * state_.point.x[j])) continue;
       out[i] = mu[j] / s;
       mu[j] = 0.0;
     }

@@ -2,17 +2,10 @@
 #pragma once
 
 #include "tableau.hpp"
+#include "working_set.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
-
-// A working row or a fixed variable that holds the optimum back.
-struct WrongSign {
-  int level;  // block that says so
-  int index;  // row of the table, or variable
-  bool variable;
-  double size;  // length of the force in x
-};
 
 struct Multipliers {
   const Table* table = nullptr;

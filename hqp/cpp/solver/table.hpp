@@ -8,8 +8,6 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kInfinity = __builtin_inf();
-
 enum Mark : std::int8_t { kLower = -1, kFree = 0, kUpper = 1, kEquality = 2 };
 
 // A level inside the kernel: rows [begin, end) of the table.
@@ -51,6 +49,7 @@ struct Table {
   std::int64_t* single_index = nullptr;  // (caller's rows,) dense levels with one entry a row, as selections
   double* single_scale = nullptr;
   double* scratch = nullptr;
+  double tolerance = 1e-11;  // of feasibility, relative to what a row sums up
 
   void layout(Arena& arena, int n_, int levels, const int* m, bool metric) {
     n = n_;
@@ -121,6 +120,28 @@ struct Table {
   // By how much a value of row r lies above its upper or, negative, below its lower bound.
   double beyond(int r, double value) const {
     return value > upper[r] ? value - upper[r] : value < lower[r] ? value - lower[r] : 0.0;
+  }
+
+  double inside_box(int i, double t) const { return t < lo[i] ? lo[i] : t > hi[i] ? hi[i] : t; }
+
+  // Norm of what the rows of a level miss at values (rows,).
+  double outside(int level, const double* values) const {
+    double square = 0.0;
+    for (int r = block[level].begin; r < block[level].end; ++r) {
+      const double out = beyond(r, values[r]);
+      square += out * out;
+    }
+    return std::sqrt(square);
+  }
+
+  double slackness(int r, double bound, double size) const { return tolerance * (std::fabs(bound) + norm[r] * size); }
+
+  // Whether row r is outside its bound by so much at x. Its own terms decide: a long row that is short along a long x,
+  // such as the acceleration of a light gripper by all torques, would else pass far outside.
+  bool is_over(int r, double over, double bound, double size, const double* x) const {
+    if (!(over > 0.0) || over > slackness(r, bound, size)) return over > 0.0;
+    const double own = std::fabs(bound) + terms(r, x), rounding = 1e-15 * norm[r] * size;
+    return over > tolerance * own + rounding;
   }
 
   // The last level asks for the point nearest to this one; null: what the problem asks for.

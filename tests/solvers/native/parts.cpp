@@ -131,6 +131,8 @@ struct Two {
   int blocks[5];
   Arena arena;
   ActiveSet set;
+  Table& table = set.state.problem.table;
+  Tableau& tableau = set.state.problem.tableau;
   std::vector<double> A = random_vector(2 * m * n), b = random_vector(2 * m);
   Level level[2];
   std::vector<std::int8_t> F = std::vector<std::int8_t>(n, kFree);
@@ -139,22 +141,28 @@ struct Two {
     set.layout(arena, n, 2, sizes, blocks, false);
     arena.take();
     set.layout(arena, n, 2, sizes, blocks, false);
-    set.start();
+    set.wire();
     for (int k = 0; k < 2; ++k) {
       level[k].A = &A[k * m * n];
       level[k].lower = level[k].upper = &b[k * m];
       level[k].m = m;
     }
+    read_with(&b[0]);
+    tableau.choose_bias();
+    tableau.recording = true;
+  }
+
+  // Level 0 as ranges from b to `upper`.
+  void read_with(const double* upper) {
+    level[0].upper = upper;
     Problem problem;
     problem.levels = level;
     problem.count = 2;
-    if (!set.table.read(problem)) ++failures;
-    set.tableau.choose_bias();
-    set.tableau.recording = true;
+    if (!table.read(problem)) ++failures;
   }
   const double* factorise() {
-    set.tableau.factorise(set.table.kind, F.data());
-    return set.tableau.x;
+    tableau.factorise(table.kind, F.data());
+    return tableau.x;
   }
 };
 
@@ -182,18 +190,81 @@ static void updates() {
   for (int trial = 0; trial < 100; ++trial) {
     Two two;
     two.factorise();
-    Tableau& tableau = two.set.tableau;
+    Tableau& tableau = two.tableau;
     const double value = 0.3;
     if (!tableau.rewind(1) || !tableau.hold(0, value)) continue;
     ++updated;
-    tableau.resume(two.set.table.kind);
+    tableau.resume(two.table.kind);
     const std::vector<double> x(tableau.x, tableau.x + Two::n);
-    two.set.table.hi[0] = value;
+    two.table.hi[0] = value;
     two.F[0] = kUpper;
     const double* fresh = two.factorise();
     for (int i = 0; i < Two::n; ++i) small("tableau: updated and fresh", x[i] - fresh[i], 1e-8);
   }
   if (updated < 90) small("tableau: updates refused", 100 - updated, 10);
+}
+
+// Rows at, inside and beyond their bounds: those beyond work, those well inside do not, those at a bound stay.
+static void working_set() {
+  const int n = 3;
+  Two two;
+  std::vector<double> upper(two.b.begin(), two.b.begin() + Two::m);
+  for (double& u : upper) u += 0.5;
+  two.read_with(upper.data());
+  WorkingSet& set = two.set.state.problem.set;
+  set.start(two.table, false);
+  for (int r = 0; r < 2 * n; ++r) small("working set: cold", set.W[r] - (r < n ? kFree : kEquality), 0);
+  const auto empty = set.hash(two.table);
+  std::vector<double> v(two.table.rows);
+  for (int r = 0; r < n; ++r) v[r] = upper[r] + (r - 1);  // inside, at the bound, beyond
+  v[0] = 0.5 * (two.b[0] + upper[0]);
+  set.W[0] = set.W[1] = kUpper;
+  set.changes.start();
+  set.sort(two.table, v.data(), 1.0);
+  const std::int8_t sides[] = {kFree, kUpper, kUpper};
+  for (int r = 0; r < n; ++r) small("working set: side", set.W[r] - sides[r], 0);
+  if (set.changes.known) small("working set: sorted without notice", 1.0);
+  if (set.hash(two.table) == empty) small("working set: two of one hash", 1.0);
+  upper[1] = upper[2] = kInfinity;
+  two.read_with(upper.data());
+  set.start(two.table, true);
+  for (int r = 1; r < n; ++r) small("working set: at a bound that is gone", set.W[r], 0);
+}
+
+// From a point of the box: x stays in it, the level above rises nowhere, and what blocks is at its bound.
+static void step() {
+  int blocked = 0;
+  for (int trial = 0; trial < 100; ++trial) {
+    Two two;
+    EqualityProblem& problem = two.set.state.problem;
+    Point& point = two.set.state.point;
+    for (int i = 0; i < Two::n; ++i) {
+      two.table.lo[i] = -0.2;
+      two.table.hi[i] = 0.2;
+    }
+    two.table.boxed = true;
+    Step step(problem, point);
+    Arena arena;
+    step.layout(arena, Two::n, two.table.rows);
+    arena.take();
+    step.layout(arena, Two::n, two.table.rows);
+    problem.set.start(two.table, false);
+    problem.solve();
+    for (int i = 0; i < Two::n; ++i) point.x[i] = 0.0;
+    two.table.product(point.x, point.v);
+    const double before = two.table.outside(0, point.v);
+    const bool whole = step.advance();
+    small("step: the top level rises", larger(two.table.outside(0, point.v) - before, 0.0));
+    bool inside = true;
+    for (int i = 0; i < Two::n; ++i) {
+      if (!whole) small("step: out of the box", larger(std::fabs(point.x[i]) - 0.2, 0.0), 0);
+      inside = inside && std::fabs(problem.tableau.x[i]) <= 0.2;
+      if (problem.set.F[i]) small("step: held off its bound", std::fabs(point.x[i]) - 0.2, 0);
+      blocked += problem.set.F[i] != kFree;
+    }
+    if (whole != inside) small("step: blocked by nothing, or by something unseen", 1.0);
+  }
+  if (blocked < 50) small("step: nothing blocks", 50 - blocked, 0);
 }
 
 // Ranges above equalities: level by level from zero the point of the active set, which alone passes the verdict.
@@ -202,19 +273,15 @@ static void level_search() {
     Two two;
     std::vector<double> upper(two.b.begin(), two.b.begin() + Two::m);
     for (double& u : upper) u += 0.5;
-    two.level[0].upper = upper.data();
-    Problem problem;
-    problem.levels = two.level;
-    problem.count = 2;
-    if (!two.set.table.read(problem)) ++failures;
+    two.read_with(upper.data());
     two.set.solve(Options{});
-    Placed<LevelSearch> search(Two::n, two.set.table.rows, Two::n, two.set.table.blocks);
-    search.start(&two.set.table);
+    Placed<LevelSearch> search(Two::n, two.table.rows, Two::n, two.table.blocks);
+    search.start(&two.table);
     std::vector<double> x(Two::n);
     if (!search.search(x.data())) small("level search: not found", 1.0);
     small("level search: points", search.solves, 30);
-    for (int i = 0; i < Two::n; ++i) small("level search: another point", search.x[i] - two.set.x[i], 1e-8);
-    x.assign(two.set.x, two.set.x + Two::n);
+    for (int i = 0; i < Two::n; ++i) small("level search: another point", search.x[i] - two.set.state.point.x[i], 1e-8);
+    x.assign(two.set.state.point.x, two.set.state.point.x + Two::n);
     if (!search.judge(x.data())) small("judge: refuses the optimum", search.gap);
     x[trial % Two::n] += 1e-3;
     if (search.judge(x.data())) small("judge: passes another point", 1.0);
@@ -321,6 +388,8 @@ int main() {
   nonnegative_least_squares();
   factorisation();
   updates();
+  working_set();
+  step();
   level_search();
   level_along_step();
   for (int picks : {0, 2, 4}) row_space(picks);

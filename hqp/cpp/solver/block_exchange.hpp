@@ -1,0 +1,119 @@
+// The first phase of a search: everything that is violated joins, everything of a wrong sign leaves, at once.
+#pragma once
+
+#include "search_state.hpp"
+
+namespace hqp {
+inline namespace HQP_ISA {
+
+// The lexicographically best point of the exchanges, and what works there: where the descent begins.
+struct Start {
+  WorkingSet set;
+  double* x = nullptr;      // (n,)
+  double* slack = nullptr;  // (blocks,) norms of what the levels miss
+
+  void layout(Arena& arena, int n, int rows, int blocks) {
+    set.layout(arena, n, rows);
+    arena.place(x, n);
+    arena.place(slack, blocks);
+    arena.place(now_, blocks);
+  }
+
+  void forget(int blocks) {
+    for (int k = 0; k < blocks; ++k) slack[k] = kInfinity;
+  }
+
+  // The state's point, if it is the best so far.
+  void offer(SearchState& state) {
+    const EqualityProblem& problem = state.problem;
+    const Table& table = problem.table;
+    state.go_to_solution();
+    table.product(state.point.x, state.point.v);
+    bool better = false;
+    for (int k = 0; k + 1 < table.blocks; ++k) {
+      now_[k] = table.outside(k, state.point.v);
+      const double same = kSame * (1.0 + smaller(now_[k], slack[k]));
+      if (!better && now_[k] > slack[k] + same) return;
+      better = better || now_[k] < slack[k] - same;
+    }
+    if (!better) return;
+    for (int k = 0; k + 1 < table.blocks; ++k) slack[k] = now_[k];
+    set.restore(table, problem.set);
+    for (int q = 0; q < table.inequalities; ++q) {
+      const int r = table.unequal[q];
+      if (state.violations.row[r]) set.W[r] = state.violations.row[r];
+    }
+    for (int i = 0; i < table.n; ++i) {
+      if (state.violations.variable[i]) set.F[i] = state.violations.variable[i];
+      x[i] = state.point.x[i];
+    }
+  }
+
+ private:
+  static constexpr double kSame = 1e-9;  // slacks nearer than this, relative to 1 + slack, are no progress
+  double* now_ = nullptr;
+};
+
+class BlockExchange {
+ public:
+  Start start;
+
+  explicit BlockExchange(SearchState& state) : state_(state) {}
+
+  // True if that ends the search: at the optimum, or out of time at the best point.
+  bool run() {
+    EqualityProblem& problem = state_.problem;
+    const Table& table = problem.table;
+    const Multipliers& multipliers = state_.multipliers;
+    int exchanges_left = state_.options->exchanges, fewest = 1 << 30;
+    start.forget(table.blocks);
+    for (;;) {
+      state_.solve();
+      const int outside = state_.violations.find(problem);
+      state_.multipliers.judge(problem.set.W, problem.set.F, problem.values);
+      const int infeasibilities = outside + multipliers.count;
+      if (infeasibilities == 0) {
+        if (!problem.reduced()) {
+          state_.accept();
+          return true;
+        }
+        state_.undo_reduction();
+        start.forget(table.blocks);
+        continue;
+      }
+      const bool reduces = state_.iterations == 1 && kFarStart * outside > table.n && problem.reduce();
+      if (reduces) exchanges_left = 0;
+      start.offer(state_);
+      if (infeasibilities < fewest) fewest = infeasibilities;
+      else if (--exchanges_left < 0 || infeasibilities > 2 * fewest) return false;
+      if (state_.iterations > 1 && state_.out_of_time()) {
+        for (int i = 0; i < table.n; ++i) state_.point.x[i] = start.x[i];
+        if (problem.reduced()) state_.undo_reduction();
+        return true;
+      }
+      exchange(reduces);
+    }
+  }
+
+ private:
+  static constexpr int kFarStart = 4;  // a first point is far off if it violates more than n / kFarStart bounds
+  SearchState& state_;
+
+  void exchange(bool reduces) {
+    WorkingSet& set = state_.problem.set;
+    const Table& table = state_.problem.table;
+    const Multipliers& multipliers = state_.multipliers;
+    set.changes.start();
+    for (int q = 0; q < table.inequalities; ++q) {
+      const int r = table.unequal[q];
+      if (state_.violations.row[r]) set.join(r, state_.violations.row[r]);
+    }
+    for (int i = 0; i < table.n; ++i)
+      if (state_.violations.variable[i]) set.hold(table, i, state_.violations.variable[i]);
+    if (reduces || multipliers.count) set.changes.forget();
+    for (int q = 0; q < multipliers.count; ++q) set.release(table, multipliers.to_release[q]);
+  }
+};
+
+}  // namespace HQP_ISA
+}  // namespace hqp

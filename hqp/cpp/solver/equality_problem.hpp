@@ -1,0 +1,93 @@
+// The problem in which a working set's rows are equalities: factorised, or updated where few changes are known.
+#pragma once
+
+#include "tableau.hpp"
+#include "working_set.hpp"
+
+namespace hqp {
+inline namespace HQP_ISA {
+
+struct EqualityProblem {
+  Table table;
+  Tableau tableau;  // tableau.x is the solution
+  WorkingSet set;
+  double* values = nullptr;  // (rows,) A tableau.x
+  bool updates = true;       // false: every working set is factorised
+  int progress = -1;         // first level that the last step changed
+  int factorisations = 0;
+
+  void layout(Arena& arena, int n, int rows, int blocks, const int* m) {
+    tableau.layout(arena, n, blocks, m);
+    set.layout(arena, n, rows);
+    arena.place(values, rows);
+  }
+
+  void start() {
+    table.start();
+    tableau.table = &table;
+  }
+
+  void solve() {
+    if (!update()) factorise();
+    set.changes.forget();
+    table.product(tableau.x, values);
+  }
+
+  void factorise() {
+    tableau.factorise(set.W, set.F);
+    ++factorisations;
+  }
+
+  // Far from the optimum: go on in fewer variables, with the same working sets; false where that saves too little.
+  bool reduce() {
+    if (!updates || !tableau.reduce(table)) return false;
+    tableau.reduction.mark(set.W, kFree);
+    return true;
+  }
+
+  bool reduced() const { return tableau.reduction.count > 0; }
+
+  // Back to all variables, where the answer is judged.
+  void undo_reduction() {
+    tableau.reduction.mark(set.W, kEquality);
+    tableau.reduction.undo(table);
+    set.changes.forget();
+  }
+
+ private:
+  // Without a factorisation, where the changes are known: what left leaves in front of the level that asked for it;
+  // what joined joins in front of the level that ended the tableau, or else of the one the last step went for.
+  bool update() {
+    const Changes& changes = set.changes;
+    if (!updates || !changes.known) return false;
+    if (changes.front >= 0) return tableau.rewind(changes.front) && leave_all();
+    if (changes.joined == 0) return tableau.deepen(set.W);
+    const int last = tableau.gram_level, before = tableau.newcomers;
+    if (last >= 0 && tableau.rewind(last) && join_all()) return true;
+    tableau.newcomers = before;
+    if (changes.joined > 1 || progress == last || !tableau.rewind(progress)) return false;
+    return join_all();
+  }
+
+  bool join_all() {
+    for (int q = 0; q < set.changes.joined; ++q) {
+      const int what = set.changes.join[q], i = what - table.rows;
+      const bool upper = set.changes.side[q] > 0;
+      if (i < 0 ? !tableau.meet(what, upper ? table.upper[what] : table.lower[what])
+                : !tableau.hold(i, upper ? table.hi[i] : table.lo[i]))
+        return false;
+    }
+    tableau.resume(set.W);
+    return true;
+  }
+
+  bool leave_all() {
+    for (int q = 0; q < set.changes.left; ++q)
+      if (!tableau.let_go(set.changes.leave[q])) return false;
+    tableau.resume(set.W);
+    return true;
+  }
+};
+
+}  // namespace HQP_ISA
+}  // namespace hqp
