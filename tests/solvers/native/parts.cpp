@@ -259,6 +259,7 @@ static void step() {
     for (int i = 0; i < Two::n; ++i) {
       if (!whole) small("step: out of the box", larger(std::fabs(point.x[i]) - 0.2, 0.0), 0);
       inside = inside && std::fabs(problem.tableau.x[i]) <= 0.2;
+      if (step.length < 1.0) small("step: not straight", point.x[i] - step.length * problem.tableau.x[i]);
       if (problem.set.F[i]) small("step: held off its bound", std::fabs(point.x[i]) - 0.2, 0);
       blocked += problem.set.F[i] != kFree;
     }
