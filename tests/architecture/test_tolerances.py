@@ -12,10 +12,10 @@ from hqp import tolerances
 CPP = Path(__file__).parents[2] / "hqp" / "cpp"
 
 SAME = {
-    ("solver/judge.hpp", "kRank"): "CERTIFIED_RANK_TOLERANCE",
+    ("solver/conditions.hpp", "kRank"): "CERTIFIED_RANK_TOLERANCE",
     ("solver/judge.hpp", "kEither"): "EITHER_RANK",
-    ("solver/judge.hpp", "kData"): "NULL_SPACE_ROUNDING",
-    ("solver/judge.hpp", "kTurned"): "LARGEST_ROUNDING",
+    ("solver/conditions.hpp", "kData"): "NULL_SPACE_ROUNDING",
+    ("solver/conditions.hpp", "kTurned"): "LARGEST_ROUNDING",
     ("solver/judge.hpp", "kLock"): "LOCK_TOLERANCE",
     ("solver/judge.hpp", "kLeastLock"): "SMALLEST_LOCK",
     ("solver/lexicographic.hpp", "kActive"): "ACTIVITY_TOLERANCE",

@@ -13,7 +13,7 @@ class ActiveSet {
   int judged = 0;        // 1: the answer was doubted and judged, 2: it was refused and searched for level by level
   bool settled = false;  // an unclear rank does not matter: the data's last digits do not move x
 
-  ActiveSet() : exchange_(state), descent_(state) {}
+  ActiveSet() : exchange_(state), descent_(state), judge_(conditions_), level_search_(conditions_, judge_) {}
   ActiveSet(const ActiveSet&) = delete;
   ActiveSet& operator=(const ActiveSet&) = delete;
 
@@ -36,15 +36,16 @@ class ActiveSet {
     state.layout(arena, n, total, most, count, blocks_m);
     exchange_.start.layout(arena, n, total, count);
     descent_.layout(arena, n, total);
-    level_search_.layout(arena, n, total, most, count);
+    conditions_.layout(arena, n, total, most, count);
+    level_search_.layout(arena, n, total, most);
     arena.place(from_, n);
     arena.place(bound_, total);
   }
 
   void wire() {
     state.wire();
-    state.deadline = &level_search_.deadline;
-    level_search_.start(&problem_.table);
+    state.deadline = &conditions_.deadline;
+    conditions_.wire(&problem_.table);
   }
 
   // Begin without the last working set; plain: factorise every one in the next search.
@@ -56,8 +57,8 @@ class ActiveSet {
   void solve(const Options& options) {
     judged = 0;
     settled = false;
-    level_search_.deadline.start(options.time_limit);
-    level_search_.unseen.forget();
+    conditions_.deadline.start(options.time_limit);
+    conditions_.unseen.forget();
     state.start(options, warm_);
     bool ended = true;
     if (problem_.table.inequalities == 0 && !problem_.table.boxed) {
@@ -80,6 +81,8 @@ class ActiveSet {
   EqualityProblem& problem_ = state.problem;
   BlockExchange exchange_;
   PrimalDescent descent_;
+  Conditions conditions_;
+  Judge judge_;
   LevelSearch level_search_;
   double* from_ = nullptr;   // (n,) another point to search from
   double* bound_ = nullptr;  // (rows,) bounds while others stand in their place
@@ -97,14 +100,14 @@ class ActiveSet {
   void certify(bool ended) {
     double* x = state.point.x;
     const int n = problem_.table.n;
-    Deadline& deadline = level_search_.deadline;
+    Deadline& deadline = conditions_.deadline;
     judged = 1;
-    const bool passed = level_search_.judge(x);
+    const bool passed = judge_.judge(x);
     if (deadline.passed()) {
       state.outcome = Outcome::time_limit;
       return;
     }
-    if (passed && level_search_.gap <= kGood) {
+    if (passed && judge_.gap <= kGood) {
       if (!ended) take_working_set();
       state.outcome = Outcome::optimal;
       doubt();
@@ -113,13 +116,13 @@ class ActiveSet {
     judged = 2;
     bool found = search_from(x);
     if (!found && !passed)  // lower than where it began, or the same
-      for (int i = 0; i < n; ++i) x[i] = level_search_.x[i];
+      for (int i = 0; i < n; ++i) x[i] = conditions_.x[i];
     if (!found && !passed && !deadline.passed()) {
       for (int i = 0; i < n; ++i) from_[i] = problem_.table.inside_box(i, 0.0);
       found = search_from(from_);
     }
     if (found)
-      for (int i = 0; i < n; ++i) x[i] = level_search_.x[i];
+      for (int i = 0; i < n; ++i) x[i] = conditions_.x[i];
     if (!found && passed) {
       state.outcome = Outcome::rank_uncertain;  // as good as it gets
       return;
@@ -141,7 +144,7 @@ class ActiveSet {
 
   // An optimum that rests on an unclear rank is uncertain, unless the data's last digits do not move it.
   void doubt() {
-    if (problem_.tableau.closest >= SearchState::kDoubt && level_search_.closest >= SearchState::kDoubt) return;
+    if (problem_.tableau.closest >= SearchState::kDoubt && conditions_.closest >= SearchState::kDoubt) return;
     settled = !moves();
     if (!settled) state.outcome = Outcome::rank_uncertain;
   }
@@ -153,7 +156,7 @@ class ActiveSet {
     const std::int8_t* W = problem_.set.W;
     const double* x = state.point.x;
     const double size = larger(1.0, table.largest(x));
-    bool still = !level_search_.deadline.passed();
+    bool still = !conditions_.deadline.passed();
     for (int pattern = 0; pattern < 3 && still; ++pattern) {
       for (int r = 0; r < table.rows && pattern; ++r) {
         if (!W[r]) continue;
@@ -182,11 +185,11 @@ class ActiveSet {
     for (int q = 0; q < table.inequalities; ++q) {
       const int r = table.unequal[q];
       const double out = table.beyond(r, point.v[r]);
-      set.W[r] = level_search_.held(table.n + r);
+      set.W[r] = conditions_.held[table.n + r];
       if (!set.W[r]) set.W[r] = out > 0.0 ? kUpper : out < 0.0 ? kLower : kFree;
     }
     for (int i = 0; i < table.n; ++i)
-      if (!table.fixed[i]) set.F[i] = level_search_.held(i);
+      if (!table.fixed[i]) set.F[i] = conditions_.held[i];
     if (state.options->multipliers) problem_.factorise();
   }
 };

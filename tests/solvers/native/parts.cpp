@@ -276,16 +276,49 @@ static void level_search() {
     for (double& u : upper) u += 0.5;
     two.read_with(upper.data());
     two.set.solve(Options{});
-    Placed<LevelSearch> search(Two::n, two.table.rows, Two::n, two.table.blocks);
-    search.start(&two.table);
+    Placed<Conditions> at(Two::n, two.table.rows, Two::n, two.table.blocks);
+    at.wire(&two.table);
+    Judge judge(at);
+    LevelSearch search(at, judge);
+    Arena arena;
+    search.layout(arena, Two::n, two.table.rows, Two::n);
+    arena.take();
+    search.layout(arena, Two::n, two.table.rows, Two::n);
     std::vector<double> x(Two::n);
     if (!search.search(x.data())) small("level search: not found", 1.0);
     small("level search: points", search.solves, 30);
-    for (int i = 0; i < Two::n; ++i) small("level search: another point", search.x[i] - two.set.state.point.x[i], 1e-8);
-    x.assign(two.set.state.point.x, two.set.state.point.x + Two::n);
-    if (!search.judge(x.data())) small("judge: refuses the optimum", search.gap);
+    const double* optimum = two.set.state.point.x;
+    for (int i = 0; i < Two::n; ++i) small("level search: another point", at.x[i] - optimum[i], 1e-8);
+    x.assign(optimum, optimum + Two::n);
+    if (!judge.judge(x.data())) small("judge: refuses the optimum", judge.gap);
     x[trial % Two::n] += 1e-3;
-    if (search.judge(x.data())) small("judge: passes another point", 1.0);
+    if (judge.judge(x.data())) small("judge: passes another point", 1.0);
+  }
+}
+
+// Rows of lengths 1 to 1e-8, two of one direction: what is left has no part along any row but for rounding.
+static void row_sorted_least_squares() {
+  const int m = 9, f = 6;
+  for (int trial = 0; trial < 100; ++trial) {
+    Placed<RowSortedLeastSquares> part(f, m);
+    auto A = random_vector(m * f), rhs = random_vector(m);
+    for (int j = 0; j < f; ++j) A[5 * f + j] = A[4 * f + j];
+    for (int i = 0; i < m; ++i) {
+      const double length = std::pow(10.0, -i);
+      rhs[i] *= length;
+      part.set(i, &A[i * f], f, length, rhs[i]);
+      for (int j = 0; j < f; ++j) A[i * f + j] *= length;
+    }
+    const double reach = part.solve(m, f, 0.0);
+    std::vector<double> gradient(f);
+    double taken = 0.0;
+    for (int i = 0; i < m; ++i) {
+      const double w = dot_any(&A[i * f], part.z, f) - rhs[i];
+      taken += rhs[i] * rhs[i] - w * w;
+      add_any(gradient.data(), &A[i * f], w, f);
+    }
+    for (int j = 0; j < f; ++j) small("row-sorted least squares: gradient", gradient[j], 1e-13);
+    small("row-sorted least squares: what is taken away", reach * reach - taken);
   }
 }
 
@@ -392,6 +425,7 @@ int main() {
   working_set();
   step();
   level_search();
+  row_sorted_least_squares();
   level_along_step();
   for (int picks : {0, 2, 4}) row_space(picks);
   secular_equation();

@@ -1,0 +1,312 @@
+// The conditions of optimality at a point, level by level, in orthogonal coordinates: those of hqp/certify.py.
+#pragma once
+
+#include "nonnegative.hpp"
+#include "null_directions.hpp"
+#include "null_space.hpp"
+#include "row_factor.hpp"
+#include "table.hpp"
+
+namespace hqp {
+inline namespace HQP_ISA {
+
+// At level k the gradient A_k' w_k, in the null space of the rows fixed so far, must be a combination of the active
+// rows of the levels above with multipliers of the right sign. Rows are numbered: the box first, by variable, then the
+// table's. All rows count with unit length.
+struct Conditions {
+  static constexpr double kRank = 1e-10;  // a row of unit length adds a fixed direction above this
+  static constexpr double kClear = 1e-6;  // one that leaves less than this is nearly dependent
+  static constexpr double kSlop = 1e-8;   // activity, relative to the row's terms, and largest gap of an optimum
+
+  enum State : std::int8_t {
+    kAhead = 0,
+    kFixed = 1,
+    kOpen = 2
+  };  // not reached or without a direction, fixed, an inequality
+
+  const Table* table = nullptr;
+  int n = 0, all = 0;            // variables; they and the table's rows
+  double* x = nullptr;           // (n,) the point
+  double* v = nullptr;           // (all,) values of the rows at x
+  double* terms = nullptr;       // (all,) what these are the sums of, in magnitude
+  double* w = nullptr;           // (rows of a level,) what the level at hand misses
+  std::int8_t* state = nullptr;  // (all,)
+  std::int8_t* side = nullptr;   // (all,) at which an open row is active, 0 if it is not
+  std::int8_t* held = nullptr;   // (all,) at which a row held a level back, 0 if at none
+  int* open = nullptr;           // (open_count,) rows that are open, or were
+  int* id = nullptr;             // (active,) active rows of the level at hand, the columns
+  int open_count = 0, active = 0;
+  NullSpace null_space;             // of the rows fixed so far
+  NonnegativeLeastSquares columns;  // the multipliers of the level at hand
+  NullDirections unseen;            // once they are known rows are judged without them
+  Deadline deadline;                // after it nothing that is found is usable
+  double activity = kSlop;          // tolerance of activity, relative to a row's terms
+  double threshold = kRank;         // a direction counts above this
+  double shortest = 1.0;            // of those that count: its inverse magnifies rounding
+  double closest = kInfinity;       // nearest a direction came to kRank, as a ratio >= 1
+  bool twisted = false;             // in coordinates turned by a reflection, where rounding falls otherwise
+
+  void layout(Arena& arena, int n_, int rows, int most, int blocks) {
+    unseen.layout(arena, n_, rows, blocks);
+    n = n_;
+    all = n + rows;
+    ld_ = padded(n);
+    null_space.layout(arena, n);
+    columns.layout(arena, n, all);
+    factor_.layout(arena, n, all);
+    arena.place(x, n);
+    arena.place(v, all);
+    arena.place(terms, all);
+    arena.place(state, all);
+    arena.place(side, all);
+    arena.place(held, all);
+    arena.place(applied_, all);
+    arena.place(rows_, static_cast<std::size_t>(all) * ld_);
+    arena.place(open, all);
+    arena.place(list_, all);
+    arena.place(id, all);
+    arena.place(w, most);
+    arena.place(g_, n);
+    arena.place(y_, n);
+  }
+
+  void wire(const Table* of) {
+    table = of;
+    columns.deadline = &deadline;
+  }
+
+  // Nothing but the box is fixed at x. tolerance: of activity, relative to a row's terms.
+  void begin(double tolerance) {
+    activity = tolerance;
+    null_space.rank = 0;
+    open_count = 0;
+    shortest = 1.0;
+    for (int q = 0; q < all; ++q) {
+      state[q] = kAhead;
+      side[q] = held[q] = 0;
+      applied_[q] = -1;
+    }
+    measure();
+    take_box();
+  }
+
+  // Largest gap of an optimum: rounding of the rows turns the null space by as much as it is of the shortest direction,
+  // and counts as often as the multipliers have it.
+  double allowed() const {
+    double forces = 0.0;
+    for (int a = 0; a < active; ++a) forces += columns.mu[a];
+    return kSlop + smaller(kTurned, kData * (1.0 / shortest + forces));
+  }
+
+  // What is left of the level's gradient once the best multipliers of the active rows are taken away, relative.
+  double gap_of(int k) {
+    const Block& b = table->block[k];
+    active = columns.count = 0;
+    if (b.norm <= b.rounding || gradient(k) == 0.0) return 0.0;
+    for (int i = 0; i < n; ++i) y_[i] = -g_[i] / scale_;
+    twist(y_);
+    null_space.project(y_);
+    for (int a = 0; a < open_count; ++a) {
+      const int q = open[a];
+      if (state[q] != kOpen || !side[q]) continue;
+      const double* y = projected(q);
+      if (!(null_space.length(y) > kRank)) continue;
+      columns.column[active] = y + null_space.rank;
+      columns.sign[active] = side[q];
+      id[active++] = q;
+    }
+    columns.count = active;
+    return columns.solve(y_ + null_space.rank, null_space.freedom());
+  }
+
+  // Below level k: rows that held it back are fixed, and its own are taken in.
+  void descend(int k, double lock, double own) {
+    const Table& t = *table;
+    const Block& b = t.block[k];
+    listed_ = 0;
+    const double least =
+        larger(lock, 100.0 * own);  // of a force in the null space; what the gap could have made says nothing
+    for (int a = 0; a < active; ++a) {
+      const int q = id[a];
+      if (!(columns.mu[a] * null_space.length(projected(q)) > least)) continue;
+      state[q] = kFixed;
+      held[q] = side[q];
+      list_[listed_++] = q;
+    }
+    const double floor = larger(1e-13 * b.norm, b.rounding);
+    for (int r = b.begin; r < b.end; ++r)
+      if (t.kind[r] != kFree && t.norm[r] > floor) take(n + r, t.kind[r] == kEquality);
+    fix();
+  }
+
+  // w_k and A_k' w_k at x; the length of w_k.
+  double gradient(int k) {
+    const Table& t = *table;
+    const Block& b = t.block[k];
+    double square = 0.0, most = 0.0, sum = 0.0;
+    for (int i = 0; i < n; ++i) g_[i] = 0.0;
+    for (int r = b.begin; r < b.end; ++r) {
+      const int i = r - b.begin;
+      double& miss = w[i] = t.kind[r] == kFree ? 0.0 : t.beyond(r, v[n + r]);
+      if (std::fabs(miss) <= kData * terms[n + r]) miss = 0.0;  // rounding of its terms
+      sum = larger(sum, terms[n + r]);
+      if (miss == 0.0) continue;
+      square += miss * miss;
+      most = larger(most, std::fabs(miss));
+      if (b.A) add_any(g_, b.A + static_cast<std::ptrdiff_t>(i) * n, miss, n);
+      else g_[b.index[i]] += miss * b.scale[i];
+    }
+    unseen.clean(k, g_);
+    scale_ = b.norm * (b.norm + most + sum);
+    return std::sqrt(square);
+  }
+
+  // Which open rows are active at x.
+  void find_active() {
+    for (int a = 0; a < open_count; ++a) {
+      const int q = open[a];
+      if (state[q] != kOpen) continue;
+      const double tolerance = slop(q);
+      side[q] = v[q] >= upper(q) - tolerance ? kUpper : v[q] <= lower(q) + tolerance ? kLower : kFree;
+    }
+  }
+
+  // Value and size of the terms of every row.
+  void measure() {
+    for (int i = 0; i < n; ++i) {
+      v[i] = x[i];
+      terms[i] = std::fabs(x[i]);
+    }
+    const Table& t = *table;
+    t.product(x, v + n);
+    for (int k = 0; k < t.blocks; ++k) {
+      const Block& b = t.block[k];
+      for (int r = b.begin; r < b.end; ++r) {
+        const int i = r - b.begin;
+        terms[n + r] = b.A ? absolute_dot(b.A + static_cast<std::ptrdiff_t>(i) * n, x, n) : std::fabs(v[n + r]);
+      }
+    }
+  }
+
+  // Row q of unit length as Q' a, brought up to date.
+  const double* projected(int q) {
+    double* y = rows_ + static_cast<std::ptrdiff_t>(q) * ld_;
+    if (applied_[q] < 0) {
+      unit_row(q, y);
+      twist(y);
+      null_space.project_tail(y);
+    } else {
+      null_space.project(y, applied_[q]);
+    }
+    applied_[q] = null_space.rank;
+    return y;
+  }
+
+  // Row q as `projected` left it.
+  const double* row(int q) const { return rows_ + static_cast<std::ptrdiff_t>(q) * ld_; }
+
+  double lower(int q) const { return q < n ? table->lo[q] : table->lower[q - n]; }
+  double upper(int q) const { return q < n ? table->hi[q] : table->upper[q - n]; }
+  double norm(int q) const { return q < n ? 1.0 : table->norm[q - n]; }
+  double slop(int q) const { return activity * (norm(q) + terms[q]); }
+
+ private:
+  static constexpr double kData = 4e-15;   // rounding of rows of unit length
+  static constexpr double kTurned = 5e-7;  // what it may make of a gap at most
+  RowFactor factor_;
+  int ld_ = 0, listed_ = 0;
+  double *rows_ = nullptr, *g_ = nullptr, *y_ = nullptr;
+  double scale_ = 0.0;  // of the gradient at hand
+  int *applied_ = nullptr, *list_ = nullptr;
+
+  // Reflect along (1, 1.3, 1.6, 1, ...).
+  void twist(double* y) const {
+    if (!twisted) return;
+    const auto axis = [](int i) { return 1.0 + 0.3 * (i % 3); };
+    double sum = 0.0, square = 0.0;
+    for (int i = 0; i < n; ++i) sum += axis(i) * y[i];
+    for (int i = 0; i < n; ++i) square += axis(i) * axis(i);
+    for (int i = 0; i < n; ++i) y[i] -= 2.0 * sum / square * axis(i);
+  }
+
+  void unit_row(int q, double* y) const {
+    if (q >= n) {
+      const Block& b = table->block_of(q - n);
+      const int i = q - n - b.begin;
+      if (b.A) {
+        const double* a = b.A + static_cast<std::ptrdiff_t>(i) * n;
+        const double f = 1.0 / norm(q);
+        for (int j = 0; j < n; ++j) y[j] = f * a[j];
+        return unseen.clean_row(static_cast<int>(&b - table->block), y);
+      }
+      for (int j = 0; j < n; ++j) y[j] = 0.0;
+      y[b.index[i]] = b.scale[i] > 0.0 ? 1.0 : -1.0;
+      return;
+    }
+    for (int j = 0; j < n; ++j) y[j] = 0.0;
+    y[q] = 1.0;
+  }
+
+  void take_box() {
+    listed_ = 0;
+    if (table->boxed)
+      for (int i = 0; i < n; ++i)
+        if (table->bounded(i)) take(i, table->fixed[i]);
+    fix();
+  }
+
+  // Take in a row of a level that was just judged.
+  void take(int q, bool equality) {
+    const double tolerance = slop(q), u = upper(q), l = lower(q);
+    const bool at_upper = v[q] >= u - tolerance, at_lower = v[q] <= l + tolerance;
+    const bool beyond = v[q] > u + tolerance || v[q] < l - tolerance;
+    if (equality || beyond || (at_upper && at_lower)) {
+      state[q] = kFixed;
+      held[q] = v[q] > u ? kUpper : v[q] < l ? kLower : kFree;
+      list_[listed_++] = q;
+    } else {
+      state[q] = kOpen;
+      side[q] = at_upper ? kUpper : at_lower ? kLower : kFree;
+      open[open_count++] = q;
+    }
+  }
+
+  // Shrink the null space by the rows in `list_`. Where one is nearly dependent their singular values decide.
+  void fix() {
+    const int base = null_space.rank, rows = listed_;
+    listed_ = 0;
+    if (!rows) return;
+    factor_.start(rows, null_space.freedom());
+    const double left = factorise(rows, null_space.freedom());
+    const int rank = factor_.rank;
+    const bool grey = rank && factor_.length(rank - 1) < kClear;
+    if (grey) factor_.find_small(kClear, deadline);
+    else if (left > 0.0) decide(left);
+    const int clear = grey ? factor_.first : rank;
+    int kept = clear;
+    for (int j = 0; j < clear; ++j) decide(factor_.length(j));
+    for (int j = clear; j < rank; ++j)
+      if (decide(factor_.singular_value(j))) ++kept;
+      else factor_.drop(j, null_space, base);
+    if (kept == rank) return;
+    null_space.rank = base;
+    factorise(rows, kept);
+  }
+
+  double factorise(int rows, int most) {
+    const int base = null_space.rank;
+    factor_.renew(rows);
+    for (int a = 0; a < rows; ++a) factor_.set(a, projected(list_[a]) + base);
+    return factor_.reduce(null_space, most);
+  }
+
+  // Whether a length is one of a direction, which is fixed then.
+  bool decide(double length) {
+    closest = smaller(closest, length > kRank ? length / kRank : kRank / larger(length, 1e-300));
+    if (length > threshold) shortest = smaller(shortest, length);
+    return length > threshold;
+  }
+};
+
+}  // namespace HQP_ISA
+}  // namespace hqp
