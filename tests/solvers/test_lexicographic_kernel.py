@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 
 from benchmarks.speed import problems
+from hqp import Hierarchy, Rows
+from hqp.problem import Selection
 from hqp.solvers import lexicographic
 from hqp.solvers.lexicographic import Lexicographic
 from tests.solvers.native.dump import dump
@@ -40,6 +42,25 @@ def test_the_parts_of_the_kernel_alone(tmp_path: Path) -> None:
     )  # fmt: skip
     done = subprocess.run([str(program)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
+
+
+def test_what_rounding_leaves_of_a_met_level_is_no_doubt() -> None:
+    """Coordinates that levels above have determined, as the first part of a posture has them: no verdict is needed."""
+    solver = Lexicographic()
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        A, x, ones = np.zeros((7, 20)), rng.standard_normal(20), np.ones(10)
+        A[:, :7] = rng.standard_normal((7, 7))
+        determined = np.append(np.linalg.solve(A[:, :7], A @ x), x[7:10])
+        levels = (
+            Rows(A, A @ x, A @ x),
+            Rows(Selection(np.arange(10), ones), determined, determined),
+            Rows(rng.standard_normal((3, 20)), -ones[:3], ones[:3]),
+        )
+        problem = Hierarchy(n=20, levels=levels, constraints=0)
+        bound = solver.workspace(problem.shape).kernel(problem)  # type: ignore[attr-defined]
+        outcome, _, _, judged = bound[0]()
+        assert (outcome, judged) == (0, 0), seed
 
 
 @pytest.mark.slow

@@ -90,7 +90,8 @@ struct Multipliers {
       missed = missed || (w[r] != 0.0 && !met(r, W, span));
     }
     if (missed) return std::sqrt(square);
-    doubted = doubted || std::sqrt(square) > 1e-3 * tolerance * b.norm * t.largest(tableau->x);
+    const double rounding = 1e-3 * tolerance + 1e-15 * tableau->growth;
+    doubted = doubted || std::sqrt(square) > rounding * b.norm * t.largest(tableau->x);
     for (int r = b.begin; r < b.end; ++r) w[r] = 0.0;
     return 0.0;
   }
