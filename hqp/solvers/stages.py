@@ -45,6 +45,9 @@ LEAST = 1e-6
 ROOT = 1e-12
 """m is found to this relative accuracy."""
 
+SECANTS = 8
+"""Steps of a secant from the last multiplier before the search is bracketed."""
+
 T = TypeVar("T")
 
 Counts: TypeAlias = tuple[int, int, int, bool]
@@ -63,31 +66,46 @@ UNSETTLED_NATIVE = 98
 """The same, found without Python, whose answer is still to be told from an optimum."""
 
 
-def multiplier(unmet: Callable[[float], float], price: float, size: float) -> float | None:
-    """The m with m = c ||w(m)||, None where the level is met for its price.
+def multiplier(unmet: Callable[[float], float], price: float, size: float, near: float | None = None) -> float | None:
+    """The m with m = c ||w(m)||, None where the level is met for its price; the last call of ``unmet`` is at it.
 
     unmet: ||w(m)|| of argmin ||w||^2 + m |y|^2, which grows with m more slowly than m does.  size: largest row.
+    near: the m of a tick ago, for a secant to begin with; where that leaves the interval the search is bracketed.
     """
 
     def excess(log: float) -> float:
         return log - math.log(max(price * unmet(math.exp(log)), 1e-300))
 
     low = 2.0 * math.log(LEAST * size)
+    if near is not None:
+        old, guess = math.log(near), math.log(near)
+        before, slope = 0.0, 1.0
+        for turn in range(SECANTS):
+            if not guess > low:
+                break
+            here = excess(guess)
+            if abs(here) <= ROOT:
+                return math.exp(guess)
+            if turn:
+                slope = (here - before) / (guess - old)
+            if not 0.0 < slope <= 2.0:
+                break
+            old, before, guess = guess, here, guess - here / slope
     if excess(low) >= 0.0:
         return None
     high = low + 4.0
     while (far := excess(high)) < 0.0:
         low, high = high, 2.0 * high - low + 4.0
-    near, guess = excess(low), high
+    close, guess = excess(low), high
     for _ in range(100):  # regula falsi with the Illinois rule, halving where it is slow
-        guess = high - far * (high - low) / (far - near)
+        guess = high - far * (high - low) / (far - close)
         here = excess(guess)
         if abs(here) <= ROOT or high - low <= ROOT:
             break
         if here > 0.0:
-            high, far, near = guess, here, 0.5 * near
+            high, far, close = guess, here, 0.5 * close
         else:
-            low, near, far = guess, here, 0.5 * far
+            low, close, far = guess, here, 0.5 * far
     return math.exp(guess)
 
 
@@ -130,6 +148,7 @@ class StagedWorkspace:
         self._last = exact(replace(shape, rows=rows, selections=selections, inequalities=True, priced=()))
         self._latest: Workspace | None = self._exact
         self._make, self._workspaces = exact, dict[Shape, Workspace]()
+        self._multipliers = dict[int, float]()
         self._native = stages_of(shape.n, shape.rows, shape.priced) if native and native_stages else None
         self._points: Mat = np.full((len(rows), shape.n), np.nan)
         self._end: Vec = np.zeros(shape.n)
@@ -145,6 +164,7 @@ class StagedWorkspace:
         self._exact.reset()
         self._last.reset()
         self._workspaces.clear()
+        self._multipliers.clear()
         for workspace, _ in self._heads.values():
             workspace.reset()
         if self._native is not None:
@@ -409,7 +429,11 @@ class StagedWorkspace:
 
         if size == 0.0:
             return x
-        if multiplier(unmet, price, size) is None:
+        found = multiplier(unmet, price, size, self._multipliers.get(k))
+        if found is not None:
+            self._multipliers[k] = found
+        else:
+            self._multipliers.pop(k, None)
             point = self._solve_exact(Hierarchy((above, rows, motion), constraints=1, n=n), x)
         return point
 

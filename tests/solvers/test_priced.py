@@ -13,9 +13,10 @@ import pytest
 import hqp.solvers
 from benchmarks.calm import continuity
 from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
-from hqp.arrays import Vec
+from hqp.arrays import Mat, Vec
 from hqp.errors import ProblemError, UnsupportedProblem
 from hqp.pricing import is_met, stage_price
+from hqp.solvers.stages import multiplier
 
 STORED = np.load(Path(__file__).parents[1] / "data" / "calm20.npz")
 SOLVERS = [name for name in (*hqp.solvers.available(), "reference") if hqp.solvers.load(name).priced]
@@ -437,3 +438,28 @@ def test_a_level_is_settled_alike_warm_or_cold(family: str) -> None:
             if warm.status.solved and cold.status.solved:
                 np.testing.assert_allclose(warm.norms, cold.norms, rtol=0.0, atol=1e-8)
     assert decided == {True, False} or family in ("contradictory", "beyond")
+
+
+def test_a_multiplier_of_a_tick_ago_spares_most_trials() -> None:
+    """min ||M y - e|| + c/2 |y|^2: the root from near by is that of the bracketed search, in few trials."""
+    trials = list[int]()
+    for seed in range(50):
+        rng = np.random.default_rng(seed)
+        M, e, price = rng.standard_normal((3, 8)), rng.standard_normal(3), float(10.0 ** rng.uniform(-1.0, 1.0))
+        count = 0
+
+        def unmet(m: float, M: Mat = M, e: Vec = e) -> float:
+            nonlocal count
+            count += 1
+            return float(np.linalg.norm(M @ np.linalg.solve(M.T @ M + m * np.eye(8), M.T @ e) - e))
+
+        size = float(np.linalg.norm(M, axis=1).max())
+        if (root := multiplier(unmet, price, size)) is None:
+            continue
+        count = 0
+        again = multiplier(unmet, price, size, root * rng.uniform(0.9, 1.1))
+        assert again == pytest.approx(root, rel=1e-9)
+        trials.append(count)
+        assert multiplier(unmet, price * 1e-6, size, root) == multiplier(unmet, price * 1e-6, size)
+    assert len(trials) > 20
+    assert max(trials) <= 8, trials
