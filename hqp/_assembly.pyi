@@ -107,24 +107,24 @@ class Assembly:
         """
 
     def move(self, robot: Kinematics) -> None:
-        """``fill`` and ``step`` begin with the forward kinematics of q."""
+        """``step`` begins with the forward kinematics of q."""
 
-    def fill(self, q: Vec, v: Vec, references: tuple[Reference, ...], fresh: bool) -> bool:
-        """Take references and write rows; False for an extraordinary one.  fresh: hold values first."""
-
-    def solve(self, v: Vec) -> bytearray | tuple[int, int, int, bool] | None:
-        """Laws and solver: a record of the tick, what ``solve`` returned if no optimum, None for extraordinary demands.
-
-        The record: command, x, slack, begin and seconds for rows and for solve, iterations, factorisations; marks;
-        whether they differ from those before.
-        """
+    def written(self, rows: Sequence[tuple[int, int]], bounds: Sequence[tuple[int, int]]) -> None:
+        """Where ``write`` of a step writes: first and last row in J, and, of inequalities, in the bounds."""
 
     def step(
-        self, q: Vec, v: Vec | None, references: tuple[Reference, ...], fresh: bool
+        self,
+        q: Vec,
+        v: Vec | None,
+        references: tuple[Reference, ...],
+        fresh: bool,
+        write: Callable[[], bool] | None,
     ) -> bytearray | tuple[int, int, int, bool] | None:
-        """``fill`` and ``solve``; None where either finds something out of the ordinary.
+        """References, rows, laws and solver: a record of the tick, what ``solve`` returned if no optimum.
 
-        v: None for the x of the latest record.
+        None where a reference, a row or a demand is out of the ordinary.  v: None for the x of the latest record.
+        fresh: hold values first.  write: Python's rows, whether all are there.  The record: command, x, slack, begin
+        and seconds for rows and for solve, iterations, factorisations; marks; whether they differ from those before.
         """
 
 class EasedRows:

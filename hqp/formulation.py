@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -260,10 +259,6 @@ class MotionProgram(Program):
             self._loads.begin(state)
         self._slow(state)
 
-    def _place(self, update: Callable[[Vec], None], state: State) -> None:
-        state.place(update)
-        self._slow(state)
-
     def _slow(self, state: State) -> None:
         if self._slowed is not None:  # S qdd = -rest S v costs nothing
             np.multiply(state.v, self._slowing, out=self._slowed)
@@ -297,12 +292,7 @@ class MotionProgram(Program):
             return None
         # a drift in Python takes Pinocchio's kinematics anyway
         moving = None if rows.written and self._order == 2 else kinematics(self._robot)
-        if moving is None:
-            return direct(rows, self.problem, workspace, self._actuated, prepare=self.prepare)
-        if rows.written:  # what it has placed, the rows in Python read too
-            place = partial(self._place, moving.update)
-            return direct(rows, self.problem, workspace, self._actuated, prepare=place)
-        prepare = self._slow if self._slowed is not None else None
+        prepare = self.prepare if moving is None else self._slow if self._slowed is not None else None
         return direct(rows, self.problem, workspace, self._actuated, prepare=prepare, moving=moving)
 
     def rest(self, robot: Robot, braking: Braking) -> Rest:

@@ -94,8 +94,8 @@ class Readable:
 
     def _put(self, what: str, into: Mat, values: Any) -> None:
         """Write values of the right shape; those of a single row may lack its dimension."""
-        if np.shape(values) != into.shape and np.shape(values) != into.shape[into.shape[0] == 1 :]:
-            given = np.shape(values)
+        given = values.shape if type(values) is np.ndarray else np.shape(values)  # np.shape alone costs 0.2 us
+        if given != into.shape and given != into.shape[into.shape[0] == 1 :]:
             raise DeclarationError(self._element.name, f"{what} has shape {given}", allowed=f"shape {into.shape}")
         into[:] = values
 

@@ -238,6 +238,10 @@ class State(Protocol):
     commanded: Vec | None
     """Velocity ``(nv,)`` that a session at velocity level sent last; None before the first, and at other levels."""
 
+    def command_later(self, x: Callable[[], Vec]) -> None:
+        """``commanded`` as a function, called when it is first asked for."""
+        ...
+
     loads: tuple[Load, ...]
     """What the robot carries besides its model, as a torque controller was told: ``com`` and momenta see it."""
 
@@ -279,8 +283,8 @@ class State(Protocol):
         """Make placements and joint_twists those of this state; raises StaleState if the robot moved on."""
         ...
 
-    def place(self, update: Callable[[Vec], None]) -> None:
-        """Have ``update(q)`` write placements of bodies and joint_twists, unless they are there; raises StaleState."""
+    def is_placed(self) -> None:
+        """Placements of bodies and joint_twists are those of this state: something else has written them."""
         ...
 
     def position(self, frame: str) -> Vec:

@@ -46,12 +46,12 @@ class State:
     """
 
     __slots__ = (
-        "_done", "_gravity", "_unit", "commanded", "finite", "loads", "q", "robot", "square", "time", "v", "valid",
+        "_commanded", "_done", "_gravity", "_unit", "finite", "loads", "q", "robot", "square", "time", "v", "valid",
     )  # fmt: skip
 
     def __init__(self, robot: Robot, q: Vec, v: Vec | None, time: float | None = None) -> None:
         self.robot, self.time = robot, time
-        self.commanded: Vec | None = None
+        self._commanded: Vec | Callable[[], Vec] | None = None
         self.loads: tuple[Load, ...] = ()
         if type(q) is np.ndarray is type(v) and q.dtype is FLOAT is v.dtype:
             q, v = q.copy(), v.copy()
@@ -76,6 +76,21 @@ class State:
         v.setflags(False)  # type: ignore[call-arg]  # pyright: ignore[reportCallIssue]
         self._done = 0
         self._gravity: Vec | None = None
+
+    @property
+    def commanded(self) -> Vec | None:
+        """The velocity ``(nv,)`` that a session at velocity level sent last."""
+        if callable(self._commanded):
+            self._commanded = self._commanded()
+        return self._commanded
+
+    @commanded.setter
+    def commanded(self, x: Vec | None) -> None:
+        self._commanded = x
+
+    def command_later(self, x: Callable[[], Vec]) -> None:
+        """``commanded`` as a function, called when it is first asked for."""
+        self._commanded = x
 
     @property
     def fault(self) -> str:
@@ -124,13 +139,9 @@ class State:
             _frame_placements(robot.model, robot.data)
             self._done |= _KINEMATICS
 
-    def place(self, update: Callable[[Vec], None]) -> None:
-        """Have ``update(q)`` write placements of bodies and joint_twists, unless they are there; raises StaleState."""
-        if self.robot.current is not self:
-            raise self._stale()
-        if not self._done & _KINEMATICS:  # every time: another update may write other frames
-            update(self.q)
-            self._done |= _PLACED
+    def is_placed(self) -> None:
+        """Placements of bodies and joint_twists are those of this state: something else has written them."""
+        self._done |= _PLACED
 
     def _placement(self, frame: str) -> tuple[Vec, Mat]:
         robot, index = self.robot, self._at(frame)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -46,12 +47,13 @@ class Direct:
         program: TorqueProgram | None,
         chain: Chain | None,
         prepare: Callable[[State], None] | None,
+        places: bool,
     ) -> None:
         self.prepare = prepare
         """What a tick needs of the state before the native call, None for nothing."""
         self._assembly, self._native, self.workspace = assembly, native, workspace
-        self._written = assembly.written
-        self._names = frozenset(member.element.name for member in self._written)
+        self._written, self._places = bool(assembly.written), places
+        self._names = frozenset(member.element.name for member in assembly.written)
         self._holds: dict[str, Reference] = {}
         self._all_holds: dict[str, Reference] = {}
         self.fresh = True
@@ -108,25 +110,32 @@ class Direct:
 
         before: the latest record, or the x to start from.
         """
-        native, fresh = self._native, self.fresh
-        if not (fresh or self._written):
-            return native.step(state.q, None if self._velocity else state.v, references, False)
-        self.fresh = False
+        fresh, self.fresh = self.fresh, False
         if fresh and self._program is not None:
             self._program.begin_direct(state, self._all_holds)
+        v: Vec | None = state.v
         if self._velocity:
-            state.commanded = before if isinstance(before, np.ndarray) else self.x(before)
-        v = state.v if state.commanded is None else state.commanded
+            v = None
+            if isinstance(before, np.ndarray):
+                v = state.commanded = before
+            elif self._written:
+                state.command_later(partial(self.x, before))
         if not self._written:
-            return native.step(state.q, v, references, fresh)
-        if not native.fill(state.q, v, references, fresh):
-            return None
+            return self._native.step(state.q, v, references, fresh, None)
+        self._now = state, references
+        return self._native.step(state.q, v, references, fresh, self._write)
+
+    def _write(self) -> bool:
+        """Rows of elements without a native operation; whether all could be written."""
+        state, references = self._now
+        if self._places:
+            state.is_placed()
         given: Mapping[str, Reference] = self._holds
-        if any(r.name in self._names for r in references):
-            given = {**self._holds, **{r.name: self._whole(r) for r in references if r.name in self._names}}
+        for reference in references:
+            if reference.name in self._names:
+                given = {**given, reference.name: self._whole(reference)}
         self._assembly.write(state, given)
-        found = native.solve(v)
-        return None if self._assembly.unusable() else found
+        return not self._assembly.errors
 
     def _whole(self, reference: Reference) -> Reference:
         """The reference, with the hold value where it gives none."""
@@ -196,7 +205,7 @@ def direct(
     if moving is not None:
         native.move(moving)
     picks = np.asarray(command, dtype=np.intp)
-    return Direct(assembly, native, workspace, kernel, problem, picks, program, chain, prepare)
+    return Direct(assembly, native, workspace, kernel, problem, picks, program, chain, prepare, moving is not None)
 
 
 def kinematics(robot: Robot) -> Kinematics | None:

@@ -29,6 +29,8 @@ namespace binding {
 
 class Assembly {
  public:
+  using Parts = std::vector<std::tuple<int, int>>;  // first and last of some rows
+
   Assembly(const Columns& twists, const Bodies& bodies, double dt, int order, const nb::object& reference)
       : dt_(dt), order_(order), tree_(tree(twists, bodies)), loop_(reference) {}
   Assembly(const Assembly&) = delete;
@@ -142,20 +144,25 @@ class Assembly {
     largest_ = largest * largest;
   }
 
-  // Rows of native operations; false where a reference is out of the ordinary.
-  bool fill(const Vector& q, const Vector& v, const nb::tuple& references, bool fresh) {
-    return filled(q.data(), v.data(), references, fresh);
-  }
-  // Laws and solver: a record [command, x, slack, begin, seconds for rows and solve, solve's counts, marks, points of
-  // stages where there were any, 1 where marks are others than in the record before + 2 for stages]; what solve
-  // returned where that is no optimum, None where a demand is out of the ordinary.
-  nb::object solve(const Vector& v) { return answered(v.data()); }
-  // Both; v None for the x of the record before, at velocity level.
-  nb::object step(nb::handle q, nb::handle v, const nb::tuple& references, bool fresh) {
-    const hqp::Doubles at(q, true);
-    if (v.is_none()) return stepped(at.data(), sent_.data(), references, fresh);
-    const hqp::Doubles speed(v, true);
-    return stepped(at.data(), speed.data(), references, fresh);
+  // Rows that are written between those of native operations and the laws: where they stand in J and, of inequalities,
+  // in the bounds (first, last).
+  void written(Parts rows, Parts bounds) { written_ = std::move(rows), bounded_ = std::move(bounds); }
+
+  // References, rows, laws and solver: a record [command, x, slack, begin, seconds for rows and solve, solve's counts,
+  // marks, points of stages where there were any, 1 where marks are others than in the record before + 2 for stages];
+  // what solve returned where that is no optimum; None where a reference, a row or a demand is out of the ordinary.
+  // v None for the x of the record before, at velocity level; write: Python's rows, whether all are there.
+  nb::object step(nb::handle q, nb::handle v, const nb::tuple& references, bool fresh, nb::handle write) {
+    const hqp::Doubles at(q, true), speed(v.is_none() ? q : v, true);
+    if (!at.data() || !speed.data()) throw nb::type_error("q and v are vectors of doubles");
+    const double* velocity = v.is_none() ? sent_.data() : speed.data();
+    begin_ = hqp::Clock::now();
+    if (!loop_.take(references, fresh)) return nb::none();
+    if (kinematics_) kinematics_->update(at.data());
+    operate(at.data(), velocity);
+    if (!write.is_none() && !nb::cast<bool>(write())) return nb::none();
+    demands_->run(velocity);
+    return usable() ? answered(velocity) : nb::none();
   }
 
   // The same without Python's objects, for many configurations at rest under the same references: x, null for what is
@@ -176,9 +183,15 @@ class Assembly {
  private:
   using Operation = std::unique_ptr<hqp::Operation>;
 
+  bool usable() const {
+    if (!(hqp::squared(demands_->demand(), demands_->size()) < largest_)) return false;
+    for (const auto& [first, last] : written_)
+      if (!(demands_->squared(first, last) < largest_)) return false;
+    for (const auto& [first, last] : bounded_)
+      if (!demands_->apart(first, last)) return false;
+    return true;
+  }
   nb::object answered(const double* v) {
-    demands_->run(v);
-    if (!(hqp::squared(demands_->demand(), demands_->size()) < largest_)) return nb::none();
     const auto begun = hqp::Clock::now();
     const hqp::Solved found = solved(v);
     if (found.outcome == hqp::kInvalid) return nb::none();
@@ -186,17 +199,6 @@ class Assembly {
       return nb::make_tuple(found.outcome, found.iterations, found.factorisations, found.judged);
     return record(found, hqp::seconds(begin_, begun) + found.before,
                   hqp::seconds(begun, hqp::Clock::now()) - found.before);
-  }
-  nb::object stepped(const double* q, const double* v, const nb::tuple& references, bool fresh) {
-    if (!q || !v) throw nb::type_error("q and v are vectors of doubles");
-    return filled(q, v, references, fresh) ? answered(v) : nb::none();
-  }
-  bool filled(const double* q, const double* v, const nb::tuple& references, bool fresh) {
-    begin_ = hqp::Clock::now();
-    if (!loop_.take(references, fresh)) return false;
-    if (kinematics_) kinematics_->update(q);
-    operate(q, v);
-    return true;
   }
   void operate(const double* q, const double* v) {
     tree_.update(v);
@@ -369,6 +371,7 @@ class Assembly {
   hqp::Kinematics* kinematics_ = nullptr;
   std::vector<Operation> operations_;
   std::unique_ptr<hqp::Demands> demands_;
+  Parts written_, bounded_;
   hqp::KnownLoads loads_;
   hqp::Loop loop_;
   nb::object solve_;

@@ -81,9 +81,8 @@ NB_MODULE(_assembly, module) {
       .def("answers", &Assembly::answers, "solve"_a, "call"_a.none(), "values"_a.noconvert(), "active"_a.noconvert(),
            "command"_a, "largest"_a)
       .def("move", &Assembly::move, "robot"_a)
-      .def("fill", &Assembly::fill, "q"_a, "v"_a, "references"_a, "fresh"_a)
-      .def("solve", &Assembly::solve, "v"_a)
-      .def("step", &Assembly::step, "q"_a, "v"_a.none(), "references"_a, "fresh"_a)
+      .def("written", &Assembly::written, "rows"_a, "bounds"_a)
+      .def("step", &Assembly::step, "q"_a, "v"_a.none(), "references"_a, "fresh"_a, "write"_a.none())
       .def("add", &Assembly::add, "plan"_a, nb::kw_only(), "J"_a.noconvert().none(), "error"_a.noconvert(),
            "drift"_a.noconvert().none(), "lower"_a.noconvert(), "upper"_a.noconvert(), "reference"_a.noconvert(),
            "normal"_a.noconvert().none(), "weight"_a, "rate"_a.noconvert(), "feedforward"_a.noconvert())

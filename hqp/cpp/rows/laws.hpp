@@ -7,6 +7,8 @@
 #include <utility>
 #include <vector>
 
+#include "references.hpp"
+
 namespace hqp {
 
 // How rows become bounds on J x: a law on the error, a law on the way left to either bound, bounds as they stand.
@@ -40,6 +42,17 @@ class Demands {
   const double* lower() const { return l_.lower; }
   const double* upper() const { return l_.upper; }
   int size() const { return l_.total; }
+
+  // Of rows of J, from first to last.
+  double squared(int first, int last) const {
+    return hqp::squared(l_.J + static_cast<std::ptrdiff_t>(first) * l_.nv, (last - first) * l_.nv);
+  }
+  // Whether no bounds are crossed, NaN, or infinite on one side alone.
+  bool apart(int first, int last) const {
+    for (int i = first; i < last; ++i)
+      if (!(l_.upper[i] - l_.lower[i] >= 0.0)) return false;
+    return true;
+  }
 
   void run(const double* v) {
     for (int i = 0; i < l_.total; ++i) l_.demand[i] = l_.kp[i] * l_.error[i];
