@@ -67,14 +67,12 @@ class ActiveSet {
     } else if (!exchange_.run()) {
       ended = descent_.run(exchange_.start);
     }
-    if (!ended || (state.outcome <= Outcome::rank_uncertain && doubtful())) certify(ended);
+    if (!ended || (state.outcome <= Outcome::rank_uncertain && state.doubtful())) certify(ended);
     warm_ = true;
     problem_.updates = true;
   }
 
  private:
-  static constexpr double kNear = 1e4;  // a pivot this near it, or one that magnifies rounding by kGrown, is judged
-  static constexpr double kGrown = 1e6;
   static constexpr double kGood = 1e-10;     // an answer that was judged and has a larger gap is lowered level by level
   static constexpr double kDigits = 1e-12;   // of the data, relative: those that are not known
   static constexpr double kUnmoved = 1e-10;  // x moves by no more, relative: its ranks are certain enough
@@ -87,13 +85,6 @@ class ActiveSet {
   double* from_ = nullptr;   // (n,) another point to search from
   double* bound_ = nullptr;  // (rows,) bounds while others stand in their place
   bool warm_ = false;
-
-  // Whether rounding or a rank decision may have made the answer what it is.
-  bool doubtful() const {
-    const Tableau& tableau = problem_.tableau;
-    return tableau.closest < kNear || tableau.growth > kGrown || state.multipliers.doubted ||
-           state.violations.overlooked || problem_.table.uneven;
-  }
 
   // The answer is judged in orthogonal coordinates; what is not optimal is lowered level by level, from x and then from
   // zero. ended: the search took x for the optimum.

@@ -11,6 +11,8 @@ struct Start {
   WorkingSet set;
   double* x = nullptr;      // (n,)
   double* slack = nullptr;  // (blocks,) norms of what the levels miss
+  int optimal = 0;          // so many of the highest levels are as low as they can be
+  bool current = false;     // the equality problem and its multipliers are still those of this set
 
   void layout(Arena& arena, int n, int rows, int blocks) {
     set.layout(arena, n, rows);
@@ -21,15 +23,18 @@ struct Start {
 
   void forget(int blocks) {
     for (int k = 0; k < blocks; ++k) slack[k] = kInfinity;
+    optimal = 0;
+    current = false;
   }
 
   // The state's point, if it is the best so far.
-  void offer(SearchState& state) {
+  void offer(SearchState& state, int outside) {
     const EqualityProblem& problem = state.problem;
     const Table& table = problem.table;
     state.go_to_solution();
     table.product(state.point.x, state.point.v);
     bool better = false;
+    current = false;
     for (int k = 0; k + 1 < table.blocks; ++k) {
       now_[k] = table.outside(k, state.point.v);
       const double same = kSame * (1.0 + smaller(now_[k], slack[k]));
@@ -38,6 +43,8 @@ struct Start {
     }
     if (!better) return;
     for (int k = 0; k + 1 < table.blocks; ++k) slack[k] = now_[k];
+    current = outside == 0 && state.iterations == 1;
+    optimal = outside == 0 ? state.multipliers.highest() : 0;
     set.restore(table, problem.set);
     for (int q = 0; q < table.inequalities; ++q) {
       const int r = table.unequal[q];
@@ -83,7 +90,8 @@ class BlockExchange {
       }
       const bool reduces = state_.iterations == 1 && kFarStart * outside > table.n && problem.reduce();
       if (reduces) exchanges_left = 0;
-      start.offer(state_);
+      start.offer(state_, outside);
+      if (start.current) return false;  // a descent keeps it feasible, an exchange would not
       if (infeasibilities < fewest) fewest = infeasibilities;
       else if (--exchanges_left < 0 || infeasibilities > 2 * fewest) return false;
       if (state_.iterations > 1 && state_.out_of_time()) {

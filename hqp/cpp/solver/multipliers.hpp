@@ -70,6 +70,13 @@ struct Multipliers {
     }
   }
 
+  // The highest level that asks for a release.
+  int highest() const {
+    int level = table->blocks;
+    for (int q = 0; q < count; ++q) level = to_release[q].level < level ? to_release[q].level : level;
+    return level;
+  }
+
   bool pending() const { return open_rows + open_variables > 0; }
 
   // w_k of the working rows and its norm; zero where each row is met within rounding.

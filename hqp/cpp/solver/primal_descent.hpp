@@ -53,7 +53,8 @@ class PrimalDescent {
     point_.current = false;
     seen_.forget();
     tableau_.recording = true;
-    tableau_.lowest = 0;
+    tableau_.lowest = start.optimal < kAlone ? 0 : kAll;
+    if (start.current) release_some();
     const bool ended = descend();
     if (leaves_out()) take_all();
     if (problem_.reduced()) undo_reduction();
@@ -98,7 +99,7 @@ class PrimalDescent {
           set_.changes.start();
         } else if (problem_.reduced()) {
           undo_reduction();
-        } else if (tableau_.has_released) {
+        } else if (tableau_.has_released && state_.doubtful()) {
           set_.changes.forget();  // judged on a tableau of its own
         } else {
           state_.accept();
@@ -149,9 +150,8 @@ class PrimalDescent {
   void release_some() {
     const Multipliers& multipliers = state_.multipliers;
     const WrongSign* wrong = multipliers.to_release;
-    int level = 1 << 30;
+    const int level = multipliers.highest();
     double most = 0.0;
-    for (int q = 0; q < multipliers.count; ++q) level = wrong[q].level < level ? wrong[q].level : level;
     for (int q = 0; q < multipliers.count; ++q)
       if (wrong[q].level == level) most = larger(most, wrong[q].size);
     set_.changes.start(level);

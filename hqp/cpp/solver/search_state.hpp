@@ -21,7 +21,9 @@ struct Point {
 
 struct SearchState {
   static constexpr double kTurns = 2.0;    // another turn like the last one, and what is left to do after it
-  static constexpr double kDoubt = 100.0;  // a pivot this near the rank tolerance, as a ratio, is no clear decision
+  static constexpr double kNear = 1e4;     // a pivot this near the rank tolerance, as a ratio, leaves doubt,
+  static constexpr double kGrown = 1e6;    // and so does one that magnifies rounding by so much
+  static constexpr double kDoubt = 100.0;  // a pivot this near is no clear decision
 
   EqualityProblem problem;
   Multipliers multipliers;
@@ -75,6 +77,13 @@ struct SearchState {
   void accept() {
     go_to_solution();
     if (problem.tableau.closest < kDoubt) outcome = Outcome::rank_uncertain;
+  }
+
+  // Whether rounding or a rank decision may have made the answer what it is.
+  bool doubtful() const {
+    const Tableau& tableau = problem.tableau;
+    return tableau.closest < kNear || tableau.growth > kGrown || multipliers.doubted || violations.overlooked ||
+           problem.table.uneven;
   }
 
   // A x; the equality problem's own where x is its solution to the bit.

@@ -154,7 +154,9 @@ struct Tableau : Levels {
     for (int i = 0; i < s.rank; ++i) reflect_vector(s, i, left);
     double square = 0.0;
     for (int i = s.rank; i < s.m; ++i) square += left[i] * left[i];
-    if (!(std::sqrt(square) <= zero(k))) return false;
+    const double unmet = std::sqrt(square), least = zero(k);
+    if (!(unmet <= least)) return false;
+    note_pivot(unmet, least);
     for (int i = s.rank - 1; i >= 0; --i) {
       const double* R = s.R + static_cast<std::ptrdiff_t>(i) * s.ldr;
       left[i] = (left[i] - dot_any(R + i + 1, left + i + 1, s.rank - i - 1)) / R[i];
