@@ -80,6 +80,10 @@ class BlockExchange {
       state_.multipliers.judge(problem.set.W, problem.set.F, problem.values);
       const int infeasibilities = outside + multipliers.count;
       if (infeasibilities == 0) {
+        if (problem.tableau.has_released && state_.doubtful()) {
+          problem.set.changes.forget();  // judged on a tableau of its own
+          continue;
+        }
         if (!problem.reduced()) {
           state_.accept();
           return true;
@@ -111,14 +115,14 @@ class BlockExchange {
     WorkingSet& set = state_.problem.set;
     const Table& table = state_.problem.table;
     const Multipliers& multipliers = state_.multipliers;
-    set.changes.start();
+    set.changes.start(multipliers.count ? multipliers.highest() : -1);
     for (int q = 0; q < table.inequalities; ++q) {
       const int r = table.unequal[q];
       if (state_.violations.row[r]) set.join(r, state_.violations.row[r]);
     }
     for (int i = 0; i < table.n; ++i)
       if (state_.violations.variable[i]) set.hold(table, i, state_.violations.variable[i]);
-    if (reduces || multipliers.count) set.changes.forget();
+    if (reduces) set.changes.forget();
     for (int q = 0; q < multipliers.count; ++q) set.release(table, multipliers.to_release[q]);
   }
 };

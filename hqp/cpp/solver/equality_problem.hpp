@@ -60,7 +60,7 @@ struct EqualityProblem {
   bool update() {
     const Changes& changes = set.changes;
     if (!updates || !changes.known) return false;
-    if (changes.front >= 0) return tableau.rewind(changes.front) && leave_all();
+    if (changes.front >= 0) return tableau.rewind(changes.front) && leave_all() && join_all();
     if (changes.joined == 0) return tableau.deepen(set.W);
     const int last = tableau.gram_level, before = tableau.newcomers;
     if (last >= 0 && tableau.rewind(last) && join_all()) return true;
@@ -84,7 +84,6 @@ struct EqualityProblem {
   bool leave_all() {
     for (int q = 0; q < set.changes.left; ++q)
       if (!tableau.let_go(set.changes.leave[q])) return false;
-    tableau.resume(set.W);
     return true;
   }
 };
