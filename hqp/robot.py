@@ -235,8 +235,13 @@ class State(Protocol):
     @property
     def v(self) -> Vec: ...
 
-    commanded: Vec | None
-    """Velocity ``(nv,)`` that a session at velocity level sent last; None before the first, and at other levels."""
+    @property
+    def commanded(self) -> Vec | None:
+        """Velocity ``(nv,)`` that a session at velocity level sent last; None before the first, and at other levels."""
+        ...
+
+    @commanded.setter
+    def commanded(self, x: Vec | None) -> None: ...
 
     def command_later(self, x: Callable[[], Vec]) -> None:
         """``commanded`` as a function, called when it is first asked for."""
