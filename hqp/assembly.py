@@ -96,6 +96,10 @@ class Assembly:
         self._targets = [(m.element.name, m.target, m) for m in members if m.target is not None and m.target.shape]
         if self.native_rows is not None:
             self._hand_over_laws(self.native_rows)
+            self.native_rows.written(
+                [(m.part.start, m.part.stop) for m in self.written if m.views.J is not None],
+                [(m.part.start, m.part.stop) for m in self.written if not m.element.equality],
+            )
             for member in members:
                 target = None if member.target is None else member.target.reshape(-1)
                 shape = () if member.target is None else member.target.shape
@@ -259,12 +263,13 @@ class Assembly:
         views.upper *= weight
 
     def unusable(self) -> tuple[str, ...]:
-        """Names of elements whose rows are not finite, too large or crossed; () nearly always, told by two products."""
+        """Names of elements whose rows are not finite, too large or crossed."""
         demand, J = self._demand, self._flat
-        fine = float(demand.dot(demand)) + float(J.dot(J)) < LARGEST**2
-        for views in self._own_bounds:
-            way = views.upper - views.lower  # NaN where both are +inf or both -inf
-            fine &= bool(np.minimum.reduce(way, initial=0.0) >= 0.0)
+        with np.errstate(over="ignore", invalid="ignore"):
+            fine = float(demand.dot(demand)) + float(J.dot(J)) < LARGEST**2
+            for views in self._own_bounds:
+                way = views.upper - views.lower  # NaN where both are +inf or both -inf
+                fine &= bool(np.minimum.reduce(way, initial=0.0) >= 0.0)
         return () if fine and not self.errors else tuple(name for name in self.members if self.reason(name))
 
     def reason(self, name: str) -> str:

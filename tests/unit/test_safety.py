@@ -326,7 +326,14 @@ class Faulty(Position):
             return J
         if self.kind == "raises":
             raise RuntimeError("the camera is gone")
-        return {"nan": J * np.nan, "huge": J * 1e200, "shape": J[:1], "vector": J[0], "none": None}.get(self.kind, J)
+        return {
+            "nan": J * np.nan,
+            "huge": J * 1e200,
+            "large": J * 1e12,
+            "shape": J[:1],
+            "vector": J[0],
+            "none": None,
+        }.get(self.kind, J)
 
     def error(self, state: Any, reference: Any) -> Any:
         object.__setattr__(self, "_count", getattr(self, "_count", 0) + 1)
@@ -359,7 +366,7 @@ class Wall(Inequality):
 
 
 @FORMULATIONS
-@pytest.mark.parametrize("kind", ["raises", "nan", "huge", "shape", "vector", "none", "short"])
+@pytest.mark.parametrize("kind", ["raises", "nan", "huge", "large", "shape", "vector", "none", "short"])
 def test_a_faulty_task_costs_no_other_element_its_rows(robot: Robot, formulation: Any, kind: str) -> None:
     run = session(robot, formulation, stack(hand=Faulty(frame="r_palm", name="hand", kind=kind)))
     without = session(robot, formulation, stack().without("hand"))
