@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from hqp.arrays import Signs, Vec
 from hqp.problem import Solution, Stats
 
@@ -12,13 +14,12 @@ from hqp.problem import Solution, Stats
 class LazySolution(Solution):
     """What the kernel sets up: x and status at once; residuals, active and stats, as of Solution, when asked for.
 
-    _values: ``(n + rows,)``, x and the slacks.  _marks: ``(rows,)``.  _parts: where each level's slacks stand, and its
-    marks.  _counts: what Stats is made of.
+    _numbers: x, the slacks, and the marks as bytes.  _parts: where each level's slacks stand, and its marks among the
+    bytes.  _counts: what Stats is made of.
     """
 
-    __slots__ = ("_counts", "_marks", "_parts", "_values")
-    _values: Vec
-    _marks: Signs
+    __slots__ = ("_counts", "_numbers", "_parts")
+    _numbers: Vec
     _parts: tuple[tuple[slice, ...], tuple[slice, ...]]
     _counts: tuple[int, int, float, float]
 
@@ -38,9 +39,14 @@ def _when_asked(name: str, make: Callable[[LazySolution], Any]) -> property:
     return property(read, field.__set__, doc=f"Solution.{name}.")
 
 
+def _marks(solution: LazySolution) -> tuple[Signs, ...]:
+    marks = solution._numbers.view(np.int8)
+    return tuple(marks[part] for part in solution._parts[1])
+
+
 for _name, _make in (
-    ("residuals", lambda s: tuple(s._values[part] for part in s._parts[0])),
-    ("active", lambda s: tuple(s._marks[part] for part in s._parts[1])),
+    ("residuals", lambda s: tuple(s._numbers[part] for part in s._parts[0])),
+    ("active", _marks),
     ("stats", lambda s: Stats(*s._counts)),
 ):
     setattr(LazySolution, _name, _when_asked(_name, _make))

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import importlib
 import math
-import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from time import perf_counter
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Vec
 from hqp.certify import certificate
 from hqp.errors import DeclarationError, SolverNotInstalled
 from hqp.native import ADVICE
@@ -52,7 +51,9 @@ ROUGH = 1e-6
 """Gap that the certificate allows where nothing closer is found: rounding over a singular value of 1e-9."""
 
 NO_KERNEL = f"lexicographic: hqp was built without its native kernel; {ADVICE}, or take the solver 'cascade'"
-BUSY = "this workspace is solving in another thread; give each thread its own"
+Levels: TypeAlias = list[tuple[Any, ...]]
+"""What the kernel is bound to where a hierarchy's arrays have to be converted."""
+
 STUCK = "no answer that was found passed the certificate: the problem is too ill-conditioned to be judged"
 
 
@@ -117,7 +118,6 @@ class NativeWorkspace:
     def __init__(self, solver: Lexicographic, shape: Shape) -> None:
         self._solver, self._shape = solver, shape
         self._multipliers = solver.multipliers
-        self._lock = threading.Lock()
         self._limited = self._ticking = bool(solver.deadline)
         self._kernel = _native.Workspace(
             shape.n,
@@ -131,19 +131,19 @@ class NativeWorkspace:
             solver.max_failed_exchanges,
             solver.multipliers,
         )
-        self._views = self._kernel.values(), self._kernel.active(), self._kernel.multipliers()
+        self._views = self._kernel.numbers(), self._kernel.multipliers()
         rows = [sum(shape.rows[:k]) for k in range(len(shape.rows) + 1)]
         pairs = [sum(rows[1 : k + 1]) for k in range(len(rows))]
+        marks = (shape.n + rows[-1]) * 8
         self._kernel.report_as(
             LazySolution,
             STATUSES,
             tuple(slice(shape.n + a, shape.n + b) for a, b in pairwise(rows)),
-            tuple(slice(a, b) for a, b in pairwise(rows)),
+            tuple(slice(marks + a, marks + b) for a, b in pairwise(rows)),
             tuple(slice(a, b) for a, b in pairwise(pairs)),
             STUCK,
             UNSURE,
         )
-        self._bound: Hierarchy | None = None
 
     def reset(self) -> None:
         """Forget the warm start."""
@@ -151,7 +151,7 @@ class NativeWorkspace:
 
     def tell(self) -> Vec | None:
         """Multipliers of the latest answer, level by level as Solution.multipliers, live; None where not at hand."""
-        return self._views[2] if self._kernel.tell() else None
+        return self._views[1] if self._kernel.tell() else None
 
     def limit(self, seconds: float) -> None:
         """Time for the next solves [s], none for zero: a session gives what is left of its tick.
@@ -166,24 +166,11 @@ class NativeWorkspace:
 
         Raises RuntimeError while another thread solves in this workspace.
         """
-        if not self._lock.acquire(blocking=False):
-            raise RuntimeError(BUSY)
-        try:
-            return self._solve(problem)
-        finally:
-            self._lock.release()
-
-    def _solve(self, problem: Hierarchy) -> Solution:
-        build = 0.0
-        if problem is not self._bound:
-            begin = perf_counter()
-            self._take(problem)
-            build = perf_counter() - begin
-        solution: Solution | None = self._kernel.solution(build, *self._views)
+        solution: Solution | None = self._kernel.solution(problem, 0.0, *self._views)
         if solution is None:
-            return _refuse(problem, self._shape, Stats(build_s=build))
+            return self._converted(problem)
         settled = solution.status is Status.OPTIMAL and not solution.detail
-        return solution if settled else self._judged(problem, solution)
+        return solution if settled else self._judged(problem, problem, solution)
 
     def kernel(self, problem: Hierarchy) -> Kernel | None:
         """The kernel bound to a problem that is refilled in place, see hqp.solvers.stages.Kernel.
@@ -191,16 +178,15 @@ class NativeWorkspace:
         solve() returns outcome, iterations, factorisations and whether the answer was judged.  None where there is
         more to do than to solve.
         """
-        if problem is not self._bound:
-            self._take(problem)
-        if self._bound is None or self._multipliers:
+        if self._multipliers or not self._kernel.take(problem):
+            check_shape(problem, self._shape)
             return None
-        return self._kernel.solve, *self._views[:2], self._kernel.call()
+        return self._kernel.solve, self._kernel.values(), self._kernel.active(), self._kernel.call()
 
     def answer(self, problem: Hierarchy, counts: tuple[int, int, int, bool]) -> Solution:
         """The solution of the latest solve of ``kernel``."""
         outcome, iterations, factorisations, _ = counts
-        values, marks, n = self._views[0].copy(), self._views[1].copy(), self._shape.n
+        values, marks, n = self._kernel.values().copy(), self._kernel.active().copy(), self._shape.n
         ends = [sum(self._shape.rows[:k]) for k in range(len(self._shape.rows) + 1)]
         solution = Solution(
             values[:n],
@@ -210,9 +196,9 @@ class NativeWorkspace:
             Stats(iterations, factorisations),
             STUCK if STATUSES[outcome] is Status.NOT_CERTIFIED else "",
         )
-        return self._judged(problem, solution)
+        return self._judged(problem, problem, solution)
 
-    def _judged(self, problem: Hierarchy, solution: Solution) -> Solution:
+    def _judged(self, problem: Hierarchy, bound: Hierarchy | Levels, solution: Solution) -> Solution:
         """The solution, or another one where it is doubtful, refused by the certificate and no time is set."""
         doubtful = solution.status is Status.NOT_CERTIFIED or (
             not self._ticking and (solution.status is Status.RANK_UNCERTAIN or solution.detail == UNSURE)
@@ -220,40 +206,42 @@ class NativeWorkspace:
         if solution.status is Status.ITERATION_LIMIT and not self._solver.max_iterations:
             doubtful = True
         if self._limited or not doubtful:
-            return replace(solution, detail="") if solution.status is Status.OPTIMAL else solution
-        others: list[Callable[[], Solution]] = [self._again]
+            return replace(solution, detail="") if solution.detail and solution.status is Status.OPTIMAL else solution
+        others: list[Callable[[], Solution]] = [partial(self._again, bound)]
         others += [partial(self._with_rank, problem, rank) for rank in OTHER_RANKS]
         return second_opinion(problem, solution, [*others, partial(self._by_reference, problem)])
 
-    def _again(self) -> Solution:
+    def _again(self, bound: Hierarchy | Levels) -> Solution:
         self._kernel.reset(plain=True)
-        return self._answer()
+        return self._answer(bound)
 
-    def _answer(self) -> Solution:
-        solution: Solution = self._kernel.solution(0.0, *self._views)
+    def _answer(self, bound: Hierarchy | Levels) -> Solution:
+        solution: Solution = self._kernel.solution(bound, 0.0, *self._views)
         return solution
 
     def _with_rank(self, problem: Hierarchy, tolerance: float) -> Solution:
         other = NativeWorkspace(replace(self._solver, rank_tolerance=tolerance), self._shape)
-        other._take(problem)
-        return other._answer()
+        return other._answer(problem if other._kernel.take(problem) else other._bind(problem))
 
     def _by_reference(self, problem: Hierarchy) -> Solution:
         from hqp.solvers.reference import Reference
 
         return Reference(seconds=LAST_OPINION).solve(problem)
 
-    def _take(self, problem: Hierarchy) -> None:
-        """Have the kernel read the arrays as they are, or copies where they need a conversion."""
-        self._bound = None
-        if self._kernel.take(problem):
-            self._bound = problem
-        else:
-            self._bind(problem)
+    def _converted(self, problem: Hierarchy) -> Solution:
+        """The solution where arrays have to be converted first, or numbers are not usable."""
+        begin = perf_counter()
+        bound = self._bind(problem)
+        build = perf_counter() - begin
+        solution = self._kernel.solution(bound, build, *self._views)
+        if solution is None:
+            return _refuse(problem, self._shape, Stats(build_s=build))
+        return self._judged(problem, bound, solution)
 
-    def _bind(self, problem: Hierarchy) -> None:
+    def _bind(self, problem: Hierarchy) -> Levels:
+        """Have the kernel read the arrays, or copies of those that need a conversion."""
         check_shape(problem, self._shape)
-        levels = []
+        levels: Levels = []
         for rows in problem.levels:
             if isinstance(rows.A, Selection):
                 parts = (None, _ready(rows.A.index, np.intp), _ready(rows.A.scale))
@@ -263,12 +251,7 @@ class NativeWorkspace:
         metric = None if problem.metric is None else _ready(problem.metric)
         origin = None if problem.origin is None else _ready(problem.origin)
         self._kernel.bind(levels, problem.constraints, metric, origin)
-        live = all(
-            a is b
-            for rows, level in zip(problem.levels, levels, strict=True)
-            for a, b in zip(_arrays(rows.A, rows.lower, rows.upper), (x for x in level if x is not None), strict=True)
-        )
-        self._bound = problem if live and metric is problem.metric and origin is problem.origin else None
+        return levels
 
 
 def second_opinion(problem: Hierarchy, doubtful: Solution, others: Iterable[Callable[[], Solution]]) -> Solution:
@@ -297,7 +280,3 @@ def _refuse(problem: Hierarchy, shape: Shape, stats: Stats) -> Solution:
 
 def _ready(a: Any, dtype: type = np.float64) -> Any:
     return np.ascontiguousarray(a, dtype=dtype)
-
-
-def _arrays(A: Mat | Selection, lower: Vec, upper: Vec) -> tuple[Any, ...]:
-    return (A.index, A.scale, lower, upper) if isinstance(A, Selection) else (A, lower, upper)

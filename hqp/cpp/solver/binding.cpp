@@ -38,7 +38,7 @@ using Index = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::dev
 // Names of the fields that solution() sets.
 struct Keys {
   nb::str x{"x"}, status{"status"}, detail{"detail"}, multipliers{"multipliers"}, stage_points{"stage_points"},
-      values{"_values"}, marks{"_marks"}, parts{"_parts"}, counts{"_counts"}, copy{"copy"};
+      numbers{"_numbers"}, parts{"_parts"}, counts{"_counts"}, copy{"copy"};
 };
 
 class Workspace final : public hqp::SolveCall {
@@ -55,8 +55,8 @@ class Workspace final : public hqp::SolveCall {
       pairs_ += total_;
     }
     kernel_.reset(hqp::make_kernel(n, static_cast<int>(rows.size()), rows.data(), metric));
-    values_.resize(static_cast<std::size_t>(n) + total_);
-    active_.resize(static_cast<std::size_t>(total_) + 1);
+    ends_ = static_cast<std::size_t>(n) + total_;
+    numbers_.resize(ends_ + static_cast<std::size_t>(total_) / sizeof(double) + 1);
     lambda_.resize(pairs_ + 1);
     levels_.resize(rows.size());
   }
@@ -86,35 +86,31 @@ class Workspace final : public hqp::SolveCall {
     problem_.count = static_cast<int>(levels_.size());
     problem_.constraints = constraints;
     kept_ = nb::make_tuple(levels, metric, origin);
-    bound_ = true;
+    bound_ = levels.ptr();
   }
 
   // The same from the attributes of a Hierarchy; false where its shape is another or an array needs a conversion.
   bool take(const nb::object& hierarchy) {
     const Lock lock(busy_);
-    bound_ = false;
-    hqp::Problem problem;
-    if (!reader_.read(hierarchy, n_, rows_, metric_, levels_.data(), problem)) return false;
-    problem_ = problem;
-    kept_ = hierarchy;
-    bound_ = true;
-    return true;
+    return is_bound(hierarchy) || read(hierarchy);
   }
 
-  nb::ndarray<nb::numpy, double, nb::ndim<1>> values() { return {values_.data(), {values_.size()}, nb::find(this)}; }
-  nb::ndarray<nb::numpy, std::int8_t, nb::ndim<1>> active() {
-    return {active_.data(), {std::size_t(total_)}, nb::find(this)};
-  }
+  // x and slacks; marks; and both in one array, the marks as bytes behind the rest.
+  nb::ndarray<nb::numpy, double, nb::ndim<1>> values() { return {numbers_.data(), {ends_}, nb::find(this)}; }
+  nb::ndarray<nb::numpy, std::int8_t, nb::ndim<1>> active() { return {marks(), {std::size_t(total_)}, nb::find(this)}; }
+  nb::ndarray<nb::numpy, double, nb::ndim<1>> numbers() { return {numbers_.data(), {numbers_.size()}, nb::find(this)}; }
   nb::ndarray<nb::numpy, double, nb::ndim<1>> multipliers() {
     return {lambda_.data(), {std::size_t(pairs_)}, nb::find(this)};
   }
 
   // Outcome, iterations, factorisations, judged; the numbers are in values(), active() and multipliers().
   nb::tuple solve() {
+    const Lock lock(busy_);
     const hqp::Answer answer = unlocked();
     return nb::make_tuple(static_cast<int>(answer.outcome), answer.iterations, answer.factorisations, answer.judged);
   }
   hqp::Solved run(const double*) override {
+    const Lock lock(busy_);
     const hqp::Answer answer = answered();
     return {static_cast<int>(answer.outcome), answer.iterations, answer.factorisations, answer.judged};
   }
@@ -135,25 +131,32 @@ class Workspace final : public hqp::SolveCall {
     head_ = nb::steal(PySlice_New(nullptr, nb::int_(n_).ptr(), nullptr));
   }
 
-  // Solve and build the Solution from copies of the views given, None if the numbers were not usable. The fields are
-  // set past the frozen class's own initialiser, which would cost as much as the factorisation; slacks, marks and
-  // counts are cut out of the copies when they are asked for.
-  nb::object solution(double build_seconds, const nb::object& all_values, const nb::object& all_marks,
+  // Bind what is not bound yet, solve, and build the Solution from copies of the views given, all in one locked call;
+  // None if the arrays need a conversion or the numbers are not usable. bound: a Hierarchy, or the levels given to
+  // bind(). The fields are set past the frozen class's own initialiser, which would cost as much as the factorisation;
+  // slacks, marks and counts are cut out of the copy when they are asked for.
+  nb::object solution(const nb::object& bound, double build_seconds, const nb::object& all_numbers,
                       const nb::object& all_multipliers) {
     if (!solution_.is_valid()) refuse("call report_as first");
-    const auto begin = std::chrono::steady_clock::now();
+    const Lock lock(busy_);
+    auto begin = std::chrono::steady_clock::now();
+    if (!is_bound(bound)) {
+      if (!read(bound)) return nb::none();
+      const auto end = std::chrono::steady_clock::now();
+      build_seconds += std::chrono::duration<double>(end - begin).count();
+      begin = end;
+    }
     const hqp::Answer answer = unlocked();
     if (answer.outcome == hqp::Outcome::invalid) return nb::none();
-    const nb::object values = copy(all_values), marks = copy(all_marks);
+    const nb::object numbers = copy(all_numbers);
     const nb::object made = fresh(solution_);
-    set(made, key_.x, nb::object(values[head_]));
+    set(made, key_.x, nb::object(numbers[head_]));
     set(made, key_.status, nb::object(statuses_[static_cast<std::size_t>(answer.outcome)]));
-    set(made, key_.values, values);
-    set(made, key_.marks, marks);
+    set(made, key_.numbers, numbers);
     set(made, key_.parts, parts_);
     set(made, key_.detail, answer.outcome == hqp::Outcome::not_certified ? stopped_ : answer.unsure ? unsure_ : empty_);
-    if (options_.multipliers) set(made, key_.multipliers, split(copy(all_multipliers), pairs_of_levels_));
-    else set(made, key_.multipliers, nb::none());
+    set(made, key_.multipliers,
+        options_.multipliers ? split(copy(all_multipliers), pairs_of_levels_) : nb::object(nb::none()));
     set(made, key_.stage_points, nb::none());
     const std::chrono::duration<double> taken = std::chrono::steady_clock::now() - begin;
     set(made, key_.counts, nb::make_tuple(answer.iterations, answer.factorisations, build_seconds, taken.count()));
@@ -165,7 +168,7 @@ class Workspace final : public hqp::SolveCall {
     const Lock lock(busy_);
     if (!bound_) return false;
     hqp::Answer answer;
-    answer.slack = values_.data() + n_;
+    answer.slack = numbers_.data() + n_;
     answer.multipliers = lambda_.data();
     return kernel_->tell(problem_, answer);
   }
@@ -185,7 +188,7 @@ class Workspace final : public hqp::SolveCall {
     kept_.reset();
     solution_.reset();
     statuses_.reset();
-    bound_ = false;
+    bound_ = nullptr;
   }
 
  private:
@@ -197,13 +200,26 @@ class Workspace final : public hqp::SolveCall {
     return answered();
   }
 
+  std::int8_t* marks() { return reinterpret_cast<std::int8_t*>(numbers_.data() + ends_); }
+
+  bool is_bound(const nb::object& what) const { return what.ptr() == bound_; }
+
+  bool read(const nb::object& hierarchy) {
+    bound_ = nullptr;
+    hqp::Problem problem;
+    if (!reader_.read(hierarchy, n_, rows_, metric_, levels_.data(), problem)) return false;
+    problem_ = problem;
+    kept_ = hierarchy;
+    bound_ = hierarchy.ptr();
+    return true;
+  }
+
   hqp::Answer answered() {
-    const Lock lock(busy_);
     if (!bound_) refuse("bind a problem first");
     hqp::Answer answer;
-    answer.x = values_.data();
-    answer.slack = values_.data() + n_;
-    answer.active = active_.data();
+    answer.x = numbers_.data();
+    answer.slack = numbers_.data() + n_;
+    answer.active = marks();
     answer.multipliers = options_.multipliers ? lambda_.data() : nullptr;
     kernel_->solve(problem_, options_, answer);
     return answer;
@@ -275,17 +291,17 @@ class Workspace final : public hqp::SolveCall {
   bool metric_;
   int total_ = 0, pairs_ = 0;
   std::unique_ptr<hqp::Kernel> kernel_;
-  std::vector<double> values_, lambda_;
-  std::vector<std::int8_t> active_;
+  std::size_t ends_ = 0;  // of x and slacks in `numbers_`, where the marks begin
+  std::vector<double> numbers_, lambda_;
   std::vector<hqp::Level> levels_;
   hqp::Problem problem_;
   hqp::Reader reader_;
   hqp::Options options_;
   nb::object kept_, solution_, head_;
+  const PyObject* bound_ = nullptr;  // what was bound, alive in `kept_`; null if nothing is
   nb::tuple statuses_, parts_, pairs_of_levels_, none_;
   nb::str stopped_{""}, unsure_{""}, empty_{""};
   Keys key_;
-  bool bound_ = false;
   std::atomic<bool> busy_{false};
 };
 
@@ -330,10 +346,11 @@ NB_MODULE(_lexicographic, m) {
       .def("limit", &Workspace::limit, "seconds"_a)
       .def("report_as", &Workspace::report_as, "solution"_a, "statuses"_a, "slack"_a, "active"_a, "multipliers"_a,
            "stopped"_a, "unsure"_a)
-      .def("solution", &Workspace::solution, "build_seconds"_a, "values"_a, "active"_a, "multipliers"_a)
+      .def("solution", &Workspace::solution, "bound"_a, "build_seconds"_a, "numbers"_a, "multipliers"_a)
       .def("tell", &Workspace::tell)
       .def("reset", &Workspace::reset, "plain"_a = false)
       .def("values", &Workspace::values)
+      .def("numbers", &Workspace::numbers)
       .def("active", &Workspace::active)
       .def("multipliers", &Workspace::multipliers);
   hqp::bind_batch(m);
