@@ -16,8 +16,8 @@ inline namespace HQP_ISA {
 constexpr double kHolds = 1e-9;    // rows hold at the point of least motion, relative to 1 + |value|
 constexpr double kClear = 0.9;     // c ||u|| that is clear of 1
 constexpr double kStep = 0.02;     // of c ||u|| from one tick to the next
-constexpr double kRefined = 0.02;  // of a residual, left by a step of refinement
-constexpr double kMargin = 0.1;    // of that step, to a bound
+constexpr double kRefined = 0.05;  // of a residual, left by a step of refinement
+constexpr double kMargin = 0.25;   // of that step, to a bound
 constexpr int kLongest = 100;      // ticks that it does
 
 class Refined {
