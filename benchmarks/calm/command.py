@@ -39,7 +39,8 @@ NEIGHBOURS = (
 DRAWN = (
     "Ten robots, rates of 100 to 1000 Hz, one hand or two, with or without orientation, gains of 0.5 to 10; half of\n"
     "them have a speed limit for hands and CoM, none for base and posture; targets are 0.1 to 1.2 m away in any\n"
-    "direction, a quarter of them circles."
+    "direction, a quarter of them circles. A median acceleration that the exact answer has itself, within 5 %, is\n"
+    "what the path asks for."
 )
 
 Record = dict[str, Any]
