@@ -54,6 +54,8 @@ class Readable:
             )
         self._write = self._write_task if isinstance(element, Task) and not self._final else self._write_bounds
         self._plane = Plane() if element.grounded else None
+        views = {"jacobian": out.J, "error": out.error, "drift": out.drift}
+        self._shapes = {what: (v.shape, v.shape[v.shape[0] == 1 :]) for what, v in views.items() if v is not None}
 
     def __call__(self, state: State, reference: Reference) -> None:
         """Write the rows for a state and a reference; raises DeclarationError for shapes that do not fit."""
@@ -85,8 +87,8 @@ class Readable:
             lower, upper = element.step_bounds(state, self._dt, self._order, *normal, **moving)
         else:
             lower, upper = element.bounds(state, *normal)
-        out.lower[:] = lower
-        out.upper[:] = upper
+        _fill(out.lower, lower)
+        _fill(out.upper, upper)
         if out.J is not None:
             self._put("jacobian", out.J, element.jacobian(state, *normal))
         if self._drifts:
@@ -95,8 +97,16 @@ class Readable:
     def _put(self, what: str, into: Mat, values: Any) -> None:
         """Write values of the right shape; those of a single row may lack its dimension."""
         given = values.shape if type(values) is np.ndarray else np.shape(values)  # np.shape alone costs 0.2 us
-        if given != into.shape and given != into.shape[into.shape[0] == 1 :]:
+        if given not in self._shapes[what]:
             raise DeclarationError(self._element.name, f"{what} has shape {given}", allowed=f"shape {into.shape}")
+        into[:] = values
+
+
+def _fill(into: Vec, values: Any) -> None:
+    """Write bounds; a number takes a quarter of the time that it does as an array."""
+    if isinstance(values, float):
+        into.fill(values)
+    else:
         into[:] = values
 
 
