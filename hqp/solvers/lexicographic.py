@@ -9,11 +9,12 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from time import perf_counter
-from typing import Any, ClassVar, TypeAlias
+from types import SimpleNamespace
+from typing import Any, ClassVar
 
 import numpy as np
 
-from hqp.arrays import Vec
+from hqp.arrays import Mat, Vec
 from hqp.certify import certificate
 from hqp.errors import DeclarationError, SolverNotInstalled
 from hqp.native import ADVICE
@@ -51,9 +52,6 @@ ROUGH = 1e-6
 """Gap that the certificate allows where nothing closer is found: rounding over a singular value of 1e-9."""
 
 NO_KERNEL = f"lexicographic: hqp was built without its native kernel; {ADVICE}, or take the solver 'cascade'"
-Levels: TypeAlias = list[tuple[Any, ...]]
-"""What the kernel is bound to where a hierarchy's arrays have to be converted."""
-
 STUCK = "no answer that was found passed the certificate: the problem is too ill-conditioned to be judged"
 
 
@@ -198,8 +196,11 @@ class NativeWorkspace:
         )
         return self._judged(problem, problem, solution)
 
-    def _judged(self, problem: Hierarchy, bound: Hierarchy | Levels, solution: Solution) -> Solution:
-        """The solution, or another one where it is doubtful, refused by the certificate and no time is set."""
+    def _judged(self, problem: Hierarchy, bound: Any, solution: Solution) -> Solution:
+        """The solution, or another one where it is doubtful, refused by the certificate and no time is set.
+
+        bound: the problem as the kernel read it.
+        """
         doubtful = solution.status is Status.NOT_CERTIFIED or (
             not self._ticking and (solution.status is Status.RANK_UNCERTAIN or solution.detail == UNSURE)
         )
@@ -208,20 +209,20 @@ class NativeWorkspace:
         if self._limited or not doubtful:
             return replace(solution, detail="") if solution.detail and solution.status is Status.OPTIMAL else solution
         others: list[Callable[[], Solution]] = [partial(self._again, bound)]
-        others += [partial(self._with_rank, problem, rank) for rank in OTHER_RANKS]
+        others += [partial(self._with_rank, bound, rank) for rank in OTHER_RANKS]
         return second_opinion(problem, solution, [*others, partial(self._by_reference, problem)])
 
-    def _again(self, bound: Hierarchy | Levels) -> Solution:
+    def _again(self, bound: Any) -> Solution:
         self._kernel.reset(plain=True)
         return self._answer(bound)
 
-    def _answer(self, bound: Hierarchy | Levels) -> Solution:
+    def _answer(self, bound: Any) -> Solution:
         solution: Solution = self._kernel.solution(bound, 0.0, *self._views)
         return solution
 
-    def _with_rank(self, problem: Hierarchy, tolerance: float) -> Solution:
+    def _with_rank(self, bound: Any, tolerance: float) -> Solution:
         other = NativeWorkspace(replace(self._solver, rank_tolerance=tolerance), self._shape)
-        return other._answer(problem if other._kernel.take(problem) else other._bind(problem))
+        return other._answer(bound)
 
     def _by_reference(self, problem: Hierarchy) -> Solution:
         from hqp.solvers.reference import Reference
@@ -231,27 +232,13 @@ class NativeWorkspace:
     def _converted(self, problem: Hierarchy) -> Solution:
         """The solution where arrays have to be converted first, or numbers are not usable."""
         begin = perf_counter()
-        bound = self._bind(problem)
+        check_shape(problem, self._shape)
+        bound = _copied(problem)
         build = perf_counter() - begin
         solution = self._kernel.solution(bound, build, *self._views)
         if solution is None:
             return _refuse(problem, self._shape, Stats(build_s=build))
         return self._judged(problem, bound, solution)
-
-    def _bind(self, problem: Hierarchy) -> Levels:
-        """Have the kernel read the arrays, or copies of those that need a conversion."""
-        check_shape(problem, self._shape)
-        levels: Levels = []
-        for rows in problem.levels:
-            if isinstance(rows.A, Selection):
-                parts = (None, _ready(rows.A.index, np.intp), _ready(rows.A.scale))
-            else:
-                parts = (_ready(rows.A), None, None)
-            levels.append((*parts, _ready(rows.lower), _ready(rows.upper)))
-        metric = None if problem.metric is None else _ready(problem.metric)
-        origin = None if problem.origin is None else _ready(problem.origin)
-        self._kernel.bind(levels, problem.constraints, metric, origin)
-        return levels
 
 
 def second_opinion(problem: Hierarchy, doubtful: Solution, others: Iterable[Callable[[], Solution]]) -> Solution:
@@ -276,6 +263,26 @@ def _refuse(problem: Hierarchy, shape: Shape, stats: Stats) -> Solution:
             if wrong.any():
                 return flat.refuse(problem, stats, f"level {k}: selection row {int(np.argmax(wrong))} is not usable")
     return flat.refuse(problem, stats, flat.load(problem) or "the numbers are too large to be squared")
+
+
+def _copied(problem: Hierarchy) -> SimpleNamespace:
+    """The attributes of a hierarchy with arrays as the kernel reads them; Rows would refuse numbers of no use."""
+    return SimpleNamespace(
+        n=problem.n,
+        levels=tuple(
+            SimpleNamespace(A=_coefficients(rows.A), lower=_ready(rows.lower), upper=_ready(rows.upper))
+            for rows in problem.levels
+        ),
+        constraints=problem.constraints,
+        metric=None if problem.metric is None else _ready(problem.metric),
+        origin=None if problem.origin is None else _ready(problem.origin),
+    )
+
+
+def _coefficients(A: Mat | Selection) -> Any:
+    if isinstance(A, Selection):
+        return SimpleNamespace(index=_ready(A.index, np.intp), scale=_ready(A.scale))
+    return _ready(A)
 
 
 def _ready(a: Any, dtype: type = np.float64) -> Any:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,12 @@ SOURCE = Path(__file__).parent / "native" / "drive.cpp"
 HEADERS = Path(lexicographic.__file__).parents[1] / "cpp" / "solver"
 COMPILER = shutil.which("g++") or shutil.which("clang++") or shutil.which("c++")
 OPTIONS = (1e-9, 1e-11, 1e-11, 0.0, 0, 5, True)
+
+
+def hierarchy(n: int, *levels: tuple[Any, Any, Any], metric: object = None, origin: object = None) -> SimpleNamespace:
+    """What the kernel reads of a Hierarchy, unchecked."""
+    rows = tuple(SimpleNamespace(A=A, lower=lower, upper=upper) for A, lower, upper in levels)
+    return SimpleNamespace(n=n, levels=rows, constraints=0, metric=metric, origin=origin)
 
 
 @pytest.mark.skipif(COMPILER is None, reason="needs a C++ compiler")
@@ -103,7 +110,7 @@ def test_the_interpreter_goes_on_while_the_kernel_solves() -> None:
     n, m = 400, 600
     A, b = rng.normal(size=(m, n)), rng.normal(size=m)
     workspace = native.Workspace(n, [m], False, *OPTIONS)
-    workspace.bind([(A, None, None, b, b.copy())], 0, None, None)
+    assert workspace.take(hierarchy(n, (A, b, b.copy())))
     busy, done = threading.Event(), threading.Event()
     refused = ticks = 0
 
@@ -140,20 +147,21 @@ def test_binding_survives_nonsense() -> None:
     rng = np.random.default_rng(1)
     accepted = refused = 0
     for _ in range(4000):
-        good: list[Any] = [np.eye(3), None, None, np.zeros(3), np.ones(3)]
+        good: list[Any] = [np.eye(3), np.zeros(3), np.ones(3)]
         for _ in range(int(rng.integers(0, 3))):
-            good[rng.integers(5)] = _nonsense(rng)
+            good[rng.integers(3)] = _nonsense(rng)
+        if rng.random() < 0.2:
+            good[0] = SimpleNamespace(index=_nonsense(rng), scale=_nonsense(rng))
         workspace = native.Workspace(3, [3], bool(rng.integers(2)), *OPTIONS)
         extras = [_nonsense(rng) if rng.random() < 0.2 else None for _ in range(2)]
-        try:
-            workspace.bind([tuple(good)], 0, *extras)  # type: ignore[list-item]
-            outcome = workspace.solve()[0]
-            assert 0 <= outcome <= 6
-            accepted += 1
-            if outcome <= 2:
-                assert np.isfinite(workspace.values()).all()
-        except (TypeError, ValueError, RuntimeError):
+        if not workspace.take(hierarchy(3, tuple(good), metric=extras[0], origin=extras[1])):
             refused += 1
+            continue
+        outcome = workspace.solve()[0]
+        assert 0 <= outcome <= 6
+        accepted += 1
+        if outcome <= 2:
+            assert np.isfinite(workspace.values()).all()
     assert accepted > 300
     assert refused > 300
 
@@ -169,14 +177,14 @@ def test_workspace_of_impossible_size(arguments: tuple[int, list[int], bool]) ->
 
 def test_workspace_before_and_after_binding() -> None:
     workspace = native.Workspace(2, [0, 1], False, *OPTIONS)
-    with pytest.raises(ValueError, match="bind"):
+    with pytest.raises(ValueError, match="take a problem"):
         workspace.solve()
-    with pytest.raises(ValueError, match="levels"):
-        workspace.bind([], 0, None, None)
+    assert not workspace.take(hierarchy(2))
+    assert not workspace.take("a string")
+    with pytest.raises(TypeError, match="None"):
+        workspace.take(None)
     empty, one = np.zeros(0), np.ones(1)
-    workspace.bind(
-        [(np.zeros((0, 2)), None, None, empty, empty), (np.ones((1, 2)), None, None, one, one)], 0, None, None
-    )
+    assert workspace.take(hierarchy(2, (np.zeros((0, 2)), empty, empty), (np.ones((1, 2)), one, one)))
     assert workspace.solve()[0] == 0
     np.testing.assert_allclose(workspace.values()[:2], [0.5, 0.5])
 
@@ -184,7 +192,7 @@ def test_workspace_before_and_after_binding() -> None:
 def test_bound_arrays_outlive_their_names() -> None:
     workspace = native.Workspace(50, [50], False, *OPTIONS)
     for value in range(200):
-        workspace.bind([(np.eye(50), None, None, np.full(50, float(value)), np.full(50, float(value)))], 0, None, None)
+        assert workspace.take(hierarchy(50, (np.eye(50), np.full(50, float(value)), np.full(50, float(value)))))
         np.zeros(2500)  # may take the memory of what was dropped
         workspace.solve()
         np.testing.assert_array_equal(workspace.values()[:50], float(value))

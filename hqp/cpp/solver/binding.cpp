@@ -29,10 +29,6 @@ Kernel* make_kernel(int n, int levels, const int* m, bool metric) {
 
 namespace {
 
-using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using Matrix = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
-using Index = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-
 [[noreturn]] void refuse(const std::string& text) { throw nb::value_error(text.c_str()); }
 
 // Names of the fields that solution() sets.
@@ -61,35 +57,8 @@ class Workspace final : public hqp::SolveCall {
     levels_.resize(rows.size());
   }
 
-  // levels: (A or None, index or None, scale or None, lower, upper) each; the arrays are kept and read at every
-  // solve.
-  void bind(const nb::list& levels, int constraints, const nb::object& metric, const nb::object& origin) {
-    const Lock lock(busy_);
-    if (levels.size() != rows_.size()) refuse("workspace has " + std::to_string(rows_.size()) + " levels");
-    std::vector<hqp::Level> views(rows_.size());
-    for (std::size_t k = 0; k < views.size(); ++k) views[k] = view(nb::cast<nb::tuple>(levels[k]), rows_[k]);
-    problem_.metric = nullptr;
-    problem_.origin = nullptr;
-    if (!metric.is_none()) {
-      if (!metric_) refuse("workspace was made without a metric");
-      const auto a = nb::cast<Matrix>(metric);
-      if (a.shape(0) != std::size_t(n_) || a.shape(1) != std::size_t(n_)) refuse("metric has a wrong shape");
-      problem_.metric = a.data();
-    }
-    if (!origin.is_none()) {
-      const auto a = nb::cast<Vector>(origin);
-      if (a.shape(0) != std::size_t(n_)) refuse("origin has a wrong shape");
-      problem_.origin = a.data();
-    }
-    levels_ = views;
-    problem_.levels = levels_.data();
-    problem_.count = static_cast<int>(levels_.size());
-    problem_.constraints = constraints;
-    kept_ = nb::make_tuple(levels, metric, origin);
-    bound_ = levels.ptr();
-  }
-
-  // The same from the attributes of a Hierarchy; false where its shape is another or an array needs a conversion.
+  // Keep the arrays among the attributes of a Hierarchy, to read them at every solve; false where its shape is another
+  // or an array needs a conversion.
   bool take(const nb::object& hierarchy) {
     const Lock lock(busy_);
     return is_bound(hierarchy) || read(hierarchy);
@@ -132,16 +101,16 @@ class Workspace final : public hqp::SolveCall {
   }
 
   // Bind what is not bound yet, solve, and build the Solution from copies of the views given, all in one locked call;
-  // None if the arrays need a conversion or the numbers are not usable. bound: a Hierarchy, or the levels given to
-  // bind(). The fields are set past the frozen class's own initialiser, which would cost as much as the factorisation;
-  // slacks, marks and counts are cut out of the copy when they are asked for.
-  nb::object solution(const nb::object& bound, double build_seconds, const nb::object& all_numbers,
+  // None if the arrays need a conversion or the numbers are not usable. The fields are set past the frozen class's own
+  // initialiser, which would cost as much as the factorisation; slacks, marks and counts are cut out of the copy when
+  // they are asked for.
+  nb::object solution(const nb::object& hierarchy, double build_seconds, const nb::object& all_numbers,
                       const nb::object& all_multipliers) {
     if (!solution_.is_valid()) refuse("call report_as first");
     const Lock lock(busy_);
     auto begin = std::chrono::steady_clock::now();
-    if (!is_bound(bound)) {
-      if (!read(bound)) return nb::none();
+    if (!is_bound(hierarchy)) {
+      if (!read(hierarchy)) return nb::none();
       const auto end = std::chrono::steady_clock::now();
       build_seconds += std::chrono::duration<double>(end - begin).count();
       begin = end;
@@ -215,7 +184,7 @@ class Workspace final : public hqp::SolveCall {
   }
 
   hqp::Answer answered() {
-    if (!bound_) refuse("bind a problem first");
+    if (!bound_) refuse("take a problem first");
     hqp::Answer answer;
     answer.x = numbers_.data();
     answer.slack = numbers_.data() + n_;
@@ -261,30 +230,6 @@ class Workspace final : public hqp::SolveCall {
     ~Lock() { flag.store(false); }
     std::atomic<bool>& flag;
   };
-
-  hqp::Level view(const nb::tuple& parts, int m) const {
-    if (parts.size() != 5) refuse("a level is (A, index, scale, lower, upper)");
-    hqp::Level level;
-    level.m = m;
-    const auto vector = [m](nb::handle h, const char* name) {
-      const auto a = nb::cast<Vector>(h);
-      if (a.shape(0) != std::size_t(m)) refuse(std::string(name) + " has a wrong shape");
-      return a.data();
-    };
-    if (!parts[0].is_none()) {
-      const auto a = nb::cast<Matrix>(parts[0]);
-      if (a.shape(0) != std::size_t(m) || a.shape(1) != std::size_t(n_)) refuse("A has a wrong shape");
-      level.A = a.data();
-    } else {
-      const auto a = nb::cast<Index>(parts[1]);
-      if (a.shape(0) != std::size_t(m)) refuse("index has a wrong shape");
-      level.index = a.data();
-      level.scale = vector(parts[2], "scale");
-    }
-    level.lower = vector(parts[3], "lower");
-    level.upper = vector(parts[4], "upper");
-    return level;
-  }
 
   int n_;
   std::vector<int> rows_;
@@ -339,14 +284,13 @@ NB_MODULE(_lexicographic, m) {
           },
           "n"_a, "rows"_a, "metric"_a, "rank_tolerance"_a, "multiplier_tolerance"_a, "feasibility_tolerance"_a,
           "time_limit"_a, "max_iterations"_a, "exchanges"_a, "multipliers"_a)
-      .def("bind", &Workspace::bind, "levels"_a, "constraints"_a, "metric"_a.none(), "origin"_a.none())
       .def("take", &Workspace::take, "hierarchy"_a)
       .def("solve", &Workspace::solve)
       .def("call", &Workspace::call)
       .def("limit", &Workspace::limit, "seconds"_a)
       .def("report_as", &Workspace::report_as, "solution"_a, "statuses"_a, "slack"_a, "active"_a, "multipliers"_a,
            "stopped"_a, "unsure"_a)
-      .def("solution", &Workspace::solution, "bound"_a, "build_seconds"_a, "numbers"_a, "multipliers"_a)
+      .def("solution", &Workspace::solution, "hierarchy"_a, "build_seconds"_a, "numbers"_a, "multipliers"_a)
       .def("tell", &Workspace::tell)
       .def("reset", &Workspace::reset, "plain"_a = false)
       .def("values", &Workspace::values)
