@@ -124,7 +124,7 @@ def run(scene: Scene, variant: Variant, ticks: int = 1500) -> Run:
             rows = [tick.solution.residuals[places[n].level][places[n].part] for n in scene.above if n in places]
             if isinstance(session.program, TorqueProgram) and feet:
                 forces = session.program.contact_forces(tick.solution.x)
-                data.load[i] = min(float(f[2]) for f in forces.values())
+                data.load[i] = min(float(forces[contact.name][2]) for contact in who.contacts)
             data.above[i] = max((float(np.abs(w).max(initial=0.0)) for w in rows), default=0.0)
         try:
             q, v_next = tick.advance()

@@ -40,7 +40,7 @@ def hierarchy(n: int, *levels: tuple[Any, Any, Any], metric: object = None, orig
 
 @pytest.mark.skipif(COMPILER is None, reason="needs a C++ compiler")
 def test_the_parts_of_the_kernel_alone(tmp_path: Path) -> None:
-    """Null space, factorisation, updates, least squares, verdict, searches, row space, secular equation."""
+    """Null space, factorisation, updates, least squares, verdict, searches, row space, secular equation, a stage."""
     program = tmp_path / "parts"
     subprocess.run(
         [str(COMPILER), "-std=c++17", "-O0", "-Wno-psabi", f"-I{HEADERS}", "-DHQP_ISA=generic",

@@ -15,7 +15,8 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kOnFace = 1e-12;  // rows that are not held keep to their bounds, relative to 1 + |bound|
+constexpr double kOnFace = 1e-12;     // rows that are not held keep to their bounds, relative to 1 + |bound|
+constexpr double kHeldOnFace = 1e-9;  // and those held, of which some may nearly depend on others
 
 // Rows of unit length, two-sided; an equality where the bounds agree.
 struct StageRows {
@@ -74,6 +75,7 @@ class StageSearch {
       : space_(variables, padded(variables)),
         rate_(most_rows),
         side_(most_rows),
+        kept_(most_rows),
         aim_(padded(variables)),
         gradient_(padded(variables)),
         lambda_(variables),
@@ -129,9 +131,11 @@ class StageSearch {
     }
     const int cap = 20 * (N_ + rows_->count);
     bool zero = false;
+    int left = -1;  // row that left a moment ago
     for (int step = 0; step < cap; ++step) {
       if (late()) return false;
       ++iterations;
+      through(y);
       minimiser(T, t, m, price, y);
       double far = 1.0;
       const bool there = length_ <= 1e-14 * (1.0 + size_);
@@ -139,15 +143,18 @@ class StageSearch {
       if (there || far > 1e-14) {
         for (int j = 0; j < N_; ++j) y[j] += far * aim_[j];
         zero = zero && there;
+        if (!there) std::fill(kept_.begin(), kept_.end(), 0);
       } else {
         zero = true;
       }
       if (blocking >= 0) {
         enter(blocking, rate_[blocking] > 0.0 ? 1 : -1);
+        kept_[blocking] = zero && blocking == left;  // a row is in the way of its own release: its sign was rounding
         continue;
       }
       const int out = wrong_sign(T, m, price, y, zero);
       if (out < 0) return true;
+      left = set_[out];
       leave(out);
     }
     return false;
@@ -156,6 +163,7 @@ class StageSearch {
   // Only the equalities are held, all of them rows that stay.
   void begin() {
     std::fill(side_.begin(), side_.begin() + rows_->count, 0);
+    std::fill(kept_.begin(), kept_.begin() + rows_->count, 0);
     set_.resize(fixed_);
     space_.cut(fixed_);
     dependent_.clear();
@@ -179,13 +187,14 @@ class StageSearch {
       if (i < rows_->count && side_[i] == 0 && std::isfinite(entry > 0 ? rows_->upper[i] : rows_->lower[i]))
         enter(i, entry > 0 ? 1 : -1);
     }
+    on_bounds();
     minimiser(T, t, m, price, y);
     for (int j = 0; j < N_; ++j) aim_[j] += y[j];
     for (int i = 0; i < rows_->count; ++i) {
-      if (std::abs(side_[i]) == 1) continue;
+      const double off = std::abs(side_[i]) == 1 ? kHeldOnFace : kOnFace;
       const double value = rows_->value(i, aim_.data(), N_);
-      if (value < rows_->lower[i] - kOnFace * (1.0 + std::abs(rows_->lower[i])) ||
-          value > rows_->upper[i] + kOnFace * (1.0 + std::abs(rows_->upper[i])))
+      if (value < rows_->lower[i] - off * (1.0 + std::abs(rows_->lower[i])) ||
+          value > rows_->upper[i] + off * (1.0 + std::abs(rows_->upper[i])))
         return false;
     }
     if (wrong_sign(T, m, price, aim_.data(), false) >= 0) return false;
@@ -224,11 +233,23 @@ class StageSearch {
     }
   }
 
-  // aim_ = the step to the minimiser on the face of the rows held.
-  void minimiser(const double* T, const double* t, int m, double price, const double* y) {
+  // aim_ = the shortest point of the face on which the rows held are at their bounds.
+  void on_bounds() {
     for (std::size_t k = 0; k < set_.size(); ++k)
       bound_[k] = side_[set_[k]] < 0 ? rows_->lower[set_[k]] : rows_->upper[set_[k]];
     space_.shortest(bound_.data(), aim_.data(), N_);
+  }
+
+  // aim_ = the shortest point of the face through y. What a row held misses of its bound stays: to mend it along nearly
+  // dependent rows would be a step of that much over their smallest pivot, out of all other rows.
+  void through(const double* y) {
+    std::copy(y, y + N_, aim_.begin());
+    space_.project(aim_.data(), N_);
+    for (int j = 0; j < N_; ++j) aim_[j] = y[j] - aim_[j];
+  }
+
+  // aim_ = the step from y to the minimiser on the face whose shortest point aim_ is.
+  void minimiser(const double* T, const double* t, int m, double price, const double* y) {
     M_.assign(static_cast<std::size_t>(m) * padded(N_), 0.0);
     e_.resize(m);
     const int ld = padded(N_);
@@ -280,7 +301,7 @@ class StageSearch {
     double worst = 1e-11 * scale;
     for (std::size_t k = fixed_; k < set_.size(); ++k) {
       const double wrong = side_[set_[k]] * lambda_[k];  // the gradient must point into the side: lambda <= 0 at upper
-      if (wrong <= worst) continue;
+      if (wrong <= worst || kept_[set_[k]]) continue;
       if (lowest && found >= 0 && set_[k] > set_[found]) continue;
       if (!lowest) worst = wrong;
       found = static_cast<int>(k);
@@ -299,6 +320,7 @@ class StageSearch {
   std::vector<int> set_, rest_, dependent_, spanned_;
   std::vector<double> rate_;
   std::vector<int> side_;
+  std::vector<char> kept_;  // rows that no wrong sign releases until the point moves
   std::vector<double> aim_, gradient_, lambda_, bound_, M_, e_, u_;
   double size_ = 0.0, length_ = 0.0;
 };

@@ -5,6 +5,7 @@
 
 #include "../priced/row_space.hpp"
 #include "../priced/secular.hpp"
+#include "../priced/stage_search.hpp"
 #include "lexicographic.hpp"
 
 using namespace hqp;
@@ -415,6 +416,56 @@ static void secular_equation() {
   if (met < 20 || met > 180) small("secular: one kind of case alone", met, 0);
 }
 
+// From a vertex of nearly dependent rows, some of them missed by rounding: no row is left, and the value does not rise.
+static void stage_search() {
+  for (int trial = 0; trial < 300; ++trial) {
+    const int n = 6, pairs = 4, m = 4, count = 2 * pairs + 2 * n, ld = padded(n);
+    const double price = 0.01;
+    StageRows rows;
+    rows.room(count, ld);
+    rows.count = count;
+    std::vector<double> y(ld), T(static_cast<std::size_t>(m) * ld), t(m);
+    for (int j = 0; j < n; ++j) y[j] = 0.3 * random_number();
+    for (int i = 0; i < 2 * pairs; ++i) {
+      double* c = rows.row(i);
+      for (int j = 0; j < n; ++j) c[j] = i % 2 ? rows.row(i - 1)[j] + 1e-9 * random_number() : random_number();
+      double length = 0.0, value = 0.0;
+      for (int j = 0; j < n; ++j) length += c[j] * c[j];
+      for (int j = 0; j < n; ++j) value += c[j] * y[j];
+      (void)rows.close(i, n, -INFINITY, value + 3e-10 * random_number() * std::sqrt(length));
+    }
+    for (int j = 0; j < n; ++j) {
+      rows.pick(2 * pairs + j, j, 1.0, -1.0, 1.0);
+      rows.pick(2 * pairs + n + j, j, 1.0, y[j] - 0.01 * std::fabs(random_number()), INFINITY);
+    }
+    for (int i = 0; i < m; ++i) {
+      for (int j = 0; j < n; ++j) T[i * ld + j] = random_number();
+      t[i] = 10.0 * random_number();
+    }
+    const auto worth = [&] {
+      double square = 0.0, moved = 0.0;
+      for (int i = 0; i < m; ++i) {
+        const double w = dot_any(&T[i * ld], y.data(), n) - t[i];
+        square += w * w;
+      }
+      for (int j = 0; j < n; ++j) moved += y[j] * y[j];
+      return std::sqrt(square) + 0.5 * price * moved;
+    };
+    const double before = worth();
+    StageSearch search(count, n);
+    search.limit(0.0);
+    search.restart();
+    std::vector<int> working;
+    int iterations = 0;
+    small("stage: not reached", !search.solve(rows, 0, n, T.data(), t.data(), m, price, y.data(), working, iterations));
+    small("stage: value rises", larger(worth() - before, 0.0), 1e-6);
+    for (int i = 0; i < count; ++i) {
+      const double value = rows.value(i, y.data(), n);
+      small("stage: row left", larger(larger(rows.lower[i] - value, value - rows.upper[i]), 0.0), 2e-9);
+    }
+  }
+}
+
 int main() {
   null_space();
   row_factor({1.0, 0.7, 0.3, 1e-8, 3e-11}, 3);
@@ -429,6 +480,7 @@ int main() {
   level_along_step();
   for (int picks : {0, 2, 4}) row_space(picks);
   secular_equation();
+  stage_search();
   std::printf("%d failures\n", failures);
   return failures != 0;
 }
