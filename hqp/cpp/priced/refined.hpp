@@ -1,6 +1,6 @@
 // Whether a level is still met for its price, from the multipliers of the last tick (settled.hpp): with the inverse of
-// B B' of an earlier tick they take one step of iterative refinement. That shows it where the step leaves little of
-// every residual and what follows is clear by a margin; else the level is tested in full.
+// B B' of an earlier tick they take up to four steps of iterative refinement. They show it where the last one leaves
+// little of every residual and what follows is clear by a margin; else the level is tested in full.
 #pragma once
 
 #include <algorithm>
@@ -18,7 +18,9 @@ constexpr double kClear = 0.9;     // c ||u|| that is clear of 1
 constexpr double kStep = 0.02;     // of c ||u|| from one tick to the next
 constexpr double kRefined = 0.05;  // of a residual, left by a step of refinement
 constexpr double kMargin = 0.25;   // of that step, to a bound
-constexpr int kLongest = 100;      // ticks that it does
+constexpr double kFalling = 0.5;   // of it, so that one more step is worth its time
+constexpr int kSteps = 4;          // in a tick
+constexpr int kLongest = 100;      // ticks that one inverse serves
 
 class Refined {
  public:
@@ -109,6 +111,7 @@ class Refined {
   };
   // kFollows: at a bound without being held, as the other knee is where both feet stand and the base keeps its height.
   enum Part : signed char { kBelow = -1, kFree, kAbove, kFollows, kEqual, kOut };
+  enum Shown { kNot, kNotYet, kClearly };
 
   bool shown(int k, Last& last) {
     at_->point(combined(k, last.lambda), x_.data());
@@ -127,22 +130,39 @@ class Refined {
           value[i] = (part[i] == kBelow ? level.lower[i] : level.upper[i]) - value[i];
       }
     }
+    for (int step = 0; step < kSteps; ++step) {
+      const Shown found = refined(k, last);
+      if (found != kNotYet) return found == kClearly;
+    }
+    return false;
+  }
+
+  // One step of refinement: the multipliers, and value_ of all rows (what held rows miss) after it.
+  Shown refined(int k, Last& last) {
     const int c = static_cast<int>(last.rows.size());
     for (int j = 0; j < c; ++j) residual_[j] = value_[last.rows[j]];
     std::fill(change_.begin(), change_.begin() + c, 0.0);
     add_rows(change_.data(), last.inverse.data(), c, c, 1.0, residual_.data(), 1, c);
+    Shown found = kClearly;
     double square = 0.0, moved = 0.0;
     for (int j = 0; j < c; ++j) {
       const int row = last.rows[j];
       last.change[row] = change_[j];
-      const double lambda = last.lambda[row] += change_[j];
-      if (std::abs(last.part[row]) == 1 && !(last.part[row] * lambda < -std::abs(change_[j]))) return false;
+      const double lambda = last.lambda[row] += change_[j], size = std::abs(change_[j]);
+      if (std::abs(last.part[row]) == 1 && !(last.part[row] * lambda < -size)) {
+        if (last.part[row] * lambda > size) return kNot;
+        found = kNotYet;
+      }
       if (row < first_[k]) continue;
       square += lambda * lambda;
       moved += change_[j] * change_[j];
     }
     moved = prices_[k] * std::sqrt(moved);
-    if (!(moved < kStep && prices_[k] * std::sqrt(square) + 2.0 * moved < kClear)) return false;
+    const double length = prices_[k] * std::sqrt(square);
+    if (!(moved < kStep && length + 2.0 * moved < kClear)) {
+      if (!(length - 2.0 * moved < kClear)) return kNot;
+      found = kNotYet;
+    }
     at_->step(combined(k, last.change), x_.data());
     double before = 0.0, after = 0.0;  // residuals
     for (int l = 0; l <= k; ++l) {
@@ -152,21 +172,31 @@ class Refined {
       for (int i = 0; i < level.m; ++i) {
         const int row = first_[l] + i;
         if (!level.A) step[i] = level.scale[i] * x_[level.index[i]];
-        if (last.part[row] == kOut) continue;
-        if (last.part[row] == kFollows) {
-          after = larger(after, std::abs(slack(value_[row] + step[i], level.lower[i], level.upper[i])));
-          continue;
+        double& value = value_[row];
+        switch (last.part[row]) {
+          case kOut:
+            break;
+          case kFollows:
+            value += step[i];
+            after = larger(after, std::abs(slack(value, level.lower[i], level.upper[i])));
+            break;
+          case kFree: {
+            value += step[i];
+            const double size = std::abs(step[i]), inside = smaller(value - level.lower[i], level.upper[i] - value);
+            if (inside >= kMargin * size - kHolds) break;
+            if (inside < -size) return kNot;
+            found = kNotYet;
+            break;
+          }
+          default:  // held
+            before = larger(before, std::abs(value));
+            value -= step[i];
+            after = larger(after, std::abs(value));
         }
-        if (last.part[row] != kFree) {
-          before = larger(before, std::abs(value_[row]));
-          after = larger(after, std::abs(value_[row] - step[i]));
-          continue;
-        }
-        const double value = value_[row] + step[i], close = kMargin * std::abs(step[i]) - kHolds;
-        if (!(value - level.lower[i] >= close && level.upper[i] - value >= close)) return false;
       }
     }
-    return after <= kRefined * before + kHolds;
+    if (!(after <= kRefined * before + kHolds)) return after < kFalling * before ? kNotYet : kNot;
+    return found;
   }
 
   // In motion coordinates: the sum of all rows down to level k.
