@@ -51,7 +51,7 @@ class ActiveSet {
   // Begin without the last working set; plain: factorise every one in the next search.
   void forget(bool plain) {
     warm_ = false;
-    problem_.updates = !plain;
+    problem_.updating = !plain;
   }
 
   void solve(const Options& options) {
@@ -69,7 +69,7 @@ class ActiveSet {
     }
     if (!ended || (state.outcome <= Outcome::rank_uncertain && state.doubtful())) certify(ended);
     warm_ = true;
-    problem_.updates = true;
+    problem_.updating = true;
   }
 
  private:

@@ -1,7 +1,7 @@
 // The problem in which a working set's rows are equalities: factorised, or updated where few changes are known.
 #pragma once
 
-#include "tableau.hpp"
+#include "updates.hpp"
 #include "working_set.hpp"
 
 namespace hqp {
@@ -10,11 +10,16 @@ inline namespace HQP_ISA {
 struct EqualityProblem {
   Table table;
   Tableau tableau;  // tableau.x is the solution
+  Levels levels{tableau};
+  Updates updates{tableau, levels};
   WorkingSet set;
   double* values = nullptr;  // (rows,) A tableau.x
-  bool updates = true;       // false: every working set is factorised
+  bool updating = true;      // false: every working set is factorised
   int progress = -1;         // first level that the last step changed
   int factorisations = 0;
+
+  EqualityProblem() = default;
+  EqualityProblem(const EqualityProblem&) = delete;  // `levels` and `updates` refer to `tableau`
 
   void layout(Arena& arena, int n, int rows, int blocks, const int* m) {
     tableau.layout(arena, n, blocks, m);
@@ -34,13 +39,13 @@ struct EqualityProblem {
   }
 
   void factorise() {
-    tableau.factorise(set.W, set.F);
+    levels.factorise(set.W, set.F);
     ++factorisations;
   }
 
   // Far from the optimum: go on in fewer variables, with the same working sets; false where that saves too little.
   bool reduce() {
-    if (!updates || !tableau.reduce(table)) return false;
+    if (!updating || !levels.reduce(table)) return false;
     tableau.reduction.mark(set.W, kFree);
     return true;
   }
@@ -59,13 +64,13 @@ struct EqualityProblem {
   // what joined joins in front of the level that ended the tableau, or else of the one the last step went for.
   bool update() {
     const Changes& changes = set.changes;
-    if (!updates || !changes.known) return false;
-    if (changes.front >= 0) return tableau.rewind(changes.front) && leave_all() && join_all();
-    if (changes.joined == 0) return tableau.deepen(set.W);
+    if (!updating || !changes.known) return false;
+    if (changes.front >= 0) return updates.rewind(changes.front) && leave_all() && join_all();
+    if (changes.joined == 0) return updates.deepen(set.W);
     const int last = tableau.gram_level, before = tableau.newcomers;
-    if (last >= 0 && tableau.rewind(last) && join_all()) return true;
+    if (last >= 0 && updates.rewind(last) && join_all()) return true;
     tableau.newcomers = before;
-    if (changes.joined > 1 || progress == last || !tableau.rewind(progress)) return false;
+    if (changes.joined > 1 || progress == last || !updates.rewind(progress)) return false;
     return join_all();
   }
 
@@ -73,17 +78,17 @@ struct EqualityProblem {
     for (int q = 0; q < set.changes.joined; ++q) {
       const int what = set.changes.join[q], i = what - table.rows;
       const bool upper = set.changes.side[q] > 0;
-      if (i < 0 ? !tableau.meet(what, upper ? table.upper[what] : table.lower[what])
-                : !tableau.hold(i, upper ? table.hi[i] : table.lo[i]))
+      if (i < 0 ? !updates.meet(what, upper ? table.upper[what] : table.lower[what])
+                : !updates.hold(i, upper ? table.hi[i] : table.lo[i]))
         return false;
     }
-    tableau.resume(set.W);
+    updates.resume(set.W);
     return true;
   }
 
   bool leave_all() {
     for (int q = 0; q < set.changes.left; ++q)
-      if (!tableau.let_go(set.changes.leave[q])) return false;
+      if (!updates.let_go(set.changes.leave[q])) return false;
     return true;
   }
 };

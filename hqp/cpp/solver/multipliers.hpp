@@ -1,7 +1,7 @@
 // The signs of the multipliers, level by level, by one adjoint sweep through the stages of the tableau.
 #pragma once
 
-#include "tableau.hpp"
+#include "gram.hpp"
 #include "working_set.hpp"
 
 namespace hqp {
@@ -240,9 +240,9 @@ struct Multipliers {
   // Keep what is orthogonal to the level's range: the rest is rounding.
   void project(const Stage& s) {
     for (int i = 0; i < s.m; ++i) y[i] = w[s.rows[i]];
-    for (int i = 0; i < s.rank; ++i) Tableau::reflect_vector(s, i, y);
+    for (int i = 0; i < s.rank; ++i) s.reflect(i, y);
     for (int i = 0; i < s.rank; ++i) y[i] = 0.0;
-    for (int i = s.rank - 1; i >= 0; --i) Tableau::reflect_vector(s, i, y);
+    for (int i = s.rank - 1; i >= 0; --i) s.reflect(i, y);
     for (int i = 0; i < s.m; ++i) w[s.rows[i]] = y[i];
   }
 
@@ -259,7 +259,7 @@ struct Multipliers {
       add_any(y + i + 1, row + i + 1, -y[i], r - i - 1);
     }
     for (int i = r; i < s.m; ++i) y[i] = 0.0;
-    for (int i = r - 1; i >= 0; --i) Tableau::reflect_vector(s, i, y);
+    for (int i = r - 1; i >= 0; --i) s.reflect(i, y);
     for (int i = 0; i < s.m; ++i) out[s.rows[i]] = -y[i];
   }
 
@@ -271,7 +271,7 @@ struct Multipliers {
       const double f = g[t.base[i]];
       if (f != 0.0) add_any(y, t.G + static_cast<std::ptrdiff_t>(i) * t.ld + 1, -f, c);
     }
-    t.solve_gram(y);
+    GramLevel(t).multiply_inverse(y);
     for (int i = 0; i < s.m; ++i) {
       const int local = s.rows[i] - b.begin, p = t.place[b.index[local]];
       out[s.rows[i]] = p >= 0 ? -b.scale[local] * y[p]

@@ -57,7 +57,7 @@ struct SearchState {
     problem.factorisations = iterations = 0;
     outcome = Outcome::optimal;
     cap = given.max_iterations > 0 ? given.max_iterations : 100 + 10 * (table.rows + table.n);
-    problem.tableau.choose_bias();
+    problem.levels.choose_bias();
     problem.tableau.recording = false;
     problem.set.start(table, warm);
   }

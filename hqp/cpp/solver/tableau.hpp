@@ -1,221 +1,182 @@
-// Small changes of the working set, made in front of one level: only the levels from there on are solved again.
+// The tableau x_basic = c - G x_rest and what each level leaves behind. What solves it is in levels.hpp, what changes
+// it in updates.hpp.
 #pragma once
 
-#include "levels.hpp"
+#include "changes.hpp"
+#include "reduction.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
 
-struct Tableau : Levels {
-  static constexpr double kSure =
-      1e4;  // a row joins by an update if its pivot is longer than this times the rank tolerance
+// What one level left behind: its rows, its orthogonal factor, its triangle, and the tableau's pivot columns.
+struct Stage {
+  enum Kind { kIdle, kReflectors, kGram } kind;
+  int m, rank, before;  // rows that took part, pivots, basic variables of the levels above
+  int* rows;            // (m,) of the table
+  double* V;            // reflector i in V + i * ldv, entries i..m-1
+  double* tau;
+  double* R;       // (rank, rank), row stride ldr
+  double* pivots;  // (before, rank) pivot columns of the tableau when the level was reached
+  int* variables;  // (rank,)
+  int ldv, ldr;
+  double residual;  // norm of what no x can reach
 
-  // Go back to where `level` was reached, now with all that joined since; false where that is lost.
-  bool rewind(int level) {
-    if (level < 0 || level >= table->blocks) return false;
-    if (level == gram_level) return true;
-    const Snapshot& s = snapshot[level];
-    if (!recording || !s.valid) return false;
-    const int known = newcomers;
-    copy_rows(G, s.G, ld, s.basic, lanes(s.rest + 1));
-    basic = s.basic;
-    gram_free = s.rest;
-    gram_level = level;
-    extras = s.extras;
-    newcomers = s.newcomers;
-    for (int i = 0; i < basic; ++i) {
-      place[base[i]] = -1 - i;
-      fixed_x[base[i]] = 0.0;
-    }
-    for (int j = 0; j < gram_free; ++j) {
-      free[j] = s.free[j];
-      place[free[j]] = j;
-      fixed_x[free[j]] = 0.0;
-    }
-    for (int q = newcomers; q < known; ++q) {
-      const Newcomer c = newcomer[q];  // noted again where it still has to be
-      if (!(c.row >= 0 ? meet(c.row, c.value) : hold(c.variable, c.value))) return false;
-    }
-    return true;
+  // y := Q_i y with reflector i.
+  void reflect(int i, double* y) const {
+    const double* v = V + static_cast<std::ptrdiff_t>(i) * ldv;
+    const double f = tau[i] * dot_any(v + i, y + i, m - i);
+    add_any(y + i, v + i, -f, m - i);
   }
+};
 
-  // Hold a variable at its value within what the levels above gram_level leave free; false if they leave too little.
-  bool hold(int variable, double value) {
-    const int p = place[variable];
-    if (p == kNowhere || newcomers == kChanges) return false;
-    if (p >= 0) {
-      for (int i = 0; i < basic; ++i) {
-        double* g = G + static_cast<std::ptrdiff_t>(i) * ld;
-        g[0] -= g[1 + p] * value;
+// A constraint joined after the factorisation: the reduced row's pivot, and the tableau's column at that moment.
+struct Extra {
+  int row, variable;   // row of the table, or the variable it holds; the other is -1
+  int pivot, before;   // variable that became basic, basic variables then
+  int level;           // in front of which it stands
+  double coefficient;  // of the pivot in the reduced row
+  double* column;      // (before,)
+  double lambda;       // its multiplier in the sweep at hand
+};
+
+// A row that was met, or a variable that was held, since the factorisation.
+struct Newcomer {
+  int row, variable;  // the other is -1
+  double value;
+};
+
+// The tableau as it was when a level was reached.
+struct Snapshot {
+  double* G;
+  int* free;
+  int basic, rest, extras, newcomers;
+  bool valid;
+};
+
+struct Tableau {
+  const Table* table = nullptr;
+  int n = 0, ld = 0, basic = 0, rest = 0;
+  double* G = nullptr;           // (n, ld): column 0 is c, then the coefficients of the variables in `free`
+  int* base = nullptr;           // (basic,) variables
+  int* free = nullptr;           // (rest,) variables
+  double* T = nullptr;           // (most rows of a level, ld)
+  double* L = nullptr;           // (most rows of a level, ld)
+  double* H = nullptr;           // (n + 1 padded, ld)
+  double* weight = nullptr;      // (ld,) bias of a column
+  double* size = nullptr;        // (ld,) biased squared norms
+  double* diagonal = nullptr;    // (ld,)
+  double* target = nullptr;      // (ld,)
+  double* x = nullptr;           // (n,) the solution
+  double* fixed_x = nullptr;     // (n,) values of the fixed variables, zero elsewhere
+  int* place = nullptr;          // (n,) position: >= 0 in free, -1 - i in base, kNowhere fixed
+  int* keep = nullptr;           // (n,) where columns that stay come from
+  int* hole = nullptr;           // (n,) where they go
+  double* preference = nullptr;  // (n,) weight of a variable among the pivots, 0 for never
+  Stage* stage = nullptr;
+  Snapshot* snapshot = nullptr;
+  Reduction reduction;
+  int lowest = 1 << 30;    // levels below this one are left out but for the last
+  int solved = 0;          // the lowest level that the tableau solved but for the last
+  bool recording = false;  // keep snapshots, for changes in front of any level
+  Extra* extra = nullptr;
+  int extras = 0;
+  Newcomer* newcomer = nullptr;
+  int newcomers = 0;
+  bool has_released = false;    // variables left since the factorisation
+  double* direction = nullptr;  // (n,)
+  int gram_level = -1;          // the level that ended the tableau by a normal matrix, -1 if none did
+  double growth = 1.0;          // how much rounding the tableau may have magnified
+  double closest = 1e300;       // nearest a pivot came to the rank tolerance, as a ratio >= 1
+  bool any_fixed = false;
+  int gram_free = 0;
+  double rank_tolerance = 1e-9;
+  double least = 0.0;  // smallest entry of `diagonal`
+  static constexpr int kNowhere = 1 << 30;
+
+  void layout(Arena& arena, int n_, int blocks, const int* m) {
+    n = n_;
+    ld = padded(n + 1);
+    int most = n;
+    for (int k = 0; k < blocks; ++k) most = m[k] > most ? m[k] : most;
+    const std::size_t wide = static_cast<std::size_t>(ld);
+    arena.place(G, (n + 4) * wide);
+    arena.place(T, (most + 4) * wide);
+    arena.place(L, (most + 4) * wide);
+    arena.place(H, (n + 8) * wide);
+    arena.place(base, n);
+    arena.place(free, n);
+    arena.place(weight, ld);
+    arena.place(size, ld);
+    arena.place(diagonal, ld);
+    arena.place(target, most + ld);
+    arena.place(x, ld);
+    arena.place(fixed_x, ld);
+    arena.place(place, n);
+    arena.place(keep, n);
+    arena.place(hole, n);
+    arena.place(preference, n);
+    arena.place(stage, blocks);
+    arena.place(snapshot, blocks);
+    arena.place(extra, kChanges);
+    arena.place(newcomer, kChanges);
+    arena.place(direction, n);
+    for (int k = 0; k < blocks; ++k) {
+      double* kept = nullptr;
+      int* left = nullptr;
+      arena.place(kept, n * wide);
+      arena.place(left, n);
+      if (snapshot) {
+        snapshot[k].G = kept;
+        snapshot[k].free = left;
       }
-      place[variable] = kNowhere;
-      fixed_x[variable] = x[variable] = value;
-      any_fixed = any_fixed || value != 0.0;
-      drop(p);
-    } else {
-      const double* g = G + static_cast<std::ptrdiff_t>(-1 - p) * ld;
-      for (int j = 0; j <= gram_free; ++j) size[j] = -g[j];
-      size[0] += value;
-      if (!join(-1, variable, 1.0)) return false;
-      double* held = G + static_cast<std::ptrdiff_t>(-1 - p) * ld;
-      for (int j = 0; j < lanes(gram_free + 1); ++j) held[j] = 0.0;
-      held[0] = value;
     }
-    newcomer[newcomers++] = Newcomer{-1, variable, value};
-    return true;
-  }
-
-  // The same for a row; one of gram_level or below joins by itself when its level is solved. What a factorisation might
-  // call no direction is left to it: a working set has one rank, whatever the way to it.
-  bool meet(int r, double bound) {
-    const Block& b = table->block_of(r);
-    if (&b - table->block >= gram_level) return true;
-    if (!b.A || newcomers == kChanges) return false;
-    const int width = lanes(gram_free + 1);
-    for (int j = 0; j < width; ++j) size[j] = 0.0;
-    const double* a = b.A + static_cast<std::ptrdiff_t>(r - b.begin) * n;
-    size[0] = bound - (any_fixed ? dot_any(a, fixed_x, n) : 0.0);
-    for (int j = 0; j < gram_free; ++j) size[1 + j] = a[free[j]];
-    for (int i = reduction.count; i < basic; ++i)
-      if (a[base[i]] != 0.0) subtract(size, G + static_cast<std::ptrdiff_t>(i) * ld, a[base[i]], width);
-    if (!join(r, -1, table->norm[r], kSure * zero(static_cast<int>(&b - table->block)))) return false;
-    newcomer[newcomers++] = Newcomer{r, -1, bound};
-    return true;
-  }
-
-  // Let go of a held variable; false where a level above gram_level would notice, or the variable is a basic one.
-  bool let_go(int variable) {
-    if (place[variable] != kNowhere || !respond(variable)) return false;
-    const int before = lanes(gram_free + 1), width = lanes(gram_free + 2);
-    for (int i = 0; i < basic; ++i) {
-      double* g = G + static_cast<std::ptrdiff_t>(i) * ld;
-      for (int j = before; j < width; ++j) g[j] = 0.0;
-      g[1 + gram_free] = -direction[base[i]];
-      g[0] -= direction[base[i]] * fixed_x[variable];
+    int rows = 0;
+    for (int k = 0; k < blocks; ++k) rows += m[k];
+    reduction.layout(arena, n, rows, blocks);
+    for (int q = 0; q < kChanges; ++q) {
+      double* column = nullptr;
+      arena.place(column, n);
+      if (extra) extra[q].column = column;
     }
-    free[gram_free] = variable;
-    place[variable] = gram_free++;
-    fixed_x[variable] = 0.0;
-    has_released = true;
-    for (int k = 0; k < gram_level; ++k) snapshot[k].valid = false;  // they do not know that it left
-    return true;
-  }
-
-  // Solve the levels from gram_level on again.
-  void resume(const std::int8_t* W) { resume(W, gram_level); }
-
-  // The levels that were left out until now, where everything else stands.
-  bool deepen(const std::int8_t* W) {
-    if (lowest <= solved || gram_level != table->blocks - 1) return false;
-    for (int q = 0; q < extras; ++q)
-      if (extra[q].level == gram_level) extra[q].level = solved + 1;
-    resume(W, solved + 1);
-    return true;
-  }
-
- private:
-  void resume(const std::int8_t* W, int from) {
-    rest = gram_free;
-    gram_free = 0;
-    gram_level = -1;
-    descend(from, W);
-  }
-
-  // How the basic variables follow a held one that moves by one, in `direction`; false where levels above would not.
-  bool respond(int variable) {
-    double* d = direction;
-    for (int i = 0; i < n; ++i) d[i] = 0.0;
-    d[variable] = 1.0;
-    for (int i = 0; i < reduction.count; ++i) d[reduction.base[i]] = -reduction.row_of_G(i, n)[variable];
-    int q = 0;
-    for (int k = 0; k <= gram_level; ++k) {
-      for (; q < extras && extra[q].level == k; ++q) follow(extra[q], d);
-      if (k < gram_level && !follow(k, variable, d)) return false;
+    for (int k = 0; k < blocks; ++k) {
+      const int rank = m[k] < n ? m[k] : n;
+      int* rows = nullptr;
+      double* V = nullptr;
+      double* tau = nullptr;
+      double* R = nullptr;
+      double* pivots = nullptr;
+      int* variables = nullptr;
+      arena.place(rows, m[k]);
+      arena.place(V, static_cast<std::size_t>(m[k]) * rank + 8);
+      arena.place(tau, rank);
+      arena.place(R, static_cast<std::size_t>(rank) * padded(rank));
+      arena.place(pivots, static_cast<std::size_t>(n) * padded(rank));
+      arena.place(variables, rank);
+      if (stage) {
+        Stage& s = stage[k];
+        s.rows = rows;
+        s.V = V;
+        s.tau = tau;
+        s.R = R;
+        s.pivots = pivots;
+        s.variables = variables;
+        s.ldv = m[k];
+        s.ldr = padded(rank);
+      }
     }
-    return true;
   }
 
-  void follow(const Extra& e, double* d) const {
-    const double step = (e.row >= 0 ? table->value(e.row, d) : d[e.variable]) / e.coefficient;
-    for (int i = 0; i < e.before; ++i) d[base[i]] += e.column[i] * step;
-    d[e.pivot] -= step;
-    if (e.variable >= 0) d[e.variable] = 0.0;
+  // Directions of a level that are no longer than this count as none.
+  double zero(int k) const {
+    return larger(larger(rank_tolerance, 1e-14 * growth) * table->block[k].norm, table->block[k].rounding);
   }
 
-  bool follow(int k, int variable, double* d) {
-    const Stage& s = stage[k];
-    const Block& b = table->block[k];
-    if (s.residual < 0.0) return false;
-    if (!b.A)
-      for (int i = 0; i < b.end - b.begin; ++i)
-        if (b.index[i] == variable) return false;
-    double* left = target;
-    for (int i = 0; i < s.m; ++i) left[i] = table->value(s.rows[i], d);
-    for (int i = 0; i < s.rank; ++i) reflect_vector(s, i, left);
-    double square = 0.0;
-    for (int i = s.rank; i < s.m; ++i) square += left[i] * left[i];
-    const double unmet = std::sqrt(square), least = zero(k);
-    if (!(unmet <= least)) return false;
-    note_pivot(unmet, least);
-    for (int i = s.rank - 1; i >= 0; --i) {
-      const double* R = s.R + static_cast<std::ptrdiff_t>(i) * s.ldr;
-      left[i] = (left[i] - dot_any(R + i + 1, left + i + 1, s.rank - i - 1)) / R[i];
-    }
-    for (int i = 0; i < s.before; ++i)
-      d[base[i]] += dot_any(s.pivots + static_cast<std::ptrdiff_t>(i) * s.ldr, left, s.rank);
-    for (int i = 0; i < s.rank; ++i) d[s.variables[i]] -= left[i];
-    return true;
+  void note_pivot(double length, double floor) {
+    const double ratio = length > floor ? length / floor : floor / larger(length, 1e-300);
+    closest = smaller(closest, ratio);
   }
 
-  // The column of a variable that is free no more: the last one takes its place.
-  void drop(int p) {
-    const int last = gram_free - 1;
-    for (int i = 0; i < basic; ++i) {
-      double* g = G + static_cast<std::ptrdiff_t>(i) * ld;
-      g[1 + p] = g[1 + last];
-      g[1 + last] = 0.0;
-    }
-    if (p != last) {
-      free[p] = free[last];
-      place[free[p]] = p;
-    }
-    gram_free = last;
-  }
-
-  // The reduced row in `size`, sum_j size_j x_j = size_0, makes its largest variable basic.
-  bool join(int row, int variable, double norm, double least = 0.0) {
-    if (gram_free == 0 || extras == kChanges) return false;
-    int q = 1;
-    for (int j = 2; j <= gram_free; ++j)
-      if (std::fabs(size[j]) > std::fabs(size[q])) q = j;
-    const double pivot = size[q];
-    if (!(std::fabs(pivot) > larger(1e-3 * norm, least)) || basic >= n) return false;
-    Extra& e = extra[extras++];
-    e.level = gram_level;
-    e.row = row;
-    e.variable = variable;
-    e.pivot = free[q - 1];
-    e.before = basic;
-    e.coefficient = pivot;
-    e.lambda = 0.0;
-    double* fresh = G + static_cast<std::ptrdiff_t>(basic) * ld;
-    const int width = lanes(gram_free + 1);
-    for (int j = 0; j < width; ++j) fresh[j] = j <= gram_free ? size[j] / pivot : 0.0;
-    fresh[q] = 0.0;
-    for (int i = 0; i < basic; ++i) {
-      double* g = G + static_cast<std::ptrdiff_t>(i) * ld;
-      const double f = e.column[i] = g[q];
-      g[q] = 0.0;
-      subtract(g, fresh, f, width);
-    }
-    const int entered = e.pivot;
-    base[basic] = entered;
-    ++basic;
-    drop(q - 1);
-    place[entered] = -1 - (basic - 1);
-    growth = larger(growth, norm / std::fabs(pivot));
-    return true;
-  }
+  double bound(int r, const std::int8_t* W) const { return W[r] == kLower ? table->lower[r] : table->upper[r]; }
 };
 
 }  // namespace HQP_ISA

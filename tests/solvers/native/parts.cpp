@@ -134,6 +134,8 @@ struct Two {
   ActiveSet set;
   Table& table = set.state.problem.table;
   Tableau& tableau = set.state.problem.tableau;
+  Levels& levels = set.state.problem.levels;
+  Updates& updates = set.state.problem.updates;
   std::vector<double> A = random_vector(2 * m * n), b = random_vector(2 * m);
   Level level[2];
   std::vector<std::int8_t> F = std::vector<std::int8_t>(n, kFree);
@@ -149,7 +151,7 @@ struct Two {
       level[k].m = m;
     }
     read_with(&b[0]);
-    tableau.choose_bias();
+    levels.choose_bias();
     tableau.recording = true;
   }
 
@@ -162,7 +164,7 @@ struct Two {
     if (!table.read(problem)) ++failures;
   }
   const double* factorise() {
-    tableau.factorise(table.kind, F.data());
+    levels.factorise(table.kind, F.data());
     return tableau.x;
   }
 };
@@ -191,12 +193,11 @@ static void updates() {
   for (int trial = 0; trial < 100; ++trial) {
     Two two;
     two.factorise();
-    Tableau& tableau = two.tableau;
     const double value = 0.3;
-    if (!tableau.rewind(1) || !tableau.hold(0, value)) continue;
+    if (!two.updates.rewind(1) || !two.updates.hold(0, value)) continue;
     ++updated;
-    tableau.resume(two.table.kind);
-    const std::vector<double> x(tableau.x, tableau.x + Two::n);
+    two.updates.resume(two.table.kind);
+    const std::vector<double> x(two.tableau.x, two.tableau.x + Two::n);
     two.table.hi[0] = value;
     two.F[0] = kUpper;
     const double* fresh = two.factorise();
