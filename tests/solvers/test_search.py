@@ -99,3 +99,9 @@ def test_a_row_short_beside_its_level_has_one_rank_by_update_and_by_factorisatio
     workspace = hqp.solvers.load("lexicographic").workspace(problem.shape)
     cold, warm = workspace.solve(problem), workspace.solve(problem)
     assert np.abs(cold.x - warm.x).max() < 1e-9 * np.abs(cold.x).max()
+
+
+def test_an_answer_that_another_rank_moves_is_uncertain() -> None:
+    """Only what rows are worth was varied once, not the rank: called OPTIMAL, warm and cold with norms 1e-6 apart."""
+    problem = fuzz.problem("row_scales", 11_000_049)[0]
+    assert hqp.solvers.load("lexicographic").solve(problem).status is Status.RANK_UNCERTAIN

@@ -76,6 +76,7 @@ class ActiveSet {
   static constexpr double kGood = 1e-10;     // an answer that was judged and has a larger gap is lowered level by level
   static constexpr double kDigits = 1e-12;   // of the data, relative: those that are not known
   static constexpr double kUnmoved = 1e-10;  // x moves by no more, relative: its ranks are certain enough
+  static constexpr double kOtherRanks[] = {0.1, 10.0};  // times the rank tolerance: each is nearly as right
   EqualityProblem& problem_ = state.problem;
   BlockExchange exchange_;
   PrimalDescent descent_;
@@ -141,12 +142,11 @@ class ActiveSet {
   }
 
   // Whether the working set has its point elsewhere than at x, or moves it by more than kUnmoved, relative, where what
-  // its rows are worth is off by kDigits.
+  // its rows are worth is off by kDigits, or where the rank tolerance is another.
   bool moves() {
     Table& table = problem_.table;
     const std::int8_t* W = problem_.set.W;
     const double* x = state.point.x;
-    const double size = larger(1.0, table.largest(x));
     bool still = !conditions_.deadline.passed();
     for (int pattern = 0; pattern < 3 && still; ++pattern) {
       for (int r = 0; r < table.rows && pattern; ++r) {
@@ -159,12 +159,30 @@ class ActiveSet {
       problem_.factorise();
       for (int r = 0; r < table.rows && pattern; ++r)
         if (W[r]) (W[r] == kLower ? table.lower[r] : table.upper[r]) = bound_[r];
-      for (int i = 0; i < table.n && still; ++i)
-        still = std::fabs(table.inside_box(i, problem_.tableau.x[i]) - x[i]) <= kUnmoved * size;
+      still = is_still();
     }
+    double& tolerance = problem_.tableau.rank_tolerance;
+    const double own = tolerance;
+    for (const double factor : kOtherRanks) {
+      if (!still) break;
+      tolerance = factor * own;
+      problem_.factorise();
+      still = is_still();
+    }
+    tolerance = own;
     problem_.factorise();
     table.product(problem_.tableau.x, problem_.values);
     return !still;
+  }
+
+  // Whether the equality problem has its solution at x, but for what does not count.
+  bool is_still() const {
+    const Table& table = problem_.table;
+    const double* x = state.point.x;
+    const double most = kUnmoved * larger(1.0, table.largest(x));
+    for (int i = 0; i < table.n; ++i)
+      if (!(std::fabs(table.inside_box(i, problem_.tableau.x[i]) - x[i]) <= most)) return false;
+    return true;
   }
 
   // The working set that the search level by level ended with, for the next problem.

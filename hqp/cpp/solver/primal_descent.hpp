@@ -146,7 +146,7 @@ class PrimalDescent {
     seen_.forget();
   }
 
-  // At the highest level that is held back: the strongest and those at least half as strong.
+  // At the highest level that is held back: the strongest and those at least a quarter as strong.
   void release_some() {
     const Multipliers& multipliers = state_.multipliers;
     const WrongSign* wrong = multipliers.to_release;
@@ -156,7 +156,7 @@ class PrimalDescent {
       if (wrong[q].level == level) most = larger(most, wrong[q].size);
     set_.changes.start(level);
     for (int q = 0; q < multipliers.count; ++q)
-      if (wrong[q].level == level && wrong[q].size >= 0.5 * most) set_.release(table_, wrong[q]);
+      if (wrong[q].level == level && wrong[q].size >= 0.25 * most) set_.release(table_, wrong[q]);
   }
 };
 
