@@ -5,6 +5,7 @@ Each test was seen to fail with its fault put in.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -102,6 +103,34 @@ def test_a_row_short_beside_its_level_has_one_rank_by_update_and_by_factorisatio
 
 
 def test_an_answer_that_another_rank_moves_is_uncertain() -> None:
-    """Only what rows are worth was varied once, not the rank: called OPTIMAL, warm and cold with norms 1e-6 apart."""
-    problem = fuzz.problem("row_scales", 11_000_049)[0]
+    """Only what rows are worth was varied once, not the rank: called OPTIMAL cold, and from a neighbour's working set
+    with norms 2.4e-3 apart."""
+    problem = fuzz.problem("conflicts", 11_000_546)[0]
     assert hqp.solvers.load("lexicographic").solve(problem).status is Status.RANK_UNCERTAIN
+
+
+def test_rows_of_different_length_have_one_answer_from_any_start() -> None:
+    """Rounding of a row of 1e6 hid the forces of the rows of 1 beside it: ||w_1|| was 0.0742 in place of 0.0659 in one
+    of these, from what had solved a neighbour, with status OPTIMAL; 14 of 300 such pairs differed."""
+    solver = hqp.solvers.load("lexicographic")
+    for seed in range(7000, 7100):
+        problem = fuzz.problem("row_scales", seed)[0]
+        cold = solver.solve(problem)
+        workspace = solver.workspace(problem.shape)
+        for change in (1e-3, 1e-1, 1.0):
+            workspace.reset()
+            workspace.solve(neighbour(problem, np.random.default_rng(seed), change))
+            warm = workspace.solve(problem)
+            assert np.all(np.abs(warm.norms - cold.norms) <= 1e-9 * fuzz.scales(problem, cold.x)), seed
+
+
+def neighbour(problem: Hierarchy, rng: np.random.Generator, change: float) -> Hierarchy:
+    levels = []
+    for rows in problem.levels:
+        lower, upper = (
+            np.where(np.isfinite(b), b * (1.0 + change * rng.standard_normal(b.shape)), b)
+            for b in (rows.lower, rows.upper)
+        )
+        upper = np.where(rows.lower == rows.upper, lower, np.maximum(lower, upper))
+        levels.append(dataclasses.replace(rows, lower=lower, upper=upper))
+    return dataclasses.replace(problem, levels=tuple(levels), stacked=None)

@@ -37,7 +37,7 @@ class ActiveSet {
     exchange_.start.layout(arena, n, total, count);
     descent_.layout(arena, n, total);
     conditions_.layout(arena, n, total, most, count);
-    level_search_.layout(arena, n, total, most);
+    level_search_.layout(arena, n, total);
     arena.place(from_, n);
     arena.place(bound_, total);
   }
@@ -125,7 +125,7 @@ class ActiveSet {
     }
     take_working_set();
     state.outcome = found ? Outcome::optimal : Outcome::not_certified;
-    if (found) doubt();
+    if (found && !(problem_.table.uneven && conditions_.closest >= SearchState::kDoubt)) doubt();
   }
 
   bool search_from(const double* x) {

@@ -5,6 +5,7 @@
 #include "null_directions.hpp"
 #include "null_space.hpp"
 #include "row_factor.hpp"
+#include "row_sorted_least_squares.hpp"
 #include "table.hpp"
 
 namespace hqp {
@@ -38,6 +39,8 @@ struct Conditions {
   int open_count = 0, active = 0;
   NullSpace null_space;             // of the rows fixed so far
   NonnegativeLeastSquares columns;  // the multipliers of the level at hand
+  RowSortedLeastSquares level;      // a level's rows on a face
+  int* order = nullptr;             // (rows of a level,) its rows, the longest first
   NullDirections unseen;            // once they are known rows are judged without them
   Deadline deadline;                // after it nothing that is found is usable
   double activity = kSlop;          // tolerance of activity, relative to a row's terms
@@ -54,6 +57,8 @@ struct Conditions {
     null_space.layout(arena, n);
     columns.layout(arena, n, all);
     factor_.layout(arena, n, all);
+    level.layout(arena, n, most);
+    arena.place(order, most);
     arena.place(x, n);
     arena.place(v, all);
     arena.place(terms, all);
@@ -68,6 +73,9 @@ struct Conditions {
     arena.place(w, most);
     arena.place(g_, n);
     arena.place(y_, n);
+    arena.place(t_, n);
+    arena.place(actives_, all);
+    arena.place(own_, most);
   }
 
   void wire(const Table* of) {
@@ -101,20 +109,18 @@ struct Conditions {
   // What is left of the level's gradient once the best multipliers of the active rows are taken away, relative.
   double gap_of(int k) {
     const Block& b = table->block[k];
-    active = columns.count = 0;
+    active = columns.count = own_count_ = 0;
     if (b.norm <= b.rounding || gradient(k) == 0.0) return 0.0;
-    for (int i = 0; i < n; ++i) y_[i] = -g_[i] / scale_;
-    twist(y_);
-    null_space.project(y_);
-    for (int a = 0; a < open_count; ++a) {
-      const int q = open[a];
-      if (state[q] != kOpen || !side[q]) continue;
-      const double* y = projected(q);
-      if (!(null_space.length(y) > kRank)) continue;
-      columns.column[active] = y + null_space.rank;
-      columns.sign[active] = side[q];
-      id[active++] = q;
+    if (b.graded) {
+      find_own_active(k);
+      if (!graded_gradient(k)) return 0.0;
+    } else {
+      for (int i = 0; i < n; ++i) y_[i] = -g_[i] / scale_;
+      twist(y_);
+      null_space.project(y_);
     }
+    for (int a = 0; a < candidates(); ++a)
+      if (is_active(candidate(a))) add_column(candidate(a));
     columns.count = active;
     return columns.solve(y_ + null_space.rank, null_space.freedom());
   }
@@ -135,7 +141,7 @@ struct Conditions {
     }
     const double floor = larger(1e-13 * b.norm, b.rounding);
     for (int r = b.begin; r < b.end; ++r)
-      if (t.kind[r] != kFree && t.norm[r] > floor) take(n + r, t.kind[r] == kEquality);
+      if (t.kind[r] != kFree && t.norm[r] > floor && state[n + r] != kFixed) take(n + r, t.kind[r] == kEquality);
     fix();
   }
 
@@ -188,6 +194,42 @@ struct Conditions {
     }
   }
 
+  // The rows of level k that miss or are equalities, as least squares in the null space of fixed and kept rows; if
+  // asked, with their coefficients along the kept rows as further columns. Returns how many they are. The kept rows
+  // stay in `null_space` until its rank is set back.
+  int set_face(int k, const int* kept, int count, bool with_kept = false) {
+    const Table& t = *table;
+    const Block& b = t.block[k];
+    const int base = null_space.rank;
+    int m = 0;
+    for (int r = b.begin; r < b.end; ++r) {
+      if (t.kind[r] == kFree || is_active(n + r) || (t.kind[r] != kEquality && w[r - b.begin] == 0.0)) continue;
+      projected(n + r);
+      order[m++] = r;
+    }
+    for (int i = 0; i < count; ++i) projected(kept[i]);
+    for (int i = 0; i < count && null_space.freedom(); ++i) {
+      const double length = turned(kept[i], base);
+      if (length > kRank) null_space.add(t_, length);
+    }
+    sort_by_length(m);
+    const int f = null_space.freedom();
+    for (int i = 0; i < m; ++i) {
+      const int r = order[i];
+      turned(n + r, base);
+      level.set(i, t_ + null_space.rank, f, t.norm[r], -w[r - b.begin], t_ + base,
+                with_kept ? null_space.rank - base : 0);
+    }
+    return m;
+  }
+
+  // What row r of level k misses and sums up, in magnitude.
+  double extent(int k, int r) const { return std::fabs(w[r - table->block[k].begin]) + terms[n + r]; }
+
+  // Rows that may hold the level at hand back: those that are open, or were, and its own at a bound where it is graded.
+  int candidates() const { return open_count + own_count_; }
+  int candidate(int a) const { return a < open_count ? open[a] : own_[a - open_count]; }
+
   // Row q of unit length as Q' a, brought up to date.
   const double* projected(int q) {
     double* y = rows_ + static_cast<std::ptrdiff_t>(q) * ld_;
@@ -213,11 +255,77 @@ struct Conditions {
  private:
   static constexpr double kData = 4e-15;   // rounding of rows of unit length
   static constexpr double kTurned = 5e-7;  // what it may make of a gap at most
+  static constexpr double kStill = 1e-12;  // a step of a graded level that is no step, relative to x
   RowFactor factor_;
-  int ld_ = 0, listed_ = 0;
-  double *rows_ = nullptr, *g_ = nullptr, *y_ = nullptr;
+  int ld_ = 0, listed_ = 0, own_count_ = 0;
+  double *rows_ = nullptr, *g_ = nullptr, *y_ = nullptr, *t_ = nullptr;
   double scale_ = 0.0;  // of the gradient at hand
-  int *applied_ = nullptr, *list_ = nullptr;
+  int *applied_ = nullptr, *list_ = nullptr, *actives_ = nullptr, *own_ = nullptr;
+
+  // A level's own inequalities at a bound, where that is nearer than a step that counts: what they miss may be anything
+  // so small, and so they have a multiplier like the open rows above.
+  void find_own_active(int k) {
+    const Table& t = *table;
+    const Block& b = t.block[k];
+    const double size = larger(1.0, t.largest(x));
+    for (int r = b.begin; r < b.end; ++r) {
+      const int q = n + r;
+      side[q] = kFree;
+      state[q] = kAhead;
+      if (t.kind[r] != kUpper) continue;
+      const double least = kStill * size * t.norm[r];
+      if (std::fabs(v[q] - t.upper[r]) <= least) side[q] = kUpper;
+      else if (std::fabs(v[q] - t.lower[r]) <= least) side[q] = kLower;
+      if (!side[q]) continue;
+      state[q] = kOpen;
+      own_[own_count_++] = q;
+    }
+  }
+
+  bool is_active(int q) const { return state[q] == kOpen && side[q]; }
+
+  void add_column(int q) {
+    const double* y = projected(q);
+    if (!(null_space.length(y) > kRank)) return;
+    columns.column[active] = y + null_space.rank;
+    columns.sign[active] = side[q];
+    id[active++] = q;
+  }
+
+  // y_ of a level whose rows differ in length; false where it is zero. Rounding of what a long row misses would hide
+  // the forces of the short ones: it is taken apart by least squares on the face of the active rows, and left out.
+  bool graded_gradient(int k) {
+    const int base = null_space.rank;
+    int count = 0;
+    for (int a = 0; a < candidates(); ++a)
+      if (is_active(candidate(a))) actives_[count++] = candidate(a);
+    const int m = set_face(k, actives_, count, true), f = null_space.freedom(), more = null_space.rank - base;
+    level.solve(m, f, 1e-14 / shortest, more);
+    const double size = larger(1.0, table->largest(x)), rounding = kData * size;
+    scale_ = level.gradient(m, f, more, rounding, kStill * size, rounding / kSlop, y_ + null_space.rank, y_ + base);
+    null_space.lift(y_, base);
+    null_space.rank = base;
+    if (scale_ == 0.0) return false;
+    for (int i = base; i < n; ++i) y_[i] /= scale_;
+    return true;
+  }
+
+  // Row q as `projected` left it, in t_, with the reflections from `base` on; the length of what they leave.
+  double turned(int q, int base) {
+    const double* from = row(q);
+    for (int j = 0; j < n; ++j) t_[j] = from[j];
+    null_space.project(t_, base);
+    return null_space.length(t_);
+  }
+
+  void sort_by_length(int m) {  // insertion: most levels have rows of similar length in order
+    for (int i = 1; i < m; ++i) {
+      const int r = order[i];
+      int j = i;
+      for (; j > 0 && table->norm[order[j - 1]] < table->norm[r]; --j) order[j] = order[j - 1];
+      order[j] = r;
+    }
+  }
 
   // Reflect along (1, 1.3, 1.6, 1, ...).
   void twist(double* y) const {

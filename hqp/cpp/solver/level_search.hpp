@@ -3,7 +3,6 @@
 
 #include "judge.hpp"
 #include "level_along_step.hpp"
-#include "row_sorted_least_squares.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
@@ -19,9 +18,7 @@ class LevelSearch {
 
   LevelSearch(Conditions& conditions, Judge& judge) : at_(conditions), judge_(judge) {}
 
-  void layout(Arena& arena, int n, int rows, int most) {
-    level_.layout(arena, n, most);
-    arena.place(order_, most);
+  void layout(Arena& arena, int n, int rows) {
     arena.place(d_, n);
     arena.place(dv_, n + rows);
     arena.place(kept_, n + rows);
@@ -56,10 +53,9 @@ class LevelSearch {
   static constexpr double kActive = 1e-10;  // activity, relative to the row's terms
   Conditions& at_;
   Judge& judge_;
-  RowSortedLeastSquares level_;  // the level's rows in what is left of the space
   int kept_count_ = 0;
   double *d_ = nullptr, *dv_ = nullptr, *t_ = nullptr;
-  int *order_ = nullptr, *kept_ = nullptr;
+  int* kept_ = nullptr;
 
   bool lower_all() {
     at_.begin(kActive);
@@ -167,50 +163,15 @@ class LevelSearch {
 
   // d: least squares over the rows of the level that miss or are equalities, in the null space of fixed and kept rows.
   bool direction(int k) {
-    const Table& t = *at_.table;
-    const Block& b = t.block[k];
-    const int base = at_.null_space.rank;
-    int m = 0;
-    double most = 0.0;
-    for (int r = b.begin; r < b.end; ++r) {
-      if (t.kind[r] == kFree) continue;
-      if (t.kind[r] != kEquality && at_.w[r - b.begin] == 0.0) continue;
-      at_.projected(at_.n + r);
-      most = larger(most, std::fabs(at_.w[r - b.begin]) + at_.terms[at_.n + r]);
-      order_[m++] = r;
-    }
-    for (int i = 0; i < kept_count_; ++i) at_.projected(kept_[i]);
-    for (int i = 0; i < kept_count_ && at_.null_space.freedom(); ++i) {
-      const double* from = at_.row(kept_[i]);
-      for (int j = 0; j < at_.n; ++j) t_[j] = from[j];
-      at_.null_space.project(t_, base);
-      const double length = at_.null_space.length(t_);
-      if (length > Conditions::kRank) at_.null_space.add(t_, length);
-    }
-    const int f = at_.null_space.freedom();
-    sort_by_length(m);
-    for (int i = 0; i < m; ++i) {
-      const int r = order_[i];
-      const double* from = at_.row(at_.n + r);
-      for (int j = 0; j < at_.n; ++j) t_[j] = from[j];
-      at_.null_space.project(t_, base);
-      level_.set(i, t_ + at_.null_space.rank, f, t.norm[r], -at_.w[r - b.begin]);
-    }
-    const double reach = f ? level_.solve(m, f, 1e-14 / at_.shortest) : 0.0;
+    const int base = at_.null_space.rank, m = at_.set_face(k, kept_, kept_count_), f = at_.null_space.freedom();
+    const double reach = f ? at_.level.solve(m, f, 1e-14 / at_.shortest) : 0.0;
     for (int i = 0; i < at_.null_space.rank; ++i) d_[i] = 0.0;
-    for (int j = 0; j < f; ++j) d_[at_.null_space.rank + j] = level_.z[j];
+    for (int j = 0; j < f; ++j) d_[at_.null_space.rank + j] = at_.level.z[j];
     at_.null_space.lift(d_);
     at_.null_space.rank = base;
+    double most = 0.0;
+    for (int i = 0; i < m; ++i) most = larger(most, at_.extent(k, at_.order[i]));
     return reach > 1e-14 * most;
-  }
-
-  void sort_by_length(int m) {  // insertion: most levels have rows of similar length in order
-    for (int i = 1; i < m; ++i) {
-      const int r = order_[i];
-      int j = i;
-      for (; j > 0 && at_.table->norm[order_[j - 1]] < at_.table->norm[r]; --j) order_[j] = order_[j - 1];
-      order_[j] = r;
-    }
   }
 
   // How far along d, at most 1: the open row that blocks, or where the level is lowest (blocking = -1).
@@ -224,8 +185,8 @@ class LevelSearch {
     }
     length = std::sqrt(length);
     double most = 1.0;
-    for (int a = 0; a < at_.open_count; ++a) {  // Harris: the bounds a little wider first
-      const int q = at_.open[a];
+    for (int a = 0; a < at_.candidates(); ++a) {  // Harris: the bounds a little wider first
+      const int q = at_.candidate(a);
       if (!towards(q, length)) continue;
       const double bound = dv_[q] > 0.0 ? at_.upper(q) : at_.lower(q),
                    room = (dv_[q] > 0.0 ? bound - at_.v[q] : at_.v[q] - bound) + margin(q);
@@ -234,8 +195,8 @@ class LevelSearch {
     blocking = -1;
     double alpha = 1.0, steepest = 0.0;
     if (most < 1.0)
-      for (int a = 0; a < at_.open_count; ++a) {
-        const int q = at_.open[a];
+      for (int a = 0; a < at_.candidates(); ++a) {
+        const int q = at_.candidate(a);
         if (!towards(q, length)) continue;
         const double bound = dv_[q] > 0.0 ? at_.upper(q) : at_.lower(q),
                      room = dv_[q] > 0.0 ? bound - at_.v[q] : at_.v[q] - bound;

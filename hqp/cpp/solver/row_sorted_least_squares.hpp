@@ -23,28 +23,31 @@ class RowSortedLeastSquares {
     arena.place(z, n + 1);
   }
 
-  // Row i: length times what is left of a row of unit length; rows come from the longest to the shortest.
-  void set(int i, const double* rest, int f, double length, double rhs) {
+  // Row i: length times what is left of a row of unit length, and of its coefficients of further columns; rows come
+  // from the longest to the shortest.
+  void set(int i, const double* rest, int f, double length, double rhs, const double* further = nullptr, int more = 0) {
     length_[i] = length;
     rhs_[i] = rhs;
     for (int j = 0; j < f; ++j) row(i)[j] = length * rest[j];
+    for (int j = 0; j < more; ++j) row(i)[f + j] = length * further[j];
   }
 
-  // min || B z - rhs || over m rows, f columns. A row of which less than kFlat, or than `least`, is left adds no
-  // direction. Returns the length of what B z takes away of rhs.
-  double solve(int m, int f, double least) {
+  // min || B z - rhs || over m rows, f columns; `more` columns after them are reflected along. A row of which less than
+  // kFlat, or than `least`, is left adds no direction. Returns the length of what B z takes away of rhs.
+  double solve(int m, int f, double least, int more = 0) {
     const double flat = larger(kFlat, least);
     for (int j = 0; j < f; ++j) column_[j] = j;
     int rank = 0;
     double reach = 0.0;
     while (rank < m && rank < f) {
-      m = leave_out_flat(rank, m, f, flat);
+      m = put_flat_last(rank, m, f, f + more, flat);
       if (rank == m) break;
       swap_columns(rank, longest_column(rank, m, f), m);
-      reflect_column(rank, m, f);
+      reflect_column(rank, m, f + more);
       reach += rhs_[rank] * rhs_[rank];
       ++rank;
     }
+    rank_ = rank;
     for (int j = 0; j < f; ++j) z[j] = 0.0;
     for (int i = rank - 1; i >= 0; --i) {
       double s = rhs_[i];
@@ -54,16 +57,36 @@ class RowSortedLeastSquares {
     return std::sqrt(reach);
   }
 
+  // B' rhs before the solution, of the columns and of the further ones; what a row missed that the solution meets
+  // counts only where it is more than rounding of its length, and than a step of `least`. Returns the size of the
+  // terms, each with `error` times the row's length more.
+  double gradient(int m, int f, int more, double rounding, double least, double error, double* y, double* further) {
+    double terms = 0.0;
+    for (int j = 0; j < f; ++j) y[j] = 0.0;
+    for (int j = 0; j < more; ++j) further[j] = 0.0;
+    for (int i = 0; i < m; ++i) {
+      const double miss = rhs_[i];
+      if (i < rank_ && std::fabs(miss) <= larger(rounding * length_[i], least * std::fabs(row(i)[i]))) continue;
+      const int first = i < rank_ ? i : f;
+      for (int j = first; j < f; ++j) y[column_[j]] += row(i)[j] * miss;
+      for (int j = 0; j < more; ++j) further[j] += row(i)[f + j] * miss;
+      double square = 0.0;
+      for (int j = first; j < f + more; ++j) square += row(i)[j] * row(i)[j];
+      terms += std::sqrt(square) * (std::fabs(miss) + error * length_[i]);
+    }
+    return terms;
+  }
+
  private:
   static constexpr double kFlat = 1e-9;
-  int wide_ = 0;
+  int wide_ = 0, rank_ = 0;
   double *B_ = nullptr, *rhs_ = nullptr, *length_ = nullptr, *size_ = nullptr, *mix_ = nullptr;
   int* column_ = nullptr;
 
   double* row(int i) { return B_ + static_cast<std::ptrdiff_t>(i) * wide_; }
 
-  // The rows that are left keep their order; their number.
-  int leave_out_flat(int rank, int m, int f, double flat) {
+  // Rows without a direction go to the end; the others keep their order. Their number.
+  int put_flat_last(int rank, int m, int f, int columns, double flat) {
     for (int i = rank; i < m;) {
       double most = 0.0;
       for (int j = rank; j < f; ++j) most = larger(most, std::fabs(row(i)[j]));
@@ -73,9 +96,9 @@ class RowSortedLeastSquares {
       }
       --m;
       for (int q = i; q < m; ++q) {
-        for (int j = 0; j < f; ++j) row(q)[j] = row(q + 1)[j];
-        rhs_[q] = rhs_[q + 1];
-        length_[q] = length_[q + 1];
+        for (int j = 0; j < columns; ++j) std::swap(row(q)[j], row(q + 1)[j]);
+        std::swap(rhs_[q], rhs_[q + 1]);
+        std::swap(length_[q], length_[q + 1]);
       }
     }
     return m;

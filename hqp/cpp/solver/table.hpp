@@ -17,6 +17,7 @@ struct Block {
   const double* scale;
   double norm;      // largest norm of a row that is not left out
   double rounding;  // no direction of the level is shorter: what rounding leaves of zero in this problem
+  bool graded;      // its rows differ in length: rounding of the longest hides the forces of the others
   int begin, end;
   int unequal_begin, unequal_end;  // of its inequalities in `unequal`
   bool equalities;                 // it has nothing else
@@ -204,8 +205,10 @@ struct Table {
     for (int k = 0; k < blocks; ++k) {
       Block& b = block[k];
       b.rounding = 2e-15 * most;
+      b.graded = false;
       const double usual = larger(1e-3 * b.norm, b.rounding);
       for (int r = b.begin; r < b.end; ++r) {
+        b.graded = b.graded || (kind[r] != kFree && norm[r] < 1e-2 * b.norm && norm[r] > b.rounding);
         uneven = uneven || (kind[r] != kFree && norm[r] < 1e-5 * b.norm && norm[r] > b.rounding);
         shortened = shortened || (kind[r] != kFree && norm[r] < 1e10 * b.rounding && norm[r] > b.rounding);
         if (kind[r] == kFree || norm[r] <= usual) continue;

@@ -283,9 +283,9 @@ static void level_search() {
     Judge judge(at);
     LevelSearch search(at, judge);
     Arena arena;
-    search.layout(arena, Two::n, two.table.rows, Two::n);
+    search.layout(arena, Two::n, two.table.rows);
     arena.take();
-    search.layout(arena, Two::n, two.table.rows, Two::n);
+    search.layout(arena, Two::n, two.table.rows);
     std::vector<double> x(Two::n);
     if (!search.search(x.data())) small("level search: not found", 1.0);
     small("level search: points", search.solves, 30);
@@ -298,20 +298,34 @@ static void level_search() {
   }
 }
 
-// Rows of lengths 1 to 1e-8, two of one direction: what is left has no part along any row but for rounding.
+// Rows of lengths 1 to 1e-8, two of one direction and one of none: what is left has no part along any row but for
+// rounding. The gradient along a further column, of the rows as they come, is B' rhs.
 static void row_sorted_least_squares() {
   const int m = 9, f = 6;
   for (int trial = 0; trial < 100; ++trial) {
-    Placed<RowSortedLeastSquares> part(f, m);
-    auto A = random_vector(m * f), rhs = random_vector(m);
+    Placed<RowSortedLeastSquares> part(f + 1, m);
+    auto A = random_vector(m * f), rhs = random_vector(m), further = random_vector(m);
     for (int j = 0; j < f; ++j) A[5 * f + j] = A[4 * f + j];
+    for (int j = 0; j < f; ++j) A[2 * f + j] = 0.0;
+    double along = 0.0;
     for (int i = 0; i < m; ++i) {
       const double length = std::pow(10.0, -i);
       rhs[i] *= length;
-      part.set(i, &A[i * f], f, length, rhs[i]);
+      part.set(i, &A[i * f], f, length, rhs[i], &further[i], 1);
       for (int j = 0; j < f; ++j) A[i * f + j] *= length;
+      along += length * further[i] * rhs[i];
     }
-    const double reach = part.solve(m, f, 0.0);
+    const double reach = part.solve(m, f, 0.0, 1);
+    double y[f], more, left;
+    part.gradient(m, f, 1, 0.0, 0.0, 0.0, y, &more);
+    small("row-sorted least squares: along a further column", more - along, 1e-13);
+    for (int j = 0; j < f; ++j) {
+      for (int i = 0; i < m; ++i) y[j] -= A[i * f + j] * rhs[i];
+      small("row-sorted least squares: along a column", y[j], 1e-13);
+    }
+    part.gradient(m, f, 1, kInfinity, 0.0, 0.0, y, &left);  // every row that the solution meets counts as rounding
+    for (int i = 0; i < m; ++i) left -= std::pow(10.0, -i) * further[i] * (rhs[i] - dot_any(&A[i * f], part.z, f));
+    small("row-sorted least squares: along a further column, what is left", left, 1e-13);
     std::vector<double> gradient(f);
     double taken = 0.0;
     for (int i = 0; i < m; ++i) {
