@@ -25,8 +25,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec, longest_row, row_lengths
+from hqp.arrays import Index, Mat, Vec, longest_row, row_lengths
 from hqp.errors import ProblemError
+from hqp.graded import is_graded, pull
 from hqp.nnls import nonnegative_least_squares
 from hqp.null_directions import without_rounding
 from hqp.pricing import Coordinates, after_stages, feasible_set, is_met, stage_price
@@ -48,7 +49,10 @@ class Certificate:
 
     gaps: ``(levels + 1,)``, dimensionless, the completion (metric, origin, least norm) last.  Level k's is the
     projected gradient divided by r_k (r_k + max |w_k| + max_i sum_j |a_ij x_j|), r_k its largest row norm: about the
-    relative error of x in the directions that the level determines well, and blind to the scale of a level.
+    relative error of x in the directions that the level determines well, and blind to the scale of a level. Where its
+    rows differ in length by more than 100 (hqp.graded) it is what the step to the best point on the face of the active
+    rows takes away of a row, relative to its length, or the gradient there, divided by the sum of what the rows pull
+    that the face cannot meet: errors in directions that only short rows determine show as well.
     norms: ``(levels,)``, ||w_k||.  ranks: ``(levels + 1,)``, directions that each level fixed.
     multipliers: per level k ``(m_0 + ... + m_k,)``, as in Solution.multipliers.
     rounding: ``(levels + 1,)``, the part of a gap that rounding of the rows above may have made (5e-7 at most): 4e-15
@@ -237,7 +241,10 @@ def _verdict(problem: Hierarchy, x: Vec, tolerance: float, lock: float, rank: fl
             longest = 0.0
         scale = longest * (longest + np.abs(w).max(initial=0.0) + terms.max(initial=0.0))
         missed = np.where(np.abs(w) > NULL_SPACE_ROUNDING * terms, w, 0.0)  # what is less is rounding of the terms
-        gap, shares = judge.judge(A.T @ missed, scale)
+        if is_graded(lengths, zero) and np.any(missed):
+            gap, shares = judge.judge_graded(A, rows, missed, np.where(lengths > zero, lengths, 0.0), x)
+        else:
+            gap, shares = judge.judge(A.T @ missed, scale)
         gaps.append(gap)
         rounding.append(judge.rounding)
         norms.append(float(np.linalg.norm(w)))
@@ -279,29 +286,65 @@ class _Judge:
         self.fixed = np.zeros(0, dtype=bool)
         self.side: Vec = np.zeros(0)  # +1 active at upper, -1 at lower, 0 neither
         self._positive = np.zeros(0, dtype=bool)
+        self._own: Index = np.zeros(0, dtype=np.intp)  # rows of the level just judged that have a multiplier themselves
 
     @property
     def rounding(self) -> float:
         """What rounding of the rows, those that were fixed and those with a multiplier, may have made of the gap."""
         return min(NULL_SPACE_ROUNDING * (1.0 / self.shortest + self._forces), LARGEST_ROUNDING)
 
-    def judge(self, gradient: Vec, scale: float) -> tuple[float, Vec]:
-        """Relative gap of a gradient, and the multiplier of every row so far."""
+    def judge_graded(self, A: Mat, rows: Rows, slack: Vec, lengths: Vec, x: Vec) -> tuple[float, Vec]:
+        """The same of A' slack where rows of the level differ in length; lengths: zero for a row that counts as none.
+
+        The level's own inequalities within a step that does not count of a bound have a multiplier like the rows above.
+        """
+        size, value = max(1.0, float(np.abs(x).max(initial=0.0))), A @ x
+        near = self.tolerance * size * lengths
+        at_upper, at_lower = np.abs(value - rows.upper) <= near, np.abs(value - rows.lower) <= near
+        equality = (rows.lower == rows.upper) | (at_upper & at_lower)
+        side = np.where(at_upper, 1.0, np.where(at_lower, -1.0, 0.0))
+        side[equality | (lengths == 0.0)] = 0.0
+        unit = np.divide(A, lengths[:, None], out=np.zeros_like(A), where=lengths[:, None] > 0.0)
+        own = np.flatnonzero(side)
+        held = np.concatenate([self.unit[(self.side != 0.0) & ~self.fixed], unit[own]]) @ self.Z
+        _, sigma, Vt = np.linalg.svd(held, full_matrices=True)
+        along, face = np.split(Vt, [int(np.count_nonzero(sigma > self.rank))])
+        left = np.flatnonzero((lengths > 0.0) & (side == 0.0) & ((slack != 0.0) | equality))
+        B = A[left] @ self.Z
+        found = pull(B @ face.T, B @ along.T, slack[left], lengths[left], size, self.tolerance)
+        gap, shares = self.judge(self.Z @ (along.T @ found.along), found.size, own, side[own, None] * unit[own])
+        return max(gap, found.taken), shares
+
+    def judge(
+        self, gradient: Vec, scale: float, own: Index | None = None, normals: Mat | None = None
+    ) -> tuple[float, Vec]:
+        """Relative gap of a gradient, and the multiplier of every row so far.
+
+        own, normals: rows of the level itself that have a multiplier, of unit length and outwards.
+        """
         shares = np.zeros(self.side.size)
         self._positive = np.zeros(self.side.size, dtype=bool)
+        self._own = np.zeros(0, dtype=np.intp)
         self._forces = 0.0
         if scale <= 0.0:
             return 0.0, shares
         target = -(gradient @ self.Z) / scale
         active = np.flatnonzero((self.side != 0.0) & ~self.fixed)
         cone = (self.side[active, None] * (self.unit[active] @ self.Z)).T
+        if normals is not None:
+            cone = np.column_stack([cone, (normals @ self.Z).T])
         mu = nonnegative_least_squares(cone, target)
         gap = float(np.linalg.norm(target - cone @ mu))
         self._forces = float(mu.sum())
-        shares[active] = self.side[active] * mu
+        shares[active] = self.side[active] * mu[: active.size]
         force = mu * np.linalg.norm(cone, axis=0)  # in the null space: what the level rises by, a unit step off the row
-        self._positive[active] = force > max(self.lock, 100.0 * gap)  # what the gap could have made says nothing
+        positive = force > max(self.lock, 100.0 * gap)  # what the gap could have made says nothing
+        self._positive[active] = positive[: active.size]
+        if own is not None:
+            self._own = own[positive[active.size :]]
         rest = -gradient / scale - self.unit.T @ shares
+        if normals is not None:
+            rest -= normals.T @ mu[active.size :]
         if self.fixed.any():
             shares[self.fixed] = np.linalg.lstsq(self.unit[self.fixed].T, rest, rcond=1e-12)[0]
         return gap, scale * np.divide(shares, self.lengths, out=shares, where=self.lengths > 0.0)
@@ -315,6 +358,7 @@ class _Judge:
         at_upper, at_lower = value >= upper - slop, value <= lower + slop
         beyond = (value > upper + slop) | (value < lower - slop)
         fixed = real & ((at_upper & at_lower) | beyond)
+        fixed[self._own] = True
         side = np.where(at_upper, 1.0, np.where(at_lower, -1.0, 0.0)) * (real & ~fixed)
         locked = self.unit[self._positive]
         self.fixed[self._positive] = True

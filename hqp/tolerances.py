@@ -25,6 +25,12 @@ direction they fix."""
 LARGEST_ROUNDING = 5e-7
 """What rounding may make of a gap at most, however short a direction is."""
 
+GRADED_ROWS = 1e-2
+"""A level with a row shorter than this, relative to its longest, is judged row by row (hqp/graded.py)."""
+
+FLAT_ROW = 1e-9
+"""A row of unit length of which less is left adds no direction to least squares over sorted rows."""
+
 METRIC_TOLERANCE = 1e-10
 """Of its largest diagonal entry: pivots of the metric below this fraction count as zero."""
 

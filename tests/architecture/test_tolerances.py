@@ -18,6 +18,8 @@ SAME = {
     ("solver/conditions.hpp", "kTurned"): "LARGEST_ROUNDING",
     ("solver/judge.hpp", "kLock"): "LOCK_TOLERANCE",
     ("solver/judge.hpp", "kLeastLock"): "SMALLEST_LOCK",
+    ("solver/row_sorted_least_squares.hpp", "kFlat"): "FLAT_ROW",
+    ("solver/table.hpp", "kGraded"): "GRADED_ROWS",
     ("solver/lexicographic.hpp", "kActive"): "ACTIVITY_TOLERANCE",
     ("solver/lexicographic.hpp", "kViolated"): "VIOLATION_TOLERANCE",
     ("solver/problem.hpp", "rank_tolerance"): "RANK_TOLERANCE",

@@ -219,6 +219,40 @@ def test_gaps_are_blind_to_the_scale_of_a_level() -> None:
         np.testing.assert_allclose(certificate(Hierarchy(tuple(levels)), x).gaps, base, rtol=1e-6, atol=1e-12)
 
 
+@pytest.mark.parametrize("length", [1e3, 1e6])
+def test_an_error_that_only_short_rows_see_is_refused(length: float) -> None:
+    """Two rows of length 1 that conflict beside one of ``length``: their optimum, and points off it along the long row.
+    A gap relative to the longest row was 1e-14 at 1e6."""
+    A = np.array([[length, 0.0], [0.3, 1.0], [0.0, 1.0]])
+    goal = np.array([0.2 * length, 0.5, -0.25])
+    problem = Hierarchy((Rows(np.array([[1.0, 1.0]]), np.array([-9.0]), np.array([9.0])), Rows(A, goal, goal)))
+    x = np.linalg.lstsq(A, goal, rcond=None)[0]
+    assert certificate(problem, x, 1e-8).ok
+    for off in (1e-4, 1e-2, 1.0):
+        assert certificate(problem, x + [0.0, off]).gaps[1] > 0.1 * off
+
+    def best(second: float) -> np.ndarray:
+        return np.array([(A[:, 0] @ (goal - A[:, 1] * second)) / (A[:, 0] @ A[:, 0]), second])
+
+    held = Hierarchy((Rows(np.array([[0.0, 1.0]]), np.array([-9.0]), np.array([-0.5])), Rows(A, goal, goal)))
+    x = best(-0.5)  # the short rows pull against the bound
+    assert certificate(held, x, 1e-8).ok
+    assert not certificate(held, x - [0.0, 1e-2]).ok
+    freed = Hierarchy((Rows(np.array([[0.0, 1.0]]), np.array([0.5]), np.array([9.0])), Rows(A, goal, goal)))
+    assert certificate(freed, best(0.5), 1e-8).ok
+    wrong = Hierarchy((Rows(np.array([[0.0, 1.0]]), np.array([-9.0]), np.array([0.5])), Rows(A, goal, goal)))
+    assert not certificate(wrong, best(0.5)).ok  # a bound that holds nothing back
+
+
+def test_inequalities_of_a_graded_level_at_a_bound_may_hold_it_back() -> None:
+    """A long inequality that a short row leans on: its force is a slack below rounding."""
+    A, upper = np.array([[1e6, 0.0], [1.0, 0.0]]), np.array([1e6, 3.0])
+    problem = Hierarchy((Rows(A, np.array([-np.inf, 3.0]), upper),))
+    x = np.array([1.0 + 2e-12, 0.0])
+    assert certificate(problem, x, 1e-8).ok
+    assert not certificate(problem, np.array([0.99, 0.0])).ok
+
+
 def test_what_is_no_answer_at_all() -> None:
     problem = Hierarchy((Rows(np.eye(2), np.ones(2), np.ones(2)),))
     verdict = certificate(problem, np.array([np.nan, 0.0]))

@@ -273,9 +273,8 @@ struct Conditions {
       side[q] = kFree;
       state[q] = kAhead;
       if (t.kind[r] != kUpper) continue;
-      const double least = kStill * size * t.norm[r];
-      if (std::fabs(v[q] - t.upper[r]) <= least) side[q] = kUpper;
-      else if (std::fabs(v[q] - t.lower[r]) <= least) side[q] = kLower;
+      const double to_upper = std::fabs(v[q] - t.upper[r]), to_lower = std::fabs(v[q] - t.lower[r]);
+      if (smaller(to_upper, to_lower) <= kStill * size * t.norm[r]) side[q] = to_upper <= to_lower ? kUpper : kLower;
       if (!side[q]) continue;
       state[q] = kOpen;
       own_[own_count_++] = q;
@@ -301,8 +300,8 @@ struct Conditions {
       if (is_active(candidate(a))) actives_[count++] = candidate(a);
     const int m = set_face(k, actives_, count, true), f = null_space.freedom(), more = null_space.rank - base;
     level.solve(m, f, 1e-14 / shortest, more);
-    const double size = larger(1.0, table->largest(x)), rounding = kData * size;
-    scale_ = level.gradient(m, f, more, rounding, kStill * size, rounding / kSlop, y_ + null_space.rank, y_ + base);
+    scale_ = level.gradient(m, f, more, larger(1.0, table->largest(x)), kData, kStill, kData / kSlop,
+                            y_ + null_space.rank, y_ + base);
     null_space.lift(y_, base);
     null_space.rank = base;
     if (scale_ == 0.0) return false;

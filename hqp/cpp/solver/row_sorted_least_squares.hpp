@@ -59,20 +59,21 @@ class RowSortedLeastSquares {
 
   // B' rhs before the solution, of the columns and of the further ones; what a row missed that the solution meets
   // counts only where it is more than rounding of its length, and than a step of `least`. Returns the size of the
-  // terms, each with `error` times the row's length more.
-  double gradient(int m, int f, int more, double rounding, double least, double error, double* y, double* further) {
+  // terms, of coefficients and misses with `error` times the row's length more, and of x.
+  double gradient(int m, int f, int more, double size, double rounding, double least, double error, double* y,
+                  double* further) {
     double terms = 0.0;
     for (int j = 0; j < f; ++j) y[j] = 0.0;
     for (int j = 0; j < more; ++j) further[j] = 0.0;
     for (int i = 0; i < m; ++i) {
       const double miss = rhs_[i];
-      if (i < rank_ && std::fabs(miss) <= larger(rounding * length_[i], least * std::fabs(row(i)[i]))) continue;
+      if (i < rank_ && std::fabs(miss) <= size * larger(rounding * length_[i], least * std::fabs(row(i)[i]))) continue;
       const int first = i < rank_ ? i : f;
       for (int j = first; j < f; ++j) y[column_[j]] += row(i)[j] * miss;
       for (int j = 0; j < more; ++j) further[j] += row(i)[f + j] * miss;
       double square = 0.0;
       for (int j = first; j < f + more; ++j) square += row(i)[j] * row(i)[j];
-      terms += std::sqrt(square) * (std::fabs(miss) + error * length_[i]);
+      terms += (std::sqrt(square) + error * length_[i]) * (std::fabs(miss) + error * size * length_[i]);
     }
     return terms;
   }

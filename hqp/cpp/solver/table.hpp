@@ -24,6 +24,7 @@ struct Block {
 };
 
 struct Table {
+  static constexpr double kGraded = 1e-2;  // a row so much shorter than the longest makes a level graded
   int n = 0, blocks = 0, rows = 0, inequalities = 0;
   int first = 0;  // 1 if level 0 became the box
   double reach =
@@ -208,7 +209,7 @@ struct Table {
       b.graded = false;
       const double usual = larger(1e-3 * b.norm, b.rounding);
       for (int r = b.begin; r < b.end; ++r) {
-        b.graded = b.graded || (kind[r] != kFree && norm[r] < 1e-2 * b.norm && norm[r] > b.rounding);
+        b.graded = b.graded || (kind[r] != kFree && norm[r] < kGraded * b.norm && norm[r] > b.rounding);
         uneven = uneven || (kind[r] != kFree && norm[r] < 1e-5 * b.norm && norm[r] > b.rounding);
         shortened = shortened || (kind[r] != kFree && norm[r] < 1e10 * b.rounding && norm[r] > b.rounding);
         if (kind[r] == kFree || norm[r] <= usual) continue;

@@ -317,13 +317,13 @@ static void row_sorted_least_squares() {
     }
     const double reach = part.solve(m, f, 0.0, 1);
     double y[f], more, left;
-    part.gradient(m, f, 1, 0.0, 0.0, 0.0, y, &more);
+    part.gradient(m, f, 1, 1.0, 0.0, 0.0, 0.0, y, &more);
     small("row-sorted least squares: along a further column", more - along, 1e-13);
     for (int j = 0; j < f; ++j) {
       for (int i = 0; i < m; ++i) y[j] -= A[i * f + j] * rhs[i];
       small("row-sorted least squares: along a column", y[j], 1e-13);
     }
-    part.gradient(m, f, 1, kInfinity, 0.0, 0.0, y, &left);  // every row that the solution meets counts as rounding
+    part.gradient(m, f, 1, 1.0, kInfinity, 0.0, 0.0, y, &left);  // every row that the solution meets counts as rounding
     for (int i = 0; i < m; ++i) left -= std::pow(10.0, -i) * further[i] * (rhs[i] - dot_any(&A[i * f], part.z, f));
     small("row-sorted least squares: along a further column, what is left", left, 1e-13);
     std::vector<double> gradient(f);
