@@ -59,6 +59,9 @@ Kernel: TypeAlias = tuple[Callable[[], Counts], Vec, Signs, object]
 Found: TypeAlias = tuple[Mat, Vec, int, Hierarchy]
 """The stage points, the last of them, steps taken, and the exact hierarchy that is left."""
 
+BEGINS = (0, 1)
+"""Outcomes of a kernel from which stages can start: an optimum, also one of uncertain rank."""
+
 UNSETTLED = 99
 """Outcome of a kernel's solve that does not settle every priced level."""
 
@@ -212,7 +215,7 @@ class StagedWorkspace:
             else:
                 counts = self._in_the_rest(solve)
             self._latest = self._exact
-            if counts[0]:
+            if counts[0] not in BEGINS:
                 return counts
             first = stages(x, points, end, 0, self._left())
             return counts if first < 0 else (UNSETTLED, *counts[1:])
@@ -233,7 +236,7 @@ class StagedWorkspace:
             return None
         solve, values, *_ = kernel
         counts = solve()
-        if counts[0]:
+        if counts[0] not in BEGINS:
             return None
         first = self._native.solve(values[: self._shape.n], self._points, self._end, head, self._left())
         return None if first < 0 else (UNSETTLED, *counts[1:])

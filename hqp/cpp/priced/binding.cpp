@@ -169,13 +169,12 @@ class Stages final : public hqp::SolveCall {
       if (at == heads_.end()) return {hqp::kAskPython};
       head_ = 0;
       hqp::Solved solved = at->solve->run(v);
-      if (!solved.outcome && staged(at->x, level) >= 0) return answered(solved, v);
+      if (begins(solved) && staged(at->x, level) >= 0) return answered(solved, v);
       if (limit_ > 0.0) exact_->limit(left());
     }
     hqp::Solved solved = exact_->run(v);
     if (level && limit_ > 0.0) exact_->limit(limit_);
-    if (solved.outcome) return solved;
-    return staged(x_, 0) >= 0 ? answered(solved, v) : solved;
+    return begins(solved) && staged(x_, 0) >= 0 ? answered(solved, v) : solved;
   }
   // Time for run() [s], none for 0.
   void limit(double seconds) override { limit_ = seconds; }
@@ -258,6 +257,11 @@ class Stages final : public hqp::SolveCall {
   int staged(const double* x, int head) {
     const Turn turn(busy_);
     return found(stages_->solve(x, head, left(), to_, end_));
+  }
+
+  // Whether stages can start from an answer: one of uncertain rank keeps to the levels above as well.
+  static bool begins(const hqp::Solved& solved) {
+    return solved.outcome == hqp::kOptimal || solved.outcome == hqp::kUncertain;
   }
 
   // The answer below the stages; kUnsettled where there is more to tell than an optimum.
