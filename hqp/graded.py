@@ -35,7 +35,8 @@ def pull(face: Mat, along: Mat, slack: Vec, lengths: Vec, size: float, tolerance
     """along' w after the step that is best for ||w||, w = slack + face step.
 
     face: ``(m, f)`` rows in coordinates of the face of all active rows; along: ``(m, k)`` in those of the active rows;
-    slack, lengths: ``(m,)``; size: of x.  Terms count with what rounding of the row may make of them, over tolerance.
+    slack, lengths: ``(m,)``; size: of x.  A term is what the row pulls and what it would pull, had it
+    missed by its length times x, and rounding of either over tolerance: a gap is about the relative error of x.
     """
     order = np.argsort(-lengths, kind="stable")
     T, lengths = np.column_stack([face, along, slack])[order], lengths[order]
@@ -56,6 +57,7 @@ def pull(face: Mat, along: Mat, slack: Vec, lengths: Vec, size: float, tolerance
         rank += 1
     taken = np.abs(T[:rank, -1]) / (size * lengths[:rank])
     A, w = T[rank:, f:-1], T[rank:, -1]
-    rounding = NULL_SPACE_ROUNDING / tolerance * lengths[rank:]
-    terms = (np.linalg.norm(A, axis=1) + rounding) * (np.abs(w) + size * rounding)
+    own = lengths[rank:]
+    rounding = NULL_SPACE_ROUNDING / tolerance * own
+    terms = np.linalg.norm(A, axis=1) * (np.abs(w) + size * own) + rounding * (np.abs(w) + size * rounding)
     return Pull(A.T @ w, float(terms.sum()), float(taken.max(initial=0.0)))

@@ -106,6 +106,20 @@ def row_scales(rng: Generator) -> list[Hierarchy]:
 
 
 @kind
+def zero_rows(rng: Generator) -> list[Hierarchy]:
+    """Rows of no direction among rows of one level whose norms differ by up to 1e12; all goals can be met."""
+    n, levels = int(rng.integers(2, 9)), []
+    for _ in range(int(rng.integers(1, 5))):
+        m = int(rng.integers(2, 7))
+        A = rng.normal(size=(m, n)) * 10.0 ** rng.uniform(-6.0, 6.0, size=(m, 1))
+        b = A @ rng.normal(size=n) * float(rng.choice([0.0, 1.0, 1.0]))
+        none = rng.random(m) < 0.3
+        A[none], b[none] = 0.0, rng.choice([0.0, 1e-3, 1.0], size=int(none.sum()))
+        levels.append(rows(A, b, rng, float(rng.choice([0.0, 0.5, 1.0]))))
+    return [finish(rng, n, levels)]
+
+
+@kind
 def level_scales(rng: Generator) -> list[Hierarchy]:
     """Levels whose norms differ by up to 1e12."""
     n = int(rng.integers(2, 15))

@@ -124,6 +124,16 @@ def test_rows_of_different_length_have_one_answer_from_any_start() -> None:
             assert np.all(np.abs(warm.norms - cold.norms) <= 1e-9 * fuzz.scales(problem, cold.x)), seed
 
 
+@pytest.mark.parametrize("bound", [0.0, 1.0])
+def test_a_row_of_zeros_beside_rows_of_different_length_says_nothing(bound: float) -> None:
+    """Taken for a row with a direction it made NaN of the verdict: NOT_CERTIFIED."""
+    A = np.array([[-4051.0, -12107.0], [-1.6997e-6, -5.3274e-6], [0.0, 0.0]])
+    problem = Hierarchy((Rows(A, np.array([1487.0, -inf, bound]), np.array([inf, 5.9e-7, bound])),))
+    solution = hqp.solvers.load("lexicographic").solve(problem)
+    assert solution.status in (Status.OPTIMAL, Status.RANK_UNCERTAIN)
+    assert certificate(problem, solution.x).ok
+
+
 def neighbour(problem: Hierarchy, rng: np.random.Generator, change: float) -> Hierarchy:
     levels = []
     for rows in problem.levels:

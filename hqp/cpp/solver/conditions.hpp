@@ -39,7 +39,7 @@ struct Conditions {
   int open_count = 0, active = 0;
   NullSpace null_space;             // of the rows fixed so far
   NonnegativeLeastSquares columns;  // the multipliers of the level at hand
-  RowSortedLeastSquares level;      // a level's rows on a face
+  RowSortedLeastSquares face;       // the level at hand on a face
   int* order = nullptr;             // (rows of a level,) its rows, the longest first
   NullDirections unseen;            // once they are known rows are judged without them
   Deadline deadline;                // after it nothing that is found is usable
@@ -57,7 +57,7 @@ struct Conditions {
     null_space.layout(arena, n);
     columns.layout(arena, n, all);
     factor_.layout(arena, n, all);
-    level.layout(arena, n, most);
+    face.layout(arena, n, most);
     arena.place(order, most);
     arena.place(x, n);
     arena.place(v, all);
@@ -139,9 +139,8 @@ struct Conditions {
       held[q] = side[q];
       list_[listed_++] = q;
     }
-    const double floor = larger(1e-13 * b.norm, b.rounding);
     for (int r = b.begin; r < b.end; ++r)
-      if (t.kind[r] != kFree && t.norm[r] > floor && state[n + r] != kFixed) take(n + r, t.kind[r] == kEquality);
+      if (is_row(b, r) && state[n + r] != kFixed) take(n + r, t.kind[r] == kEquality);
     fix();
   }
 
@@ -203,7 +202,7 @@ struct Conditions {
     const int base = null_space.rank;
     int m = 0;
     for (int r = b.begin; r < b.end; ++r) {
-      if (t.kind[r] == kFree || is_active(n + r) || (t.kind[r] != kEquality && w[r - b.begin] == 0.0)) continue;
+      if (!is_row(b, r) || is_active(n + r) || (t.kind[r] != kEquality && w[r - b.begin] == 0.0)) continue;
       projected(n + r);
       order[m++] = r;
     }
@@ -217,8 +216,8 @@ struct Conditions {
     for (int i = 0; i < m; ++i) {
       const int r = order[i];
       turned(n + r, base);
-      level.set(i, t_ + null_space.rank, f, t.norm[r], -w[r - b.begin], t_ + base,
-                with_kept ? null_space.rank - base : 0);
+      face.set(i, t_ + null_space.rank, f, t.norm[r], -w[r - b.begin], t_ + base,
+               with_kept ? null_space.rank - base : 0);
     }
     return m;
   }
@@ -272,13 +271,18 @@ struct Conditions {
       const int q = n + r;
       side[q] = kFree;
       state[q] = kAhead;
-      if (t.kind[r] != kUpper) continue;
+      if (t.kind[r] != kUpper || !is_row(b, r)) continue;
       const double to_upper = std::fabs(v[q] - t.upper[r]), to_lower = std::fabs(v[q] - t.lower[r]);
       if (smaller(to_upper, to_lower) <= kStill * size * t.norm[r]) side[q] = to_upper <= to_lower ? kUpper : kLower;
       if (!side[q]) continue;
       state[q] = kOpen;
       own_[own_count_++] = q;
     }
+  }
+
+  // Whether a row of a level has a direction: it is not left out, nor zero but for rounding.
+  bool is_row(const Block& b, int r) const {
+    return table->kind[r] != kFree && table->norm[r] > larger(1e-13 * b.norm, b.rounding);
   }
 
   bool is_active(int q) const { return state[q] == kOpen && side[q]; }
@@ -299,9 +303,9 @@ struct Conditions {
     for (int a = 0; a < candidates(); ++a)
       if (is_active(candidate(a))) actives_[count++] = candidate(a);
     const int m = set_face(k, actives_, count, true), f = null_space.freedom(), more = null_space.rank - base;
-    level.solve(m, f, 1e-14 / shortest, more);
-    scale_ = level.gradient(m, f, more, larger(1.0, table->largest(x)), kData, kStill, kData / kSlop,
-                            y_ + null_space.rank, y_ + base);
+    face.solve(m, f, 1e-14 / shortest, more);
+    scale_ = face.gradient(m, f, more, larger(1.0, table->largest(x)), kData, kStill, kData / kSlop,
+                           y_ + null_space.rank, y_ + base);
     null_space.lift(y_, base);
     null_space.rank = base;
     if (scale_ == 0.0) return false;

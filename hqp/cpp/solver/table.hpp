@@ -240,7 +240,8 @@ struct Table {
       const double square = a ? dot_any(a, a, n) : level.scale[i] * level.scale[i];
       if (!(square < kInfinity)) return false;
       norm[r] = std::sqrt(square);
-      kind[r] = l == u ? kEquality : (l == -kInfinity && u == kInfinity) ? kFree : kUpper;
+      const bool says_nothing = square == 0.0 || (l == -kInfinity && u == kInfinity);
+      kind[r] = says_nothing ? kFree : l == u ? kEquality : kUpper;
       b.equalities = b.equalities && kind[r] == kEquality;
       if (kind[r] == kUpper) unequal[inequalities++] = r;
       if (kind[r] == kFree) continue;
