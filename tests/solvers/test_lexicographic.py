@@ -16,6 +16,7 @@ from hqp.errors import DeclarationError, SolverNotInstalled
 from hqp.solvers import lexicographic
 from hqp.solvers.lexicographic import Lexicographic, NativeWorkspace
 from hqp.solvers.reference import Reference
+from tests.solvers import fuzz
 
 RANDOM = 10_000
 
@@ -91,6 +92,17 @@ def test_the_textbook_reference_agrees() -> None:
         np.testing.assert_allclose(kernel.x, reference.x, rtol=0.0, atol=1e-6 * (1.0 + abs(reference.x).max()))
         compared += 1
     assert compared > 150
+
+
+def test_the_reference_is_judged_where_rows_of_a_level_differ_in_length() -> None:
+    statuses = []
+    for seed in range(60):
+        problem = fuzz.problem("row_scales", seed)[0]
+        reference = Reference().solve(problem)
+        assert reference.status is not Status.OPTIMAL or certificate(problem, reference.x, 1e-8).ok, seed
+        statuses.append(reference.status)
+    assert statuses.count(Status.OPTIMAL) > 30
+    assert Status.NOT_CERTIFIED in statuses
 
 
 def test_bounds_hold_exactly() -> None:
