@@ -21,7 +21,7 @@ the exact hierarchy in which every priced level is replaced by what it hands dow
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -123,6 +123,7 @@ def certificate(
 def _priced(problem: Hierarchy, x: Vec, tolerance: float, stages: Mat | None, settled: bool) -> Certificate:
     from hqp.solvers.reference import witness  # a solver: needed only where the caller has no witness
 
+    problem = _without_rounding_levels(problem)
     if stages is not None and stages.shape != (len(problem.levels), problem.n):
         raise ProblemError(f"certificate: stages must be {(len(problem.levels), problem.n)}, given {stages.shape}")
     if settled:
@@ -134,13 +135,32 @@ def _priced(problem: Hierarchy, x: Vec, tolerance: float, stages: Mat | None, se
     final = certificate(exact, x, tolerance)
     gaps = final.gaps.copy()
     for k, priced in enumerate(problem.priced):
-        if priced and not np.isnan(known[: k + 1, 0][np.array(problem.priced[: k + 1])]).any():
+        lacking = np.isnan(known[: k + 1, 0])[np.array(problem.priced[: k + 1])].any()
+        if priced and not lacking and _asks(problem.levels[k], problem.n):
             gaps[k] = max(gaps[k], _stage_gap(problem, known, k, x, at, tolerance))
     norms = np.array([float(np.linalg.norm(w)) for w in problem.slacks(x)])
     own = [rows.m for rows in problem.levels]
     places = [np.arange(m) + sum(rows.m for rows in exact.levels[:k]) for k, m in enumerate(own)]
     multipliers = tuple(final.multipliers[k][np.concatenate(places[: k + 1])] for k in range(len(own)))
     return Certificate(gaps, tolerance, norms, final.ranks, multipliers, final.rounding)
+
+
+def _without_rounding_levels(problem: Hierarchy) -> Hierarchy:
+    """The problem with zeros for levels that have no row above rounding: no solver follows them."""
+    longest = [longest_row(rows.dense(problem.n)) for rows in problem.levels]
+    none = [0.0 < length <= ROUNDING * max(longest) for length in longest]
+    if not any(none):
+        return problem
+    levels = [
+        Rows(np.zeros((rows.m, problem.n)), rows.lower, rows.upper) if zero else rows
+        for rows, zero in zip(problem.levels, none, strict=True)
+    ]
+    return replace(problem, levels=tuple(levels), stacked=None)
+
+
+def _asks(rows: Rows, n: int) -> bool:
+    """Whether a row has a direction and a bound: a level of others has no stage."""
+    return bool(np.any(rows.dense(n)[np.isfinite(rows.lower) | np.isfinite(rows.upper)]))
 
 
 def stage_multipliers(problem: Hierarchy, stages: Mat, level: int, tolerance: float = 1e-6) -> tuple[Vec, float]:
@@ -181,7 +201,9 @@ def _stage_judge(problem: Hierarchy, stages: Mat, k: int, at: Coordinates, toler
     raw = above.dense(problem.n)
     judge = _Judge(problem.n, tolerance, LOCK_TOLERANCE)
     C, shift, y = at.rows(raw), raw @ at.still, at.motion(x_k)
-    judge.descend(C, C @ y, above.lower - shift, above.upper - shift, row_lengths(C), _terms(C, y), 0.0)
+    lengths = row_lengths(C)
+    zero = ROUNDING * float(lengths.max(initial=0.0))
+    judge.descend(C, C @ y, above.lower - shift, above.upper - shift, lengths, _terms(C, y), zero)
     return judge, above
 
 
@@ -194,8 +216,9 @@ def _stage_gap(problem: Hierarchy, stages: Mat, k: int, x: Vec, at: Coordinates,
     exact = [j for j in range(k) if not problem.priced[j]]
     moved = [float(np.abs(problem.levels[j].slack(x_k) - problem.levels[j].slack(x)).max(initial=0.0)) for j in exact]
     raw = above.dense(problem.n)
-    reach = row_lengths(raw) + _terms(raw, x_k)
-    outside = np.divide(np.abs(above.slack(x_k)), reach, out=np.zeros(above.m), where=reach > 0.0)
+    lengths = row_lengths(raw)
+    real = lengths > ROUNDING * lengths.max(initial=0.0)
+    outside = np.divide(np.abs(above.slack(x_k)), lengths + _terms(raw, x_k), out=np.zeros(above.m), where=real)
     gap = _conditions(judge, A, rows, x_k, price * at.motion(x_k))
     size = 1.0 + float(np.abs(x_k).max(initial=0.0))
     return max(gap, float(outside.max(initial=0.0)), max(moved, default=0.0) / size)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -15,13 +15,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.certify import certificate
 from hqp.errors import DeclarationError, SolverNotInstalled
 from hqp.native import ADVICE
 from hqp.problem import Hierarchy, Selection, Shape, Solution, Stats, Status
-from hqp.solvers.base import UNSURE, Solver, Workspace, check_shape, finish
+from hqp.solvers.base import UNSURE, Solver, Workspace, check_shape
 from hqp.solvers.flat import Flat
 from hqp.solvers.lazy import LazySolution
+from hqp.solvers.second_opinion import STUCK, second_opinion
 from hqp.solvers.stages import Kernel, StagedWorkspace
 from hqp.tolerances import FEASIBILITY_TOLERANCE, MULTIPLIER_TOLERANCE, RANK_TOLERANCE
 
@@ -45,14 +45,7 @@ DOUBTFUL = (Status.NOT_CERTIFIED, Status.RANK_UNCERTAIN)
 OTHER_RANKS = (1e-7, 1e-10, 1e-8, 1e-5, 1e-11)
 """Rank tolerances tried where the solver's own led to no answer that passes: no single one suits all problems."""
 
-LAST_OPINION = 0.25
-"""Time for the reference where nothing that the kernel found passed the certificate [s]."""
-
-ROUGH = 1e-6
-"""Gap that the certificate allows where nothing closer is found: rounding over a singular value of 1e-9."""
-
 NO_KERNEL = f"lexicographic: hqp was built without its native kernel; {ADVICE}, or take the solver 'cascade'"
-STUCK = "no answer that was found passed the certificate: the problem is too ill-conditioned to be judged"
 
 
 def native_module() -> Any:
@@ -210,7 +203,7 @@ class NativeWorkspace:
             return replace(solution, detail="") if solution.detail and solution.status is Status.OPTIMAL else solution
         others: list[Callable[[], Solution]] = [partial(self._again, bound)]
         others += [partial(self._with_rank, bound, rank) for rank in OTHER_RANKS]
-        return second_opinion(problem, solution, [*others, partial(self._by_reference, problem)])
+        return second_opinion(problem, solution, others)
 
     def _again(self, bound: Any) -> Solution:
         self._kernel.reset(plain=True)
@@ -224,11 +217,6 @@ class NativeWorkspace:
         other = NativeWorkspace(replace(self._solver, rank_tolerance=tolerance), self._shape)
         return other._answer(bound)
 
-    def _by_reference(self, problem: Hierarchy) -> Solution:
-        from hqp.solvers.reference import Reference
-
-        return Reference(seconds=LAST_OPINION).solve(problem)
-
     def _converted(self, problem: Hierarchy) -> Solution:
         """The solution where arrays have to be converted first, or numbers are not usable."""
         begin = perf_counter()
@@ -239,18 +227,6 @@ class NativeWorkspace:
         if solution is None:
             return _refuse(problem, self._shape, Stats(build_s=build))
         return self._judged(problem, bound, solution)
-
-
-def second_opinion(problem: Hierarchy, doubtful: Solution, others: Iterable[Callable[[], Solution]]) -> Solution:
-    """The first answer that the certificate passes: the one given, or one of the others; none: NOT_CERTIFIED."""
-    for make in (lambda: doubtful, *others):
-        found = make()
-        if any(certificate(problem, found.x, tolerance).ok for tolerance in (Lexicographic.accuracy, ROUGH)):
-            if found is doubtful and found.status is Status.OPTIMAL:  # the data's last digits do not move it
-                return replace(found, detail="")
-            status = finish(problem, found.x, Status.RANK_UNCERTAIN, found.stats).status
-            return replace(found, status=status, detail="" if status is Status.RANK_UNCERTAIN else UNSURE)
-    return replace(doubtful, status=Status.NOT_CERTIFIED, detail=STUCK)
 
 
 def _refuse(problem: Hierarchy, shape: Shape, stats: Stats) -> Solution:

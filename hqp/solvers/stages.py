@@ -23,6 +23,7 @@ from hqp.pace import is_paced
 from hqp.pricing import Coordinates, after_stages, at_optimum, feasible_set, is_met, room, stack_rows, stage_price
 from hqp.problem import SHARE, Hierarchy, Rows, Selection, Shape, Solution, Stats, Status
 from hqp.solvers.base import Described, Workspace, check_shape, describe, finish
+from hqp.solvers.second_opinion import second_opinion
 from hqp.tolerances import (
     ACTIVITY_TOLERANCE,
     FLAT_TOLERANCE,
@@ -315,7 +316,9 @@ class StagedWorkspace:
         )
         # where the last solve ends without an answer, the last stage's point keeps to what every level handed down
         best = answer.x if answer.status.solved else point
-        return finish(problem, best, answer.status, stats, answer.detail, stages, self._describe)
+        solution = finish(problem, best, answer.status, stats, answer.detail, stages, self._describe)
+        uncertain = self._native is not None and self._native.effort()[2]
+        return second_opinion(problem, solution) if uncertain and not self._seconds else solution
 
     def _stopped(self, problem: Hierarchy, exact: Stats, found: Found) -> Solution:
         """The point at which a stage was stopped: it keeps to what the levels above left."""

@@ -236,7 +236,7 @@ class Stages final : public hqp::SolveCall {
     return stages_->describe(x.data(), constraints, activity, violation, slack.data(), marks.data());
   }
 
-  std::pair<int, bool> effort() const { return {stages_->iterations(), stages_->ended()}; }
+  std::tuple<int, bool, bool> effort() const { return {stages_->iterations(), stages_->ended(), stages_->uncertain()}; }
   void reset() {
     stages_->reset();
     head_ = 0;

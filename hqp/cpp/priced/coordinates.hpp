@@ -22,14 +22,20 @@ class Coordinates {
     if (diagonal_) {
       for (int i = 0; i < n_; ++i) {
         const double size = F ? F[i] : 1.0;
-        if (inverse_[i] != size) unit_[i] = 1.0 / (inverse_[i] = size);
+        if (inverse_[i] != size) {
+          unit_[i] = 1.0 / (inverse_[i] = size);
+          ++version_;
+        }
         still_[i] = f ? f[i] * unit_[i] : 0.0;
       }
       return;
     }
     factor(F, f, r);
+    ++version_;
   }
 
+  // Another number after each change of P.
+  int version() const { return version_; }
   const double* still() const { return still_.data(); }
   bool diagonal() const { return diagonal_; }
 
@@ -51,6 +57,27 @@ class Coordinates {
       add_any(b + from, R + from, -f, lanes(n_ - from));
       b[j] = f;
     }
+  }
+
+  // |A P - B|^2 over all entries of m rows, where E is diagonal.
+  double apart(const double* A, const double* B, int m) const {
+    const double* unit = unit_.data();
+    const auto off = [unit](const double* a, const double* b, int j) -> Vec4 {
+      return *reinterpret_cast<const Vec4u*>(a + j) * *reinterpret_cast<const Vec4u*>(unit + j) -
+             *reinterpret_cast<const Vec4u*>(b + j);
+    };
+    Vec4 one = splat(0.0), other = one;
+    double rest = 0.0;
+    for (; m > 0; --m, A += n_, B += n_) {
+      int j = 0;
+      for (; j + 2 * kLane <= n_; j += 2 * kLane) {
+        const Vec4 a = off(A, B, j), b = off(A, B, j + kLane);
+        one += a * a;
+        other += b * b;
+      }
+      for (; j < n_; ++j) rest += (A[j] * unit[j] - B[j]) * (A[j] * unit[j] - B[j]);
+    }
+    return sum(one + other) + rest;
   }
 
   void motion(const double* x, double* y) const {
@@ -124,6 +151,7 @@ class Coordinates {
 
   int n_, ld_;
   double flat_;
+  int version_ = 0;
   bool diagonal_ = true;
   std::vector<double> still_, inverse_, unit_, R_, work_, v_;
 };

@@ -12,6 +12,7 @@ namespace hqp {
 inline namespace HQP_ISA {
 
 constexpr double kDependent = 1e-10;  // what a row of unit length must keep to add a direction
+constexpr double kUncertain = 1e-6;   // less than this, and more than rounding, is an uncertain direction
 
 class RowSpace {
  public:
@@ -25,6 +26,8 @@ class RowSpace {
         most_(most) {}
 
   int rank() const { return rank_; }
+  // Whether a direction was uncertain since this was last set to false.
+  bool uncertain = false;
   void cut(int rank) {
     rank_ = rank;
     if (picked_ > rank) picked_ = rank;
@@ -47,6 +50,7 @@ class RowSpace {
       length = std::sqrt(dot_any(q, q, N));
       if (length > 0.7) break;  // little was taken out, and so little rounding is left
     }
+    uncertain = uncertain || (length < kUncertain && length > 1e-14);
     if (!(length > kDependent)) return false;
     for (int j = 0; j < N; ++j) q[j] /= length;
     r[rank_ * most_] = length;

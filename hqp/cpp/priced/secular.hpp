@@ -11,8 +11,10 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr int kFew = 6;            // rows that are rotated
-constexpr double kClearOf = 1e-5;  // mu above this fraction of the largest square is clear of rounding
+constexpr double kRotated = 1e-26;  // a square that is rounding, relative to the largest
+constexpr double kShort = 1e-14;    // less than this, and more than rounding, is an uncertain direction
+constexpr int kFew = 6;             // rows that are rotated
+constexpr double kClearOf = 1e-5;   // mu above this fraction of the largest square is clear of rounding
 
 class Secular {
  public:
@@ -35,19 +37,22 @@ class Secular {
     met_ = true;
     double reach = 0.0;
     for (int i = 0; i < m; ++i) {
-      if (square_[i] <= 1e-26 * largest) {  // no direction
+      if (square_[i] <= kRotated * largest) {
         square_[i] = 0.0;
         if (std::abs(e[i]) > 1e-13 * size) met_ = false;
       } else {
+        uncertain = uncertain || square_[i] < kShort * largest;
         const double u = e[i] / square_[i];
         reach += u * u;
       }
     }
     met_ = met_ && price * price * reach <= 1.0;
-    multiplier_ = met_ ? 0.0 : root(price);
+    multiplier_ = met_ || price == 0.0 ? 0.0 : root(price);
   }
 
   bool met() const { return met_; }
+  // Whether a direction was uncertain since this was last set to false.
+  bool uncertain = false;
 
   // Weight of row i, as solve has left it, in z.
   double weight(int i) const {
@@ -70,7 +75,7 @@ class Secular {
       if (met_) {
         part = square_[i] > 0.0 ? -price * e_[i] / square_[i] : 0.0;
       } else {
-        part = -e_[i] * multiplier_ / (square_[i] + multiplier_);
+        part = square_[i] > 0.0 ? -e_[i] * multiplier_ / (square_[i] + multiplier_) : -e_[i];
         length += part * part;
       }
       add_any(u, &U_[i * m_], part, m_);

@@ -14,13 +14,14 @@
 #include <vector>
 
 #include "coordinates.hpp"
-#include "refined.hpp"
+#include "motion_bound.hpp"
 #include "stages.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
 
 constexpr double kDepends = 1e-10;  // a row's square below this fraction of itself, off the rows before, is dependent
+constexpr double kLeft = 1e-3;      // of a direction, so that a column may be taken out of B
 constexpr int kRounds = 8;          // working sets tried for a level
 
 class Settled {
@@ -41,12 +42,12 @@ class Settled {
         column_(width_),
         inverse_(rows),
         held_(rows),
-        number_(rows),
+        alone_(rows),
         kept_(rows),
         y_(ld_),
         a_(n),
         x_(n),
-        refined_(n, levels, rows) {
+        bound_(n, levels) {
     int before = 0;
     for (std::size_t k = 0; k < levels.size(); ++k) {
       first_[k] = before;
@@ -56,7 +57,7 @@ class Settled {
 
   void forget() {
     for (auto& set : warm_) set.clear();
-    refined_.forget();
+    bound_.forget();
   }
 
   // x: the exact answer, whose values exact levels keep.
@@ -64,7 +65,7 @@ class Settled {
     at_ = &coordinates;
     prices_ = prices;
     exact_ = x;
-    refined_.begin(coordinates, prices, x);
+    bound_.begin(coordinates, prices, x);
     count_ = equalities_ = reached_ = 0;
     consistent_ = independent_ = true;
     taken_out_.clear();
@@ -81,15 +82,13 @@ class Settled {
 
   // Whether priced level k, the next one down, is met for its price.
   bool meets(int k) {
-    if (refined_.clear(k)) return true;
+    if (bound_.shows(k)) return true;
     for (; reached_ < k; ++reached_) enter(reached_);
     const int own = equalities_;
     enter(k);
     reached_ = k + 1;
     const bool met = consistent_ && own_rank_ && least_motion(k) && prices_[k] * multipliers(k, own) <= 1.0;
-    if (met && independent_)
-      refined_.take(k, count_, number_.data(), held_.data(), lambda_.data(), U_.data(), width_, inverse_.data(),
-                    x_.data());
+    if (met && independent_ && at_->diagonal()) prepare_bound(k, own);
     return met;
   }
 
@@ -243,7 +242,7 @@ class Settled {
     }
     kept_[c] = pivot > kDepends * square;
     held_[c] = held;
-    number_[c] = first_[&level - level_.data()] + i;
+    alone_[c] = level.A ? -1 : static_cast<int>(level.index[i]);
     inverse_[c] = kept_[c] ? 1.0 / std::sqrt(pivot) : 0.0;
     z_[c] = z * inverse_[c];
     ++count_;
@@ -272,6 +271,52 @@ class Settled {
     return std::sqrt(square);
   }
 
+  // The inverse G = (B B')^-1 for the bound of level k, whose own rows begin at `own`. Coordinates near a bound are not
+  // to move: their columns are taken out of B (Sherman and Morrison), but for those that a row has alone.
+  void prepare_bound(int k, int own) {
+    const int c = count_;
+    invert();
+    const double whole = trace(0, c);
+    out_ = bound_.near(k);
+    for (int i = 0; i < c; ++i)
+      if (alone_[i] >= 0) out_[alone_[i]] = 0;
+    for (const auto& [j, y] : taken_out_) out_[j] = 0;
+    for (int j = 0; j < n_; ++j) {
+      if (!out_[j]) continue;
+      std::fill(column_.begin(), column_.begin() + c, 0.0);
+      for (int i = 0; i < c; ++i) add_any(column_.data(), inverse_row(i), B_[static_cast<std::size_t>(i) * ld_ + j], c);
+      double left = 1.0;
+      for (int i = 0; i < c; ++i) left -= column_[i] * B_[static_cast<std::size_t>(i) * ld_ + j];
+      if (!(left > kLeft)) return bound_.take(k, whole, INFINITY);
+      for (int i = 0; i < c; ++i) add_any(inverse_row(i), column_.data(), column_[i] / left, c);
+    }
+    bound_.take(k, trace(0, c), trace(own, equalities_));
+  }
+
+  // G from W = U^-T, row by row.
+  void invert() {
+    const int c = count_;
+    W_.assign(static_cast<std::size_t>(c) * c, 0.0);
+    G_.assign(static_cast<std::size_t>(c) * c, 0.0);
+    for (int i = 0; i < c; ++i) {
+      double* w = &W_[static_cast<std::size_t>(i) * c];
+      w[i] = 1.0;
+      for (int j = 0; j < i; ++j)
+        add_any(w, &W_[static_cast<std::size_t>(j) * c], -U_[static_cast<std::size_t>(j) * width_ + i], j + 1);
+      scale(w, i + 1, inverse_[i]);
+      for (int j = 0; j <= i; ++j) add_any(inverse_row(j), w, w[j], i + 1);
+    }
+  }
+
+  double* inverse_row(int i) { return &G_[static_cast<std::size_t>(i) * count_]; }
+
+  // The root of the trace of G over rows [from, to): the length of those columns of B's inverse.
+  double trace(int from, int to) const {
+    double sum = 0.0;
+    for (int i = from; i < to; ++i) sum += G_[static_cast<std::size_t>(i) * (count_ + 1)];
+    return std::sqrt(sum);
+  }
+
   int n_;
   double met_;
   int ld_, width_;
@@ -279,11 +324,12 @@ class Settled {
   std::vector<std::vector<int>> warm_;  // of each level: a row's number + 1, negative at its lower bound
   std::vector<int> first_;
   std::vector<double> B_, U_, b_, z_, lambda_, column_, inverse_;  // B B' = U' U, inverse_ 1 / U_jj
-  std::vector<int> held_, number_;  // how a row is held, as in warm_; which of all rows it is
-  std::vector<char> kept_;
+  std::vector<double> W_, G_;                                      // U^-T, (B B')^-1
+  std::vector<int> held_, alone_;  // how a row is held, as in warm_; the coordinate that it has alone, -1 for none
+  std::vector<char> kept_, out_;
   std::vector<double> y_, a_, x_;
   std::vector<std::pair<int, double>> taken_out_;  // coordinates, their values
-  Refined refined_;
+  MotionBound bound_;
   const Coordinates* at_ = nullptr;
   const double *prices_ = nullptr, *exact_ = nullptr;
   int count_ = 0, equalities_ = 0, reached_ = 0;  // reached_: levels whose rows have entered

@@ -18,8 +18,9 @@ inline namespace HQP_ISA {
 
 constexpr double kFade = 16.0;                                        // hqp/pace.py, FADE
 constexpr double kDearer = 20.0, kLacking = 0.0016, kUnused = 1e-12;  // hqp/pricing.py
-constexpr double kSlackMotion = 1e-5;  // slacks of inequality rows count this much as motion
-constexpr double kResting = 1e-4;      // of the largest entry: terms of a row are no smaller, as hqp/pricing.py says
+constexpr double kSlackMotion = 1e-5;   // slacks of inequality rows count this much as motion
+constexpr double kRoundingRow = 2e-15;  // of the longest row: rows no longer have no direction
+constexpr double kResting = 1e-4;       // of the largest entry: terms of a row are no smaller, as hqp/pricing.py says
 
 class StageLevels final : public PricedStages {
  public:
@@ -53,6 +54,7 @@ class StageLevels final : public PricedStages {
   Handed* handed() override { return handed_.data(); }
   int iterations() const override { return iterations_; }
   bool ended() const override { return ended_; }
+  bool uncertain() const override { return search_.uncertain(); }
   void reset() override {
     for (auto& set : warm_) set.clear();
     settled_.forget();
@@ -100,6 +102,7 @@ class StageLevels final : public PricedStages {
         const int levels = static_cast<int>(level_.size());
         std::fill(stages, stages + static_cast<std::size_t>(levels) * n_, std::numeric_limits<double>::quiet_NaN());
         rows_.count = 0;
+        find_rounding();
         find_turned();
         set_floor();
         search_.restart();
@@ -286,6 +289,20 @@ class StageLevels final : public PricedStages {
     }
   }
 
+  // Rows no longer than this are rounding: a level of such rows has no stage.
+  void find_rounding() {
+    double longest = 0.0;
+    for (const PricedLevel& level : level_)
+      for (int i = 0; i < level.m; ++i) longest = larger(longest, square(level, i));
+    rounding_ = kRoundingRow * kRoundingRow * longest;
+  }
+
+  double square(const PricedLevel& level, int i) const {
+    if (!level.A) return level.scale[i] * level.scale[i];
+    const double* a = level.A + static_cast<std::size_t>(i) * n_;
+    return dot_any(a, a, n_);
+  }
+
   // The coordinates that a row of a priced level has, or one of a level before it, but for boxes.
   void find_turned() {
     turned_.assign(n_, 0);
@@ -435,11 +452,13 @@ class StageLevels final : public PricedStages {
     const PricedLevel& level = level_[k];
     const int own = rows_.count, ld = rows_.ld;
     int N = n_, m = 0;
+    double longest = 0.0;
     std::fill(y_.begin() + n_, y_.end(), 0.0);
     std::fill(T_.begin(), T_.end(), 0.0);
     at_.point(y_.data(), x_.data());
     for (int i = 0; i < level.m; ++i) {
       if (level.left_out(i)) continue;
+      longest = larger(longest, square(level, i));
       const double* a = row(level, i);
       const double shift = dot_any(a, at_.still(), n_);
       double* T = &T_[static_cast<std::size_t>(m) * ld];
@@ -460,6 +479,7 @@ class StageLevels final : public PricedStages {
       ++N;
     }
     bool reached = false;
+    if (longest <= rounding_) m = 0;
     if (m) {
       reached = search_.solve(rows_, own, N, T_.data(), t_.data(), m, price, y_.data(), warm_[k], iterations_);
       ended_ = ended_ && reached;
@@ -474,6 +494,7 @@ class StageLevels final : public PricedStages {
 
   int n_, last_ = -1, r_ = 0, iterations_ = 0;
   bool guard_ = true, ended_ = true;
+  double rounding_ = 0.0;
   double guard_floor_ = 0.0, floor_ = 0.0;  // floor_: of this solve
   std::vector<char> turned_, unmet_;        // (n,) what the pace bounds; what rows of unmet levels have
   double lack_ = 0.0;                       // largest ||w|| / c of those

@@ -15,8 +15,12 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kOnFace = 1e-12;     // rows that are not held keep to their bounds, relative to 1 + |bound|
-constexpr double kHeldOnFace = 1e-9;  // and those held, of which some may nearly depend on others
+constexpr double kOnFace = 1e-12;       // rows that are not held keep to their bounds, relative to 1 + |bound|
+constexpr double kHeldOnFace = 1e-9;    // and those held, of which some may nearly depend on others
+constexpr double kNoDirection = 1e-13;  // what is left of a row whose direction the face has not
+constexpr double kNoStep = 1e-12;       // a step that is rounding, relative to 1 + |y|
+constexpr double kFar = 1e3;            // a start so far away, relative to 1 + |y| at the end, leaves its rounding
+constexpr double kOnRow = 1e-13;        // rounding of a row's value, relative to its terms
 
 // Rows of unit length, two-sided; an equality where the bounds agree.
 struct StageRows {
@@ -93,6 +97,7 @@ class StageSearch {
 
   // The stages of another problem follow.
   void restart() {
+    space_.uncertain = secular_.uncertain = false;
     set_.clear();
     fixed_ = scanned_ = 0;
     spanned_.clear();
@@ -110,11 +115,21 @@ class StageSearch {
     for (; scanned_ < lasting; ++scanned_) hold(scanned_);
     ++iterations;
     bool reached = !working.empty() && on_the_face_of(working, T, t, m, price, y);
-    if (!reached) reached = descend(working, T, t, m, price, y, iterations);
-    working.clear();
-    for (std::size_t k = fixed_; k < set_.size(); ++k) working.push_back(side_[set_[k]] * (set_[k] + 1));
+    if (!reached) {
+      const double far = dot_any(y, y, N_);
+      reached = descend(working, T, t, m, price, y, iterations);
+      list(working);
+      if (reached && far > kFar * kFar * (1.0 + dot_any(y, y, N_))) {  // the rounding of a long way
+        begin();
+        if (!on_the_face_of(working, T, t, m, price, y)) return reached;
+      }
+    }
+    list(working);
     return reached;
   }
+
+  // Whether directions were uncertain since the restart: rows nearly depend on others, or differ much in length.
+  bool uncertain() const { return space_.uncertain || secular_.uncertain; }
 
   // The rows held at the end, and their multipliers.
   const std::vector<int>& held() const { return set_; }
@@ -138,9 +153,10 @@ class StageSearch {
       through(y);
       minimiser(T, t, m, price, y);
       double far = 1.0;
-      const bool there = length_ <= 1e-14 * (1.0 + size_);
+      const double least = kNoStep * (1.0 + size_);
+      const bool there = length_ <= least;
       const int blocking = there ? -1 : first_in_the_way(y, zero, far);
-      if (there || far > 1e-14) {
+      if (there || far * length_ > least) {
         for (int j = 0; j < N_; ++j) y[j] += far * aim_[j];
         zero = zero && there;
         if (!there) std::fill(kept_.begin(), kept_.end(), 0);
@@ -158,6 +174,12 @@ class StageSearch {
       leave(out);
     }
     return false;
+  }
+
+  // The rows held beside the equalities, as `warm`.
+  void list(std::vector<int>& working) const {
+    working.clear();
+    for (std::size_t k = fixed_; k < set_.size(); ++k) working.push_back(side_[set_[k]] * (set_[k] + 1));
   }
 
   // Only the equalities are held, all of them rows that stay.
@@ -257,7 +279,11 @@ class StageSearch {
       double* row = &M_[static_cast<std::size_t>(i) * ld];
       std::copy(T + static_cast<std::size_t>(i) * rows_->ld, T + static_cast<std::size_t>(i) * rows_->ld + N_, row);
       e_[i] = t[i] - dot_any(row, aim_.data(), N_);
+      const double whole = dot_any(row, row, N_);
       space_.project(row, N_);
+      const double left = dot_any(row, row, N_);
+      if (left <= kNoDirection * kNoDirection * whole) std::fill(row, row + N_, 0.0);
+      else space_.uncertain = space_.uncertain || left < kUncertain * kUncertain * whole;
     }
     secular_.solve(M_.data(), ld, N_, e_.data(), m, price);
     for (int i = 0; i < m; ++i) add_any(aim_.data(), &M_[static_cast<std::size_t>(i) * ld], secular_.weight(i), N_);
@@ -273,7 +299,7 @@ class StageSearch {
     for (int i = 0; i < rows_->count; ++i) {
       if (side_[i] != 0) continue;
       rate_[i] = rows_->value(i, aim_.data(), N_);
-      if (std::abs(rate_[i]) <= floor) continue;
+      if (std::abs(rate_[i]) <= floor && !left(i, y)) continue;
       const double bound = rate_[i] > 0.0 ? rows_->upper[i] : rows_->lower[i];
       if (std::isinf(bound)) continue;
       const double times = larger(0.0, (bound - rows_->value(i, y, N_)) / rate_[i]);
@@ -283,6 +309,16 @@ class StageSearch {
       }
     }
     return found;
+  }
+
+  // Whether a step that hardly moves row i takes it out of its bounds by more than the rounding of its terms: a step
+  // from far away is long.
+  bool left(int i, const double* y) const {
+    if (rate_[i] == 0.0 || rows_->only[i] >= 0) return false;
+    const double value = rows_->value(i, y, N_) + rate_[i], *row = rows_->row(i);
+    const double bound = rate_[i] > 0.0 ? rows_->upper[i] : rows_->lower[i];
+    const double off = rate_[i] > 0.0 ? value - bound : bound - value;
+    return off > kOnRow * (std::abs(bound) + absolute_dot(row, y, N_) + absolute_dot(row, aim_.data(), N_));
   }
 
   // The place in the set of a row whose multiplier has the wrong sign, -1 for none; the worst, or the lowest index.

@@ -69,8 +69,9 @@ class PricedStages {
   virtual bool describe(const double* x, int constraints, double activity, double violation, double* slack,
                         std::int8_t* marks) = 0;
   virtual int iterations() const = 0;
-  virtual bool ended() const = 0;  // whether every stage reached its optimum
-  virtual void reset() = 0;        // forget the warm start
+  virtual bool ended() const = 0;      // whether every stage reached its optimum
+  virtual bool uncertain() const = 0;  // whether one met uncertain directions
+  virtual void reset() = 0;            // forget the warm start
   // What holds every level back at the answer of the latest solve (account.hpp).
   virtual void account(const AccountRows& rows, double* numbers, double* shares, double* worth) = 0;
 };

@@ -1,0 +1,197 @@
+// Whether a level is met for its price, from how little the exact answer x moves: no multipliers are needed.
+//
+// The least motion E* is convex in the level's targets and u is its gradient: with the targets moved by t along
+// u / ||u||, E* rises by t ||u|| at least. x + t p meets them, p being the least motion that moves these targets alone.
+// So t ||u|| <= E(x + t p) <= (|y| + t |p|)^2 / 2 with y the motion of x, and for t |p| = r |y|
+//   ||u|| <= (1 + r)^2 / (2 r) |y| |p|
+// with r at most 1 and so small that no bound is in the way. |p| is at most the length of the level's columns in the
+// inverse G of its rows and those above. An inverse of an earlier tick has the error d = |G| |change of the rows|, and
+// |p| is longer by 1 / (1 - d) at most.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+#include "coordinates.hpp"
+#include "stages.hpp"
+
+namespace hqp {
+inline namespace HQP_ISA {
+
+constexpr double kHolds = 1e-9;   // rows hold, relative to 1 + |value|
+constexpr double kLeast = 1e-6;   // added to |y|: far above what x may miss
+constexpr double kShown = 0.9;    // bound of c ||u|| that shows a level
+constexpr double kStale = 0.5;    // d of an inverse that is to be found again
+constexpr double kNear = 0.12;    // r of coordinates that p does not move
+constexpr double kNarrow = 0.05;  // r of others, so that the inverse is to be found again
+
+class MotionBound {
+ public:
+  MotionBound(int n, const std::vector<PricedLevel>& levels)
+      : n_(n), level_(levels), then_(levels.size()), inverse_(levels.size()), room_(n), near_(n), row_(padded(n)) {
+    std::size_t most = 1;
+    for (const PricedLevel& level : levels) most = std::max<std::size_t>(most, level.m);
+    value_.resize(most);
+  }
+
+  void forget() {
+    for (Inverse& inverse : inverse_) inverse.known = false;
+  }
+
+  // x: the exact answer.
+  void begin(const Coordinates& coordinates, const double* prices, const double* x) {
+    at_ = &coordinates;
+    prices_ = prices;
+    x_ = x;
+    seen_ = 0;
+  }
+
+  // Whether level k is met for its price; asked from the first level down.
+  bool shows(int k) {
+    Inverse& inverse = inverse_[k];
+    if (!inverse.known) return false;
+    see_to(k);
+    const double d = inverse.gain * (inverse.age + std::sqrt(changed_)), narrow = least_room(inverse);
+    inverse.known = d < kStale && narrow > kNarrow;  // not for numbers that are not finite
+    if (!inverse.known || !met_ || !equalities_) return false;
+    const double r = smaller(narrow, row_room_);
+    return r > 0.0 && prices_[k] * (1.0 + r) * (1.0 + r) * size_ * inverse.own_gain <= kShown * 2.0 * r * (1.0 - d);
+  }
+
+  // Coordinates near a bound of the rows down to level k.
+  const std::vector<char>& near(int k) {
+    see_to(k);
+    for (int j = 0; j < n_; ++j) near_[j] = room_[j] < kNear;
+    return near_;
+  }
+
+  // The inverse for level k, coordinates near() not moving: the length of all its columns together, and of the level's.
+  void take(int k, double gain, double own_gain) {
+    double square = 0.0;
+    for (int l = 0; l < static_cast<int>(level_.size()); ++l) {
+      if (l <= k) square += keep(l);
+      inverse_[l].age += std::sqrt(square);
+    }
+    changed_ = 0.0;
+    Inverse& inverse = inverse_[k];
+    inverse.known = true;
+    inverse.age = 0.0;
+    inverse.gain = gain;
+    inverse.own_gain = own_gain;
+    inverse.still = near_;
+  }
+
+ private:
+  // Rows as they were, dense ones in motion coordinates; square: of their change since.
+  struct Then {
+    std::vector<double> rows;
+    std::vector<std::int64_t> index;
+    std::vector<char> equal;
+    double square = INFINITY;
+  };
+
+  struct Inverse {
+    bool known = false;
+    double age = 0.0;  // at most how far its rows were from those kept
+    double gain = 0.0, own_gain = 0.0;
+    std::vector<char> still;  // coordinates that do not move
+  };
+
+  void see_to(int k) {
+    if (seen_ == 0) {
+      at_->motion(x_, row_.data());
+      size_ = std::sqrt(dot_any(row_.data(), row_.data(), n_)) + kLeast;
+      std::fill(room_.begin(), room_.end(), 1.0);
+      row_room_ = 1.0;
+      changed_ = 0.0;
+      met_ = true;
+      if (version_ != at_->version()) forget();
+      version_ = at_->version();
+    }
+    for (; seen_ <= k; ++seen_) {
+      look(level_[seen_], prices_[seen_] > 0.0);
+      changed_ += then_[seen_].square = change(level_[seen_], then_[seen_]);
+    }
+  }
+
+  // Whether x meets the equalities of a priced level, and the room to its bounds.
+  void look(const PricedLevel& level, bool priced) {
+    equalities_ = true;
+    if (level.A) dots_any(x_, level.A, n_, level.m, n_, value_.data());
+    for (int i = 0; i < level.m; ++i) {
+      const double value = level.A ? value_[i] : level.scale[i] * x_[level.index[i]];
+      const double low = level.lower[i], high = level.upper[i];
+      if (low == high) {
+        met_ = met_ && (!priced || std::abs(value - low) <= kHolds * (1.0 + std::abs(value)));
+        continue;
+      }
+      if (level.left_out(i)) continue;
+      equalities_ = !priced;
+      const double room = smaller(value - low, high - value), reach = size_ * length(level, i);
+      double& least = level.A ? row_room_ : room_[level.index[i]];
+      if (room < least * reach) least = room / reach;
+    }
+  }
+
+  double length(const PricedLevel& level, int i) {
+    if (!level.A) return std::abs(at_->picked(static_cast<int>(level.index[i]), level.scale[i]));
+    at_->row(level.A + static_cast<std::size_t>(i) * n_, row_.data());
+    return std::sqrt(dot_any(row_.data(), row_.data(), n_));
+  }
+
+  double change(const PricedLevel& level, const Then& then) const {
+    if (then.equal.empty() && level.m > 0) return INFINITY;
+    for (int i = 0; i < level.m; ++i)
+      if (then.equal[i] != (level.lower[i] == level.upper[i])) return INFINITY;
+    if (level.A) return at_->apart(level.A, then.rows.data(), level.m);
+    for (int i = 0; i < level.m; ++i)
+      if (then.index[i] != level.index[i] || then.rows[i] != level.scale[i]) return INFINITY;
+    return 0.0;
+  }
+
+  // Level l as it is; the square of its change until now.
+  double keep(int l) {
+    const PricedLevel& level = level_[l];
+    Then& then = then_[l];
+    then.equal.clear();
+    then.rows.clear();
+    then.index.clear();
+    for (int i = 0; i < level.m; ++i) {
+      then.equal.push_back(level.lower[i] == level.upper[i]);
+      if (level.A) {
+        at_->row(level.A + static_cast<std::size_t>(i) * n_, row_.data());
+        then.rows.insert(then.rows.end(), row_.begin(), row_.begin() + n_);
+      } else {
+        then.index.push_back(level.index[i]);
+        then.rows.push_back(level.scale[i]);
+      }
+    }
+    return std::exchange(then.square, 0.0);
+  }
+
+  double least_room(const Inverse& inverse) const {
+    double room = 1.0;
+    for (int j = 0; j < n_; ++j)
+      if (!inverse.still[j]) room = smaller(room, room_[j]);
+    return room;
+  }
+
+  int n_;
+  const std::vector<PricedLevel>& level_;
+  std::vector<Then> then_;
+  std::vector<Inverse> inverse_;
+  std::vector<double> room_;  // how far a coordinate moves to its next bound, relative to |y|, 1 at most
+  std::vector<char> near_;
+  std::vector<double> row_, value_;
+  const Coordinates* at_ = nullptr;
+  const double *prices_ = nullptr, *x_ = nullptr;
+  int seen_ = 0, version_ = -1;
+  double size_ = 0.0, row_room_ = 1.0, changed_ = 0.0;  // row_room_: of dense rows; changed_: square, of levels seen
+  bool met_ = true, equalities_ = true;
+};
+
+}  // namespace HQP_ISA
+}  // namespace hqp
