@@ -22,20 +22,14 @@ class Coordinates {
     if (diagonal_) {
       for (int i = 0; i < n_; ++i) {
         const double size = F ? F[i] : 1.0;
-        if (inverse_[i] != size) {
-          unit_[i] = 1.0 / (inverse_[i] = size);
-          ++version_;
-        }
+        if (inverse_[i] != size) unit_[i] = 1.0 / (inverse_[i] = size);
         still_[i] = f ? f[i] * unit_[i] : 0.0;
       }
       return;
     }
     factor(F, f, r);
-    ++version_;
   }
 
-  // Another number after each change of P.
-  int version() const { return version_; }
   const double* still() const { return still_.data(); }
   bool diagonal() const { return diagonal_; }
 
@@ -151,7 +145,6 @@ class Coordinates {
 
   int n_, ld_;
   double flat_;
-  int version_ = 0;
   bool diagonal_ = true;
   std::vector<double> still_, inverse_, unit_, R_, work_, v_;
 };

@@ -52,7 +52,7 @@ class MotionBound {
   // Whether level k is met for its price; asked from the first level down.
   bool shows(int k) {
     Inverse& inverse = inverse_[k];
-    if (!inverse.known) return false;
+    if (!inverse.known || !at_->diagonal()) return false;
     see_to(k);
     const double d = inverse.gain * (inverse.age + std::sqrt(changed_)), narrow = least_room(inverse);
     inverse.known = d < kStale && narrow > kNarrow;  // not for numbers that are not finite
@@ -85,7 +85,8 @@ class MotionBound {
   }
 
  private:
-  // Rows as they were, dense ones in motion coordinates; square: of their change since.
+  // Rows of a level as they were, in motion coordinates, those that pick one by its number; square: of their change
+  // since.
   struct Then {
     std::vector<double> rows;
     std::vector<std::int64_t> index;
@@ -108,8 +109,6 @@ class MotionBound {
       row_room_ = 1.0;
       changed_ = 0.0;
       met_ = true;
-      if (version_ != at_->version()) forget();
-      version_ = at_->version();
     }
     for (; seen_ <= k; ++seen_) {
       look(level_[seen_], prices_[seen_] > 0.0);
@@ -136,8 +135,12 @@ class MotionBound {
     }
   }
 
+  double picked(const PricedLevel& level, int i) const {
+    return at_->picked(static_cast<int>(level.index[i]), level.scale[i]);
+  }
+
   double length(const PricedLevel& level, int i) {
-    if (!level.A) return std::abs(at_->picked(static_cast<int>(level.index[i]), level.scale[i]));
+    if (!level.A) return std::abs(picked(level, i));
     at_->row(level.A + static_cast<std::size_t>(i) * n_, row_.data());
     return std::sqrt(dot_any(row_.data(), row_.data(), n_));
   }
@@ -148,7 +151,7 @@ class MotionBound {
       if (then.equal[i] != (level.lower[i] == level.upper[i])) return INFINITY;
     if (level.A) return at_->apart(level.A, then.rows.data(), level.m);
     for (int i = 0; i < level.m; ++i)
-      if (then.index[i] != level.index[i] || then.rows[i] != level.scale[i]) return INFINITY;
+      if (then.index[i] != level.index[i] || then.rows[i] != picked(level, i)) return INFINITY;
     return 0.0;
   }
 
@@ -166,7 +169,7 @@ class MotionBound {
         then.rows.insert(then.rows.end(), row_.begin(), row_.begin() + n_);
       } else {
         then.index.push_back(level.index[i]);
-        then.rows.push_back(level.scale[i]);
+        then.rows.push_back(picked(level, i));
       }
     }
     return std::exchange(then.square, 0.0);
@@ -188,7 +191,7 @@ class MotionBound {
   std::vector<double> row_, value_;
   const Coordinates* at_ = nullptr;
   const double *prices_ = nullptr, *x_ = nullptr;
-  int seen_ = 0, version_ = -1;
+  int seen_ = 0;
   double size_ = 0.0, row_room_ = 1.0, changed_ = 0.0;  // row_room_: of dense rows; changed_: square, of levels seen
   bool met_ = true, equalities_ = true;
 };
