@@ -102,6 +102,7 @@ class StageLevels final : public PricedStages {
         const int levels = static_cast<int>(level_.size());
         std::fill(stages, stages + static_cast<std::size_t>(levels) * n_, std::numeric_limits<double>::quiet_NaN());
         rows_.count = 0;
+        rows_.flat = !at_.diagonal();
         find_rounding();
         find_turned();
         set_floor();
@@ -435,7 +436,7 @@ class StageLevels final : public PricedStages {
       std::fill(c, c + rows_.ld, 0.0);
       at_.row(a, c);
       const double shift = dot_any(a, at_.still(), n_);
-      if (!rows_.close(rows_.count, n_, low - shift, high - shift)) continue;
+      if (!rows_.close(rows_.count, n_, low - shift, high - shift, std::sqrt(dot_any(a, a, n_)))) continue;
       ++rows_.count;
       row_of_.push_back(first + (i < level.m ? i : 0));  // the guard counts for the first element of its level
     }
@@ -475,7 +476,8 @@ class StageLevels final : public PricedStages {
       T[N] = 1.0 / kSlackMotion;
       t_[m++] = 0.0;
       y_[N] = kSlackMotion * slack(dot_any(a, x_.data(), n_), level.lower[i], level.upper[i]);
-      if (rows_.close(rows_.count, N + 1, level.lower[i] - shift, level.upper[i] - shift)) ++rows_.count;
+      const double low = level.lower[i] - shift, high = level.upper[i] - shift;
+      if (rows_.close(rows_.count, N + 1, low, high, std::sqrt(square(level, i)))) ++rows_.count;
       ++N;
     }
     bool reached = false;

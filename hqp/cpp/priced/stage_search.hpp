@@ -15,17 +15,23 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kOnFace = 1e-12;       // rows that are not held keep to their bounds, relative to 1 + |bound|
+constexpr double kRounding = 1e-15;     // of a value, relative to 1 + |y|
+constexpr double kAtBound = 1e-10;      // rows at their bounds
+constexpr double kOnFace = 1e-12;       // rows that are not held keep to their bounds
 constexpr double kHeldOnFace = 1e-9;    // and those held, of which some may nearly depend on others
 constexpr double kNoDirection = 1e-13;  // what is left of a row whose direction the face has not
+constexpr double kRotatedAway = 1e-4;   // square of a rotated row, relative to the longest row's
 constexpr double kNoStep = 1e-12;       // a step that is rounding, relative to 1 + |y|
+constexpr double kNoFlatStep = 1e-14;   // and one where motion may be flat
 constexpr double kFar = 1e3;            // a start so far away, relative to 1 + |y| at the end, leaves its rounding
 constexpr double kOnRow = 1e-13;        // rounding of a row's value, relative to its terms
 
 // Rows of unit length, two-sided; an equality where the bounds agree.
 struct StageRows {
   int ld = 0, count = 0;
+  bool flat = false;  // motion may be: short ways here are long ones of x
   std::vector<double> C, lower, upper;
+  std::vector<double> unit;  // what a row of unit length in x is here: long ones move far where motion is flat
   std::vector<char> equal;
   std::vector<int> only;  // the one entry that is not zero, -1 where there are more
 
@@ -34,6 +40,7 @@ struct StageRows {
     C.assign(static_cast<std::size_t>(rows) * ld, 0.0);
     lower.resize(rows);
     upper.resize(rows);
+    unit.resize(rows);
     equal.resize(rows);
     only.resize(rows);
   }
@@ -43,13 +50,20 @@ struct StageRows {
     return only[i] < 0 ? dot_any(row(i), y, N) : row(i)[only[i]] * y[only[i]];
   }
 
-  // Scale row i, already written, to unit length; a row of no length or no bound is dropped by the caller.
-  bool close(int i, int N, double low, double high) {
+  // By how much row i may be off at y of a given length, `off` being relative to its length in x and its bound.
+  double allowed(int i, double off, double bound, double size) const {
+    return off * (unit[i] + std::abs(bound)) + kRounding * (1.0 + size);
+  }
+
+  // Scale row i, already written, to unit length; a row of no length or no bound is dropped by the caller.  in_x: its
+  // length there.
+  bool close(int i, int N, double low, double high, double in_x) {
     double* c = row(i);
     const double length = std::sqrt(dot_any(c, c, N));
     if (!(length > 1e-13) || (low == -INFINITY && high == INFINITY)) return false;
     for (int j = 0; j < N; ++j) c[j] /= length;
     only[i] = -1;
+    unit[i] = std::fmin(1.0, in_x / length);
     bound(i, low / length, high / length);
     return true;
   }
@@ -61,6 +75,7 @@ struct StageRows {
     std::fill(row(i), row(i) + ld, 0.0);
     row(i)[j] = c > 0.0 ? 1.0 : -1.0;
     only[i] = j;
+    unit[i] = 1.0;
     bound(i, low / length, high / length);
     return true;
   }
@@ -153,7 +168,7 @@ class StageSearch {
       through(y);
       minimiser(T, t, m, price, y);
       double far = 1.0;
-      const double least = kNoStep * (1.0 + size_);
+      const double least = (rows_->flat ? kNoFlatStep : kNoStep) * (1.0 + size_);
       const bool there = length_ <= least;
       const int blocking = there ? -1 : first_in_the_way(y, zero, far);
       if (there || far * length_ > least) {
@@ -212,11 +227,11 @@ class StageSearch {
     on_bounds();
     minimiser(T, t, m, price, y);
     for (int j = 0; j < N_; ++j) aim_[j] += y[j];
+    const double size = std::sqrt(dot_any(aim_.data(), aim_.data(), N_));
     for (int i = 0; i < rows_->count; ++i) {
       const double off = std::abs(side_[i]) == 1 ? kHeldOnFace : kOnFace;
-      const double value = rows_->value(i, aim_.data(), N_);
-      if (value < rows_->lower[i] - off * (1.0 + std::abs(rows_->lower[i])) ||
-          value > rows_->upper[i] + off * (1.0 + std::abs(rows_->upper[i])))
+      const double value = rows_->value(i, aim_.data(), N_), low = rows_->lower[i], high = rows_->upper[i];
+      if (value < low - rows_->allowed(i, off, low, size) || value > high + rows_->allowed(i, off, high, size))
         return false;
     }
     if (wrong_sign(T, m, price, aim_.data(), false) >= 0) return false;
@@ -227,7 +242,8 @@ class StageSearch {
   bool at_bound(int i, int side, const double* y) const {
     const double bound = side > 0 ? rows_->upper[i] : rows_->lower[i];
     if (std::isinf(bound)) return false;  // the row had another meaning a tick ago
-    return std::abs(rows_->value(i, y, N_) - bound) <= 1e-10 * (1.0 + std::abs(bound));
+    const double size = std::sqrt(dot_any(y, y, N_));
+    return std::abs(rows_->value(i, y, N_) - bound) <= rows_->allowed(i, kAtBound, bound, size);
   }
 
   // A row that depends on those held stays where it is without being held.
@@ -275,18 +291,24 @@ class StageSearch {
     M_.assign(static_cast<std::size_t>(m) * padded(N_), 0.0);
     e_.resize(m);
     const int ld = padded(N_);
+    double longest = 0.0;
     for (int i = 0; i < m; ++i) {
       double* row = &M_[static_cast<std::size_t>(i) * ld];
       std::copy(T + static_cast<std::size_t>(i) * rows_->ld, T + static_cast<std::size_t>(i) * rows_->ld + N_, row);
       e_[i] = t[i] - dot_any(row, aim_.data(), N_);
       const double whole = dot_any(row, row, N_);
+      longest = larger(longest, whole);
       space_.project(row, N_);
       const double left = dot_any(row, row, N_);
       if (left <= kNoDirection * kNoDirection * whole) std::fill(row, row + N_, 0.0);
       else space_.uncertain = space_.uncertain || left < kUncertain * kUncertain * whole;
     }
     secular_.solve(M_.data(), ld, N_, e_.data(), m, price);
-    for (int i = 0; i < m; ++i) add_any(aim_.data(), &M_[static_cast<std::size_t>(i) * ld], secular_.weight(i), N_);
+    for (int i = 0; i < m; ++i) {
+      double* row = &M_[static_cast<std::size_t>(i) * ld];
+      if (dot_any(row, row, N_) < kRotatedAway * longest) space_.project(row, N_);  // of long rows little was left
+      add_any(aim_.data(), row, secular_.weight(i), N_);
+    }
     size_ = std::sqrt(dot_any(y, y, N_));
     for (int j = 0; j < N_; ++j) aim_[j] -= y[j];
     length_ = std::sqrt(dot_any(aim_.data(), aim_.data(), N_));
