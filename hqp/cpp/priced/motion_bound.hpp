@@ -26,6 +26,7 @@ constexpr double kLeast = 1e-6;   // added to |y|: far above what x may miss
 constexpr double kShown = 0.9;    // bound of c ||u|| that shows a level
 constexpr double kStale = 0.5;    // d of an inverse that is to be found again
 constexpr double kNear = 0.12;    // r of coordinates that p does not move
+constexpr int kRest = 16;         // ticks in which a bound that was too wide is not asked
 constexpr double kNarrow = 0.05;  // r of others, so that the inverse is to be found again
 
 class MotionBound {
@@ -52,14 +53,23 @@ class MotionBound {
   // Whether level k is met for its price; asked from the first level down.
   bool shows(int k) {
     Inverse& inverse = inverse_[k];
+    inverse.stale = false;
     if (!inverse.known || !at_->diagonal()) return false;
+    if (inverse.rest > 0) return --inverse.rest, false;
     see_to(k);
     const double d = inverse.gain * (inverse.age + std::sqrt(changed_)), narrow = least_room(inverse);
-    inverse.known = d < kStale && narrow > kNarrow;  // not for numbers that are not finite
-    if (!inverse.known || !met_ || !equalities_) return false;
+    inverse.known = d < kStale;  // not for numbers that are not finite
+    inverse.stale = !inverse.known || (narrow <= kNarrow && inverse.own_gain < INFINITY);
+    if (inverse.stale || !met_ || !equalities_) return false;
     const double r = smaller(narrow, row_room_);
-    return r > 0.0 && prices_[k] * (1.0 + r) * (1.0 + r) * size_ * inverse.own_gain <= kShown * 2.0 * r * (1.0 - d);
+    if (r > 0.0 && prices_[k] * (1.0 + r) * (1.0 + r) * size_ * inverse.own_gain <= kShown * 2.0 * r * (1.0 - d))
+      return true;
+    inverse.rest = kRest;
+    return false;
   }
+
+  // Whether the latest shows(k) needs an inverse of this tick.
+  bool stale(int k) const { return inverse_[k].stale; }
 
   // Coordinates near a bound of the rows down to level k.
   const std::vector<char>& near(int k) {
@@ -82,6 +92,7 @@ class MotionBound {
     inverse.gain = gain;
     inverse.own_gain = own_gain;
     inverse.still = near_;
+    inverse.rest = 0;
   }
 
  private:
@@ -95,7 +106,8 @@ class MotionBound {
   };
 
   struct Inverse {
-    bool known = false;
+    bool known = false, stale = false;
+    int rest = 0;      // ticks until it is asked again
     double age = 0.0;  // at most how far its rows were from those kept
     double gain = 0.0, own_gain = 0.0;
     std::vector<char> still;  // coordinates that do not move

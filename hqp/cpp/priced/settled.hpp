@@ -15,6 +15,7 @@
 
 #include "coordinates.hpp"
 #include "motion_bound.hpp"
+#include "refined.hpp"
 #include "stages.hpp"
 
 namespace hqp {
@@ -42,12 +43,13 @@ class Settled {
         column_(width_),
         inverse_(rows),
         held_(rows),
-        alone_(rows),
+        number_(rows),
         kept_(rows),
         y_(ld_),
         a_(n),
         x_(n),
-        bound_(n, levels) {
+        bound_(n, levels),
+        refined_(n, levels, rows) {
     int before = 0;
     for (std::size_t k = 0; k < levels.size(); ++k) {
       first_[k] = before;
@@ -58,6 +60,7 @@ class Settled {
   void forget() {
     for (auto& set : warm_) set.clear();
     bound_.forget();
+    refined_.forget();
   }
 
   // x: the exact answer, whose values exact levels keep.
@@ -66,6 +69,7 @@ class Settled {
     prices_ = prices;
     exact_ = x;
     bound_.begin(coordinates, prices, x);
+    refined_.begin(coordinates, prices, x);
     count_ = equalities_ = reached_ = 0;
     consistent_ = independent_ = true;
     taken_out_.clear();
@@ -83,12 +87,17 @@ class Settled {
   // Whether priced level k, the next one down, is met for its price.
   bool meets(int k) {
     if (bound_.shows(k)) return true;
+    if (!bound_.stale(k) && refined_.clear(k)) return true;
     for (; reached_ < k; ++reached_) enter(reached_);
     const int own = equalities_;
     enter(k);
     reached_ = k + 1;
     const bool met = consistent_ && own_rank_ && least_motion(k) && prices_[k] * multipliers(k, own) <= 1.0;
-    if (met && independent_ && at_->diagonal()) prepare_bound(k, own);
+    if (met && independent_) {
+      invert();
+      refined_.take(k, count_, number_.data(), held_.data(), lambda_.data(), G_.data(), x_.data());
+      if (at_->diagonal()) prepare_bound(k, own);
+    }
     return met;
   }
 
@@ -242,7 +251,7 @@ class Settled {
     }
     kept_[c] = pivot > kDepends * square;
     held_[c] = held;
-    alone_[c] = level.A ? -1 : static_cast<int>(level.index[i]);
+    number_[c] = first_[&level - level_.data()] + i;
     inverse_[c] = kept_[c] ? 1.0 / std::sqrt(pivot) : 0.0;
     z_[c] = z * inverse_[c];
     ++count_;
@@ -271,15 +280,14 @@ class Settled {
     return std::sqrt(square);
   }
 
-  // The inverse G = (B B')^-1 for the bound of level k, whose own rows begin at `own`. Coordinates near a bound are not
+  // The inverse G for the bound of level k, whose own rows begin at `own`. Coordinates near a bound are not
   // to move: their columns are taken out of B (Sherman and Morrison), but for those that a row has alone.
   void prepare_bound(int k, int own) {
     const int c = count_;
-    invert();
     const double whole = trace(0, c);
     out_ = bound_.near(k);
     for (int i = 0; i < c; ++i)
-      if (alone_[i] >= 0) out_[alone_[i]] = 0;
+      if (const auto [level, row] = place(number_[i]); !level.A) out_[level.index[row]] = 0;
     for (const auto& [j, y] : taken_out_) out_[j] = 0;
     for (int j = 0; j < n_; ++j) {
       if (!out_[j]) continue;
@@ -293,7 +301,7 @@ class Settled {
     bound_.take(k, trace(0, c), trace(own, equalities_));
   }
 
-  // G from W = U^-T, row by row.
+  // G = (B B')^-1 from W = U^-T, row by row.
   void invert() {
     const int c = count_;
     W_.assign(static_cast<std::size_t>(c) * c, 0.0);
@@ -325,11 +333,12 @@ class Settled {
   std::vector<int> first_;
   std::vector<double> B_, U_, b_, z_, lambda_, column_, inverse_;  // B B' = U' U, inverse_ 1 / U_jj
   std::vector<double> W_, G_;                                      // U^-T, (B B')^-1
-  std::vector<int> held_, alone_;  // how a row is held, as in warm_; the coordinate that it has alone, -1 for none
+  std::vector<int> held_, number_;  // how a row is held, as in warm_; which of all rows it is
   std::vector<char> kept_, out_;
   std::vector<double> y_, a_, x_;
   std::vector<std::pair<int, double>> taken_out_;  // coordinates, their values
   MotionBound bound_;
+  Refined refined_;
   const Coordinates* at_ = nullptr;
   const double *prices_ = nullptr, *exact_ = nullptr;
   int count_ = 0, equalities_ = 0, reached_ = 0;  // reached_: levels whose rows have entered

@@ -447,7 +447,8 @@ static void stage_search() {
       double length = 0.0, value = 0.0;
       for (int j = 0; j < n; ++j) length += c[j] * c[j];
       for (int j = 0; j < n; ++j) value += c[j] * y[j];
-      (void)rows.close(i, n, -INFINITY, value + 3e-10 * random_number() * std::sqrt(length));
+      length = std::sqrt(length);
+      (void)rows.close(i, n, -INFINITY, value + 3e-10 * random_number() * length, length);
     }
     for (int j = 0; j < n; ++j) {
       rows.pick(2 * pairs + j, j, 1.0, -1.0, 1.0);
