@@ -55,7 +55,7 @@ class Teller:
         """What makes the notes on elements that are short of what they were asked for: those that are named, and
         those whose price is what holds them.  Numbers are taken now, texts are written when they are read."""
         accounts = self._accounts
-        account = accounts.account(count, w, x, guards=True)
+        account = accounts.account(count, w, x)
         if account is None:
             return None
         named = frozenset(reference.name for reference in references)

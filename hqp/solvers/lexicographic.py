@@ -99,7 +99,7 @@ class Lexicographic(Solver):
     def workspace(self, shape: Shape) -> Workspace:
         """Allocate for problems of this shape."""
         if shape.priced:
-            return StagedWorkspace(shape, self.workspace, native=True)
+            return StagedWorkspace(shape, replace(self, multipliers=False).workspace)
         return NativeWorkspace(self, shape)
 
 
