@@ -110,8 +110,8 @@ class Teller:
         solved = tick._solved() if tick._count == count else None
         if solved is None:
             raise _too_late("account")
-        w, x, staged = solved
-        return self._accounts.account(count, w, x, staged, tick.state.v)
+        w, x, _ = solved
+        return self._accounts.account(count, w, x, tick.state.v)
 
     @staticmethod
     def _latest(what: str, count: int, tick: Tick) -> Solution:
