@@ -14,7 +14,7 @@ class Stages:
         f: Vec | None,
     ) -> None: ...
     def leaves(self, level: int, to: tuple[object, ...]) -> None:
-        """Where a level stands above levels without a price: (A (m, wide), None, lower, upper) or (None, scale, ...)."""
+        """Where a level stands above levels without a price: (A (m, wide), None, lower, upper) or (None, scale, ..)."""
 
     def remains(self, level: int, to: tuple[object, ...], solve: object, z: Vec) -> None:
         """A level without a price below unmet ones: where its own rows are written, the solve, and the z it writes."""

@@ -1,4 +1,4 @@
-"""Priced levels natively: the exact answer while it settles every level, else a stage for each from the first it does not.
+"""Priced levels natively: the exact answer while it settles every level, else a stage for each from the first.
 
 Below unmet levels a level without a price is the last of an exact hierarchy over (z, v), x scaled and the motion of the
 anchored rows (hqp/cpp/priced/remainder.hpp), which the kernel of exact hierarchies solves.
