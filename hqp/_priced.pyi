@@ -12,6 +12,8 @@ class Stages:
         eta: float,
         F: Mat | Vec | None,
         f: Vec | None,
+        metric: tuple[Mat, Mat] | None,
+        origin: tuple[Vec, Vec] | None,
     ) -> None: ...
     def leaves(self, level: int, to: tuple[object, ...]) -> None:
         """Where a level stands above levels without a price: (A (m, wide), None, lower, upper) or (None, scale, ..)."""

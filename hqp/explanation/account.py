@@ -245,7 +245,7 @@ def _unpriced(problem: Hierarchy) -> tuple[Stages, Mat] | None:
     try:
         stages = stages_of(problem.n, [rows.m for rows in problem.levels], [False] * levels)
         nothing = np.zeros(levels)
-        stages.bind([row_arrays(rows) for rows in problem.levels], nothing, None, 1.0, None, None)
+        stages.bind([row_arrays(rows) for rows in problem.levels], nothing, None, 1.0, None, None, None, None)
     except TypeError:  # rows that lie otherwise in memory
         return None
     return stages, np.zeros((levels, problem.n))

@@ -261,6 +261,10 @@ class StagedWorkspace:
 
     def _bind_stages(self, problem: Hierarchy) -> None:
         motion, turning = problem.motion, problem.turning
+        priced, n = problem.priced, problem.n
+        wide = n + sum(rows.m for rows, price in zip(problem.levels, priced, strict=True) if price)
+        metric = None if problem.metric is None else (problem.metric, np.zeros((wide, wide)))
+        origin = None if problem.origin is None else (problem.origin, np.zeros(wide))
         self._native.bind(
             [row_arrays(rows) for rows in problem.levels],
             np.ascontiguousarray(problem.prices),
@@ -268,17 +272,20 @@ class StagedWorkspace:
             problem.eta,
             None if motion is None else motion.F,
             None if motion is None else motion.f,
+            metric,
+            origin,
         )
-        priced, n = problem.priced, problem.n
-        wide = n + sum(rows.m for rows, price in zip(problem.levels, priced, strict=True) if price)
+        larger = None if metric is None else metric[1], None if origin is None else origin[1]
         above = [_room(rows, wide, price) for rows, price in zip(problem.levels, priced, strict=True)]
         for k, rows in enumerate(above):
             self._native.leaves(k, room_arrays(rows))
         for k in range(priced.index(True) + 1, len(priced)):
             if not priced[k]:
-                self._remainders[k] = self._remainder(problem, k, above, wide)
+                self._remainders[k] = self._remainder(problem, k, above, wide, *larger)
 
-    def _remainder(self, problem: Hierarchy, k: int, above: Sequence[Rows], wide: int) -> Remainder:
+    def _remainder(
+        self, problem: Hierarchy, k: int, above: Sequence[Rows], wide: int, metric: Mat | None, origin: Vec | None
+    ) -> Remainder:
         """Room for level k below unmet levels, its kernel bound to it and to the stages."""
         n, own = problem.n, problem.levels[k]
         diagonal = problem.motion is None or problem.motion.F.ndim == 1
@@ -289,12 +296,6 @@ class StagedWorkspace:
             m = own.m + (n if problem.motion is None else problem.motion.F.shape[0]) + wide - n
             A = np.zeros((m, wide))
         last = Rows(A, np.zeros(m), np.zeros(m))
-        metric = origin = None
-        if problem.metric is not None:
-            metric = np.zeros((wide, wide))
-            metric[:n, :n] = problem.metric
-        if problem.origin is not None:
-            origin = np.concatenate([problem.origin, np.zeros(wide - n)])
         whole = Hierarchy((*above[:k], last), n=wide, metric=metric, origin=origin)
         workspace = self._make(replace(whole.shape, inequalities=True))
         kernel: Kernel = workspace.kernel(whole)  # type: ignore[attr-defined]

@@ -87,10 +87,11 @@ class Stages final : public hqp::SolveCall {
     stages_.reset(HQP_FOR_MACHINE(make_stages, n, levels, rows.data(), marks.get(), tolerances));
   }
 
-  // levels: (A or None, index or None, scale or None, lower, upper).  prices, turning: one a level.  The caller keeps
-  // the arrays alive, and so does this object.
+  // levels: (A or None, index or None, scale or None, lower, upper).  prices, turning: one a level.  metric, origin:
+  // None or the hierarchy's own and the larger one to be written from it.  The caller keeps the arrays alive, and so
+  // does this object.
   void bind(const nb::list& levels, const Vector& prices, const nb::object& turning, double eta, const nb::object& F,
-            const nb::object& f) {
+            const nb::object& f, const nb::object& metric, const nb::object& origin) {
     if (levels.size() != rows_.size() || prices.shape(0) != rows_.size()) refuse("one entry a level");
     if (!(eta > 0.0)) refuse("eta: positive");
     for (std::size_t k = 0; k < rows_.size(); ++k) {
@@ -122,8 +123,11 @@ class Stages final : public hqp::SolveCall {
       law.r = any.ndim() == 2 ? static_cast<int>(any.shape(0)) : 0;
     }
     if (!f.is_none()) law.f = checked<Vector>(f, static_cast<std::size_t>(law.r ? law.r : n_));
-    stages_->bind(law);
-    kept_ = nb::make_tuple(levels, prices, turning, F, f);
+    hqp::Completion completion;
+    pair(metric, completion.metric, completion.wide_metric);
+    pair(origin, completion.origin, completion.wide_origin);
+    stages_->bind(law, completion);
+    kept_ = nb::make_tuple(levels, prices, turning, F, f, metric, origin);
     bound_ = true;
     head_ = 0;
     heads_.clear();
@@ -335,6 +339,13 @@ class Stages final : public hqp::SolveCall {
     return static_cast<std::size_t>(k);
   }
 
+  static void pair(const nb::object& both, const double*& from, double*& to) {
+    if (both.is_none()) return;
+    const auto arrays = nb::cast<nb::tuple>(both);
+    from = nb::cast<nb::ndarray<const double, nb::c_contig, nb::device::cpu>>(arrays[0]).data();
+    to = nb::cast<Out>(arrays[1]).data();
+  }
+
   // least: rows that it has at least.
   hqp::Room room(const nb::tuple& to, std::size_t least) {
     hqp::Room out;
@@ -390,7 +401,8 @@ NB_MODULE(_priced, m) {
   nb::class_<Stages>(m, "Stages")
       .def(nb::init<int, const std::vector<int>&, const std::vector<int>&, double, double, double>(), "n"_a, "rows"_a,
            "priced"_a, "met"_a, "zero"_a, "flat"_a)
-      .def("bind", &Stages::bind, "levels"_a, "prices"_a, "turning"_a.none(), "eta"_a, "F"_a.none(), "f"_a.none())
+      .def("bind", &Stages::bind, "levels"_a, "prices"_a, "turning"_a.none(), "eta"_a, "F"_a.none(), "f"_a.none(),
+           "metric"_a.none(), "origin"_a.none())
       .def("leaves", &Stages::leaves, "level"_a, "to"_a)
       .def("remains", &Stages::remains, "level"_a, "to"_a, "solve"_a, "z"_a)
       .def("solve", &Stages::solve, "x"_a, "stages"_a, "last"_a, "head"_a = 0, "seconds"_a = 0.0)

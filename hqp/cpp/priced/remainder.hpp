@@ -28,7 +28,7 @@ class Remainder {
 
   // low, high: bounds of all rows as they are handed down; eta: of the hierarchy.
   void write(int k, const std::vector<Anchor>& anchors, const double* low, const double* high, double eta,
-             Motions& motions, Room* above, const Room& own) {
+             Motions& motions, Room* above, const Room& own, const Completion& completion) {
     motions.weigh(anchors, 0.0);
     std::fill(size_.begin(), size_.end(), 1.0);
     if (own.scale) pick(level_[k], motions, own);
@@ -40,6 +40,7 @@ class Remainder {
       low += level_[j].m;
       high += level_[j].m;
     }
+    complete(completion);
   }
 
   // x (n,) of (z, v).
@@ -127,6 +128,16 @@ class Remainder {
       A[slot_[j] + i] = -root;
       to.lower[i] = to.upper[i] = anchor->value[i];
     }
+  }
+
+  void complete(const Completion& completion) const {
+    if (completion.metric)
+      for (int i = 0; i < n_; ++i)
+        for (int j = 0; j < n_; ++j)
+          completion.wide_metric[static_cast<std::size_t>(i) * wide_ + j] =
+              completion.metric[static_cast<std::size_t>(i) * n_ + j] / (size_[i] * size_[j]);
+    if (completion.origin)
+      for (int j = 0; j < n_; ++j) completion.wide_origin[j] = completion.origin[j] * size_[j];
   }
 
   // Row i of a level over (z, v).

@@ -70,7 +70,10 @@ class StageLevels final : public PricedStages {
     settled_.forget();
   }
 
-  void bind(const Law& law) override { law_ = law; }
+  void bind(const Law& law, const Completion& completion) override {
+    law_ = law;
+    completion_ = completion;
+  }
 
   void account(const AccountRows& rows, double* numbers, double* shares, double* worth) override {
     if (last_ < 0) motions_.set(law_.F, law_.f, law_.r);
@@ -368,7 +371,7 @@ class StageLevels final : public PricedStages {
   // Level k, which has no price, below an unmet one.
   void remainder(int k) {
     const Remaining& rest = remaining_[k];
-    remainder_.write(k, anchors_, low_.data(), high_.data(), law_.eta, motions_, above_.data(), rest.own);
+    remainder_.write(k, anchors_, low_.data(), high_.data(), law_.eta, motions_, above_.data(), rest.own, completion_);
     const int outcome = rest.solve->run(left());
     doubtful_ = doubtful_ || outcome == kUncertainRank;
     if (outcome == 0 || outcome == kUncertainRank) remainder_.point(rest.z, x_.data());
@@ -388,6 +391,7 @@ class StageLevels final : public PricedStages {
   std::vector<std::vector<int>> warm_;
   std::vector<int> first_;  // each level's first row among all
   Law law_;
+  Completion completion_;
   Tolerances tolerances_;
   Motions motions_;
   std::vector<Anchor> anchors_;

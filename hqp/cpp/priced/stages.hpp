@@ -43,6 +43,12 @@ struct Remaining {
   const double* z = nullptr;
 };
 
+// What chooses among optima, of the hierarchy (n) and of exact ones over (z, v) (wide), to be written; null for none.
+struct Completion {
+  const double *metric = nullptr, *origin = nullptr;  // (n, n), (n,)
+  double *wide_metric = nullptr, *wide_origin = nullptr;
+};
+
 // What an account is made of: stages as solve wrote them; slacks w of all rows; owner: the element of each row.
 // lambda: multipliers of exact levels, level k after level k - 1, (m_0 + ... + m_k) each, or null.
 struct AccountRows {
@@ -76,7 +82,7 @@ class PricedStages {
   virtual PricedLevel* levels() = 0;   // to be filled once
   virtual Room* above() = 0;           // of each level, as a level above one without a price
   virtual Remaining* remaining() = 0;  // of each level without a price below one that has one
-  virtual void bind(const Law& law) = 0;
+  virtual void bind(const Law& law, const Completion& completion) = 0;
   // x: the exact answer of all levels, or of those above level `head` where it is not 0.  The first level that it does
   // not settle, -1 for none; otherwise stages (levels, n) hold the points of priced levels from that one on (NaN
   // elsewhere), and last the answer.  -2 where level `head` is met: the exact answer of all levels is needed.
