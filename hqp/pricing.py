@@ -97,22 +97,22 @@ class Coordinates:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Anchor:
-    """A level that is not met, at its stage point x_a: 1/2 ||A (x - x_a)||^2 / give + 1/2 ||turning (x - x_a)||^2.
+    """A level that is not met, at its stage point x_a: 1/2 ||v||^2 / give + 1/2 ||turning (x - x_a)||^2.
 
-    A: ``(m, n)`` its anchored rows.  give: eta omega_a.  turning: ``(r, n)``, sqrt(t_a omega_a) D_a F.  x: ``(n,)``.
-    places: ``(m,)``, of the rows among all rows of the hierarchy.
+    rows: the anchored ones, dense, v their slack at x.  give: eta omega_a.  turning: ``(r, n)``,
+    sqrt(t_a omega_a) D_a F.  x: ``(n,)``, x_a.  places: ``(m,)``, of the rows among all rows of the hierarchy.
     """
 
-    A: Mat
+    rows: Rows
     give: float
     turning: Mat
     x: Vec
     places: Index
 
-    def level(self) -> Rows:
-        """Rows on x whose 1/2 ||w||^2 it is."""
-        A = np.concatenate([self.A / math.sqrt(self.give), self.turning])
-        return Rows(A, A @ self.x, A @ self.x)
+    @property
+    def A(self) -> Mat:
+        """The anchored rows, ``(m, n)``."""
+        return self.rows.dense(self.x.size)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,7 +146,8 @@ class Above:
         left = counts & ~held
         t = 0.0 if problem.turning is None else float(problem.turning[level])
         turning = math.sqrt(t * omega) * at.turning(A[held])
-        anchor = Anchor(A[held], problem.eta * omega, turning, x, places[held])
+        value = A[held] @ x
+        anchor = Anchor(Rows(A[held], value, value), problem.eta * omega, turning, x, places[held])
         below = self.with_rows(Rows(A[left], rows.lower[left], rows.upper[left]), places[left])
         return replace(below, anchors=(*self.anchors, anchor))
 
@@ -159,8 +160,7 @@ class Above:
         """Below the last level, whose stage ended at x: anchored rows keep the value that they have there."""
         below = replace(self, anchors=())
         for anchor in self.anchors:
-            value = anchor.A @ x
-            below = below.with_rows(Rows(anchor.A, value, value), anchor.places)
+            below = below.with_rows(at_optimum(anchor.rows, x), anchor.places)
         return below
 
 

@@ -112,7 +112,7 @@ class Walk:
         allowed = [np.zeros((0, x.size))]  # how the gradient changes where a row is off by what the tolerance allows
         forces = np.zeros(sum(rows.m for rows in self._problem.levels[: k + 1]))
         for anchor in self._above.anchors:
-            B, force = at.rows(anchor.A), anchor.A @ (x - anchor.x) / anchor.give
+            B, force = at.rows(anchor.A), anchor.rows.slack(x) / anchor.give
             turned = at.rows((anchor.turning.T @ (anchor.turning @ (x - anchor.x)))[None])[0]
             gradient = gradient + B.T @ force + turned
             scale += longest_row(B) * float(np.abs(force).max(initial=0.0)) + float(np.linalg.norm(turned))

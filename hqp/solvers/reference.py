@@ -162,8 +162,7 @@ class _Run:
             T.append(math.sqrt(m * price) * np.eye(at.moving, n))
             t.append(np.zeros(at.moving))
         for anchor in above.anchors:
-            value = anchor.A @ anchor.x
-            soft.append((anchor.A, value, value, math.sqrt(anchor.give / m)))
+            soft.append((anchor.A, anchor.rows.lower, anchor.rows.upper, math.sqrt(anchor.give / m)))
             turning = math.sqrt(m) * anchor.turning
             T.append(at.rows(turning))
             t.append(turning @ (anchor.x - at.still))
