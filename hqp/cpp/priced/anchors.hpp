@@ -57,6 +57,7 @@ class Motions {
       return;
     }
     base_.row(a, row_.data());
+    std::fill(row_.begin() + base_.rank(), row_.end(), 0.0);  // F^+ has no direction without motion
     base_.step(row_.data(), step_.data());
     for (int j = 0; j < r_; ++j) {
       const double part = dot_any(row(j), step_.data(), n_);
@@ -98,19 +99,17 @@ class Motions {
   const Coordinates& among(const std::vector<Anchor>& anchors, double price) {
     if (anchors.empty()) return base_;
     weigh(anchors, price);
-    scaled_.resize(static_cast<std::size_t>(count_) * (r_ ? n_ : 1));
-    for (int j = 0; j < count_; ++j) {
-      const double more = std::sqrt(weight_[j] / price);
-      mean_[j] *= more;
-      if (!r_) {
-        scaled_[j] = more * size(j);
-        continue;
-      }
-      const double* from = row(j);
-      double* to = &scaled_[static_cast<std::size_t>(j) * n_];
-      for (int i = 0; i < n_; ++i) to[i] = more * from[i];
+    scaled_.resize(count_);
+    for (int j = 0; j < count_; ++j) scaled_[j] = std::sqrt(weight_[j] / price);
+    if (r_) {
+      here_.set(base_, F_, scaled_.data(), mean_.data(), r_);
+      return here_;
     }
-    here_.set(scaled_.data(), mean_.data(), r_);
+    for (int j = 0; j < n_; ++j) {
+      mean_[j] *= scaled_[j];
+      scaled_[j] *= size(j);
+    }
+    here_.set(scaled_.data(), mean_.data(), 0);
     return here_;
   }
 
