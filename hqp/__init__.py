@@ -6,7 +6,6 @@ import importlib
 from typing import TYPE_CHECKING
 
 from hqp import native, solvers
-from hqp.certify import Certificate, certificate
 from hqp.element import Constraint, Element, Inequality, Task
 from hqp.errors import HqpError, PurePythonWarning
 from hqp.formulation import Acceleration, Velocity
@@ -19,6 +18,7 @@ from hqp.stack import Level, Stack
 
 if TYPE_CHECKING:
     from hqp import recorder, robots, serial, tasks
+    from hqp.certify import Certificate, certificate
     from hqp.checking import check
     from hqp.comparison import compare
     from hqp.goals import reach, solve_ik
@@ -76,24 +76,19 @@ __all__ = [
 native.warn_if_pure()
 
 
+_ELSEWHERE = {
+    "Certificate": "certify", "Torque": "torque", "bench": "lab", "certificate": "certify", "check": "checking",
+    "compare": "comparison", "reach": "goals", "solve_ik": "goals", "solve_many": "solvers.many", "view": "viewer",
+}  # fmt: skip
+"""Public names, and the modules that are imported when they are first asked for."""
+
+
 def __getattr__(name: str) -> object:
-    """Import the parts that need Pinocchio or tables only when asked for."""
+    """Import the parts that need Pinocchio, SciPy or tables only when asked for."""
     if name in ("recorder", "robots", "serial", "tasks"):
         return importlib.import_module(f"hqp.{name}")
-    if name == "Torque":
-        return importlib.import_module("hqp.torque").Torque
-    if name == "check":
-        return importlib.import_module("hqp.checking").check
-    if name == "compare":
-        return importlib.import_module("hqp.comparison").compare
-    if name == "bench":
-        return importlib.import_module("hqp.lab").bench
-    if name == "solve_many":
-        return importlib.import_module("hqp.solvers.many").solve_many
-    if name in ("reach", "solve_ik"):
-        return getattr(importlib.import_module("hqp.goals"), name)
-    if name == "view":
-        return importlib.import_module("hqp.viewer").view
+    if name in _ELSEWHERE:
+        return getattr(importlib.import_module(f"hqp.{_ELSEWHERE[name]}"), name)
     raise AttributeError(f"module 'hqp' has no attribute {name!r}")
 
 

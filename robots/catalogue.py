@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import importlib.metadata
 import importlib.util
 import sys
 import warnings
@@ -161,14 +160,26 @@ def _catalogue() -> dict[str, Any]:
 
 
 @cache
-def _files(suffix: str) -> dict[str, Path]:
-    """Files of the example-robot-data wheel by stem; it holds data only, no Python loader."""
+def _data() -> tuple[Path, ...]:
+    """The URDF and SRDF files of example-robot-data, which holds data only, no Python loader.
+
+    Its wheels and conda packages lie beside Pinocchio's; where they do not, what pip recorded is read.
+    """
+    beside = Path(pin.__file__).parents[4] / "share" / _DATA / "robots"
+    if found := sorted(beside.glob("*/*/*.[us]rdf")):
+        return tuple(found)
+    from importlib.metadata import PackageNotFoundError, distribution  # 30 ms, seldom needed
+
     try:
-        distribution = importlib.metadata.distribution(_DATA)
-    except importlib.metadata.PackageNotFoundError:
-        return {}
-    listed = [f for f in distribution.files or () if str(f).endswith(suffix)]
-    return {Path(str(f)).stem: Path(str(distribution.locate_file(f))) for f in listed}
+        package = distribution(_DATA)
+    except PackageNotFoundError:
+        return ()
+    return tuple(Path(str(package.locate_file(file))) for file in package.files or ())
+
+
+@cache
+def _files(suffix: str) -> dict[str, Path]:
+    return {path.stem: path for path in _data() if path.suffix == suffix}
 
 
 def _stems() -> dict[str, Path]:
