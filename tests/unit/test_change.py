@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 from pathlib import Path
 from time import thread_time
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,7 @@ from hqp.tasks import (
 )
 from hqp.tick import Tick
 from hqp.transition.blend import Transition, inverse, smooth
-from hqp.transition.waypoints import Waypoint, path, unloaded
+from hqp.transition.waypoints import Waypoint, bearing, path, unloaded
 from hqp.viewer.session_view import View
 
 EVERY_LEVEL = pytest.mark.parametrize("level", LEVELS)
@@ -271,10 +272,25 @@ def test_a_foot_that_cannot_be_unloaded_keeps_the_change_waiting(robot: Robot) -
         )
     ]
     assert np.abs(robot.state(loop.q).com() - loop.com).max() < 1e-5
-    loop.shift(700)  # a user takes the weight off it
+    borne = []
+    for k in range(900):  # a user takes the weight off it
+        (tick,) = loop.go(1, loop.goals(smooth(min(1.0, k / 700))))
+        program = tick.program
+        forces = program.contact_forces(tick.x)
+        if right in forces:
+            borne.append(float(np.linalg.norm(forces[right][:3])))
+    assert borne[-1] < 5.0  # less than 2 N go in a tick
     assert loop.ticks[-1].transition == 1.0
     assert loop.changes[50:].max() <= 3.0
     assert right not in loop.run.stack
+
+
+def test_a_contact_that_bears_five_newtons_is_not_released() -> None:
+    def told(force: float) -> tuple[str, ...]:
+        program = SimpleNamespace(contact_forces=lambda x: {"foot": np.array([0.0, 0.0, force])})
+        return tuple(note.element for note in bearing(program, np.zeros(1), ["foot"]))
+
+    assert [told(force) for force in (0.0, 1e-3, 0.1, 5.0, -5.0)] == [(), (), ("foot",), ("foot",), ("foot",)]
 
 
 def test_the_way_of_a_change_of_contacts(robot: Robot) -> None:
