@@ -14,12 +14,13 @@ def metric_factor(metric: Mat, tolerance: float = METRIC_TOLERANCE) -> Mat:
 
     metric: ``(n, n)`` symmetric positive semidefinite; what rounding makes indefinite below the tolerance is cut.
     """
-    from scipy.linalg.lapack import dpstrf  # heavy, and most stacks have no metric
+    from scipy.linalg import get_lapack_funcs  # heavy, and most stacks have no metric
 
     F = np.zeros_like(metric)
     largest = float(metric.diagonal().max(initial=0.0))
     if largest > 0.0:
-        factor, pivots, rank, _ = dpstrf(metric, tol=tolerance * largest)
+        (pstrf,) = get_lapack_funcs(("pstrf",), (metric,))
+        factor, pivots, rank, _ = pstrf(metric, tol=tolerance * largest)
         F[:rank, pivots - 1] = np.triu(factor)[:rank]
     return F
 
