@@ -73,7 +73,7 @@ __all__ = [
 ]
 
 
-native.warn_if_pure()
+native.check()
 
 
 _ELSEWHERE = {
