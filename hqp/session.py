@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -14,12 +15,13 @@ import numpy as np
 
 from hqp.arrays import Index, Vec
 from hqp.controller import DEADLINE, Controller
-from hqp.errors import ConcurrentUse, DeclarationError, StaleState
+from hqp.errors import ConcurrentUse, DeclarationError, ModelWarning, StaleState
 from hqp.explanation.questions import Teller
 from hqp.loop.budget import Budget
 from hqp.loop.compiled import Compiled, Compiler
 from hqp.loop.contact_watch import ContactWatch
 from hqp.loop.direct import Direct
+from hqp.loop.held_base import adrift
 from hqp.loop.ordinary import ordinary_tick
 from hqp.loop.references import References
 from hqp.loop.restless import LimitWatch
@@ -68,6 +70,10 @@ class Session:
         require_sound(robot)
         compiled = self._compiler.compile(controller.stack)
         rehearse(controller.formulation, compiled.stack, robot, self.dt)
+        self._first: tuple[Note, ...] = ()
+        if told := adrift(compiled.stack, robot):
+            warnings.warn(told, ModelWarning, stacklevel=3)
+            self._first = (Note("base", Status.OPTIMAL, told),)
         if compiled.dropped:
             LOG.warning("%s", compiled.dropped)
         self._activate(compiled, References({}))

@@ -40,8 +40,8 @@ def parsed(path: Path) -> ET.Element:
 def read(path: Path, floating: bool | None) -> Description:
     """The file's model, couplings and notes; raises ModelError that names the link or joint.
 
-    floating: whether the root is freed, None for where the file has no free root itself.  Raises DeclarationError where
-    the file frees the root that floating=False would fix.
+    floating: whether the root is freed, None for what the file says: fixed but for a floating joint at the root.
+    Raises DeclarationError where the file frees the root that floating=False would fix.
 
     Refused: numbers that are not finite, negative masses, inertias of links that make that of the joints negative,
     axes of no length, lower limits above upper ones.  Warned of: other negative moments of inertia, those against the
@@ -54,7 +54,7 @@ def read(path: Path, floating: bool | None) -> Description:
         raise DeclarationError(
             "floating", f"joint {freed!r} of {path} frees the root", value=False, allowed="None, True"
         )
-    floating = floating is not False and not freed
+    floating = floating is True and not freed
     warnings: list[str] = []
     negative = [name for link in root.findall("link") if (name := _check_link(path, link, warnings))]
     _check_joints(path, root, warnings)

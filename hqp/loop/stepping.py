@@ -99,6 +99,8 @@ def conclude(
         later.append(partial(restless_notes, restless))
     if session._contacts.missing:
         notes += tuple(Note(name, Status.CONTACT_LOST, why) for name, why in session._contacts.lost())
+    if session._first:
+        notes, session._first = notes + session._first, ()
     if session._limiter is not None:
         x, notes = within_rates(session._limiter, x, session._x, notes, session.program)
     last, session._x, session._good, session._held = session._x, x.copy(), state, 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from hqp.arguments import add_stack, read_stack
+from hqp.arguments import add_stack, read_robot, read_stack
 from hqp.solvers import default
 
 HELP = "see a stack on a robot in a browser, with targets to drag"
@@ -49,13 +49,12 @@ def execute(arguments: argparse.Namespace) -> int:
 
 
 def _replay(arguments: argparse.Namespace) -> int:
-    from hqp import robots
     from hqp.recorder import load
 
     from .replay import replay
     from .session_view import View
 
-    recording, robot = load(arguments.stack), robots.load(arguments.robot)
+    recording, robot = load(arguments.stack), read_robot(arguments)
 
     def tell(view: View, left_out: int) -> None:
         rest = f"; {left_out} ticks of another stack are left out" if left_out else ""
