@@ -45,8 +45,9 @@ def adrift(stack: Stack, robot: Robot) -> str:
             pulled.append(element.name)
     if not pulled:
         return ""
+    name = robot.name or "the robot"
     return (
-        f"nothing holds the floating base of {robot.name or 'the robot'}, neither a contact nor a task on the base: {_listed(pulled)} "
+        f"nothing holds the floating base of {name}, neither a contact nor a task on the base: {_listed(pulled)} "
         "will move it through the air. Declare contacts in subject_to or a task on the base, or load the robot with a "
         "fixed base (floating=False, --fixed)"
     )
@@ -57,7 +58,8 @@ def _entries(element: Any, here: Robot, there: Robot) -> tuple[bool, bool, bool]
     now, then = here.current, there.current
     hold = element.hold(now).value
     J = np.abs(np.atleast_2d(element.jacobian(now, hold) if element.steered else element.jacobian(now)))
-    entered = J > J.max(initial=0.0) * ROUNDING
+    largest = float(J.max(initial=0.0))
+    entered = ROUNDING * largest < J
     base = bool(entered[:, :6].any())
     change = np.abs(np.asarray(element.error(then, hold)) - np.asarray(element.error(now, hold))) if base else 0.0
     return base, bool(entered[:, 6:].any()), bool(np.any(change > ROUNDING))
