@@ -53,8 +53,9 @@ LOG.addHandler(logging.NullHandler())
 class Session:
     """A controller on one robot; keeps hold values, the last safe command and the solver's warm start.
 
-    max_age [s]: states must tell their ``time`` on the clock of ``time.monotonic`` (or of ``step(..., now=)``) and be
-    no older.  One thread at a time may step, change the stack or ask about a tick: another one is refused.
+    max_age [s]: states must tell their ``time`` on the clock of ``time.monotonic`` (or of ``step(..., now=)``), be no
+    older, and at most 1 ms ahead of it.  One thread at a time may step, change the stack or ask about a tick: another
+    one is refused.
     """
 
     def __init__(self, controller: Controller, robot: Robot, dt: float, *, max_age: float | None = None) -> None:

@@ -6,6 +6,7 @@ import dataclasses
 import pickle
 import sys
 import threading
+from time import monotonic
 from typing import Any, ClassVar
 
 import numpy as np
@@ -128,6 +129,17 @@ def test_old_states_are_refused(robot: Robot) -> None:
     assert run.step(robot.state(time=np.nan), now=5.02).status is Status.INVALID_STATE
     with pytest.raises(DeclarationError, match="max_age"):
         hqp.Controller(stack()).session(robot, DT, max_age=0.0)
+
+
+@pytest.mark.parametrize("ahead", [0.002, 0.02, 3600.0, np.inf])
+def test_states_from_the_future_are_refused(robot: Robot, ahead: float) -> None:
+    run = hqp.Controller(stack()).session(robot, DT, max_age=0.01)
+    assert run.step(robot.state(time=5.0), now=5.0 - 1e-4).status is Status.OPTIMAL  # two clocks differ a little
+    tick = run.step(robot.state(time=5.0 + ahead), now=5.0)
+    assert tick.status is Status.INVALID_STATE
+    assert f"{ahead:.3g} s ahead of now" in tick.notes[0].detail
+    wall = run.step(robot.state(time=monotonic() + ahead))
+    assert "ahead of now" in wall.notes[0].detail
 
 
 def test_the_callers_arrays_are_copied(robot: Robot) -> None:
