@@ -23,7 +23,7 @@ BASE = {"arrays", "errors", "tolerances"}
 
 # module of hqp: the modules of hqp that it may import at load time, beside BASE
 MAY: dict[str, set[str]] = {
-    "arrays": set(),
+    "arrays": {"errors"},
     "errors": set(),
     "floating_base": set(),
     "law": set(),

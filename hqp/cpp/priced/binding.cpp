@@ -162,6 +162,7 @@ class Stages final : public hqp::SolveCall {
     marks_.resize(total());
   }
   hqp::Solved run(const double* v) override {
+    const Turn turn(busy_);
     began_ = Clock::now();
     const int level = head_;
     if (level) {
@@ -254,10 +255,7 @@ class Stages final : public hqp::SolveCall {
 
   double left() const { return limit_ > 0.0 ? std::max(limit_ - elapsed(), 1e-6) : 0.0; }
 
-  int staged(const double* x, int head) {
-    const Turn turn(busy_);
-    return found(stages_->solve(x, head, left(), to_, end_));
-  }
+  int staged(const double* x, int head) { return found(stages_->solve(x, head, left(), to_, end_)); }
 
   // Whether stages can start from an answer: one of uncertain rank keeps to the levels above as well.
   static bool begins(const hqp::Solved& solved) {
