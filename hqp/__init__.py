@@ -10,6 +10,7 @@ from hqp.element import Constraint, Element, Inequality, Task
 from hqp.errors import HqpError, PurePythonWarning
 from hqp.formulation import Acceleration, Velocity
 from hqp.law import PD, P, SelfMotion
+from hqp.loop.safety import Braking, RateLimits, StateBounds
 from hqp.price import Price
 from hqp.problem import Hierarchy, Motion, Rows, Selection, Solution, Status
 from hqp.reference import Reference
@@ -17,7 +18,7 @@ from hqp.session import Controller, Note, Session, Tick
 from hqp.stack import Level, Stack
 
 if TYPE_CHECKING:
-    from hqp import recorder, robots, serial, tasks
+    from hqp import errors, estimation, recorder, robots, serial, shapes, sweep, tasks
     from hqp.certify import Certificate, certificate
     from hqp.checking import check
     from hqp.comparison import compare
@@ -32,6 +33,7 @@ __version__ = "0.2.0.dev0"
 __all__ = [
     "PD",
     "Acceleration",
+    "Braking",
     "Certificate",
     "Constraint",
     "Controller",
@@ -45,6 +47,7 @@ __all__ = [
     "P",
     "Price",
     "PurePythonWarning",
+    "RateLimits",
     "Reference",
     "Rows",
     "Selection",
@@ -52,6 +55,7 @@ __all__ = [
     "Session",
     "Solution",
     "Stack",
+    "StateBounds",
     "Status",
     "Task",
     "Tick",
@@ -61,13 +65,17 @@ __all__ = [
     "certificate",
     "check",
     "compare",
+    "errors",
+    "estimation",
     "reach",
     "recorder",
     "robots",
     "serial",
+    "shapes",
     "solve_ik",
     "solve_many",
     "solvers",
+    "sweep",
     "tasks",
     "view",
 ]
@@ -75,6 +83,7 @@ __all__ = [
 
 native.check()
 
+_MODULES = ("errors", "estimation", "recorder", "robots", "serial", "shapes", "sweep", "tasks")
 
 _ELSEWHERE = {
     "Certificate": "certify", "Torque": "torque", "bench": "lab", "certificate": "certify", "check": "checking",
@@ -85,7 +94,7 @@ _ELSEWHERE = {
 
 def __getattr__(name: str) -> object:
     """Import the parts that need Pinocchio, SciPy or tables only when asked for."""
-    if name in ("recorder", "robots", "serial", "tasks"):
+    if name in _MODULES:
         return importlib.import_module(f"hqp.{name}")
     if name in _ELSEWHERE:
         return getattr(importlib.import_module(f"hqp.{_ELSEWHERE[name]}"), name)
