@@ -309,9 +309,16 @@ def test_rates_hold_in_every_tick_and_say_what_they_cost(robot: Robot) -> None:
             q = np.full(robot.nq, np.nan) if k % 7 == 3 else robot.home
             tick = run.step(robot.state(q), hand.at(goal * (1.0 if k < 30 else np.nan)))
             assert np.abs(tick.command - last).max() <= rate * DT * (1.0 + 1e-9)
-            limited += any(note.element == "rates" for note in tick.notes)
+            said = [note.detail for note in tick.notes if note.element == "rates"]
+            assert all(detail.split(" would change by")[0] in robot.joint_names for detail in said)
+            limited += len(said)
             last = tick.command
         assert limited > 0
+    run = session(robot, hqp.Acceleration(), rates=limits)
+    run.step(robot.state())
+    notes = run.step(robot.state(None, np.full(robot.nv, 0.3))).notes  # feet that move are to be stopped at once
+    off = {note.element for note in notes if note.detail.endswith("by the rate limit")}
+    assert {"l_sole", "r_sole"} <= off
     for wrong in ({"velocity": 0.0}, {"torque": [1.0, -1.0]}, {"acceleration": np.inf}):
         with pytest.raises(DeclarationError, match="RateLimits"):
             RateLimits(**wrong)  # type: ignore[arg-type]
