@@ -27,11 +27,10 @@ class Server:
     """One page for one session."""
 
     def __init__(self, about: dict[str, Any]) -> None:
-        import viser  # pyright: ignore[reportMissingImports]
-
         from hqp import robots
 
         from .scene import Scene
+        from .serve import serve
 
         self._about: RobotDescription = about["robot"]
         self._stack: StackDescription = about["stack"]
@@ -41,7 +40,7 @@ class Server:
         names = [self._robot.joint_name(c) for c in range(self._robot.nv)]
         self._joints = (tuple(names), *self._about.limits)
         self._history = History(self._stack)
-        self._server = viser.ViserServer(host=about["host"], port=about["port"], verbose=False, label="hqp")
+        self._server = serve(about["doors"], about["port"])
         self._server.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
         self._server.gui.main_panel.dock_right()
         self._scene = Scene(self._server, self._about, self._robot, self._channel)

@@ -5,16 +5,19 @@ from __future__ import annotations
 import contextlib
 import os
 import pickle
+import socket
 import subprocess
 import sys
 import time
+import warnings
+import webbrowser
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 from hqp.arrays import Vec
-from hqp.errors import HqpError
+from hqp.errors import DeclarationError, HqpError, NetworkWarning
 from hqp.explanation.account import too_fast
 from hqp.problem import Hierarchy, Selection, Status
 from hqp.reference import Reference
@@ -24,6 +27,7 @@ from hqp.tasks import CollisionAvoidance
 
 from .channel import TARGET, Channel, Layout
 from .description import StackDescription, Target, describe_robot, describe_stack
+from .doors import LOOPBACK, NETWORK, Doors, address, is_everywhere, is_loopback, listening
 
 STATUSES = tuple(Status)
 BATCH = 8
@@ -38,25 +42,33 @@ _TARGETS = 24
 class View:
     """A page that shows a session: the robot, its targets, every level's residual, and what holds what back.
 
-    Call ``view.step(state, *references)`` in place of ``session.step``: targets dragged in the page replace references
-    of the same name.  Or keep ``session.step`` and call ``view.show(state, tick, *references)`` after it.  The page is
-    served by another process, so that the loop pays for copies only.
+    Call ``view.step(state, *references)`` in place of ``session.step``, or keep ``session.step`` and call
+    ``view.show(state, tick, *references)`` after it.  The page is served by another process, so that the loop pays for
+    copies only.  It opens with the whole address that ``url`` is, or with the password.
 
-    host: this machine only by default; "0.0.0.0" opens the page, which has no password, to the network.
-    port: of the page, another one where it is taken.  period: between two accounts of the active elements [s].
-    Raises HqpError where viser is missing or the page does not come up.
+    control: targets can be dragged in the page and then replace references of the same name in ``view.step``, and
+    ``view.wait`` honours its pause and step buttons; without it the page shows and nothing else.
+    host: this machine only by default; another one opens the page to the network, which a warning says.
+    port: of the page, the next that is free where it is taken, 0 for any.  password: opens the page, too.
+    period: between two accounts of the active elements [s].
+    Raises HqpError where viser is missing, the host is no address of this machine or the page does not come up.
     """
 
     def __init__(
         self,
         session: Session,
         *,
-        host: str = "127.0.0.1",
-        port: int = 8080,
+        control: bool = False,
+        host: str = LOOPBACK,
+        port: int = 0,
+        password: str | None = None,
         period: float = 0.1,
         title: str = "",
     ) -> None:
-        self.session, self.period = session, period
+        self.session, self.period, self.control = session, period, bool(control)
+        if password is not None and (not isinstance(password, str) or not password):
+            raise DeclarationError("view", "an empty password", allowed="a text, or None")
+        self._password = password or ""
         self._run = session  # whose rows the tick that is shown has: in a transition another one
         self._codes = {status: i for i, status in enumerate(STATUSES)}
         self._version = 0
@@ -79,12 +91,26 @@ class View:
 
     @property
     def url(self) -> str:
-        """Address of the page."""
-        return f"http://localhost:{int(self._channel.ready)}"
+        """Address of the page on this machine, with the token that opens it."""
+        return address(self._doors.host, int(self._channel.ready), self._doors.token)
+
+    @property
+    def elsewhere(self) -> str:
+        """Address of the page for other machines, empty where they do not reach it."""
+        host = self._doors.host
+        if is_loopback(host):
+            return ""
+        return address(
+            socket.gethostname() if is_everywhere(host) else host, int(self._channel.ready), self._doors.token
+        )
+
+    def open(self) -> bool:
+        """Open the page in this machine's browser, whose command line shows a token that is good once; False: none."""
+        return webbrowser.open(address(self._doors.host, int(self._channel.ready), self._doors.once))
 
     def step(self, state: State, *references: Reference) -> Tick:
         """One tick of the session with dragged targets in place of references of the same name, then shown."""
-        if self._channel.targets_version != self._asked:
+        if self.control and self._channel.targets_version != self._asked:
             self._take_targets()
         if self._dragged:
             references = (*(r for r in references if r.name not in self._dragged), *self._dragged.values())
@@ -123,13 +149,13 @@ class View:
     @property
     def paused(self) -> bool:
         """Whether the page asks for a pause; a simulation calls ``wait``, a robot's loop goes on."""
-        return self._channel.paused
+        return self.control and self._channel.paused
 
     def wait(self) -> None:
         """Return at once, or, while the page asks for a pause, when it goes on or asks for one step."""
-        if self._channel.paused:
+        if self.paused:
             self._flush()
-        while self._channel.paused and self._channel.steps == self._steps:
+        while self.paused and self._channel.steps == self._steps:
             if self._server.poll() is not None:
                 return
             time.sleep(0.02)
@@ -154,7 +180,7 @@ class View:
         self.close()
 
     def __repr__(self) -> str:
-        return f"<View of {self.session.robot.name} at {self.url}>"
+        return f"<View of {self.session.robot.name} at {address(self._doors.host, int(self._channel.ready))}>"
 
     def _describe(self) -> None:
         """After a change of stack: new sizes, new targets at their hold values."""
@@ -177,9 +203,15 @@ class View:
             import viser  # noqa: F401  # pyright: ignore[reportMissingImports]
         except ImportError as error:
             raise HqpError("the viewer needs viser and trimesh: pip install 'hqp[view]'") from error
+        self._doors = Doors(listening(host), (host,), self._password)
+        if not is_loopback(self._doors.host):
+            warnings.warn(NETWORK, NetworkWarning, stacklevel=4)
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         self._server = subprocess.Popen(
-            [sys.executable, "-m", "hqp.viewer.server"], stdin=subprocess.PIPE, env=environment
+            [sys.executable, "-m", "hqp.viewer.server"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            env=environment,
         )
         session = self.session
         about = {
@@ -187,7 +219,8 @@ class View:
             "layout": self._channel.layout,
             "robot": describe_robot(session.robot),
             "stack": self.description,
-            "host": host,
+            "doors": self._doors,
+            "control": self.control,
             "port": port,
             "dt": session.dt,
             "title": title or f"{session.robot.name}, {type(session.controller.formulation).__name__.lower()} level",

@@ -114,7 +114,7 @@ def test_a_changed_stack_is_described_anew() -> None:
 def test_dragged_targets_replace_references() -> None:
     robot = hqp.robots.load("cbi")
     hand = Position(frame="r_palm")
-    view = Recorded(hqp.Controller(Stack(Level(hand))).session(robot, 0.002))
+    view = Recorded(hqp.Controller(Stack(Level(hand))).session(robot, 0.002), control=True)
     there = robot.state().position("r_palm")
     page = Channel(view._channel.layout, view._channel.path)
     page.set_wanted(0, there + [0.1, 0.0, 0.0])
@@ -124,6 +124,22 @@ def test_dragged_targets_replace_references() -> None:
     view._targets_due = 0.0  # the next look is due
     view.step(robot.state(), hand.at(there))
     assert page.current(0, 3) == pytest.approx(there)
+    view.close()
+
+
+def test_without_control_the_page_shows_and_nothing_else() -> None:
+    robot = hqp.robots.load("cbi")
+    hand = Position(frame="r_palm")
+    view = Recorded(hqp.Controller(Stack(Level(hand))).session(robot, 0.002))
+    there = robot.state().position("r_palm")
+    page = Channel(view._channel.layout, view._channel.path)
+    page.set_wanted(0, there + [0.1, 0.0, 0.0])
+    page.set_paused(True)
+    tick = view.step(robot.state(), hand.at(there))
+    assert page.current(0, 3) == pytest.approx(there)
+    assert abs(tick.command).max() < 1e-6
+    assert not view.paused
+    view.wait()  # returns
     view.close()
 
 
