@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NoReturn, TypeVar
 
 import numpy as np
 
-from hqp.arrays import Index, Vec
+from hqp.arrays import Index, Mat, Vec
 from hqp.controller import DEADLINE, Controller
 from hqp.errors import ConcurrentUse, DeclarationError, ModelWarning, StaleState
 from hqp.explanation.questions import Teller
@@ -108,6 +108,12 @@ class Session:
     def problem(self) -> Hierarchy:
         """The hierarchy of the latest tick: live, refilled by the next step; ``problem.copy()`` is not."""
         return self.program.problem
+
+    @property
+    def hold_values(self) -> dict[str, Vec | Mat]:
+        """Copies of what elements without a reference are held at, by name; empty before the first step."""
+        held = self._references.holds
+        return {name: np.array(reference.value) for name, reference in held.items() if reference.value is not None}
 
     def step(self, state: State, *references: Reference, now: float | None = None) -> Tick:
         """One tick: the command for a state, with references good for this tick only.

@@ -37,6 +37,7 @@ class _Shown:
 class ReplayView(View):
     """A page that shows recorded ticks; the session is there for its description only."""
 
+    steers = False
     _tick: RecordedTick | None = None
 
     def __enter__(self) -> ReplayView:

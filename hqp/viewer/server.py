@@ -43,9 +43,12 @@ class Server:
         self._server = serve(about["doors"], about["port"])
         self._server.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
         self._server.gui.main_panel.dock_right()
-        self._scene = Scene(self._server, self._about, self._robot, self._channel)
+        self._scene = Scene(self._server, self._about, self._robot, self._channel, about["drag"])
         self._scene.show_stack(self._stack, _contact_frames(self._stack))
-        self._add_controls()
+        if about["control"]:
+            self._add_loop_buttons()
+        if about["drag"]:
+            self._add_release_button()
         self._overlay = self._server.gui.add_html("")
         self._panel = self._server.gui.add_html("")
         self._forces: dict[str, Any] = {}
@@ -54,10 +57,8 @@ class Server:
         self._errors: dict[str, tuple[float, str]] = {}
         self._channel.set_ready(float(self._server.get_port()))
 
-    def _add_controls(self) -> None:
-        gui = self._server.gui
-        buttons = gui.add_button_group("Loop", ("Pause", "Step", "Run"))
-        home = gui.add_button("Give targets back", hint="Let go of every dragged target")
+    def _add_loop_buttons(self) -> None:
+        buttons = self._server.gui.add_button_group("Loop", ("Pause", "Step", "Run"))
 
         @buttons.on_click  # type: ignore[untyped-decorator,unused-ignore]
         def _(event: Any) -> None:
@@ -67,6 +68,9 @@ class Server:
                 self._channel.add_step()
             else:
                 self._channel.set_paused(choice == "Pause")
+
+    def _add_release_button(self) -> None:
+        home = self._server.gui.add_button("Give targets back", hint="Let go of every dragged target")
 
         @home.on_click  # type: ignore[untyped-decorator,unused-ignore]
         def _(event: Any) -> None:

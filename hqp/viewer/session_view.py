@@ -12,11 +12,11 @@ import time
 import warnings
 import webbrowser
 from time import perf_counter
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from hqp.arrays import Vec
+from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError, HqpError, NetworkWarning
 from hqp.explanation.account import too_fast
 from hqp.problem import Hierarchy, Selection, Status
@@ -25,8 +25,8 @@ from hqp.robot import State
 from hqp.session import Session, Tick
 from hqp.tasks import CollisionAvoidance
 
-from .channel import TARGET, Channel, Layout
-from .description import StackDescription, Target, describe_robot, describe_stack
+from .channel import Channel, Layout
+from .description import StackDescription, describe_robot, describe_stack
 from .doors import LOOPBACK, NETWORK, Doors, address, is_everywhere, is_loopback, listening
 
 STATUSES = tuple(Status)
@@ -37,6 +37,7 @@ TARGET_PERIOD = 1.0 / 30.0
 """Between two looks at where the loop has its targets [s]."""
 
 _TARGETS = 24
+"""Targets that there is room for, at least."""
 
 
 class View:
@@ -53,6 +54,9 @@ class View:
     period: between two accounts of the active elements [s].
     Raises HqpError where viser is missing, the host is no address of this machine or the page does not come up.
     """
+
+    steers: ClassVar[bool] = True
+    """Whether a target that is dragged can change what is shown."""
 
     def __init__(
         self,
@@ -74,10 +78,11 @@ class View:
         self._version = 0
         self._program: Any = None
         self.description: StackDescription
-        room = sum(describe_stack(session, 0).sizes)
-        self._channel = Channel(Layout(2 * room + 256, _TARGETS))
+        first = describe_stack(session, 0)
+        self._channel = Channel(Layout(2 * sum(first.sizes) + 256, max(_TARGETS, 2 * len(first.targets))))
         self._asked = 0.0
         self._dragged: dict[str, Reference] = {}
+        self._holds: dict[str, Vec | Mat] = {}
         self._batch: list[tuple[float, State, Tick]] = []
         self._hurry = session.dt > 0.01
         self._due = self._targets_due = 0.0
@@ -186,7 +191,7 @@ class View:
         """After a change of stack: new sizes, new targets at their hold values."""
         self._flush()
         self._version += 1
-        description = describe_stack(self._run, self._version)
+        description = describe_stack(self._run, self._version, self._channel.layout.targets)
         used = sum(description.sizes)
         if used > self._channel.layout.room:
             raise HqpError("the new stack is more than twice as large as the one the viewer was started with")
@@ -194,8 +199,8 @@ class View:
         self._pickled = pickle.dumps(description, 5)
         self._channel.set_used(used)
         self._nothing = np.full(used - sum(description.sizes[:3]), np.nan)
-        self._places = {t.name: i for i, t in enumerate(description.targets[:_TARGETS])}
-        self._shown: set[str] = set()
+        self._places = {t.name: i for i, t in enumerate(description.targets)}
+        self._holds = {}
         self._due = 0.0
 
     def _start(self, host: str, port: int, title: str) -> None:
@@ -221,6 +226,7 @@ class View:
             "stack": self.description,
             "doors": self._doors,
             "control": self.control,
+            "drag": self.control and self.steers,
             "port": port,
             "dt": session.dt,
             "title": title or f"{session.robot.name}, {type(session.controller.formulation).__name__.lower()} level",
@@ -240,18 +246,20 @@ class View:
         """Read what was dragged in the page since the last tick."""
         self._asked = self._channel.targets_version
         self._dragged = {}
-        for target in self.description.targets[:_TARGETS]:
+        for target in self.description.targets:
             value = self._channel.wanted(self._places[target.name], target.size)
             if value is not None:
-                self._dragged[target.name] = Reference(target.name, value.reshape(_shape(target)))
+                self._dragged[target.name] = Reference(target.name, value.reshape(target.shape))
 
     def _show_targets(self, references: tuple[Reference, ...]) -> None:
-        """Tell the page where the targets are that the loop moves."""
-        for reference in references:
-            index = self._places.get(reference.name)
-            if index is not None and reference.value is not None:
-                self._channel.set_current(index, reference.value.ravel())
-                self._shown.add(reference.name)
+        """Tell the page where the targets are: what the loop gives, and the hold values of all others."""
+        given = {r.name: r.value for r in references if r.value is not None}
+        if not self._holds:
+            self._holds = self._run.hold_values
+        for name, index in self._places.items():
+            value = given.get(name, self._holds.get(name))
+            if value is not None:
+                self._channel.set_current(index, value.ravel())
 
     def _fast(self, tick: Tick) -> frozenset[str]:
         """Elements that lack the rate of their reference more than its place."""
@@ -278,11 +286,6 @@ class View:
         """Publish the rows of this tick, from which the page's process computes the account."""
         problem, solution = self._problem(), tick.solution
         assert solution is not None
-        held = getattr(self._run, "_holds", {})
-        for name, index in self._places.items():
-            if name not in self._shown and name in held:
-                self._channel.set_current(index, np.asarray(held[name].value).ravel()[: TARGET - 1])
-                self._shown.add(name)
         self._channel.write_snapshot(
             {
                 "version": self._version,
@@ -312,7 +315,3 @@ class View:
                 "forces": self._contact_forces(tick),
             }
         )
-
-
-def _shape(target: Target) -> tuple[int, ...]:
-    return {"pose": (4, 4), "rotation": (3, 3)}.get(target.kind, (target.size,))

@@ -153,3 +153,20 @@ def test_numbers_and_empty_curves() -> None:
     assert [number(x) for x in (0.0, 1e-12, 2e-5, 0.1234, 123.4)] == ["0", "0", "2e-5", "0.123", "123"]
     assert "polyline" not in sparkline(np.full(5, np.nan), "red")
     assert Layout(3, 1).width == HEAD + 4
+
+
+def test_targets_without_a_reference_are_shown_where_they_are_held() -> None:
+    robot = hqp.robots.load("cbi")
+    hand, chest = Position(frame="r_palm"), Position(frame="l_palm")
+    view = Recorded(hqp.Controller(Stack(Level(hand), Level(chest))).session(robot, 0.002))
+    page = Channel(view._channel.layout, view._channel.path)
+    state = robot.state()
+    there = state.position("r_palm")
+    for references, wanted in (((), there), ((hand.at(there + 0.1),), there + 0.1), ((), there)):
+        view._targets_due = 0.0
+        view.step(state, *references)
+        assert page.current(0, 3) == pytest.approx(wanted)
+        assert page.current(1, 3) == pytest.approx(state.position("l_palm"))
+    view.session.hold_values["r_palm"][:] = 99.0  # the caller's own
+    assert view.session.hold_values["r_palm"] == pytest.approx(there)
+    view.close()
