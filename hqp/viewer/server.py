@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .account import Account, make_account
+from .account import make_account
 from .channel import Channel
 from .description import RobotDescription, StackDescription
 from .history import History
@@ -55,6 +55,7 @@ class Server:
         self._snapshot: dict[str, Any] | None = None
         self._seen, self._turn = 0, 0
         self._errors: dict[str, tuple[float, str]] = {}
+        self._before: tuple[float, dict[str, tuple[float, str]]] = (0.0, {})
         self._channel.set_ready(float(self._server.get_port()))
 
     def _add_loop_buttons(self) -> None:
@@ -108,11 +109,18 @@ class Server:
         state = self._robot.current
         assert state is not None
         motion = (state.angles, np.nan_to_num(self._history.part(1)))
-        account: Account = make_account(self._stack, snapshot, self._errors, self._joints, motion)
+        account = make_account(self._stack, snapshot, self._errors, self._joints, motion, self._closing())
         curves = self._history.curves()
         unit = _UNITS.get(self._stack.formulation, "")
         self._overlay.content = overlay(account, curves, self._title, PANEL)
         self._panel.content = panel(account, curves, self._budget, unit)
+
+    def _closing(self) -> dict[str, float]:
+        """How fast every target's distance becomes less [m/s, rad/s], since this was asked last."""
+        now = time.monotonic()
+        (then, before), self._before = self._before, (now, self._errors)
+        dt = max(now - then, SCENE_PERIOD)
+        return {name: (before[name][0] - e[0]) / dt for name, e in self._errors.items() if name in before}
 
 
 def _contact_frames(stack: StackDescription) -> dict[str, str]:

@@ -83,6 +83,7 @@ class View:
         self._asked = 0.0
         self._dragged: dict[str, Reference] = {}
         self._holds: dict[str, Vec | Mat] = {}
+        self._content: dict[str, Any] = {}
         self._batch: list[tuple[float, State, Tick]] = []
         self._hurry = session.dt > 0.01
         self._due = self._targets_due = 0.0
@@ -136,7 +137,7 @@ class View:
         if clock >= self._targets_due:
             self._targets_due = clock + TARGET_PERIOD
             self._show_targets(references)
-            if clock >= self._due and tick.solution is not None:
+            if clock >= self._due:
                 self._due = clock + self.period
                 self._snapshot(tick)
 
@@ -200,7 +201,7 @@ class View:
         self._channel.set_used(used)
         self._nothing = np.full(used - sum(description.sizes[:3]), np.nan)
         self._places = {t.name: i for i, t in enumerate(description.targets)}
-        self._holds = {}
+        self._holds, self._content = {}, {}
         self._due = 0.0
 
     def _start(self, host: str, port: int, title: str) -> None:
@@ -283,35 +284,39 @@ class View:
         return {} if forces is None or tick.solution is None else dict(forces(tick.solution.x))
 
     def _snapshot(self, tick: Tick) -> None:
-        """Publish the rows of this tick, from which the page's process computes the account."""
+        """Publish what is told of this tick; one that was held is told with the rows of the last that was not."""
+        if tick.solution is not None:
+            self._content = self._rows(tick)
+        if self._content:
+            notes = [(note.element, note.detail) for note in tick.notes]
+            self._channel.write_snapshot({**self._content, "status": tick.status.name, "notes": notes})
+
+    def _rows(self, tick: Tick) -> dict[str, Any]:
+        """The rows of this tick, from which the page's process computes the account."""
         problem, solution = self._problem(), tick.solution
         assert solution is not None
-        self._channel.write_snapshot(
-            {
-                "version": self._version,
-                "stack": self._pickled,
-                "rows": [
-                    ((r.A.index, r.A.scale) if isinstance(r.A, Selection) else r.A, r.lower, r.upper)
-                    for r in problem.levels
-                ],
-                "metric": problem.metric,
-                "origin": problem.origin,
-                "n": problem.n,
-                "prices": problem.prices,
-                "shares": problem.shares,
-                "guard": problem.guard,
-                "guard_floor": problem.guard_floor,
-                "pace": problem.pace,
-                "stage_points": solution.stage_points,
-                "fast": self._fast(tick),
-                "names": self._row_names(),
-                "motion": None if problem.motion is None else (problem.motion.F, problem.motion.f),
-                "x": solution.x,
-                "residuals": solution.residuals,
-                "active": solution.active,
-                "status": tick.status.name,
-                "solved": solution.status.name,
-                "notes": [(note.element, note.detail) for note in tick.notes],
-                "forces": self._contact_forces(tick),
-            }
-        )
+        return {
+            "version": self._version,
+            "stack": self._pickled,
+            "rows": [
+                ((r.A.index, r.A.scale) if isinstance(r.A, Selection) else r.A, r.lower, r.upper)
+                for r in problem.levels
+            ],
+            "metric": problem.metric,
+            "origin": problem.origin,
+            "n": problem.n,
+            "prices": problem.prices,
+            "shares": problem.shares,
+            "guard": problem.guard,
+            "guard_floor": problem.guard_floor,
+            "pace": problem.pace,
+            "stage_points": solution.stage_points,
+            "fast": self._fast(tick),
+            "names": self._row_names(),
+            "motion": None if problem.motion is None else (problem.motion.F, problem.motion.f),
+            "x": solution.x,
+            "residuals": solution.residuals,
+            "active": solution.active,
+            "solved": solution.status.name,
+            "forces": self._contact_forces(tick),
+        }

@@ -66,7 +66,7 @@ class Handle:
             position, R = np.asarray(self._control.position), rotation(self._control.wxyz)
             self._channel.set_wanted(self.index, self.place.value(state, position, R))
         value = self._channel.current(self.index, self.target.size)
-        if value is None:
+        if value is None or not np.isfinite(value).all():
             return None
         there, R = self.place.there(state, value)
         if not self._dragged:
