@@ -21,8 +21,8 @@ WIDTH, HEIGHT = 1500, 900
 SCENE = (slice(310, HEIGHT), slice(0, 1100))
 """Rows and columns of the picture between the cards and the panel."""
 
-UP, FORWARD = np.array([54, 142, 226]), np.array([255, 32, 96])
-"""Colours of a handle's arrows along z and x in viser."""
+UP = np.array([54, 142, 226])
+"""Colour of a handle's arrow along z in viser."""
 
 
 @contextmanager
@@ -69,11 +69,11 @@ def wait_for(tab: Any, text: str) -> None:
     tab.wait_for_selector(f"text={text}", timeout=60_000)
 
 
-def arrow(tab: Any, color: Any = UP) -> tuple[int, int]:
-    """Column and row of a pixel near the tip of the highest arrow of a colour."""
+def arrow(tab: Any) -> tuple[int, int]:
+    """Column and row of a pixel near the tip of the highest arrow along z."""
     settle(tab)
     scene = picture(tab)[SCENE]
-    rows, columns = np.nonzero(abs(scene - color).sum(axis=2) < 40)
+    rows, columns = np.nonzero(abs(scene - UP).sum(axis=2) < 40)
     assert rows.size > 20, "no handle to be seen"
     top = rows.min()
     return int(np.median(columns[rows < top + 14])), int(top) + SCENE[0].start + 10

@@ -10,7 +10,7 @@ import pytest
 import hqp
 from hqp import Level, Stack
 from hqp.element import Task
-from hqp.tasks import AlignAxis, Com, LookAt, Orientation, Pose, Position, Posture
+from hqp.tasks import AlignAxis, Com, FixedContact, LookAt, Orientation, Pose, Position
 from hqp.viewer.description import describe_stack
 from hqp.viewer.places import KINDS, angle, length
 
@@ -38,7 +38,7 @@ def draw(robot: Any, rng: np.random.Generator) -> Any:
 def test_a_handle_is_where_the_reference_is(name: str) -> None:
     robot, rng = hqp.robots.load("cbi"), np.random.default_rng(3)
     task = TASKS[name]
-    session = hqp.Controller(Stack(Level(task), Level(Posture()))).session(robot, 0.002)
+    session = hqp.Controller(Stack(Level(FixedContact(frame="l_sole")), Level(task))).session(robot, 0.002)
     (target,) = describe_stack(session, 1).targets
     place = KINDS[target.kind](target, robot)
     for _ in range(10):
@@ -60,7 +60,7 @@ def test_a_handle_is_where_the_reference_is(name: str) -> None:
 def test_more_targets_than_the_page_has_room_for() -> None:
     robot = hqp.robots.load("cbi")
     many = Level(*(Position(frame="r_palm", name=f"hand{i}") for i in range(30)))
-    session = hqp.Controller(Stack(many)).session(robot, 0.002)
+    session = hqp.Controller(Stack(Level(FixedContact(frame="l_sole")), many)).session(robot, 0.002)
     assert len(describe_stack(session, 1).targets) == 30
     assert len(describe_stack(session, 1, 24).targets) == 24
 
