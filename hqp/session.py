@@ -71,6 +71,7 @@ class Session:
         require_sound(robot)
         compiled = self._compiler.compile(controller.stack)
         rehearse(controller.formulation, compiled.stack, robot, self.dt)
+        _ = robot.tree_joints  # read off the model once, here and not in the first tick
         self._first: tuple[Note, ...] = ()
         if told := adrift(compiled.stack, robot):
             warnings.warn(told, ModelWarning, stacklevel=3)

@@ -57,8 +57,8 @@ def step(session: Session, state: State, references: tuple[Reference, ...], now:
     if session._ease is not None:
         session._ease()
     filled = perf_counter()
-    if session._limit is not None and session._good is not None:  # the very first answer may take its time
-        session._limit(session._budget.left(filled - start))
+    if session._limit is not None:  # what comes before the first answer is done for the first time, and slow
+        session._limit(session._budget.left(0.0 if session._good is None else filled - start))
     solution = session.workspace.solve(program.problem)
     tick = conclude(session, state, solution, notes, start, prepared, filled)
     if not session._direct_known and session._good is not None:

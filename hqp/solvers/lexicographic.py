@@ -100,9 +100,12 @@ class Lexicographic(Solver):
     def workspace(self, shape: Shape) -> Workspace:
         """Allocate for problems of this shape."""
         self.require(shape)
-        if shape.priced:
-            return StagedWorkspace(shape, self.workspace, native=True)
-        return NativeWorkspace(self, shape)
+        if not shape.priced:
+            return NativeWorkspace(self, shape)
+        staged = StagedWorkspace(shape, self.workspace, native=True)
+        if self.deadline is not None:
+            staged.limit(self.deadline)
+        return staged
 
 
 def _is_count(value: object, least: int) -> bool:

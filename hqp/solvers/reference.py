@@ -19,7 +19,6 @@ import numpy as np
 
 from hqp.arrays import Mask, Mat, Vec, longest_row, row_lengths
 from hqp.certify import certificate
-from hqp.errors import DeclarationError
 from hqp.nnls import nonnegative_least_squares
 from hqp.null_directions import without_rounding
 from hqp.pricing import Coordinates, after_stages, at_optimum, feasible_set, stack_rows, stage_price
@@ -42,7 +41,8 @@ class Reference(Solver):
     """The hierarchy level by level, priced or not, by a textbook active-set method (docs/solvers.md).
 
     rank_tolerance: singular values below this fraction of a level's largest row add no direction.  max_iterations:
-    steps a level may take.  seconds: time for a problem, looked at between steps [s].  Either ends in ITERATION_LIMIT.
+    steps a level may take.  factorisations: singular value decompositions of a whole problem, None for any number.
+    Either ends in ITERATION_LIMIT.
     """
 
     name: ClassVar[str] = "reference"
@@ -51,12 +51,12 @@ class Reference(Solver):
 
     rank_tolerance: float = RANK_TOLERANCE
     max_iterations: int = 1000
-    seconds: float = math.inf
+    factorisations: int | None = None
 
     def __post_init__(self) -> None:
         check_fields(self, shares=("rank_tolerance",), counts=("max_iterations",))
-        if not self.seconds > 0.0:
-            raise DeclarationError("reference.seconds", "must be positive", value=self.seconds, unit="s")
+        if self.factorisations is not None:
+            check_fields(self, shares=(), counts=("factorisations",))
 
     def workspace(self, shape: Shape) -> ReferenceWorkspace:
         """Allocate; nothing is kept between solves."""
@@ -86,9 +86,15 @@ class ReferenceWorkspace:
         return finish(problem, x, status, stats, "", stages)
 
 
-def witness(problem: Hierarchy, known: Mat | None = None) -> Mat:
-    """The optimum of every priced level in its own stage, ``(levels, n)``, where ``known`` has none (NaN)."""
-    return _Run(without_rounding(problem), Reference()).stages(known)
+def witness(problem: Hierarchy, known: Mat | None = None, factorisations: int | None = None) -> Mat:
+    """The optimum of every priced level in its own stage, ``(levels, n)``, where ``known`` has none (NaN).
+
+    NaN too from the level on for which so many singular value decompositions were not enough.
+    """
+    run = _Run(without_rounding(problem), Reference(factorisations=factorisations))
+    stages = run.stages(known)
+    stages[run.finished :] = np.nan
+    return stages
 
 
 class _Run:
@@ -97,7 +103,9 @@ class _Run:
     def __init__(self, problem: Hierarchy, solver: Reference) -> None:
         self.problem, self._solver = problem, solver
         self.coordinates = Coordinates.of(problem.motion, problem.n)
-        self.steps, self.ended, self._end = 0, True, perf_counter() + solver.seconds
+        self.steps, self.ended, self._effort = 0, True, _Effort(solver.factorisations)
+        self.finished = len(problem.levels)
+        """So many levels had their stage before the factorisations were spent."""
         self._zero = ROUNDING * max((longest_row(rows.dense(problem.n)) for rows in problem.levels), default=0.0)
 
     def stages(self, known: Mat | None = None) -> Mat:
@@ -113,6 +121,8 @@ class _Run:
                 stages[k] = x = self._priced(problem.levels[k], above, x, stage_price(problem, stages, k))
             else:
                 x = self._least_squares(problem.levels[k], above, x)
+            if self._effort.spent:
+                self.finished = min(self.finished, k)
         return stages
 
     def answer(self, stages: Mat | None) -> Vec:
@@ -160,9 +170,23 @@ class _Run:
         C = np.concatenate([at.rows(C), -np.eye(hard.m, q, -above.m)], axis=1)
         program = _Program(T, t, C, hard.lower - shift, hard.upper - shift, self._solver.rank_tolerance * size)
         start = np.concatenate([at.motion(x), rows.slack(x)[unequal]])
-        v, steps, ended = program.solve(start, self._solver.max_iterations, self._end)
+        v, steps, ended = program.solve(start, self._solver.max_iterations, self._effort)
         self.steps, self.ended = self.steps + steps, self.ended and ended
         return at.point(v[:n])
+
+
+class _Effort:
+    """How many singular value decompositions are left."""
+
+    __slots__ = ("left",)
+
+    def __init__(self, most: int | None) -> None:
+        self.left = math.inf if most is None else most
+
+    @property
+    def spent(self) -> bool:
+        """Whether none is."""
+        return self.left <= 0
 
 
 class _Program:
@@ -177,11 +201,11 @@ class _Program:
         self.equal = self.lower == self.upper
         self.Z = _null_space(self.C[self.equal])
 
-    def solve(self, v: Vec, limit: int, end: float) -> tuple[Vec, int, bool]:
-        """The optimum, how many steps it took, and whether it was reached; end: on the clock of ``perf_counter``."""
+    def solve(self, v: Vec, limit: int, effort: _Effort) -> tuple[Vec, int, bool]:
+        """The optimum, how many steps it took, and whether it was reached."""
         lowest = math.inf
         for step in range(limit):
-            if perf_counter() > end:
+            if effort.spent:
                 return v, step, False
             w = self.T @ v - self.t
             direction, held, gap = self._descent(v, w)
@@ -189,7 +213,7 @@ class _Program:
             if gap <= OPTIMAL or (gap <= FLAT and value >= lowest):
                 return v, step, True
             lowest = min(lowest, value)
-            before, v = v, self._advance(v, direction, held, gap > FLAT and value > FLAT)
+            before, v = v, self._advance(v, direction, held, gap > FLAT and value > FLAT, effort)
             if np.array_equal(before, v):  # the multipliers are known no better: the certificate has the last word
                 return v, step, False
         return v, limit, False
@@ -213,10 +237,11 @@ class _Program:
         held[active] = left @ cone >= -HELD * size
         return self.Z @ left, held, size / max(terms, 1e-300)
 
-    def _advance(self, v: Vec, direction: Vec, held: Mask, steep: bool) -> Vec:
+    def _advance(self, v: Vec, direction: Vec, held: Mask, steep: bool, effort: _Effort) -> Vec:
         """To the minimiser on the face of the held rows or the first row in the way; at it, down a steep direction."""
         face = held.copy()
-        while True:
+        while not effort.spent:
+            effort.left -= 1
             Z = self.Z @ _null_space(self.C[face] @ self.Z)
             U, sigma, Vt = np.linalg.svd(self.T @ Z, full_matrices=False)
             kept = sigma > self.cut
