@@ -117,9 +117,10 @@ class Direct:
 
         before: the latest record, or the x to start from.
         """
-        fresh, self.fresh = self.fresh, False
+        fresh = self.fresh
         if fresh and self._program is not None:
             self._program.begin_direct(state, self._all_holds)
+        self.fresh = False
         v: Vec | None = state.v
         if self._velocity:
             v = None
@@ -153,8 +154,10 @@ class Direct:
         return Reference(reference.name, self._holds[reference.name].value, normal=reference.normal)
 
     def x(self, record: bytearray) -> Vec:
-        """x ``(n,)``."""
-        return np.frombuffer(record, FLOAT, self._x.stop)[self._x]
+        """x ``(n,)``, read-only."""
+        x = np.frombuffer(record, FLOAT, self._x.stop)[self._x]
+        x.setflags(write=False)
+        return x
 
     def seconds(self, record: bytearray) -> tuple[float, float, float]:
         """When the call began, on the clock of ``perf_counter``, and the time for rows and for the solver [s]."""

@@ -88,7 +88,7 @@ class OrdinaryTick(Tick):
 
     @property
     def x(self) -> Vec:  # type: ignore[override]
-        """The answer that the command is part of."""
+        """The answer that the command is part of, read-only."""
         return self._direct.x(self._record)
 
     @property
@@ -161,7 +161,7 @@ class BlendedTick(OrdinaryTick):
 
     @property
     def x(self) -> Vec:  # type: ignore[override]
-        """The answer that the command is part of."""
+        """The answer that the command is part of, read-only."""
         return self._blend[0]
 
     @property

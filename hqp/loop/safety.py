@@ -111,7 +111,7 @@ class StateCheck:
             return state.fault
         if self._max_age is not None and (fault := self._age(state, now)):
             return fault
-        return "" if state.square < self.ordinary else self._size(state)
+        return "" if state.square < self.ordinary else self.too_large(state)
 
     @property
     def ages(self) -> bool:
@@ -128,7 +128,8 @@ class StateCheck:
             return f"it is {age:.3g} s old, allowed {self._max_age:g} s"
         return ""
 
-    def _size(self, state: State) -> str:
+    def too_large(self, state: State) -> str:
+        """Which number of a valid state is beyond its bounds; "" for none."""
         robot, angles = self._robot, state.angles
         outside = np.maximum(self._low - angles, angles - self._high)
         if outside.size and outside.max() > 0.0:

@@ -103,7 +103,7 @@ def conclude(
         notes, session._first = notes + session._first, ()
     if session._limiter is not None:
         x, notes = within_rates(session._limiter, x, session._x, notes, session.program)
-    last, session._x, session._good, session._held = session._x, x.copy(), state, 0
+    last, session._good, session._held = session._send(x.copy()), state, 0
     for note in notes:
         status = status if note.status.severity <= status.severity else note.status
     command = program.command(x)
@@ -125,7 +125,7 @@ def held_tick(session: Session, state: State, solution: Solution | None, notes: 
     x = session._rest.next()
     if session._limiter is not None:
         x, notes = within_rates(session._limiter, x, session._x, notes, session.program)
-    last, session._x = session._x, x
+    last = session._send(x)
     status = Status.worst(*(note.status for note in notes))
     times = Times(0.0, 0.0, 0.0, perf_counter() - start)
     command, before = session.program.command(x), session.program.command(last)
