@@ -74,7 +74,7 @@ def measure(robot: Robot, ticks: int, deadline: float | None, seed: int = 0) -> 
         wall, cpu = perf_counter(), thread_time()
         tick = session.step(state, *references)
         wall, cpu = perf_counter() - wall, thread_time() - cpu
-        if tick.status in (Status.CONSTRAINTS_VIOLATED, Status.TIME_LIMIT) and k > 0:
+        if tick.status in (Status.CONSTRAINTS_VIOLATED, Status.TIME_LIMIT):
             found.wall.append(wall)
             found.cpu.append(cpu)
             found.statuses[tick.status.name] += 1

@@ -2,6 +2,7 @@
 
 `python -m benchmarks soak --ticks 100000` counts statuses and tells the worst tick and the worst jump; what must never
 happen (an exception, a number that is not finite, a level above moved, a limit of rate passed) ends the run.
+In every tenth tick the levels above are looked at: solved anew without those below, they must be as they were.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import argparse
 import gc
 import resource
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from time import thread_time
 
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.random import Generator
 
 import hqp
-from hqp import Level, Stack, Status
+from hqp import Hierarchy, Level, Solution, Stack, Status
 from hqp.arguments import formulation
 from hqp.loop.safety import RateLimits
 from hqp.robots import Robot
@@ -28,6 +29,10 @@ ROBOTS = ("talos", "g1", "cbi", "icub", "romeo")
 LEVELS = ("velocity", "acceleration", "torque")
 RATES = RateLimits(velocity=60.0, acceleration=2e4, torque=2e4)
 DT = 0.002
+OFTEN = 10
+"""Ticks from one look at the levels above to the next."""
+STRICT, YIELDING = 1e-6, 1e-2
+"""By how much of its size ||w|| of a level may differ without the levels below: exact or met, and priced and unmet."""
 
 load = cache(hqp.robots.load)
 
@@ -42,13 +47,14 @@ class Record:
     times: list[float] = field(default_factory=list)
     jump: dict[str, float] = field(default_factory=dict)
     held: int = 0
+    looks: int = 0
 
     def __str__(self) -> str:
         times = 1e6 * np.array(self.times)
         share = {name: f"{count / self.ticks:.2%}" for name, count in self.statuses.most_common()}
         lines = [
             f"{self.ticks} ticks, events {dict(self.events)}",
-            f"statuses {share}, longest held {self.held} ticks",
+            f"statuses {share}, longest held {self.held} ticks, levels above looked at {self.looks} times",
             f"CPU time of a tick: median {np.median(times):.0f} us, p99 {np.percentile(times, 99):.0f}, "
             f"worst {times.max():.0f}",
             f"worst jump { ({name: float(f'{jump:.3g}') for name, jump in self.jump.items()}) }",
@@ -69,6 +75,26 @@ def stacks(robot: Robot, level: str) -> list[Stack]:
     if level != "torque":
         found.append(Stack(*whole.levels, subject_to=[*whole.subject_to, PointContact(frame=right, name="pulled")]))
     return found
+
+
+def moved(problem: Hierarchy, solution: Solution, levels: int) -> str:
+    """Which of the first levels the others have moved, and how far; "" for none, or where that cannot be told."""
+    parts = {item.name: getattr(problem, item.name) for item in fields(problem)}
+    cut = {
+        name: x[:levels] for name, x in parts.items() if isinstance(x, np.ndarray) and x.shape == (len(problem.levels),)
+    }
+    constraints = min(problem.constraints, levels)
+    head = replace(problem, levels=problem.levels[:levels], constraints=constraints, n=problem.n, stacked=None, **cut)
+    alone = hqp.solvers.load("lexicographic").solve(head)
+    if alone.status not in (Status.OPTIMAL, Status.CONSTRAINTS_VIOLATED):
+        return ""
+    for k, (rows, w, by_itself) in enumerate(zip(head.levels, solution.residuals, alone.residuals, strict=False)):
+        now, before = float(np.linalg.norm(w)), float(np.linalg.norm(by_itself))
+        bounds = np.concatenate([rows.lower, rows.upper])
+        size = 1.0 + float(np.abs(bounds[np.isfinite(bounds)]).max(initial=0.0))
+        if abs(now - before) > STRICT * size + YIELDING * before * (any(problem.priced) and problem.priced[k]):
+            return f"||w|| of level {k} is {now:.9g}, without the levels from {levels} on {before:.9g}"
+    return ""
 
 
 def soak(
@@ -128,6 +154,10 @@ def soak(
             assert jump <= rate * (1.0 + 1e-9), f"{robot.name}, {level}: {jump} in a tick after {event!r}"
         last = tick.command.copy()
         sent.append(last.tobytes())
+        if record.ticks % OFTEN == 0 and tick.status is Status.OPTIMAL and tick.transition == 1.0 and tick.solution:
+            problem, record.looks = session.problem, record.looks + 1
+            told = moved(problem, tick.solution, 1 + record.looks % (len(problem.levels) - 1))
+            assert not told, f"{robot.name}, {level}: {told} after {event!r}"
         if tick.state.valid and tick.status is not Status.DYNAMICS_FAILED:
             q, v = tick.advance()
         if not np.isfinite(v).all() or np.abs(v).max() > 50.0 or np.abs(q[:3]).max() > 10.0:

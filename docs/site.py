@@ -1,23 +1,30 @@
-"""Pages of the site that are made from the sources: examples and changelog; links out of docs/ go to the repository."""
+"""Pages of the site that are made from the sources: examples and changelog; what lies outside docs/ is named."""
 
 from __future__ import annotations
 
 import ast
+import posixpath
 import re
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
-SOURCE = "https://github.com/hqp-robotics/hqp/blob/main/"
+LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)#:\s]+)(?:#[^)]*)?\)")
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Fill the generated pages, and point links that leave docs/ at the repository."""
+    """Fill the generated pages, and name the file of the repository where a link leaves docs/."""
     if page.file.src_uri == "examples.md":
         markdown += _examples()
     if page.file.src_uri == "changelog.md":
         markdown = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    return re.sub(r"\]\(\.\./([^)#]+)", lambda m: f"]({SOURCE}{m[1]}", markdown)
+    folder = posixpath.dirname(page.file.src_uri)
+
+    def inside(link: re.Match[str]) -> str:
+        target = posixpath.normpath(posixpath.join("docs", folder, link[2]))
+        return link[0] if target.startswith("docs/") else f"{link[1]} (`{target}`)"
+
+    return LINK.sub(inside, markdown)
 
 
 def _examples() -> str:

@@ -26,7 +26,7 @@ stack = Stack(
 session = hqp.Controller(stack).session(robot, dt=0.002)
 seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 600.0
 q, v = robot.home, np.zeros(robot.nv)
-with hqp.view(session) as view:
+with hqp.view(session, control=True) as view:
     print(f"open {view.url}", flush=True)
     end = time.perf_counter() + seconds
     while time.perf_counter() < end:

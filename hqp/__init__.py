@@ -6,11 +6,11 @@ import importlib
 from typing import TYPE_CHECKING
 
 from hqp import native, solvers
-from hqp.certify import Certificate, certificate
 from hqp.element import Constraint, Element, Inequality, Task
 from hqp.errors import HqpError, PurePythonWarning
 from hqp.formulation import Acceleration, Velocity
 from hqp.law import PD, P, SelfMotion
+from hqp.loop.safety import Braking, RateLimits, StateBounds
 from hqp.price import Price
 from hqp.problem import Hierarchy, Motion, Rows, Selection, Solution, Status
 from hqp.reference import Reference
@@ -18,7 +18,8 @@ from hqp.session import Controller, Note, Session, Tick
 from hqp.stack import Level, Stack
 
 if TYPE_CHECKING:
-    from hqp import recorder, robots, serial, tasks
+    from hqp import errors, estimation, recorder, robots, serial, shapes, sweep, tasks
+    from hqp.certify import Certificate, certificate
     from hqp.checking import check
     from hqp.comparison import compare
     from hqp.goals import reach, solve_ik
@@ -32,6 +33,7 @@ __version__ = "0.2.0.dev0"
 __all__ = [
     "PD",
     "Acceleration",
+    "Braking",
     "Certificate",
     "Constraint",
     "Controller",
@@ -45,6 +47,7 @@ __all__ = [
     "P",
     "Price",
     "PurePythonWarning",
+    "RateLimits",
     "Reference",
     "Rows",
     "Selection",
@@ -52,6 +55,7 @@ __all__ = [
     "Session",
     "Solution",
     "Stack",
+    "StateBounds",
     "Status",
     "Task",
     "Tick",
@@ -61,39 +65,39 @@ __all__ = [
     "certificate",
     "check",
     "compare",
+    "errors",
+    "estimation",
     "reach",
     "recorder",
     "robots",
     "serial",
+    "shapes",
     "solve_ik",
     "solve_many",
     "solvers",
+    "sweep",
     "tasks",
     "view",
 ]
 
 
-native.warn_if_pure()
+native.check()
+
+_MODULES = ("errors", "estimation", "recorder", "robots", "serial", "shapes", "sweep", "tasks")
+
+_ELSEWHERE = {
+    "Certificate": "certify", "Torque": "torque", "bench": "lab", "certificate": "certify", "check": "checking",
+    "compare": "comparison", "reach": "goals", "solve_ik": "goals", "solve_many": "solvers.many", "view": "viewer",
+}  # fmt: skip
+"""Public names, and the modules that are imported when they are first asked for."""
 
 
 def __getattr__(name: str) -> object:
-    """Import the parts that need Pinocchio or tables only when asked for."""
-    if name in ("recorder", "robots", "serial", "tasks"):
+    """Import the parts that need Pinocchio, SciPy or tables only when asked for."""
+    if name in _MODULES:
         return importlib.import_module(f"hqp.{name}")
-    if name == "Torque":
-        return importlib.import_module("hqp.torque").Torque
-    if name == "check":
-        return importlib.import_module("hqp.checking").check
-    if name == "compare":
-        return importlib.import_module("hqp.comparison").compare
-    if name == "bench":
-        return importlib.import_module("hqp.lab").bench
-    if name == "solve_many":
-        return importlib.import_module("hqp.solvers.many").solve_many
-    if name in ("reach", "solve_ik"):
-        return getattr(importlib.import_module("hqp.goals"), name)
-    if name == "view":
-        return importlib.import_module("hqp.viewer").view
+    if name in _ELSEWHERE:
+        return getattr(importlib.import_module(f"hqp.{_ELSEWHERE[name]}"), name)
     raise AttributeError(f"module 'hqp' has no attribute {name!r}")
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from hqp import __version__
-from hqp.arguments import add_stack, read_stack
+from hqp.arguments import add_robot, add_stack, read_robot, read_stack
 from hqp.errors import HqpError
 
 PACKAGES = {
@@ -60,7 +60,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Fit one or two capsules to the collision shapes of each link, for collision avoidance; "
         "robot.with_capsules(FILE) takes them.",
     )
-    capsules.add_argument("robot", metavar="ROBOT", help="a name or a file that hqp.robots.load takes")
+    add_robot(capsules, "robot")
     capsules.add_argument("--output", metavar="FILE", help="default: ROBOT.capsules.toml")
     compare = commands.add_parser(
         "compare",
@@ -109,10 +109,9 @@ def _robots(arguments: argparse.Namespace) -> int:
 def _capsules(arguments: argparse.Namespace) -> int:
     from pathlib import Path
 
-    from hqp import robots
     from hqp.robots import capsules
 
-    robot = robots.load(arguments.robot)
+    robot = read_robot(arguments)
     found = capsules.fitted(robot)
     path = Path(arguments.output or f"{Path(arguments.robot).stem}.capsules.toml")
     path.write_text(capsules.text(robot, found))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+from hqp.errors import ProblemError
 
 FLOAT = np.dtype(np.float64)
 
@@ -23,6 +25,33 @@ Mask: TypeAlias = NDArray[np.bool_]
 
 Signs: TypeAlias = NDArray[np.int8]
 """A vector of activity marks ``(m,)``, see :class:`hqp.problem.Solution`."""
+
+
+def floats(what: str, given: object) -> NDArray[np.float64]:
+    """``given`` as float64, itself where it is such an array.
+
+    Raises ProblemError, naming ``what``, for text, complex numbers, dates, objects and sequences of unequal length.
+    """
+    try:
+        array = np.asarray(given)
+    except (TypeError, ValueError) as error:
+        raise ProblemError(f"{what}: must be an array of real numbers; {error}") from None
+    if array.dtype == FLOAT:
+        return array
+    if array.dtype.kind not in "biuf":
+        shown = array.dtype if array.ndim else type(given).__name__
+        raise ProblemError(f"{what}: must be an array of real numbers, given {shown}")
+    return array.astype(np.float64)
+
+
+def is_readable(array: NDArray[Any]) -> bool:
+    """Whether native code can read the array where it is: in C order and aligned."""
+    return array.flags.c_contiguous and array.flags.aligned
+
+
+def readable(array: object, dtype: type = np.float64) -> NDArray[Any]:
+    """The array where native code can read it, else a copy that it can."""
+    return np.require(array, dtype, ("C", "A"))
 
 
 def row_lengths(A: Mat) -> Vec:

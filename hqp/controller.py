@@ -26,12 +26,12 @@ DEADLINE = 0.8
 class Controller:
     """A stack, a formulation and a solver: everything of a controller but the robot.
 
-    solver: a name for ``hqp.solvers.load`` or a Solver, ``hqp.solvers.default()`` for "".  deadline [s]: after the
-    start of a tick, when its solver returns the best point so far; 0.8 dt for None, ``math.inf`` for none; the first
-    answer of a session may take longer, and only ``lexicographic`` takes notice.  rates: how fast a command may
-    change, no limit for None.  bounds: of a state that is accepted.  braking: how a command comes to rest.
-    price: of levels that declare none, a Price, None for the default (docs/calm.md); 0 makes every level exact,
-    whatever it declares.
+    solver: a name for ``hqp.solvers.load`` or a Solver, ``hqp.solvers.default()`` for "". deadline [s]: after the
+    start of a tick, when its solver returns the best point so far; 0.8 dt for None, ``math.inf`` for none; until
+    the first answer of a session it counts from the rows on. Only ``lexicographic`` takes notice.  rates: how fast a
+    command may change, no limit for None. bounds: of a state that is accepted. braking: how a command comes to
+    rest. price: of levels that declare none, a Price, None for the default (docs/calm.md); 0 makes every level
+    exact, whatever it declares.
     """
 
     stack: Stack

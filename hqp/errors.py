@@ -54,6 +54,10 @@ class JointNotFound(ModelError, KeyError):
     __str__ = Exception.__str__
 
 
+class NetworkWarning(UserWarning):
+    """The viewer's page is open to the network."""
+
+
 class PurePythonWarning(UserWarning):
     """hqp was installed without its compiled parts; HQP_PURE=1 in the environment silences it."""
 

@@ -1,4 +1,4 @@
-"""Which of hqp's compiled parts are there, and the warning where none is."""
+"""Which of hqp's compiled parts are there, and what is said where none is."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import importlib
 import importlib.util
 import os
 import warnings
+from pathlib import Path
 
 from hqp.errors import PurePythonWarning
 
@@ -35,13 +36,36 @@ def describe() -> str:
     return f"native ({instruction_set() or 'no kernel'})" + (f", {' and '.join(gone)} in Python" if gone else "")
 
 
-def warn_if_pure() -> None:
-    """Tell once that the compiled parts are missing; pip hides what a build prints.  HQP_PURE=1 silences it."""
-    if missing() and os.environ.get("HQP_PURE", "0") in ("", "0"):
-        warnings.warn(
-            f"hqp runs in {describe()}: no compiler was found when it was installed. A tick takes milliseconds instead "
-            f"of microseconds, and a Controller takes the solver `cascade` by default. To mend it, {ADVICE}; "
-            "`hqp doctor` tells more, HQP_PURE=1 silences this.",
-            PurePythonWarning,
-            stacklevel=3,
+def check() -> None:
+    """Raise ImportError in a checkout that was not built, else tell once that compiled parts are missing.
+
+    HQP_PURE=1 allows both without a word.  pip hides what a build prints, so the warning has to come here.
+    """
+    if not missing() or os.environ.get("HQP_PURE", "0") not in ("", "0"):
+        return
+    if _is_bare_checkout(folder := Path(__file__).absolute().parents[1]):
+        raise ImportError(
+            f"this is the source folder {folder}, which has no compiled parts. Run Python in another folder to use the "
+            f"installed hqp, or install this folder as editable (pip install --editable {folder}); HQP_PURE=1 runs it "
+            "without compiled parts, at milliseconds a tick."
         )
+    warnings.warn(
+        f"hqp runs in {describe()}: no compiler was found when it was installed. A tick takes milliseconds instead "
+        f"of microseconds, and a Controller takes the solver `cascade` by default. To mend it, {ADVICE}; "
+        "`hqp doctor` tells more, HQP_PURE=1 silences this.",
+        PurePythonWarning,
+        stacklevel=3,
+    )
+
+
+def _is_bare_checkout(folder: Path) -> bool:
+    """Whether the folder holds hqp's sources and is not what an editable install of hqp points to (PEP 610)."""
+    project = folder / "pyproject.toml"
+    if not project.is_file() or 'name = "hqp"' not in project.read_text(encoding="utf-8"):
+        return False
+    import json
+    from importlib.metadata import distributions
+
+    origins = (json.loads(found.read_text("direct_url.json") or "{}") for found in distributions(name="hqp"))
+    editable = {origin["url"] for origin in origins if origin.get("dir_info", {}).get("editable")}
+    return editable.isdisjoint((folder.as_uri(), folder.resolve().as_uri()))

@@ -12,7 +12,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.linalg import qr
 
 from hqp.arrays import Mat, longest_row, row_lengths
 from hqp.problem import Hierarchy, Rows
@@ -25,6 +24,8 @@ def null_directions(problem: Hierarchy) -> Mat:
     Rounding is NULL_SPACE_ROUNDING of the problem's longest row, by a QR factorisation with pivoting of all those rows.
     Bounds on single variables, where they are level 0, do not count.
     """
+    from scipy.linalg import qr  # heavy, and only answers that are judged ask for it
+
     dense = [rows.dense(problem.n) for rows in problem.levels]
     first = problem.constraints
     if first == 0 and dense and np.all(np.count_nonzero(dense[0], axis=1) == 1):

@@ -138,14 +138,12 @@ class Sizes:
         twists = twin.joint_twists
         moving = np.linalg.norm(twists[3:], axis=0) > 1e-9
         turning = moving & np.isin(np.arange(twin.nv), twin.actuated)
-        length = 0.0
-        for name in twin.frame_names:
-            frame = twin.frame(name)
-            columns = turning & (twin.support(frame) != 0.0)
-            if columns.any():
-                position = twin.placement(frame)[0]
-                levers = twists[:3, columns] + np.cross(twists[3:, columns], position, axis=0)
-                length = max(length, float(np.sqrt(np.square(levers).sum(axis=0).max())))
+        frames = [twin.frame(name) for name in twin.frame_names]
+        carried = {body: twin.support(frame) != 0.0 for frame in frames for body in [twin.body(frame)]}
+        moves = turning & np.array([carried[twin.body(frame)] for frame in frames])  # (frames, nv)
+        positions = np.array([twin.placement(frame)[0] for frame in frames])
+        levers = twists[:3].T + np.cross(twists[3:].T, positions[:, None, :])  # (frames, nv, 3)
+        length = float(np.sqrt(np.square(levers).sum(axis=2).max(where=moves, initial=0.0)))
         length = length or 1.0
         mass = sum(body[3] for body in twin.bodies)
         units = np.where(moving, 1.0, 1.0 / length)

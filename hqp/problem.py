@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hqp.arrays import Index, Mask, Mat, Signs, Vec
+from hqp.arrays import Index, Mask, Mat, Signs, Vec, floats, is_readable
 from hqp.errors import NotSolved, ProblemError
 
 EQUALITY = 2
@@ -32,11 +32,14 @@ class Selection:
     scale: Vec = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        index = np.asarray(self.index)
+        try:
+            index = np.asarray(self.index)
+        except ValueError as error:
+            raise ProblemError(f"selection: positions must be integers; {error}") from None
         if index.size and index.dtype.kind not in "iu":
             raise ProblemError(f"selection: positions must be integers, given {index.dtype}")
         index = index.astype(np.intp, copy=False)
-        scale = np.ones(index.shape) if self.scale is None else np.asarray(self.scale, dtype=np.float64)
+        scale = np.ones(index.shape) if self.scale is None else floats("selection: scale", self.scale)
         if index.ndim != 1 or scale.shape != index.shape:
             raise ProblemError(f"selection: index {index.shape} and scale {scale.shape} must be one vector each")
         if index.size and index.min() < 0:
@@ -71,10 +74,10 @@ class Rows:
     upper: Vec
 
     def __post_init__(self) -> None:
-        A = self.A if isinstance(self.A, Selection) else _matrix(self.A)
+        A = self.A if isinstance(self.A, Selection) else _matrix("rows: A", self.A)
         m = A.index.size if isinstance(A, Selection) else A.shape[0]
         for side in ("lower", "upper"):
-            bound = np.asarray(getattr(self, side), dtype=np.float64)
+            bound = floats(f"rows: {side}", getattr(self, side))
             if bound.shape != (m,):
                 raise ProblemError(f"rows: {side} has shape {bound.shape}, A has {m} rows")
             object.__setattr__(self, side, bound)
@@ -129,12 +132,13 @@ class Motion:
     f: Vec | None = None
 
     def __post_init__(self) -> None:
-        F = np.asarray(self.F, dtype=np.float64)
-        if F.ndim not in (1, 2) or not np.isfinite(F).all() or (F.ndim == 1 and not np.all(F > 0.0)):
-            raise ProblemError(f"motion: F must be a finite matrix or a positive vector, given shape {F.shape}")
+        F = floats("motion: F", self.F)
+        if F.ndim not in (1, 2) or not F.size or not np.isfinite(F).all() or (F.ndim == 1 and not np.all(F > 0.0)):
+            allowed = "a finite matrix of at least one row, or a positive vector"
+            raise ProblemError(f"motion: F must be {allowed}, given shape {F.shape}")
         object.__setattr__(self, "F", F)
         if self.f is not None:
-            f = np.asarray(self.f, dtype=np.float64)
+            f = floats("motion: f", self.f)
             if f.shape != F.shape[:1] or not np.isfinite(f).all():
                 raise ProblemError(f"motion: f must be finite with shape {F.shape[:1]}, given {f.shape}")
             object.__setattr__(self, "f", f)
@@ -222,14 +226,21 @@ class Hierarchy:
     turning: Vec | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "levels", tuple(self.levels))
+        try:
+            object.__setattr__(self, "levels", tuple(self.levels))
+        except TypeError:
+            raise ProblemError(f"hierarchy: levels must be a sequence of Rows, given {self.levels!r}") from None
+        for name in ("constraints", "n"):
+            given = getattr(self, name)
+            if isinstance(given, bool) or not isinstance(given, (int, np.integer)):
+                raise ProblemError(f"hierarchy: {name} must be a whole number, given {given!r}")
         for k, rows in enumerate(self.levels):
             if not isinstance(rows, Rows):
                 raise ProblemError(f"hierarchy: level {k} must be Rows, given {type(rows).__name__}")
         if self.metric is not None:
-            object.__setattr__(self, "metric", _matrix(self.metric))
+            object.__setattr__(self, "metric", _matrix("hierarchy: metric", self.metric))
         if self.origin is not None:
-            object.__setattr__(self, "origin", np.asarray(self.origin, dtype=np.float64))
+            object.__setattr__(self, "origin", floats("hierarchy: origin", self.origin))
             if np.ndim(self.origin) != 1:
                 raise ProblemError(f"hierarchy: origin must be a vector, given shape {np.shape(self.origin)}")
         widths = set(self._widths())
@@ -254,12 +265,14 @@ class Hierarchy:
         for name in ("prices", "turning"):
             given = getattr(self, name)
             if given is not None:
-                values = np.asarray(given, dtype=np.float64)
+                values = floats(f"hierarchy: {name}", given)
                 if values.shape != (len(self.levels),) or not np.all(np.isfinite(values) & (values >= 0.0)):
                     raise ProblemError(f"hierarchy: {name} must be one number from 0 up a level, given {given}")
                 object.__setattr__(self, name, values)
-        if not 0.0 < self.eta < math.inf:
+        if not 0.0 < floats("hierarchy: eta", self.eta) < math.inf:
             raise ProblemError(f"hierarchy: eta must be positive and finite, given {self.eta}")
+        if self.motion is not None and not isinstance(self.motion, Motion):
+            raise ProblemError(f"hierarchy: motion must be a Motion, given {type(self.motion).__name__}")
         if self.motion is not None and self.motion.F.shape[-1] != n:
             raise ProblemError(f"hierarchy: motion.F has shape {self.motion.F.shape}, the problem has n = {n}")
 
@@ -300,6 +313,30 @@ class Hierarchy:
     def priced(self) -> tuple[bool, ...]:
         """Which levels have a price, ``()`` if none has."""
         return () if self.prices is None or not self.prices.any() else tuple(bool(c > 0.0) for c in self.prices)
+
+    def check_prices(self, priced: tuple[bool, ...]) -> None:
+        """Raise ProblemError unless the prices, as they stand now, are prices, and of levels that may have one."""
+        if self.prices is None:
+            return
+        for k, price in enumerate(self.prices.tolist()):
+            if not 0.0 <= price < math.inf:
+                raise ProblemError(f"hierarchy: the price of level {k} must be from 0 up, given {price}")
+            if price > 0.0 and not (priced and priced[k]):
+                raise ProblemError(f"workspace made without a price of level {k}; given {price}")
+
+    @property
+    def readable(self) -> bool:
+        """Whether native code can read every array where it is; a copy is readable."""
+        return all(map(is_readable, self._arrays()))
+
+    def _arrays(self) -> Iterator[Mat]:
+        for rows in self.levels:
+            yield from (rows.A.index, rows.A.scale) if isinstance(rows.A, Selection) else (rows.A,)  # type: ignore[misc]
+            yield from (rows.lower, rows.upper)
+        motion = () if self.motion is None else (self.motion.F, self.motion.f)
+        for array in (self.metric, self.origin, self.prices, self.turning, *motion):
+            if array is not None:
+                yield array
 
     def exact(self) -> Hierarchy:
         """The same hierarchy without prices; the arrays are shared."""
@@ -460,8 +497,8 @@ def has_inequalities(rows: Rows) -> bool:
     return bool(np.any((rows.lower != rows.upper) & ((rows.lower > -np.inf) | (rows.upper < np.inf))))
 
 
-def _matrix(A: object) -> Mat:
-    A = np.asarray(A, dtype=np.float64)
+def _matrix(what: str, given: object) -> Mat:
+    A = floats(what, given)
     if A.ndim != 2:
-        raise ProblemError(f"rows: a matrix must have two dimensions, given shape {A.shape}")
+        raise ProblemError(f"{what}: a matrix must have two dimensions, given shape {A.shape}")
     return A

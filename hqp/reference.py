@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -93,6 +94,11 @@ def target(name: str, value: Vec | Mat) -> Reference:
     fields = made.__dict__
     fields["name"], fields["value"] = name, value
     return made
+
+
+def copied(reference: Reference) -> Reference:
+    """The same with numbers of its own, whatever becomes of the arrays that were given."""
+    return Reference(**{name: copy(part) for name, part in vars(reference).items()})
 
 
 def numbers(element: str, what: str, value: object, shape: tuple[int, ...]) -> Vec:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -12,20 +13,22 @@ from typing import TYPE_CHECKING, NoReturn, TypeVar
 
 import numpy as np
 
-from hqp.arrays import Index, Vec
+from hqp.arrays import Index, Mat, Vec
 from hqp.controller import DEADLINE, Controller
-from hqp.errors import ConcurrentUse, DeclarationError, StaleState
+from hqp.errors import DeclarationError, ModelWarning, StaleState
 from hqp.explanation.questions import Teller
 from hqp.loop.budget import Budget
 from hqp.loop.compiled import Compiled, Compiler
 from hqp.loop.contact_watch import ContactWatch
 from hqp.loop.direct import Direct
+from hqp.loop.held_base import adrift
 from hqp.loop.ordinary import ordinary_tick
 from hqp.loop.references import References
 from hqp.loop.restless import LimitWatch
 from hqp.loop.safety import StateCheck, rate_limiter
 from hqp.loop.soundness import rehearse, require_sound
 from hqp.loop.stepping import step
+from hqp.loop.turn import Turn, alone, require
 from hqp.problem import Hierarchy, Status
 from hqp.reference import Reference
 from hqp.robot import Robot, State
@@ -51,8 +54,9 @@ LOG.addHandler(logging.NullHandler())
 class Session:
     """A controller on one robot; keeps hold values, the last safe command and the solver's warm start.
 
-    max_age [s]: states must tell their ``time`` on the clock of ``time.monotonic`` (or of ``step(..., now=)``) and be
-    no older.  One thread at a time may step, change the stack or ask about a tick: another one is refused.
+    max_age [s]: states must tell their ``time`` on the clock of ``time.monotonic`` (or of ``step(..., now=)``), be no
+    older, and at most 1 ms ahead of it.  One thread at a time may step, change the stack or ask about a tick: another
+    one is refused.
     """
 
     def __init__(self, controller: Controller, robot: Robot, dt: float, *, max_age: float | None = None) -> None:
@@ -60,7 +64,7 @@ class Session:
             raise DeclarationError("session", "bad control period", value=dt, unit="s", allowed="dt > 0")
         self.controller, self.robot, self.dt = controller, robot, float(dt)
         self.count = 0
-        self._turn, self._thread = [True], 0
+        self._turn: Turn = {}
         self._check = StateCheck(robot, controller.bounds, max_age)
         self._budget = Budget(DEADLINE * self.dt if controller.deadline is None else controller.deadline)
         self._compiler = Compiler(controller, robot, self.dt, self._budget.deadline)
@@ -68,11 +72,17 @@ class Session:
         require_sound(robot)
         compiled = self._compiler.compile(controller.stack)
         rehearse(controller.formulation, compiled.stack, robot, self.dt)
+        _ = robot.tree_joints  # read off the model once, here and not in the first tick
+        self._first: tuple[Note, ...] = ()
+        if told := adrift(compiled.stack, robot):
+            warnings.warn(told, ModelWarning, stacklevel=3)
+            self._first = (Note("base", Status.OPTIMAL, told),)
         if compiled.dropped:
             LOG.warning("%s", compiled.dropped)
         self._activate(compiled, References({}))
         self._limiter = rate_limiter(robot, controller.rates, self.program.kind, self.dt)
         self._x: Vec = np.zeros(self.program.problem.n)
+        self._x.setflags(write=False)
         self._good: State | None = None
         self._status = Status.OPTIMAL
         self._held = 0
@@ -102,6 +112,12 @@ class Session:
         """The hierarchy of the latest tick: live, refilled by the next step; ``problem.copy()`` is not."""
         return self.program.problem
 
+    @property
+    def hold_values(self) -> dict[str, Vec | Mat]:
+        """Copies of what elements without a reference are held at, by name; empty before the first step."""
+        held = self._references.holds
+        return {name: np.array(reference.value) for name, reference in held.items() if reference.value is not None}
+
     def step(self, state: State, *references: Reference, now: float | None = None) -> Tick:
         """One tick: the command for a state, with references good for this tick only.
 
@@ -109,12 +125,12 @@ class Session:
         ``time.monotonic`` for None.  Raises StaleState, UnknownReference, ConcurrentUse, ModelError (a state of
         another robot) or DeclarationError (a reference of another shape), which are errors of the program.
         """
-        try:
-            self._turn.pop()  # as _enter, without its call
-        except IndexError:
-            self._enter()
-        self._thread = get_ident()
-        try:
+        turn, me = self._turn, get_ident()
+        if turn:
+            require(turn, self)
+        try:  # as ``alone``, without its calls
+            if turn.setdefault(None, me) != me:
+                require(turn, self)
             self._named = references
             for reference in references:
                 if getattr(reference, "load", None) is not None:
@@ -130,7 +146,8 @@ class Session:
             with np.errstate(all="ignore"):
                 return self._told(self._tick(state, references, now), references)
         finally:
-            self._turn.append(True)
+            if turn.get(None) == me:
+                turn.clear()
 
     def _tick(self, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
         if self._transition is None:
@@ -140,30 +157,11 @@ class Session:
     def __contains__(self, name: str) -> bool:
         return name in self.stack or (self._transition is not None and name in self._transition)
 
-    def _enter(self) -> None:
-        """This thread's turn, until ``_leave``; raises ConcurrentUse where another has it."""
-        try:
-            self._turn.pop()  # atomic, as a Lock is, at a third of the time
-        except IndexError:
-            told = "another thread is in this session; make a session a thread, each of its robot.copy()"
-            raise ConcurrentUse(told) from None
-        self._thread = get_ident()
-
-    def _leave(self) -> None:
-        self._turn.append(True)
-
     def _asked(self, what: Callable[[int, Tick], T], tick: Tick) -> T:
         """What is told of the rows of a tick, while no other thread writes them; a step may ask, too."""
-        try:
-            self._enter()
-        except ConcurrentUse:
-            if self._thread != get_ident():
-                raise
+        if self._turn.get(None) == get_ident():
             return what(self.count, tick)
-        try:
-            return what(self.count, tick)
-        finally:
-            self._leave()
+        return alone(self._turn, self, lambda: what(self.count, tick))
 
     def _told(self, tick: Tick, references: tuple[Reference, ...]) -> Tick:
         """The tick, recorded; a change of status is logged."""
@@ -172,6 +170,10 @@ class Session:
         if self._recorder is not None:
             self._recorder.take(tick, references)
         return tick
+
+    def too_large(self, state: State) -> str:
+        """Which number of a valid state is beyond ``controller.bounds``, in words; "" for none."""
+        return self._check.too_large(state)
 
     def record(
         self, ticks: int = 500, on: str | Callable[[Tick], bool] = "not optimal", to: str | Path = "."
@@ -192,12 +194,19 @@ class Session:
         text = "; ".join(f"{note.element}: {note.detail}" for note in notes)
         LOG.log(logging.INFO if status.solved else logging.WARNING, "tick %d %s %s", self.count, status.name, text)
 
+    def _send(self, x: Vec) -> Vec:
+        """Take x for what is sent, read-only from now on; the x that was sent before."""
+        x.setflags(write=False)
+        last, self._x = self._x, x
+        return last
+
     def _leave_direct(self) -> None:
         """The general path takes over."""
         if self._direct is not None:
             self._direct.leave()
             if self._latest is not None:
-                self._x, self._latest = self._direct.x(self._latest).copy(), None
+                self._send(self._direct.x(self._latest).copy())
+                self._latest = None
 
     def _find_direct(self) -> None:
         """Ordinary ticks from now on, once hold values are known and an answer was usable."""
@@ -222,25 +231,28 @@ class Session:
         raises, DeclarationError for ``over`` or where no contact would be left on the way, and then leaves the session
         as it was.
         """
-        self._enter()
+        alone(self._turn, self, lambda: self._changed(stack, over))
+
+    def _changed(self, stack: Stack, over: float) -> None:
+        kept = dict(self.__dict__)
         try:
             change(self, stack, over)
-        finally:
-            self._leave()
+        except BaseException:  # an interrupt, too
+            self.__dict__.update(kept)
+            raise
 
     def prepare(self, stack: Stack) -> None:
         """Compile a stack, and what a transition to it passes through, so that ``change`` finds it done.
 
         The session keeps the last few stacks that it has seen.  Raises what ``change`` raises.
         """
-        self._enter()
-        try:
-            for point in path(self, stack, 1.0)[1:]:
-                compiled = self._compiler.compile(point.stack)
-                with suppress(StaleState):  # no state is at hand: the native loop is made at the change
-                    compiled.direct()
-        finally:
-            self._leave()
+        alone(self._turn, self, lambda: self._prepared(stack))
+
+    def _prepared(self, stack: Stack) -> None:
+        for point in path(self, stack, 1.0)[1:]:
+            compiled = self._compiler.compile(point.stack)
+            with suppress(StaleState):  # no state is at hand: the native loop is made at the change
+                compiled.direct()
 
     def explain(self, tick: Tick) -> Explanation:
         """The account of the latest tick; raises HqpError for an earlier one, whose rows are overwritten."""

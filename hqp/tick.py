@@ -63,8 +63,8 @@ class Tick:
     command: ``(n_actuated,)``, in robot.joint_names order, the caller's own copy.  status: the worst of the tick.
     notes: the culprits.  solution: what the solver gave, None where it was not asked (invalid state).
     held: for how many ticks the command has been coming to rest because no answer was usable, 0 in normal operation.
-    x: the answer that the command is part of.  times: where the time went.  transition: how far a change of stack has
-    come, 1 where none is under way.
+    x: the answer that the command is part of, read-only.  times: where the time went.  transition: how far a change
+    of stack has come, 1 where none is under way.
     """
 
     __slots__ = (
@@ -153,11 +153,13 @@ class Tick:
     def advance(self) -> tuple[Vec, Vec]:
         """(q, v) one period later if the command is carried out exactly (Mistry 2008, eqs. 19 to 22).
 
-        Raises HqpError where the state of the tick is not valid, for then there is nothing to start from.
+        Raises HqpError where there is nothing to start from: the state of the tick is not valid, or too large.
         """
         if not self._state.valid:
             raise HqpError(f"nothing to advance from: {self._state.fault}")
-        self._live()
+        session = self._live()
+        if not self.fit and (fault := session.too_large(self._state)):
+            raise HqpError(f"nothing to advance from: {fault}")
         assert self.program is not None  # a tick with a session has one
         return self.program.advance(self._state, self.x)
 

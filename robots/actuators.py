@@ -102,7 +102,7 @@ def _make(actuator: Any, name: str, joint: Any | None, actuation: Actuation, ser
 
 
 def _effort(actuator: Any, joint: Any | None) -> tuple[float, float]:
-    """Least and largest torque [N m]; (0, 0), MuJoCo's word for no limit, where the file gives none."""
+    """Least and largest torque [N m], of all ranges; (0, 0), MuJoCo's word for no limit, where the file gives none."""
     plain = (
         actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED
         and actuator.biastype == mujoco.mjtBias.mjBIAS_NONE
@@ -111,11 +111,14 @@ def _effort(actuator: Any, joint: Any | None) -> tuple[float, float]:
     gear = float(actuator.gear[0]) if joint is not None else 1.0
     ranges = [(actuator.forcelimited, actuator.forcerange, gear)]
     if plain:
-        ranges.append((actuator.ctrllimited, actuator.ctrlrange, gear * float(actuator.gainprm[0])))
+        ranges.insert(0, (actuator.ctrllimited, actuator.ctrlrange, gear * float(actuator.gainprm[0])))
     if joint is not None:
         ranges.append((joint.actfrclimited, joint.actfrcrange, 1.0))
-    for limited, (low, high), factor in ranges:
+    least, largest = -math.inf, math.inf
+    for limited, (low, high), factor in ranges:  # MuJoCo clips by one after the other
         if limited != mujoco.mjtLimited.mjLIMITED_FALSE and low < high:
             ends = sorted((float(low) * factor, float(high) * factor))
-            return ends[0], ends[1]
+            least, largest = (min(max(end, ends[0]), ends[1]) for end in (least, largest))
+    if least < largest < math.inf:
+        return least, largest
     return 0.0, 0.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import importlib.metadata
 import importlib.util
 import sys
 import warnings
@@ -36,14 +35,18 @@ def load(
 ) -> Robot:
     """A robot from a catalogue name, a URDF or MJCF path, a robot_descriptions name or a pinocchio.Model.
 
-    floating: whether the root is free to move; None takes what the catalogue says, a free root for other URDF
-    files, and what an MJCF or a pinocchio.Model itself says.  rotors: give our own robots the reflected rotor
-    inertia of their simulated plant, which their tables lack (an MJCF brings its own).  Raises ModelError where
-    nothing of that name is found (with the closest names) or the file cannot be read, DeclarationError for another
-    type.
+    floating: whether the base is free to move.  None takes what the catalogue says of a name, what an MJCF or a
+    pinocchio.Model itself says, and for any other URDF a fixed base, unless the file has a floating joint at its root.
+    rotors: give our own robots the reflected rotor inertia of their simulated plant, which their tables lack (an MJCF
+    brings its own).  Raises ModelError where nothing of that name is found (with the closest names) or the file cannot
+    be read, DeclarationError for another type, or a base that is not as asked for and cannot be changed.
     """
     if isinstance(source, pin.Model):
-        return Robot(source, name=name)
+        robot = Robot(source, name=name)
+        if floating not in (None, robot.floating):
+            allowed = "None; pinocchio.JointModelFreeFlyer() as the root joint frees a model"
+            raise DeclarationError(robot.name, "the model's base is another", value=floating, allowed=allowed)
+        return robot
     if not isinstance(source, (str, Path)):
         raise DeclarationError("robot", "not a name, path or model", value=source, allowed="str, Path, pinocchio.Model")
     path = Path(source)
@@ -51,7 +54,7 @@ def load(
         return _from_file(path, floating, name)
     key = str(source)
     if key in _OWN:
-        return _own(key, rotors)
+        return _own(key, floating is not False, rotors)
     if key in _catalogue() or key in _stems():
         return _example(key, floating, name)
     found = _description(key)
@@ -67,10 +70,10 @@ def names() -> tuple[str, ...]:
     return (*_OWN, *listed, *(s for s in sorted(stems) if s not in listed))
 
 
-def _own(key: str, rotors: bool) -> Robot:
+def _own(key: str, floating: bool, rotors: bool) -> Robot:
     folder = _HERE / key
     about = tomllib.loads((folder / "robot.toml").read_text())
-    found = _read(folder / about["urdf"], True)
+    found = _read(folder / about["urdf"], floating)
     model = found.model
     unactuated = set(about["unactuated"])
     wheels = {w["frame"]: Wheel(w["radius"], tuple(w["axle"])) for w in about.get("wheels", ())}
@@ -79,7 +82,7 @@ def _own(key: str, rotors: bool) -> Robot:
     robot = Robot(
         model,
         name=key,
-        actuated=[n for n in model.names[2:] if n not in unactuated],
+        actuated=[n for n in model.names[2 if floating else 1 :] if n not in unactuated],
         groups=about["groups"],
         wheels=wheels,
         landmarks=landmarks,
@@ -98,7 +101,7 @@ def _example(key: str, floating: bool | None, name: str | None) -> Robot:
     if path is None:
         raise ModelError(f"robot {key!r} is in the package {_DATA}: pip install {_DATA}")
     if floating is None:
-        floating = bool(entry.get("floating", True))
+        floating = bool(entry.get("floating", False))
     kinds: tuple[str, ...] = ("soles", "feet", "palms", "base")
     landmarks = {k: tuple(np.atleast_1d(entry[k]).tolist()) for k in kinds if k in entry}
     found = _read(path, floating)
@@ -112,21 +115,22 @@ def _example(key: str, floating: bool | None, name: str | None) -> Robot:
         found.configurations |= {pose.key(): pose.data() for pose in found.model.referenceConfigurations}
         found.home = found.configurations.get(entry.get("pose", ""))
     robot = Robot(found.model, name=name or key, groups=entry.get("groups"), landmarks=landmarks, description=found)
-    if floating:
-        feet = landmarks.get("soles", landmarks.get("feet", ()))
-        _stand(robot, entry.get("posture", {}), feet, entry.get("foot_radius", 0.0), entry.get("height"))
+    feet = landmarks.get("soles", landmarks.get("feet", ()))
+    _stand(robot, entry.get("posture", {}), feet, entry.get("foot_radius", 0.0), entry.get("height"))
     return robot
 
 
 def _stand(
     robot: Robot, posture: Mapping[str, float], feet: Any, height: float = 0.0, base: float | None = None
 ) -> None:
-    """Put the joints at the posture and the base where the lowest of the feet is at a height [m], or itself at one."""
+    """Put joints at the posture, a free base where the lowest of the feet is at a height [m], or itself at one."""
     q = robot.home.copy()
     for joint, angle in posture.items():
         q[robot.model.joints[robot.model.getJointId(joint)].idx_q] = angle
     robot.set_home(q)
     q = robot.home
+    if not robot.floating:
+        return
     if feet:
         state = robot.state(q)
         q[2] += height - min(state.position(frame)[2] for frame in feet)
@@ -161,14 +165,26 @@ def _catalogue() -> dict[str, Any]:
 
 
 @cache
-def _files(suffix: str) -> dict[str, Path]:
-    """Files of the example-robot-data wheel by stem; it holds data only, no Python loader."""
+def _data() -> tuple[Path, ...]:
+    """The URDF and SRDF files of example-robot-data, which holds data only, no Python loader.
+
+    Its wheels and conda packages lie beside Pinocchio's; where they do not, what pip recorded is read.
+    """
+    beside = Path(pin.__file__).parents[4] / "share" / _DATA / "robots"
+    if found := sorted(beside.glob("*/*/*.[us]rdf")):
+        return tuple(found)
+    from importlib.metadata import PackageNotFoundError, distribution  # 30 ms, seldom needed
+
     try:
-        distribution = importlib.metadata.distribution(_DATA)
-    except importlib.metadata.PackageNotFoundError:
-        return {}
-    listed = [f for f in distribution.files or () if str(f).endswith(suffix)]
-    return {Path(str(f)).stem: Path(str(distribution.locate_file(f))) for f in listed}
+        package = distribution(_DATA)
+    except PackageNotFoundError:
+        return ()
+    return tuple(Path(str(package.locate_file(file))) for file in package.files or ())
+
+
+@cache
+def _files(suffix: str) -> dict[str, Path]:
+    return {path.stem: path for path in _data() if path.suffix == suffix}
 
 
 def _stems() -> dict[str, Path]:

@@ -7,6 +7,20 @@ from pathlib import Path
 from typing import Any
 
 from hqp.arrays import Vec
+from hqp.errors import ModelError
+
+MOST = 400
+"""Most coordinates of a model: Pinocchio's data grow with their cube."""
+
+LARGEST = 1e50
+"""Lengths, masses and inertias beyond this are no numbers of a robot; the square of their product still is a number."""
+
+
+def require_room(path: Path, nv: int) -> None:
+    """Raise ModelError for a file with more coordinates than Pinocchio's data have room for."""
+    if nv > MOST:
+        size = 32 * nv**3 / 1e9  # four tensors
+        raise ModelError(f"{path}: nv = {nv}, at most {MOST}: Pinocchio would take {size:.0f} GB for it")
 
 
 @dataclass

@@ -7,6 +7,7 @@ measured from the same zero.  ``agreement.check`` compares the result with MuJoC
 
 from __future__ import annotations
 
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +18,20 @@ from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError, ModelError
 
 from . import mjcf_limits
-from .description import Description
+from .description import LARGEST, Description, require_room
 from .mjcf_names import body_names, joint_names, site_name
 from .mujoco_extra import mujoco
 
 _FREE, _BALL, _SLIDE, _HINGE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{k}")) for k in ("FREE", "BALL", "SLIDE", "HINGE"))
 
-MOST = 400
-"""Most coordinates of a model: Pinocchio's data grow with their cube."""
+_NUMBERS = (
+    "opt.gravity", "body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia", "body_gravcomp",
+    "jnt_pos", "jnt_axis", "jnt_stiffness", "dof_armature", "dof_damping", "dof_frictionloss", "qpos0", "key_qpos",
+    "site_pos", "site_quat", "geom_pos", "geom_quat", "geom_size", "actuator_gear", "actuator_gainprm", "eq_data",
+    "tendon_armature",
+)  # fmt: skip
+_RANGES = ("jnt_range", "jnt_actfrcrange", "actuator_forcerange", "actuator_ctrlrange")
+"""What is read of a MjModel; ranges may be infinite."""
 
 
 def compiled(path: Path, floating: bool | None = None) -> Any:
@@ -34,19 +41,25 @@ def compiled(path: Path, floating: bool | None = None) -> Any:
         if floating is not None:
             set_root(spec, floating)
         simulated = spec.compile()
-    except ValueError as error:
+    except (ValueError, MemoryError, mujoco.FatalError) as error:
         raise ModelError(f"{path} could not be read: {error}") from error
     _represented(simulated, path)
     return simulated
 
 
 def _represented(simulated: Any, path: Path) -> None:
-    """Raise ModelError for what no tree of rigid bodies holds, and for one that Pinocchio has no room for."""
+    """Raise ModelError for what no tree of rigid bodies holds, and for names and numbers that are none."""
     if simulated.nflex:
         raise ModelError(f"{path}: deformable bodies (flex) are no part of a robot of rigid bodies")
-    if simulated.nv > MOST:
-        size = 32 * simulated.nv**3 / 1e9  # four tensors
-        raise ModelError(f"{path}: nv = {simulated.nv}, at most {MOST}: Pinocchio would take {size:.0f} GB for it")
+    require_room(path, simulated.nv)
+    try:
+        bytes(simulated.names).decode()
+    except UnicodeDecodeError as error:
+        raise ModelError(f"{path}: a name in it is no text: {error}") from error
+    for name in (*_NUMBERS, *_RANGES):
+        values = np.asarray(attrgetter(name)(simulated))
+        if np.isnan(values).any() or (name in _NUMBERS and np.any(np.abs(values) >= LARGEST)):
+            raise ModelError(f"{path}: MuJoCo reads a number as {name} that is not finite, or too large")
 
 
 def set_root(spec: Any, floating: bool) -> None:

@@ -14,10 +14,13 @@ import pinocchio as pin
 from hqp.arrays import Mat
 from hqp.errors import DeclarationError, ModelError
 
-from .description import Description
+from .description import LARGEST, Description, require_room
 
 _KINDS = ("revolute", "prismatic", "continuous", "fixed", "floating", "planar")
+_COORDINATES = {"fixed": 0, "planar": 3, "floating": 6}  # of joints that have not one
 _TRIPLES = ("xyz", "rpy")
+MOST_LINKS = 5000
+"""Pinocchio's reader goes down a chain of links by calls of itself; 20 000 end the process."""
 _PREFIX = re.compile(rb"(</?|\s)([A-Za-z_][\w.-]*):([A-Za-z_][\w.-]*)(?=[\s=/>])")
 _AXIAL = ("revolute", "prismatic", "continuous", "planar")
 _SLACK = 1e-6  # of the triangle inequality, relative to the largest moment: decimals in files
@@ -33,20 +36,21 @@ def parsed(path: Path) -> ET.Element:
             if "unbound prefix" not in str(error):
                 raise
         return ET.fromstring(_PREFIX.sub(rb"\1\2_\3", text))
-    except (ET.ParseError, UnicodeDecodeError) as error:
+    except (ET.ParseError, ValueError, LookupError, OSError) as error:  # bytes that are no text, encodings unknown
         raise ModelError(f"{path} could not be read: {error}") from error
 
 
 def read(path: Path, floating: bool | None) -> Description:
     """The file's model, couplings and notes; raises ModelError that names the link or joint.
 
-    floating: whether the root is freed, None for where the file has no free root itself.  Raises DeclarationError where
-    the file frees the root that floating=False would fix.
+    floating: whether the root is freed, None for what the file says: fixed but for a floating joint at the root.
+    Raises DeclarationError where the file frees the root that floating=False would fix.
 
     Refused: numbers that are not finite, negative masses, inertias of links that make that of the joints negative,
-    axes of no length, lower limits above upper ones.  Warned of: other negative moments of inertia, those against the
-    triangle inequality, joints with which no mass moves, limits that say nothing (zero or missing), joints that their
-    limits hold in one place, mimic joints that follow an unknown one.
+    axes of no length, lower limits above upper ones, more links or coordinates than there is room for.  Warned of:
+    other negative moments of inertia, those against the triangle inequality, joints with which no mass moves, limits
+    that say nothing (zero or missing), joints that their limits hold in one place, mimic joints that follow an unknown
+    one.
     """
     root = parsed(path)
     freed = _free_root(root)
@@ -54,10 +58,14 @@ def read(path: Path, floating: bool | None) -> Description:
         raise DeclarationError(
             "floating", f"joint {freed!r} of {path} frees the root", value=False, allowed="None, True"
         )
-    floating = floating is not False and not freed
+    floating = floating is True and not freed
+    links = len(root.findall("link"))
+    if links > MOST_LINKS:
+        raise ModelError(f"{path}: {links} links, at most {MOST_LINKS}: the reader would run out of its stack")
     warnings: list[str] = []
     negative = [name for link in root.findall("link") if (name := _check_link(path, link, warnings))]
     _check_joints(path, root, warnings)
+    require_room(path, sum(_COORDINATES.get(str(joint.get("type")), 1) for joint in root.findall("joint")))
     try:
         model = pin.buildModelFromUrdf(str(path), *((pin.JointModelFreeFlyer(),) if floating else ()))
     except (ValueError, RuntimeError) as error:
@@ -102,7 +110,9 @@ def _indefinite(M: Mat) -> bool:
     return bool(moments[0] < -1e-9 * abs(moments[-1]))
 
 
-def _numbers(path: Path, what: str, element: ET.Element | None, default: str, *names: str) -> list[float]:
+def _numbers(
+    path: Path, what: str, element: ET.Element | None, default: str, *names: str, most: float = LARGEST
+) -> list[float]:
     values = []
     for name in names:
         text = default if element is None else element.get(name, default)
@@ -110,10 +120,11 @@ def _numbers(path: Path, what: str, element: ET.Element | None, default: str, *n
             parts = [float(word) for word in text.split()]
         except ValueError:
             raise ModelError(f"{path}: {what}: {name}={text!r} is no number") from None
-        if name in _TRIPLES and len(parts) != 3:
-            raise ModelError(f"{path}: {what}: {name}={text!r} has {len(parts)} numbers, allowed 3")
-        if not all(map(math.isfinite, parts)):
-            raise ModelError(f"{path}: {what}: {name}={text!r} is not finite")
+        count = 3 if name in _TRIPLES else 1
+        if len(parts) != count:
+            raise ModelError(f"{path}: {what}: {name}={text!r} has {len(parts)} numbers, allowed {count}")
+        if not all(abs(part) <= most for part in parts) or not all(map(math.isfinite, parts)):
+            raise ModelError(f"{path}: {what}: {name}={text!r} is not finite, or too large")
         values += parts
     return values
 
@@ -152,7 +163,9 @@ def _check_joints(path: Path, root: ET.Element, warnings: list[str]) -> None:
         axis = _numbers(path, what, joint.find("axis"), "1 0 0", "xyz")
         if kind in _AXIAL and (len(axis) != 3 or not any(axis)):
             raise ModelError(f"{path}: {what}: its axis is {axis}, which has no direction")
-        lower, upper, speed, effort = _numbers(path, what, limit, "0", "lower", "upper", "velocity", "effort")
+        lower, upper, speed, effort = _numbers(
+            path, what, limit, "0", "lower", "upper", "velocity", "effort", most=math.inf
+        )
         if kind not in ("revolute", "prismatic", "continuous"):
             continue
         if speed < 0.0 or effort < 0.0:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import copy
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -37,6 +36,9 @@ class Wheel:
     radius: float
     axle: tuple[float, float, float]
 
+
+LIVE = ("data", "current", "_measure", "_views", "_bodies", "_tree")
+"""What of a robot is live: views into its data, made anew in a copy."""
 
 _new = object.__new__
 
@@ -73,7 +75,6 @@ class Robot:
         self.model = model
         self._geometry, self._visual = (expanded.shapes(shapes, places) for shapes in (geometry, visual))
         self._capsules: tuple[LinkCapsule, ...] | None = None
-        self.data = model.createData()
         self.name: str = name or model.name
         self.nq, self.nv = int(model.nq), int(model.nv)
         self._joints = joints = Joints(model, self.name)
@@ -98,7 +99,12 @@ class Robot:
             home = description.home if description and description.home is not None else pin.neutral(model)
         self.set_home(home)
         self._units = unit_parts(model)
-        self._measure = measure(self._units, self.nq, self.nv)
+        self._begin()
+
+    def _begin(self) -> None:
+        """Data of its own, with nothing read of it yet."""
+        self.data: Any = self.model.createData()
+        self._measure: Callable[[Vec, Vec], tuple[float, bool] | None] = measure(self._units, self.nq, self.nv)
         self._views: dict[int, tuple[Vec, Mat]] = {}
         self._bodies: tuple[Any, ...] = ()
         self._tree: Sequence[TreeJoint] | Literal[False] | None = False
@@ -354,11 +360,20 @@ class Robot:
 
     def copy(self) -> Robot:
         """The same robot with data of its own; the model is shared."""
-        clone = copy.copy(self)
-        clone.data, clone._views, clone.current = self.model.createData(), {}, None
-        clone._bodies, clone._tree = (), False
+        clone = _new(type(self))
+        clone.__dict__.update(self.__dict__)
+        clone._begin()
         clone.home = self.home.copy()
         return clone
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but live data; shapes that a file has are read from it again."""
+        left = {*LIVE, *(("_geometry", "_visual") if self.description is not None else ())}
+        return {name: None if name in left else value for name, value in self.__dict__.items()}
+
+    def __setstate__(self, kept: dict[str, Any]) -> None:
+        self.__dict__.update(kept)
+        self._begin()
 
     def __repr__(self) -> str:
         base = "floating" if self.floating else "fixed"

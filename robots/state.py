@@ -269,7 +269,6 @@ class State:
         self.kinematics()
         robot = self.robot
         C = np.array(pin.computeCoriolisMatrix(robot.model, robot.data, self.q, self.v))
-        self._done &= _KINEMATICS | _BIAS | _INERTIA | _MASS  # it leaves velocities and centres of its own
         return np.asarray(C + C.T, dtype=np.float64)
 
     def momentum_map(self) -> tuple[Mat, Vec]:
@@ -277,7 +276,6 @@ class State:
         self.kinematics()
         robot = self.robot
         rate = np.array(pin.dccrba(robot.model, robot.data, self.q, self.v))
-        self._done &= _KINEMATICS | _BIAS | _INERTIA | _MASS
         found = np.array(robot.data.Ag), rate @ self.v
         return carried.momentum(self, *found) if self.loads else found
 

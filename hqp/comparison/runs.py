@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from time import perf_counter_ns, process_time_ns
 from typing import Literal
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from hqp.arrays import Vec
 from hqp.certify import certificate
@@ -26,6 +28,12 @@ from hqp.stack import Stack
 BUDGET_US = 2000.0
 """The period of a 500 Hz loop [us]."""
 
+STATES, TICKS = 20, 10
+"""States of a comparison, and ticks of the loop from one to the next."""
+
+SPREAD = 0.05
+"""Standard deviation of the drawn targets, as a motion of all joints and the base from home [rad, m]."""
+
 
 def compare(
     stack: Stack,
@@ -41,11 +49,13 @@ def compare(
 ) -> Comparison:
     """The same copied problems through every solver, each with one warm workspace.
 
-    states: (q, v) pairs, 20 random ones near home by default; hold values are taken at home, so that every task
-    has an error to reduce.  solvers: names, Solver values, or "all" that are available.  repeats: solves per state.
+    states: (q, v) pairs, with hold values taken at home; by default 20 that a loop passes, which follows targets drawn
+    around home while ``subject_to`` holds.  references: take the place of drawn targets.  solvers: names, Solver
+    values, or "all" that are available.  repeats: solves per state.
     A solver without inequalities gets the problem without them and is judged on the whole of it.  price: as a
     Controller takes it, 0 (every level exact) by default, so that all solvers have one answer; "both" solves exact and
-    priced levels side by side, the latter by the solvers that can.
+    priced levels side by side, the latter by the solvers that can.  BLAS takes one thread meanwhile: matrices are too
+    small for more.
     """
     chosen = available() if solvers == "all" else (solvers,) if isinstance(solvers, str) else solvers
     named = [(item, load(item)) if isinstance(item, str) else (item.name, item) for item in chosen]
@@ -57,7 +67,8 @@ def compare(
     if price == "both":
         able = [(f"{name}, priced", solver) for name, solver in named if solver.priced]
         runs = [(named, [p.exact() for p in problems]), (able, problems)]
-    found = [_run_all(solving, given, repeats) for solving, given in runs]
+    with threadpool_limits(limits=1, user_api="blas"):
+        found = [_run_all(solving, given, repeats) for solving, given in runs]
     return Comparison(
         str(stack), robot.name, level_names(session.program), len(problems), len(problems) * repeats,
         found[0][0], tuple(line for _, lines in found for line in lines),
@@ -86,19 +97,31 @@ def _problems(
     price: Priced,
 ) -> tuple[Session, list[Hierarchy]]:
     robot = robot.copy()
+    if states is None:
+        session = Controller(stack, formulation, deadline=math.inf, price=price).session(robot, dt)
+        return session, list(_followed(session, references))
     session = Controller(stack, formulation, solver=_Copier(), price=price).session(robot, dt)
     session.step(robot.state())
-    if states is None:
-        rng = np.random.default_rng(0)
-        states = [
-            (robot.integrate(robot.home, 0.05 * rng.standard_normal(robot.nv), 1.0), np.zeros(robot.nv))
-            for _ in range(20)
-        ]
     problems = []
     for q, v in states:
         session.step(robot.state(q, v), *references)
         problems.append(session.problem.copy())
     return session, problems
+
+
+def _followed(session: Session, references: Sequence[Reference]) -> Iterator[Hierarchy]:
+    """Problems of a loop that starts at home and follows targets drawn anew for each of them."""
+    robot, rng = session.robot, np.random.default_rng(0)
+    given = {reference.name for reference in references}
+    targets = [e for level in session.controller.stack.levels for e in level if e.equality and not e.is_contact]
+    q, v = robot.home, np.zeros(robot.nv)
+    session.step(robot.state(q, v))
+    for _ in range(STATES):
+        there = robot.state(robot.integrate(robot.home, SPREAD * rng.standard_normal(robot.nv), 1.0))
+        drawn = [element.hold(there) for element in targets if element.name not in given]
+        for _ in range(TICKS):
+            q, v = session.step(robot.state(q, v), *references, *drawn).advance()
+        yield session.problem.copy()
 
 
 def _run(name: str, solver: Solver, problems: list[Hierarchy], repeats: int) -> tuple[Line, Vec | None]:

@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from threadpoolctl import threadpool_limits
+
 from hqp.errors import HqpError, SolverNotInstalled, UnsupportedProblem
 from hqp.formulation import Formulation, Velocity
 from hqp.solvers import available, default, load
@@ -37,7 +39,8 @@ def bench(
     trajectory: see Trajectory.  solvers: names, Solver values, "all" that are available, or "" for the one that a
     Controller takes.  plant: ``integrator`` or ``mujoco``.  certify_every: every how many ticks the answer is judged by
     the certificate, outside the timed step.
-    progress: called with a solver's name and the share of its loop that is done.
+    progress: called with a solver's name and the share of its loop that is done.  BLAS takes one thread meanwhile:
+    matrices are too small for more.
     A solver that refuses the stack, or is not installed, has a line that says why.
     Raises DeclarationError for a bad trajectory or plant.
     """
@@ -60,10 +63,11 @@ def bench(
                 progress(name, done / ticks)
 
         try:
-            one = run(
-                stack, robot, solver, name, formulation, motion,
-                dt=dt, ticks=ticks, plant=plant, certify_every=certify_every, told=told,
-            )  # fmt: skip
+            with threadpool_limits(limits=1, user_api="blas"):
+                one = run(
+                    stack, robot, solver, name, formulation, motion,
+                    dt=dt, ticks=ticks, plant=plant, certify_every=certify_every, told=told,
+                )  # fmt: skip
         except UnsupportedProblem as error:
             lines.append(refused(name, solver.strict, str(error)))
             told(ticks)

@@ -51,6 +51,8 @@ class Direct:
     ) -> None:
         self.prepare = prepare
         """What a tick needs of the state before the native call, None for nothing."""
+        self.after_writing: Callable[[], None] | None = None
+        """What follows rows that are written in Python, ahead of the solver."""
         self._assembly, self._native, self.workspace = assembly, native, workspace
         self._written, self._places = bool(assembly.written), places
         self._names = frozenset(member.element.name for member in assembly.written)
@@ -103,6 +105,11 @@ class Direct:
             self.fresh = True
             self._assembly.forget()
 
+    @property
+    def writes(self) -> bool:
+        """Whether some rows are written in Python."""
+        return self._written
+
     def step(
         self, state: State, references: tuple[Reference, ...], before: bytearray | Vec
     ) -> bytearray | Counts | None:
@@ -110,9 +117,10 @@ class Direct:
 
         before: the latest record, or the x to start from.
         """
-        fresh, self.fresh = self.fresh, False
+        fresh = self.fresh
         if fresh and self._program is not None:
             self._program.begin_direct(state, self._all_holds)
+        self.fresh = False
         v: Vec | None = state.v
         if self._velocity:
             v = None
@@ -135,6 +143,8 @@ class Direct:
             if reference.name in self._names:
                 given = {**given, reference.name: self._whole(reference)}
         self._assembly.write(state, given)
+        if self.after_writing is not None:
+            self.after_writing()
         return not self._assembly.errors
 
     def _whole(self, reference: Reference) -> Reference:
@@ -144,8 +154,10 @@ class Direct:
         return Reference(reference.name, self._holds[reference.name].value, normal=reference.normal)
 
     def x(self, record: bytearray) -> Vec:
-        """x ``(n,)``."""
-        return np.frombuffer(record, FLOAT, self._x.stop)[self._x]
+        """x ``(n,)``, read-only."""
+        x = np.frombuffer(record, FLOAT, self._x.stop)[self._x]
+        x.setflags(write=False)
+        return x
 
     def seconds(self, record: bytearray) -> tuple[float, float, float]:
         """When the call began, on the clock of ``perf_counter``, and the time for rows and for the solver [s]."""

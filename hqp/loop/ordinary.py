@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -87,7 +88,7 @@ class OrdinaryTick(Tick):
 
     @property
     def x(self) -> Vec:  # type: ignore[override]
-        """The answer that the command is part of."""
+        """The answer that the command is part of, read-only."""
         return self._direct.x(self._record)
 
     @property
@@ -160,7 +161,7 @@ class BlendedTick(OrdinaryTick):
 
     @property
     def x(self) -> Vec:  # type: ignore[override]
-        """The answer that the command is part of."""
+        """The answer that the command is part of, read-only."""
         return self._blend[0]
 
     @property
@@ -194,6 +195,8 @@ def ordinary_tick(session: Session, direct: Direct, state: State, references: tu
         direct.prepare(state)
     if limit is not None:
         limit(session._budget.left(perf_counter() - start))
+    if direct.writes:  # rows of the user's own may take any time
+        direct.after_writing = partial(give, session, start)
     before = session._x if session._latest is None else session._latest
     found = direct.step(state, references, before)
     if found is None:
@@ -213,6 +216,12 @@ def ordinary_tick(session: Session, direct: Direct, state: State, references: tu
     if found[-1] or session._limits.busy:
         note(session, tick, direct, found, references)
     return tick
+
+
+def give(session: Session, start: float) -> None:
+    """Give the solver what is left of a tick that began at ``start``."""
+    if session._limit is not None:
+        session._limit(session._budget.left(perf_counter() - start))
 
 
 def note(

@@ -10,7 +10,7 @@ from hqp.errors import DeclarationError, UnknownReference, closest
 from hqp.formulation import Program
 from hqp.loop.soundness import OWN
 from hqp.problem import Status
-from hqp.reference import Reference
+from hqp.reference import Reference, copied
 from hqp.robot import State
 from hqp.stack import Stack
 from hqp.tick import Note
@@ -57,7 +57,7 @@ class References:
             self.without[element.name] = f"its hold value raised {type(error).__name__}: {error}"
             return
         if isinstance(held, Reference):
-            self.holds[element.name] = held
+            self.holds[element.name] = copied(held)
         else:
             self.without[element.name] = f"its hold value is no reference, but {type(held).__name__}"
 
@@ -81,8 +81,8 @@ class References:
             elif held is not None and reference.value.shape != held.shape:
                 given = reference.value.shape
                 raise DeclarationError(name, f"value has shape {given}", allowed=f"shape {held.shape}")
+            self.given.append(reference)  # first: wherever this ends, the next tick takes the hold value back
             current[name] = reference
-            self.given.append(reference)
 
     def repair(
         self, program: Program, hard: frozenset[str], state: State, unusable: tuple[str, ...]

@@ -12,6 +12,9 @@ from hqp.arrays import Vec
 from hqp.errors import DeclarationError
 from hqp.robot import Robot, State
 
+AHEAD = 1e-3
+"""By how much the time of a state may lie ahead of the session's [s]: two clocks kept together agree no better."""
+
 RateLimit = float | Sequence[float] | None
 
 
@@ -108,7 +111,7 @@ class StateCheck:
             return state.fault
         if self._max_age is not None and (fault := self._age(state, now)):
             return fault
-        return "" if state.square < self.ordinary else self._size(state)
+        return "" if state.square < self.ordinary else self.too_large(state)
 
     @property
     def ages(self) -> bool:
@@ -119,11 +122,14 @@ class StateCheck:
         if state.time is None:
             return "it does not tell its time, which max_age asks for: robot.state(q, v, time=...)"
         age = (math.nan if now is None else now) - state.time
+        if age < -AHEAD:
+            return f"its time is {-age:.3g} s ahead of now, allowed {AHEAD:g} s: its clock must be that of the session"
         if not age <= self._max_age:  # type: ignore[operator]
             return f"it is {age:.3g} s old, allowed {self._max_age:g} s"
         return ""
 
-    def _size(self, state: State) -> str:
+    def too_large(self, state: State) -> str:
+        """Which number of a valid state is beyond its bounds; "" for none."""
         robot, angles = self._robot, state.angles
         outside = np.maximum(self._low - angles, angles - self._high)
         if outside.size and outside.max() > 0.0:

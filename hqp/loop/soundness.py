@@ -56,7 +56,7 @@ def rehearse(formulation: Formulation, stack: Stack, robot: Robot, dt: float) ->
     Raises ModelError where some of the library's own elements have no usable rows at any of these poses (the centre of
     mass of links without mass), or the dynamics fail at all of them.
     """
-    twin, rng, fault = robot.copy(), np.random.default_rng(0), ""
+    twin, fault = robot.copy(), ""
     foreign = [element.name for element in stack if not type(element).__module__.startswith(OWN)]
     try:
         stack = stack.without(*foreign) if foreign else stack
@@ -64,7 +64,10 @@ def rehearse(formulation: Formulation, stack: Stack, robot: Robot, dt: float) ->
     except HqpError:  # nothing is left without them
         return
     for k in range(POSES):
-        state = twin.state(twin.home if k == 0 else twin.integrate(twin.home, rng.uniform(-0.3, 0.3, twin.nv), 1.0))
+        q = twin.home
+        if k:  # numpy.random is imported where home will not do
+            q = twin.integrate(q, np.random.default_rng(k).uniform(-0.3, 0.3, twin.nv), 1.0)
+        state = twin.state(q)
         try:
             program.prepare(state)
             program.fill(state, {element.name: element.hold(state) for element in stack}, ())

@@ -57,8 +57,8 @@ def step(session: Session, state: State, references: tuple[Reference, ...], now:
     if session._ease is not None:
         session._ease()
     filled = perf_counter()
-    if session._limit is not None and session._good is not None:  # the very first answer may take its time
-        session._limit(session._budget.left(filled - start))
+    if session._limit is not None:  # what comes before the first answer is done for the first time, and slow
+        session._limit(session._budget.left(0.0 if session._good is None else filled - start))
     solution = session.workspace.solve(program.problem)
     tick = conclude(session, state, solution, notes, start, prepared, filled)
     if not session._direct_known and session._good is not None:
@@ -99,9 +99,11 @@ def conclude(
         later.append(partial(restless_notes, restless))
     if session._contacts.missing:
         notes += tuple(Note(name, Status.CONTACT_LOST, why) for name, why in session._contacts.lost())
+    if session._first:
+        notes, session._first = notes + session._first, ()
     if session._limiter is not None:
         x, notes = within_rates(session._limiter, x, session._x, notes, session.program)
-    last, session._x, session._good, session._held = session._x, x.copy(), state, 0
+    last, session._good, session._held = session._send(x.copy()), state, 0
     for note in notes:
         status = status if note.status.severity <= status.severity else note.status
     command = program.command(x)
@@ -123,7 +125,7 @@ def held_tick(session: Session, state: State, solution: Solution | None, notes: 
     x = session._rest.next()
     if session._limiter is not None:
         x, notes = within_rates(session._limiter, x, session._x, notes, session.program)
-    last, session._x = session._x, x
+    last = session._send(x)
     status = Status.worst(*(note.status for note in notes))
     times = Times(0.0, 0.0, 0.0, perf_counter() - start)
     command, before = session.program.command(x), session.program.command(last)

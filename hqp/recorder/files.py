@@ -17,19 +17,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hqp.arrays import Vec
-from hqp.errors import DeclarationError, HqpError
+from hqp.errors import HqpError
 from hqp.explanation.multipliers import explain
 from hqp.explanation.words import Explanation
 from hqp.formulation import Place
 from hqp.problem import Hierarchy, Solution, Stats, Status
-from hqp.recorder.layout import arrays_of, from_pattern, pattern_of, rebuilt
+from hqp.recorder import checked
+from hqp.recorder.checked import FORMAT
+from hqp.recorder.layout import arrays_of, pattern_of, rebuilt
 
 if TYPE_CHECKING:
     from hqp.recorder.ring import Segment
     from hqp.robot import Robot
     from hqp.session import Session
-
-FORMAT = 1
 
 PAUSE = 2e-4
 """The writing thread lets the control loop in for so long after every tick [s]."""
@@ -198,12 +198,18 @@ class RecordedTick:
 
 
 class Recording:
-    """The ticks of a file, in order; ``about`` says what they are of.  Needs no robot."""
+    """The ticks of a file, in order; ``about`` says what they are of.  Needs no robot.
+
+    Raises DeclarationError where something is missing, of another kind or size, or no number.
+    """
 
     def __init__(self, told: dict[str, Any], arrays: dict[str, Any]) -> None:
+        checked.about(told)
         self.about = {key: value for key, value in told.items() if key != "segments"}
         self.ticks: tuple[RecordedTick, ...] = tuple(
-            tick for segment in told["segments"] for tick in _ticks(segment, arrays)
+            tick
+            for i, segment in enumerate(told["segments"])
+            for tick in _ticks(segment, arrays, told["robot"], f"segments[{i}]")
         )
 
     def __len__(self) -> int:
@@ -224,17 +230,19 @@ class Recording:
         )
 
 
-def _ticks(segment: dict[str, Any], arrays: dict[str, Any]) -> Iterator[RecordedTick]:
-    number, pattern = segment["number"], from_pattern(segment["pattern"])
-    columns = [arrays[f"{number}_rows_{i}"] for i in range(len(arrays_of(pattern)))]
+def _ticks(
+    segment: dict[str, Any], arrays: dict[str, Any], robot: dict[str, Any], where: str
+) -> Iterator[RecordedTick]:
+    pattern, columns = checked.segment(segment, arrays, robot, where)
+    number = segment["number"]
     places, names = {}, {}
     for place in segment["places"]:
         element: Any = SimpleNamespace(weight=place["weight"], equality=place["equality"], name=place["name"])
         places[place["name"]] = Place(element, place["level"], slice(place["start"], place["stop"]), place["declared"])
         names[place["name"]] = tuple(place["rows"])
-    numbers = {name: arrays[f"{number}_{name}"] for name in ("q", "v", "command", "x", "solved")}
+    numbers = {name: arrays[f"{number}_{name}"] for name in checked.NUMBERS}
     for i, tick in enumerate(segment["ticks"]):
-        q, v, command, x, solved = (numbers[name][i] for name in ("q", "v", "command", "x", "solved"))
+        q, v, command, x, solved = (numbers[name][i] for name in checked.NUMBERS)
         yield RecordedTick(
             count=tick["count"],
             kind=segment["kind"],
@@ -257,13 +265,5 @@ def _ticks(segment: dict[str, Any], arrays: dict[str, Any]) -> Iterator[Recorded
 
 
 def load(path: str | Path) -> Recording:
-    """Read a recording; raises DeclarationError for a file of another kind or a later format."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            told = json.loads(file["recording.json"])
-            arrays = {name: file[name] for name in file.files if name != "recording.json"}
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
-        raise DeclarationError("recording", f"not a recording: {error}", value=str(path)) from error
-    if told.get("format") != FORMAT or told.get("kind") != "recording":
-        raise DeclarationError("recording", "unknown format", value=told.get("format"), allowed=str(FORMAT))
-    return Recording(told, arrays)
+    """Read a recording; raises DeclarationError for a file of another kind, a later format, or one that is damaged."""
+    return Recording(*checked.unpacked(path))

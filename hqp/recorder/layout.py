@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
 from hqp.problem import ETA, Hierarchy, Motion, Rows, Selection
+
+T = TypeVar("T")
 
 LINE = 64
 """Parts of a tick begin at multiples of so many bytes."""
@@ -121,7 +123,7 @@ def rebuilt(pattern: Hierarchy, arrays: list[Any]) -> Hierarchy:
     origin = None if pattern.origin is None else next(rest)
     motion = pattern.motion
     if motion is not None:
-        motion = Motion(next(rest), None if motion.f is None else next(rest))
+        motion = _unchecked(Motion, F=next(rest), f=None if motion.f is None else next(rest))
     made = object.__new__(Hierarchy)
     for item in fields(Hierarchy):  # whatever stays as it is
         object.__setattr__(made, item.name, getattr(pattern, item.name))
@@ -132,9 +134,13 @@ def rebuilt(pattern: Hierarchy, arrays: list[Any]) -> Hierarchy:
 
 
 def _rows(A: Any, lower: Any, upper: Any) -> Rows:
-    """Rows without a check: what was recorded may be what went wrong."""
-    made = object.__new__(Rows)
-    for name, value in (("A", A), ("lower", lower), ("upper", upper)):
+    return _unchecked(Rows, A=A, lower=lower, upper=upper)
+
+
+def _unchecked(kind: type[T], **values: Any) -> T:
+    """A value without a check of its numbers: what was recorded may be what went wrong."""
+    made = object.__new__(kind)
+    for name, value in values.items():
         object.__setattr__(made, name, value)
     return made
 

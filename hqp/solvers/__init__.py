@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-import importlib.metadata
 import importlib.util
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from hqp.errors import DeclarationError, SolverNotInstalled, closest
@@ -14,6 +14,8 @@ from hqp.native import missing as missing_parts
 from hqp.solvers.base import Solver, Workspace
 
 if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
     from hqp.solvers import cascade, chiaverini, daqp, lexicographic, nullspace, weighted
 
 __all__ = [
@@ -62,7 +64,7 @@ def known() -> dict[str, str]:
     if "solver" in missing_parts():
         names["lexicographic"] = ADVICE
     names.update({f"cascade:{backend}": _missing(backend) for backend in _BACKENDS})
-    names.update({point.name: "" for point in importlib.metadata.entry_points(group=GROUP)})
+    names.update({point.name: "" for point in _entry_points()})
     return names
 
 
@@ -112,9 +114,17 @@ def _factory(name: str) -> Any:
     if target is not None:
         module, _, attribute = target.partition(":")
         return getattr(importlib.import_module(module), attribute)
-    for point in importlib.metadata.entry_points(group=GROUP, name=name):
-        return point.load()
+    for point in _entry_points():
+        if point.name == name:
+            return point.load()
     raise DeclarationError("solver", f"unknown name; closest: {', '.join(closest(name, known()))}", value=name)
+
+
+def _entry_points() -> Iterable[EntryPoint]:
+    """Solvers of other packages."""
+    from importlib.metadata import entry_points  # it reads what is installed, which `import hqp` does without
+
+    return entry_points(group=GROUP)
 
 
 def _needs(name: str, options: dict[str, Any]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from threading import get_ident
 from typing import ClassVar, Protocol, TypeAlias
 
 import numpy as np
@@ -30,6 +31,28 @@ class Workspace(Protocol):
         ...
 
 
+class OneThread:
+    """Lets one thread at a time into a workspace; another one is refused by RuntimeError.
+
+    An interrupt between ``enter`` and what leaves again locks nobody out but other threads: this one may enter again.
+    """
+
+    __slots__ = ("_inside",)
+
+    def __init__(self) -> None:
+        self._inside = dict[str, int]()
+
+    def enter(self) -> None:
+        """Raise RuntimeError while another thread is inside."""
+        me = get_ident()
+        if self._inside.setdefault("thread", me) != me:  # atomic
+            raise RuntimeError("this workspace is solving in another thread; give each thread its own")
+
+    def leave(self) -> None:
+        """Let others in."""
+        self._inside.clear()
+
+
 class Solver(ABC):
     """A way of solving hierarchies: options are fields of a frozen dataclass, capabilities class attributes.
 
@@ -51,10 +74,13 @@ class Solver(ABC):
 
     def solve(self, problem: Hierarchy) -> Solution:
         """Solve once, cold, in a workspace of its own."""
+        require_hierarchy(problem)
         return self.workspace(problem.shape).solve(problem)
 
     def require(self, shape: Shape) -> None:
-        """Raise UnsupportedProblem unless the capabilities cover the shape."""
+        """Raise UnsupportedProblem unless the capabilities cover the shape, ProblemError for what is no Shape."""
+        if not isinstance(shape, Shape):
+            raise ProblemError(f"a workspace is made for a Shape, given {type(shape).__name__}")
         if shape.inequalities and not self.inequalities and not getattr(self, "ignore_inequalities", False):
             told = f"{self.name} takes no inequalities; take an HQP solver such as 'lexicographic'"
             if hasattr(self, "ignore_inequalities"):
@@ -84,14 +110,22 @@ def check_fields(solver: Solver, shares: Sequence[str], counts: Sequence[str]) -
         check_number(solver.name, field, getattr(solver, field), above=1, closed=True)
 
 
+def require_hierarchy(problem: object) -> None:
+    """Raise ProblemError for what is no Hierarchy."""
+    if not isinstance(problem, Hierarchy):
+        raise ProblemError(f"a problem must be a Hierarchy, given {type(problem).__name__}")
+
+
 def check_shape(problem: Hierarchy, shape: Shape) -> None:
-    """Raise ProblemError unless the problem has the n, the rows and the metric the workspace was made for."""
+    """Raise ProblemError unless the problem has the n, rows, metric and prices that the workspace was made for."""
+    require_hierarchy(problem)
     rows = tuple(level.m for level in problem.levels)
     if problem.n != shape.n or rows != shape.rows:
         raise ProblemError(f"workspace made for n = {shape.n}, rows {shape.rows}; given n = {problem.n}, rows {rows}")
     if (problem.metric is not None) != shape.metric:
         given = "none" if problem.metric is None else "one"
         raise ProblemError(f"workspace made {'with' if shape.metric else 'without'} a metric; given {given}")
+    problem.check_prices(shape.priced)
 
 
 Described: TypeAlias = tuple[tuple[Vec, ...], tuple[Signs, ...], bool]

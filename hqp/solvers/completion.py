@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import get_lapack_funcs
 
 from hqp.arrays import Mat, Vec
 from hqp.problem import Hierarchy, Rows, Selection
 from hqp.tolerances import METRIC_TOLERANCE
-
-(pstrf,) = get_lapack_funcs(("pstrf",), (np.zeros(1),))
 
 
 def metric_factor(metric: Mat, tolerance: float = METRIC_TOLERANCE) -> Mat:
@@ -17,9 +14,12 @@ def metric_factor(metric: Mat, tolerance: float = METRIC_TOLERANCE) -> Mat:
 
     metric: ``(n, n)`` symmetric positive semidefinite; what rounding makes indefinite below the tolerance is cut.
     """
+    from scipy.linalg import get_lapack_funcs  # heavy, and most stacks have no metric
+
     F = np.zeros_like(metric)
     largest = float(metric.diagonal().max(initial=0.0))
     if largest > 0.0:
+        (pstrf,) = get_lapack_funcs(("pstrf",), (metric,))
         factor, pivots, rank, _ = pstrf(metric, tol=tolerance * largest)
         F[:rank, pivots - 1] = np.triu(factor)[:rank]
     return F

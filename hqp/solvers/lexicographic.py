@@ -8,13 +8,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
+from numbers import Integral, Real
 from time import perf_counter
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mat, Vec, readable
 from hqp.errors import DeclarationError, SolverNotInstalled
 from hqp.native import ADVICE
 from hqp.problem import Hierarchy, Selection, Shape, Solution, Stats, Status
@@ -85,22 +86,30 @@ class Lexicographic(Solver):
     def __post_init__(self) -> None:
         for option in ("rank_tolerance", "multiplier_tolerance", "feasibility_tolerance"):
             value = getattr(self, option)
-            if not 0.0 < value < 1e-2:
+            if not isinstance(value, Real) or not 0.0 < float(value) < 1e-2:
                 raise DeclarationError(f"lexicographic.{option}", "out of range", value=value, allowed="(0, 0.01)")
-        if self.max_iterations is not None and not 1 <= self.max_iterations < 2**31:
+        if self.max_iterations is not None and not _is_count(self.max_iterations, 1):
             raise DeclarationError("lexicographic.max_iterations", "need at least one", value=self.max_iterations)
-        if self.deadline is not None and not self.deadline > 0.0:
+        if self.deadline is not None and (not isinstance(self.deadline, Real) or not float(self.deadline) > 0.0):
             raise DeclarationError("lexicographic.deadline", "must be positive", value=self.deadline, unit="s")
-        if not 0 <= self.max_failed_exchanges < 2**31:
+        if not _is_count(self.max_failed_exchanges, 0):
             raise DeclarationError("lexicographic.max_failed_exchanges", "negative", value=self.max_failed_exchanges)
         if _native is None:
             raise SolverNotInstalled(NO_KERNEL)
 
     def workspace(self, shape: Shape) -> Workspace:
         """Allocate for problems of this shape."""
-        if shape.priced:
-            return StagedWorkspace(shape, replace(self, multipliers=False).workspace)
-        return NativeWorkspace(self, shape)
+        self.require(shape)
+        if not shape.priced:
+            return NativeWorkspace(self, shape)
+        staged = StagedWorkspace(shape, replace(self, multipliers=False).workspace)
+        if self.deadline is not None:
+            staged.limit(self.deadline)
+        return staged
+
+
+def _is_count(value: object, least: int) -> bool:
+    return isinstance(value, Integral) and least <= int(value) < 2**31
 
 
 class NativeWorkspace:
@@ -148,7 +157,10 @@ class NativeWorkspace:
         """Time for the next solves [s], none for zero: a session gives what is left of its tick.
 
         Whoever sets one, infinity too, solves again and again: only answers that are not certified are doubted then.
+        Raises DeclarationError for what is no time.
         """
+        if not isinstance(seconds, (int, float)) or not seconds >= 0.0:
+            raise DeclarationError("lexicographic", "bad time limit", value=seconds, unit="s", allowed="from 0 up")
         self._limited, self._ticking = 0.0 < seconds < math.inf, seconds > 0.0
         self._kernel.limit(seconds if self._limited else 0.0)
 
@@ -246,20 +258,16 @@ def _copied(problem: Hierarchy) -> SimpleNamespace:
     return SimpleNamespace(
         n=problem.n,
         levels=tuple(
-            SimpleNamespace(A=_coefficients(rows.A), lower=_ready(rows.lower), upper=_ready(rows.upper))
+            SimpleNamespace(A=_coefficients(rows.A), lower=readable(rows.lower), upper=readable(rows.upper))
             for rows in problem.levels
         ),
         constraints=problem.constraints,
-        metric=None if problem.metric is None else _ready(problem.metric),
-        origin=None if problem.origin is None else _ready(problem.origin),
+        metric=None if problem.metric is None else readable(problem.metric),
+        origin=None if problem.origin is None else readable(problem.origin),
     )
 
 
 def _coefficients(A: Mat | Selection) -> Any:
     if isinstance(A, Selection):
-        return SimpleNamespace(index=_ready(A.index, np.intp), scale=_ready(A.scale))
-    return _ready(A)
-
-
-def _ready(a: Any, dtype: type = np.float64) -> Any:
-    return np.ascontiguousarray(a, dtype=dtype)
+        return SimpleNamespace(index=readable(A.index, np.int64), scale=readable(A.scale))
+    return readable(A)

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mat, Vec, floats, readable
 from hqp.errors import DeclarationError, ProblemError, SolverNotInstalled
 from hqp.problem import Hierarchy, Rows, Selection, Shape, Solution, Status
-from hqp.solvers.base import check_shape
+from hqp.solvers.base import check_shape, require_hierarchy
 from hqp.solvers.lexicographic import DOUBTFUL, NO_KERNEL, STATUSES, Lexicographic, native_module
 
 
@@ -79,11 +79,19 @@ def solve_many(
     if module is None:
         raise SolverNotInstalled(NO_KERNEL)
     solver = Lexicographic() if solver is None else solver
+    if not isinstance(solver, Lexicographic):
+        raise DeclarationError("solve_many", "bad solver", value=solver, allowed="Lexicographic(...)")
     count = _threads(threads)
     if solver.deadline:
         raise DeclarationError("solve_many", "takes no deadline", value=solver)
+    if not isinstance(problems, (Sequence, HierarchyBatch)):
+        allowed = "a sequence of problems or a HierarchyBatch"
+        raise ProblemError(f"solve_many: takes {allowed}, given {type(problems).__name__}")
     if len(problems) == 0:
         raise ProblemError("solve_many: no problem given")
+    if not isinstance(problems, HierarchyBatch):
+        for problem in problems:
+            require_hierarchy(problem)
     shape = problems[0].shape
     if shape.priced or (not isinstance(problems, HierarchyBatch) and any(problem.priced for problem in problems)):
         raise ProblemError("solve_many: takes exact hierarchies; given one with priced levels")
@@ -126,10 +134,10 @@ def _fill(batch: Any, problems: Sequence[Hierarchy] | HierarchyBatch, shape: Sha
 
 
 def _stacked(A: Mat | Selection, lower: Vec, upper: Vec) -> tuple[object, ...]:
-    bounds = [np.ascontiguousarray(np.atleast_2d(b), dtype=np.float64) for b in (lower, upper)]
+    bounds = [readable(np.atleast_2d(floats("rows: bounds", b))) for b in (lower, upper)]
     if isinstance(A, Selection):
-        return None, np.ascontiguousarray(A.index, dtype=np.int64), np.ascontiguousarray(A.scale), *bounds
-    A = np.ascontiguousarray(A, dtype=np.float64)
+        return None, readable(A.index, np.int64), readable(A.scale), *bounds
+    A = readable(floats("rows: A", A))
     return A[None] if A.ndim == 2 else A, None, None, *bounds
 
 

@@ -23,7 +23,6 @@ import numpy as np
 
 from hqp.arrays import Mask, Mat, Vec, longest_row, row_lengths
 from hqp.certify import certificate
-from hqp.errors import DeclarationError
 from hqp.nnls import nonnegative_least_squares
 from hqp.null_directions import without_rounding
 from hqp.pricing import Above, Coordinates, at_optimum, level_size, stack_rows
@@ -51,7 +50,8 @@ class Reference(Solver):
     """The hierarchy level by level, priced or not, by a textbook active-set method (docs/solvers.md).
 
     rank_tolerance: singular values below this fraction of a level's largest row add no direction.  max_iterations:
-    steps a level may take.  seconds: time for a problem, looked at between steps [s].  Either ends in ITERATION_LIMIT.
+    steps a level may take.  factorisations: singular value decompositions of a whole problem, None for any number.
+    Either ends in ITERATION_LIMIT.
     """
 
     name: ClassVar[str] = "reference"
@@ -60,12 +60,12 @@ class Reference(Solver):
 
     rank_tolerance: float = RANK_TOLERANCE
     max_iterations: int = 1000
-    seconds: float = math.inf
+    factorisations: int | None = None
 
     def __post_init__(self) -> None:
         check_fields(self, shares=("rank_tolerance",), counts=("max_iterations",))
-        if not self.seconds > 0.0:
-            raise DeclarationError("reference.seconds", "must be positive", value=self.seconds, unit="s")
+        if self.factorisations is not None:
+            check_fields(self, shares=(), counts=("factorisations",))
 
     def workspace(self, shape: Shape) -> ReferenceWorkspace:
         """Allocate; nothing is kept between solves."""
@@ -111,7 +111,7 @@ class _Run:
     def __init__(self, problem: Hierarchy, solver: Reference, at: Coordinates | None = None) -> None:
         self.problem, self._solver = problem, solver
         self._at = at or Coordinates.of(problem.motion, problem.n)
-        self.steps, self.ended, self._end = 0, True, perf_counter() + solver.seconds
+        self.steps, self.ended, self._effort = 0, True, _Effort(solver.factorisations)
         self._zero = ROUNDING * max((longest_row(rows.dense(problem.n)) for rows in problem.levels), default=0.0)
 
     def points(self) -> Mat:
@@ -188,7 +188,7 @@ class _Run:
         )
         off = np.concatenate([Rows(C, lower, upper).slack(x) / s for C, lower, upper, s in soft])
         start = np.concatenate([at.of_point(x), off])
-        v, steps, ended = program.solve(start, self._solver.max_iterations, self._end)
+        v, steps, ended = program.solve(start, self._solver.max_iterations, self._effort)
         self.steps, self.ended = self.steps + steps, self.ended and ended
         return at.point(v[:n])
 
@@ -221,6 +221,20 @@ def _root(unmet: Callable[[float], float], least: float) -> float | None:
     return math.exp(guess)
 
 
+class _Effort:
+    """How many singular value decompositions are left."""
+
+    __slots__ = ("left",)
+
+    def __init__(self, most: int | None) -> None:
+        self.left = math.inf if most is None else most
+
+    @property
+    def spent(self) -> bool:
+        """Whether none is."""
+        return self.left <= 0
+
+
 class _Program:
     """min ||T v - t||^2 over lower <= C v <= upper, from a point of that set; singular values below cut are zero."""
 
@@ -233,11 +247,11 @@ class _Program:
         self.equal = self.lower == self.upper
         self.Z = _null_space(self.C[self.equal])
 
-    def solve(self, v: Vec, limit: int, end: float) -> tuple[Vec, int, bool]:
-        """The optimum, how many steps it took, and whether it was reached; end: on the clock of ``perf_counter``."""
+    def solve(self, v: Vec, limit: int, effort: _Effort) -> tuple[Vec, int, bool]:
+        """The optimum, how many steps it took, and whether it was reached."""
         lowest = math.inf
         for step in range(limit):
-            if perf_counter() > end:
+            if effort.spent:
                 return v, step, False
             w = self.T @ v - self.t
             direction, held, gap = self._descent(v, w)
@@ -245,7 +259,7 @@ class _Program:
             if gap <= OPTIMAL or (gap <= FLAT and value >= lowest):
                 return v, step, True
             lowest = min(lowest, value)
-            before, v = v, self._advance(v, direction, held, gap > FLAT and value > FLAT)
+            before, v = v, self._advance(v, direction, held, gap > FLAT and value > FLAT, effort)
             if np.array_equal(before, v):  # the multipliers are known no better: the certificate has the last word
                 return v, step, False
         return v, limit, False
@@ -269,10 +283,11 @@ class _Program:
         held[active] = left @ cone >= -HELD * size
         return self.Z @ left, held, size / max(terms, 1e-300)
 
-    def _advance(self, v: Vec, direction: Vec, held: Mask, steep: bool) -> Vec:
+    def _advance(self, v: Vec, direction: Vec, held: Mask, steep: bool, effort: _Effort) -> Vec:
         """To the minimiser on the face of the held rows or the first row in the way; at it, down a steep direction."""
         face = held.copy()
-        while True:
+        while not effort.spent:
+            effort.left -= 1
             Z = self.Z @ _null_space(self.C[face] @ self.Z)
             U, sigma, Vt = np.linalg.svd(self.T @ Z, full_matrices=False)
             kept = sigma > self.cut

@@ -9,8 +9,14 @@ from hqp.certify import certificate
 from hqp.problem import Hierarchy, Solution, Status
 from hqp.solvers.base import UNSURE, finish
 
-LAST_OPINION = 0.25
-"""Time for the reference where nothing that the kernel found passed the certificate [s]."""
+LAST_OPINION = 4e9
+"""Multiplications for what the reference is asked, in factorisations of (n + rows + OVERHEAD)^3 each.
+
+A count and no time, so that status and x are the same on every machine; about a second.
+"""
+
+OVERHEAD = 100
+"""Rows that cost as much as a call."""
 
 TOLERANCES = (1e-8, 1e-6)
 """Gaps that the certificate allows; the second is rounding over a singular value of 1e-9."""
@@ -20,10 +26,15 @@ STUCK = "no answer that was found passed the certificate: the problem is too ill
 
 def second_opinion(problem: Hierarchy, doubtful: Solution, others: Iterable[Callable[[], Solution]] = ()) -> Solution:
     """The first that the certificate passes, of the answer given, the others and the reference's, or NOT_CERTIFIED."""
-    answers: list[Callable[[], Solution]] = [lambda: doubtful, *others, lambda: _by_reference(problem)]
+    from hqp.solvers.reference import Reference  # it is seldom asked
+
+    last = Reference(factorisations=effort(problem))
+    answers: list[Callable[[], Solution]] = [lambda: doubtful, *others, lambda: last.solve(problem)]
     for answer in answers:
         found = answer()
-        if any(certificate(problem, found.x, tolerance, found.stage_points).ok for tolerance in TOLERANCES):
+        if any(
+            certificate(problem, found.x, tolerance, found.stage_points, settled=True).ok for tolerance in TOLERANCES
+        ):
             if found is doubtful and found.status is Status.OPTIMAL:  # the data's last digits do not move it
                 return replace(found, detail="")
             status = finish(problem, found.x, Status.RANK_UNCERTAIN, found.stats).status
@@ -31,7 +42,7 @@ def second_opinion(problem: Hierarchy, doubtful: Solution, others: Iterable[Call
     return replace(doubtful, status=Status.NOT_CERTIFIED, detail=STUCK)
 
 
-def _by_reference(problem: Hierarchy) -> Solution:
-    from hqp.solvers.reference import Reference  # it is seldom asked
-
-    return Reference(seconds=LAST_OPINION).solve(problem)
+def effort(problem: Hierarchy) -> int:
+    """Factorisations that the reference may take for a second opinion."""
+    size = problem.n + sum(rows.m for rows in problem.levels)
+    return max(1, int(LAST_OPINION // (size + OVERHEAD) ** 3))

@@ -18,7 +18,7 @@ import numpy as np
 from hqp.arrays import Mat, Signs, Vec
 from hqp.pricing import is_met
 from hqp.problem import Hierarchy, Rows, Selection, Shape, Solution, Stats, Status
-from hqp.solvers.base import UNSURE, Described, Workspace, check_shape, finish
+from hqp.solvers.base import UNSURE, Described, OneThread, Workspace, check_shape, finish, require_hierarchy
 from hqp.solvers.second_opinion import second_opinion
 from hqp.tolerances import (
     ACTIVITY_TOLERANCE,
@@ -74,6 +74,7 @@ class StagedWorkspace:
         self._end: Vec = np.zeros(shape.n)
         ends = np.concatenate(([0], np.cumsum(shape.rows))).astype(int).tolist()
         self._parts = [slice(a, b) for a, b in pairwise(ends)]
+        self._one_thread = OneThread()
         self._problem: Hierarchy | None = None
         self._has_prices = False
         self._remainders = dict[int, Remainder]()
@@ -97,9 +98,24 @@ class StagedWorkspace:
         self._native.limit(seconds if seconds < math.inf else 0.0)
 
     def solve(self, problem: Hierarchy) -> Solution:
-        """The exact answer where it settles every priced level, else that of the stages, with their points."""
+        """The exact answer where it settles every priced level, else that of the stages, with their points.
+
+        Raises ProblemError for another shape, or prices that are none, RuntimeError while another thread solves in this
+        workspace.
+        """
+        require_hierarchy(problem)
+        self._one_thread.enter()
+        try:
+            if not problem.readable:
+                problem = problem.copy()
+            return self._solved(problem)
+        finally:
+            self._one_thread.leave()
+
+    def _solved(self, problem: Hierarchy) -> Solution:
         if self._problem is not problem:
             self._bind(problem)
+        problem.check_prices(self._shape.priced)  # they may have been refilled
         self._began = perf_counter()
         if not self._native.head:
             return self._priced(problem, self._exact.solve(self._plain))
@@ -109,6 +125,8 @@ class StagedWorkspace:
 
     def kernel(self, problem: Hierarchy) -> Kernel | None:
         """The exact hierarchy's kernel, as NativeWorkspace.kernel; its outcome is UNSETTLED where stages follow."""
+        if not problem.readable:
+            return None
         if self._problem is not problem:
             self._bind(problem)
         exact: Kernel | None = getattr(self._exact, "kernel", lambda _: None)(self._plain)
@@ -117,6 +135,13 @@ class StagedWorkspace:
         solve, values, marks, call = exact
         native, x, stages, points, end = self._native, values[: problem.n], self._native.solve, self._points, self._end
         native.answers(problem.constraints, ACTIVITY_TOLERANCE, VIOLATION_TOLERANCE)
+
+        def alone() -> Counts:
+            self._one_thread.enter()
+            try:
+                return settled()
+            finally:
+                self._one_thread.leave()
 
         def settled() -> Counts:
             self._began = perf_counter()
@@ -132,7 +157,7 @@ class StagedWorkspace:
             first = stages(x, points, end, 0, self._left())
             return counts if first < 0 else (UNSETTLED, *counts[1:])
 
-        return settled, values, marks, native.after(call, x, points, end)
+        return alone, values, marks, native.after(call, x, points, end)
 
     def _from_head(self) -> Counts | None:
         """Stages from the exact answer of the levels above the one that was not met a tick ago.

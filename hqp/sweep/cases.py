@@ -20,6 +20,9 @@ from hqp.errors import DeclarationError
 SOURCES = (".py", ".toml", ".csv", ".cpp", ".hpp")
 """Suffixes of the files that make up a code version: no binaries, which differ from machine to machine."""
 
+MOST_CASES = 10_000_000
+"""Of one file; they are all held in memory."""
+
 
 @dataclass(frozen=True)
 class Case:
@@ -54,8 +57,7 @@ class Sweep:
     """Put on the path of imports, for a function in a file beside the cases."""
 
     def __post_init__(self) -> None:
-        if self.folder and self.folder not in sys.path:
-            sys.path.insert(0, self.folder)
+        _look_in(self.folder)
         resolve(self.function)
         for arguments in self.arguments:
             canonical(arguments)
@@ -69,11 +71,13 @@ class Sweep:
         return (Case(self.function, arguments) for arguments in self.arguments)
 
 
-def load(path: str | Path) -> Sweep:
+def load(path: str | Path, *, trust: bool = False) -> Sweep:
     """Read a sweep from TOML: ``function``, tables ``[fixed]`` and ``[grid]``, and any number of ``[[case]]``.
 
     Every value of ``[grid]`` is a list or ``{start, stop, step}``; the cases are the product of the grid with the
-    ``[[case]]`` tables, each over ``[fixed]``.  Raises DeclarationError for what is none of this.
+    ``[[case]]`` tables, each over ``[fixed]``.  The file is a program: its function is imported here and called by
+    ``run``.  trust: any function of any installed package will do, not only those of hqp and of modules in the folder
+    of the file.  Raises DeclarationError for what is none of this, before anything is imported.
     """
     path = Path(path)
     if sys.version_info >= (3, 11):
@@ -90,14 +94,61 @@ def load(path: str | Path) -> Sweep:
     if not isinstance(table.get("function"), str):
         allowed = 'function = "package.module:name"'
         raise DeclarationError(str(path), "names no function", value=table.get("function"), allowed=allowed)
-    grid = {name: _values(path, name, value) for name, value in table.get("grid", {}).items()}
-    fixed, cases = table.get("fixed", {}), table.get("case", [{}])
+    grid, fixed, cases = table.get("grid", {}), table.get("fixed", {}), table.get("case", [{}])
+    if not (isinstance(grid, dict) and isinstance(fixed, dict)):
+        raise DeclarationError(str(path), "grid and fixed are tables", allowed="[grid], [fixed]")
+    if not (isinstance(cases, list) and all(isinstance(case, dict) for case in cases)):
+        raise DeclarationError(str(path), "the cases are no tables", allowed="[[case]]")
+    grid = {name: _values(path, name, value) for name, value in grid.items()}
+    count = math.prod(map(len, grid.values())) * len(cases)
+    if count > MOST_CASES:
+        raise DeclarationError(str(path), "too many cases", value=count, allowed=f"at most {MOST_CASES}")
+    folder = str(path.resolve().parent)
+    if not trust:
+        _require_own(table["function"], folder)
     arguments = [
         {**fixed, **case, **dict(zip(grid, values, strict=True))}
         for case in cases
         for values in itertools.product(*grid.values())
     ]
-    return Sweep(table["function"], arguments, str(table.get("code", "")), str(path.resolve().parent))
+    made = Sweep(table["function"], arguments, str(table.get("code", "")), folder)
+    if not trust and table["function"].startswith("hqp."):
+        _require_hqp(resolve(table["function"]), table["function"])
+    return made
+
+
+def _require_own(function: str, folder: str) -> None:
+    """Raise DeclarationError for a module that is neither of hqp nor in the folder; it is looked for, not imported."""
+    top = function.partition(":")[0].partition(".")[0]
+    if top == "hqp" or not top:
+        return
+    _look_in(folder)
+    try:
+        spec = importlib.util.find_spec(top)
+    except ValueError:  # a module without a spec, such as __main__
+        raise _not_trusted(function) from None
+    if spec is None:  # told when it is imported
+        return
+    places = spec.submodule_search_locations or ([spec.origin] if spec.origin and spec.has_location else [])
+    if not places or any(Path(place).parent.resolve() != Path(folder) for place in places):
+        raise _not_trusted(function)
+
+
+def _require_hqp(found: Any, function: str) -> None:
+    """Raise DeclarationError for what a module of hqp has imported from elsewhere."""
+    if not str(getattr(found, "__module__", "")).startswith("hqp."):
+        raise _not_trusted(function)
+
+
+def _not_trusted(function: str) -> DeclarationError:
+    told = "a sweep file is a program, and this function is neither of hqp nor in the file's folder"
+    return DeclarationError("sweep", told, value=function, allowed="--trust (trust=True) if you trust the file")
+
+
+def _look_in(folder: str) -> None:
+    """Put a folder on the path of imports."""
+    if folder and folder not in sys.path:
+        sys.path.insert(0, folder)
 
 
 def _values(path: Path, name: str, value: Any) -> Sequence[Any]:
@@ -107,8 +158,10 @@ def _values(path: Path, name: str, value: Any) -> Sequence[Any]:
         start, stop, step = value.get("start", 0), value["stop"], value.get("step", 1)
         if all(isinstance(x, int) for x in (start, stop, step)) and step:
             return range(start, stop, step)
-        if step and math.isfinite((stop - start) / step):  # half a step of room, so that rounding drops no end
-            return [start + i * step for i in range(max(0, math.floor((stop - start) / step + 0.5)))]
+        if all(isinstance(x, (int, float)) for x in (start, stop, step)) and step:
+            count = (stop - start) / step + 0.5  # half a step of room, so that rounding drops no end
+            if count <= MOST_CASES:
+                return [start + i * step for i in range(max(0, math.floor(count)))]
     allowed = "a list of values, or {start, stop, step}"
     raise DeclarationError(str(path), f"[grid] {name} is no range of values", value=value, allowed=allowed)
 
@@ -127,7 +180,7 @@ def resolve(function: str) -> Callable[..., Mapping[str, Any]]:
     module, colon, name = function.partition(":")
     try:
         found = getattr(importlib.import_module(module), name) if colon else None
-    except (ImportError, AttributeError) as error:
+    except Exception as error:  # whatever the module does while it is imported
         raise DeclarationError("sweep", f"no function {function!r}: {error}", allowed="package.module:name") from error
     if not callable(found):
         raise DeclarationError("sweep", "no function", value=function, allowed="package.module:name")

@@ -7,7 +7,8 @@ from pathlib import Path
 
 HELP = "call a function at many cases"
 DESCRIPTION = """Call one function at many cases and keep what it returns, one row a case, in Parquet files.
-The same command again does what is missing."""
+The same command again does what is missing. CASES.toml is a program: the function that it names is imported and called.
+Functions of hqp and of modules in the file's folder run as they are, any other only with --trust."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,6 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--code", default="", metavar="TEXT", help="version of the code; default: a hash of the sources"
     )
+    parser.add_argument("--trust", action="store_true", help="call a function of any package that the file names")
     parser.add_argument("--quiet", action="store_true", help="no bar of progress")
 
 
@@ -35,7 +37,7 @@ def execute(arguments: argparse.Namespace) -> int:
 
     from hqp.sweep import load, run
 
-    sweep = load(arguments.cases)
+    sweep = load(arguments.cases, trust=arguments.trust)
     if arguments.code:
         sweep = dataclasses.replace(sweep, code=arguments.code)
     done = run(

@@ -123,7 +123,8 @@ def blended(
         if limited:
             status = Status.worst(status, *(note.status for note in limited))
             told = added(told, limited)
-    session._x, session._good, session._held = x, state, 0
+    session._send(x)
+    session._good, session._held = state, 0
     if isinstance(b, OrdinaryTick):
         b = BlendedTick(b, x, last, transition.progress, told, status)
     else:

@@ -4,11 +4,21 @@ from __future__ import annotations
 
 from typing import Any
 
+from .doors import LOOPBACK
 from .session_view import View
 
 __all__ = ["View", "view"]
 
 
-def view(session: Any, *, host: str = "127.0.0.1", port: int = 8080, period: float = 0.1, title: str = "") -> View:
+def view(
+    session: Any,
+    *,
+    control: bool = False,
+    host: str = LOOPBACK,
+    port: int = 0,
+    password: str | None = None,
+    period: float = 0.1,
+    title: str = "",
+) -> View:
     """Open a page that shows a session; see View."""
-    return View(session, host=host, port=port, period=period, title=title)
+    return View(session, control=control, host=host, port=port, password=password, period=period, title=title)

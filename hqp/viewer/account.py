@@ -16,12 +16,17 @@ from hqp.formulation import Place
 from hqp.problem import Hierarchy, Motion, Rows, Selection, Solution, Status
 
 from .description import Member, StackDescription
+from .headline import make_headline
 
 MET = 0.01
 """A residual below this fraction of what was asked counts as met on the page."""
 
 NEAR = 0.01
 """A target nearer than this counts as reached [m, rad]."""
+
+
+COMING = 0.01
+"""A target whose distance falls faster is on its way, though its level is not met [m/s, rad/s]."""
 
 
 @dataclass(frozen=True)
@@ -76,10 +81,12 @@ def make_account(
     errors: Mapping[str, tuple[float, str]],
     joints: tuple[tuple[str, ...], Vec, Vec, Vec],
     motion: tuple[Vec, Vec],
+    closing: Mapping[str, float] | None = None,
 ) -> Account:
     """The account of a snapshot of that stack.
 
-    errors: distance of each target from its frame [m, rad] and the same in words.  joints: names, lower, upper and
+    errors: distance of each target from its frame [m, rad] and the same in words.  closing: how fast it becomes less
+    [m/s, rad/s].  joints: names, lower, upper and
     speed limits by tangent coordinate.  motion: angles and velocities by tangent coordinate.
     """
     told = _explain(snapshot, stack)
@@ -97,7 +104,9 @@ def make_account(
         views = tuple(ElementView(m.name, "met", 0.0, "", "") for m in missing)
         levels.insert(0, LevelView(-1, "subject_to", views, "met", 0.0))
     notes = tuple(f"{element}: {detail}" for element, detail in snapshot["notes"])
-    headline, reason, tone = _headline(snapshot["status"], levels, notes, errors, places)
+    near = {name: error[0] <= NEAR for name, error in errors.items()}
+    coming = {name for name, rate in (closing or {}).items() if rate > COMING}
+    headline, reason, tone = make_headline(snapshot["status"], levels, notes, near, coming, places)
     apart = tuple(row for m in stack.members if m.kind == "CollisionAvoidance" for row, _ in active.get(m.name, ()))
     return Account(snapshot["status"], headline, reason, tone, tuple(levels), limited, notes, apart, told)
 
@@ -241,29 +250,3 @@ _ORDER = ("met", "moving", "short", "violated")
 
 def _worst(views: tuple[ElementView, ...]) -> str:
     return max((v.state for v in views), key=_ORDER.index, default="met")
-
-
-def _headline(
-    status: str,
-    levels: list[LevelView],
-    notes: tuple[str, ...],
-    errors: Mapping[str, tuple[float, str]],
-    members: Mapping[str, Member],
-) -> tuple[str, str, str]:
-    """One sentence for a visitor, the reason in another, and its tone: good, warn or bad."""
-    first = notes[0] if notes else ""
-    if status == "CONSTRAINTS_VIOLATED":
-        return "Constraints cannot all hold", first, "bad"
-    if status not in ("OPTIMAL", "RANK_UNCERTAIN", "NOT_STRICT"):
-        return status.replace("_", " ").capitalize(), first, "bad"
-    views = [view for level in levels for view in level.elements]
-    for view in views:
-        if view.state == "violated" and members[view.name].contact:
-            return f"{view.name} slips", view.why, "bad"
-    for view in views:
-        if view.state == "short" and view.name in errors and errors[view.name][0] > NEAR:
-            return f"{view.name} stays {view.distance} short of its target", view.why or "out of reach", "warn"
-    moving = [view for view in views if view.state == "moving"]
-    if moving:
-        return f"{moving[0].name} is on its way, {moving[0].distance} to go", "every level above it holds", "good"
-    return "Every target is reached", "every contact and every limit holds", "good"

@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import getpass
+import os
+import sys
+import warnings
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from hqp.arguments import add_stack, read_stack
+from hqp.arguments import add_stack, read_robot, read_stack
 from hqp.solvers import default
+
+from .doors import LOOPBACK
+
+if TYPE_CHECKING:
+    from .session_view import View
 
 HELP = "see a stack on a robot in a browser, with targets to drag"
 DESCRIPTION = """Run a stack on a robot that carries out every command exactly, and show it in a browser: drag the
@@ -17,49 +27,71 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     add_stack(parser)
     parser.add_argument("--solver", default="", metavar="NAME", help=f"default here: {default()}")
-    parser.add_argument("--port", type=int, default=8080, help="of the page, default 8080, or the next that is free")
-    parser.add_argument("--host", default="127.0.0.1", help="0.0.0.0 opens the page to the network, without a password")
+    parser.add_argument("--port", type=int, default=0, help="of the page, or the next that is free; default: any")
+    parser.add_argument("--host", default=LOOPBACK, help="0.0.0.0 opens the page to the network (SECURITY.md)")
+    parser.add_argument("--password", help="opens the page where its whole address is not at hand; - asks for it")
+    parser.add_argument("--no-browser", action="store_true", help="print the address of the page, open no browser")
     parser.add_argument("--seconds", type=float, metavar="S", help="stop after that long; default: on Ctrl-C")
 
 
 def execute(arguments: argparse.Namespace) -> int:
     """Run until interrupted; returns the exit status."""
+    if arguments.password == "-":
+        arguments.password = getpass.getpass("password of the page: ")
+    with warnings.catch_warnings():
+        warnings.showwarning = _say  # type: ignore[assignment]
+        return _replay(arguments) if Path(arguments.stack).suffix == ".npz" else _run(arguments)
+
+
+def _run(arguments: argparse.Namespace) -> int:
     from .run import run as run_loop
-    from .session_view import View
 
-    if Path(arguments.stack).suffix == ".npz":
-        return _replay(arguments)
     stack, robot, formulation = read_stack(arguments)
-
-    def tell(view: View) -> None:
-        print(f"{stack}\non {robot.name}: open {view.url} (Ctrl-C ends)", flush=True)
-
     run_loop(
         stack,
         robot,
         formulation=formulation,
         solver=arguments.solver,
         dt=arguments.dt,
-        host=arguments.host,
-        port=arguments.port,
         seconds=arguments.seconds,
-        started=tell,
+        started=lambda view: _tell(view, f"{stack}\non {robot.name}", arguments),
+        **_page(arguments),
     )
     return 0
 
 
 def _replay(arguments: argparse.Namespace) -> int:
-    from hqp import robots
     from hqp.recorder import load
 
     from .replay import replay
-    from .session_view import View
 
-    recording, robot = load(arguments.stack), robots.load(arguments.robot)
+    recording, robot = load(arguments.stack), read_robot(arguments)
 
     def tell(view: View, left_out: int) -> None:
         rest = f"; {left_out} ticks of another stack are left out" if left_out else ""
-        print(f"{recording}\nopen {view.url} (Ctrl-C ends){rest}", flush=True)
+        _tell(view, f"{recording}{rest}", arguments)
 
-    replay(recording, robot, host=arguments.host, port=arguments.port, seconds=arguments.seconds, started=tell)
+    replay(recording, robot, seconds=arguments.seconds, started=tell, **_page(arguments))
     return 0
+
+
+def _page(arguments: argparse.Namespace) -> dict[str, Any]:
+    return {"host": arguments.host, "port": arguments.port, "password": arguments.password}
+
+
+def _tell(view: View, what: str, arguments: argparse.Namespace) -> None:
+    """Print what is shown and where, and open it."""
+    print(f"{what}\nopen {view.url} (Ctrl-C ends)", flush=True)
+    if view.elsewhere:
+        print(f"from another machine: {view.elsewhere}", flush=True)
+    if not arguments.no_browser and _has_display():
+        view.open()
+
+
+def _has_display() -> bool:
+    """Whether a browser that opens has a window: without one Python takes browsers of the terminal."""
+    return sys.platform in ("darwin", "win32") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")))
+
+
+def _say(message: Warning | str, *_: object) -> None:
+    print(f"hqp: {message}", file=sys.stderr)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from dataclasses import dataclass, field
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -33,17 +34,26 @@ class Member:
 class Target:
     """A task whose reference can be moved in the page.
 
-    kind: ``point``, ``pose``, ``rotation`` or ``com``.  size: numbers of its value.
+    kind: of hqp/viewer/places.py.  shape: of its value.  axes: in which a point is moved.  angles: which of roll, pitch
+    and yaw the value holds.  axis: of the frame, that is to point somewhere.
     """
 
     name: str
     kind: str
-    axes: str
-    size: int
+    shape: tuple[int, ...]
+    axes: str = "xyz"
     frame: str = ""
     relative_to: str | None = None
     heading: bool = False
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    subtree: str | None = None
+    angles: tuple[int, ...] = ()
+    axis: tuple[float, float, float] = (1.0, 0.0, 0.0)
+
+    @property
+    def size(self) -> int:
+        """Numbers of its value."""
+        return prod(self.shape)
 
 
 @dataclass(frozen=True)
@@ -95,8 +105,8 @@ def describe_robot(robot: Any) -> RobotDescription:
     )
 
 
-def describe_stack(session: Session, version: int) -> StackDescription:
-    """A session's stack as the viewer shows it."""
+def describe_stack(session: Session, version: int, room: int | None = None) -> StackDescription:
+    """A session's stack as the viewer shows it, with at most ``room`` targets."""
     robot, program, problem = session.robot, session.program, session.program.problem
     members = tuple(
         Member(
@@ -132,7 +142,7 @@ def describe_stack(session: Session, version: int) -> StackDescription:
         problem.constraints,
         tuple(names[k] for k in range(len(problem.levels))),
         members,
-        tuple(t for t in map(_target, session.stack) if t is not None),
+        tuple(t for t in map(_target, session.stack) if t is not None)[:room],
     )
 
 
@@ -152,16 +162,25 @@ def _row_names(robot: Any, element: Any) -> tuple[str, ...]:
 
 
 def _target(element: Any) -> Target | None:
+    """The target of a task that has one in the scene."""
     from hqp import tasks
+    from hqp.tasks.orientation import ANGLES
 
-    axes = getattr(element, "axes", "xyz") or "xyz"
-    relative = getattr(element, "relative_to", None)
-    if isinstance(element, tasks.Position):
-        return Target(element.name, "point", axes, len(axes), element.frame, relative, element.heading, element.offset)
-    if isinstance(element, tasks.Pose):
-        return Target(element.name, "pose", "xyz", 16, element.frame, relative)
-    if isinstance(element, tasks.Orientation) and relative is None and axes == "xyz":
-        return Target(element.name, "rotation", axes, 9, element.frame)
-    if isinstance(element, tasks.Com) and relative is None and getattr(element, "subtree", None) is None:
-        return Target(element.name, "com", axes, len(axes))
-    return None
+    name, frame, relative = element.name, frame_of(element), getattr(element, "relative_to", None)
+    match element:
+        case tasks.Position(axes=axes, heading=heading, offset=offset):
+            return Target(name, "point", (len(axes),), axes, frame, relative, heading, offset)
+        case tasks.Com(axes=axes, heading=heading, subtree=subtree):
+            return Target(name, "com", (len(axes),), axes, frame, relative, heading, subtree=subtree)
+        case tasks.Pose():
+            return Target(name, "pose", (4, 4), "xyz", frame, relative)
+        case tasks.Orientation(axes=None):
+            return Target(name, "rotation", (3, 3), "xyz", frame, relative)
+        case tasks.Orientation(axes=axes):
+            angles = tuple(ANGLES.index(angle) for angle in ([axes] if isinstance(axes, str) else axes or ()))
+            return Target(name, "angles", (len(angles),), "xyz", frame, relative, angles=angles)
+        case tasks.LookAt(axis=axis) | tasks.AlignAxis(axis=axis):
+            kind = "gaze" if isinstance(element, tasks.LookAt) else "direction"
+            return Target(name, kind, (3,), frame=frame, axis=axis)
+        case _:
+            return None

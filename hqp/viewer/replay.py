@@ -17,6 +17,7 @@ from hqp.reference import Reference
 from hqp.robot import Robot
 from hqp.session import Controller, Note, Tick
 
+from .doors import LOOPBACK
 from .session_view import View
 
 
@@ -36,6 +37,7 @@ class _Shown:
 class ReplayView(View):
     """A page that shows recorded ticks; the session is there for its description only."""
 
+    steers = False
     _tick: RecordedTick | None = None
 
     def __enter__(self) -> ReplayView:
@@ -69,16 +71,18 @@ def replay(
     recording: Recording,
     robot: Robot,
     *,
-    host: str = "127.0.0.1",
-    port: int = 8080,
+    host: str = LOOPBACK,
+    port: int = 0,
+    password: str | None = None,
     seconds: float | None = None,
     speed: float = 1.0,
     started: Callable[[ReplayView, int], None] | None = None,
 ) -> int:
     """Show a recording until interrupted or for some seconds of the clock; returns the number of ticks shown.
 
-    speed: 1 is real time.  started: called with the view and how many ticks are left out, those of another stack than
-    the recording's.  Raises HqpError where the recording has no stack as text or its robot is another.
+    host, port, password: as a View takes them.  speed: 1 is real time.  started: called with the view and how many
+    ticks are left out, those of another stack than the recording's.  Raises HqpError where the recording has no stack
+    as text or its robot is another.
     """
     from hqp import serial
 
@@ -94,7 +98,8 @@ def replay(
     if not ticks:
         raise HqpError("no tick of the recording is of its own stack")
     count = 0
-    with ReplayView(session, host=host, port=port, title=f"{robot.name}, recorded {told['made'][:16]}") as view:
+    title = f"{robot.name}, recorded {told['made'][:16]}"
+    with ReplayView(session, control=True, host=host, port=port, password=password, title=title) as view:
         if started is not None:
             started(view, len(recording) - len(ticks))
         start = due = time.perf_counter()

@@ -13,6 +13,7 @@ from hqp.session import Controller
 from hqp.solvers.base import Solver
 from hqp.stack import Stack
 
+from .doors import LOOPBACK
 from .session_view import View
 
 
@@ -23,21 +24,22 @@ def run(
     formulation: Formulation,
     solver: str | Solver = "",
     dt: float = 0.002,
-    host: str = "127.0.0.1",
-    port: int = 8080,
+    host: str = LOOPBACK,
+    port: int = 0,
+    password: str | None = None,
     seconds: float | None = None,
     started: Callable[[View], None] | None = None,
 ) -> int:
     """Run until interrupted, or for some seconds of the clock; returns the number of ticks.
 
     Every element holds the value it has at home until it is dragged in the page.  A tick that is late is not made up
-    for.  solver: as a Controller takes it.  started: called with the view once the page is served.  Raises what
-    ``Controller.session`` raises.
+    for.  solver: as a Controller takes it.  host, port, password: as a View takes them.  started: called with the view
+    once the page is served.  Raises what ``Controller.session`` and View raise.
     """
     session = Controller(stack, formulation, solver).session(robot, dt)
     q, v = robot.home.copy(), np.zeros(robot.nv)
     count = 0
-    with View(session, host=host, port=port) as view:
+    with View(session, control=True, host=host, port=port, password=password) as view:
         if started is not None:
             started(view)
         start = due = time.perf_counter()

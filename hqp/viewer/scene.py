@@ -23,8 +23,8 @@ _NEWTONS = 0.0012
 class Scene:
     """What viser draws; ``update`` moves it to a state."""
 
-    def __init__(self, server: Any, about: RobotDescription, robot: Any, channel: Channel) -> None:
-        self._server, self._robot, self._channel = server, robot, channel
+    def __init__(self, server: Any, about: RobotDescription, robot: Any, channel: Channel, drag: bool) -> None:
+        self._server, self._robot, self._channel, self._drag = server, robot, channel, drag
         self._state = robot.state(about.home)
         self._state.kinematics()
         server.scene.set_up_direction("+z")
@@ -70,7 +70,8 @@ class Scene:
         for handle in self.handles:
             handle.remove()
         self.handles = [
-            Handle(self._server, self._channel, i, target, self._robot) for i, target in enumerate(stack.targets)
+            Handle(self._server, self._channel, i, target, self._robot, self._drag)
+            for i, target in enumerate(stack.targets)
         ]
         self._contacts = list(frames.items())
         self._soles = {name: self._sole(frame) for name, frame in self._contacts}

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .account import Account, make_account
+from .account import make_account
 from .channel import Channel
 from .description import RobotDescription, StackDescription
 from .history import History
@@ -27,11 +27,10 @@ class Server:
     """One page for one session."""
 
     def __init__(self, about: dict[str, Any]) -> None:
-        import viser  # pyright: ignore[reportMissingImports]
-
         from hqp import robots
 
         from .scene import Scene
+        from .serve import serve
 
         self._about: RobotDescription = about["robot"]
         self._stack: StackDescription = about["stack"]
@@ -41,24 +40,26 @@ class Server:
         names = [self._robot.joint_name(c) for c in range(self._robot.nv)]
         self._joints = (tuple(names), *self._about.limits)
         self._history = History(self._stack)
-        self._server = viser.ViserServer(host=about["host"], port=about["port"], verbose=False, label="hqp")
+        self._server = serve(about["doors"], about["port"])
         self._server.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
         self._server.gui.main_panel.dock_right()
-        self._scene = Scene(self._server, self._about, self._robot, self._channel)
+        self._scene = Scene(self._server, self._about, self._robot, self._channel, about["drag"])
         self._scene.show_stack(self._stack, _contact_frames(self._stack))
-        self._add_controls()
+        if about["control"]:
+            self._add_loop_buttons()
+        if about["drag"]:
+            self._add_release_button()
         self._overlay = self._server.gui.add_html("")
         self._panel = self._server.gui.add_html("")
         self._forces: dict[str, Any] = {}
         self._snapshot: dict[str, Any] | None = None
         self._seen, self._turn = 0, 0
         self._errors: dict[str, tuple[float, str]] = {}
+        self._before: tuple[float, dict[str, tuple[float, str]]] = (0.0, {})
         self._channel.set_ready(float(self._server.get_port()))
 
-    def _add_controls(self) -> None:
-        gui = self._server.gui
-        buttons = gui.add_button_group("Loop", ("Pause", "Step", "Run"))
-        home = gui.add_button("Give targets back", hint="Let go of every dragged target")
+    def _add_loop_buttons(self) -> None:
+        buttons = self._server.gui.add_button_group("Loop", ("Pause", "Step", "Run"))
 
         @buttons.on_click  # type: ignore[untyped-decorator,unused-ignore]
         def _(event: Any) -> None:
@@ -68,6 +69,9 @@ class Server:
                 self._channel.add_step()
             else:
                 self._channel.set_paused(choice == "Pause")
+
+    def _add_release_button(self) -> None:
+        home = self._server.gui.add_button("Give targets back", hint="Let go of every dragged target")
 
         @home.on_click  # type: ignore[untyped-decorator,unused-ignore]
         def _(event: Any) -> None:
@@ -105,11 +109,18 @@ class Server:
         state = self._robot.current
         assert state is not None
         motion = (state.angles, np.nan_to_num(self._history.part(1)))
-        account: Account = make_account(self._stack, snapshot, self._errors, self._joints, motion)
+        account = make_account(self._stack, snapshot, self._errors, self._joints, motion, self._closing())
         curves = self._history.curves()
         unit = _UNITS.get(self._stack.formulation, "")
         self._overlay.content = overlay(account, curves, self._title, PANEL)
         self._panel.content = panel(account, curves, self._budget, unit)
+
+    def _closing(self) -> dict[str, float]:
+        """How fast every target's distance becomes less [m/s, rad/s], since this was asked last."""
+        now = time.monotonic()
+        (then, before), self._before = self._before, (now, self._errors)
+        dt = max(now - then, SCENE_PERIOD)
+        return {name: (before[name][0] - e[0]) / dt for name, e in self._errors.items() if name in before}
 
 
 def _contact_frames(stack: StackDescription) -> dict[str, str]:

@@ -5,16 +5,19 @@ from __future__ import annotations
 import contextlib
 import os
 import pickle
+import socket
 import subprocess
 import sys
 import time
+import warnings
+import webbrowser
 from time import perf_counter
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from hqp.arrays import Vec
-from hqp.errors import HqpError
+from hqp.arrays import Mat, Vec
+from hqp.errors import DeclarationError, HqpError, NetworkWarning
 from hqp.explanation.account import too_fast
 from hqp.problem import Hierarchy, Selection, Status
 from hqp.reference import Reference
@@ -22,8 +25,9 @@ from hqp.robot import State
 from hqp.session import Session, Tick
 from hqp.tasks import CollisionAvoidance
 
-from .channel import TARGET, Channel, Layout
-from .description import StackDescription, Target, describe_robot, describe_stack
+from .channel import Channel, Layout
+from .description import StackDescription, describe_robot, describe_stack
+from .doors import LOOPBACK, NETWORK, Doors, address, is_everywhere, is_loopback, listening
 
 STATUSES = tuple(Status)
 BATCH = 8
@@ -33,39 +37,53 @@ TARGET_PERIOD = 1.0 / 30.0
 """Between two looks at where the loop has its targets [s]."""
 
 _TARGETS = 24
+"""Targets that there is room for, at least."""
 
 
 class View:
     """A page that shows a session: the robot, its targets, every level's residual, and what holds what back.
 
-    Call ``view.step(state, *references)`` in place of ``session.step``: targets dragged in the page replace references
-    of the same name.  Or keep ``session.step`` and call ``view.show(state, tick, *references)`` after it.  The page is
-    served by another process, so that the loop pays for copies only.
+    Call ``view.step(state, *references)`` in place of ``session.step``, or keep ``session.step`` and call
+    ``view.show(state, tick, *references)`` after it.  The page is served by another process, so that the loop pays for
+    copies only.  It opens with the whole address that ``url`` is, or with the password.
 
-    host: this machine only by default; "0.0.0.0" opens the page, which has no password, to the network.
-    port: of the page, another one where it is taken.  period: between two accounts of the active elements [s].
-    Raises HqpError where viser is missing or the page does not come up.
+    control: targets can be dragged in the page and then replace references of the same name in ``view.step``, and
+    ``view.wait`` honours its pause and step buttons; without it the page shows and nothing else.
+    host: this machine only by default; another one opens the page to the network, which a warning says.
+    port: of the page, the next that is free where it is taken, 0 for any.  password: opens the page, too.
+    period: between two accounts of the active elements [s].
+    Raises HqpError where viser is missing, the host is no address of this machine or the page does not come up.
     """
+
+    steers: ClassVar[bool] = True
+    """Whether a target that is dragged can change what is shown."""
 
     def __init__(
         self,
         session: Session,
         *,
-        host: str = "127.0.0.1",
-        port: int = 8080,
+        control: bool = False,
+        host: str = LOOPBACK,
+        port: int = 0,
+        password: str | None = None,
         period: float = 0.1,
         title: str = "",
     ) -> None:
-        self.session, self.period = session, period
+        self.session, self.period, self.control = session, period, bool(control)
+        if password is not None and (not isinstance(password, str) or not password):
+            raise DeclarationError("view", "an empty password", allowed="a text, or None")
+        self._password = password or ""
         self._run = session  # whose rows the tick that is shown has: in a transition another one
         self._codes = {status: i for i, status in enumerate(STATUSES)}
         self._version = 0
         self._program: Any = None
         self.description: StackDescription
-        room = sum(describe_stack(session, 0).sizes)
-        self._channel = Channel(Layout(2 * room + 256, _TARGETS))
+        first = describe_stack(session, 0)
+        self._channel = Channel(Layout(2 * sum(first.sizes) + 256, max(_TARGETS, 2 * len(first.targets))))
         self._asked = 0.0
         self._dragged: dict[str, Reference] = {}
+        self._holds: dict[str, Vec | Mat] = {}
+        self._content: dict[str, Any] = {}
         self._batch: list[tuple[float, State, Tick]] = []
         self._hurry = session.dt > 0.01
         self._due = self._targets_due = 0.0
@@ -79,12 +97,26 @@ class View:
 
     @property
     def url(self) -> str:
-        """Address of the page."""
-        return f"http://localhost:{int(self._channel.ready)}"
+        """Address of the page on this machine, with the token that opens it."""
+        return address(self._doors.host, int(self._channel.ready), self._doors.token)
+
+    @property
+    def elsewhere(self) -> str:
+        """Address of the page for other machines, empty where they do not reach it."""
+        host = self._doors.host
+        if is_loopback(host):
+            return ""
+        return address(
+            socket.gethostname() if is_everywhere(host) else host, int(self._channel.ready), self._doors.token
+        )
+
+    def open(self) -> bool:
+        """Open the page in this machine's browser, whose command line shows a token that is good once; False: none."""
+        return webbrowser.open(address(self._doors.host, int(self._channel.ready), self._doors.once))
 
     def step(self, state: State, *references: Reference) -> Tick:
         """One tick of the session with dragged targets in place of references of the same name, then shown."""
-        if self._channel.targets_version != self._asked:
+        if self.control and self._channel.targets_version != self._asked:
             self._take_targets()
         if self._dragged:
             references = (*(r for r in references if r.name not in self._dragged), *self._dragged.values())
@@ -105,7 +137,7 @@ class View:
         if clock >= self._targets_due:
             self._targets_due = clock + TARGET_PERIOD
             self._show_targets(references)
-            if clock >= self._due and tick.solution is not None:
+            if clock >= self._due:
                 self._due = clock + self.period
                 self._snapshot(tick)
 
@@ -123,13 +155,13 @@ class View:
     @property
     def paused(self) -> bool:
         """Whether the page asks for a pause; a simulation calls ``wait``, a robot's loop goes on."""
-        return self._channel.paused
+        return self.control and self._channel.paused
 
     def wait(self) -> None:
         """Return at once, or, while the page asks for a pause, when it goes on or asks for one step."""
-        if self._channel.paused:
+        if self.paused:
             self._flush()
-        while self._channel.paused and self._channel.steps == self._steps:
+        while self.paused and self._channel.steps == self._steps:
             if self._server.poll() is not None:
                 return
             time.sleep(0.02)
@@ -154,13 +186,13 @@ class View:
         self.close()
 
     def __repr__(self) -> str:
-        return f"<View of {self.session.robot.name} at {self.url}>"
+        return f"<View of {self.session.robot.name} at {address(self._doors.host, int(self._channel.ready))}>"
 
     def _describe(self) -> None:
         """After a change of stack: new sizes, new targets at their hold values."""
         self._flush()
         self._version += 1
-        description = describe_stack(self._run, self._version)
+        description = describe_stack(self._run, self._version, self._channel.layout.targets)
         used = sum(description.sizes)
         if used > self._channel.layout.room:
             raise HqpError("the new stack is more than twice as large as the one the viewer was started with")
@@ -168,8 +200,8 @@ class View:
         self._pickled = pickle.dumps(description, 5)
         self._channel.set_used(used)
         self._nothing = np.full(used - sum(description.sizes[:3]), np.nan)
-        self._places = {t.name: i for i, t in enumerate(description.targets[:_TARGETS])}
-        self._shown: set[str] = set()
+        self._places = {t.name: i for i, t in enumerate(description.targets)}
+        self._holds, self._content = {}, {}
         self._due = 0.0
 
     def _start(self, host: str, port: int, title: str) -> None:
@@ -177,9 +209,15 @@ class View:
             import viser  # noqa: F401  # pyright: ignore[reportMissingImports]
         except ImportError as error:
             raise HqpError("the viewer needs viser and trimesh: pip install 'hqp[view]'") from error
+        self._doors = Doors(listening(host), (host,), self._password)
+        if not is_loopback(self._doors.host):
+            warnings.warn(NETWORK, NetworkWarning, stacklevel=4)
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         self._server = subprocess.Popen(
-            [sys.executable, "-m", "hqp.viewer.server"], stdin=subprocess.PIPE, env=environment
+            [sys.executable, "-m", "hqp.viewer.server"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            env=environment,
         )
         session = self.session
         about = {
@@ -187,7 +225,9 @@ class View:
             "layout": self._channel.layout,
             "robot": describe_robot(session.robot),
             "stack": self.description,
-            "host": host,
+            "doors": self._doors,
+            "control": self.control,
+            "drag": self.control and self.steers,
             "port": port,
             "dt": session.dt,
             "title": title or f"{session.robot.name}, {type(session.controller.formulation).__name__.lower()} level",
@@ -207,18 +247,20 @@ class View:
         """Read what was dragged in the page since the last tick."""
         self._asked = self._channel.targets_version
         self._dragged = {}
-        for target in self.description.targets[:_TARGETS]:
+        for target in self.description.targets:
             value = self._channel.wanted(self._places[target.name], target.size)
             if value is not None:
-                self._dragged[target.name] = Reference(target.name, value.reshape(_shape(target)))
+                self._dragged[target.name] = Reference(target.name, value.reshape(target.shape))
 
     def _show_targets(self, references: tuple[Reference, ...]) -> None:
-        """Tell the page where the targets are that the loop moves."""
-        for reference in references:
-            index = self._places.get(reference.name)
-            if index is not None and reference.value is not None:
-                self._channel.set_current(index, reference.value.ravel())
-                self._shown.add(reference.name)
+        """Tell the page where the targets are: what the loop gives, and the hold values of all others."""
+        given = {r.name: r.value for r in references if r.value is not None}
+        if not self._holds:
+            self._holds = self._run.hold_values
+        for name, index in self._places.items():
+            value = given.get(name, self._holds.get(name))
+            if value is not None:
+                self._channel.set_current(index, value.ravel())
 
     def _fast(self, tick: Tick) -> frozenset[str]:
         """Elements that lack the rate of their reference more than its place."""
@@ -242,42 +284,37 @@ class View:
         return {} if forces is None or tick.solution is None else dict(forces(tick.solution.x))
 
     def _snapshot(self, tick: Tick) -> None:
-        """Publish the rows of this tick, from which the page's process computes the account."""
+        """Publish what is told of this tick; one that was held is told with the rows of the last that was not."""
+        if tick.solution is not None:
+            self._content = self._rows(tick)
+        if self._content:
+            notes = [(note.element, note.detail) for note in tick.notes]
+            self._channel.write_snapshot({**self._content, "status": tick.status.name, "notes": notes})
+
+    def _rows(self, tick: Tick) -> dict[str, Any]:
+        """The rows of this tick, from which the page's process computes the account."""
         problem, solution = self._problem(), tick.solution
         assert solution is not None
-        held = getattr(self._run, "_holds", {})
-        for name, index in self._places.items():
-            if name not in self._shown and name in held:
-                self._channel.set_current(index, np.asarray(held[name].value).ravel()[: TARGET - 1])
-                self._shown.add(name)
-        self._channel.write_snapshot(
-            {
-                "version": self._version,
-                "stack": self._pickled,
-                "rows": [
-                    ((r.A.index, r.A.scale) if isinstance(r.A, Selection) else r.A, r.lower, r.upper)
-                    for r in problem.levels
-                ],
-                "metric": problem.metric,
-                "origin": problem.origin,
-                "n": problem.n,
-                "prices": problem.prices,
-                "eta": problem.eta,
-                "turning": problem.turning,
-                "stage_points": solution.stage_points,
-                "fast": self._fast(tick),
-                "names": self._row_names(),
-                "motion": None if problem.motion is None else (problem.motion.F, problem.motion.f),
-                "x": solution.x,
-                "residuals": solution.residuals,
-                "active": solution.active,
-                "status": tick.status.name,
-                "solved": solution.status.name,
-                "notes": [(note.element, note.detail) for note in tick.notes],
-                "forces": self._contact_forces(tick),
-            }
-        )
-
-
-def _shape(target: Target) -> tuple[int, ...]:
-    return {"pose": (4, 4), "rotation": (3, 3)}.get(target.kind, (target.size,))
+        return {
+            "version": self._version,
+            "stack": self._pickled,
+            "rows": [
+                ((r.A.index, r.A.scale) if isinstance(r.A, Selection) else r.A, r.lower, r.upper)
+                for r in problem.levels
+            ],
+            "metric": problem.metric,
+            "origin": problem.origin,
+            "n": problem.n,
+            "prices": problem.prices,
+            "eta": problem.eta,
+            "turning": problem.turning,
+            "stage_points": solution.stage_points,
+            "fast": self._fast(tick),
+            "names": self._row_names(),
+            "motion": None if problem.motion is None else (problem.motion.F, problem.motion.f),
+            "x": solution.x,
+            "residuals": solution.residuals,
+            "active": solution.active,
+            "solved": solution.status.name,
+            "forces": self._contact_forces(tick),
+        }

@@ -2,30 +2,21 @@
 
 from __future__ import annotations
 
-import io
-import os
-import shutil
 import threading
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 
 import hqp
 from hqp import Level, P, Stack
 from hqp.tasks import CollisionAvoidance, Com, FixedContact, JointLimits, Orientation, Position, Posture
+from tests.browser.chromium import arrow, drag, shoot, tab_at, wait_for
 
-CHROMIUM = os.environ.get("HQP_CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
-FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--use-gl=angle", "--enable-unsafe-swiftshader")
-SHOTS = Path(os.environ.get("HQP_SHOTS", "build/screenshots"))
 DT = 0.002
 REACH = np.array([0.12, 0.05, 0.15])
-ARROW = np.array([54, 142, 226])
-"""Colour of a handle's upward arrow in viser."""
 pytestmark = pytest.mark.browser
 
 
@@ -47,7 +38,7 @@ class Loop(threading.Thread):
             subject_to=[JointLimits()],
         )
         self.session = hqp.Controller(stack).session(robot, DT)
-        self.view = hqp.view(self.session, port=8123)
+        self.view = hqp.view(self.session, control=True)
         self.q, self.v = robot.home.copy(), np.zeros(robot.nv)
         self.goal: Any = None
         self.home = self.position()
@@ -76,35 +67,15 @@ class Loop(threading.Thread):
 
 @pytest.fixture(scope="module")
 def page() -> Iterator[tuple[Loop, Any]]:
-    sync_api = pytest.importorskip("playwright.sync_api")
-    if CHROMIUM is None:
-        pytest.skip("no Chromium: apt-get install --no-install-recommends chromium, or set HQP_CHROMIUM")
     loop = Loop()
     loop.start()
     try:
-        with sync_api.sync_playwright() as playwright:
-            browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
-            tab = browser.new_page(viewport={"width": 1500, "height": 900})
-            tab.goto(loop.view.url)
-            tab.wait_for_selector("text=Time of a tick", timeout=90_000)
-            tab.wait_for_timeout(8_000)
-            for button in tab.query_selector_all(".mantine-Notification-closeButton"):
-                button.click()
+        with tab_at(loop.view.url) as tab:
             yield loop, tab
-            browser.close()
     finally:
         loop.going = False
         loop.join(timeout=5.0)
         loop.view.close()
-
-
-def shoot(tab: Any, name: str) -> None:
-    SHOTS.mkdir(parents=True, exist_ok=True)
-    tab.screenshot(path=str(SHOTS / f"{name}.png"), timeout=120_000)
-
-
-def wait_for(tab: Any, text: str) -> None:
-    tab.wait_for_selector(f"text={text}", timeout=60_000)
 
 
 def test_reachable(page: tuple[Loop, Any]) -> None:
@@ -148,14 +119,9 @@ def test_a_target_is_dragged(page: tuple[Loop, Any]) -> None:
     loop.goal = loop.home + REACH
     tab.wait_for_timeout(6_000)
     assert not loop.view._dragged
-    x, y = _tip(tab)
+    x, y = arrow(tab)
     before = loop.position()
-    tab.mouse.move(x, y)
-    tab.mouse.down()
-    for k in range(1, 12):
-        tab.mouse.move(x, y - 5 * k)
-        tab.wait_for_timeout(80)
-    tab.mouse.up()
+    drag(tab, x, y, 0, -55)
     tab.wait_for_timeout(4_000)
     assert "right_hand" in loop.view._dragged, "the drag did not arrive in the loop"
     assert loop.position()[2] > before[2] + 0.02  # along the arrow upwards
@@ -163,17 +129,6 @@ def test_a_target_is_dragged(page: tuple[Loop, Any]) -> None:
     tab.click("text=Give targets back")
     tab.wait_for_timeout(1_000)
     assert not loop.view._dragged
-
-
-def _tip(tab: Any) -> tuple[int, int]:
-    """A pixel near the tip of the highest blue arrow of a handle, the hand target's."""
-    picture = np.asarray(Image.open(io.BytesIO(tab.screenshot(timeout=120_000))).convert("RGB")).astype(int)
-    scene = picture[290:, :1100]
-    rows, columns = np.nonzero(abs(scene - ARROW).sum(axis=2) < 40)
-    assert rows.size > 20, "no handle to be seen"
-    top = rows.min()
-    near = rows < top + 14
-    return int(np.median(columns[near])), int(top) + 310 - 10
 
 
 def test_the_loop_hardly_notices(page: tuple[Loop, Any]) -> None:

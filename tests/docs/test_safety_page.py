@@ -1,23 +1,93 @@
-"""docs/safety.md names the test that holds each promise; these are there."""
+"""Each promise of docs/safety.md names the tests that hold it, and these run."""
 
 from __future__ import annotations
 
+import ast
 import re
+import subprocess
+import sys
+from collections.abc import Collection
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
+TESTS = {path.name: path for path in (ROOT / "tests").rglob("test_*.py")}
+NEVER = r"\bmark\.(skip|xfail)\b"
+HEAD = "| promise | test |\n|---|---|\n"
 
 
-def test_every_promise_names_tests_that_are_there() -> None:
+def promises(page: str) -> list[tuple[str, str]]:
+    """Rows of the tables of promises: what is promised, and the tests."""
+    tables = [part.partition("\n\n")[0] for part in page.split(HEAD)[1:]]
+    rows = [line.strip("|").rpartition(" | ") for table in tables for line in table.splitlines()]
+    return [(promise.strip(), tests.strip()) for promise, _, tests in rows]
+
+
+def broken(page: str, running: Collection[str]) -> list[str]:
+    """What is wrong with the promises of a page, where those tests run."""
+    found = []
+    for promise, tests in promises(page):
+        names = re.findall(r"`(test_\w+\.py::test_\w+)`", tests)
+        if not names or re.sub(r"`test_\w+\.py::test_\w+`|, ", "", tests):
+            found.append(f"{promise}: no test, or what is none")
+        found += [f"{promise}: {name} does not run" for name in names if name not in running]
+    return found
+
+
+def running(page: str) -> set[str]:
+    """Tests of the files that a page names which pytest collects and nothing skips."""
+    files = sorted({TESTS[name] for name in re.findall(r"test_\w+\.py", page) if name in TESTS})
+    options = ["--collect-only", "-q", "--no-header", "-p", "no:cacheprovider"]
+    told = subprocess.run(
+        [sys.executable, "-m", "pytest", *options, *map(str, files)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    ).stdout
+    collected = set(re.findall(r"(test_\w+\.py::test_\w+)", told))
+    return collected - {f"{path.name}::{name}" for path in files for name in left_out(path)}
+
+
+def left_out(path: Path) -> list[str]:
+    """Tests of a file that are skipped, whatever is installed, or expected to fail."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tests = [node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")]
+    whole = any(isinstance(n, ast.Assign) and re.match(rf"pytestmark\b.*{NEVER}", ast.unparse(n)) for n in tree.body)
+    marks = {test.name: " ".join(ast.unparse(mark) for mark in test.decorator_list) for test in tests}
+    return [name for name, mark in marks.items() if whole or re.search(NEVER, mark)]
+
+
+def test_every_promise_has_tests_that_run() -> None:
     page = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
-    files = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("test_*.py")}
-    rows = [line for line in page.splitlines() if line.startswith("| ") and ("`test_" in line or "`::test_" in line)]
-    assert len(rows) >= 14
-    for row in rows:
-        for name in re.findall(r"::(test_\w+)", row):
-            assert any(f"def {name}(" in text for text in files.values()), name
-        for name in re.findall(r"(test_\w+\.py)", row):
-            assert name in files, name
-    promises = page.partition("## A change of stack")[0]
-    table = [line for line in promises.splitlines() if line.startswith("| ") and line != "| promise | test |"]
-    assert all("test_" in line.rpartition("|")[0].rpartition("|")[2] for line in table)
+    assert len(promises(page)) >= 30
+    assert not broken(page, running(page))
+
+
+def test_files_named_elsewhere_on_the_page_are_there() -> None:
+    page = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
+    assert not [name for name in re.findall(r"test_\w+\.py", page) if name not in TESTS]
+
+
+def test_a_promise_without_a_test_is_told() -> None:
+    known = {"test_a.py::test_one"}
+    rows = {
+        "kept": "`test_a.py::test_one`",
+        "of a file": "`test_a.py`",
+        "of nothing": "",
+        "of prose": "`test_a.py::test_one`, and the author's word",
+        "gone": "`test_a.py::test_two`",
+    }
+    page = "# Page\n" + HEAD + "".join(f"| {promise} | {tests} |\n" for promise, tests in rows.items()) + "\nMore.\n"
+    assert [line.partition(":")[0] for line in broken(page, known)] == ["of a file", "of nothing", "of prose", "gone"]
+
+
+def test_what_is_skipped_does_not_run(tmp_path: Path) -> None:
+    path = tmp_path / "test_some.py"
+    path.write_text(
+        "@pytest.mark.skip\ndef test_a(): ...\n@pytest.mark.xfail(reason='')\ndef test_b(): ...\ndef test_c(): ...\n"
+    )
+    assert left_out(path) == ["test_a", "test_b"]
+    path.write_text("pytestmark = pytest.mark.skip\ndef test_a(): ...\n")
+    assert left_out(path) == ["test_a"]
+    path.write_text("pytestmark = pytest.mark.skipif(not kernel())\ndef test_a(): ...\n")
+    assert left_out(path) == []

@@ -149,7 +149,7 @@ def test_a_budget_ends_it_and_says_so() -> None:
     found = hqp.reach(Stack(Level(hand)), robot, hand.at([3.0, 0.0, 0.0]), restarts=10_000, budget=0.05)
     assert not found.success
     assert "the budget is spent" in found.reason
-    assert found.time < 0.5
+    assert found.starts < 10_000
     again = hqp.reach(Stack(Level(hand)), robot, hand.at([3.0, 0.0, 0.0]), restarts=1)
     assert again.starts == 2
 

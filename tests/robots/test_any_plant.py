@@ -68,7 +68,7 @@ def test_a_robot_whose_home_is_in_the_ground_starts_on_it(name: str) -> None:
     assert source is not None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
-        robot = hqp.robots.load(source)  # the catalogue knows a height, the file does not
+        robot = hqp.robots.load(source, floating=True)  # the catalogue knows a height, the file does not
         plant = Plant(robot, actuation="position", servo=Servo(other=300.0))
     q, _ = plant.reset()
     assert q[2] > robot.home[2] + 0.3

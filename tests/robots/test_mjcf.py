@@ -12,6 +12,7 @@ import pytest
 import hqp.robots
 from hqp.errors import DeclarationError, ModelError, ModelWarning
 from hqp.robots import agreement, from_mjcf
+from hqp.robots.on_mujoco import Plant, Servo
 from hqp.robots.state_map import StateMap
 
 pytestmark = pytest.mark.filterwarnings("ignore:arm.xml:hqp.errors.ModelWarning")
@@ -73,6 +74,40 @@ def test_mobile_arm_is_taken_over() -> None:
     np.testing.assert_allclose(mocap, [0.8, 0.1, 0.6])
     assert robot.support(robot.frame("goal")).sum() == 0.0
     assert {g.name for g in robot.geometry.geometryObjects} >= {"floor", "cube", "upper", "door"}
+
+
+GEARED = """<mujoco model="geared"><worldbody><body name="link"><joint name="turn" axis="0 1 0"/>
+<geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02"/></body></worldbody><actuator>{}</actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("actuator", "limit"),
+    [
+        ('<motor joint="turn" gear="7" forcerange="-3 3"/>', 21.0),
+        ('<motor joint="turn" gear="-7" ctrlrange="-3 3"/>', 21.0),
+        ('<position joint="turn" kp="1000" gear="7" forcerange="-3 3"/>', 21.0),
+        ('<general joint="turn" gear="7" gainprm="2" ctrlrange="-3 3"/>', 42.0),
+        ('<general joint="turn" gear="7" gainprm="2" ctrlrange="-3 3" forcerange="-5 5"/>', 35.0),
+        ('<general joint="turn" gear="7" gainprm="2" ctrlrange="-2 2" forcerange="-5 5"/>', 28.0),
+    ],
+    ids=["force", "control", "servo", "gain", "less by force", "less by control"],
+)
+def test_an_effort_limit_is_the_torque_that_mujocos_actuator_can_give(
+    actuator: str, limit: float, tmp_path: Path
+) -> None:
+    path = tmp_path / "geared.xml"
+    path.write_text(GEARED.format(actuator))
+    simulated = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(simulated)
+    data.ctrl[:] = 1e3
+    mujoco.mj_forward(simulated, data)
+    assert abs(data.qfrc_actuator[0]) == pytest.approx(limit)
+    robot = hqp.robots.load(path)
+    np.testing.assert_allclose(robot.effort_limit, [limit])
+    for actuation in ("torque", "position"):
+        plant = Plant(robot, actuation=actuation, servo=Servo(other=1e3))
+        plant.step(np.array([1e3]))
+        assert plant.torque[0] == pytest.approx(limit), actuation
 
 
 def test_base_is_the_free_body_with_joints_and_starts_where_the_file_says() -> None:

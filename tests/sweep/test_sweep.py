@@ -42,7 +42,7 @@ def calls(folder: Path) -> list[int]:
 
 
 def run(path: Path, **options: object) -> sweep.Summary:
-    return sweep.run(sweep.load(path), path.parent / "out", on="serial", show=False, **options)  # type: ignore[arg-type]
+    return sweep.run(sweep.load(path, trust=True), path.parent / "out", on="serial", show=False, **options)  # type: ignore[arg-type]
 
 
 def test_every_case_is_a_row_and_an_exception_too(tmp_path: Path) -> None:
@@ -58,7 +58,7 @@ def test_every_case_is_a_row_and_an_exception_too(tmp_path: Path) -> None:
 
 def test_the_same_call_again_does_only_what_is_missing(tmp_path: Path) -> None:
     path = toml(tmp_path)
-    some = sweep.load(path)
+    some = sweep.load(path, trust=True)
     half = sweep.Sweep(some.function, some.arguments[:4])
     sweep.run(half, tmp_path / "out", on="serial", show=False)
     assert run(path) == sweep.Summary(cases=9, found=4, ran=5, failed=1)
@@ -71,11 +71,11 @@ def test_the_same_call_again_does_only_what_is_missing(tmp_path: Path) -> None:
 
 
 def test_other_code_and_other_arguments_are_other_results(tmp_path: Path) -> None:
-    case = next(iter(sweep.load(toml(tmp_path))))
+    case = next(iter(sweep.load(toml(tmp_path), trust=True)))
     same = sweep.Case(case.function, dict(reversed(list(case.arguments.items()))))
     assert case.key("a") == same.key("a") != case.key("b")
     assert case.key("a") != sweep.Case(case.function, {**case.arguments, "x": 100}).key("a")
-    assert len(sweep.load(toml(tmp_path)).code) == 16
+    assert len(sweep.load(toml(tmp_path), trust=True).code) == 16
 
 
 def test_an_interrupted_run_keeps_whole_parts_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -129,7 +129,7 @@ kind = "a"
 [[case]]
 kind = "b"
 """
-    made = sweep.load(toml(tmp_path, text))
+    made = sweep.load(toml(tmp_path, text), trust=True)
     assert len(made) == 12
     assert sorted({round(c["step"], 6) for c in made.arguments}) == [0.0, 0.1, 0.2]
 
@@ -144,19 +144,61 @@ kind = "b"
         ('function = "toy_function:square"\n[gird]\nx = [3]', "unknown gird"),
         ("function = ", "cannot be read"),
         ('function = "toy_function:square"\n[fixed]\nx = 1979-05-27', "plain JSON"),
+        ('function = ":square"', "no function"),
+        ('function = "toy_function..a:square"', "no function"),
+        ('function = "toy_function:square"\ngrid = 3', "are tables"),
+        ('function = "toy_function:square"\ncase = 3', "no tables"),
+        ('function = "toy_function:square"\n[grid]\nx = {{stop = "a"}}', "no range of values"),
+        ('function = "toy_function:square"\n[grid]\nx = {{stop = 1e300}}', "no range of values"),
+        ('function = "toy_function:square"\n[grid]\nx = {{stop = 100000000}}', "too many cases"),
     ],
 )
 def test_a_file_that_is_none_is_refused_with_what_is_wrong(tmp_path: Path, text: str, says: str) -> None:
     with pytest.raises(DeclarationError, match=says):
-        sweep.load(toml(tmp_path, text))
+        sweep.load(toml(tmp_path, text), trust=True)
+
+
+@pytest.mark.parametrize(
+    "function",
+    ["os:system", "subprocess:run", "toy_function:square", "__main__:run", "hqp.sweep.running:contextmanager"],
+)
+def test_a_function_from_elsewhere_is_not_called_without_trust(
+    tmp_path: Path, function: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = toml(tmp_path, f'function = "{function}"\n[fixed]\ncommand = "touch {tmp_path}/called"')
+    with pytest.raises(DeclarationError, match=r"a sweep file is a program.*--trust"):
+        sweep.load(path)
+
+
+def test_a_package_from_elsewhere_is_not_imported_without_trust(tmp_path: Path) -> None:
+    package, cases = tmp_path / "installed" / "package_of_others", tmp_path / "cases"
+    package.mkdir(parents=True)
+    cases.mkdir()
+    (package / "__init__.py").write_text(f"open({str(tmp_path / 'imported')!r}, 'w')\ndef f(): return {{}}")
+    path = toml(cases, 'function = "package_of_others:f"')
+    sys.path.append(str(package.parent))
+    try:
+        with pytest.raises(DeclarationError, match="--trust"):
+            sweep.load(path)
+        assert not (tmp_path / "imported").exists()
+        assert len(sweep.load(path, trust=True)) == 1
+    finally:
+        sys.path.remove(str(package.parent))
+
+
+def test_functions_of_hqp_and_of_the_folder_need_no_trust(tmp_path: Path) -> None:
+    (tmp_path / "beside_its_cases.py").write_text("def f(): return {'a': 1}")
+    assert sweep.run(sweep.load(toml(tmp_path, 'function = "beside_its_cases:f"')), tmp_path / "out", on="serial").ran
+    assert len(sweep.load(toml(tmp_path, 'function = "hqp.doctor:blas_threads"'))) == 1
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = toml(tmp_path)
-    options = ["sweep", str(path), "--out", str(tmp_path / "out"), "--on", "serial", "--quiet"]
+    options = ["sweep", str(path), "--out", str(tmp_path / "out"), "--on", "serial", "--trust", "--quiet"]
     assert main(options) == 1  # one case failed
     assert "9 run, 1 with an exception" in capsys.readouterr().out
     assert main(options) == 2
     assert "holds results already" in capsys.readouterr().err
     assert main([*options, "--resume"]) == 0
-    assert main([*options[:-3], "--resume", "--on", "the moon"]) == 0  # nothing is missing: nobody is asked
+    assert main([*options[:-4], "--resume", "--trust", "--on", "the moon"]) == 0  # nothing is missing: nobody is asked

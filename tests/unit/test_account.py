@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import pickle
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ import hqp
 from hqp import PD, Level, P, Stack, Status
 from hqp.errors import DeclarationError, HqpError
 from hqp.explanation.account import TickAccount
+from hqp.explanation.questions import Teller
 from hqp.explanation.words import PRICE, Short
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, PointContact, Position, Posture, TorqueLimits
@@ -296,24 +296,17 @@ def test_an_unknown_name_is_told_with_the_closest() -> None:
             ask("hant")
 
 
-def test_accounts_can_be_kept_and_cost_little() -> None:
+def test_accounts_can_be_kept_and_cost_little(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are the kernel's own: no explanation, which solves anew, is asked for."""
+    monkeypatch.setattr(Teller, "explain", None)
     robot, run, hand = humanoid("talos", hqp.Velocity())
     state = robot.state()
     goal = hand.at(state.position(hand.frame) + [1.0, 0.0, 0.2])
     run.step(state)
-    history, ticks, accounts = [], [], []
-    for _ in range(50):
-        state = robot.state()
-        begun = perf_counter()
-        tick = run.step(state, goal)
-        told = perf_counter()
-        history.append(tick.account())
-        accounts.append(perf_counter() - told)
-        ticks.append(told - begun)
+    history = [run.step(robot.state(), goal).account() for _ in range(50)]
     assert len({account.count for account in history}) == 50
     asked = [account.asked[account.elements.index("hand")] for account in history]
     assert max(asked) == pytest.approx(min(asked))  # what was kept is not overwritten by later ticks
-    assert min(accounts) < 0.5 * min(ticks)
     first = run.step(robot.state())
     run.step(robot.state())
     with pytest.raises(HqpError, match="latest"):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from hqp import PD, Level, P, Stack, Status
 from hqp.loop import budget
 from hqp.loop.budget import FIRST, LATE, LONGEST, STEP, Budget
 from hqp.loop.outgoing import LARGEST_CHANGE
+from hqp.loop.safety import RateLimits
 from hqp.loop.stepping import step
 from hqp.tasks import Com, FixedContact, JointLimits, Position, Posture, TorqueLimits
 
@@ -82,6 +85,74 @@ def test_a_tick_that_was_held_up_costs_the_next_ones_nothing(monkeypatch: pytest
         state = robot.state(q)
         found.append(run.step(state, far).status)
     assert found.count(Status.TIME_LIMIT) < 10, found
+
+
+class Given:
+    """What solvers are given in a tick, and what of it had been spent before [s]."""
+
+    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+        self.left: list[float] = []
+        self.spent: list[float] = []
+        self.latest: dict[Budget, float] = {}
+        original = Budget.left
+
+        def left(budget: Budget, spent: float) -> float:
+            self.spent.append(spent)
+            self.left.append(original(budget, spent))
+            self.latest[budget] = self.left[-1]
+            return self.left[-1]
+
+        patch.setattr(Budget, "left", left)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Slow(Position):
+    """A user's task whose rows take long."""
+
+    def jacobian(self, state: Any) -> Any:
+        time.sleep(5e-3)
+        return super().jacobian(state)
+
+
+@pytest.mark.parametrize("rates", [None, RateLimits(velocity=1e6)], ids=["native", "general"])
+def test_time_spent_on_rows_is_taken_off_what_the_solver_gets(
+    rates: RateLimits | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = hqp.robots.load("ur5")
+    run = hqp.Controller(Stack(Level(Slow(frame="tool0"))), deadline=0.02, rates=rates).session(robot, 0.002)
+    run.step(robot.state())  # the very first answer may take its time
+    given = Given(monkeypatch)
+    for _ in range(3):
+        assert run.step(robot.state()).status is Status.OPTIMAL
+        assert given.spent[-1] >= 5e-3
+        assert given.left[-1] <= 0.02 - 5e-3
+
+
+def test_time_spent_on_dynamics_is_taken_off_what_the_solver_gets(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = hqp.robots.load("ur5")
+    run = hqp.Controller(Stack(Level(Posture())), hqp.Torque(), deadline=0.02).session(robot, 0.002)
+    run.step(robot.state())
+    prepare = run._direct.prepare if run._direct is not None else None
+    assert prepare is not None
+    monkeypatch.setattr(run._direct, "prepare", lambda state: (time.sleep(5e-3), prepare(state)))
+    given = Given(monkeypatch)
+    assert run.step(robot.state()).status is Status.OPTIMAL
+    assert given.spent[0] >= 5e-3
+    assert given.left[0] <= 0.02 - 5e-3
+
+
+@pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Torque()], ids=["velocity", "torque"])
+def test_two_stacks_in_a_transition_share_the_deadline(formulation: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, deadline = hqp.robots.load("ur5"), 1e-3
+    whole = Stack(Level(Position(frame="tool0")), Level(Posture()))
+    run = hqp.Controller(whole, formulation, deadline=deadline).session(robot, 0.002)
+    run.step(robot.state())
+    run.change(whole.without("tool0"), 0.1)
+    given = Given(monkeypatch)
+    for _ in range(5):
+        run.step(robot.state())
+        assert len(given.latest) == 2  # each solver has what it was given until it is given something else
+        assert sum(given.latest.values()) <= deadline
 
 
 def test_a_cut_tick_moves_the_command_a_little(monkeypatch: pytest.MonkeyPatch) -> None:

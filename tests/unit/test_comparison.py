@@ -4,14 +4,17 @@ import csv
 import io
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import hqp
 from hqp import Level, P, Stack, serial
 from hqp.__main__ import main
 from hqp.comparison.table import Comparison
+from hqp.solvers.lexicographic import Lexicographic
 from hqp.tasks import Com, FixedContact, JointLimits, Position, Posture
 
 SOLVERS = ("nullspace", "chiaverini", "cascade:proxqp")
@@ -67,6 +70,49 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert "closest" in capsys.readouterr().err
     assert main([]) == 0
     assert "usage: hqp" in capsys.readouterr().out
+
+
+def test_drawn_states_are_those_of_a_loop_that_holds_its_constraints() -> None:
+    """With acceleration limits and contacts as declared by default, and none of the levels without anything to do."""
+    stack = Stack(
+        Level(Com(axes="xy"), name="balance"),
+        Level(Position(frame="gripper_right_base_link"), name="hand"),
+        Level(Posture(law=P(1.0)), name="posture"),
+        subject_to=[*(FixedContact(frame=f"{side}_sole_link") for side in ("left", "right")), JointLimits()],
+    )
+    lines = hqp.compare(stack, hqp.robots.load("talos"), solvers=["lexicographic", "chiaverini"], repeats=1)
+    strict = lines["lexicographic"]
+    assert (strict.status, strict.certified) == ("OPTIMAL", 1.0)
+    assert max(strict.residuals[:3]) < 1e-9
+    assert strict.residuals[-1] > 1.0
+    assert max(lines["chiaverini"].residuals[:3]) > 0.1
+
+
+def test_references_take_the_place_of_drawn_targets() -> None:
+    robot = hqp.robots.load("ur5")
+    hand = Position(frame="tool0", law=P(5.0))
+    stack = Stack(Level(hand, name="hand"), Level(Posture(law=P(1.0))), subject_to=[JointLimits()])
+    far = hand.at(robot.state().position("tool0") + np.array([3.0, 0.0, 0.0]))
+    near, away = (hqp.compare(stack, robot, references=r, solvers="lexicographic", repeats=1) for r in ([], [far]))
+    assert near.lines[0].residuals[1] < 0.5
+    assert away.lines[0].residuals[1] > 1.0
+
+
+def test_blas_takes_one_thread_while_solvers_are_compared() -> None:
+    found: list[int] = []
+
+    class Counting(Lexicographic):
+        def workspace(self, shape: Any) -> Any:
+            found.extend(info["num_threads"] for info in threadpool_info() if info["user_api"] == "blas")
+            return super().workspace(shape)
+
+    with threadpool_limits(limits=2, user_api="blas"):
+        if max(info["num_threads"] for info in threadpool_info() if info["user_api"] == "blas") < 2:
+            pytest.skip("BLAS has one thread here")
+        robot, stack = hqp.robots.load("ur5"), Stack(Level(Posture(law=P(1.0))))
+        hqp.compare(stack, robot, solvers=[Counting()], repeats=1)
+        hqp.bench(stack, robot, solvers=[Counting()], seconds=0.01)
+    assert set(found) == {1}
 
 
 def test_exact_and_priced_levels_side_by_side() -> None:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 
 import hqp
+import hqp.explanation.conflict as questions
 from benchmarks.deadline import overloaded
 from hqp import Hierarchy, Level, Rows, Selection, Stack, Status
 from hqp.arguments import formulation
@@ -82,9 +81,7 @@ def test_a_foot_that_is_pulled_is_named_with_the_one_that_holds_it() -> None:
     session.step(robot.state())
     tick = session.step(robot.state(), pulled.at(velocity=[0.1, 0.0, 0.0]))
     assert tick.status is Status.CONSTRAINTS_VIOLATED
-    begun = time.perf_counter()
     found = tick.conflict()
-    assert time.perf_counter() - begun < 2.0  # 50 ms on a quiet machine
     assert {row.name.split(" row")[0].split(":")[0] for row in found.rows} == {"pulled", right}
     assert {round(row.relaxation, 6) for row in found.rows} == {0.1}
     assert "exclude each other" in str(found)
@@ -112,18 +109,19 @@ def test_a_conflict_is_irreducible_and_says_by_how_much(seed: int) -> None:
         assert abs(float(answer.residuals[1][0])) == pytest.approx(row.relaxation, rel=1e-6)
 
 
-def test_a_conflict_of_a_whole_robot_is_quick() -> None:
-    """51 rows of CBi exclude each other: a filter alone took 115 ms, and more than a second at worst."""
+def test_a_conflict_of_a_whole_robot_is_quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """51 rows of CBi exclude each other: one solve and its certificate tell, without a filter of a solve a row."""
     robot = hqp.robots.load("cbi")
     run = hqp.Controller(overloaded(robot), formulation("torque"), deadline=np.inf).session(robot, 0.002)
-    rng, q, v, took = np.random.default_rng(0), robot.home.copy(), np.zeros(robot.nv), []
+    rng, q, v = np.random.default_rng(0), robot.home.copy(), np.zeros(robot.nv)
+    found = 0
+    monkeypatch.setattr(questions, "QUICK", np.inf)
+    monkeypatch.setattr(questions, "_filtered", None)
     for k in range(20):
         tick = run.step(robot.state(q, v))
         if tick.status is Status.CONSTRAINTS_VIOLATED:
-            begun = time.thread_time()
             assert len(tick.conflict().rows) > 10
-            took.append(time.thread_time() - begun)
+            found += 1
         q, v = tick.advance()
         v = v + rng.normal(0.0, 0.1, v.size) if k == 9 else v
-    assert len(took) > 5
-    assert min(took) < 0.05  # 4 ms alone; BLAS in two threads on a busy machine takes 14 to 60
+    assert found > 5

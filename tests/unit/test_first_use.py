@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -44,6 +45,22 @@ def test_without_compiled_parts_the_first_import_says_so_once() -> None:
 def test_the_warning_is_silenced_by_hqp_pure_and_absent_where_all_is_compiled() -> None:
     assert run(PURE + "import hqp", HQP_PURE="1").stderr == ""
     assert run("import hqp", HQP_PURE="").stderr == ""
+
+
+def test_a_checkout_without_compiled_parts_says_how_to_get_them(tmp_path: Path) -> None:
+    """As after a plain `pip install .`: Python in the checkout finds ./hqp, whose compiled parts are elsewhere."""
+    checkout = tmp_path / "checkout"
+    checkout.mkdir()
+    (checkout / "hqp").symlink_to(ROOT / "hqp")
+    shutil.copy(ROOT / "pyproject.toml", checkout)
+    code = f"import sys\nsys.meta_path[:] = sys.meta_path[-3:]\nsys.path.insert(0, {str(checkout)!r})\n{PURE}"
+    refused = run(code + "import hqp", HQP_PURE="")
+    assert refused.returncode == 1
+    assert f"ImportError: this is the source folder {checkout}, which has no compiled parts" in refused.stderr
+    assert f"pip install --editable {checkout}" in refused.stderr
+    assert run(code + "import hqp\nprint(hqp.__file__)", HQP_PURE="1").stdout.strip() == f"{checkout}/hqp/__init__.py"
+    (checkout / "pyproject.toml").unlink()  # an installed copy: allowed, with the warning
+    assert "PurePythonWarning" in run(code + "import hqp", HQP_PURE="").stderr
 
 
 def test_without_compiled_parts_a_controller_takes_cascade_and_ticks() -> None:

@@ -6,6 +6,7 @@ import dataclasses
 import pickle
 import sys
 import threading
+from time import monotonic
 from typing import Any, ClassVar
 
 import numpy as np
@@ -128,6 +129,17 @@ def test_old_states_are_refused(robot: Robot) -> None:
     assert run.step(robot.state(time=np.nan), now=5.02).status is Status.INVALID_STATE
     with pytest.raises(DeclarationError, match="max_age"):
         hqp.Controller(stack()).session(robot, DT, max_age=0.0)
+
+
+@pytest.mark.parametrize("ahead", [0.002, 0.02, 3600.0, np.inf])
+def test_states_from_the_future_are_refused(robot: Robot, ahead: float) -> None:
+    run = hqp.Controller(stack()).session(robot, DT, max_age=0.01)
+    assert run.step(robot.state(time=5.0), now=5.0 - 1e-4).status is Status.OPTIMAL  # two clocks differ a little
+    tick = run.step(robot.state(time=5.0 + ahead), now=5.0)
+    assert tick.status is Status.INVALID_STATE
+    assert f"{ahead:.3g} s ahead of now" in tick.notes[0].detail
+    wall = run.step(robot.state(time=monotonic() + ahead))
+    assert "ahead of now" in wall.notes[0].detail
 
 
 def test_the_callers_arrays_are_copied(robot: Robot) -> None:
@@ -297,9 +309,16 @@ def test_rates_hold_in_every_tick_and_say_what_they_cost(robot: Robot) -> None:
             q = np.full(robot.nq, np.nan) if k % 7 == 3 else robot.home
             tick = run.step(robot.state(q), hand.at(goal * (1.0 if k < 30 else np.nan)))
             assert np.abs(tick.command - last).max() <= rate * DT * (1.0 + 1e-9)
-            limited += any(note.element == "rates" for note in tick.notes)
+            said = [note.detail for note in tick.notes if note.element == "rates"]
+            assert all(detail.split(" would change by")[0] in robot.joint_names for detail in said)
+            limited += len(said)
             last = tick.command
         assert limited > 0
+    run = session(robot, hqp.Acceleration(), rates=limits)
+    run.step(robot.state())
+    notes = run.step(robot.state(None, np.full(robot.nv, 0.3))).notes  # feet that move are to be stopped at once
+    off = {note.element for note in notes if note.detail.endswith("by the rate limit")}
+    assert {"l_sole", "r_sole"} <= off
     for wrong in ({"velocity": 0.0}, {"torque": [1.0, -1.0]}, {"acceleration": np.inf}):
         with pytest.raises(DeclarationError, match="RateLimits"):
             RateLimits(**wrong)  # type: ignore[arg-type]

@@ -1,10 +1,11 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
 
-from hqp import Level, P, Stack, serial
+from hqp import Level, P, Price, Stack, serial
 from hqp.errors import DeclarationError
 from hqp.law import PD
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, Position, Posture
@@ -71,6 +72,17 @@ def test_round_trip_through_toml() -> None:
     assert serial.loads(serial.dumps(stack)) == stack
     fast = Stack(Level(Posture(law=PD(100.0))))
     assert serial.loads(serial.dumps(fast)) == fast
+
+
+@pytest.mark.parametrize("price", [None, 0, Price(tau=0.07), Price(share=0.0)], ids=repr)
+def test_prices_of_levels_are_kept_in_files(price: Price | int | None, tmp_path: Path) -> None:
+    priced = Level(Position(frame="r_palm"), name="hand", price=price)
+    stack, path = Stack(priced, Level(Posture())), tmp_path / "stack.toml"
+    path.write_text(serial.dumps(stack), encoding="utf-8")
+    for found in (serial.from_dict(serial.to_dict(stack)), serial.load(path)):
+        assert found == stack
+        assert found.levels[0].price == priced.price
+        assert found.levels[1].price is None
 
 
 @pytest.mark.parametrize(

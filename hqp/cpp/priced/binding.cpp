@@ -157,6 +157,7 @@ class Stages final : public hqp::SolveCall {
     if (x.shape(0) != std::size_t(n_) || last.size() != std::size_t(n_) || stages.size() != rows_.size() * n_)
       refuse("x, stages or last has a wrong shape");
     if (head < 0 || std::size_t(head) >= rows_.size()) refuse("head: not a level");
+    const Turn turn(busy_);
     const double* from = x.data();
     double *to = stages.data(), *end = last.data();
     const nb::gil_scoped_release release;
@@ -186,6 +187,7 @@ class Stages final : public hqp::SolveCall {
     answers_ = true;
   }
   hqp::Solved run(const double* v) override {
+    const Turn turn(busy_);
     began_ = Clock::now();
     const int level = head_;
     if (level) {
@@ -320,7 +322,6 @@ class Stages final : public hqp::SolveCall {
   double elapsed() const { return std::chrono::duration<double>(Clock::now() - began_).count(); }
 
   int start(const double* x, int head, double seconds, double* stages, double* last) {
-    const Turn turn(busy_);
     for (const auto& solve : exact_solves_) solve->iterations = solve->factorisations = 0;
     return found(stages_->solve(x, head, seconds, stages, last));
   }

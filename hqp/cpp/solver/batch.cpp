@@ -39,9 +39,10 @@ class Batch {
   // Index of the first hierarchy that has another shape or needs a conversion, -1 if there is none. They must live on.
   long read(const nb::list& hierarchies) {
     const std::size_t count = hierarchies.size();
+    const double* prices = nullptr;  // the caller has looked at them
     resize(count);
     for (std::size_t i = 0; i < count; ++i)
-      if (!reader_.read(hierarchies[i], n_, rows_, metric_, &levels_[i * rows_.size()], problems_[i])) {
+      if (!reader_.read(hierarchies[i], n_, rows_, metric_, &levels_[i * rows_.size()], problems_[i], prices)) {
         resize(0);
         return static_cast<long>(i);
       }

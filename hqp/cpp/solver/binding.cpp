@@ -176,16 +176,26 @@ class Workspace final : public hqp::SolveCall {
   bool read(const nb::object& hierarchy) {
     bound_ = nullptr;
     hqp::Problem problem;
-    if (!reader_.read(hierarchy, n_, rows_, metric_, levels_.data(), problem)) return false;
+    if (!reader_.read(hierarchy, n_, rows_, metric_, levels_.data(), problem, prices_)) return false;
     problem_ = problem;
     kept_ = hierarchy;
     bound_ = hierarchy.ptr();
     return true;
   }
 
+  bool priced() const {
+    for (std::size_t k = 0; prices_ && k < rows_.size(); ++k)
+      if (prices_[k] != 0.0) return true;
+    return false;
+  }
+
   hqp::Answer answered() {
     if (!bound_) refuse("take a problem first");
     hqp::Answer answer;
+    if (priced()) {
+      answer.outcome = hqp::Outcome::invalid;
+      return answer;
+    }
     answer.x = numbers_.data();
     answer.slack = numbers_.data() + n_;
     answer.active = marks();
@@ -240,6 +250,7 @@ class Workspace final : public hqp::SolveCall {
   std::vector<double> numbers_, lambda_;
   std::vector<hqp::Level> levels_;
   hqp::Problem problem_;
+  const double* prices_ = nullptr;  // of the problem, which may be refilled: all zero, or this is no problem to solve
   hqp::Reader reader_;
   hqp::Options options_;
   nb::object kept_, solution_, head_;
@@ -290,7 +301,7 @@ NB_MODULE(_lexicographic, m) {
       .def("limit", &Workspace::limit, "seconds"_a)
       .def("report_as", &Workspace::report_as, "solution"_a, "statuses"_a, "slack"_a, "active"_a, "multipliers"_a,
            "stopped"_a, "unsure"_a)
-      .def("solution", &Workspace::solution, "hierarchy"_a, "build_seconds"_a, "numbers"_a, "multipliers"_a)
+      .def("solution", &Workspace::solution, "hierarchy"_a.none(), "build_seconds"_a, "numbers"_a, "multipliers"_a)
       .def("tell", &Workspace::tell)
       .def("reset", &Workspace::reset, "plain"_a = false)
       .def("values", &Workspace::values)

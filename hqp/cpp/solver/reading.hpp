@@ -1,6 +1,7 @@
 // Views of a Hierarchy's arrays, read from its attributes without a conversion.
 #pragma once
 
+#include <cstdint>
 #include <cstring>
 #include <vector>
 
@@ -15,9 +16,9 @@ namespace nb = nanobind;
 class Reader {
  public:
   // Fills one view a level; false where the shape is another or an array would have to be converted. The views are
-  // valid while the hierarchy lives and keeps its arrays.
+  // valid while the hierarchy lives and keeps its arrays, and so are its prices, one a level, null for none.
   bool read(const nb::object& hierarchy, int n, const std::vector<int>& rows, bool metric, Level* levels,
-            Problem& problem) {
+            Problem& problem, const double*& prices) {
     nb::object all, count, first, second;
     if (!get(hierarchy, key_levels_, all) || !PyTuple_Check(all.ptr())) return false;
     if (PyTuple_Size(all.ptr()) != static_cast<Py_ssize_t>(rows.size())) return false;
@@ -32,6 +33,9 @@ class Reader {
     if (!get(hierarchy, key_constraints_, count)) return false;
     problem.constraints = static_cast<int>(PyLong_AsLong(count.ptr()));
     if (PyErr_Occurred()) return cleared();
+    prices = nullptr;
+    if (!get(hierarchy, key_prices_, first)) first = nb::none();  // plain rows have none
+    if (!first.is_none() && !(prices = numbers(first.ptr(), static_cast<int>(rows.size()), -1))) return false;
     problem.levels = levels;
     problem.count = static_cast<int>(rows.size());
     return true;
@@ -40,7 +44,7 @@ class Reader {
  private:
   nb::str key_levels_{"levels"}, key_n_{"n"}, key_metric_{"metric"}, key_origin_{"origin"},
       key_constraints_{"constraints"}, key_A_{"A"}, key_lower_{"lower"}, key_upper_{"upper"}, key_index_{"index"},
-      key_scale_{"scale"};
+      key_scale_{"scale"}, key_prices_{"prices"};
 
   static bool cleared() {
     PyErr_Clear();
@@ -75,7 +79,8 @@ class Reader {
     return static_cast<const double*>(array(a, "d", first, second));
   }
 
-  // The numbers of a contiguous array of that shape (one axis if second < 0) and of one of the types, else null.
+  // The numbers of a contiguous, aligned array of that shape (one axis if second < 0) and of one of the types, else
+  // null.
   static const void* array(PyObject* a, const char* types, int first, int second) {
     static const double nothing = 0.0;
     Py_buffer view;
@@ -83,7 +88,8 @@ class Reader {
       PyErr_Clear();
       return nullptr;
     }
-    const bool fits = view.itemsize == 8 && view.format && std::strlen(view.format) == 1 &&
+    const bool aligned = reinterpret_cast<std::uintptr_t>(view.buf) % alignof(double) == 0;
+    const bool fits = aligned && view.itemsize == 8 && view.format && std::strlen(view.format) == 1 &&
                       std::strchr(types, view.format[0]) && view.ndim == (second < 0 ? 1 : 2) &&
                       view.shape[0] == first && (second < 0 || view.shape[1] == second);
     const void* data = !fits ? nullptr : view.buf ? view.buf : &nothing;

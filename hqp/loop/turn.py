@@ -1,0 +1,46 @@
+"""One thread at a time in a session; a thread whose call was interrupted, at whatever point, may go on."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from threading import get_ident
+from types import FrameType
+from typing import TypeAlias, TypeVar
+
+from hqp.errors import ConcurrentUse
+
+T = TypeVar("T")
+
+Turn: TypeAlias = "dict[None, int]"
+"""Which thread is in.  ``setdefault`` takes the turn, atomically, in a ``try`` whose end gives it back.
+
+It holds the thread's number, so that a turn which an interrupt kept from being given back is known for one's own.
+"""
+
+
+def require(turn: Turn, session: object) -> None:
+    """Raise ConcurrentUse where another thread has the turn, or this one in a call of the session under way."""
+    if turn.get(None, me := get_ident()) != me:
+        raise ConcurrentUse("another thread is in this session; make a session a thread, each of its robot.copy()")
+    outside = False
+    frame: FrameType | None = sys._getframe(2)
+    while frame is not None:
+        mine = frame.f_locals.get("self") is session
+        if mine and outside:
+            raise ConcurrentUse("a call of this session is under way, and asks it for another one")
+        outside, frame = outside or not mine, frame.f_back
+
+
+def alone(turn: Turn, session: object, what: Callable[[], T]) -> T:
+    """What ``what`` gives, with no other thread in the session."""
+    me = get_ident()
+    if turn:
+        require(turn, session)
+    try:
+        if turn.setdefault(None, me) != me:
+            require(turn, session)
+        return what()
+    finally:
+        if turn.get(None) == me:
+            turn.clear()

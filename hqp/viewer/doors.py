@@ -1,0 +1,155 @@
+"""Who may talk to the viewer's page: every request is checked before viser sees it.
+
+A browser lets any web page open a websocket to this machine, and a name of an attacker's own may resolve to it.  So a
+request needs a Host that is a name of this machine, no Origin but the page's own, and the token or the password.  A
+page that was let in gets the token as a cookie, which its websocket brings along.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import hashlib
+import ipaddress
+import re
+import secrets
+import socket
+from dataclasses import dataclass, field
+from http import HTTPStatus
+from http.cookies import CookieError, SimpleCookie
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+from hqp.errors import HqpError
+
+NETWORK = (
+    "A page that is open to the network is not encrypted, and who reads its token or password there can do in it "
+    "whatever you can: use it on a network you trust, or an SSH tunnel instead."
+)
+"""What SECURITY.md says of a host that is not this machine alone."""
+
+LOOPBACK = "127.0.0.1"
+"""Where only this machine reaches a page."""
+
+_HOST = re.compile(r"(?:\[([0-9a-f:.]+)\]|([a-z0-9_.-]+))(?::[0-9]+)?")
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches an address, or a name that stands for it."""
+    return host == "localhost" or ((ip := _ip(host)) is not None and ip.is_loopback)
+
+
+def is_everywhere(host: str) -> bool:
+    """Whether an address stands for all of this machine's."""
+    return (ip := _ip(host)) is not None and ip.is_unspecified
+
+
+def listening(host: str) -> str:
+    """The IP address to listen at for a host; raises HqpError where there is none.
+
+    One address, as a name of two would get two ports; and viser tries port after port where it cannot listen.
+    """
+    try:
+        where = socket.getaddrinfo(host or "0.0.0.0", 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        where.sort(key=lambda found: found[0] != socket.AF_INET)
+        family, kind, protocol, _, place = where[0]
+        with socket.socket(family, kind, protocol) as probe:
+            probe.bind(place)
+    except OSError as error:
+        raise HqpError(f"the page cannot be served at {host!r}, which is no address of this machine") from error
+    return str(place[0])
+
+
+def address(host: str, port: int, token: str = "") -> str:
+    """The address of a page that is served at an IP address, as this machine reaches it."""
+    if is_everywhere(host):
+        host = "::1" if ":" in host else "127.0.0.1"
+    return f"http://{f'[{host}]' if ':' in host else host}:{port}/" + (f"?token={token}" if token else "")
+
+
+def _secret() -> str:
+    return secrets.token_urlsafe(24)
+
+
+@dataclass
+class Doors:
+    """What a request needs to pass.
+
+    host: IP address where the page is served; names: what else it may be called.  token: of its address.  password: is
+    asked for where the token is not given, none if empty.  once: a second token, good for one page: it stands on the
+    command line of the browser that is opened, which every user of the machine can read.
+    """
+
+    host: str
+    names: tuple[str, ...] = ()
+    password: str = field(default="", repr=False)
+    token: str = field(default_factory=_secret, repr=False)
+    once: str = field(default_factory=_secret, repr=False)
+
+    def refusal(self, path: str, headers: Any) -> tuple[HTTPStatus, str] | None:
+        """Why a request is refused, None where it is let in; headers: with ``get_all``, as of websockets."""
+        hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
+        if len(hosts) != 1 or not self._is_own(hosts[0]):
+            told = "this name is not one of the machine's own: open the page by its IP address"
+            return HTTPStatus.FORBIDDEN, told
+        own = (f"http://{hosts[0]}".lower(), f"https://{hosts[0]}".lower())
+        if any(origin.lower() not in own for origin in origins):
+            return HTTPStatus.FORBIDDEN, "a page from elsewhere may not talk to this one"
+        if self._is_known(path, headers):
+            return None
+        if self.password:
+            return HTTPStatus.UNAUTHORIZED, "the password, please, or the whole address with its token"
+        return HTTPStatus.FORBIDDEN, "open the whole address that hqp printed, with its token"
+
+    def _is_own(self, host: str) -> bool:
+        """Whether a Host header names this machine; an IP address cannot be made to resolve to another one."""
+        match = _HOST.fullmatch(host.lower())
+        if match is None:
+            return False
+        name = match[1] or match[2]
+        if is_loopback(name):
+            return True
+        if is_loopback(self.host):
+            return False
+        own = socket.gethostname().lower()
+        return _ip(name) is not None or name in (own, own.partition(".")[0] + ".local", *map(str.lower, self.names))
+
+    def _is_known(self, path: str, headers: Any) -> bool:
+        for token in parse_qs(urlsplit(path).query).get("token", []):
+            if _equal(token, self.token):
+                return True
+            if self.once and _equal(token, self.once):
+                self.once = ""
+                return True
+        for line in headers.get_all("Cookie"):
+            try:
+                cookie = SimpleCookie(line).get(self.cookie)
+            except CookieError:
+                continue
+            if cookie is not None and _equal(cookie.value, self.token):
+                return True
+        return bool(self.password) and any(map(self._is_password, headers.get_all("Authorization")))
+
+    def _is_password(self, line: str) -> bool:
+        kind, _, word = line.partition(" ")
+        try:
+            given = base64.b64decode(word, validate=True).decode().partition(":")[2]
+        except (binascii.Error, UnicodeDecodeError):
+            return False
+        return kind.lower() == "basic" and _equal(given, self.password)
+
+    @property
+    def cookie(self) -> str:
+        """Name of the cookie: cookies are shared by all ports of a host, so each page has one of its own."""
+        return "hqp-" + hashlib.sha256(self.token.encode()).hexdigest()[:12]
+
+
+def _ip(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    try:
+        return ipaddress.ip_address(host)
+    except ValueError:
+        return None
+
+
+def _equal(given: str, known: str) -> bool:
+    return secrets.compare_digest(given.encode(), known.encode())

@@ -1,0 +1,36 @@
+"""The soak ends where a level above has moved."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import hqp.solvers
+from benchmarks import soak
+from hqp import Hierarchy, Rows
+
+
+def rows(first: float, second: float, goal: float) -> Rows:
+    return Rows(np.array([[first, second]]), np.array([goal]), np.array([goal]))
+
+
+@pytest.mark.parametrize("prices", [None, np.array([0.0, 0.3, 0.0])], ids=["exact", "priced"])
+def test_a_level_that_those_below_have_moved_is_told(prices: np.ndarray | None) -> None:
+    problem = Hierarchy((rows(1.0, 0.0, 1.0), rows(0.0, 1.0, 9.0), rows(1.0, 1.0, 0.0)), prices=prices)
+    solution = hqp.solvers.load("lexicographic").solve(problem)
+    assert [soak.moved(problem, solution, levels) for levels in (1, 2)] == ["", ""]
+    for level, off in ((0, 1e-4), (1, 0.1), (1, -0.1)):
+        x = solution.x + off * np.eye(2)[level]
+        spoilt = dataclasses.replace(solution, x=x, residuals=problem.slacks(x))
+        assert f"of level {level} " in soak.moved(problem, spoilt, level + 1)
+
+
+def test_it_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, record = soak.load("g1"), soak.Record()
+    soak.soak(robot, "velocity", 15, np.random.default_rng(0), record, None)
+    assert record.looks > 0
+    monkeypatch.setattr(soak, "moved", lambda *_: "level 0 has moved")
+    with pytest.raises(AssertionError, match="level 0 has moved"):
+        soak.soak(robot, "velocity", 15, np.random.default_rng(0), soak.Record(), None)

@@ -1,0 +1,47 @@
+"""The command `hqp view` as it is typed, in a real browser: no reference is given, and every target can be dragged."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.browser.chromium import arrow, drag, shoot, tab_at, wait_for
+
+ROOT = Path(__file__).parents[2]
+pytestmark = pytest.mark.browser
+
+
+@contextmanager
+def command(*arguments: str) -> Iterator[Any]:
+    """The page of `hqp view ARGUMENTS`, opened at the address that it prints."""
+    line = [sys.executable, "-m", "hqp", "view", *arguments, "--no-browser"]
+    with subprocess.Popen(line, stdout=subprocess.PIPE, text=True, cwd=ROOT) as process:
+        try:
+            assert process.stdout is not None
+            url = next((m[1] for m in map(re.compile(r"open (\S+)").search, process.stdout) if m), None)
+            assert url, "the command ended without an address"
+            with tab_at(url) as tab:
+                yield tab
+        finally:
+            process.terminate()
+
+
+def test_the_example_is_dragged_without_a_reference() -> None:
+    with command("examples/g1.toml", "--robot", "g1") as tab:
+        wait_for(tab, "every contact and every limit holds")
+        assert "gives way" not in tab.inner_text("body")
+        shoot(tab, "command")
+        x, y = arrow(tab)  # of the hand, the only target that moves along z
+        drag(tab, x, y, 0, -60)
+        wait_for(tab, "Every target is reached; posture gives way")
+        shoot(tab, "command_dragged")
+        tab.click("text=Give targets back")
+        wait_for(tab, "No one: every level is met")
+        assert arrow(tab) == pytest.approx((x, y), abs=3), "the handle is not back where the task is held"

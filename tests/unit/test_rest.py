@@ -1,0 +1,139 @@
+"""What is sent while no answer is usable, against the equations, and that it starts from the newest state there is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+import hqp
+import hqp.solvers
+from hqp import Level, Stack, Status
+from hqp.arrays import Vec
+from hqp.loop.safety import Braking
+from hqp.problem import Hierarchy, Shape, Solution
+from hqp.robots import Robot
+from hqp.solvers import Solver
+from hqp.tasks import Posture
+
+DT, DECELERATION, DAMPING = 0.002, 40.0, 0.3
+
+
+@dataclass(frozen=True)
+class Refusing(Solver):
+    """The kernel; from ``switch["off"]`` on its answers are refused."""
+
+    name: ClassVar[str] = "refusing"
+    priced: ClassVar[bool] = True
+    switch: dict[str, bool] = field(default_factory=dict, compare=False)
+
+    def workspace(self, shape: Shape) -> Any:
+        inner, switch = hqp.solvers.load("lexicographic").workspace(shape), self.switch
+
+        class Refused:
+            def reset(self) -> None:
+                inner.reset()
+
+            def solve(self, problem: Hierarchy) -> Solution:
+                found = inner.solve(problem)
+                return replace(found, status=Status.NOT_CERTIFIED, detail="refused") if switch.get("off") else found
+
+        return Refused()
+
+
+class Arm:
+    """A session of UR5 on a posture, whose answers can be refused."""
+
+    def __init__(self, formulation: Any, **posture: Any) -> None:
+        self.robot: Robot = hqp.robots.load("ur5")
+        self.switch: dict[str, bool] = {}
+        self.posture = Posture(**posture)
+        stack = Stack(Level(self.posture))
+        braking = Braking(deceleration=DECELERATION, damping=DAMPING)
+        solver = Refusing(self.switch)
+        self.run = hqp.Controller(stack, formulation, solver, deadline=np.inf, braking=braking).session(self.robot, DT)
+        self.rng = np.random.default_rng(0)
+
+    def state(self, speed: float = 0.3) -> tuple[Vec, Vec]:
+        return self.robot.home + self.rng.uniform(-0.3, 0.3, 6), self.rng.uniform(-speed, speed, 6)
+
+    def refused(self, q: Vec, v: Vec) -> hqp.Tick:
+        self.switch["off"] = True
+        tick = self.run.step(self.robot.state(q, v))
+        self.switch["off"] = False
+        assert tick.status is Status.NOT_CERTIFIED
+        return tick
+
+    def lost(self) -> hqp.Tick:
+        tick = self.run.step(self.robot.state(np.full(6, np.nan)))
+        assert tick.status is Status.INVALID_STATE
+        return tick
+
+
+def damped(robot: Robot, q: Vec, v: Vec, fade: float) -> Vec:
+    """g - D qd within the effort limits, D_i = 1 / (T (M^-1)_ii): no contact carries an arm."""
+    state = robot.state(q, v)
+    felt = np.diag(np.linalg.inv(state.mass_matrix()))
+    tau = state.gravity_force() - fade * v / (DAMPING * felt)
+    return np.clip(tau, -robot.effort_limit, robot.effort_limit)
+
+
+@pytest.mark.parametrize("speed", [0.3, 300.0], ids=["slow", "at the effort limits"])
+def test_torque_holds_the_newest_state_and_damps_within_the_limits(speed: float) -> None:
+    arm = Arm(hqp.Torque())
+    good, limit = arm.state(speed), arm.robot.effort_limit
+    arm.run.step(arm.robot.state(*good))
+    clipped = 0
+    for k in range(5):  # of the last good state, its velocity fading
+        sent = arm.lost().command
+        np.testing.assert_allclose(sent, damped(arm.robot, *good, (1.0 - DT / DAMPING) ** k), rtol=1e-9, atol=1e-9)
+        clipped += int(np.sum(np.abs(sent) == limit))
+    assert (clipped > 0) == (speed > 1.0)
+    for _ in range(3):  # answers are refused, states are good: each begins anew
+        q, v = arm.state(speed)
+        np.testing.assert_allclose(arm.refused(q, v).command, damped(arm.robot, q, v, 1.0), rtol=1e-9, atol=1e-9)
+    sent = arm.lost().command
+    np.testing.assert_allclose(sent, damped(arm.robot, q, v, 1.0 - DT / DAMPING), rtol=1e-9, atol=1e-9)
+
+
+def test_acceleration_brakes_the_newest_velocity() -> None:
+    arm = Arm(hqp.Acceleration())
+
+    def braked(v: Vec) -> Vec:
+        return -v * min(1.0 / DT, DECELERATION / np.abs(v).max())
+
+    q, v = arm.state()
+    good = arm.run.step(arm.robot.state(q, v), arm.posture.at(q + arm.rng.uniform(-0.2, 0.2, 6)))
+    v = v + DT * good.command  # where the last good command has led
+    for _ in range(3):
+        sent = arm.lost().command
+        np.testing.assert_allclose(sent, braked(v), atol=1e-9)
+        v = v + DT * sent
+    for _ in range(3):
+        q, v = arm.state()
+        sent = arm.refused(q, v).command
+        np.testing.assert_allclose(sent, braked(v), atol=1e-9)
+    np.testing.assert_allclose(arm.lost().command, braked(v + DT * sent), atol=1e-9)
+
+
+@pytest.mark.parametrize("newest", ["a state", "none"])
+def test_velocity_stops_at_a_limit_seen_from_the_newest_state(newest: str) -> None:
+    arm = Arm(hqp.Velocity(), joints="wrist_1_joint")
+    q, rate = arm.robot.home.copy(), 2.0
+    upper = float(arm.robot.upper[3])
+    q[3] = upper - 0.02
+    tick = arm.run.step(arm.robot.state(q), arm.posture.at(velocity=[rate]))
+    assert tick.command[3] > 1.0
+    if newest == "none":
+        place, sent = q[3] + DT * tick.command[3], arm.lost().command[3]  # the last good command has been sent
+    else:
+        place = q[3] = upper - 1e-3
+        sent = arm.refused(q, np.zeros(6)).command[3]
+    slower = tick.command[3] - DT * DECELERATION
+    assert sent == pytest.approx(min(slower, (upper - place) / DT), abs=1e-9)
+    way = [place + DT * sent]
+    for _ in range(200):
+        way.append(way[-1] + DT * arm.lost().command[3])
+    assert max(way) == pytest.approx(upper, abs=1e-9)  # no further, and no less far: it cannot stop before it
