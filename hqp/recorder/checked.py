@@ -193,9 +193,9 @@ def _numbers(pattern: Hierarchy, columns: list[Any], usable: Mask, where: str) -
         if not np.all((sizes < MOST) | ((sizes == np.inf) & (j in bounds))):
             refuse(f"{where}_{j}", "a number is not finite, or too large")
     scales = [rows.A.scale for rows in pattern.levels if isinstance(rows.A, Selection)]
-    for values in (*scales, pattern.prices, pattern.shares):
+    for values in (*scales, pattern.prices, pattern.turning):
         if values is not None and np.any(np.abs(values) >= MOST):
-            refuse("pattern", "a scale, price or share is too large", values.tolist())
+            refuse("pattern", "a scale or price is too large", values.tolist())
     motion = pattern.motion
     if motion is not None and motion.F.ndim == 1:
         j = len(columns) - (1 if motion.f is None else 2)
