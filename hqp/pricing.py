@@ -5,19 +5,24 @@ Level k of a hierarchy with prices c_k, motion E = 1/2 ||F x - f||^2, eta and tu
     x_k = argmin { ||w_k|| + c_k E(x) + R_k(x) :  x in S_{k-1},  lower_k <= A_k x - w_k <= upper_k }    where c_k > 0,
     x_k = argmin { 1/2 ||w_k||^2 + R_k(x)      :  x in S_{k-1},  lower_k <= A_k x - w_k <= upper_k }    elsewhere.
 
-Three kinds of level hand down three things, whatever kind their rows are and however they are stored:
+What a level hands down depends on how it ended, not on what kind its rows are or how they are stored:
 
     met for its price (w_k = 0):   S_k has its rows as they are;
     without a price:               S_k has its rows at its optimum: equalities and violated rows keep their value;
-    not met (omega_k = ||w_k||):   S_k has its inequality rows that are met; the others are anchored at y_k = A_k x_k.
+    not met (omega_k = ||w_k||):   S_k = S_{k-1}: all its rows are anchored, near y_k = A_k x_k.
 
 An anchored level resists what lies below it, by the sum over all of them above level k,
 
-    R_k(x) = 1/2 sum_a ||A_a (x - x_a)||^2 / (eta omega_a) + t_a omega_a sum_j d_aj^2 (F (x - x_a))_j^2,
-    d_aj = ||A_a F^+ e_j||,      A_a the anchored rows of level a.
+    R_k(x) = 1/2 sum_a sum_i v_ai^2 / (eta omega_a) + t_a omega_a sum_j d_aj^2 (F (x - x_a))_j^2,
+    v_ai = a_i (x - x_a) for an equality; for an inequality by how much a_i x is outside of
+           [min(lower_i, y_i), max(upper_i, y_i)]: what lies below may lessen its slack, not add to it,
+    d_aj^2 = sum_i (b_i a_i F^+ e_j)^2,    b_i = 1 for an equality, |w_i| / omega_a for an inequality.
 
-The first term lets a unit of force from below move what the level gave by eta omega_a; it becomes the equality as
-omega_a falls to 0.  The second slows what lies below in the joints that turn the rows of the level, beyond what the
+Equalities alone give ||A_a (x - x_a)||^2 and d_aj = ||A_a F^+ e_j||.  Rows of an unmet level that are met stay no hard
+rows, and a violated row is held from one side: as its slack falls to 0 either would turn a wall into a spring, and the
+answer would jump.
+The first term lets a unit of force from below move what the level gave by eta omega_a; it becomes the rows themselves
+as omega_a falls to 0.  The second slows what lies below in the joints that turn the rows of the level, beyond what the
 level does itself; it vanishes with omega_a.  While every priced level is met R = 0.
 
 The answer is the completion's choice (metric, origin, least norm) among the points of S_p at which anchored rows are as
@@ -34,7 +39,7 @@ import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
 from hqp.problem import Hierarchy, Motion, Rows
-from hqp.tolerances import FLAT_TOLERANCE, MET_TOLERANCE, SLACK_TOLERANCE
+from hqp.tolerances import FLAT_TOLERANCE, MET_TOLERANCE
 
 RESTING = 1e-4
 """Of x's largest entry: what an entry counts for at least in the size of a row's terms."""
@@ -139,17 +144,15 @@ class Above:
             return self.with_rows(at_optimum(rows, x), places)
         if is_met(rows, x):
             return self.with_rows(rows, places)
-        A, w = rows.dense(x.size), rows.slack(x)
-        omega = float(np.sqrt(w @ w))
-        counts = np.isfinite(rows.lower) | np.isfinite(rows.upper)
-        held = counts & (rows.equality | (np.abs(w) > SLACK_TOLERANCE * level_size(rows, x)))
-        left = counts & ~held
+        omega = float(np.linalg.norm(w := rows.slack(x)))
+        asks, equal = np.isfinite(rows.lower) | np.isfinite(rows.upper), rows.equality
+        A, y, weight = rows.dense(x.size)[asks], (rows.A @ x)[asks], np.where(equal, 1.0, np.abs(w) / omega)[asks]
+        lower = np.where(equal[asks], y, np.minimum(rows.lower[asks], y))
+        upper = np.where(equal[asks], y, np.maximum(rows.upper[asks], y))
         t = 0.0 if problem.turning is None else float(problem.turning[level])
-        turning = math.sqrt(t * omega) * at.turning(A[held])
-        value = A[held] @ x
-        anchor = Anchor(Rows(A[held], value, value), problem.eta * omega, turning, x, places[held])
-        below = self.with_rows(Rows(A[left], rows.lower[left], rows.upper[left]), places[left])
-        return replace(below, anchors=(*self.anchors, anchor))
+        turning = math.sqrt(t * omega) * at.turning(weight[:, None] * A)
+        anchor = Anchor(Rows(A, lower, upper), problem.eta * omega, turning, x, places[asks])
+        return replace(self, anchors=(*self.anchors, anchor))
 
     def with_rows(self, rows: Rows, places: Index) -> Above:
         """With more hard rows."""

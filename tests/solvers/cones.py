@@ -26,7 +26,7 @@ class Oracle:
     points: list[Vec] = field(default_factory=list)
     doubtful: bool = False
     hard: list[tuple[Mat, Vec, Vec]] = field(default_factory=list)
-    unmet: list[tuple[Mat, Vec, float, Vec, Vec]] = field(default_factory=list)
+    unmet: list[tuple[Rows, float, Vec, Vec]] = field(default_factory=list)
 
     def solve(self) -> Oracle:
         problem = self.problem
@@ -42,15 +42,15 @@ class Oracle:
         size = float(np.linalg.norm(rows.slack(x)))
         motion = self.problem.motion or Motion(np.ones(x.size))
         value = size + price * motion(x) if price > 0.0 else 0.5 * size**2
-        for A, y, give, turning, point in self.unmet:
-            value += 0.5 * float(np.sum((A @ x - y) ** 2)) / give
+        for kept, give, turning, point in self.unmet:
+            value += 0.5 * float(np.sum(kept.slack(x) ** 2)) / give
             value += 0.5 * float(np.sum((turning * (self._F() @ (x - point))) ** 2))
         return value
 
     def stage(self, rows: Rows, price: float) -> Vec:
-        """argmin over z = (x, w, t, v): A x - w within its bounds, (t, w) in the cone, A_a x - sqrt(give) v = y_a."""
+        """argmin over z = (x, w, t, v): A x - w within its bounds, (t, w) in the cone, A_a x - sqrt(give) v near y_a."""
         n, m = self.problem.n, rows.m
-        anchored = sum(len(A) for A, *_ in self.unmet)
+        anchored = sum(kept.m for kept, *_ in self.unmet)
         size = n + m + 1 + anchored
         F, f = self._F(), self._f()
         P, q = np.zeros((size, size)), np.zeros(size)
@@ -64,12 +64,12 @@ class Oracle:
         for A, lower, upper in self.hard:
             blocks.append((np.hstack([A, np.zeros((len(A), size - n))]), lower, upper))
         here = n + m + 1
-        for A, y, give, turning, point in self.unmet:
-            part = np.zeros((len(A), size))
-            part[:, :n], part[:, here : here + len(A)] = A, -np.sqrt(give) * np.eye(len(A))
-            blocks.append((part, y, y))
-            P[here : here + len(A), here : here + len(A)] = np.eye(len(A))
-            here += len(A)
+        for kept, give, turning, point in self.unmet:
+            part, end = np.zeros((kept.m, size)), here + kept.m
+            part[:, :n], part[:, here:end] = kept.dense(n), -np.sqrt(give) * np.eye(kept.m)
+            blocks.append((part, kept.lower, kept.upper))
+            P[here:end, here:end] = np.eye(kept.m)
+            here = end
             D = turning[:, None] * F
             P[:n, :n] += D.T @ D
             q[:n] -= D.T @ (D @ point)
@@ -112,11 +112,12 @@ class Oracle:
         if price > 0.0 and size <= MET:
             self.hard.append((A, rows.lower, rows.upper))
         elif price > 0.0:
-            left = ~fixed & (np.isfinite(rows.lower) | np.isfinite(rows.upper))
-            self.hard.append((A[left], rows.lower[left], rows.upper[left]))
+            asks, equal = np.isfinite(rows.lower) | np.isfinite(rows.upper), rows.lower == rows.upper
+            low, high = np.where(equal, y, np.minimum(rows.lower, y)), np.where(equal, y, np.maximum(rows.upper, y))
+            part = np.where(equal, 1.0, np.abs(w) / size)[asks, None] * A[asks]
             t = 0.0 if problem.turning is None else float(problem.turning[k])
-            turning = np.sqrt(t * size) * np.linalg.norm(A[fixed] @ np.linalg.pinv(self._F(), rcond=1e-7), axis=0)
-            self.unmet.append((A[fixed], y[fixed], problem.eta * size, turning, x))
+            turning = np.sqrt(t * size) * np.linalg.norm(part @ np.linalg.pinv(self._F(), rcond=1e-7), axis=0)
+            self.unmet.append((Rows(A[asks], low[asks], high[asks]), problem.eta * size, turning, x))
         else:
             self.hard.append((A, np.where(fixed, y, rows.lower), np.where(fixed, y, rows.upper)))
 

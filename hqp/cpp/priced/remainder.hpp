@@ -126,7 +126,8 @@ class Remainder {
       row(level, i, A);
       if (!anchor || !anchor->held[i]) continue;
       A[slot_[j] + i] = -root;
-      to.lower[i] = to.upper[i] = anchor->value[i];
+      to.lower[i] = anchor->low[i];
+      to.upper[i] = anchor->high[i];
     }
   }
 

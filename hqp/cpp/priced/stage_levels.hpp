@@ -241,11 +241,16 @@ class StageLevels final : public PricedStages {
     anchor.first = first_[k];
     anchor.omega = norm;
     anchor.held.resize(level.m);
-    anchor.value.resize(level.m);
+    anchor.low.resize(level.m);
+    anchor.high.resize(level.m);
+    anchor.part.resize(level.m);
     for (int i = 0; i < level.m; ++i) {
-      const bool off = std::abs(w_[i]) > tolerances_.zero * size;
-      anchor.held[i] = !level.left_out(i) && (level.lower[i] == level.upper[i] || off);
-      anchor.value[i] = product(level, i, x);
+      const bool equal = level.lower[i] == level.upper[i];
+      const double y = product(level, i, x);
+      anchor.held[i] = !level.left_out(i);
+      anchor.low[i] = equal || y < level.lower[i] ? y : level.lower[i];
+      anchor.high[i] = equal || y > level.upper[i] ? y : level.upper[i];
+      anchor.part[i] = equal ? 1.0 : std::abs(w_[i]) / norm;
     }
     motions_.complete(anchor, law_.turning ? law_.turning[k] : 0.0, x, [&](int i) { return row(level, i); });
     forget_rows();
@@ -294,8 +299,9 @@ class StageLevels final : public PricedStages {
           at.row(a, c);
           if (held) {
             c[n_ + bands_] = -root;
-            y_[n_ + bands_] = (dot_any(a, x_.data(), n_) - anchor->value[i]) / root;
-            low = high = anchor->value[i];
+            low = anchor->low[i];
+            high = anchor->high[i];
+            y_[n_ + bands_] = slack(dot_any(a, x_.data(), n_), low, high) / root;
             ++bands_;
           }
           if (!rows_.close(rows_.count, n_ + bands_, low - shift, high - shift, std::sqrt(dot_any(a, a, n_)))) continue;
