@@ -8,14 +8,14 @@ Level k of a hierarchy with prices c_k, motion E = 1/2 ||F x - f||^2, eta and tu
 What a level hands down depends on how it ended, not on what kind its rows are or how they are stored:
 
     met for its price (w_k = 0):   S_k has its rows as they are;
-    without a price:               S_k has its rows at its optimum: equalities and violated rows keep their value;
-    not met (omega_k = ||w_k||):   S_k = S_{k-1}: all its rows are anchored, near y_k = A_k x_k.
+    without a price:               S_k has its rows at its optimum, y_k = A_k x_k: equalities keep their value, the
+                                   slack of inequalities may not grow, a_i x in [min(lower_i, y_i), max(upper_i, y_i)];
+    not met (omega_k = ||w_k||):   S_k = S_{k-1}: all its rows are anchored.
 
 An anchored level resists what lies below it, by the sum over all of them above level k,
 
     R_k(x) = 1/2 sum_a sum_i v_ai^2 / (eta omega_a) + t_a omega_a sum_j d_aj^2 (F (x - x_a))_j^2,
-    v_ai = a_i (x - x_a) for an equality; for an inequality by how much a_i x is outside of
-           [min(lower_i, y_i), max(upper_i, y_i)]: what lies below may lessen its slack, not add to it,
+    v_ai = a_i (x - x_a) for an equality; for an inequality by how much its slack grows, as above,
     d_aj^2 = sum_i (b_i a_i F^+ e_j)^2,    b_i = 1 for an equality, |w_i| / omega_a for an inequality.
 
 Equalities alone give ||A_a (x - x_a)||^2 and d_aj = ||A_a F^+ e_j||.  Rows of an unmet level that are met stay no hard
@@ -141,17 +141,17 @@ class Above:
         rows, first = problem.levels[level], sum(rows.m for rows in problem.levels[:level])
         places = np.arange(first, first + rows.m)
         if problem.prices is None or not problem.prices[level] > 0.0:
-            return self.with_rows(at_optimum(rows, x), places)
+            optimum = kept if self.anchors else at_optimum  # which are the same where R = 0: the slack is unique
+            return self.with_rows(optimum(rows, x), places)
         if is_met(rows, x):
             return self.with_rows(rows, places)
         omega = float(np.linalg.norm(w := rows.slack(x)))
         asks, equal = np.isfinite(rows.lower) | np.isfinite(rows.upper), rows.equality
-        A, y, weight = rows.dense(x.size)[asks], (rows.A @ x)[asks], np.where(equal, 1.0, np.abs(w) / omega)[asks]
-        lower = np.where(equal[asks], y, np.minimum(rows.lower[asks], y))
-        upper = np.where(equal[asks], y, np.maximum(rows.upper[asks], y))
+        held = Rows(rows.dense(x.size)[asks], rows.lower[asks], rows.upper[asks])
+        weight = np.where(equal, 1.0, np.abs(w) / omega)[asks, None]
         t = 0.0 if problem.turning is None else float(problem.turning[level])
-        turning = math.sqrt(t * omega) * at.turning(weight[:, None] * A)
-        anchor = Anchor(Rows(A, lower, upper), problem.eta * omega, turning, x, places[asks])
+        turning = math.sqrt(t * omega) * at.turning(weight * held.dense(x.size))
+        anchor = Anchor(kept(held, x), problem.eta * omega, turning, x, places[asks])
         return replace(self, anchors=(*self.anchors, anchor))
 
     def with_rows(self, rows: Rows, places: Index) -> Above:
@@ -163,7 +163,7 @@ class Above:
         """Below the last level, whose stage ended at x: anchored rows keep the value that they have there."""
         below = replace(self, anchors=())
         for anchor in self.anchors:
-            below = below.with_rows(at_optimum(anchor.rows, x), anchor.places)
+            below = below.with_rows(kept(anchor.rows, x), anchor.places)
         return below
 
 
@@ -182,6 +182,13 @@ def level_size(rows: Rows, x: Vec) -> float:
     size = np.abs(x)
     size += RESTING * size.max(initial=0.0)
     return float(np.max(np.abs(rows.dense(x.size)) @ size + np.abs(bounds), initial=0.0))
+
+
+def kept(rows: Rows, x: Vec) -> Rows:
+    """Rows at a point: equalities keep their value, the slack of inequalities may not grow."""
+    y, equal = rows.A @ x, rows.equality
+    lower, upper = np.minimum(rows.lower, y), np.maximum(rows.upper, y)
+    return Rows(rows.A, np.where(equal, y, lower), np.where(equal, y, upper))
 
 
 def at_optimum(rows: Rows, x: Vec) -> Rows:

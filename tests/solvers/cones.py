@@ -48,7 +48,7 @@ class Oracle:
         return value
 
     def stage(self, rows: Rows, price: float) -> Vec:
-        """argmin over z = (x, w, t, v): A x - w within its bounds, (t, w) in the cone, A_a x - sqrt(give) v near y_a."""
+        """argmin over z = (x, w, t, v): A x - w within its bounds, (t, w) in the cone, A_a x - sqrt(give) v at y_a."""
         n, m = self.problem.n, rows.m
         anchored = sum(kept.m for kept, *_ in self.unmet)
         size = n + m + 1 + anchored
@@ -107,7 +107,6 @@ class Oracle:
         problem = self.problem
         A, w = rows.dense(problem.n), rows.slack(x)
         y, size = A @ x, float(np.linalg.norm(w))
-        fixed = (rows.lower == rows.upper) | (np.abs(w) > MET)
         self.doubtful |= bool(np.any((np.abs(w) > 0.01 * MET) & (np.abs(w) < 100.0 * MET)))
         if price > 0.0 and size <= MET:
             self.hard.append((A, rows.lower, rows.upper))
@@ -119,7 +118,9 @@ class Oracle:
             turning = np.sqrt(t * size) * np.linalg.norm(part @ np.linalg.pinv(self._F(), rcond=1e-7), axis=0)
             self.unmet.append((Rows(A[asks], low[asks], high[asks]), problem.eta * size, turning, x))
         else:
-            self.hard.append((A, np.where(fixed, y, rows.lower), np.where(fixed, y, rows.upper)))
+            equal = rows.lower == rows.upper
+            low, high = np.where(equal, y, np.minimum(rows.lower, y)), np.where(equal, y, np.maximum(rows.upper, y))
+            self.hard.append((A, low, high))
 
     def _F(self) -> Mat:
         F = np.ones(self.problem.n) if self.problem.motion is None else self.problem.motion.F

@@ -209,7 +209,12 @@ class StageLevels final : public PricedStages {
     for (int i = 0; i < level.m; ++i) {  // its slack is unique: equality rows and violated rows keep their value
       if (level.left_out(i)) continue;
       const double value = product(level, i, x), w = slack(value, low[i], high[i]);
-      if (low[i] == high[i] || std::abs(w) > tolerances_.met * (1.0 + std::abs(value))) low[i] = high[i] = value;
+      if (low[i] == high[i] || (anchors_.empty() && std::abs(w) > tolerances_.met * (1.0 + std::abs(value)))) {
+        low[i] = high[i] = value;
+      } else if (!anchors_.empty()) {  // below them it may still be lessened
+        low[i] = std::min(low[i], value);
+        high[i] = std::max(high[i], value);
+      }
     }
   }
 
