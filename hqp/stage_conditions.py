@@ -108,7 +108,7 @@ class Walk:
         near = within * (lengths + terms(sizes, x))
         met = price > 0.0 and is_met(rows, x)
         gradient = price * at.motion(x)
-        scale = float(np.linalg.norm(gradient))
+        scale = float(np.linalg.norm(gradient)) + price  # errors below one unit of motion are absolute
         allowed = [np.zeros((0, x.size))]  # how the gradient changes where a row is off by what the tolerance allows
         forces = np.zeros(sum(rows.m for rows in self._problem.levels[: k + 1]))
         for anchor in self._above.anchors:
