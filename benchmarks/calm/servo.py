@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.calm.loop import Variant
+from benchmarks.calm.variants import Variant
 from benchmarks.calm.robots import subject
 from benchmarks.calm.scenes import DT, FORMULATIONS, default_stack, reach
 from hqp.tasks import Position

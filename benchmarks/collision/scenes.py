@@ -9,7 +9,8 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.calm.loop import PRICED, Run, figures
+from benchmarks.calm.loop import Run, figures
+from benchmarks.calm.variants import PRICED
 from benchmarks.calm.robots import Subject, subject
 from benchmarks.calm.scenes import DT, FORMULATIONS, Scene, default_stack, law
 from hqp import Level, Stack, shapes
