@@ -182,6 +182,7 @@ def measure(name: str, seeds: Sequence[int], variant: Variant) -> Iterator[Recor
         yield {
             "robot": name, "seed": seed, "case": one.text, "exact": exact, "allowed": allowed,
             "priced": arrival(one, variant, allowed), "joined": joined(one),
+            "limited": one.hand.law.max_velocity < math.inf,
         }  # fmt: skip
 
 
@@ -198,17 +199,20 @@ def misses(records: Sequence[Record]) -> Iterator[str]:
 
 
 def table(records: Sequence[Record]) -> str:
-    """A row for each robot."""
+    """A row for each robot; goals on a straight way with and without a speed limit in the law."""
+
+    def count(own: Sequence[Record]) -> str:
+        reached = [sum(r[kind] < math.inf for r in own) for kind in ("priced", "exact")]
+        return f"{reached[0]}, {reached[1]} of {len(own)}"
+
     rows = []
     for name in dict.fromkeys(r["robot"] for r in records):
         own = [r for r in records if r["robot"] == name]
-        straight = [r for r in own if r["joined"]]
         both = [r["priced"] / r["exact"] for r in own if max(r["priced"], r["exact"]) < math.inf and r["exact"] > 0.0]
-        rows.append((
-            name, f"{len(own)}", f"{sum(r['priced'] < math.inf for r in own)}",
-            f"{sum(r['exact'] < math.inf for r in own)}",
-            f"{sum(r['priced'] < math.inf for r in straight)}, {sum(r['exact'] < math.inf for r in straight)} "
-            f"of {len(straight)}", f"{np.median(both):.3f}" if both else "",
-        ))  # fmt: skip
-    head = ("robot", "goals", "reached", "exact levels", "on a straight way: priced, exact", "time over exact, median")
+        straight = [[r for r in own if r["joined"] and r["limited"] is limited] for limited in (True, False)]
+        rows.append((name, count(own), *map(count, straight), f"{np.median(both):.3f}" if both else ""))
+    head = (
+        "robot", "reached: priced, exact", "on a straight way, speed limit in the law", "without one",
+        "time over exact, median",
+    )  # fmt: skip
     return report.table(head, rows)

@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 import hqp
-from benchmarks.calm.families import FAMILIES, MOVED, neighbour, problem
+from benchmarks.calm.families import FAMILIES, MOVED, levels, neighbour, problem
 from benchmarks.reports import report
 from hqp.solvers.base import Solver
+
+__all__ = ["FAMILIES", "Continuity", "levels", "measure", "neighbour", "pairs", "problem", "table"]
 
 JUMP = 0.01
 """A change of the answer above this is a jump."""
@@ -46,10 +48,11 @@ def pairs(family: str, seeds: Sequence[int]) -> Iterator[tuple[hqp.Hierarchy, hq
         yield one, neighbour(one, rng)
 
 
-def measure(family: str, count: int, solver: Solver) -> Continuity:
-    """Exact and priced answers of ``count`` pairs of neighbours."""
+def measure(family: str, count: int, solver: Solver | None = None) -> Continuity:
+    """Exact and priced answers of ``count`` pairs of neighbours, ``lexicographic`` for no solver."""
     plain = hqp.solvers.load("lexicographic")
-    exact, priced, failed = [], [], 0
+    solver = solver or plain
+    exact, priced, failed = list[float](), list[float](), 0
     for one, two in pairs(family, range(count)):
         exact.append(float(np.linalg.norm(plain.solve(one.exact()).x - plain.solve(two.exact()).x)))
         answers = solver.solve(one), solver.solve(two)

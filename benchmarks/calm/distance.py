@@ -1,8 +1,7 @@
-"""How far a hand stays from a target that it cannot reach, over the least that is possible; and one that it can reach."""
+"""How far a hand stays from a target out of reach, over the least that is possible; and from one that it can reach."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -72,9 +71,7 @@ class Reach:
 
         def held(step: Vec) -> Vec:
             state = robot.state(robot.integrate(q, step, 1.0))
-            errors = [
-                np.concatenate((state.position(f) - p, robot.log3(state.rotation(f) @ R.T))) for f, p, R in feet
-            ]
+            errors = [np.concatenate((state.position(f) - p, robot.log3(state.rotation(f) @ R.T))) for f, p, R in feet]
             return np.concatenate((*errors, state.com()[:2] - com))
 
         def held_rows(step: Vec) -> Mat:
@@ -122,7 +119,12 @@ def measure(names: Sequence[str], variant: Variant, seconds: float = SECONDS) ->
         asked = beyond(name)
         q, off = asked.run(variant, seconds)
         yield {"robot": name, "off": off, "least": asked.least(q), "allowed": ALLOWED[name]}
-    yield {"robot": "g1, gain 1/dt, within reach", "off": within().run(variant, NEAR_SECONDS)[1], "least": 0.0, "allowed": NEAR}
+    yield {
+        "robot": "g1, gain 1/dt, within reach",
+        "off": within().run(variant, NEAR_SECONDS)[1],
+        "least": 0.0,
+        "allowed": NEAR,
+    }
 
 
 def misses(records: Sequence[Record]) -> Iterator[str]:

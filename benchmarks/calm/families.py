@@ -13,7 +13,7 @@ from numpy.random import Generator
 from hqp import Hierarchy, Rows, Selection
 from hqp.arrays import Mat
 from hqp.price import TURNING
-from hqp.problem import Motion
+from hqp.problem import ETA, Motion
 
 FAMILIES = {
     "plain": "rows of normal numbers",
@@ -99,8 +99,7 @@ def problem(rng: Generator, family: str) -> Hierarchy:
 
 def priced(found: list[Rows], prices: Mat, hard: int, motion: Motion | None, size: float = SIZE) -> Hierarchy:
     """A hierarchy with the turning of velocities in ticks of DT; L_k = size."""
-    eta = Hierarchy.eta
-    turning = np.divide(DT / (TURNING[1] * eta * size**2), prices, out=np.zeros(len(prices)), where=prices > 0.0)
+    turning = np.divide(DT / (TURNING[1] * ETA * size**2), prices, out=np.zeros(len(prices)), where=prices > 0.0)
     return Hierarchy(tuple(found), constraints=hard, prices=prices, motion=motion, turning=turning)
 
 

@@ -94,7 +94,8 @@ def measure(formulation: str, joints: Sequence[int], variant: Variant) -> Iterat
             for distance in DISTANCES:
                 time, off = arrival(formulation, n, bend, distance, variant)
                 yield {
-                    "formulation": formulation, "joints": n, "bend": bend, "distance": distance, "time": time, "off": off
+                    "formulation": formulation, "joints": n, "bend": bend, "distance": distance, "time": time,
+                    "off": off,
                 }  # fmt: skip
 
 
