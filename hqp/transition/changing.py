@@ -19,7 +19,7 @@ from hqp.problem import Status
 from hqp.reference import Reference
 from hqp.robot import State
 from hqp.stack import Stack
-from hqp.tick import Note, Notes, Tick
+from hqp.tick import Note, Notes, Tick, added
 from hqp.transition.blend import Transition, surviving
 from hqp.transition.waypoints import Waypoint, bearing
 
@@ -183,11 +183,6 @@ def notes_of(a: Tick, b: Tick, waits: tuple[Note, ...]) -> Notes:
 def unread(tick: Tick) -> Notes:
     """The notes of a tick, without making their texts."""
     return tick._noted if type(tick) is OrdinaryTick else tick._notes
-
-
-def added(notes: Notes, more: tuple[Note, ...]) -> Notes:
-    """Those notes and some more."""
-    return (lambda: (*notes(), *more)) if callable(notes) else (*notes, *more)
 
 
 def stop_easing(session: Session) -> None:
