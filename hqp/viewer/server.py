@@ -148,7 +148,3 @@ def main() -> int:
         return 1
     server.run(alive)
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
