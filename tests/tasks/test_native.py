@@ -138,7 +138,7 @@ def test_native_rows_equal_readable_rows(
             if k == 0 or rng.uniform() < 0.5:
                 given[element.name] = reference(element, robot, rng, counts[element.name])
         q, v = robot.random_configuration(rng), rng.normal(size=robot.nv)
-        if k % 5 == 4:  # some joints outside their limits
+        if k % 5 == 4 and "Limits" in name:  # some joints outside of them
             q = robot.integrate(q, rng.normal(size=robot.nv), 1.0)
         state = robot.state(q, v)
         taken = given
