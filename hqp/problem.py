@@ -11,6 +11,7 @@ import numpy as np
 
 from hqp.arrays import Index, Mask, Mat, Signs, Vec, floats, is_readable
 from hqp.errors import NotSolved, ProblemError
+from hqp.tolerances import VIOLATION_TOLERANCE
 
 EQUALITY = 2
 """Mark of an equality row in ``Solution.active``."""
@@ -374,6 +375,18 @@ class Hierarchy:
                 x[index] = np.clip(x[index], np.minimum(low, high), np.maximum(low, high))
         return x
 
+    def better(self, x: Vec, last: Vec) -> Vec:
+        """Of x and of ``last`` moved into the bounds of ``boxed``, the lexicographically better one; x where they tie.
+
+        The first level decides whose norms differ by more than VIOLATION_TOLERANCE, relative to 1 + the smaller.
+        """
+        last = self.boxed(last)
+        for new, old in zip(self.slacks(x), self.slacks(last), strict=True):
+            now, before = float(np.sqrt(new @ new)), float(np.sqrt(old @ old))
+            if not abs(now - before) <= VIOLATION_TOLERANCE * (1.0 + min(now, before)):
+                return x if now < before else last
+        return x
+
     def copy(self) -> Hierarchy:
         """The same problem in arrays of its own, free of any session's buffers."""
         return replace(
@@ -433,6 +446,11 @@ class Status(enum.Enum):
         "the state was not usable (not finite, too large, too old, or a quaternion not of length one): the command "
         "comes to rest; check the sensor or estimate that the note names"
     )
+
+    @property
+    def cut(self) -> bool:
+        """Whether the search was stopped: x is the better of its point and of the last answer."""
+        return self in (Status.ITERATION_LIMIT, Status.TIME_LIMIT)
 
     @property
     def severity(self) -> int:

@@ -32,12 +32,7 @@ def towards(x: Vec, last: Vec, joints: Index | slice, most: float) -> Vec:
 
 def better(problem: Hierarchy, x: Vec, last: Vec) -> Vec:
     """Of an unfinished answer and the last x, both clipped into today's box, the one whose levels are less off."""
-    candidates = [problem.boxed(x), problem.boxed(last)]
-    found = [[float(np.sqrt(w @ w)) for w in problem.slacks(candidate)] for candidate in candidates]
-    for new, old in zip(*found, strict=True):
-        if abs(new - old) > VIOLATION_TOLERANCE * (1.0 + old):
-            return candidates[0] if new < old else candidates[1]
-    return candidates[0]
+    return problem.better(problem.boxed(x), last)
 
 
 def within_rates(
