@@ -18,7 +18,7 @@ import hqp
 from benchmarks.reports import report
 from hqp import Level, Stack
 from hqp.arguments import formulation
-from hqp.loop.outgoing import LARGEST_CHANGE
+from hqp.loop.outgoing import largest_change
 from hqp.reference import Reference
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, FrictionCone, JointLimits, Orientation, Position, Posture, TorqueLimits
@@ -30,8 +30,6 @@ EVENTS = ("add", "swap", "remove", "release", "take up")
 UNITS = {"velocity": "rad/s", "acceleration": "rad/s^2", "torque": "N m"}
 DT, OVER = 0.002, 0.25
 SECOND = int(1.0 / DT)
-LOADED = 3.0
-"""Largest change of a torque while a loaded foot is released or taken up [N m]."""
 LONGEST = 1500
 """Ticks that a transition may take."""
 
@@ -98,7 +96,7 @@ class Loop:
         """Of the CoM, that share of the way from between the feet to over the left one, and of the hand if there."""
         found = [Com(name="com").at((1.0 - over) * self.com + over * self.above)]
         palm = self.robot.landmarks["palms"][1]
-        return [*found, Position(frame=palm, name="hand").at(self.hand)] if "hand" in self.run.stack else found
+        return [*found, Position(frame=palm, name="hand").at(self.hand)] if "hand" in self.run else found
 
     def shift(self, ticks: int = SECOND) -> None:
         """Take the CoM over the left foot, and wait half a second."""
@@ -132,9 +130,8 @@ class Change:
 
     @property
     def allowed(self) -> float:
-        """max(1.2 times the largest of the second before, 0.02 rad/s | 1 rad/s^2 | 1 N m), 3 N m for a foot."""
-        foot = self.level == "torque" and self.event in ("release", "take up")
-        return max(1.2 * self.before, LOADED if foot else LARGEST_CHANGE[self.level])
+        """0.02 rad/s, 1 rad/s^2 or 1 N m."""
+        return largest_change(self.level, DT)
 
     @property
     def calm(self) -> bool:

@@ -105,6 +105,8 @@ def soak(
     rates: None for ordinary ticks in one native call.
     """
     choices = stacks(robot, level)
+    hand = choices[0].find("hand", Position)
+    pulled = PointContact(frame=robot.landmarks["soles"][1], name="pulled")
     controller = hqp.Controller(choices[0], formulation(level), rates=rates, deadline=np.inf)
     session = controller.session(robot, DT)
     rate = np.inf if rates is None else float(getattr(rates, level)) * DT
@@ -131,11 +133,11 @@ def soak(
         elif event == "home":
             q, v, goal = robot.home.copy(), np.zeros(robot.nv), palm.copy()
             given_q, given_v = q, v
-        if "hand" in session.stack:
+        if "hand" in session:  # in a transition as long as either stack has it
             at = np.full(3, np.nan) if event == "nan reference" else goal
-            references.append(session.stack.find("hand", Position).at(at))
-        if event == "conflict" and "pulled" in session.stack:
-            references.append(session.stack.find("pulled", PointContact).at(velocity=[0.2, 0.0, 0.0]))
+            references.append(hand.at(at))
+        if event == "conflict" and "pulled" in session:
+            references.append(pulled.at(velocity=[0.2, 0.0, 0.0]))
         references.append(session.stack.find("com", Com).at(shift))
         state = robot.state(given_q, given_v)
         begun = thread_time()  # of this thread alone, whatever else the machine does

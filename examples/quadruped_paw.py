@@ -54,9 +54,9 @@ for k in range(4000):
     if k in (1250, 2750):  # the paw bears nothing any more; it is down again
         session.change(three if k == 1250 else four, over=0.2)
     goals = [com.at(start + over * np.interp(t, [0.0, 1.0, 6.0, 7.0], [0.0, 1.0, 1.0, 0.0]))]
-    if "lift" in session.stack:
+    if "lift" in session:  # in a transition as long as either stack has it
         goals.append(lift.at(ground + ([0.06, 0.0, 0.08] if t < 4.0 else [0.0, 0.0, 0.0])))
-    else:
+    if "unload" in session:
         share = np.interp(t, [0.0, 2.0, 6.0, 7.0], [0.25, 0.0, 0.0, 0.25])  # of its weight
         goals.append(unload.at([share * 9.81 * robot.mass]))
     tick = session.step(state, *goals)

@@ -17,7 +17,7 @@ goal = robot.state(q).position("r_palm") + [0.1, 0.0, 0.1]
 for k in range(1500):
     if k in (500, 1000):
         session.change(without_hand if k == 500 else with_hand)
-    references = [hand.at(goal)] if "r_palm" in session.stack else []
+    references = [hand.at(goal)] if "r_palm" in session else []
     tick = session.step(robot.state(q, v), *references)
     q, v = tick.advance()
     if k % 500 == 499:

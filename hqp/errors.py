@@ -58,6 +58,15 @@ class NetworkWarning(UserWarning):
     """The viewer's page is open to the network."""
 
 
+class ConfigurationNotFound(ModelError, KeyError):
+    """A robot has no configuration of that name; the message names the closest ones."""
+
+    def __init__(self, name: str, known: Iterable[str], robot: str = "robot") -> None:
+        super().__init__(_not_found("configuration", name, known, robot))
+
+    __str__ = Exception.__str__
+
+
 class PurePythonWarning(UserWarning):
     """hqp was installed without its compiled parts; HQP_PURE=1 in the environment silences it."""
 

@@ -30,11 +30,12 @@ REST_TIME = math.sqrt(2.0)
 A limb of two equal links that a target beyond its reach pulls straight is an oscillator of at most 1 / (2 tau) [rad/s],
 and this damps it to 0.7 of critical."""
 
-TURNING = {1: 0.02, 2: 0.1}
-"""[rad^2/s, rad^2/s^2 by the order of the laws] what lies below an unmet level pays dt^order / (TURNING eta) for speed.
+TURNING = {1: 0.2, 2: 100.0}
+"""[rad^4/s^3, rad^4/s^6 by the order of the laws] what lies below an unmet level pays for speed, as t_k = dt^order /
+(TURNING eta c_k^2 L_k^2).
 
-The motion of a posture turns the rows of the level above it; at a speed p with p^2 dt^order = eta TURNING they turn in
-one tick by what eta lets the posture take from that level."""
+The motion of a posture turns the rows of the level above it: the more that level misses, the slower the posture has to
+be.  In proportion to omega^2, so that a level that comes to be unmet by next to nothing stops nobody at once."""
 
 LONGEST_TICK = 0.5
 """[s] longer steps are those of a search for a pose (hqp.reach), not ticks: t_k = 0 there."""
@@ -235,7 +236,7 @@ def level_prices(
             longest = max(longest, tau)
         length = min(scale for e in group.elements for scale in row_scales(e, robot, sizes))
         prices[k] = tau**order * length
-        turning[k] = gamma / (prices[k] * length**2)
+        turning[k] = gamma / (prices[k] * length) ** 2
     if sizes is None:
         return None
     rest = 1.0 / (REST_TIME * (longest or LONGEST_TAU[order])) if order == 2 else 0.0

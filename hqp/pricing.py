@@ -14,7 +14,7 @@ What a level hands down depends on how it ended, not on what kind its rows are o
 
 An anchored level resists what lies below it, by the sum over all of them above level k,
 
-    R_k(x) = 1/2 sum_a sum_i v_ai^2 / (eta omega_a) + t_a omega_a sum_j d_aj^2 (F (x - x_a))_j^2,
+    R_k(x) = 1/2 sum_a sum_i v_ai^2 / (eta omega_a) + t_a omega_a^2 sum_j d_aj^2 (F (x - x_a))_j^2,
     v_ai = a_i (x - x_a) for an equality; for an inequality by how much its slack grows, as above,
     d_aj^2 = sum_i (b_i a_i F^+ e_j)^2,    b_i = 1 for an equality, |w_i| / omega_a for an inequality.
 
@@ -105,7 +105,7 @@ class Anchor:
     """A level that is not met, at its stage point x_a: 1/2 ||v||^2 / give + 1/2 ||turning (x - x_a)||^2.
 
     rows: the anchored ones, dense, v their slack at x.  give: eta omega_a.  turning: ``(r, n)``,
-    sqrt(t_a omega_a) D_a F.  x: ``(n,)``, x_a.  places: ``(m,)``, of the rows among all rows of the hierarchy.
+    sqrt(t_a) omega_a D_a F.  x: ``(n,)``, x_a.  places: ``(m,)``, of the rows among all rows of the hierarchy.
     """
 
     rows: Rows
@@ -150,7 +150,7 @@ class Above:
         held = Rows(rows.dense(x.size)[asks], rows.lower[asks], rows.upper[asks])
         weight = np.where(equal, 1.0, np.abs(w) / omega)[asks, None]
         t = 0.0 if problem.turning is None else float(problem.turning[level])
-        turning = math.sqrt(t * omega) * at.turning(weight * held.dense(x.size))
+        turning = math.sqrt(t) * omega * at.turning(weight * held.dense(x.size))
         anchor = Anchor(kept(held, x), problem.eta * omega, turning, x, places[asks])
         return replace(self, anchors=(*self.anchors, anchor))
 

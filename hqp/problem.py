@@ -11,6 +11,7 @@ import numpy as np
 
 from hqp.arrays import Index, Mask, Mat, Signs, Vec, floats, is_readable
 from hqp.errors import NotSolved, ProblemError
+from hqp.tolerances import VIOLATION_TOLERANCE
 
 EQUALITY = 2
 """Mark of an equality row in ``Solution.active``."""
@@ -205,7 +206,7 @@ class Hierarchy:
     motion: E, 1/2 ||x||^2 by default.  eta: above 0.  turning: ``(levels,)`` t_k, zeros by default.  With them
 
         x_k = argmin ||w_k|| + c_k E(x) + R_k(x)  where c_k > 0,   argmin 1/2 ||w_k||^2 + R_k(x)  elsewhere,
-        R_k(x) = 1/2 sum_a ||A_a (x - x_a)||^2 / (eta ||w_a||) + t_a ||w_a|| sum_j d_aj^2 (F (x - x_a))_j^2,
+        R_k(x) = 1/2 sum_a ||A_a (x - x_a)||^2 / (eta ||w_a||) + t_a ||w_a||^2 sum_j d_aj^2 (F (x - x_a))_j^2,
 
     over the points that the levels above leave; a runs over the priced levels above that are not met, which leave
     no equalities but R (hqp.pricing has all of it, docs/calm.md the reasons).  Where all are met R = 0, and x is the
@@ -363,6 +364,18 @@ class Hierarchy:
                 x[index] = np.clip(x[index], np.minimum(low, high), np.maximum(low, high))
         return x
 
+    def better(self, x: Vec, last: Vec) -> Vec:
+        """Of x and of ``last`` moved into the bounds of ``boxed``, the lexicographically better one; x where they tie.
+
+        The first level decides whose norms differ by more than VIOLATION_TOLERANCE, relative to 1 + the smaller.
+        """
+        last = self.boxed(last)
+        for new, old in zip(self.slacks(x), self.slacks(last), strict=True):
+            now, before = float(np.sqrt(new @ new)), float(np.sqrt(old @ old))
+            if not abs(now - before) <= VIOLATION_TOLERANCE * (1.0 + min(now, before)):
+                return x if now < before else last
+        return x
+
     def copy(self) -> Hierarchy:
         """The same problem in arrays of its own, free of any session's buffers."""
         return replace(
@@ -422,6 +435,11 @@ class Status(enum.Enum):
         "the state was not usable (not finite, too large, too old, or a quaternion not of length one): the command "
         "comes to rest; check the sensor or estimate that the note names"
     )
+
+    @property
+    def cut(self) -> bool:
+        """Whether the search was stopped: x is the better of its point and of the last answer."""
+        return self in (Status.ITERATION_LIMIT, Status.TIME_LIMIT)
 
     @property
     def severity(self) -> int:

@@ -207,8 +207,11 @@ class Robot(Protocol):
         """The configuration after moving with velocity v for dt [s], ``(nq,)``."""
         ...
 
-    def configuration(self, angles: Vec) -> Vec:
-        """The configuration ``(nq,)`` whose ``state.angles`` are these ``(nv,)``; free bodies as at home."""
+    def configuration(self, angles: Vec | str) -> Vec:
+        """The configuration ``(nq,)`` whose ``state.angles`` are these ``(nv,)``, free bodies as at home; or of a name.
+
+        A name is one of ``configurations``, the keyframes of an MJCF or the states of an SRDF.
+        """
         ...
 
     @property

@@ -23,9 +23,10 @@ from hqp.loop.contact_watch import ContactWatch
 from hqp.loop.direct import Direct
 from hqp.loop.held_base import adrift
 from hqp.loop.ordinary import ordinary_tick
+from hqp.loop.outgoing import GRADUAL
 from hqp.loop.references import References
 from hqp.loop.restless import LimitWatch
-from hqp.loop.safety import StateCheck, rate_limiter
+from hqp.loop.safety import RateLimiter, StateCheck, rate_limiter
 from hqp.loop.soundness import rehearse, require_sound
 from hqp.loop.stepping import step
 from hqp.loop.turn import Turn, alone, require
@@ -81,6 +82,7 @@ class Session:
             LOG.warning("%s", compiled.dropped)
         self._activate(compiled, References({}))
         self._limiter = rate_limiter(robot, controller.rates, self.program.kind, self.dt)
+        self._gradual = RateLimiter(robot, getattr(GRADUAL, self.program.kind), self.dt)
         self._x: Vec = np.zeros(self.program.problem.n)
         self._x.setflags(write=False)
         self._good: State | None = None

@@ -36,6 +36,11 @@ class Note:
     detail: str
 
 
+def added(notes: Notes, more: tuple[Note, ...]) -> Notes:
+    """Those notes and some more, without making their texts."""
+    return (lambda: (*notes(), *more)) if callable(notes) else (*notes, *more)
+
+
 @dataclass(frozen=True, slots=True)
 class Times:
     """Where a tick's wall time went [s]."""
@@ -105,6 +110,10 @@ class Tick:
         if callable(self._notes):
             self._notes = self._notes()
         return self._notes
+
+    def add(self, note: Note) -> None:
+        """One note more."""
+        self._notes = added(self._notes, (note,))
 
     def take_place_of(self, tick: Tick) -> None:
         """Take the rows of another tick, whose solution this one has."""

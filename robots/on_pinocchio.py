@@ -13,7 +13,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.errors import DeclarationError, FrameNotFound, ModelError, ModelWarning
+from hqp.errors import ConfigurationNotFound, DeclarationError, FrameNotFound, ModelError, ModelWarning
 from hqp.shapes import LinkCapsule
 
 from . import expanded, kinematic_tree
@@ -49,7 +49,8 @@ class Robot:
     model: a pinocchio.Model, floating if its first joint is a free flyer; composite, Euler-angle and universal joints
     become chains NAME_0, NAME_1, ... and a group NAME, q and v stay as they were.  actuated: names of the actuated
     joints, all single-axis joints by default.  groups: joint groups by name.  home: ``(nq,)``, moved into the joint
-    limits.  wheels: by frame.  landmarks: frames by role, such as ``soles``, ``palms``, ``base``.
+    limits.  configurations: by name, the keyframes of an MJCF (``key_0``, ... without a name) or the states of an SRDF.
+    wheels: by frame.  landmarks: frames by role, such as ``soles``, ``palms``, ``base``.
     description: what the file of the robot says besides.  geometry, visual: pinocchio.GeometryModel of a model that
     comes from no file.
     Raises ModelError where joints share a coordinate (mimic joints of Pinocchio), DeclarationError for home.
@@ -340,8 +341,22 @@ class Robot:
         """The configuration after moving with velocity v for dt [s]."""
         return pin.integrate(self.model, q, v * dt)  # type: ignore[no-any-return]
 
-    def configuration(self, angles: Vec) -> Vec:
-        """The configuration ``(nq,)`` whose ``state.angles`` are these ``(nv,)``; free bodies as at home."""
+    def configuration(self, angles: ArrayLike | str) -> Vec:
+        """The configuration ``(nq,)`` whose ``state.angles`` are these ``(nv,)``, free bodies as at home; or of a name.
+
+        A name is one of ``configurations``.  Raises ConfigurationNotFound, with the closest names, or DeclarationError
+        for angles of another shape.
+        """
+        if isinstance(angles, str):
+            if angles not in self.configurations:
+                raise ConfigurationNotFound(angles, self.configurations, self.name)
+            return self.configurations[angles].copy()
+        try:
+            angles = np.array(angles, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise DeclarationError(self.name, "no angles", value=angles, allowed="numbers (nv,), or a name") from None
+        if angles.shape != (self.nv,):
+            raise DeclarationError(self.name, f"angles have shape {angles.shape}", allowed=f"({self.nv},), or a name")
         return self._joints.placed(self.model, self.home, angles)
 
     def difference(self, q0: Vec, q1: Vec) -> Vec:

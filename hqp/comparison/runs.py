@@ -67,7 +67,7 @@ def compare(
     if price == "both":
         able = [(f"{name}, priced", solver) for name, solver in named if solver.priced]
         runs = [(named, [p.exact() for p in problems]), (able, problems)]
-    with threadpool_limits(limits=1, user_api="blas"):
+    with threadpool_limits(limits=1):
         found = [_run_all(solving, given, repeats) for solving, given in runs]
     return Comparison(
         str(stack), robot.name, level_names(session.program), len(problems), len(problems) * repeats,

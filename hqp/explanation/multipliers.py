@@ -214,5 +214,7 @@ def _active(solution: Solution, place: Place, names: tuple[str, ...]) -> tuple[s
         return ()
     side = {1: "upper", -1: "lower"}
     return tuple(
-        f"{names[i] if names else i} {side.get(int(mark), 'fixed')}" for i, mark in enumerate(marks) if mark != 0
+        f"{names[i] if i < len(names) else i} {side.get(int(mark), 'fixed')}"
+        for i, mark in enumerate(marks)
+        if mark != 0
     )

@@ -63,7 +63,7 @@ def bench(
                 progress(name, done / ticks)
 
         try:
-            with threadpool_limits(limits=1, user_api="blas"):
+            with threadpool_limits(limits=1):
                 one = run(
                     stack, robot, solver, name, formulation, motion,
                     dt=dt, ticks=ticks, plant=plant, certify_every=certify_every, told=told,
@@ -76,14 +76,15 @@ def bench(
         lines.append(summarise(one))
     if not lines:
         raise HqpError("no solver to run")
-    about = manifest(
-        stack=str(stack),
-        robot=robot.name,
-        formulation=type(formulation).__name__,
-        trajectory=motion.name,
-        plant=plant,
-        dt=dt,
-        ticks=ticks,
-        seed=0,
-    )
+    with threadpool_limits(limits=1):  # as the loops ran
+        about = manifest(
+            stack=str(stack),
+            robot=robot.name,
+            formulation=type(formulation).__name__,
+            trajectory=motion.name,
+            plant=plant,
+            dt=dt,
+            ticks=ticks,
+            seed=0,
+        )
     return Bench(about, tuple(lines), tuple(runs))

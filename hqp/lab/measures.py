@@ -8,11 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from hqp.arrays import Mask, Mat, Vec
+from hqp.problem import Status
 
 from .run import Run, worst
 
 PARTS = ("state", "assemble", "solve", "command")
 """Parts of a tick, in order."""
+
+MOST_REVERSALS = 5.0
+"""More sign changes of a command's change a second than this are felt as chatter [1/s]."""
+
+MOST_DRIFT = 1e-4
+"""A contact displaced by more than this is no longer where it was put [m, rad]."""
+
+MOST_OVER = 1e-6
+"""A joint this far out of its range is outside it [rad, m]."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +68,23 @@ class Summary:
     over: float
     speeding: float
     note: str = ""
+
+    def missed(self, period_us: float) -> frozenset[str]:
+        """Columns in which the run misses what a controller has to keep at a period [us]; none for a refused one.
+
+        Every tick solved, in its period and, by a strict solver, certified; at most ``MOST_REVERSALS``; contacts
+        within ``MOST_DRIFT``; joints inside their range.
+        """
+        times = {"p50 us": self.p50_us, "p95": self.p95_us, "p99": self.p99_us, "max": self.max_us}
+        kept = {name: time <= period_us for name, time in times.items()} | {
+            "status": all(Status[name].solved or name == "NOT_STRICT" for name in self.statuses),
+            "missed": self.misses == 0,
+            "certified": not self.strict or self.certified == 1.0,
+            "reversals/s": self.reversals <= MOST_REVERSALS,
+            "drift mm": self.drift <= MOST_DRIFT,
+            "over limit": self.over <= MOST_OVER,
+        }
+        return frozenset(name for name, held in kept.items() if not held) if self.ticks else frozenset()
 
 
 def summarise(run: Run) -> Summary:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -10,18 +11,23 @@ import numpy as np
 from hqp.arrays import Vec
 from hqp.errors import HqpError
 
+from .result import BEHAVIOUR, MISS
+
 if TYPE_CHECKING:
     from .result import Bench, Change
 
 COLORS = ("#1668c7", "#d97a00", "#1a8f4c", "#cf2a2a", "#7a4fb5", "#8c6239", "#5b6673")
 BUDGET = "#cf2a2a"
+LEAST = 1e-16  # of a residual that is drawn
 _STYLE = """
 body{font:16px/1.5 system-ui,-apple-system,'Segoe UI',Roboto,sans-serif;color:#1d2530;max-width:1180px;
 margin:32px auto;padding:0 20px} h1{font-size:26px;margin:0 0 4px} h2{font-size:19px;margin:30px 0 6px}
 p.sub{color:#66717f;margin:0 0 18px}
-table{border-collapse:collapse;font-size:14px;display:block;overflow-x:auto} th,td{padding:5px 10px;text-align:right;
-border-bottom:1px solid #e3e7ec;white-space:nowrap} th:first-child,td:first-child,th:nth-child(2),td:nth-child(2)
-{text-align:left} th{color:#66717f;font-weight:600} .note{color:#66717f;font-size:14px} .faster{color:#1a8f4c}
+table{border-collapse:collapse;font-size:14px;margin:0 0 16px} th,td{padding:5px 10px;text-align:right;
+border-bottom:1px solid #e3e7ec} td{white-space:nowrap} th:first-child,td:first-child{text-align:left}
+div.wide{overflow-x:auto} table.about td{text-align:left;white-space:normal;vertical-align:top}
+th{color:#66717f;font-weight:600} td.missed{color:#cf2a2a;font-weight:600} .note{color:#66717f;font-size:14px}
+.faster{color:#1a8f4c}
 .slower{color:#cf2a2a} code{background:#f2f4f7;padding:1px 5px;border-radius:4px}
 """
 
@@ -30,12 +36,13 @@ def render(bench: Bench, changes: tuple[Change, ...]) -> str:
     """The page; raises HqpError without plotly."""
     try:
         import plotly.graph_objects as graphs  # pyright: ignore[reportMissingImports]
+        import plotly.subplots as subplots  # pyright: ignore[reportMissingImports]
     except ImportError as error:
         raise HqpError("the page needs plotly: pip install 'hqp[lab]'") from error
     figures = [
         ("Time of a tick", "share of ticks that took at most so long; red: the period", _ecdf(graphs, bench)),
-        ("Where the time goes", "medians of the four parts", _split(graphs, bench)),
-        ("Residual of every level", "largest of each hundredth of the run", _residuals(graphs, bench)),
+        ("Where the time goes", "medians of the four parts of a tick", _split(graphs, bench)),
+        ("Residual of every level", "largest ‖w‖ of each hundredth of the run", _residuals(subplots, bench)),
         (
             "Change of the command in a tick",
             "fastest joint, largest of each hundredth of a run",
@@ -44,7 +51,12 @@ def render(bench: Bench, changes: tuple[Change, ...]) -> str:
     ]
     stack, _, rest = bench.title.partition("\n")
     body = [f"<h1>{escape(stack)}</h1>", f'<p class="sub">{escape(rest)}</p>', _verdict(changes)]
-    body += [_rows(bench.header(), bench.cells()), _rows(bench.residual_header(), bench.residual_cells())]
+    header, cells = bench.header(), bench.cells()
+    body += [
+        _rows(header[:BEHAVIOUR], [row[:BEHAVIOUR] for row in cells]),
+        _rows((header[0], *header[BEHAVIOUR:]), [(row[0], *row[BEHAVIOUR:]) for row in cells]),
+        _rows(bench.residual_header(), bench.residual_cells()),
+    ]
     body += [f'<p class="note">{escape(text)}</p>' for text in (bench.caption, *bench.notes)]
     for i, (title, note, figure) in enumerate(figures):
         plot = figure.to_html(full_html=False, include_plotlyjs=i == 0, config={"displayModeBar": False})
@@ -57,10 +69,14 @@ def render(bench: Bench, changes: tuple[Change, ...]) -> str:
     )
 
 
-def _rows(header: tuple[str, ...], body: tuple[tuple[str, ...], ...]) -> str:
+def _rows(header: Sequence[str], body: Sequence[Sequence[str]]) -> str:
     head = "".join(f"<th>{escape(cell)}</th>" for cell in header)
-    rows = "".join("<tr>" + "".join(f"<td>{escape(c)}</td>" for c in cells) + "</tr>" for cells in body)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+    rows = "".join("<tr>" + "".join(map(_cell, cells)) + "</tr>" for cells in body)
+    return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>'
+
+
+def _cell(text: str) -> str:
+    return f'<td class="missed">{escape(text)}</td>' if text.endswith(MISS) else f"<td>{escape(text)}</td>"
 
 
 def _verdict(changes: tuple[Change, ...]) -> str:
@@ -75,8 +91,17 @@ def _verdict(changes: tuple[Change, ...]) -> str:
 
 
 def _manifest(manifest: dict[str, Any]) -> str:
-    rows = "".join(f"<tr><td>{escape(k)}</td><td>{escape(str(v))}</td></tr>" for k, v in manifest.items())
-    return f"<table>{rows}</table>"
+    rows = "".join(f"<tr><td>{escape(k)}</td><td>{escape(_plain(v))}</td></tr>" for k, v in manifest.items())
+    return f'<table class="about">{rows}</table>'
+
+
+def _plain(value: Any) -> str:
+    """A value of the manifest in words."""
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_plain(each)}" for key, each in value.items())
+    if isinstance(value, (list, tuple)):
+        return " ".join(map(_plain, value))
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _figure(
@@ -103,25 +128,47 @@ def _ecdf(graphs: Any, bench: Bench) -> Any:
 
 
 def _split(graphs: Any, bench: Bench) -> Any:
-    figure = _figure(graphs, "median [us]", "", y={"autorange": "reversed"})
+    figure = _figure(graphs, "median [us]", "", x={"type": "log"}, y={"autorange": "reversed"})
     lines = [line for line in bench.lines if line.ticks]
     for i, part in enumerate(("state", "assemble", "solve", "command")):
         figure.add_bar(
             y=[line.solver for line in lines], x=[line.split_us[part] for line in lines], name=part, orientation="h",
-            marker={"color": _color(i)},
+            marker={"color": _color(i)}, text=[_figures(line.split_us[part]) for line in lines], textposition="outside",
+            cliponaxis=False,
         )  # fmt: skip
-    figure.update_layout(barmode="stack", height=140 + 44 * len(lines))
+    figure.update_layout(barmode="group", height=140 + 100 * len(lines))
     return figure
 
 
-def _residuals(graphs: Any, bench: Bench) -> Any:
-    figure = _figure(graphs, "time [s]", "‖w‖", y={"type": "log", "exponentformat": "power"})
-    dashes = ("solid", "dash", "dot", "dashdot", "longdash")
+def _figures(value: float) -> str:
+    """Three figures, or all of a whole number."""
+    return f"{value:.0f}" if value >= 100.0 else f"{value:.3g}"
+
+
+def _residuals(subplots: Any, bench: Bench) -> Any:
+    """A plot a level, one above the other."""
+    names = bench.levels
+    figure = subplots.make_subplots(
+        rows=max(1, len(names)),
+        cols=1,
+        shared_xaxes=True,
+        subplot_titles=names,
+        vertical_spacing=0.2 / max(2, len(names)),
+    )
     for i, run in enumerate(bench.runs):
-        for k, name in enumerate(run.levels):
+        for k in range(len(run.levels)):
             t, curve = _largest(run.residuals[:, k], run.dt)
-            style = {"color": _color(k), "dash": dashes[i % len(dashes)], "width": 2}
-            figure.add_scatter(x=t, y=np.maximum(curve, 1e-16), name=f"{run.solver}: {name}", line=style)
+            style = {"color": _color(i), "width": 2}
+            y = np.maximum(curve, LEAST)
+            figure.add_scatter(x=t, y=y, name=run.solver, line=style, showlegend=k == 0, row=k + 1, col=1)
+    most = max((float(np.nanmax(run.residuals, initial=0.0)) for run in bench.runs), default=0.0)
+    span = [np.log10(LEAST) - 0.5, np.log10(max(most, 1.0)) + 0.5]
+    figure.update_yaxes(type="log", exponentformat="power", dtick=4, range=span)
+    figure.update_xaxes(title="time [s]", row=max(1, len(names)), col=1)
+    figure.update_layout(
+        template="plotly_white", height=100 + 150 * len(names), margin={"l": 60, "r": 20, "t": 60, "b": 50},
+        legend={"orientation": "h", "yref": "container", "y": 1.0, "yanchor": "top"}, font={"size": 14},
+    )  # fmt: skip
     return figure
 
 

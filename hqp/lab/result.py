@@ -14,13 +14,20 @@ import numpy as np
 from hqp.errors import DeclarationError, HqpError
 from hqp.markdown import table as markdown_table
 
-from .measures import Summary
+from .measures import MOST_DRIFT, MOST_REVERSALS, Summary
 from .run import Run
 
 _HEADER = (
     "solver", "status", "p50 us", "p95", "p99", "max", "x floor", "missed", "longest", "certified", "gap",
     "jump", "rate p50", "rate p99", "reversals/s", "off mm", "drift mm", "over limit",
 )  # fmt: skip
+
+
+MISS = " !"
+"""Follows a cell whose figure misses its goal."""
+
+BEHAVIOUR = _HEADER.index("certified")
+"""The first column of the first table that tells of behaviour, not of time."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +77,9 @@ class Bench:
             "* not strict; x floor: median tick over a bare kinematics call of the same run; missed: ticks over the "
             f"period, longest run of them; jump: largest change of a command in a tick [{unit}]; rate: of that change "
             f"[{unit} a second]; off: largest distance from a reference at the end; drift: of a contact; over limit: "
-            "of a joint's range [rad]; ‖w‖: residual of a level"
+            "of a joint's range [rad]; ‖w‖: residual of a level; !: a goal that is missed (every tick solved, in its "
+            f"period and certified, at most {MOST_REVERSALS:g} reversals a second, contacts within "
+            f"{1e3 * MOST_DRIFT:g} mm, joints inside their range)"
         )
 
     def header(self) -> tuple[str, ...]:
@@ -78,19 +87,21 @@ class Bench:
         return _HEADER
 
     def cells(self) -> tuple[tuple[str, ...], ...]:
-        """The first table's body as text: times and calm."""
+        """The first table's body as text: times and calm, `` !`` behind what misses its goal."""
         rows: list[tuple[str, ...]] = []
         for s in self.lines:
             name = s.solver if s.strict else f"{s.solver} *"
             if not s.ticks:
                 rows.append((name, "refused", *("",) * (len(_HEADER) - 2)))
                 continue
-            rows.append((
+            missed = s.missed(1e6 * self.manifest["dt"])
+            cells = (
                 name, s.status, *(f"{t:.0f}" for t in (s.p50_us, s.p95_us, s.p99_us, s.max_us)), f"{s.ratio:.1f}",
                 f"{s.misses}", f"{s.longest_misses}", f"{100.0 * s.certified:.0f} %", f"{s.gap:.0e}",
                 f"{s.jump:.3g}", f"{s.rate_p50:.3g}", f"{s.rate_p99:.3g}", f"{s.reversals:.0f}",
                 f"{1e3 * max(s.off.values(), default=np.nan):.2g}", f"{1e3 * s.drift:.2g}", f"{s.over:.1g}",
-            ))  # fmt: skip
+            )  # fmt: skip
+            rows.append(tuple(c + MISS * (title in missed) for title, c in zip(_HEADER, cells, strict=True)))
         return tuple(rows)
 
     def residual_header(self) -> tuple[str, ...]:

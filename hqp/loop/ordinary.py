@@ -13,7 +13,7 @@ from hqp.explanation.questions import restless_notes
 from hqp.loop.stepping import conclude
 from hqp.problem import Solution, Status
 from hqp.reference import Reference
-from hqp.tick import Note, Notes, Tick, Times
+from hqp.tick import Note, Notes, Tick, Times, added
 
 if TYPE_CHECKING:
     from hqp.formulation import Program
@@ -60,6 +60,10 @@ class OrdinaryTick(Tick):
     def note(self, notes: Notes) -> None:
         """Give the tick notes."""
         self._noted = notes
+
+    def add(self, note: Note) -> None:
+        """One note more."""
+        self._noted = added(self._noted, (note,))
 
     @property
     def finished(self) -> bool:
@@ -151,6 +155,10 @@ class BlendedTick(OrdinaryTick):
     @property
     def _notes(self) -> Notes:  # type: ignore[override]
         return self._told
+
+    def add(self, note: Note) -> None:
+        """One note more."""
+        self._told = added(self._told, (note,))
 
     @property
     def command(self) -> Vec:  # type: ignore[override]

@@ -6,13 +6,19 @@ import numpy as np
 
 from hqp.arrays import Index, Vec
 from hqp.formulation import Program
-from hqp.loop.safety import RateLimiter
+from hqp.loop.safety import RateLimiter, RateLimits
 from hqp.problem import Hierarchy, Solution, Status
 from hqp.tick import Note
 from hqp.tolerances import VIOLATION_TOLERANCE
 
-LARGEST_CHANGE = {"velocity": 0.02, "acceleration": 1.0, "torque": 1.0}
-"""Of a command in one tick, in a transition and towards an unfinished answer [rad/s, rad/s^2, N m]."""
+GRADUAL = RateLimits(velocity=10.0, acceleration=500.0, torque=500.0)
+"""Of a command in a transition and towards an unfinished answer: 0.02 rad/s, 1 rad/s^2 or 1 N m in a tick of 2 ms."""
+
+
+def largest_change(kind: str, dt: float) -> float:
+    """What ``GRADUAL`` allows of each motor in a tick [rad/s, rad/s^2, N m]."""
+    rate: float = getattr(GRADUAL, kind)
+    return dt * rate
 
 
 def towards(x: Vec, last: Vec, joints: Index | slice, most: float) -> Vec:
@@ -26,28 +32,23 @@ def towards(x: Vec, last: Vec, joints: Index | slice, most: float) -> Vec:
 
 def better(problem: Hierarchy, x: Vec, last: Vec) -> Vec:
     """Of an unfinished answer and the last x, both clipped into today's box, the one whose levels are less off."""
-    candidates = [problem.boxed(x), problem.boxed(last)]
-    found = [[float(np.sqrt(w @ w)) for w in problem.slacks(candidate)] for candidate in candidates]
-    for new, old in zip(*found, strict=True):
-        if abs(new - old) > VIOLATION_TOLERANCE * (1.0 + old):
-            return candidates[0] if new < old else candidates[1]
-    return candidates[0]
+    return problem.better(problem.boxed(x), last)
 
 
 def within_rates(
-    limiter: RateLimiter, x: Vec, last: Vec, notes: tuple[Note, ...], program: Program
+    limiter: RateLimiter, x: Vec, last: Vec, notes: tuple[Note, ...], program: Program, by: str = "rate"
 ) -> tuple[Vec, tuple[Note, ...]]:
-    """x, or the point towards it that the rate limits allow, and what of ``subject_to`` is off by that.
+    """x, or the point towards it that the limiter allows, and what of ``subject_to`` is off by that.
 
-    last: the x before.  program: whose rows are those of this tick.
+    last: the x before.  program: whose rows are those of this tick.  by: what sets the limit, in words.
     """
     command = program.command
     share, why = limiter.share(command(last), command(x))
     if share == 1.0:
         return x, notes
     x = last + share * (x - last)
-    limited = (Note("rates", Status.OPTIMAL, why),)
-    return x, notes + limited + violations(program, program.problem.slacks(x), " by the rate limit")
+    limited = (Note(f"{by}s", Status.OPTIMAL, why),)
+    return x, notes + limited + violations(program, program.problem.slacks(x), f" by the {by} limit")
 
 
 def violations(program: Program, residuals: tuple[Vec, ...], why: str = "") -> tuple[Note, ...]:

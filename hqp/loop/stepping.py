@@ -12,7 +12,7 @@ import numpy as np
 
 from hqp.errors import DynamicsFailed, ModelError
 from hqp.explanation.questions import restless_notes
-from hqp.loop.outgoing import LARGEST_CHANGE, better, culprits, towards, within_rates
+from hqp.loop.outgoing import better, culprits, largest_change, towards, within_rates
 from hqp.problem import Solution, Status
 from hqp.reference import Reference
 from hqp.robot import State
@@ -86,7 +86,7 @@ def conclude(
             x = better(program.problem, x, session._x)
             if session._good is not None:
                 last = program.problem.boxed(session._x)
-                x = towards(x, last, session._joints, LARGEST_CHANGE[program.kind])
+                x = towards(x, last, session._joints, largest_change(program.kind, session.dt))
     elif not float(x.dot(x)) < math.inf:
         notes += (Note("solver", Status.NOT_CERTIFIED, "the answer is not finite"),)
         return held_tick(session, state, solution, notes, fit=True)

@@ -232,9 +232,9 @@ def _places(part: dict[str, Any], pattern: Hierarchy, where: str) -> None:
         take(place, "equality", bool, here)
         weight = take(place, "weight", float, here)
         level, start, stop = (take(place, name, int, here) for name in ("level", "start", "stop"))
-        rows = texts(place, "rows", here)
+        texts(place, "rows", here)  # of as many rows as have a name
         if not 0 <= level < len(pattern.levels) or not 0 <= start <= stop <= pattern.levels[level].m:
             refuse(here, "lies outside the levels", [level, start, stop])
-        if len(rows) != stop - start or place["name"] in names or not 0.0 < weight < math.inf:
-            refuse(here, "its rows, name or weight fit no element", [len(rows), place["name"], weight])
+        if place["name"] in names or not 0.0 < weight < MOST:
+            refuse(here, "its name is taken, or its weight is none", [place["name"], weight])
         names.add(place["name"])

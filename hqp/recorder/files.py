@@ -62,8 +62,11 @@ def about(session: Session) -> dict[str, Any]:
     )
 
 
-def write(path: Path, told: dict[str, Any], segments: Sequence[Segment], ticks: int, robot: Robot) -> None:
-    """Write the latest ticks of some segments; slowly, so that the loop beside it is not held up."""
+def write(path: Path, told: dict[str, Any], segments: Sequence[Segment], ticks: int, robot: Robot) -> Path:
+    """Write the latest ticks of some segments; slowly, so that the loop beside it is not held up.
+
+    Returns the file, ``path`` or, where that is taken, another beside it.  Raises OSError where it cannot be written.
+    """
     parts: list[dict[str, Any]] = []
     arrays: dict[str, Any] = {}
     left = ticks
@@ -74,15 +77,23 @@ def write(path: Path, told: dict[str, Any], segments: Sequence[Segment], ticks: 
             parts.append(_segment(segment, k, robot, len(parts), arrays))
     parts.reverse()
     text = json.dumps({**told, "format": FORMAT, "segments": parts})
+    stem, number = path.stem, 0
+    while path.exists() or path.with_suffix(".part").exists():
+        number += 1
+        path = path.with_stem(f"{stem}_{number}")
     partial = path.with_suffix(".part")
-    with zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
-        file.writestr("recording.json", text)
-        for name, array in arrays.items():
-            content = io.BytesIO()
-            np.lib.format.write_array(content, array, allow_pickle=False)
-            file.writestr(f"{name}.npy", content.getbuffer())
-            time.sleep(PAUSE)
-    partial.replace(path)
+    try:
+        with zipfile.ZipFile(partial, "x", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
+            file.writestr("recording.json", text)
+            for name, array in arrays.items():
+                content = io.BytesIO()
+                np.lib.format.write_array(content, array, allow_pickle=False)
+                file.writestr(f"{name}.npy", content.getbuffer())
+                time.sleep(PAUSE)
+        return partial.replace(path)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
 
 
 def _segment(segment: Segment, k: int, robot: Robot, number: int, arrays: dict[str, Any]) -> dict[str, Any]:

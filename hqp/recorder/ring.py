@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hqp.errors import DeclarationError
+from hqp.errors import DeclarationError, HqpError
 from hqp.formulation import Program
 from hqp.problem import Status
 from hqp.recorder.layout import LINE, Memory
 from hqp.reference import Reference
+from hqp.tick import Note, Tick
 
 try:
     from hqp import _assembly as native
@@ -25,7 +28,6 @@ except ImportError:  # no compiler was there
 if TYPE_CHECKING:
     from hqp.robot import Robot
     from hqp.session import Session
-    from hqp.tick import Tick
 
 TRIGGERS: dict[str, Callable[[Any], bool]] = {
     "not optimal": lambda tick: tick.status is not Status.OPTIMAL,
@@ -34,6 +36,11 @@ TRIGGERS: dict[str, Callable[[Any], bool]] = {
     "noted": lambda tick: bool(tick.notes),
     "never": lambda tick: False,
 }
+
+LOG = logging.getLogger("hqp")
+
+UNWRITTEN = 4
+"""Recordings that could not be written and are kept in memory; more are dropped, and counted."""
 
 SEGMENTS = 4
 """Compiled stacks whose ticks are kept at a time; a change of stack begins another."""
@@ -61,7 +68,8 @@ class Recorder:
 
     ticks: how many are kept.  on: when a file is written, "not optimal", "not solved", "held", "noted", "never", or a
     function of the tick; the next file comes ``ticks`` ticks later at the earliest.  to: a folder.  files: what was
-    written.  Raises DeclarationError for a number of ticks that is none, or an unknown name.
+    written.  Where a file cannot be written, its ticks are kept, a note of every tick says so, and so does ``wait``.
+    Raises DeclarationError for a number of ticks that is none, an unknown name, or a folder that cannot be made.
     """
 
     def __init__(self, session: Session, ticks: int, on: str | Callable[[Tick], bool], to: str | Path) -> None:
@@ -72,7 +80,10 @@ class Recorder:
         if not callable(on) and on not in TRIGGERS:
             raise DeclarationError("record", "unknown trigger", value=on, allowed=", ".join(TRIGGERS))
         self.ticks, self.folder, self.files = ticks, Path(to), list[Path]()
-        self.folder.mkdir(parents=True, exist_ok=True)
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise DeclarationError("record", f"no such folder can be made: {error}", value=str(to)) from error
         self._optimal = on == "not optimal"
         self._trigger: Callable[[Tick], bool] = on if callable(on) else TRIGGERS[on]
         self._about = about(session)
@@ -82,6 +93,8 @@ class Recorder:
         self._segment: Segment | None = None
         self._quiet = 0
         self._threads: list[threading.Thread] = []
+        self._unwritten: list[_Unwritten] = []
+        self._dropped = 0
         self._begin(session.program)
         assert self._segment is not None
         self._spare.append(bytearray(len(self._segment.ring)))  # for the ticks while a file is written
@@ -112,38 +125,75 @@ class Recorder:
             self._quiet -= 1
         elif (not self._optimal or tick.status is not Status.OPTIMAL) and self._trigger(tick):
             self.dump()
+        if self._unwritten:
+            tick.add(Note("recorder", tick.status, self._told()))
 
     def dump(self) -> None:
-        """Write what is there to a file, in a thread; the ring begins anew."""
-        from hqp.recorder.files import write
-
+        """Write what is there to a file, in a thread; the ring begins anew.  Without a tick there is nothing to do."""
         segments, self._segments = self._segments, []
         last = segments[-1]
         assert self._segment is last
         self._begin(last.program)
+        entry = last.entries[(last.count - 1) % last.ticks] or next((s.entries[0] for s in segments if s.count), None)
+        if entry is None:
+            return
         self._quiet = self.ticks
         stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime())
-        entry = last.entries[(last.count - 1) % last.ticks]
-        count = 0 if entry is None else entry[0]._count
-        path = self.folder / f"{self._robot.name}_{stamp}_{count}.npz"
-
-        def work() -> None:
-            write(path, self._about, segments, self.ticks, self._robot)
-            self.files.append(path)
-            for segment in segments[-2:]:
-                segment.snapshots = None
-                segment.view.release()
-                self._spare.append(segment.ring)
-            del self._spare[:-2]
-
-        thread = threading.Thread(target=work, name="hqp flight recorder")
+        path = self.folder / f"{self._robot.name}_{stamp}_{entry[0]._count}.npz"
+        thread = threading.Thread(target=self._write, args=(path, segments), name="hqp flight recorder")
         self._threads = [*(t for t in self._threads if t.is_alive()), thread]
         thread.start()
 
-    def wait(self) -> None:
-        """Until every file is written."""
+    def _write(self, path: Path, segments: list[Segment]) -> None:
+        """Write a file; ticks that could not be written are kept."""
+        from hqp.recorder.files import write
+
+        try:
+            self.files.append(write(path, self._about, segments, self.ticks, self._robot))
+        except Exception as error:  # a full disk, a folder that is gone, an element's own row names
+            LOG.warning("recording %s could not be written: %s", path, error)
+            if len(self._unwritten) < UNWRITTEN:
+                self._unwritten.append(_Unwritten(path, segments, f"{type(error).__name__}: {error}"))
+            else:
+                self._dropped += 1
+            return
+        for segment in segments[-2:]:
+            segment.snapshots = None
+            segment.view.release()
+            self._spare.append(segment.ring)
+        del self._spare[:-2]
+
+    def wait(self, to: str | Path | None = None) -> None:
+        """Until every file is written; what could not be written before is tried again, in the folder ``to`` if given.
+
+        Raises HqpError with files and reasons where that fails again; the ticks are kept for another ``wait``.
+        """
         for thread in self._threads:
             thread.join()
+        unwritten, self._unwritten = self._unwritten, []
+        for one in unwritten:
+            self._write(one.path if to is None else Path(to) / one.path.name, one.segments)
+        if self._unwritten:
+            raise HqpError(f"{self._told()}; wait(to=FOLDER) tries another folder")
+        if self._dropped:
+            dropped, self._dropped = self._dropped, 0
+            raise HqpError(f"{dropped} more recordings could not be written and were dropped")
+
+    def _told(self) -> str:
+        more = f", and {self._dropped} that were dropped" if self._dropped else ""
+        return "recordings could not be written: " + "; ".join(map(str, self._unwritten)) + more
+
+
+@dataclass(frozen=True)
+class _Unwritten:
+    """Ticks whose file could not be written, and why."""
+
+    path: Path
+    segments: list[Segment]
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.path} ({self.reason})"
 
 
 def robot_hash(robot: Robot) -> str:

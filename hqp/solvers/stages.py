@@ -75,6 +75,7 @@ class StagedWorkspace:
         ends = np.concatenate(([0], np.cumsum(shape.rows))).astype(int).tolist()
         self._parts = [slice(a, b) for a, b in pairwise(ends)]
         self._one_thread = OneThread()
+        self._last_x: Vec = np.zeros(shape.n)
         self._problem: Hierarchy | None = None
         self._has_prices = False
         self._remainders = dict[int, Remainder]()
@@ -84,6 +85,7 @@ class StagedWorkspace:
     def reset(self) -> None:
         """Forget the warm starts."""
         self._exact.reset()
+        self._last_x = np.zeros(self._shape.n)
         for workspace, _ in self._heads.values():
             workspace.reset()
         for remainder in self._remainders.values():
@@ -108,9 +110,19 @@ class StagedWorkspace:
         try:
             if not problem.readable:
                 problem = problem.copy()
-            return self._solved(problem)
+            return self._no_worse(problem, self._solved(problem))
         finally:
             self._one_thread.leave()
+
+    def _no_worse(self, problem: Hierarchy, solution: Solution) -> Solution:
+        """The solution; where it was cut, that of the last x if it is lexicographically better."""
+        if solution.status.cut:
+            x = problem.better(solution.x, self._last_x)
+            if x is not solution.x:
+                self._latest = None  # no multipliers
+                solution = finish(problem, x, solution.status, solution.stats, solution.detail, describe=self._describe)
+        self._last_x = solution.x.copy()  # a caller may write into what is given away
+        return solution
 
     def _solved(self, problem: Hierarchy) -> Solution:
         if self._problem is not problem:

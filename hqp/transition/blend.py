@@ -10,7 +10,7 @@ and Park (2012) for a task that comes or goes.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from functools import cached_property
 from itertools import accumulate, pairwise
@@ -20,8 +20,8 @@ import numpy as np
 
 from hqp.arrays import Index, Vec
 from hqp.element import Element
-from hqp.loop.outgoing import LARGEST_CHANGE, towards
-from hqp.reference import Reference
+from hqp.loop.outgoing import largest_change
+from hqp.reference import Reference, copied
 from hqp.stack import Stack
 from hqp.transition.easing import Easing, easing
 
@@ -38,8 +38,12 @@ if TYPE_CHECKING:
 STILL = 1e-9
 """Share of the largest change below which a command is the same in both stacks."""
 
-SLOWEST = 0.1
-"""Share of its pace that a transition keeps whatever the command does, so that it ends."""
+PATIENCE = 10.0
+"""A transition that has taken this many times its duration goes on at a pace of 1 / PATIENCE whatever the command
+does, so that it ends."""
+
+NEARLY = 1.0 - 1e-6
+"""How far a pair gets while its command is clipped."""
 
 
 def surviving(before: Stack, holds: Mapping[str, Reference], after: Stack) -> dict[str, Reference]:
@@ -80,13 +84,17 @@ class Transition:
         kind: str,
         *,
         ordinary: bool = False,
+        given: Iterable[Reference] = (),
     ) -> None:
-        """ordinary: whether the latest tick was, with every task within reach."""
+        """ordinary: whether the latest tick was, with every task within reach.  given: the references of that tick."""
+        self._given, self._kept = {reference.name: reference for reference in given}, dict[str, Reference]()
         self._sessions, self._path = list(sessions), list(path)
         self._spans = [0.0 if point.switch else 1.0 for point in self._path[:-1]]
         self._done = [0.0, *accumulate(self._spans)]
         self._pace = dt * sum(self._spans) / over
-        self._cap = LARGEST_CHANGE[kind]
+        self._left = PATIENCE * over / dt
+        self.cap = largest_change(kind, dt)
+        """Largest change of a command in a tick."""
         self._at, self._s = 0, 0.0
         self.released_rows = () if kind == "torque" else without_successor(path[0].stack, path[-1].stack)
         self._easings = [
@@ -110,7 +118,7 @@ class Transition:
     @property
     def done(self) -> bool:
         """Whether the last stack has taken over."""
-        return self._at == len(self._sessions) - 2 and self._s >= 1.0
+        return self.arriving and self._s >= 1.0
 
     @property
     def depth(self) -> int:
@@ -133,6 +141,27 @@ class Transition:
         inner = self._sessions[0]._transition
         return frozenset(found if inner is None else found | inner.names)
 
+    def outgoing(self, references: Iterable[Reference]) -> tuple[Reference, ...]:
+        """References of a stack on its way out: those of this tick, and the last one of elements that have none now."""
+        kept, given = self._kept, {reference.name: reference for reference in references}
+        for name, last in self._given.items():
+            if name not in given and last.finite:
+                kept[name] = copied(last)
+        for name in given:
+            kept.pop(name, None)
+        self._given = given
+        return (*given.values(), *kept.values())
+
+    @property
+    def last_references(self) -> tuple[Reference, ...]:
+        """Of the latest tick, and those kept from ticks before."""
+        return (*self._given.values(), *self._kept.values())
+
+    @property
+    def arriving(self) -> bool:
+        """Whether the second stack of the pair is the last one."""
+        return self._at == len(self._sessions) - 2
+
     def here(self, state: State, given: Sequence[str]) -> tuple[Reference, ...]:
         """References that hold a contact on its way out where it is, not where it was.  given: names that have one."""
         ease = self.ease
@@ -151,23 +180,26 @@ class Transition:
         """h that this tick comes to unless a command would change too fast.  wait: no further than before."""
         return smooth(self._s if wait else min(1.0, self._s + self._step))
 
-    def blend(self, a: Vec, b: Vec, last: Vec, joints: Index | slice, h: float, *, unfinished: bool = False) -> Vec:
-        """x of this tick: as far from a to b as h says, no further than the largest change allows.
-
-        joints: which entries of x are a command.  unfinished: a or b is the best point within the deadline, which may
-        lie anywhere; from the last x it is followed by the largest change at most.
-        """
+    def blend(self, a: Vec, b: Vec, last: Vec, joints: Index | slice, h: float) -> tuple[Vec, float]:
+        """x of this tick, and its largest change of a command: as far from a to b as h says, and as the largest change
+        allows where a point between the two does."""
         ease = self.ease
         weight, s = h if ease is None else ease.weight(h), inverse(h)
+        self._left -= s > self._s
         x, reach = between(a, b, last, weight, joints)
-        if reach > self._cap:
-            least = smooth(min(s, self._s + SLOWEST * self._pace))
+        if reach > self.cap:
+            least = smooth(min(s, self._s + (self._pace / PATIENCE if self._left < 0 else 0.0)))
             least = least if ease is None else ease.weight(least)
-            weight = max(least, self._fastest((a - last)[joints], (b - a)[joints], weight))
+            fastest = self._fastest((a - last)[joints], (b - a)[joints], weight)
+            weight = max(least, fastest) if fastest > 0.0 else weight
             s = inverse(weight if ease is None else ease.share(weight))
             x, reach = between(a, b, last, weight, joints)
         self._s = 1.0 if h >= 1.0 and weight >= 1.0 else max(self._s, s)
-        return towards(x, last, joints, self._cap) if unfinished else x
+        return x, reach
+
+    def clipped(self) -> None:
+        """What was sent is not the blend: a pair does not end there."""
+        self._s = min(self._s, NEARLY)
 
     @property
     def _step(self) -> float:
@@ -176,9 +208,9 @@ class Transition:
     def _fastest(self, start: Vec, difference: Vec, h: float) -> float:
         """The largest h below ``h`` for which |start + h difference| stays within the cap, 0 where there is none."""
         size = np.abs(difference)
-        moving = size > STILL * self._cap
+        moving = size > STILL * self.cap
         size, middle = size[moving], -start[moving] / difference[moving]
-        reach = self._cap / size
+        reach = self.cap / size
         low, high = float((middle - reach).max(initial=0.0)), float((middle + reach).min(initial=h))
         return high if low <= high else 0.0
 

@@ -19,7 +19,7 @@ from hqp.problem import Status
 from hqp.reference import Reference
 from hqp.robot import State
 from hqp.stack import Stack
-from hqp.tick import Note, Notes, Tick
+from hqp.tick import Note, Notes, Tick, added
 from hqp.transition.blend import Transition, surviving
 from hqp.transition.waypoints import Waypoint, bearing
 
@@ -50,9 +50,12 @@ def change(session: Session, stack: Stack, over: float) -> None:
         for each in sessions:  # each with rows and a solver of its own: ordinary ticks in one native call
             each._direct_known = False
         sessions[0]._direct, sessions[0]._direct_known = session._direct, session._direct is not None
+    named = session._named if session._transition is None else session._transition.last_references
     session._activate(compiled[-1], References(holds))
     kind = session.program.kind
-    session._transition = Transition(sessions, points, over, session.dt, kind, ordinary=ordinary) if over else None
+    session._transition = (
+        Transition(sessions, points, over, session.dt, kind, ordinary=ordinary, given=named) if over else None
+    )
 
 
 def path(session: Session, stack: Stack, over: float) -> list[Waypoint]:
@@ -93,36 +96,42 @@ def blended(
     # each keeps the last x of its own: limits that stand around it (a window on acceleration) then bound how fast
     # its answer moves, not how far it may be from the blend
     second._contacts = session._contacts
+    kept = transition.outgoing(references)
     here = transition.here(state, names) if transition.released_rows else ()
-    ease, asked = transition.ease, (*references, *here)
+    ease, asked = transition.ease, (*kept, *here)
+    arriving = references if transition.arriving else kept
     if ease is None or ease.second:
         a = beside(first, state, asked, now)
         waits = bearing(first.program, a.x, transition.released) if transition.released and not a.held else ()
         h = transition.target(wait=bool(waits))
         if ease is not None:
             ease.aim(a.x, h)
-        b = beside(second, state, references, now)
+        b = beside(second, state, arriving, now)
     else:
-        b = beside(second, state, references, now)
+        b = beside(second, state, arriving, now)
         waits, h = (), transition.target()
         ease.aim(b.x, h)
         a = beside(first, state, asked, now)
     session.count += 1
     if a.held or b.held:
-        return held(session, second, state, b if b.held else a)
-    last, unfinished = session._x, not (a.finished and b.finished)
-    x = transition.blend(a.x, b.x, last, session._joints, h, unfinished=unfinished)
+        return held(session, second, state, b if b.held else a, transition.progress)
+    last = session._x
+    x, reach = transition.blend(a.x, b.x, last, session._joints, h)
     told: Notes = ()
     status = Status.OPTIMAL
     if waits or type(a) is not OrdinaryTick or type(b) is not OrdinaryTick or a._noted or b._noted:
         told, status = notes_of(a, b, waits), Status.worst(a.status, b.status)
     if waits:  # the contact is still there: so are the dynamics of the first stack
         second, b, status = first, a, a.status
+    limited: tuple[Note, ...] = ()
+    if reach > transition.cap:
+        x, limited = within_rates(session._gradual, x, last, limited, second.program, "transition")
     if session._limiter is not None:
-        x, limited = within_rates(session._limiter, x, last, (), second.program)
-        if limited:
-            status = Status.worst(status, *(note.status for note in limited))
-            told = added(told, limited)
+        x, limited = within_rates(session._limiter, x, last, limited, second.program)
+    if limited:
+        transition.clipped()
+        status = Status.worst(status, *(note.status for note in limited))
+        told = added(told, limited)
     session._send(x)
     session._good, session._held = state, 0
     if isinstance(b, OrdinaryTick):
@@ -157,11 +166,12 @@ def begin(transition: Transition, first: Session, second: Session, state: State)
     second._direct_known = second._direct is not None  # else after a tick
 
 
-def held(session: Session, second: Session, state: State, worst: Tick) -> Tick:
+def held(session: Session, second: Session, state: State, worst: Tick, progress: float) -> Tick:
     """A tick in which one of the two stacks has no usable answer."""
     session._rest = second._rest  # of the contacts that the robot stands on now
     tick = held_tick(session, state, worst.solution, worst.notes, fit=worst.fit)
     tick.take_place_of(worst)
+    tick.transition = progress
     return tick
 
 
@@ -185,11 +195,6 @@ def unread(tick: Tick) -> Notes:
     return tick._noted if type(tick) is OrdinaryTick else tick._notes
 
 
-def added(notes: Notes, more: tuple[Note, ...]) -> Notes:
-    """Those notes and some more."""
-    return (lambda: (*notes(), *more)) if callable(notes) else (*notes, *more)
-
-
 def stop_easing(session: Session) -> None:
     """The native loop asks for all of every task again."""
     if session._direct is not None and session._ease is not None:
@@ -198,7 +203,6 @@ def stop_easing(session: Session) -> None:
 
 def finish(session: Session, first: Session, second: Session) -> None:
     """The second stack has taken over: the session goes on with what its twin has made ready."""
-    session._transition = None
     first._leave_direct()
     second._leave_direct()
     for each in (first, second):
@@ -207,6 +211,7 @@ def finish(session: Session, first: Session, second: Session) -> None:
     session._limits = second._limits
     if session._limiter is None:
         session._direct, session._direct_known = second._direct, second._direct is not None
+    session._transition = None  # last: an interrupt before it leaves a transition that is done
 
 
 def beside(session: Session, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:

@@ -136,7 +136,8 @@ def main() -> int:
     alive.set()
 
     def watch() -> None:
-        sys.stdin.buffer.read()  # ends with the process that started this one
+        while os.read(sys.stdin.fileno(), 4096):  # until the process that started this one ends; takes no lock
+            pass
         alive.clear()
 
     threading.Thread(target=watch, daemon=True).start()
@@ -148,7 +149,3 @@ def main() -> int:
         return 1
     server.run(alive)
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -22,6 +22,7 @@ SAME = {
     ("solver/table.hpp", "kGraded"): "GRADED_ROWS",
     ("solver/lexicographic.hpp", "kActive"): "ACTIVITY_TOLERANCE",
     ("solver/lexicographic.hpp", "kViolated"): "VIOLATION_TOLERANCE",
+    ("solver/order.hpp", "kDiffer"): "VIOLATION_TOLERANCE",
     ("solver/problem.hpp", "rank_tolerance"): "RANK_TOLERANCE",
     ("solver/problem.hpp", "multiplier_tolerance"): "MULTIPLIER_TOLERANCE",
     ("solver/problem.hpp", "feasibility_tolerance"): "FEASIBILITY_TOLERANCE",

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import hqp
@@ -15,6 +16,7 @@ from hqp.errors import DeclarationError, ModelError
 from hqp.goals import native, reaching
 from hqp.goals.kept import Kept
 from hqp.goals.search import Search
+from hqp.robots import Robot
 from hqp.tasks import CollisionAvoidance, Com, FixedContact, JointLimits, Pose, Position, Posture
 
 TOOLS = {"ur5": ("tool0",), "panda": ("panda_hand_tcp",), "g1": ("left_wrist_yaw_link", "right_wrist_yaw_link")}
@@ -219,11 +221,24 @@ def test_native_descents_are_those_of_the_general_path(name: str, monkeypatch: p
             assert one.errors[key] == pytest.approx(error, abs=1e-5)
 
 
-@pytest.mark.parametrize("name", ["ur5", "panda", "cbi", "dreamer", "talos", "g1"])
+def every_joint() -> Robot:
+    """A free base with a joint of every kind that native kinematics know, one after the other."""
+    model, joint = pin.Model(), 0
+    kinds = (pin.JointModelFreeFlyer(), pin.JointModelSpherical(), pin.JointModelRUBY(), pin.JointModelPX(),
+             pin.JointModelSpherical(), pin.JointModelRevoluteUnaligned(np.array([0.6, 0.0, 0.8])))  # fmt: skip
+    for k, kind in enumerate(kinds):
+        joint = model.addJoint(joint, kind, pin.SE3(pin.utils.rotate("x", 0.3), np.array([0.1, 0.2, 0.3])), f"j{k}")
+        model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+        model.addFrame(pin.Frame(f"f{k}", joint, 0, pin.SE3(np.eye(3), np.array([0.0, 0.1, 0.0])), pin.FrameType.BODY))
+    model.lowerPositionLimit, model.upperPositionLimit = -np.ones(model.nq), np.ones(model.nq)
+    return Robot(model, name="every joint")
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "cbi", "dreamer", "talos", "g1", "every joint"])
 def test_native_kinematics_are_pinocchios(name: str) -> None:
     """Placements, twists and integration, at random configurations."""
-    robot, rng = hqp.robots.load(name), np.random.default_rng(2)
-    frames = [f for f in robot.frame_names if f != "universe"][::7]
+    robot, rng = every_joint() if name == "every joint" else hqp.robots.load(name), np.random.default_rng(2)
+    frames = [f for f in robot.frame_names if f != "universe"][:: 7 if name in hqp.robots.names() else 1]
     views = [robot.placement(robot.frame(f)) for f in frames]
     bodies = [placement for *_, placement in robot.bodies]
     joints = robot.tree_joints

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -84,6 +86,28 @@ def test_the_page_is_whole_in_itself(result: Bench, tmp_path: Path) -> None:
     html = result.html(tmp_path / "report.html").read_text()
     assert "Residual of every level" in html
     assert not re.search(r'<(script|link)[^>]+(src|href)="http', html)
+    prose = re.sub(r"<script.*?</script>", "", html, flags=re.DOTALL)
+    assert "{" not in re.sub(r"<style>.*?</style>", "", prose, flags=re.DOTALL)  # no dictionary as Python prints it
+    assert max(row.count("<th>") for row in re.findall(r"<tr>.*?</tr>", prose)) <= 10  # fits on the page
+    assert {"over limit", "reversals/s"} <= set(re.findall(r"<th>(.*?)</th>", prose))
+
+
+def test_what_misses_its_goal_is_marked(result: Bench, tmp_path: Path) -> None:
+    own = result["lexicographic"]
+    good = replace(own, p50_us=9.0, p95_us=10.0, p99_us=11.0, max_us=12.0, misses=0, reversals=5.0, drift=0.0, over=0.0)
+    assert good.missed(2000.0) == frozenset()
+    for name, field, value in (
+        ("p99", "p99_us", 2001.0), ("missed", "misses", 1), ("certified", "certified", 0.99),
+        ("reversals/s", "reversals", 6.0), ("drift mm", "drift", 2e-4), ("over limit", "over", 1e-3),
+        ("status", "statuses", {"OPTIMAL": 9, "TIME_LIMIT": 1}),
+    ):  # fmt: skip
+        assert replace(good, **{field: value}).missed(2000.0) == {name}
+    late = Bench(result.manifest, (replace(good, reversals=40.0), replace(good, solver="calm")))
+    marked, plain = (dict(zip(late.header(), row, strict=True)) for row in late.cells())
+    assert (marked["reversals/s"], plain["reversals/s"]) == ("40 !", "5")
+    assert not any(cell.endswith("!") for cell in plain.values())
+    if find_spec("plotly"):
+        assert late.html(tmp_path / "late.html").read_text().count('<td class="missed">') == 1
 
 
 def test_parquet_holds_every_tick(result: Bench, tmp_path: Path) -> None:

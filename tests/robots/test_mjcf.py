@@ -76,6 +76,22 @@ def test_mobile_arm_is_taken_over() -> None:
     assert {g.name for g in robot.geometry.geometryObjects} >= {"floor", "cube", "upper", "door"}
 
 
+def test_a_keyframe_is_a_configuration_by_name() -> None:
+    robot = hqp.robots.load(DATA / "mobile_arm.xml")
+    reach = robot.configuration("reach")
+    np.testing.assert_array_equal(reach, robot.configurations["reach"])
+    reach[:] = 99.0
+    assert np.all(robot.configuration("reach") != 99.0)
+    with pytest.raises(ModelError, match=r"mobile_arm has no configuration 'stnd'; closest: stand"):
+        robot.configuration("stnd")
+    with pytest.raises(DeclarationError, match=rf"shape \(3,\).*allowed: \({robot.nv},\), or a name"):
+        robot.configuration(np.zeros(3))
+    with pytest.raises(DeclarationError, match="no angles"):
+        robot.configuration(["a"])
+    with pytest.raises(ModelError, match="no configuration 'stand'; closest: none at all"):
+        hqp.robots.load("cbi").configuration("stand")
+
+
 GEARED = """<mujoco model="geared"><worldbody><body name="link"><joint name="turn" axis="0 1 0"/>
 <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02"/></body></worldbody><actuator>{}</actuator></mujoco>"""
 

@@ -115,7 +115,7 @@ class Oracle:
             low, high = np.where(equal, y, np.minimum(rows.lower, y)), np.where(equal, y, np.maximum(rows.upper, y))
             part = np.where(equal, 1.0, np.abs(w) / size)[asks, None] * A[asks]
             t = 0.0 if problem.turning is None else float(problem.turning[k])
-            turning = np.sqrt(t * size) * np.linalg.norm(part @ np.linalg.pinv(self._F(), rcond=1e-7), axis=0)
+            turning = np.sqrt(t) * size * np.linalg.norm(part @ np.linalg.pinv(self._F(), rcond=1e-7), axis=0)
             self.unmet.append((Rows(A[asks], low[asks], high[asks]), problem.eta * size, turning, x))
         else:
             equal = rows.lower == rows.upper

@@ -13,8 +13,10 @@ import pytest
 from scipy.spatial import ConvexHull
 
 import hqp
+import hqp.assembly
 import hqp.robots
 from hqp import PD, Level, P, Stack, shapes
+from hqp.assembly import Assembly
 from hqp.errors import DeclarationError, ModelWarning
 from hqp.shapes import LinkCapsule
 from hqp.tasks import CollisionAvoidance, Com, FixedContact, JointLimits, Orientation, Position, Posture, distances
@@ -282,6 +284,25 @@ def test_a_pair_keeps_its_slot_and_the_nearest_have_one() -> None:
         if before is not None:
             assert all(before[pair] == k for pair, k in held.items() if pair in before)
         before = held
+
+
+def test_native_rows_give_the_nearest_pairs_their_slots_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two slots for four posts on the ball's way: a pair that comes near takes that of the farthest."""
+    robot, world = ball_on_rails()
+    element = CollisionAvoidance(pairs="world", world=world, influence=1.5, slots=2)
+    laws, made = {element.name: P(1.0)}, []
+    for native in (True, False):
+        if not native:
+            monkeypatch.setattr(hqp.assembly, "native", None)
+        made.append(Assembly([element], [], robot, 0.002, laws))
+    for x in [*np.linspace(-1.0, 1.0, 101), *np.linspace(1.0, -1.0, 101)]:
+        state = robot.state(np.array([x, 0.0]), np.array([0.3, 0.1]))
+        for rows in made:
+            rows.fill(state, {element.name: element.hold(state)}, ())
+        order = [np.lexsort(np.column_stack([rows.lower, rows.J]).T) for rows in made]  # of slots: anyone's
+        for what in ("J", "lower"):
+            fast, slow = (getattr(rows, what)[i] for rows, i in zip(made, order, strict=True))
+            np.testing.assert_allclose(fast, slow, atol=1e-9, err_msg=f"{what} at {x:.2f}")
 
 
 def ball_on_rails() -> tuple[Any, tuple[shapes.Shape, ...]]:

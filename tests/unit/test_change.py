@@ -16,8 +16,7 @@ from hqp import PD, Level, P, Stack, Status
 from hqp.arguments import formulation
 from hqp.errors import DeclarationError, FrameNotFound, ModelError
 from hqp.loop import compiled
-from hqp.loop.ordinary import OrdinaryTick
-from hqp.loop.outgoing import LARGEST_CHANGE
+from hqp.loop.outgoing import largest_change
 from hqp.recorder import load as load_recording
 from hqp.robots import Robot
 from hqp.tasks import (
@@ -31,7 +30,6 @@ from hqp.tasks import (
     TorqueLimits,
     UnilateralContact,
 )
-from hqp.tick import Tick
 from hqp.transition.blend import Transition, inverse, smooth
 from hqp.transition.waypoints import Waypoint, bearing, path, unloaded
 from hqp.viewer.session_view import View
@@ -196,7 +194,7 @@ def test_a_transition_slows_down_rather_than_jump() -> None:
     transition = Transition([None, None], way, 0.02, DT, "velocity")  # type: ignore[list-item]
     a, b, x, changes = np.zeros(2), np.array([0.5, -0.4]), np.zeros(2), []
     while not transition.done:
-        new = transition.blend(a, b, x, np.arange(2), transition.target())
+        new, _ = transition.blend(a, b, x, np.arange(2), transition.target())
         changes.append(float(np.abs(new - x).max()))
         x = new
         assert len(changes) < 100
@@ -218,33 +216,30 @@ def test_no_tick_of_a_transition_jumps(name: str, level: str) -> None:
         assert change.calm, str(change)
         assert 0.25 / DT <= change.ticks <= 250, str(change)
         assert not change.notes
-        if change.event != "swap" and 1.2 * change.before < LARGEST_CHANGE[level]:
+        if change.event != "swap" and change.before < largest_change(level, DT):
             assert change.abrupt > 3.0 * change.during, str(change)  # without easing it would have been felt
 
 
 def test_a_heavy_foot_is_released_without_a_jump() -> None:
     """CBi fell by it: 432 N m, where the torque that holds a foot on the ground was sent to a foot in the air."""
     (change,) = measure(hqp.robots.load("cbi"), "torque", ["release"])
-    assert change.during <= 3.0, str(change)
+    assert change.during <= 1.0 + 1e-9, str(change)
     assert change.after <= 3.0, str(change)
 
 
-@pytest.mark.parametrize("finished", [True, False])
-def test_an_answer_that_was_stopped_is_followed_by_the_largest_change_at_most(
-    robot: Robot, finished: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """CBi jumped by 14.6 N m where one of its two stacks was stopped at the deadline: such an answer lies anywhere."""
+def test_a_kick_in_a_transition_is_followed_by_the_largest_change_at_most(robot: Robot) -> None:
     whole = stack(robot, "torque")
     loop = Loop(robot, whole, "torque")
     loop.shift(300)
     loop.run.change(lifted(whole, robot), 0.1)
     loop.go(5, loop.goals(1.0))
-    for kind in (Tick, OrdinaryTick):
-        monkeypatch.setattr(kind, "finished", property(lambda tick: finished))
     kicked = robot.state(loop.q, loop.v + 0.05 * np.sin(np.arange(robot.nv)))
     tick = loop.run.step(kicked, *loop.goals(1.0))
-    largest = np.abs(tick.command - loop.ticks[-1].command).max()
-    assert largest > 2.0 if finished else largest <= LARGEST_CHANGE["torque"] * (1.0 + 1e-9)
+    most = largest_change("torque", DT)
+    assert np.abs(tick.command - loop.ticks[-1].command).max() == pytest.approx(most, rel=1e-9)
+    assert tick.transition < 1.0
+    (note,) = [note for note in tick.notes if note.element == "transitions"]
+    assert "allowed 500/s" in note.detail
 
 
 def on_small_soles(robot: Robot) -> Stack:
@@ -393,9 +388,9 @@ def test_levels_above_a_change_do_not_notice_it(robot: Robot, level: str) -> Non
     loop = Loop(robot, before, level)
     goals = [Com(name="com").at(loop.com + [0.01, 0.01, 0.0])]
     loop.go(50, goals)
-    loop.run.change(after, 0.1)
+    loop.run.change(after, 0.25)
     hand = Position(frame=robot.landmarks["palms"][1], name="hand").at(loop.hand)
-    for _ in range(60):
+    for _ in range(130):
         (tick,) = loop.go(1, [*goals, hand])
         problem = loop.run.problem
         if tick.transition < 1.0:
@@ -432,8 +427,8 @@ def test_references_of_either_stack_are_taken_in_a_transition(robot: Robot) -> N
     run.step(state, goal)
     run.change(whole.without("hand"), 0.01)
     assert run.step(robot.state(), goal).transition < 1.0
-    for _ in range(10):
-        run.step(robot.state())
+    while run.step(robot.state()).transition < 1.0:
+        assert run.count < 100
     with pytest.raises(hqp.errors.UnknownReference):
         run.step(robot.state(), goal)
 
@@ -451,10 +446,7 @@ def test_a_change_within_a_change_is_continuous_too(robot: Robot) -> None:
     loop.run.change(whole.without("hand"), 0.2)
     loop.go(250, [com])
     assert loop.run._transition is None
-    assert loop.changes[:68].max() <= LARGEST_CHANGE["velocity"] * (1.0 + 1e-9)
-    assert (
-        loop.changes.max() <= 50.0 * DT * 1.05
-    )  # the hand's reference ends with the last change: a step of its target
+    assert loop.changes[19:].max() <= largest_change("velocity", DT) * (1.0 + 1e-9)
 
 
 def test_a_bad_state_in_a_transition_comes_to_rest(robot: Robot) -> None:

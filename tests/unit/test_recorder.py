@@ -206,6 +206,77 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
             run.record(to=tmp_path, **wrong)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("blended", [False, True])
+def test_a_folder_that_is_gone_is_told_and_its_ticks_are_kept(tmp_path: Path, blended: bool) -> None:
+    robot, run, hand = make(hqp.Velocity(), "g1")
+    folder = tmp_path / "gone"
+    recorder = run.record(ticks=5, on="never", to=folder)
+    seen = drive(robot, run, hand, 5)
+    folder.rmdir()
+    recorder.dump()
+    recorder._threads[0].join()
+    if blended:
+        run.change(run.stack.without("com"), over=0.2)
+    (tick, _) = drive(robot, run, hand, 3)[-1]
+    note = next(note for note in tick.notes if note.element == "recorder")
+    assert "could not be written" in note.detail
+    assert str(folder) in note.detail
+    with pytest.raises(HqpError, match=rf"{folder}.*No such file"):
+        recorder.wait()
+    with pytest.raises(HqpError, match="another folder"):
+        recorder.wait(to=tmp_path / "gone as well")
+    recorder.wait(to=tmp_path)
+    found = load(recorder.files[0])
+    assert [np.array_equal(a.q, b.state.q) for a, (b, _) in zip(found, seen, strict=True)] == [True] * 5
+    assert not any(note.element == "recorder" for note in drive(robot, run, hand, 1)[0][0].notes)
+
+
+def test_a_full_disk_leaves_no_half_file_and_costs_bounded_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    robot, run, hand = make(hqp.Velocity(), "g1")
+    recorder = run.record(ticks=2, on="never", to=tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(np.lib.format, "write_array", full)
+        for _ in range(6):
+            drive(robot, run, hand, 1)
+            recorder.dump()
+            recorder._threads[-1].join()
+        assert list(tmp_path.iterdir()) == []
+        with pytest.raises(HqpError, match=r"No space left on device.*2 that were dropped"):
+            recorder.wait()
+    with pytest.raises(HqpError, match="2 more recordings could not be written and were dropped"):
+        recorder.wait()
+    assert len(recorder.files) == 4
+    recorder.wait()
+
+
+def test_a_file_is_never_written_over(tmp_path: Path) -> None:
+    recorders = []
+    for _ in range(2):  # the same robot, the same count, the same second
+        robot, run, hand = make(hqp.Velocity(), "g1")
+        recorders.append(run.record(ticks=2, on="never", to=tmp_path))
+        drive(robot, run, hand, 2)
+    for recorder in recorders:
+        recorder.dump()
+        recorder.wait()
+    assert len(list(tmp_path.iterdir())) == 2
+    assert [len(load(path)) for recorder in recorders for path in recorder.files] == [2, 2]
+
+
+def test_without_a_tick_no_file_is_written(tmp_path: Path) -> None:
+    recorder = make(hqp.Velocity(), "g1")[1].record(to=tmp_path)
+    recorder.dump()
+    recorder.wait()
+    assert recorder.files == []
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(DeclarationError, match="no such folder can be made"):
+        make(hqp.Velocity(), "g1")[1].record(to=tmp_path / "file")
+
+
 def test_a_tick_pays_little_for_its_recording(tmp_path: Path) -> None:
     """One copy in C++: a few calls, as many for a tick of any size."""
     for name in ("talos", "cbi"):

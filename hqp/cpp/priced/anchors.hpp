@@ -1,6 +1,6 @@
 // What an unmet level a leaves to a level k below it (docs/calm.md): its rows stay near y_a = A_a x_a, and motion
 // beyond x_a costs by how long the columns of those rows are,
-//   ||v_a||^2 / (2 eta omega_a) + t_a omega_a / 2 sum_j d_aj^2 (F (x - x_a))_j^2,   d_aj = ||B_a A_a F^+ e_j||,
+//   ||v_a||^2 / (2 eta omega_a) + t_a omega_a^2 / 2 sum_j d_aj^2 (F (x - x_a))_j^2,   d_aj = ||B_a A_a F^+ e_j||,
 // v_a = A_a x - y_a for equalities, for inequalities what their slack grows by, B_a = diag(1 or |w_ai| / omega_a).
 // The second term only weighs the rows of F anew: with c E it is again a motion, of other numbers.
 #pragma once
@@ -18,12 +18,12 @@ inline namespace HQP_ISA {
 struct Anchor {
   int level = 0, first = 0;  // its first row among all rows
   double omega = 0.0;        // ||w_a||
-  double turning = 0.0;      // t_a omega_a
+  double turning = 0.0;      // t_a omega_a^2
   std::vector<char> held;    // (m,) rows that are anchored
   std::vector<double> low;   // (m,) where they cost nothing: y_ai, or from the lower to the upper bound and y_ai
   std::vector<double> high;
   std::vector<double> part;    // (m,) of B_a
-  std::vector<double> weight;  // (rows of F,) t_a omega_a d_aj^2
+  std::vector<double> weight;  // (rows of F,) t_a omega_a^2 d_aj^2
   std::vector<double> from;    // (rows of F,) F x_a
 };
 
@@ -71,7 +71,7 @@ class Motions {
   // The anchor of a level that ended unmet at x, its rows, what they are worth and how far they are off given.
   template <class Row>
   void complete(Anchor& anchor, double turning, const double* x, const Row& row_of) {
-    anchor.turning = turning * anchor.omega;
+    anchor.turning = turning * anchor.omega * anchor.omega;
     anchor.weight.assign(count_, 0.0);
     anchor.from.resize(count_);
     for (int j = 0; j < count_; ++j) anchor.from[j] = moved(j, x);

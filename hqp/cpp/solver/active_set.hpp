@@ -39,6 +39,7 @@ class ActiveSet {
     conditions_.layout(arena, n, total, most, count);
     level_search_.layout(arena, n, total);
     arena.place(from_, n);
+    arena.place(last_, n);
     arena.place(bound_, total);
   }
 
@@ -48,9 +49,10 @@ class ActiveSet {
     conditions_.wire(&problem_.table);
   }
 
-  // Begin without the last working set; plain: factorise every one in the next search.
+  // Begin without the last working set and the last point; plain: factorise every one in the next search.
   void forget(bool plain) {
     warm_ = false;
+    for (int i = 0; i < problem_.table.n; ++i) last_[i] = 0.0;
     problem_.updating = !plain;
   }
 
@@ -68,6 +70,8 @@ class ActiveSet {
       ended = descent_.run(exchange_.start);
     }
     if (!ended || (state.outcome <= Outcome::rank_uncertain && state.doubtful())) certify(ended);
+    if (state.outcome == Outcome::time_limit || state.outcome == Outcome::iteration_limit) take_better();
+    for (int i = 0; i < problem_.table.n; ++i) last_[i] = state.point.x[i];
     warm_ = true;
     problem_.updating = true;
   }
@@ -84,6 +88,7 @@ class ActiveSet {
   Judge judge_;
   LevelSearch level_search_;
   double* from_ = nullptr;   // (n,) another point to search from
+  double* last_ = nullptr;   // (n,) the last answer, zero where there is none
   double* bound_ = nullptr;  // (rows,) bounds while others stand in their place
   bool warm_ = false;
 
@@ -126,6 +131,20 @@ class ActiveSet {
     take_working_set();
     state.outcome = found ? Outcome::optimal : Outcome::not_certified;
     if (found && !(problem_.table.uneven && conditions_.closest >= SearchState::kDoubt)) doubt();
+  }
+
+  // Where a search was cut: the last answer, clipped into the box, if its point is not better than that.
+  void take_better() {
+    const Table& table = problem_.table;
+    Point& point = state.point;
+    for (int i = 0; i < table.n; ++i) from_[i] = table.inside_box(i, last_[i]);
+    table.product(point.x, point.v);
+    table.product(from_, bound_);
+    const auto now = [&](int k) { return table.outside(k, point.v); };
+    const auto before = [&](int k) { return table.outside(k, bound_); };
+    if (lexicographic_order(table.own_blocks(), now, before) <= 0) return;
+    for (int i = 0; i < table.n; ++i) point.x[i] = from_[i];
+    point.current = false;
   }
 
   bool search_from(const double* x) {

@@ -1,6 +1,7 @@
 // The first phase of a search: everything that is violated joins, everything of a wrong sign leaves, at once.
 #pragma once
 
+#include "order.hpp"
 #include "search_state.hpp"
 
 namespace hqp {
@@ -18,7 +19,6 @@ struct Start {
     set.layout(arena, n, rows);
     arena.place(x, n);
     arena.place(slack, blocks);
-    arena.place(now_, blocks);
   }
 
   void forget(int blocks) {
@@ -33,16 +33,11 @@ struct Start {
     const Table& table = problem.table;
     state.go_to_solution();
     table.product(state.point.x, state.point.v);
-    bool better = false;
     current = false;
-    for (int k = 0; k + 1 < table.blocks; ++k) {
-      now_[k] = table.outside(k, state.point.v);
-      const double same = kSame * (1.0 + smaller(now_[k], slack[k]));
-      if (!better && now_[k] > slack[k] + same) return;
-      better = better || now_[k] < slack[k] - same;
-    }
-    if (!better) return;
-    for (int k = 0; k + 1 < table.blocks; ++k) slack[k] = now_[k];
+    const auto now = [&](int k) { return table.outside(k, state.point.v); };
+    const auto best = [&](int k) { return slack[k]; };
+    if (lexicographic_order(table.blocks - 1, now, best) >= 0) return;
+    for (int k = 0; k + 1 < table.blocks; ++k) slack[k] = now(k);
     current = outside == 0 && state.iterations == 1;
     optimal = outside == 0 ? state.multipliers.highest() : 0;
     set.restore(table, problem.set);
@@ -55,10 +50,6 @@ struct Start {
       x[i] = state.point.x[i];
     }
   }
-
- private:
-  static constexpr double kSame = 1e-9;  // slacks nearer than this, relative to 1 + slack, are no progress
-  double* now_ = nullptr;
 };
 
 class BlockExchange {

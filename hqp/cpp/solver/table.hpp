@@ -117,6 +117,9 @@ struct Table {
     return s;
   }
 
+  // Blocks of the caller's levels; those after them choose among the optima.
+  int own_blocks() const { return blocks - 1 - has_metric; }
+
   bool bounded(int i) const { return lo[i] > -kInfinity || hi[i] < kInfinity; }
 
   // By how much a value of row r lies above its upper or, negative, below its lower bound.

@@ -1,0 +1,22 @@
+// The order of points that a hierarchy means: the first level whose norms differ decides.
+#pragma once
+
+#include "dense.hpp"
+
+namespace hqp {
+inline namespace HQP_ISA {
+
+constexpr double kDiffer = 1e-8;  // norms nearer than this, relative to 1 + the smaller, are the same
+
+// Of two points whose level k misses a(k) and b(k): -1 where the first is better, 1 where the second is, 0 for neither.
+template <class A, class B>
+int lexicographic_order(int levels, const A& a, const B& b) {
+  for (int k = 0; k < levels; ++k) {
+    const double first = a(k), second = b(k);
+    if (!(std::fabs(first - second) <= kDiffer * (1.0 + smaller(first, second)))) return first < second ? -1 : 1;
+  }
+  return 0;
+}
+
+}  // namespace HQP_ISA
+}  // namespace hqp

@@ -1,0 +1,98 @@
+"""A search that is cut gives the lexicographically better of its point and the last answer, clipped into the box."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hqp import Hierarchy, Rows, Selection, Status
+from hqp.solvers import lexicographic
+from hqp.solvers.lexicographic import Lexicographic
+from hqp.tolerances import VIOLATION_TOLERANCE
+from tests.solvers import fuzz
+
+if lexicographic.kernel() == "":
+    pytest.skip("built without the native kernel", allow_module_level=True)
+
+KINDS = ("plain", "conflicts", "vertex", "many_levels", "mixture")
+
+
+def is_worse(problem: Hierarchy, x: np.ndarray, last: np.ndarray) -> bool:
+    for new, old in zip(problem.slacks(x), problem.slacks(problem.boxed(last)), strict=True):
+        a, b = float(np.linalg.norm(new)), float(np.linalg.norm(old))
+        if abs(a - b) > VIOLATION_TOLERANCE * (1.0 + max(a, b)):
+            return a > b
+    return False
+
+
+def boxed(problem: Hierarchy, rng: np.random.Generator) -> Hierarchy:
+    """The problem below a box, as robots have it."""
+    n = problem.n
+    room = rng.uniform(0.2, 2.0, n)
+    return Hierarchy((Rows(Selection(np.arange(n)), -room, room), *problem.levels), constraints=1)
+
+
+def next_tick(problem: Hierarchy, rng: np.random.Generator) -> Hierarchy:
+    """Another one near it, whose last answer is no longer in the box."""
+    levels = []
+    for rows in problem.levels:
+        moved = rng.normal(0.0, 0.1, rows.m)
+        A: Any = rows.A
+        if not isinstance(A, Selection):
+            A = A + 0.02 * rng.normal(size=A.shape)
+        levels.append(Rows(A, rows.lower + moved, rows.upper + moved))
+    return replace(problem, levels=tuple(levels))
+
+
+def cut_answers(solver: Lexicographic, seconds: float, prices: float) -> tuple[int, int]:
+    """How many answers of loops were cut, and how many of these are worse than the last one."""
+    cut = worse = 0
+    for kind in KINDS:
+        for seed in range(4):
+            rng = np.random.default_rng(seed)
+            problem = boxed(fuzz.problem(kind, seed)[0], rng)
+            if prices:
+                problem = replace(problem, prices=np.array([0.0] + [prices] * (len(problem.levels) - 1)))
+            workspace = solver.workspace(problem.shape)
+            last = np.zeros(problem.n)
+            for k in range(8):
+                workspace.limit(seconds if k else 1e3)  # type: ignore[attr-defined]
+                solution = workspace.solve(problem)
+                if solution.status in (Status.TIME_LIMIT, Status.ITERATION_LIMIT):
+                    cut += 1
+                    worse += is_worse(problem, solution.x, last)
+                    told, own = (np.concatenate(w) for w in (solution.residuals, problem.slacks(solution.x)))
+                    np.testing.assert_allclose(told, own, rtol=0.0, atol=1e-9)
+                last = solution.x.copy()
+                solution.x[:] = np.nan  # the caller's own
+                problem = next_tick(problem, rng)
+    return cut, worse
+
+
+@pytest.mark.parametrize("prices", [0.0, 0.1], ids=["exact", "priced"])
+@pytest.mark.parametrize("most", [1, 3, 6])
+def test_after_too_many_iterations_no_answer_is_worse_than_the_last(most: int, prices: float) -> None:
+    cut, worse = cut_answers(Lexicographic(max_iterations=most), 1e3, prices)
+    assert cut > 20
+    assert worse == 0
+
+
+@pytest.mark.parametrize("prices", [0.0, 0.1], ids=["exact", "priced"])
+def test_after_the_deadline_no_answer_is_worse_than_the_last(prices: float) -> None:
+    for seconds in (1e-6, 2e-5, 5e-5):
+        cut, worse = cut_answers(Lexicographic(), seconds, prices)
+        assert worse == 0
+        assert cut > 0 or seconds > 1e-6
+
+
+def test_a_workspace_that_forgot_compares_with_rest() -> None:
+    rng = np.random.default_rng(0)
+    problem = boxed(fuzz.problem("conflicts", 1)[0], rng)
+    workspace = Lexicographic(max_iterations=1).workspace(problem.shape)
+    for _ in range(3):
+        solution = workspace.solve(problem)
+        assert not is_worse(problem, solution.x, np.zeros(problem.n))
+        workspace.reset()
