@@ -160,7 +160,6 @@ def _shapes(pattern: dict[str, Any], n: int, where: str) -> Sequence[tuple[int, 
     for name, shape in (("metric", (n, n)), ("origin", (n,))):
         if take(pattern, name, bool, where):
             found.append(shape)
-    take(pattern, "guard", bool, where)
     if pattern.get("motion") is not None:
         motion = take(pattern, "motion", dict, where)
         F = tuple(_integers(motion, "F", f"{where}.motion"))
