@@ -25,8 +25,7 @@ The first term lets a unit of force from below move what the level gave by eta o
 as omega_a falls to 0.  The second slows what lies below in the joints that turn the rows of the level, beyond what the
 level does itself; it vanishes with omega_a.  While every priced level is met R = 0.
 
-The answer is the completion's choice (metric, origin, least norm) among the points of S_p at which anchored rows are as
-at the last stage point.
+The answer is x_p; where its argmin is not unique the completion (metric, origin, least norm) chooses among its points.
 """
 
 from __future__ import annotations
@@ -43,6 +42,10 @@ from hqp.tolerances import FLAT_TOLERANCE, MET_TOLERANCE
 
 RESTING = 1e-4
 """Of x's largest entry: what an entry counts for at least in the size of a row's terms."""
+
+
+UNNAMED = np.zeros(0, dtype=np.intp)
+"""Places of rows that are no rows of a level."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,7 +127,7 @@ class Anchor:
 class Above:
     """What the levels solved so far hand down: S as hard rows, and R as a sum of anchors.
 
-    places: of the hard rows among all rows of the hierarchy.
+    places: of the hard rows among all rows of the hierarchy, -1 for rows of none.
     """
 
     hard: Rows
@@ -157,13 +160,18 @@ class Above:
     def with_rows(self, rows: Rows, places: Index) -> Above:
         """With more hard rows."""
         hard = stack_rows([self.hard, rows], self.hard.A.shape[1])  # type: ignore[union-attr]
-        return Above(hard, self.anchors, np.concatenate([self.places, places]))
+        named = places if places.size == rows.m else np.full(rows.m, -1)
+        return Above(hard, self.anchors, np.concatenate([self.places, named]))
 
-    def completed(self, x: Vec) -> Above:
-        """Below the last level, whose stage ended at x: anchored rows keep the value that they have there."""
+    def completed(self, x: Vec, priced: bool, at: Coordinates) -> Above:
+        """Below the last level, whose stage ended at x: R keeps its value, and E where that level has a price."""
         below = replace(self, anchors=())
         for anchor in self.anchors:
-            below = below.with_rows(kept(anchor.rows, x), anchor.places)
+            turned = Rows(anchor.turning, anchor.turning @ x, anchor.turning @ x)
+            below = below.with_rows(kept(anchor.rows, x), anchor.places).with_rows(turned, UNNAMED)
+        if self.anchors and priced:
+            F = np.diag(at.F) if at.F.ndim == 1 else at.F
+            below = below.with_rows(Rows(F, F @ x, F @ x), UNNAMED)
         return below
 
 

@@ -66,15 +66,20 @@ class Walk:
 
     def below(self) -> Judge:
         """The judge of the completion, after the last stage."""
-        return _judge(self._above.completed(self._last), Coordinates.of(None, self._x.size), self._x, self._tolerance)
+        return _judge(self._completed(), Coordinates.of(None, self._x.size), self._x, self._tolerance)
 
     def outside(self, x: Vec) -> Vec:
         """How far x is from the rows that each level handed down, ``(levels,)``, relative to their terms."""
-        below = self._above.completed(self._last)
+        below = self._completed()
         ends = np.cumsum([rows.m for rows in self._problem.levels])
         found = np.zeros(ends.size)
-        np.maximum.at(found, np.searchsorted(ends, below.places, side="right"), _outside(below.hard, x))
+        named = below.places >= 0
+        np.maximum.at(found, np.searchsorted(ends, below.places[named], side="right"), _outside(below.hard, x)[named])
         return found
+
+    def _completed(self) -> Above:
+        priced = self._problem.priced
+        return self._above.completed(self._last, bool(priced) and priced[-1], self._at)
 
     def _priced(self, k: int, rows: Rows, price: float) -> Stage:
         point = self._known[k]

@@ -25,7 +25,7 @@ from hqp.arrays import Mask, Mat, Vec, longest_row, row_lengths
 from hqp.certify import certificate
 from hqp.nnls import nonnegative_least_squares
 from hqp.null_directions import without_rounding
-from hqp.pricing import Above, Coordinates, at_optimum, level_size, stack_rows
+from hqp.pricing import UNNAMED, Above, Coordinates, at_optimum, level_size, stack_rows
 from hqp.problem import Hierarchy, Rows, Shape, Solution, Stats, Status
 from hqp.solvers.base import Solver, check_fields, finish
 from hqp.solvers.completion import completion
@@ -37,9 +37,6 @@ HELD, ALONG = 1e-11, 1e-9
 
 OPTIMAL, FLAT = 1e-13, 1e-9
 """Relative residual of the optimality conditions of an optimal point, and of one whose last step lowered nothing."""
-
-NOWHERE = np.zeros(0, dtype=np.intp)
-"""Places of rows that no verdict names."""
 
 ROOT = 1e-12
 """m is found to this relative accuracy."""
@@ -121,10 +118,11 @@ class _Run:
             price = 0.0 if problem.prices is None else float(problem.prices[k])
             points.append(self.level(rows, above, points[-1], price))
             above = above.after(problem, k, points[-1], self._at)
-        above, x = above.completed(points[-1]), points[-1]
+        x = points[-1]
+        above = above.completed(x, bool(problem.priced) and problem.priced[-1], self._at)
         for rows in completion(problem):
             x = self.level(rows, above, x, 0.0)
-            above = above.with_rows(at_optimum(rows, x), NOWHERE)
+            above = above.with_rows(at_optimum(rows, x), UNNAMED)
         return np.array([*points[1:], x])
 
     def level(self, rows: Rows, above: Above, x: Vec, price: float) -> Vec:
@@ -147,7 +145,7 @@ class _Run:
         if _root(unmet, max(MET_TOLERANCE * level_size(rows, x), 1e-300)) is not None:
             return point
         x = self._search(rows, replace(above, anchors=()), x, 1.0)
-        met = above.with_rows(at_optimum(rows, x), NOWHERE)
+        met = above.with_rows(at_optimum(rows, x), UNNAMED)
         nothing = Rows(np.zeros((0, x.size)), np.zeros(0), np.zeros(0))
         return self._search(nothing, met, x, 1.0, price)
 

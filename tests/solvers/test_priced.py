@@ -91,7 +91,7 @@ def as_stored(seed: int, dense: bool, mixed: bool, unit: float) -> Hierarchy:
         ),
         constraints=1,
         prices=unit * np.array([0.0, 0.05, 0.05, 0.0]),
-        turning=np.array([0.0, 200.0, 200.0, 0.0]) / unit**2,
+        turning=np.array([0.0, 200.0, 200.0, 0.0]) / unit**3,
     )
 
 
