@@ -10,9 +10,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from tests.browser.chromium import arrow, drag, shoot, tab_at, wait_for
+from tests.browser.chromium import SCENE, arrow, drag, picture, settle, shoot, tab_at, wait_for
 
 ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.browser
@@ -33,15 +34,36 @@ def command(*arguments: str) -> Iterator[Any]:
             process.terminate()
 
 
-def test_the_example_is_dragged_without_a_reference() -> None:
-    with command("examples/g1.toml", "--robot", "g1") as tab:
-        wait_for(tab, "every contact and every limit holds")
-        assert "gives way" not in tab.inner_text("body")
-        shoot(tab, "command")
-        x, y = arrow(tab)  # of the hand, the only target that moves along z
-        drag(tab, x, y, 0, -60)
-        wait_for(tab, "Every target is reached; posture gives way")
-        shoot(tab, "command_dragged")
-        tab.click("text=Give targets back")
-        wait_for(tab, "No one: every level is met")
-        assert arrow(tab) == pytest.approx((x, y), abs=3), "the handle is not back where the task is held"
+@pytest.fixture(scope="module")
+def tab() -> Iterator[Any]:
+    """The page of the example that README names."""
+    with command("examples/g1.toml", "--robot", "g1") as found:
+        yield found
+
+
+def test_the_example_is_dragged_without_a_reference(tab: Any) -> None:
+    wait_for(tab, "every contact and every limit holds")
+    assert "gives way" not in tab.inner_text("body")
+    x, y = arrow(tab)  # of the hand, the only target that moves along z
+    shoot(tab, "command")
+    drag(tab, x, y, 0, -60)
+    wait_for(tab, "Every target is reached; posture gives way")
+    shoot(tab, "command_dragged")
+    tab.click("text=Give targets back")
+    wait_for(tab, "No one: every level is met")
+    assert arrow(tab) == pytest.approx((x, y), abs=3), "the handle is not back where the task is held"
+
+
+def test_no_note_of_visers_covers_the_headline(tab: Any) -> None:
+    headline = tab.locator("text=Every target is reached").first.bounding_box()
+    for note in tab.locator(".mantine-Notification-root").all():
+        assert note.bounding_box()["y"] > headline["y"] + 300
+
+
+def test_nobody_looks_from_below_the_floor(tab: Any) -> None:
+    """The floor's lines stay at the bottom of the picture when the scene is turned up; from below they are at its top."""
+    drag(tab, 900, 800, 0, -450)
+    settle(tab)
+    shoot(tab, "floor")
+    lines = np.any(picture(tab)[SCENE] < 245, axis=2)[:, 700:].mean(axis=1)
+    assert lines[-100:].mean() > 10.0 * lines[:100].mean()

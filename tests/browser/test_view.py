@@ -103,6 +103,10 @@ def test_at_a_limit(page: tuple[Loop, Any]) -> None:
     wait_for(tab, "end of its range")
     tab.wait_for_timeout(6_000)
     shoot(tab, "at_a_limit")
+    drag(tab, *arrow(tab), 0, 15)  # the target, above 2 m, is below the headline and not behind it
+    tab.wait_for_timeout(1_000)
+    assert "right_hand" in loop.view._dragged
+    tab.click("text=Give targets back")
 
 
 def test_in_collision(page: tuple[Loop, Any]) -> None:
