@@ -130,9 +130,14 @@ def _move(client: Any, position: Vec, look_at: Vec) -> None:
 
 
 def _lift(client: Any) -> None:
-    """Keep a camera above the floor and what it turns about not below it."""
+    """Keep a camera above the floor, at its distance of what it turns about, and that not below the floor either."""
     camera = client.camera
     position, look_at = np.array(camera.position), np.array(camera.look_at)
-    if position[2] < LOWEST or look_at[2] < 0.0:
-        position[2], look_at[2] = max(position[2], LOWEST), max(look_at[2], 0.0)
-        _move(client, position, look_at)
+    if position[2] >= LOWEST and look_at[2] >= 0.0:
+        return
+    distance = float(np.linalg.norm(position - look_at))
+    position[2], look_at[2] = max(position[2], LOWEST), max(look_at[2], 0.0)
+    way = position[:2] - look_at[:2]
+    across = math.sqrt(max(distance**2 - (position[2] - look_at[2]) ** 2, 0.01))
+    position[:2] = look_at[:2] + across * way / max(float(np.linalg.norm(way)), 1e-6)
+    _move(client, position, look_at)

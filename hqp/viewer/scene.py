@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -18,6 +19,9 @@ _GREEN, _RED, _BLUE = (26, 143, 76), (207, 42, 42), (22, 104, 199)
 _NO_LINE = np.zeros((1, 2, 3))
 _NEWTONS = 0.0012
 """Length of an arrow a newton [m/N]."""
+
+HELD = 1.0
+"""After its last motion a handle counts as held for so long [s]."""
 
 
 class Scene:
@@ -149,6 +153,11 @@ class Scene:
     def targets(self) -> Mat:
         """Where targets are ``(k, 3)`` [m]."""
         return np.array([h.there for h in self.handles if h.there is not None]).reshape(-1, 3)
+
+    @property
+    def in_hand(self) -> bool:
+        """Whether a target is being dragged."""
+        return any(time.monotonic() - handle.touched < HELD for handle in self.handles)
 
     def outline(self) -> Mat:
         """Points around the robot ``(k, 3)`` [m]: corners of boxes around its bodies, origins without shapes."""

@@ -93,7 +93,7 @@ class Server:
             if self._history.latest is not None and np.isfinite(self._history.part(0)).all():
                 motion = np.nan_to_num(self._history.part(1))
                 self._errors = self._scene.update(self._history.part(0), motion, self._forces)
-                if start >= looked:
+                if start >= looked and not self._scene.in_hand:  # no picture moves under a hand
                     looked = start + PERIOD
                     self._cameras.update(self._scene.outline(), self._scene.targets())
                 if start >= due and self._snapshot is not None:

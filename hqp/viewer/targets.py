@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ _ORANGE = (217, 122, 0)
 class Handle:
     """One target; where it can be dragged, the place goes into the channel in the task's own coordinates.
 
-    there: where it is in the world [m], None before that is known.
+    there: where it is in the world [m], None before that is known.  touched: when it was dragged last [s].
     """
 
     def __init__(self, server: Any, channel: Channel, index: int, target: Target, robot: Any, drag: bool) -> None:
@@ -27,6 +28,7 @@ class Handle:
         self._channel, self.place = channel, KINDS[target.kind](target, robot)
         self._dragged = self._moved = self._shown = False
         self.there: Vec | None = None
+        self.touched = 0.0
         scene, name = server.scene, f"/targets/{target.name}"
         if drag:
             self._control = scene.add_transform_controls(
@@ -52,6 +54,7 @@ class Handle:
         # in a thread of viser's: the robot's state is another one's, so ``update`` reads where the handle is
         if event.client is not None:
             self._dragged = self._moved = True
+            self.touched = time.monotonic()
 
     def release(self) -> None:
         """Give the target back to the loop."""

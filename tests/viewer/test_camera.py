@@ -93,8 +93,16 @@ def test_a_target_high_up_comes_into_the_picture() -> None:
 
 
 def test_no_camera_goes_below_the_floor() -> None:
-    client = Client([2.0, -1.5, -1.0], [0.0, 0.0, -0.5])
+    client = Client([1.0, 0.0, -1.0], [0.0, 0.0, 0.5])
     serve(client, np.array([[0.0, 0.0, 0.0], [0.3, 0.3, 1.0]]))
+    distance = np.linalg.norm(client.position - client.look_at)
     asyncio.run(client.callback(client))
-    assert client.position.tolist() == [2.0, -1.5, LOWEST]
+    assert client.look_at.tolist() == [0.0, 0.0, 0.5]
+    assert client.position[1:].tolist() == [0.0, LOWEST]
+    assert np.linalg.norm(client.position - client.look_at) == pytest.approx(distance), "it went nearer"
+    client.look_at = np.array([0.0, 0.0, -0.5])
+    asyncio.run(client.callback(client))
     assert client.look_at.tolist() == [0.0, 0.0, 0.0]
+    there = client.position.copy()
+    asyncio.run(client.callback(client))
+    assert np.array_equal(client.position, there)
