@@ -13,7 +13,7 @@ from hqp.arrays import Mat, Vec
 from .channel import Channel
 from .description import RobotDescription, StackDescription
 from .meshes import color_of, footprint, hull, links, load, quaternion
-from .targets import Handle
+from .targets import SIZE, Handle
 
 _GREEN, _RED, _BLUE = (26, 143, 76), (207, 42, 42), (22, 104, 199)
 _NO_LINE = np.zeros((1, 2, 3))
@@ -151,8 +151,9 @@ class Scene:
             )
 
     def targets(self) -> Mat:
-        """Where targets are ``(k, 3)`` [m]."""
-        return np.array([h.there for h in self.handles if h.there is not None]).reshape(-1, 3)
+        """Where targets are, and the tips of their handles ``(k, 3)`` [m]."""
+        places = np.array([h.there for h in self.handles if h.there is not None]).reshape(-1, 3)
+        return np.vstack((places, places + [0.0, 0.0, SIZE]))
 
     @property
     def in_hand(self) -> bool:

@@ -14,6 +14,9 @@ from .description import Target
 from .meshes import quaternion, rotation
 from .places import KINDS, XYZ
 
+SIZE = 0.24
+"""Length of a handle's arrows [m]."""
+
 _ORANGE = (217, 122, 0)
 
 
@@ -33,7 +36,7 @@ class Handle:
         if drag:
             self._control = scene.add_transform_controls(
                 name,
-                scale=0.24,
+                scale=SIZE,
                 line_width=4.0,
                 active_axes=tuple(axis in target.axes for axis in XYZ),
                 disable_sliders=True,

@@ -69,9 +69,10 @@ def wait_for(tab: Any, text: str) -> None:
     tab.wait_for_selector(f"text={text}", timeout=60_000)
 
 
-def arrow(tab: Any) -> tuple[int, int]:
-    """Column and row of a pixel near the tip of the highest arrow along z."""
-    settle(tab)
+def arrow(tab: Any, still: bool = True) -> tuple[int, int]:
+    """Column and row of a pixel near the tip of the highest arrow along z; still: once the scene stands still."""
+    if still:
+        settle(tab)
     scene = picture(tab)[SCENE]
     rows, columns = np.nonzero(abs(scene - UP).sum(axis=2) < 40)
     assert rows.size > 20, "no handle to be seen"
