@@ -12,13 +12,28 @@ from pathlib import Path
 
 from hqp import native
 
-REQUIRED = ("numpy", "scipy", "pin", "qpsolvers", "proxsuite", "osqp")
+REQUIRED = ("numpy", "scipy", "pin", "qpsolvers", "proxsuite", "osqp", "rich", "threadpoolctl")
 
-OPTIONAL = {
-    "daqp": "solvers", "piqp": "solvers", "clarabel": "solvers", "quadprog": "quadprog", "mujoco": "mujoco",
-    "matplotlib": "plots", "imageio-ffmpeg": "video", "example-robot-data": "robots",
-}  # fmt: skip
-"""Packages, and the extra of hqp that installs each."""
+EXTRAS: dict[str, tuple[str, ...]] = {
+    "mujoco": ("mujoco",),
+    "plots": ("matplotlib",),
+    "video": ("imageio-ffmpeg",),
+    "view": ("viser", "trimesh", "pycollada"),
+    "robots": ("example-robot-data",),
+    "solvers": ("daqp", "piqp", "clarabel"),
+    "quadprog": ("quadprog",),
+    "lab": ("plotly", "pyarrow"),
+    "sweep": ("pyarrow", "ray"),
+    "gym": ("gymnasium",),
+    "docs": ("mkdocs-material", "mkdocstrings", "gymnasium"),
+}
+"""Extras of hqp, and the packages that each installs."""
+EXTRAS["browser"] = (*EXTRAS["view"], *EXTRAS["robots"], "playwright")
+EXTRAS["bench"] = (*EXTRAS["mujoco"], *EXTRAS["plots"], *EXTRAS["solvers"], *EXTRAS["robots"])
+EXTRAS["dev"] = (
+    *EXTRAS["bench"], *EXTRAS["lab"], *EXTRAS["video"],
+    "pytest", "pytest-timeout", "hypothesis", "ruff", "mypy", "clang-format", "pyright",
+)  # fmt: skip
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
@@ -55,10 +70,26 @@ def findings() -> list[Finding]:
     for name in REQUIRED:
         version = version_of(name)
         found.append(Finding(name, version or "missing", "" if version else f"pip install {name}"))
-    for name, extra in OPTIONAL.items():
-        version = version_of(name)
-        found.append(Finding(name, version or "not installed", "" if version else f"pip install 'hqp[{extra}]'"))
+    found += [_extra(extra, packages) for extra, packages in EXTRAS.items()]
+    found.append(Finding("fitted capsules", _capsules()))
     return found
+
+
+def _extra(extra: str, packages: tuple[str, ...]) -> Finding:
+    versions = {name: version_of(name) for name in packages}
+    told = ", ".join(f"{name} {version or 'not installed'}" for name, version in versions.items())
+    return Finding(f"hqp[{extra}]", told, "" if all(versions.values()) else f"pip install 'hqp[{extra}]'")
+
+
+def _capsules() -> str:
+    """The folder where they are kept, and how many robots' there are."""
+    try:
+        from hqp.robots import capsule_cache
+
+        folder = capsule_cache.folder()
+        return f"{folder}, {len(list(folder.glob('*.json')))} files; delete it to have them fitted anew"
+    except (ImportError, RuntimeError, OSError) as error:
+        return f"unknown: {error}"
 
 
 def version_of(package: str) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,8 +55,12 @@ def _placed(robot: Any, entry: dict[str, Any]) -> LinkCapsule:
 
 def fitted(robot: Any) -> tuple[LinkCapsule, ...]:
     """Capsules that hold the collision shapes of each body that moves, one or two of them."""
-    found: list[LinkCapsule] = []
-    clouds: dict[int, list[Mat]] = {}
+    return fit_clouds(robot, clouds(robot))
+
+
+def clouds(robot: Any) -> dict[int, Mat]:
+    """Points ``(n, 3)`` [m] of the collision shapes that each joint carries; raises ModelError without shapes."""
+    found: dict[int, list[Mat]] = {}
     for item in robot.geometry.geometryObjects:
         joint = int(item.parentJoint)
         if joint == 0 or type(item.geometry).__name__ == "Halfspace":
@@ -66,10 +70,16 @@ def fitted(robot: Any) -> tuple[LinkCapsule, ...]:
             at = at * np.asarray(item.meshScale)
         if radius > 0.0:  # a ball around each point
             at = np.vstack([at + radius * d for d in _sphere()])
-        clouds.setdefault(joint, []).append(at @ item.placement.rotation.T + item.placement.translation)
-    for joint, parts in sorted(clouds.items()):
-        name = _link_name(robot, joint)
-        fits = fit(np.vstack(parts))
+        found.setdefault(joint, []).append(at @ item.placement.rotation.T + item.placement.translation)
+    return {joint: np.vstack(parts) for joint, parts in sorted(found.items())}
+
+
+def fit_clouds(robot: Any, clouds: Mapping[int, Mat]) -> tuple[LinkCapsule, ...]:
+    """One or two capsules around each of the clouds of ``clouds``."""
+    found: list[LinkCapsule] = []
+    for joint, points in clouds.items():
+        name = link_name(robot, joint)
+        fits = fit(points)
         for k, (a, b, radius) in enumerate(fits):
             title = name if len(fits) == 1 else f"{name}/{k}"
             found.append(LinkCapsule(title, joint, tuple(a.tolist()), tuple(b.tolist()), radius))
@@ -158,7 +168,7 @@ def _sphere(count: int = 100) -> Mat:
     return np.column_stack((np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)))
 
 
-def _link_name(robot: Any, joint: int) -> str:
+def link_name(robot: Any, joint: int) -> str:
     import pinocchio as pin
 
     bodies = (f.name for f in robot.model.frames if f.parentJoint == joint and f.type == pin.FrameType.BODY)
@@ -172,7 +182,7 @@ def text(robot: Any, capsules: Sequence[LinkCapsule]) -> str:
         "format = 1",
     ]
     for c in capsules:
-        link = _link_name(robot, c.body)
+        link = link_name(robot, c.body)
         inverse = robot.model.frames[robot.frame(link)].placement.inverse()
         a, b = (inverse * np.array(end) for end in (c.a, c.b))
         lines += ["", "[[capsule]]", f'name = "{c.name}"', f'link = "{link}"']

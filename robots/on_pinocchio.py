@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +12,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.errors import ConfigurationNotFound, DeclarationError, FrameNotFound, ModelError, ModelWarning
+from hqp.errors import ConfigurationNotFound, DeclarationError, FrameNotFound, ModelError
 from hqp.shapes import LinkCapsule
 
 from . import expanded, kinematic_tree
@@ -258,16 +257,14 @@ class Robot:
     def capsules(self) -> tuple[LinkCapsule, ...]:
         """Capsules around the links: those of ``with_capsules``, of the catalogue, or fitted to ``geometry``.
 
-        Warns (ModelWarning) when they have to be fitted, which takes seconds; raises ModelError without shapes.
+        Fitting takes seconds, minutes for many meshes: it warns (ModelWarning), and what it finds is kept in the user's
+        cache (docs/collision.md).  Raises ModelError without shapes.
         """
         if self._capsules is None:
-            from . import capsules
+            from . import capsule_cache, capsules
 
-            self._capsules = capsules.stored(self)
-            if self._capsules is None:
-                told = f"{self.name}: capsules are being fitted; `hqp capsules` stores them for with_capsules"
-                warnings.warn(told, ModelWarning, stacklevel=2)
-                self._capsules = capsules.fitted(self)
+            known = capsules.stored(self)
+            self._capsules = capsule_cache.fitted(self) if known is None else known
         return self._capsules
 
     def with_capsules(self, capsules: str | Path | Sequence[LinkCapsule]) -> Robot:

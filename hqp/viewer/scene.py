@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,12 +13,15 @@ from hqp.arrays import Mat, Vec
 from .channel import Channel
 from .description import RobotDescription, StackDescription
 from .meshes import color_of, footprint, hull, links, load, quaternion
-from .targets import Handle
+from .targets import SIZE, Handle
 
 _GREEN, _RED, _BLUE = (26, 143, 76), (207, 42, 42), (22, 104, 199)
 _NO_LINE = np.zeros((1, 2, 3))
 _NEWTONS = 0.0012
 """Length of an arrow a newton [m/N]."""
+
+HELD = 1.0
+"""After its last motion a handle counts as held for so long [s]."""
 
 
 class Scene:
@@ -37,7 +41,7 @@ class Scene:
         self._arrows: Any = None
         self._polygon: Any = None
         self._com: tuple[Any, Any, Any] | None = None
-        self._aim()
+        self._boxes = {body: _corners(np.vstack(clouds)) for body, clouds in self._vertices.items()}
 
     def _draw_robot(self, about: RobotDescription) -> None:
         scene = self._server.scene
@@ -106,11 +110,8 @@ class Scene:
         for body, frame in self._frames.items():
             _, _, _, _, _, (p, R) = robot.bodies[body]
             frame.position, frame.wxyz = p, quaternion(R)
-        errors = {}
-        for handle in self.handles:
-            error = handle.update(state)
-            if error is not None:
-                errors[handle.target.name] = error
+        found = {handle.target.name: handle.update(state) for handle in self.handles}
+        errors = {name: error for name, error in found.items() if error is not None}
         if self._com is not None:
             self._update_balance(state)
         self._update_forces(state, forces)
@@ -149,18 +150,27 @@ class Scene:
                 "/forces", np.array(arrows), _RED, shaft_radius=0.012, head_radius=0.03, head_length=0.06
             )
 
-    def _aim(self) -> None:
-        """A first view in which the robot fills the space below the overlay."""
-        state = self._state
-        points = np.array([np.array(p) for *_, (p, _R) in self._robot.bodies[1:]])
-        low, high = points.min(axis=0), points.max(axis=0)
-        size = max(float(np.linalg.norm(high - low)), 0.5)
-        centre = 0.5 * (low + high)
-        del state
-        look = centre + np.array([0.0, 0.0, 0.26 * size])
-        camera = self._server.initial_camera
-        camera.position = look + size * np.array([1.45, -0.88, 0.2])
-        camera.look_at = look
+    def targets(self) -> Mat:
+        """Where targets are, and the tips of their handles ``(k, 3)`` [m]."""
+        places = np.array([h.there for h in self.handles if h.there is not None]).reshape(-1, 3)
+        return np.vstack((places, places + [0.0, 0.0, SIZE]))
+
+    @property
+    def in_hand(self) -> bool:
+        """Whether a target is being dragged."""
+        return any(time.monotonic() - handle.touched < HELD for handle in self.handles)
+
+    def outline(self) -> Mat:
+        """Points around the robot ``(k, 3)`` [m]: corners of boxes around its bodies, origins without shapes."""
+        placed = [(body, p, R) for body, (*_, (p, R)) in enumerate(self._robot.bodies)]
+        boxes = [self._boxes[body] @ R.T + p for body, p, R in placed if body in self._boxes]
+        return np.vstack(boxes or [np.array([p for _, p, _ in placed[1:]])])
+
+
+def _corners(points: Mat) -> Mat:
+    """Corners of the box around points ``(8, 3)``."""
+    ends = np.array([points.min(axis=0), points.max(axis=0)])
+    return np.array([[ends[i, 0], ends[j, 1], ends[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 
 
 def _inside(point: Vec, outline: Mat) -> bool:

@@ -13,10 +13,14 @@ from typing import Any
 import numpy as np
 
 from .account import make_account
+from .camera import PERIOD, Cameras
 from .channel import Channel
 from .description import RobotDescription, StackDescription
 from .history import History
 from .page import overlay, panel
+
+NOTES_BELOW = "<style>.mantine-Notifications-root{top:auto!important;bottom:1em!important}</style>"
+"""viser's own notes, say of slow graphics, stand at the bottom of the scene: at the top is the page's sentence."""
 
 SCENE_PERIOD, PAGE_PERIOD = 1.0 / 30.0, 0.2
 PANEL = "var(--hqp-panel, 27em)"
@@ -45,6 +49,8 @@ class Server:
         self._server.gui.main_panel.dock_right()
         self._scene = Scene(self._server, self._about, self._robot, self._channel, about["drag"])
         self._scene.show_stack(self._stack, _contact_frames(self._stack))
+        self._cameras = Cameras(self._server, self._scene.outline())
+        self._server.gui.add_html(NOTES_BELOW)
         if about["control"]:
             self._add_loop_buttons()
         if about["drag"]:
@@ -80,12 +86,16 @@ class Server:
 
     def run(self, alive: threading.Event) -> None:
         """Draw until the loop ends or its process does."""
-        due = 0.0
+        due = looked = 0.0
         while alive.is_set() and not self._channel.closed:
             start = time.monotonic()
             self._read()
-            if self._history.latest is not None:
-                self._errors = self._scene.update(self._history.part(0), self._history.part(1), self._forces)
+            if self._history.latest is not None and np.isfinite(self._history.part(0)).all():
+                motion = np.nan_to_num(self._history.part(1))
+                self._errors = self._scene.update(self._history.part(0), motion, self._forces)
+                if start >= looked and not self._scene.in_hand:  # no picture moves under a hand
+                    looked = start + PERIOD
+                    self._cameras.update(self._scene.outline(), self._scene.targets())
                 if start >= due and self._snapshot is not None:
                     due = start + PAGE_PERIOD
                     self._show(self._snapshot)

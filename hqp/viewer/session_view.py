@@ -222,6 +222,7 @@ class View:
             env=environment,
         )
         session = self.session
+        title = title or f"{session.robot.name}, {type(session.controller.formulation).__name__.lower()} level"
         about = {
             "path": str(self._channel.path),
             "layout": self._channel.layout,
@@ -232,7 +233,7 @@ class View:
             "drag": self.control and self.steers,
             "port": port,
             "dt": session.dt,
-            "title": title or f"{session.robot.name}, {type(session.controller.formulation).__name__.lower()} level",
+            "title": title + ("" if self.control else " · read only"),
         }
         assert self._server.stdin is not None
         pickle.dump(about, self._server.stdin)

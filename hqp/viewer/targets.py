@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
@@ -13,21 +14,29 @@ from .description import Target
 from .meshes import quaternion, rotation
 from .places import KINDS, XYZ
 
+SIZE = 0.24
+"""Length of a handle's arrows [m]."""
+
 _ORANGE = (217, 122, 0)
 
 
 class Handle:
-    """One target; where it can be dragged, the place goes into the channel in the task's own coordinates."""
+    """One target; where it can be dragged, the place goes into the channel in the task's own coordinates.
+
+    there: where it is in the world [m], None before that is known.  touched: when it was dragged last [s].
+    """
 
     def __init__(self, server: Any, channel: Channel, index: int, target: Target, robot: Any, drag: bool) -> None:
         self.target, self.index = target, index
         self._channel, self.place = channel, KINDS[target.kind](target, robot)
         self._dragged = self._moved = self._shown = False
+        self.there: Vec | None = None
+        self.touched = 0.0
         scene, name = server.scene, f"/targets/{target.name}"
         if drag:
             self._control = scene.add_transform_controls(
                 name,
-                scale=0.24,
+                scale=SIZE,
                 line_width=4.0,
                 active_axes=tuple(axis in target.axes for axis in XYZ),
                 disable_sliders=True,
@@ -48,6 +57,7 @@ class Handle:
         # in a thread of viser's: the robot's state is another one's, so ``update`` reads where the handle is
         if event.client is not None:
             self._dragged = self._moved = True
+            self.touched = time.monotonic()
 
     def release(self) -> None:
         """Give the target back to the loop."""
@@ -69,14 +79,10 @@ class Handle:
         if value is None or not np.isfinite(value).all():
             return None
         there, R = self.place.there(state, value)
+        self.there = there
         if not self._dragged:
             self._control.position, self._control.wxyz = there, quaternion(R)
         if not self._shown:
             self._control.visible = self._shown = True
         self._line.points = np.array([[self.place.here(state)[0], there]])
         return self.place.distance(state, value)
-
-    def where(self, state: Any) -> Vec | None:
-        """The target's place in the world, None before it is known."""
-        value = self._channel.current(self.index, self.target.size)
-        return None if value is None else self.place.there(state, value)[0]

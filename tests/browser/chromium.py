@@ -26,8 +26,8 @@ UP = np.array([54, 142, 226])
 
 
 @contextmanager
-def tab_at(url: str) -> Iterator[Any]:
-    """The page, once it shows ticks."""
+def tab_at(url: str, text: str = "Time of a tick") -> Iterator[Any]:
+    """The page, once it shows that text and the scene is drawn."""
     api = pytest.importorskip("playwright.sync_api")
     if CHROMIUM is None:
         pytest.skip("no Chromium: apt-get install --no-install-recommends chromium, or set HQP_CHROMIUM")
@@ -35,7 +35,7 @@ def tab_at(url: str) -> Iterator[Any]:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
         tab = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT})
         tab.goto(url)
-        tab.wait_for_selector("text=Time of a tick", timeout=90_000)
+        tab.wait_for_selector(f"text={text}", timeout=90_000)
         settle(tab)
         yield tab
         browser.close()
@@ -69,9 +69,10 @@ def wait_for(tab: Any, text: str) -> None:
     tab.wait_for_selector(f"text={text}", timeout=60_000)
 
 
-def arrow(tab: Any) -> tuple[int, int]:
-    """Column and row of a pixel near the tip of the highest arrow along z."""
-    settle(tab)
+def arrow(tab: Any, still: bool = True) -> tuple[int, int]:
+    """Column and row of a pixel near the tip of the highest arrow along z; still: once the scene stands still."""
+    if still:
+        settle(tab)
     scene = picture(tab)[SCENE]
     rows, columns = np.nonzero(abs(scene - UP).sum(axis=2) < 40)
     assert rows.size > 20, "no handle to be seen"

@@ -33,15 +33,28 @@ def command(*arguments: str) -> Iterator[Any]:
             process.terminate()
 
 
-def test_the_example_is_dragged_without_a_reference() -> None:
-    with command("examples/g1.toml", "--robot", "g1") as tab:
-        wait_for(tab, "every contact and every limit holds")
-        assert "gives way" not in tab.inner_text("body")
-        shoot(tab, "command")
-        x, y = arrow(tab)  # of the hand, the only target that moves along z
-        drag(tab, x, y, 0, -60)
-        wait_for(tab, "Every target is reached; posture gives way")
-        shoot(tab, "command_dragged")
-        tab.click("text=Give targets back")
-        wait_for(tab, "No one: every level is met")
-        assert arrow(tab) == pytest.approx((x, y), abs=3), "the handle is not back where the task is held"
+@pytest.fixture(scope="module")
+def tab() -> Iterator[Any]:
+    """The page of the example that README names."""
+    with command("examples/g1.toml", "--robot", "g1") as found:
+        yield found
+
+
+def test_the_example_is_dragged_without_a_reference(tab: Any) -> None:
+    wait_for(tab, "every contact and every limit holds")
+    assert "gives way" not in tab.inner_text("body")
+    x, y = arrow(tab)  # of the hand, the only target that moves along z
+    shoot(tab, "command")
+    drag(tab, x, y, 0, -60)
+    wait_for(tab, "Every target is reached; posture gives way")
+    shoot(tab, "command_dragged")
+    tab.click("text=Give targets back")
+    wait_for(tab, "No one: every level is met")
+    assert arrow(tab) == pytest.approx((x, y), abs=3), "the handle is not back where the task is held"
+
+
+def test_no_note_of_visers_covers_the_headline(tab: Any) -> None:
+    headline = tab.locator("text=Every target is reached").first.bounding_box()
+    for note in tab.locator(".mantine-Notification-root").all():
+        box = note.bounding_box()
+        assert box is None or box["y"] > headline["y"] + 300

@@ -244,8 +244,10 @@ def test_native_kinematics_are_pinocchios(name: str) -> None:
     joints = robot.tree_joints
     assert joints is not None
     twin = _assembly.Kinematics(robot.joint_twists, joints, robot.placed_frames)
-    for _ in range(5):
+    for k in range(5):
         q, x = robot.random_configuration(rng), rng.normal(size=robot.nv)
+        if robot.floating and k % 2:
+            x[3:6] *= 1e-5  # a base that goes nearly straight on
         moved = robot.integrate(q, x, 0.7)
         out = np.empty(robot.nq)
         twin.integrate(q, x, 0.7, out)

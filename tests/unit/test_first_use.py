@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -17,6 +18,11 @@ from hqp import PD, Level, P, Stack, doctor, native, serial
 from hqp.__main__ import main
 from hqp.errors import DeclarationError
 from hqp.tasks import Com, JointLimits, Position, Posture
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 ROOT = Path(__file__).parents[2]
 PURE = (
@@ -145,6 +151,27 @@ def test_doctor_names_a_missing_package_with_its_extra(monkeypatch: pytest.Monke
     text = doctor.table(doctor.findings())
     assert "pip install 'hqp[solvers]'" in text
     assert "pip install proxsuite" in text
+
+
+def test_doctor_knows_what_pyproject_asks_for() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+
+    def packages(lines: list[str]) -> set[str]:
+        found: set[str] = set()
+        for line in lines:
+            name, _, own = line.partition("[")
+            if name == "hqp":
+                found |= packages([x for extra in own.rstrip("]").split(",") for x in extras[extra]])
+            elif "python_version <" not in line:
+                found.add(re.split(r"[\[<>=;]", line)[0])
+        return found
+
+    assert {extra: set(names) for extra, names in doctor.EXTRAS.items()} == {k: packages(v) for k, v in extras.items()}
+    assert set(doctor.REQUIRED) == packages(project["dependencies"])
+    shown = doctor.table(doctor.findings())
+    assert all(f"hqp[{extra}]" in shown for extra in extras)
+    assert "capsules" in shown
 
 
 @pytest.mark.parametrize("name", ["cascade:proxpq", "weighted:proxpq"])

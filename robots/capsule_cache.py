@@ -1,0 +1,105 @@
+"""Fitted capsules in the user's cache, one file a model: fitting takes minutes for a robot of meshes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import re
+import sys
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hqp.arrays import Mat
+from hqp.errors import ModelWarning
+from hqp.shapes import LinkCapsule
+
+from . import capsules
+
+FIT = 1
+"""Version of the fit: another one makes other capsules of the same shapes."""
+
+
+def folder() -> Path:
+    """``hqp/capsules`` in XDG_CACHE_HOME or in the platform's folder of caches; it can be deleted at any time."""
+    given = os.environ.get("XDG_CACHE_HOME", "")
+    if os.path.isabs(given):
+        base = Path(given)
+    elif sys.platform == "win32":
+        base = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
+    else:
+        base = Path.home() / ("Library/Caches" if sys.platform == "darwin" else ".cache")
+    return base / "hqp" / "capsules"
+
+
+def fitted(robot: Any) -> tuple[LinkCapsule, ...]:
+    """Capsules around the links, fitted where the cache has none of this model, or a damaged file.
+
+    Warns (ModelWarning) when they have to be fitted, and where they cannot be kept; raises ModelError without shapes.
+    """
+    clouds = capsules.clouds(robot)
+    path = _path(robot, clouds)
+    found = None if path is None else _read(path, clouds)
+    if found is not None:
+        return found
+    where = "they cannot be kept: the user has no folder of caches" if path is None else f"they are kept in {path}"
+    told = f"{robot.name}: capsules are being fitted to its shapes, {where}"
+    warnings.warn(told, ModelWarning, stacklevel=3)
+    found = capsules.fit_clouds(robot, clouds)
+    if path is not None:
+        try:
+            _write(path, found)
+        except OSError as error:
+            told = f"{robot.name}: its capsules cannot be kept and are fitted anew at every start: {error}"
+            warnings.warn(told, ModelWarning, stacklevel=3)
+    return found
+
+
+def _path(robot: Any, clouds: Mapping[int, Mat]) -> Path | None:
+    """A file by the hash of all that the capsules are fitted to; None where there is no home."""
+    digest = hashlib.sha256(f"{FIT} {capsules.SPLIT} {capsules.WORTH}".encode())
+    for joint, points in sorted(clouds.items()):
+        digest.update(f"\0{joint} {capsules.link_name(robot, joint)} {points.shape}".encode())
+        digest.update(np.ascontiguousarray(points, dtype="<f8").tobytes())
+    name = re.sub(r"[^\w.-]", "_", robot.name)[:60]
+    try:
+        return folder() / f"{name}-{digest.hexdigest()[:24]}.json"
+    except RuntimeError:
+        return None
+
+
+def _read(path: Path, clouds: Mapping[int, Mat]) -> tuple[LinkCapsule, ...] | None:
+    """What a file holds; None where it is not there, or not as it was written."""
+    try:
+        told = json.loads(path.read_text(encoding="utf-8"))
+        rows = told["capsules"]
+        if told["sha256"] != _checksum(path, rows):
+            return None
+        found = tuple(LinkCapsule(name, body, tuple(a), tuple(b), radius) for name, body, a, b, radius in rows)
+        numbers = [x for c in found for x in (*c.a, *c.b, c.radius)]
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):
+        return None
+    fits = {c.body for c in found} == set(clouds) and all(len(c.a) == len(c.b) == 3 for c in found)
+    return found if fits and all(map(math.isfinite, numbers)) else None
+
+
+def _write(path: Path, found: Sequence[LinkCapsule]) -> None:
+    """Beside it, then renamed: another program reads all of it or nothing."""
+    rows = [[c.name, c.body, list(c.a), list(c.b), c.radius] for c in found]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        beside.write_text(json.dumps({"sha256": _checksum(path, rows), "capsules": rows}), encoding="utf-8")
+        os.replace(beside, path)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def _checksum(path: Path, rows: object) -> str:
+    """Of the capsules and of the model that they belong to, which is in the file's name."""
+    return hashlib.sha256(f"{path.name}\n{json.dumps(rows)}".encode()).hexdigest()
