@@ -44,7 +44,7 @@ TICKS, LONGEST_BY_TICKS = 10.0, 0.1
 """At order 1 tau is at least this many ticks, up to LONGEST_BY_TICKS [s].
 
 The rows of an unmet level turn with each tick, and an eager level below it (a base without speed limit) then jumps
-within its band: at 100 Hz with tau = 0.05 s for ever, with 0.1 s not.  A longer one slows what speed limits cut."""
+with them: at 100 Hz with tau = 0.05 s for ever, with 0.1 s not.  A longer one slows what speed limits cut."""
 
 GAIN_TIME = 0.25
 """At order 1, tau is at most this over the gain: a demand that speed limits cut would slow all rows of its level."""
