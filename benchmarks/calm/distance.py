@@ -63,7 +63,7 @@ class Reach:
         """Distance of the hand from its target [m]."""
         return float(np.linalg.norm(self.who.robot.state(q).position(self.hand.frame) - self.goal))
 
-    def least(self, q: Vec, rounds: int = 4) -> float:
+    def least(self, q: Vec, rounds: int = 12) -> float:
         """The least distance near q with feet and CoM where they are at home, inside the joint limits [m]."""
         robot, home = self.who.robot, self.who.robot.state(self.who.robot.home)
         feet = [(foot, home.position(foot).copy(), home.rotation(foot).copy()) for foot in self.who.feet]
@@ -91,7 +91,7 @@ class Reach:
             constraints = [{"type": "eq", "fun": held, "jac": held_rows}] if feet else []
             found = minimize(
                 distance, np.zeros(robot.nv), jac=True, bounds=bounds, constraints=constraints, method="SLSQP",
-                options={"maxiter": 60, "ftol": 1e-12},
+                options={"maxiter": 200, "ftol": 1e-12},
             )  # fmt: skip
             q = robot.integrate(q, found.x, 1.0)
             if np.abs(held(np.zeros(robot.nv))).max() < 1e-6 if feet else True:
