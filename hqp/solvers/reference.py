@@ -11,7 +11,7 @@ for m = c ||w|| that is min ||w||^2 + m |y|^2 with y the coordinates of the moti
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import ClassVar
 
@@ -22,7 +22,7 @@ from hqp.certify import certificate
 from hqp.nnls import nonnegative_least_squares
 from hqp.null_directions import without_rounding
 from hqp.pricing import Coordinates, after_stages, at_optimum, feasible_set, stack_rows, stage_price
-from hqp.problem import Hierarchy, Rows, Shape, Solution, Stats, Status
+from hqp.problem import Hierarchy, Motion, Rows, Shape, Solution, Stats, Status
 from hqp.solvers.base import Solver, check_fields, finish
 from hqp.solvers.completion import completion
 from hqp.solvers.flat import Flat
@@ -72,18 +72,48 @@ class ReferenceWorkspace:
         """Nothing is kept between solves."""
 
     def solve(self, problem: Hierarchy) -> Solution:
-        """The point found, judged: rows much shorter than their level's longest can get lost (NOT_CERTIFIED)."""
+        """The point found, judged, and where it is refused once more in other coordinates.
+
+        Rows much shorter than their level's longest can get lost (NOT_CERTIFIED).
+        """
         began = perf_counter()
         unusable = self._flat.load(problem)
         if unusable:
             return self._flat.refuse(problem, Stats(build_s=perf_counter() - began), unusable)
         run = _Run(without_rounding(problem), self._solver)
         stages = run.stages() if problem.priced else None
-        x = run.answer(stages)
-        stats = Stats(run.steps, 0, 0.0, perf_counter() - began)
+        x, steps = run.answer(stages), run.steps
+        if not certificate(problem, x, self._solver.accuracy, stages).ok and self._solver.factorisations is None:
+            turned, Q = _turned(problem)
+            run = _Run(without_rounding(turned), self._solver)
+            stages = run.stages() if problem.priced else None
+            x, steps = Q @ run.answer(stages), steps + run.steps
+            stages = None if stages is None else stages @ Q.T
+        stats = Stats(steps, 0, 0.0, perf_counter() - began)
         passed = certificate(problem, x, self._solver.accuracy, stages).ok
-        status = Status.OPTIMAL if passed else Status.NOT_CERTIFIED if run.ended else Status.ITERATION_LIMIT
-        return finish(problem, x, status, stats, "", stages)
+        status, detail = Status.OPTIMAL, ""
+        if not passed and run.ended:
+            status, detail = Status.NOT_CERTIFIED, "the certificate refuses the point found"
+        elif not passed:
+            status, detail = Status.ITERATION_LIMIT, "a level was left before its optimum"
+        return finish(problem, x, status, stats, detail, stages)
+
+
+def _turned(problem: Hierarchy) -> tuple[Hierarchy, Mat]:
+    """The problem in other orthogonal coordinates z with x = Q z, in which rounding falls otherwise, and Q."""
+    n = problem.n
+    Q, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(n, n)))
+    motion = problem.motion or Motion(np.ones(n))
+    F = np.diag(motion.F) if motion.F.ndim == 1 else motion.F
+    turned = replace(
+        problem,
+        levels=tuple(Rows(rows.dense(n) @ Q, rows.lower, rows.upper) for rows in problem.levels),
+        metric=None if problem.metric is None else (Q.T @ problem.metric @ Q + Q.T @ problem.metric.T @ Q) / 2.0,
+        origin=None if problem.origin is None else Q.T @ problem.origin,
+        motion=Motion(F @ Q, motion.f) if problem.priced else None,
+        stacked=None,
+    )
+    return turned, Q
 
 
 def witness(problem: Hierarchy, known: Mat | None = None, factorisations: int | None = None) -> Mat:

@@ -13,14 +13,17 @@ import pytest
 
 import hqp
 from benchmarks.calm.walking import SOLES
-from benchmarks.changes import DT, LOADED, lifted, smooth
+from benchmarks.changes import DT, lifted, smooth
 from benchmarks.changes import stack as stack_of
-from hqp import PD, Level, Stack, Status
+from hqp import PD, Level, Stack
 from hqp.arrays import Vec
 from hqp.reference import Reference
 from hqp.robots import Robot
 from hqp.tasks import CenterOfPressure, Com, FrictionCone, Orientation, Pose, Position, Posture
 from hqp.tick import Tick
+
+CHANGE = 3.0
+"""Largest change of a torque in a tick while the weight goes over and a foot is released or taken up [N m]."""
 
 SOFT = PD(40.0, 12.0)
 TORSION = 0.03
@@ -113,9 +116,9 @@ def test_a_foot_is_released_and_taken_up_in_mujoco(name: str) -> None:
         ticks = walk.ticks[what]
         assert ticks[-1].transition == 1.0
         assert len(ticks) <= 200
-        assert all(tick.status is Status.OPTIMAL for tick in ticks)
+        assert all(tick.status.solved for tick in ticks)  # clipped to the bound of a transition where a note says so
         sent = [tick.command for tick in walk.ticks[what.start - 1 : what.stop]]
-        assert np.abs(np.diff(sent, axis=0)).max() <= LOADED
+        assert np.abs(np.diff(sent, axis=0)).max() <= CHANGE
         moved = walk.moved(what)
         assert moved[0] < 1e-3  # the CoM
         assert moved[1] < 1e-3  # the foot that stands
@@ -123,5 +126,5 @@ def test_a_foot_is_released_and_taken_up_in_mujoco(name: str) -> None:
     back = walk.go(1.5, lambda s: [com.at((1.0 - smooth(s)) * walk.over + smooth(s) * walk.start)])
     walk.go(1.0, lambda _: [com.at(walk.start)])
     sent = [tick.command for tick in walk.ticks[back.start :]]
-    assert np.abs(np.diff(sent, axis=0)).max() <= LOADED
+    assert np.abs(np.diff(sent, axis=0)).max() <= CHANGE
     assert np.abs(walk.places[-1][:3] - walk.start).max() < 1e-3
