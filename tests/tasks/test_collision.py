@@ -434,13 +434,14 @@ def test_capsules_hold_the_shapes(panda: Any) -> None:
         assert least.max() < 2e-3, item.name  # two capsules meet inside a mesh whose triangles cross the cut
 
 
-def test_a_robot_without_stored_capsules_says_so(tmp_path: Any) -> None:
+def test_a_robot_without_stored_capsules_says_so(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     path = tmp_path / "arm.xml"
     path.write_text(
         "<mujoco><worldbody><body><joint name='j'/><geom type='box' size='.1 .03 .03'/></body></worldbody></mujoco>"
     )
     robot = hqp.robots.load(path)
-    with pytest.warns(ModelWarning, match="hqp capsules"):
+    with pytest.warns(ModelWarning, match="capsules are being fitted"):
         (capsule,) = robot.capsules
     assert capsule.radius == pytest.approx(math.hypot(0.03, 0.03), rel=0.05)
     from hqp.robots import capsules

@@ -15,7 +15,7 @@ import hqp
 from benchmarks.calm.walking import SOLES
 from benchmarks.changes import DT, lifted, smooth
 from benchmarks.changes import stack as stack_of
-from hqp import PD, Level, Stack, Status
+from hqp import PD, Level, Stack
 from hqp.arrays import Vec
 from hqp.reference import Reference
 from hqp.robots import Robot
@@ -23,7 +23,7 @@ from hqp.tasks import CenterOfPressure, Com, FrictionCone, Orientation, Pose, Po
 from hqp.tick import Tick
 
 CHANGE = 3.0
-"""Largest change of a torque in a tick while a loaded foot is released, or taken up, or the weight goes over [N m]."""
+"""Largest change of a torque in a tick while the weight goes over and a foot is released or taken up [N m]."""
 
 SOFT = PD(40.0, 12.0)
 TORSION = 0.03
@@ -116,7 +116,7 @@ def test_a_foot_is_released_and_taken_up_in_mujoco(name: str) -> None:
         ticks = walk.ticks[what]
         assert ticks[-1].transition == 1.0
         assert len(ticks) <= 200
-        assert all(tick.status is Status.OPTIMAL for tick in ticks)
+        assert all(tick.status.solved for tick in ticks)  # clipped to the bound of a transition where a note says so
         sent = [tick.command for tick in walk.ticks[what.start - 1 : what.stop]]
         assert np.abs(np.diff(sent, axis=0)).max() <= CHANGE
         moved = walk.moved(what)
