@@ -6,6 +6,7 @@
 // the last level is then a selection of nearly everything, which the kernel need not factorise.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <vector>
@@ -50,6 +51,7 @@ class Remainder {
 
  private:
   static constexpr double kInf = std::numeric_limits<double>::infinity();
+  static constexpr double kSlight = 1e-12, kNone = 1e-26;  // squares of weights: no scale of x_j, and rounding
 
   // The last level where rows pick variables: those of level k that are no equalities, one for each x_j, one for each
   // v.
@@ -65,8 +67,9 @@ class Remainder {
       square_[j] += level.scale[i] * level.scale[i];
       sum_[j] += level.scale[i] * level.lower[i];
     }
+    const double most = *std::max_element(square_.begin(), square_.end());
     for (int j = 0; j < n_; ++j)
-      if (square_[j] > 0.0) size_[j] = std::sqrt(square_[j]);
+      if (square_[j] > kSlight * most) size_[j] = std::sqrt(square_[j]);
     for (int i = 0; i < level.m; ++i) {
       const bool equal = level.lower[i] == level.upper[i];
       own.scale[i] = equal ? 1.0 : level.scale[i] / size_[level.index[i]];
@@ -75,9 +78,9 @@ class Remainder {
     }
     double *lower = own.lower + level.m, *upper = own.upper + level.m, *scale = own.scale + level.m;
     for (int j = 0; j < n_; ++j) {
-      const bool asks = square_[j] > 0.0;
-      scale[j] = 1.0;
-      lower[j] = asks ? sum_[j] / size_[j] : -kInf;
+      const bool asks = square_[j] > kNone * most;
+      scale[j] = asks && size_[j] == 1.0 ? std::sqrt(square_[j]) : 1.0;
+      lower[j] = asks ? sum_[j] / (size_[j] * scale[j]) : -kInf;
       upper[j] = asks ? lower[j] : kInf;
     }
     for (int j = n_; j < wide_; ++j) {
