@@ -80,23 +80,26 @@ class ReferenceWorkspace:
         unusable = self._flat.load(problem)
         if unusable:
             return self._flat.refuse(problem, Stats(build_s=perf_counter() - began), unusable)
-        run = _Run(without_rounding(problem), self._solver)
-        stages = run.stages() if problem.priced else None
-        x, steps = run.answer(stages), run.steps
-        if not certificate(problem, x, self._solver.accuracy, stages).ok and self._solver.factorisations is None:
+        x, stages, run = self._found(problem)
+        steps, passed = run.steps, certificate(problem, x, self._solver.accuracy, stages).ok
+        if not passed and self._solver.factorisations is None:
             turned, Q = _turned(problem)
-            run = _Run(without_rounding(turned), self._solver)
-            stages = run.stages() if problem.priced else None
-            x, steps = Q @ run.answer(stages), steps + run.steps
-            stages = None if stages is None else stages @ Q.T
+            z, points, run = self._found(turned)
+            x, stages, steps = Q @ z, None if points is None else points @ Q.T, steps + run.steps
+            passed = certificate(problem, x, self._solver.accuracy, stages).ok
         stats = Stats(steps, 0, 0.0, perf_counter() - began)
-        passed = certificate(problem, x, self._solver.accuracy, stages).ok
         status, detail = Status.OPTIMAL, ""
         if not passed and run.ended:
             status, detail = Status.NOT_CERTIFIED, "the certificate refuses the point found"
         elif not passed:
             status, detail = Status.ITERATION_LIMIT, "a level was left before its optimum"
         return finish(problem, x, status, stats, detail, stages)
+
+    def _found(self, problem: Hierarchy) -> tuple[Vec, Mat | None, _Run]:
+        """The answer, the stage points of priced levels, and how it went."""
+        run = _Run(without_rounding(problem), self._solver)
+        stages = run.stages() if problem.priced else None
+        return run.answer(stages), stages, run
 
 
 def _turned(problem: Hierarchy) -> tuple[Hierarchy, Mat]:
