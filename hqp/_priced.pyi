@@ -7,14 +7,20 @@ class Stages:
     def bind(
         self,
         levels: list[tuple[Any, ...]],
-        handed: list[tuple[Mat | None, Vec, Vec] | None],
         prices: Vec,
-        shares: Vec,
+        turning: Vec | None,
+        eta: float,
         F: Mat | Vec | None,
         f: Vec | None,
-        guard: float | None,
-        pace: float,
+        metric: tuple[Mat, Mat] | None,
+        origin: tuple[Vec, Vec] | None,
     ) -> None: ...
+    def leaves(self, level: int, to: tuple[object, ...]) -> None:
+        """Where a level stands above levels without a price: (A (m, wide), None, lower, upper) or (None, scale, ..)."""
+
+    def remains(self, level: int, to: tuple[object, ...], solve: object, z: Vec) -> None:
+        """A level without a price below unmet ones: where its own rows are written, the solve, and the z it writes."""
+
     def solve(self, x: Vec, stages: Mat, last: Vec, head: int = 0, seconds: float = 0.0) -> int: ...
     def after(self, exact: object, x: Vec, stages: Mat, last: Vec) -> object:
         """The solve whose capsule is given, and ``solve`` of x which it wrote: a capsule for other native modules."""
@@ -22,8 +28,8 @@ class Stages:
     def above(self, head: int, solve: object, x: Vec) -> None:
         """For that capsule: the solve of the levels above one, and the x that it writes."""
 
-    def below(self, solve: object, x: Vec, constraints: int, activity: float, violation: float) -> None:
-        """For that capsule: the solve of what the stages hand down, and the x that it writes."""
+    def answers(self, constraints: int, activity: float, violation: float) -> None:
+        """For that capsule: it answers itself where the stages reach their optima; the rest as for ``describe``."""
 
     @property
     def head(self) -> int:
@@ -42,11 +48,12 @@ class Stages:
         """The latest answer came without the stages: ``latest`` is to tell nothing of those before."""
 
     def accounts(self, stages: Mat, owner: Any, elements: int, near: float) -> None: ...
-    def account(self, w: Vec, x: Vec, multipliers: Vec | None, guards: bool, out: Vec) -> None: ...
+    def account(self, w: Vec, x: Vec, multipliers: Vec | None, out: Vec) -> None: ...
     def describe(
         self, x: Vec, constraints: int, activity: float, violation: float, slack: Vec, marks: Signs
     ) -> bool: ...
-    def effort(self) -> tuple[int, bool, bool]:
-        """Steps of the latest stages, whether all reached their optima, whether one met uncertain directions."""
+    def effort(self) -> tuple[int, int, bool, bool, bool]:
+        """Steps and factorisations of the latest stages, whether all reached their optima, whether one met uncertain
+        directions, whether the kernel was not sure of a rank."""
 
     def reset(self) -> None: ...

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from hqp.errors import DeclarationError
 from hqp.formulation import Formulation, Velocity
 from hqp.loop.safety import Braking, RateLimits, StateBounds, positive
-from hqp.price import Priced, as_price
+from hqp.price import Price, Priced, as_price, is_exact
 from hqp.robot import Robot
 from hqp.solvers import load
 from hqp.solvers.base import Solver
@@ -31,7 +31,9 @@ class Controller:
     the first answer of a session it counts from the rows on. Only ``lexicographic`` takes notice.  rates: how fast a
     command may change, no limit for None. bounds: of a state that is accepted. braking: how a command comes to
     rest. price: of levels that declare none, a Price, None for the default (docs/calm.md); 0 makes every level
-    exact, whatever it declares.
+    exact, whatever it declares. calm: False switches off all that slows commands by default, as ``price=0`` (with it
+    the torque net and holding torques of ``Torque``) and ``JointLimits(acceleration=0, braking=0)`` do together; other
+    numbers that an element declares for these two stay.
     """
 
     stack: Stack
@@ -42,13 +44,19 @@ class Controller:
     bounds: StateBounds = field(default_factory=StateBounds)
     braking: Braking = field(default_factory=Braking)
     price: Priced = None
+    calm: bool = True
 
     def __post_init__(self) -> None:
         if not isinstance(self.stack, Stack):
             raise DeclarationError("controller", "stack is not a Stack", value=self.stack)
         if not isinstance(self.formulation, Formulation):
             raise DeclarationError("controller", "not a formulation", value=self.formulation, allowed="Velocity(), ...")
-        object.__setattr__(self, "price", as_price("controller", self.price))
+        if not isinstance(self.calm, bool):
+            raise DeclarationError("controller", "calm", value=self.calm, allowed="True or False")
+        price = as_price("controller", self.price)
+        if not self.calm and price is not None and not is_exact(price):
+            raise DeclarationError("controller", "calm=False has no price", value=price, allowed="price=0 or none")
+        object.__setattr__(self, "price", price if self.calm else Price(0.0))
         if isinstance(self.solver, str):
             object.__setattr__(self, "solver", load(self.solver))
         if self.deadline is not None and self.deadline != math.inf:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,7 +19,7 @@ from hqp.loads import Loads, loads_of
 from hqp.loop.direct import Direct, direct, kinematics
 from hqp.loop.rest import Brake, Rest, SlowDown
 from hqp.loop.safety import Braking
-from hqp.price import GUARD_FLOOR, Price, is_exact, level_prices
+from hqp.price import Price, is_exact, level_prices
 from hqp.problem import Hierarchy, Motion, Rows, Selection, Shape, Stacked
 from hqp.reference import Reference
 from hqp.robot import Robot, State
@@ -238,10 +237,8 @@ class MotionProgram(Program):
             n=robot.nv,
             stacked=stacked,
             prices=None if paid is None else paid.values,
-            shares=None if paid is None else paid.shares,
             motion=motion,
-            guard_floor=GUARD_FLOOR if formulation.order == 2 else 0.0,
-            pace=math.inf if paid is None else paid.pace,
+            turning=None if paid is None else paid.turning,
         )
         inequalities = any(not element.equality for element in stack)
         self.shape = Shape(

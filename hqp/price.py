@@ -14,7 +14,7 @@ from hqp.arrays import Vec
 from hqp.element import Element, selection_of
 from hqp.errors import DeclarationError, UnsupportedProblem
 from hqp.law import PD, Law, P, SelfMotion
-from hqp.problem import SHARE
+from hqp.problem import ETA
 from hqp.robot import Robot
 
 if TYPE_CHECKING:
@@ -24,35 +24,27 @@ if TYPE_CHECKING:
 LONGEST_TAU = {1: 0.05, 2: 0.1}
 """tau [s] of a level by the order of its laws, where no gain asks for less."""
 
-PARTIAL_POSTURE_TAU = 0.2
-"""tau [s] of a level that selects single joints above levels that do more."""
-
-GUARD_FLOOR = 2e-3
-"""At order 2: fraction of an unmet level's band that its guard leaves to levels below where the level makes no motion.
-
-An arm pulled straight by a target at the edge of its reach then rests a little bent; with none, the posture below would
-alternate about the straight arm."""
-
 REST_TIME = math.sqrt(2.0)
 """At order 2 the motion that costs nothing comes to rest at the rate 1 / (REST_TIME tau).
 
 A limb of two equal links that a target beyond its reach pulls straight is an oscillator of at most 1 / (2 tau) [rad/s],
 and this damps it to 0.7 of critical."""
 
-TURNING = {1: 0.02, 2: 0.1}
-"""[rad/s, rad/s^2] postures below an unmet level move at most at the pace p with p^2 dt^order = share TURNING.
+TURNING = {1: 0.2, 2: 1000.0}
+"""[rad^4/s^3, rad^4/s^6 by the order of the laws] what lies below an unmet level pays for speed, as t_k = dt^order /
+(TURNING eta c_k^2 L_k^2).
 
-At 500 Hz that is 0.1 rad/s and 5 rad/s^2.  In one tick the motion of the posture then turns the rows of the level by no
-more than the band that it leaves; a faster one jumps between the corners of the band (hqp/pace.py)."""
+The motion of a posture turns the rows of the level above it: the more that level misses, the slower the posture has to
+be.  In proportion to omega^2, so that a level that comes to be unmet by next to nothing stops nobody at once."""
 
 LONGEST_TICK = 0.5
-"""[s] longer steps are those of a search for a pose (hqp.reach), not ticks: postures have no pace there."""
+"""[s] longer steps are those of a search for a pose (hqp.reach), not ticks: t_k = 0 there."""
 
 TICKS, LONGEST_BY_TICKS = 10.0, 0.1
 """At order 1 tau is at least this many ticks, up to LONGEST_BY_TICKS [s].
 
 The rows of an unmet level turn with each tick, and an eager level below it (a base without speed limit) then jumps
-within its band: at 100 Hz with tau = 0.05 s for ever, with 0.1 s not.  A longer one slows what speed limits cut."""
+with them: at 100 Hz with tau = 0.05 s for ever, with 0.1 s not.  A longer one slows what speed limits cut."""
 
 GAIN_TIME = 0.25
 """At order 1, tau is at most this over the gain: a demand that speed limits cut would slow all rows of its level."""
@@ -64,19 +56,17 @@ class Price:
 
     tau: [s] a direction in which the level is nearly lost closes no faster than 1/tau; None follows from the laws and
     the tick: max(min(0.05, 0.25 / gain), min(0.1, 10 dt)) at order 1, min(0.1, 1 / sqrt(kp)) at order 2, at least dt.
-    A level that can be met for its price is exact; the price shows where it is out of reach.  share: where the level
-    is not met, levels below may move its rows by this fraction of its residual; 0 locks them.  Raises DeclarationError
+    A level that can be met for its price is exact; the price shows where it is out of reach.  Raises DeclarationError
     for numbers out of range.
     """
 
     tau: float | None = None
-    share: float = SHARE
 
     def __post_init__(self) -> None:
-        for name, value, most in (("tau", self.tau, math.inf), ("share", self.share, 1.0)):
-            number = isinstance(value, (int, float)) and not isinstance(value, bool)
-            if not (name == "tau" and value is None) and not (number and 0.0 <= value < most):  # type: ignore[operator]
-                raise DeclarationError(f"Price.{name}", "out of range", value=value, allowed=f"from 0, below {most:g}")
+        tau = self.tau
+        number = isinstance(tau, (int, float)) and not isinstance(tau, bool)
+        if tau is not None and not (number and 0.0 <= tau < math.inf):
+            raise DeclarationError("Price.tau", "out of range", value=tau, allowed="from 0, finite", unit="s")
 
 
 Priced: TypeAlias = "Price | float | None"
@@ -88,8 +78,8 @@ def as_price(owner: str, value: object) -> Price | None:
     if value is None or isinstance(value, Price):
         return value
     if isinstance(value, (int, float)) and not isinstance(value, bool) and value == 0:
-        return Price(0.0, 0.0)
-    raise DeclarationError(owner, "not a price", value=value, allowed="Price(tau=..., share=...), or 0 for exact")
+        return Price(0.0)
+    raise DeclarationError(owner, "not a price", value=value, allowed="Price(tau=...), or 0 for exact")
 
 
 def is_exact(price: Price | None) -> bool:
@@ -99,19 +89,16 @@ def is_exact(price: Price | None) -> bool:
 
 @dataclass(frozen=True)
 class LevelPrices:
-    """What the motion of a hierarchy costs: c_k and share of every level, E(x) = 1/2 ||S (xdot - f)||^2.
+    """What the motion of a hierarchy costs: c_k and t_k of every level, E(x) = 1/2 ||S (xdot - f)||^2.
 
-    values, shares: one a level.  scale: diagonal of S, ``(nv,)``.  rest: f = -rest v for accelerations, the rate [1/s]
-    at which the motion that costs nothing comes to rest; 0 for velocities.  pace: of postures below an unmet level
-    [rad/s, rad/s^2].  postures: whether every level after the last price selects single joints.
+    values, turning: one a level.  scale: diagonal of S, ``(nv,)``.  rest: f = -rest v for accelerations, the rate [1/s]
+    at which the motion that costs nothing comes to rest; 0 for velocities.
     """
 
     values: Vec
-    shares: Vec
+    turning: Vec
     scale: Vec
     rest: float
-    pace: float
-    postures: bool
 
 
 class Group(Protocol):
@@ -231,54 +218,43 @@ def level_prices(
     if is_exact(given):
         return None
     sizes: Sizes | None = None
-    prices, shares = np.zeros(len(groups)), np.full(len(groups), SHARE)
-    trailing, longest, postures = True, 0.0, True
+    prices, turning = np.zeros(len(groups)), np.zeros(len(groups))
+    gamma = dt**order / (TURNING[order] * ETA) if dt <= LONGEST_TICK else 0.0
+    trailing, longest = True, 0.0
     for k in range(len(groups) - 1, -1, -1):
         group = groups[k]
-        picks = [selection_of(e, robot) if e.quantity == "motion" else None for e in group.elements]
-        single = all(p is not None for p in picks)
+        single = all(e.quantity == "motion" and selection_of(e, robot) is not None for e in group.elements)
         trailing = trailing and single
         declared = group.price if group.price is not None else given
         if not group.tasks or (trailing and group.price is None) or is_exact(declared):
-            postures = postures and (single or sizes is not None)
             continue
         sizes = sizes or Sizes.of(robot)
-        shares[k] = SHARE if declared is None else declared.share
         tau = None if declared is None else declared.tau
         if tau is None:
-            joints = {int(c) for p in picks if p is not None for c in p}
-            partial = single and len(joints) < robot.joints(None).size
-            tau = PARTIAL_POSTURE_TAU if partial else tau_of([laws[e.name] for e in group.elements], order, dt)
+            tau = tau_of([laws[e.name] for e in group.elements], order, dt)
         if not single:
             longest = max(longest, tau)
-        prices[k] = tau**order * min(scale for e in group.elements for scale in row_scales(e, robot, sizes))
+        length = min(scale for e in group.elements for scale in row_scales(e, robot, sizes))
+        prices[k] = tau**order * length
+        turning[k] = gamma / (prices[k] * length) ** 2
     if sizes is None:
         return None
     rest = 1.0 / (REST_TIME * (longest or LONGEST_TAU[order])) if order == 2 else 0.0
-    least = float(min((eta for eta, c in zip(shares, prices, strict=True) if c > 0.0 < eta), default=SHARE))
-    pace = math.sqrt(least * TURNING[order] / dt**order) if dt <= LONGEST_TICK else math.inf
-    return LevelPrices(prices, shares, sizes.scale, rest, pace, postures)
+    return LevelPrices(prices, turning, sizes.scale, rest)
 
 
 def affordable(stack: Stack, given: Price | None, solver: Solver) -> tuple[Price | None, str]:
     """The price to compile a stack with for a solver, and what had to be dropped, in words.
 
-    Raises UnsupportedProblem where a declared price, or a declared share, is beyond the solver.
+    Only lexicographic and reference solve priced levels; for the others every level is exact.  Raises
+    UnsupportedProblem where a declared price is beyond the solver.
     """
-    declared = [level.price for level in stack.levels if level.price is not None]
-    declared += [given] if given is not None else []
-    wanted = [price for price in declared if price.tau != 0.0]
-    if is_exact(given):
+    if is_exact(given) or solver.priced:
         return given, ""
-    if not solver.priced:
-        if wanted:
-            raise UnsupportedProblem(f"{solver.name} solves no priced levels; take 'lexicographic', or price=0")
-        return Price(0.0, 0.0), f"{solver.name} solves no priced levels: every level is exact"
-    if not solver.shares:
-        if any(price.share > 0.0 for price in wanted):
-            raise UnsupportedProblem(f"{solver.name} hands down no shares; declare Price(share=0), or price=0")
-        return given or Price(None, 0.0), f"{solver.name} hands down no shares: unmet levels are locked"
-    return given, ""
+    declared = [given, *(level.price for level in stack.levels)]
+    if any(price is not None and not is_exact(price) for price in declared):
+        raise UnsupportedProblem(f"{solver.name} solves no priced levels; take 'lexicographic', or price=0")
+    return Price(0.0), f"{solver.name} solves no priced levels: every level is exact"
 
 
 def _gains(law: Law) -> tuple[float, ...]:

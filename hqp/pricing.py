@@ -1,78 +1,81 @@
-"""What a priced level is: the coordinates in which motion is a length, and what a solved level hands down.
+"""What a priced hierarchy is: the stages of its levels, and what a level that was solved hands down (docs/calm.md).
 
-Level k of a hierarchy with a price c_k > 0 is solved in a stage of its own (docs/calm.md):
+Level k of a hierarchy with prices c_k, motion E = 1/2 ||F x - f||^2, eta and turning t_k is solved at its stage point
 
-    x_k = argmin { ||w_k|| + c_k E(x) :  x in S_{k-1},  lower_k <= A_k x - w_k <= upper_k },     y_k = A_k x_k
+    x_k = argmin { ||w_k|| + c_k E(x) + R_k(x) :  x in S_{k-1},  lower_k <= A_k x - w_k <= upper_k }    where c_k > 0,
+    x_k = argmin { 1/2 ||w_k||^2 + R_k(x)      :  x in S_{k-1},  lower_k <= A_k x - w_k <= upper_k }    elsewhere.
 
-and S_k adds the rows of level k as they are where ||w_k|| = 0, and otherwise
+What a level hands down depends on how it ended, not on what kind its rows are or how they are stored:
 
-    |A_i x - y_i| <= eta ||w_k|| / sqrt(m_k)       on equality rows and violated rows,
-    lower_i <= A_i x <= upper_i                    on met inequality rows,
-    u'A_k x >= u'y_k - min(eta ||w_k||, made / 2 + phi eta ||w_k||)
-        with u = -w_k / ||w_k||, made = u'A_k (x_k - x_still) > 0, phi the floor of the guard,
+    met for its price (w_k = 0):   S_k has its rows as they are;
+    without a price:               S_k has its rows at its optimum, y_k = A_k x_k: equalities keep their value, the
+                                   slack of inequalities may not grow, a_i x in [min(lower_i, y_i), max(upper_i, y_i)];
+    not met (omega_k = ||w_k||):   S_k = S_{k-1}: all its rows are anchored.
 
-the last row, the guard, where the level has two rows or more; x_still is the point of least motion.
+An anchored level resists what lies below it, by the sum over all of them above level k,
 
-phi is hqp.pace.guard_of, and single coordinates in levels after the last price are slowed as hqp.pace says.
+    R_k(x) = 1/2 sum_a sum_i v_ai^2 / (eta omega_a) + t_a omega_a^2 sum_j d_aj^2 (F (x - x_a))_j^2,
+    v_ai = a_i (x - x_a) for an equality; for an inequality by how much its slack grows, as above,
+    d_aj^2 = sum_i (b_i a_i F^+ e_j)^2,    b_i = 1 for an equality, |w_i| / omega_a for an inequality.
 
-The price of a level below others that are not met.  Where rest costs nothing (velocities: F a diagonal, f = 0), a
-pace p is given, and every coordinate that the rows of level k have is one that rows of unmet levels above it have (a
-base below a hand out of reach; not a second hand, which has an arm of its own), its stage has the price
+Equalities alone give ||A_a (x - x_a)||^2 and d_aj = ||A_a F^+ e_j||.  Rows of an unmet level that are met stay no hard
+rows, and a violated row is held from one side: as its slack falls to 0 either would turn a wall into a spring, and the
+answer would jump.
+The first term lets a unit of force from below move what the level gave by eta omega_a; it becomes the rows themselves
+as omega_a falls to 0.  The second slows what lies below in the joints that turn the rows of the level, beyond what the
+level does itself; it vanishes with omega_a.  While every priced level is met R = 0.
 
-    c_k / max(1 / DEARER, 1 - LACKING max_a ||w_a|| / (c_a p^2))       over the unmet levels a above it.
-
-The push of a price is the same however little is asked: against the band that an unmet level leaves in its nearly lost
-directions, which turn as fast as the joints move, even a slow base is drawn from corner to corner (hqp.pace).
+The answer is x_p; where its argmin is not unique the completion (metric, origin, least norm) chooses among its points.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hqp.arrays import Mask, Mat, Vec
-from hqp.pace import coordinates_below, excess_below, guard_of, slowed
-from hqp.problem import Hierarchy, Motion, Rows, Selection
-from hqp.tolerances import FLAT_TOLERANCE, MET_TOLERANCE, SLACK_TOLERANCE
+from hqp.arrays import Index, Mat, Vec
+from hqp.problem import Hierarchy, Motion, Rows
+from hqp.tolerances import FLAT_TOLERANCE, MET_TOLERANCE
 
 RESTING = 1e-4
 """Of x's largest entry: what an entry counts for at least in the size of a row's terms."""
 
-DEARER, LACKING = 20.0, 0.0016
-"""Below unmet levels the price of a level without a coordinate of its own rises to DEARER times its own, as if tau were
-1 s for 0.05 s.  In a nearly lost direction the level moves at a speed that is inverse to its price, so the inverse
-falls in proportion to what is missed, at 500 Hz to half where a hand misses by about 0.1 m/s: the base of
-a Talos whose hand comes to be out of reach is then braked evenly."""
 
-UNUSED = 1e-12
-"""Of a row's largest entry: smaller ones are rounding, the row does not have that coordinate."""
+UNNAMED = np.zeros(0, dtype=np.intp)
+"""Places of rows that are no rows of a level."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coordinates:
-    """x = still + P y with E(x) = 1/2 ||y||^2 + least: y is the motion away from the point of least motion.
+    """x = still + P y with E(x) = 1/2 ||y[:moving]||^2 + least: motion away from the point of least motion.
 
-    still: ``(n,)``.  P: ``(n, n)``, or ``(n,)`` for a diagonal matrix.  inverse: of P, of the same form.
+    still: ``(n,)``.  P: ``(n, n)``, or ``(n,)`` for a diagonal matrix.  inverse: of P, of the same form.  moving: how
+    many coordinates E sees; singular values of F below FLAT_TOLERANCE of the largest are zero.  F: ``(r, n)`` or
+    ``(n,)``, as in Motion.  back: F^+, ``(n, r)`` or ``(n,)``.
     """
 
     still: Vec
     P: Mat | Vec
     inverse: Mat | Vec
+    moving: int
+    F: Mat | Vec
+    back: Mat | Vec
 
     @staticmethod
     def of(motion: Motion | None, n: int) -> Coordinates:
         """The coordinates of a motion, 1/2 ||x||^2 for None."""
-        if motion is None:
-            return Coordinates(np.zeros(n), np.ones(n), np.ones(n))
-        F, f = motion.F, motion.f
+        F = np.ones(n) if motion is None else motion.F
+        f = np.zeros(F.shape[0]) if motion is None or motion.f is None else motion.f
         if F.ndim == 1:
-            return Coordinates(np.zeros(n) if f is None else f / F, 1.0 / F, F)
-        flat = FLAT_TOLERANCE * float(np.sqrt(np.einsum("ij,ij->j", F, F).max(initial=0.0))) or 1.0
-        Q, R = np.linalg.qr(np.concatenate([F, flat * np.eye(n)]))
-        P = np.asarray(np.linalg.solve(R, np.eye(n)), dtype=np.float64)
-        return Coordinates(np.zeros(n) if f is None else P @ (f @ Q[: F.shape[0]]), P, R)
+            return Coordinates(f / F, 1.0 / F, F, n, F, 1.0 / F)
+        U, sigma, Vt = np.linalg.svd(F, full_matrices=True)
+        r = int(np.count_nonzero(sigma > FLAT_TOLERANCE * sigma.max(initial=0.0)))
+        scale = np.concatenate([sigma[:r], np.full(n - r, sigma[r - 1] if r else 1.0)])
+        back = Vt[:r].T @ (U[:, :r] / sigma[:r]).T
+        return Coordinates(back @ f, Vt.T / scale, scale[:, None] * Vt, r, F, back)
 
     def rows(self, A: Mat) -> Mat:
         """A P, ``(m, n)``: rows on y."""
@@ -82,25 +85,103 @@ class Coordinates:
         """x of y, ``(n,)``."""
         return self.still + (self.P * y if self.P.ndim == 1 else self.P @ y)
 
-    def motion(self, x: Vec) -> Vec:
+    def of_point(self, x: Vec) -> Vec:
         """y of x, ``(n,)``."""
         offset = x - self.still
         return np.asarray(self.inverse * offset if self.inverse.ndim == 1 else self.inverse @ offset)
 
-    def level(self) -> Rows:
-        """y = 0 as rows on x, whose ||w||^2 / 2 is the motion E but for a constant."""
-        F = np.diag(self.inverse) if self.inverse.ndim == 1 else self.inverse
-        target = F @ self.still
-        return Rows(F, target, target)
+    def motion(self, x: Vec) -> Vec:
+        """The gradient of E in y, ``(n,)``: y of x, zero where E is flat."""
+        y = self.of_point(x)
+        y[self.moving :] = 0.0
+        return y
+
+    def turning(self, A: Mat) -> Mat:
+        """D F, ``(r, n)``, D the diagonal of d_j = ||A F^+ e_j||."""
+        if self.F.ndim == 1:
+            return np.diag(np.linalg.norm(A * self.back, axis=0) * self.F)
+        return np.asarray(np.linalg.norm(A @ self.back, axis=0)[:, None] * self.F)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Anchor:
+    """A level that is not met, at its stage point x_a: 1/2 ||v||^2 / give + 1/2 ||turning (x - x_a)||^2.
+
+    rows: the anchored ones, dense, v their slack at x.  give: eta omega_a.  turning: ``(r, n)``,
+    sqrt(t_a) omega_a D_a F.  x: ``(n,)``, x_a.  places: ``(m,)``, of the rows among all rows of the hierarchy.
+    """
+
+    rows: Rows
+    give: float
+    turning: Mat
+    x: Vec
+    places: Index
+
+    @property
+    def A(self) -> Mat:
+        """The anchored rows, ``(m, n)``."""
+        return self.rows.dense(self.x.size)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Above:
+    """What the levels solved so far hand down: S as hard rows, and R as a sum of anchors.
+
+    places: of the hard rows among all rows of the hierarchy, -1 for rows of none.
+    """
+
+    hard: Rows
+    anchors: tuple[Anchor, ...]
+    places: Index
+
+    @staticmethod
+    def none(n: int) -> Above:
+        """Above the first level."""
+        return Above(Rows(np.zeros((0, n)), np.zeros(0), np.zeros(0)), (), np.zeros(0, dtype=np.intp))
+
+    def after(self, problem: Hierarchy, level: int, x: Vec, at: Coordinates) -> Above:
+        """With a level of the problem solved, whose stage ended at x."""
+        rows, first = problem.levels[level], sum(rows.m for rows in problem.levels[:level])
+        places = np.arange(first, first + rows.m)
+        if problem.prices is None or not problem.prices[level] > 0.0:
+            optimum = kept if self.anchors else at_optimum  # which are the same where R = 0: the slack is unique
+            return self.with_rows(optimum(rows, x), places)
+        if is_met(rows, x):
+            return self.with_rows(rows, places)
+        omega = float(np.linalg.norm(w := rows.slack(x)))
+        asks, equal = np.isfinite(rows.lower) | np.isfinite(rows.upper), rows.equality
+        held = Rows(rows.dense(x.size)[asks], rows.lower[asks], rows.upper[asks])
+        weight = np.where(equal, 1.0, np.abs(w) / omega)[asks, None]
+        t = 0.0 if problem.turning is None else float(problem.turning[level])
+        turning = math.sqrt(t) * omega * at.turning(weight * held.dense(x.size))
+        anchor = Anchor(kept(held, x), problem.eta * omega, turning, x, places[asks])
+        return replace(self, anchors=(*self.anchors, anchor))
+
+    def with_rows(self, rows: Rows, places: Index) -> Above:
+        """With more hard rows."""
+        hard = stack_rows([self.hard, rows], self.hard.A.shape[1])  # type: ignore[union-attr]
+        named = places if places.size == rows.m else np.full(rows.m, -1)
+        return Above(hard, self.anchors, np.concatenate([self.places, named]))
+
+    def completed(self, x: Vec, priced: bool, at: Coordinates) -> Above:
+        """Below the last level, whose stage ended at x: R keeps its value, and E where that level has a price."""
+        below = replace(self, anchors=())
+        for anchor in self.anchors:
+            turned = Rows(anchor.turning, anchor.turning @ x, anchor.turning @ x)
+            below = below.with_rows(kept(anchor.rows, x), anchor.places).with_rows(turned, UNNAMED)
+        if self.anchors and priced:
+            F = np.diag(at.F) if at.F.ndim == 1 else at.F
+            below = below.with_rows(Rows(F, F @ x, F @ x), UNNAMED)
+        return below
 
 
 def is_met(rows: Rows, x: Vec) -> bool:
     """Whether ||w|| at x is no more than rounding leaves of zero, MET_TOLERANCE of the level's terms and bounds."""
     w = rows.slack(x)
-    return float(np.sqrt(w @ w)) <= MET_TOLERANCE * _size(rows, x)
+    return float(np.sqrt(w @ w)) <= MET_TOLERANCE * level_size(rows, x)
 
 
-def _size(rows: Rows, x: Vec) -> float:
+def level_size(rows: Rows, x: Vec) -> float:
     """What the rounding of a level's slacks is relative to: its largest terms and bounds.
 
     Entries that rest have the rounding of those that move: none counts for less than RESTING of the largest.
@@ -111,104 +192,18 @@ def _size(rows: Rows, x: Vec) -> float:
     return float(np.max(np.abs(rows.dense(x.size)) @ size + np.abs(bounds), initial=0.0))
 
 
-def handed_down(rows: Rows, x: Vec, still: Vec, share: float, guard: float | None) -> Rows:
-    """The rows that a priced level whose stage ended at x leaves to the levels below; one more row for the guard.
-
-    still: ``(n,)``, the point of least motion.  share: eta.  guard: its floor phi, None for no guard.
-    A row that is not needed is (-inf, inf).
-    """
-    A = rows.dense(x.size)
-    lower, upper = rows.lower.copy(), rows.upper.copy()
-    last, below = np.zeros(x.size), -np.inf
-    if not is_met(rows, x):
-        w, y = rows.slack(x), A @ x
-        norm = float(np.sqrt(w @ w))
-        width = share * norm / np.sqrt(rows.m)
-        fixed = ((lower == upper) | (np.abs(w) > SLACK_TOLERANCE * _size(rows, x))) & (
-            (lower > -np.inf) | (upper < np.inf)
-        )
-        lower[fixed], upper[fixed] = y[fixed] - width, y[fixed] + width
-        u = -w / norm
-        made = float(u @ (y - A @ still))
-        if guard is not None and rows.m > 1 and made > 0.0:
-            last, below = u @ A, float(u @ y) - min(share * norm, 0.5 * made + guard * share * norm)
-    return Rows(np.concatenate([A, last[None]]), np.append(lower, below), np.append(upper, np.inf))
-
-
-def stage_price(problem: Hierarchy, stages: Mat, level: int) -> float:
-    """The price c of a level in its stage, after levels above at their ``stages`` (NaN: met), ``(levels, n)``."""
-    if problem.prices is None or not problem.prices[level] > 0.0:
-        return 0.0
-    price = float(problem.prices[level])
-    motion = problem.motion
-    if problem.pace == np.inf or (motion is not None and (motion.F.ndim == 2 or motion.f is not None)):
-        return price
-    unmet = np.zeros(problem.n, dtype=bool)
-    lack = 0.0
-    for k in range(level):
-        rows = problem.levels[k]
-        if problem.priced[k] and not np.isnan(stages[k, 0]) and not is_met(rows, stages[k]):
-            unmet |= _used(rows, problem.n)
-            lack = max(lack, float(np.linalg.norm(rows.slack(stages[k]))) / float(problem.prices[k]))
-    own = _used(problem.levels[level], problem.n) & ~unmet
-    return price if own.any() else price / max(1.0 / DEARER, 1.0 - LACKING * lack / problem.pace**2)
-
-
-def _used(rows: Rows, n: int) -> Mask:
-    """The coordinates that the rows of a level have, ``(n,)``."""
-    asks = np.isfinite(rows.lower) | np.isfinite(rows.upper)
-    found = np.zeros(n, dtype=bool)
-    if isinstance(rows.A, Selection):
-        found[rows.A.index[asks]] = True
-    else:
-        size = np.abs(rows.A[asks])
-        found[:] = (size > UNUSED * size.max(axis=1, initial=0.0)[:, None]).any(axis=0)
-    return found
-
-
-def room(rows: Rows, n: int) -> Rows:
-    """The rows of a priced level, in arrays of their own, with the place of the guard's row."""
-    A = np.concatenate([rows.dense(n), np.zeros((1, n))])
-    return Rows(A, np.append(rows.lower, -np.inf), np.append(rows.upper, np.inf))
-
-
-def after_stages(problem: Hierarchy, stages: Mat, coordinates: Coordinates | None = None) -> Hierarchy:
-    """The exact hierarchy that is left once every priced level k is at ``stages[k]``: its answer is the problem's.
-
-    stages: ``(levels, n)``; a level whose row is NaN keeps its rows, being met for its price.
-    """
-    at = coordinates or Coordinates.of(problem.motion, problem.n)
-    levels, guard, excess = list(problem.levels), guard_of(problem, at), 1.0
-    for k, priced in enumerate(problem.priced):
-        if priced and not np.isnan(stages[k, 0]):
-            levels[k] = handed_down(problem.levels[k], stages[k], at.still, problem.share(k), guard)
-            if not is_met(problem.levels[k], stages[k]):
-                excess = min(excess, excess_below(problem, k, stages[k]))
-    for k in coordinates_below(problem):
-        levels[k] = slowed(problem, k, at, excess)
-    return replace(problem.exact(), levels=tuple(levels), stacked=None)
-
-
-def feasible_set(problem: Hierarchy, stages: Mat, level: int, x: Vec, at: Coordinates) -> Rows:
-    """S_{k-1} of a level as hard rows: what each level above hands down, an exact one at its optimum x.
-
-    stages: ``(levels, n)`` with the points of priced levels above.  x: ``(n,)``, a point of S_{k-1}.
-    """
-    parts, guard = list[Rows](), guard_of(problem, at)
-    for k in range(level):
-        rows = problem.levels[k]
-        if problem.prices is not None and problem.prices[k] > 0.0:
-            parts.append(handed_down(rows, stages[k], at.still, problem.share(k), guard))
-        else:
-            parts.append(at_optimum(rows, x))
-    return stack_rows(parts, problem.n)
+def kept(rows: Rows, x: Vec) -> Rows:
+    """Rows at a point: equalities keep their value, the slack of inequalities may not grow."""
+    y, equal = rows.A @ x, rows.equality
+    lower, upper = np.minimum(rows.lower, y), np.maximum(rows.upper, y)
+    return Rows(rows.A, np.where(equal, y, lower), np.where(equal, y, upper))
 
 
 def at_optimum(rows: Rows, x: Vec) -> Rows:
     """An exact level's optimal set: its slack is unique, so equality rows and violated rows keep their value."""
     y = rows.A @ x
     w = rows.slack(x)
-    fixed = (rows.lower == rows.upper) | (np.abs(w) > MET_TOLERANCE * (1.0 + np.abs(y)))
+    fixed = rows.equality | (np.abs(w) > MET_TOLERANCE * (1.0 + np.abs(y)))
     return Rows(rows.A, np.where(fixed, y, rows.lower), np.where(fixed, y, rows.upper))
 
 

@@ -16,8 +16,8 @@ from hqp.tolerances import VIOLATION_TOLERANCE
 EQUALITY = 2
 """Mark of an equality row in ``Solution.active``."""
 
-SHARE = 1e-3
-"""By how much of its ||w_k|| the levels below may move the rows of an unmet priced level, by default."""
+ETA = 1e-4
+"""Of an unmet priced level: by how much of its ||w_a|| a unit of force of the levels below moves its rows."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -202,15 +202,17 @@ class Hierarchy:
     semidefinite, the identity by default.  origin: ``(n,)``, zero by default.  n: number of variables,
     needed only where no dense level, metric or origin tells it.
 
-    prices: ``(levels,)`` c_k [unit of w / unit of E]; where c_k > 0 level k is x_k = argmin ||w_k|| + c_k E(x) and
-    hands down to the levels below what hqp.pricing.handed_down says (docs/calm.md); 0 is exact.  None: no prices.
-    shares: ``(levels,)`` eta, by how much of ||w_k|| the levels below may move the rows of an unmet level, 1e-3 by
-    default.  motion: E, 1/2 ||x||^2 by default.  guard: levels below keep half of the motion that an unmet level made,
-    less ``guard_floor`` of the width eta ||w_k||: with no floor the half-space turns over where a column crosses zero.
-    pace: [unit of F x] how far the targets of single coordinates, in levels after the last price, may move those while
-    a priced level is not met (hqp/pace.py); no bound by default.
+    prices: ``(levels,)`` c_k [unit of w / unit of E], 0 for a level without a price.  None: no prices.
+    motion: E, 1/2 ||x||^2 by default.  eta: above 0.  turning: ``(levels,)`` t_k, zeros by default.  With them
+
+        x_k = argmin ||w_k|| + c_k E(x) + R_k(x)  where c_k > 0,   argmin 1/2 ||w_k||^2 + R_k(x)  elsewhere,
+        R_k(x) = 1/2 sum_a ||A_a (x - x_a)||^2 / (eta ||w_a||) + t_a ||w_a||^2 sum_j d_aj^2 (F (x - x_a))_j^2,
+
+    over the points that the levels above leave; a runs over the priced levels above that are not met, which leave
+    no equalities but R (hqp.pricing has all of it, docs/calm.md the reasons).  Where all are met R = 0, and x is the
+    answer without prices.
     Raises ProblemError for shapes that disagree, n = 0, a metric that is not symmetric positive semidefinite, prices
-    or shares that are negative or not finite, a pace that is not positive.
+    or turning that are negative or not finite, an eta that is not positive.
     """
 
     levels: tuple[Rows, ...]
@@ -220,11 +222,9 @@ class Hierarchy:
     n: int = 0
     stacked: Stacked | None = field(default=None, repr=False)
     prices: Vec | None = None
-    shares: Vec | None = None
     motion: Motion | None = None
-    guard: bool = True
-    guard_floor: float = 0.0
-    pace: float = math.inf
+    eta: float = ETA
+    turning: Vec | None = None
 
     def __post_init__(self) -> None:
         try:
@@ -263,17 +263,15 @@ class Hierarchy:
         self._check_prices(n)
 
     def _check_prices(self, n: int) -> None:
-        for name in ("prices", "shares"):
+        for name in ("prices", "turning"):
             given = getattr(self, name)
             if given is not None:
                 values = floats(f"hierarchy: {name}", given)
                 if values.shape != (len(self.levels),) or not np.all(np.isfinite(values) & (values >= 0.0)):
                     raise ProblemError(f"hierarchy: {name} must be one number from 0 up a level, given {given}")
                 object.__setattr__(self, name, values)
-        if not 0.0 <= floats("hierarchy: guard_floor", self.guard_floor) <= 1.0:
-            raise ProblemError(f"hierarchy: guard_floor must be from 0 to 1, given {self.guard_floor}")
-        if not floats("hierarchy: pace", self.pace) > 0.0:
-            raise ProblemError(f"hierarchy: pace must be positive, given {self.pace}")
+        if not 0.0 < floats("hierarchy: eta", self.eta) < math.inf:
+            raise ProblemError(f"hierarchy: eta must be positive and finite, given {self.eta}")
         if self.motion is not None and not isinstance(self.motion, Motion):
             raise ProblemError(f"hierarchy: motion must be a Motion, given {type(self.motion).__name__}")
         if self.motion is not None and self.motion.F.shape[-1] != n:
@@ -337,22 +335,13 @@ class Hierarchy:
             yield from (rows.A.index, rows.A.scale) if isinstance(rows.A, Selection) else (rows.A,)  # type: ignore[misc]
             yield from (rows.lower, rows.upper)
         motion = () if self.motion is None else (self.motion.F, self.motion.f)
-        for array in (self.metric, self.origin, self.prices, self.shares, *motion):
+        for array in (self.metric, self.origin, self.prices, self.turning, *motion):
             if array is not None:
                 yield array
 
-    def share(self, level: int) -> float:
-        """eta of a level."""
-        return SHARE if self.shares is None else float(self.shares[level])
-
-    @property
-    def guarded(self) -> float | None:
-        """The floor of the guard, None for no guard."""
-        return self.guard_floor if self.guard else None
-
     def exact(self) -> Hierarchy:
         """The same hierarchy without prices; the arrays are shared."""
-        return replace(self, prices=None, shares=None, motion=None, pace=math.inf)
+        return replace(self, prices=None, motion=None, eta=ETA, turning=None)
 
     def slacks(self, x: Vec) -> tuple[Vec, ...]:
         """The slack of every level at x, computed in one product where the levels are stored as one block."""
@@ -396,8 +385,8 @@ class Hierarchy:
             origin=None if self.origin is None else self.origin.copy(),
             stacked=None,
             prices=None if self.prices is None else self.prices.copy(),
-            shares=None if self.shares is None else self.shares.copy(),
             motion=None if self.motion is None else self.motion.copy(),
+            turning=None if self.turning is None else self.turning.copy(),
         )
 
 

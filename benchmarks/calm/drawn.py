@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from benchmarks.calm import goals
-from benchmarks.calm.loop import EXACT, PRICED, figures, run
+from benchmarks.calm.loop import figures, run
 from benchmarks.calm.robots import ROBOTS, subject
 from benchmarks.calm.scenes import DT, Scene, Targets, both, circle, still
+from benchmarks.calm.variants import EXACT, PRICED, Variant
 from benchmarks.reports import report
 from hqp import PD, Level, P, Stack
 from hqp.law import Law
@@ -63,11 +64,13 @@ def scene(seed: int, formulation: str) -> Scene:
     return Scene(name, who, formulation, Stack(*levels, subject_to=hard), both(*targets), above=above, dt=dt)
 
 
-def loops(formulation: str, seeds: Sequence[int]) -> Iterator[Record]:
+def loops(
+    formulation: str, seeds: Sequence[int], variant: Variant = PRICED, draw: Callable[[int, str], Scene] = scene
+) -> Iterator[Record]:
     """Figures and misses of each seed; a change of command may be as many times 500 Hz' as the period is 2 ms'."""
     for seed in seeds:
-        drawn = scene(seed, formulation)
-        found = figures(run(drawn, PRICED, round(SECONDS / drawn.dt)))
+        drawn = draw(seed, formulation)
+        found = figures(run(drawn, variant, round(SECONDS / drawn.dt)))
         judged = {**found, "jump": float(found["jump"]) * min(1.0, DT / drawn.dt)}
         missed = list(goals.misses(formulation, judged))
         asked = missed == ["acceleration_p50"] and _asks(drawn, float(found["acceleration_p50"]))

@@ -5,58 +5,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
-import hqp
 from benchmarks.calm.scenes import FORMULATIONS, Scene
+from benchmarks.calm.variants import Variant
 from hqp.arrays import Mat, Vec
 from hqp.errors import StaleState
-from hqp.formulation import Formulation
-from hqp.stack import Stack
 from hqp.tasks import JointLimits
 from hqp.torque.program import TorqueProgram
 
 NOTICEABLE = 1e-3
 """A change of a command counts as one above this share of the joint's limit."""
-
-
-@dataclass(frozen=True)
-class Variant:
-    """How a scene is solved: solver, whether levels have their default prices, and the limits' two numbers."""
-
-    name: str
-    solver: str = "lexicographic"
-    priced: bool = True
-    window: float | None = None
-    braking: float | None = None
-    default: bool = True
-
-    @property
-    def limits(self) -> dict[str, Any]:
-        """Arguments of JointLimits."""
-        return {} if self.default else {"acceleration": self.window, "braking": self.braking}
-
-    def of(self, stack: Stack, formulation: Formulation) -> hqp.Controller:
-        """The controller of a stack; no deadline, so that figures do not depend on the machine."""
-        price = hqp.Price() if self.priced and self.solver != "weighted" else 0
-        return hqp.Controller(stack, formulation, solver=self.solver, price=price, deadline=math.inf)
-
-
-PRICED = Variant("priced")
-EXACT = Variant("exact", priced=False, default=False)
-WEIGHTED = Variant("weighted", solver="weighted")
-VARIANTS = {
-    v.name: v
-    for v in (
-        PRICED, EXACT, WEIGHTED,
-        Variant("exact, default limits", priced=False),
-        Variant("priced, plain limits", default=False),
-        Variant("priced, window", window=50.0, default=False),
-        Variant("priced, braking curve", braking=5.0, default=False),
-    )
-}  # fmt: skip
 
 
 @dataclass(eq=False)
@@ -102,12 +62,14 @@ def run(scene: Scene, variant: Variant, ticks: int = 1500) -> Run:
     at_start = [state.position(foot) for foot in feet]
     com = state.com()[:2]
     frame = scene.stack.find(scene.tracked).frame  # type: ignore[attr-defined]
+    place = state.position(frame)
     joints = robot.actuated
     low, high = robot.lower[joints], robot.upper[joints]
     for i in range(ticks):
         goals = scene.targets(i * scene.dt)
+        place = goals[0].value if goals else place
         state = robot.state(q, v)
-        data.error[i] = np.linalg.norm(state.position(frame) - goals[0].value)
+        data.error[i] = np.linalg.norm(state.position(frame) - place)
         data.contact[i] = max(
             (np.linalg.norm(state.position(f) - p) for f, p in zip(feet, at_start, strict=True)), default=0.0
         )

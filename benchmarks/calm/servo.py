@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.calm.loop import Variant
 from benchmarks.calm.robots import subject
 from benchmarks.calm.scenes import DT, FORMULATIONS, default_stack, reach
+from benchmarks.calm.variants import Variant
 from hqp.tasks import Position
 
 COM = 0.01

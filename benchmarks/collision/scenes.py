@@ -9,9 +9,10 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.calm.loop import PRICED, Run, figures
+from benchmarks.calm.loop import Run, figures
 from benchmarks.calm.robots import Subject, subject
 from benchmarks.calm.scenes import DT, FORMULATIONS, Scene, default_stack, law
+from benchmarks.calm.variants import PRICED
 from hqp import Level, Stack, shapes
 from hqp.arrays import Vec
 from hqp.reference import Reference

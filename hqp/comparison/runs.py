@@ -65,7 +65,7 @@ def compare(
     )
     runs = [(named, problems)]
     if price == "both":
-        able = [(f"{name}, priced", solver) for name, solver in named if solver.priced and solver.shares]
+        able = [(f"{name}, priced", solver) for name, solver in named if solver.priced]
         runs = [(named, [p.exact() for p in problems]), (able, problems)]
     with threadpool_limits(limits=1):
         found = [_run_all(solving, given, repeats) for solving, given in runs]
@@ -132,8 +132,6 @@ def _run(name: str, solver: Solver, problems: list[Hierarchy], repeats: int) -> 
         if not solver.inequalities:
             given, note = [_without_inequalities(p) for p in problems], "inequalities left out"
             shape = given[0].shape
-    if any(shape.priced) and solver.priced and not solver.shares:
-        return _refused(name, solver, "hands down no shares"), None
     try:
         workspace = solver.workspace(shape)
     except UnsupportedProblem as error:

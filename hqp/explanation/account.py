@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from math import inf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -171,8 +170,8 @@ class Accountant:
             self._stages, points = found
             found[0].accounts(points, self._owner, len(names), NEAR)
 
-    def account(self, count: int, w: Vec, x: Vec, guards: bool, v: Vec | None = None) -> TickAccount | None:
-        """The account of the latest solve, from the slacks of all its rows and its answer x; guards: after stages.
+    def account(self, count: int, w: Vec, x: Vec, v: Vec | None = None) -> TickAccount | None:
+        """The account of the latest solve, from the slacks of all its rows and its answer x.
 
         v: of the state, to tell what is too fast from what is held back; without it nothing is too fast.
         None where the kernel has nothing to tell: no kernel, or an answer that was found in another way.
@@ -181,7 +180,7 @@ class Accountant:
         if self._stages is None or told is None:
             return None
         values = np.empty(self._size)
-        self._stages.account(w, x, told, guards, values)
+        self._stages.account(w, x, told, values)
         fast = self._fast(w, v) if v is not None and np.count_nonzero(self._rate) else NONE
         return TickAccount(count, self.layout, values, fast)
 
@@ -246,9 +245,7 @@ def _unpriced(problem: Hierarchy) -> tuple[Stages, Mat] | None:
     try:
         stages = stages_of(problem.n, [rows.m for rows in problem.levels], [False] * levels)
         nothing = np.zeros(levels)
-        stages.bind(
-            [row_arrays(rows) for rows in problem.levels], [None] * levels, nothing, nothing, None, None, None, inf
-        )
+        stages.bind([row_arrays(rows) for rows in problem.levels], nothing, None, 1.0, None, None, None, None)
     except TypeError:  # rows that lie otherwise in memory
         return None
     return stages, np.zeros((levels, problem.n))

@@ -7,11 +7,12 @@ from collections.abc import Callable, Container, Mapping
 import numpy as np
 
 from hqp.arrays import Mask, Mat, Vec, row_lengths
-from hqp.certify import Certificate, certificate, stage_multipliers
+from hqp.certify import Certificate, certificate
 from hqp.explanation.words import PRICE, SHARE, Account, Explanation, HeldBack, Loss, Short
 from hqp.formulation import Place
-from hqp.pricing import Coordinates, stack_rows, stage_price
+from hqp.pricing import Coordinates, stack_rows
 from hqp.problem import Hierarchy, Motion, Solution
+from hqp.stage_conditions import stage_multipliers
 from hqp.tolerances import NEAR
 
 NOTHING = 1e-6
@@ -117,12 +118,11 @@ def _worth(problem: Hierarchy, solution: Solution, k: int) -> float:
     x = _point(solution, k)
     x = solution.x if x is None else x
     moved = (problem.motion or Motion(np.ones(problem.n))).offset(x)
-    return _price(problem, solution, k) * float(np.sqrt(moved @ moved))
+    return _price(problem, k) * float(np.sqrt(moved @ moved))
 
 
-def _price(problem: Hierarchy, solution: Solution, k: int) -> float:
-    points = solution.stage_points
-    return stage_price(problem, np.full((len(problem.levels), 1), np.nan) if points is None else points, k)
+def _price(problem: Hierarchy, k: int) -> float:
+    return 0.0 if problem.prices is None else float(problem.prices[k])
 
 
 def _multipliers(problem: Hierarchy, solution: Solution, verdict: Certificate, k: int) -> tuple[Vec, Vec | None]:
@@ -137,7 +137,7 @@ def _multipliers(problem: Hierarchy, solution: Solution, verdict: Certificate, k
     motion = (problem.motion or Motion(np.ones(problem.n))).gradient(x)
     A = stack_rows(problem.levels[:k], problem.n).dense(problem.n)
     passing = norm * np.where(_holds(problem, solution, k, found), 0.0, found)
-    return norm * found - passing, _price(problem, solution, k) * norm * motion + A.T @ passing
+    return norm * found - passing, _price(problem, k) * norm * motion + A.T @ passing
 
 
 def _holds(problem: Hierarchy, solution: Solution, k: int, multipliers: Vec) -> Mask:

@@ -55,7 +55,7 @@ class Teller:
         """What makes the notes on elements that are short of what they were asked for: those that are named, and
         those whose price is what holds them.  Numbers are taken now, texts are written when they are read."""
         accounts = self._accounts
-        account = accounts.account(count, w, x, guards=True)
+        account = accounts.account(count, w, x)
         if account is None:
             return None
         named = frozenset(reference.name for reference in references)
@@ -110,8 +110,8 @@ class Teller:
         solved = tick._solved() if tick._count == count else None
         if solved is None:
             raise _too_late("account")
-        w, x, staged = solved
-        return self._accounts.account(count, w, x, staged, tick.state.v)
+        w, x, _ = solved
+        return self._accounts.account(count, w, x, tick.state.v)
 
     @staticmethod
     def _latest(what: str, count: int, tick: Tick) -> Solution:

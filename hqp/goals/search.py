@@ -68,7 +68,7 @@ class Search:
 
         self.robot = robot
         self._stack, self._laws = steps_of(stack, robot), Velocity(law=P(1.0), contact_law=P(1.0))
-        self._exact = self._compiled(Price(0.0, 0.0))
+        self._exact = self._compiled(Price(0.0))
         self._calm: Compiled | None = None
         members = [("subject_to", self._exact.stack.subject_to)]
         members += [(level.name or str(level), level.elements) for level in self._exact.stack.levels]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
+from hqp.element import Element
 from hqp.formulation import Program
 from hqp.law import Law
 from hqp.loop.direct import Direct
@@ -20,6 +21,9 @@ from hqp.transition.waypoints import Waypoint, path
 
 if TYPE_CHECKING:
     from hqp.controller import Controller
+
+MEASURES = ("acceleration", "braking")
+"""Fields of JointLimits and BallLimits that slow commands by default."""
 
 KEPT = 16
 """Stacks whose compiled form a session keeps; one that was completed counts as two."""
@@ -85,7 +89,7 @@ class Compiler:
         return known
 
     def _compiled(self, stack: Stack) -> Compiled:
-        whole = coupled(stack, self._robot)
+        whole = coupled(stack if self._controller.calm else undamped(stack), self._robot)
         solver = self._controller.solver
         assert isinstance(solver, Solver)  # Controller has loaded it
         price, dropped = affordable(whole, as_price("controller", self._controller.price), solver)
@@ -103,3 +107,19 @@ class Compiler:
         hard = frozenset(element.name for element in whole.subject_to)
         rest = program.rest(self._robot, self._controller.braking)
         return Compiled(whole, program, workspace, limit, rest, hard, dropped, Watched(program, self._robot))
+
+
+def undamped(stack: Stack) -> Stack:
+    """The stack with neither acceleration window nor braking curve, but where its limits declare other numbers."""
+    levels = [level.replace(*map(_undamped, level)) for level in stack.levels]
+    return Stack(*levels, subject_to=[_undamped(element) for element in stack.subject_to])
+
+
+def _undamped(element: Element) -> Element:
+    from hqp.tasks import BallLimits, JointLimits
+
+    if not isinstance(element, (JointLimits, BallLimits)):
+        return element
+    given = {f.name: f.default for f in fields(element) if f.name in MEASURES}
+    off = {name: 0.0 for name, default in given.items() if getattr(element, name) == default}
+    return replace(element, **off)  # type: ignore[arg-type]

@@ -60,7 +60,7 @@ def rehearse(formulation: Formulation, stack: Stack, robot: Robot, dt: float) ->
     foreign = [element.name for element in stack if not type(element).__module__.startswith(OWN)]
     try:
         stack = stack.without(*foreign) if foreign else stack
-        program = formulation.compile(stack, twin, dt, Price(0.0, 0.0))
+        program = formulation.compile(stack, twin, dt, Price(0.0))
     except HqpError:  # nothing is left without them
         return
     for k in range(POSES):

@@ -160,7 +160,6 @@ def _shapes(pattern: dict[str, Any], n: int, where: str) -> Sequence[tuple[int, 
     for name, shape in (("metric", (n, n)), ("origin", (n,))):
         if take(pattern, name, bool, where):
             found.append(shape)
-    take(pattern, "guard", bool, where)
     if pattern.get("motion") is not None:
         motion = take(pattern, "motion", dict, where)
         F = tuple(_integers(motion, "F", f"{where}.motion"))
@@ -193,9 +192,9 @@ def _numbers(pattern: Hierarchy, columns: list[Any], usable: Mask, where: str) -
         if not np.all((sizes < MOST) | ((sizes == np.inf) & (j in bounds))):
             refuse(f"{where}_{j}", "a number is not finite, or too large")
     scales = [rows.A.scale for rows in pattern.levels if isinstance(rows.A, Selection)]
-    for values in (*scales, pattern.prices, pattern.shares):
+    for values in (*scales, pattern.prices, pattern.turning):
         if values is not None and np.any(np.abs(values) >= MOST):
-            refuse("pattern", "a scale, price or share is too large", values.tolist())
+            refuse("pattern", "a scale or price is too large", values.tolist())
     motion = pattern.motion
     if motion is not None and motion.F.ndim == 1:
         j = len(columns) - (1 if motion.f is None else 2)

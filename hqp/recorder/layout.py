@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from typing import Any, TypeVar
@@ -10,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.problem import Hierarchy, Motion, Rows, Selection
+from hqp.problem import ETA, Hierarchy, Motion, Rows, Selection
 
 T = TypeVar("T")
 
@@ -164,10 +163,8 @@ def pattern_of(problem: Hierarchy) -> dict[str, Any]:
         "metric": problem.metric is not None,
         "origin": problem.origin is not None,
         "prices": None if problem.prices is None else problem.prices.tolist(),
-        "shares": None if problem.shares is None else problem.shares.tolist(),
-        "guard": problem.guard,
-        "guard_floor": problem.guard_floor,
-        "pace": problem.pace,
+        "eta": problem.eta,
+        "turning": None if problem.turning is None else problem.turning.tolist(),
         "motion": motion,
     }
 
@@ -192,10 +189,8 @@ def from_pattern(told: dict[str, Any]) -> Hierarchy:
         told["constraints"],
         n=n,
         prices=None if told["prices"] is None else np.array(told["prices"]),
-        shares=None if told["shares"] is None else np.array(told["shares"]),
-        guard=told["guard"],
-        guard_floor=told["guard_floor"],
-        pace=told.get("pace", math.inf),
+        eta=told.get("eta", ETA),
+        turning=None if told.get("turning") is None else np.array(told["turning"]),
         motion=motion,
     )
     return replace(made, metric=np.eye(n) if told["metric"] else None, origin=np.zeros(n) if told["origin"] else None)

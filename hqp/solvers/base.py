@@ -57,8 +57,8 @@ class Solver(ABC):
     """A way of solving hierarchies: options are fields of a frozen dataclass, capabilities class attributes.
 
     inequalities: takes them at all.  strict: a lower level never moves a higher residual.
-    metric: honours Hierarchy.metric and origin.  priced: solves levels with a price; shares: hands down bands of an
-    unmet level, too.  accuracy: the certificate gap it guarantees if OPTIMAL.
+    metric: honours Hierarchy.metric and origin.  priced: solves levels with a price.  accuracy: the certificate gap it
+    guarantees if OPTIMAL.
     """
 
     name: ClassVar[str]
@@ -66,7 +66,6 @@ class Solver(ABC):
     strict: ClassVar[bool] = True
     metric: ClassVar[bool] = True
     priced: ClassVar[bool] = False
-    shares: ClassVar[bool] = True
     accuracy: ClassVar[float] = 1e-6
 
     @abstractmethod

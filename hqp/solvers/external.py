@@ -13,7 +13,6 @@ from hqp.problem import Hierarchy, Shape, Solution, Stats, Status
 from hqp.solvers.base import Solver, Workspace, check_fields
 from hqp.solvers.flat import Flat
 from hqp.solvers.refine import Refiner
-from hqp.solvers.stages import StagedWorkspace
 from hqp.tolerances import RANK_TOLERANCE
 
 
@@ -27,7 +26,6 @@ class External(Solver):
     """
 
     accuracy: ClassVar[float] = 1e-8
-    priced: ClassVar[bool] = True
 
     tolerance: float = 1e-9
     max_iterations: int = 2000
@@ -39,15 +37,13 @@ class External(Solver):
         check_fields(self, shares=("tolerance", "rank_tolerance"), counts=("max_iterations", "exchanges"))
 
     def workspace(self, shape: Shape) -> Workspace:
-        """Allocate; raises DeclarationError for an unknown back end."""
+        """Allocate; raises UnsupportedProblem for levels with a price, DeclarationError for an unknown back end."""
         self.require(shape)
-        if shape.priced:
-            return StagedWorkspace(shape, self.workspace)
         return self.exact(shape)
 
     @abstractmethod
     def exact(self, shape: Shape) -> ExternalWorkspace:
-        """A workspace for hierarchies without prices."""
+        """The workspace itself."""
 
 
 class ExternalWorkspace(ABC):

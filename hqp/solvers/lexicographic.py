@@ -102,7 +102,7 @@ class Lexicographic(Solver):
         self.require(shape)
         if not shape.priced:
             return NativeWorkspace(self, shape)
-        staged = StagedWorkspace(shape, self.workspace, native=True)
+        staged = StagedWorkspace(shape, replace(self, multipliers=False).workspace)
         if self.deadline is not None:
             staged.limit(self.deadline)
         return staged

@@ -1,16 +1,20 @@
 """`reference`: the definition as a program, one level after the other, single changes, no history; allowed to be slow.
 
-Level k is min ||T v - t||^2 over the points v = (x, slacks of its inequality rows) that the levels above leave, solved
-by a primal active-set method from the point of the level above (Nocedal and Wright 2006, chapter 16).  At a point, the
-least residual r of the optimality conditions over multipliers mu >= 0 of the active rows (non-negative least squares,
-Lawson and Hanson 1974) is zero at the optimum only; elsewhere -r is a feasible descent direction, at degenerate
-vertices too.  The step goes to the minimiser on the face that -r stays on.  A level with a price is min ||w|| + c E:
-for m = c ||w|| that is min ||w||^2 + m |y|^2 with y the coordinates of the motion, and m is found by bisection.
+Level k is min ||T v - t||^2 over the points v = (y, slacks) that the levels above leave, y the coordinates of motion,
+solved by a primal active-set method from the point of the level above (Nocedal and Wright 2006, chapter 16).  At a
+point, the least residual r of the optimality conditions over multipliers mu >= 0 of the active rows (non-negative
+least squares, Lawson and Hanson 1974) is zero at the optimum only; elsewhere -r is a feasible descent direction, at
+degenerate vertices too.  The step goes to the minimiser on the face that -r stays on, the shortest where T is flat.
+
+A level with a price is min ||w|| + c E + R (hqp.pricing): min 1/2 ||w||^2 + m (c E + R) with the m at which m = ||w||,
+found on log m.  Rows of an anchored level, 1/2 ||A (x - x_a)||^2 / give, are hard rows A x - s v = A x_a with
+s^2 = give / m and 1/2 ||v||^2 to pay, as give may be 1e-12.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import ClassVar
@@ -21,19 +25,21 @@ from hqp.arrays import Mask, Mat, Vec, longest_row, row_lengths
 from hqp.certify import certificate
 from hqp.nnls import nonnegative_least_squares
 from hqp.null_directions import without_rounding
-from hqp.pricing import Coordinates, after_stages, at_optimum, feasible_set, stack_rows, stage_price
-from hqp.problem import Hierarchy, Motion, Rows, Shape, Solution, Stats, Status
+from hqp.pricing import UNNAMED, Above, Coordinates, at_optimum, level_size, stack_rows
+from hqp.problem import Hierarchy, Rows, Shape, Solution, Stats, Status
 from hqp.solvers.base import Solver, check_fields, finish
 from hqp.solvers.completion import completion
 from hqp.solvers.flat import Flat
-from hqp.solvers.stages import multiplier
-from hqp.tolerances import RANK_TOLERANCE, ROUNDING
+from hqp.tolerances import MET_TOLERANCE, RANK_TOLERANCE, ROUNDING
 
 HELD, ALONG = 1e-11, 1e-9
 """Active: a row this close to its bound, relative to its terms.  Along it: a unit direction of less than this rate."""
 
 OPTIMAL, FLAT = 1e-13, 1e-9
 """Relative residual of the optimality conditions of an optimal point, and of one whose last step lowered nothing."""
+
+ROOT = 1e-12
+"""m is found to this relative accuracy."""
 
 
 @dataclass(frozen=True)
@@ -72,140 +78,145 @@ class ReferenceWorkspace:
         """Nothing is kept between solves."""
 
     def solve(self, problem: Hierarchy) -> Solution:
-        """The point found, judged, and where it is refused once more in other coordinates.
-
-        Rows much shorter than their level's longest can get lost (NOT_CERTIFIED).
-        """
+        """The point found, judged: rows much shorter than their level's longest can get lost (NOT_CERTIFIED)."""
         began = perf_counter()
         unusable = self._flat.load(problem)
         if unusable:
             return self._flat.refuse(problem, Stats(build_s=perf_counter() - began), unusable)
-        x, stages, run = self._found(problem)
-        steps, passed = run.steps, certificate(problem, x, self._solver.accuracy, stages).ok
-        if not passed and self._solver.factorisations is None:
-            turned, Q = _turned(problem)
-            z, points, run = self._found(turned)
-            x, stages, steps = Q @ z, None if points is None else points @ Q.T, steps + run.steps
-            passed = certificate(problem, x, self._solver.accuracy, stages).ok
-        stats = Stats(steps, 0, 0.0, perf_counter() - began)
-        status, detail = Status.OPTIMAL, ""
-        if not passed and run.ended:
-            status, detail = Status.NOT_CERTIFIED, "the certificate refuses the point found"
-        elif not passed:
-            status, detail = Status.ITERATION_LIMIT, "a level was left before its optimum"
-        return finish(problem, x, status, stats, detail, stages)
-
-    def _found(self, problem: Hierarchy) -> tuple[Vec, Mat | None, _Run]:
-        """The answer, the stage points of priced levels, and how it went."""
         run = _Run(without_rounding(problem), self._solver)
-        stages = run.stages() if problem.priced else None
-        return run.answer(stages), stages, run
+        points = run.points()
+        stages = None
+        if problem.priced:
+            stages = points[: len(problem.levels)].copy()
+            stages[~np.array(problem.priced)] = np.nan
+        stats = Stats(run.steps, 0, 0.0, perf_counter() - began)
+        passed = certificate(problem, points[-1], self._solver.accuracy, stages).ok
+        status = Status.OPTIMAL if passed else Status.NOT_CERTIFIED if run.ended else Status.ITERATION_LIMIT
+        return finish(problem, points[-1], status, stats, "", stages)
 
 
-def _turned(problem: Hierarchy) -> tuple[Hierarchy, Mat]:
-    """The problem in other orthogonal coordinates z with x = Q z, in which rounding falls otherwise, and Q."""
-    n = problem.n
-    Q, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(n, n)))
-    motion = problem.motion or Motion(np.ones(n))
-    F = np.diag(motion.F) if motion.F.ndim == 1 else motion.F
-    turned = replace(
-        problem,
-        levels=tuple(Rows(rows.dense(n) @ Q, rows.lower, rows.upper) for rows in problem.levels),
-        metric=None if problem.metric is None else (Q.T @ problem.metric @ Q + Q.T @ problem.metric.T @ Q) / 2.0,
-        origin=None if problem.origin is None else Q.T @ problem.origin,
-        motion=Motion(F @ Q, motion.f) if problem.priced else None,
-        stacked=None,
-    )
-    return turned, Q
-
-
-def witness(problem: Hierarchy, known: Mat | None = None, factorisations: int | None = None) -> Mat:
-    """The optimum of every priced level in its own stage, ``(levels, n)``, where ``known`` has none (NaN).
-
-    NaN too from the level on for which so many singular value decompositions were not enough.
-    """
-    run = _Run(without_rounding(problem), Reference(factorisations=factorisations))
-    stages = run.stages(known)
-    stages[run.finished :] = np.nan
-    return stages
+def solve_level(
+    rows: Rows, above: Above, x: Vec, price: float, at: Coordinates, solver: Reference | None = None
+) -> Vec:
+    """The stage point of one level below what the levels above handed down, from a point x of S."""
+    return _Run(Hierarchy((rows,), n=x.size), solver or Reference(), at).level(rows, above, x, price)
 
 
 class _Run:
     """One problem: the coordinates of its motion, the steps taken, and whether every level ended."""
 
-    def __init__(self, problem: Hierarchy, solver: Reference) -> None:
+    def __init__(self, problem: Hierarchy, solver: Reference, at: Coordinates | None = None) -> None:
         self.problem, self._solver = problem, solver
-        self.coordinates = Coordinates.of(problem.motion, problem.n)
+        self._at = at or Coordinates.of(problem.motion, problem.n)
         self.steps, self.ended, self._effort = 0, True, _Effort(solver.factorisations)
-        self.finished = len(problem.levels)
-        """So many levels had their stage before the factorisations were spent."""
         self._zero = ROUNDING * max((longest_row(rows.dense(problem.n)) for rows in problem.levels), default=0.0)
 
-    def stages(self, known: Mat | None = None) -> Mat:
-        """x_k of every priced level, ``(levels, n)``, NaN in the rows of the others; those known are taken over."""
-        problem, x = self.problem, np.zeros(self.problem.n)
-        stages = np.full((len(problem.levels), problem.n), np.nan)
-        for k in range(1 + max(k for k, priced in enumerate(problem.priced) if priced)):
-            if known is not None and not np.isnan(known[k, 0]):
-                stages[k] = x = known[k]
-                continue
-            above = feasible_set(problem, stages, k, x, self.coordinates)
-            if problem.priced[k]:
-                stages[k] = x = self._priced(problem.levels[k], above, x, stage_price(problem, stages, k))
-            else:
-                x = self._least_squares(problem.levels[k], above, x)
-            if self._effort.spent:
-                self.finished = min(self.finished, k)
-        return stages
+    def points(self) -> Mat:
+        """The stage point of every level and, last, the answer: ``(levels + 1, n)``."""
+        problem, above, points = self.problem, Above.none(self.problem.n), [np.zeros(self.problem.n)]
+        for k, rows in enumerate(problem.levels):
+            price = 0.0 if problem.prices is None else float(problem.prices[k])
+            points.append(self.level(rows, above, points[-1], price))
+            above = above.after(problem, k, points[-1], self._at)
+        x = points[-1]
+        above = above.completed(x, bool(problem.priced) and problem.priced[-1], self._at)
+        for rows in completion(problem):
+            x = self.level(rows, above, x, 0.0)
+            above = above.with_rows(at_optimum(rows, x), UNNAMED)
+        return np.array([*points[1:], x])
 
-    def answer(self, stages: Mat | None) -> Vec:
-        """The exact hierarchy that the stages leave, solved from the last of them on, completion included."""
-        problem, first, x = self.problem, 0, np.zeros(self.problem.n)
-        if stages is not None:
-            first = 1 + max(k for k, priced in enumerate(problem.priced) if priced)
-            x, problem = stages[first - 1], after_stages(problem, stages, self.coordinates)
-        whole = Hierarchy((*problem.levels, *completion(problem)), n=problem.n)
-        for k in range(first, len(whole.levels)):
-            x = self._least_squares(whole.levels[k], feasible_set(whole, np.zeros((0, 0)), k, x, self.coordinates), x)
-        return x
+    def level(self, rows: Rows, above: Above, x: Vec, price: float) -> Vec:
+        """The stage point of a level, from a point of S."""
+        if longest_row(rows.dense(x.size)) <= self._zero:
+            rows = Rows(np.zeros((0, x.size)), np.zeros(0), np.zeros(0))
+            return self._search(rows, above, x, 1.0, price) if above.anchors or price > 0.0 else x
+        return self._priced(rows, above, x, price) if price > 0.0 else self._search(rows, above, x, 1.0)
 
-    def _priced(self, rows: Rows, above: Rows, x: Vec, price: float) -> Vec:
-        """argmin ||w|| + c E: m = c ||w(m)|| by root finding on log m; the least motion where the level is met."""
-        size, point = longest_row(rows.dense(x.size)), x
-        if size <= self._zero:
-            return x
+    def _priced(self, rows: Rows, above: Above, x: Vec, price: float) -> Vec:
+        """argmin ||w|| + c E + R by root finding on log m; min c E + R where the level is met for its price."""
+        point = x
 
         def unmet(m: float) -> float:
             nonlocal point
-            point = self._least_squares(rows, above, x, math.sqrt(m))
+            point = self._search(rows, above, x, m, price)
             w = rows.slack(point)
             return float(np.sqrt(w @ w))
 
-        return self._least_motion(rows, above, x) if multiplier(unmet, price, size) is None else point
+        if _root(unmet, max(MET_TOLERANCE * level_size(rows, x), 1e-300)) is not None:
+            return point
+        x = self._search(rows, replace(above, anchors=()), x, 1.0)
+        met = above.with_rows(at_optimum(rows, x), UNNAMED)
+        nothing = Rows(np.zeros((0, x.size)), np.zeros(0), np.zeros(0))
+        return self._search(nothing, met, x, 1.0, price)
 
-    def _least_motion(self, rows: Rows, above: Rows, x: Vec) -> Vec:
-        """argmin E over the points of the set that meet the level."""
-        x = self._least_squares(rows, above, x)
-        return self._least_squares(self.coordinates.level(), stack_rows([above, at_optimum(rows, x)], x.size), x)
-
-    def _least_squares(self, rows: Rows, above: Rows, x: Vec, root: float = 0.0) -> Vec:
-        """argmin ||w||^2 + root^2 |y|^2 over ``above``, from a point x of it; y the coordinates of the motion."""
-        n, A, at = x.size, rows.dense(x.size), Coordinates.of(None, x.size) if root == 0.0 else self.coordinates
-        unequal = ~rows.equality & ((rows.lower > -np.inf) | (rows.upper < np.inf))
-        size, q = longest_row(A[rows.equality | unequal]), int(unequal.sum())
-        if size <= self._zero:
+    def _search(self, rows: Rows, above: Above, x: Vec, m: float, price: float = 0.0) -> Vec:
+        """argmin 1/2 ||w||^2 + m (c E + R) over S, from a point x of it."""
+        n, at = x.size, self._at
+        A, unequal = rows.dense(n), ~rows.equality & (np.isfinite(rows.lower) | np.isfinite(rows.upper))
+        B, b = A[rows.equality], rows.lower[rows.equality]
+        soft = [(A[unequal], rows.lower[unequal], rows.upper[unequal], 1.0)]
+        T, t = [at.rows(B)], [b - B @ at.still]
+        if price > 0.0:
+            T.append(math.sqrt(m * price) * np.eye(at.moving, n))
+            t.append(np.zeros(at.moving))
+        for anchor in above.anchors:
+            soft.append((anchor.A, anchor.rows.lower, anchor.rows.upper, math.sqrt(anchor.give / m)))
+            turning = math.sqrt(m) * anchor.turning
+            T.append(at.rows(turning))
+            t.append(turning @ (anchor.x - at.still))
+        sizes = [lower.size for _, lower, _, _ in soft]
+        q = sum(sizes)
+        left = np.concatenate(T)
+        size = max(longest_row(A), longest_row(left))
+        whole = np.block([[left, np.zeros((len(left), q))], [np.zeros((q, n)), np.eye(q)]])
+        if not whole.size or (size <= self._zero and not q):
             return x
-        B, t = A[rows.equality], rows.lower[rows.equality]
-        T = np.block([[at.rows(B), np.zeros((t.size, q))], [np.diag([root] * n + [1.0] * q)]])
-        t = np.concatenate([t - B @ at.still, np.zeros(n + q)])
-        hard = stack_rows([above, Rows(A[unequal], rows.lower[unequal], rows.upper[unequal])], n)
-        C, shift = hard.dense(n), hard.A @ at.still
-        C = np.concatenate([at.rows(C), -np.eye(hard.m, q, -above.m)], axis=1)
-        program = _Program(T, t, C, hard.lower - shift, hard.upper - shift, self._solver.rank_tolerance * size)
-        start = np.concatenate([at.motion(x), rows.slack(x)[unequal]])
+        hard = stack_rows([above.hard, *(Rows(C, lower, upper) for C, lower, upper, _ in soft)], n)
+        dense = hard.dense(n)
+        minus = -np.repeat([s for *_, s in soft], sizes)
+        C = np.concatenate([at.rows(dense), np.eye(hard.m, q, -above.hard.m) * minus], axis=1)
+        shift = dense @ at.still
+        program = _Program(
+            whole,
+            np.concatenate([*t, np.zeros(q)]),
+            C,
+            hard.lower - shift,
+            hard.upper - shift,
+            self._solver.rank_tolerance * (longest_row(A) or size),
+        )
+        off = np.concatenate([Rows(C, lower, upper).slack(x) / s for C, lower, upper, s in soft])
+        start = np.concatenate([at.of_point(x), off])
         v, steps, ended = program.solve(start, self._solver.max_iterations, self._effort)
         self.steps, self.ended = self.steps + steps, self.ended and ended
         return at.point(v[:n])
+
+
+def _root(unmet: Callable[[float], float], least: float) -> float | None:
+    """The m with m = ||w(m)||, None where it is below ``least``; the last call of ``unmet`` is at it.
+
+    unmet: ||w(m)|| of argmin 1/2 ||w||^2 + m (c E + R), which grows with m more slowly than m does.
+    """
+
+    def excess(log: float) -> float:
+        return log - math.log(max(unmet(math.exp(log)), 1e-300))
+
+    low = math.log(least)
+    if (close := excess(low)) >= 0.0:
+        return None
+    high = low + 4.0
+    while (far := excess(high)) < 0.0:
+        low, close, high = high, far, 2.0 * high - low + 4.0
+    guess = high
+    for _ in range(100):  # regula falsi with the Illinois rule, halving where it is slow
+        guess = high - far * (high - low) / (far - close)
+        here = excess(guess)
+        if abs(here) <= ROOT or high - low <= ROOT:
+            break
+        if here > 0.0:
+            high, far, close = guess, here, 0.5 * close
+        else:
+            low, close, far = guess, here, 0.5 * far
+    return math.exp(guess)
 
 
 class _Effort:

@@ -26,17 +26,15 @@ STUCK = "no answer that was found passed the certificate: the problem is too ill
 
 def second_opinion(problem: Hierarchy, doubtful: Solution, others: Iterable[Callable[[], Solution]] = ()) -> Solution:
     """The first that the certificate passes, of the answer given, the others and the reference's, or NOT_CERTIFIED."""
-    from hqp.solvers.reference import Reference, witness  # it is seldom asked
+    from hqp.solvers.reference import Reference  # it is seldom asked
 
-    factorisations = effort(problem)
-    last = Reference(factorisations=factorisations)
+    last = Reference(factorisations=effort(problem))
     answers: list[Callable[[], Solution]] = [lambda: doubtful, *others, lambda: last.solve(problem)]
     for answer in answers:
         found = answer()
-        stages = found.stage_points
-        if problem.priced:
-            stages = witness(problem, stages, factorisations)
-        if any(certificate(problem, found.x, tolerance, stages, settled=True).ok for tolerance in TOLERANCES):
+        if any(
+            certificate(problem, found.x, tolerance, found.stage_points, settled=True).ok for tolerance in TOLERANCES
+        ):
             if found is doubtful and found.status is Status.OPTIMAL:  # the data's last digits do not move it
                 return replace(found, detail="")
             status = finish(problem, found.x, Status.RANK_UNCERTAIN, found.stats).status

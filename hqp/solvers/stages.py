@@ -1,28 +1,24 @@
-"""Priced levels through any solver of exact hierarchies: a stage for each level from the first that is not clear.
+"""Priced levels natively: the exact answer while it settles every level, else a stage for each from the first.
 
-A level is clear where it is met at its point of least motion, that point keeps to all rows above, and the shortest u
-with A_k'u + c F'(F x - f) + (rows above) = 0 has ||u|| <= 1.  While every priced level is clear, the answer is that of
-the exact hierarchy, to the bit.  From the first level that is not, each stage is min ||w||^2 + m |y|^2, y the motion,
-for the m with m = c ||w||, found by a secant on log m; the last solve is of the exact hierarchy with what the levels
-hand down (hqp.pricing).
+Below unmet levels a level without a price is the last of an exact hierarchy over (z, v), x scaled and the motion of the
+anchored rows (hqp/cpp/priced/remainder.hpp), which the kernel of exact hierarchies solves.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
 
-from hqp.arrays import Mat, Signs, Vec, longest_row
-from hqp.pace import is_paced
-from hqp.pricing import Coordinates, after_stages, at_optimum, feasible_set, is_met, room, stack_rows, stage_price
-from hqp.problem import SHARE, Hierarchy, Rows, Selection, Shape, Solution, Stats, Status
-from hqp.solvers.base import Described, OneThread, Workspace, check_shape, describe, finish, require_hierarchy
+from hqp.arrays import Mat, Signs, Vec
+from hqp.pricing import is_met
+from hqp.problem import Hierarchy, Rows, Selection, Shape, Solution, Stats, Status
+from hqp.solvers.base import UNSURE, Described, OneThread, Workspace, check_shape, finish, require_hierarchy
 from hqp.solvers.second_opinion import second_opinion
 from hqp.tolerances import (
     ACTIVITY_TOLERANCE,
@@ -35,20 +31,6 @@ from hqp.tolerances import (
 if TYPE_CHECKING:
     from hqp._priced import Stages as NativeStages
 
-try:
-    from hqp import _priced as native_stages
-except ImportError:  # no compiler was there
-    native_stages = None  # type: ignore[assignment]
-
-LEAST = 1e-6
-"""sqrt(m) of a priced level below which it counts as met, relative to its largest row."""
-
-ROOT = 1e-12
-"""m is found to this relative accuracy."""
-
-SECANTS = 8
-"""Steps of a secant from the last multiplier before the search is bracketed."""
-
 T = TypeVar("T")
 
 Counts: TypeAlias = tuple[int, int, int, bool]
@@ -56,9 +38,6 @@ Counts: TypeAlias = tuple[int, int, int, bool]
 
 Kernel: TypeAlias = tuple[Callable[[], Counts], Vec, Signs, object]
 """A bound kernel: its solve, live views of (x, slack) and of the marks, and the solve as native modules call it."""
-
-Found: TypeAlias = tuple[Mat, Vec, int, Hierarchy]
-"""The stage points, the last of them, steps taken, and the exact hierarchy that is left."""
 
 BEGINS = (0, 1)
 """Outcomes of a kernel from which stages can start: an optimum, also one of uncertain rank."""
@@ -70,91 +49,28 @@ UNSETTLED_NATIVE = 98
 """The same, found without Python, whose answer is still to be told from an optimum."""
 
 
-def multiplier(unmet: Callable[[float], float], price: float, size: float, near: float | None = None) -> float | None:
-    """The m with m = c ||w(m)||, None where the level is met for its price; the last call of ``unmet`` is at it.
+@dataclass(frozen=True)
+class Remainder:
+    """A level without a price below one that has one, as the native stages write and solve it."""
 
-    unmet: ||w(m)|| of argmin ||w||^2 + m |y|^2, which grows with m more slowly than m does.  size: largest row.
-    near: the m of a tick ago, for a secant to begin with; where that leaves the interval the search is bracketed.
-    """
-
-    def excess(log: float) -> float:
-        return log - math.log(max(price * unmet(math.exp(log)), 1e-300))
-
-    low = 2.0 * math.log(LEAST * size)
-    if near is not None:
-        old, guess = math.log(near), math.log(near)
-        before, slope = 0.0, 1.0
-        for turn in range(SECANTS):
-            if not guess > low:
-                break
-            here = excess(guess)
-            if abs(here) <= ROOT:
-                return math.exp(guess)
-            if turn:
-                slope = (here - before) / (guess - old)
-            if not 0.0 < slope <= 2.0:
-                break
-            old, before, guess = guess, here, guess - here / slope
-    if excess(low) >= 0.0:
-        return None
-    high = low + 4.0
-    while (far := excess(high)) < 0.0:
-        low, high = high, 2.0 * high - low + 4.0
-    close, guess = excess(low), high
-    for _ in range(100):  # regula falsi with the Illinois rule, halving where it is slow
-        guess = high - far * (high - low) / (far - close)
-        here = excess(guess)
-        if abs(here) <= ROOT or high - low <= ROOT:
-            break
-        if here > 0.0:
-            high, far, close = guess, here, 0.5 * close
-        else:
-            low, close, far = guess, here, 0.5 * far
-    return math.exp(guess)
-
-
-def first_unclear(problem: Hierarchy, x: Vec, at: Coordinates) -> int | None:
-    """The first priced level that the exact answer x does not settle; None where it settles all of them."""
-    A, b, hard = np.zeros((0, problem.n)), np.zeros(0), []
-    prices = problem.prices if problem.prices is not None else np.zeros(len(problem.levels))
-    last = max((k for k, price in enumerate(prices) if price > 0.0), default=-1)
-    for k in range(last + 1):
-        rows = at_optimum(problem.levels[k], x) if prices[k] == 0.0 else problem.levels[k]
-        dense, equal = rows.dense(problem.n), rows.equality
-        A = np.concatenate([A, at.rows(dense[equal])])
-        b = np.concatenate([b, rows.lower[equal] - dense[equal] @ at.still])
-        hard.append(rows)
-        if prices[k] == 0.0:
-            continue
-        shares, *_ = np.linalg.lstsq(A @ A.T, b, rcond=1e-12)
-        y = shares @ A
-        own = shares[shares.size - int(equal.sum()) :]
-        terms = 1.0 + np.abs(A) @ np.abs(y)
-        clear = bool(np.all(np.abs(A @ y - b) <= 1e-9 * terms)) and prices[k] * float(np.sqrt(own @ own)) <= 1.0
-        point = at.point(y)
-        if not clear or any(np.any(np.abs(r.slack(point)) > 1e-9 * (1.0 + np.abs(r.A @ point))) for r in hard):
-            return k
-    return None
+    problem: Hierarchy
+    workspace: Workspace
+    kernel: Kernel
 
 
 class StagedWorkspace:
-    """A workspace for priced hierarchies: one for the exact hierarchy, one for what the stages leave.
+    """A workspace for priced hierarchies: the kernel of the exact one, the native stages, a kernel for each remainder.
 
-    exact: makes a workspace for an exact shape.  native: whether the stages are solved by the native code, else each
-    by a secant over exact hierarchies in the same solver.
+    exact: makes a workspace for an exact shape.
     """
 
-    def __init__(self, shape: Shape, exact: Callable[[Shape], Workspace], native: bool = False) -> None:
+    def __init__(self, shape: Shape, exact: Callable[[Shape], Workspace]) -> None:
         self._shape = shape
+        self._make = exact
         self._exact = exact(replace(shape, priced=()))
-        rows = tuple(m + priced for m, priced in zip(shape.rows, shape.priced, strict=True))
-        selections = tuple(s and not p for s, p in zip(shape.selections, shape.priced, strict=True))
-        self._last = exact(replace(shape, rows=rows, selections=selections, inequalities=True, priced=()))
         self._latest: Workspace | None = self._exact
-        self._make, self._workspaces = exact, dict[Shape, Workspace]()
-        self._multipliers = dict[int, float]()
-        self._native = stages_of(shape.n, shape.rows, shape.priced) if native and native_stages else None
-        self._points: Mat = np.full((len(rows), shape.n), np.nan)
+        self._native = stages_of(shape.n, shape.rows, shape.priced)
+        self._points: Mat = np.full((len(shape.rows), shape.n), np.nan)
         self._end: Vec = np.zeros(shape.n)
         ends = np.concatenate(([0], np.cumsum(shape.rows))).astype(int).tolist()
         self._parts = [slice(a, b) for a, b in pairwise(ends)]
@@ -162,28 +78,26 @@ class StagedWorkspace:
         self._last_x: Vec = np.zeros(shape.n)
         self._problem: Hierarchy | None = None
         self._has_prices = False
+        self._remainders = dict[int, Remainder]()
         self._heads = dict[int, tuple[Workspace, Kernel | None]]()
         self._seconds = self._began = 0.0
 
     def reset(self) -> None:
         """Forget the warm starts."""
         self._exact.reset()
-        self._last.reset()
         self._last_x = np.zeros(self._shape.n)
-        self._workspaces.clear()
-        self._multipliers.clear()
         for workspace, _ in self._heads.values():
             workspace.reset()
-        if self._native is not None:
-            self._native.reset()
+        for remainder in self._remainders.values():
+            remainder.workspace.reset()
+        self._native.reset()
 
     def limit(self, seconds: float) -> None:
         """Time for the next solves [s], as the solver's own workspace takes it."""
         self._seconds = seconds
-        for workspace in (self._exact, self._last, *(workspace for workspace, _ in self._heads.values())):
+        for workspace in (self._exact, *(workspace for workspace, _ in self._heads.values())):
             _limit(workspace, seconds)
-        if self._native is not None:
-            self._native.limit(seconds if seconds < math.inf else 0.0)
+        self._native.limit(seconds if seconds < math.inf else 0.0)
 
     def solve(self, problem: Hierarchy) -> Solution:
         """The exact answer where it settles every priced level, else that of the stages, with their points.
@@ -215,7 +129,7 @@ class StagedWorkspace:
             self._bind(problem)
         problem.check_prices(self._shape.priced)  # they may have been refilled
         self._began = perf_counter()
-        if self._native is None or not self._native.head:
+        if not self._native.head:
             return self._priced(problem, self._exact.solve(self._plain))
         if (counts := self._from_head()) is not None:
             return self.answer(problem, counts)
@@ -228,14 +142,11 @@ class StagedWorkspace:
         if self._problem is not problem:
             self._bind(problem)
         exact: Kernel | None = getattr(self._exact, "kernel", lambda _: None)(self._plain)
-        if exact is None or self._native is None or not self._has_prices:
+        if exact is None or not self._has_prices:
             return exact
         solve, values, marks, call = exact
         native, x, stages, points, end = self._native, values[: problem.n], self._native.solve, self._points, self._end
-        last: Kernel | None = getattr(self._last, "kernel", lambda _: None)(self._final)
-        if last is not None:
-            tolerances = ACTIVITY_TOLERANCE, VIOLATION_TOLERANCE
-            native.below(last[3], last[1][: problem.n], problem.constraints, *tolerances)
+        native.answers(problem.constraints, ACTIVITY_TOLERANCE, VIOLATION_TOLERANCE)
 
         def alone() -> Counts:
             self._one_thread.enter()
@@ -258,7 +169,7 @@ class StagedWorkspace:
             first = stages(x, points, end, 0, self._left())
             return counts if first < 0 else (UNSETTLED, *counts[1:])
 
-        return alone, values, marks, self._native.after(call, x, points, end)
+        return alone, values, marks, native.after(call, x, points, end)
 
     def _from_head(self) -> Counts | None:
         """Stages from the exact answer of the levels above the one that was not met a tick ago.
@@ -266,8 +177,6 @@ class StagedWorkspace:
         Far out of reach the exact answer of all levels is large, ill-conditioned and of no use.  None where that level
         is met by now, or the levels above have no optimum: the exact hierarchy decides.
         """
-        if self._native is None:
-            return None
         head, self._native.head = self._native.head, 0
         kernel = self._heads[head][1] if head in self._heads else self._make_head(head)
         if kernel is None:
@@ -288,41 +197,43 @@ class StagedWorkspace:
         _limit(workspace, self._seconds)
         kernel: Kernel | None = getattr(workspace, "kernel", lambda _: None)(above)
         self._heads[head] = workspace, kernel
-        if kernel is not None and self._native is not None:
+        if kernel is not None:
             self._native.above(head, kernel[3], kernel[1][: self._shape.n])
         return kernel
 
     @property
-    def stages(self) -> tuple[Any, Mat] | None:
-        """The native stages and the points ``(levels, n)`` of their latest solve; None where they are not native."""
-        return None if self._native is None else (self._native, self._points)
+    def stages(self) -> tuple[Any, Mat]:
+        """The native stages and the points ``(levels, n)`` of their latest solve."""
+        return self._native, self._points
 
     def tell(self) -> Vec | None:
-        """Multipliers of the workspace that gave the latest answer; those of guards are among them after stages."""
-        latest = self._latest
-        if self._native is not None:
-            _, settled, answered, _ = self._native.latest()
-            latest = self._exact if settled else self._last if answered else latest
+        """Multipliers of the workspace that gave the latest answer: rows above each level, then its own."""
+        _, settled, answered, _ = self._native.latest()
+        latest = self._exact if settled else self._below_stages() if answered else self._latest
         told: Callable[[], Vec | None] = getattr(latest, "tell", lambda: None)
         return told()
 
+    def _below_stages(self) -> Workspace | None:
+        """The workspace of the last level, where that has no price."""
+        last = self._remainders.get(len(self._shape.rows) - 1)
+        return None if last is None else last.workspace
+
     def answer(self, problem: Hierarchy, counts: Counts) -> Solution:
         """The solution of the latest solve of ``kernel``."""
-        if counts[0] == UNSETTLED_NATIVE and self._native is not None:
+        if counts[0] == UNSETTLED_NATIVE:
             self._began = perf_counter() - self._native.latest()[-1]
         elif counts[0] != UNSETTLED:
             return self._priced(problem, self._exact.answer(self._plain, counts))  # type: ignore[attr-defined]
-        return self._below(problem, Stats(*counts[1:3]), self._native_stages())
+        return self._staged(problem, Stats(*counts[1:3]))
 
     def _priced(self, problem: Hierarchy, exact: Solution) -> Solution:
         """The exact solution, or that of the stages from the first level that it does not settle."""
-        found = None
-        if self._has_prices and self._begins(problem, exact):
-            found = self._stages(problem, exact.x)
-        elif self._native is not None:
-            self._native.unasked()
         self._latest = self._exact
-        return exact if found is None else self._below(problem, exact.stats, found)
+        if not self._has_prices or not self._begins(problem, exact):
+            self._native.unasked()
+            return exact
+        first = self._native.solve(exact.x, self._points, self._end, 0, self._left())
+        return exact if first < 0 else self._staged(problem, exact.stats)
 
     @staticmethod
     def _begins(problem: Hierarchy, exact: Solution) -> bool:
@@ -336,34 +247,24 @@ class StagedWorkspace:
         last = max(k for k, priced in enumerate(problem.priced) if priced)
         return all(is_met(problem.levels[k], exact.x) for k in range(last) if not problem.priced[k])
 
-    def _below(self, problem: Hierarchy, exact: Stats, found: Found) -> Solution:
-        """The answer of the exact hierarchy that the stages leave."""
-        stages, point, steps, final = found
-        if self._native is not None and not self._native.effort()[1]:
-            return self._stopped(problem, exact, found)
-        self._latest = self._last
-        if self._seconds:
-            _limit(self._last, self._left())
-        answer = self._last.solve(final)
+    def _staged(self, problem: Hierarchy, exact: Stats) -> Solution:
+        """The answer of the latest stages; stopped early, a point that keeps to what the levels above left."""
+        steps, factorisations, ended, uncertain, doubtful = self._native.effort()
+        self._latest = self._below_stages() if ended else None
+        status, detail = (Status.RANK_UNCERTAIN, UNSURE) if doubtful else (Status.OPTIMAL, "")
+        if not ended:
+            status, detail = Status.TIME_LIMIT if self._seconds else Status.ITERATION_LIMIT, ""
         stats = Stats(
-            exact.iterations + answer.stats.iterations + steps,
-            exact.factorisations + answer.stats.factorisations,
+            exact.iterations + steps,
+            exact.factorisations + factorisations,
             exact.build_s,
             perf_counter() - self._began,
         )
-        # where the last solve ends without an answer, the last stage's point keeps to what every level handed down
-        best = answer.x if answer.status.solved else point
-        solution = finish(problem, best, answer.status, stats, answer.detail, stages, self._describe)
-        uncertain = self._native is not None and self._native.effort()[2]
-        return second_opinion(problem, solution) if uncertain and not self._seconds else solution
-
-    def _stopped(self, problem: Hierarchy, exact: Stats, found: Found) -> Solution:
-        """The point at which a stage was stopped: it keeps to what the levels above left."""
-        _, point, steps, _ = found
-        self._latest = None  # no multipliers: the stage has none yet
-        status = Status.TIME_LIMIT if self._seconds else Status.ITERATION_LIMIT
-        stats = Stats(exact.iterations + steps, exact.factorisations, exact.build_s, perf_counter() - self._began)
-        return finish(problem, point, status, stats, describe=self._describe)
+        solution = finish(
+            problem, self._end.copy(), status, stats, detail, self._points.copy(), describe=self._describe
+        )
+        doubtful = doubtful or uncertain or not ended
+        return second_opinion(problem, solution) if doubtful and not self._seconds else solution
 
     def _in_the_rest(self, solve: Callable[[], T]) -> T:
         """The exact hierarchy solved in what is left of the time."""
@@ -376,12 +277,10 @@ class StagedWorkspace:
 
     def _left(self) -> float:
         """What is left of the time for this solve [s], 0 for no limit."""
-        return max(self._seconds - (perf_counter() - self._began), 1e-6) if self._seconds else 0.0
+        return max(self._seconds - (perf_counter() - self._began), 1e-6) if 0.0 < self._seconds < math.inf else 0.0
 
     def _describe(self, problem: Hierarchy, x: Vec) -> Described:
-        """As hqp.solvers.base.describe, natively where the stages are."""
-        if self._native is None:
-            return describe(problem, x)
+        """As hqp.solvers.base.describe, natively."""
         slack, marks = np.empty(self._parts[-1].stop), np.empty(self._parts[-1].stop, dtype=np.int8)
         tolerances = ACTIVITY_TOLERANCE, VIOLATION_TOLERANCE
         broken = self._native.describe(x, problem.constraints, *tolerances, slack, marks)
@@ -392,101 +291,61 @@ class StagedWorkspace:
         self._problem = None  # until all of it is bound
         self._plain, self._has_prices = problem.exact(), any(problem.priced)
         self._heads.clear()
-        if self._native is not None and self._has_prices:
-            self._bind_stages(problem, self._native)
+        self._remainders.clear()
+        if self._has_prices:
+            self._bind_stages(problem)
         self._problem = problem
 
-    def _bind_stages(self, problem: Hierarchy, stages: NativeStages) -> None:
-        """Bind the native stages to the arrays of a problem, and make the hierarchy that they leave."""
-        priced = [bool(p) for p in problem.priced]
-        below, handed = list[Rows](), list[tuple[Mat | None, Vec, Vec] | None]()
-        for k, (rows, price) in enumerate(zip(problem.levels, priced, strict=True)):
-            slowed = not any(priced[k:]) and problem.pace < math.inf and is_paced(problem, k)
-            if price:
-                below.append(own := room(rows, problem.n))
-                handed.append((own.dense(problem.n), own.lower, own.upper))
-            elif slowed:
-                below.append(own := replace(rows, lower=rows.lower.copy(), upper=rows.upper.copy()))
-                handed.append((None, own.lower, own.upper))
-            else:
-                below.append(rows)
-                handed.append(None)
-        self._final = replace(self._plain, levels=tuple(below), stacked=None)
-        shares = problem.shares if problem.shares is not None else np.full(len(priced), SHARE)
-        motion = problem.motion
-        stages.bind(
+    def _bind_stages(self, problem: Hierarchy) -> None:
+        motion, turning = problem.motion, problem.turning
+        priced, n = problem.priced, problem.n
+        wide = n + sum(rows.m for rows, price in zip(problem.levels, priced, strict=True) if price)
+        metric = None if problem.metric is None else (problem.metric, np.zeros((wide, wide)))
+        origin = None if problem.origin is None else (problem.origin, np.zeros(wide))
+        self._native.bind(
             [row_arrays(rows) for rows in problem.levels],
-            handed,
             np.ascontiguousarray(problem.prices),
-            np.ascontiguousarray(shares),
+            None if turning is None else np.ascontiguousarray(turning),
+            problem.eta,
             None if motion is None else motion.F,
             None if motion is None else motion.f,
-            problem.guarded,
-            problem.pace,
+            metric,
+            origin,
         )
+        larger = None if metric is None else metric[1], None if origin is None else origin[1]
+        above = [_room(rows, wide, price) for rows, price in zip(problem.levels, priced, strict=True)]
+        for k, rows in enumerate(above):
+            self._native.leaves(k, room_arrays(rows))
+        for k in range(priced.index(True) + 1, len(priced)):
+            if not priced[k]:
+                self._remainders[k] = self._remainder(problem, k, above, wide, *larger)
 
-    def _native_stages(self) -> Found:
-        """What the latest native solve found."""
-        steps = 0 if self._native is None else self._native.effort()[0]
-        return self._points.copy(), self._end.copy(), steps, self._final
-
-    def _stages(self, problem: Hierarchy, x: Vec) -> Found | None:
-        """The stages from the first level that x does not settle; None where x settles all."""
-        if self._native is not None:
-            first = self._native.solve(x, self._points, self._end, 0, self._left())
-            return None if first < 0 else self._native_stages()
-        at = Coordinates.of(problem.motion, problem.n)
-        start = first_unclear(problem, x, at)
-        if start is None:
-            return None
-        stages = np.full((len(problem.levels), problem.n), np.nan)
-        known = stages.copy()
-        known[:start] = x  # levels above are met by x, which stands for the point of their stage
-        for k in range(start, len(problem.levels)):
-            if problem.priced[k]:
-                price = stage_price(problem, known, k)
-                x = self._by_secant(problem, at, feasible_set(problem, known, k, x, at), x, k, price)
-                stages[k] = known[k] = x
-            elif any(problem.priced[k + 1 :]):
-                hard = feasible_set(problem, known, k, x, at)
-                x = self._solve_exact(Hierarchy((hard, problem.levels[k]), constraints=1, n=problem.n), x)
-        final = after_stages(problem, stages, at)
-        levels = [
-            room(rows, problem.n) if priced and rows.m == problem.levels[k].m else rows
-            for k, (rows, priced) in enumerate(zip(final.levels, problem.priced, strict=True))
-        ]
-        return stages, x, 0, replace(final, levels=tuple(levels))
-
-    def _by_secant(self, problem: Hierarchy, at: Coordinates, above: Rows, x: Vec, k: int, price: float) -> Vec:
-        rows, n = problem.levels[k], problem.n
-        size = longest_row(rows.dense(n))
-        point, motion = x, at.level()
-
-        def unmet(m: float) -> float:
-            nonlocal point
-            root = math.sqrt(m)
-            level = stack_rows([rows, Rows(root * motion.dense(n), root * motion.lower, root * motion.upper)], n)
-            point = self._solve_exact(Hierarchy((above, level), constraints=1), x)
-            w = rows.slack(point)
-            return float(np.sqrt(w @ w))
-
-        if size == 0.0:
-            return x
-        found = multiplier(unmet, price, size, self._multipliers.get(k))
-        if found is not None:
-            self._multipliers[k] = found
+    def _remainder(
+        self, problem: Hierarchy, k: int, above: Sequence[Rows], wide: int, metric: Mat | None, origin: Vec | None
+    ) -> Remainder:
+        """Room for level k below unmet levels, its kernel bound to it and to the stages."""
+        n, own = problem.n, problem.levels[k]
+        diagonal = problem.motion is None or problem.motion.F.ndim == 1
+        if diagonal and isinstance(own.A, Selection):
+            A: Mat | Selection = Selection(np.concatenate([own.A.index, np.arange(wide)]), np.ones(own.m + wide))
+            m = own.m + wide
         else:
-            self._multipliers.pop(k, None)
-            point = self._solve_exact(Hierarchy((above, rows, motion), constraints=1, n=n), x)
-        return point
+            m = own.m + (n if problem.motion is None else problem.motion.F.shape[0]) + wide - n
+            A = np.zeros((m, wide))
+        last = Rows(A, np.zeros(m), np.zeros(m))
+        whole = Hierarchy((*above[:k], last), n=wide, metric=metric, origin=origin)
+        workspace = self._make(replace(whole.shape, inequalities=True))
+        kernel: Kernel = workspace.kernel(whole)  # type: ignore[attr-defined]
+        self._native.remains(k, room_arrays(last), kernel[3], kernel[1])
+        return Remainder(whole, workspace, kernel)
 
-    def _solve_exact(self, problem: Hierarchy, otherwise: Vec) -> Vec:
-        """The answer of an exact hierarchy, in a workspace kept for its shape."""
-        shape = replace(problem.shape, inequalities=True)
-        if shape not in self._workspaces:
-            self._workspaces[shape] = self._make(shape)
-        answer = self._workspaces[shape].solve(problem)
-        return answer.x if np.isfinite(answer.x).all() else otherwise
+
+def _room(rows: Rows, wide: int, price: bool) -> Rows:
+    """Room for a level over (z, v)."""
+    bounds = np.zeros(rows.m), np.zeros(rows.m)
+    if isinstance(rows.A, Selection) and not price:
+        return Rows(Selection(rows.A.index.copy(), rows.A.scale.copy()), *bounds)
+    return Rows(np.zeros((rows.m, wide)), *bounds)
 
 
 def _limit(workspace: Workspace, seconds: float) -> None:
@@ -495,9 +354,10 @@ def _limit(workspace: Workspace, seconds: float) -> None:
 
 def stages_of(n: int, rows: Sequence[int], priced: Sequence[bool]) -> NativeStages:
     """Native stages of a hierarchy, to be bound to its arrays."""
-    assert native_stages is not None
+    from hqp import _priced  # built with a compiler, as every user of this function
+
     tolerances = MET_TOLERANCE, SLACK_TOLERANCE, FLAT_TOLERANCE
-    return native_stages.Stages(n, list(rows), [int(p) for p in priced], *tolerances)
+    return _priced.Stages(n, list(rows), [int(p) for p in priced], *tolerances)
 
 
 def row_arrays(rows: Rows) -> tuple[object, ...]:
@@ -506,3 +366,10 @@ def row_arrays(rows: Rows) -> tuple[object, ...]:
         index = np.ascontiguousarray(rows.A.index, dtype=np.int64)
         return None, index, np.ascontiguousarray(rows.A.scale), rows.lower, rows.upper
     return rows.A, None, None, rows.lower, rows.upper
+
+
+def room_arrays(rows: Rows) -> tuple[object, ...]:
+    """What the native stages write: (A, None) or (None, scale), then the bounds."""
+    if isinstance(rows.A, Selection):
+        return None, rows.A.scale, rows.lower, rows.upper
+    return rows.A, None, rows.lower, rows.upper

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -20,7 +19,7 @@ from hqp.loads import Loads, loads_of
 from hqp.loop.direct import Direct, direct
 from hqp.loop.rest import Rest
 from hqp.loop.safety import Braking
-from hqp.price import GUARD_FLOOR, LevelPrices, Price, is_exact, level_prices
+from hqp.price import LevelPrices, Price, is_exact, level_prices
 from hqp.problem import Hierarchy, Motion, Rows, Shape, Stacked
 from hqp.reference import Reference
 from hqp.robot import Robot, State
@@ -198,10 +197,8 @@ class TorqueProgram(Program):
             n=n,
             stacked=stacked,
             prices=None if paid is None else paid.values,
-            shares=None if paid is None else paid.shares,
             motion=motion,
-            guard_floor=GUARD_FLOOR,
-            pace=paid.pace if paid is not None and paid.postures else math.inf,
+            turning=None if paid is None else paid.turning,
         )
         inequalities = any(not e.equality for group in groups for e in group.elements)
         selections = tuple(group.selection for group in groups)

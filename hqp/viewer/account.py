@@ -120,8 +120,7 @@ def _explain(snapshot: Mapping[str, Any], stack: StackDescription) -> Explanatio
         motion = None if snapshot["motion"] is None else Motion(*snapshot["motion"])
         problem = Hierarchy(
             levels, stack.constraints, snapshot["metric"], snapshot["origin"], snapshot["n"],
-            prices=snapshot["prices"], shares=snapshot["shares"], motion=motion, guard=snapshot["guard"],
-            guard_floor=snapshot["guard_floor"], pace=snapshot["pace"],
+            prices=snapshot["prices"], motion=motion, eta=snapshot["eta"], turning=snapshot["turning"],
         )  # fmt: skip
         solution = Solution(
             snapshot["x"], Status[snapshot["solved"]], snapshot["residuals"], snapshot["active"],

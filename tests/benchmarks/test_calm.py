@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks.calm import drawn, goals
-from benchmarks.calm.loop import EXACT, PRICED, Run, Variant, figures, run
+from benchmarks.calm.loop import Run, figures, run
 from benchmarks.calm.scenes import DT, scenes
+from benchmarks.calm.variants import EXACT, PRICED, Variant
 from benchmarks.calm.walking import walking
 
 

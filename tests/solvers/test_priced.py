@@ -13,10 +13,10 @@ import pytest
 import hqp.solvers
 from benchmarks.calm import continuity
 from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Vec
 from hqp.errors import ProblemError, UnsupportedProblem
-from hqp.pricing import is_met, stage_price
-from hqp.solvers.stages import multiplier
+from hqp.null_directions import without_rounding
+from hqp.pricing import is_met
 
 STORED = np.load(Path(__file__).parents[1] / "data" / "calm20.npz")
 SOLVERS = [name for name in (*hqp.solvers.available(), "reference") if hqp.solvers.load(name).priced]
@@ -24,35 +24,34 @@ FAMILIES = tuple(continuity.FAMILIES)
 
 
 def stored(i: int) -> tuple[Hierarchy, Vec]:
-    """One of twenty problems whose optimum two other implementations agree on; made without the guard."""
+    """One of twenty problems, and the optimum of its first priced stage on which two other implementations agree."""
     p = f"p{i:02d}_"
     box, count = STORED[p + "box"], int(STORED[p + "levels"])
     levels = [Rows(Selection(np.arange(box.size)), -box, box)]
     levels += [Rows(STORED[f"{p}A{k}"], STORED[f"{p}lower{k}"], STORED[f"{p}upper{k}"]) for k in range(count)]
     prices = [0.0, *(float(STORED[f"{p}c{k}"]) * bool(STORED[f"{p}priced{k}"]) for k in range(count))]
-    shares = np.full(count + 1, float(STORED[p + "eta"]))
-    problem = Hierarchy(tuple(levels), constraints=1, prices=np.array(prices), shares=shares, guard=False)
-    return problem, STORED[p + "x"]
+    return Hierarchy(tuple(levels), constraints=1, prices=np.array(prices)), STORED[p + "x0"]
 
 
 def random_problem(rng: np.random.Generator, family: str, inequalities: bool = True) -> Hierarchy:
-    """Levels of a family with random prices; without inequalities no share is handed down."""
+    """Levels of a family with random prices and turning."""
     levels = continuity.levels(rng, family, inequalities)
     prices = np.array([*[0.0] * inequalities, *rng.uniform(0.02, 0.2, len(levels) - 1 - inequalities), 0.0])
-    shares = np.full(len(levels), 1e-3 if inequalities else 0.0)
-    return Hierarchy(tuple(levels), constraints=int(inequalities), prices=prices, shares=shares)
+    turning = np.where(prices > 0.0, 10.0 ** rng.uniform(0.0, 3.0, prices.size), 0.0)
+    return Hierarchy(tuple(levels), constraints=int(inequalities), prices=prices, turning=turning)
 
 
-@pytest.mark.parametrize("name", [s for s in SOLVERS if s != "nullspace"])
+@pytest.mark.parametrize("name", SOLVERS)
 def test_stored_optima(name: str) -> None:
-    solver = hqp.solvers.load(name)
-    within = 1e-8 if name in ("lexicographic", "reference") else 1e-6
+    staged = 0
     for i in range(20):
         problem, x = stored(i)
-        solution = solver.solve(problem)
-        if within == 1e-8 or solution.status.solved:
-            assert solution.status is Status.OPTIMAL, (i, solution.status)
-            np.testing.assert_allclose(solution.x, x, rtol=0.0, atol=within, err_msg=str(i))
+        solution = hqp.solvers.load(name).solve(problem)
+        assert solution.status is Status.OPTIMAL, (i, solution.status)
+        if solution.stage_points is not None and not np.isnan(solution.stage_points[1, 0]):
+            np.testing.assert_allclose(solution.stage_points[1], x, rtol=0.0, atol=1e-8, err_msg=str(i))
+            staged += 1
+    assert staged > 3
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -63,7 +62,7 @@ def test_every_solver_meets_the_conditions_of_every_stage(name: str, family: str
     for seed in range(seeds):
         problem = random_problem(np.random.default_rng([seed, len(family)]), family, solver.inequalities)
         solution = solver.solve(problem)
-        verdict = certificate(problem, solution.x, solver.accuracy, solution.stage_points)
+        verdict = certificate(problem, solution.x, 1e-8, solution.stage_points)
         if solution.status.solved:
             solved += 1
             assert verdict.ok, f"{family} {seed}: {solution.status.name}, but {verdict}"
@@ -72,79 +71,63 @@ def test_every_solver_meets_the_conditions_of_every_stage(name: str, family: str
     assert solved >= 0.6 * seeds
 
 
-@pytest.mark.parametrize("family", FAMILIES)
-@pytest.mark.parametrize("name", SOLVERS)
-def test_postures_below_an_unmet_level_are_slowed(name: str, family: str) -> None:
-    """The conditions of the slowed problem hold, and where a level is unmet those of the problem as asked do not."""
-    solver, told = hqp.solvers.load(name), set[bool]()
-    for seed in range(4):
-        rng = np.random.default_rng([seed, len(family)])
-        problem = random_problem(rng, family, solver.inequalities)
-        eager = rng.uniform(-3.0, 3.0, problem.n)
-        posture = Rows(Selection(np.arange(problem.n), rng.uniform(0.5, 2.0, problem.n)), eager, eager)
-        above = [_without_last(rows, problem.n) for rows in problem.levels[:-1]] if seed % 2 else problem.levels[:-1]
-        problem = replace(problem, levels=(*above, posture), pace=0.3)
-        solution = solver.solve(problem)
-        if seed % 2 and solution.status.solved:  # a coordinate that no row above has
-            assert solution.x[-1] == pytest.approx(eager[-1] / posture.A.scale[-1], abs=10 * solver.accuracy)
-        if solution.status.solved and solution.stage_points is not None:
-            stages = solution.stage_points
-            assert certificate(problem, solution.x, solver.accuracy, stages).ok, seed
-            told.add(certificate(replace(problem, pace=math.inf), solution.x, 1e-6, stages).ok)
-    assert told <= {True} if family == "plain" else False in told  # all levels of that family are met
+def as_stored(seed: int, dense: bool, mixed: bool, unit: float) -> Hierarchy:
+    """A box, a hand out of reach, a base and a posture: their form, the order of their rows, and their unit."""
+    rng, n = np.random.default_rng(seed), 6
+    drawn = rng.permutation(n)
+    order = drawn if mixed else np.arange(n)
+    turn = order[order < 3]
+    hand, goal, base = rng.standard_normal((3, n)), 4.0 * rng.standard_normal(3), rng.standard_normal(2)
+    upper, posture = np.where(np.arange(3) == 2, np.inf, goal), rng.uniform(-1.0, 1.0, n)
+    parts = [(np.array([0, 3]), base, unit), (order, posture[order], math.sqrt(unit))]
+    picked = [Rows(Selection(index, np.full(index.size, size)), size * b, size * b) for index, b, size in parts]
+    if dense:
+        picked = [replace(rows, A=rows.dense(n)) for rows in picked]
+    return Hierarchy(
+        (
+            Rows(Selection(order), np.full(n, -2.0), np.full(n, 2.0)),
+            Rows(unit * hand[turn], unit * goal[turn], unit * upper[turn]),
+            *picked,
+        ),
+        constraints=1,
+        prices=unit * np.array([0.0, 0.05, 0.05, 0.0]),
+        turning=np.array([0.0, 200.0, 200.0, 0.0]) / unit**3,
+    )
 
 
 @pytest.mark.parametrize("name", SOLVERS)
-def test_below_an_unmet_level_one_without_a_coordinate_of_its_own_pays_more(name: str) -> None:
-    """A base (coordinates 0, 1) below a hand out of reach (0 to 3); a second hand (3, 4) pays what it did."""
-    solver = hqp.solvers.load(name)
-    hand = _asked([[1.0, 0.2, 0.5, 0.3, 0.0], [1.0, 0.2, 0.5, 0.301, 0.0]], [2.0, -1.0])
-    base, other = _asked([[0.3, 1.0, 0.0, 0.0, 0.0]], [40.0]), _asked([[0.0, 0.0, 0.0, 0.2, 1.0]], [1.5])
-    shares = np.full(3, 0.0 if name == "nullspace" else 1e-3)
-    prices = np.array([0.05, 0.1, 0.05])
-    problem = Hierarchy((hand, base, other), prices=prices, shares=shares, pace=0.3)
-    solution = solver.solve(problem)
-    stages = solution.stage_points
-    assert solution.status.solved
-    assert stages is not None
-    assert [stage_price(problem, stages, k) for k in (0, 2)] == [0.05, 0.05]
-    assert stage_price(problem, stages, 1) > 1.5 * 0.1
-    assert certificate(problem, solution.x, solver.accuracy, stages).ok
-    np.testing.assert_allclose(solution.x, hqp.solvers.load("reference").solve(problem).x, atol=1e2 * solver.accuracy)
-    fast = solver.solve(replace(problem, pace=math.inf))
-    assert not certificate(problem, fast.x, 1e-6, fast.stage_points).ok
-    assert solution.residuals[1][0] < 1.1 * fast.residuals[1][0] < 0.0
-    second = replace(problem, motion=Motion(np.ones(5), np.zeros(5)))  # accelerations: rest costs something
-    assert stage_price(second, stages, 1) == 0.1
-
-
-def _asked(A: list[list[float]], b: list[float]) -> Rows:
-    return Rows(np.array(A), np.array(b), np.array(b))
-
-
-def _without_last(rows: Rows, n: int) -> Rows:
-    A = rows.dense(n).copy()
-    A[:, -1] = 0.0
-    return Rows(A, rows.lower, rows.upper)
+def test_one_answer_however_the_rows_are_stored(name: str) -> None:
+    solver, unmet = hqp.solvers.load(name), 0
+    for seed in range(8):
+        first = as_stored(seed, False, False, 1.0)
+        x = solver.solve(first).x
+        others = [
+            as_stored(seed, True, False, 1.0),
+            as_stored(seed, False, True, 1.0),
+            as_stored(seed, True, True, 1e3),
+        ]
+        for other in (first, *others, without_rounding(others[0])):
+            solution = solver.solve(other)
+            np.testing.assert_allclose(solution.x, x, rtol=0.0, atol=1e-8, err_msg=str(seed))
+            assert certificate(other, solution.x, 1e-8, solution.stage_points).ok
+            assert certificate(first, solution.x, 1e-8, solution.stage_points).ok
+            unmet += solution.stage_points is not None
+    assert unmet > 20
 
 
 def test_solvers_agree_where_motion_is_flat_and_a_metric_chooses() -> None:
-    solvers = [hqp.solvers.load(name) for name in ("nullspace", "lexicographic", "reference")]
+    solvers = [hqp.solvers.load(name) for name in SOLVERS]
     for seed in range(12):
         rng = np.random.default_rng(seed)
         problem = random_problem(rng, ("plain", "beyond", "contradictory")[seed % 3], inequalities=False)
         n = problem.n
         motion = Motion(rng.standard_normal((n - 1, n)), rng.standard_normal(n - 1))
         # rows of motion, as J X at torque level: they see no direction in which nothing moves
-        moved = [Rows(r.dense(n) @ np.linalg.pinv(motion.F) @ motion.F, r.lower, r.upper) for r in problem.levels[:-1]]
+        moved = [Rows(r.dense(n) @ np.linalg.pinv(motion.F) @ motion.F, r.lower, r.upper) for r in problem.levels]
         factor = rng.standard_normal((n - 1, n))
-        assert problem.prices is not None
-        assert problem.shares is not None
         problem = replace(
             problem,
             levels=tuple(moved),
-            prices=problem.prices[:-1],
-            shares=problem.shares[:-1],
             motion=motion,
             metric=factor.T @ factor,
             origin=rng.standard_normal(n),
@@ -276,20 +259,20 @@ def test_stages_keep_the_deadline() -> None:
     assert np.abs(above @ stopped.x).max() < 1e-9
 
 
-def test_what_is_handed_down_is_kept() -> None:
-    solver = hqp.solvers.load("lexicographic")
+def test_a_posture_takes_little_from_an_unmet_level() -> None:
+    """||A (x - x_a)||^2 <= eta omega ||w(x_a)||^2, or x_a would be better: one unmet level above a posture."""
+    solver, unmet = hqp.solvers.load("lexicographic"), 0
     for seed in range(30):
-        problem = random_problem(np.random.default_rng(seed), "beyond")
+        box, hand, *_, posture = continuity.levels(np.random.default_rng(seed), "beyond")
+        problem = Hierarchy((box, hand, posture), constraints=1, prices=np.array([0.0, 0.1, 0.0]))
         solution = solver.solve(problem)
-        if solution.stage_points is None:
-            continue
-        for k, priced in enumerate(problem.priced):
-            point = solution.stage_points[k]
-            if priced and not np.isnan(point[0]):
-                rows = problem.levels[k]
-                w = rows.slack(point)
-                moved = np.abs(rows.A @ (solution.x - point))[np.abs(w) > 1e-9]
-                assert np.all(moved <= 1e-3 * np.linalg.norm(w) / np.sqrt(rows.m) + 1e-10)
+        if solution.stage_points is not None:
+            point = solution.stage_points[1]
+            moved = np.where(hand.equality, hand.A @ (solution.x - point), 0.0)
+            most = problem.eta * np.linalg.norm(hand.slack(point)) * np.sum(posture.slack(point) ** 2)
+            assert moved @ moved <= most + 1e-12
+            unmet += 1
+    assert unmet > 10
 
 
 def test_wrong_answers_are_refused() -> None:
@@ -310,7 +293,8 @@ def test_wrong_answers_are_refused() -> None:
 @pytest.mark.parametrize("family", continuity.FAMILIES)
 def test_neighbouring_problems_have_neighbouring_answers(family: str) -> None:
     found = continuity.measure(family, 150)
-    assert found.kept, found
+    assert found.jumps[1] == 0.0, found
+    assert found.slope[1] < 5e3, found
     if family == "contradictory":
         assert found.jumps[0] > 0.5  # the control: exact answers do jump
 
@@ -320,12 +304,15 @@ def test_what_a_solver_cannot_do_is_refused() -> None:
     for name in ("weighted", "chiaverini"):
         with pytest.raises(UnsupportedProblem, match="price"):
             hqp.solvers.load(name).require(replace(problem.shape, inequalities=False))
-    equalities = replace(random_problem(np.random.default_rng(0), "plain", inequalities=False), shares=None)
-    with pytest.raises(ProblemError, match="shares"):
-        hqp.solvers.load("nullspace").solve(equalities)
+    for name in ("nullspace", "cascade", "daqp"):
+        if name in hqp.solvers.available():
+            with pytest.raises(UnsupportedProblem, match="price"):
+                hqp.solvers.load(name).solve(random_problem(np.random.default_rng(0), "plain", inequalities=False))
     for wrong in (np.array([-1.0, 0.0]), np.array([np.nan, 0.0]), np.array([1.0])):
         with pytest.raises(ProblemError, match="prices"):
             Hierarchy((Rows(np.eye(2), np.zeros(2), np.zeros(2)),) * 2, prices=wrong)
+    with pytest.raises(ProblemError, match="eta"):
+        Hierarchy((Rows(np.eye(2), np.zeros(2), np.zeros(2)),), eta=0.0)
 
 
 def test_a_warm_row_whose_bound_has_gone_to_infinity() -> None:
@@ -354,35 +341,6 @@ def test_an_answer_that_was_stopped_is_not_called_optimal() -> None:
             assert solver.solve(problem).status is Status.ITERATION_LIMIT
             cut += 1
     assert cut > 5
-
-
-def test_the_guard_leaves_a_floor_where_no_motion_is_made() -> None:
-    """Without one the half-space of a nearly lost direction turns over where its column crosses zero."""
-    box = Rows(Selection(np.arange(2)), np.full(2, -1.0), np.full(2, 1.0))
-    posture = Rows(np.eye(2), np.array([1.0, 0.0]), np.array([1.0, 0.0]))
-    answers = {}
-    for floor in (0.0, 0.1):
-        answers[floor] = [
-            hqp.solvers.load(name)
-            .solve(
-                Hierarchy(
-                    (
-                        box,
-                        Rows(np.array([[sigma, 0.0], [0.0, 1e-9]]), np.array([1.0, 0.0]), np.array([1.0, 0.0])),
-                        posture,
-                    ),
-                    constraints=1,
-                    prices=np.array([0.0, 0.1, 0.0]),
-                    guard_floor=floor,
-                )
-            )
-            .x[0]
-            for name in ("lexicographic", "reference")
-            for sigma in (-1e-5, 1e-5)
-        ]
-        np.testing.assert_allclose(answers[floor][:2], answers[floor][2:], atol=1e-6)
-    assert abs(answers[0.0][1] - answers[0.0][0]) > 0.9  # turned over
-    assert abs(answers[0.1][1] - answers[0.1][0]) < 1e-3
 
 
 def test_a_tick_solves_its_stages_once() -> None:
@@ -438,28 +396,3 @@ def test_a_level_is_settled_alike_warm_or_cold(family: str) -> None:
             if warm.status.solved and cold.status.solved:
                 np.testing.assert_allclose(warm.norms, cold.norms, rtol=0.0, atol=1e-8)
     assert decided == {True, False} or family in ("contradictory", "beyond")
-
-
-def test_a_multiplier_of_a_tick_ago_spares_most_trials() -> None:
-    """min ||M y - e|| + c/2 |y|^2: the root from near by is that of the bracketed search, in few trials."""
-    trials = list[int]()
-    for seed in range(50):
-        rng = np.random.default_rng(seed)
-        M, e, price = rng.standard_normal((3, 8)), rng.standard_normal(3), float(10.0 ** rng.uniform(-1.0, 1.0))
-        count = 0
-
-        def unmet(m: float, M: Mat = M, e: Vec = e) -> float:
-            nonlocal count
-            count += 1
-            return float(np.linalg.norm(M @ np.linalg.solve(M.T @ M + m * np.eye(8), M.T @ e) - e))
-
-        size = float(np.linalg.norm(M, axis=1).max())
-        if (root := multiplier(unmet, price, size)) is None:
-            continue
-        count = 0
-        again = multiplier(unmet, price, size, root * rng.uniform(0.9, 1.1))
-        assert again == pytest.approx(root, rel=1e-9)
-        trials.append(count)
-        assert multiplier(unmet, price * 1e-6, size, root) == multiplier(unmet, price * 1e-6, size)
-    assert len(trials) > 20
-    assert max(trials) <= 8, trials

@@ -20,12 +20,12 @@ REFUSED = {("near_parallel", False), ("near_parallel", True), ("vertex", True)}
 
 
 def priced(exact: Hierarchy, rng: Generator, flat: bool) -> Hierarchy:
-    """Random prices and shares on most levels, exact ones between them; motion is weighted at times, or flat."""
+    """Random prices and turning on most levels, exact ones between them; motion is weighted at times, or flat."""
     levels = len(exact.levels)
     on = rng.random(levels) < 0.6
     on[rng.integers(levels)] = True
     prices = np.where(on, 10.0 ** rng.uniform(-3.0, 1.0, size=levels), 0.0)
-    shares = np.where(on, 10.0 ** rng.uniform(-4.0, -2.0, size=levels), 0.0)
+    turning = np.where(on, 10.0 ** rng.uniform(-1.0, 3.0, size=levels), 0.0)
     still = rng.normal(size=exact.n) if rng.random() < 0.5 else None
     draw = rng.random()
     motion = Motion(rng.uniform(0.3, 3.0, size=exact.n), still) if draw < 0.3 else None
@@ -33,8 +33,8 @@ def priced(exact: Hierarchy, rng: Generator, flat: bool) -> Hierarchy:
         F = rng.normal(size=(int(rng.integers(1, exact.n + 1)), exact.n))
         motion = Motion(F, rng.normal(size=len(F)) if still is not None else None)
         on &= [bool(np.all(rows.equality)) for rows in exact.levels]  # as at torque level
-        prices, shares = np.where(on, prices, 0.0), np.where(on, shares, 0.0)
-    return replace(exact, prices=prices, shares=shares, motion=motion, metric=None, origin=None, stacked=None)
+        prices = np.where(on, prices, 0.0)
+    return replace(exact, prices=prices, turning=turning, motion=motion, metric=None, origin=None, stacked=None)
 
 
 @pytest.mark.parametrize(
@@ -84,8 +84,7 @@ def drifting(rng: Generator, ticks: int = 40) -> list[Hierarchy]:
         levels += [Rows(rows, t, t) for rows, t in zip(A, b, strict=True)]
         levels.append(Rows(np.eye(n), np.full(n, 0.05), np.full(n, 0.05)))
         prices = np.array([0.0, 0.0, *price * rng.uniform(1.0, 1.1, size=count), 0.0])
-        shares = np.where(prices > 0.0, 1e-3, 0.0)
-        sequence.append(Hierarchy(tuple(levels), constraints=2, prices=prices, shares=shares, motion=motion))
+        sequence.append(Hierarchy(tuple(levels), constraints=2, prices=prices, motion=motion))
     return sequence
 
 

@@ -151,7 +151,7 @@ def test_what_is_no_array_of_real_numbers_is_refused_everywhere(given: Any) -> N
         lambda: Selection(given),
         lambda: Motion(given),
         lambda: Motion(np.eye(2), given),
-        *(lambda name=name: replace(problem(), **{name: given}) for name in ("metric", "origin", "prices", "shares")),
+        *(lambda name=name: replace(problem(), **{name: given}) for name in ("metric", "origin", "prices", "turning")),
     ]
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -123,7 +123,7 @@ def test_worth_is_the_slope_of_what_is_not_met() -> None:
         prices = problem.prices.copy()  # type: ignore[union-attr]
         prices[k] *= factor
         other = hqp.Hierarchy(
-            problem.levels, problem.constraints, n=problem.n, prices=prices, shares=problem.shares,
+            problem.levels, problem.constraints, n=problem.n, prices=prices, turning=problem.turning,
             motion=problem.motion,
         )  # fmt: skip
         point = hqp.solvers.load("reference").solve(other).stage_points[k]  # type: ignore[index]

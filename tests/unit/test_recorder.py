@@ -69,7 +69,7 @@ def test_a_file_holds_what_was_solved(formulation: Any, tmp_path: Path) -> None:
             assert np.array_equal(one.dense(problem.n), other.dense(problem.n))
             assert np.array_equal(one.lower, other.lower)
             assert np.array_equal(one.upper, other.upper)
-        for name in ("metric", "origin", "prices", "shares"):
+        for name in ("metric", "origin", "prices", "turning"):
             one, other = getattr(problem, name), getattr(found.problem, name)
             assert (one is None) == (other is None)
             assert one is None or np.array_equal(one, other)
@@ -148,10 +148,10 @@ def test_replay_tells_who_agrees_and_the_account_over_time(tmp_path: Path) -> No
     recorder.dump()
     recorder.wait()
     recording = load(recorder.files[0])
-    found = replay(recording, ["lexicographic", "cascade:proxqp", "weighted"], every=4)
+    found = replay(recording, ["lexicographic", "reference", "weighted"], every=4)
     lines = {line.solver: line for line in found.lines}
     assert lines["lexicographic"].agreed == lines["lexicographic"].solved == 10
-    assert lines["cascade:proxqp"].agreed == 10
+    assert lines["reference"].agreed == 10
     assert "refused" in lines["weighted"].note  # it solves no priced levels
     assert sum(period.last >= period.first for period in found.periods) == len(found.periods)
     assert any("hand" in str(period) for period in found.periods)

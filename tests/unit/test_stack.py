@@ -74,7 +74,7 @@ def test_round_trip_through_toml() -> None:
     assert serial.loads(serial.dumps(fast)) == fast
 
 
-@pytest.mark.parametrize("price", [None, 0, Price(tau=0.07), Price(share=0.0)], ids=repr)
+@pytest.mark.parametrize("price", [None, 0, Price(tau=0.07), Price()], ids=repr)
 def test_prices_of_levels_are_kept_in_files(price: Price | int | None, tmp_path: Path) -> None:
     priced = Level(Position(frame="r_palm"), name="hand", price=price)
     stack, path = Stack(priced, Level(Posture())), tmp_path / "stack.toml"

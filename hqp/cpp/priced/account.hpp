@@ -7,8 +7,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "coordinates.hpp"
-#include "stage_search.hpp"
+#include "anchors.hpp"
 #include "stages.hpp"
 
 namespace hqp {
@@ -16,34 +15,36 @@ inline namespace HQP_ISA {
 
 constexpr double kUnmet = 1e-9;  // ||w|| below this, relative to 1 + what was asked, has no account
 
-// How a stage ended: rows held (as numbered by StageRows), their multipliers in A'u + c y = sum lambda_i c_i.
+// How a stage ended: rows of levels above that were held, by their number among all rows, their multipliers in
+// A_k'u + c grad E + grad R_k = sum lambda_i a_i, and whether they were equalities there.
 struct StageEnd {
   bool known = false;
   std::vector<int> rows;
   std::vector<double> lambda;
+  std::vector<char> firm;
 };
 
 class Accounts {
  public:
-  explicit Accounts(int n) : n_(n), g_(padded(n)), y_(padded(n)), b_(padded(n)), end_(padded(n)) {}
+  Accounts(int n, const std::vector<PricedLevel>& levels)
+      : n_(n), level_(levels), g_(padded(n)), y_(padded(n)), b_(padded(n)), step_(padded(n)) {}
 
   // numbers (elements, 4): ||w||, ||w|| at the point of least motion, ||A'w||, the largest that A'w could be.
-  // shares (levels, elements + 1): of level k's push g = A_k'w what each element above holds, its price last, each
+  // shares (levels, elements + 1): of level k's push A_k'w what each element above holds, its price last, each
   // divided by their sum; zero where the level is met.  worth (levels): c ||y_k||, what more motion would bring.
-  // held: rows of unit length in motion coordinates; row_of: the row of the problem that each stands for. What a row
-  // holds counts for the price where it binds in the stage alone, and further than rows.near from rest.
-  void run(const std::vector<PricedLevel>& levels, const std::vector<Handed>& handed, const Coordinates& at,
-           const double* prices, const std::vector<StageEnd>& ends, const StageRows& held,
-           const std::vector<int>& row_of, const AccountRows& rows, double* numbers, double* shares, double* worth) {
+  // What a row holds counts for the price where it binds in the stage alone, and further than rows.near from rest.
+  void run(Motions& motions, const double* prices, const std::vector<StageEnd>& ends,
+           const std::vector<Anchor>& anchors, const AccountRows& rows, double* numbers, double* shares,
+           double* worth) {
+    const Coordinates& at = motions.base();
     const int elements = rows.elements, width = elements + 1;
     std::fill(numbers, numbers + 4 * elements, 0.0);
-    std::fill(shares, shares + levels.size() * width, 0.0);
-    std::fill(worth, worth + levels.size(), 0.0);
+    std::fill(shares, shares + level_.size() * width, 0.0);
+    std::fill(worth, worth + level_.size(), 0.0);
     const double* lambda = rows.lambda;
-    int start = 0, before = 0;
-    at.motion(rows.x, end_.data());
-    for (std::size_t k = 0; k < levels.size(); ++k) {
-      const PricedLevel& level = levels[k];
+    int start = 0;
+    for (std::size_t k = 0; k < level_.size(); ++k) {
+      const PricedLevel& level = level_[k];
       const double* w = rows.w + start;
       const std::int32_t* owner = rows.owner + start;
       const bool priced = prices && prices[k] > 0.0;
@@ -60,27 +61,29 @@ class Accounts {
         push(level, at, w, owner, numbers);
         double* mine = shares + k * width;
         if (priced && ends[k].known) {
-          at.motion(rows.stages + k * n_, y_.data());
+          const double* point = rows.stages + k * n_;
+          at.motion(point, y_.data());
           worth[k] = prices[k] * std::sqrt(dot_any(y_.data(), y_.data(), n_));
           mine[elements] = -prices[k] * dot_any(g_.data(), y_.data(), n_);
           for (std::size_t q = 0; q < ends[k].rows.size(); ++q) {
             const int row = ends[k].rows[q];
-            if (row >= static_cast<int>(row_of.size())) continue;  // the level's own
-            const double force = ends[k].lambda[q] * dot_any(g_.data(), held.row(row), n_);
-            const bool counts = equality(levels, row_of[row]) || holds(held, row, ends[k].lambda[q], rows.near);
-            mine[counts ? rows.owner[row_of[row]] : elements] += force;
+            const double force = ends[k].lambda[q] * product(row, step_.data());
+            const bool counts = ends[k].firm[q] || holds(row, ends[k].lambda[q], rows, at);
+            mine[counts ? rows.owner[row] : elements] += force;
           }
+          by_anchors(motions, anchors, static_cast<int>(k), point, rows.owner, mine);
         } else if (!priced && lambda) {
-          at.step(g_.data(), y_.data());
-          by_kernel(levels, handed, prices, k, lambda, rows, mine);
+          const double* above = lambda;
+          for (int row = 0; row < start; ++row)
+            if (above[row] != 0.0) mine[rows.owner[row]] -= above[row] * product(row, step_.data());
+          by_anchors(motions, anchors, static_cast<int>(k), rows.x, rows.owner, mine);
         }
         double sum = 0.0;
         for (int e = 0; e < width; ++e) sum += larger(mine[e], 0.0);  // an element may also push the level's way
         for (int e = 0; e < width; ++e) mine[e] = sum > 0.0 ? larger(mine[e], 0.0) / sum : 0.0;
       }
       start += level.m;
-      before += level.m + (rows.guards && priced ? 1 : 0);
-      if (lambda) lambda += before;
+      if (lambda) lambda += start;
     }
     for (int e = 0; e < elements; ++e) {
       double* out = numbers + 4 * e;
@@ -90,18 +93,11 @@ class Accounts {
   }
 
  private:
-  static bool equality(const std::vector<PricedLevel>& levels, int row) {
-    for (const PricedLevel& level : levels) {
-      if (row < level.m) return level.lower[row] == level.upper[row];
-      row -= level.m;
-    }
-    return true;
-  }
-
-  bool holds(const StageRows& held, int row, double lambda, double near) const {
-    const double bound = lambda > 0.0 ? held.lower[row] : held.upper[row];
-    return std::abs(bound) <= near ||
-           std::abs(held.value(row, end_.data(), n_) - bound) <= 1e-9 * (1.0 + std::abs(bound));
+  // A row by its number among all.
+  double product(int row, const double* x) const {
+    std::size_t k = 0;
+    while (row >= level_[k].m) row -= level_[k++].m;
+    return product(level_[k], row, x);
   }
 
   double product(const PricedLevel& level, int i, const double* x) const {
@@ -109,7 +105,28 @@ class Accounts {
     return dot_any(level.A + static_cast<std::size_t>(i) * n_, x, n_);
   }
 
-  // g_ = A'w in motion coordinates; ||A'w|| of each element, and the sum of its rows' squares, in those of x.
+  const double* coefficients(const PricedLevel& level, int i) {
+    if (level.A) return level.A + static_cast<std::size_t>(i) * n_;
+    std::fill(y_.begin(), y_.end(), 0.0);
+    y_[level.index[i]] = level.scale[i];
+    return y_.data();
+  }
+
+  // Whether an inequality binds at the answer, or close to rest.
+  bool holds(int row, double lambda, const AccountRows& rows, const Coordinates& at) {
+    int i = row;
+    std::size_t k = 0;
+    while (i >= level_[k].m) i -= level_[k++].m;
+    const PricedLevel& level = level_[k];
+    const double bound = lambda > 0.0 ? level.lower[i] : level.upper[i];
+    at.row(coefficients(level, i), b_.data());
+    const double length = std::sqrt(dot_any(b_.data(), b_.data(), n_));
+    return std::abs(bound - product(level, i, at.still())) <= rows.near * length ||
+           std::abs(product(level, i, rows.x) - bound) <= 1e-9 * (length + std::abs(bound));
+  }
+
+  // g_ = A'w in motion coordinates, step_ = P g_; ||A'w|| of each element, and the sum of its rows' squares, in those
+  // of x.
   void push(const PricedLevel& level, const Coordinates& at, const double* w, const std::int32_t* owner,
             double* numbers) {
     std::fill(b_.begin(), b_.end(), 0.0);
@@ -133,29 +150,30 @@ class Accounts {
       add_any(b_.data(), y_.data(), 1.0, n_);
     }
     at.row(b_.data(), g_.data());
+    at.step(g_.data(), step_.data());
   }
 
-  // Of exact level k, whose push along the step y_ the rows above hold by A'w = -sum lambda_i a_i; a guard counts for
-  // the first element of its level.
-  void by_kernel(const std::vector<PricedLevel>& levels, const std::vector<Handed>& handed, const double* prices,
-                 std::size_t k, const double* lambda, const AccountRows& rows, double* mine) {
-    const std::int32_t* owner = rows.owner;
-    for (std::size_t j = 0; j < k; ++j) {
-      const PricedLevel& level = levels[j];
-      for (int i = 0; i < level.m; ++i)
-        if (lambda[i] != 0.0) mine[owner[i]] -= lambda[i] * product(level, i, y_.data());
-      lambda += level.m;
-      if (rows.guards && prices && prices[j] > 0.0) {
-        const double* guard = handed[j].A + static_cast<std::size_t>(level.m) * n_;
-        if (*lambda != 0.0 && level.m) mine[owner[0]] -= *lambda * dot_any(guard, y_.data(), n_);
-        ++lambda;
+  // What unmet levels above level k hold by the motion beyond their own points, each row its part.
+  void by_anchors(Motions& motions, const std::vector<Anchor>& anchors, int k, const double* x,
+                  const std::int32_t* owner, double* mine) {
+    for (const Anchor& anchor : anchors) {
+      if (anchor.level >= k || !(anchor.turning > 0.0)) continue;
+      const PricedLevel& level = level_[anchor.level];
+      for (int i = 0; i < level.m; ++i) {
+        if (!anchor.held[i] || !(anchor.part[i] > 0.0)) continue;
+        weight_.assign(motions.count(), 0.0);
+        motions.add_columns(coefficients(level, i), anchor.turning * anchor.part[i] * anchor.part[i], weight_.data());
+        double force = 0.0;
+        for (int j = 0; j < motions.count(); ++j)
+          force += weight_[j] * (motions.moved(j, x) - anchor.from[j]) * motions.moved(j, step_.data());
+        mine[owner[anchor.first + i]] -= force;
       }
-      owner += level.m;
     }
   }
 
   int n_;
-  std::vector<double> g_, y_, b_, end_;
+  const std::vector<PricedLevel>& level_;
+  std::vector<double> g_, y_, b_, step_, weight_;
 };
 
 }  // namespace HQP_ISA

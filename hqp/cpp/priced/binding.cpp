@@ -58,6 +58,23 @@ class Turn {
 
 constexpr int kUnsettled = 98;  // an outcome: the exact answer does not settle every priced level
 
+// An exact hierarchy's kernel, as the stages call it.
+class Exact final : public hqp::ExactCall {
+ public:
+  explicit Exact(hqp::SolveCall* call) : call_(call) {}
+  int run(double seconds) override {
+    call_->limit(seconds);
+    const hqp::Solved solved = call_->run(nullptr);
+    iterations += solved.iterations;
+    factorisations += solved.factorisations;
+    return solved.outcome;
+  }
+  int iterations = 0, factorisations = 0;
+
+ private:
+  hqp::SolveCall* call_;
+};
+
 class Stages final : public hqp::SolveCall {
  public:
   Stages(int n, const std::vector<int>& rows, const std::vector<int>& priced, double met, double zero, double flat)
@@ -70,14 +87,13 @@ class Stages final : public hqp::SolveCall {
     stages_.reset(HQP_FOR_MACHINE(make_stages, n, levels, rows.data(), marks.get(), tolerances));
   }
 
-  // levels: (A or None, index or None, scale or None, lower, upper); handed: (A, lower, upper) or None where a level
-  // has no price; (None, lower, upper) of a level of single coordinates after the last price. The caller keeps the
-  // arrays alive, and so does this object.
-  void bind(const nb::list& levels, const nb::list& handed, const Vector& prices, const Vector& shares,
-            const nb::object& F, const nb::object& f, const nb::object& guard, double pace) {
-    if (levels.size() != rows_.size() || handed.size() != rows_.size() || prices.shape(0) != rows_.size() ||
-        shares.shape(0) != rows_.size())
-      refuse("one entry a level");
+  // levels: (A or None, index or None, scale or None, lower, upper).  prices, turning: one a level.  metric, origin:
+  // None or the hierarchy's own and the larger one to be written from it.  The caller keeps the arrays alive, and so
+  // does this object.
+  void bind(const nb::list& levels, const Vector& prices, const nb::object& turning, double eta, const nb::object& F,
+            const nb::object& f, const nb::object& metric, const nb::object& origin) {
+    if (levels.size() != rows_.size() || prices.shape(0) != rows_.size()) refuse("one entry a level");
+    if (!(eta > 0.0)) refuse("eta: positive");
     for (std::size_t k = 0; k < rows_.size(); ++k) {
       const auto parts = nb::cast<nb::tuple>(levels[k]);
       hqp::PricedLevel& level = stages_->levels()[k];
@@ -95,31 +111,42 @@ class Stages final : public hqp::SolveCall {
       }
       level.lower = checked<Vector>(parts[3], m);
       level.upper = checked<Vector>(parts[4], m);
-      if (handed[k].is_none()) continue;
-      const auto down = nb::cast<nb::tuple>(handed[k]);
-      hqp::Handed& out = stages_->handed()[k];
-      const std::size_t rows = down[0].is_none() ? m : m + 1;
-      if (down[0].is_none() && priced_[k]) refuse("only unpriced levels have no A");
-      out.A = down[0].is_none() ? nullptr : room(down[0], rows * n_);
-      out.lower = room(down[1], rows);
-      out.upper = room(down[2], rows);
     }
-    const double *matrix = nullptr, *target = nullptr;
-    int r = 0;
+    hqp::Law law;
+    law.prices = prices.data();
+    law.turning = turning.is_none() ? nullptr : checked<Vector>(turning, rows_.size());
+    law.eta = eta;
     if (!F.is_none()) {
       const auto any = nb::cast<nb::ndarray<const double, nb::c_contig, nb::device::cpu>>(F);
       if (any.ndim() == 0 || any.ndim() > 2 || any.shape(any.ndim() - 1) != std::size_t(n_)) refuse("F: wrong shape");
-      matrix = any.data();
-      r = any.ndim() == 2 ? static_cast<int>(any.shape(0)) : 0;
+      law.F = any.data();
+      law.r = any.ndim() == 2 ? static_cast<int>(any.shape(0)) : 0;
     }
-    if (!f.is_none()) target = checked<Vector>(f, static_cast<std::size_t>(r ? r : n_));
-    const double floor = guard.is_none() ? 0.0 : nb::cast<double>(guard);
-    stages_->bind(prices.data(), shares.data(), matrix, target, r, guard.is_none() ? nullptr : &floor, pace);
-    kept_ = nb::make_tuple(levels, handed, prices, shares, F, f);
+    if (!f.is_none()) law.f = checked<Vector>(f, static_cast<std::size_t>(law.r ? law.r : n_));
+    hqp::Completion completion;
+    pair(metric, completion.metric, completion.wide_metric);
+    pair(origin, completion.origin, completion.wide_origin);
+    stages_->bind(law, completion);
+    kept_ = nb::make_tuple(levels, prices, turning, F, f, metric, origin);
     bound_ = true;
     head_ = 0;
     heads_.clear();
-    last_ = nullptr;
+    rooms_.clear();
+    exact_solves_.clear();
+    answers_ = false;
+  }
+
+  // Where level k stands above levels without a price: (A (m, wide), None, lower, upper) or (None, scale, lower,
+  // upper).
+  void leaves(int k, const nb::tuple& to) { stages_->above()[level(k)] = room(to, std::size_t(rows_[k])); }
+  // Where level k, which has no price, is solved below unmet ones: its own rows there, the solve, and the z it writes.
+  void remains(int k, const nb::tuple& to, const nb::capsule& solve, const Vector& z) {
+    hqp::Remaining& rest = stages_->remaining()[level(k)];
+    rest.own = room(to, 0);
+    exact_solves_.push_back(std::make_unique<Exact>(hqp::call_of(solve)));
+    rest.solve = exact_solves_.back().get();
+    rest.z = z.data();
+    rooms_.append(nb::make_tuple(solve, z));
   }
 
   // The first level that x does not settle, -1 for none; otherwise stages (levels, n) and last (n) are written.
@@ -134,7 +161,7 @@ class Stages final : public hqp::SolveCall {
     const double* from = x.data();
     double *to = stages.data(), *end = last.data();
     const nb::gil_scoped_release release;
-    return found(stages_->solve(from, head, seconds, to, end));
+    return start(from, head, seconds, to, end);
   }
 
   // solve() of all levels straight after the exact solve whose capsule is given, as one call for another native module.
@@ -151,15 +178,13 @@ class Stages final : public hqp::SolveCall {
     if (head < 1 || std::size_t(head) >= rows_.size() || x.shape(0) != std::size_t(n_)) refuse("head: not a level");
     heads_.push_back({head, hqp::call_of(solve), x.data(), nb::make_tuple(solve, x)});
   }
-  // The solve of what the stages hand down, and the x that it writes: with it, run() answers itself where the stages
-  // reach their optima and no row of the first levels is violated. The rest as for describe().
-  void below(const nb::capsule& solve, const Vector& x, int constraints, double activity, double violation) {
-    if (x.shape(0) != std::size_t(n_)) refuse("x has a wrong shape");
-    last_ = hqp::call_of(solve), last_x_ = x.data();
+  // run() answers itself where the stages reach their optima and no row of the first levels is violated; the rest as
+  // for describe().
+  void answers(int constraints, double activity, double violation) {
     constraints_ = constraints, activity_ = activity, violation_ = violation;
-    last_kept_ = nb::make_tuple(solve, x);
     values_.resize(n_ + total());
     marks_.resize(total());
+    answers_ = true;
   }
   hqp::Solved run(const double* v) override {
     const Turn turn(busy_);
@@ -208,24 +233,22 @@ class Stages final : public hqp::SolveCall {
   }
 
   // What holds every level back, of the latest solve, for the slacks of all rows, the answer and the multipliers of
-  // exact levels (guards: priced levels have one row more there), into one vector: numbers (elements, 4), shares
-  // (levels, elements + 1), worth (levels).
-  void account(const Vector& w, const Vector& x, const std::optional<Vector>& lambda, bool guards, const Out& out) {
+  // exact levels, into one vector: numbers (elements, 4), shares (levels, elements + 1), worth (levels).
+  void account(const Vector& w, const Vector& x, const std::optional<Vector>& lambda, const Out& out) {
     if (!bound_ || !elements_) refuse("bind() and accounts() come first");
     const std::size_t E = static_cast<std::size_t>(elements_), levels = rows_.size();
     std::size_t pairs = 0, sum = 0;
     for (std::size_t k = 0; k < levels; ++k) {
-      sum += static_cast<std::size_t>(rows_[k] + (guards && priced_[k] ? 1 : 0));
+      sum += static_cast<std::size_t>(rows_[k]);
       pairs += sum;
     }
     if (w.shape(0) != owner_.size() || x.shape(0) != std::size_t(n_) || out.size() != 4 * E + levels * (E + 2) ||
-        (lambda && lambda->shape(0) != pairs))
+        (lambda && lambda->shape(0) < pairs))
       refuse("an array has a wrong shape");
     const Turn turn(busy_);
     double* to = out.data();
-    stages_->account(
-        {points_, w.data(), owner_.data(), elements_, lambda ? lambda->data() : nullptr, guards, x.data(), near_}, to,
-        to + 4 * E, to + 4 * E + levels * (E + 1));
+    stages_->account({points_, w.data(), owner_.data(), elements_, lambda ? lambda->data() : nullptr, x.data(), near_},
+                     to, to + 4 * E, to + 4 * E + levels * (E + 1));
   }
 
   // slack (rows) and marks (rows) of x, as in Solution; whether a row of the first levels is violated.
@@ -237,7 +260,12 @@ class Stages final : public hqp::SolveCall {
     return stages_->describe(x.data(), constraints, activity, violation, slack.data(), marks.data());
   }
 
-  std::tuple<int, bool, bool> effort() const { return {stages_->iterations(), stages_->ended(), stages_->uncertain()}; }
+  // Steps and factorisations of the latest stages, whether all reached their optima, whether directions were uncertain,
+  // and whether the kernel was not sure of a rank.
+  std::tuple<int, int, bool, bool, bool> effort() const {
+    const auto [iterations, factorisations] = counts();
+    return {iterations, factorisations, stages_->ended(), stages_->uncertain(), stages_->doubtful()};
+  }
   void reset() {
     stages_->reset();
     head_ = 0;
@@ -255,37 +283,48 @@ class Stages final : public hqp::SolveCall {
 
   double left() const { return limit_ > 0.0 ? std::max(limit_ - elapsed(), 1e-6) : 0.0; }
 
-  int staged(const double* x, int head) { return found(stages_->solve(x, head, left(), to_, end_)); }
+  int staged(const double* x, int head) { return start(x, head, left(), to_, end_); }
 
   // Whether stages can start from an answer: one of uncertain rank keeps to the levels above as well.
   static bool begins(const hqp::Solved& solved) {
     return solved.outcome == hqp::kOptimal || solved.outcome == hqp::kUncertain;
   }
 
-  // The answer below the stages; kUnsettled where there is more to tell than an optimum.
-  hqp::Solved answered(hqp::Solved solved, const double* v) {
+  // The answer of the stages; kUnsettled where there is more to tell than an optimum.
+  hqp::Solved answered(hqp::Solved solved, const double*) {
     solved.outcome = kUnsettled;
-    if (!last_ || !stages_->ended()) return solved;
-    if (limit_ > 0.0) last_->limit(left());
-    const hqp::Solved found = last_->run(v);
-    if (limit_ > 0.0) last_->limit(limit_);
-    if (found.outcome) return solved;
+    if (!answers_ || !stages_->ended() || stages_->doubtful()) return solved;
     double square = 0.0;
-    for (int i = 0; i < n_; ++i) square += last_x_[i] * last_x_[i];
+    for (int i = 0; i < n_; ++i) square += end_[i] * end_[i];
     if (!(square < INFINITY)) return solved;
-    std::copy(last_x_, last_x_ + n_, values_.begin());
-    if (stages_->describe(last_x_, constraints_, activity_, violation_, values_.data() + n_, marks_.data()))
-      return solved;
+    std::copy(end_, end_ + n_, values_.begin());
+    if (stages_->describe(end_, constraints_, activity_, violation_, values_.data() + n_, marks_.data())) return solved;
     solved.outcome = hqp::kOptimal;
-    solved.iterations += found.iterations + stages_->iterations();
-    solved.factorisations += found.factorisations;
+    const auto [iterations, factorisations] = counts();
+    solved.iterations += iterations;
+    solved.factorisations += factorisations;
     solved.values = values_.data(), solved.active = marks_.data();
     solved.points = to_, solved.point_count = rows_.size() * n_;
     answered_ = true;
     return solved;
   }
 
+  // Steps and factorisations of the latest stages.
+  std::pair<int, int> counts() const {
+    std::pair<int, int> sum{stages_->iterations(), 0};
+    for (const auto& solve : exact_solves_) {
+      sum.first += solve->iterations;
+      sum.second += solve->factorisations;
+    }
+    return sum;
+  }
+
   double elapsed() const { return std::chrono::duration<double>(Clock::now() - began_).count(); }
+
+  int start(const double* x, int head, double seconds, double* stages, double* last) {
+    for (const auto& solve : exact_solves_) solve->iterations = solve->factorisations = 0;
+    return found(stages_->solve(x, head, seconds, stages, last));
+  }
 
   int found(int first) {
     settled_ = first < 0;
@@ -296,25 +335,52 @@ class Stages final : public hqp::SolveCall {
 
   std::size_t total() const { return std::accumulate(rows_.begin(), rows_.end(), std::size_t{0}); }
 
-  static double* room(nb::handle h, std::size_t size) {
-    const auto a = nb::cast<Out>(h);
-    if (a.size() != size) refuse("what a level hands down has a wrong shape");
-    return a.data();
+  std::size_t level(int k) const {
+    if (k < 0 || std::size_t(k) >= rows_.size()) refuse("not a level");
+    return static_cast<std::size_t>(k);
+  }
+
+  static void pair(const nb::object& both, const double*& from, double*& to) {
+    if (both.is_none()) return;
+    const auto arrays = nb::cast<nb::tuple>(both);
+    from = nb::cast<nb::ndarray<const double, nb::c_contig, nb::device::cpu>>(arrays[0]).data();
+    to = nb::cast<Out>(arrays[1]).data();
+  }
+
+  // least: rows that it has at least.
+  hqp::Room room(const nb::tuple& to, std::size_t least) {
+    hqp::Room out;
+    const auto lower = nb::cast<Out>(to[2]), upper = nb::cast<Out>(to[3]);
+    const std::size_t m = lower.size();
+    if (m < least || upper.size() != m) refuse("bounds have a wrong shape");
+    out.lower = lower.data();
+    out.upper = upper.data();
+    if (to[0].is_none()) {
+      const auto scale = nb::cast<Out>(to[1]);
+      if (scale.size() != m) refuse("scale has a wrong shape");
+      out.scale = scale.data();
+    } else {
+      const auto A = nb::cast<Out>(to[0]);
+      if (A.ndim() != 2 || A.shape(0) != m) refuse("A has a wrong shape");
+      out.A = A.data();
+    }
+    rooms_.append(to);
+    return out;
   }
 
   int n_;
   std::vector<int> rows_, priced_;
   std::unique_ptr<hqp::PricedStages> stages_;
   nb::object kept_, read_, chained_;
+  nb::list rooms_;
+  std::vector<std::unique_ptr<Exact>> exact_solves_;
   hqp::SolveCall* exact_ = nullptr;
   const double* x_ = nullptr;
   double *to_ = nullptr, *end_ = nullptr;
   int head_ = 0;
   bool settled_ = false, answered_ = false;
   std::vector<Head> heads_;
-  hqp::SolveCall* last_ = nullptr;
-  const double* last_x_ = nullptr;
-  nb::object last_kept_;
+  bool answers_ = false;
   int constraints_ = 0;
   double activity_ = 0.0, violation_ = 0.0;
   std::vector<double> values_;
@@ -336,18 +402,20 @@ NB_MODULE(_priced, m) {
   nb::class_<Stages>(m, "Stages")
       .def(nb::init<int, const std::vector<int>&, const std::vector<int>&, double, double, double>(), "n"_a, "rows"_a,
            "priced"_a, "met"_a, "zero"_a, "flat"_a)
-      .def("bind", &Stages::bind, "levels"_a, "handed"_a, "prices"_a, "shares"_a, "F"_a.none(), "f"_a.none(),
-           "guard"_a.none(), "pace"_a)
+      .def("bind", &Stages::bind, "levels"_a, "prices"_a, "turning"_a.none(), "eta"_a, "F"_a.none(), "f"_a.none(),
+           "metric"_a.none(), "origin"_a.none())
+      .def("leaves", &Stages::leaves, "level"_a, "to"_a)
+      .def("remains", &Stages::remains, "level"_a, "to"_a, "solve"_a, "z"_a)
       .def("solve", &Stages::solve, "x"_a, "stages"_a, "last"_a, "head"_a = 0, "seconds"_a = 0.0)
       .def("after", &Stages::after, "exact"_a, "x"_a, "stages"_a, "last"_a)
       .def("above", &Stages::above, "head"_a, "solve"_a, "x"_a)
-      .def("below", &Stages::below, "solve"_a, "x"_a, "constraints"_a, "activity"_a, "violation"_a)
+      .def("answers", &Stages::answers, "constraints"_a, "activity"_a, "violation"_a)
       .def_prop_rw("head", &Stages::head, &Stages::begin_at)
       .def("limit", &Stages::limit, "seconds"_a)
       .def("latest", &Stages::latest)
       .def("unasked", &Stages::unasked)
       .def("accounts", &Stages::accounts, "stages"_a, "owner"_a, "elements"_a, "near"_a)
-      .def("account", &Stages::account, "w"_a, "x"_a, "multipliers"_a.none(), "guards"_a, "out"_a)
+      .def("account", &Stages::account, "w"_a, "x"_a, "multipliers"_a.none(), "out"_a)
       .def("describe", &Stages::describe, "x"_a, "constraints"_a, "activity"_a, "violation"_a, "slack"_a, "marks"_a)
       .def("effort", &Stages::effort)
       .def("reset", &Stages::reset);

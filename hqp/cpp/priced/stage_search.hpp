@@ -31,7 +31,8 @@ struct StageRows {
   int ld = 0, count = 0;
   bool flat = false;  // motion may be: short ways here are long ones of x
   std::vector<double> C, lower, upper;
-  std::vector<double> unit;  // what a row of unit length in x is here: long ones move far where motion is flat
+  std::vector<double> unit;    // what a row of unit length in x is here: long ones move far where motion is flat
+  std::vector<double> length;  // before it was scaled to 1
   std::vector<char> equal;
   std::vector<int> only;  // the one entry that is not zero, -1 where there are more
 
@@ -41,6 +42,7 @@ struct StageRows {
     lower.resize(rows);
     upper.resize(rows);
     unit.resize(rows);
+    length.resize(rows);
     equal.resize(rows);
     only.resize(rows);
   }
@@ -59,31 +61,31 @@ struct StageRows {
   // length there.
   bool close(int i, int N, double low, double high, double in_x) {
     double* c = row(i);
-    const double length = std::sqrt(dot_any(c, c, N));
-    if (!(length > 1e-13) || (low == -INFINITY && high == INFINITY)) return false;
-    for (int j = 0; j < N; ++j) c[j] /= length;
+    length[i] = std::sqrt(dot_any(c, c, N));
+    if (!(length[i] > 1e-13) || (low == -INFINITY && high == INFINITY)) return false;
+    for (int j = 0; j < N; ++j) c[j] /= length[i];
     only[i] = -1;
-    unit[i] = std::fmin(1.0, in_x / length);
-    bound(i, low / length, high / length);
+    unit[i] = std::fmin(1.0, in_x / length[i]);
+    bound(i, low, high);
     return true;
   }
 
   // Row i picks coordinate j: low <= c y_j <= high.
   bool pick(int i, int j, double c, double low, double high) {
-    const double length = std::abs(c);
-    if (!(length > 1e-13)) return false;
+    length[i] = std::abs(c);
+    if (!(length[i] > 1e-13)) return false;
     std::fill(row(i), row(i) + ld, 0.0);
     row(i)[j] = c > 0.0 ? 1.0 : -1.0;
     only[i] = j;
     unit[i] = 1.0;
-    bound(i, low / length, high / length);
+    bound(i, low, high);
     return true;
   }
 
  private:
   void bound(int i, double low, double high) {
-    lower[i] = low;
-    upper[i] = high;
+    lower[i] = low / length[i];
+    upper[i] = high / length[i];
     equal[i] = low == high;
   }
 };

@@ -1,4 +1,5 @@
-// Priced levels as the binding sees them: which levels the exact answer settles, and a stage for each of the others.
+// Levels with a price as the binding sees them: which of them the exact answer settles, and a stage for each of the
+// others and for every level below one that is not met.
 #pragma once
 
 #include <cmath>
@@ -23,24 +24,39 @@ inline double slack(double value, double lower, double upper) {
   return value > upper ? value - upper : value < lower ? value - lower : 0.0;
 }
 
-// What a priced level hands down, written in place: (m + 1, n), the guard's row last. Of a level of single coordinates
-// after the last price: its bounds (m), drawn towards rest; A is null.
-struct Handed {
-  double* A = nullptr;
-  double* lower = nullptr;
-  double* upper = nullptr;
+// An exact hierarchy that another module solves.
+class ExactCall {
+ public:
+  virtual ~ExactCall() = default;
+  virtual int run(double seconds) = 0;  // the kernel's outcome; seconds: 0 for no limit
+};
+
+// Rows of an exact hierarchy over (z, v), to be written: A, or scale where each row picks one variable.
+struct Room {
+  double *A = nullptr, *scale = nullptr, *lower = nullptr, *upper = nullptr;
+};
+
+// A level without a price below one that has one: its own rows there, the solve, and where that leaves (z, v).
+struct Remaining {
+  Room own;
+  ExactCall* solve = nullptr;
+  const double* z = nullptr;
+};
+
+// What chooses among optima, of the hierarchy (n) and of exact ones over (z, v) (wide), to be written; null for none.
+struct Completion {
+  const double *metric = nullptr, *origin = nullptr;  // (n, n), (n,)
+  double *wide_metric = nullptr, *wide_origin = nullptr;
 };
 
 // What an account is made of: stages as solve wrote them; slacks w of all rows; owner: the element of each row.
-// lambda: multipliers of exact levels, level k after level k - 1, (m_0 + ... + m_k) each, or null; guards: every priced
-// level has one row more there.
+// lambda: multipliers of exact levels, level k after level k - 1, (m_0 + ... + m_k) each, or null.
 struct AccountRows {
   const double* stages = nullptr;
   const double* w = nullptr;
   const std::int32_t* owner = nullptr;
   int elements = 0;
   const double* lambda = nullptr;
-  bool guards = false;
   const double* x = nullptr;
   double near = 0.0;
 };
@@ -51,18 +67,25 @@ struct Tolerances {
   double met, zero, flat;
 };
 
+// The law of a hierarchy (hqp.problem.Hierarchy): prices, turning (levels,); F (r, n), or its diagonal where r = 0, or
+// null for the identity; f (r,), or null.
+struct Law {
+  const double *prices = nullptr, *turning = nullptr;
+  double eta = 0.0;
+  const double *F = nullptr, *f = nullptr;
+  int r = 0;
+};
+
 class PricedStages {
  public:
   virtual ~PricedStages() = default;
-  virtual PricedLevel* levels() = 0;  // to be filled once
-  virtual Handed* handed() = 0;
-  // prices, shares: one a level.  guard: its floor, or null for no guard.  F: (r, n), or its diagonal where r = 0, or
-  // null for the identity; f: (r), or null.  pace: of single coordinates below an unmet level.
-  virtual void bind(const double* prices, const double* shares, const double* F, const double* f, int r,
-                    const double* guard, double pace) = 0;
+  virtual PricedLevel* levels() = 0;   // to be filled once
+  virtual Room* above() = 0;           // of each level, as a level above one without a price
+  virtual Remaining* remaining() = 0;  // of each level without a price below one that has one
+  virtual void bind(const Law& law, const Completion& completion) = 0;
   // x: the exact answer of all levels, or of those above level `head` where it is not 0.  The first level that it does
-  // not settle, -1 for none; from that level on the stages are solved, stages (levels, n) hold their points (NaN
-  // elsewhere), and last the last of them.  -2 where level `head` is met: the exact answer of all levels is needed.
+  // not settle, -1 for none; otherwise stages (levels, n) hold the points of priced levels from that one on (NaN
+  // elsewhere), and last the answer.  -2 where level `head` is met: the exact answer of all levels is needed.
   // seconds: after which a stage ends where it is, none for 0.
   virtual int solve(const double* x, int head, double seconds, double* stages, double* last) = 0;
   // Slacks and marks of all rows at x, as in Solution; whether a row of the first `constraints` levels is violated.
@@ -71,6 +94,7 @@ class PricedStages {
   virtual int iterations() const = 0;
   virtual bool ended() const = 0;      // whether every stage reached its optimum
   virtual bool uncertain() const = 0;  // whether one met uncertain directions
+  virtual bool doubtful() const = 0;   // whether the kernel was not sure of a rank below them
   virtual void reset() = 0;            // forget the warm start
   // What holds every level back at the answer of the latest solve (account.hpp).
   virtual void account(const AccountRows& rows, double* numbers, double* shares, double* worth) = 0;

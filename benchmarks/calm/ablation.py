@@ -1,0 +1,201 @@
+"""Numbers of the law: each with another value, and a scene that is worse then."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+
+import hqp
+from benchmarks.calm import arrival, continuity, distance, drawn
+from benchmarks.calm.loop import figures, run
+from benchmarks.calm.robots import subject
+from benchmarks.calm.scenes import FORMULATIONS, scenes
+from benchmarks.calm.variants import PRICED, Variant, changed, solver_of
+from benchmarks.reports import report
+from hqp import PD, Level, P, Stack
+from hqp.problem import Hierarchy, Shape, Solution
+from hqp.solvers.base import Solver, Workspace
+from hqp.tasks import Com, JointLimits, Orientation, Position, Posture
+
+Record = dict[str, Any]
+Scene = Callable[[Variant], float]
+
+
+@dataclass(frozen=True)
+class WithEta(Solver):
+    """A solver that is given another eta."""
+
+    solver: Solver
+    eta: float
+    name: ClassVar[str] = "with eta"
+    priced: ClassVar[bool] = True
+
+    def workspace(self, shape: Shape) -> Workspace:
+        """That of the solver."""
+        return _Work(self.solver.workspace(shape), self.eta)
+
+
+class _Work:
+    def __init__(self, work: Workspace, eta: float) -> None:
+        self.work, self.eta = work, eta
+
+    def solve(self, problem: Hierarchy) -> Solution:
+        """The same problem with the other eta."""
+        return self.work.solve(replace(problem, eta=self.eta))
+
+    def reset(self) -> None:
+        """Start cold."""
+        self.work.reset()
+
+
+def restless(formulation: str, name: str, gain: float, dt: float, figure: str, variant: Variant) -> float:
+    """A figure of the acceleration [rad/s^2] of 5 s with a hand out of reach, base and posture without speed limit."""
+
+    def law(k: float, **most: float) -> hqp.Law:
+        return P(k, **most) if formulation == "velocity" else PD(k * k, 2.0 * k, **most)
+
+    who = subject(name)
+    robot, hand = who.robot, Position(frame=who.hands[0], law=law(5.0, max_velocity=0.5), name="hand")
+    stack = Stack(
+        Level(Com(axes="xy", law=law(2.0))), Level(hand),
+        Level(Orientation(frame=who.base or "", law=law(2.0), name="base")), Level(Posture(law=law(gain))),
+        subject_to=[*who.contacts, JointLimits()],
+    )  # fmt: skip
+    session = variant.of(stack, FORMULATIONS[formulation]).session(robot, dt)
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    goal, found = robot.state(q).position(hand.frame) + np.array((0.3, -0.3, 0.9)), []
+    for _ in range(round(5.0 / dt)):
+        q, after = session.step(robot.state(q, v), hand.at(goal)).advance()
+        found.append(np.abs(after - v)[robot.actuated].max() / dt)
+        v = after
+    share = {"median": 0.5, "p99": 0.99}[figure]
+    return float(np.quantile(found[round(1.0 / dt) :], share))
+
+
+def chosen(name: str, formulation: str, scene: str, figure: str, variant: Variant) -> float:
+    """A figure of a chosen scene."""
+    return float(figures(run(scenes(name, formulation, {})[scene](), variant))[figure])
+
+
+def of_seed(seed: int, figure: str, variant: Variant) -> float:
+    """A figure of a drawn loop at velocity level."""
+    one = drawn.scene(seed, "velocity")
+    return float(figures(run(one, variant, round(drawn.SECONDS / one.dt)))[figure])
+
+
+def lost(names: Sequence[str], count: int, variant: Variant) -> float:
+    """How many goals exact levels reach and priced ones do not in time."""
+    found = [r for name in names for r in arrival.measure(name, range(count), variant)]
+    return float(sum(r["exact"] < math.inf <= r["priced"] for r in found))
+
+
+def steepest(family: str, variant: Variant) -> float:
+    """The 99th percentile of dx / ddata of 200 neighbours."""
+    solver = variant.solver if isinstance(variant.solver, Solver) else hqp.solvers.load(variant.solver)
+    return continuity.measure(family, 200, solver).slope[1]
+
+
+def left(name: str, variant: Variant) -> float:
+    """Distance over the least after 20 s [mm]."""
+    (found, *_) = distance.measure([name], variant)
+    return 1e3 * float(found["off"] - found["least"])
+
+
+@dataclass(frozen=True)
+class Ablation:
+    """Another value of a number and the scene that shows it, whose figure is better the smaller it is."""
+
+    number: str
+    other: str
+    scene: str
+    figure: Scene
+    change: Mapping[str, Any] = field(default_factory=dict)
+    eta: float | None = None
+
+
+_PRICE = "hqp.price."
+ABLATIONS: tuple[Ablation, ...] = (
+    Ablation(
+        "eta 1e-4", "1e-2", "distance over the least, CBi after 20 s [mm]", partial(left, "cbi"),
+        {f"{_PRICE}ETA": 1e-2}, 1e-2,
+    ),
+    Ablation("eta 1e-4", "1e-2", "neighbours of *deep*, p99 of the slope", partial(steepest, "deep"), {}, 1e-2),
+    Ablation("eta 1e-4", "1e-7", "neighbours of *small*, p99 of the slope", partial(steepest, "small"), {}, 1e-7),
+    Ablation(
+        "TURNING[1]", "none (1e9)", "G1, posture 10/s, out of reach: p99 of acceleration [rad/s^2]",
+        partial(restless, "velocity", "g1", 10.0, 0.002, "p99"), {f"{_PRICE}TURNING[1]": 1e9},
+    ),
+    Ablation(
+        "TURNING[1]", "a hundredth", "drawn loop 467: reversals a second",
+        partial(of_seed, 467, "reversals"), {f"{_PRICE}TURNING[1]": hqp.price.TURNING[1] / 100.0},
+    ),
+    Ablation(
+        "TURNING[2]", "none (1e9)", "G1, posture kp 100, out of reach: p99 of acceleration [rad/s^2]",
+        partial(restless, "acceleration", "g1", 10.0, 0.002, "p99"), {f"{_PRICE}TURNING[2]": 1e9},
+    ),
+    Ablation(
+        "LONGEST_TAU[1] 0.05 s", "0.005 s, no ticks", "Talos, edge: p99 of acceleration [rad/s^2]",
+        partial(chosen, "talos", "velocity", "edge", "acceleration_p99"),
+        {f"{_PRICE}LONGEST_TAU[1]": 0.005, f"{_PRICE}TICKS": 0.0},
+    ),
+    Ablation(
+        "LONGEST_TAU[1] 0.05 s", "0.5 s", "distance over the least, Talos after 20 s [mm]", partial(left, "talos"),
+        {f"{_PRICE}LONGEST_TAU[1]": 0.5, f"{_PRICE}GAIN_TIME": math.inf},
+    ),
+    Ablation(
+        "LONGEST_TAU[2] 0.1 s", "0.01 s", "Talos, edge, acceleration: p99 [rad/s^2]",
+        partial(chosen, "talos", "acceleration", "edge", "acceleration_p99"), {f"{_PRICE}LONGEST_TAU[2]": 0.01},
+    ),
+    Ablation(
+        "GAIN_TIME 0.25", "no rule", "24 goals of UR5 and of G1: lost", partial(lost, ("ur5", "g1"), 24),
+        {f"{_PRICE}GAIN_TIME": math.inf},
+    ),
+    Ablation(
+        "TICKS 10", "no rule", "iCub at 100 Hz, out of reach: median acceleration [rad/s^2]",
+        partial(restless, "velocity", "icub", 1.0, 0.01, "median"), {f"{_PRICE}TICKS": 0.0},
+    ),
+    Ablation(
+        "TICKS 10", "no rule", "CBi at 50 Hz, out of reach: median acceleration [rad/s^2]",
+        partial(restless, "velocity", "cbi", 1.0, 0.02, "median"), {f"{_PRICE}TICKS": 0.0},
+    ),
+    Ablation(
+        "LONGEST_BY_TICKS 0.1 s", "1 s", "G1 at 50 Hz, out of reach: median acceleration [rad/s^2]",
+        partial(restless, "velocity", "g1", 1.0, 0.02, "median"), {f"{_PRICE}LONGEST_BY_TICKS": 1.0},
+    ),
+    Ablation(
+        "REST_TIME 1.4", "no rest (1e9)", "UR5, beyond, acceleration: median acceleration [rad/s^2]",
+        partial(chosen, "ur5", "acceleration", "beyond", "acceleration_p50"), {f"{_PRICE}REST_TIME": 1e9},
+    ),
+)  # fmt: skip
+"""What may be changed one by one: ``change`` of constants, ``eta`` of the problem."""
+
+
+def measure(solver: str = "") -> Iterator[Record]:
+    """The figure as the law is, and with the other value."""
+    given = solver_of(solver or "lexicographic")
+    made = hqp.solvers.load(given) if isinstance(given, str) else given
+    for one in ABLATIONS:
+        kept = one.figure(replace(PRICED, solver=made))
+        with changed(one.change):
+            other = made if one.eta is None else WithEta(made, one.eta)
+            without = one.figure(replace(PRICED, solver=other))
+        yield {"number": one.number, "other": one.other, "scene": one.scene, "kept": kept, "without": without}
+
+
+def misses(records: Sequence[Record]) -> Iterator[str]:
+    """Numbers without a scene that is worse by a tenth without them."""
+    for number in dict.fromkeys(r["number"] for r in records):
+        own = [r for r in records if r["number"] == number]
+        if not any(r["without"] > 1.1 * r["kept"] + 1e-9 for r in own):
+            yield f"{number}: no scene is worse without it"
+
+
+def table(records: Sequence[Record]) -> str:
+    """A row for each scene."""
+    rows = [(r["number"], r["other"], r["scene"], f"{r['kept']:.3g}", f"{r['without']:.3g}") for r in records]
+    return report.table(("number", "other value", "scene, smaller is better", "as it is", "with the other"), rows)

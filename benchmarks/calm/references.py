@@ -1,0 +1,60 @@
+"""What references do on a real robot: they come at 30 Hz, jump, or stay out for a while."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from benchmarks.calm.drawn import scene
+from benchmarks.calm.scenes import Scene, Targets
+
+FRAMES = 30.0
+"""References a second of a camera, held in between."""
+
+JUMP, EVERY = 0.2, 0.5
+"""Every so many seconds [s] the target jumps this far [m]."""
+
+OUT, OF = 0.2, 0.7
+"""References are missing for OUT of every OF seconds."""
+
+
+def sampled(targets: Targets, seed: int) -> Targets:
+    """At 30 Hz, held."""
+    return lambda t: targets(math.floor(t * FRAMES) / FRAMES)
+
+
+def jumping(targets: Targets, seed: int) -> Targets:
+    """Moved to another place of a ball every half second."""
+    offsets = np.random.default_rng(seed).standard_normal((100, 3))
+    offsets *= JUMP / np.linalg.norm(offsets, axis=1, keepdims=True)
+
+    def at(t: float) -> tuple[object, ...]:
+        offset = offsets[math.floor(t / EVERY) % len(offsets)]
+        return tuple(replace(goal, value=goal.value + offset) for goal in targets(t))
+
+    return at  # type: ignore[return-value]
+
+
+def dropping(targets: Targets, seed: int) -> Targets:
+    """None in the last part of every period."""
+    return lambda t: targets(t) if t % OF < OF - OUT else ()
+
+
+DISTURBED: Mapping[str, Callable[[Targets, int], Targets]] = {
+    "30 Hz": sampled, "jumps": jumping, "dropouts": dropping,
+}  # fmt: skip
+
+
+def disturbed(kind: str, seed: int, formulation: str) -> Scene:
+    """The drawn loop of a seed with its references disturbed."""
+    drawn = scene(seed, formulation)
+    return replace(drawn, name=f"{drawn.name}, {kind}", targets=DISTURBED[kind](drawn.targets, seed))
+
+
+def slow(period: float, seed: int, formulation: str) -> Scene:
+    """The drawn loop of a seed with another period [s]."""
+    drawn = scene(seed, formulation)
+    return replace(drawn, name=drawn.name.replace(f"{1e3 * drawn.dt:g} ms", f"{1e3 * period:g} ms", 1), dt=period)
