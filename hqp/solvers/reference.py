@@ -26,7 +26,7 @@ from hqp.certify import certificate
 from hqp.nnls import nonnegative_least_squares
 from hqp.null_directions import without_rounding
 from hqp.pricing import UNNAMED, Above, Coordinates, at_optimum, level_size, stack_rows
-from hqp.problem import Hierarchy, Rows, Shape, Solution, Stats, Status
+from hqp.problem import Hierarchy, Motion, Rows, Shape, Solution, Stats, Status
 from hqp.solvers.base import Solver, check_fields, finish
 from hqp.solvers.completion import completion
 from hqp.solvers.flat import Flat
@@ -78,21 +78,55 @@ class ReferenceWorkspace:
         """Nothing is kept between solves."""
 
     def solve(self, problem: Hierarchy) -> Solution:
-        """The point found, judged: rows much shorter than their level's longest can get lost (NOT_CERTIFIED)."""
+        """The point found, judged, and where it is refused once more in other coordinates.
+
+        Rows much shorter than their level's longest can get lost (NOT_CERTIFIED).
+        """
         began = perf_counter()
         unusable = self._flat.load(problem)
         if unusable:
             return self._flat.refuse(problem, Stats(build_s=perf_counter() - began), unusable)
+        x, stages, run = self._found(problem)
+        steps, passed = run.steps, certificate(problem, x, self._solver.accuracy, stages).ok
+        if not passed and self._solver.factorisations is None:
+            turned, Q = _turned(problem)
+            z, points, run = self._found(turned)
+            x, stages, steps = Q @ z, None if points is None else points @ Q.T, steps + run.steps
+            passed = certificate(problem, x, self._solver.accuracy, stages).ok
+        stats = Stats(steps, 0, 0.0, perf_counter() - began)
+        status, detail = Status.OPTIMAL, ""
+        if not passed and run.ended:
+            status, detail = Status.NOT_CERTIFIED, "the certificate refuses the point found"
+        elif not passed:
+            status, detail = Status.ITERATION_LIMIT, "a level was left before its optimum"
+        return finish(problem, x, status, stats, detail, stages)
+
+    def _found(self, problem: Hierarchy) -> tuple[Vec, Mat | None, _Run]:
+        """The answer, the stage points of priced levels, and how it went."""
         run = _Run(without_rounding(problem), self._solver)
         points = run.points()
-        stages = None
-        if problem.priced:
-            stages = points[: len(problem.levels)].copy()
-            stages[~np.array(problem.priced)] = np.nan
-        stats = Stats(run.steps, 0, 0.0, perf_counter() - began)
-        passed = certificate(problem, points[-1], self._solver.accuracy, stages).ok
-        status = Status.OPTIMAL if passed else Status.NOT_CERTIFIED if run.ended else Status.ITERATION_LIMIT
-        return finish(problem, points[-1], status, stats, "", stages)
+        if not problem.priced:
+            return points[-1], None, run
+        stages = points[: len(problem.levels)].copy()
+        stages[~np.array(problem.priced)] = np.nan
+        return points[-1], stages, run
+
+
+def _turned(problem: Hierarchy) -> tuple[Hierarchy, Mat]:
+    """The problem in other orthogonal coordinates z with x = Q z, in which rounding falls otherwise, and Q."""
+    n = problem.n
+    Q, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(n, n)))
+    motion = problem.motion or Motion(np.ones(n))
+    F = np.diag(motion.F) if motion.F.ndim == 1 else motion.F
+    turned = replace(
+        problem,
+        levels=tuple(Rows(rows.dense(n) @ Q, rows.lower, rows.upper) for rows in problem.levels),
+        metric=None if problem.metric is None else (Q.T @ problem.metric @ Q + Q.T @ problem.metric.T @ Q) / 2.0,
+        origin=None if problem.origin is None else Q.T @ problem.origin,
+        motion=Motion(F @ Q, motion.f) if problem.priced else None,
+        stacked=None,
+    )
+    return turned, Q
 
 
 def solve_level(
