@@ -2,8 +2,8 @@
 
 Level k of a hierarchy with prices c_k, motion E = 1/2 ||F x - f||^2, eta and turning t_k is solved at its stage point
 
-    x_k = argmin { ||w_k|| + c_k E(x) + R_k(x) :  x in S_{k-1},  lower_k <= A_k x - w_k <= upper_k }    where c_k > 0,
-    x_k = argmin { 1/2 ||w_k||^2 + R_k(x)      :  x in S_{k-1},  lower_k <= A_k x - w_k <= upper_k }    elsewhere.
+    x_k = argmin { ||w_k|| + c_k (E(x) + R_k(x)) :  x in S_{k-1},  lower_k <= A_k x - w_k <= upper_k }  where c_k > 0,
+    x_k = argmin { 1/2 ||w_k||^2 + R_k(x)        :  x in S_{k-1},  lower_k <= A_k x - w_k <= upper_k }  elsewhere.
 
 What a level hands down depends on how it ended, not on what kind its rows are or how they are stored:
 
@@ -14,15 +14,15 @@ What a level hands down depends on how it ended, not on what kind its rows are o
 
 An anchored level resists what lies below it, by the sum over all of them above level k,
 
-    R_k(x) = 1/2 sum_a sum_i v_ai^2 / (eta omega_a) + t_a omega_a^2 sum_j d_aj^2 (F (x - x_a))_j^2,
+    R_k(x) = 1/2 sum_a sum_i v_ai^2 / (eta c_a omega_a) + t_a omega_a^2 sum_j d_aj^2 (F (x - x_a))_j^2,
     v_ai = a_i (x - x_a) for an equality; for an inequality by how much its slack grows, as above,
     d_aj^2 = sum_i (b_i a_i F^+ e_j)^2,    b_i = 1 for an equality, |w_i| / omega_a for an inequality.
 
 Equalities alone give ||A_a (x - x_a)||^2 and d_aj = ||A_a F^+ e_j||.  Rows of an unmet level that are met stay no hard
 rows, and a violated row is held from one side: as its slack falls to 0 either would turn a wall into a spring, and the
 answer would jump.
-The first term lets a unit of force from below move what the level gave by eta omega_a; it becomes the rows themselves
-as omega_a falls to 0.  The second slows what lies below in the joints that turn the rows of the level, beyond what the
+R has the unit of E.  The first term lets what lies below move what the level gave by eta omega_a where it is a level
+of the same price, by eta c_a omega_a ||w_k|| where it has none; it becomes the rows themselves as omega_a falls to 0.  The second slows what lies below in the joints that turn the rows of the level, beyond what the
 level does itself; it vanishes with omega_a.  While every priced level is met R = 0.
 
 The answer is x_p; where its argmin is not unique the completion (metric, origin, least norm) chooses among its points.
@@ -107,7 +107,7 @@ class Coordinates:
 class Anchor:
     """A level that is not met, at its stage point x_a: 1/2 ||v||^2 / give + 1/2 ||turning (x - x_a)||^2.
 
-    rows: the anchored ones, dense, v their slack at x.  give: eta omega_a.  turning: ``(r, n)``,
+    rows: the anchored ones, dense, v their slack at x.  give: eta c_a omega_a.  turning: ``(r, n)``,
     sqrt(t_a) omega_a D_a F.  x: ``(n,)``, x_a.  places: ``(m,)``, of the rows among all rows of the hierarchy.
     """
 
@@ -152,9 +152,10 @@ class Above:
         asks, equal = np.isfinite(rows.lower) | np.isfinite(rows.upper), rows.equality
         held = Rows(rows.dense(x.size)[asks], rows.lower[asks], rows.upper[asks])
         weight = np.where(equal, 1.0, np.abs(w) / omega)[asks, None]
+        give = problem.eta * float(problem.prices[level]) * omega
         t = 0.0 if problem.turning is None else float(problem.turning[level])
         turning = math.sqrt(t) * omega * at.turning(weight * held.dense(x.size))
-        anchor = Anchor(kept(held, x), problem.eta * omega, turning, x, places[asks])
+        anchor = Anchor(kept(held, x), give, turning, x, places[asks])
         return replace(self, anchors=(*self.anchors, anchor))
 
     def with_rows(self, rows: Rows, places: Index) -> Above:

@@ -2,10 +2,10 @@
 
 At the stage point x_k of a level below what the levels above handed down (S_{k-1}, R_k), with mu >= 0 for active rows,
 
-    A_k' u + c_k F'(F x_k - f) + grad R_k(x_k) + sum_fixed a_i nu_i + sum_active s_i a_i mu_i = 0,
+    A_k' u + c_k (F'(F x_k - f) + grad R_k(x_k)) + sum_fixed a_i nu_i + sum_active s_i a_i mu_i = 0,
 
-u = w_k / ||w_k|| where a level with a price is not met, some ||u|| <= 1 where it is, u = w_k where it has no price.
-The force of an anchored row, a_i (x_k - x_a) / (eta omega_a), and u are quotients of small numbers: each is known as
+u = w_k / ||w_k|| where a level with a price is not met, some ||u|| <= 1 where it is; u = w_k where it has no price,
+with grad R_k alone.  The force of an anchored row, a_i (x_k - x_a) / (eta c_a omega_a), and u are quotients of small numbers: each is known as
 well as x_k meets its row to within the tolerance, and taken from what that allows.
 
 A level without a price below unmet ones is judged at the answer, where that passes, or at its own stage point, which
@@ -116,13 +116,14 @@ class Walk:
         scale = float(np.linalg.norm(gradient)) + price  # errors below one unit of motion are absolute
         allowed = [np.zeros((0, x.size))]  # how the gradient changes where a row is off by what the tolerance allows
         forces = np.zeros(sum(rows.m for rows in self._problem.levels[: k + 1]))
+        counts = price if price > 0.0 else 1.0
         for anchor in self._above.anchors:
-            B, force = at.rows(anchor.A), anchor.rows.slack(x) / anchor.give
-            turned = at.rows((anchor.turning.T @ (anchor.turning @ (x - anchor.x)))[None])[0]
+            B, force = at.rows(anchor.A), counts * anchor.rows.slack(x) / anchor.give
+            turned = counts * at.rows((anchor.turning.T @ (anchor.turning @ (x - anchor.x)))[None])[0]
             gradient = gradient + B.T @ force + turned
             scale += longest_row(B) * float(np.abs(force).max(initial=0.0)) + float(np.linalg.norm(turned))
             slop = within * (row_lengths(anchor.A) + terms(anchor.A, x))
-            allowed.append(B * (slop / anchor.give)[:, None])
+            allowed.append(B * (counts * slop / anchor.give)[:, None])
             forces[anchor.places] = force
         u, signed = w, np.zeros((0, x.size))
         if met:

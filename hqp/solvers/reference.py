@@ -6,7 +6,7 @@ point, the least residual r of the optimality conditions over multipliers mu >= 
 least squares, Lawson and Hanson 1974) is zero at the optimum only; elsewhere -r is a feasible descent direction, at
 degenerate vertices too.  The step goes to the minimiser on the face that -r stays on, the shortest where T is flat.
 
-A level with a price is min ||w|| + c E + R (hqp.pricing): min 1/2 ||w||^2 + m (c E + R) with the m at which m = ||w||,
+A level with a price is min ||w|| + c (E + R) (hqp.pricing): min 1/2 ||w||^2 + m c (E + R) with the m at which m = ||w||,
 found on log m.  Rows of an anchored level, 1/2 ||A (x - x_a)||^2 / give, are hard rows A x - s v = A x_a with
 s^2 = give / m and 1/2 ||v||^2 to pay, as give may be 1e-12.
 """
@@ -163,16 +163,16 @@ class _Run:
         """The stage point of a level, from a point of S."""
         if longest_row(rows.dense(x.size)) <= self._zero:
             rows = Rows(np.zeros((0, x.size)), np.zeros(0), np.zeros(0))
-            return self._search(rows, above, x, 1.0, price) if above.anchors or price > 0.0 else x
+            return self._search(rows, above, x, 1.0, price > 0.0) if above.anchors or price > 0.0 else x
         return self._priced(rows, above, x, price) if price > 0.0 else self._search(rows, above, x, 1.0)
 
     def _priced(self, rows: Rows, above: Above, x: Vec, price: float) -> Vec:
-        """argmin ||w|| + c E + R by root finding on log m; min c E + R where the level is met for its price."""
+        """argmin ||w|| + c (E + R) by root finding on log m; min E + R where the level is met for its price."""
         point = x
 
         def unmet(m: float) -> float:
             nonlocal point
-            point = self._search(rows, above, x, m, price)
+            point = self._search(rows, above, x, m * price, moves=True)
             w = rows.slack(point)
             return float(np.sqrt(w @ w))
 
@@ -181,17 +181,17 @@ class _Run:
         x = self._search(rows, replace(above, anchors=()), x, 1.0)
         met = above.with_rows(at_optimum(rows, x), UNNAMED)
         nothing = Rows(np.zeros((0, x.size)), np.zeros(0), np.zeros(0))
-        return self._search(nothing, met, x, 1.0, price)
+        return self._search(nothing, met, x, 1.0, moves=True)
 
-    def _search(self, rows: Rows, above: Above, x: Vec, m: float, price: float = 0.0) -> Vec:
-        """argmin 1/2 ||w||^2 + m (c E + R) over S, from a point x of it."""
+    def _search(self, rows: Rows, above: Above, x: Vec, m: float, moves: bool = False) -> Vec:
+        """argmin 1/2 ||w||^2 + m (E + R) over S, from a point x of it; m R without ``moves``."""
         n, at = x.size, self._at
         A, unequal = rows.dense(n), ~rows.equality & (np.isfinite(rows.lower) | np.isfinite(rows.upper))
         B, b = A[rows.equality], rows.lower[rows.equality]
         soft = [(A[unequal], rows.lower[unequal], rows.upper[unequal], 1.0)]
         T, t = [at.rows(B)], [b - B @ at.still]
-        if price > 0.0:
-            T.append(math.sqrt(m * price) * np.eye(at.moving, n))
+        if moves:
+            T.append(math.sqrt(m) * np.eye(at.moving, n))
             t.append(np.zeros(at.moving))
         for anchor in above.anchors:
             soft.append((anchor.A, anchor.rows.lower, anchor.rows.upper, math.sqrt(anchor.give / m)))
@@ -228,7 +228,7 @@ class _Run:
 def _root(unmet: Callable[[float], float], least: float) -> float | None:
     """The m with m = ||w(m)||, None where it is below ``least``; the last call of ``unmet`` is at it.
 
-    unmet: ||w(m)|| of argmin 1/2 ||w||^2 + m (c E + R), which grows with m more slowly than m does.
+    unmet: ||w(m)|| of argmin 1/2 ||w||^2 + m c (E + R), which grows with m more slowly than m does.
     """
 
     def excess(log: float) -> float:

@@ -42,9 +42,10 @@ class Oracle:
         size = float(np.linalg.norm(rows.slack(x)))
         motion = self.problem.motion or Motion(np.ones(x.size))
         value = size + price * motion(x) if price > 0.0 else 0.5 * size**2
+        counts = price if price > 0.0 else 1.0
         for kept, give, turning, point in self.unmet:
-            value += 0.5 * float(np.sum(kept.slack(x) ** 2)) / give
-            value += 0.5 * float(np.sum((turning * (self._F() @ (x - point))) ** 2))
+            value += 0.5 * counts * float(np.sum(kept.slack(x) ** 2)) / give
+            value += 0.5 * counts * float(np.sum((turning * (self._F() @ (x - point))) ** 2))
         return value
 
     def stage(self, rows: Rows, price: float) -> Vec:
@@ -63,16 +64,16 @@ class Oracle:
         blocks.append((own, rows.lower, rows.upper))
         for A, lower, upper in self.hard:
             blocks.append((np.hstack([A, np.zeros((len(A), size - n))]), lower, upper))
-        here = n + m + 1
+        here, counts = n + m + 1, price if price > 0.0 else 1.0
         for kept, give, turning, point in self.unmet:
             part, end = np.zeros((kept.m, size)), here + kept.m
             part[:, :n], part[:, here:end] = kept.dense(n), -np.sqrt(give) * np.eye(kept.m)
             blocks.append((part, kept.lower, kept.upper))
-            P[here:end, here:end] = np.eye(kept.m)
+            P[here:end, here:end] = counts * np.eye(kept.m)
             here = end
             D = turning[:, None] * F
-            P[:n, :n] += D.T @ D
-            q[:n] -= D.T @ (D @ point)
+            P[:n, :n] += counts * D.T @ D
+            q[:n] -= counts * D.T @ (D @ point)
         return self._clarabel(P, q, blocks, (n, m) if price > 0.0 else None)[:n]
 
     def _clarabel(self, P: Mat, q: Vec, blocks: list[Any], cone: tuple[int, int] | None) -> Vec:
@@ -116,7 +117,7 @@ class Oracle:
             part = np.where(equal, 1.0, np.abs(w) / size)[asks, None] * A[asks]
             t = 0.0 if problem.turning is None else float(problem.turning[k])
             turning = np.sqrt(t) * size * np.linalg.norm(part @ np.linalg.pinv(self._F(), rcond=1e-7), axis=0)
-            self.unmet.append((Rows(A[asks], low[asks], high[asks]), problem.eta * size, turning, x))
+            self.unmet.append((Rows(A[asks], low[asks], high[asks]), problem.eta * price * size, turning, x))
         else:
             equal = rows.lower == rows.upper
             low, high = np.where(equal, y, np.minimum(rows.lower, y)), np.where(equal, y, np.maximum(rows.upper, y))

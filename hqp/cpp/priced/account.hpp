@@ -71,12 +71,12 @@ class Accounts {
             const bool counts = ends[k].firm[q] || holds(row, ends[k].lambda[q], rows, at);
             mine[counts ? rows.owner[row] : elements] += force;
           }
-          by_anchors(motions, anchors, static_cast<int>(k), point, rows.owner, mine);
+          by_anchors(motions, anchors, static_cast<int>(k), point, prices[k], rows.owner, mine);
         } else if (!priced && lambda) {
           const double* above = lambda;
           for (int row = 0; row < start; ++row)
             if (above[row] != 0.0) mine[rows.owner[row]] -= above[row] * product(row, step_.data());
-          by_anchors(motions, anchors, static_cast<int>(k), rows.x, rows.owner, mine);
+          by_anchors(motions, anchors, static_cast<int>(k), rows.x, 1.0, rows.owner, mine);
         }
         double sum = 0.0;
         for (int e = 0; e < width; ++e) sum += larger(mine[e], 0.0);  // an element may also push the level's way
@@ -153,8 +153,8 @@ class Accounts {
     at.step(g_.data(), step_.data());
   }
 
-  // What unmet levels above level k hold by the motion beyond their own points, each row its part.
-  void by_anchors(Motions& motions, const std::vector<Anchor>& anchors, int k, const double* x,
+  // What unmet levels above level k hold by the motion beyond their own points, each row its part.  price: of motion.
+  void by_anchors(Motions& motions, const std::vector<Anchor>& anchors, int k, const double* x, double price,
                   const std::int32_t* owner, double* mine) {
     for (const Anchor& anchor : anchors) {
       if (anchor.level >= k || !(anchor.turning > 0.0)) continue;
@@ -166,7 +166,7 @@ class Accounts {
         double force = 0.0;
         for (int j = 0; j < motions.count(); ++j)
           force += weight_[j] * (motions.moved(j, x) - anchor.from[j]) * motions.moved(j, step_.data());
-        mine[owner[anchor.first + i]] -= force;
+        mine[owner[anchor.first + i]] -= price * force;
       }
     }
   }

@@ -1,8 +1,8 @@
 // What an unmet level a leaves to a level k below it (docs/calm.md): its rows stay near y_a = A_a x_a, and motion
 // beyond x_a costs by how long the columns of those rows are,
-//   ||v_a||^2 / (2 eta omega_a) + t_a omega_a^2 / 2 sum_j d_aj^2 (F (x - x_a))_j^2,   d_aj = ||B_a A_a F^+ e_j||,
+//   ||v_a||^2 / (2 eta c_a omega_a) + t_a omega_a^2 / 2 sum_j d_aj^2 (F (x - x_a))_j^2,   d_aj = ||B_a A_a F^+ e_j||,
 // v_a = A_a x - y_a for equalities, for inequalities what their slack grows by, B_a = diag(1 or |w_ai| / omega_a).
-// The second term only weighs the rows of F anew: with c E it is again a motion, of other numbers.
+// The second term only weighs the rows of F anew: with E it is again a motion, of other numbers.
 #pragma once
 
 #include <algorithm>
@@ -18,6 +18,7 @@ inline namespace HQP_ISA {
 struct Anchor {
   int level = 0, first = 0;  // its first row among all rows
   double omega = 0.0;        // ||w_a||
+  double give = 0.0;         // eta c_a omega_a
   double turning = 0.0;      // t_a omega_a^2
   std::vector<char> held;    // (m,) rows that are anchored
   std::vector<double> low;   // (m,) where they cost nothing: y_ai, or from the lower to the upper bound and y_ai
@@ -82,13 +83,13 @@ class Motions {
                       anchor.weight.data());
   }
 
-  // weight (count,) and mean (count,) of price E and what the anchors add: the sum of weight_j ((F x)_j - mean_j)^2
-  // / 2.
-  void weigh(const std::vector<Anchor>& anchors, double price) {
-    weight_.assign(count_, price);
+  // weight (count,) and mean (count,) of E, or of 0 E, and what the anchors add: the sum of
+  // weight_j ((F x)_j - mean_j)^2 / 2.
+  void weigh(const std::vector<Anchor>& anchors, double own) {
+    weight_.assign(count_, own);
     mean_.assign(count_, 0.0);
     if (f_)
-      for (int j = 0; j < count_; ++j) mean_[j] = price * f_[j];
+      for (int j = 0; j < count_; ++j) mean_[j] = own * f_[j];
     for (const Anchor& anchor : anchors)
       for (int j = 0; j < count_; ++j) {
         weight_[j] += anchor.weight[j];
@@ -100,12 +101,12 @@ class Motions {
   double weight(int j) const { return weight_[j]; }
   double mean(int j) const { return mean_[j]; }
 
-  // Coordinates y in which price E and what the anchors add to it is price |y|^2 / 2.
-  const Coordinates& among(const std::vector<Anchor>& anchors, double price) {
+  // Coordinates y in which E and what the anchors add to it is |y|^2 / 2.
+  const Coordinates& among(const std::vector<Anchor>& anchors) {
     if (anchors.empty()) return base_;
-    weigh(anchors, price);
+    weigh(anchors, 1.0);
     scaled_.resize(count_);
-    for (int j = 0; j < count_; ++j) scaled_[j] = std::sqrt(weight_[j] / price);
+    for (int j = 0; j < count_; ++j) scaled_[j] = std::sqrt(weight_[j]);
     if (r_) {
       here_.set(base_, F_, scaled_.data(), mean_.data(), r_);
       return here_;

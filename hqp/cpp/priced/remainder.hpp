@@ -1,6 +1,6 @@
 // A level k without a price below unmet ones, min ||w_k||^2 / 2 + R_k, as the last level of an exact hierarchy: over
 // (z, v) with x_j = z_j / size_j and v the motion of anchored rows,
-//   [A_a, -sqrt(eta omega_a) I] (x, v) = A_a x_a    instead of the rows of an unmet level a,
+//   [A_a, -sqrt(eta c_a omega_a) I] (x, v) = A_a x_a    instead of the rows of an unmet level a,
 //   last level: the rows of level k, those of F weighed by the anchors, v = 0.
 // Where F is a diagonal and level k picks variables, rows that share a variable are one, and size makes it of length 1:
 // the last level is then a selection of nearly everything, which the kernel need not factorise.
@@ -27,9 +27,9 @@ class Remainder {
     }
   }
 
-  // low, high: bounds of all rows as they are handed down; eta: of the hierarchy.
-  void write(int k, const std::vector<Anchor>& anchors, const double* low, const double* high, double eta,
-             Motions& motions, Room* above, const Room& own, const Completion& completion) {
+  // low, high: bounds of all rows as they are handed down.
+  void write(int k, const std::vector<Anchor>& anchors, const double* low, const double* high, Motions& motions,
+             Room* above, const Room& own, const Completion& completion) {
     motions.weigh(anchors, 0.0);
     std::fill(size_.begin(), size_.end(), 1.0);
     if (own.scale) pick(level_[k], motions, own);
@@ -37,7 +37,7 @@ class Remainder {
     std::size_t next = 0;
     for (int j = 0; j < k; ++j) {
       const Anchor* anchor = next < anchors.size() && anchors[next].level == j ? &anchors[next++] : nullptr;
-      keep(j, anchor, low, high, eta, above[j]);
+      keep(j, anchor, low, high, above[j]);
       low += level_[j].m;
       high += level_[j].m;
     }
@@ -115,7 +115,7 @@ class Remainder {
   }
 
   // Level j as the levels below find it.
-  void keep(int j, const Anchor* anchor, const double* low, const double* high, double eta, const Room& to) {
+  void keep(int j, const Anchor* anchor, const double* low, const double* high, const Room& to) {
     const PricedLevel& level = level_[j];
     std::copy(low, low + level.m, to.lower);
     std::copy(high, high + level.m, to.upper);
@@ -123,7 +123,7 @@ class Remainder {
       for (int i = 0; i < level.m; ++i) to.scale[i] = level.scale[i] / size_[level.index[i]];
       return;
     }
-    const double root = anchor ? std::sqrt(eta * anchor->omega) : 0.0;
+    const double root = anchor ? std::sqrt(anchor->give) : 0.0;
     double* A = to.A;
     for (int i = 0; i < level.m; ++i, A += wide_) {
       row(level, i, A);

@@ -245,6 +245,7 @@ class StageLevels final : public PricedStages {
     anchor.level = k;
     anchor.first = first_[k];
     anchor.omega = norm;
+    anchor.give = law_.eta * law_.prices[k] * norm;
     anchor.held.resize(level.m);
     anchor.low.resize(level.m);
     anchor.high.resize(level.m);
@@ -275,7 +276,7 @@ class StageLevels final : public PricedStages {
   }
 
   // The rows that levels above k leave, in motion coordinates.  Those of an anchor move by bands, variables of their
-  // own: c_k / 2 y^2 is what they cost.
+  // own: c_k y^2 / 2 is what they cost.
   void gather(int k, const Coordinates& at) {
     if (!anchors_.empty()) {  // other coordinates than those of the stage before
       forget_rows();
@@ -287,7 +288,7 @@ class StageLevels final : public PricedStages {
       const Anchor* anchor = nullptr;
       if (next < anchors_.size() && anchors_[next].level == gathered_) anchor = &anchors_[next++];
       const PricedLevel& level = level_[gathered_];
-      const double root = anchor ? std::sqrt(law_.eta * anchor->omega * law_.prices[k]) : 0.0;
+      const double root = anchor ? std::sqrt(anchor->give) : 0.0;
       for (int i = 0; i < level.m; ++i) {
         const int row_number = first_[gathered_] + i;
         double low = low_[row_number], high = high_[row_number];
@@ -321,7 +322,7 @@ class StageLevels final : public PricedStages {
   void stage(int k) {
     const PricedLevel& level = level_[k];
     const double price = law_.prices[k];
-    const Coordinates& at = motions_.among(anchors_, price);
+    const Coordinates& at = motions_.among(anchors_);
     gather(k, at);
     at.motion(x_.data(), y_.data());
     const int own = rows_.count, ld = rows_.ld;
@@ -382,7 +383,7 @@ class StageLevels final : public PricedStages {
   // Level k, which has no price, below an unmet one.
   void remainder(int k) {
     const Remaining& rest = remaining_[k];
-    remainder_.write(k, anchors_, low_.data(), high_.data(), law_.eta, motions_, above_.data(), rest.own, completion_);
+    remainder_.write(k, anchors_, low_.data(), high_.data(), motions_, above_.data(), rest.own, completion_);
     const int outcome = rest.solve->run(left());
     doubtful_ = doubtful_ || outcome == kUncertainRank;
     if (outcome == 0 || outcome == kUncertainRank) remainder_.point(rest.z, x_.data());
