@@ -30,7 +30,7 @@ REST_TIME = math.sqrt(2.0)
 A limb of two equal links that a target beyond its reach pulls straight is an oscillator of at most 1 / (2 tau) [rad/s],
 and this damps it to 0.7 of critical."""
 
-TURNING = {1: 0.2, 2: 1000.0}
+TURNING = {1: 0.5, 2: 1000.0}
 """[rad^4/s^3, rad^4/s^6 by the order of the laws] what lies below an unmet level pays for speed, as t_k = dt^order /
 (TURNING eta c_k^2 L_k^2).
 

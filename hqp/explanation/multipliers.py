@@ -10,7 +10,7 @@ from hqp.arrays import Mask, Mat, Vec, row_lengths
 from hqp.certify import Certificate, certificate
 from hqp.explanation.words import PRICE, SHARE, Account, Explanation, HeldBack, Loss, Short
 from hqp.formulation import Place
-from hqp.pricing import Coordinates, stack_rows
+from hqp.pricing import Coordinates, is_met, stack_rows
 from hqp.problem import Hierarchy, Motion, Solution
 from hqp.stage_conditions import stage_multipliers
 from hqp.tolerances import NEAR
@@ -140,6 +140,28 @@ def _multipliers(problem: Hierarchy, solution: Solution, verdict: Certificate, k
     return norm * found - passing, _price(problem, k) * norm * motion + A.T @ passing
 
 
+def _slowed(problem: Hierarchy, solution: Solution, k: int) -> Mat:
+    """What each row of an unmet level above level k adds to its gradient by the motion beyond x_a ``(rows above, n)``.
+
+    The second term of R_k (hqp.pricing), row by row, in the scale of A_k' w_k.
+    """
+    at, own = Coordinates.of(problem.motion, problem.n), _point(solution, k)
+    w, price = solution.residuals[k], _price(problem, k)
+    scale = price * float(np.sqrt(w @ w)) if price > 0.0 else 1.0
+    F, back = (np.diag(at.F), np.diag(at.back)) if at.F.ndim == 1 else (at.F, at.back)
+    found = []
+    for a, rows in enumerate(problem.levels[:k]):
+        added, point = np.zeros((rows.m, problem.n)), _point(solution, a)
+        if point is not None and problem.turning is not None and not is_met(rows, point):
+            moved = F @ ((solution.x if own is None else own) - point)
+            off = rows.slack(point)
+            share = np.where(rows.equality, float(off @ off), off * off)
+            columns = share[:, None] * (rows.dense(problem.n) @ back) ** 2
+            added = scale * float(problem.turning[a]) * (columns * moved) @ F
+        found.append(added)
+    return np.concatenate([*found, np.zeros((0, problem.n))])
+
+
 def _holds(problem: Hierarchy, solution: Solution, k: int, multipliers: Vec) -> Mask:
     """Which rows above level k hold it back: those active at the answer, and those close to rest (tolerances.NEAR)."""
     at, rows = Coordinates.of(problem.motion, problem.n), stack_rows(problem.levels[:k], problem.n)
@@ -164,6 +186,7 @@ def _shares(
     if not float(np.linalg.norm(g)) > NOTHING * float(np.linalg.norm(A)) * float(np.linalg.norm(w)):
         return ()
     multipliers, price = _multipliers(problem, solution, verdict, k)
+    slowed = _slowed(problem, solution, k)
     against: dict[str, float] = {}
     held: dict[str, tuple[str, ...]] = {}
     scale = _inner(problem)
@@ -172,7 +195,8 @@ def _shares(
     for name, place in places.items():
         if place.level < k:
             lam = multipliers[starts[place.level] :][place.part]
-            force = -scale(g, levels[place.level].dense(problem.n)[place.part].T @ lam)
+            pushed = slowed[starts[place.level] :][place.part].sum(axis=0)
+            force = -scale(g, levels[place.level].dense(problem.n)[place.part].T @ lam + pushed)
             if force > 0.0:  # an element may also push the level's way; only those that hold against it took something
                 against[name] = force
                 if not place.element.equality:

@@ -49,7 +49,7 @@ def test_a_robot_that_reaches_too_far_stays_where_its_motors_hold_it() -> None:
         session = hqp.Controller(stack, Torque(holding=share), deadline=math.inf).session(robot, DT)
         q, v, jump, torque = robot.home.copy(), np.zeros(robot.nv), 0.0, None
         start, off = robot.state(q).com()[:2], 0.0
-        for _ in range(1150):
+        for _ in range(1400):
             tick = session.step(robot.state(q, v), *goals)
             jump = max(jump, 0.0 if torque is None else float(np.abs(tick.command - torque).max()))
             q, v = tick.advance()

@@ -122,14 +122,14 @@ def test_exact_and_priced_levels_side_by_side() -> None:
     far = hand.at(robot.state().position("tool0") + np.array([3.0, 0.0, 0.0]))
     states = [(robot.home, np.zeros(robot.nv))]
     both = hqp.compare(
-        stack, robot, states=states, references=[far], solvers=["lexicographic", "nullspace", "daqp"], price="both"
+        stack, robot, states=states, references=[far], solvers=["lexicographic", "nullspace", "reference"], price="both"
     )
     assert [line.solver for line in both.lines] == [
-        "lexicographic", "nullspace", "daqp", "lexicographic, priced", "daqp, priced",
+        "lexicographic", "nullspace", "reference", "lexicographic, priced", "reference, priced",
     ]  # fmt: skip
     exact, priced = both["lexicographic"], both["lexicographic, priced"]
-    assert exact.certified == priced.certified == both["daqp, priced"].certified == 1.0
-    assert both["daqp, priced"].difference < 1e-6
+    assert exact.certified == priced.certified == both["reference, priced"].certified == 1.0
+    assert both["reference, priced"].difference < 1e-6
     assert priced.residuals[1] > exact.residuals[1]  # out of reach the price shows
     alone = hqp.compare(stack, robot, states=states, references=[far], solvers="lexicographic", price=None)
     assert alone.lines[0].residuals == priced.residuals
