@@ -5,8 +5,9 @@ At the stage point x_k of a level below what the levels above handed down (S_{k-
     A_k' u + c_k (F'(F x_k - f) + grad R_k(x_k)) + sum_fixed a_i nu_i + sum_active s_i a_i mu_i = 0,
 
 u = w_k / ||w_k|| where a level with a price is not met, some ||u|| <= 1 where it is; u = w_k where it has no price,
-with grad R_k alone.  The force of an anchored row, a_i (x_k - x_a) / (eta c_a omega_a), and u are quotients of small numbers: each is known as
-well as x_k meets its row to within the tolerance, and taken from what that allows.
+with grad R_k alone.  The force of an anchored row, a_i (x_k - x_a) / (eta c_a omega_a), and u are quotients of small numbers, what turns rows
+weighs heavily far out of reach: each is known as well as x_k meets its row to within the tolerance, and taken from what
+that allows.
 
 A level without a price below unmet ones is judged at the answer, where that passes, or at its own stage point, which
 the reference solver finds from the rows.
@@ -28,6 +29,9 @@ from hqp.tolerances import LOCK_TOLERANCE, ROUNDING
 
 SHORTEST, WITHIN = 1e-7, 1e-9
 """What a unit of u, and of what the tolerance allows, weighs beside the gap: the least that will do is taken."""
+
+ROUNDS = 6
+"""How often what the tolerance allows is shared out anew."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,6 +129,9 @@ class Walk:
             slop = within * (row_lengths(anchor.A) + terms(anchor.A, x))
             allowed.append(B * (counts * slop / anchor.give)[:, None])
             forces[anchor.places] = force
+            slows = anchor.turning[np.any(anchor.turning, axis=1)]
+            slop = within * (row_lengths(slows) + terms(slows, x))
+            allowed.append(at.rows(slows) * (counts * slop)[:, None])
         u, signed = w, np.zeros((0, x.size))
         if met:
             value = rows.A @ x
@@ -174,17 +181,30 @@ def _judge(above: Above, at: Coordinates, x: Vec, tolerance: float) -> Judge:
 
 
 def _adjusted(judge: Judge, gradient: Vec, signed: Mat, allowed: Mat) -> tuple[Vec, float]:
-    """The gradient with the shortest u >= 0 of the signed rows, and with what the tolerance allows; and ||u||."""
+    """The gradient with the shortest u >= 0 of the signed rows and, where that is not enough, with what the tolerance
+    allows; and ||u||."""
     active = np.flatnonzero((judge.side != 0.0) & ~judge.fixed)
     cone = (judge.side[active, None] * (judge.unit[active] @ judge.Z)).T
-    inside = allowed @ judge.Z
-    most = np.maximum(row_lengths(inside), 1.0)
-    loose = (inside / most[:, None]).T
-    weights = np.repeat([0.0, SHORTEST, WITHIN], [active.size, len(signed), 2 * len(allowed)])
-    G = np.concatenate([np.concatenate([cone, (signed @ judge.Z).T, loose, -loose], axis=1), np.diag(weights)])
-    found = nonnegative_least_squares(G, np.concatenate([-(gradient @ judge.Z), np.zeros(weights.size)]))
-    u, plus, minus = np.split(found[active.size :], [len(signed), len(signed) + len(allowed)])
-    change = np.clip(plus - minus, -most, most) / most
+    fixed = np.concatenate([cone, (signed @ judge.Z).T], axis=1)
+    loose, change = (allowed @ judge.Z).T, np.zeros(len(allowed))
+    free = np.zeros(len(allowed), dtype=bool)
+    for _ in range(ROUNDS):  # what the tolerance allows is -1 to 1 of each row: those beyond stay there
+        columns = np.concatenate([fixed, loose[:, free], -loose[:, free]], axis=1)
+        weights = np.repeat([0.0, SHORTEST, WITHIN], [active.size, len(signed), 2 * int(free.sum())])
+        left = -(gradient @ judge.Z) - loose[:, ~free] @ change[~free]
+        found = nonnegative_least_squares(
+            np.concatenate([columns, np.diag(weights)]), np.concatenate([left, np.zeros(weights.size)])
+        )
+        u, plus, minus = np.split(found[active.size :], [len(signed), len(signed) + int(free.sum())])
+        change[free] = plus - minus
+        over = np.abs(change) > 1.0
+        change = np.clip(change, -1.0, 1.0)
+        rest = left - columns @ found
+        if not free.any() and float(np.sqrt(rest @ rest)) > judge.tolerance:
+            free[:] = True
+        elif not np.any(over & free):
+            break
+        free &= ~over
     return gradient + signed.T @ u + allowed.T @ change, float(np.linalg.norm(u))
 
 
