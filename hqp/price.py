@@ -30,7 +30,7 @@ REST_TIME = math.sqrt(2.0)
 A limb of two equal links that a target beyond its reach pulls straight is an oscillator of at most 1 / (2 tau) [rad/s],
 and this damps it to 0.7 of critical."""
 
-TURNING = {1: 0.5, 2: 1000.0}
+TURNING = {1: 0.7, 2: 1000.0}
 """[rad^4/s^3, rad^4/s^6 by the order of the laws] what lies below an unmet level pays for speed, as t_k = dt^order /
 (TURNING eta c_k^2 L_k^2).
 
@@ -40,13 +40,7 @@ be.  In proportion to omega^2, so that a level that comes to be unmet by next to
 LONGEST_TICK = 0.5
 """[s] longer steps are those of a search for a pose (hqp.reach), not ticks: t_k = 0 there."""
 
-TICKS, LONGEST_BY_TICKS = 10.0, 0.1
-"""At order 1 tau is at least this many ticks, up to LONGEST_BY_TICKS [s].
-
-The rows of an unmet level turn with each tick, and an eager level below it (a base without speed limit) then jumps
-with them: at 100 Hz with tau = 0.05 s for ever, with 0.1 s not.  A longer one slows what speed limits cut."""
-
-GAIN_TIME = 0.25
+GAIN_TIME = 0.5
 """At order 1, tau is at most this over the gain: a demand that speed limits cut would slow all rows of its level."""
 
 
@@ -55,7 +49,7 @@ class Price:
     """What motion costs a level: min ||w|| + c E(x), c = tau^order L, instead of min ||w|| (docs/calm.md).
 
     tau: [s] a direction in which the level is nearly lost closes no faster than 1/tau; None follows from the laws and
-    the tick: max(min(0.05, 0.25 / gain), min(0.1, 10 dt)) at order 1, min(0.1, 1 / sqrt(kp)) at order 2, at least dt.
+    the tick: min(0.05, 0.5 / gain) at order 1, min(0.1, 1 / sqrt(kp)) at order 2, at least dt.
     A level that can be met for its price is exact; the price shows where it is out of reach.  Raises DeclarationError
     for numbers out of range.
     """
@@ -204,7 +198,7 @@ def tau_of(laws: Sequence[Law], order: int, dt: float) -> float:
         return LONGEST_TAU[order]
     if order == 2:
         return max(dt, min(LONGEST_TAU[2], 1.0 / math.sqrt(gain)))
-    return max(dt, min(TICKS * dt, LONGEST_BY_TICKS), min(LONGEST_TAU[1], GAIN_TIME / gain))
+    return max(dt, min(LONGEST_TAU[1], GAIN_TIME / gain))
 
 
 def level_prices(

@@ -22,8 +22,9 @@ Equalities alone give ||A_a (x - x_a)||^2 and d_aj = ||A_a F^+ e_j||.  Rows of a
 rows, and a violated row is held from one side: as its slack falls to 0 either would turn a wall into a spring, and the
 answer would jump.
 R has the unit of E.  The first term lets what lies below move what the level gave by eta omega_a where it is a level
-of the same price, by eta c_a omega_a ||w_k|| where it has none; it becomes the rows themselves as omega_a falls to 0.  The second slows what lies below in the joints that turn the rows of the level, beyond what the
-level does itself; it vanishes with omega_a.  While every priced level is met R = 0.
+of the same price, by eta c_a omega_a ||w_k|| where it has none; it becomes the rows themselves as omega_a falls to 0.
+The second slows what lies below in the joints that turn the rows of the level, beyond what the level does itself; it
+vanishes with omega_a.  While every priced level is met R = 0.
 
 The answer is x_p; where its argmin is not unique the completion (metric, origin, least norm) chooses among its points.
 """

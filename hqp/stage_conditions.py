@@ -5,9 +5,9 @@ At the stage point x_k of a level below what the levels above handed down (S_{k-
     A_k' u + c_k (F'(F x_k - f) + grad R_k(x_k)) + sum_fixed a_i nu_i + sum_active s_i a_i mu_i = 0,
 
 u = w_k / ||w_k|| where a level with a price is not met, some ||u|| <= 1 where it is; u = w_k where it has no price,
-with grad R_k alone.  The force of an anchored row, a_i (x_k - x_a) / (eta c_a omega_a), and u are quotients of small numbers, what turns rows
-weighs heavily far out of reach: each is known as well as x_k meets its row to within the tolerance, and taken from what
-that allows.
+with grad R_k alone.  The force of an anchored row, a_i (x_k - x_a) / (eta c_a omega_a), and u are quotients of small
+numbers, and what turns rows weighs heavily far out of reach: each is known as well as x_k meets its row to within the
+tolerance, and taken from what that allows.
 
 A level without a price below unmet ones is judged at the answer, where that passes, or at its own stage point, which
 the reference solver finds from the rows.

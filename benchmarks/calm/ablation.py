@@ -139,9 +139,9 @@ ABLATIONS: tuple[Ablation, ...] = (
         partial(restless, "acceleration", "g1", 10.0, 0.002, "p99"), {f"{_PRICE}TURNING[2]": 1e9},
     ),
     Ablation(
-        "LONGEST_TAU[1] 0.05 s", "0.005 s, no ticks", "Talos, edge: p99 of acceleration [rad/s^2]",
+        "LONGEST_TAU[1] 0.05 s", "0.005 s", "Talos, edge: p99 of acceleration [rad/s^2]",
         partial(chosen, "talos", "velocity", "edge", "acceleration_p99"),
-        {f"{_PRICE}LONGEST_TAU[1]": 0.005, f"{_PRICE}TICKS": 0.0},
+        {f"{_PRICE}LONGEST_TAU[1]": 0.005},
     ),
     Ablation(
         "LONGEST_TAU[1] 0.05 s", "0.5 s", "distance over the least, Talos after 20 s [mm]", partial(left, "talos"),
@@ -152,20 +152,8 @@ ABLATIONS: tuple[Ablation, ...] = (
         partial(chosen, "talos", "acceleration", "edge", "acceleration_p99"), {f"{_PRICE}LONGEST_TAU[2]": 0.01},
     ),
     Ablation(
-        "GAIN_TIME 0.25", "no rule", "24 goals of UR5 and of G1: lost", partial(lost, ("ur5", "g1"), 24),
+        "GAIN_TIME 0.5", "no rule", "24 goals of UR5 and of G1: lost", partial(lost, ("ur5", "g1"), 24),
         {f"{_PRICE}GAIN_TIME": math.inf},
-    ),
-    Ablation(
-        "TICKS 10", "no rule", "iCub at 100 Hz, out of reach: median acceleration [rad/s^2]",
-        partial(restless, "velocity", "icub", 1.0, 0.01, "median"), {f"{_PRICE}TICKS": 0.0},
-    ),
-    Ablation(
-        "TICKS 10", "no rule", "CBi at 50 Hz, out of reach: median acceleration [rad/s^2]",
-        partial(restless, "velocity", "cbi", 1.0, 0.02, "median"), {f"{_PRICE}TICKS": 0.0},
-    ),
-    Ablation(
-        "LONGEST_BY_TICKS 0.1 s", "1 s", "G1 at 50 Hz, out of reach: median acceleration [rad/s^2]",
-        partial(restless, "velocity", "g1", 1.0, 0.02, "median"), {f"{_PRICE}LONGEST_BY_TICKS": 1.0},
     ),
     Ablation(
         "REST_TIME 1.4", "no rest (1e9)", "UR5, beyond, acceleration: median acceleration [rad/s^2]",

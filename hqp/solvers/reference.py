@@ -6,9 +6,9 @@ point, the least residual r of the optimality conditions over multipliers mu >= 
 least squares, Lawson and Hanson 1974) is zero at the optimum only; elsewhere -r is a feasible descent direction, at
 degenerate vertices too.  The step goes to the minimiser on the face that -r stays on, the shortest where T is flat.
 
-A level with a price is min ||w|| + c (E + R) (hqp.pricing): min 1/2 ||w||^2 + m c (E + R) with the m at which m = ||w||,
-found on log m.  Rows of an anchored level, 1/2 ||A (x - x_a)||^2 / give, are hard rows A x - s v = A x_a with
-s^2 = give / m and 1/2 ||v||^2 to pay, as give may be 1e-12.
+A level with a price is min ||w|| + c (E + R) (hqp.pricing): min 1/2 ||w||^2 + m c (E + R) with the m at which
+m = ||w||, found on log m.  Rows of an anchored level, 1/2 ||A (x - x_a)||^2 / give, are hard rows A x - s v = A x_a
+with s^2 = give / m and 1/2 ||v||^2 to pay, as give may be 1e-12.
 """
 
 from __future__ import annotations
