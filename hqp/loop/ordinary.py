@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -236,11 +237,20 @@ def note(
     session: Session, tick: OrdinaryTick, direct: Direct, found: bytearray, references: tuple[Reference, ...]
 ) -> None:
     """Notes of an ordinary tick: levels that a stage keeps from being met, and restless joints."""
-    later = None
+    later: Callable[[], tuple[Note, ...]] | None = None
     if direct.staged(found):
         later = session._teller.held_back(session.count, direct.slacks(found), direct.x(found), references)
-    restless = session._limits.record(found, direct.marks, session.count)
-    if later and restless:
-        tick.note(lambda: (*later(), *restless_notes(restless)))
-    elif later or restless:
-        tick.note(later or restless_notes(restless))
+    limits, state, before = session._limits, tick.state, tick._before
+    restless = limits.record(found, direct.marks, session.count)
+    if not restless and not limits.meet:
+        if later is not None:
+            tick.note(later)
+        return
+    v = state.v
+    if session._velocity:
+        v = direct.x(before) if isinstance(before, bytearray) else before
+
+    def told() -> tuple[Note, ...]:
+        return (*(later() if later is not None else ()), *restless_notes(restless), *limits.overrun_notes(state, v))
+
+    tick.note(told)

@@ -97,6 +97,9 @@ def conclude(
             later.append(held_back)
     if restless := session._limits.look(solution.active, session.count):
         later.append(partial(restless_notes, restless))
+    if session._limits.meet:
+        v = session._x if session._velocity and session._good is not None else state.v
+        later.append(partial(session._limits.overrun_notes, state, v))
     if session._contacts.missing:
         notes += tuple(Note(name, Status.CONTACT_LOST, why) for name, why in session._contacts.lost())
     if session._first:

@@ -157,6 +157,7 @@ class Assembly {
     if (!at.data() || !speed.data()) throw nb::type_error("q and v are vectors of doubles");
     const double* velocity = v.is_none() ? sent_.data() : speed.data();
     begin_ = hqp::Clock::now();
+    if (fresh) std::fill(marks_.begin(), marks_.end(), kNoMark);
     if (!loop_.take(references, fresh)) return nb::none();
     if (kinematics_) kinematics_->update(at.data());
     operate(at.data(), velocity);
@@ -182,6 +183,7 @@ class Assembly {
 
  private:
   using Operation = std::unique_ptr<hqp::Operation>;
+  static constexpr std::int8_t kNoMark = -128;
 
   bool usable() const {
     if (!(hqp::squared(demands_->demand(), demands_->size()) < largest_)) return false;
