@@ -79,7 +79,7 @@ def conclude(
     program, solved = session.program, perf_counter()
     x, status = solution.x, solution.status
     if status is not Status.OPTIMAL:
-        notes += culprits(program, solution)
+        notes += culprits(program, session.robot, solution)
         if not status.usable or not float(x.dot(x)) < math.inf:
             return held_tick(session, state, solution, notes, fit=True)
         if not status.solved and status is not Status.NOT_STRICT:
@@ -105,7 +105,7 @@ def conclude(
     if session._first:
         notes, session._first = notes + session._first, ()
     if session._limiter is not None:
-        x, notes = within_rates(session._limiter, x, session._x, notes, session.program)
+        x, notes = within_rates(session._limiter, x, session._x, notes, session.program, session.robot)
     last, session._good, session._held = session._send(x.copy()), state, 0
     for note in notes:
         status = status if note.status.severity <= status.severity else note.status
@@ -127,7 +127,7 @@ def held_tick(session: Session, state: State, solution: Solution | None, notes: 
         notes += (Note("session", notes[0].status, "no good state so far: the command is zero"),)
     x = session._rest.next()
     if session._limiter is not None:
-        x, notes = within_rates(session._limiter, x, session._x, notes, session.program)
+        x, notes = within_rates(session._limiter, x, session._x, notes, session.program, session.robot)
     last = session._send(x)
     status = Status.worst(*(note.status for note in notes))
     times = Times(0.0, 0.0, 0.0, perf_counter() - start)

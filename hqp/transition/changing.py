@@ -125,9 +125,9 @@ def blended(
         second, b, status = first, a, a.status
     limited: tuple[Note, ...] = ()
     if reach > transition.cap:
-        x, limited = within_rates(session._gradual, x, last, limited, second.program, "transition")
+        x, limited = within_rates(session._gradual, x, last, limited, second.program, session.robot, "transition")
     if session._limiter is not None:
-        x, limited = within_rates(session._limiter, x, last, limited, second.program)
+        x, limited = within_rates(session._limiter, x, last, limited, second.program, session.robot)
     if limited:
         transition.clipped()
         status = Status.worst(status, *(note.status for note in limited))
