@@ -22,6 +22,7 @@ from hqp.loop.compiled import Compiled, Compiler
 from hqp.loop.contact_watch import ContactWatch
 from hqp.loop.direct import Direct
 from hqp.loop.held_base import adrift
+from hqp.loop.late import Trend
 from hqp.loop.ordinary import ordinary_tick
 from hqp.loop.outgoing import GRADUAL
 from hqp.loop.references import References
@@ -103,6 +104,8 @@ class Session:
         self._velocity = self.program.kind == "velocity"
         self._direct: Direct | None = None
         self._latest: bytearray | None = None
+        self._earlier: bytearray | None = None
+        self._trend = Trend()
         self._direct_known = False
         self._ease: Easing | None = None
         self._teller = Teller(compiled.stack, compiled.program, compiled.workspace, self.robot)
@@ -207,8 +210,12 @@ class Session:
         if self._direct is not None:
             self._direct.leave()
             if self._latest is not None:
-                self._send(self._direct.x(self._latest).copy())
-                self._latest = None
+                if self._earlier is not None:
+                    self._trend.take(self._direct.x(self._earlier), self.count - 1)
+                x = self._direct.x(self._latest).copy()
+                self._trend.take(x, self.count)
+                self._send(x)
+                self._latest = self._earlier = None
 
     def _find_direct(self) -> None:
         """Ordinary ticks from now on, once hold values are known and an answer was usable."""

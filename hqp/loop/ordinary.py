@@ -210,13 +210,15 @@ def ordinary_tick(session: Session, direct: Direct, state: State, references: tu
     found = direct.step(state, references, before)
     if found is None:
         return None
-    session.count += 1
     if isinstance(found, tuple):
         session._leave_direct()
+        session.count += 1
         if limit is None:
             session._budget.skip()
         solution = session.workspace.answer(session.program.problem, found)  # type: ignore[attr-defined]
         return conclude(session, state, solution, (), start, start, start)
+    session.count += 1
+    session._earlier = session._latest
     session._latest, session._good, session._held = found, state, 0
     if session._status is not Status.OPTIMAL:
         session._log(Status.OPTIMAL, ())

@@ -1,4 +1,4 @@
-"""What a session sends: the better of two answers, within the declared rates, and the rows that are violated."""
+"""What a session sends: no further from the last answer than it may go, and the rows that are violated."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from hqp.arrays import Index, Vec
 from hqp.formulation import Program
 from hqp.loop.safety import RateLimiter, RateLimits
-from hqp.problem import Hierarchy, Solution, Status
+from hqp.problem import Solution, Status
 from hqp.robot import Robot
 from hqp.tick import Note
 from hqp.tolerances import VIOLATION_TOLERANCE
@@ -28,17 +28,9 @@ def largest_change(kind: str, dt: float) -> float:
 
 
 def towards(x: Vec, last: Vec, joints: Index | slice, most: float) -> Vec:
-    """x, or the point between the last one and x at which no command changes by more.
-
-    Residuals are convex: where x is better than the last one, level by level, so is every point between them.
-    """
+    """x, or the point between the last one and x at which no command changes by more."""
     reach = float(np.abs((x - last)[joints]).max(initial=0.0))
     return x if reach <= most else last + (most / reach) * (x - last)
-
-
-def better(problem: Hierarchy, x: Vec, last: Vec) -> Vec:
-    """Of an unfinished answer and the last x, both clipped into today's box, the one whose levels are less off."""
-    return problem.better(problem.boxed(x), last)
 
 
 def within_rates(

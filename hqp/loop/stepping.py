@@ -12,7 +12,8 @@ import numpy as np
 
 from hqp.errors import DynamicsFailed, ModelError
 from hqp.explanation.questions import restless_notes
-from hqp.loop.outgoing import better, culprits, largest_change, towards, within_rates
+from hqp.loop.late import late
+from hqp.loop.outgoing import culprits, largest_change, within_rates
 from hqp.problem import Solution, Status
 from hqp.reference import Reference
 from hqp.robot import State
@@ -83,10 +84,9 @@ def conclude(
         if not status.usable or not float(x.dot(x)) < math.inf:
             return held_tick(session, state, solution, notes, fit=True)
         if not status.solved and status is not Status.NOT_STRICT:
-            x = better(program.problem, x, session._x)
-            if session._good is not None:
-                last = program.problem.boxed(session._x)
-                x = towards(x, last, session._joints, largest_change(program.kind, session.dt))
+            last = session._x
+            most = math.inf if session._good is None else largest_change(program.kind, session.dt)
+            x = late(program.problem, x, last, session._trend.after(last, session.count), session._joints, most)
     elif not float(x.dot(x)) < math.inf:
         notes += (Note("solver", Status.NOT_CERTIFIED, "the answer is not finite"),)
         return held_tick(session, state, solution, notes, fit=True)
@@ -107,6 +107,8 @@ def conclude(
     if session._limiter is not None:
         x, notes = within_rates(session._limiter, x, session._x, notes, session.program, session.robot)
     last, session._good, session._held = session._send(x.copy()), state, 0
+    if not solution.status.cut:
+        session._trend.take(session._x, session.count)
     for note in notes:
         status = status if note.status.severity <= status.severity else note.status
     command = program.command(x)
@@ -121,6 +123,7 @@ def conclude(
 def held_tick(session: Session, state: State, solution: Solution | None, notes: tuple[Note, ...], *, fit: bool) -> Tick:
     """No answer is usable: the command comes to rest.  fit: whether this state is one to start from."""
     start, session._held = perf_counter(), session._held + 1
+    session._trend.forget()
     if fit or session._held == 1:
         session._rest.begin(state if fit else session._good, session._x, now=fit)
     if session._good is None and not fit:
