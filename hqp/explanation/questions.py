@@ -107,7 +107,7 @@ class Teller:
         return conflict(problem, names)
 
     def _account(self, count: int, tick: Tick) -> TickAccount | None:
-        solved = tick._solved() if tick._count == count else None
+        solved = tick.solved() if tick.count == count else None
         if solved is None:
             raise _too_late("account")
         w, x, staged = solved
@@ -115,7 +115,7 @@ class Teller:
 
     @staticmethod
     def _latest(what: str, count: int, tick: Tick) -> Solution:
-        if tick._count != count or tick.solution is None:
+        if tick.count != count or tick.solution is None:
             raise _too_late(what)
         return tick.solution
 

@@ -56,7 +56,7 @@ class Loop:
         q, v = self.robot.home.copy(), np.zeros(self.robot.nv)
         for i in range(TICKS):
             cut = FROM <= i < TO and rng.uniform() < share
-            self.run.workspace = self.stopped if cut else self.whole  # type: ignore[assignment]
+            self.run.line.workspace = self.stopped if cut else self.whole  # type: ignore[assignment]
             tick = self.run.step(self.robot.state(q, v), *self.scene.targets(i * self.scene.dt))
             assert (tick.status is Status.TIME_LIMIT) == cut
             commands.append(tick.command.copy())
