@@ -82,11 +82,17 @@ class Assembly:
     ) -> None:
         """Where the reference of an element goes: target, flat, of that shape, None where Python reads the value."""
 
-    def load(self, plan: Payload | ExternalWrench, value: Vec) -> None:
-        """A known load, its live value read at each ``run`` and ``loads``; payloads count for centres of mass."""
+    def dynamics(
+        self, inertias: Sequence[tuple[float, ...]], rotors: Sequence[float], gravity: Vec, A: Mat, bias: Vec
+    ) -> None:
+        """Each ``run`` writes A ``(nv, nv)``, column-major, its upper triangle, and b + g ``(nv,)``, with the loads.
 
-    def loads(self, A: Mat, bias: Vec, gravity: Vec) -> None:
-        """Add what the loads add to A ``(nv, nv)``, its upper triangle, and to b + g, of the latest ``run``."""
+        inertias: of each of ``bodies``, see ``hqp.robot.Robot.inertias``.  rotors: reflected inertia of each tangent
+        coordinate.  gravity: acceleration of free fall ``(3,)``.  Raises ValueError for a wrong shape or number.
+        """
+
+    def load(self, plan: Payload | ExternalWrench, value: Vec) -> None:
+        """A known load, its live value read at each ``run``; payloads count for centres of mass."""
 
     def hold(self, name: str, value: Vec | None) -> None:
         """The value, flat, that an element has without a reference."""

@@ -221,6 +221,13 @@ class Inequality(Constraint):
         """
         raise NotImplementedError
 
+    def overrun(self, state: State, v: Vec, dt: float) -> Vec:
+        """How far beyond its limit each row comes to rest at best ``(m,)`` [rad or m], 0 where it keeps to it.
+
+        v: what the joints move at now ``(nv,)``.  Asked of rows that pick a joint each, for notes.
+        """
+        raise NotImplementedError
+
     def drift(self, state: State) -> Vec:
         """dJ/dt v ``(m,)``; rows without it are refused where accelerations are asked for."""
         raise NotImplementedError

@@ -32,7 +32,7 @@ def loads_of(stack: Stack) -> tuple[Element, ...]:
 class Loads:
     """A, b + g and g of a state with the loads of its tick; ``values`` are the latest, by name.
 
-    rows: the native operations that write the terms, for loads that all have a plan; the loads' own functions else.
+    rows: the native operations that count in loads with a plan, see ``add``.
     """
 
     def __init__(self, elements: Sequence[Element], robot: Robot, rows: NativeAssembly | None) -> None:
@@ -40,17 +40,17 @@ class Loads:
         for element in elements:
             element.rows(robot)
         self.values: dict[str, Vec] = {}
-        self._A: Mat = np.zeros((robot.nv, robot.nv), order="F")
-        self._bias, self._gravity = np.zeros(robot.nv), robot.gravity
         self._taken: dict[str, Reference] = {}
         self._carried: tuple[Load, ...] = ()
-        found = [plan_of(element, robot) for element in elements]
-        self._native = rows if None not in found else None
         self._live: dict[str, Vec] = {}
-        for element, plan in zip(elements, found, strict=True):
+        self._readable: list[Any] = []
+        for element in elements:
+            plan = plan_of(element, robot)
             if rows is not None and isinstance(plan, (Payload, ExternalWrench)):
                 self._live[element.name] = np.zeros(plan.shape)
                 rows.load(plan, self._live[element.name])
+            else:
+                self._readable.append(element)
 
     def __bool__(self) -> bool:
         return bool(self.elements)
@@ -87,35 +87,35 @@ class Loads:
         loads = (None if at is None else e.carried(at) for e, at in found)
         self._carried = tuple(load for load in loads if load is not None and load[1])
 
-    def dynamics(self, state: State, written: bool = True) -> tuple[Mat, Vec]:
-        """A (its upper triangle) and b + g.  written: whether the rows of this state were written last."""
-        A, bias = state.inertia(), state.bias_force()
-        if not self.elements:
-            return A, bias
-        np.copyto(self._A, A)
-        np.copyto(self._bias, bias)
-        if self._native is not None and written:
-            self._native.loads(self._A, self._bias, self._gravity)
-            return self._A, self._bias
-        for more, change, _ in self._terms(state):
-            self._bias += change
+    def dynamics(self, state: State) -> tuple[Mat, Vec]:
+        """A (its upper triangle) and b + g."""
+        A, bias = state.inertia().copy(), state.bias_force().copy()
+        self._add(state, self.elements, A, bias)
+        return A, bias
+
+    def add(self, state: State, A: Mat, bias: Vec) -> None:
+        """Add to A and b + g what the native operations that wrote them do not know."""
+        self._add(state, self._readable, A, bias)
+
+    def _add(self, state: State, elements: Sequence[Any], A: Mat, bias: Vec) -> None:
+        for more, change, _ in self._terms(state, elements):
+            bias += change
             if more is not None:
-                self._A += more
-        return self._A, self._bias
+                A += more
 
     def gravity(self, state: State) -> Vec:
         """g: what has to be held up at rest, ``(nv,)``."""
         g = state.gravity_force()
-        for _, _, change in self._terms(state):
+        for _, _, change in self._terms(state, self.elements):
             g = g + change
         return g
 
     def change(self, state: State) -> dict[str, Vec]:
         """What each load adds to g, ``(nv,)`` by name."""
-        return {e.name: terms[2] for e, terms in zip(self.elements, self._terms(state), strict=True)}
+        return {e.name: terms[2] for e, terms in zip(self.elements, self._terms(state, self.elements), strict=True)}
 
-    def _terms(self, state: State) -> list[tuple[Mat | None, Vec, Vec]]:
-        return [e.terms(state, self._value(e, state)) for e in self.elements]
+    def _terms(self, state: State, elements: Sequence[Any]) -> list[tuple[Mat | None, Vec, Vec]]:
+        return [e.terms(state, self._value(e, state)) for e in elements]
 
     def _value(self, element: Any, state: State) -> Vec:
         value = self.values.get(element.name)

@@ -20,8 +20,9 @@ Placed: TypeAlias = tuple[int, tuple[float, ...], tuple[float, ...], Placement]
 and its placement in the world."""
 
 TreeJoint: TypeAlias = tuple[int, int, int, tuple[float, ...], Placed]
-"""A joint for native forward kinematics: 0 turning, 1 turning with cosine and sine in q, 2 sliding, 3 a ball, 4 free;
-its first places in q and v, its axis, and where it stands in the body that carries it."""
+"""A joint for native forward kinematics: 0 turning, 1 turning with cosine and sine in q, 2 sliding, 3 a ball, 4 free,
+5 planar (x, y, cosine and sine in q), 6 translating; its first places in q and v, its axis, and where it stands in the
+body that carries it."""
 
 Load: TypeAlias = tuple[str, float, Vec]
 """A point mass that the robot carries: on which frame, mass [kg], where in the frame's axes ``(3,)`` [m]."""
@@ -162,7 +163,7 @@ class Robot(Protocol):
     def tree_joints(self) -> Sequence[TreeJoint] | None:
         """The joints for native forward kinematics, one for each of ``bodies`` but the world.
 
-        None where one is neither of a single axis, nor a ball, nor free.
+        None where one is of no kind of ``TreeJoint``: a screw.
         """
         ...
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from hqp.arrays import Vec
+from hqp.arrays import FLOAT, Vec
 from hqp.errors import HqpError, NotSolved
 from hqp.explanation.words import Explanation
 from hqp.problem import Solution, Status
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from hqp.explanation.account import TickAccount
     from hqp.explanation.conflict import Conflict
     from hqp.formulation import Program
+    from hqp.loop.line import Line
     from hqp.robot import State
-    from hqp.session import Session
 
 
 NO_ROWS: Vec = np.zeros(0)
@@ -65,44 +65,117 @@ class Jump:
 class Tick:
     """What one step gave; plain data once pickled.
 
-    command: ``(n_actuated,)``, in robot.joint_names order, the caller's own copy.  status: the worst of the tick.
-    notes: the culprits.  solution: what the solver gave, None where it was not asked (invalid state).
-    held: for how many ticks the command has been coming to rest because no answer was usable, 0 in normal operation.
-    x: the answer that the command is part of, read-only.  times: where the time went.  transition: how far a change
-    of stack has come, 1 where none is under way.
+    status: the worst of the tick.  held: for how many ticks the command has been coming to rest because no answer was
+    usable, 0 in normal operation.  count: the tick's number in its session.  transition: how far a change of stack has
+    come, 1 where none is under way.  The rest is computed when it is first asked for.
     """
 
     __slots__ = (
-        "_count", "_last", "_names", "_notes", "_session", "_state",
-        "command", "fit", "held", "program", "solution", "status", "times", "transition", "x",
+        "_before", "_change", "_command", "_direct", "_line", "_notes", "_record", "_solution", "_state",
+        "_times", "_x", "count", "fit", "held", "status", "transition",
     )  # fmt: skip
 
     def __init__(
         self,
-        session: Session,
+        line: Line,
         state: State,
-        x: Vec,
-        command: Vec,
-        last: Vec,
-        status: Status,
-        notes: Notes,
-        solution: Solution | None,
-        times: Times | None,
-        held: int,
+        before: Vec | bytearray,
+        answer: Solution | bytearray | None,
+        times: Times | float,
+        x: Vec | None = None,
+        status: Status = Status.OPTIMAL,
+        notes: Notes = (),
+        held: int = 0,
         fit: bool = True,
     ) -> None:
-        self._session: Session | None = session
-        self._state, self._count, self.x, self._last = state, session.count, x, last
-        self.command, self.status, self._notes = command, status, notes
-        self.solution, self.times, self.held = solution, times, held
-        self.transition, self.fit = 1.0, fit
-        self.program: Program | None = session.program
-        self._names = session.robot.joint_names
+        """before: what was sent before, as a vector or a record of the line's native loop.  answer: what the solver
+        gave, or the record of a tick that was one native call.  times: or when that began, on ``perf_counter``.  x:
+        what is sent, None for that of the record.  fit: whether the state is one to start from."""
+        self._line: Line | None = line
+        self._direct, self.count = line.direct, line.guards.count
+        if type(answer) is bytearray:
+            self._record: bytearray | None = answer
+            self._solution: Solution | None = None
+        else:
+            self._record, self._solution = None, answer  # type: ignore[assignment]
+        self._state, self._before, self._times, self._x = state, before, times, x
+        self.status, self._notes, self.held, self.fit = status, notes, held, fit
+        self.transition = 1.0
+        self._command: Vec | None = None
+        self._change: tuple[tuple[str, ...], Vec] | None = None
 
-    def follow(self, x: Vec, command: Vec, last: Vec, notes: Notes, status: Status, transition: float) -> None:
+    def follow(self, x: Vec, before: Vec, notes: Notes, status: Status, transition: float) -> None:
         """Take the place of the tick in a transition: another answer, status and notes of both stacks."""
-        self.x, self.command, self._last, self._notes, self.transition = x, command, last, notes, transition
-        self.status = status
+        self._x, self._before, self._notes, self.transition = x, before, notes, transition
+        self._command, self._change, self.status = None, None, status
+
+    def take_place_of(self, tick: Tick, transition: float) -> None:
+        """Take the rows of another tick, whose solution this one has."""
+        self._line, self.transition = tick._line, transition
+
+    @property
+    def native(self) -> bool:
+        """Whether the tick was one native call."""
+        return self._record is not None
+
+    @property
+    def x(self) -> Vec:
+        """The answer that the command is part of, read-only."""
+        if self._x is None:
+            self._x = self._of(self._record)
+        return self._x
+
+    @property
+    def command(self) -> Vec:
+        """The command ``(n_actuated,)``, in robot.joint_names order, the caller's own copy."""
+        if self._command is None:
+            if self._x is None and self._direct is not None and self._record is not None:
+                self._command = np.frombuffer(self._record, FLOAT, self._direct.width)
+            else:
+                self._command = self._live().program.command(self.x)
+        return self._command
+
+    @property
+    def before(self) -> Vec:
+        """The x that was sent before, read-only."""
+        if not isinstance(self._before, np.ndarray):
+            self._before = self._of(self._before)
+        return self._before
+
+    def _of(self, record: bytearray | None) -> Vec:
+        assert self._direct is not None
+        assert record is not None
+        return self._direct.x(record)
+
+    @property
+    def solution(self) -> Solution | None:
+        """What the solver gave, None where it was not asked (invalid state)."""
+        if self._solution is None and self._record is not None and self._direct is not None:
+            self._solution = self._direct.solution(self._record)
+        return self._solution
+
+    @property
+    def times(self) -> Times:
+        """Where the time went, in a native call but for what it took to make this object."""
+        if isinstance(self._times, float):
+            assert self._direct is not None
+            assert self._record is not None
+            begin, rows, solve = self._direct.seconds(self._record)
+            self._times = Times(begin - self._times, rows, solve, 0.0)
+        return self._times
+
+    def solved(self) -> tuple[Vec, Vec, bool] | None:
+        """Slacks of all rows, the solver's answer, and whether it is that of stages; None without a solution."""
+        if (record := self._record) is not None and (direct := self._direct) is not None:
+            return direct.slacks(record), direct.x(record), direct.staged(record)
+        if (solution := self._solution) is None:
+            return None
+        return np.concatenate([*solution.residuals, NO_ROWS]), solution.x, solution.stage_points is not None
+
+    @property
+    def program(self) -> Program | None:
+        """The compiled stack whose rows the tick has, None once pickled."""
+        return None if self._line is None else self._line.program
 
     @property
     def notes(self) -> tuple[Note, ...]:
@@ -111,13 +184,18 @@ class Tick:
             self._notes = self._notes()
         return self._notes
 
+    @property
+    def unread(self) -> Notes:
+        """The notes, or what makes them."""
+        return self._notes
+
+    def note(self, notes: Notes) -> None:
+        """Give the tick notes."""
+        self._notes = notes
+
     def add(self, note: Note) -> None:
         """One note more."""
         self._notes = added(self._notes, (note,))
-
-    def take_place_of(self, tick: Tick) -> None:
-        """Take the rows of another tick, whose solution this one has."""
-        self._session, self._count, self.program = tick._session, tick._count, tick.program
 
     @property
     def state(self) -> State:
@@ -127,19 +205,28 @@ class Tick:
     @property
     def finished(self) -> bool:
         """Whether the solver came to its end, rather than to its deadline."""
-        return self.solution is not None and self.solution.status.solved
+        return self.native or (self._solution is not None and self._solution.status.solved)
 
     @property
-    def session(self) -> Session | None:
-        """Whose rows the tick has: the session, in a transition one of those that it blends; None once pickled."""
-        return self._session
+    def line(self) -> Line | None:
+        """Whose rows the tick has: the session's line, in a change of stack one of those that it blends; None once
+        pickled."""
+        return self._line
 
     @property
     def jump(self) -> Jump:
         """The largest change of the command since the tick before."""
-        change = self.command - self._last
+        names, change = self._compared
         i = int(np.abs(change).argmax()) if change.size else 0
-        return Jump(self._names[i], float(change[i])) if change.size else Jump("", 0.0)
+        return Jump(names[i], float(change[i])) if change.size else Jump("", 0.0)
+
+    @property
+    def _compared(self) -> tuple[tuple[str, ...], Vec]:
+        """Names of the motors, and the change of their command."""
+        if self._change is None:
+            line = self._live()
+            self._change = line.robot.joint_names, self.command - line.program.command(self.before)
+        return self._change
 
     def explain(self) -> Explanation:
         """Which element got what and lost to which; raises HqpError once the session has taken another step."""
@@ -148,12 +235,6 @@ class Tick:
     def account(self) -> TickAccount:
         """Which element holds which back, in microseconds, so that a history can be kept; as ``explain``."""
         return self._live().account(self)
-
-    def _solved(self) -> tuple[Vec, Vec, bool] | None:
-        """Slacks of all rows, the solver's answer, and whether it is that of stages; None without a solution."""
-        if (solution := self.solution) is None:
-            return None
-        return np.concatenate([*solution.residuals, NO_ROWS]), solution.x, solution.stage_points is not None
 
     def conflict(self) -> Conflict:
         """Which rows of ``subject_to`` exclude each other, and what each would have to give way; as ``explain``."""
@@ -166,35 +247,30 @@ class Tick:
         """
         if not self._state.valid:
             raise HqpError(f"nothing to advance from: {self._state.fault}")
-        session = self._live()
-        if not self.fit and (fault := session.too_large(self._state)):
+        line = self._live()
+        if not self.fit and (fault := line.check.too_large(self._state)):
             raise HqpError(f"nothing to advance from: {fault}")
-        assert self.program is not None  # a tick with a session has one
-        return self.program.advance(self._state, self.x)
+        return line.program.advance(self._state, self.x)
 
     def unwrap(self) -> Vec:
         """The command if the status is ``solved``; raises NotSolved with a copy of the problem otherwise."""
         if not self.status.solved:
             detail = "; ".join(f"{n.element}: {n.detail}" for n in self.notes)
-            problem = None if self._session is None else self._session.problem.copy()
+            problem = None if self._line is None else self._line.problem.copy()
             raise NotSolved(f"{self.status.name}: {self.status.value}" + (f" ({detail})" if detail else ""), problem)
         return self.command
 
-    def _live(self) -> Session:
-        if self._session is None:
+    def _live(self) -> Line:
+        if self._line is None:
             raise HqpError("a tick that was pickled has no session any more; pickle what tick.explain() gives")
-        return self._session
+        return self._line
 
     def __getstate__(self) -> dict[str, Any]:
-        kept = {name: getattr(self, name) for name in self.__slots__ if name != "_session"}
-        return {
-            **kept,
-            "_notes": self.notes,
-            "x": self.x.copy(),
-            "program": None,
-            "_last": self._last.copy(),
-            "_session": None,
-        }
+        plain = {"_line": None, "_direct": None, "_record": None, "_before": None}
+        made = {"_x": self.x.copy(), "_command": self.command, "_notes": self.notes, "_times": self.times}
+        made |= {"_solution": self.solution, "_change": self._compared, "_state": self._state}
+        kept = {name: getattr(self, name) for name in ("count", "fit", "held", "status", "transition")}
+        return {**plain, **made, **kept}
 
     def __setstate__(self, kept: dict[str, Any]) -> None:
         for name, value in kept.items():

@@ -19,6 +19,7 @@ from hqp.errors import DeclarationError, ModelError, ModelWarning, closest
 from . import from_urdf
 from .description import Description
 from .on_pinocchio import Robot, Wheel
+from .rotors import rotor_inertia
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -37,9 +38,9 @@ def load(
 
     floating: whether the base is free to move.  None takes what the catalogue says of a name, what an MJCF or a
     pinocchio.Model itself says, and for any other URDF a fixed base, unless the file has a floating joint at its root.
-    rotors: give our own robots the reflected rotor inertia of their simulated plant, which their tables lack (an MJCF
-    brings its own).  Raises ModelError where nothing of that name is found (with the closest names) or the file cannot
-    be read, DeclarationError for another type, or a base that is not as asked for and cannot be changed.
+    rotors: give the model the reflected rotor inertia of its simulated plant, which our tables and URDF files lack (an
+    MJCF brings its own).  Raises ModelError where nothing of that name is found (with the closest names) or the file
+    cannot be read, DeclarationError for another type, or a base that is not as asked for and cannot be changed.
     """
     if isinstance(source, pin.Model):
         robot = Robot(source, name=name)
@@ -49,12 +50,19 @@ def load(
         return robot
     if not isinstance(source, (str, Path)):
         raise DeclarationError("robot", "not a name, path or model", value=source, allowed="str, Path, pinocchio.Model")
-    path = Path(source)
+    if str(source) in _OWN:
+        return _own(str(source), floating is not False, rotors)
+    robot = _named(str(source), floating, name)
+    if rotors and robot.source is not None and robot.source.suffix == ".urdf":
+        for joint, inertia in rotor_inertia(robot).items():
+            robot.model.armature[robot.model.joints[robot.model.getJointId(joint)].idx_v] = inertia
+    return robot
+
+
+def _named(key: str, floating: bool | None, name: str | None) -> Robot:
+    path = Path(key)
     if path.suffix in (".urdf", ".xml", ".mjcf"):
         return _from_file(path, floating, name)
-    key = str(source)
-    if key in _OWN:
-        return _own(key, floating is not False, rotors)
     if key in _catalogue() or key in _stems():
         return _example(key, floating, name)
     found = _description(key)

@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Mat, Vec
+from hqp.errors import DeclarationError
 
+from .frames import Frames
 from .mujoco_extra import mujoco
 
 Triple = tuple[float, float, float]
@@ -33,6 +35,36 @@ class Contacts:
     load: Vec
     normal: Mat
     point: Mat
+
+
+def watch(
+    model: Any, frames: Frames, asked: Sequence[str] | None, default: Sequence[str]
+) -> tuple[ContactReader, tuple[str, ...]]:
+    """A reader of the contacts of frames, and their names.
+
+    A frame stands for its body and all that hangs on it, or where nothing of that has a shape that touches, for the
+    body that it is fixed to.  default: frames for None, those that touch nothing left out.
+    Raises FrameNotFound, DeclarationError for a frame that can touch nothing, or two that would share their contacts.
+    """
+    shaped = np.zeros(model.nbody, dtype=bool)
+    shaped[model.geom_bodyid[(model.geom_contype != 0) | (model.geom_conaffinity != 0)]] = True
+    for body in range(model.nbody - 1, 0, -1):  # children come after parents
+        shaped[model.body_parentid[body]] |= shaped[body]
+    bodies: dict[int, str] = {}
+    for name in default if asked is None else asked:
+        body = frames.body(name)
+        while not shaped[body] and body and not model.body_jntnum[body]:
+            body = int(model.body_parentid[body])
+        if not shaped[body] or not body:
+            if asked is None:
+                continue
+            allowed = "a frame of a body with shapes that touch"
+            raise DeclarationError("plant", "nothing of a watched frame can touch", value=name, allowed=allowed)
+        if body in bodies:
+            both = (bodies[body], name)
+            raise DeclarationError("plant", "watched frames on one body", value=both, allowed="one frame a body")
+        bodies[body] = name
+    return ContactReader(model, list(bodies)), tuple(bodies.values())
 
 
 class ContactReader:

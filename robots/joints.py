@@ -20,7 +20,7 @@ class Joints:
     floating: whether the first joint is a free flyer.  columns: first tangent coordinate and number of them by name,
     the base left out.  single: joints of one axis by name.  several: of joints of several axes, by name, the first
     place in q, the number there, the first in v, the number there.  Raises ModelError for joints without coordinates
-    of their own (Pinocchio's mimic joints).
+    of their own (Pinocchio's mimic joints) and for ellipsoids.
     """
 
     def __init__(self, model: Any, name: str) -> None:
@@ -38,6 +38,8 @@ class Joints:
                     f"{name}: joint {title!r} shares the coordinate of another one (JointModelMimic); "
                     "build the model without mimic=True, its couplings then bind the joints"
                 )
+            if joint.shortname() == "JointModelEllipsoid":
+                raise ModelError(f"{name}: joint {title!r} is an ellipsoid, whose axes move in its body: take a ball")
             if joint.nv == 1 and joint.nq <= 2:
                 (single if joint.nq == 1 else double).append((joint.idx_v, joint.idx_q))
             else:

@@ -1,4 +1,4 @@
-"""A robot's joints and frames as native forward kinematics takes them (cpp/rows/kinematics.hpp)."""
+"""A robot's joints and frames as native forward kinematics takes them (cpp/dynamics/kinematics.hpp)."""
 
 from __future__ import annotations
 
@@ -14,19 +14,24 @@ if TYPE_CHECKING:
 
     from .on_pinocchio import Robot
 
-TURNING, CONTINUOUS, SLIDING, BALL, FREE = range(5)
-WHOLE = {"JointModelSpherical": BALL, "JointModelFreeFlyer": FREE}
+TURNING, CONTINUOUS, SLIDING, BALL, FREE, PLANAR, TRANSLATING = range(7)
+WHOLE = {
+    "JointModelSpherical": BALL,
+    "JointModelFreeFlyer": FREE,
+    "JointModelPlanar": PLANAR,
+    "JointModelTranslation": TRANSLATING,
+}
 
 
 def joints(robot: Robot) -> tuple[TreeJoint, ...] | None:
-    """One for each body but the world; None where a joint is neither of one axis nor a ball nor free."""
+    """One for each body but the world; None where a joint is a screw, whose turn and slide are one coordinate."""
     model, found = robot.model, []
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
     columns = matrix(data.J)
     for i in range(1, model.njoints):
         joint, name = model.joints[i], model.joints[i].shortname()
-        kind, axis = WHOLE.get(name), np.zeros(3)
+        kind, axis = WHOLE.get(name), np.array([0.0, 0.0, 1.0])
         if kind is None:
             if joint.nv != 1 or name == "JointModelComposite":
                 return None

@@ -23,8 +23,9 @@ from . import scene
 from .actuators import Actuation, Servo, fit
 from .assembly import add_imu, find, root_of, set_armature
 from .frames import Frames
-from .ground_contact import ContactReader, Contacts, out_of_ground
+from .ground_contact import Contacts, out_of_ground, watch
 from .mujoco_extra import mujoco
+from .rotors import rotor_inertia
 from .sensors import Noise, Reading, Sensors, rotation_vector
 from .state_map import StateMap, quaternion
 from .terrain import Bumps, Plane, Ramp, Step, Terrain
@@ -48,8 +49,10 @@ class Plant:
     actuation: ``torque``, ``position`` (servos with the gains of ``servo``), or ``native``, the file's own actuators.
     terrain: the ground, which takes the place of planes in the file, None to keep those.
     timestep, delay: of a step, and from command to motor [s].  armature: reflected rotor inertia by joint or group
-    [kg m^2] in place of the default (our own models) or the file's.  imu: a frame of the root body.
-    watched: frames whose ground contact is measured, each with all that hangs on it; soles or wheels by default.
+    [kg m^2] in place of the default (our own models, and URDF files, which have no word for it: that of the robot's
+    model, else min(0.01, effort limit / 5000)) or the file's; ``plant.armature`` is what each joint has.
+    imu: a frame of the root body.  watched: frames whose ground contact is measured, each with all that hangs on it,
+    or on the link that it is fixed to where there is no shape on itself; soles or wheels by default.
     edit: changes the MjSpec before it is compiled (payloads, other masses).  seed: of the sensors' noise.
     Raises ModelError, JointNotFound, FrameNotFound, DeclarationError.
     """
@@ -76,7 +79,7 @@ class Plant:
         spec, path, about = find(robot, mjcf, timestep)
         self.servo = servo or Servo.from_description(about)
         driven = fit(spec, actuation, self.servo, getattr(robot, "joint_names", None))
-        inertia = about.get("plant", {}).get("armature", {}) if armature is None else armature
+        inertia = _armature(robot, path, about) if armature is None else armature
         set_armature(spec, inertia, {**about.get("groups", {}), **getattr(robot, "groups", {})})
         if edit is not None:
             edit(spec)
@@ -98,10 +101,7 @@ class Plant:
                 raise JointNotFound(name, driven, f"{path.name}, among its motors,")
         self._order: Index = np.array([driven.index(name) for name in self.joint_names], dtype=np.intp)
         self._wheels: Index = np.array([driven.index(name) for name in self.map.wheels], dtype=np.intp)
-        if watched is None:
-            watched = [c["frame"] for c in (*about.get("contacts", ()), *about.get("wheels", ()))]
-        self.watched = tuple(watched)
-        self._contacts = ContactReader(self.model, [self._frames.body(frame) for frame in self.watched])
+        self._contacts, self.watched = watch(self.model, self._frames, watched, _default_watched(robot, about))
         self._start = self._initial()
         if path.suffix == ".urdf":
             self._start = out_of_ground(self.model, self.map, self._start)
@@ -256,8 +256,28 @@ class Plant:
         contacts = self._contacts.contacts(None if exact else lambda force: sensors.force.read(force, rng))
         return Reading(self.time, q, v, rotation, gyro, accelerometer, contacts)
 
+    @property
+    def armature(self) -> dict[str, float]:
+        """Reflected rotor inertia of each joint, in the order of ``joint_names`` [kg m^2], [kg] of slides."""
+        joints = {self.model.joint(i).name for i in range(self.model.njnt)}
+        return {name: float(self.model.joint(name).armature[0]) for name in self.joint_names if name in joints}
+
     def _initial(self) -> Vec:
         if self._home is not None:
             return np.array(self._home)
         qpos = self.model.key_qpos[0] if self.model.nkey else self.model.qpos0
         return self.map.to_pinocchio(qpos, np.zeros(self.model.nv))[0]
+
+
+def _armature(robot: Any, path: Path, about: Mapping[str, Any]) -> Mapping[str, float]:
+    """What joints have where the caller says nothing."""
+    if not about:
+        return rotor_inertia(robot) if path.suffix == ".urdf" else {}
+    return dict(about.get("plant", {}).get("armature", {}))
+
+
+def _default_watched(robot: Any, about: Mapping[str, Any]) -> tuple[str, ...]:
+    """Feet and wheels of our own models, soles of others."""
+    if not about:
+        return tuple(getattr(robot, "landmarks", {}).get("soles", ()))
+    return tuple(c["frame"] for c in (*about.get("contacts", ()), *about.get("wheels", ())))

@@ -203,7 +203,7 @@ class Robot:
 
     @property
     def tree_joints(self) -> Sequence[TreeJoint] | None:
-        """The joints for native forward kinematics, None where one is neither of one axis nor a ball nor free."""
+        """The joints for native forward kinematics, None where one is a screw."""
         if self._tree is False:
             self._tree = kinematic_tree.joints(self)
         return self._tree

@@ -48,7 +48,7 @@ class Run:
         """A run to fill."""
         k = len(scene.subject.robot.joint_names)
         numbers = (np.zeros(ticks) for _ in range(7))
-        return cls(scene, np.zeros((ticks, k)), np.zeros((ticks, k)), *numbers, {}, _limits(scene))
+        return cls(scene, np.zeros((ticks, k)), np.zeros((ticks, k)), *numbers, {}, limits(scene))
 
 
 def run(scene: Scene, variant: Variant, ticks: int = 1500) -> Run:
@@ -98,7 +98,7 @@ def run(scene: Scene, variant: Variant, ticks: int = 1500) -> Run:
     return data
 
 
-def _limits(scene: Scene) -> Vec:
+def limits(scene: Scene) -> Vec:
     """The largest command of each joint, for what is noticeable [rad/s, rad/s^2 or N m]."""
     robot = scene.subject.robot
     if scene.formulation == "velocity":

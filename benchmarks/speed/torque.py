@@ -67,9 +67,9 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.output,
         "torque",
         f"{count} ticks of 1 kHz, one BLAS thread, garbage collection off, {native.describe()}. Times in us, medians "
-        "where not said otherwise. The state holds kinematics, inertia, bias forces and drifts; *floor* is kinematics "
-        f"alone; *gap*: largest certificate gap of every {ticks.JUDGED}th tick; *late*: over 1 ms. Solvers marked "
-        "(limits ignored) take no inequalities: they do less.",
+        "where not said otherwise. Kinematics, inertia, bias forces and drifts count as rows; *floor* is Pinocchio's "
+        f"kinematics alone; *gap*: largest certificate gap of every {ticks.JUDGED}th tick; *late*: over 1 ms. Solvers "
+        "marked (limits ignored) take no inequalities: they do less.",
         *(f"{robot.name}: `{stack}`" for robot, stack, *_ in scenes),
         text,
         goals,

@@ -107,7 +107,7 @@ class Teller:
         return conflict(problem, names)
 
     def _account(self, count: int, tick: Tick) -> TickAccount | None:
-        solved = tick._solved() if tick._count == count else None
+        solved = tick.solved() if tick.count == count else None
         if solved is None:
             raise _too_late("account")
         w, x, _ = solved
@@ -115,7 +115,7 @@ class Teller:
 
     @staticmethod
     def _latest(what: str, count: int, tick: Tick) -> Solution:
-        if tick._count != count or tick.solution is None:
+        if tick.count != count or tick.solution is None:
             raise _too_late(what)
         return tick.solution
 
@@ -128,3 +128,9 @@ def restless_notes(restless: Iterable[tuple[str, float]]) -> tuple[Note, ...]:
     """Notes on joints whose command alternates from limit to limit."""
     why = "its command alternates from limit to limit {:.0f} times a second: give levels a price, or a better target"
     return tuple(Note(name, Status.OPTIMAL, why.format(rate)) for name, rate in restless)
+
+
+def overrun_notes(overruns: Iterable[tuple[str, float, str]]) -> tuple[Note, ...]:
+    """Notes on joints that will pass a position limit, for they cannot brake harder than the window allows."""
+    why = "its position limit gives way to the acceleration window: it will be passed by {:.3g} {}"
+    return tuple(Note(name, Status.OPTIMAL, why.format(over, unit)) for name, over, unit in overruns)

@@ -60,7 +60,7 @@ class NativeDescents:
         """The session steps by itself: nothing of a native descent must stay."""
         if self._aimed:
             self._session.program.assembly.forget()
-            self._session._leave_direct()
+            self._session.line.leave_direct()
             self._aimed = False
 
     def descend(self, q: Vec, tolerance: float, most: int, seconds: float) -> Descent | None:
@@ -81,7 +81,7 @@ class NativeDescents:
             return None
         native = self._made.get(self._targets) or self._make()
         if not self._aimed:
-            self._session._leave_direct()
+            self._session.line.leave_direct()
             self._aimed = True
             self._possible_now = native.aim(self._references)
         return native if self._possible_now else None

@@ -62,8 +62,12 @@ class Compiler:
         self._seen: dict[Stack, Compiled] = {}
         self._ways: dict[tuple[Stack, Stack], list[Waypoint]] = {}
 
-    def way(self, before: Stack, after: Stack, law: Law | None) -> list[Waypoint]:
-        """The stacks on the way of a transition, from the cache where it was gone before; law: as ``path`` takes it."""
+    def way(self, before: Compiled, after: Stack) -> list[Waypoint]:
+        """The stacks on the way of a transition, from the cache where it was gone before."""
+        law = self._controller.formulation.contact_law if before.program.kind == "torque" else None
+        return self._way(before.stack, after, law)
+
+    def _way(self, before: Stack, after: Stack, law: Law | None) -> list[Waypoint]:
         try:
             known = self._ways.pop((before, after), None)
         except TypeError:  # as below

@@ -1,18 +1,24 @@
-"""What a session sends: the better of two answers, within the declared rates, and the rows that are violated."""
+"""What a session sends: no further from the last answer than it may go, and the rows that are violated."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from hqp.arrays import Index, Vec
 from hqp.formulation import Program
 from hqp.loop.safety import RateLimiter, RateLimits
-from hqp.problem import Hierarchy, Solution, Status
+from hqp.problem import Solution, Status
+from hqp.robot import Robot
 from hqp.tick import Note
 from hqp.tolerances import VIOLATION_TOLERANCE
 
 GRADUAL = RateLimits(velocity=10.0, acceleration=500.0, torque=500.0)
 """Of a command in a transition and towards an unfinished answer: 0.02 rad/s, 1 rad/s^2 or 1 N m in a tick of 2 ms."""
+
+NAMED = 3
+"""Of so many rows that are off a note says the names."""
 
 
 def largest_change(kind: str, dt: float) -> float:
@@ -22,21 +28,13 @@ def largest_change(kind: str, dt: float) -> float:
 
 
 def towards(x: Vec, last: Vec, joints: Index | slice, most: float) -> Vec:
-    """x, or the point between the last one and x at which no command changes by more.
-
-    Residuals are convex: where x is better than the last one, level by level, so is every point between them.
-    """
+    """x, or the point between the last one and x at which no command changes by more."""
     reach = float(np.abs((x - last)[joints]).max(initial=0.0))
     return x if reach <= most else last + (most / reach) * (x - last)
 
 
-def better(problem: Hierarchy, x: Vec, last: Vec) -> Vec:
-    """Of an unfinished answer and the last x, both clipped into today's box, the one whose levels are less off."""
-    return problem.better(problem.boxed(x), last)
-
-
 def within_rates(
-    limiter: RateLimiter, x: Vec, last: Vec, notes: tuple[Note, ...], program: Program, by: str = "rate"
+    limiter: RateLimiter, x: Vec, last: Vec, notes: tuple[Note, ...], program: Program, robot: Robot, by: str = "rate"
 ) -> tuple[Vec, tuple[Note, ...]]:
     """x, or the point towards it that the limiter allows, and what of ``subject_to`` is off by that.
 
@@ -48,11 +46,11 @@ def within_rates(
         return x, notes
     x = last + share * (x - last)
     limited = (Note(f"{by}s", Status.OPTIMAL, why),)
-    return x, notes + limited + violations(program, program.problem.slacks(x), f" by the {by} limit")
+    return x, notes + limited + violations(program, robot, program.problem.slacks(x), f" by the {by} limit")
 
 
-def violations(program: Program, residuals: tuple[Vec, ...], why: str = "") -> tuple[Note, ...]:
-    """Notes on the members of ``subject_to`` that are off."""
+def violations(program: Program, robot: Robot, residuals: tuple[Vec, ...], why: str = "") -> tuple[Note, ...]:
+    """Notes on the members of ``subject_to`` that are off, with the rows that have names, the worst first."""
     notes, problem = [], program.problem
     sizes = [np.abs(w) for w in residuals[: problem.constraints]]
     off = [
@@ -63,14 +61,24 @@ def violations(program: Program, residuals: tuple[Vec, ...], why: str = "") -> t
     for name, place in program.places.items():
         k = place.level
         if k < problem.constraints and any_off[k] and off[k][place.part].any():
-            worst = sizes[k][place.part].max()
-            notes.append(Note(name, Status.CONSTRAINTS_VIOLATED, f"off by up to {worst:.3g}{why}"))
+            size, out = sizes[k][place.part], off[k][place.part]
+            rows = _worst(place.element.row_names(robot), size * out)
+            notes.append(Note(name, Status.CONSTRAINTS_VIOLATED, f"off by up to {size.max():.3g}{why}{rows}"))
     return tuple(notes)
 
 
-def culprits(program: Program, solution: Solution) -> tuple[Note, ...]:
+def _worst(names: Sequence[str], off: Vec) -> str:
+    """Which rows are off, and by how much, in words; empty where rows have no names."""
+    if len(names) != off.size:
+        return ""
+    order = [i for i in np.argsort(-off, kind="stable").tolist() if off[i] > 0.0]
+    told = ", ".join(f"{names[i]} {off[i]:.3g}" for i in order[:NAMED])
+    return f": {told}" + (f" and {len(order) - NAMED} more" if len(order) > NAMED else "")
+
+
+def culprits(program: Program, robot: Robot, solution: Solution) -> tuple[Note, ...]:
     """Notes on the constraints that are violated, or on the solver where none is."""
-    notes = violations(program, solution.residuals)
+    notes = violations(program, robot, solution.residuals)
     if not notes or solution.status is not Status.CONSTRAINTS_VIOLATED:
         notes += (Note("solver", solution.status, solution.detail or solution.status.value),)
     return notes

@@ -1,21 +1,29 @@
-"""Joints whose command alternates from limit to limit: which, and how often."""
+"""Limits of joints by the marks of their rows: which alternate and how often, and which give way to the window."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 
-from hqp.arrays import Signs, Vec
+from hqp.arrays import Mask, Signs, Vec
+from hqp.element import Inequality, has
+from hqp.explanation.questions import overrun_notes
 from hqp.formulation import Program
-from hqp.robot import Robot
+from hqp.problem import EQUALITY
+from hqp.robot import Robot, State
+from hqp.tick import Note
 
 SPAN = 0.2
 """Alternations are counted over this time, in the mean [s]."""
 
 OFTEN = 20.0
 """Alternations a second from which on a joint is restless: four or so within SPAN, which no reference asks for."""
+
+OVER = 1e-6
+"""A position limit that is passed by less gives way to nothing but rounding [rad, m]."""
 
 
 class Watched:
@@ -26,6 +34,7 @@ class Watched:
         names: list[str] = []
         self.parts: list[slice] = []
         self.own: list[tuple[int, slice]] = []
+        self.elements: list[Inequality] = []
         for place in program.places.values():
             element = place.element
             if element.equality or element.selection(robot) is None:
@@ -37,7 +46,27 @@ class Watched:
             self.own.append((place.level, place.part))
             self.parts.append(slice(start + place.part.start, start + place.part.stop))
             names += rows
+            if isinstance(element, Inequality) and has(element, "overrun"):
+                self.elements.append(element)
         self.names = tuple(names)
+        self._robot = robot
+
+    def overruns(self, state: State, v: Vec, dt: float) -> tuple[tuple[str, float, str], ...]:
+        """Joints that will pass a position limit, by how much, and its unit; v: as ``Inequality.overrun``."""
+        found = []
+        for element in self.elements:
+            picked, over = element.selection(self._robot), element.overrun(state, v, dt)
+            for i in np.flatnonzero(over > OVER).tolist():
+                assert picked is not None  # as above
+                unit = "rad" if self._turning[picked[i]] else "m"
+                found.append((element.row_names(self._robot)[i], float(over[i]), unit))
+        return tuple(found)
+
+    @cached_property
+    def _turning(self) -> Mask:
+        twin = self._robot.copy()
+        twin.state(twin.home).kinematics()
+        return np.asarray((twin.joint_twists[3:] != 0.0).any(axis=0), dtype=np.bool_)
 
 
 class LimitWatch:
@@ -48,10 +77,17 @@ class LimitWatch:
 
     def __init__(self, watched: Watched, dt: float) -> None:
         self.parts, self._own, self._names, self._dt = watched.parts, watched.own, watched.names, dt
+        self._watched = watched
         self._side, self._rate = np.zeros(len(self._names), dtype=np.int8), np.zeros(len(self._names))
         self._last, self._tick, self._seen, self._peak = bytearray(), 0, 0, 0.0
         self.busy = False
-        """Whether a rate has still to fade."""
+        """Whether a rate has still to fade, or bounds meet."""
+        self.meet = False
+        """Whether the bounds of a joint meet: its limits are outside the window of what it can do."""
+
+    def overrun_notes(self, state: State, v: Vec) -> tuple[Note, ...]:
+        """Notes on joints that will pass a position limit; v: the velocity around which the window stands."""
+        return overrun_notes(self._watched.overruns(state, v, self._dt))
 
     def record(self, record: bytearray, begin: int, tick: int) -> tuple[tuple[str, float], ...]:
         """As ``look``, for marks of all rows as bytes from ``begin`` on; needed where they changed, or busy."""
@@ -75,6 +111,7 @@ class LimitWatch:
         if marks == self._last:
             return self._restless() if self.busy else ()
         self._last = marks
+        self.meet = EQUALITY in marks
         return self._update(np.frombuffer(marks, np.int8))
 
     def _update(self, marks: Signs) -> tuple[tuple[str, float], ...]:
@@ -85,6 +122,7 @@ class LimitWatch:
             self._rate[turned] += 1.0 / SPAN
             self._peak = float(self._rate.max())
             self.busy = True
+        self.busy |= self.meet
         return self._restless() if self.busy else ()
 
     def _faded(self) -> float:
@@ -98,7 +136,7 @@ class LimitWatch:
 
     def _restless(self) -> tuple[tuple[str, float], ...]:
         peak = self._peak * self._faded()
-        self.busy = peak > 0.1 * OFTEN
+        self.busy = peak > 0.1 * OFTEN or self.meet
         if peak <= OFTEN:
             return ()
         self._fade()

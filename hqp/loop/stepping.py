@@ -12,38 +12,38 @@ import numpy as np
 
 from hqp.errors import DynamicsFailed, ModelError
 from hqp.explanation.questions import restless_notes
-from hqp.loop.outgoing import better, culprits, largest_change, towards, within_rates
+from hqp.loop.late import late
+from hqp.loop.outgoing import culprits, largest_change, within_rates
 from hqp.problem import Solution, Status
 from hqp.reference import Reference
 from hqp.robot import State
 from hqp.tick import Note, Notes, Tick, Times
 
 if TYPE_CHECKING:
-    from hqp.session import Session
+    from hqp.loop.line import Line
 
 
-def step(session: Session, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
+def step(line: Line, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
     """A tick, whatever comes in; raises ModelError for a state of another robot."""
     start = perf_counter()
-    if session._limit is not None:
-        session._budget.begin()
-    session._leave_direct()
-    session.count += 1
-    if state.robot is not session.robot:
-        raise ModelError(f"the session runs on {session.robot!r}, the state belongs to {state.robot!r}")
-    if session._check.ages and now is None:
+    if line.limit is not None:
+        line.budget.begin()
+    line.leave_direct()
+    if state.robot is not line.robot:
+        raise ModelError(f"the session runs on {line.robot!r}, the state belongs to {state.robot!r}")
+    if line.check.ages and now is None:
         now = monotonic()
-    fault = session._check.fault(state, now)
+    fault = line.check.fault(state, now)
     if fault:
-        return held_tick(session, state, None, (Note("state", Status.INVALID_STATE, fault),), fit=False)
-    program, asked = session.program, session._references
+        return held_tick(line, state, None, (Note("state", Status.INVALID_STATE, fault),), fit=False)
+    program, asked = line.program, line.references
     notes: tuple[Note, ...] = ()
     try:
         program.prepare(state)
         if not asked.current or asked.without:
-            asked.take_holds(session.stack, state)
+            asked.take_holds(line.stack, state)
         prepared = perf_counter()
-        state.commanded = session._x if session._velocity and session._good is not None else None
+        state.commanded = line.x if line.velocity and line.good is not None else None
         if references or asked.given:
             asked.apply(references)
         program.fill(state, asked.current, asked.given)
@@ -51,23 +51,23 @@ def step(session: Session, state: State, references: tuple[Reference, ...], now:
         if asked.without:
             unusable = tuple(dict.fromkeys(unusable + asked.lacking()))
         if unusable:
-            notes = asked.repair(program, session._hard, state, unusable)
+            notes = asked.repair(program, line.hard, state, unusable)
     except (DynamicsFailed, np.linalg.LinAlgError) as error:
-        return held_tick(session, state, None, (Note("robot", Status.DYNAMICS_FAILED, str(error)),), fit=False)
-    if session._ease is not None:
-        session._ease()
+        return held_tick(line, state, None, (Note("robot", Status.DYNAMICS_FAILED, str(error)),), fit=False)
+    if line.ease is not None:
+        line.ease()
     filled = perf_counter()
-    if session._limit is not None:  # what comes before the first answer is done for the first time, and slow
-        session._limit(session._budget.left(0.0 if session._good is None else filled - start))
-    solution = session.workspace.solve(program.problem)
-    tick = conclude(session, state, solution, notes, start, prepared, filled)
-    if not session._direct_known and session._good is not None:
-        session._find_direct()
+    if line.limit is not None:  # what comes before the first answer is done for the first time, and slow
+        line.limit(line.budget.left(0.0 if line.good is None else filled - start))
+    solution = line.workspace.solve(program.problem)
+    tick = conclude(line, state, solution, notes, start, prepared, filled)
+    if not line.direct_known and line.good is not None:
+        line.find_direct()
     return tick
 
 
 def conclude(
-    session: Session,
+    line: Line,
     state: State,
     solution: Solution,
     notes: tuple[Note, ...],
@@ -76,57 +76,60 @@ def conclude(
     filled: float,
 ) -> Tick:
     """The command of a solution, or what is sent where it is not usable; the rest: when which part began."""
-    program, solved = session.program, perf_counter()
+    program, solved = line.program, perf_counter()
     x, status = solution.x, solution.status
     if status is not Status.OPTIMAL:
-        notes += culprits(program, solution)
+        notes += culprits(program, line.robot, solution)
         if not status.usable or not float(x.dot(x)) < math.inf:
-            return held_tick(session, state, solution, notes, fit=True)
+            return held_tick(line, state, solution, notes, fit=True)
         if not status.solved and status is not Status.NOT_STRICT:
-            x = better(program.problem, x, session._x)
-            if session._good is not None:
-                last = program.problem.boxed(session._x)
-                x = towards(x, last, session._joints, largest_change(program.kind, session.dt))
+            most = math.inf if line.good is None else largest_change(program.kind, line.dt)
+            ahead = line.trend.after(line.x, line.guards.count)
+            x = late(program.problem, x, line.x, ahead, line.guards.joints, most)
     elif not float(x.dot(x)) < math.inf:
         notes += (Note("solver", Status.NOT_CERTIFIED, "the answer is not finite"),)
-        return held_tick(session, state, solution, notes, fit=True)
+        return held_tick(line, state, solution, notes, fit=True)
     later: list[Callable[[], tuple[Note, ...]]] = []  # all OPTIMAL: their texts are made when they are read
     if solution.stage_points is not None:
         w = np.concatenate(solution.residuals)
-        if held_back := session._teller.held_back(session.count, w, solution.x, session._named):
+        if held_back := line.teller.held_back(line.guards.count, w, solution.x, line.named):
             later.append(held_back)
-    if restless := session._limits.look(solution.active, session.count):
+    if restless := line.limits.look(solution.active, line.guards.count):
         later.append(partial(restless_notes, restless))
-    if session._contacts.missing:
-        notes += tuple(Note(name, Status.CONTACT_LOST, why) for name, why in session._contacts.lost())
-    if session._first:
-        notes, session._first = notes + session._first, ()
-    if session._limiter is not None:
-        x, notes = within_rates(session._limiter, x, session._x, notes, session.program)
-    last, session._good, session._held = session._send(x.copy()), state, 0
+    if line.limits.meet:
+        v = line.x if line.velocity and line.good is not None else state.v
+        later.append(partial(line.limits.overrun_notes, state, v))
+    if line.contacts.missing:
+        notes += tuple(Note(name, Status.CONTACT_LOST, why) for name, why in line.contacts.lost())
+    if line.guards.first:
+        notes, line.guards.first = notes + line.guards.first, ()
+    if line.limiter is not None:
+        x, notes = within_rates(line.limiter, x, line.x, notes, line.program, line.robot)
+    last = line.send(x.copy(), state)
+    if not solution.status.cut:
+        line.trend.take(line.x, line.guards.count)
     for note in notes:
         status = status if note.status.severity <= status.severity else note.status
-    command = program.command(x)
     end = perf_counter()
-    if session._limit is not None:
-        session._budget.end(cut=solution.status is Status.TIME_LIMIT)
+    if line.limit is not None:
+        line.budget.end(cut=solution.status is Status.TIME_LIMIT)
     times = Times(prepared - start, filled - prepared, solved - filled, end - solved)
     told: Notes = (lambda: (*notes, *(note for make in later for note in make()))) if later else notes
-    return Tick(session, state, session._x, command, program.command(last), status, told, solution, times, 0)
+    return Tick(line, state, last, solution, times, line.x, status, told)
 
 
-def held_tick(session: Session, state: State, solution: Solution | None, notes: tuple[Note, ...], *, fit: bool) -> Tick:
+def held_tick(line: Line, state: State, solution: Solution | None, notes: tuple[Note, ...], *, fit: bool) -> Tick:
     """No answer is usable: the command comes to rest.  fit: whether this state is one to start from."""
-    start, session._held = perf_counter(), session._held + 1
-    if fit or session._held == 1:
-        session._rest.begin(state if fit else session._good, session._x, now=fit)
-    if session._good is None and not fit:
+    start, line.held = perf_counter(), line.held + 1
+    line.trend.forget()
+    if fit or line.held == 1:
+        line.rest.begin(state if fit else line.good, line.x, now=fit)
+    if line.good is None and not fit:
         notes += (Note("session", notes[0].status, "no good state so far: the command is zero"),)
-    x = session._rest.next()
-    if session._limiter is not None:
-        x, notes = within_rates(session._limiter, x, session._x, notes, session.program)
-    last = session._send(x)
+    x = line.rest.next()
+    if line.limiter is not None:
+        x, notes = within_rates(line.limiter, x, line.x, notes, line.program, line.robot)
+    last = line.send(x)
     status = Status.worst(*(note.status for note in notes))
     times = Times(0.0, 0.0, 0.0, perf_counter() - start)
-    command, before = session.program.command(x), session.program.command(last)
-    return Tick(session, state, x, command, before, status, notes, solution, times, session._held, fit)
+    return Tick(line, state, last, solution, times, x, status, notes, line.held, fit)

@@ -118,7 +118,7 @@ def _segment(segment: Segment, k: int, robot: Robot, number: int, arrays: dict[s
             stages[f"{number}_stages_{len(ticks)}"] = solution.stage_points
         ticks.append(
             {
-                "count": tick._count,
+                "count": tick.count,
                 "status": tick.status.name,
                 "solved": "" if solution is None else solution.status.name,
                 "held": tick.held,

@@ -139,7 +139,7 @@ class Recorder:
             return
         self._quiet = self.ticks
         stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime())
-        path = self.folder / f"{self._robot.name}_{stamp}_{entry[0]._count}.npz"
+        path = self.folder / f"{self._robot.name}_{stamp}_{entry[0].count}.npz"
         thread = threading.Thread(target=self._write, args=(path, segments), name="hqp flight recorder")
         self._threads = [*(t for t in self._threads if t.is_alive()), thread]
         thread.start()

@@ -16,7 +16,7 @@ from hqp.formulation import Formulation, Place, Program
 from hqp.law import PD, Law
 from hqp.layout import Group, lay_out
 from hqp.loads import Loads, loads_of
-from hqp.loop.direct import Direct, direct
+from hqp.loop.direct import Direct, direct, kinematics
 from hqp.loop.rest import Rest
 from hqp.loop.safety import Braking
 from hqp.price import LevelPrices, Price, is_exact, level_prices
@@ -33,6 +33,7 @@ from hqp.torque.reactions import reactions, require_actuation
 from hqp.torque.rest import Hold
 from hqp.torque.rows import TorqueRows
 from hqp.torque.self_motion import SelfMotions
+from hqp.torque.terms import Terms
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,6 +127,7 @@ class TorqueProgram(Program):
         dense = [*held, *(e for e in motion if selection_of(e, robot) is None)]
         self.assembly = Assembly(dense, picked, robot, dt, laws)
         self.loads = Loads(loads, robot, self.assembly.native_rows)
+        self._terms = Terms(robot, self.assembly.native_rows, self.loads)
         self.held = held
         self._m = sum(self.assembly.members[e.name].part.stop - self.assembly.members[e.name].part.start for e in held)
         self.dynamics = ConstrainedDynamics(robot.nv, self._m, robot.actuated, coordinate_parents(robot))
@@ -238,12 +240,15 @@ class TorqueProgram(Program):
             runs.append([part.start, part.stop, here.start, here.stop])
 
     def prepare(self, state: State) -> None:
-        """Compute inertia, forces and kinematics of the state."""
-        state.dynamics()
-        self._state = state
-        self.dynamics.forget()
+        """Compute what the rows and the equation of motion need of the state."""
+        self._terms.prepare(state)
+        self._begin(state)
         if self.loads.elements:
             self.loads.begin(state)
+
+    def _begin(self, state: State) -> None:
+        self._state = state
+        self.dynamics.forget()
 
     def fill(
         self,
@@ -267,7 +272,8 @@ class TorqueProgram(Program):
             return  # no elimination with constraints that are no numbers
         if self._self_motions:
             self._self_motions.add(state, references)
-        dynamics.update(*self.loads.dynamics(state), rows.J[:m], rows.lower[:m])
+        self._terms.take(state)
+        dynamics.update(self._terms.A, self._terms.bias, rows.J[:m], rows.lower[:m])
         c = dynamics.c
         if not float(c.dot(c)) < np.inf:
             raise DynamicsFailed("the constrained dynamics are not finite")
@@ -305,12 +311,15 @@ class TorqueProgram(Program):
         more = self.loads or self._self_motions or self._origin is not None or not self._efforts.fixed
         if more or state is None or not self.dynamics.sparse or (self._forces and self._forces.native is None):
             return None
-        terms = state.inertia(), state.bias_force(), rows.J[:m], rows.lower[:m]
+        terms = self._terms.A, self._terms.bias, rows.J[:m], rows.lower[:m]
         chain = self.dynamics.chain(*terms, self._rows.native, self._forces.native)
-        return (
-            None
-            if chain is None
-            else direct(rows, self.problem, workspace, range(self.dynamics.n), self, chain, prepare=self.prepare)
+        if chain is None:
+            return None
+        # a drift in Python takes Pinocchio's kinematics anyway
+        moving = None if rows.written else kinematics(state.robot)
+        prepare = self.prepare if moving is None else self._begin
+        return direct(
+            rows, self.problem, workspace, range(self.dynamics.n), self, chain, prepare=prepare, moving=moving
         )
 
     def begin_direct(self, state: State, references: Mapping[str, Reference]) -> None:

@@ -62,7 +62,7 @@ class Hold(Rest):
         self._rows.fill(twin, {e.name: e.hold(twin) for e in self._held}, ())
         gravity, dynamics = self._loads.gravity(twin), self._dynamics
         J = self._rows.J
-        dynamics.update(*self._loads.dynamics(twin, written=False), J, self._rows.lower[: J.shape[0]])
+        dynamics.update(*self._loads.dynamics(twin), J, self._rows.lower[: J.shape[0]])
         tau = self._gravity.torque(gravity, J)
         felt = np.diagonal(dynamics.phi).copy()
         felt[felt <= 1e-9 * felt.max(initial=0.0)] = np.inf  # motors that the constraints lock need no damping

@@ -31,8 +31,8 @@ except ImportError:  # no compiler was there
     native = None  # type: ignore[assignment]
 
 if TYPE_CHECKING:
+    from hqp.loop.line import Line
     from hqp.robot import State
-    from hqp.session import Session
     from hqp.transition.waypoints import Waypoint
 
 STILL = 1e-9
@@ -73,11 +73,11 @@ def without_successor(before: Stack, after: Stack) -> tuple[Element, ...]:
 
 
 class Transition:
-    """Where a session stands on its path: the pair of sessions that is blended, and how far."""
+    """Where a session stands on its path: the pair of lines that is blended, and how far."""
 
     def __init__(
         self,
-        sessions: Sequence[Session],
+        lines: Sequence[Line],
         path: Sequence[Waypoint],
         over: float,
         dt: float,
@@ -88,7 +88,7 @@ class Transition:
     ) -> None:
         """ordinary: whether the latest tick was, with every task within reach.  given: the references of that tick."""
         self._given, self._kept = {reference.name: reference for reference in given}, dict[str, Reference]()
-        self._sessions, self._path = list(sessions), list(path)
+        self._lines, self._path = list(lines), list(path)
         self._spans = [0.0 if point.switch else 1.0 for point in self._path[:-1]]
         self._done = [0.0, *accumulate(self._spans)]
         self._pace = dt * sum(self._spans) / over
@@ -99,15 +99,13 @@ class Transition:
         self.released_rows = () if kind == "torque" else without_successor(path[0].stack, path[-1].stack)
         self._easings = [
             easing(*pair, one.stack, other.stack, released=bool(self.released_rows) and ordinary) if span else None
-            for span, pair, (one, other) in zip(
-                self._spans, pairwise(self._sessions), pairwise(self._path), strict=True
-            )
+            for span, pair, (one, other) in zip(self._spans, pairwise(self._lines), pairwise(self._path), strict=True)
         ]
 
     @property
-    def pair(self) -> tuple[Session, Session]:
-        """The sessions that are blended now."""
-        return self._sessions[self._at], self._sessions[self._at + 1]
+    def pair(self) -> tuple[Line, Line]:
+        """The lines that are blended now."""
+        return self._lines[self._at], self._lines[self._at + 1]
 
     @property
     def progress(self) -> float:
@@ -123,7 +121,7 @@ class Transition:
     @property
     def depth(self) -> int:
         """How many transitions are under way, this one included."""
-        inner = self._sessions[self._at]._transition
+        inner = self._lines[self._at].transition
         return 1 + (inner.depth if inner is not None else 0)
 
     @property
@@ -137,8 +135,8 @@ class Transition:
     @cached_property
     def names(self) -> frozenset[str]:
         """Elements of all stacks that are blended, those of transitions under way among them."""
-        found = {element.name for session in self._sessions for element in session.stack}
-        inner = self._sessions[0]._transition
+        found = {element.name for line in self._lines for element in line.stack}
+        inner = self._lines[0].transition
         return frozenset(found if inner is None else found | inner.names)
 
     def outgoing(self, references: Iterable[Reference]) -> tuple[Reference, ...]:
@@ -160,7 +158,7 @@ class Transition:
     @property
     def arriving(self) -> bool:
         """Whether the second stack of the pair is the last one."""
-        return self._at == len(self._sessions) - 2
+        return self._at == len(self._lines) - 2
 
     def here(self, state: State, given: Sequence[str]) -> tuple[Reference, ...]:
         """References that hold a contact on its way out where it is, not where it was.  given: names that have one."""
@@ -216,7 +214,7 @@ class Transition:
 
     def advance(self) -> None:
         """Take the next pair where this one is done."""
-        if self._s >= 1.0 and self._at < len(self._sessions) - 2:
+        if self._s >= 1.0 and self._at < len(self._lines) - 2:
             self._at, self._s = self._at + 1, 0.0
 
 

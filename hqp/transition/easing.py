@@ -21,7 +21,7 @@ from hqp.problem import Selection
 from hqp.stack import Stack
 
 if TYPE_CHECKING:
-    from hqp.session import Session
+    from hqp.loop.line import Line
 
 try:
     from hqp import _assembly as native
@@ -123,7 +123,7 @@ class Easing:
         return weight * self._k if self.second else 1.0 - (1.0 - weight) * self._k
 
 
-def easing(first: Session, second: Session, before: Stack, after: Stack, *, released: bool) -> Easing | None:
+def easing(first: Line, second: Line, before: Stack, after: Stack, *, released: bool) -> Easing | None:
     """What eases the rows that only one stack of a pair has, None where they differ in more than these.
 
     A contact that comes is where it is to be.  released: whether rows of a contact that goes are eased; where tasks are

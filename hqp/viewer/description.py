@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from hqp.explanation.account import unit_of
-from hqp.session import Session
+from hqp.formulation import Formulation
+from hqp.loop.line import Line
 
 
 @dataclass(frozen=True)
@@ -105,9 +106,9 @@ def describe_robot(robot: Any) -> RobotDescription:
     )
 
 
-def describe_stack(session: Session, version: int, room: int | None = None) -> StackDescription:
-    """A session's stack as the viewer shows it, with at most ``room`` targets."""
-    robot, program, problem = session.robot, session.program, session.program.problem
+def describe_stack(line: Line, formulation: Formulation, version: int, room: int | None = None) -> StackDescription:
+    """A stack at work as the viewer shows it, with at most ``room`` targets."""
+    robot, program, problem = line.robot, line.program, line.program.problem
     members = tuple(
         Member(
             name,
@@ -125,7 +126,7 @@ def describe_stack(session: Session, version: int, room: int | None = None) -> S
         for name, place in program.places.items()
     )
     # contacts that torque control turns into reactions have no rows in the problem
-    missing = [e for e in session.stack if e.name not in program.places]
+    missing = [e for e in line.stack if e.name not in program.places]
     members += tuple(
         Member(e.name, type(e).__name__, -1, slice(0, 0), "subject_to", 1.0, True, bool(e.is_contact), frame_of(e), ())
         for e in missing
@@ -136,13 +137,13 @@ def describe_stack(session: Session, version: int, room: int | None = None) -> S
     sizes = (robot.nq, robot.nv, len(robot.joint_names), problem.n, *(rows.m for rows in problem.levels))
     return StackDescription(
         version,
-        str(session.stack),
-        type(session.controller.formulation).__name__,
+        str(line.stack),
+        type(formulation).__name__,
         sizes,
         problem.constraints,
         tuple(names[k] for k in range(len(problem.levels))),
         members,
-        tuple(t for t in map(_target, session.stack) if t is not None)[:room],
+        tuple(t for t in map(_target, line.stack) if t is not None)[:room],
     )
 
 

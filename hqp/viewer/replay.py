@@ -31,7 +31,7 @@ class _Shown:
     status: Status
     notes: tuple[Note, ...]
     times: None = None
-    session: None = None
+    line: None = None
 
 
 class ReplayView(View):

@@ -73,12 +73,12 @@ class View:
         if password is not None and (not isinstance(password, str) or not password):
             raise DeclarationError("view", "an empty password", allowed="a text, or None")
         self._password = password or ""
-        self._run = session  # whose rows the tick that is shown has: in a transition another one
+        self._run = session.line  # whose rows the tick that is shown has: in a transition another one
         self._codes = {status: i for i, status in enumerate(STATUSES)}
         self._version = 0
         self._program: Any = None
         self.description: StackDescription
-        first = describe_stack(session, 0)
+        first = describe_stack(session.line, session.controller.formulation, 0)
         self._channel = Channel(Layout(2 * sum(first.sizes) + 256, max(_TARGETS, 2 * len(first.targets))))
         self._asked = 0.0
         self._dragged: dict[str, Reference] = {}
@@ -127,7 +127,7 @@ class View:
     def show(self, state: State, tick: Tick, *references: Reference) -> None:
         """Show a tick that the session has just made; costs a few microseconds."""
         clock = perf_counter()
-        self._run = tick.session or self.session
+        self._run = tick.line or self.session.line
         if self._run.program is not self._program:
             self._describe()
         # a tick is taken apart and copied in batches: most ticks pay for being kept, not for cold memory
@@ -192,7 +192,8 @@ class View:
         """After a change of stack: new sizes, new targets at their hold values."""
         self._flush()
         self._version += 1
-        description = describe_stack(self._run, self._version, self._channel.layout.targets)
+        room, formulation = self._channel.layout.targets, self.session.controller.formulation
+        description = describe_stack(self._run, formulation, self._version, room)
         used = sum(description.sizes)
         if used > self._channel.layout.room:
             raise HqpError("the new stack is more than twice as large as the one the viewer was started with")

@@ -227,3 +227,35 @@ def test_dir_shows_the_public_names_and_nothing_private() -> None:
     shown, public = (set(line.split()) for line in result.stdout.splitlines())
     assert {name for name in shown if not name.startswith("__")} == public
     assert {"Torque", "compare", "robots", "serial", "tasks"} <= shown
+
+
+def private_names(path: Path) -> set[str]:
+    """Fields and methods with one leading underscore of the classes in a file."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "self":
+            found.add(node.attr)
+        elif isinstance(node, ast.FunctionDef):
+            found.add(node.name)
+    return {name for name in found if name.startswith("_") and not name.startswith("__")}
+
+
+@pytest.mark.parametrize("owner", ["session.py", "loop/line.py", "tick.py"])
+def test_the_private_fields_of_a_session_are_its_own(owner: str) -> None:
+    """Nor does anybody look into the lines that it runs, or into a tick."""
+    own = ROOT / "hqp" / owner
+    names, found = private_names(own), []
+    assert names
+    for folder in ("hqp/*.py", "hqp/*/**/*.py", "benchmarks/**/*.py"):
+        for path in sorted(ROOT.glob(folder)):
+            if path == own:
+                continue
+            for node in ast.walk(ast.parse(path.read_text())):
+                if isinstance(node, ast.Attribute) and node.attr in names and session_like(node.value):
+                    found.append(f"{path.relative_to(ROOT)}:{node.lineno}: {ast.unparse(node)}")
+    assert not found
+
+
+def session_like(node: ast.AST) -> bool:
+    """Whether an expression is one that may be a session, a line or a tick: another name or field than self."""
+    return not (isinstance(node, ast.Name) and node.id in ("self", "cls", "clone", "found", "other"))

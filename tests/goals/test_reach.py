@@ -225,7 +225,8 @@ def every_joint() -> Robot:
     """A free base with a joint of every kind that native kinematics know, one after the other."""
     model, joint = pin.Model(), 0
     kinds = (pin.JointModelFreeFlyer(), pin.JointModelSpherical(), pin.JointModelRUBY(), pin.JointModelPX(),
-             pin.JointModelSpherical(), pin.JointModelRevoluteUnaligned(np.array([0.6, 0.0, 0.8])))  # fmt: skip
+             pin.JointModelSpherical(), pin.JointModelRevoluteUnaligned(np.array([0.6, 0.0, 0.8])),
+             pin.JointModelPlanar(), pin.JointModelTranslation(), pin.JointModelRZ())  # fmt: skip
     for k, kind in enumerate(kinds):
         joint = model.addJoint(joint, kind, pin.SE3(pin.utils.rotate("x", 0.3), np.array([0.1, 0.2, 0.3])), f"j{k}")
         model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import hqp.robots
-from hqp.errors import ModelWarning
+from hqp.errors import DeclarationError, ModelWarning
 from hqp.robots.on_mujoco import Plant, Servo
 from hqp.robots.physical import LIGHT, make_physical
 
@@ -23,7 +23,7 @@ DATA = Path(__file__).parents[1] / "data" / "mjcf"
 def test_urdf_robot_has_its_own_inertia_in_mujoco_and_stands(name: str) -> None:
     """M, nle and motors' limits are the robot's; position servos hold home on the ground for half a second."""
     kp = {"panda": 400.0, "ur5": 2000.0, "go2": 200.0, "g1": 300.0, "talos": 3000.0}[name]
-    robot = hqp.robots.load(name)
+    robot = hqp.robots.load(name, rotors=True)
     plant = Plant(robot, actuation="position", servo=Servo(other=kp))
     assert plant.joint_names == robot.joint_names
     rng = np.random.default_rng(2)
@@ -52,7 +52,7 @@ def test_urdf_robot_has_its_own_inertia_in_mujoco_and_stands(name: str) -> None:
 )
 def test_inertias_that_no_body_has_are_mended_in_the_plant_and_told(name: str, link: str, off: float) -> None:
     """MuJoCo refuses them; the plant's M stays the robot's but for little."""
-    robot = hqp.robots.load(name)
+    robot = hqp.robots.load(name, rotors=True)
     with pytest.warns(ModelWarning, match=f"inertias.*{link}"):
         plant = Plant(robot)
     q, _ = plant.reset()
@@ -146,3 +146,48 @@ def test_every_robot_of_the_catalogue_has_a_plant() -> None:
     for name in hqp.robots.names():
         q, _ = Plant(hqp.robots.load(name)).reset()
         assert np.all(np.isfinite(q)), name
+
+
+@pytest.mark.parametrize("name", ["talos", "g1"])
+def test_a_sole_without_shapes_bears_what_its_foot_bears(name: str) -> None:
+    """Talos' sole link has no shapes, the link that it is fixed to has: two feet on the ground bear the weight."""
+    robot = hqp.robots.load(name)
+    plant = Plant(robot, watched=robot.landmarks["soles"], actuation="position", servo=Servo(other=1e3))
+    plant.reset(robot.home.copy())
+    for _ in range(1000):
+        plant.step(robot.home[7:])
+    load = plant.contacts().load
+    assert load.sum() == pytest.approx(9.81 * robot.mass, rel=0.02)
+    assert load.min() > 0.3 * load.sum()
+    assert Plant(robot).watched == robot.landmarks["soles"]
+
+
+def test_a_watched_frame_that_can_touch_nothing_is_refused() -> None:
+    robot = hqp.robots.load("talos")
+
+    def bare(spec: Any) -> None:
+        for geom in spec.body("leg_left_6_link").geoms:
+            geom.contype, geom.conaffinity = 0, 0
+
+    with pytest.raises(DeclarationError, match="left_sole_link"):
+        Plant(robot, watched=["left_sole_link"], edit=bare)
+    assert Plant(robot, edit=bare).watched == ("right_sole_link",)
+    with pytest.raises(DeclarationError, match=r"on one body.*leg_right_6_link"):
+        Plant(robot, watched=["right_sole_link", "leg_right_6_link"])
+
+
+def test_a_urdf_robot_has_rotors_in_the_plant() -> None:
+    """G1's ankles 50 and 35 N m; the model for control has them where it was asked for, and then M agrees."""
+    robot = hqp.robots.load("g1", rotors=True)
+    plant = Plant(robot)
+    told = plant.armature
+    assert tuple(told) == robot.joint_names
+    effort = dict(zip(robot.joint_names, robot.effort_limit[robot.actuated], strict=True))
+    assert told == pytest.approx({name: min(0.01, effort[name] / 5000.0) for name in told})
+    assert told["left_wrist_yaw_joint"] < told["left_ankle_roll_joint"] < told["left_knee_joint"] == 0.01
+    q, _ = plant.reset(robot.home.copy())
+    np.testing.assert_allclose(plant.mass_matrix(), robot.state(q).mass_matrix(), atol=1e-9)
+    bare = hqp.robots.load("g1")
+    assert not bare.model.armature.any()
+    assert Plant(bare).armature == told
+    assert set(Plant(bare, armature={}).armature.values()) == {0.0}

@@ -55,9 +55,9 @@ def test_the_first_ticks_have_a_deadline_too(name: str, monkeypatch: pytest.Monk
     for module in (lexicographic, stages):
         monkeypatch.setattr(module, "second_opinion", forbid)
     limits = []
-    limit = session._limit
+    limit = session.line.limit
     assert limit is not None
-    monkeypatch.setattr(session, "_limit", lambda seconds: (limits.append(seconds), limit(seconds)))
+    monkeypatch.setattr(session.line, "limit", lambda seconds: (limits.append(seconds), limit(seconds)))
     for _ in range(3):
         session.step(robot.state())
     assert len(limits) == 3

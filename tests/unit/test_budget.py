@@ -59,11 +59,11 @@ def test_a_session_keeps_back_what_follows_the_solver() -> None:
     run = hqp.Controller(overloaded(robot), hqp.Torque(), deadline=2e-4).session(robot, 0.002)
     for _ in range(100):
         run.step(robot.state())
-    assert run._budget.margin > FIRST * 2e-4  # the notes alone take longer
+    assert run.line.budget.margin > FIRST * 2e-4  # the notes alone take longer
     exact = hqp.Controller(overloaded(robot), hqp.Torque(), deadline=math.inf).session(robot, 0.002)
     for _ in range(3):
         exact.step(robot.state())
-    assert exact._limit is None
+    assert exact.line.limit is None
 
 
 def test_a_tick_that_was_held_up_costs_the_next_ones_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -77,8 +77,8 @@ def test_a_tick_that_was_held_up_costs_the_next_ones_nothing(monkeypatch: pytest
     fill = run.program.fill
     with monkeypatch.context() as held_up:
         held_up.setattr(run.program, "fill", lambda *given: (time.sleep(0.05), fill(*given)))
-        run._leave_direct()
-        step(run, state, (far,), None)
+        run.line.leave_direct()
+        step(run.line, state, (far,), None)
     found = []
     for _ in range(20):
         q, _ = run.step(state, far).advance()
@@ -132,9 +132,9 @@ def test_time_spent_on_dynamics_is_taken_off_what_the_solver_gets(monkeypatch: p
     robot = hqp.robots.load("ur5")
     run = hqp.Controller(Stack(Level(Posture())), hqp.Torque(), deadline=0.02).session(robot, 0.002)
     run.step(robot.state())
-    prepare = run._direct.prepare if run._direct is not None else None
+    prepare = run.line.direct.prepare if run.line.direct is not None else None
     assert prepare is not None
-    monkeypatch.setattr(run._direct, "prepare", lambda state: (time.sleep(5e-3), prepare(state)))
+    monkeypatch.setattr(run.line.direct, "prepare", lambda state: (time.sleep(5e-3), prepare(state)))
     given = Given(monkeypatch)
     assert run.step(robot.state()).status is Status.OPTIMAL
     assert given.spent[0] >= 5e-3
@@ -168,8 +168,8 @@ def test_a_cut_tick_moves_the_command_a_little(monkeypatch: pytest.MonkeyPatch) 
     for k in range(150):
         time_left = float(rng.uniform(1e-6, 2e-4)) if k % 3 == 0 else 1.0
         monkeypatch.setattr(Budget, "left", lambda self, spent, found=time_left: found)
-        assert run._limit is not None
-        run._limit(time_left)
+        assert run.line.limit is not None
+        run.line.limit(time_left)
         tick = run.step(state, far)
         if tick.status is Status.TIME_LIMIT:
             cuts += 1

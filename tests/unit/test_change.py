@@ -77,9 +77,9 @@ def test_laws_weights_and_places_do_not_touch_a_hold_value(robot: Robot) -> None
     run.change(Stack(Level(Posture()), Level(Com(name="com", law=P(4.0), weight=2.0))))
     q = robot.home.copy()
     q[2] += 0.01
-    held = run._references.holds["com"].value
+    held = run.line.references.holds["com"].value
     run.step(robot.state(q))
-    assert run._references.holds["com"].value is held
+    assert run.line.references.holds["com"].value is held
 
 
 def test_an_element_that_returns_takes_a_fresh_hold_value(robot: Robot) -> None:
@@ -92,8 +92,8 @@ def test_an_element_that_returns_takes_a_fresh_hold_value(robot: Robot) -> None:
     state = robot.state(q)
     palm = state.position(robot.landmarks["palms"][1])
     run.step(state)
-    assert np.allclose(run._references.holds["hand"].value, palm)
-    assert not np.allclose(run._references.holds["com"].value, robot.state(q).com())  # that of home
+    assert np.allclose(run.line.references.holds["hand"].value, palm)
+    assert not np.allclose(run.line.references.holds["com"].value, robot.state(q).com())  # that of home
 
 
 def test_a_change_that_cannot_work_changes_nothing(robot: Robot) -> None:
@@ -445,7 +445,7 @@ def test_a_change_within_a_change_is_continuous_too(robot: Robot) -> None:
     loop.go(20, [com, hand])
     loop.run.change(whole.without("hand"), 0.2)
     loop.go(250, [com])
-    assert loop.run._transition is None
+    assert loop.run.line.transition is None
     assert loop.changes[19:].max() <= largest_change("velocity", DT) * (1.0 + 1e-9)
 
 

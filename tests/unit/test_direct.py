@@ -14,7 +14,6 @@ import pytest
 import hqp
 import hqp.tasks as t
 from hqp import Inequality, Level, P, Stack, Status
-from hqp.loop.ordinary import OrdinaryTick
 from hqp.solvers.lexicographic import kernel
 
 pytestmark = pytest.mark.skipif(not kernel(), reason="no native kernel here")
@@ -71,7 +70,7 @@ def pair(stack: Stack, formulation: Any) -> tuple[Any, Any]:
     fast, slow = (
         hqp.Controller(stack, formulation, price=0, deadline=np.inf).session(r, 0.002) for r in (robot, robot.copy())
     )
-    slow._direct_known = True
+    slow.line.direct_known = True
     return fast, slow
 
 
@@ -102,8 +101,8 @@ def test_direct_ticks_equal_general_ones(stack: Stack, formulation: Any) -> None
         state = fast.robot.state(q, v)
         given = references(rng, stack, state, formulation.order)
         one, other = fast.step(fast.robot.state(q, v), *given), slow.step(slow.robot.state(q, v), *given)
-        direct += isinstance(one, OrdinaryTick)
-        assert not isinstance(other, OrdinaryTick)
+        direct += one.native
+        assert not other.native
         assert (one.status, one.notes) == (other.status, other.notes)
         np.testing.assert_allclose(one.command, other.command, atol=1e-9)
         assert one.jump.change == pytest.approx(other.jump.change, abs=1e-9)
@@ -127,14 +126,14 @@ def test_direct_ticks_with_prices_equal_general_ones(limits: tuple[hqp.Element, 
     hand = t.Pose(frame="tool0")
     stack = Stack(Level(hand), Level(t.Posture()), subject_to=limits)
     fast, slow = (hqp.Controller(stack, deadline=np.inf).session(r, 0.002) for r in (robot, robot.copy()))
-    slow._direct_known = True
+    slow.line.direct_known = True
     q, v = robot.integrate(robot.home, np.array((0.3, -1.0, 1.2, -0.8, 0.6, 0.2)), 1.0), np.zeros(robot.nv)
     start, staged, direct = hand.value(robot.state(q)), [], 0
     for k in range(400):
         goal = start.copy()
         goal[0, 3] += 1.5 * max(0.0, np.sin(2.0 * np.pi * k / 200))
         one, other = (s.step(s.robot.state(q, v), hand.at(goal)) for s in (fast, slow))
-        direct += isinstance(one, OrdinaryTick)
+        direct += one.native
         staged.append(other.solution.stage_points is not None)
         np.testing.assert_allclose(one.x, other.x, rtol=0.0, atol=1e-10)  # kinematics of their own: to rounding
         assert (one.status, one.notes) == (other.status, other.notes)
@@ -161,7 +160,7 @@ def test_what_a_direct_tick_tells_stays() -> None:
         tick = fast.step(state, HAND.at(HAND.value(state) + 0.01 * k))
         ticks.append(tick)
         commands.append(tick.command.copy())
-    assert all(isinstance(tick, OrdinaryTick) for tick in ticks[1:])
+    assert all(tick.native for tick in ticks[1:])
     for k, (tick, command) in enumerate(zip(ticks, commands, strict=True)):
         assert tick.solution is not None
         np.testing.assert_array_equal(tick.command, command)
@@ -209,7 +208,7 @@ def test_errors_of_the_program_are_raised_as_ever() -> None:
         fast.step(fast.robot.state(), hqp.Reference("r_palm", np.zeros(2)))
     with pytest.raises(hqp.HqpError, match="belongs to"):
         fast.step(fast.robot.copy().state())
-    assert isinstance(fast.step(fast.robot.state()), OrdinaryTick)
+    assert fast.step(fast.robot.state()).native
 
 
 def test_a_hold_value_comes_back_after_a_goal() -> None:
@@ -252,7 +251,7 @@ def test_direct_torque_ticks_equal_general_ones(price: Any) -> None:
         hqp.Controller(stack, hqp.Torque(), price=price, deadline=np.inf).session(r, 0.001)
         for r in (robot, robot.copy())
     )
-    slow._direct_known = True
+    slow.line.direct_known = True
     rng, direct, q, v = np.random.default_rng(2), 0, robot.home, np.zeros(robot.nv)
     place = hand.value(robot.state())
     for k in range(120):
@@ -262,7 +261,7 @@ def test_direct_torque_ticks_equal_general_ones(price: Any) -> None:
         if k % 50 == 20:
             given = [hand.at([np.nan, 0.0, 0.0])]
         one, other = (s.step(s.robot.state(q, v), *given) for s in (fast, slow))
-        direct += isinstance(one, OrdinaryTick)
+        direct += one.native
         assert (one.status, [n.element for n in one.notes]) == (other.status, [n.element for n in other.notes])
         np.testing.assert_allclose(one.command, other.command, rtol=1e-9, atol=1e-7)
         forces = [s.program.contact_forces(tick.x) for s, tick in ((fast, one), (slow, other))]
@@ -270,7 +269,7 @@ def test_direct_torque_ticks_equal_general_ones(price: Any) -> None:
             np.testing.assert_allclose(forces[0][sole], forces[1][sole], rtol=1e-8, atol=1e-6)
         np.testing.assert_allclose(fast.program.dynamics.h, slow.program.dynamics.h, rtol=1e-7, atol=1e-7)
         q, v = one.advance()
-        if one.times is not None and isinstance(one, OrdinaryTick):
+        if one.times is not None and one.native:
             assert min(one.times.assemble, one.times.solve) > 0.0
     assert 20 < direct < 120
 
@@ -284,8 +283,8 @@ def test_a_state_that_moves_fast_is_ordinary() -> None:
         state = robot.state(robot.home, v)
         tick = fast.step(state, HAND.at(HAND.value(state)))
         v[6:] = 1.5
-    assert state.square > fast._check.ordinary
-    assert isinstance(tick, OrdinaryTick)
+    assert state.square > fast.line.check.ordinary
+    assert tick.native
     v[6] = 1e6
     tick = fast.step(robot.state(robot.home, v))
     assert tick.status is Status.INVALID_STATE

@@ -60,7 +60,7 @@ def test_a_gravity_normal_shifts_force_rows_the_right_way(native: bool, monkeypa
     run.step(state, *(w.at(gravity_normal=slope) for w in wheels))
     gravity = state.gravity_force()
     flat = program._gravity.torque(gravity, program.assembly.J[: program._m])
-    there = program._gravity.other(state, gravity, run._references.current)
+    there = program._gravity.other(state, gravity, run.line.references.current)
     shift = there - flat
     assert np.abs(shift).max() > 0.1
     rng = np.random.default_rng(0)
@@ -125,11 +125,11 @@ def test_only_a_usable_answer_becomes_the_safe_command() -> None:
 
             return replace(solve(problem), status=Status.NOT_CERTIFIED, x=np.full(6, 7.0))
 
-    run.workspace = Refused()  # type: ignore[assignment]
+    run.line.workspace = Refused()  # type: ignore[assignment]
     held = run.step(robot.state(), posture.at(np.full(6, 0.2)))
     assert held.held == 1
     assert np.abs(held.command).max() <= np.abs(good.command).max()
-    assert np.abs(run._x).max() < 7.0
+    assert np.abs(run.line.x).max() < 7.0
 
 
 @pytest.mark.parametrize("solver", ["lexicographic", "cascade:proxqp", "reference", "daqp"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from typing import Any
 
 import numpy as np
@@ -278,6 +279,22 @@ def test_contradictory_contacts_are_named(robot: Robot) -> None:
     assert tick.status is Status.CONSTRAINTS_VIOLATED
     assert {note.element for note in tick.notes} == {"r_sole", "pulled"}
     assert np.isfinite(tick.command).all()
+
+
+def test_rows_that_are_off_are_told_by_their_joints() -> None:
+    """A row wants more of each joint than the limits allow: the note has the worst three, worst first."""
+    arm = hqp.robots.load("ur5")
+    slow = Stack(subject_to=[Posture(law=P(200.0), name="servo"), JointLimits()])
+    home = arm.state(arm.home)
+    servo = slow.find("servo", Posture)
+    goal = servo.at(arm.home + [0.3, 0.0, 0.0, 0.2, -0.4, 0.1])
+    tick = hqp.Controller(slow).session(arm, DT).step(home, goal)
+    (note,) = [n for n in tick.notes if n.element == "servo"]
+    assert note.status is Status.CONSTRAINTS_VIOLATED
+    amounts = re.findall(r"(\w+_joint) ([\d.]+)", note.detail)
+    assert [name for name, _ in amounts] == ["wrist_2_joint", "shoulder_pan_joint", "wrist_1_joint"]
+    assert note.detail.endswith("and 1 more")
+    assert f"off by up to {amounts[0][1]}:" in note.detail
 
 
 def test_the_same_task_twice_changes_nothing(robot: Robot) -> None:

@@ -124,7 +124,7 @@ def test_the_page_escapes_names_and_draws_limits() -> None:
 def test_curves_show_the_largest_of_each_stretch() -> None:
     robot = hqp.robots.load("cbi")
     session = hqp.Controller(Stack(Level(Posture()))).session(robot, 0.002)
-    stack = describe_stack(session, 1)
+    stack = describe_stack(session.line, session.controller.formulation, 1)
     history = History(stack)
     slots = np.zeros((1000, HEAD + sum(stack.sizes) + 1))
     slots[:, 0], slots[:, 1], slots[:, 2] = np.arange(1000), 0.002 * np.arange(1000), 1

@@ -39,7 +39,7 @@ def test_a_handle_is_where_the_reference_is(name: str) -> None:
     robot, rng = hqp.robots.load("cbi"), np.random.default_rng(3)
     task = TASKS[name]
     session = hqp.Controller(Stack(Level(FixedContact(frame="l_sole")), Level(task))).session(robot, 0.002)
-    (target,) = describe_stack(session, 1).targets
+    (target,) = describe_stack(session.line, session.controller.formulation, 1).targets
     place = KINDS[target.kind](target, robot)
     for _ in range(10):
         wanted = np.asarray(task.value(draw(robot, rng)))
@@ -61,8 +61,8 @@ def test_more_targets_than_the_page_has_room_for() -> None:
     robot = hqp.robots.load("cbi")
     many = Level(*(Position(frame="r_palm", name=f"hand{i}") for i in range(30)))
     session = hqp.Controller(Stack(Level(FixedContact(frame="l_sole")), many)).session(robot, 0.002)
-    assert len(describe_stack(session, 1).targets) == 30
-    assert len(describe_stack(session, 1, 24).targets) == 24
+    assert len(describe_stack(session.line, session.controller.formulation, 1).targets) == 30
+    assert len(describe_stack(session.line, session.controller.formulation, 1, 24).targets) == 24
 
 
 def test_words() -> None:

@@ -11,6 +11,7 @@
 #include <nanobind/stl/optional.h>
 
 #include "../common/solve_call.hpp"
+#include "../dynamics/equation_of_motion.hpp"
 #include "collision.hpp"
 #include "com.hpp"
 #include "frames.hpp"
@@ -90,6 +91,17 @@ class Assembly {
   void run(const Vector& q, const Vector& v) { operate(q.data(), v.data()); }
   void demand(const Vector& v) { demands_->run(v.data()); }
 
+  // A (nv, nv), its upper triangle, and b + g (nv,) are written with every tick, loads included.
+  void dynamics(const std::vector<hqp::BodyInertia>& inertias, Numbers rotors, const Vector& gravity,
+                const WrittenColumns& A, const Written& bias) {
+    const std::size_t n = tree_.size();
+    if (A.shape(0) != n || A.shape(1) != n || bias.shape(0) != n || gravity.shape(0) != 3)
+      throw nb::value_error("A, bias or gravity: wrong shape");
+    tree_.need_motions();
+    equation_ = std::make_unique<hqp::EquationOfMotion>(tree_, inertias, std::move(rotors), hqp::load(gravity.data()),
+                                                        keep(A), keep(bias));
+  }
+
   // A load whose value is live; payloads count for centres of mass, too.
   void load(const nb::object& object, const Vector& value) {
     kept_.push_back(object);
@@ -101,10 +113,6 @@ class Assembly {
     if (wrench) return;
     tree_.carry({frame.body, frame.position, frame.rotation, numbers});
     tree_.need_motions();
-  }
-  // What they add to A (nv, nv), its upper triangle, and to b + g; of the latest run.
-  void loads(const WrittenColumns& A, const Written& bias, const Vector& gravity) {
-    loads_.apply(tree_, hqp::load(gravity.data()), A.data(), bias.data());
   }
 
   // Where the reference of an element goes, and its hold value, None for one that is not there.
@@ -157,6 +165,7 @@ class Assembly {
     if (!at.data() || !speed.data()) throw nb::type_error("q and v are vectors of doubles");
     const double* velocity = v.is_none() ? sent_.data() : speed.data();
     begin_ = hqp::Clock::now();
+    if (fresh) std::fill(marks_.begin(), marks_.end(), kNoMark);
     if (!loop_.take(references, fresh)) return nb::none();
     if (kinematics_) kinematics_->update(at.data());
     operate(at.data(), velocity);
@@ -182,6 +191,7 @@ class Assembly {
 
  private:
   using Operation = std::unique_ptr<hqp::Operation>;
+  static constexpr std::int8_t kNoMark = -128;
 
   bool usable() const {
     if (!(hqp::squared(demands_->demand(), demands_->size()) < largest_)) return false;
@@ -202,6 +212,10 @@ class Assembly {
   }
   void operate(const double* q, const double* v) {
     tree_.update(v);
+    if (equation_) {
+      equation_->run();
+      loads_.apply(tree_, equation_->gravity(), equation_->inertia(), equation_->bias());
+    }
     for (const auto& operation : operations_) operation->run(q, v);
   }
 
@@ -369,6 +383,7 @@ class Assembly {
   std::vector<nb::object> kept_;  // before what points into it
   hqp::Tree tree_;
   hqp::Kinematics* kinematics_ = nullptr;
+  std::unique_ptr<hqp::EquationOfMotion> equation_;
   std::vector<Operation> operations_;
   std::unique_ptr<hqp::Demands> demands_;
   Parts written_, bounded_;

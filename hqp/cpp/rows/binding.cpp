@@ -75,8 +75,9 @@ NB_MODULE(_assembly, module) {
            "bodies"_a.noconvert(), "dt"_a, "order"_a, "reference"_a)
       .def("slot", &Assembly::slot, "name"_a, "target"_a.noconvert().none(), "shape"_a, "normal"_a.noconvert().none(),
            "rate"_a.noconvert(), "feedforward"_a.noconvert())
+      .def("dynamics", &Assembly::dynamics, "inertias"_a, "rotors"_a, "gravity"_a.noconvert(), "A"_a.noconvert(),
+           "bias"_a.noconvert())
       .def("load", &Assembly::load, "plan"_a, "value"_a.noconvert())
-      .def("loads", &Assembly::loads, "A"_a.noconvert(), "bias"_a.noconvert(), "gravity"_a.noconvert())
       .def("hold", &Assembly::hold, "name"_a, "value"_a.none())
       .def("answers", &Assembly::answers, "solve"_a, "call"_a.none(), "values"_a.noconvert(), "active"_a.noconvert(),
            "command"_a, "largest"_a)

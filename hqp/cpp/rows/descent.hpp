@@ -6,7 +6,7 @@
 #include <limits>
 #include <vector>
 
-#include "kinematics.hpp"
+#include "../dynamics/kinematics.hpp"
 #include "loop.hpp"
 
 namespace hqp {

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <limits>
 
-#include "spatial.hpp"
+#include "../dynamics/spatial.hpp"
 
 namespace hqp {
 

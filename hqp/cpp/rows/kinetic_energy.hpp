@@ -1,12 +1,11 @@
 // Rows whose square is twice the kinetic energy: L^T of the joint-space inertia A = L L^T.
 #pragma once
 
-#include <array>
 #include <cmath>
 #include <stdexcept>
 #include <vector>
 
-#include "inertia.hpp"
+#include "../dynamics/composite.hpp"
 #include "rows.hpp"
 
 namespace hqp {
@@ -18,20 +17,20 @@ class KineticEnergy final : public Operation {
       : out_(out),
         tree_(tree),
         n_(tree.size()),
-        inertias_(inertias),
+        bodies_(tree, inertias),
         rotors_(std::move(rotors)),
-        carried_(inertias_.size()),
-        rate_(inertias_.size()),
+        rate_(inertias.size()),
         A_(n_ * n_),
         dA_(out.drift ? n_ * n_ : 0),
         u_(n_) {
-    if (inertias_.size() != tree_.bodies().size()) throw std::invalid_argument("an inertia for every body is needed");
     if (static_cast<int>(rotors_.size()) != n_) throw std::invalid_argument("a rotor for every coordinate is needed");
   }
 
   void run(const double*, const double* v) override {
-    gather();
-    for (int d = 0; d < n_; ++d) column(d);
+    bodies_.gather({}, false, false);
+    std::fill(A_.begin(), A_.end(), 0.0);
+    bodies_.write_inertia(rotors_.data(), A_.data());
+    if (out_.drift) write_rate();
     factor();
     for (int i = 0; i < n_; ++i)
       for (int k = i; k < n_; ++k) out_.row(i)[k] = out_.weight * A(k, i);
@@ -41,47 +40,35 @@ class KineticEnergy final : public Operation {
  private:
   double& A(int i, int j) { return A_[i * n_ + j]; }
   double& dA(int i, int j) { return dA_[i * n_ + j]; }
-  Motion twist(int c) const { return {load(tree_.twist(c)), load(tree_.twist(c) + 3)}; }
 
-  // Inertias of all that each body carries, about the world's origin, and their rates.
-  void gather() {
+  // dA/dt, from the rates of the inertias of all that each body carries.
+  void write_rate() {
     const auto& bodies = tree_.bodies();
     for (std::size_t i = 1; i < bodies.size(); ++i) {
       const Body& body = bodies[i];
       const Mat3 R = load_rotation(body.rotation);
       const Vec3 p = load(body.position) + R * body.centre;
-      const Mat3 own = turned(R, inertias_[i]);
-      carried_[i] = Inertia::of(body.mass, p, own);
-      if (out_.drift) rate_[i] = Inertia::rate(body.mass, p, own, tree_.motion(static_cast<int>(i)));
+      const Motion& V = tree_.motion(static_cast<int>(i));
+      rate_[i] = Inertia::rate(body.mass, p, turned(R, bodies_.own(static_cast<int>(i))), V.angular, V.at(p));
     }
-    for (std::size_t i = bodies.size(); i-- > 1;) {
-      if (bodies[i].parent == 0) continue;
-      carried_[bodies[i].parent].add(carried_[i]);
-      if (out_.drift) rate_[bodies[i].parent].add(rate_[i]);
-    }
+    for (std::size_t i = bodies.size(); i-- > 1;)
+      if (bodies[i].parent != 0) rate_[bodies[i].parent].add(rate_[i]);
+    std::fill(dA_.begin(), dA_.end(), 0.0);
+    for (int d = 0; d < n_; ++d) write_rate(d);
   }
 
-  // Entries (c, d) and (d, c) of A and dA/dt for the coordinates c before d that carry d.
-  void column(int d) {
+  // Entries (c, d) and (d, c) for the coordinates c before d that carry d.
+  void write_rate(int d) {
     const int body = tree_.owner(d);
-    const Motion S = twist(d);
-    const Form F = carried_[body] * S;
-    Form G{};
-    if (out_.drift) G = rate_[body] * S + carried_[body] * cross(tree_.motion(body), S);
-    for (int c = 0; c < d; ++c) A(d, c) = 0.0;
-    for (int c = 0; out_.drift && c < d; ++c) dA(d, c) = dA(c, d) = 0.0;
+    const Motion& S = bodies_.twist(d);
+    const Form F = bodies_[body] * S, G = rate_[body] * S + bodies_[body] * cross(tree_.motion(body), S);
     for (int b = body; b > 0; b = tree_.bodies()[b].parent) {
       const Body& carrier = tree_.bodies()[b];
       for (int c = carrier.first; c < carrier.first + carrier.count && c <= d; ++c) {
-        const Motion T = twist(c);
-        A(d, c) = dot(F.linear, T.linear) + dot(F.angular, T.angular);
-        if (!out_.drift) continue;
-        const Motion change = cross(tree_.motion(b), T);
-        dA(d, c) = dA(c, d) = dot(G.linear, T.linear) + dot(G.angular, T.angular) + dot(F.linear, change.linear) +
-                              dot(F.angular, change.angular);
+        const Motion& T = bodies_.twist(c);
+        dA(d, c) = dA(c, d) = value(G, T) + value(F, cross(tree_.motion(b), T));
       }
     }
-    A(d, d) += rotors_[d];
   }
 
   // L in place of the lower half of A; a coordinate without inertia gets a row of zeros.
@@ -128,9 +115,9 @@ class KineticEnergy final : public Operation {
   Target out_;
   const Tree& tree_;
   int n_;
-  std::vector<BodyInertia> inertias_;
+  Composite bodies_;
   std::vector<double> rotors_;
-  std::vector<Inertia> carried_, rate_;
+  std::vector<Inertia> rate_;
   std::vector<double> A_, dA_, u_;
 };
 

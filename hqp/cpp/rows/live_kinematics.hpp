@@ -4,7 +4,7 @@
 #include <tuple>
 #include <vector>
 
-#include "kinematics.hpp"
+#include "../dynamics/kinematics.hpp"
 #include "plan.hpp"
 
 namespace binding {

@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "tree.hpp"
+#include "../dynamics/tree.hpp"
 
 namespace hqp {
 

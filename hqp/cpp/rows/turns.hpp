@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-#include "spatial.hpp"
+#include "../dynamics/spatial.hpp"
 
 namespace hqp {
 

@@ -54,6 +54,10 @@ struct Form {  // a number for each motion: linear . v + angular . w
   Vec3 linear, angular;
 };
 
+inline Form operator+(const Form& a, const Form& b) { return {a.linear + b.linear, a.angular + b.angular}; }
+inline Form operator*(double s, const Form& a) { return {s * a.linear, s * a.angular}; }
+inline double value(const Form& a, const Motion& V) { return dot(a.linear, V.linear) + dot(a.angular, V.angular); }
+
 // Velocity along u of a body's point p.
 inline Form along(const Vec3& u, const Vec3& p) { return {u, cross(p, u)}; }
 // Angular velocity along u.

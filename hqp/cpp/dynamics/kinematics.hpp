@@ -8,7 +8,8 @@
 
 namespace hqp {
 
-enum class JointKind { kTurning, kContinuous, kSliding, kBall, kFree };  // continuous: cosine and sine in q
+// Continuous: cosine and sine in q. Planar: x, y, cosine and sine in q, along and about the axes of its own body.
+enum class JointKind { kTurning, kContinuous, kSliding, kBall, kFree, kPlanar, kTranslating };
 
 struct Placed {  // fixed in its parent; where its placement in the world goes, the rotation column-major
   int parent;
@@ -59,6 +60,13 @@ class Kinematics {
         case JointKind::kFree:
           p = p + R * load(at);
           R = R * of_quaternion(at + 3);
+          break;
+        case JointKind::kPlanar:
+          p = p + at[0] * R.column[0] + at[1] * R.column[1];
+          R = R * turn(joint.axis, at[2], at[3]);
+          break;
+        case JointKind::kTranslating:
+          p = p + R * load(at);
       }
       positions_[i + 1] = p;
       rotations_[i + 1] = R;
@@ -80,13 +88,9 @@ class Kinematics {
         case JointKind::kSliding:
           to[0] = at[0] + h * u[0];
           break;
-        case JointKind::kContinuous: {
-          const double c = std::cos(h * u[0]), s = std::sin(h * u[0]), cosine = at[0] * c - at[1] * s;
-          to[1] = at[1] * c + at[0] * s;
-          to[0] = cosine;
-          normalise(to, 2);
+        case JointKind::kContinuous:
+          turned(at, h * u[0], to);
           break;
-        }
         case JointKind::kBall:
           turned(at, h * load(u), to);
           break;
@@ -94,7 +98,18 @@ class Kinematics {
           const Vec3 w = h * load(u + 3), moved = load(at) + of_quaternion(at + 3) * screw(h * load(u), w);
           turned(at + 3, w, to + 3);
           for (int i = 0; i < 3; ++i) to[i] = moved[i];
+          break;
         }
+        case JointKind::kPlanar: {
+          const Vec3 way = screw({h * u[0], h * u[1], 0.0}, {0.0, 0.0, h * u[2]});
+          const double c = at[2], s = at[3];
+          to[0] = at[0] + c * way[0] - s * way[1];
+          to[1] = at[1] + s * way[0] + c * way[1];
+          turned(at + 2, h * u[2], to + 2);
+          break;
+        }
+        case JointKind::kTranslating:
+          for (int i = 0; i < 3; ++i) to[i] = at[i] + h * u[i];
       }
     }
   }
@@ -106,15 +121,25 @@ class Kinematics {
   }
   void write_twists(const TreeJoint& joint, const Vec3& p, const Mat3& R) {
     double* out = twists_ + 6 * joint.v;
-    if (joint.kind == JointKind::kSliding) return write(out, R * joint.axis, {});
-    if (joint.kind != JointKind::kBall && joint.kind != JointKind::kFree) {
-      const Vec3 a = R * joint.axis;
-      return write(out, cross(p, a), a);
+    switch (joint.kind) {
+      case JointKind::kTurning:
+      case JointKind::kContinuous:
+        return write_turning(out, p, R * joint.axis);
+      case JointKind::kSliding:
+        return write(out, R * joint.axis, {});
+      case JointKind::kPlanar:
+        for (int i = 0; i < 2; ++i, out += 6) write(out, R.column[i], {});
+        return write_turning(out, p, R.column[2]);
+      case JointKind::kTranslating:
+      case JointKind::kFree:
+        for (int i = 0; i < 3; ++i, out += 6) write(out, R.column[i], {});
+        if (joint.kind == JointKind::kTranslating) return;
+        [[fallthrough]];
+      case JointKind::kBall:
+        for (int i = 0; i < 3; ++i, out += 6) write_turning(out, p, R.column[i]);
     }
-    if (joint.kind == JointKind::kFree)
-      for (int i = 0; i < 3; ++i, out += 6) write(out, R.column[i], {});
-    for (int i = 0; i < 3; ++i, out += 6) write(out, cross(p, R.column[i]), R.column[i]);
   }
+  static void write_turning(double* out, const Vec3& p, const Vec3& axis) { write(out, cross(p, axis), axis); }
   static void write(double* out, const Vec3& linear, const Vec3& angular) {
     for (int i = 0; i < 3; ++i) {
       out[i] = linear[i];
@@ -140,6 +165,12 @@ class Kinematics {
     out[3] = q[3] * c - dot(u, e);
     for (int i = 0; i < 3; ++i) out[i] = v[i];
     normalise(out, 4);
+  }
+  static void turned(const double* at, double angle, double* out) {  // a cosine and a sine
+    const double c = std::cos(angle), s = std::sin(angle), cosine = at[0] * c - at[1] * s;
+    out[1] = at[1] * c + at[0] * s;
+    out[0] = cosine;
+    normalise(out, 2);
   }
   static Vec3 screw(const Vec3& u, const Vec3& w) {  // how far a body gets that moves with u and turns with w
     const double square = dot(w, w), t = std::sqrt(square);

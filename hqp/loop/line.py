@@ -1,0 +1,220 @@
+"""A compiled stack at work: its rows and its solver, what it was asked for, and what it answered last."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from threading import get_ident
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+
+from hqp.arrays import Index, Mat, Vec
+from hqp.explanation.questions import Teller
+from hqp.loop.budget import Budget
+from hqp.loop.compiled import Compiled
+from hqp.loop.contact_watch import ContactWatch
+from hqp.loop.late import Trend
+from hqp.loop.ordinary import ordinary_tick
+from hqp.loop.outgoing import GRADUAL
+from hqp.loop.references import References
+from hqp.loop.restless import LimitWatch
+from hqp.loop.safety import RateLimiter, StateCheck
+from hqp.loop.stepping import step
+from hqp.loop.turn import Turn, alone
+from hqp.problem import Hierarchy
+from hqp.reference import Reference
+from hqp.robot import Robot, State
+from hqp.tick import Note, Tick
+from hqp.transition.changing import blended
+
+if TYPE_CHECKING:
+    from hqp.explanation.account import TickAccount
+    from hqp.explanation.conflict import Conflict
+    from hqp.explanation.words import Explanation
+    from hqp.loop.direct import Direct
+    from hqp.transition.blend import Transition
+    from hqp.transition.easing import Easing
+
+T = TypeVar("T")
+
+
+@dataclass(slots=True, eq=False)
+class Guards:
+    """What the lines of a session share.  joints: of x, those of the motors.  first: notes of the first tick.  count:
+    ticks so far."""
+
+    robot: Robot
+    dt: float
+    check: StateCheck
+    gradual: RateLimiter
+    joints: Index | slice
+    turn: Turn
+    first: tuple[Note, ...]
+    count: int = 0
+
+    @classmethod
+    def of(cls, robot: Robot, dt: float, check: StateCheck, kind: str, turn: Turn, first: tuple[Note, ...]) -> Guards:
+        """Those of sessions of one kind of x."""
+        joints: Index = np.arange(len(robot.joint_names)) if kind == "torque" else robot.actuated
+        behind = bool(joints.size and np.all(np.diff(joints) == 1))
+        part = slice(int(joints[0]), int(joints[-1]) + 1) if behind else joints
+        return cls(robot, dt, check, RateLimiter(robot, getattr(GRADUAL, kind), dt), part, turn, first)
+
+
+class Line:
+    """One stack, compiled and at work; in a change of stack two of them side by side, within one that blends them.
+
+    x: the answer that was sent last, read-only.  good: the state of the latest usable answer.  held: for how many ticks
+    the command has been coming to rest.  named: the references of the latest tick.  latest, latest_count: its record
+    where it was one native call, of ``direct``, and its number; earlier: the record before.  trend: how answers move.
+    direct_known: whether a native loop has been looked for.  ease: what eases rows before the solver.  transition: the
+    lines that are blended into this one.
+    """
+
+    def __init__(self, guards: Guards, compiled: Compiled, budget: Budget, limiter: RateLimiter | None) -> None:
+        self.guards, self.robot, self.dt, self.check = guards, guards.robot, guards.dt, guards.check
+        self.budget, self.limiter = budget, limiter
+        self.transition: Transition | None = None
+        self.x: Vec = np.zeros(compiled.program.problem.n)
+        self.x.setflags(write=False)
+        self.good: State | None = None
+        self.held = 0
+        self.named: tuple[Reference, ...] = ()
+        self._take(compiled, {})
+
+    def _take(self, compiled: Compiled, holds: Mapping[str, Reference]) -> None:
+        self.stack, self.program, self.workspace = compiled.stack, compiled.program, compiled.workspace
+        self.limit, self.rest, self.hard = compiled.limit, compiled.rest, compiled.hard
+        self.compiled, self.references = compiled, References(holds)
+        self.velocity = self.program.kind == "velocity"
+        self.direct: Direct | None = None
+        self.direct_known = False
+        self.latest: bytearray | None = None
+        self.earlier: bytearray | None = None
+        self.latest_count = 0
+        self.trend = Trend()
+        self.ease: Easing | None = None
+        self.teller = Teller(compiled.stack, compiled.program, compiled.workspace, self.robot)
+        self.contacts = ContactWatch(compiled.stack, self.dt)
+        self.limits = LimitWatch(compiled.watched, self.dt)
+
+    @property
+    def problem(self) -> Hierarchy:
+        """The hierarchy of the latest tick: live, refilled by the next step."""
+        return self.program.problem
+
+    @property
+    def hold_values(self) -> dict[str, Vec | Mat]:
+        """Copies of what elements without a reference are held at, by name; empty before the first step."""
+        held = self.references.holds
+        return {name: np.array(reference.value) for name, reference in held.items() if reference.value is not None}
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.stack or (self.transition is not None and name in self.transition)
+
+    def step(self, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
+        """A tick: in one native call where it is ordinary, on the general path where not."""
+        self.named = references
+        if self.direct is not None and not self.contacts.missing:
+            tick = ordinary_tick(self, self.direct, state, references)
+            if tick is not None:
+                return tick
+        return self.general(state, references, now)
+
+    def general(self, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
+        """A tick, whatever comes in."""
+        if self.transition is None:
+            return step(self, state, references, now)
+        return blended(self, self.transition, state, references, now)
+
+    def send(self, x: Vec, state: State | None = None) -> Vec:
+        """Take x for what is sent, read-only from now on; the x that was sent before.  state: of a usable answer."""
+        x.setflags(write=False)
+        last, self.x = self.x, x
+        if state is not None:
+            self.good, self.held = state, 0
+        return last
+
+    def leave_direct(self) -> None:
+        """The general path takes over."""
+        if self.direct is not None:
+            self.direct.leave()
+            if self.latest is not None:
+                if self.earlier is not None:
+                    self.trend.take(self.direct.x(self.earlier), self.latest_count - 1)
+                x = self.direct.x(self.latest).copy()
+                self.trend.take(x, self.latest_count)
+                self.send(x)
+                self.latest = self.earlier = None
+
+    def find_direct(self) -> None:
+        """Ordinary ticks from now on, once hold values are known and an answer was usable."""
+        if self.references.without:
+            return
+        self.direct_known = True
+        if self.limiter is None and not self.check.ages:
+            self.direct = self.compiled.direct()
+            if self.direct is not None:
+                self.direct.hold(self.references.holds)
+                if self.ease is not None:
+                    self.direct.before_solving(self.ease)
+
+    def stay_general(self) -> None:
+        """No native calls from now on."""
+        self.stop_easing()
+        self.direct, self.direct_known = None, True
+
+    def stop_easing(self) -> None:
+        """The native loop asks for all of every task again."""
+        if self.direct is not None and self.ease is not None:
+            self.direct.before_solving(None)
+
+    def beside(self, compiled: Compiled | None = None) -> Line:
+        """The line as it runs now, or of another stack, to go on beside it on the general path; without rate limits."""
+        found = self._copy()
+        found.limiter, found.budget = None, Budget(0.5 * self.budget.deadline)
+        found.references = self.references.copy()
+        if compiled is not None:
+            found.transition = None
+            found._take(compiled, self.references.holds)
+        found.direct, found.direct_known = None, True
+        return found
+
+    def successor(self, compiled: Compiled, holds: Mapping[str, Reference]) -> Line:
+        """The line of another stack that goes on where this one is."""
+        found = self._copy()
+        found.transition = None
+        found._take(compiled, holds)
+        return found
+
+    def take_over(self, other: Line) -> None:
+        """Go on with what a line of the same stack has made ready."""
+        self.rest, self.references, self.limits = other.rest, other.references, other.limits
+        if self.limiter is None:
+            self.direct, self.direct_known = other.direct, other.direct is not None
+        self.transition = None  # last: an interrupt before it leaves a transition that is done
+
+    def _copy(self) -> Line:
+        found = object.__new__(Line)
+        vars(found).update(vars(self))
+        return found
+
+    def explain(self, tick: Tick) -> Explanation:
+        """The account of the latest tick."""
+        return self._asked(self.teller.explain, tick)
+
+    def account(self, tick: Tick) -> TickAccount:
+        """Which element holds which back in the latest tick."""
+        return self._asked(self.teller.account, tick)
+
+    def conflict(self, tick: Tick) -> Conflict:
+        """Which rows of ``subject_to`` exclude each other in the latest tick."""
+        return self._asked(self.teller.conflict, tick)
+
+    def _asked(self, what: Callable[[int, Tick], T], tick: Tick) -> T:
+        """What is told of the rows of a tick, while no other thread writes them; a step may ask, too."""
+        turn = self.guards.turn
+        if turn.get(None) == get_ident():
+            return what(self.guards.count, tick)
+        return alone(turn, self, lambda: what(self.guards.count, tick))

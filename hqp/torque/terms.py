@@ -1,0 +1,46 @@
+"""A and b + g of the equation of motion, written with the rows of a tick."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hqp.arrays import Mat
+from hqp.loads import Loads
+from hqp.robot import Robot, State
+
+if TYPE_CHECKING:
+    from hqp._assembly import Assembly as NativeAssembly
+
+
+class Terms:
+    """A ``(nv, nv)``, its upper triangle, and bias = b + g ``(nv,)`` of the state whose rows were written last.
+
+    rows: the native operations that write them ahead of the rows of each tick, loads with a plan included; without
+    any, they are those of the state.
+    """
+
+    def __init__(self, robot: Robot, rows: NativeAssembly | None, loads: Loads) -> None:
+        self.native = rows is not None
+        self.A: Mat = np.zeros((robot.nv, robot.nv), order="F")
+        self.bias = np.zeros(robot.nv)
+        self._loads = loads
+        if rows is not None:
+            rows.dynamics(robot.inertias, robot.rotors.tolist(), robot.gravity, self.A, self.bias)
+
+    def prepare(self, state: State) -> None:
+        """Compute what the rows and these terms need of a state."""
+        if self.native:
+            state.kinematics()
+        else:
+            state.dynamics()
+
+    def take(self, state: State) -> None:
+        """Make A and bias those of the state, once after its rows."""
+        if self.native:
+            self._loads.add(state, self.A, self.bias)
+        else:
+            A, bias = self._loads.dynamics(state)
+            np.copyto(self.A, A)
+            np.copyto(self.bias, bias)

@@ -1,0 +1,33 @@
+"""Rotor inertia of joints of whose motors a file says nothing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from hqp.arrays import Vec
+
+ROTOR = 0.01
+"""Reflected inertia of the rotor of a geared motor of a legged robot or an arm [kg m^2]."""
+
+FREE = 5000.0
+"""What a motor at its effort limit accelerates its own rotor by, at most [rad/s^2]: weak motors have less inertia."""
+
+
+def rotor_inertia(robot: Any) -> dict[str, float]:
+    """Armature of each actuated turning joint, by name [kg m^2]: the model's where it has one, else a guess of it.
+
+    The guess is min(0.01, effort limit / 5000).  With none a foot weighs next to nothing seen from its ankle, and
+    what a motor does in a step of a simulation turns it by tens of rad/s.
+    """
+    model = getattr(robot, "model", robot)
+    given: Vec = np.asarray(model.armature)
+    effort: Vec = np.asarray(model.upperEffortLimit if hasattr(model, "upperEffortLimit") else model.effortLimit)
+    found = {}
+    for name, joint in zip(model.names[1:], model.joints[1:], strict=True):
+        turns = any(kind in joint.shortname() for kind in ("JointModelR", "JointModelH")) and joint.nv == 1
+        if turns:
+            own, limit = float(given[joint.idx_v]), float(effort[joint.idx_v])
+            found[str(name)] = own if own > 0.0 else min(ROTOR, limit / FREE) if limit > 0.0 else ROTOR
+    return found

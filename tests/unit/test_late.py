@@ -1,0 +1,164 @@
+"""A late tick goes on as the answers before moved: calm scenes stay calm while ticks are cut, and end the same."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+import hqp
+from benchmarks.calm.loop import NOTICEABLE, limits
+from benchmarks.calm.scenes import DT, FORMULATIONS, Scene, scenes
+from hqp import Hierarchy, Rows, Selection, Solution, Status
+from hqp.arrays import Mat, Vec
+from hqp.lab.measures import MOST_REVERSALS
+from hqp.loop.late import LONGEST, Judged, Trend, late
+from hqp.loop.outgoing import largest_change
+from hqp.problem import Stats
+from hqp.solvers.base import finish
+from hqp.solvers.lexicographic import Lexicographic
+from hqp.tolerances import VIOLATION_TOLERANCE
+
+SOLVER = Lexicographic()
+FROM, TO, TICKS = 20, 700, 1200
+
+
+class Stopped:
+    """A workspace whose search ends too early: prices are not looked at, and by turns the lower levels neither."""
+
+    def __init__(self) -> None:
+        self.cuts = 0
+
+    def solve(self, problem: Hierarchy) -> Solution:
+        """What there is by then, with TIME_LIMIT."""
+        self.cuts += 1
+        exact = problem.exact()
+        if self.cuts % 2:
+            exact = dataclasses.replace(exact, levels=exact.levels[:3], stacked=None, n=problem.n)
+        x = SOLVER.solve(exact).x
+        return finish(problem, x, Status.TIME_LIMIT, Stats(0, 0, 0.0, 0.0))
+
+
+class Loop:
+    """A scene on the exact integrator; a share of its ticks is cut."""
+
+    def __init__(self, scene: Scene) -> None:
+        robot = scene.subject.robot
+        controller = hqp.Controller(scene.stack, FORMULATIONS[scene.formulation], deadline=math.inf)
+        self.scene, self.robot, self.run = scene, robot, controller.session(robot, scene.dt)
+        self.whole, self.stopped = self.run.workspace, Stopped()
+
+    def go(self, share: float) -> Mat:
+        """The commands of all ticks."""
+        rng, commands = np.random.default_rng(0), []
+        q, v = self.robot.home.copy(), np.zeros(self.robot.nv)
+        for i in range(TICKS):
+            cut = FROM <= i < TO and rng.uniform() < share
+            self.run.line.workspace = self.stopped if cut else self.whole  # type: ignore[assignment]
+            tick = self.run.step(self.robot.state(q, v), *self.scene.targets(i * self.scene.dt))
+            assert (tick.status is Status.TIME_LIMIT) == cut
+            commands.append(tick.command.copy())
+            q, v = tick.advance()
+        return np.array(commands)
+
+
+def most_reversals(commands: Mat, scale: Vec) -> float:
+    """Changes of sign of noticeable changes a second, of the worst joint, as benchmarks/calm counts them."""
+    change = np.diff(commands, axis=0)
+    noticed = np.abs(change) > NOTICEABLE * scale
+    turned = (change[1:] * change[:-1] < 0.0) & noticed[1:] & noticed[:-1]
+    return float(turned.sum(axis=0).max()) / (len(change) * DT)
+
+
+def made(robot: str, kind: str) -> Scene:
+    return scenes(robot, kind, {})["beyond"]()
+
+
+HEAVY = pytest.mark.slow
+CASES = [
+    pytest.param(robot, kind, marks=() if (robot, kind) in (("talos", "velocity"), ("ur5", "torque")) else HEAVY)
+    for robot in ("talos", "g1", "ur5")
+    for kind in FORMULATIONS
+]
+
+
+@pytest.mark.parametrize("share", [0.05, 0.4])
+@pytest.mark.parametrize(("robot", "kind"), CASES)
+def test_ticks_that_are_cut_leave_commands_calm(robot: str, kind: str, share: float) -> None:
+    scene = made(robot, kind)
+    calm, busy, scale = Loop(scene).go(0.0), Loop(scene).go(share), limits(scene)
+    assert most_reversals(busy[FROM:TO], scale) <= MOST_REVERSALS
+    step = np.abs(np.diff(busy[FROM:], axis=0)).max()
+    assert step <= np.abs(np.diff(calm[FROM:], axis=0)).max() + 2.0 * largest_change(kind, DT)
+    if share < 0.1:  # one second after the last cut
+        assert np.all(np.abs(busy[-1] - calm[-1]) <= NOTICEABLE * scale)
+
+
+def drawn(rng: np.random.Generator, prices: bool) -> tuple[Hierarchy, Vec]:
+    """A hierarchy below a box, and a last answer near its optimum."""
+    n = 6
+    levels = [Rows(Selection(np.arange(n)), np.full(n, -1.0), np.full(n, 1.0))]
+    for m in (2, 3, 3):
+        b = rng.normal(size=m)
+        levels.append(Rows(rng.normal(size=(m, n)), b, b))
+    price = np.array([0.0, 0.0, 0.1, 0.1]) if prices else None
+    problem = Hierarchy(tuple(levels), constraints=2, prices=price)
+    return problem, SOLVER.solve(problem).x + rng.normal(0.0, 1e-2, n)
+
+
+@pytest.mark.parametrize("prices", [False, True])
+def test_no_level_above_the_prices_gets_worse_than_by_staying(prices: bool) -> None:
+    rng, moved, found = np.random.default_rng(1), 0, 0
+    for _ in range(300):
+        problem, last = drawn(rng, prices)
+        ahead, cut = last + rng.normal(0.0, 3e-3, 6), last + rng.normal(0.0, 0.3, 6)
+        x = late(problem, cut, last, ahead, slice(0, 6), 0.02)
+        here = problem.boxed(last)
+        moved += not np.array_equal(x, here)
+        on = problem.boxed(here + (ahead - here) * min(1.0, 0.02 / np.abs(ahead - here).max()))
+        found += not np.array_equal(x, here) and not np.allclose(x, on)
+        assert np.abs(x - here).max() <= 0.02 * (1.0 + 1e-9)
+        assert not problem.slacks(x)[0].any()
+        for k in range(1, 2 if prices else 4):
+            new, old = (float(np.linalg.norm(problem.slacks(p)[k])) for p in (x, here))
+            if abs(new - old) > VIOLATION_TOLERANCE * (1.0 + old):
+                assert new < old
+                break
+    assert moved > 100  # some go on, and some take the cut answer
+    assert 20 < found < moved
+
+
+def test_a_cut_answer_is_taken_where_much_is_at_stake() -> None:
+    problem = Hierarchy((Rows(np.eye(3), np.ones(3), np.ones(3)),))
+    last = np.array([0.5, 0.5, 0.5])
+    ahead = last + 1e-4
+    assert np.allclose(late(problem, np.ones(3), last, ahead, slice(0, 3), 0.02), last + 0.02)
+    assert np.allclose(late(problem, last + 2e-4, last, ahead, slice(0, 3), 0.02), ahead)  # the next tick has it
+    assert np.allclose(late(problem, -np.ones(3), last, last - 1e-4, slice(0, 3), 0.02), last)  # both are worse
+
+
+def test_the_trend_is_that_of_solved_answers() -> None:
+    trend, last = Trend(), np.array([3.0])
+    assert trend.after(last, 1) is last
+    trend.take(np.array([1.0]), 1)
+    assert trend.after(last, 2) is last
+    trend.take(np.array([2.0]), 5)  # four ticks later
+    assert trend.after(last, 6) == pytest.approx(3.25)
+    assert trend.after(last, 5 + LONGEST) == pytest.approx(3.25)
+    assert trend.after(last, 6 + LONGEST) is last
+    trend.take(np.array([4.0]), 5)  # of the same tick: no rate
+    assert trend.after(last, 6) == pytest.approx(3.25)
+    trend.forget()
+    assert trend.after(last, 7) is last
+
+
+def test_what_a_price_saves_counts() -> None:
+    A = np.array([[1.0, 0.0], [0.0, 1e-3]])
+    rows = Rows(A, np.ones(2), np.ones(2))
+    dear, free = Hierarchy((rows,), prices=np.array([0.1])), Hierarchy((rows,))
+    still, far = np.array([1.0, 0.0]), np.array([1.0, 100.0])  # misses a tenth less, by a hundred times the motion
+    assert Judged.of(free, far).better_than(Judged.of(free, still))
+    assert not Judged.of(dear, far).better_than(Judged.of(dear, still))
+    assert not Judged.of(dear, still).better_than(Judged.of(dear, far))

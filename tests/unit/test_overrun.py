@@ -1,0 +1,100 @@
+"""A position limit that gives way to the acceleration window: which joint, and by how much it will pass its limit."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hqp
+from hqp import PD, Level, P, Stack
+from hqp.tasks import JointLimits, Posture
+from hqp.tick import Tick
+
+DT = 0.002
+FORMULATIONS = {"velocity": hqp.Velocity(), "acceleration": hqp.Acceleration(), "torque": hqp.Torque()}
+
+
+def driven(robot: Any, kind: str, native: bool, q: Any, v: Any, ticks: int, **fields: Any) -> tuple[list[Tick], Any]:
+    """Ticks from a state on, and the angles after each."""
+    law = P(5.0) if kind == "velocity" else PD(25.0, 10.0)
+    stack = Stack(Level(Posture(law=law)), subject_to=[JointLimits(**fields)])
+    rates = None if native else hqp.RateLimits(**{kind: 1e9})
+    run = hqp.Controller(stack, FORMULATIONS[kind], rates=rates, deadline=math.inf).session(robot, DT)
+    found, angles = [], []
+    for _ in range(ticks):
+        found.append(run.step(robot.state(q, v)))
+        q, v = found[-1].advance()
+        angles.append(robot.state(q).angles)
+    assert native == (type(found[-1]) is not Tick)
+    return found, np.array(angles)
+
+
+def told(tick: Tick) -> dict[str, tuple[float, str]]:
+    """Of each joint that a note names by how much it will pass its limit, and the unit."""
+    found = {}
+    for note in tick.notes:
+        if "gives way" in note.detail:
+            amount, unit = note.detail.split("passed by ")[1].split()
+            found[note.element] = float(amount), unit
+    return found
+
+
+@pytest.mark.parametrize("native", [True, False], ids=["native", "general"])
+@pytest.mark.parametrize("kind", list(FORMULATIONS))
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_note_foretells_by_how_much_a_limit_is_passed(kind: str, native: bool, side: float) -> None:
+    robot, joint = hqp.robots.load("ur5"), 2
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    limit = robot.upper[joint] if side > 0.0 else robot.lower[joint]
+    q[joint], v[joint] = limit - side * 0.03, side * 2.5
+    ticks, angles = driven(robot, kind, native, q, v, 200)
+    passed = float((side * (angles[:, joint] - limit)).max())
+    assert passed > 0.02
+    for tick in ticks[:20]:
+        (name, (amount, unit)), *others = told(tick).items()
+        assert (name, unit, others) == (robot.joint_names[joint], "rad", [])
+        assert amount == pytest.approx(passed, rel=6e-3)  # of three digits
+    assert not told(ticks[-1])  # on its way back
+
+
+@pytest.mark.parametrize("native", [True, False], ids=["native", "general"])
+def test_a_joint_that_can_still_stop_is_not_named(native: bool) -> None:
+    robot, joint = hqp.robots.load("ur5"), 2
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    q[joint], v[joint] = robot.upper[joint] - 0.08, 2.5  # 0.06 at 50 rad/s^2, beyond the braking curve at 5 rad/s^2
+    ticks, angles = driven(robot, "velocity", native, q, v, 100)
+    assert angles[:, joint].max() <= robot.upper[joint]
+    assert ticks[0].solution is not None
+    assert 2 in ticks[0].solution.active[0]  # braking as hard as the window allows
+    assert not any(told(tick) for tick in ticks)
+
+
+def test_a_joint_outside_that_comes_back_is_not_named() -> None:
+    robot, joint = hqp.robots.load("ur5"), 2
+    q = robot.home.copy()
+    q[joint] = robot.upper[joint] + 0.05
+    ticks, _ = driven(robot, "acceleration", True, q, np.zeros(robot.nv), 50)
+    assert not any(told(tick) for tick in ticks)
+
+
+def test_a_prismatic_joint_passes_by_metres() -> None:
+    robot = hqp.robots.load("panda")
+    joint = robot.joint_names.index("panda_finger_joint1")
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    q[joint], v[joint] = robot.upper[joint] - 0.001, 1.0
+    ticks, angles = driven(robot, "velocity", True, q, v, 40, acceleration=20.0)
+    (amount, unit) = told(ticks[0])["panda_finger_joint1"]
+    assert unit == "m"
+    assert amount == pytest.approx(float(angles[:, joint].max() - robot.upper[joint]), rel=6e-3)
+
+
+def test_without_a_window_a_joint_stops_at_once() -> None:
+    robot, joint = hqp.robots.load("ur5"), 2
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    q[joint], v[joint] = robot.upper[joint] - 0.03, 2.5
+    limits = JointLimits(acceleration=None)
+    assert not limits.overrun(robot.state(q), v, DT).any()
+    assert np.flatnonzero(JointLimits().overrun(robot.state(q), v, DT)).tolist() == [joint]
