@@ -1,7 +1,7 @@
 """A late tick: where the solver was cut, the command goes on as the answers before moved, or to what is better.
 
-A point is better than another one where, in the first level whose ||w_k|| differ by more than the band that the level
-hands down, ||w_k|| is smaller and so is what the level minimises, ||w_k|| + c_k E(x) with its price c_k on motion: an
+A point is better than another one where, in the first level whose ||w_k|| differ by more than what the level gives to
+those below, ||w_k|| is smaller and so is what the level minimises, ||w_k|| + c_k E(x) with its price c_k on motion: an
 answer that was cut before its prices were looked at often leaves less unmet, at a motion that no later tick wants.
 """
 
@@ -51,7 +51,7 @@ class Trend:
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """A point and its slacks; of every level ||w_k||, ||w_k|| + c_k E(x), and the band that levels below may use."""
+    """A point and its slacks; of every level ||w_k||, ||w_k|| + c_k E(x), and what levels below may change."""
 
     x: Vec
     slacks: tuple[Vec, ...]
@@ -68,8 +68,7 @@ class Judged:
         if problem.prices is not None:
             motion = 0.5 * float(x @ x) if problem.motion is None else problem.motion(x)
             costs = sizes + problem.prices * motion
-            shares = [problem.share(k) if price > 0.0 else 0.0 for k, price in enumerate(problem.prices.tolist())]
-            bands += shares * sizes
+            bands += np.where(problem.prices > 0.0, problem.eta, 0.0) * sizes
         return Judged(x, slacks, sizes, costs, bands)
 
     def apart(self, other: Judged) -> Vec:
