@@ -78,9 +78,19 @@ class Assembly:
         """Write demands and bounds from what is in the arrays."""
 
     def slot(
-        self, name: str, target: Vec | None, shape: Sequence[int], normal: Vec | None, rate: Vec, feedforward: Vec
+        self,
+        name: str,
+        target: Vec | None,
+        shape: Sequence[int],
+        normal: Vec | None,
+        rate: Vec,
+        feedforward: Vec,
+        plain: int,
     ) -> None:
-        """Where the reference of an element goes: target, flat, of that shape, None where Python reads the value."""
+        """Where the reference of an element goes: target, flat, of that shape, None where Python reads the value.
+
+        plain: whether ``tick`` takes a target as it is: 0 no, 1 numbers, 2 a rotation, 3 a homogeneous matrix.
+        """
 
     def dynamics(
         self, inertias: Sequence[tuple[float, ...]], rotors: Sequence[float], gravity: Vec, A: Mat, bias: Vec
@@ -130,7 +140,26 @@ class Assembly:
 
         None where a reference, a row or a demand is out of the ordinary.  v: None for the x of the latest record.
         fresh: hold values first.  write: Python's rows, whether all are there.  The record: command, x, slack, begin
-        and seconds for rows and for solve, iterations, factorisations; marks; whether they differ from those before.
+        and seconds for rows and for solve, iterations, factorisations; marks; points of stages where there are some;
+        of a ``tick`` q, v and, at velocity level, q one period later; a byte, odd where marks differ from those
+        before, above 1 with stages.
+        """
+
+    def tick(
+        self,
+        q: Vec,
+        v: Vec | None,
+        targets: dict[str, Vec | Mat],
+        fresh: bool,
+        before: Vec | None,
+        largest: float,
+        rounding: float,
+    ) -> bytearray | tuple[int, int, int, bool] | None:
+        """``step`` of arrays alone, after ``move`` and without rows in Python.
+
+        None as well for a target that is not ``plain``, and for a state whose squares sum up to ``largest`` or more, or
+        whose quaternions are off length one by ``rounding``.  before: at velocity level the x around which limits
+        stand, None for that of the record before.
         """
 
 class EasedRows:
@@ -178,6 +207,10 @@ class Kinematics:
     """Forward kinematics of a robot, written into its live views."""
 
     def __init__(self, twists: Mat, joints: Sequence[TreeJoint], frames: Sequence[Placed]) -> None: ...
+    @property
+    def size(self) -> int:
+        """Numbers of a configuration."""
+
     def update(self, q: Vec) -> None:
         """Placements of joints and frames, and twists, at q ``(nq,)``."""
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hqp import plans
 from hqp.arrays import Index, Mat, Vec
 from hqp.element import Element, has, plan_of, selection_of
 from hqp.errors import DeclarationError, StaleState
@@ -28,6 +29,12 @@ except ImportError:  # no compiler was there: the readable functions do it all
 LARGEST = 1e10
 """Rows and demands with larger numbers than this are a fault of their element."""
 
+OWN = "hqp.tasks"
+"""Where elements are defined that are none of the user's: their rows are at fault only where the model is."""
+
+PLAIN: dict[type, int] = {plans.Point: 1, plans.Com: 1, plans.Joints: 1, plans.Rotation: 2, plans.Pose: 3}
+"""Plans whose targets are taken as they are, and what these have to be: numbers, a rotation, a homogeneous matrix."""
+
 EQUALITY, LIMITED, BOUNDED = 0, 1, 2
 """How rows become bounds on J x: a law on the error, a law on the way left to either bound, bounds as they stand."""
 
@@ -37,7 +44,8 @@ class Member:
     """An element and its rows: ``part`` of the vectors, and of J unless its rows are a selection.
 
     write: its readable functions, None where a native operation stands in for them.  target, normal: buffers of the
-    reference's where one does; last_reference: the one they were copied from.
+    reference's where one does; last_reference: the one they were copied from.  plain: what a target has to be that is
+    taken as it is, see ``_assembly.Assembly.slot``.
     """
 
     element: Element
@@ -48,6 +56,7 @@ class Member:
     target: Mat | None = None
     normal: Vec | None = None
     last_reference: Reference | None = None
+    plain: int = 0
 
 
 class Assembly:
@@ -104,7 +113,7 @@ class Assembly:
                 target = None if member.target is None else member.target.reshape(-1)
                 shape = () if member.target is None else member.target.shape
                 rates = self.rate[member.part], self.feedforward[member.part]
-                self.native_rows.slot(member.element.name, target, shape, member.normal, *rates)
+                self.native_rows.slot(member.element.name, target, shape, member.normal, *rates, member.plain)
 
     def _bind(self, member: Member, robot: Robot, dt: float) -> None:
         """A native operation where there is one, the readable functions where not."""
@@ -124,6 +133,9 @@ class Assembly:
         views = member.views
         member.target = np.zeros(plan.shape)
         member.normal = UP.copy() if member.element.grounded else None
+        taken = getattr(type(member.element), "at", None)
+        if taken is not None and taken.__module__.startswith(OWN):  # one of the user's own may make more of a target
+            member.plain = PLAIN.get(type(plan), 0)
         assembly.add(
             plan,
             J=views.J,

@@ -46,9 +46,10 @@ class Robot(Protocol):
     def nq(self) -> int: ...
     @property
     def nv(self) -> int: ...
+
     @property
     def current(self) -> State | None:
-        """The state that the robot was moved to last."""
+        """The state that the robot was moved to last, None after ``leave``."""
         ...
 
     @property
@@ -202,6 +203,14 @@ class Robot(Protocol):
 
     def state(self, q: Vec | None = None, v: Vec | None = None, time: float | None = None) -> State:
         """Move the robot to (q, v), measured at ``time`` [s], and return that state; earlier states become stale."""
+        ...
+
+    def leave(self) -> None:
+        """Something else writes placements and twists: no state is the current one."""
+        ...
+
+    def past(self, q: Vec, v: Vec | None = None) -> State:
+        """The state (q, v), for its numbers: the robot stays where it is."""
         ...
 
     def integrate(self, q: Vec, v: Vec, dt: float) -> Vec:

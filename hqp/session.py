@@ -5,13 +5,14 @@ from __future__ import annotations
 import logging
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from threading import get_ident
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hqp.arrays import Mat, Vec
 from hqp.controller import DEADLINE, Controller
@@ -21,6 +22,7 @@ from hqp.loop.budget import Budget
 from hqp.loop.compiled import Compiler
 from hqp.loop.held_base import adrift
 from hqp.loop.line import Guards, Line
+from hqp.loop.ordinary import array_tick
 from hqp.loop.safety import StateCheck, rate_limiter
 from hqp.loop.soundness import rehearse, require_sound
 from hqp.loop.turn import Turn, alone, require
@@ -143,6 +145,38 @@ class Session:
         finally:
             if turn.get(None) == me:
                 turn.clear()
+
+    def tick(self, q: Vec, v: Vec | None = None, targets: Mapping[str, ArrayLike] | None = None) -> Tick:
+        """One tick of arrays: ``step(robot.state(q, v), hand.at(value), ...)`` in fewer calls.
+
+        q ``(nq,)``, v ``(nv,)``, zero for None: the state.  targets: by the element's name, what its ``at`` takes.
+        States of the robot that were made before become stale.  Raises what ``step``, ``Robot.state`` and ``at`` raise.
+        """
+        turn, me = self._turn, get_ident()
+        if turn:
+            require(turn, self)
+        given: Any = {} if targets is None else targets
+        line, tick = self.line, None
+        try:
+            if turn.setdefault(None, me) != me:
+                require(turn, self)
+            if line.direct is not None and self._recorder is None and type(given) is dict and not line.contacts.missing:
+                line.guards.count += 1
+                with suppress(FloatingPointError):  # step tells
+                    tick = array_tick(line, line.direct, q, v, given)
+                if tick is not None:
+                    if tick.status is not self._status:
+                        self._log(tick)
+                    return tick
+                line.guards.count -= 1
+        finally:
+            if turn.get(None) == me:
+                turn.clear()
+        return self.step(self.robot.state(q, v), *(self._aimed(name, value) for name, value in given.items()))
+
+    def _aimed(self, name: str, value: object) -> Reference:
+        element: Any = self.line.find(name)
+        return Reference(name) if element is None else element.at(value)
 
     def __contains__(self, name: str) -> bool:
         return name in self.line

@@ -78,7 +78,7 @@ class Tick:
     def __init__(
         self,
         line: Line,
-        state: State,
+        state: State | None,
         before: Vec | bytearray,
         answer: Solution | bytearray | None,
         times: Times | float,
@@ -88,9 +88,10 @@ class Tick:
         held: int = 0,
         fit: bool = True,
     ) -> None:
-        """before: what was sent before, as a vector or a record of the line's native loop.  answer: what the solver
-        gave, or the record of a tick that was one native call.  times: or when that began, on ``perf_counter``.  x:
-        what is sent, None for that of the record.  fit: whether the state is one to start from."""
+        """state: None for that of the record.  before: what was sent before, as a vector or a record of the line's
+        native loop.  answer: what the solver gave, or the record of a tick that was one native call.  times: or when
+        that began, on ``perf_counter``.  x: what is sent, None for that of the record.  fit: whether the state is one
+        to start from."""
         self._line: Line | None = line
         self._direct, self.count = line.direct, line.guards.count
         if type(answer) is bytearray:
@@ -200,6 +201,12 @@ class Tick:
     @property
     def state(self) -> State:
         """The state of the tick; of a tick that was pickled its plain numbers."""
+        if self._state is None:
+            robot = self._live().robot
+            assert self._direct is not None
+            assert self._record is not None
+            latest = self.count == self._live().guards.count and robot.current is None
+            self._state = (robot.state if latest else robot.past)(*self._direct.state(self._record))
         return self._state
 
     @property
@@ -245,12 +252,17 @@ class Tick:
 
         Raises HqpError where there is nothing to start from: the state of the tick is not valid, or too large.
         """
-        if not self._state.valid:
-            raise HqpError(f"nothing to advance from: {self._state.fault}")
+        if self._state is None and self._direct is not None and self._record is not None:
+            moved = self._direct.moved(self._record)
+            if moved is not None:
+                return moved
+        state = self.state
+        if not state.valid:
+            raise HqpError(f"nothing to advance from: {state.fault}")
         line = self._live()
-        if not self.fit and (fault := line.check.too_large(self._state)):
+        if not self.fit and (fault := line.check.too_large(state)):
             raise HqpError(f"nothing to advance from: {fault}")
-        return line.program.advance(self._state, self.x)
+        return line.program.advance(state, self.x)
 
     def unwrap(self) -> Vec:
         """The command if the status is ``solved``; raises NotSolved with a copy of the problem otherwise."""
@@ -268,7 +280,7 @@ class Tick:
     def __getstate__(self) -> dict[str, Any]:
         plain = {"_line": None, "_direct": None, "_record": None, "_before": None}
         made = {"_x": self.x.copy(), "_command": self.command, "_notes": self.notes, "_times": self.times}
-        made |= {"_solution": self.solution, "_change": self._compared, "_state": self._state}
+        made |= {"_solution": self.solution, "_change": self._compared, "_state": self.state}
         kept = {name: getattr(self, name) for name in ("count", "fit", "held", "status", "transition")}
         return {**plain, **made, **kept}
 

@@ -334,6 +334,14 @@ class Robot:
         self.current = state
         return state
 
+    def leave(self) -> None:
+        """Something else writes placements and twists: no state is the current one."""
+        self.current = None
+
+    def past(self, q: Vec, v: Vec | None = None) -> State:
+        """The state (q, v), for its numbers: the robot stays where it is."""
+        return State(self, q, v)
+
     def integrate(self, q: Vec, v: Vec, dt: float) -> Vec:
         """The configuration after moving with velocity v for dt [s]."""
         return pin.integrate(self.model, q, v * dt)  # type: ignore[no-any-return]

@@ -13,7 +13,6 @@ from hqp.explanation.multipliers import explain
 from hqp.explanation.words import Explanation
 from hqp.formulation import Program
 from hqp.problem import Solution, Status
-from hqp.reference import Reference
 from hqp.robot import Robot
 from hqp.solvers.base import Workspace
 from hqp.stack import Stack
@@ -49,16 +48,14 @@ class Teller:
             self._accountant = Accountant(*self._made_of)
         return self._accountant
 
-    def held_back(
-        self, count: int, w: Vec, x: Vec, references: tuple[Reference, ...]
-    ) -> Callable[[], tuple[Note, ...]] | None:
+    def held_back(self, count: int, w: Vec, x: Vec, names: Iterable[str]) -> Callable[[], tuple[Note, ...]] | None:
         """What makes the notes on elements that are short of what they were asked for: those that are named, and
         those whose price is what holds them.  Numbers are taken now, texts are written when they are read."""
         accounts = self._accounts
         account = accounts.account(count, w, x)
         if account is None:
             return None
-        named = frozenset(reference.name for reference in references)
+        named = frozenset(names)
 
         def notes() -> tuple[Note, ...]:
             return tuple(

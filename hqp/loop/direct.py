@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from hqp.arrays import FLOAT, Index, Signs, Vec
+from hqp.arrays import FLOAT, Index, Mat, Signs, Vec
 from hqp.assembly import LARGEST, Assembly
 from hqp.problem import Hierarchy, Solution, Stats, Status
 from hqp.reference import Reference
@@ -27,6 +27,10 @@ Counts: TypeAlias = tuple[int, int, int, bool]
 
 Kernel: TypeAlias = tuple[Callable[[], Counts], Vec, Signs, object]
 """A bound kernel: its solve, live views of (x, slack) and of the marks, and the solve as native modules call it."""
+
+
+ROUNDING = 1e-12
+"""A quaternion whose squared length is this near to one is taken as it is."""
 
 
 class Direct:
@@ -47,19 +51,22 @@ class Direct:
         program: TorqueProgram | None,
         chain: Chain | None,
         prepare: Callable[[State], None] | None,
-        places: bool,
+        moving: Kinematics | None,
     ) -> None:
         self.prepare = prepare
         """What a tick needs of the state before the native call, None for nothing."""
         self.after_writing: Callable[[], None] | None = None
         """What follows rows that are written in Python, ahead of the solver."""
         self._assembly, self._native, self.workspace = assembly, native, workspace
-        self._written, self._places = bool(assembly.written), places
+        self._written, self._places = bool(assembly.written), moving is not None
+        self._nq, self._nv = 0 if moving is None else moving.size, assembly.J.shape[1]
         self._names = frozenset(member.element.name for member in assembly.written)
         self._holds: dict[str, Reference] = {}
         self._all_holds: dict[str, Reference] = {}
         self.fresh = True
         self._program, self._chain = program, chain
+        self.takes_arrays = moving is not None and not assembly.written and prepare is None and program is None
+        """Whether ``tick`` may be asked."""
         self._kernel, self._picks = kernel, command.tolist()
         self._velocity = assembly.order == 1
         self.before_solving(None)
@@ -132,6 +139,37 @@ class Direct:
             return self._native.step(state.q, v, references, fresh, None)
         self._now = state, references
         return self._native.step(state.q, v, references, fresh, self._write)
+
+    def tick(
+        self, q: Vec, v: Vec | None, targets: dict[str, Vec | Mat], before: bytearray | Vec, largest: float
+    ) -> bytearray | Counts | None:
+        """As ``step``, of arrays alone, where nothing is left to Python; ``None`` for what is out of the ordinary.
+
+        largest: the squares of a state sum up to less.
+        """
+        fresh, self.fresh = self.fresh, False
+        start = before if self._velocity and isinstance(before, np.ndarray) else None
+        return self._native.tick(q, v, targets, fresh, start, largest, ROUNDING)
+
+    def state(self, record: bytearray) -> tuple[Vec, Vec]:
+        """q and v of a tick of arrays."""
+        numbers = self._state(record)
+        return numbers[: self._nq].copy(), numbers[self._nq : self._nq + self._nv].copy()
+
+    def moved(self, record: bytearray) -> tuple[Vec, Vec] | None:
+        """q and v one period later, of a tick of arrays at velocity level."""
+        if not self._velocity:
+            return None
+        return self._state(record)[self._nq + self._nv :].copy(), self.x(record).copy()
+
+    def _state(self, record: bytearray) -> Vec:
+        count = self._nq + self._nv + (self._nq if self._velocity else 0)
+        return np.frombuffer(record, FLOAT, count, len(record) - 1 - 8 * count)
+
+    def targets(self, names: Iterable[str]) -> tuple[Reference, ...]:
+        """Those of the latest tick, as references."""
+        members = self._assembly.members
+        return tuple(Reference(name, np.array(members[name].target)) for name in names)
 
     def _write(self) -> bool:
         """Rows of elements without a native operation; whether all could be written."""
@@ -217,7 +255,7 @@ def direct(
     if moving is not None:
         native.move(moving)
     picks = np.asarray(command, dtype=np.intp)
-    return Direct(assembly, native, workspace, kernel, problem, picks, program, chain, prepare, moving is not None)
+    return Direct(assembly, native, workspace, kernel, problem, picks, program, chain, prepare, moving)
 
 
 def kinematics(robot: Robot) -> Kinematics | None:

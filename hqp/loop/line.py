@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
+from hqp.element import Element
 from hqp.explanation.questions import Teller
 from hqp.loop.budget import Budget
 from hqp.loop.compiled import Compiled
@@ -65,11 +66,12 @@ class Guards:
 class Line:
     """One stack, compiled and at work; in a change of stack two of them side by side, within one that blends them.
 
-    x: the answer that was sent last, read-only.  good: the state of the latest usable answer.  held: for how many ticks
-    the command has been coming to rest.  named: the references of the latest tick.  latest, latest_count: its record
-    where it was one native call, of ``direct``, and its number; earlier: the record before.  trend: how answers move.
-    direct_known: whether a native loop has been looked for.  ease: what eases rows before the solver.  transition: the
-    lines that are blended into this one.
+    x: the answer that was sent last, read-only.  good: the state of the latest usable answer, or the
+    record that has it.  held: for how many ticks
+    the command has been coming to rest.  named: the references of the latest tick, or the names of its targets.
+    latest, latest_count: its record where it was one native call, of ``direct``, and its number; earlier: the record
+    before.  trend: how answers move.  direct_known: whether a native loop has been looked for.  ease: what eases rows
+    before the solver.  transition: the lines that are blended into this one.
     """
 
     def __init__(self, guards: Guards, compiled: Compiled, budget: Budget, limiter: RateLimiter | None) -> None:
@@ -78,9 +80,9 @@ class Line:
         self.transition: Transition | None = None
         self.x: Vec = np.zeros(compiled.program.problem.n)
         self.x.setflags(write=False)
-        self.good: State | None = None
+        self.good: State | tuple[Direct, bytearray] | None = None
         self.held = 0
-        self.named: tuple[Reference, ...] = ()
+        self.named: tuple[Reference, ...] | tuple[str, ...] = ()
         self._take(compiled, {})
 
     def _take(self, compiled: Compiled, holds: Mapping[str, Reference]) -> None:
@@ -110,8 +112,35 @@ class Line:
         held = self.references.holds
         return {name: np.array(reference.value) for name, reference in held.items() if reference.value is not None}
 
+    @property
+    def names(self) -> list[str]:
+        """Elements that the latest tick has references for."""
+        return [each if isinstance(each, str) else each.name for each in self.named]
+
+    @property
+    def last_references(self) -> tuple[Reference, ...]:
+        """Those of the latest tick."""
+        given = tuple(each for each in self.named if isinstance(each, Reference))
+        aimed = [each for each in self.named if isinstance(each, str)]
+        return given if self.direct is None else (*given, *self.direct.targets(aimed))
+
+    @property
+    def last_good(self) -> State | None:
+        """The state of the latest usable answer; it is not the robot's current one."""
+        if not isinstance(self.good, tuple):
+            return self.good
+        direct, record = self.good
+        return self.robot.past(*direct.state(record))
+
     def __contains__(self, name: str) -> bool:
         return name in self.stack or (self.transition is not None and name in self.transition)
+
+    def find(self, name: str) -> Element | None:
+        """The element of that name, in a change of stack that of either stack."""
+        found = next((element for element in self.stack if element.name == name), None)
+        if found is None and self.transition is not None:
+            return next(filter(None, (line.find(name) for line in self.transition.pair)), None)
+        return found
 
     def step(self, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
         """A tick: in one native call where it is ordinary, on the general path where not."""

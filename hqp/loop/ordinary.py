@@ -7,13 +7,16 @@ from functools import partial
 from time import perf_counter
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from hqp.arrays import FLOAT, Mat, Vec
 from hqp.explanation.questions import restless_notes
 from hqp.loop.stepping import conclude
 from hqp.reference import Reference
 from hqp.tick import Note, Tick
 
 if TYPE_CHECKING:
-    from hqp.loop.direct import Direct
+    from hqp.loop.direct import Counts, Direct
     from hqp.loop.line import Line
     from hqp.robot import State
 
@@ -43,17 +46,53 @@ def ordinary_tick(line: Line, direct: Direct, state: State, references: tuple[Re
     if found is None:
         return None
     if isinstance(found, tuple):
-        line.leave_direct()
         if limit is None:
             line.budget.skip()
-        solution = line.workspace.answer(line.program.problem, found)  # type: ignore[attr-defined]
-        return conclude(line, state, solution, (), start, start, start)
+        return unsolved(line, state, found, start)
+    return solved(line, direct, state, before, found, start)
+
+
+def array_tick(line: Line, direct: Direct, q: Vec, v: Vec | None, targets: dict[str, Vec | Mat]) -> Tick | None:
+    """The same of arrays alone, without a State and without References."""
+    start = perf_counter()
+    if not direct.takes_arrays or direct.workspace is not line.workspace or type(q) is not np.ndarray:
+        return None
+    if q.dtype is not FLOAT or (v is not None and (type(v) is not np.ndarray or v.dtype is not FLOAT)):
+        return None
+    limit = line.limit if direct.fresh else None
+    if limit is not None:
+        line.budget.begin()
+        limit(line.budget.left(perf_counter() - start))
+    line.robot.leave()
+    before = line.x if line.latest is None else line.latest
+    found = direct.tick(q, v, targets, before, line.check.ordinary)
+    if found is None:
+        return None
+    line.named = tuple(targets)
+    if isinstance(found, tuple):
+        if limit is None:
+            line.budget.skip()
+        return unsolved(line, line.robot.state(q, v), found, start)
+    return solved(line, direct, None, before, found, start)
+
+
+def unsolved(line: Line, state: State, found: Counts, start: float) -> Tick:
+    """A tick whose outcome is no optimum."""
+    line.leave_direct()
+    solution = line.workspace.answer(line.program.problem, found)  # type: ignore[attr-defined]
+    return conclude(line, state, solution, (), start, start, start)
+
+
+def solved(
+    line: Line, direct: Direct, state: State | None, before: bytearray | Vec, found: bytearray, start: float
+) -> Tick:
+    """A tick whose outcome is an optimum, with its record."""
     line.earlier, line.latest, line.latest_count = line.latest, found, line.guards.count
-    line.good, line.held = state, 0
+    line.good, line.held = state or (direct, found), 0
     tick = _new(Tick)
     tick.__init__(line, state, before, found, start)  # type: ignore[misc]  # Tick() costs more
     if found[-1] or line.limits.busy:
-        note(line, tick, direct, found, references)
+        note(line, tick, direct, found)
     return tick
 
 
@@ -63,20 +102,21 @@ def give(line: Line, start: float) -> None:
         line.limit(line.budget.left(perf_counter() - start))
 
 
-def note(line: Line, tick: Tick, direct: Direct, found: bytearray, references: tuple[Reference, ...]) -> None:
+def note(line: Line, tick: Tick, direct: Direct, found: bytearray) -> None:
     """Notes of an ordinary tick: levels that a stage keeps from being met, and restless joints."""
     later: Callable[[], tuple[Note, ...]] | None = None
     if direct.staged(found):
-        later = line.teller.held_back(line.guards.count, direct.slacks(found), direct.x(found), references)
-    limits, state = line.limits, tick.state
+        later = line.teller.held_back(line.guards.count, direct.slacks(found), direct.x(found), line.names)
+    limits = line.limits
     restless = limits.record(found, direct.marks, line.guards.count)
     if not restless and not limits.meet:
         if later is not None:
             tick.note(later)
         return
-    v = tick.before if line.velocity else state.v
 
     def told() -> tuple[Note, ...]:
+        state = tick.state
+        v = tick.before if line.velocity else state.v
         return (*(later() if later is not None else ()), *restless_notes(restless), *limits.overrun_notes(state, v))
 
     tick.note(told)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import NoReturn
 
+from hqp.assembly import OWN
 from hqp.element import Element
 from hqp.errors import DeclarationError, UnknownReference, closest
 from hqp.formulation import Program
-from hqp.loop.soundness import OWN
 from hqp.problem import Status
 from hqp.reference import Reference, copied
 from hqp.robot import State

@@ -6,14 +6,12 @@ from weakref import WeakSet
 
 import numpy as np
 
+from hqp.assembly import OWN
 from hqp.errors import DynamicsFailed, HqpError, ModelError
 from hqp.formulation import Formulation
 from hqp.price import Price
 from hqp.robot import Robot
 from hqp.stack import Stack
-
-OWN = "hqp.tasks"
-"""Where elements are defined whose rows are at fault only where the model is; others are asked in the loop."""
 
 POSES = 3
 """Poses of the rehearsal: home, and some around it, for an element may be singular at one."""

@@ -92,7 +92,7 @@ def conclude(
     later: list[Callable[[], tuple[Note, ...]]] = []  # all OPTIMAL: their texts are made when they are read
     if solution.stage_points is not None:
         w = np.concatenate(solution.residuals)
-        if held_back := line.teller.held_back(line.guards.count, w, solution.x, line.named):
+        if held_back := line.teller.held_back(line.guards.count, w, solution.x, line.names):
             later.append(held_back)
     if restless := line.limits.look(solution.active, line.guards.count):
         later.append(partial(restless_notes, restless))
@@ -123,7 +123,7 @@ def held_tick(line: Line, state: State, solution: Solution | None, notes: tuple[
     start, line.held = perf_counter(), line.held + 1
     line.trend.forget()
     if fit or line.held == 1:
-        line.rest.begin(state if fit else line.good, line.x, now=fit)
+        line.rest.begin(state if fit else line.last_good, line.x, now=fit)
     if line.good is None and not fit:
         notes += (Note("session", notes[0].status, "no good state so far: the command is zero"),)
     x = line.rest.next()

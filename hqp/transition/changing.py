@@ -34,6 +34,7 @@ def change(line: Line, compiler: Compiler, stack: Stack, over: float) -> Line:
         raise DeclarationError("change", "bad duration", value=over, unit="s", allowed="over >= 0")
     latest, under_way = line.latest, line.transition
     ordinary = latest is not None and not Direct.staged(latest)
+    last = line.last_references
     line.leave_direct()
     if under_way is not None:
         for each in under_way.pair:
@@ -52,7 +53,7 @@ def change(line: Line, compiler: Compiler, stack: Stack, over: float) -> Line:
         lines[0].direct, lines[0].direct_known = line.direct, line.direct is not None
     elif under_way is not None and under_way.depth >= DEEPEST:
         lines[0].transition = None  # so many changes at a time: the oldest ones end here
-    named = line.named if under_way is None else under_way.last_references
+    named = last if under_way is None else under_way.last_references
     found.transition = Transition(lines, points, over, line.dt, line.program.kind, ordinary=ordinary, given=named)
     return found
 

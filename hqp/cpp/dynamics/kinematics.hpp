@@ -35,6 +35,23 @@ class Kinematics {
         positions_(joints_.size() + 1),
         rotations_(joints_.size() + 1) {
     rotations_[0] = {{axis(0), axis(1), axis(2)}};
+    for (const TreeJoint& joint : joints_) {
+      const auto [first, count] = unit_part(joint.kind);
+      const int own = count ? first + count : joint.kind == JointKind::kTranslating ? 3 : 1;
+      size_ = std::max(size_, joint.q + own);
+    }
+  }
+
+  int size() const { return size_; }  // numbers of a configuration
+  // Whether quaternions and pairs of cosine and sine have length one, up to that.
+  bool unit(const double* q, double rounding) const {
+    for (const TreeJoint& joint : joints_) {
+      const auto [first, count] = unit_part(joint.kind);
+      double square = count ? -1.0 : 0.0;
+      for (int i = 0; i < count; ++i) square += q[joint.q + first + i] * q[joint.q + first + i];
+      if (!(std::fabs(square) < rounding)) return false;
+    }
+    return true;
   }
 
   void update(const double* q) {
@@ -115,6 +132,20 @@ class Kinematics {
   }
 
  private:
+  static std::pair<int, int> unit_part(JointKind kind) {  // first and number of what has length one, at a joint's q
+    switch (kind) {
+      case JointKind::kContinuous:
+        return {0, 2};
+      case JointKind::kBall:
+        return {0, 4};
+      case JointKind::kFree:
+        return {3, 4};
+      case JointKind::kPlanar:
+        return {2, 2};
+      default:
+        return {0, 0};
+    }
+  }
   static void write(const Placed& placed, const Vec3& p, const Mat3& R) {
     for (int i = 0; i < 3; ++i) placed.position_out[i] = p[i];
     for (int i = 0; i < 9; ++i) placed.rotation_out[i] = R.column[i / 3][i % 3];
@@ -188,6 +219,7 @@ class Kinematics {
   std::vector<TreeJoint> joints_;
   std::vector<Placed> frames_;
   double* twists_;
+  int size_ = 0;
   std::vector<Vec3> positions_;
   std::vector<Mat3> rotations_;
 };

@@ -117,7 +117,7 @@ class Assembly {
 
   // Where the reference of an element goes, and its hold value, None for one that is not there.
   void slot(const std::string& name, const std::optional<Written>& target, Ints shape,
-            const std::optional<Written>& normal, const Written& rate, const Written& feedforward) {
+            const std::optional<Written>& normal, const Written& rate, const Written& feedforward, int plain) {
     loop_.add(name, {target ? keep(*target) : nullptr,
                      std::move(shape),
                      normal ? keep(*normal) : nullptr,
@@ -125,6 +125,7 @@ class Assembly {
                      keep(feedforward),
                      static_cast<int>(rate.shape(0)),
                      !target,
+                     static_cast<hqp::Plain>(plain),
                      {}});
   }
   void hold(const std::string& name, const std::optional<Vector>& value) {
@@ -157,9 +158,10 @@ class Assembly {
   void written(Parts rows, Parts bounds) { written_ = std::move(rows), bounded_ = std::move(bounds); }
 
   // References, rows, laws and solver: a record [command, x, slack, begin, seconds for rows and solve, solve's counts,
-  // marks, points of stages where there were any, 1 where marks are others than in the record before + 2 for stages];
-  // what solve returned where that is no optimum; None where a reference, a row or a demand is out of the ordinary.
-  // v None for the x of the record before, at velocity level; write: Python's rows, whether all are there.
+  // marks, points of stages where there were any, q and v of a tick of arrays and, at velocity level, where q comes to,
+  // 1 where marks are others than in the record before + 2 for stages]; what solve returned where that is no optimum;
+  // None where a reference, a row or a demand is out of the ordinary. v None for the x of the record before, at
+  // velocity level; write: Python's rows, whether all are there.
   nb::object step(nb::handle q, nb::handle v, const nb::tuple& references, bool fresh, nb::handle write) {
     const hqp::Doubles at(q, true), speed(v.is_none() ? q : v, true);
     if (!at.data() || !speed.data()) throw nb::type_error("q and v are vectors of doubles");
@@ -172,6 +174,27 @@ class Assembly {
     if (!write.is_none() && !nb::cast<bool>(write())) return nb::none();
     demands_->run(velocity);
     return usable() ? answered(velocity) : nb::none();
+  }
+
+  // A step of arrays alone, q (nq,) and v (nv,), or null for rest, where all is native: see hqp::Loop::aim. None as
+  // well where the squares of a state sum up to `largest` or more, or its quaternions are off length one by `rounding`.
+  // before: at velocity level the x around which limits stand, null for that of the record before.
+  nb::object tick(nb::handle q, nb::handle v, const nb::dict& targets, bool fresh, nb::handle before, double largest,
+                  double rounding) {
+    const hqp::Doubles at(q, true), speed(v.is_none() ? q : v, true), sent(before.is_none() ? q : before, true);
+    const int nq = kinematics_ ? kinematics_->size() : 0, nv = tree_.size();
+    if (!kinematics_ || !at.data() || !speed.data() || !sent.data()) return nb::none();
+    if (!at.has(&nq, 1) || (!v.is_none() && !speed.has(&nv, 1)) || (v.is_none() && order_ == 2)) return nb::none();
+    const double square = hqp::squared(at.data(), nq) + (v.is_none() ? 0.0 : hqp::squared(speed.data(), nv));
+    if (!(square < largest) || !kinematics_->unit(at.data(), rounding)) return nb::none();
+    begin_ = hqp::Clock::now();
+    if (!loop_.aim(targets, fresh)) return nb::none();
+    kinematics_->update(at.data());
+    const double* velocity = order_ == 2 ? speed.data() : before.is_none() ? sent_.data() : sent.data();
+    if (v.is_none()) state_.assign(state_.size(), 0.0);
+    operate(at.data(), velocity);
+    demands_->run(velocity);
+    return usable() ? answered(velocity, at.data(), v.is_none() ? nullptr : speed.data()) : nb::none();
   }
 
   // The same without Python's objects, for many configurations at rest under the same references: x, null for what is
@@ -201,14 +224,14 @@ class Assembly {
       if (!demands_->apart(first, last)) return false;
     return true;
   }
-  nb::object answered(const double* v) {
+  nb::object answered(const double* v, const double* q = nullptr, const double* rate = nullptr) {
     const auto begun = hqp::Clock::now();
     const hqp::Solved found = solved(v);
     if (found.outcome == hqp::kInvalid) return nb::none();
     if (found.outcome != hqp::kOptimal)
       return nb::make_tuple(found.outcome, found.iterations, found.factorisations, found.judged);
     return record(found, hqp::seconds(begin_, begun) + found.before,
-                  hqp::seconds(begun, hqp::Clock::now()) - found.before);
+                  hqp::seconds(begun, hqp::Clock::now()) - found.before, q, rate);
   }
   void operate(const double* q, const double* v) {
     tree_.update(v);
@@ -231,12 +254,13 @@ class Assembly {
             found.before};
   }
 
-  nb::object record(const hqp::Solved& found, double filling, double solving) {
+  nb::object record(const hqp::Solved& found, double filling, double solving, const double* q, const double* rate) {
     const std::size_t numbers = command_.size() + value_count_ + 5, points = sizeof(double) * found.point_count;
+    const std::size_t nq = q ? kinematics_->size() : 0, nv = q ? tree_.size() : 0, moved = order_ == 1 ? nq : 0;
     const double* values = found.values ? found.values : values_;
     const std::int8_t* active = found.active ? found.active : active_;
     const nb::object made = nb::steal(PyByteArray_FromStringAndSize(
-        nullptr, static_cast<Py_ssize_t>(sizeof(double) * numbers + active_count_ + points + 1)));
+        nullptr, static_cast<Py_ssize_t>(sizeof(double) * (numbers + nq + nv + moved) + active_count_ + points + 1)));
     if (!made.is_valid()) nb::raise_python_error();
     double* out = reinterpret_cast<double*>(PyByteArray_AsString(made.ptr()));
     for (const int i : command_) *out++ = values[i];
@@ -248,7 +272,16 @@ class Assembly {
     std::int8_t* marks = reinterpret_cast<std::int8_t*>(out);
     std::copy(active, active + active_count_, marks);
     if (points) std::memcpy(marks + active_count_, found.points, points);
-    marks[active_count_ + points] = (points ? 2 : 0) + !std::equal(active, active + active_count_, marks_.begin());
+    std::int8_t* end = marks + active_count_ + points;
+    if (q) {
+      state_.resize(nq + nv + moved);
+      std::copy(q, q + nq, state_.begin());
+      if (rate) std::copy(rate, rate + nv, state_.begin() + nq);
+      if (moved) kinematics_->integrate(q, values, dt_, state_.data() + nq + nv);
+      std::memcpy(end, state_.data(), sizeof(double) * state_.size());
+      end += sizeof(double) * state_.size();
+    }
+    *end = (points ? 2 : 0) + !std::equal(active, active + active_count_, marks_.begin());
     std::copy(active, active + active_count_, marks_.begin());
     return made;
   }
@@ -393,6 +426,7 @@ class Assembly {
   hqp::SolveCall* call_ = nullptr;
   std::vector<double> sent_;        // x of the latest record
   std::vector<std::int8_t> marks_;  // and its marks
+  std::vector<double> state_;       // q, v and, at velocity level, where q comes to
   const double* values_ = nullptr;
   const std::int8_t* active_ = nullptr;
   std::size_t value_count_ = 0, active_count_ = 0;

@@ -14,15 +14,6 @@ namespace {
 
 using namespace binding;
 
-// Whether the leading 3 by 3 of rows of that width is a rotation; false for what is not finite.
-bool rotation(const double* A, int width, double tolerance) {
-  const hqp::Vec3 x = hqp::load(A), y = hqp::load(A + width), z = hqp::load(A + 2 * width);
-  const double off[] = {dot(x, x) - 1.0, dot(y, y) - 1.0, dot(z, z) - 1.0, dot(x, y), dot(x, z), dot(y, z)};
-  for (const double error : off)
-    if (!(std::fabs(error) <= tolerance)) return false;
-  return dot(x, cross(y, z)) > 0.0;
-}
-
 // (q'q + v'v, whether quaternions and (cos, sin) pairs in q have length one up to rounding), None for other shapes.
 class Measure {
  public:
@@ -56,7 +47,7 @@ NB_MODULE(_assembly, module) {
       [](nb::handle R, double tolerance) {
         const hqp::Doubles a(R);
         const int shape[] = {3, 3};
-        return a.data() && a.has(shape, 2) && rotation(a.data(), 3, tolerance);
+        return a.data() && a.has(shape, 2) && hqp::rotation(a.data(), 3, tolerance);
       },
       "R"_a, "tolerance"_a);
   module.def(
@@ -64,17 +55,14 @@ NB_MODULE(_assembly, module) {
       [](nb::handle T, double tolerance) {
         const hqp::Doubles a(T);
         const int shape[] = {4, 4};
-        if (!a.data() || !a.has(shape, 2)) return false;
-        const double* last = a.data() + 12;
-        return last[0] == 0.0 && last[1] == 0.0 && last[2] == 0.0 && last[3] == 1.0 && hqp::finite(a.data(), 12) &&
-               rotation(a.data(), 4, tolerance);
+        return a.data() && a.has(shape, 2) && hqp::pose(a.data(), tolerance);
       },
       "T"_a, "tolerance"_a);
   nb::class_<Assembly>(module, "Assembly")
       .def(nb::init<const Columns&, const Bodies&, double, int, const nb::object&>(), "twists"_a.noconvert(),
            "bodies"_a.noconvert(), "dt"_a, "order"_a, "reference"_a)
       .def("slot", &Assembly::slot, "name"_a, "target"_a.noconvert().none(), "shape"_a, "normal"_a.noconvert().none(),
-           "rate"_a.noconvert(), "feedforward"_a.noconvert())
+           "rate"_a.noconvert(), "feedforward"_a.noconvert(), "plain"_a)
       .def("dynamics", &Assembly::dynamics, "inertias"_a, "rotors"_a, "gravity"_a.noconvert(), "A"_a.noconvert(),
            "bias"_a.noconvert())
       .def("load", &Assembly::load, "plan"_a, "value"_a.noconvert())
@@ -84,6 +72,8 @@ NB_MODULE(_assembly, module) {
       .def("move", &Assembly::move, "robot"_a)
       .def("written", &Assembly::written, "rows"_a, "bounds"_a)
       .def("step", &Assembly::step, "q"_a, "v"_a.none(), "references"_a, "fresh"_a, "write"_a.none())
+      .def("tick", &Assembly::tick, "q"_a, "v"_a.none(), "targets"_a, "fresh"_a, "before"_a.none(), "largest"_a,
+           "rounding"_a)
       .def("add", &Assembly::add, "plan"_a, nb::kw_only(), "J"_a.noconvert().none(), "error"_a.noconvert(),
            "drift"_a.noconvert().none(), "lower"_a.noconvert(), "upper"_a.noconvert(), "reference"_a.noconvert(),
            "normal"_a.noconvert().none(), "weight"_a, "rate"_a.noconvert(), "feedforward"_a.noconvert())
@@ -112,6 +102,7 @@ NB_MODULE(_assembly, module) {
   nb::class_<LiveKinematics>(module, "Kinematics")
       .def(nb::init<const WrittenColumns&, const std::vector<Joint>&, const std::vector<Fixed>&>(),
            "twists"_a.noconvert(), "joints"_a, "frames"_a)
+      .def_prop_ro("size", [](LiveKinematics& k) { return k.get().size(); })
       .def("update", &LiveKinematics::update, "q"_a)
       .def("integrate", &LiveKinematics::integrate, "q"_a, "x"_a, "h"_a, "out"_a.noconvert());
   nb::class_<Descents>(module, "Descents")

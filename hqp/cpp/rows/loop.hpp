@@ -12,6 +12,7 @@
 #include <nanobind/nanobind.h>
 
 #include "references.hpp"
+#include "rotations.hpp"
 
 namespace hqp {
 
@@ -68,16 +69,38 @@ class Loop {
 
   // Hold values everywhere but for the references given; false for one that is out of the ordinary.
   bool take(const nb::tuple& references, bool fresh) {
-    for (std::size_t k = 0; fresh && k < slots_.size(); ++k) slots_[k].settle();
-    for (std::size_t k : taken_)
-      if (!fresh) slots_[k].settle();
-    taken_.clear();
+    settle(fresh);
     for (const nb::handle reference : references)
       if (!take(reference)) return false;
     return true;
   }
+  // The same of targets alone, by name; an element that has more to say to its target than what it has to be is out of
+  // the ordinary, too.
+  bool aim(const nb::dict& targets, bool fresh) {
+    settle(fresh);
+    PyObject *name = nullptr, *value = nullptr;
+    for (Py_ssize_t at = 0; PyDict_Next(targets.ptr(), &at, &name, &value);) {
+      PyObject* found = PyDict_GetItem(index_.ptr(), name);
+      if (!found) return false;
+      const std::size_t k = PyLong_AsSize_t(found);
+      Slot& slot = slots_[k];
+      taken_.push_back(k);
+      const bool taken = slot.plain != Plain::kNo && value != Py_None &&
+                         copy(value, slot.target, slot.shape.data(), static_cast<int>(slot.shape.size()));
+      if (!taken || (slot.plain == Plain::kRotation && !rotation(slot.target, 3)) ||
+          (slot.plain == Plain::kPose && !pose(slot.target)))
+        return false;
+    }
+    return true;
+  }
 
  private:
+  void settle(bool fresh) {
+    for (std::size_t k = 0; fresh && k < slots_.size(); ++k) slots_[k].settle();
+    for (std::size_t k : taken_)
+      if (!fresh) slots_[k].settle();
+    taken_.clear();
+  }
   bool take(nb::handle reference) {
     if (reinterpret_cast<PyObject*>(Py_TYPE(reference.ptr())) != reference_.ptr()) return false;
     const nb::object given = nb::steal(PyObject_GenericGetDict(reference.ptr(), nullptr));  // the rest is None

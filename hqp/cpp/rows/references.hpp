@@ -8,6 +8,8 @@
 
 namespace hqp {
 
+enum class Plain { kNo, kNumbers, kRotation, kPose };  // whether a target is taken as it is, and what it has to be
+
 // Where an element's reference goes; the arrays are live.
 struct Slot {
   double* target = nullptr;  // null where it has none
@@ -16,7 +18,8 @@ struct Slot {
   double* rate = nullptr;    // (rows,)
   double* feedforward = nullptr;
   int rows = 0;
-  bool elsewhere = false;    // whether the value is read by Python
+  bool elsewhere = false;  // whether the value is read by Python
+  Plain plain = Plain::kNo;
   std::vector<double> hold;  // the target where no reference is given, flat
 
   void settle() {
