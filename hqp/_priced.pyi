@@ -12,14 +12,16 @@ class Stages:
         eta: float,
         F: Mat | Vec | None,
         f: Vec | None,
-        metric: tuple[Mat, Mat] | None,
-        origin: tuple[Vec, Vec] | None,
+        metric: tuple[Mat | None, Mat | None] | None,
+        origin: tuple[Vec | None, Vec | None] | None,
     ) -> None: ...
     def leaves(self, level: int, to: tuple[object, ...]) -> None:
         """Where a level stands above levels without a price: (A (m, wide), None, lower, upper) or (None, scale, ..)."""
 
-    def remains(self, level: int, to: tuple[object, ...], solve: object, z: Vec) -> None:
-        """A level without a price below unmet ones: where its own rows are written, the solve, and the z it writes."""
+    def remains(
+        self, level: int, last: tuple[object, ...], slack: tuple[object, ...] | None, solve: object, z: Vec
+    ) -> None:
+        """A level without a price below unmet ones: last level, inequality rows, the solve, and the z it writes."""
 
     def solve(self, x: Vec, stages: Mat, last: Vec, head: int = 0, seconds: float = 0.0) -> int: ...
     def after(self, exact: object, x: Vec, stages: Mat, last: Vec) -> object:

@@ -1,7 +1,7 @@
 """Priced levels natively: the exact answer while it settles every level, else a stage for each from the first.
 
-Below unmet levels a level without a price is the last of an exact hierarchy over (z, v), x scaled and the motion of the
-anchored rows (hqp/cpp/priced/remainder.hpp), which the kernel of exact hierarchies solves.
+Below unmet levels a level without a price is the last of an exact hierarchy over (z, v, s), turned and scaled x, the
+motion of the anchored rows and slacks (hqp/cpp/priced/remainder.hpp), which the kernel of exact hierarchies solves.
 """
 
 from __future__ import annotations
@@ -299,9 +299,13 @@ class StagedWorkspace:
     def _bind_stages(self, problem: Hierarchy) -> None:
         motion, turning = problem.motion, problem.turning
         priced, n = problem.priced, problem.n
+        lowest = range(priced.index(True) + 1, len(priced))
+        below = {k: _sees_variables(problem, k) for k in lowest if not priced[k]}
         wide = n + sum(rows.m for rows, price in zip(problem.levels, priced, strict=True) if price)
-        metric = None if problem.metric is None else (problem.metric, np.zeros((wide, wide)))
-        origin = None if problem.origin is None else (problem.origin, np.zeros(wide))
+        wide += max((problem.levels[k].m for k, alone in below.items() if not alone), default=0)
+        picks = all(below.values())
+        metric, origin = problem.metric, problem.origin
+        larger = _room_unless(picks and metric is None, wide, wide), _room_unless(picks and origin is None, wide)
         self._native.bind(
             [row_arrays(rows) for rows in problem.levels],
             np.ascontiguousarray(problem.prices),
@@ -309,41 +313,52 @@ class StagedWorkspace:
             problem.eta,
             None if motion is None else motion.F,
             None if motion is None else motion.f,
-            metric,
-            origin,
+            (metric, larger[0]),
+            (origin, larger[1]),
         )
-        larger = None if metric is None else metric[1], None if origin is None else origin[1]
-        above = [_room(rows, wide, price) for rows, price in zip(problem.levels, priced, strict=True)]
+        above = [_room(rows, wide, picks and not price) for rows, price in zip(problem.levels, priced, strict=True)]
         for k, rows in enumerate(above):
             self._native.leaves(k, room_arrays(rows))
-        for k in range(priced.index(True) + 1, len(priced)):
-            if not priced[k]:
-                self._remainders[k] = self._remainder(problem, k, above, wide, *larger)
+        for k, alone in below.items():
+            self._remainders[k] = self._remainder(problem, k, alone, above, wide, *larger)
 
     def _remainder(
-        self, problem: Hierarchy, k: int, above: Sequence[Rows], wide: int, metric: Mat | None, origin: Vec | None
+        self,
+        problem: Hierarchy,
+        k: int,
+        alone: bool,
+        above: Sequence[Rows],
+        wide: int,
+        metric: Mat | None,
+        origin: Vec | None,
     ) -> Remainder:
         """Room for level k below unmet levels, its kernel bound to it and to the stages."""
-        n, own = problem.n, problem.levels[k]
-        diagonal = problem.motion is None or problem.motion.F.ndim == 1
-        if diagonal and isinstance(own.A, Selection):
-            A: Mat | Selection = Selection(np.concatenate([own.A.index, np.arange(wide)]), np.ones(own.m + wide))
-            m = own.m + wide
-        else:
-            m = own.m + (n if problem.motion is None else problem.motion.F.shape[0]) + wide - n
-            A = np.zeros((m, wide))
-        last = Rows(A, np.zeros(m), np.zeros(m))
-        whole = Hierarchy((*above[:k], last), n=wide, metric=metric, origin=origin)
+        own, every = problem.levels[k], np.arange(wide)
+        index = np.concatenate([own.A.index, every]) if alone and isinstance(own.A, Selection) else every
+        last = Rows(Selection(index, np.ones(index.size)), np.zeros(index.size), np.zeros(index.size))
+        slack = None if alone else _room(own, wide, False)
+        whole = Hierarchy((*above[:k], *([slack] if slack else []), last), n=wide, metric=metric, origin=origin)
         workspace = self._make(replace(whole.shape, inequalities=True))
         kernel: Kernel = workspace.kernel(whole)  # type: ignore[attr-defined]
-        self._native.remains(k, room_arrays(last), kernel[3], kernel[1])
+        arrays = None if slack is None else room_arrays(slack)
+        self._native.remains(k, room_arrays(last), arrays, kernel[3], kernel[1][:wide])
         return Remainder(whole, workspace, kernel)
 
 
-def _room(rows: Rows, wide: int, price: bool) -> Rows:
-    """Room for a level over (z, v)."""
+def _sees_variables(problem: Hierarchy, k: int) -> bool:
+    """Whether level k and the motion below unmet levels see single variables."""
+    diagonal = problem.motion is None or problem.motion.F.ndim == 1
+    return diagonal and isinstance(problem.levels[k].A, Selection)
+
+
+def _room_unless(no_need: bool, *shape: int) -> Mat | None:
+    return None if no_need else np.zeros(shape)
+
+
+def _room(rows: Rows, wide: int, picks: bool) -> Rows:
+    """Room for a level over (z, v, s); picks: whether z are the variables."""
     bounds = np.zeros(rows.m), np.zeros(rows.m)
-    if isinstance(rows.A, Selection) and not price:
+    if isinstance(rows.A, Selection) and picks:
         return Rows(Selection(rows.A.index.copy(), rows.A.scale.copy()), *bounds)
     return Rows(np.zeros((rows.m, wide)), *bounds)
 

@@ -88,8 +88,8 @@ class Stages final : public hqp::SolveCall {
   }
 
   // levels: (A or None, index or None, scale or None, lower, upper).  prices, turning: one a level.  metric, origin:
-  // None or the hierarchy's own and the larger one to be written from it.  The caller keeps the arrays alive, and so
-  // does this object.
+  // the hierarchy's own, None for none, and the larger one to be written from it, None where none is needed.  The
+  // caller keeps the arrays alive, and so does this object.
   void bind(const nb::list& levels, const Vector& prices, const nb::object& turning, double eta, const nb::object& F,
             const nb::object& f, const nb::object& metric, const nb::object& origin) {
     if (levels.size() != rows_.size() || prices.shape(0) != rows_.size()) refuse("one entry a level");
@@ -139,10 +139,13 @@ class Stages final : public hqp::SolveCall {
   // Where level k stands above levels without a price: (A (m, wide), None, lower, upper) or (None, scale, lower,
   // upper).
   void leaves(int k, const nb::tuple& to) { stages_->above()[level(k)] = room(to, std::size_t(rows_[k])); }
-  // Where level k, which has no price, is solved below unmet ones: its own rows there, the solve, and the z it writes.
-  void remains(int k, const nb::tuple& to, const nb::capsule& solve, const Vector& z) {
+  // Where level k, which has no price, is solved below unmet ones: the last level, its inequality rows or None, the
+  // solve, and the (z, v, s) (wide,) it writes.
+  void remains(int k, const nb::tuple& last, const nb::object& slack, const nb::capsule& solve, const Vector& z) {
     hqp::Remaining& rest = stages_->remaining()[level(k)];
-    rest.own = room(to, 0);
+    rest.last = room(last, 0);
+    rest.slack = slack.is_none() ? hqp::Room{} : room(nb::cast<nb::tuple>(slack), std::size_t(rows_[k]));
+    rest.wide = static_cast<int>(z.shape(0));
     exact_solves_.push_back(std::make_unique<Exact>(hqp::call_of(solve)));
     rest.solve = exact_solves_.back().get();
     rest.z = z.data();
@@ -343,8 +346,9 @@ class Stages final : public hqp::SolveCall {
   static void pair(const nb::object& both, const double*& from, double*& to) {
     if (both.is_none()) return;
     const auto arrays = nb::cast<nb::tuple>(both);
-    from = nb::cast<nb::ndarray<const double, nb::c_contig, nb::device::cpu>>(arrays[0]).data();
-    to = nb::cast<Out>(arrays[1]).data();
+    if (!arrays[0].is_none())
+      from = nb::cast<nb::ndarray<const double, nb::c_contig, nb::device::cpu>>(arrays[0]).data();
+    if (!arrays[1].is_none()) to = nb::cast<Out>(arrays[1]).data();
   }
 
   // least: rows that it has at least.
@@ -405,7 +409,7 @@ NB_MODULE(_priced, m) {
       .def("bind", &Stages::bind, "levels"_a, "prices"_a, "turning"_a.none(), "eta"_a, "F"_a.none(), "f"_a.none(),
            "metric"_a.none(), "origin"_a.none())
       .def("leaves", &Stages::leaves, "level"_a, "to"_a)
-      .def("remains", &Stages::remains, "level"_a, "to"_a, "solve"_a, "z"_a)
+      .def("remains", &Stages::remains, "level"_a, "last"_a, "slack"_a.none(), "solve"_a, "z"_a)
       .def("solve", &Stages::solve, "x"_a, "stages"_a, "last"_a, "head"_a = 0, "seconds"_a = 0.0)
       .def("after", &Stages::after, "exact"_a, "x"_a, "stages"_a, "last"_a)
       .def("above", &Stages::above, "head"_a, "solve"_a, "x"_a)

@@ -13,13 +13,14 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kFree = 1e-5;  // of the least pivot of T: what a unit of a direction without motion counts
+constexpr double kFree = 1e-5;  // of the least pivot of T: next to nothing
 
 class Coordinates {
  public:
-  // flat: a direction whose motion is this fraction of the largest column of F has none.
-  Coordinates(int n, double flat)
-      : n_(n), ld_(padded(n)), rank_(n), flat_(flat), still_(n, 0.0), inverse_(n, 1.0), unit_(n, 1.0) {}
+  // flat: a direction whose motion is this fraction of the largest column of F has none.  free: what a unit of it
+  // counts, of the least pivot of T.
+  Coordinates(int n, double flat, double free = kFree)
+      : n_(n), ld_(padded(n)), rank_(n), flat_(flat), share_(free), still_(n, 0.0), inverse_(n, 1.0), unit_(n, 1.0) {}
 
   // F: (r, n), or its diagonal where r = 0, or null for the identity; f: (r), (n) for a diagonal, or null.
   void set(const double* F, const double* f, int r) {
@@ -209,7 +210,7 @@ class Coordinates {
       }
       reflect_from(rank_, n_ + 1, width, r);
     }
-    free_ = kFree * pivot;
+    free_ = share_ * pivot;
     triangle(width);
     still_.assign(n_, 0.0);
     y_.assign(ld_, 0.0);
@@ -242,7 +243,7 @@ class Coordinates {
   }
 
   int n_, ld_, rank_;
-  double flat_, free_ = 1.0;
+  double flat_, share_, free_ = 1.0;
   bool diagonal_ = true;
   std::vector<double> still_, inverse_, unit_;
   std::vector<int> order_;     // (n,) the variable of each column of the triangle

@@ -1,9 +1,10 @@
 // A level k without a price below unmet ones, min ||w_k||^2 / 2 + R_k, as the last level of an exact hierarchy: over
-// (z, v) with x_j = z_j / size_j and v the motion of anchored rows,
+// (z, v, s) with x = still + P z, v the motion of anchored rows and s the slacks of level k's inequalities,
 //   [A_a, -sqrt(eta c_a omega_a) I] (x, v) = A_a x_a    instead of the rows of an unmet level a,
-//   last level: the rows of level k, those of F weighed by the anchors, v = 0.
-// Where F is a diagonal and level k picks variables, rows that share a variable are one, and size makes it of length 1:
-// the last level is then a selection of nearly everything, which the kernel need not factorise.
+//   lower <= A_k x - s <= upper                         for inequality rows of level k,
+//   last level: z_j = 0 for j < rank, v = 0, s = 0.
+// z are coordinates in which the equality rows of level k and the rows of F weighed by the anchors are |z|^2 / 2 over
+// the first `rank`: the last level picks variables, which the kernel need not factorise.
 #pragma once
 
 #include <algorithm>
@@ -16,24 +17,42 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
+constexpr double kLost = 1e-11;  // of the longest column of the last level: directions that it does not see
+
 class Remainder {
  public:
   Remainder(int n, const std::vector<PricedLevel>& levels, const bool* priced)
-      : n_(n), level_(levels), slot_(levels.size()), size_(n), square_(n), sum_(n) {
-    wide_ = n;
+      : n_(n), ends_(n), level_(levels), slot_(levels.size()), at_(n, kLost, 1.0), size_(n), sum_(n), row_(padded(n)) {
     for (std::size_t k = 0; k < levels.size(); ++k) {
-      slot_[k] = wide_;
-      if (priced[k]) wide_ += levels[k].m;
+      slot_[k] = ends_;
+      if (priced[k]) ends_ += levels[k].m;
     }
   }
 
-  // low, high: bounds of all rows as they are handed down.
+  // low, high: bounds of all rows as they are handed down.  x: where level k begins.
   void write(int k, const std::vector<Anchor>& anchors, const double* low, const double* high, Motions& motions,
-             Room* above, const Room& own, const Completion& completion) {
+             Room* above, const Remaining& rest, const Completion& completion) {
+    const PricedLevel& level = level_[k];
+    wide_ = rest.wide;
     motions.weigh(anchors, 0.0);
-    std::fill(size_.begin(), size_.end(), 1.0);
-    if (own.scale) pick(level_[k], motions, own);
-    else weigh(level_[k], motions, own);
+    double *lower = rest.last.lower, *upper = rest.last.upper;
+    if (rest.slack.A) {
+      stack(level, motions);
+      slacks(level, rest.slack);
+    } else {
+      pick(level, motions);
+      for (int i = 0; i < level.m; ++i, ++lower, ++upper) {
+        const bool equal = level.lower[i] == level.upper[i];
+        const std::int64_t j = level.index[i];
+        rest.last.scale[i] = equal ? 1.0 : at_.picked(static_cast<int>(j), level.scale[i]);
+        *lower = equal ? -kInf : level.lower[i] - level.scale[i] * at_.still()[j];
+        *upper = equal ? kInf : level.upper[i] - level.scale[i] * at_.still()[j];
+      }
+    }
+    for (int j = 0; j < wide_; ++j) {
+      lower[j] = sees(j) ? 0.0 : -kInf;
+      upper[j] = -lower[j];
+    }
     std::size_t next = 0;
     for (int j = 0; j < k; ++j) {
       const Anchor* anchor = next < anchors.size() && anchors[next].level == j ? &anchors[next++] : nullptr;
@@ -44,122 +63,140 @@ class Remainder {
     complete(completion);
   }
 
-  // x (n,) of (z, v).
-  void point(const double* z, double* x) const {
-    for (int j = 0; j < n_; ++j) x[j] = z[j] / size_[j];
-  }
+  // x (n,) of (z, v, s).
+  void point(const double* z, double* x) const { at_.point(z, x); }
 
  private:
   static constexpr double kInf = std::numeric_limits<double>::infinity();
-  static constexpr double kSlight = 1e-12, kNone = 1e-26;  // squares of weights: no scale of x_j, and rounding
+  static constexpr double kNone = 1e-26;  // a square of a weight that is rounding
 
-  // The last level where rows pick variables: those of level k that are no equalities, one for each x_j, one for each
-  // v.
-  void pick(const PricedLevel& level, const Motions& motions, const Room& own) {
+  bool sees(int j) const { return j >= n_ || (at_.diagonal() ? size_[j] > 0.0 : j < at_.rank()); }
+
+  // z where F is a diagonal and level k picks variables.
+  void pick(const PricedLevel& level, const Motions& motions) {
     for (int j = 0; j < n_; ++j) {
       const double weight = motions.weight(j) * motions.size(j);
-      square_[j] = weight * motions.size(j);
+      size_[j] = weight * motions.size(j);
       sum_[j] = weight * motions.mean(j);
     }
     for (int i = 0; i < level.m; ++i) {
       if (level.lower[i] != level.upper[i]) continue;
-      const int j = static_cast<int>(level.index[i]);
-      square_[j] += level.scale[i] * level.scale[i];
-      sum_[j] += level.scale[i] * level.lower[i];
+      size_[level.index[i]] += level.scale[i] * level.scale[i];
+      sum_[level.index[i]] += level.scale[i] * level.lower[i];
     }
-    const double most = *std::max_element(square_.begin(), square_.end());
-    for (int j = 0; j < n_; ++j)
-      if (square_[j] > kSlight * most) size_[j] = std::sqrt(square_[j]);
-    for (int i = 0; i < level.m; ++i) {
-      const bool equal = level.lower[i] == level.upper[i];
-      own.scale[i] = equal ? 1.0 : level.scale[i] / size_[level.index[i]];
-      own.lower[i] = equal ? -kInf : level.lower[i];
-      own.upper[i] = equal ? kInf : level.upper[i];
-    }
-    double *lower = own.lower + level.m, *upper = own.upper + level.m, *scale = own.scale + level.m;
+    const double most = *std::max_element(size_.begin(), size_.end());
+    scale_.resize(n_);
     for (int j = 0; j < n_; ++j) {
-      const bool asks = square_[j] > kNone * most;
-      scale[j] = asks && size_[j] == 1.0 ? std::sqrt(square_[j]) : 1.0;
-      lower[j] = asks ? sum_[j] / (size_[j] * scale[j]) : -kInf;
-      upper[j] = asks ? lower[j] : kInf;
+      size_[j] = size_[j] > kNone * most ? std::sqrt(size_[j]) : 0.0;
+      scale_[j] = size_[j] > 0.0 ? size_[j] : std::sqrt(most > 0.0 ? most : 1.0);
+      sum_[j] = size_[j] > 0.0 ? sum_[j] / size_[j] : 0.0;
     }
-    for (int j = n_; j < wide_; ++j) {
-      scale[j] = 1.0;
-      lower[j] = upper[j] = 0.0;
-    }
+    at_.set(scale_.data(), sum_.data(), 0);
   }
 
-  // The last level of any rows: those of level k, those of F, v = 0.
-  void weigh(const PricedLevel& level, const Motions& motions, const Room& own) {
-    double* A = own.A;
-    for (int i = 0; i < level.m; ++i, A += wide_) row(level, i, A);
-    std::copy(level.lower, level.lower + level.m, own.lower);
-    std::copy(level.upper, level.upper + level.m, own.upper);
-    double *lower = own.lower + level.m, *upper = own.upper + level.m;
-    for (int j = 0; j < motions.count(); ++j, A += wide_) {
-      const double root = std::sqrt(motions.weight(j));
-      std::fill(A, A + wide_, 0.0);
-      if (motions.diagonal()) A[j] = root * motions.size(j);
-      else
-        for (int i = 0; i < n_; ++i) A[i] = root * motions.row(j)[i];
-      lower[j] = root > 0.0 ? root * motions.mean(j) : -kInf;
-      upper[j] = root > 0.0 ? lower[j] : kInf;
+  // z where the quadratic is of any rows: those of level k, those of F.
+  void stack(const PricedLevel& level, const Motions& motions) {
+    stack_.clear();
+    sum_.clear();
+    for (int i = 0; i < level.m; ++i) {
+      if (level.lower[i] != level.upper[i]) continue;
+      push(row(level, i), 1.0, level.lower[i]);
     }
-    lower += motions.count();
-    upper += motions.count();
-    for (int j = n_; j < wide_; ++j, A += wide_) {
+    for (int j = 0; j < motions.count(); ++j) {
+      const double root = std::sqrt(motions.weight(j));
+      if (!(root > 0.0)) continue;
+      if (motions.diagonal()) {
+        std::fill(row_.begin(), row_.end(), 0.0);
+        row_[j] = motions.size(j);
+      }
+      push(motions.diagonal() ? row_.data() : motions.row(j), root, root * motions.mean(j));
+    }
+    std::fill(row_.begin(), row_.end(), 0.0);
+    if (sum_.empty()) push(row_.data(), 0.0, 0.0);
+    at_.set(stack_.data(), sum_.data(), static_cast<int>(sum_.size()));
+  }
+
+  void push(const double* a, double scale, double target) {
+    for (int j = 0; j < n_; ++j) stack_.push_back(scale * a[j]);
+    sum_.push_back(target);
+  }
+
+  // Inequality rows of level k, whose slacks come last.
+  void slacks(const PricedLevel& level, const Room& to) {
+    double* A = to.A;
+    for (int i = 0; i < level.m; ++i, A += wide_) {
+      const bool equal = level.lower[i] == level.upper[i];
+      to.lower[i] = -kInf;
+      to.upper[i] = kInf;
       std::fill(A, A + wide_, 0.0);
-      A[j] = 1.0;
-      lower[j - n_] = upper[j - n_] = 0.0;
+      A[ends_ + i] = -1.0;
+      if (equal || level.left_out(i)) continue;
+      turn(row(level, i), level.lower[i], level.upper[i], A, to.lower[i], to.upper[i]);
     }
   }
 
   // Level j as the levels below find it.
   void keep(int j, const Anchor* anchor, const double* low, const double* high, const Room& to) {
     const PricedLevel& level = level_[j];
-    std::copy(low, low + level.m, to.lower);
-    std::copy(high, high + level.m, to.upper);
     if (to.scale) {
-      for (int i = 0; i < level.m; ++i) to.scale[i] = level.scale[i] / size_[level.index[i]];
+      for (int i = 0; i < level.m; ++i) {
+        const int at = static_cast<int>(level.index[i]);
+        const double shift = level.scale[i] * at_.still()[at];
+        to.scale[i] = at_.picked(at, level.scale[i]);
+        to.lower[i] = low[i] - shift;
+        to.upper[i] = high[i] - shift;
+      }
       return;
     }
     const double root = anchor ? std::sqrt(anchor->give) : 0.0;
     double* A = to.A;
     for (int i = 0; i < level.m; ++i, A += wide_) {
-      row(level, i, A);
-      if (!anchor || !anchor->held[i]) continue;
-      A[slot_[j] + i] = -root;
-      to.lower[i] = anchor->low[i];
-      to.upper[i] = anchor->high[i];
+      const bool held = anchor && anchor->held[i];
+      std::fill(A + n_, A + wide_, 0.0);
+      turn(row(level, i), held ? anchor->low[i] : low[i], held ? anchor->high[i] : high[i], A, to.lower[i],
+           to.upper[i]);
+      if (held) A[slot_[j] + i] = -root;
     }
   }
 
-  void complete(const Completion& completion) const {
-    if (completion.metric)
-      for (int i = 0; i < n_; ++i)
-        for (int j = 0; j < n_; ++j)
-          completion.wide_metric[static_cast<std::size_t>(i) * wide_ + j] =
-              completion.metric[static_cast<std::size_t>(i) * n_ + j] / (size_[i] * size_[j]);
-    if (completion.origin)
-      for (int j = 0; j < n_; ++j) completion.wide_origin[j] = completion.origin[j] * size_[j];
+  // low <= a x <= high over z.
+  void turn(const double* a, double low, double high, double* A, double& lower, double& upper) {
+    const double shift = dot_any(a, at_.still(), n_);
+    lower = low - shift;
+    upper = high - shift;
+    at_.row(a, A);
   }
 
-  // Row i of a level over (z, v).
-  void row(const PricedLevel& level, int i, double* to) const {
-    if (level.A) {
-      const double* a = level.A + static_cast<std::size_t>(i) * n_;
-      for (int j = 0; j < n_; ++j) to[j] = a[j] / size_[j];
-      std::fill(to + n_, to + wide_, 0.0);
-      return;
+  // P'M P, and the origin in z.
+  void complete(const Completion& completion) {
+    std::fill(row_.begin(), row_.end(), 0.0);
+    if (completion.wide_origin) at_.motion(completion.origin ? completion.origin : row_.data(), completion.wide_origin);
+    if (!completion.wide_metric) return;
+    product_.resize(static_cast<std::size_t>(n_) * n_);  // M P, then P'M P
+    for (int i = 0; i < n_; ++i) {
+      row_[i] = 1.0;
+      const double* row = completion.metric ? completion.metric + static_cast<std::size_t>(i) * n_ : row_.data();
+      at_.row(row, &product_[static_cast<std::size_t>(i) * n_]);
+      row_[i] = 0.0;
     }
-    std::fill(to, to + wide_, 0.0);
-    to[level.index[i]] = level.scale[i] / size_[level.index[i]];
+    for (int j = 0; j < n_; ++j) {
+      for (int i = 0; i < n_; ++i) row_[i] = product_[static_cast<std::size_t>(i) * n_ + j];
+      at_.row(row_.data(), completion.wide_metric + static_cast<std::size_t>(j) * wide_);
+    }
   }
 
-  int n_, wide_ = 0;
+  const double* row(const PricedLevel& level, int i) {
+    if (level.A) return level.A + static_cast<std::size_t>(i) * n_;
+    std::fill(row_.begin(), row_.end(), 0.0);
+    row_[level.index[i]] = level.scale[i];
+    return row_.data();
+  }
+
+  int n_, ends_, wide_ = 0;  // ends_: where slacks begin
   const std::vector<PricedLevel>& level_;
   std::vector<int> slot_;  // where the v of a level begin
-  std::vector<double> size_, square_, sum_;
+  Coordinates at_;
+  std::vector<double> size_, sum_, row_, scale_, stack_, product_;
 };
 
 }  // namespace HQP_ISA

@@ -383,7 +383,7 @@ class StageLevels final : public PricedStages {
   // Level k, which has no price, below an unmet one.
   void remainder(int k) {
     const Remaining& rest = remaining_[k];
-    remainder_.write(k, anchors_, low_.data(), high_.data(), motions_, above_.data(), rest.own, completion_);
+    remainder_.write(k, anchors_, low_.data(), high_.data(), motions_, above_.data(), rest, completion_);
     const int outcome = rest.solve->run(left());
     doubtful_ = doubtful_ || outcome == kUncertainRank;
     if (outcome == 0 || outcome == kUncertainRank) remainder_.point(rest.z, x_.data());

@@ -31,19 +31,23 @@ class ExactCall {
   virtual int run(double seconds) = 0;  // the kernel's outcome; seconds: 0 for no limit
 };
 
-// Rows of an exact hierarchy over (z, v), to be written: A, or scale where each row picks one variable.
+// Rows of an exact hierarchy over (z, v, s), to be written: A, or scale where each row picks one variable.
 struct Room {
   double *A = nullptr, *scale = nullptr, *lower = nullptr, *upper = nullptr;
 };
 
-// A level without a price below one that has one: its own rows there, the solve, and where that leaves (z, v).
+// A level without a price below one that has one: the last level of the exact hierarchy over (z, v, s) and the one
+// before it, of its inequality rows (none where it picks variables and F is a diagonal), the solve, and (z, v, s)
+// (wide,) after it.
 struct Remaining {
-  Room own;
+  Room last, slack;
+  int wide = 0;
   ExactCall* solve = nullptr;
   const double* z = nullptr;
 };
 
-// What chooses among optima, of the hierarchy (n) and of exact ones over (z, v) (wide), to be written; null for none.
+// What chooses among optima, of the hierarchy (n) and of exact ones over (z, v, s) (wide), to be written; null for
+// none.
 struct Completion {
   const double *metric = nullptr, *origin = nullptr;  // (n, n), (n,)
   double *wide_metric = nullptr, *wide_origin = nullptr;
