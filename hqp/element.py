@@ -129,6 +129,9 @@ class Task(Element):
     the value is no vector; J v must be the rate of the value.  ``hqp.check`` tells whether they fit.
     """
 
+    demands: ClassVar[bool] = False
+    """Whether ``error`` is minus what is demanded of J x, by a law of the task's own, and not value minus reference."""
+
     @property
     def rotation_rows(self) -> int | None:
         """First of the three rows whose error is a rotation vector, None where there are none."""
