@@ -231,6 +231,13 @@ class Inequality(Constraint):
         """
         raise NotImplementedError
 
+    def bound_kinds(self, state: State, v: Vec, dt: float) -> Sequence[tuple[str, str]]:
+        """What each row's (lower, upper) bound stands for, for explanations; ``""`` for what its name tells.
+
+        v: as of ``overrun``.
+        """
+        raise NotImplementedError
+
     def drift(self, state: State) -> Vec:
         """dJ/dt v ``(m,)``; rows without it are refused where accelerations are asked for."""
         raise NotImplementedError

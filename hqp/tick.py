@@ -210,11 +210,6 @@ class Tick:
         return self._state
 
     @property
-    def finished(self) -> bool:
-        """Whether the solver came to its end, rather than to its deadline."""
-        return self.native or (self._solution is not None and self._solution.status.solved)
-
-    @property
     def line(self) -> Line | None:
         """Whose rows the tick has: the session's line, in a change of stack one of those that it blends; None once
         pickled."""
