@@ -28,7 +28,7 @@ def driven(robot: Any, kind: str, native: bool, q: Any, v: Any, ticks: int, **fi
         found.append(run.step(robot.state(q, v)))
         q, v = found[-1].advance()
         angles.append(robot.state(q).angles)
-    assert native == (type(found[-1]) is not Tick)
+    assert native == found[-1].native
     return found, np.array(angles)
 
 
