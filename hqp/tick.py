@@ -158,7 +158,7 @@ class Tick:
     @property
     def times(self) -> Times:
         """Where the time went, in a native call but for what it took to make this object."""
-        if isinstance(self._times, float):
+        if not isinstance(self._times, Times):
             assert self._direct is not None
             assert self._record is not None
             begin, rows, solve = self._direct.seconds(self._record)
