@@ -9,7 +9,7 @@ from hqp import native, solvers
 from hqp.element import Constraint, Element, Inequality, Task
 from hqp.errors import HqpError, PurePythonWarning
 from hqp.formulation import Acceleration, Velocity
-from hqp.law import PD, P, SelfMotion
+from hqp.law import DCM, PD, P, SelfMotion
 from hqp.loop.safety import Braking, RateLimits, StateBounds
 from hqp.price import Price
 from hqp.problem import Hierarchy, Motion, Rows, Selection, Solution, Status
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 __version__ = "0.2.0.dev0"
 
 __all__ = [
+    "DCM",
     "PD",
     "Acceleration",
     "Braking",

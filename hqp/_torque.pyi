@@ -57,6 +57,19 @@ class ForceRows:
     def add(self, C: Mat, A: Mat, asked_lower: Vec, asked_upper: Vec, lower: Vec, upper: Vec) -> None:
         """A = C F, bounds = asked - C f."""
 
+    def share(
+        self,
+        C: Mat,
+        first: Sequence[int],
+        one: Mat,
+        other: Mat,
+        middles: Sequence[float],
+        factors: Sequence[float],
+        arm: float,
+        share: Vec,
+    ) -> None:
+        """Write C ``(6, m)`` anew each time, how two contacts share a wrench; share: live ``(1,)``."""
+
     def run(self, shift: Vec | None) -> None:
         """All of it; shift: part of tau that the model of the forces does not know."""
 

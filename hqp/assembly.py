@@ -12,7 +12,7 @@ from hqp import plans
 from hqp.arrays import Index, Mat, Vec
 from hqp.element import Element, has, plan_of, selection_of
 from hqp.errors import DeclarationError, StaleState
-from hqp.law import PD, Law, P
+from hqp.law import DCM, PD, Law, P
 from hqp.plans import Constant, Plan
 from hqp.readable import UP, Readable, Views
 from hqp.reference import Reference
@@ -161,6 +161,8 @@ class Assembly:
                 kp[part] = law.gain
             elif isinstance(law, PD):
                 kp[part], kd[part] = law.kp, law.kd
+            elif isinstance(law, DCM):
+                kp[part] = 1.0
             if law is not None and min(law.max_velocity, law.max_acceleration) < np.inf:
                 largest = float(np.max(law.kd)) if isinstance(law, PD) else 1.0
                 saturations.append((part.start, part.stop, law.max_velocity, law.max_acceleration, largest))

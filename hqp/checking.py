@@ -135,6 +135,9 @@ class _Work:
                 return None
             there = np.isfinite(start)
             return lambda s: np.where(there, np.where(there, start, 0.0) - self.bounds(s, steer)[side], np.nan)
+        if element.demands:
+            still = np.asarray(element.value(state), dtype=np.float64).copy()
+            return lambda s: np.asarray(element.value(s), dtype=np.float64) - still
         hold = element.hold(state).value
         start = np.asarray(element.error(state, hold), dtype=np.float64).copy()
         return lambda s: np.asarray(element.error(s, hold), dtype=np.float64) - start

@@ -129,6 +129,9 @@ class Task(Element):
     the value is no vector; J v must be the rate of the value.  ``hqp.check`` tells whether they fit.
     """
 
+    demands: ClassVar[bool] = False
+    """Whether ``error`` is minus what is demanded of J x, by a law of the task's own, and not value minus reference."""
+
     @property
     def rotation_rows(self) -> int | None:
         """First of the three rows whose error is a rotation vector, None where there are none."""
@@ -225,6 +228,13 @@ class Inequality(Constraint):
         """How far beyond its limit each row comes to rest at best ``(m,)`` [rad or m], 0 where it keeps to it.
 
         v: what the joints move at now ``(nv,)``.  Asked of rows that pick a joint each, for notes.
+        """
+        raise NotImplementedError
+
+    def bound_kinds(self, state: State, v: Vec, dt: float) -> Sequence[tuple[str, str]]:
+        """What each row's (lower, upper) bound stands for, for explanations; ``""`` for what its name tells.
+
+        v: as of ``overrun``.
         """
         raise NotImplementedError
 

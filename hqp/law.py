@@ -142,6 +142,30 @@ class SelfMotion(Law):
         return feedforward - drift
 
 
+@dataclass(frozen=True)
+class DCM(Law):
+    """Feedback of the divergent component of motion xi = c + dc/dt / omega, for a Balance.
+
+    The ZMP that is asked for is z_ref + (1 + k / omega) (xi - xi_ref): where the support reaches it, the error of xi
+    falls as exp(-k t) (Englsberger, Ott, Albu-Schaeffer 2015, eq. 16).  k [1/s].  Raises DeclarationError for a k that
+    is negative or not finite.
+    """
+
+    k: float = 3.0
+    order: ClassVar[int] = 2
+
+    def __post_init__(self) -> None:
+        self._check(("k",))
+        if isinstance(self.k, tuple):
+            raise DeclarationError("DCM.k", "bad gain", value=self.k, allowed="one number")
+        if min(self.max_velocity, self.max_acceleration) < math.inf:
+            raise DeclarationError("DCM", "takes no saturation: the support bounds the ZMP")
+
+    def demand(self, error: Vec, rate: Vec, feedforward: Vec, speed: Vec, drift: Vec, *, each: bool = False) -> Vec:
+        """a - dJ/dt v ``(m,)``: the error of a Balance is minus the acceleration that it asks for."""
+        return feedforward - error - drift
+
+
 def scaled(gain: Gain, error: Vec) -> Vec:
     """gain times error; an infinite error, a bound that is not there, stays infinite."""
     with np.errstate(invalid="ignore"):

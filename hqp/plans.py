@@ -326,6 +326,20 @@ class SupportPolygon:
 
 
 @dataclass(frozen=True, eq=False)
+class Balance:
+    """Points of frames that the ZMP stays between, gain k, height of the pendulum (0: as it is), gravity [m/s^2].
+
+    The reference is ZMP and DCM ``(4,)``.
+    """
+
+    points: tuple[tuple[Frame, tuple[float, ...]], ...]
+    k: float
+    height: float
+    gravity: float
+    shape: tuple[int, ...] = field(default=(4,), init=False)
+
+
+@dataclass(frozen=True, eq=False)
 class Momentum(_Counted):
     """Some of linear x, y, z and angular x, y, z (0 to 5) of the centroidal momentum; the reference, zero, is not read.
 
@@ -368,7 +382,7 @@ class KineticEnergy(_Counted):
 
 Plan: TypeAlias = (
     Point | Pose | Rotation | Angles | Edge | Wheel | Com | Joints | Coupling | JointBox | Constant | Collision
-    | Still | Steady | Frozen | Pointing | Apart | Manipulability | Cone | Within | SupportPolygon
+    | Still | Steady | Frozen | Pointing | Apart | Manipulability | Cone | Within | SupportPolygon | Balance
     | HoldingTorque | Momentum | KineticEnergy | Payload | ExternalWrench
 )  # fmt: skip
 

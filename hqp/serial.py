@@ -23,7 +23,9 @@ else:
 
 T = TypeVar("T")
 
-_LAWS: dict[str, type[Law]] = {"P": laws.P, "PD": laws.PD, "SelfMotion": laws.SelfMotion}
+_LAWS: dict[str, type[Law]] = {
+    "P": laws.P, "PD": laws.PD, "SelfMotion": laws.SelfMotion, "DCM": laws.DCM,
+}  # fmt: skip
 
 
 def to_dict(stack: Stack) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from hqp.loop.budget import Budget
 from hqp.loop.compiled import Compiler
 from hqp.loop.held_base import adrift
 from hqp.loop.line import Guards, Line
-from hqp.loop.ordinary import array_tick
+from hqp.loop.ordinary import array_tick, ordinary_tick
 from hqp.loop.safety import StateCheck, rate_limiter
 from hqp.loop.soundness import rehearse, require_sound
 from hqp.loop.turn import Turn, alone, require
@@ -132,8 +132,12 @@ class Session:
             for reference in references:
                 if getattr(reference, "load", None) is not None:
                     line.contacts.measure(reference.name, reference.load)  # type: ignore[arg-type]
+            line.named, tick = references, None
             try:
-                tick = line.step(state, references, now)
+                if line.direct is not None and not line.contacts.missing:  # as ``Line.step``, without its call
+                    tick = ordinary_tick(line, line.direct, state, references)
+                if tick is None:
+                    tick = line.general(state, references, now)
             except FloatingPointError:  # the caller asked NumPy to raise; here what is not finite is told by a status
                 with np.errstate(all="ignore"):
                     tick = line.general(state, references, now)

@@ -80,8 +80,9 @@ class Tick:
         line: Line,
         state: State | None,
         before: Vec | bytearray,
-        answer: Solution | bytearray | None,
+        record: bytearray | None,
         times: Times | float,
+        solution: Solution | None = None,
         x: Vec | None = None,
         status: Status = Status.OPTIMAL,
         notes: Notes = (),
@@ -89,16 +90,12 @@ class Tick:
         fit: bool = True,
     ) -> None:
         """state: None for that of the record.  before: what was sent before, as a vector or a record of the line's
-        native loop.  answer: what the solver gave, or the record of a tick that was one native call.  times: or when
-        that began, on ``perf_counter``.  x: what is sent, None for that of the record.  fit: whether the state is one
-        to start from."""
+        native loop.  record: of a tick that was one native call.  times: or when that began, on ``perf_counter``.
+        solution, x: what the solver gave and what is sent, where they are not in the record.  fit: whether the state is
+        one to start from."""
         self._line: Line | None = line
         self._direct, self.count = line.direct, line.guards.count
-        if type(answer) is bytearray:
-            self._record: bytearray | None = answer
-            self._solution: Solution | None = None
-        else:
-            self._record, self._solution = None, answer  # type: ignore[assignment]
+        self._record, self._solution = record, solution
         self._state, self._before, self._times, self._x = state, before, times, x
         self.status, self._notes, self.held, self.fit = status, notes, held, fit
         self.transition = 1.0
@@ -122,18 +119,18 @@ class Tick:
     @property
     def x(self) -> Vec:
         """The answer that the command is part of, read-only."""
-        if self._x is None:
-            self._x = self._of(self._record)
-        return self._x
+        return self._of(self._record) if self._x is None else self._x
 
     @property
     def command(self) -> Vec:
         """The command ``(n_actuated,)``, in robot.joint_names order, the caller's own copy."""
         if self._command is None:
-            if self._x is None and self._direct is not None and self._record is not None:
+            if self._x is None:
+                assert self._record is not None
+                assert self._direct is not None
                 self._command = np.frombuffer(self._record, FLOAT, self._direct.width)
             else:
-                self._command = self._live().program.command(self.x)
+                self._command = self._live().program.command(self._x)
         return self._command
 
     @property
@@ -158,7 +155,7 @@ class Tick:
     @property
     def times(self) -> Times:
         """Where the time went, in a native call but for what it took to make this object."""
-        if isinstance(self._times, float):
+        if not isinstance(self._times, Times):
             assert self._direct is not None
             assert self._record is not None
             begin, rows, solve = self._direct.seconds(self._record)
@@ -208,11 +205,6 @@ class Tick:
             latest = self.count == self._live().guards.count and robot.current is None
             self._state = (robot.state if latest else robot.past)(*self._direct.state(self._record))
         return self._state
-
-    @property
-    def finished(self) -> bool:
-        """Whether the solver came to its end, rather than to its deadline."""
-        return self.native or (self._solution is not None and self._solution.status.solved)
 
     @property
     def line(self) -> Line | None:

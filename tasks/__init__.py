@@ -5,6 +5,7 @@ from __future__ import annotations
 if __name__ != "hqp.tasks":
     raise ImportError("a second copy of the tasks would have second classes; write `import hqp.tasks`")
 
+from .balance import Balance
 from .ball_limits import BallLimits
 from .collision import CollisionAvoidance
 from .com import Com
@@ -17,6 +18,7 @@ from .friction import CenterOfPressure, ForceLimits, FrictionCone, UnilateralCon
 from .frozen import Frozen
 from .holding_torque import HoldingTorque
 from .limits import JointLimits
+from .load_share import LoadShare
 from .loads import ExternalWrench, Payload
 from .manipulability import Manipulability
 from .motion import BaseVelocityLimits, Damping, JointVelocity, LowAcceleration, Momentum
@@ -33,6 +35,7 @@ from .within import Within
 
 __all__ = [
     "AlignAxis",
+    "Balance",
     "BallLimits",
     "BaseVelocityLimits",
     "CenterOfPressure",
@@ -53,6 +56,7 @@ __all__ = [
     "JointLimits",
     "JointTorque",
     "JointVelocity",
+    "LoadShare",
     "LookAt",
     "LowAcceleration",
     "Manipulability",

@@ -146,6 +146,19 @@ class JointLimits(Inequality):
             way = np.where(steps > 0.0, dt * steps * (np.abs(v) - reach * (steps + 1.0) / 2.0), 0.0)
         return np.where(way > 0.0, np.maximum(way - np.where(v > 0.0, up, -down), 0.0), 0.0)
 
+    def bound_kinds(self, state: State, v: Vec, dt: float) -> tuple[tuple[str, str], ...]:
+        """Of each joint (lower, upper): ``acceleration`` at an end of the window, ``speed``, ``""`` for position."""
+        picked = self.selection(state.robot)
+        v, speed = v[picked], state.robot.velocity_limit[picked]
+        (down, up), (a, b) = self.bounds(state), self.rates(state.robot)
+        T = horizon(b, self.approach, dt)
+        sides = []
+        for way, rate in ((-down, -v), (up, v)):
+            most = fastest(way, speed, b, self.return_velocity, T)
+            kind = np.where(most >= speed, "speed", "")
+            sides.append(np.where(np.abs(most - rate) >= a * dt, "acceleration", kind).tolist())
+        return tuple(zip(*sides, strict=True))
+
     def row_names(self, robot: Robot) -> tuple[str, ...]:
         """The joints."""
         return tuple(robot.joint_name(int(c)) for c in self.selection(robot))

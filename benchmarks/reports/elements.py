@@ -36,6 +36,7 @@ HAND, HEAD, FEET = "r_palm", "head", ("l_sole", "r_sole")
 FOOT = "l_sole"
 EXAMPLES: dict[str, Callable[[], tuple[Element, ...]]] = {
     "AlignAxis": lambda: (t.AlignAxis(frame=HAND),),
+    "Balance": lambda: (t.Balance(points=[(f, x, 0.0, 0.0) for f in FEET for x in (-0.05, 0.15)]),),
     "BallLimits": lambda: (t.BallLimits(),),
     "BaseVelocityLimits": lambda: (t.BaseVelocityLimits(linear=0.5, angular=1.0),),
     "CenterOfPressure": lambda: (t.CenterOfPressure(contact=FOOT, rectangle=(-0.05, 0.05, -0.03, 0.03)),),
@@ -56,6 +57,7 @@ EXAMPLES: dict[str, Callable[[], tuple[Element, ...]]] = {
     "JointLimits": lambda: (t.JointLimits(),),
     "JointTorque": lambda: (t.JointTorque(),),
     "JointVelocity": lambda: (t.JointVelocity(),),
+    "LoadShare": lambda: (t.LoadShare(contacts=FEET),),
     "LookAt": lambda: (t.LookAt(frame=HAND),),
     "LowAcceleration": lambda: (t.LowAcceleration(),),
     "Manipulability": lambda: (t.Manipulability(frame=HAND),),

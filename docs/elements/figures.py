@@ -404,9 +404,45 @@ def loads() -> None:
     finish(figure, "loads", (left, "Payload: height of the hand, goal 10 cm [cm]"), (right, "pushed by 40 N [cm]"))
 
 
+def balance() -> None:
+    """Load onto the left foot: the plan of the DCM, followed from a place beside it; loads as their share says."""
+    from hqp.walking import DcmPlan, Piece, natural_frequency
+
+    names = [foot.frame for foot in FEET]
+    soles = [t.CenterOfPressure(contact=name, rectangle=SOLE) for name in names]
+    element, share = t.Balance(margin=0.005), t.LoadShare(contacts=(names[1], names[0]))
+    trunk = t.Orientation(frame="base_link", name="trunk")
+    levels = [Level(element, t.Com(axes="z", name="height")), Level(trunk), Level(t.Posture())]
+    stack = Stack(*levels, Level(share, price=0), subject_to=[*FEET, *soles])
+    state = TALOS.state()
+    start, over = state.com()[:2] + [0.0, 0.02], state.position(names[0])[:2]
+    omega = natural_frequency(state.com()[2])
+    plan = DcmPlan([Piece(0.5, start, start), Piece(0.8, start, over), Piece(0.7, over, over)], omega)
+    ready: Any = element.among([*FEET, *soles])
+
+    def references(now: float, _: Any) -> Any:
+        return [element.at(*plan.at(now)), share.at(0.5 + 0.5 * min(max((now - 0.5) / 0.8, 0.0), 1.0))]
+
+    def measure(s: Any, tick: Any) -> Any:
+        given = np.concatenate(plan.at(len(seen) * DT))
+        seen.append(0)
+        forces = tick.program.contact_forces(tick.solution.x)
+        dcm = s.com()[1] + s.com_velocity()[1] / omega
+        return [dcm, given[3], ready.zmp(s, given)[0][1], given[1], *(forces[name][2] for name in names)]
+
+    seen: list[int] = []
+    found = run(TALOS, stack, references, 2.0, measure, hqp.Torque(holding=None))
+    figure, (left, right) = plt.subplots(1, 2, figsize=(7.6, 3.0))
+    for k, label, style in ((0, "DCM", "-"), (1, "its plan", ":"), (2, "ZMP", "-"), (3, "its plan", ":")):
+        panel(left, 100 * found[:, k], label, ls=style, color="C0" if k < 2 else "C1")
+    for k, label in ((4, "left"), (5, "right")):
+        panel(right, found[:, k], label)
+    finish(figure, "balance", (left, "Balance: sideways [cm]"), (right, "LoadShare: normal forces [N]"))
+
+
 ALL = (
-    within, support_polygon, directions, distance, weld, rates, manipulability, frozen, motors, balls, joint_torque,
-    holding, loads,
+    balance, within, support_polygon, directions, distance, weld, rates, manipulability, frozen, motors, balls,
+    joint_torque, holding, loads,
 )  # fmt: skip
 
 if __name__ == "__main__":

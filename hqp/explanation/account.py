@@ -11,7 +11,7 @@ import numpy as np
 from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError, closest
 from hqp.explanation.multipliers import MET, NOTHING, cause_of
-from hqp.explanation.words import PRICE, SHARE, Explanation, HeldBack, Loss, Short
+from hqp.explanation.words import PRICE, SHARE, Explanation, HeldBack, Loss, Short, told
 from hqp.formulation import Program
 from hqp.problem import Hierarchy
 from hqp.robot import Robot
@@ -109,16 +109,14 @@ class TickAccount:
             return "out of reach"
         if not row.any():
             return "own level"
-        first = int(row.argmax())
-        limit = first < len(layout.limits) and layout.limits[first]
-        return cause_of(price=first == len(layout.limits), limit=limit, fast=element in self._fast)
+        return cause_of(self.losses(element), fast=element in self._fast) if row.max() > SHARE else "lost"
 
     def losses(self, element: str) -> tuple[Loss, ...]:
         """What holds the level of an element back, largest share first; raises DeclarationError for an unknown name."""
         row = self.shares[self.layout.levels[self.layout.place(element)]]
-        names = (*self.elements, PRICE)
+        names, limits = (*self.elements, PRICE), (*self.layout.limits, False)
         order = np.argsort(-row, kind="stable")
-        return tuple(Loss(names[i], float(row[i])) for i in order.tolist() if row[i] > SHARE)
+        return tuple(Loss(names[i], float(row[i]), limit=limits[i]) for i in order.tolist() if row[i] > SHARE)
 
     def priced(self) -> Iterator[tuple[int, float]]:
         """Elements that their level's price holds back, by number, with its share."""
@@ -134,7 +132,7 @@ class TickAccount:
         lines = []
         for i, name in enumerate(names):
             why = self.cause(name)
-            lost = ", ".join(map(str, self.losses(name)[:3])) if why else "met"
+            lost = told(self.losses(name), 3) if why else "met"
             lines.append(f"{name:{width}}  {self.residual[i]:9.3g} of {self.asked[i]:9.3g}  {why or lost}")
             if why and lost:
                 lines[-1] += f": {lost}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Mapping
+from collections.abc import Callable, Container, Mapping, Sequence
 
 import numpy as np
 
@@ -31,18 +31,21 @@ def explain(
     fast: Container[str] = (),
     units: Mapping[str, str] | None = None,
     shares: Mat | None = None,
+    kinds: Mapping[str, Sequence[tuple[str, str]]] | None = None,
 ) -> Explanation:
     """What balances each residual: A_k' w_k = -sum_j A_j' lambda_kj, and each element's share of it.
 
     A level with a price is judged in its own stage, where c_k ||w_k|| F'(F x - f) holds against it too.
     row_names: names of single rows where an element has them (joints of a limit).  fast: elements whose lack is the
     rate of their reference.  units: of the elements' rows.  shares: ``(levels, elements + 1)`` of every element in the
-    order of places, the price's last, where the kernel has told them (hqp.explanation.account).
+    order of places, the price's last, where the kernel has told them (hqp.explanation.account).  kinds: what the
+    (lower, upper) bound of each row stands for, as ``Inequality.bound_kinds``.
     """
+    kinds = kinds or {}
     verdict = certificate(problem, solution.x, stages=solution.stage_points, settled=True)
-    pushes = [_shares(problem, solution, verdict, places, row_names, k) for k in range(len(problem.levels))]
+    pushes = [_shares(problem, solution, verdict, places, row_names, kinds, k) for k in range(len(problem.levels))]
     if shares is not None:
-        pushes = [_told(row, tuple(places), push) for row, push in zip(shares.tolist(), pushes, strict=True)]
+        pushes = [_told(row, places, push) for row, push in zip(shares.tolist(), pushes, strict=True)]
     still = Coordinates.of(problem.motion, problem.n).still
     accounts = []
     for name, place in places.items():
@@ -62,7 +65,7 @@ def explain(
             worth = _worth(problem, solution, place.level)
             short = Short.of(w, names)
             held = HeldBack(name, place.declared, asked, asked - residual, unit, price, short, worth)
-        active = _active(solution, place, names)
+        active = _active(solution, place, names, kinds.get(name, ()))
         count = place.part.stop - place.part.start
         accounts.append(
             Account(name, place.declared, count, residual, met, losses, active, cause, fights, asked, held, unit)
@@ -70,8 +73,9 @@ def explain(
     return Explanation(solution.status.name, tuple(accounts), verdict)
 
 
-def cause_of(*, price: bool, limit: bool, fast: bool) -> str:
-    """The cause by the largest share: a reference that is too fast for its limits or its price says so first."""
+def cause_of(losses: Sequence[Loss], *, fast: bool) -> str:
+    """The cause by the price where its share is the largest, else by a limit that binds; too fast is said first."""
+    price, limit = losses[0].element == PRICE, any(loss.binds for loss in losses)
     if fast and (price or limit):
         return "too fast"
     return "price" if price else "limit" if limit else "lost"
@@ -102,9 +106,7 @@ def _cause(
         return "own level", tuple(other for other, pull in pulls.items() if other != name and float(pull @ own) < 0.0)
     if not losses:
         return "lost", ()
-    first = losses[0].element
-    limit = first != PRICE and not places[first].element.equality
-    return cause_of(price=first == PRICE, limit=limit, fast=fast), ()
+    return cause_of(losses, fast=fast), ()
 
 
 def _point(solution: Solution, k: int) -> Vec | None:
@@ -177,6 +179,7 @@ def _shares(
     verdict: Certificate,
     places: Mapping[str, Place],
     row_names: Mapping[str, tuple[str, ...]],
+    kinds: Mapping[str, Sequence[tuple[str, str]]],
     k: int,
 ) -> tuple[Loss, ...]:
     levels, w = problem.levels, solution.residuals[k]
@@ -200,16 +203,22 @@ def _shares(
             if force > 0.0:  # an element may also push the level's way; only those that hold against it took something
                 against[name] = force
                 if not place.element.equality:
-                    held[name] = _named(row_names.get(name, ()), lam)
+                    held[name] = _named(row_names.get(name, ()), kinds.get(name, ()), lam)
     total = sum(against.values())
-    losses = (Loss(name, force / total, held.get(name, ())) for name, force in against.items() if force > SHARE * total)
+    losses = (
+        Loss(name, force / total, held.get(name, ()), name in held)
+        for name, force in against.items()
+        if force > SHARE * total
+    )
     return tuple(sorted(losses, key=lambda loss: -loss.share))
 
 
-def _told(shares: list[float], names: tuple[str, ...], found: tuple[Loss, ...]) -> tuple[Loss, ...]:
+def _told(shares: list[float], places: Mapping[str, Place], found: tuple[Loss, ...]) -> tuple[Loss, ...]:
     """Losses by the kernel's shares, with the rows that were found for each element."""
     rows = {loss.element: loss.rows for loss in found}
-    losses = [Loss(e, s, rows.get(e, ())) for e, s in zip((*names, PRICE), shares, strict=True) if s > SHARE]
+    limits = {name for name, place in places.items() if not place.element.equality}
+    told = zip((*places, PRICE), shares, strict=True)
+    losses = [Loss(e, s, rows.get(e, ()), e in limits) for e, s in told if s > SHARE]
     return tuple(sorted(losses, key=lambda loss: -loss.share))
 
 
@@ -221,24 +230,32 @@ def _inner(problem: Hierarchy) -> Callable[[Vec, Vec], float]:
     return lambda a, b: float((a * P) @ (b * P)) if P.ndim == 1 else float((a @ P) @ (b @ P))
 
 
-def _named(names: tuple[str, ...], lam: Vec) -> tuple[str, ...]:
+def _named(names: tuple[str, ...], kinds: Sequence[tuple[str, str]], lam: Vec) -> tuple[str, ...]:
     """Rows with a multiplier, largest first, by name and side."""
-    order = np.argsort(-np.abs(lam))
+    order = np.argsort(-np.abs(lam)).tolist()
     most = float(np.abs(lam).max(initial=0.0))
     return tuple(
-        f"{names[i] if i < len(names) else f'row {i}'} {'upper' if lam[i] > 0.0 else 'lower'}"
+        _side(names[i] if i < len(names) else f"row {i}", kinds[i] if kinds else ("", ""), 1 if lam[i] > 0.0 else -1)
         for i in order
         if abs(lam[i]) > SHARE * most
     )
 
 
-def _active(solution: Solution, place: Place, names: tuple[str, ...]) -> tuple[str, ...]:
+def _side(name: str, kind: tuple[str, str], mark: int) -> str:
+    """A row and which of its bounds: ``elbow upper``, ``elbow upper acceleration``."""
+    if mark not in (1, -1):
+        return f"{name} fixed"
+    return " ".join(filter(None, (name, "upper" if mark > 0 else "lower", kind[mark > 0])))
+
+
+def _active(
+    solution: Solution, place: Place, names: tuple[str, ...], kinds: Sequence[tuple[str, str]]
+) -> tuple[str, ...]:
     marks = solution.active[place.level][place.part]
     if place.element.equality:
         return ()
-    side = {1: "upper", -1: "lower"}
     return tuple(
-        f"{names[i] if i < len(names) else i} {side.get(int(mark), 'fixed')}"
+        _side(names[i] if i < len(names) else str(i), kinds[i] if kinds else ("", ""), int(mark))
         for i, mark in enumerate(marks)
         if mark != 0
     )

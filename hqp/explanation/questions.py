@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from hqp.arrays import Vec
+from hqp.element import Inequality, has
 from hqp.errors import HqpError
 from hqp.explanation.account import MOST, Accountant, TickAccount, of_explanation, too_fast, unit_of
 from hqp.explanation.multipliers import explain
@@ -35,10 +36,10 @@ DULL = ("joint_limits", "torque_limits")
 class Teller:
     """Tells of the latest tick of one compiled stack; what it needs is made when first asked for."""
 
-    __slots__ = ("_accountant", "_made_of", "_program", "_robot", "_stack")
+    __slots__ = ("_accountant", "_dt", "_made_of", "_program", "_robot", "_stack")
 
-    def __init__(self, stack: Stack, program: Program, workspace: Workspace, robot: Robot) -> None:
-        self._stack, self._program, self._robot = stack, program, robot
+    def __init__(self, stack: Stack, program: Program, workspace: Workspace, robot: Robot, dt: float) -> None:
+        self._stack, self._program, self._robot, self._dt = stack, program, robot, dt
         self._made_of = program, workspace, robot
         self._accountant: Accountant | None = None
 
@@ -79,7 +80,15 @@ class Teller:
                 fast.add(name)
         told = self._account(count, tick)
         shares = None if told is None else told.shares
-        found = explain(program.problem, solution, program.places, row_names, fast=fast, units=units, shares=shares)
+        around = tick.before if program.kind == "velocity" else v
+        kinds = {
+            element.name: element.bound_kinds(tick.state, around, self._dt)
+            for element in self._stack
+            if isinstance(element, Inequality) and has(element, "bound_kinds")
+        }
+        found = explain(
+            program.problem, solution, program.places, row_names, fast=fast, units=units, shares=shares, kinds=kinds
+        )
         return replace(found, remarks=program.remarks(tick.state))
 
     def account(self, count: int, tick: Tick) -> TickAccount:

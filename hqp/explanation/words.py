@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,9 @@ from hqp.errors import closest
 SHARE = 0.01
 """Losses below this fraction of the whole are omitted."""
 
+BINDS = 0.05
+"""A limit of at least this share is named before levels above: these leave a way, and the limit bars it."""
+
 PRICE = "its price"
 """The name under which a price stands among the losses."""
 
@@ -21,16 +25,27 @@ PRICE = "its price"
 class Loss:
     """One element's part in a residual: ``share`` (0 to 1) of the level's gradient that its multipliers balance.
 
-    rows: of an inequality, its rows that hold against it, by name and side.
+    rows: of an inequality, its rows that hold against it, by name and side.  limit: whether it is an inequality.
     """
 
     element: str
     share: float
     rows: tuple[str, ...] = ()
+    limit: bool = False
+
+    @property
+    def binds(self) -> bool:
+        """Whether it is a limit that counts: without it the level would come nearer, whatever is above it."""
+        return self.limit and self.share >= BINDS
 
     def __str__(self) -> str:
         rows = f" ({', '.join(self.rows[:3])}{', ...' if len(self.rows) > 3 else ''})" if self.rows else ""
         return f"{self.element} {100.0 * self.share:.0f} %{rows}"
+
+
+def told(losses: Sequence[Loss], most: int) -> str:
+    """The first few, limits that bind before levels above them."""
+    return ", ".join(str(loss) for loss in sorted(losses, key=lambda loss: not loss.binds)[:most])
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +90,7 @@ class HeldBack:
         """What was asked, what was given, and why not more."""
         why = "the rest costs more motion than it is worth"
         if losses and losses[0].element != PRICE:
-            why = f"the rest is held by {', '.join(str(loss) for loss in losses[:3])}"
+            why = f"the rest is held by {told(losses, 3)}"
         return f"asked {self.asked:.3g} {self.unit}, given {self.given:.3g}, short along ({self.short}): {why}"
 
     def __str__(self) -> str:
@@ -86,11 +101,12 @@ class HeldBack:
 class Account:
     """One element: its level, the norm of its residual in its own units, and its losses, largest first.
 
-    cause: why it is not met, "" where it is: ``lost`` to levels above, ``limit`` (held by an inequality, its rows
-    named), ``own level`` (fights: whom), ``out of reach`` (no motion of the robot lessens the residual), ``price``
-    (the rest costs more motion than it is worth), ``too fast`` (most of what it lacks is the rate of its reference,
-    not its error).  asked: ||w|| at the point of least motion, standing still, in the units of the residual.
-    held_back: what the price holds back, None where it holds nothing.  unit: of residual and asked.
+    cause: why it is not met, "" where it is: ``lost`` to levels above, ``limit`` (held by an inequality with a share of
+    BINDS or more, its rows named: the levels above alone would leave a way), ``own level`` (fights: whom), ``out of
+    reach`` (no motion of the robot lessens the residual), ``price`` (the rest costs more motion than it is worth),
+    ``too fast`` (most of what it lacks is the rate of its reference, not its error).  asked: ||w|| at the point of
+    least motion, standing still, in the units of the residual.  held_back: what the price holds back, None where it
+    holds nothing.  unit: of residual and asked.
     """
 
     element: str
@@ -145,7 +161,7 @@ def _outcome(account: Account) -> str:
         return "out of reach: no motion of the robot lessens it"
     if account.cause == "own level":
         return "fights " + (", ".join(account.fights) or "itself") + " in its own level"
-    losses = ", ".join(str(loss) for loss in account.losses[:4])
+    losses = told(account.losses, 4)
     if account.cause == "price":
         return f"held back by its price: {account.held_back}" + (f" ({losses})" if len(account.losses) > 1 else "")
     if account.held_back is not None and account.held_back.share > SHARE:

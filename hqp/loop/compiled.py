@@ -108,6 +108,8 @@ class Compiler:
         if limit is not None and self._deadline == math.inf:
             limit(math.inf)
             limit = None
+        if bind := getattr(workspace, "kernel", None):
+            bind(program.problem)  # here, not in the first tick
         hard = frozenset(element.name for element in whole.subject_to)
         rest = program.rest(self._robot, self._controller.braking)
         return Compiled(whole, program, workspace, limit, rest, hard, dropped, Watched(program, self._robot))

@@ -160,7 +160,8 @@ class Direct:
         """q and v one period later, of a tick of arrays at velocity level."""
         if not self._velocity:
             return None
-        return self._state(record)[self._nq + self._nv :].copy(), self.x(record).copy()
+        q = np.frombuffer(record, FLOAT, self._nq, len(record) - 1 - 8 * self._nq)
+        return q.copy(), np.frombuffer(record, FLOAT, self._nv, 8 * self._x.start).copy()
 
     def _state(self, record: bytearray) -> Vec:
         count = self._nq + self._nv + (self._nq if self._velocity else 0)

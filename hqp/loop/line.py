@@ -97,7 +97,7 @@ class Line:
         self.latest_count = 0
         self.trend = Trend()
         self.ease: Easing | None = None
-        self.teller = Teller(compiled.stack, compiled.program, compiled.workspace, self.robot)
+        self.teller = Teller(compiled.stack, compiled.program, compiled.workspace, self.robot, self.dt)
         self.contacts = ContactWatch(compiled.stack, self.dt)
         self.limits = LimitWatch(compiled.watched, self.dt)
 

@@ -115,7 +115,7 @@ def conclude(
         line.budget.end(cut=solution.status is Status.TIME_LIMIT)
     times = Times(prepared - start, filled - prepared, solved - filled, end - solved)
     told: Notes = (lambda: (*notes, *(note for make in later for note in make()))) if later else notes
-    return Tick(line, state, last, solution, times, line.x, status, told)
+    return Tick(line, state, last, None, times, solution, line.x, status, told)
 
 
 def held_tick(line: Line, state: State, solution: Solution | None, notes: tuple[Note, ...], *, fit: bool) -> Tick:
@@ -132,4 +132,4 @@ def held_tick(line: Line, state: State, solution: Solution | None, notes: tuple[
     last = line.send(x)
     status = Status.worst(*(note.status for note in notes))
     times = Times(0.0, 0.0, 0.0, perf_counter() - start)
-    return Tick(line, state, last, solution, times, x, status, notes, line.held, fit)
+    return Tick(line, state, last, None, times, solution, x, status, notes, line.held, fit)

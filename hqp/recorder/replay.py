@@ -158,6 +158,7 @@ def _causes(tick: RecordedTick) -> tuple[tuple[str, str], ...]:
     for account in tick.explain().accounts:
         if not account.met and not account.active:
             most = f" to {account.losses[0].element}" if account.cause == "lost" and account.losses else ""
-            by = f" {', '.join(account.losses[0].rows[:2])}" if account.cause == "limit" and account.losses else ""
+            limits = [loss.rows for loss in account.losses if loss.binds]
+            by = f" {', '.join(limits[0][:2])}" if account.cause == "limit" and limits else ""
             found.append((account.element, f"{account.cause}{most}{by}"))
     return tuple(found)

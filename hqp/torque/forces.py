@@ -17,6 +17,7 @@ from hqp.problem import Rows, Selection
 from hqp.reference import Reference
 from hqp.robot import Robot, State
 from hqp.torque.dynamics import ConstrainedDynamics
+from hqp.torque.shared import Shared, axes, named
 
 if TYPE_CHECKING:
     from hqp._torque import ForceRows
@@ -126,35 +127,42 @@ class Forces:
         self._places: dict[str, slice] = {}
         m = sum(rows.members[e.name].part.stop - rows.members[e.name].part.start for e in held)
         by_name = {e.name: e for e in held}
-        parts, turned = [np.zeros((0, m))], []
+        turned: list[Element] = []
+        parts = [np.zeros((0, m))]
         lower: list[Vec] = [np.zeros(0)]
         upper: list[Vec] = [np.zeros(0)]
         at = 0
+        self._shared: list[Shared] = []
         for element in elements:
-            contact = by_name.get(getattr(element, "contact", ""))
-            if contact is None:
-                known = ", ".join(by_name) or "there is none"
-                raise element.invalid("contact", getattr(element, "contact", None), f"a contact in subject_to: {known}")
-            part = rows.members[contact.name].part
-            C, low, high = _force_rows(element, contact, part.stop - part.start)
-            whole = np.zeros((C.shape[0], m))
-            whole[:, part] = C * (-contact.weight * element.weight)
+            if hasattr(element, "wrench_rows"):
+                shared = Shared.of(element, by_name, rows, robot, slice(at, at + 6))
+                self._shared.append(shared)
+                whole, low, high = np.zeros((6, m)), np.zeros(6), np.zeros(6)
+                turned += shared.contacts
+            else:
+                contact = named(element, getattr(element, "contact", ""), by_name)
+                part = rows.members[contact.name].part
+                C, low, high = _force_rows(element, contact, part.stop - part.start)
+                whole = np.zeros((C.shape[0], m))
+                whole[:, part] = C * (-contact.weight * element.weight)
+                turned.append(contact)
             parts.append(whole)
             lower.append(low * element.weight)
             upper.append(high * element.weight)
-            turned.append(contact)
-            self._places[element.name] = slice(at, at + C.shape[0])
-            at += C.shape[0]
+            self._places[element.name] = slice(at, at + whole.shape[0])
+            at += whole.shape[0]
         self._C, self._lower, self._upper = np.vstack(parts), np.concatenate(lower), np.concatenate(upper)
         self._turn: Mat = np.eye(m)  # from the rows' axes to the contacts'
         self._frames: list[tuple[int, Mat, Mat]] = []
         for contact in dict.fromkeys(turned):
             part = rows.members[contact.name].part
-            rotation, blocks = _axes(contact, part.stop - part.start, robot)
+            rotation, blocks = axes(contact, part.stop - part.start, robot)
             for block in blocks:
                 here = slice(part.start + block.start, part.start + block.stop)
                 self._frames.append((here.start, self._turn[here, here], rotation))
-        self._targets = [(e.name, self._places[e.name], e.weight) for e in elements if e.equality]
+        apart = {shared.element.name for shared in self._shared}
+        given = [e for e in elements if e.equality and e.name not in apart]
+        self._targets = [(e.name, self._places[e.name], e.weight) for e in given]
         self._plan: list[list[Any]] = []
         self.native: ForceRows | None = None
         """The same natively, after sparse eliminations."""
@@ -166,6 +174,11 @@ class Forces:
         self.native = native.ForceRows(*dynamics.sparse_forces)
         for start, _, rotation in self._frames:
             self.native.turn(start, rotation)
+        for shared in self._shared:
+            one, other = shared.rotations
+            middles = [x for middle in shared.element.middles or ((0.0, 0.0),) * 2 for x in middle]
+            C, first = self._C[shared.own], [part.start for part in shared.parts]
+            self.native.share(C, first, one, other, middles, shared.factors, shared.element.arm, shared.share)
         for own, _, *rows in self._plan:
             self.native.add(self._C[own], rows[0], self._lower[own], self._upper[own], *rows[1:])
 
@@ -191,6 +204,11 @@ class Forces:
             value = references[name].value
             self._lower[place] = 0.0 if value is None else weight * value
             self._upper[place] = self._lower[place]
+        for shared in self._shared:
+            value = references[shared.element.name].value
+            self._lower[shared.own] = self._upper[shared.own] = 0.0 if value is None else 0.0 * value  # NaN is told
+            if value is None or np.isfinite(value).all():
+                shared.share[:] = shared.element.share if value is None else value
 
     def fill(
         self, references: Mapping[str, Reference], dynamics: ConstrainedDynamics, shift: Vec | None = None
@@ -205,6 +223,8 @@ class Forces:
             return
         for _, block, rotation in self._frames:
             block[:] = rotation.T
+        for shared in self._shared:
+            shared.write(self._C)
         C = self._C @ self._turn
         F, f = dynamics.force_map()
         offset = C @ (f if shift is None else f - F @ shift)
@@ -223,15 +243,3 @@ def _force_rows(element: Element, contact: Element, size: int) -> tuple[Mat, Vec
     basis = np.eye(size) if known is None else np.asarray(known(), dtype=np.float64)
     C, lower, upper = (np.asarray(part, dtype=np.float64) for part in maker(basis.shape[0]))
     return C @ basis, lower, upper
-
-
-def _axes(contact: Element, size: int, robot: Robot) -> tuple[Mat, list[slice]]:
-    """Live rotation of the contact's frame and the three-row blocks of its rows that are in world axes.
-
-    Those of a Weld are in the axes of the frame that it is relative to, and stay there.
-    """
-    frame = getattr(contact, "frame", None)
-    if frame is None or size < 3 or getattr(contact, "relative_to", None) is not None:
-        return np.eye(3), []
-    _, rotation = robot.placement(robot.frame(frame))
-    return rotation, [slice(at, at + 3) for at in range(0, size - 2, 3)]

@@ -14,8 +14,12 @@ import hqp
 from hqp import Level, P, Stack
 from hqp.tasks import CollisionAvoidance, Com, FixedContact, JointLimits, Orientation, Position, Posture
 from tests.browser.chromium import arrow, drag, shoot, tab_at, wait_for
+from tests.counting import calls
 
 DT = 0.002
+CALLS, PICTURE = 20, 600
+"""Of functions that the view may add to a tick, and to one of which it takes a picture; a call takes some 0.1 us."""
+
 REACH = np.array([0.12, 0.05, 0.15])
 pytestmark = pytest.mark.browser
 
@@ -42,8 +46,7 @@ class Loop(threading.Thread):
         self.q, self.v = robot.home.copy(), np.zeros(robot.nv)
         self.goal: Any = None
         self.home = self.position()
-        self.turns = False
-        self.took: dict[bool, list[float]] = {True: [], False: []}
+        self.counted: dict[bool, list[int]] | None = None
         self.tick: Any = None
         self.going = True
 
@@ -53,13 +56,17 @@ class Loop(threading.Thread):
             self.view.wait()
             references = () if self.goal is None else (self.hand.at(self.goal),)
             state = self.robot.state(self.q, self.v)
-            seen = not self.turns or self.session.count % 2 == 0
-            start = time.perf_counter()
-            self.tick = (self.view if seen else self.session).step(state, *references)
-            self.took[seen].append(time.perf_counter() - start)
+            if (counted := self.counted) is None:
+                self.tick = self.view.step(state, *references)
+            else:  # with and without in turn
+                seen = self.session.count % 2 == 0
+                counted[seen].append(calls(self.step, self.view if seen else self.session, state, references))
             self.q, self.v = self.tick.advance()
             due = max(due + DT, time.perf_counter())
             time.sleep(max(0.0, due - time.perf_counter()))
+
+    def step(self, stepper: Any, state: Any, references: tuple[Any, ...]) -> None:
+        self.tick = stepper.step(state, *references)
 
     def position(self) -> Any:
         return hqp.robots.load("g1").state(self.q).position("right_wrist_yaw_link")
@@ -136,15 +143,20 @@ def test_a_target_is_dragged(page: tuple[Loop, Any]) -> None:
 
 
 def test_the_loop_hardly_notices(page: tuple[Loop, Any]) -> None:
-    """With and without in turn, tick by tick, so that the browser's own load is the same for both."""
+    """What the view adds to a tick, as calls of functions: the same on a busy machine and on a quiet one."""
     loop, tab = page
-    loop.took = {True: [], False: []}
-    loop.turns = True
+    loop.counted = {True: [], False: []}
     tab.wait_for_timeout(10_000)
-    loop.turns = False
-    cost = 1e6 * (np.median(loop.took[True]) - np.median(loop.took[False]))
-    print(f"\nthe view costs {cost:.1f} us a tick of {1e6 * np.median(loop.took[False]):.0f} us at the median")
-    assert cost < 10.0
+    counted, loop.counted = loop.counted, None
+    seen, alone = (np.array(counted[each]) for each in (True, False))
+    assert min(seen.size, alone.size) > 100
+    few, plain = np.percentile(seen, 10), np.median(alone)
+    most = np.percentile(seen, 99)
+    print(
+        f"\nthe view adds {few - plain:.0f} calls to a tick of {plain:.0f}, {most - plain:.0f} where it takes a picture"
+    )
+    assert few - plain <= CALLS
+    assert most - plain <= PICTURE
 
 
 def test_pause_and_step(page: tuple[Loop, Any]) -> None:

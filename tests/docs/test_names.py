@@ -19,7 +19,10 @@ CODE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
 DOTTED = re.compile(r"`(hqp(?:\.\w+)+)[(`]")
 CLASS = re.compile(r"`([A-Z][a-z]+(?:[A-Z]\w*)?)[(`]")
 MEMBER = re.compile(r"`(robot|session|state|stack|tick)\.(\w+)")
-PUBLIC = ("hqp", "hqp.tasks", "hqp.robots", "hqp.errors", "hqp.estimation", "hqp.recorder", "hqp.sweep", "hqp.plans")
+PUBLIC = (
+    "hqp", "hqp.tasks", "hqp.robots", "hqp.errors", "hqp.estimation", "hqp.recorder", "hqp.sweep", "hqp.plans",
+    "hqp.walking",
+)  # fmt: skip
 OTHERS = {  # classes of pink, mink, placo, tsid and roboplan, of the kernel's C++, values of Python
     "ComTask", "ConfigurationLimit", "DynamicsSolver", "False", "FrameTask", "MinkTask", "None", "Operation",
     "PinkTask", "PostureTask", "RobotWrapper", "SimpleIk", "TaskComEquality", "TaskJointBounds", "TaskJointPosture",

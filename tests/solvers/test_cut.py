@@ -35,20 +35,20 @@ def boxed(problem: Hierarchy, rng: np.random.Generator) -> Hierarchy:
     return Hierarchy((Rows(Selection(np.arange(n)), -room, room), *problem.levels), constraints=1)
 
 
-def next_tick(problem: Hierarchy, rng: np.random.Generator) -> Hierarchy:
+def next_tick(problem: Hierarchy, rng: np.random.Generator, by: float = 1.0) -> Hierarchy:
     """Another one near it, whose last answer is no longer in the box."""
     levels = []
     for rows in problem.levels:
-        moved = rng.normal(0.0, 0.1, rows.m)
+        moved = by * rng.normal(0.0, 0.1, rows.m)
         A: Any = rows.A
         if not isinstance(A, Selection):
-            A = A + 0.02 * rng.normal(size=A.shape)
+            A = A + by * 0.02 * rng.normal(size=A.shape)
         levels.append(Rows(A, rows.lower + moved, rows.upper + moved))
     return replace(problem, levels=tuple(levels))
 
 
-def cut_answers(solver: Lexicographic, seconds: float, prices: float) -> tuple[int, int]:
-    """How many answers of loops were cut, and how many of these are worse than the last one."""
+def cut_answers(solver: Lexicographic, seconds: float, prices: float, by: float = 1.0) -> tuple[int, int]:
+    """How many answers of loops were cut, and how many of these are worse than the last one; by: of the changes."""
     cut = worse = 0
     for kind in KINDS:
         for seed in range(4):
@@ -68,16 +68,17 @@ def cut_answers(solver: Lexicographic, seconds: float, prices: float) -> tuple[i
                     np.testing.assert_allclose(told, own, rtol=0.0, atol=1e-9)
                 last = solution.x.copy()
                 solution.x[:] = np.nan  # the caller's own
-                problem = next_tick(problem, rng)
+                problem = next_tick(problem, rng, by)
     return cut, worse
 
 
 @pytest.mark.parametrize("prices", [0.0, 0.1], ids=["exact", "priced"])
 @pytest.mark.parametrize("most", [1, 3, 6])
 def test_after_too_many_iterations_no_answer_is_worse_than_the_last(most: int, prices: float) -> None:
-    cut, worse = cut_answers(Lexicographic(max_iterations=most), 1e3, prices)
-    assert cut > 20
-    assert worse == 0
+    for by in (1.0, 1e-3):
+        cut, worse = cut_answers(Lexicographic(max_iterations=most), 1e3, prices, by)
+        assert cut > 20 * by
+        assert worse == 0
 
 
 @pytest.mark.parametrize("prices", [0.0, 0.1], ids=["exact", "priced"])
@@ -96,3 +97,16 @@ def test_a_workspace_that_forgot_compares_with_rest() -> None:
         solution = workspace.solve(problem)
         assert not is_worse(problem, solution.x, np.zeros(problem.n))
         workspace.reset()
+
+
+def test_nothing_of_the_last_answer_is_left_after_a_reset() -> None:
+    rng = np.random.default_rng(0)
+    problem = boxed(fuzz.problem("conflicts", 1)[0], rng)
+    used, fresh = (Lexicographic().workspace(problem.shape) for _ in range(2))
+    used.solve(problem)
+    used.reset()
+    for workspace in (used, fresh):
+        workspace.limit(1e-9)  # type: ignore[attr-defined]
+    after, first = used.solve(problem), fresh.solve(problem)
+    assert after.status is first.status is Status.TIME_LIMIT
+    np.testing.assert_array_equal(after.x, first.x)

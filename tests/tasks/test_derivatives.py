@@ -111,6 +111,10 @@ def examples(n: dict[str, str]) -> dict[str, list[Element]]:
             t.Cone(t.AlignAxis(frame=f, axis=(1.0, -2.0, 0.5)), angle=1.5),
             t.Cone(t.LookAt(frame=f, axis=(0.0, 0.0, 1.0)), angle=0.3, weight=2.0),
         ],
+        "Balance": [
+            t.Balance(points=((f, -0.1, -0.05, 0.0), (f, 0.1, -0.05, 0.0), (o, 0.1, 0.05, 0.0), (o, -0.1, 0.05, 0.0))),
+            t.Balance(points=((f, 0.0, 0.0, 0.1), (o, 0.2, 0.0, 0.0), (o, 0.0, 0.3, 0.0)), height=0.8, weight=2.0),
+        ],
         "SupportPolygon": [
             t.SupportPolygon(polygon=((0.1, 0.0), (0.1, 0.1), (0.02, 0.03), (-0.1, 0.05), (0.0, -0.2)), margin=0.01),
         ],
@@ -163,6 +167,9 @@ def followed(element: Element, state: State) -> Callable[[State], Vec]:
         com = state.com()[:2].copy()
         return lambda s: normals @ (s.com()[:2] - com)
     assert isinstance(element, Task)
+    if element.demands:
+        start = element.value(state).copy()
+        return lambda s: element.value(s) - start
     if isinstance(element, t.JointCoupling):
         element = dataclasses.replace(element, offset=float(element.value(state)[0]))  # zero error
     hold = element.hold(state).value

@@ -125,6 +125,8 @@ def test_native_rows_equal_readable_rows(
     robot, rng = robots[robot_name], np.random.default_rng(3)
     if name == "BaseVelocityLimits" and not robot.floating:
         pytest.skip("no free base")
+    if name == "Balance" and order == 1:
+        pytest.skip("its law gives accelerations")
     table = examples({**NAMES, **OTHER}[robot_name])
     elements: list[Element] = []
     for example in table[name]:

@@ -353,3 +353,40 @@ def test_accounts_leave_no_memory_behind() -> None:
     before = resident()
     sessions(240)
     assert resident() - before < 6.0
+
+
+@pytest.mark.parametrize("native", [True, False], ids=["native", "general"])
+def test_a_tick_from_rest_names_the_acceleration(native: bool) -> None:
+    """Feet and CoM push back, too, but leave a way: without the window the hand would have what it asks for."""
+    robot = hqp.robots.load("g1")
+    feet = [FixedContact(frame=frame) for frame in robot.landmarks["soles"]]
+    hand = Position(frame=robot.landmarks["palms"][1], law=P(5.0), name="hand")
+    stack = Stack(Level(Com(axes="xy")), Level(hand), Level(Posture()), subject_to=[*feet, JointLimits()])
+    rates = None if native else hqp.RateLimits(velocity=1e9)
+    run = hqp.Controller(stack, rates=rates, deadline=math.inf).session(robot, DT)
+    goal = hand.at(robot.state().position(hand.frame) + np.array([0.15, 0.05, 0.1]))
+    run.step(robot.state())
+    tick = run.step(robot.state(), goal)
+    assert both(tick, "hand") == ("limit", "limit")
+    loss = next(loss for loss in tick.explain()["hand"].losses if loss.element == "joint_limits")
+    assert loss.binds
+    assert loss.share < 0.5  # by shares the CoM comes first
+    assert loss.rows
+    assert all(row.endswith(" acceleration") for row in loss.rows)
+    assert "held by joint_limits" in str(tick.explain())
+    free = Stack(Level(Com(axes="xy")), Level(hand), Level(Posture()), subject_to=feet)
+    other = hqp.Controller(free, deadline=math.inf).session(robot, DT)
+    assert other.step(robot.state(), goal).account().met("hand")
+
+
+def test_a_joint_at_its_top_speed_is_named_so() -> None:
+    robot = hqp.robots.load("ur5")
+    v = np.zeros(6)
+    v[0], v[2] = robot.velocity_limit[0], -robot.velocity_limit[2]
+    kinds = JointLimits().bound_kinds(robot.state(robot.home, v), v, DT)
+    assert kinds[0] == ("acceleration", "speed")
+    assert kinds[2] == ("speed", "acceleration")
+    assert kinds[1] == ("acceleration", "acceleration")
+    q = robot.home.copy()
+    q[2] = robot.upper[2]
+    assert JointLimits().bound_kinds(robot.state(q), np.zeros(6), DT)[2] == ("acceleration", "")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -114,7 +115,7 @@ def test_physics_does_not_give_way_to_a_joint_limit() -> None:
     stack = Stack(
         Level(Com()), Level(Posture()), subject_to=[JointLimits(acceleration=None, braking=None), *feet, *forces]
     )
-    session = hqp.Controller(stack, hqp.Torque()).session(robot, dt=0.002)
+    session = hqp.Controller(stack, hqp.Torque(), deadline=math.inf).session(robot, dt=0.002)
     state = robot.state()
     J = np.vstack([state.jacobian(foot.frame) for foot in feet] + [np.eye(robot.nv)[2:3]])
     v = np.linalg.pinv(J) @ np.append(np.zeros(12), 4.0)  # upwards, knees faster than they may: only a pull could help

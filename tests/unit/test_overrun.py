@@ -28,7 +28,7 @@ def driven(robot: Any, kind: str, native: bool, q: Any, v: Any, ticks: int, **fi
         found.append(run.step(robot.state(q, v)))
         q, v = found[-1].advance()
         angles.append(robot.state(q).angles)
-    assert native == (type(found[-1]) is not Tick)
+    assert native == found[-1].native
     return found, np.array(angles)
 
 
@@ -98,3 +98,23 @@ def test_without_a_window_a_joint_stops_at_once() -> None:
     limits = JointLimits(acceleration=None)
     assert not limits.overrun(robot.state(q), v, DT).any()
     assert np.flatnonzero(JointLimits().overrun(robot.state(q), v, DT)).tolist() == [joint]
+
+
+def test_the_note_is_back_after_a_tick_on_the_general_path() -> None:
+    """Marks as in the last native tick are others than those of the tick between."""
+    robot, joint, posture = hqp.robots.load("ur5"), 2, Posture(law=PD(25.0, 10.0))
+    run = hqp.Controller(
+        Stack(Level(posture), subject_to=[JointLimits()]), hqp.Acceleration(), deadline=math.inf
+    ).session(robot, DT)
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    q[joint], v[joint] = robot.upper[joint] - 0.03, 2.5
+    for _ in range(3):
+        tick = run.step(robot.state(q, v))
+    assert tick.native
+    assert told(tick)
+    between = run.step(robot.state(), posture.at(np.full(6, np.nan)))
+    assert not between.native
+    assert not told(between)
+    tick = run.step(robot.state(q, v))
+    assert tick.native
+    assert told(tick)

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 import hqp
+from benchmarks.changes import stack
 from hqp import Level, P, Stack, Status
+from hqp.arguments import formulation
 from hqp.errors import (
     DeclarationError,
     FrameNotFound,
@@ -22,6 +24,7 @@ from hqp.errors import (
     UnsupportedProblem,
 )
 from hqp.robots import Robot
+from hqp.solvers.stages import StagedWorkspace
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, Position, Posture
 
 DT = 0.002
@@ -349,3 +352,24 @@ def test_change_keeps_what_survives(robot: Robot) -> None:
     with pytest.raises(FrameNotFound):
         session.change(Stack(Level(Position(frame="nowhere"))))
     assert np.allclose(session.step(robot.state(q)).command, after.command)
+
+
+@pytest.mark.parametrize("kind", ["velocity", "torque"])
+def test_a_workspace_is_bound_before_the_first_tick(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half of a first tick of CBi otherwise; so is that of a stack that is changed to."""
+    robot, late, ticking = hqp.robots.load("cbi"), list[Any](), False
+    bind = StagedWorkspace._bind
+
+    def watched(self: Any, problem: Any) -> None:
+        late.extend([problem] if ticking else [])
+        bind(self, problem)
+
+    monkeypatch.setattr(StagedWorkspace, "_bind", watched)
+    whole = stack(robot, kind)
+    run = hqp.Controller(whole, formulation(kind), deadline=np.inf).session(robot, 0.002)
+    for declared in (whole, whole.without("hand")):
+        run.change(declared)
+        ticking = True
+        run.step(robot.state())
+        ticking = False
+    assert not late

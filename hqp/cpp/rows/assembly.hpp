@@ -12,6 +12,7 @@
 
 #include "../common/solve_call.hpp"
 #include "../dynamics/equation_of_motion.hpp"
+#include "balance.hpp"
 #include "collision.hpp"
 #include "com.hpp"
 #include "frames.hpp"
@@ -345,6 +346,7 @@ class Assembly {
       return std::make_unique<hqp::Cone>(fixed(), p.axis(), p.flag("point"), p.number("angle"), p.barrier(dt_), order_);
     if (name == "Within") return within(p, out);
     if (name == "SupportPolygon") return support_polygon(p, out);
+    if (name == "Balance") return balance(p, out);
     if (name == "Collision") return std::make_unique<hqp::Collision>(out, tree_, scene(p));
     throw nb::type_error(("no native operation for a plan of class " + name).c_str());
   }
@@ -372,6 +374,19 @@ class Assembly {
     for (const Numbers& corner : p.list<Numbers>("polygon")) corners.push_back({true, {}, {corner[0], corner[1], 0.0}});
     return std::make_unique<hqp::SupportPolygon>(out, std::move(own), std::move(com), std::move(corners),
                                                  p.number("margin"), p.barrier(dt_), order_);
+  }
+
+  Operation balance(const Plan& p, const hqp::Target& out) {
+    const int nv = tree_.size();
+    auto own = std::make_unique<hqp::Numbers>(2, 0);
+    tree_.need_centres();
+    const hqp::Target inner = own->target(out.J, nullptr, out.weight, nv, order_ == 2);
+    auto com = std::make_unique<hqp::Com>(hqp::Rows(inner, tree_, {}, {}), 0, Ints{0, 1});
+    std::vector<hqp::Corner> corners;
+    for (const auto& [frame, point] : p.list<std::tuple<nb::object, Numbers>>("points"))
+      corners.push_back({false, p.part_of(frame).frame(), vector(point)});
+    return std::make_unique<hqp::Balance>(out, std::move(own), std::move(com), std::move(corners), p.number("k"),
+                                          p.number("height"), p.number("gravity"), tree_);
   }
 
   hqp::CollisionScene scene(const Plan& p) {

@@ -4,9 +4,9 @@
 
 #include <limits>
 #include <memory>
-#include <numeric>
 
 #include "com.hpp"
+#include "hull.hpp"
 #include "turns.hpp"
 
 namespace hqp {
@@ -133,12 +133,6 @@ class Within final : public Operation {
   std::vector<double> along_, push_;  // velocity and acceleration of the bounds
 };
 
-struct Corner {  // of a polygon: a point of a frame, or of the world
-  bool fixed;
-  Frame frame;
-  Vec3 point;
-};
-
 // The centre of mass inside the convex hull of points, a row for each.
 class SupportPolygon final : public Operation {
  public:
@@ -147,29 +141,26 @@ class SupportPolygon final : public Operation {
       : out_(out),
         own_(std::move(own)),
         com_(std::move(com)),
-        corners_(std::move(corners)),
+        hull_(std::move(corners)),
         margin_(margin),
         barrier_(barrier),
-        order_(order),
-        x_(corners_.size()),
-        y_(corners_.size()),
-        order_of_(corners_.size()) {}
+        order_(order) {}
   void run(const double* q, const double* v) override {
     constexpr double kNone = std::numeric_limits<double>::infinity();
     com_->run(q, v);
-    place();
-    find_hull();
-    const int m = static_cast<int>(corners_.size()), nv = out_.nv;
+    hull_.update();
+    const std::vector<int>& hull = hull_.corners();
+    const int m = hull_.size(), nv = out_.nv;
     std::fill(out_.lower, out_.lower + m, -kNone);
     std::fill(out_.upper, out_.upper + m, kNone);
     std::fill(out_.J, out_.J + static_cast<std::ptrdiff_t>(m) * nv, 0.0);
     const double *Jx = own_->J.data(), *Jy = Jx + nv;
-    for (std::size_t k = 0; k < hull_.size(); ++k) {
-      const int i = hull_[k], j = hull_[(k + 1) % hull_.size()];
-      const double dx = x_[j] - x_[i], dy = y_[j] - y_[i], length = std::hypot(dx, dy);
+    for (std::size_t k = 0; k < hull.size(); ++k) {
+      const int i = hull[k], j = hull[(k + 1) % hull.size()];
+      const double dx = hull_.x(j) - hull_.x(i), dy = hull_.y(j) - hull_.y(i), length = std::hypot(dx, dy);
       if (!(length > 0.0)) continue;
       const double nx = dy / length, ny = -dx / length;
-      const double way = nx * (x_[i] - own_->error[0]) + ny * (y_[i] - own_->error[1]) - margin_;
+      const double way = nx * (hull_.x(i) - own_->error[0]) + ny * (hull_.y(i) - own_->error[1]) - margin_;
       double* J = out_.row(i);
       for (int c = 0; c < nv; ++c) J[c] = out_.weight * (nx * Jx[c] + ny * Jy[c]);
       const double speed = product(J, v, nv) / out_.weight;
@@ -183,57 +174,13 @@ class SupportPolygon final : public Operation {
   }
 
  private:
-  static constexpr double kFlat = 2e-5;  // a corner this near to the line between its neighbours is none [m]
-
-  void place() {
-    for (std::size_t i = 0; i < corners_.size(); ++i) {
-      const Corner& corner = corners_[i];
-      const Vec3 p = corner.fixed ? corner.point
-                                  : load(corner.frame.position) + load_rotation(corner.frame.rotation) * corner.point;
-      x_[i] = p[0];
-      y_[i] = p[1];
-    }
-  }
-  double turn(int o, int a, int b) const {
-    return (x_[a] - x_[o]) * (y_[b] - y_[o]) - (y_[a] - y_[o]) * (x_[b] - x_[o]);
-  }
-  void find_hull() {  // Andrew's monotone chain, then without flat corners
-    std::iota(order_of_.begin(), order_of_.end(), 0);
-    std::stable_sort(order_of_.begin(), order_of_.end(),
-                     [&](int a, int b) { return x_[a] != x_[b] ? x_[a] < x_[b] : y_[a] < y_[b]; });
-    hull_.clear();
-    for (int side = 0; side < 2; ++side) {
-      const std::size_t start = hull_.size();
-      for (const int i : order_of_) {
-        while (hull_.size() >= start + 2 && turn(hull_[hull_.size() - 2], hull_.back(), i) <= 0.0) hull_.pop_back();
-        hull_.push_back(i);
-      }
-      hull_.pop_back();
-      std::reverse(order_of_.begin(), order_of_.end());
-    }
-    while (hull_.size() > 3) {
-      std::size_t least = 0;
-      double smallest = std::numeric_limits<double>::infinity();
-      const std::size_t n = hull_.size();
-      for (std::size_t k = 0; k < n; ++k) {
-        const int o = hull_[(k + n - 1) % n], a = hull_[k], b = hull_[(k + 1) % n];
-        const double off = std::fabs(turn(o, a, b)) / std::max(std::hypot(x_[b] - x_[o], y_[b] - y_[o]), kFlat);
-        if (off < smallest) smallest = off, least = k;
-      }
-      if (!(smallest <= kFlat)) break;
-      hull_.erase(hull_.begin() + static_cast<std::ptrdiff_t>(least));
-    }
-  }
-
   Target out_;
   std::unique_ptr<Numbers> own_;  // x and y of the centre of mass, its Jacobian and drift
   std::unique_ptr<Com> com_;
-  std::vector<Corner> corners_;
+  Hull hull_;
   double margin_;
   Barrier barrier_;
   int order_;
-  std::vector<double> x_, y_;
-  std::vector<int> order_of_, hull_;
 };
 
 }  // namespace hqp

@@ -123,6 +123,22 @@ class ForceRows {
                             upper.data()});
     kept_.append(nb::make_tuple(C, A, asked_lower, asked_upper, lower, upper));
   }
+  void share(const Block& C, const Ints& first, const Columns& one, const Columns& other,
+             const std::vector<double>& middles, const std::vector<double>& factors, double arm, const Vector& share) {
+    if (C.shape(0) != 6 || C.shape(1) != m_ || first.size() != 2 || middles.size() != 4 || factors.size() != 2 ||
+        one.size() != 9 || other.size() != 9 || share.size() != 1)
+      refuse("contacts: wrong shape");
+    for (const int at : first)
+      if (at < 0 || std::size_t(at) + 6 > m_) refuse("first: wrong shape");
+    native_->share({C.data(),
+                    {first[0], first[1]},
+                    {one.data(), other.data()},
+                    {{middles[0], middles[1]}, {middles[2], middles[3]}},
+                    {factors[0], factors[1]},
+                    arm,
+                    share.data()});
+    kept_.append(nb::make_tuple(C, one, other, share));
+  }
   void run(const std::optional<Vector>& shift) {
     if (shift && shift->shape(0) != n_) refuse("shift: wrong shape");
     native_->run(T_, top_, shift ? shift->data() : nullptr);
@@ -222,6 +238,8 @@ NB_MODULE(_torque, module) {
   nb::class_<ForceRows>(module, "ForceRows")
       .def(nb::init<const Block&, const Block&>(), "T"_a.noconvert(), "top"_a.noconvert())
       .def("turn", &ForceRows::turn, "first"_a, "rotation"_a.noconvert())
+      .def("share", &ForceRows::share, "C"_a.noconvert(), "first"_a, "one"_a.noconvert(), "other"_a.noconvert(),
+           "middles"_a, "factors"_a, "arm"_a, "share"_a.noconvert())
       .def("add", &ForceRows::add, "C"_a.noconvert(), "A"_a.noconvert(), "asked_lower"_a.noconvert(),
            "asked_upper"_a.noconvert(), "lower"_a.noconvert(), "upper"_a.noconvert())
       .def("run", nb::overload_cast<const std::optional<Vector>&>(&ForceRows::run), "shift"_a.none());

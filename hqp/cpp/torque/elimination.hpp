@@ -1,6 +1,7 @@
 // Torque level as the binding sees it: the constraint forces eliminated, and the rows of all levels on the torque.
 #pragma once
 
+#include <array>
 #include <vector>
 
 namespace hqp {
@@ -37,9 +38,20 @@ class TorqueRows {
 };
 
 // Rows on the forces of m constraints, lambda = T^-1 top (tau, 1), as rows on tau: lower <= -C lambda <= upper.
+// How two contacts share a wrench, see tasks/load_share.py: C (6, m) is written each time, s is live.
+struct Shared {
+  double* C;
+  int first[2];               // rows of the constraints where the contacts' begin
+  const double* rotation[2];  // live, column-major
+  std::array<double, 2> middle[2];
+  double factor[2], arm;  // by which C is multiplied
+  const double* share;
+};
+
 class ForceRows {
  public:
   virtual ~ForceRows() = default;
+  virtual void share(const Shared& contacts) = 0;
   // Three of the constraints' rows from `first` on are turned into a contact's axes, by the live transpose of its
   // rotation, row-major.
   virtual void turn(int first, const double* rotation) = 0;

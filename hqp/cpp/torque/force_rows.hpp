@@ -17,6 +17,7 @@ class RowsOfForces final : public ForceRows {
 
   void turn(int first, const double* rotation) override { turns_.push_back({first, rotation}); }
   void add(const double* C, const Asked& rows) override { rows_.push_back({C, rows}); }
+  void share(const Shared& contacts) override { shared_.push_back(contacts); }
 
   void run(const double* T, const double* top, const double* shift) override {
     const int w = n_ + 1;
@@ -28,6 +29,7 @@ class RowsOfForces final : public ForceRows {
     if (shift)
       for (int i = 0; i < m_; ++i)
         for (int k = 0; k < n_; ++k) row(map_, i)[n_] -= row(map_, i)[k] * shift[k];
+    for (const Shared& contacts : shared_) write(contacts);
     turned_ = map_;
     for (const auto& [first, rotation] : turns_)
       for (int i = 0; i < 3; ++i) {
@@ -47,6 +49,26 @@ class RowsOfForces final : public ForceRows {
  private:
   double* row(std::vector<double>& block, int i) { return block.data() + i * (n_ + 1); }
 
+  void write(const Shared& shared) const {  // rows of (1 - s) w_2 - s w_1 on wrenches in the contacts' axes
+    const double s = std::min(std::max(*shared.share, 0.0), 1.0);
+    for (int k = 0; k < 2; ++k) {
+      const double f = shared.factor[k] * (k ? 1.0 - s : -s), g = f / shared.arm;
+      const double x = shared.middle[k][0], y = shared.middle[k][1];
+      for (int i = 0; i < 3; ++i) {
+        const double* R = shared.rotation[k] + i;  // row i: R[0], R[3], R[6]
+        double* force = shared.C + i * m_ + shared.first[k];
+        double* moment = shared.C + (i + 3) * m_ + shared.first[k];
+        for (int c = 0; c < 3; ++c) {
+          force[c] = f * R[3 * c];
+          moment[3 + c] = g * R[3 * c];
+        }
+        moment[0] = g * y * R[6];  // -R (x, y, 0) x f
+        moment[1] = -g * x * R[6];
+        moment[2] = g * (x * R[3] - y * R[0]);
+      }
+    }
+  }
+
   struct Bound {
     const double* C;
     Asked rows;
@@ -56,6 +78,7 @@ class RowsOfForces final : public ForceRows {
   std::vector<double> map_, turned_, sum_ = std::vector<double>(n_ + 1);
   std::vector<std::pair<int, const double*>> turns_;
   std::vector<Bound> rows_;
+  std::vector<Shared> shared_;
 };
 
 }  // namespace HQP_ISA

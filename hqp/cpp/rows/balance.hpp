@@ -1,0 +1,90 @@
+// The centre of mass over a ZMP inside the support. See tasks/balance.py for the equations.
+#pragma once
+
+#include <memory>
+#include <utility>
+
+#include "barrier.hpp"
+
+namespace hqp {
+
+class Balance final : public Operation {
+ public:
+  Balance(Target out, std::unique_ptr<Numbers> own, std::unique_ptr<Com> com, std::vector<Corner> corners, double k,
+          double height, double gravity, const Tree& tree)
+      : out_(out),
+        own_(std::move(own)),
+        com_(std::move(com)),
+        hull_(std::move(corners)),
+        k_(k),
+        height_(height),
+        gravity_(gravity),
+        tree_(tree) {}
+  void run(const double* q, const double* v) override {
+    com_->run(q, v);  // rows and drift are those of the centre of mass
+    hull_.update();
+    fit_plane();
+    const int nv = out_.nv;
+    const double c[2] = {own_->error[0], own_->error[1]}, z = (1.0 / tree_.mass(0) * tree_.moment(0))[2];
+    const double omega = std::sqrt(gravity_ / (height_ > 0.0 ? height_ : over(z, c)));
+    double wanted[2], p[2];
+    for (int i = 0; i < 2; ++i) {
+      const double speed = product(out_.row(i), v, nv) / out_.weight;
+      wanted[i] = out_.reference[i] + (1.0 + k_ / omega) * (c[i] + speed / omega - out_.reference[2 + i]);
+    }
+    nearest(wanted, p);
+    const double share = gravity_ / over(z, p);
+    for (int i = 0; i < 2; ++i) {
+      out_.error[i] = share * (p[i] - c[i]);
+      if (out_.drift) out_.drift[i] = own_->drift[i];
+    }
+  }
+
+ private:
+  static constexpr double kLeast = 0.05;  // least height of the pendulum [m]
+  static constexpr double kLine = 1e-9;   // feet in a line from above have no slope across it
+
+  double over(double z, const double* p) const {
+    return std::max(z - (mean_[2] + slope_[0] * (p[0] - mean_[0]) + slope_[1] * (p[1] - mean_[1])), kLeast);
+  }
+  void fit_plane() {  // through all points, least squares
+    const int n = hull_.size();
+    mean_ = {};
+    for (int i = 0; i < n; ++i) mean_ = mean_ + (1.0 / n) * Vec3{hull_.x(i), hull_.y(i), hull_.z(i)};
+    double xx = 0.0, xy = 0.0, yy = 0.0, xz = 0.0, yz = 0.0;
+    for (int i = 0; i < n; ++i) {
+      const double x = hull_.x(i) - mean_[0], y = hull_.y(i) - mean_[1], z = hull_.z(i) - mean_[2];
+      xx += x * x, xy += x * y, yy += y * y, xz += x * z, yz += y * z;
+    }
+    const double size = xx * yy - xy * xy;
+    const bool line = !(size > kLine * (xx + yy) * (xx + yy));
+    slope_[0] = line ? 0.0 : (yy * xz - xy * yz) / size;
+    slope_[1] = line ? 0.0 : (xx * yz - xy * xz) / size;
+  }
+  void nearest(const double* to, double* found) const {  // point of the hull
+    const std::vector<int>& hull = hull_.corners();
+    bool inside = hull.size() > 2;
+    double least = std::numeric_limits<double>::infinity();
+    for (std::size_t k = 0; k < hull.size(); ++k) {
+      const int i = hull[k], j = hull[(k + 1) % hull.size()];
+      const double ux = hull_.x(j) - hull_.x(i), uy = hull_.y(j) - hull_.y(i);
+      const double wx = to[0] - hull_.x(i), wy = to[1] - hull_.y(i), length = ux * ux + uy * uy;
+      inside = inside && ux * wy - uy * wx >= 0.0;
+      const double s = length > 0.0 ? std::min(std::max((ux * wx + uy * wy) / length, 0.0), 1.0) : 0.0;
+      const double off = std::hypot(wx - s * ux, wy - s * uy);
+      if (off < least) least = off, found[0] = hull_.x(i) + s * ux, found[1] = hull_.y(i) + s * uy;
+    }
+    if (inside) found[0] = to[0], found[1] = to[1];
+  }
+
+  Target out_;
+  std::unique_ptr<Numbers> own_;  // x and y of the centre of mass and its drift
+  std::unique_ptr<Com> com_;
+  Hull hull_;
+  double k_, height_, gravity_;
+  const Tree& tree_;
+  Vec3 mean_{};
+  double slope_[2] = {};
+};
+
+}  // namespace hqp

@@ -1,0 +1,89 @@
+// The convex hull of points from above.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <utility>
+#include <vector>
+
+#include "relative_frame.hpp"
+
+namespace hqp {
+
+struct Corner {  // of a polygon: a point of a frame, or of the world
+  bool fixed;
+  Frame frame;
+  Vec3 point;
+};
+
+class Hull {
+ public:
+  explicit Hull(std::vector<Corner> corners)
+      : corners_(std::move(corners)),
+        x_(corners_.size()),
+        y_(corners_.size()),
+        z_(corners_.size()),
+        order_of_(corners_.size()) {}
+
+  void update() {
+    place();
+    find_hull();
+  }
+  int size() const { return static_cast<int>(corners_.size()); }
+  double x(int i) const { return x_[i]; }
+  double y(int i) const { return y_[i]; }
+  double z(int i) const { return z_[i]; }
+  const std::vector<int>& corners() const { return hull_; }  // counter-clockwise
+
+ private:
+  static constexpr double kFlat = 2e-5;  // a corner this near to the line between its neighbours is none [m]
+
+  void place() {
+    for (std::size_t i = 0; i < corners_.size(); ++i) {
+      const Corner& corner = corners_[i];
+      const Vec3 p = corner.fixed ? corner.point
+                                  : load(corner.frame.position) + load_rotation(corner.frame.rotation) * corner.point;
+      x_[i] = p[0];
+      y_[i] = p[1];
+      z_[i] = p[2];
+    }
+  }
+  double turn(int o, int a, int b) const {
+    return (x_[a] - x_[o]) * (y_[b] - y_[o]) - (y_[a] - y_[o]) * (x_[b] - x_[o]);
+  }
+  void find_hull() {  // Andrew's monotone chain, then without flat corners
+    std::iota(order_of_.begin(), order_of_.end(), 0);
+    std::stable_sort(order_of_.begin(), order_of_.end(),
+                     [&](int a, int b) { return x_[a] != x_[b] ? x_[a] < x_[b] : y_[a] < y_[b]; });
+    hull_.clear();
+    for (int side = 0; side < 2; ++side) {
+      const std::size_t start = hull_.size();
+      for (const int i : order_of_) {
+        while (hull_.size() >= start + 2 && turn(hull_[hull_.size() - 2], hull_.back(), i) <= 0.0) hull_.pop_back();
+        hull_.push_back(i);
+      }
+      hull_.pop_back();
+      std::reverse(order_of_.begin(), order_of_.end());
+    }
+    while (hull_.size() > 3) {
+      std::size_t least = 0;
+      double smallest = std::numeric_limits<double>::infinity();
+      const std::size_t n = hull_.size();
+      for (std::size_t k = 0; k < n; ++k) {
+        const int o = hull_[(k + n - 1) % n], a = hull_[k], b = hull_[(k + 1) % n];
+        const double off = std::fabs(turn(o, a, b)) / std::max(std::hypot(x_[b] - x_[o], y_[b] - y_[o]), kFlat);
+        if (off < smallest) smallest = off, least = k;
+      }
+      if (!(smallest <= kFlat)) break;
+      hull_.erase(hull_.begin() + static_cast<std::ptrdiff_t>(least));
+    }
+  }
+
+  std::vector<Corner> corners_;
+  std::vector<double> x_, y_, z_;
+  std::vector<int> order_of_, hull_;
+};
+
+}  // namespace hqp

@@ -1,0 +1,24 @@
+"""Walking on two feet: footsteps, the pendulum that goes with them, swing feet, and a walker made of these."""
+
+from hqp.walking.footsteps import Command, Foothold, Footsteps
+from hqp.walking.gait import Gait, Reach
+from hqp.walking.pendulum import DcmPlan, Piece, capture_point, natural_frequency
+from hqp.walking.stacks import Laws, Stacks
+from hqp.walking.swing import Swing
+from hqp.walking.walker import Walker
+
+__all__ = [
+    "Command",
+    "DcmPlan",
+    "Foothold",
+    "Footsteps",
+    "Gait",
+    "Laws",
+    "Piece",
+    "Reach",
+    "Stacks",
+    "Swing",
+    "Walker",
+    "capture_point",
+    "natural_frequency",
+]

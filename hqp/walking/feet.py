@@ -1,0 +1,77 @@
+"""The two feet of a robot: their soles, and which joints are legs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.errors import DeclarationError
+from hqp.walking.footsteps import Foothold, rotation
+
+if TYPE_CHECKING:
+    from hqp.robot import State
+
+MARGIN, SHARE = 0.01, 0.3
+"""The centre of pressure keeps this far from the edge of a sole [m], at most this share of its half width."""
+
+
+@dataclass(frozen=True)
+class Foot:
+    """A sole: its frame, LEFT or RIGHT, the polygon that touches the ground and its middle, in the frame's axes [m]."""
+
+    frame: str
+    side: int
+    corners: tuple[tuple[float, float], ...]
+    middle: tuple[float, float]
+    margin: float
+
+    @property
+    def name(self) -> str:
+        """left or right, the name of its contact."""
+        return ("left", "right")[self.side]
+
+    def placed(self, state: State) -> Foothold:
+        """Where it is."""
+        R, p = state.rotation(self.frame), state.position(self.frame)
+        x, y, z = p + R @ [*self.middle, 0.0]
+        return Foothold(self.side, float(x), float(y), float(z), yaw_of(R))
+
+    def origin(self, xy: Vec, yaw: float) -> Vec:
+        """Where the frame is from above, with the middle at xy ``(2,)`` [m]."""
+        return np.asarray(xy - rotation(yaw) @ np.array(self.middle))
+
+
+def yaw_of(R: Any) -> float:
+    """Of the x axis about the vertical [rad]."""
+    return float(np.arctan2(R[1, 0], R[0, 0]))
+
+
+def feet_of(robot: Any, soles: Sequence[str] | None = None) -> tuple[Foot, Foot]:
+    """Left and right foot; soles: their frames, those of the catalogue for None.
+
+    Raises DeclarationError for a robot without two soles or a free base, ModelError where no shape touches the ground.
+    """
+    from hqp.robots.soles import sole
+
+    frames = tuple(robot.landmarks.get("soles", ()) if soles is None else soles)
+    if len(frames) != 2 or not robot.floating:
+        given = frames if robot.floating else "a fixed base"
+        raise DeclarationError("walker", "no biped", value=given, allowed="a free base and the frames of two soles")
+    feet = []
+    for side, frame in enumerate(frames):
+        corners = sole(robot, frame)
+        box = np.array(corners)
+        low, high = box.min(axis=0), box.max(axis=0)
+        x, y = (0.5 * (low + high)).tolist()
+        feet.append(Foot(frame, side, corners, (x, y), min(MARGIN, SHARE * float(np.min(0.5 * (high - low))))))
+    return feet[0], feet[1]
+
+
+def leg_joints(robot: Any, feet: Sequence[Foot]) -> tuple[str, ...]:
+    """Actuated joints between the base and either foot."""
+    moving = np.any([robot.support(robot.frame(foot.frame)) for foot in feet], axis=0)
+    return tuple(n for n, c in zip(robot.joint_names, robot.actuated, strict=True) if moving[c])

@@ -1,0 +1,69 @@
+"""How a robot walks: times, heights, and how far its feet reach."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from hqp.errors import DeclarationError
+
+
+def check(what: str, field: str, value: object, least: float, *, strict: bool = False, unit: str = "") -> None:
+    """Raise DeclarationError unless a value is a finite number from ``least`` up, above it where strict."""
+    number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    if not number or value < least or (strict and value <= least):  # type: ignore[operator]
+        allowed = f"a finite number {'above' if strict else 'from'} {least:g}{'' if strict else ' up'}"
+        raise DeclarationError(what, f"bad {field}", value=value, unit=unit, allowed=allowed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gait:
+    """Times and heights of a walk.
+
+    single, double: duration of single and of double support [s].  first: of the shift to the first stance foot, and of
+    the one back between the feet [s].  height: of a swing foot above the higher of lift-off and ground [m].
+    search: speed with which a foot that did not find the ground in time goes on downwards [m/s], for ``patience`` [s].
+    lower: how far the CoM is below where it is at home, as a share of its height, which keeps knees bent.
+    Raises DeclarationError for numbers that are not positive and finite (double, height, lower: not negative).
+    """
+
+    single: float = 0.6
+    double: float = 0.15
+    first: float = 0.6
+    height: float = 0.05
+    search: float = 0.1
+    patience: float = 0.4
+    lower: float = 0.03
+
+    def __post_init__(self) -> None:
+        for field in ("single", "double", "first", "search", "patience"):
+            check("gait", field, getattr(self, field), 0.0, strict=True)
+        for field in ("height", "lower"):
+            check("gait", field, getattr(self, field), 0.0)
+        if self.lower >= 1.0:
+            raise DeclarationError("gait", "bad lower", value=self.lower, allowed="below 1")
+
+    @property
+    def period(self) -> float:
+        """Of one step [s]."""
+        return self.single + self.double
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reach:
+    """Where a foot may land, seen from the other one: |x| <= forward, least <= |y| <= most [m], turned by |turn| [rad].
+
+    y is positive where the left foot lands.  Raises DeclarationError for numbers that are negative or not finite, and
+    for most below least.
+    """
+
+    forward: float
+    least: float
+    most: float
+    turn: float = 0.4
+
+    def __post_init__(self) -> None:
+        for field in ("forward", "least", "most", "turn"):
+            check("reach", field, getattr(self, field), 0.0)
+        if self.most < self.least:
+            raise DeclarationError("reach", "most below least", value=(self.least, self.most), unit="m")

@@ -1,0 +1,80 @@
+"""The linear inverted pendulum: a plan of the ZMP and the divergent component of motion that follows from it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.errors import DeclarationError
+from hqp.robot import State
+from hqp.walking.gait import check
+
+GRAVITY = 9.81  # [m/s^2]
+
+
+def natural_frequency(height: float) -> float:
+    """omega = sqrt(g / height) [1/s] of a CoM at a height above the ground [m]; raises DeclarationError."""
+    check("pendulum", "height", height, 0.0, strict=True, unit="m")
+    return math.sqrt(GRAVITY / height)
+
+
+def capture_point(state: State, omega: float) -> Vec:
+    """xi = c + dc/dt / omega ``(2,)`` [m]: standing there, the robot comes to rest (Pratt et al. 2006, eq. 5)."""
+    return np.asarray(state.com()[:2] + state.com_velocity()[:2] / omega)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """The ZMP moves in a line from ``start`` to ``end`` ``(2,)`` [m] in ``duration`` [s]."""
+
+    duration: float
+    start: Vec
+    end: Vec
+
+
+class DcmPlan:
+    """The DCM xi of a ZMP p that is linear piece by piece, in closed form (Englsberger, Ott, Albu-Schaeffer 2015).
+
+    From d xi/dt = omega (xi - p), with p = a + r t in a piece of duration T,
+
+        xi(t) = p(t) + r / omega + (xi(T) - p(T) - r / omega) exp(-omega (T - t)),
+
+    backwards from the last piece, at whose end the DCM is on the ZMP: what follows it rests.
+    Raises DeclarationError for no piece, and for pieces that are not joined.
+    """
+
+    def __init__(self, pieces: Sequence[Piece], omega: float) -> None:
+        check("DCM plan", "omega", omega, 0.0, strict=True, unit="1/s")
+        kept = [p for p in pieces if p.duration > 0.0]
+        if not kept:
+            raise DeclarationError("DCM plan", "no piece takes time", value=len(pieces))
+        for one, other in pairwise(kept):
+            if np.abs(np.asarray(one.end) - other.start).max() > 1e-9:
+                raise DeclarationError("DCM plan", "pieces are not joined", value=(one.end, other.start), unit="m")
+        self.omega = omega
+        self.duration = sum(p.duration for p in kept)
+        xi = np.array(kept[-1].end, dtype=np.float64)
+        solved = []
+        for piece in reversed(kept):
+            a, b = (np.asarray(x, dtype=np.float64) for x in (piece.start, piece.end))
+            r = (b - a) / piece.duration
+            diverging = xi - b - r / omega
+            solved.append((piece.duration, a, r, diverging))
+            xi = a + r / omega + diverging * math.exp(-omega * piece.duration)
+        self._pieces = solved[::-1]
+
+    def at(self, time: float) -> tuple[Vec, Vec]:
+        """ZMP and DCM ``(2,)`` each [m]; before the start those of the start, after the end those of the end."""
+        t, k = max(time, 0.0), 0
+        while t > self._pieces[k][0] and k + 1 < len(self._pieces):
+            t -= self._pieces[k][0]
+            k += 1
+        duration, a, r, diverging = self._pieces[k]
+        t = min(t, duration)
+        zmp = a + r * t
+        return zmp, zmp + r / self.omega + diverging * math.exp(-self.omega * (duration - t))

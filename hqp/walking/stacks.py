@@ -1,0 +1,98 @@
+"""The stacks of a walk at torque level: one for two feet on the ground, one for each foot alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from hqp.law import DCM, PD
+from hqp.stack import Level, Stack
+from hqp.tasks import (
+    Balance,
+    CenterOfPressure,
+    Com,
+    FixedContact,
+    FrictionCone,
+    JointLimits,
+    LoadShare,
+    Orientation,
+    Pose,
+    Posture,
+    TorqueLimits,
+)
+from hqp.tasks.polygons import shrunk
+from hqp.walking.feet import Foot, leg_joints
+
+EDGE = 0.005
+"""The ZMP keeps this further from the edge of the support than the centres of pressure [m]."""
+
+TORSION = 0.03
+"""|m_z| / f_z of a foot [m]."""
+
+
+_BALANCE, _CONTACT = DCM(3.0), PD(0.0, 20.0)
+_HEIGHT, _SWING, _TRUNK, _POSTURE = PD(60.0, 16.0), PD(300.0, 35.0), PD(100.0, 20.0), PD(40.0, 13.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Laws:
+    """Gains of a walk: PD(kp [1/s^2], kd [1/s]) each, and k [1/s] of the balance."""
+
+    balance: DCM = _BALANCE
+    height: PD = _HEIGHT
+    swing: PD = _SWING
+    trunk: PD = _TRUNK
+    posture: PD = _POSTURE
+    contact: PD = _CONTACT
+
+
+class Stacks:
+    """Stacks that a walk changes between; ``both``, and ``alone[i]`` with foot i on the ground.
+
+        balance, height > swing > trunk > posture > load share    s.t. contacts, torques, joints, friction, soles
+
+    height: of the pendulum [m].  friction: mu.  limits: of joints, without names of all but the legs', whose loads
+    know no limit of acceleration; None for none.
+    """
+
+    def __init__(
+        self,
+        robot: Any,
+        feet: tuple[Foot, Foot],
+        height: float,
+        friction: float,
+        laws: Laws,
+        limits: JointLimits | None,
+    ) -> None:
+        legs = leg_joints(robot, feet)
+        rest = tuple(name for name in robot.joint_names if name not in legs)
+        self.balance = Balance(law=laws.balance, margin=EDGE, height=height)
+        self.height = Com(axes="z", law=laws.height, name="height")
+        self.trunk = Orientation(frame=robot.landmarks["base"][0], law=laws.trunk, name="trunk")
+        self.posture = Posture(joints=rest, law=laws.posture) if rest else None
+        self.legs = Posture(joints=legs, law=laws.posture, name="legs")
+        self.share = LoadShare(contacts=(feet[0].name, feet[1].name))
+        self.swing = tuple(Pose(frame=foot.frame, law=laws.swing, name=f"{foot.name}_swing") for foot in feet)
+        if limits is not None and limits.joints is None:
+            limits = replace(limits, joints=rest) if rest else None
+
+        def within(*on: Foot) -> list[Any]:
+            found: list[Any] = [FixedContact(frame=foot.frame, name=foot.name) for foot in on]
+            found += [TorqueLimits(), *([] if limits is None else [limits])]
+            for foot in on:
+                found.append(FrictionCone(contact=foot.name, mu=friction, torsion=TORSION))
+                found.append(CenterOfPressure(contact=foot.name, polygon=shrunk(foot.corners, foot.margin)))
+            return found
+
+        first = Level(self.balance, self.height, name="balance")
+        below = [Level(self.trunk, name="trunk")]
+        below += [] if self.posture is None else [Level(self.posture, name="posture")]
+        below += (
+            [Level(self.legs, name="legs", price=0)] if len(legs) > 12 else []
+        )  # else feet and trunk determine them
+        share = Level(self.share, name="share", price=0)
+        self.both = Stack(first, *below, share, subject_to=within(*feet))
+        self.alone = tuple(
+            Stack(first, Level(self.swing[1 - foot.side], name="swing"), *below, subject_to=within(foot))
+            for foot in feet
+        )

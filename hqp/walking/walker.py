@@ -1,0 +1,313 @@
+"""A biped that walks under torque control: footsteps, plan of the DCM, swing feet, and the stacks that follow them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.controller import Controller
+from hqp.price import Priced
+from hqp.reference import Reference
+from hqp.robot import State
+from hqp.tasks import JointLimits
+from hqp.tick import Tick
+from hqp.torque.program import Torque
+from hqp.walking.feet import feet_of, yaw_of
+from hqp.walking.footsteps import RIGHT, Command, Footsteps, rotation
+from hqp.walking.gait import Gait, Reach
+from hqp.walking.pendulum import DcmPlan, Piece, capture_point, natural_frequency
+from hqp.walking.stacks import Laws, Stacks
+from hqp.walking.swing import Swing
+
+TOUCH = 0.05
+"""A swing foot that bears this share of the weight has landed."""
+
+EARLY = 0.55
+"""It does not before this share of the time of its swing."""
+
+TAKE = 0.06
+"""A foot's share of the load goes from nothing to all in no less than this [s]."""
+
+INTEGRAL, MOST = 0.5, 0.03
+"""[1/s] of the error of the DCM in the ZMP, and its largest sum [m s]."""
+
+LEAST = 0.015
+"""Steps are corrected by what is more than this [m]."""
+
+CORRECTION = 1.5
+"""The goal of a swing foot moves no faster [m/s]."""
+
+LIMITS = JointLimits(acceleration=1000.0, braking=200.0)
+
+
+class Walker:
+    """Walks where ``go`` says, stands where ``stop`` does; ``step`` is one tick.
+
+    robot: a biped with a free base, that starts standing on both feet; with ``load(name, rotors=True)`` it knows the
+    inertia that its motors have in a Plant, without which light feet are controlled badly.  dt [s]: of a tick.
+    gait, reach, laws: how it walks; a reach for None follows from how it stands.  soles: frames of the left and the
+    right sole, those of the catalogue for None.  friction: mu of the ground.  limits: of joints, of all but those of
+    the legs where it names none, None for none.  price, deadline: as of Controller.
+    Raises DeclarationError for a robot that is no biped, and what ``Controller.session`` raises.
+    """
+
+    def __init__(
+        self,
+        robot: Any,
+        gait: Gait | None = None,
+        *,
+        dt: float = 0.002,
+        reach: Reach | None = None,
+        laws: Laws | None = None,
+        soles: Sequence[str] | None = None,
+        friction: float = 0.6,
+        limits: JointLimits | None = LIMITS,
+        price: Priced = None,
+        deadline: float | None = None,
+    ) -> None:
+        self.robot, self.gait, self.dt = robot, gait or Gait(), dt
+        self.feet = feet_of(robot, soles)
+        home = robot.copy().state(robot.home)
+        self.holds = [foot.placed(home) for foot in self.feet]
+        """Where the feet stand, or stood last."""
+        ground = 0.5 * (self.holds[0].z + self.holds[1].z)
+        self._home = float(home.com()[2]) - ground
+        self.height = (1.0 - self.gait.lower) * self._home
+        """Of the CoM above the ground [m]."""
+        self.omega = natural_frequency(self.height)
+        width = abs(float((self.holds[0].turn.T @ (self.holds[0].xy - self.holds[1].xy))[1]))
+        if reach is None:
+            reach = Reach(forward=0.4 * self.height, least=0.7 * width, most=width + 0.15 * self.height)
+        self.footsteps = Footsteps(period=self.gait.period, width=width, reach=reach)
+        laws = laws or Laws()
+        self.stacks = Stacks(robot, self.feet, self.height, friction, laws, limits)
+        formulation = Torque(contact_law=laws.contact, holding=None)
+        controller = Controller(self.stacks.both, formulation, price=price)
+        if deadline is not None:
+            controller = replace(controller, deadline=deadline)
+        self.session = controller.session(robot, dt)
+        for stack in self.stacks.alone:
+            self.session.prepare(stack)
+        self._supports = {stack: _balance(stack) for stack in (self.stacks.both, *self.stacks.alone)}
+        self._upright = np.array(home.rotation(self.stacks.trunk.frame))
+        self._upright = _about(-yaw_of(self._upright)) @ self._upright
+        self._now = self.stacks.both
+        self.command = Command()
+        self.walking = False
+        self.phase = "stand"
+        """stand, shift (both feet, the ZMP on its way to the next stance foot) or swing."""
+        self.event = ""
+        """What began in this tick: a phase, "" for nothing."""
+        self.time = 0.0
+        self.stance = RIGHT
+        self.edge = False
+        """Whether the support bounds the ZMP in this tick."""
+        self.capture_point: Vec = np.zeros(2)
+        self._left = 0
+        self._started = False
+
+    # ------------------------------------------------------------------------------------------- commands
+
+    def go(self, forward: float = 0.0, left: float = 0.0, turn: float = 0.0) -> None:
+        """Walk at a velocity in the axes of the heading [m/s, m/s, rad/s]; zeros step in place."""
+        self.command = Command(forward, left, turn)
+        self.walking, self._left = True, 0
+
+    def stop(self) -> None:
+        """Come to stand with the feet side by side."""
+        if self.walking:
+            self.command, self.walking, self._left = Command(), False, 1
+
+    # ----------------------------------------------------------------------------------------------- loop
+
+    def step(self, state: State, loads: Sequence[float] | None = None) -> Tick:
+        """One tick: the torques for a state.
+
+        loads: normal force on the left and on the right foot [N]; without them a foot has landed when its time is up.
+        """
+        if not self._started:
+            self._start(state)
+        self.event = ""
+        self._advance(state, None if loads is None else np.asarray(loads, dtype=np.float64))
+        references = self._references(state)
+        tick = self.session.step(state, *references)
+        self._t += self.dt
+        self._since += self.dt
+        self.time += self.dt
+        return tick
+
+    def _start(self, state: State) -> None:
+        self._started = True
+        self.holds = [foot.placed(state) for foot in self.feet]
+        com = state.com()
+        self._z = float(com[2])
+        self._zmp = com[:2].copy()
+        self._sum = np.zeros(2)
+        self._share = 0.5
+        self._yaw = self._mean_yaw()
+        self._swing: Swing | None = None
+        self._nominal = self._target = self.holds[0]
+        self._t, self._T = 0.0, self.gait.first
+        self._plan()
+
+    def _advance(self, state: State, loads: Vec | None) -> None:
+        """Take the next phase where this one is over."""
+        if self.phase == "stand" and self.walking and self._t >= self._T:
+            self.stance = RIGHT
+            self._enter("shift", self.gait.first, state)
+        elif self.phase == "shift" and self._t >= self._T:
+            self._enter("swing", self.gait.single, state)
+        elif self.phase == "swing" and self._landed(loads):
+            side = 1 - self.stance
+            self.holds[side] = self.feet[side].placed(state)
+            self.stance = side
+            self._share = float(1 - side)  # the other foot still bears it all
+            last = not self.walking and self._left <= 0
+            self._left -= not self.walking
+            self._enter("stand" if last else "shift", self.gait.first if last else self.gait.double, state)
+
+    def _landed(self, loads: Vec | None) -> bool:
+        if loads is None:
+            return self._t >= self._T
+        touched = bool(loads[1 - self.stance] > TOUCH * self.robot.mass * 9.81)
+        return (touched and self._t > EARLY * self._T) or self._t > self._T + self.gait.patience
+
+    def _enter(self, phase: str, duration: float, state: State) -> None:
+        self.phase, self.event, self._t, self._T = phase, phase, 0.0, duration
+        stack = self.stacks.alone[self.stance] if phase == "swing" else self.stacks.both
+        if stack is not self._now:
+            self.session.change(stack)
+            self._now = stack
+        if phase == "swing":
+            foot = self.feet[1 - self.stance]
+            p, yaw = state.position(foot.frame), yaw_of(state.rotation(foot.frame))
+            self._nominal = self._target = self.footsteps.next(self.holds[self.stance], self.command)
+            self._swing = Swing(np.array([*p, yaw]), self._goal(), duration, self.gait.height, search=self.gait.search)
+        self._plan()
+
+    # ----------------------------------------------------------------------------------------------- plan
+
+    def _plan(self) -> None:
+        """ZMP and DCM from now on, three steps ahead."""
+        gait, holds, stance = self.gait, list(self.holds), self.stance
+        pieces: list[Piece] = []
+        at = self._zmp
+
+        def to(duration: float, where: Vec) -> None:
+            nonlocal at
+            pieces.append(Piece(duration, at, where))
+            at = where if duration > 0.0 else at
+
+        if self.phase == "stand":
+            to(max(self._T - self._t, self.dt), 0.5 * (holds[0].xy + holds[1].xy))
+        else:
+            if self.phase == "shift":
+                to(max(self._T - self._t, self.dt), holds[stance].xy)
+            left = self._T - self._t if self.phase == "swing" else gait.single
+            steps = self._left + 1 if not self.walking else 3
+            target = self._target if self.phase == "swing" else self.footsteps.next(holds[stance], self.command)
+            for k in range(steps):
+                to(max(left, self.dt), holds[stance].xy)
+                holds[1 - stance] = target
+                stance = 1 - stance
+                if not self.walking and k == steps - 1:
+                    to(gait.first, 0.5 * (holds[0].xy + holds[1].xy))
+                else:
+                    to(gait.double, holds[stance].xy)
+                left, target = gait.single, self.footsteps.next(holds[stance], self.command)
+            if self.walking:
+                to(gait.single, holds[stance].xy)
+        to(0.5, at)
+        self._dcm, self._since = DcmPlan(pieces, self.omega), 0.0
+
+    def _goal(self) -> Vec:
+        target = self._target
+        xy = self.feet[target.side].origin(target.xy, target.yaw)
+        return np.array([*xy, self.holds[self.stance].z, target.yaw])
+
+    # ----------------------------------------------------------------------------------------- references
+
+    def _references(self, state: State) -> list[Reference]:
+        stacks, omega = self.stacks, self.omega
+        zmp, dcm = self._dcm.at(self._since)
+        self._zmp = zmp
+        self.capture_point = capture_point(state, omega)
+        error = self.capture_point - dcm
+        reference = np.concatenate((zmp + INTEGRAL * self._sum, dcm))
+        reached, wanted = self._supports[self._now].zmp(state, reference)
+        self.edge = bool(np.abs(reached - wanted).max() > 1e-6)
+        if not self.edge or float(error @ self._sum) < 0.0:
+            self._sum = np.clip(self._sum + self.dt * omega * error, -MOST, MOST)
+        found = [stacks.balance.at(reference[:2], reference[2:]), stacks.height.at([self._height()])]
+        if self.phase == "swing":
+            found.append(self._swing_reference(state, error, reached - zmp))
+        else:
+            found.append(stacks.share.at(self._next_share(reached)))
+        found.append(stacks.trunk.at(_about(self._next_yaw()) @ self._upright))
+        return found
+
+    def _height(self) -> float:
+        """Of the CoM in the world, moving no faster than it may [m]."""
+        holds = self.holds
+        ground = holds[self.stance].z if self.phase == "swing" else 0.5 * (holds[0].z + holds[1].z)
+        most = 0.05 * self._home * self.dt
+        self._z += min(max(ground + self.height - self._z, -most), most)
+        return self._z
+
+    def _next_yaw(self) -> float:
+        """Of the trunk: between the feet, with a swing foot where it is to be [rad]."""
+        most = 0.8 * self.dt
+        off = math.remainder(self._mean_yaw() - self._yaw, math.tau)
+        self._yaw += min(max(off, -most), most)
+        return self._yaw
+
+    def _mean_yaw(self) -> float:
+        one = self.holds[self.stance].yaw
+        other = self._target.yaw if self.phase == "swing" else self.holds[1 - self.stance].yaw
+        return one + 0.5 * math.remainder(other - one, math.tau)
+
+    def _next_share(self, zmp: Vec) -> float:
+        """Of the right foot: by where the ZMP is between the feet, at the end of a shift all on the stance foot."""
+        one, other = self.holds[0].xy, self.holds[1].xy
+        between = other - one
+        share = min(max(float((zmp - one) @ between / (between @ between)), 0.0), 1.0)
+        if self.phase == "shift":
+            left = self._T - self._t
+            if left < 2.0 * TAKE:
+                share += (self.stance - share) * min(1.0, (2.0 * TAKE - left) / TAKE)
+        most = self.dt / TAKE
+        self._share += min(max(share - self._share, -most), most)
+        return self._share
+
+    def _swing_reference(self, state: State, error: Vec, pushed: Vec) -> Reference:
+        """Pose of the swing foot; its goal moves to where the error of the DCM is met."""
+        assert self._swing is not None
+        side, left = 1 - self.stance, self._swing.left
+        if self._t > 0.1 and left > 0.05:
+            grown = error - pushed * (1.0 - math.exp(-self.omega * left))
+            stance = self.holds[self.stance]
+            self._target = self.footsteps.correct(self._nominal, stance, grown, left, self.omega, least=LEAST)
+            self._swing.retarget(self._goal(), CORRECTION, self.dt)
+        (x, y, z, yaw), v, a = self._swing.step(self.dt)
+        z = self._swing.x[2] = max(z, float(state.position(self.feet[side].frame)[2]) - 0.02)
+        target = np.eye(4)
+        target[:3, :3], target[:3, 3] = _about(yaw), (x, y, z)
+        rates = [np.array([*u[:3], 0.0, 0.0, u[3]]) for u in (v, a)]
+        return self.stacks.swing[side].at(target, velocity=rates[0], acceleration=rates[1])
+
+
+def _about(yaw: float) -> Any:
+    """Rotation about the vertical ``(3, 3)``."""
+    R = np.eye(3)
+    R[:2, :2] = rotation(yaw)
+    return R
+
+
+def _balance(stack: Any) -> Any:
+    """The Balance of a stack with the support that it has there."""
+    return stack.find("balance").among(tuple(stack))

@@ -1,0 +1,148 @@
+"""The centre of mass over a ZMP that the support reaches, after the divergent component of motion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hqp import plans
+from hqp.arrays import Mat, Vec
+from hqp.element import Element, Task
+from hqp.law import DCM, Law
+from hqp.reference import Reference, numbers
+from hqp.robot import Robot, State
+
+from .fields import check_number, set_names
+from .polygons import nearest, shrunk, slope
+from .support_polygon import SupportPolygon, hull
+
+LEAST = 0.05
+"""Least height of the pendulum [m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Balance(Task):
+    """Acceleration of the centre of mass c that a ZMP p inside the support makes, fed back from the DCM xi:
+
+        xi = c + dc/dt / omega,  p = hull[z_ref + (1 + k / omega) (xi - xi_ref)],  J_com qdd + dJ/dt v = g (c - p) / h,
+
+    two rows, x and y; k is that of its law, ``DCM(k)``.  hull[.] is the nearest point of the convex hull of the
+    support seen from above, h the height of c above p on the plane through the support, which may be sloped, and
+    omega = sqrt(g / height).  ``at(zmp, dcm)`` gives z_ref and xi_ref.
+
+    The support is that of the stack's contacts (contacts: of these, by name): the corners of their CenterOfPressure,
+    ``margin`` further inside [m], so that the feet can hold p; or points: ((frame, x, y, z), ...) [m].
+    height [m]: of the pendulum that plans z_ref and xi_ref, that of c above the support for None.
+    For accelerations and torques.  Raises DeclarationError for fields, another law, fewer than three points,
+    FrameNotFound on binding (Englsberger, Ott, Albu-Schaeffer 2015, eqs. 7, 16).
+    """
+
+    demands: ClassVar[bool] = True
+
+    law: Law | None = field(default_factory=DCM)
+    contacts: str | Sequence[str] | None = None
+    points: tuple[tuple[Any, ...], ...] = ()
+    margin: float = 0.0
+    height: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        set_names(self, "contacts")
+        check_number(self, "margin", self.margin, 0.0)
+        if self.height is not None:
+            check_number(self, "height", self.height, LEAST)
+        if not isinstance(self.law, DCM):
+            raise self.invalid("law", self.law, "DCM(k)")
+        if isinstance(self.points, tuple) and not self.points:
+            return
+        if self.contacts is not None:
+            raise self.invalid("points", self.points, "either contacts or points")
+        object.__setattr__(self, "points", SupportPolygon(points=self.points, name=self.name).points)
+
+    def among(self, elements: Sequence[Element]) -> Element:
+        """The same with the points of these contacts; raises DeclarationError."""
+        if self.points:
+            return self
+        found = SupportPolygon(contacts=self.contacts, name=self.name).among(elements)
+        by_frame: dict[str, list[tuple[float, float]]] = {}
+        for frame, x, y, _ in cast(SupportPolygon, found).points:
+            by_frame.setdefault(frame, []).append((x, y))
+        points = [(f, *p, 0.0) for f, corners in by_frame.items() for p in shrunk(corners, self.margin)]
+        return replace(self, contacts=None, margin=0.0, points=tuple(points))
+
+    def rows(self, robot: Robot) -> int:
+        """Two; raises FrameNotFound, DeclarationError without points."""
+        for frame, *_ in self.points:
+            robot.frame(frame)
+        if not self.points:
+            raise self.invalid("points", (), "points; in a stack they are taken from its contacts")
+        return 2
+
+    def corners(self, state: State) -> Mat:
+        """The points in the world ``(m, 3)`` [m]."""
+        return np.array(
+            [state.position(f) + state.rotation(f) @ np.array(p, dtype=np.float64) for f, *p in self.points]
+        )
+
+    def value(self, state: State) -> Vec:
+        """c from above ``(2,)`` [m]."""
+        return state.com()[:2]
+
+    def jacobian(self, state: State) -> Mat:
+        """J_com ``(2, nv)``."""
+        return state.com_jacobian()[:2]
+
+    def drift(self, state: State) -> Vec:
+        """dJ_com/dt v ``(2,)`` [m/s^2]."""
+        return state.com_drift()[:2]
+
+    def zmp(self, state: State, reference: ArrayLike) -> tuple[Vec, Vec]:
+        """p ``(2,)``, and what it were without the hull ``(2,)`` [m], for z_ref and xi_ref ``(4,)`` [m]."""
+        z_ref, xi_ref = np.split(np.asarray(reference, dtype=np.float64), 2)
+        corners, c = self.corners(state), state.com()
+        height = self._over(corners, c[:2], c[2]) if self.height is None else self.height
+        omega = math.sqrt(_gravity(state.robot) / height)
+        xi = c[:2] + state.com_velocity()[:2] / omega
+        wanted = z_ref + (1.0 + cast(DCM, self.law).k / omega) * (xi - xi_ref)
+        return nearest(corners[hull(corners[:, :2]), :2], wanted), wanted
+
+    def error(self, state: State, reference: Any) -> Vec:
+        """Minus the acceleration that is asked for, g (p - c) / h ``(2,)`` [m/s^2]."""
+        p, _ = self.zmp(state, reference)
+        c = state.com()
+        return _gravity(state.robot) / self._over(self.corners(state), p, c[2]) * (p - c[:2])
+
+    def _over(self, corners: Mat, p: Vec, z: float) -> float:
+        """How far z is above the plane through the support at p [m]."""
+        mean = corners.mean(axis=0)
+        return max(float(z - mean[2] - slope(corners) @ (p - mean[:2])), LEAST)
+
+    def hold(self, state: State) -> Reference:
+        """ZMP and DCM where the centre of mass is."""
+        c = state.com()[:2]
+        return Reference(self.name, np.concatenate((c, c)))
+
+    def at(self, zmp: ArrayLike, dcm: ArrayLike) -> Reference:  # type: ignore[override]
+        """z_ref and xi_ref of this tick, ``(2,)`` each [m]; raises DeclarationError for shapes."""
+        both = numbers(self.name, "zmp", zmp, (2,)), numbers(self.name, "dcm", dcm, (2,))
+        return Reference(self.name, np.concatenate(both))
+
+    def row_names(self, robot: Robot) -> tuple[str, ...]:
+        """The axes."""
+        return ("x", "y")
+
+    def plan(self, robot: Robot) -> plans.Balance:
+        """The native operation."""
+        self.rows(robot)
+        points = tuple((plans.frame(robot, f), tuple(map(float, p))) for f, *p in self.points)
+        return plans.Balance(points, float(cast(DCM, self.law).k), float(self.height or 0.0), _gravity(robot))
+
+
+def _gravity(robot: Robot) -> float:
+    """g [m/s^2]."""
+    return float(np.linalg.norm(robot.gravity))

@@ -1,0 +1,45 @@
+"""Polygons on the ground: smaller ones, nearest points, planes through their corners."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec
+
+_LINE = 1e-9  # feet in a line from above have no slope across it
+
+
+def shrunk(corners: Sequence[tuple[float, float]], margin: float) -> tuple[tuple[float, float], ...]:
+    """The corners drawn to the middle of their box, whose half sides become shorter by a margin [m], at least zero."""
+    points = np.array(corners, dtype=np.float64)
+    low, high = points.min(axis=0), points.max(axis=0)
+    half, middle = 0.5 * (high - low), 0.5 * (low + high)
+    share = np.divide(np.maximum(half - margin, 0.0), half, out=np.zeros(2), where=half > 0.0)
+    return tuple((float(x), float(y)) for x, y in middle + (points - middle) * share)
+
+
+def nearest(corners: Mat, point: Vec) -> Vec:
+    """The point of a convex polygon that is nearest to another one ``(2,)``; corners ``(m, 2)`` counter-clockwise."""
+    inside, least, found = len(corners) > 2, math.inf, corners[0]
+    for one, other in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        along, way = other - one, point - one
+        length = float(along @ along)
+        inside = inside and bool(along[0] * way[1] - along[1] * way[0] >= 0.0)
+        share = min(max(float(along @ way) / length, 0.0), 1.0) if length > 0.0 else 0.0
+        off = math.hypot(*(way - share * along))
+        if off < least:
+            least, found = off, one + share * along
+    return np.array(point if inside else found, dtype=np.float64)
+
+
+def slope(corners: Mat) -> Vec:
+    """(dz/dx, dz/dy) of the plane through points ``(m, 3)``, least squares; none for points in a line from above."""
+    (x, y, z) = (corners - corners.mean(axis=0)).T
+    xx, xy, yy = float(x @ x), float(x @ y), float(y @ y)
+    size = xx * yy - xy * xy
+    if not size > _LINE * (xx + yy) ** 2:
+        return np.zeros(2)
+    return np.array([yy * (x @ z) - xy * (y @ z), xx * (y @ z) - xy * (x @ z)]) / size

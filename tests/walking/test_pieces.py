@@ -1,0 +1,224 @@
+"""Footsteps within reach, a plan of the DCM that is continuous and ends at rest, swing feet that are smooth."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hqp.errors import DeclarationError
+from hqp.walking import Command, DcmPlan, Foothold, Footsteps, Gait, Piece, Reach, Swing, natural_frequency
+from hqp.walking.footsteps import LEFT, RIGHT, rotation
+from hqp.walking.swing import LEAD
+
+REACH = Reach(forward=0.3, least=0.12, most=0.35, turn=0.4)
+STEPS = Footsteps(period=0.75, width=0.17, reach=REACH)
+numbers = st.floats(-2.0, 2.0)
+
+
+def walked(command: Command, count: int, steps: Footsteps = STEPS) -> list[Foothold]:
+    """Two feet side by side, then so many steps."""
+    found = [Foothold(LEFT, 0.0, 0.085), Foothold(RIGHT, 0.0, -0.085)]
+    for _ in range(count):
+        found.append(steps.next(found[-1], command))
+    return found
+
+
+def seen_from(stance: Foothold, other: Foothold) -> Any:
+    return rotation(-stance.yaw) @ (other.xy - stance.xy)
+
+
+# ---------------------------------------------------------------------------------------------- footsteps
+
+
+@pytest.mark.parametrize(
+    ("command", "each"),
+    [
+        (Command(forward=0.2), (0.3, 0.0, 0.0)),
+        (Command(forward=-0.1), (-0.15, 0.0, 0.0)),
+        (Command(left=0.05), (0.0, 0.075, 0.0)),
+        (Command(left=-0.05), (0.0, -0.075, 0.0)),
+        (Command(turn=0.2), (0.0, 0.0, 0.3)),
+        (Command(turn=-0.2), (0.0, 0.0, -0.3)),
+        (Command(), (0.0, 0.0, 0.0)),
+    ],
+)
+def test_two_steps_go_as_far_as_the_velocity_says(command: Command, each: tuple[float, float, float]) -> None:
+    """v 2 T, sideways by one foot of two, a turn opened by one foot and closed by the other."""
+    found = walked(command, 8)
+    for one, other in zip(found[3:], found[5:], strict=False):
+        if not each[2]:
+            np.testing.assert_allclose(other.xy - one.xy, each[:2], atol=1e-12)
+    assert found[-1].yaw - found[-3].yaw == pytest.approx(each[2])
+    assert abs(found[-1].side - found[-2].side) == 1
+
+
+@settings(max_examples=40, deadline=None)
+@given(numbers, numbers, numbers)
+def test_steps_are_within_reach(forward: float, left: float, turn: float) -> None:
+    found = walked(Command(forward, left, turn), 6)
+    for stance, foot in pairwise(found[1:]):
+        x, y = seen_from(stance, foot)
+        out = 1.0 if foot.side == LEFT else -1.0
+        assert abs(x) <= REACH.forward + 1e-9
+        assert REACH.least - 1e-9 <= out * y <= REACH.most + 1e-9
+        assert abs(foot.yaw - stance.yaw) <= REACH.turn + 1e-9
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(0.0, 0.6))
+def test_a_corrected_step_meets_the_grown_error_or_the_reach(x: float, y: float, left: float) -> None:
+    stance = Foothold(RIGHT, 0.3, -0.1, 0.0, 0.5)
+    nominal, omega = STEPS.next(stance, Command(0.1)), 3.4
+    found = STEPS.correct(nominal, stance, np.array([x, y]), left, omega)
+    wanted = nominal.xy + np.array([x, y]) * math.exp(omega * left)
+    inside = STEPS.within(found, stance)
+    np.testing.assert_allclose(inside.xy, found.xy, atol=1e-12)
+    for u in (np.array([1.0, 0.0]), np.array([0.0, 1.0])):  # each coordinate nearest to what is wanted
+        asked, got = (float(u @ (stance.turn.T @ (p - stance.xy))) for p in (wanted, found.xy))
+        low, high = (-0.3, 0.3) if u[0] else (0.12, 0.35)
+        assert got == pytest.approx(min(max(asked, low), high), abs=1e-9)
+    small = STEPS.correct(nominal, stance, np.array([0.003, 0.004]), 0.0, omega, least=0.01)
+    np.testing.assert_array_equal(small.xy, nominal.xy)
+
+
+# ------------------------------------------------------------------------------------------------ pendulum
+
+
+@st.composite
+def plans(draw: Any) -> tuple[list[Piece], float]:
+    rng = np.random.default_rng(draw(st.integers(0, 10_000)))
+    points = [rng.normal(size=2)]
+    pieces = []
+    for _ in range(int(rng.integers(1, 8))):
+        points.append(points[-1] if rng.uniform() < 0.4 else rng.normal(size=2))
+        pieces.append(Piece(float(rng.uniform(0.05, 1.0)), points[-2], points[-1]))
+    return pieces, float(rng.uniform(2.0, 6.0))
+
+
+@settings(max_examples=40, deadline=None)
+@given(plans())
+def test_the_dcm_follows_its_equation_and_ends_at_rest(made: tuple[list[Piece], float]) -> None:
+    """d xi/dt = omega (xi - p), continuous at every joint, p on the pieces, xi = p from the end on."""
+    pieces, omega = made
+    plan, h = DcmPlan(pieces, omega), 1e-6
+    size = max(np.abs(p.end).max() for p in pieces) + np.abs(pieces[0].start).max()
+    start = 0.0
+    for piece in pieces:
+        for share in (0.1, 0.5, 0.9):
+            t = start + share * piece.duration
+            zmp, dcm = plan.at(t)
+            np.testing.assert_allclose(zmp, (1 - share) * piece.start + share * piece.end, atol=1e-9)
+            rate = (plan.at(t + h)[1] - plan.at(t - h)[1]) / (2 * h)
+            np.testing.assert_allclose(rate, omega * (dcm - zmp), atol=1e-6 * omega**2 * size)
+        start += piece.duration
+        before, after = plan.at(start - 1e-9), plan.at(start + 1e-9)
+        np.testing.assert_allclose(before, after, atol=1e-6 * size)
+    for t in (plan.duration, plan.duration + 3.0):
+        zmp, dcm = plan.at(t)
+        np.testing.assert_allclose(zmp, pieces[-1].end, atol=1e-12)
+        np.testing.assert_allclose(dcm, zmp, atol=1e-12)
+
+
+@settings(max_examples=40, deadline=None)
+@given(plans())
+def test_the_dcm_stays_where_the_zmp_goes(made: tuple[list[Piece], float]) -> None:
+    """xi is a mean of the ZMPs to come: within their box."""
+    pieces, omega = made
+    corners = np.array([p.start for p in pieces] + [pieces[-1].end])
+    plan = DcmPlan(pieces, omega)
+    for t in np.linspace(0.0, plan.duration, 40):
+        dcm = plan.at(t)[1]
+        assert np.all(dcm >= corners.min(axis=0) - 1e-9)
+        assert np.all(dcm <= corners.max(axis=0) + 1e-9)
+
+
+# --------------------------------------------------------------------------------------------------- swing
+
+
+@st.composite
+def swings(draw: Any) -> tuple[Swing, Any, Any]:
+    rng = np.random.default_rng(draw(st.integers(0, 10_000)))
+    start = rng.normal(size=4) * [0.5, 0.5, 0.02, 0.5]
+    goal = start + rng.uniform(-1.0, 1.0, 4) * [0.4, 0.2, 0.05, 0.4]
+    return Swing(start, goal, float(rng.uniform(0.3, 1.0)), 0.05, search=0.1), start, goal
+
+
+@settings(max_examples=40, deadline=None)
+@given(swings())
+def test_a_foot_is_smooth_arrives_and_stays_in_bounds(made: tuple[Swing, Any, Any]) -> None:
+    """The path is what its velocity and acceleration say, between start and goal, over the top, then down."""
+    swing, start, goal = made
+    dt, path = 0.001, []
+    for _ in range(round(swing.duration / dt)):
+        path.append(swing.step(dt))
+    x, v, a = (np.array(part) for part in zip(*path, strict=True))
+    speed, bend = 4.0 * 0.4 / swing.duration, 30.0 * 0.4 / swing.duration**2
+    assert np.abs(v).max() < speed + 1.0
+    assert np.abs(np.diff(x, axis=0) - 0.5 * dt * (v[1:] + v[:-1])).max() < 2e-2 * dt * speed
+    assert np.abs(np.diff(v, axis=0) - 0.5 * dt * (a[1:] + a[:-1])).max() < 5e-2 * dt * (bend + 50.0)
+    assert np.abs(np.diff(a, axis=0)).max() < 0.15 * (bend + 50.0)
+    np.testing.assert_allclose(x[-1][[0, 1, 3]], goal[[0, 1, 3]], atol=1e-9)
+    assert x[-1][2] == pytest.approx(goal[2], abs=1e-3)
+    assert v[-1][2] == pytest.approx(-0.1, abs=1e-2)
+    low, high = np.minimum(start, goal), np.maximum(start, goal)
+    assert np.all(x[:, [0, 1, 3]] >= (low - 1e-9)[[0, 1, 3]])
+    assert np.all(x[:, [0, 1, 3]] <= (high + 1e-9)[[0, 1, 3]])
+    assert x[:, 2].max() == pytest.approx(max(start[2], goal[2]) + 0.05, abs=2e-3)
+    assert x[:, 2].min() > low[2] - 5e-3
+
+
+def test_a_foot_that_finds_no_ground_goes_down_so_far() -> None:
+    swing = Swing(np.zeros(4), np.array([0.2, 0.0, 0.0, 0.0]), 0.5, 0.05, search=0.1, depth=0.03)
+    z = [swing.step(0.002)[0][2] for _ in range(600)]
+    assert z[260] < -0.001
+    assert z[-1] == pytest.approx(-0.03)
+    assert np.diff(z[255:360]) == pytest.approx(-0.1 * 0.002)
+    x, v, _ = swing.step(0.002)
+    assert x[0] == pytest.approx(0.2)
+    assert not v.any()
+
+
+def test_a_goal_that_moves_bends_the_path_without_a_jump() -> None:
+    swing = Swing(np.zeros(4), np.array([0.3, 0.0, 0.0, 0.0]), 0.6, 0.05)
+    dt, x, v, a = 0.002, [], [], []
+    for k in range(300):
+        if 100 < k < 250:
+            swing.retarget(np.array([0.2, 0.1, 0.0, 0.2]), 1.0, dt)
+        for into, part in zip((x, v, a), swing.step(dt), strict=True):
+            into.append(part)
+    assert np.abs(np.diff(x, axis=0)).max() < 2.0 * dt
+    assert np.abs(np.diff(v, axis=0)).max() < 40.0 * dt
+    np.testing.assert_allclose(x[-1][[0, 1, 3]], [0.2, 0.1, 0.2], atol=1e-6)
+    assert swing.left == pytest.approx(0.0, abs=LEAD)
+
+
+# ----------------------------------------------------------------------------------------------- bad input
+
+
+def test_what_is_no_number_is_refused() -> None:
+    with pytest.raises(DeclarationError, match="single"):
+        Gait(single=0.0)
+    with pytest.raises(DeclarationError, match="lower"):
+        Gait(lower=1.0)
+    with pytest.raises(DeclarationError, match="most below least"):
+        Reach(forward=0.3, least=0.3, most=0.1)
+    with pytest.raises(DeclarationError, match="width"):
+        Footsteps(period=0.7, width=0.05, reach=REACH)
+    with pytest.raises(DeclarationError, match="forward"):
+        Command(forward=math.nan)
+    with pytest.raises(DeclarationError, match="takes time"):
+        DcmPlan([], 3.0)
+    with pytest.raises(DeclarationError, match="joined"):
+        DcmPlan([Piece(1.0, np.zeros(2), np.zeros(2)), Piece(1.0, np.ones(2), np.ones(2))], 3.0)
+    with pytest.raises(DeclarationError, match="height"):
+        natural_frequency(0.0)
+    with pytest.raises(DeclarationError, match="goal"):
+        Swing(np.zeros(4), np.zeros(3), 0.5, 0.05)
+    with pytest.raises(DeclarationError, match="duration"):
+        Swing(np.zeros(4), np.zeros(4), 0.01, 0.05)

@@ -1,0 +1,168 @@
+"""Robots that walk in MuJoCo under torque control, on estimated states."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco")
+
+import hqp.robots
+from hqp.errors import DeclarationError
+from hqp.estimation import FeetEstimator
+from hqp.robots.on_mujoco import Noise, Plane, Plant, Sensors
+from hqp.walking import Gait, Walker
+from hqp.walking.feet import feet_of
+
+DT = 0.002
+NOISY = Sensors(
+    orientation=Noise(0.002),
+    gyro=Noise(0.01),
+    accelerometer=Noise(0.05),
+    angle=Noise(1e-4),
+    rate=Noise(0.02),
+    force=Noise(2.0),
+)
+
+
+@dataclass
+class Course:
+    """A robot, its walker and a plant; ``run`` goes on, what was seen is kept."""
+
+    robot: Any
+    walker: Walker
+    plant: Plant
+    estimator: FeetEstimator | None = None
+    statuses: Counter[str] = field(default_factory=Counter)
+    jumps: list[float] = field(default_factory=list)
+    usual: list[float] = field(default_factory=list)
+    last: Any = None
+    off: float = 0.0
+
+    @classmethod
+    def of(cls, name: str, sensed: bool = True, **walk: Any) -> Course:
+        robot = hqp.robots.load(name, rotors=True)
+        walker = Walker(robot, dt=DT, deadline=np.inf, **walk)
+        base = robot.landmarks["base"][0]
+        plant = Plant(
+            robot, terrain=Plane(friction=0.6), sensors=NOISY if sensed else Sensors(), imu=base, delay=0.004 * sensed
+        )
+        q, _ = plant.reset(robot.home.copy())
+        least = 0.9 * robot.mass
+        estimator = FeetEstimator(robot, robot.landmarks["soles"], DT, q, least_load=least) if sensed else None
+        return cls(robot, walker, plant, estimator)
+
+    def run(self, seconds: float, push: Any = None) -> None:
+        end = self.plant.time + seconds
+        limit = self.robot.effort_limit[self.robot.actuated]
+        while self.plant.time < end - 1e-9:
+            reading = self.plant.measure()
+            q, v = reading.q, reading.v
+            if self.estimator is not None:
+                q, v = self.estimator.update(q, v, reading.accelerometer, reading.contacts.load)
+                self.off = max(self.off, float(np.abs(q[:3] - self.plant.state()[0][:3]).max()))
+            tick = self.walker.step(self.robot.state(q, v), reading.contacts.load)
+            self.statuses[tick.status.name] += 1
+            tau = tick.command
+            if self.last is not None:
+                (self.jumps if self.walker.event else self.usual).append(float(np.abs(tau - self.last).max()))
+            self.last = tau
+            if push is not None:
+                self.plant.push(self.robot.landmarks["base"][0], np.asarray(push))
+            self.plant.step(np.clip(tau, -limit, limit), steps=2)
+            assert self.plant.com()[2] > 0.7 * self.walker.height, f"fell at {self.plant.time:.2f} s"
+
+    @property
+    def optimal(self) -> float:
+        return self.statuses["OPTIMAL"] / sum(self.statuses.values())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "speed", "jump"), [("talos", 0.2, 50.0), ("g1", 0.2, 25.0)])
+def test_it_walks_on_what_it_senses_and_stops(name: str, speed: float, jump: float) -> None:
+    """Noise, 4 ms of delay, friction 0.6: as fast as asked, no torque jumps, feet side by side at the end."""
+    course = Course.of(name)
+    course.run(1.0)
+    start = course.plant.com()
+    course.walker.go(forward=speed)
+    course.run(6.0)
+    middle = course.plant.com()
+    course.walker.stop()
+    course.run(3.0)
+    assert middle[0] - start[0] > 0.8 * 6.0 * speed
+    assert abs(course.plant.com()[1]) < 0.1
+    assert course.walker.phase == "stand"
+    one, other = (course.plant.place(f)[0] for f in course.robot.landmarks["soles"])
+    assert abs(one[0] - other[0]) < 0.03
+    assert course.optimal > 0.995
+    assert max(course.jumps + course.usual) < jump
+    assert course.off < 0.03
+
+
+@pytest.mark.slow
+def test_it_turns_and_goes_aside_and_back() -> None:
+    course = Course.of("talos", sensed=False)
+    course.run(1.0)
+    course.walker.go(forward=-0.1, left=0.05)
+    course.run(4.0)
+    there = course.plant.com()
+    assert there[0] < -0.2
+    assert there[1] > 0.1
+    course.walker.go(turn=0.2)
+    course.run(4.0)
+    R = course.plant.place("base_link")[1]
+    assert np.arctan2(R[1, 0], R[0, 0]) > 0.4
+
+
+@pytest.mark.slow
+def test_a_push_in_a_step_is_answered_by_another_step() -> None:
+    """18 N s from the side in the middle of a swing, 0.2 m/s of the robot's mass: the next foot lands further out."""
+    course = Course.of("talos", sensed=False)
+    course.run(1.0)
+    course.walker.go(forward=0.1)
+    while course.walker.phase != "swing" or course.walker._t < 0.2 or course.walker.stance != 1:
+        course.run(DT)
+    nominal = course.walker._nominal
+    course.run(0.1, push=[0.0, 180.0, 0.0])
+    while course.walker.phase == "swing":
+        course.run(DT)
+    assert course.walker.holds[0].y > nominal.y + 0.02
+    course.run(4.0)
+
+
+def test_phases_follow_each_other_and_the_stack(tmp_path: Any) -> None:
+    """Without loads by time: shift, swing, shift; one contact less in the stack of a swing."""
+    robot = hqp.robots.load("talos", rotors=True)
+    walker = Walker(robot, Gait(single=0.1, double=0.04, first=0.06), dt=DT, deadline=np.inf)
+    walker.go(forward=0.05)
+    events = []
+    for _ in range(160):
+        tick = walker.step(robot.state(robot.home))
+        assert tick.status.usable
+        if walker.event:
+            events.append((walker.event, walker.stance, sum(e.is_contact for e in walker.session.stack.subject_to)))
+    assert events[:4] == [("shift", 1, 2), ("swing", 1, 1), ("shift", 0, 2), ("swing", 0, 1)]
+
+
+def test_soles_are_those_of_the_shapes() -> None:
+    """G1's four spheres; Talos' mesh as six corners inside it; CBi's box."""
+    for name, box in (("g1", (0.085, 0.03)), ("talos", (0.11, 0.062)), ("cbi", (0.1225, 0.05))):
+        for foot in feet_of(hqp.robots.load(name)):
+            corners = np.array(foot.corners)
+            half = 0.5 * np.ptp(corners, axis=0)
+            np.testing.assert_allclose(half, box, atol=6e-3)
+            assert len(corners) <= 6
+            assert foot.margin <= 0.3 * half.min() + 1e-12
+
+
+def test_what_is_no_biped_is_refused() -> None:
+    with pytest.raises(DeclarationError, match="no biped"):
+        Walker(hqp.robots.load("ur5"))
+    with pytest.raises(DeclarationError, match="no biped"):
+        Walker(hqp.robots.load("anymal"))
+    with pytest.raises(hqp.errors.FrameNotFound):
+        Walker(hqp.robots.load("talos"), soles=("left", "right"))
