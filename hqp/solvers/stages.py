@@ -303,7 +303,8 @@ class StagedWorkspace:
         below = {k: _sees_variables(problem, k) for k in lowest if not priced[k]}
         wide = n + sum(rows.m for rows, price in zip(problem.levels, priced, strict=True) if price)
         wide += max((problem.levels[k].m for k, alone in below.items() if not alone), default=0)
-        picks = all(below.values())
+        flat = priced[-1] and motion is not None and motion.F.ndim == 2
+        picks = all(below.values()) and not flat
         metric, origin = problem.metric, problem.origin
         larger = _room_unless(picks and metric is None, wide, wide), _room_unless(picks and origin is None, wide)
         self._native.bind(
@@ -321,6 +322,8 @@ class StagedWorkspace:
             self._native.leaves(k, room_arrays(rows))
         for k, alone in below.items():
             self._remainders[k] = self._remainder(problem, k, alone, above, wide, *larger)
+        if flat:
+            self._remainders[len(priced)] = self._remainder(problem, len(priced), True, above, wide, *larger)
 
     def _remainder(
         self,
@@ -332,11 +335,11 @@ class StagedWorkspace:
         metric: Mat | None,
         origin: Vec | None,
     ) -> Remainder:
-        """Room for level k below unmet levels, its kernel bound to it and to the stages."""
-        own, every = problem.levels[k], np.arange(wide)
-        index = np.concatenate([own.A.index, every]) if alone and isinstance(own.A, Selection) else every
+        """Room for level k below unmet levels, or for the completion, its kernel bound to it and to the stages."""
+        own, every = problem.levels[k] if k < len(problem.levels) else None, np.arange(wide)
+        index = np.concatenate([own.A.index, every]) if own and alone and isinstance(own.A, Selection) else every
         last = Rows(Selection(index, np.ones(index.size)), np.zeros(index.size), np.zeros(index.size))
-        slack = None if alone else _room(own, wide, False)
+        slack = None if alone or own is None else _room(own, wide, False)
         whole = Hierarchy((*above[:k], *([slack] if slack else []), last), n=wide, metric=metric, origin=origin)
         workspace = self._make(replace(whole.shape, inequalities=True))
         kernel: Kernel = workspace.kernel(whole)  # type: ignore[attr-defined]

@@ -141,8 +141,9 @@ class Stages final : public hqp::SolveCall {
   void leaves(int k, const nb::tuple& to) { stages_->above()[level(k)] = room(to, std::size_t(rows_[k])); }
   // Where level k, which has no price, is solved below unmet ones: the last level, its inequality rows or None, the
   // solve, and the (z, v, s) (wide,) it writes.
+  // k: the number of levels for the completion below the last level, which has a price.
   void remains(int k, const nb::tuple& last, const nb::object& slack, const nb::capsule& solve, const Vector& z) {
-    hqp::Remaining& rest = stages_->remaining()[level(k)];
+    hqp::Remaining& rest = stages_->remaining()[std::size_t(k) == rows_.size() ? rows_.size() : level(k)];
     rest.last = room(last, 0);
     rest.slack = slack.is_none() ? hqp::Room{} : room(nb::cast<nb::tuple>(slack), std::size_t(rows_[k]));
     rest.wide = static_cast<int>(z.shape(0));

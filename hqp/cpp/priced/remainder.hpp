@@ -63,6 +63,43 @@ class Remainder {
     complete(completion);
   }
 
+  // Below the last level, which has a price, where motion is flat: min ||F (x - end)||^2, which is 0, over what the
+  // levels leave, anchored rows as they are at the end of that level; the completion chooses.
+  void finish(const std::vector<Anchor>& anchors, const double* low, const double* high, Motions& motions,
+              const double* end, Room* above, const Remaining& rest, const Completion& completion) {
+    wide_ = rest.wide;
+    stack_.clear();
+    sum_.clear();
+    for (int j = 0; j < motions.count(); ++j) push(motions.row(j), 1.0, motions.moved(j, end));
+    at_.set(stack_.data(), sum_.data(), motions.count());
+    for (int j = 0; j < wide_; ++j) {
+      rest.last.lower[j] = sees(j) ? 0.0 : -kInf;
+      rest.last.upper[j] = -rest.last.lower[j];
+    }
+    std::size_t next = 0;
+    for (std::size_t k = 0; k < level_.size(); ++k) {
+      const PricedLevel& level = level_[k];
+      const bool anchored = next < anchors.size() && anchors[next].level == static_cast<int>(k);
+      if (anchored) {
+        kept_low_.assign(low, low + level.m);
+        kept_high_.assign(high, high + level.m);
+        for (int i = 0; i < level.m; ++i) {
+          if (level.left_out(i)) continue;
+          const double value = dot_any(row(level, i), end, n_);
+          const bool equal = level.lower[i] == level.upper[i];
+          kept_low_[i] = equal || value < level.lower[i] ? value : level.lower[i];
+          kept_high_[i] = equal || value > level.upper[i] ? value : level.upper[i];
+        }
+        ++next;
+      }
+      keep(static_cast<int>(k), nullptr, anchored ? kept_low_.data() : low, anchored ? kept_high_.data() : high,
+           above[k]);
+      low += level.m;
+      high += level.m;
+    }
+    complete(completion);
+  }
+
   // x (n,) of (z, v, s).
   void point(const double* z, double* x) const { at_.point(z, x); }
 
@@ -196,7 +233,7 @@ class Remainder {
   const std::vector<PricedLevel>& level_;
   std::vector<int> slot_;  // where the v of a level begin
   Coordinates at_;
-  std::vector<double> size_, sum_, row_, scale_, stack_, product_;
+  std::vector<double> size_, sum_, row_, scale_, stack_, product_, kept_low_, kept_high_;
 };
 
 }  // namespace HQP_ISA

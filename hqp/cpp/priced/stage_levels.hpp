@@ -28,7 +28,7 @@ class StageLevels final : public PricedStages {
       : n_(n),
         level_(sized(levels, m)),
         above_(levels),
-        remaining_(levels),
+        remaining_(levels + 1),
         warm_(levels),
         first_(levels),
         tolerances_(tolerances),
@@ -116,6 +116,7 @@ class StageLevels final : public PricedStages {
     }
     uncertain_ = uncertain_ || search_.uncertain();
     if (anchors_.empty() && ended_) return -1;  // every level hands down its rows as they are
+    finish();
     std::copy(x_.begin(), x_.end(), last);
     return first;
   }
@@ -388,6 +389,15 @@ class StageLevels final : public PricedStages {
     doubtful_ = doubtful_ || outcome == kUncertainRank;
     if (outcome == 0 || outcome == kUncertainRank) remainder_.point(rest.z, x_.data());
     else ended_ = false;
+  }
+
+  // Which of the answers, where the last level has a price and motion leaves a choice.
+  void finish() {
+    const Remaining& rest = remaining_.back();
+    if (!ended_ || !rest.solve || motions_.base().rank() == n_) return;
+    remainder_.finish(anchors_, low_.data(), high_.data(), motions_, x_.data(), above_.data(), rest, completion_);
+    if (rest.solve->run(left()) == 0) remainder_.point(rest.z, x_.data());
+    else doubtful_ = true;
   }
 
   static constexpr int kUncertainRank = 1;  // an outcome of the kernel, hqp/cpp/solver/problem.hpp

@@ -85,7 +85,7 @@ class PricedStages {
   virtual ~PricedStages() = default;
   virtual PricedLevel* levels() = 0;   // to be filled once
   virtual Room* above() = 0;           // of each level, as a level above one without a price
-  virtual Remaining* remaining() = 0;  // of each level without a price below one that has one
+  virtual Remaining* remaining() = 0;  // of each level without a price below one that has one, and below the last
   virtual void bind(const Law& law, const Completion& completion) = 0;
   // x: the exact answer of all levels, or of those above level `head` where it is not 0.  The first level that it does
   // not settle, -1 for none; otherwise stages (levels, n) hold the points of priced levels from that one on (NaN
