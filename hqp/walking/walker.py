@@ -39,6 +39,9 @@ INTEGRAL, MOST = 0.5, 0.03
 LEAST = 0.015
 """Steps are corrected by what is more than this [m]."""
 
+CLEAR = 0.02
+"""Between two soles side by side [m]."""
+
 CORRECTION = 1.5
 """The goal of a swing foot moves no faster [m/s]."""
 
@@ -82,7 +85,9 @@ class Walker:
         self.omega = natural_frequency(self.height)
         width = abs(float((self.holds[0].turn.T @ (self.holds[0].xy - self.holds[1].xy))[1]))
         if reach is None:
-            reach = Reach(forward=0.4 * self.height, least=0.7 * width, most=width + 0.15 * self.height)
+            across = max(float(np.ptp([y for _, y in foot.corners])) for foot in self.feet) + CLEAR
+            least = min(max(across, 0.5 * width), 0.7 * width)
+            reach = Reach(forward=0.4 * self.height, least=least, most=width + 0.15 * self.height)
         self.footsteps = Footsteps(period=self.gait.period, width=width, reach=reach)
         laws = laws or Laws()
         self.stacks = Stacks(robot, self.feet, self.height, friction, laws, limits)
