@@ -186,7 +186,7 @@ def _adjusted(judge: Judge, gradient: Vec, signed: Mat, allowed: Mat) -> tuple[V
     active = np.flatnonzero((judge.side != 0.0) & ~judge.fixed)
     cone = (judge.side[active, None] * (judge.unit[active] @ judge.Z)).T
     fixed = np.concatenate([cone, (signed @ judge.Z).T], axis=1)
-    loose, change = (allowed @ judge.Z).T, np.zeros(len(allowed))
+    loose, change, u = (allowed @ judge.Z).T, np.zeros(len(allowed)), np.zeros(len(signed))
     free = np.zeros(len(allowed), dtype=bool)
     for _ in range(ROUNDS):  # what the tolerance allows is -1 to 1 of each row: those beyond stay there
         columns = np.concatenate([fixed, loose[:, free], -loose[:, free]], axis=1)
