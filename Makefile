@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: corpus test-arm bench experiments test test-sweeps test-browser test-adapters test-cpp docs problem-sets check setup format clean sanitize
+.PHONY: corpus test-arm bench experiments test test-all test-sweeps test-browser test-adapters test-cpp docs problem-sets check setup format clean sanitize
 
 bench: setup
 	$(BIN)/python -m benchmarks
@@ -13,9 +13,15 @@ bench: setup
 experiments: setup
 	$(BIN)/python -m benchmarks experiments --full --video
 
+# A process for each core, one thread of BLAS in each; a file's tests stay together until a process has nothing to do.
 # The native parts must be there: a broken build would fall back to pure Python without a word.
+PYTEST := HQP_REQUIRE_NATIVE=1 $(BIN)/python -m pytest -n auto --dist worksteal --ignore=tests/browser
 test: setup
-	HQP_REQUIRE_NATIVE=1 $(BIN)/python -m pytest --ignore=tests/browser
+	$(PYTEST) -m "not slow"
+
+# And what draws many or goes on for long.
+test-all: setup
+	$(PYTEST)
 
 # The viewer in headless Chromium; on Debian: apt-get install --no-install-recommends chromium
 test-browser: setup

@@ -17,12 +17,19 @@ HAND = Position(frame="r_palm")
 STACK = Stack(Level(HAND), Level(Posture()))
 
 
+class Something:
+    """An object of no use, printed the same in every process: workers compare the names of tests."""
+
+    def __repr__(self) -> str:
+        return "Something()"
+
+
 @pytest.fixture(scope="module")
 def cbi() -> Any:
     return hqp.robots.load("cbi")
 
 
-@pytest.mark.parametrize("bad", [math.nan, -1.0, "x", None, (), {}, object(), np.zeros(3)], ids=repr)
+@pytest.mark.parametrize("bad", [math.nan, -1.0, "x", None, (), {}, Something(), np.zeros(3)], ids=repr)
 @pytest.mark.parametrize("what", ["restarts", "steps", "tolerance", "budget", "q0", "reference", "stack", "robot"])
 def test_reach(cbi: Any, what: str, bad: Any) -> None:
     given: dict[str, Any] = {"stack": STACK, "robot": cbi, "reference": HAND.at(np.zeros(3)), what: bad}
@@ -40,7 +47,7 @@ def test_a_start_that_is_no_number_is_not_reached(cbi: Any, bad: float) -> None:
         hqp.reach(STACK, cbi, HAND.at(cbi.state().position("r_palm")), q0=q)
 
 
-@pytest.mark.parametrize("bad", [math.nan, -1.0, "x", (), object()], ids=repr)
+@pytest.mark.parametrize("bad", [math.nan, -1.0, "x", (), Something()], ids=repr)
 @pytest.mark.parametrize("what", ["robot", "q", "levels", "dt"])
 def test_solve_ik(cbi: Any, what: str, bad: Any) -> None:
     given = {"robot": cbi, "q": cbi.home, "levels": STACK, "dt": 0.01, what: bad}
