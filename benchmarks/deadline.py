@@ -24,7 +24,7 @@ from hqp.tasks import Com, Position, UnilateralContact
 from hqp.tolerances import VIOLATION_TOLERANCE
 
 ROBOTS = ("cbi", "talos", "g1")
-MARK = "<!-- tables: python -m benchmarks deadline --page docs/safety.md -->"
+MARK = "<!-- tables: python -m benchmarks deadline --page docs/results/safety.md -->"
 END = "<!-- end of deadlines -->"
 
 
@@ -101,7 +101,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of this part."""
     parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=list(ROBOTS), metavar="ROBOT")
     parser.add_argument("--ticks", type=int, default=20_000, help="of each loop (20000)")
-    parser.add_argument("--page", type=Path, metavar="FILE", help="write the table there as a part of docs/safety.md")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="write the table there as a part of docs/results/safety.md")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -10,7 +10,6 @@ import json
 import math
 import re
 import sys
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from benchmarks.lab.outcome import HEADER, Figure, Table, table
 from hqp.markdown import table as markdown
 
 DOCS = Path(__file__).parents[1] / "docs"
-PAGES = ("dreamer-experiments.md", "cbi-experiments.md")
+PAGES = ("results/dreamer.md", "results/cbi.md")
 DATA = DOCS / "data"
 
 MARKED = re.compile(r"(?<=<!-- table: )(?P<name>[^>]+?)(?P<open> -->\n)(?P<body>.*?)(?P<close><!-- end -->)", re.DOTALL)
@@ -87,17 +86,22 @@ def _experiment(outcome: Mapping[str, Any]) -> dict[str, str]:
     """The figures of an experiment under its name, its tables under ``NAME: TITLE``, and when and how it was made."""
     name, parameters = outcome["experiment"], outcome["parameters"]
     figures = [_figure(figure) for figure in outcome["figures"]]
-    found = {name: markdown(HEADER, [figure.cells() for figure in figures])}
+    found = {name: _of_today(HEADER, [figure.cells() for figure in figures])}
     for made in outcome["tables"]:
-        found[f"{name}: {made['title']}"] = markdown(made["header"], made["rows"])
+        found[f"{name}: {made['title']}"] = _of_today(made["header"], made["rows"])
     versions = parameters["versions"]
     found[f"{name}: made"] = (
-        f"Made by `python -m benchmarks experiments {name}` at commit `{parameters['commit'][:7]}` "
-        f"({parameters['version']} version, {parameters['wall time [s]']:.0f} s beside other programs); solver "
+        f"`python -m benchmarks experiments {name}`, {parameters['version']} version, solver "
         f"`{parameters['solver']}`, MuJoCo {versions['mujoco']}, Pinocchio {versions['pin']}, "
         f"NumPy {versions['numpy']}."
     )
     return found
+
+
+def _of_today(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table without the columns that tell what earlier studies found."""
+    kept = [k for k, title in enumerate(header) if "earlier" not in title]
+    return markdown([header[k] for k in kept], [[row[k] for k in kept] for row in rows])
 
 
 def _figure(plain: Mapping[str, Any]) -> Figure:
@@ -145,20 +149,7 @@ def _dreamer() -> dict[str, str]:
         "one controller": shown(one).replace("| one controller, ", "| "),
         "nominal figures": _text(compared({name: made[name] for name in nominal})),
         "by tilt": _text(by_tilt),
-        "runs": _text(_by_commit(latest, "case.cell")),
     }
-
-
-def _by_commit(rows: Sequence[Mapping[str, Any]], cell: str) -> Table:
-    """Which version made how many runs."""
-    runs = Counter(row["code"] for row in rows)
-    first: dict[str, int] = {}
-    for row in sorted(rows, key=lambda row: row["finished"]):
-        first.setdefault(row["code"], len(first))
-    lines = [(f"`{code}`", str(runs[code]), str(len({r[cell] for r in rows if r["code"] == code}))) for code in first]
-    return table(
-        "", ("commit", "runs", "of cells"), [*lines, ("all", str(len(rows)), str(len({r[cell] for r in rows})))]
-    )
 
 
 def _cbi() -> dict[str, str]:
@@ -167,4 +158,4 @@ def _cbi() -> dict[str, str]:
 
     rows = [row for row in sweep.read(DATA / "cbi-statistics").to_pylist() if row["ok"]]
     plain = [{name.partition(".")[2]: value for name, value in row.items() if "." in name} for row in rows]
-    return {"cbi runs": _text(statistics.shown(plain)), "cbi versions": _text(_by_commit(rows, "case.motion"))}
+    return {"cbi runs": _text(statistics.shown(plain))}

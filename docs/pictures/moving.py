@@ -68,7 +68,7 @@ def _way(t: float) -> np.ndarray:
 
 
 def dreamer(path: Path = FIGURES / "dreamer.webp") -> Path:
-    """The experiment of docs/dreamer-experiments.md, filmed by the benchmarks."""
+    """The experiment of docs/results/dreamer.md, filmed by the benchmarks."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "benchmarks", "experiments", "dreamer-slope", "--quick", "--video"]
         subprocess.run([*command, "--output", folder], check=True, cwd=Path(__file__).parents[2])

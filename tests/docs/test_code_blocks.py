@@ -58,7 +58,7 @@ def _shape(stack: Stack) -> list[list[tuple[str, object, object]]]:
 @pytest.mark.parametrize(
     ("page", "theirs"),
     [
-        ("docs/cbi-experiments.md", mistry2008.paper_stack(mistry2008.CBI)),
+        ("docs/results/cbi.md", mistry2008.paper_stack(mistry2008.CBI)),
         ("docs/torque.md", sentis2012.paper_stack()),
     ],
 )
