@@ -206,7 +206,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of this part."""
     parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=list(ROBOTS), metavar="ROBOT")
     parser.add_argument("--levels", nargs="+", choices=LEVELS, default=list(LEVELS))
-    parser.add_argument("--page", type=Path, metavar="FILE", help="write the tables there as a part of docs/results/safety.md")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="write the tables into this page")
 
 
 def run(arguments: argparse.Namespace) -> int:

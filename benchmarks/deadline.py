@@ -101,7 +101,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of this part."""
     parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=list(ROBOTS), metavar="ROBOT")
     parser.add_argument("--ticks", type=int, default=20_000, help="of each loop (20000)")
-    parser.add_argument("--page", type=Path, metavar="FILE", help="write the table there as a part of docs/results/safety.md")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="write the table into this page")
 
 
 def run(arguments: argparse.Namespace) -> int:

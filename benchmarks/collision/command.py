@@ -19,7 +19,7 @@ ROBOTS = ("talos", "g1", "panda")
 MARGIN = -5e-4
 """Least distance less clearance that a scene may have [m]."""
 
-MARK = "<!-- tables: python -m benchmarks collision --page docs/collision.md -->"
+MARK = "<!-- tables: python -m benchmarks collision --page docs/results/collision.md -->"
 """Of the page, before what is written by this command."""
 
 Record = dict[str, Any]
