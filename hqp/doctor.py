@@ -32,7 +32,7 @@ EXTRAS["browser"] = (*EXTRAS["view"], *EXTRAS["robots"], "playwright")
 EXTRAS["bench"] = (*EXTRAS["mujoco"], *EXTRAS["plots"], *EXTRAS["solvers"], *EXTRAS["robots"])
 EXTRAS["dev"] = (
     *EXTRAS["bench"], *EXTRAS["lab"], *EXTRAS["video"],
-    "pytest", "pytest-timeout", "hypothesis", "ruff", "mypy", "clang-format", "pyright",
+    "pytest", "pytest-timeout", "pytest-xdist", "hypothesis", "ruff", "mypy", "clang-format", "pyright",
 )  # fmt: skip
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
