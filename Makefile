@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: corpus test-arm bench experiments test test-all test-sweeps test-browser test-adapters test-cpp docs problem-sets check setup format clean sanitize
+.PHONY: paper corpus test-arm bench experiments test test-all test-sweeps test-browser test-adapters test-cpp docs problem-sets check setup format clean sanitize
 
 bench: setup
 	$(BIN)/python -m benchmarks
@@ -47,6 +47,11 @@ test-adapters: setup
 docs: setup
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+# The paper as a PDF; on Debian: apt-get install --no-install-recommends pandoc texlive-latex-recommended texlive-fonts-recommended lmodern
+paper:
+	mkdir -p build
+	cd paper && pandoc paper.md --citeproc -V geometry:margin=25mm -V fontsize=10pt -o ../build/paper.pdf
 
 # The kernel as a C++ library: a recorded loop of G1 is solved again and agrees to 1e-12.
 test-cpp: setup
