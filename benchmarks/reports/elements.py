@@ -209,8 +209,14 @@ def in_files() -> str:
         hard = name in (*HELD, *CONTACTS)
         text = serial.dumps(Stack(Level(t.Posture()), subject_to=[element]) if hard else Stack(Level(element)))
         kept = text[text.index("[[subject_to]]") :] if hard else text
-        parts.append(f"## {name}\n\n```toml\n{kept.strip()}\n```\n")
+        lines = "\n".join(map(_wrapped, kept.strip().splitlines()))
+        parts.append(f"## {name}\n\n```toml\n{lines}\n```\n")
     return "\n".join(parts)
+
+
+def _wrapped(line: str) -> str:
+    """An array of arrays, one to a line where it is long."""
+    return line if len(line) <= 88 else line.replace("[[", "[\n  [").replace("], [", "],\n  [").replace("]]", "],\n]")
 
 
 def main() -> None:
