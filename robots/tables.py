@@ -99,9 +99,13 @@ def inertia(link: Row) -> Array:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def shape(link: Row) -> tuple[str, dict[str, Array]]:
-    """Parse the ``geom`` column, such as ``box c=0,0,0.1 h=...`` or ``capsule 0,0,0 0,0,1 r=...``."""
-    kind, *words = link["geom"].split()
+def shapes(link: Row) -> list[tuple[str, dict[str, Array]]]:
+    """The ``geom`` column: ``box c=0,0,0.1 h=...`` or ``capsule 0,0,0 0,0,1 r=...``, several with ``;`` between."""
+    return [_shape(each) for each in link["geom"].split(";")]
+
+
+def _shape(words_of_it: str) -> tuple[str, dict[str, Array]]:
+    kind, *words = words_of_it.split()
     named = [word.partition("=") for word in words if "=" in word]
     values = {key: np.array([float(x) for x in value.split(",")]) for key, _, value in named}
     ends = [np.array([float(x) for x in word.split(",")]) for word in words if "=" not in word]

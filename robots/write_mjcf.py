@@ -6,12 +6,13 @@ No armature is written: the models hold the tables' numbers alone, a simulated p
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from typing import Literal
 
 import numpy as np
 
 from . import rollers
-from .tables import Row, Tables, axis, document, inertia, shape, text, vector
+from .tables import Array, Row, Tables, axis, document, inertia, shapes, text, vector
 
 Wheels = Literal["hinge", "ball", "rollers"]
 
@@ -73,7 +74,8 @@ def _body(parent: ET.Element, name: str, joint: Row | None, tables: Tables, whee
     inertial.set("mass", text(mass))
     six = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     inertial.set("fullinertia", text(tensor[index] for index in six))
-    _shape(body, link, joint, wheels)
+    for kind, sizes in shapes(link):
+        _shape(body, link, joint, wheels, kind, sizes)
     for point in tables.frames(name):
         ET.SubElement(body, "site", name=point["name"], pos=text(vector(point, "x", "y", "z")), group="4")
     for corner in (p for p in tables.points if p["frame"] == name and p["set"] == "rect4"):
@@ -99,8 +101,7 @@ def _wheel_joint(base: ET.Element, wheel: ET.Element, joint: Row, wheels: Wheels
         ET.SubElement(wheel, "joint", name=name, axis=text(axis(joint)), damping=text(damping))
 
 
-def _shape(body: ET.Element, link: Row, joint: Row | None, wheels: Wheels) -> None:
-    kind, s = shape(link)
+def _shape(body: ET.Element, link: Row, joint: Row | None, wheels: Wheels, kind: str, s: Mapping[str, Array]) -> None:
     geom = ET.SubElement(body, "geom", {"class": "shape", "type": {"cyl": "cylinder"}.get(kind, kind)})
     if kind == "sphere":
         geom.set("rgba", JOINT_COLOUR)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 
 import numpy as np
 
-from .tables import Array, Row, Tables, axis, document, shape, text, vector
+from .tables import Array, Row, Tables, axis, document, shapes, text, vector
 
 
 def urdf(tables: Tables) -> str:
@@ -32,7 +33,8 @@ def _link(robot: ET.Element, link: Row, tables: Tables) -> None:
     moments = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     ET.SubElement(body, "inertia", {name: text(float(link[name])) for name in moments})
     for tag in ("visual", "collision"):
-        _shapes(element, tag, link, tables)
+        for kind, sizes in shapes(link):
+            _shape(element, tag, link, tables, kind, sizes)
 
 
 def _joint(robot: ET.Element, joint: Row) -> None:
@@ -53,9 +55,7 @@ def _attach(element: ET.Element, parent: str, child: str, at: Row) -> None:
     ET.SubElement(element, "origin", xyz=text(vector(at, "x", "y", "z")), rpy="0 0 0")
 
 
-def _shapes(element: ET.Element, tag: str, link: Row, tables: Tables) -> None:
-    kind, s = shape(link)
-
+def _shape(element: ET.Element, tag: str, link: Row, tables: Tables, kind: str, s: Mapping[str, Array]) -> None:
     def add(name: str, origin: Array, along: Array, **size: str) -> None:
         place = ET.SubElement(element, tag)
         ET.SubElement(place, "origin", xyz=text(origin), rpy=text(_rpy(along)))

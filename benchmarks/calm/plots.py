@@ -19,11 +19,11 @@ UNITS = {"velocity": "joint velocity [rad/s]", "acceleration": "joint accelerati
 
 
 def commands(runs: Mapping[str, Run], path: Path) -> Path:
-    """One panel a variant, its own scale where the other's would hide it; the six joints that move most are named."""
+    """One panel a variant, on one scale; the six joints that move most are named."""
     first = next(iter(runs.values()))
     names = first.scene.subject.robot.joint_names
     figure, axes = plt.subplots(
-        1, len(runs), figsize=(5.2 * len(runs), 3.6), sharex=True, layout="constrained", squeeze=False
+        1, len(runs), figsize=(5.2 * len(runs), 3.6), sharex=True, sharey=True, layout="constrained", squeeze=False
     )
     last = list(runs.values())[-1].commands
     busiest = np.argsort(-np.abs(last - last.mean(axis=0)).max(axis=0))[:6]
@@ -33,7 +33,8 @@ def commands(runs: Mapping[str, Run], path: Path) -> Path:
         axis.plot(t, run.commands[:, others], color="0.8", linewidth=0.5)
         for j in busiest:
             axis.plot(t, run.commands[:, j], linewidth=0.9, label=names[j])
-        axis.set(title=label, xlabel="time [s]")
+        jump = np.abs(np.diff(run.commands, axis=0)).max()
+        axis.set(title=f"{label}: largest change in a tick {jump:.2g}", xlabel="time [s]")
         axis.grid(alpha=0.3)
     scene = first.scene
     axes[0, 0].set_ylabel(UNITS[scene.formulation])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import matplotlib
 
@@ -17,7 +17,10 @@ if TYPE_CHECKING:
     from benchmarks.mistry2008.experiments.balance import Balance
     from benchmarks.sentis2012.experiments.dreamer_run import Outing
 
-DESIRED, ACTUAL, OTHER = "tab:green", "tab:blue", "tab:red"
+GOAL, ACTUAL, OTHER = "0.7", "#0072b2", "#d55e00"
+"""Told apart in grey and by colour-blind readers; what is desired is a wide band under what was done."""
+BAND: dict[str, Any] = {"color": GOAL, "linewidth": 5.0, "solid_capstyle": "round"}
+DASHED = (0, (4, 1.5))
 CM, MM = 100.0, 1000.0
 
 Files = list[tuple[str, Path]]
@@ -49,11 +52,11 @@ def cog_in_time(output: Path, steady: Balance, lagging: Balance) -> Files:
     for axis, column, middle in ((side, 1, steady.goal[1]), (front, 0, steady.goal[0])):
         last = steady.log["t"] > steady.log["t"][-1] - 15.0
         t = steady.log["t"][last]
-        axis.plot(t, CM * (steady.log["com_goal"][last, column] - middle), color=DESIRED, label="desired")
-        axis.plot(t, CM * (steady.log["com"][last, column] - middle), "--", color=ACTUAL, label="actual")
+        axis.plot(t, CM * (steady.log["com_goal"][last, column] - middle), **BAND, label="desired")
+        axis.plot(t, CM * (steady.log["com"][last, column] - middle), color=ACTUAL, label="actual")
         last = lagging.log["t"] > lagging.log["t"][-1] - 15.0
         other = CM * (lagging.log["com"][last, column] - middle)
-        axis.plot(lagging.log["t"][last], other, ":", color=OTHER, label="actual, no feedforward")
+        axis.plot(lagging.log["t"][last], other, linestyle=DASHED, color=OTHER, label="actual, no feedforward")
     side.set(ylabel="left-right [cm]", title="CoG of CBi in simulation (compare Mistry 2008, Fig. 6)")
     front.set(ylabel="front-back [cm]", xlabel="time [s]", ylim=(-2.0, 2.0))
     _legend_below(figure, side)
@@ -65,10 +68,10 @@ def hand_in_time(output: Path, strict: Balance, printed: Balance) -> Files:
     figure, axes = _axes(2, 5.0)
     middle = strict.log["hand_goal"][0]
     for axis, column, text in zip(axes, (1, 2), ("left-right [cm]", "up-down [cm]"), strict=True):
-        axis.plot(strict.log["t"], CM * (strict.log["hand_goal"] - middle)[:, column], color=DESIRED, label="desired")
-        axis.plot(strict.log["t"], CM * (strict.log["hand"] - middle)[:, column], "--", color=ACTUAL, label="strict")
+        axis.plot(strict.log["t"], CM * (strict.log["hand_goal"] - middle)[:, column], **BAND, label="desired")
+        axis.plot(strict.log["t"], CM * (strict.log["hand"] - middle)[:, column], color=ACTUAL, label="strict")
         hand = CM * (printed.log["hand"] - middle)[:, column]
-        axis.plot(printed.log["t"], hand, color=OTHER, label="eq. (16) as printed")
+        axis.plot(printed.log["t"], hand, linestyle=DASHED, color=OTHER, label="eq. (16) as printed")
         axis.set_ylabel(text)
     axes[0].set_title("Right hand on a figure-8 (compare Mistry 2008, Fig. 7)")
     axes[1].set_xlabel("time [s]")
@@ -81,12 +84,12 @@ def hand_in_plane(output: Path, strict: Balance, printed: Balance) -> Files:
     figure, axis = plt.subplots(figsize=(7.0, 4.6), layout="constrained")
     axis.grid(alpha=0.3)
     middle = strict.log["hand_goal"][0]
-    for log, key, style, color, text in (
-        (strict.log, "hand_goal", "-", DESIRED, "desired"),
-        (strict.log, "hand", "--", ACTUAL, "strict priority"),
-        (printed.log, "hand", "-", OTHER, "eq. (16) as printed, k = 2/s"),
+    for log, key, style, text in (
+        (strict.log, "hand_goal", BAND, "desired"),
+        (strict.log, "hand", {"color": ACTUAL}, "strict priority"),
+        (printed.log, "hand", {"color": OTHER, "linestyle": DASHED}, "eq. (16) as printed, k = 2/s"),
     ):
-        axis.plot(*(CM * (log[key] - middle)[:, 1:]).T, style, color=color, label=text)
+        axis.plot(*(CM * (log[key] - middle)[:, 1:]).T, **style, label=text)
     axis.set(xlabel="left-right [cm]", ylabel="up-down [cm]", aspect="equal")
     axis.set_title("Right hand in the frontal plane (compare Mistry 2008, Fig. 8)")
     axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3, fontsize="small")
@@ -97,10 +100,12 @@ def cog_during_hand(output: Path, strict: Balance, printed: Balance) -> Files:
     """Fig. 9: the CoG while the hand draws."""
     figure, axes = _axes(2, 4.6)
     for axis, column, text in zip(axes, (1, 0), ("left-right [mm]", "front-back [mm]"), strict=True):
-        for run, color, label in ((strict, ACTUAL, "strict"), (printed, OTHER, "eq. (16) as printed")):
+        axis.axhline(0.0, **BAND, label="desired")
+        for run, color, style, label in (
+            (strict, ACTUAL, "-", "strict"), (printed, OTHER, DASHED, "eq. (16) as printed")
+        ):  # fmt: skip
             error = MM * (run.log["com"][:, :2] - run.log["com_goal"])[:, column]
-            axis.plot(run.log["t"], error, color=color, label=label)
-        axis.axhline(0.0, color=DESIRED, label="desired")
+            axis.plot(run.log["t"], error, color=color, linestyle=style, label=label)
         axis.set(ylabel=text, ylim=(-0.6, 0.6))
     axes[0].set_title("CoG during the figure-8 (compare Mistry 2008, Fig. 9)")
     axes[1].set_xlabel("time [s]")
@@ -115,11 +120,11 @@ def switch(output: Path, run: Balance) -> Files:
     for column, text, color in ((1, "left-right", ACTUAL), (0, "front-back", OTHER)):
         com.plot(t, MM * (log["com"][:, column] - log["com_goal"][:, column]), color=color, label=text)
     com.set(ylabel="CoG error [mm]", title="Right foot lifted for 5 s: the stack changes at the dashed lines")
-    foot.plot(t, MM * log["lift_goal"], color=DESIRED, label="desired")
-    foot.plot(t, MM * log["lift"], "--", color=ACTUAL, label="actual")
+    foot.plot(t, MM * log["lift_goal"], **BAND, label="desired")
+    foot.plot(t, MM * log["lift"], color=ACTUAL, label="actual")
     foot.set_ylabel("right foot [mm]")
-    for k, text in enumerate(("left", "right")):
-        load.plot(t, log["load"][:, k], label=text)
+    for k, (text, color, style) in enumerate((("left", ACTUAL, "-"), ("right", OTHER, DASHED))):
+        load.plot(t, log["load"][:, k], color=color, linestyle=style, label=text)
     load.set_ylabel("load [N]")
     rate.plot(t, np.abs(log["command"]).max(axis=1), color=ACTUAL)
     rate.set(ylabel="fastest joint [rad/s]", xlabel="time [s]")
@@ -152,8 +157,8 @@ def tilt_panels(output: Path, run: Outing) -> Files:
     tilt.set(ylabel="base tilt [deg]", title="Base tilted by hand (compare Sentis 2012, Fig. 3)")
     com.plot(log["t"], MM * np.linalg.norm(log["com"], axis=1), color=ACTUAL)
     com.set_ylabel("CoM error [mm]")
-    for k, joint in ((1, "hip"), (5, "elbow")):
-        hip.plot(log["t"], np.degrees(log["posture"][:, k]), label=joint)
+    for k, joint, color, style in ((1, "hip", ACTUAL, "-"), (5, "elbow", OTHER, DASHED)):
+        hip.plot(log["t"], np.degrees(log["posture"][:, k]), color=color, linestyle=style, label=joint)
     hip.set(ylabel="from posture [deg]", xlabel="time [s]")
     hip.legend(fontsize="small")
     return _save(figure, output, "dreamer_tilt", "base tilted by hand (Fig. 3)")
@@ -164,7 +169,7 @@ def _panels(run: Outing, output: Path, stem: str, title: str) -> Files:
     log, scene = run.log, run.scene
     t = log["t"]
     com.plot(t, MM * np.linalg.norm(log["com"], axis=1), color=ACTUAL)
-    com.axhline(10.0, color=DESIRED, linestyle=":", label="the paper's 1 cm")
+    com.axhline(10.0, color="0.3", linestyle=":", label="the paper's 1 cm")
     com.set(ylabel="CoM error [mm]", title=title, ylim=(0.0, None))
     hand.plot(t, MM * np.linalg.norm(log["hand"], axis=1), color=ACTUAL)
     hand.set_ylabel("hand error [mm]")

@@ -21,6 +21,8 @@ FIGURES = Path(__file__).parents[1] / "figures"
 SMALL, WIDE = (460, 460), (960, 460)
 SEEN_THROUGH = 0.5
 """Opacity of the robot, so that marks inside it are seen."""
+GLASS = 0.16
+"""That of dark legs, whose soles and forces are the subject."""
 
 READY = np.array([0.3, -1.4, 1.5, -1.2, -1.3, 0.2])
 SOLE = np.array([[0.1, 0.05, 0.0], [0.1, -0.05, 0.0], [-0.1, -0.05, 0.0], [-0.1, 0.05, 0.0]])
@@ -41,7 +43,7 @@ def arm() -> tuple[Studio, Vec, Any]:
     """UR5, ready."""
     s = studio("ur5")
     q = s.robot.integrate(s.robot.home, READY, 1.0)
-    aim(s, np.array([0.2, 0.05, 0.42]), 1.75, 140.0)
+    aim(s, np.array([0.25, 0.05, 0.4]), 1.35, 140.0)
     return s, q, s.robot.state(q)
 
 
@@ -49,6 +51,7 @@ def position() -> Image.Image:
     s, q, state = arm()
     here = state.position("tool0")
     goal = here + [0.2, 0.15, 0.1]
+    aim(s, np.array([0.4, 0.12, 0.42]), 1.6, 140.0)
     s.ball(here, BLUE, 0.02)
     s.ball(goal, ORANGE, 0.03)
     s.arrow(here, goal, ORANGE)
@@ -66,6 +69,7 @@ def pose() -> Image.Image:
     s, q, state = arm()
     here, R = state.position("tool0"), state.rotation("tool0")
     goal = here + [0.25, 0.1, 0.1]
+    aim(s, np.array([0.42, 0.1, 0.42]), 1.7, 140.0)
     s.axes(here, R, 0.15)
     s.axes(goal, np.eye(3), 0.15)
     s.line(here, goal, ORANGE)
@@ -98,6 +102,7 @@ def feet(s: Studio, state: Any, color: Any = GREEN) -> Mat:
 
 def com() -> Image.Image:
     s, q, state = talos()
+    aim(s, np.array([0.1, 0.0, 0.8]), 2.3, 140.0)
     centre = state.com()
     ground = np.array([*centre[:2], 0.01])
     corners = feet(s, state, BLUE)
@@ -106,12 +111,12 @@ def com() -> Image.Image:
     s.line(centre, ground, BLUE)
     s.ball(ground, BLUE, 0.03)
     s.ball(centre + [0.35, 0.0, 0.0], BLUE, 0.04)
-    return s.shoot(q, SEEN_THROUGH)
+    return s.shoot(q, 0.3)
 
 
 def _legs(elevation: float = -20.0) -> tuple[Studio, Vec, Any]:
     s, q, state = talos()
-    aim(s, np.array([0.0, 0.0, 0.25]), 1.35, 140.0, elevation)
+    aim(s, np.array([0.03, 0.0, 0.12]), 0.95, 140.0, elevation)
     return s, q, state
 
 
@@ -120,14 +125,14 @@ def fixed_contact() -> Image.Image:
     feet(s, state)
     for sole in s.robot.landmarks["soles"]:
         s.axes(state.position(sole) + [0.0, 0.0, 0.01], state.rotation(sole), 0.16)
-    return s.shoot(q, SEEN_THROUGH)
+    return s.shoot(q, GLASS)
 
 
 def point_contact() -> Image.Image:
     s, q, state = _legs()
     for sole in s.robot.landmarks["soles"]:
         s.ball(state.position(sole) + state.rotation(sole) @ [0.12, 0.0, 0.0], GREEN, 0.02)
-    return s.shoot(q, SEEN_THROUGH)
+    return s.shoot(q, GLASS)
 
 
 def edge_contact() -> Image.Image:
@@ -135,27 +140,27 @@ def edge_contact() -> Image.Image:
     for sole in s.robot.landmarks["soles"]:
         ends = np.array([[0.11, 0.06, 0.0], [0.11, -0.06, 0.0]]) @ state.rotation(sole).T + state.position(sole)
         s.line(ends[0], ends[1], GREEN, 0.012)
-    return s.shoot(q, SEEN_THROUGH)
+    return s.shoot(q, GLASS)
 
 
 def friction_cone() -> Image.Image:
     s, q, state = _legs(-10.0)
     for sole in s.robot.landmarks["soles"]:
-        p, h, mu = state.position(sole), 0.3, 0.5
+        p, h, mu = state.position(sole), 0.2, 0.5
         rim = [p + [h * mu * np.cos(a), h * mu * np.sin(a), h] for a in np.linspace(0.0, 2.0 * np.pi, 17)[:-1]]
         for corner in rim:
             s.line(p, corner, BLUE, 0.003)
         s.outline(np.array(rim), BLUE, 0.005)
-        s.arrow(p, p + [0.06, 0.02, 0.3], RED, 0.016)
-    return s.shoot(q, SEEN_THROUGH)
+        s.arrow(p, p + [0.05, 0.02, 0.22], RED, 0.01)
+    return s.shoot(q, GLASS)
 
 
 def unilateral_contact() -> Image.Image:
     s, q, state = _legs(-10.0)
     for sole in s.robot.landmarks["soles"]:
         p = state.position(sole)
-        s.arrow(p, p + [0.0, 0.0, 0.32], RED, 0.018)
-    return s.shoot(q, SEEN_THROUGH)
+        s.arrow(p, p + [0.0, 0.0, 0.28], RED, 0.012)
+    return s.shoot(q, GLASS)
 
 
 def center_of_pressure() -> Image.Image:
@@ -164,8 +169,8 @@ def center_of_pressure() -> Image.Image:
     for sole, offset in zip(s.robot.landmarks["soles"], ([0.05, 0.01, 0.0], [-0.02, -0.02, 0.0]), strict=True):
         p = state.position(sole) + offset
         s.ball(p + [0.0, 0.0, 0.012], RED, 0.014)
-        s.arrow(p, p + [0.0, 0.0, 0.28], RED, 0.014)
-    return s.shoot(q, SEEN_THROUGH)
+        s.arrow(p, p + [0.0, 0.0, 0.22], RED, 0.01)
+    return s.shoot(q, GLASS)
 
 
 def joint_limits() -> Image.Image:
@@ -221,12 +226,12 @@ def wheel_contact() -> Image.Image:
 
 def joint_coupling() -> Image.Image:
     s, q, state = _dreamer()
-    aim(s, np.array([0.0, 0.0, 0.75]), 2.1, 120.0, -12.0)
-    for column in s.robot.joints("torso")[:2] if "torso" in s.robot.groups else s.robot.actuated[3:5]:
-        body = s.robot.model.getJointId(s.robot.joint_name(int(column)))
+    aim(s, np.array([0.0, 0.0, 1.0]), 1.5, 120.0, -10.0)
+    state.kinematics()
+    for joint in ("torso_hip", "torso_thorax"):
+        body = s.robot.model.getJointId(joint)
         p, R = (np.array(x) for x in s.robot.bodies[body][-1])
-        s.arrow(p - 0.2 * R[:, 1], p + 0.25 * R[:, 1], ORANGE, 0.018)
-    del state
+        s.arrow(p - 0.2 * R[:, 1], p + 0.3 * R[:, 1], ORANGE, 0.02)
     return s.shoot(q, SEEN_THROUGH)
 
 
@@ -287,7 +292,7 @@ def tutorial_g1() -> Image.Image:
     goals = [robot.state(q).position(t.frame) + d for t, d in ((left, [0.1, 0.05, 0.25]), (right, [0.75, 0.0, 0.3]))]
     for _ in range(700):
         q, v = session.step(robot.state(q, v), left.at(goals[0]), right.at(goals[1])).advance()
-    aim(s, np.array([0.15, 0.0, 0.75]), 2.5, 125.0)
+    aim(s, np.array([0.15, 0.0, 0.7]), 1.75, 125.0)
     state = robot.state(q)
     for task, goal, color in ((left, goals[0], GREEN), (right, goals[1], ORANGE)):
         s.ball(goal, color, 0.035)
@@ -315,14 +320,14 @@ def tutorial_talos() -> Image.Image:
         tick = session.step(robot.state(q, v), hand.at(goal))
         q, v = tick.advance()
     forces = session.program.contact_forces(tick.solution.x)  # type: ignore[attr-defined,union-attr]
-    aim(s, np.array([0.15, 0.0, 0.8]), 2.5, 130.0)
+    aim(s, np.array([0.15, 0.0, 0.85]), 2.0, 130.0)
     state = robot.state(q)
     s.ball(goal, ORANGE, 0.035)
     s.line(state.position(hand.frame), goal, ORANGE)
     for name, force in forces.items():
         p = state.position(name)
         s.arrow(p, p + 0.0015 * force[:3], RED, 0.02)
-    return s.shoot(q, SEEN_THROUGH)
+    return s.shoot(q, 0.3)
 
 
 ELEMENTS: dict[str, Callable[[], Image.Image]] = {
