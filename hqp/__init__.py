@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from hqp.goals import reach, solve_ik
     from hqp.lab import bench
     from hqp.solvers.many import solve_many
+    from hqp.teleoperation import Follow
     from hqp.torque import Torque
     from hqp.viewer import view
 
@@ -39,6 +40,7 @@ __all__ = [
     "Constraint",
     "Controller",
     "Element",
+    "Follow",
     "Hierarchy",
     "HqpError",
     "Inequality",
@@ -87,8 +89,9 @@ native.check()
 _MODULES = ("errors", "estimation", "recorder", "robots", "serial", "shapes", "sweep", "tasks")
 
 _ELSEWHERE = {
-    "Certificate": "certify", "Torque": "torque", "bench": "lab", "certificate": "certify", "check": "checking",
-    "compare": "comparison", "reach": "goals", "solve_ik": "goals", "solve_many": "solvers.many", "view": "viewer",
+    "Certificate": "certify", "Follow": "teleoperation", "Torque": "torque", "bench": "lab", "certificate": "certify",
+    "check": "checking", "compare": "comparison", "reach": "goals", "solve_ik": "goals", "solve_many": "solvers.many",
+    "view": "viewer",
 }  # fmt: skip
 """Public names, and the modules that are imported when they are first asked for."""
 

@@ -22,7 +22,7 @@ class Reference:
 
     value: what ``Element.value`` returns; None keeps the hold value.  velocity, acceleration: ``(k,)``, zero by
     default.  normal, gravity_normal: ``(3,)`` ground normals of a wheel, world axes.  load: what the contact was
-    measured to carry [N], see ``loaded``.
+    measured to carry [N], see ``loaded``.  remarks: what its source has to say, which becomes notes of the tick.
     """
 
     name: str
@@ -32,21 +32,18 @@ class Reference:
     normal: Vec | None = None
     gravity_normal: Vec | None = None
     load: float | None = None
+    remarks: tuple[str, ...] = ()
 
     def loaded(self, load: float) -> Reference:
         """The same with the measured load of the contact [N]: ``foot.at().loaded(312.0)``.
 
         A contact that carries nothing for a while ends the tick in ``Status.CONTACT_LOST``; NaN is no measurement.
         """
-        return Reference(
-            self.name, self.value, self.velocity, self.acceleration, self.normal, self.gravity_normal, float(load)
-        )
+        return Reference(**{**vars(self), "load": float(load)})
 
     def aiming_at(self, value: Vec | Mat | None) -> Reference:
         """The same with another value."""
-        return Reference(
-            self.name, value, self.velocity, self.acceleration, self.normal, self.gravity_normal, self.load
-        )
+        return Reference(**{**vars(self), "value": value})
 
     def __init__(
         self,
@@ -57,6 +54,7 @@ class Reference:
         normal: Vec | None = None,
         gravity_normal: Vec | None = None,
         load: float | None = None,
+        remarks: tuple[str, ...] = (),
     ) -> None:
         # past the frozen class's __setattr__, which costs a tick too much; what is not given stays the class's default
         fields = self.__dict__
@@ -73,6 +71,8 @@ class Reference:
             fields["gravity_normal"] = gravity_normal
         if load is not None:
             fields["load"] = load
+        if remarks:
+            fields["remarks"] = remarks
 
     @property
     def finite(self) -> bool:

@@ -129,7 +129,10 @@ class Session:
                 require(turn, self)
             line = self.line
             line.guards.count += 1
+            remarked = False
             for reference in references:
+                if getattr(reference, "remarks", ()):
+                    remarked = True
                 if getattr(reference, "load", None) is not None:
                     line.contacts.measure(reference.name, reference.load)  # type: ignore[arg-type]
             line.named, tick = references, None
@@ -141,6 +144,10 @@ class Session:
             except FloatingPointError:  # the caller asked NumPy to raise; here what is not finite is told by a status
                 with np.errstate(all="ignore"):
                     tick = line.general(state, references, now)
+            if remarked:
+                for reference in references:
+                    for remark in reference.remarks:
+                        tick.add(Note(reference.name, Status.OPTIMAL, remark))
             if tick.status is not self._status:
                 self._log(tick)
             if self._recorder is not None:

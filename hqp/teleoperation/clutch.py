@@ -1,0 +1,74 @@
+"""From the operator's hand to the robot's: frame, scale, and where the clutch joined the two."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hqp.arrays import Mat, Vec
+from hqp.element import Task
+from hqp.errors import DeclarationError
+
+from .spaces import Space
+
+ALLOWED = "a rotation (3, 3), or a pose (4, 4), of the operator's axes in those of the task"
+
+
+class Clutch:
+    """The value that belongs to an operator's: anchor ⊕ D (value ⊖ origin), D = diag(scale F, det(F) F).
+
+    F: the operator's axes in those of the task.  Before the first ``engage`` origin is that of the operator's axes, and
+    anchor where these are.  Raises DeclarationError for a scale or a frame that is not allowed.
+    """
+
+    def __init__(self, space: Space, element: Task, k: int, scale: float, frame: ArrayLike | None, apart: bool) -> None:
+        self._space = space
+        if not isinstance(scale, (int, float)) or not 0.0 < scale < math.inf:
+            raise DeclarationError("Follow", "scale", value=scale, allowed="a positive number")
+        pose = _pose(frame)
+        F, mirrored = pose[:3, :3], float(np.linalg.det(pose[:3, :3])) < 0.0
+        if mirrored and not apart:
+            raise DeclarationError("Follow", "a frame that mirrors needs clutch=True", value=frame, allowed=ALLOWED)
+        turns = space.turns(k)
+        self._D: Mat = np.diag(np.where(turns, 1.0, scale))
+        if k in (3, 6) and not space.wraps:
+            blocks = [slice(i, i + 3) for i in range(0, k, 3)]
+            for block in blocks:
+                self._D[block, block] = (np.linalg.det(F) if turns[block][0] else scale) * F
+        elif frame is not None:
+            raise DeclarationError("Follow", f"{element.name} has no axes that a frame could turn", value=frame)
+        self.origin = space.neutral(k)
+        self._anchor: Any = space.placed(pose, k)
+
+    def engage(self, value: Any, anchor: Any) -> None:
+        """Join an operator's value and one of the task."""
+        self.origin, self._anchor = value, anchor
+
+    def value(self, operators: Any) -> Any:
+        """The task's value for an operator's."""
+        return self._space.plus(self._anchor, self._D @ self._space.minus(operators, self.origin))
+
+    def rate(self, operators: Vec) -> Vec:
+        """The task's velocity or acceleration for an operator's ``(k,)``."""
+        return self._D @ operators
+
+
+def _pose(frame: ArrayLike | None) -> Mat:
+    found = np.eye(4)
+    if frame is None:
+        return found
+    try:
+        given = np.array(frame, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DeclarationError("Follow", "bad frame", value=frame, allowed=ALLOWED) from error
+    if given.shape not in ((3, 3), (4, 4)):
+        raise DeclarationError("Follow", "bad frame", value=frame, allowed=ALLOWED)
+    n = len(given)
+    found[:n, :n] = given
+    F = found[:3, :3]
+    if not np.isfinite(found).all() or np.abs(F @ F.T - np.eye(3)).max() > 1e-5 or found[3].tolist() != [0, 0, 0, 1]:
+        raise DeclarationError("Follow", "bad frame", value=frame, allowed=ALLOWED)
+    return found

@@ -1,0 +1,189 @@
+"""References from targets that come over a network: late, missing, repeated, out of order, wrong, or far away."""
+
+from __future__ import annotations
+
+import math
+from time import monotonic
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hqp.element import Task
+from hqp.errors import DeclarationError
+from hqp.reference import Reference
+from hqp.robot import State
+
+from .clutch import Clutch
+from .packets import Clock, Inbox, Packet, packet
+from .pursuit import Pursuit
+from .spaces import Space
+from .track import Sample, Track
+
+LONGEST = 0.1
+"""A loop that pauses for longer goes on as if it had paused for so long [s]."""
+
+BEHIND = 0.01
+"""A reference farther than this from where the operator is tells so [m, rad]."""
+
+
+class Follow:
+    """A source of references for one task, from the poses of an operator's hand.
+
+    ``receive`` takes packets, from any thread; ``reference`` gives the reference of a tick.  Between packets the hand
+    is predicted, over the age of the latest one, by a cubic through the last 0.3 s; without packets it comes to rest
+    by ``max_age`` [s].  What the hand cannot have done is left out: a pose that is not finite or no rotation, older
+    than one before it or the same again, or farther away than a hand can get; where such poses agree for as long as
+    the reference would take to get there, they are believed.  The reference goes after the prediction without lag, at
+    most at ``largest_speed`` [m/s], ``largest_turn`` [rad/s] and ``largest_acceleration`` [m/s^2], and for turns in
+    proportion.  What was done is in the notes of the tick.
+
+    element: a Pose, Position or Orientation, or another task whose value is a vector.  clutch: motion of the hand
+    counts only while it is ``engaged``, from where the robot's hand is when that begins; otherwise poses are absolute.
+    scale: of lengths.  frame: of the operator's axes in those of the task, ``(3, 3)`` or ``(4, 4)``; one that mirrors
+    needs the clutch.  latency [s]: what every packet takes at least, where the sender's clock is not known.
+    Raises DeclarationError for what is not allowed.
+    """
+
+    def __init__(
+        self,
+        element: Task,
+        *,
+        max_age: float = 0.1,
+        largest_speed: float = 2.0,
+        largest_turn: float = 2.0 * math.pi,
+        largest_acceleration: float = 10.0,
+        clutch: bool = False,
+        scale: float = 1.0,
+        frame: ArrayLike | None = None,
+        latency: float = 0.0,
+    ) -> None:
+        self._space, self.element = Space(element), element
+        self.max_age = _positive("max_age", max_age)
+        self._speeds = _positive("largest_speed", largest_speed), _positive("largest_turn", largest_turn)
+        most = _positive("largest_acceleration", largest_acceleration)
+        self._accelerations = most, most * self._speeds[1] / self._speeds[0]
+        if not isinstance(latency, (int, float)) or not 0.0 <= latency < math.inf:
+            raise DeclarationError("Follow", "latency", value=latency, allowed="0 or more seconds")
+        self._latency, self._clutched = float(latency), bool(clutch)
+        self._scale, self._frame = scale, frame
+        if self._space.first is not None:
+            self._joint(6 if self._space.first else 3)  # tells of what is not allowed
+        self._clutch: Clutch | None = None
+        self._inbox, self._clock = Inbox(), Clock()
+        self._track = Track(self._space, (self._speeds[0] / scale, self._speeds[1]))
+        self._pursuit: Pursuit | None = None
+        self._engaged, self._joined = not clutch, not clutch
+        self._latest, self._stale, self._now = -math.inf, math.inf, -math.inf
+
+    def receive(
+        self,
+        value: Any,
+        *,
+        sent: float | None = None,
+        age: float | None = None,
+        engaged: bool = True,
+        received: float | None = None,
+    ) -> None:
+        """Take a packet, from any thread; never raises for what is in it.
+
+        value: what ``element.at`` takes.  sent [s]: when, on any clock of the sender's; or age [s]: how old it is.
+        engaged: whether the operator holds the clutch.  received [s]: on the clock of ``reference``, that of
+        ``time.monotonic`` for None.
+        """
+        when = monotonic() if received is None else float(received)
+        self._inbox.put(packet(self.element, value, sent, age, when, engaged))
+
+    def reference(self, state: State, now: float | None = None) -> Reference:
+        """The reference of a tick.
+
+        state: that of the tick.  now [s]: on the clock of ``receive``, that of ``time.monotonic`` for None.
+        """
+        now = monotonic() if now is None else float(now)
+        dt = min(max(now - self._now, 0.0), LONGEST) if self._now > -math.inf else 0.0
+        self._now = max(now, self._now)
+        remarks = [self._take(one) for one in self._inbox.take(now)]
+        pursuit = self._pursuit or self._begin(state)
+        remarks.append(self._pursue(pursuit, state, now, dt))
+        return Reference(
+            self.element.name, np.copy(pursuit.value), pursuit.v, pursuit.a, remarks=tuple(filter(None, remarks))
+        )
+
+    def release(self) -> None:
+        """Open the clutch until a packet says that it is engaged, and forget the track of the hand."""
+        self._track.forget()
+        self._latest, self._stale = -math.inf, math.inf
+        self._engaged, self._joined = not self._clutched, not self._clutched
+
+    def _begin(self, state: State) -> Pursuit:
+        start = self._value(state)
+        self._pursuit = made = Pursuit(self._space, start, self._speeds, self._accelerations)
+        self._clutch = self._joint(made.v.size)
+        return made
+
+    def _joint(self, k: int) -> Clutch:
+        return Clutch(self._space, self.element, k, self._scale, self._frame, self._clutched)
+
+    def _value(self, state: State) -> Any:
+        """Where the robot's hand is; where the reference is if the state tells nothing."""
+        if self._pursuit is not None and not state.valid:
+            return self._pursuit.value
+        return np.array(self.element.value(state))
+
+    def _take(self, one: Packet) -> str:
+        """Take a packet; what was wrong with it."""
+        late = one.sent < self._latest
+        if self._clutched and not one.engaged and not late:
+            self._engaged = False
+        if one.value is None:
+            return f"a packet was left out: {one.fault}"
+        self._clock.take(one)
+        if late:
+            return self._refuse(one)
+        if one.sent == self._latest:
+            return "a packet was left out: the same again"
+        self._latest, self._stale = one.sent, math.inf
+        if off := self._track.take(Sample(one.sent, one.value)):
+            return f"a packet was left out: {off:.3g} from where the hand can be"
+        if self._clutched:
+            self._engaged = one.engaged
+        return ""
+
+    def _refuse(self, one: Packet) -> str:
+        """A packet that is older than one before it; a clock that stays behind for max_age is another one."""
+        self._stale = min(self._stale, one.received)
+        if one.received - self._stale <= self.max_age:
+            return "a packet was left out: older than one before it"
+        self._clock.restart()
+        self._track.forget()
+        self._latest, self._stale = -math.inf, math.inf
+        return "the sender's clock began anew"
+
+    def _pursue(self, pursuit: Pursuit, state: State, now: float, dt: float) -> str:
+        """Go after the operator's hand for dt [s]; what has to be told of it."""
+        motion, clutch = self._track.motion, self._clutch
+        assert clutch is not None
+        if motion is None or not self._engaged:
+            self._joined = self._joined and not self._clutched
+            pursuit.stop(dt)
+            return "no three packets yet that agree: held" if motion is None else "the clutch is open: held"
+        age = now - self._clock.behind - motion.time + self._latency
+        x, v, a = motion.at(age, self.max_age)
+        here = self._space.plus(motion.value, x)
+        if not self._joined:
+            self._joined = True
+            clutch.engage(here, self._value(state))
+        target = clutch.value(here)
+        pursuit.step(dt, target, clutch.rate(v), clutch.rate(a))
+        if age > self.max_age:
+            return f"no packet for {age:.2g} s: held"
+        if not pursuit.held_under:
+            return ""
+        behind = float(np.abs(self._space.minus(pursuit.value, target)).max())
+        return f"the hand is faster than the reference may be: {behind:.2g} behind" if behind > BEHIND else ""
+
+
+def _positive(name: str, value: float) -> float:
+    if not isinstance(value, (int, float)) or not 0.0 < value < math.inf:
+        raise DeclarationError("Follow", name, value=value, allowed="a positive number")
+    return float(value)

@@ -1,0 +1,134 @@
+"""The operator's hand as its packets tell it: a cubic through the latest of them, and what cannot be its motion."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hqp.arrays import Mask, Mat, Vec
+
+from .spaces import Space
+
+WINDOW = 0.3
+"""Packets of so long ago count for nothing, those of now most [s]."""
+
+PRIOR = np.array([0.0, 1.0 / 2e3, 1.0 / 1e4, 1.0 / 3e5]) ** 2
+"""Squares of a packet's error over an ordinary speed, acceleration and jerk: 1 mm over 2 m/s, 10 m/s^2, 300 m/s^3."""
+
+ABRUPT = 100.0, 500.0
+"""What a hand can accelerate beyond what it does [m/s^2, rad/s^2]."""
+
+SLACK = 0.02, 0.2
+"""What a packet may be off in any case [m, rad]."""
+
+AGREEING = 3
+"""So many packets in a row make a new track."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """A packet that was taken: its time on the sender's clock [s], and its value."""
+
+    time: float
+    value: Any
+
+
+class Cubic:
+    """Where a hand is at a time: value ⊕ (x + v tau + a tau^2 / 2 + j tau^3 / 6), tau the time since the latest packet.
+
+    Least squares over the packets of the last 0.3 s, whose weights fall to 0, and over a speed, an acceleration and a
+    jerk that are ordinary ones: with one packet the hand stands, with two it moves.  No average, which would lag.
+    """
+
+    def __init__(self, space: Space, samples: list[Sample]) -> None:
+        latest = samples[-1]
+        self.time, self.value = latest.time, latest.value
+        tau = np.array([s.time - latest.time for s in samples])
+        away = np.array([space.minus(s.value, latest.value) for s in samples])
+        powers = np.stack((np.ones_like(tau), tau, tau**2 / 2.0, tau**3 / 6.0))
+        weighted = powers * (1.0 + tau / WINDOW)
+        normal: Mat = weighted @ powers.T + np.diag(PRIOR)
+        self.motion = np.linalg.solve(normal, weighted @ away)
+
+    def after(self, tau: float) -> tuple[Vec, Vec, Vec]:
+        """x, v, a ``(k,)`` each, ``tau`` [s] after the latest packet."""
+        x, v, a, j = self.motion
+        return x + tau * (v + tau * (a / 2.0 + tau / 6.0 * j)), v + tau * (a + 0.5 * tau * j), a + tau * j
+
+    def at(self, tau: float, rest: float) -> tuple[Vec, Vec, Vec]:
+        """The same for a hand that comes to rest by ``rest`` [s], from half of that on."""
+        begin = 0.5 * rest
+        if tau <= begin:
+            return self.after(tau)
+        x, v, _ = self.after(begin)
+        u = min(tau / begin - 1.0, 1.0)
+        return (
+            x + begin * u * (1.0 - u * u * (1.0 - 0.5 * u)) * v,
+            (1.0 - u * u * (3.0 - 2.0 * u)) * v,
+            -6.0 * u * (1.0 - u) / begin * v,
+        )
+
+
+class Track:
+    """Packets that agree with each other, and the hand's motion through them.
+
+    A packet that is farther from the motion than a hand can get begins a rival track, as the first one does.  That is
+    believed once three of its packets agree for as long as the reference would take to get there, at ``speeds``
+    [m/s, rad/s].
+    """
+
+    def __init__(self, space: Space, speeds: tuple[float, float]) -> None:
+        self._space, self._speeds = space, speeds
+        self._samples: list[Sample] = []
+        self._rival: list[Sample] = []
+        self.motion: Cubic | None = None
+
+    def forget(self) -> None:
+        """Nothing is known of the hand."""
+        self._samples, self._rival, self.motion = [], [], None
+
+    def take(self, one: Sample) -> float:
+        """Take a packet newer than those before; how far off it is [m or rad] where it was not believed, else 0."""
+        rival = self._rival
+        with_rival = bool(rival) and self._off(Cubic(self._space, rival), one)[1] == 0.0
+        far = off = 0.0
+        if self.motion is not None:
+            far, off = self._off(self.motion, one)
+            if off == 0.0 and not with_rival:
+                self._add(one)
+                return 0.0
+        if not with_rival:
+            rival.clear()
+        rival.append(one)
+        if len(rival) < AGREEING or one.time - rival[0].time < far:
+            return off
+        self._samples = rival[:-1]
+        self._add(one)
+        return 0.0
+
+    def _add(self, one: Sample) -> None:
+        self._rival = []
+        self._samples = [s for s in self._samples if one.time - s.time < WINDOW] + [one]
+        self.motion = Cubic(self._space, self._samples)
+
+    def _off(self, motion: Cubic, one: Sample) -> tuple[float, float]:
+        """The time that the reference would take to get to a packet [s]; how far it is from where the hand can be [m or
+        rad], 0 where the hand can be there."""
+        tau = one.time - motion.time
+        off = self._space.minus(one.value, self._space.plus(motion.value, motion.after(tau)[0]))
+        turns, time, wrong = self._space.turns(off.size), 0.0, 0.0
+        for rows, abrupt, slack, speed in zip((~turns, turns), ABRUPT, SLACK, self._speeds, strict=True):
+            far = length(off, rows)
+            time = max(time, far / speed)
+            if far > slack + 0.5 * abrupt * tau * tau:
+                wrong = max(wrong, far)
+        return time, wrong
+
+
+def length(vector: Vec, rows: Mask) -> float:
+    """Norm of some rows."""
+    part = vector[rows]
+    return math.sqrt(float(part @ part))
