@@ -1,10 +1,8 @@
-// A solve of one native module that another runs, with nothing of Python in between.
+// A solve that others run, with nothing of Python in between.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
-
-#include <nanobind/nanobind.h>
 
 namespace hqp {
 
@@ -29,12 +27,5 @@ class SolveCall {
   // Time for the next runs [s], none for 0.
   virtual void limit(double) {}
 };
-
-// Its owner has to outlive what is given the capsule.
-inline nanobind::capsule capsule_of(SolveCall* call) { return {call, "hqp.solve_call"}; }
-
-inline SolveCall* call_of(const nanobind::capsule& capsule) {
-  return static_cast<SolveCall*>(PyCapsule_GetPointer(capsule.ptr(), "hqp.solve_call"));
-}
 
 }  // namespace hqp

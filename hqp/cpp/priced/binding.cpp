@@ -19,7 +19,7 @@
 #include <nanobind/stl/vector.h>
 
 #include "../common/isa.hpp"
-#include "../common/solve_call.hpp"
+#include "../common/capsule.hpp"
 #include "stages.hpp"
 
 namespace nb = nanobind;

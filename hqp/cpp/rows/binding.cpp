@@ -1,10 +1,10 @@
 // Python's view of the row operations, and of descents on them.
 #include <cstdlib>
 
-#include "assembly.hpp"
 #include "blending.hpp"
 #include "descents.hpp"
 #include "easing.hpp"
+#include "live_assembly.hpp"
 #include "snapshots.hpp"
 
 namespace nb = nanobind;

@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-#include "plan.hpp"
+#include "live_plan.hpp"
 
 namespace binding {
 

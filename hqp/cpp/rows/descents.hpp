@@ -5,7 +5,7 @@
 #include <tuple>
 #include <vector>
 
-#include "assembly.hpp"
+#include "live_assembly.hpp"
 #include "descent.hpp"
 
 namespace binding {

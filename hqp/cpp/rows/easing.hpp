@@ -8,8 +8,8 @@
 
 #include <nanobind/stl/optional.h>
 
-#include "../common/solve_call.hpp"
-#include "plan.hpp"
+#include "../common/capsule.hpp"
+#include "live_plan.hpp"
 
 namespace binding {
 

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "../dynamics/kinematics.hpp"
-#include "plan.hpp"
+#include "live_plan.hpp"
 
 namespace binding {
 

@@ -11,7 +11,7 @@
 #include <nanobind/ndarray.h>
 
 #include "../common/isa.hpp"
-#include "../common/solve_call.hpp"
+#include "../common/capsule.hpp"
 #include "batch.hpp"
 #include "kernel.hpp"
 #include "reading.hpp"

@@ -14,7 +14,7 @@
 #include <nanobind/stl/vector.h>
 
 #include "../common/isa.hpp"
-#include "../common/solve_call.hpp"
+#include "../common/capsule.hpp"
 #include "elimination.hpp"
 #include "holding.hpp"
 

@@ -1,0 +1,285 @@
+// The rows of a stack over NumPy arrays, and a tick of them: references in, a record out.
+#pragma once
+
+#include <cstring>
+#include <memory>
+#include <optional>
+#include <string>
+#include <tuple>
+#include <vector>
+
+#include <nanobind/stl/optional.h>
+
+#include "../common/capsule.hpp"
+#include "assembly.hpp"
+#include "live_kinematics.hpp"
+#include "live_plan.hpp"
+#include "loop.hpp"
+
+namespace binding {
+
+class Assembly {
+ public:
+  using Parts = std::vector<std::tuple<int, int>>;  // first and last of some rows
+
+  Assembly(const Columns& twists, const Bodies& bodies, double dt, int order, const nb::object& reference)
+      : rows_(tree(bodies), keep(twists), dt, order), loop_(reference) {}
+  Assembly(const Assembly&) = delete;
+
+  void add(const nb::object& object, const std::optional<Block>& J, const Written& error,
+           const std::optional<Written>& drift, const Written& lower, const Written& upper, const Vector& reference,
+           const std::optional<Vector>& normal, double weight, const Vector& rate, const Vector& feedforward) {
+    const hqp::Target out{J ? keep(*J) : nullptr,
+                          keep(error),
+                          drift ? keep(*drift) : nullptr,
+                          keep(lower),
+                          keep(upper),
+                          keep(reference),
+                          normal ? keep(*normal) : nullptr,
+                          weight,
+                          J ? static_cast<int>(J->shape(1)) : 0,
+                          keep(rate),
+                          keep(feedforward)};
+    try {
+      rows_.add(LivePlan(object, kept_), out);
+    } catch (const hqp::UnknownPlan& error) {
+      throw nb::type_error(error.what());
+    }
+  }
+
+  void laws(const Block& J, const Vector& error, const Vector& rate, const Vector& feedforward, const Vector& drift,
+            const Vector& kp, const Vector& kd, const Vector& weight, const Picks& pick, const Kinds& kind,
+            const Written& demand, const Written& lower, const Written& upper,
+            const std::vector<std::tuple<int, int, double, double, double>>& saturations) {
+    hqp::Laws laws{rows_.order(),
+                   static_cast<int>(J.shape(0)),
+                   static_cast<int>(J.shape(1)),
+                   static_cast<int>(error.shape(0)),
+                   keep(J),
+                   keep(error),
+                   keep(rate),
+                   keep(feedforward),
+                   keep(drift),
+                   keep(kp),
+                   keep(kd),
+                   keep(weight),
+                   keep(pick),
+                   keep(kind),
+                   keep(demand),
+                   keep(lower),
+                   keep(upper),
+                   {}};
+    for (const auto& [start, stop, fastest, hardest, damping] : saturations)
+      laws.saturations.push_back({start, stop, fastest, hardest, damping});
+    rows_.laws(std::move(laws));
+  }
+
+  // Placements and twists are written by this, ahead of the rows of a tick.
+  void move(const nb::object& robot) {
+    kept_.push_back(robot);
+    kinematics_ = &nb::cast<LiveKinematics&>(robot).get();
+  }
+  void run(const Vector& q, const Vector& v) { rows_.operate(q.data(), v.data()); }
+  void demand(const Vector& v) { rows_.demand(v.data()); }
+
+  // A (nv, nv), its upper triangle, and b + g (nv,) are written with every tick, loads included.
+  void dynamics(const std::vector<hqp::BodyInertia>& inertias, Numbers rotors, const Vector& gravity,
+                const WrittenColumns& A, const Written& bias) {
+    const std::size_t n = size();
+    if (A.shape(0) != n || A.shape(1) != n || bias.shape(0) != n || gravity.shape(0) != 3)
+      throw nb::value_error("A, bias or gravity: wrong shape");
+    rows_.dynamics(inertias, std::move(rotors), hqp::load(gravity.data()), keep(A), keep(bias));
+  }
+
+  // A load whose value is live; payloads count for centres of mass, too.
+  void load(const nb::object& object, const Vector& value) { rows_.load(LivePlan(object, kept_), keep(value)); }
+
+  // Where the reference of an element goes, and its hold value, None for one that is not there.
+  void slot(const std::string& name, const std::optional<Written>& target, Ints shape,
+            const std::optional<Written>& normal, const Written& rate, const Written& feedforward, int plain) {
+    loop_.add(name, {target ? keep(*target) : nullptr,
+                     std::move(shape),
+                     normal ? keep(*normal) : nullptr,
+                     keep(rate),
+                     keep(feedforward),
+                     static_cast<int>(rate.shape(0)),
+                     !target,
+                     static_cast<hqp::Plain>(plain),
+                     {}});
+  }
+  void hold(const std::string& name, const std::optional<Vector>& value) {
+    hqp::Slot* slot = loop_.find(name);
+    if (!slot) throw nb::key_error(name.c_str());
+    slot->hold.clear();
+    if (!value || !slot->target || slot->shape.empty()) return;
+    std::size_t size = 1;
+    for (const int n : slot->shape) size *= static_cast<std::size_t>(n);
+    if (value->size() != size) throw nb::value_error(("the hold value of " + name + " does not fit its plan").c_str());
+    slot->hold.assign(value->data(), value->data() + size);
+  }
+  // solve: of a workspace bound to the arrays of the laws, (outcome, ...) with 0 for an optimum; call: the same without
+  // Python, where there is one. values: x and slack, active: marks, both its own. command: what of x is one. largest: a
+  // demand beyond it is out of the ordinary.
+  void answers(const nb::object& solve, const std::optional<nb::capsule>& call, const Vector& values,
+               const Marks& active, Ints command, double largest) {
+    solve_ = solve;
+    call_ = call ? hqp::call_of(*call) : nullptr;
+    values_ = keep(values), active_ = keep(active);
+    value_count_ = values.size(), active_count_ = active.size();
+    sent_.assign(values.data(), values.data() + std::min(values.size(), static_cast<std::size_t>(size())));
+    marks_.assign(active_count_, 0);
+    command_ = std::move(command);
+    rows_.largest(largest);
+  }
+
+  // Rows that are written between those of native operations and the laws: where they stand in J and, of inequalities,
+  // in the bounds (first, last).
+  void written(const Parts& rows, const Parts& bounds) { rows_.written(pairs(rows), pairs(bounds)); }
+
+  // References, rows, laws and solver: a record [command, x, slack, begin, seconds for rows and solve, solve's counts,
+  // marks, points of stages where there were any, q and v of a tick of arrays and, at velocity level, where q comes to,
+  // 1 where marks are others than in the record before + 2 for stages]; what solve returned where that is no optimum;
+  // None where a reference, a row or a demand is out of the ordinary. v None for the x of the record before, at
+  // velocity level; write: Python's rows, whether all are there.
+  nb::object step(nb::handle q, nb::handle v, const nb::tuple& references, bool fresh, nb::handle write) {
+    const hqp::Doubles at(q, true), speed(v.is_none() ? q : v, true);
+    if (!at.data() || !speed.data()) throw nb::type_error("q and v are vectors of doubles");
+    const double* velocity = v.is_none() ? sent_.data() : speed.data();
+    begin_ = hqp::Clock::now();
+    if (fresh) std::fill(marks_.begin(), marks_.end(), kNoMark);
+    if (!loop_.take(references, fresh)) return nb::none();
+    if (kinematics_) kinematics_->update(at.data());
+    rows_.operate(at.data(), velocity);
+    if (!write.is_none() && !nb::cast<bool>(write())) return nb::none();
+    rows_.demand(velocity);
+    return rows_.usable() ? answered(velocity) : nb::none();
+  }
+
+  // A step of arrays alone, q (nq,) and v (nv,), or null for rest, where all is native: see hqp::Loop::aim. None as
+  // well where the squares of a state sum up to `largest` or more, or its quaternions are off length one by `rounding`.
+  // before: at velocity level the x around which limits stand, null for that of the record before.
+  nb::object tick(nb::handle q, nb::handle v, const nb::dict& targets, bool fresh, nb::handle before, double largest,
+                  double rounding) {
+    const hqp::Doubles at(q, true), speed(v.is_none() ? q : v, true), sent(before.is_none() ? q : before, true);
+    const int nq = kinematics_ ? kinematics_->size() : 0, nv = size();
+    if (!kinematics_ || !at.data() || !speed.data() || !sent.data()) return nb::none();
+    if (!at.has(&nq, 1) || (!v.is_none() && !speed.has(&nv, 1)) || (v.is_none() && rows_.order() == 2)) return nb::none();
+    const double square = hqp::squared(at.data(), nq) + (v.is_none() ? 0.0 : hqp::squared(speed.data(), nv));
+    if (!(square < largest) || !kinematics_->unit(at.data(), rounding)) return nb::none();
+    begin_ = hqp::Clock::now();
+    if (!loop_.aim(targets, fresh)) return nb::none();
+    kinematics_->update(at.data());
+    const double* velocity = rows_.order() == 2 ? speed.data() : before.is_none() ? sent_.data() : sent.data();
+    if (v.is_none()) state_.assign(state_.size(), 0.0);
+    rows_.operate(at.data(), velocity);
+    rows_.demand(velocity);
+    return rows_.usable() ? answered(velocity, at.data(), v.is_none() ? nullptr : speed.data()) : nb::none();
+  }
+
+  // The same without Python's objects, for many configurations at rest under the same references: x, null for what is
+  // out of the ordinary or was not solved; rows alone.
+  bool take(const nb::tuple& references) { return loop_.take(references, true); }
+  bool write(const double* q, const double* v) {
+    rows_.operate(q, v);
+    rows_.demand(v);
+    return rows_.small();
+  }
+  const double* answer() {
+    const hqp::Solved found = solved(nullptr);
+    return found.outcome > hqp::kViolated ? nullptr : found.values ? found.values : values_;
+  }
+  const hqp::Demands& demands() const { return rows_.demands(); }
+  int size() const { return rows_.size(); }
+
+ private:
+  static constexpr std::int8_t kNoMark = -128;
+
+  nb::object answered(const double* v, const double* q = nullptr, const double* rate = nullptr) {
+    const auto begun = hqp::Clock::now();
+    const hqp::Solved found = solved(v);
+    if (found.outcome == hqp::kInvalid) return nb::none();
+    if (found.outcome != hqp::kOptimal)
+      return nb::make_tuple(found.outcome, found.iterations, found.factorisations, found.judged);
+    return record(found, hqp::seconds(begin_, begun) + found.before,
+                  hqp::seconds(begun, hqp::Clock::now()) - found.before, q, rate);
+  }
+  hqp::Solved solved(const double* v) {
+    hqp::Solved found{hqp::kAskPython};
+    if (call_) {
+      const nb::gil_scoped_release release;
+      found = call_->run(v);
+    }
+    if (found.outcome != hqp::kAskPython) return found;
+    const nb::tuple told = nb::cast<nb::tuple>(solve_());
+    return {nb::cast<int>(told[0]), nb::cast<int>(told[1]), nb::cast<int>(told[2]), nb::cast<int>(told[3]),
+            found.before};
+  }
+
+  nb::object record(const hqp::Solved& found, double filling, double solving, const double* q, const double* rate) {
+    const std::size_t numbers = command_.size() + value_count_ + 5, points = sizeof(double) * found.point_count;
+    const std::size_t nq = q ? kinematics_->size() : 0, nv = q ? size() : 0, moved = rows_.order() == 1 ? nq : 0;
+    const double* values = found.values ? found.values : values_;
+    const std::int8_t* active = found.active ? found.active : active_;
+    const nb::object made = nb::steal(PyByteArray_FromStringAndSize(
+        nullptr, static_cast<Py_ssize_t>(sizeof(double) * (numbers + nq + nv + moved) + active_count_ + points + 1)));
+    if (!made.is_valid()) nb::raise_python_error();
+    double* out = reinterpret_cast<double*>(PyByteArray_AsString(made.ptr()));
+    for (const int i : command_) *out++ = values[i];
+    out = std::copy(values, values + value_count_, out);
+    std::copy(values, values + sent_.size(), sent_.begin());
+    for (const double number :
+         {hqp::seconds({}, begin_), filling, solving, double(found.iterations), double(found.factorisations)})
+      *out++ = number;
+    std::int8_t* marks = reinterpret_cast<std::int8_t*>(out);
+    std::copy(active, active + active_count_, marks);
+    if (points) std::memcpy(marks + active_count_, found.points, points);
+    std::int8_t* end = marks + active_count_ + points;
+    if (q) {
+      state_.resize(nq + nv + moved);
+      std::copy(q, q + nq, state_.begin());
+      if (rate) std::copy(rate, rate + nv, state_.begin() + nq);
+      if (moved) kinematics_->integrate(q, values, rows_.dt(), state_.data() + nq + nv);
+      std::memcpy(end, state_.data(), sizeof(double) * state_.size());
+      end += sizeof(double) * state_.size();
+    }
+    *end = (points ? 2 : 0) + !std::equal(active, active + active_count_, marks_.begin());
+    std::copy(active, active + active_count_, marks_.begin());
+    return made;
+  }
+
+  template <typename Array>
+  auto keep(const Array& array) -> decltype(array.data()) {
+    kept_.push_back(nb::cast(array));
+    return array.data();
+  }
+  std::vector<hqp::Body> tree(const Bodies& bodies) {
+    std::vector<hqp::Body> found;
+    for (const auto& [parent, first, count, mass, centre, placement] : bodies) {
+      const auto& [position, rotation] = placement;
+      found.push_back({parent, first, count, mass, vector(centre), keep(position), keep(rotation)});
+    }
+    return found;
+  }
+  static hqp::Assembly::Parts pairs(const Parts& parts) {
+    hqp::Assembly::Parts found;
+    for (const auto& [first, last] : parts) found.emplace_back(first, last);
+    return found;
+  }
+
+  std::vector<nb::object> kept_;  // before what points into it
+  hqp::Assembly rows_;
+  hqp::Kinematics* kinematics_ = nullptr;
+  hqp::Loop loop_;
+  nb::object solve_;
+  hqp::SolveCall* call_ = nullptr;
+  std::vector<double> sent_;        // x of the latest record
+  std::vector<std::int8_t> marks_;  // and its marks
+  std::vector<double> state_;       // q, v and, at velocity level, where q comes to
+  const double* values_ = nullptr;
+  const std::int8_t* active_ = nullptr;
+  std::size_t value_count_ = 0, active_count_ = 0;
+  Ints command_;
+  hqp::Clock::time_point begin_;
+};
+
+}  // namespace binding

@@ -1,0 +1,91 @@
+// Python's objects as plans: those of hqp/plans.py, and NumPy arrays, taken as they are: a converted copy would never
+// change.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <tuple>
+#include <vector>
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
+
+#include "plan.hpp"
+
+namespace binding {
+
+namespace nb = nanobind;
+
+using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Written = nb::ndarray<double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Block = nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Columns = nb::ndarray<const double, nb::ndim<2>, nb::f_contig, nb::device::cpu>;
+using WrittenColumns = nb::ndarray<double, nb::ndim<2>, nb::f_contig, nb::device::cpu>;
+using Picks = nb::ndarray<const std::intptr_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Marks = nb::ndarray<const std::int8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Kinds = nb::ndarray<const std::int8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Slots = nb::ndarray<std::int32_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Ints = std::vector<int>;
+using Numbers = std::vector<double>;
+
+using Placement = std::tuple<Vector, Columns>;                                      // position, rotation
+using Bodies = std::vector<std::tuple<int, int, int, double, Numbers, Placement>>;  // hqp.robot.Body
+
+using hqp::vector;
+
+// Keeps alive what it gives pointers into.
+class LivePlan : public hqp::PlanOf<LivePlan> {
+ public:
+  LivePlan(nb::object object, std::vector<nb::object>& kept) : object_(std::move(object)), kept_(&kept) {}
+
+  using PlanOf::doubles;
+  using PlanOf::flag;
+  using PlanOf::integer;
+  using PlanOf::ints;
+  using PlanOf::number;
+  using PlanOf::numbers;
+  using PlanOf::parts;
+
+  std::string name() const { return nb::cast<std::string>(nb::handle(object_.type()).attr("__name__")); }
+  bool is_none() const { return object_.is_none(); }
+  double number() const { return nb::cast<double>(object_); }
+  int integer() const { return nb::cast<int>(object_); }
+  bool flag() const { return nb::cast<bool>(object_); }
+  Ints ints() const { return nb::cast<Ints>(object_); }
+  Numbers numbers() const { return nb::cast<Numbers>(object_); }
+  LivePlan part(const char* field) const { return {object_.attr(field), *kept_}; }
+  std::vector<LivePlan> parts() const {
+    std::vector<LivePlan> found;
+    for (const nb::handle one : object_) found.emplace_back(nb::borrow(one), *kept_);
+    return found;
+  }
+  double* doubles(std::size_t count) const {
+    const auto array = nb::cast<nb::ndarray<const double, nb::device::cpu>>(object_, false);
+    const bool contiguous = array.ndim() == 1 ? array.shape(0) < 2 || array.stride(0) == 1
+                                              : array.ndim() == 2 && array.stride(0) == 1 &&
+                                                    array.stride(1) == static_cast<std::int64_t>(array.shape(0));
+    if (array.size() != count || !contiguous) throw nb::value_error("a live array has a wrong shape");
+    return const_cast<double*>(hold(array));
+  }
+  std::int32_t* places(int& rows) const {
+    const auto array = nb::cast<Slots>(object_, false);
+    rows = static_cast<int>(array.shape(0));
+    return hold(array);
+  }
+
+ private:
+  template <typename Array>
+  auto hold(const Array& array) const -> decltype(array.data()) {
+    kept_->push_back(nb::cast(array));
+    return array.data();
+  }
+
+  nb::object object_;
+  std::vector<nb::object>* kept_;
+};
+
+}  // namespace binding
