@@ -18,9 +18,9 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
-#include "../common/isa.hpp"
 #include "../common/capsule.hpp"
-#include "stages.hpp"
+#include "../common/isa.hpp"
+#include "staged_solve.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -56,37 +56,10 @@ class Turn {
   std::atomic<bool>& busy_;
 };
 
-constexpr int kUnsettled = 98;  // an outcome: the exact answer does not settle every priced level
-
-// An exact hierarchy's kernel, as the stages call it.
-class Exact final : public hqp::ExactCall {
- public:
-  explicit Exact(hqp::SolveCall* call) : call_(call) {}
-  int run(double seconds) override {
-    call_->limit(seconds);
-    const hqp::Solved solved = call_->run(nullptr);
-    iterations += solved.iterations;
-    factorisations += solved.factorisations;
-    return solved.outcome;
-  }
-  int iterations = 0, factorisations = 0;
-
- private:
-  hqp::SolveCall* call_;
-};
-
 class Stages final : public hqp::SolveCall {
  public:
   Stages(int n, const std::vector<int>& rows, const std::vector<int>& priced, double met, double zero, double flat)
-      : n_(n), rows_(rows), priced_(priced) {
-    const hqp::Tolerances tolerances{met, zero, flat};
-    if (n < 1 || rows.size() != priced.size()) refuse("a level is priced or not");
-    std::unique_ptr<bool[]> marks(new bool[priced.size()]);
-    for (std::size_t k = 0; k < priced.size(); ++k) marks[k] = priced[k] != 0;
-    const int levels = static_cast<int>(rows.size());
-    stages_.reset(HQP_FOR_MACHINE(make_stages, n, levels, rows.data(), marks.get(), tolerances));
-  }
-
+      : n_(n), rows_(rows), core_(n, rows, made(n, rows, priced, {met, zero, flat})) {}
   // levels: (A or None, index or None, scale or None, lower, upper).  prices, turning: one a level.  metric, origin:
   // the hierarchy's own, None for none, and the larger one to be written from it, None where none is needed.  The
   // caller keeps the arrays alive, and so does this object.
@@ -96,7 +69,7 @@ class Stages final : public hqp::SolveCall {
     if (!(eta > 0.0)) refuse("eta: positive");
     for (std::size_t k = 0; k < rows_.size(); ++k) {
       const auto parts = nb::cast<nb::tuple>(levels[k]);
-      hqp::PricedLevel& level = stages_->levels()[k];
+      hqp::PricedLevel& level = stages().levels()[k];
       const std::size_t m = static_cast<std::size_t>(rows_[k]);
       if (!parts[0].is_none()) {
         const auto A = nb::cast<Matrix>(parts[0]);
@@ -126,30 +99,24 @@ class Stages final : public hqp::SolveCall {
     hqp::Completion completion;
     pair(metric, completion.metric, completion.wide_metric);
     pair(origin, completion.origin, completion.wide_origin);
-    stages_->bind(law, completion);
+    core_.bind(law, completion);
     kept_ = nb::make_tuple(levels, prices, turning, F, f, metric, origin);
     bound_ = true;
-    head_ = 0;
     heads_.clear();
     rooms_.clear();
-    exact_solves_.clear();
-    answers_ = false;
   }
 
   // Where level k stands above levels without a price: (A (m, wide), None, lower, upper) or (None, scale, lower,
   // upper).
-  void leaves(int k, const nb::tuple& to) { stages_->above()[level(k)] = room(to, std::size_t(rows_[k])); }
+  void leaves(int k, const nb::tuple& to) { stages().above()[level(k)] = room(to, std::size_t(rows_[k])); }
   // Where level k, which has no price, is solved below unmet ones: the last level, its inequality rows or None, the
   // solve, and the (z, v, s) (wide,) it writes.
   // k: the number of levels for the completion below the last level, which has a price.
   void remains(int k, const nb::tuple& last, const nb::object& slack, const nb::capsule& solve, const Vector& z) {
-    hqp::Remaining& rest = stages_->remaining()[std::size_t(k) == rows_.size() ? rows_.size() : level(k)];
-    rest.last = room(last, 0);
-    rest.slack = slack.is_none() ? hqp::Room{} : room(nb::cast<nb::tuple>(slack), std::size_t(rows_[k]));
-    rest.wide = static_cast<int>(z.shape(0));
-    exact_solves_.push_back(std::make_unique<Exact>(hqp::call_of(solve)));
-    rest.solve = exact_solves_.back().get();
-    rest.z = z.data();
+    const std::size_t at = std::size_t(k) == rows_.size() ? rows_.size() : level(k);
+    const hqp::Room inequalities =
+        slack.is_none() ? hqp::Room{} : room(nb::cast<nb::tuple>(slack), std::size_t(rows_[at]));
+    core_.remains(at, room(last, 0), inequalities, static_cast<int>(z.shape(0)), hqp::call_of(solve), z.data());
     rooms_.append(nb::make_tuple(solve, z));
   }
 
@@ -165,60 +132,45 @@ class Stages final : public hqp::SolveCall {
     const double* from = x.data();
     double *to = stages.data(), *end = last.data();
     const nb::gil_scoped_release release;
-    return start(from, head, seconds, to, end);
+    return core_.start(from, head, seconds, to, end);
   }
 
   // solve() of all levels straight after the exact solve whose capsule is given, as one call for another native module.
   nb::capsule after(const nb::capsule& exact, const Vector& x, const Out& stages, const Out& last) {
     if (x.shape(0) != std::size_t(n_) || last.size() != std::size_t(n_) || stages.size() != rows_.size() * n_)
       refuse("x, stages or last has a wrong shape");
-    exact_ = hqp::call_of(exact);
-    x_ = x.data(), to_ = stages.data(), end_ = last.data();
+    core_.after(hqp::call_of(exact), x.data(), stages.data(), last.data());
     chained_ = nb::make_tuple(exact, x, stages, last);
     return hqp::capsule_of(this);
   }
   // The solve of the levels above one that may be the first that is not settled, and the x that it writes.
   void above(int head, const nb::capsule& solve, const Vector& x) {
     if (head < 1 || std::size_t(head) >= rows_.size() || x.shape(0) != std::size_t(n_)) refuse("head: not a level");
-    heads_.push_back({head, hqp::call_of(solve), x.data(), nb::make_tuple(solve, x)});
+    core_.above(head, hqp::call_of(solve), x.data());
+    heads_.append(nb::make_tuple(solve, x));
   }
   // run() answers itself where the stages reach their optima and no row of the first levels is violated; the rest as
   // for describe().
-  void answers(int constraints, double activity, double violation) {
-    constraints_ = constraints, activity_ = activity, violation_ = violation;
-    values_.resize(n_ + total());
-    marks_.resize(total());
-    answers_ = true;
-  }
+  void answers(int constraints, double activity, double violation) { core_.answers(constraints, activity, violation); }
   hqp::Solved run(const double* v) override {
     const Turn turn(busy_);
-    began_ = Clock::now();
-    const int level = head_;
-    if (level) {
-      const auto at = std::find_if(heads_.begin(), heads_.end(), [&](const Head& h) { return h.level == level; });
-      if (at == heads_.end()) return {hqp::kAskPython};
-      head_ = 0;
-      hqp::Solved solved = at->solve->run(v);
-      if (begins(solved) && staged(at->x, level) >= 0) return answered(solved, v);
-      if (limit_ > 0.0) exact_->limit(left());
-    }
-    hqp::Solved solved = exact_->run(v);
-    if (level && limit_ > 0.0) exact_->limit(limit_);
-    return begins(solved) && staged(x_, 0) >= 0 ? answered(solved, v) : solved;
+    return core_.run(v);
   }
   // Time for run() [s], none for 0.
-  void limit(double seconds) override { limit_ = seconds; }
+  void limit(double seconds) override { core_.limit(seconds); }
   // Of the latest solve: the first level that was not settled, 0 for none too; whether all were; whether run() answered
   // itself; the time since it began [s].
-  std::tuple<int, bool, bool, double> latest() const { return {head_, settled_, answered_, elapsed()}; }
+  std::tuple<int, bool, bool, double> latest() const {
+    return {core_.head(), core_.settled(), core_.answered(), core_.elapsed()};
+  }
 
   // The latest answer is none of the stages': they were not asked.
-  void unasked() { settled_ = answered_ = false; }
+  void unasked() { core_.unasked(); }
   // The level above which all are settled, for the next solve; 0 for none known.
-  int head() const { return head_; }
+  int head() const { return core_.head(); }
   void begin_at(int head) {
     if (head < 0 || std::size_t(head) >= rows_.size()) refuse("head: not a level");
-    head_ = head;
+    core_.begin_at(head);
   }
 
   // What account() reads beside the rows: stages, which solve wrote, the element of each row, and how close to rest an
@@ -251,7 +203,7 @@ class Stages final : public hqp::SolveCall {
       refuse("an array has a wrong shape");
     const Turn turn(busy_);
     double* to = out.data();
-    stages_->account({points_, w.data(), owner_.data(), elements_, lambda ? lambda->data() : nullptr, x.data(), near_},
+    stages().account({points_, w.data(), owner_.data(), elements_, lambda ? lambda->data() : nullptr, x.data(), near_},
                      to, to + 4 * E, to + 4 * E + levels * (E + 1));
   }
 
@@ -261,83 +213,31 @@ class Stages final : public hqp::SolveCall {
     if (!bound_) refuse("bind() comes first");
     if (x.shape(0) != std::size_t(n_) || slack.size() != total() || marks.shape(0) != total())
       refuse("x, slack or marks has a wrong shape");
-    return stages_->describe(x.data(), constraints, activity, violation, slack.data(), marks.data());
+    return stages().describe(x.data(), constraints, activity, violation, slack.data(), marks.data());
   }
 
   // Steps and factorisations of the latest stages, whether all reached their optima, whether directions were uncertain,
   // and whether the kernel was not sure of a rank.
-  std::tuple<int, int, bool, bool, bool> effort() const {
-    const auto [iterations, factorisations] = counts();
-    return {iterations, factorisations, stages_->ended(), stages_->uncertain(), stages_->doubtful()};
+  std::tuple<int, int, bool, bool, bool> effort() {
+    const auto [iterations, factorisations] = core_.counts();
+    hqp::PricedStages& latest = core_.stages();
+    return {iterations, factorisations, latest.ended(), latest.uncertain(), latest.doubtful()};
   }
-  void reset() {
-    stages_->reset();
-    head_ = 0;
-  }
+  void reset() { core_.reset(); }
 
  private:
-  using Clock = std::chrono::steady_clock;
-
-  struct Head {
-    int level;
-    hqp::SolveCall* solve;
-    const double* x;
-    nb::object kept;
-  };
-
-  double left() const { return limit_ > 0.0 ? std::max(limit_ - elapsed(), 1e-6) : 0.0; }
-
-  int staged(const double* x, int head) { return start(x, head, left(), to_, end_); }
-
-  // Whether stages can start from an answer: one of uncertain rank keeps to the levels above as well.
-  static bool begins(const hqp::Solved& solved) {
-    return solved.outcome == hqp::kOptimal || solved.outcome == hqp::kUncertain;
+  static std::unique_ptr<hqp::PricedStages> made(int n, const std::vector<int>& rows, const std::vector<int>& priced,
+                                                 const hqp::Tolerances& tolerances) {
+    if (n < 1 || rows.size() != priced.size()) refuse("a level is priced or not");
+    std::unique_ptr<bool[]> marks(new bool[priced.size()]);
+    for (std::size_t k = 0; k < priced.size(); ++k) marks[k] = priced[k] != 0;
+    const int levels = static_cast<int>(rows.size());
+    return std::unique_ptr<hqp::PricedStages>(
+        HQP_FOR_MACHINE(make_stages, n, levels, rows.data(), marks.get(), tolerances));
   }
 
-  // The answer of the stages; kUnsettled where there is more to tell than an optimum.
-  hqp::Solved answered(hqp::Solved solved, const double*) {
-    solved.outcome = kUnsettled;
-    if (!answers_ || !stages_->ended() || stages_->doubtful()) return solved;
-    double square = 0.0;
-    for (int i = 0; i < n_; ++i) square += end_[i] * end_[i];
-    if (!(square < INFINITY)) return solved;
-    std::copy(end_, end_ + n_, values_.begin());
-    if (stages_->describe(end_, constraints_, activity_, violation_, values_.data() + n_, marks_.data())) return solved;
-    solved.outcome = hqp::kOptimal;
-    const auto [iterations, factorisations] = counts();
-    solved.iterations += iterations;
-    solved.factorisations += factorisations;
-    solved.values = values_.data(), solved.active = marks_.data();
-    solved.points = to_, solved.point_count = rows_.size() * n_;
-    answered_ = true;
-    return solved;
-  }
-
-  // Steps and factorisations of the latest stages.
-  std::pair<int, int> counts() const {
-    std::pair<int, int> sum{stages_->iterations(), 0};
-    for (const auto& solve : exact_solves_) {
-      sum.first += solve->iterations;
-      sum.second += solve->factorisations;
-    }
-    return sum;
-  }
-
-  double elapsed() const { return std::chrono::duration<double>(Clock::now() - began_).count(); }
-
-  int start(const double* x, int head, double seconds, double* stages, double* last) {
-    for (const auto& solve : exact_solves_) solve->iterations = solve->factorisations = 0;
-    return found(stages_->solve(x, head, seconds, stages, last));
-  }
-
-  int found(int first) {
-    settled_ = first < 0;
-    answered_ = false;
-    head_ = std::max(first, 0);
-    return first;
-  }
-
-  std::size_t total() const { return std::accumulate(rows_.begin(), rows_.end(), std::size_t{0}); }
+  std::size_t total() const { return core_.total(); }
+  hqp::PricedStages& stages() { return core_.stages(); }
 
   std::size_t level(int k) const {
     if (k < 0 || std::size_t(k) >= rows_.size()) refuse("not a level");
@@ -374,24 +274,10 @@ class Stages final : public hqp::SolveCall {
   }
 
   int n_;
-  std::vector<int> rows_, priced_;
-  std::unique_ptr<hqp::PricedStages> stages_;
+  std::vector<int> rows_;
+  hqp::StagedSolve core_;
   nb::object kept_, read_, chained_;
-  nb::list rooms_;
-  std::vector<std::unique_ptr<Exact>> exact_solves_;
-  hqp::SolveCall* exact_ = nullptr;
-  const double* x_ = nullptr;
-  double *to_ = nullptr, *end_ = nullptr;
-  int head_ = 0;
-  bool settled_ = false, answered_ = false;
-  std::vector<Head> heads_;
-  bool answers_ = false;
-  int constraints_ = 0;
-  double activity_ = 0.0, violation_ = 0.0;
-  std::vector<double> values_;
-  std::vector<std::int8_t> marks_;
-  double limit_ = 0.0;
-  Clock::time_point began_;
+  nb::list rooms_, heads_;
   const double* points_ = nullptr;
   std::vector<std::int32_t> owner_;
   int elements_ = 0;

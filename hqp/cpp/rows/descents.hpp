@@ -5,8 +5,8 @@
 #include <tuple>
 #include <vector>
 
-#include "live_assembly.hpp"
 #include "descent.hpp"
+#include "live_assembly.hpp"
 
 namespace binding {
 

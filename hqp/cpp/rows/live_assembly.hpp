@@ -163,7 +163,8 @@ class Assembly {
     const hqp::Doubles at(q, true), speed(v.is_none() ? q : v, true), sent(before.is_none() ? q : before, true);
     const int nq = kinematics_ ? kinematics_->size() : 0, nv = size();
     if (!kinematics_ || !at.data() || !speed.data() || !sent.data()) return nb::none();
-    if (!at.has(&nq, 1) || (!v.is_none() && !speed.has(&nv, 1)) || (v.is_none() && rows_.order() == 2)) return nb::none();
+    if (!at.has(&nq, 1) || (!v.is_none() && !speed.has(&nv, 1)) || (v.is_none() && rows_.order() == 2))
+      return nb::none();
     const double square = hqp::squared(at.data(), nq) + (v.is_none() ? 0.0 : hqp::squared(speed.data(), nv));
     if (!(square < largest) || !kinematics_->unit(at.data(), rounding)) return nb::none();
     begin_ = hqp::Clock::now();

@@ -65,8 +65,7 @@ class Operations {
       return std::make_unique<Frozen>(out, p.joints("joints"), p.number("rate"), p.number("acceleration"), dt_, order_);
     if (name == "Pointing") return std::make_unique<Pointing>(fixed(), p.axis(), p.flag("point"));
     if (name == "Apart") return std::make_unique<Apart>(rows());
-    if (name == "Manipulability")
-      return std::make_unique<Manipulability>(fixed(), p.ints("picked"), p.ints("joints"));
+    if (name == "Manipulability") return std::make_unique<Manipulability>(fixed(), p.ints("picked"), p.ints("joints"));
     if (name == "HoldingTorque") {
       tree_.need_centres();
       return std::make_unique<HoldingTorque>(out, tree_, p.ints("columns"), p.numbers("limits"), p.vec3("gravity"));

@@ -10,9 +10,10 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
-#include "../common/isa.hpp"
 #include "../common/capsule.hpp"
+#include "../common/isa.hpp"
 #include "batch.hpp"
+#include "bound_kernel.hpp"
 #include "kernel.hpp"
 #include "reading.hpp"
 
@@ -40,22 +41,10 @@ struct Keys {
 class Workspace final : public hqp::SolveCall {
  public:
   // Seconds for the next solves, none if zero.
-  void limit(double seconds) override { options_.time_limit = seconds; }
+  void limit(double seconds) override { kernel_.limit(seconds); }
 
   Workspace(int n, const std::vector<int>& rows, bool metric, const hqp::Options& options)
-      : n_(n), rows_(rows), metric_(metric), options_(options) {
-    if (n < 1 || n > kMost) refuse("n must lie in 1.." + std::to_string(kMost) + ", given " + std::to_string(n));
-    for (int m : rows) {
-      if (m < 0 || m > kMost) refuse("rows of a level must lie in 0.." + std::to_string(kMost));
-      total_ += m;
-      pairs_ += total_;
-    }
-    kernel_.reset(hqp::make_kernel(n, static_cast<int>(rows.size()), rows.data(), metric));
-    ends_ = static_cast<std::size_t>(n) + total_;
-    numbers_.resize(ends_ + static_cast<std::size_t>(total_) / sizeof(double) + 1);
-    lambda_.resize(pairs_ + 1);
-    levels_.resize(rows.size());
-  }
+      : n_(n), metric_(metric), kernel_(checked(n), checked(rows), metric, options) {}
 
   // Keep the arrays among the attributes of a Hierarchy, to read them at every solve; false where its shape is another
   // or an array needs a conversion.
@@ -65,11 +54,17 @@ class Workspace final : public hqp::SolveCall {
   }
 
   // x and slacks; marks; and both in one array, the marks as bytes behind the rest.
-  nb::ndarray<nb::numpy, double, nb::ndim<1>> values() { return {numbers_.data(), {ends_}, nb::find(this)}; }
-  nb::ndarray<nb::numpy, std::int8_t, nb::ndim<1>> active() { return {marks(), {std::size_t(total_)}, nb::find(this)}; }
-  nb::ndarray<nb::numpy, double, nb::ndim<1>> numbers() { return {numbers_.data(), {numbers_.size()}, nb::find(this)}; }
+  nb::ndarray<nb::numpy, double, nb::ndim<1>> values() {
+    return {kernel_.numbers().data(), {kernel_.ends()}, nb::find(this)};
+  }
+  nb::ndarray<nb::numpy, std::int8_t, nb::ndim<1>> active() {
+    return {kernel_.marks(), {std::size_t(kernel_.total())}, nb::find(this)};
+  }
+  nb::ndarray<nb::numpy, double, nb::ndim<1>> numbers() {
+    return {kernel_.numbers().data(), {kernel_.numbers().size()}, nb::find(this)};
+  }
   nb::ndarray<nb::numpy, double, nb::ndim<1>> multipliers() {
-    return {lambda_.data(), {std::size_t(pairs_)}, nb::find(this)};
+    return {kernel_.multipliers().data(), {std::size_t(kernel_.pairs())}, nb::find(this)};
   }
 
   // Outcome, iterations, factorisations, judged; the numbers are in values(), active() and multipliers().
@@ -80,8 +75,8 @@ class Workspace final : public hqp::SolveCall {
   }
   hqp::Solved run(const double*) override {
     const Lock lock(busy_);
-    const hqp::Answer answer = answered();
-    return {static_cast<int>(answer.outcome), answer.iterations, answer.factorisations, answer.judged};
+    require_bound();
+    return kernel_.run(nullptr);
   }
   // The same for another native module.
   nb::capsule call() { return hqp::capsule_of(this); }
@@ -125,7 +120,7 @@ class Workspace final : public hqp::SolveCall {
     set(made, key_.parts, parts_);
     set(made, key_.detail, answer.outcome == hqp::Outcome::not_certified ? stopped_ : answer.unsure ? unsure_ : empty_);
     set(made, key_.multipliers,
-        options_.multipliers ? split(copy(all_multipliers), pairs_of_levels_) : nb::object(nb::none()));
+        kernel_.options.multipliers ? split(copy(all_multipliers), pairs_of_levels_) : nb::object(nb::none()));
     set(made, key_.stage_points, nb::none());
     const std::chrono::duration<double> taken = std::chrono::steady_clock::now() - begin;
     set(made, key_.counts, nb::make_tuple(answer.iterations, answer.factorisations, build_seconds, taken.count()));
@@ -135,16 +130,12 @@ class Workspace final : public hqp::SolveCall {
   // Multipliers of the latest answer into multipliers(), false where they are not at hand.
   bool tell() {
     const Lock lock(busy_);
-    if (!bound_) return false;
-    hqp::Answer answer;
-    answer.slack = numbers_.data() + n_;
-    answer.multipliers = lambda_.data();
-    return kernel_->tell(problem_, answer);
+    return bound_ && kernel_.tell();
   }
 
   void reset(bool plain) {
     const Lock lock(busy_);
-    kernel_->reset(plain);
+    kernel_.reset(plain);
   }
 
   int traverse(visitproc visit, void* arg) {
@@ -165,43 +156,36 @@ class Workspace final : public hqp::SolveCall {
   static constexpr std::size_t kOutcomes = 6;
 
   hqp::Answer unlocked() {
+    require_bound();
     const nb::gil_scoped_release release;
-    return answered();
+    return kernel_.solve();
   }
 
-  std::int8_t* marks() { return reinterpret_cast<std::int8_t*>(numbers_.data() + ends_); }
+  void require_bound() const {
+    if (!bound_) refuse("take a problem first");
+  }
+
+  static int checked(int n) {
+    if (n < 1 || n > kMost) refuse("n must lie in 1.." + std::to_string(kMost) + ", given " + std::to_string(n));
+    return n;
+  }
+  static const std::vector<int>& checked(const std::vector<int>& rows) {
+    for (const int m : rows)
+      if (m < 0 || m > kMost) refuse("rows of a level must lie in 0.." + std::to_string(kMost));
+    return rows;
+  }
 
   bool is_bound(const nb::object& what) const { return what.ptr() == bound_; }
 
   bool read(const nb::object& hierarchy) {
     bound_ = nullptr;
     hqp::Problem problem;
-    if (!reader_.read(hierarchy, n_, rows_, metric_, levels_.data(), problem, prices_)) return false;
-    problem_ = problem;
+    if (!reader_.read(hierarchy, n_, kernel_.rows(), metric_, kernel_.levels.data(), problem, kernel_.prices))
+      return false;
+    kernel_.problem = problem;
     kept_ = hierarchy;
     bound_ = hierarchy.ptr();
     return true;
-  }
-
-  bool priced() const {
-    for (std::size_t k = 0; prices_ && k < rows_.size(); ++k)
-      if (prices_[k] != 0.0) return true;
-    return false;
-  }
-
-  hqp::Answer answered() {
-    if (!bound_) refuse("take a problem first");
-    hqp::Answer answer;
-    if (priced()) {
-      answer.outcome = hqp::Outcome::invalid;
-      return answer;
-    }
-    answer.x = numbers_.data();
-    answer.slack = numbers_.data() + n_;
-    answer.active = marks();
-    answer.multipliers = options_.multipliers ? lambda_.data() : nullptr;
-    kernel_->solve(problem_, options_, answer);
-    return answer;
   }
 
   nb::object fresh(const nb::object& type) const {
@@ -242,17 +226,9 @@ class Workspace final : public hqp::SolveCall {
   };
 
   int n_;
-  std::vector<int> rows_;
   bool metric_;
-  int total_ = 0, pairs_ = 0;
-  std::unique_ptr<hqp::Kernel> kernel_;
-  std::size_t ends_ = 0;  // of x and slacks in `numbers_`, where the marks begin
-  std::vector<double> numbers_, lambda_;
-  std::vector<hqp::Level> levels_;
-  hqp::Problem problem_;
-  const double* prices_ = nullptr;  // of the problem, which may be refilled: all zero, or this is no problem to solve
+  hqp::BoundKernel kernel_;
   hqp::Reader reader_;
-  hqp::Options options_;
   nb::object kept_, solution_, head_;
   const PyObject* bound_ = nullptr;  // what was bound, alive in `kept_`; null if nothing is
   nb::tuple statuses_, parts_, pairs_of_levels_, none_;

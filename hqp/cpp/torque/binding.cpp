@@ -13,8 +13,9 @@
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/vector.h>
 
-#include "../common/isa.hpp"
 #include "../common/capsule.hpp"
+#include "../common/isa.hpp"
+#include "chain.hpp"
 #include "elimination.hpp"
 #include "holding.hpp"
 
@@ -143,7 +144,7 @@ class ForceRows {
     if (shift && shift->shape(0) != n_) refuse("shift: wrong shape");
     native_->run(T_, top_, shift ? shift->data() : nullptr);
   }
-  void run() { native_->run(T_, top_, nullptr); }
+  hqp::ForceRows& get() { return *native_; }
 
  private:
   std::size_t m_, n_;
@@ -152,68 +153,32 @@ class ForceRows {
   nb::list kept_;
 };
 
-// From rows on the acceleration to a solve on the torque, in one call for another native module: the elimination, with
-// live A (nv, nv), bias (nv), J (m, nv) and gamma (m), then the rows of all levels.  factor (nv, nv): a copy of A.
-class Chain final : public hqp::SolveCall {
+// The chain over arrays of Python, for another native module.
+class Chain {
  public:
   Chain(nb::object elimination, nb::object rows, nb::object forces, const Columns& A, const Vector& bias,
         const WrittenColumns& factor, const Block& J, const Vector& gamma, double tolerance, const Block& map,
         const Block& phi, const Block& Q, const Block& T, const Block& top)
-      : elimination_(nb::cast<Elimination&>(elimination).get()),
-        rows_(nb::cast<TorqueRows&>(rows).get()),
-        forces_(forces.is_none() ? nullptr : &nb::cast<ForceRows&>(forces)),
-        nv_(bias.shape(0)),
-        n_(phi.shape(0)),
-        A_(A.data()),
-        bias_(bias.data()),
-        J_(J.data()),
-        gamma_(gamma.data()),
-        tolerance_(tolerance),
-        factor_(factor.data()),
-        map_(map.data()),
-        phi_(phi.data()),
-        Q_(Q.data()),
-        T_(T.data()),
-        top_(top.data()) {
-    const std::size_t m = gamma.shape(0);
-    if (A.size() != nv_ * nv_ || factor.size() != A.size() || J.size() != m * nv_ || map.size() != nv_ * (n_ + 1) ||
-        Q.size() != nv_ * m || T.size() != m * m || top.size() != m * (n_ + 1))
+      : core_(nb::cast<Elimination&>(elimination).get(), nb::cast<TorqueRows&>(rows).get(),
+              forces.is_none() ? nullptr : &nb::cast<ForceRows&>(forces).get(),
+              {bias.shape(0), phi.shape(0), A.data(), bias.data(), J.data(), gamma.data(), tolerance, factor.data(),
+               map.data(), phi.data(), Q.data(), T.data(), top.data()}) {
+    const std::size_t nv = bias.shape(0), n = phi.shape(0), m = gamma.shape(0);
+    if (A.size() != nv * nv || factor.size() != A.size() || J.size() != m * nv || map.size() != nv * (n + 1) ||
+        Q.size() != nv * m || T.size() != m * m || top.size() != m * (n + 1))
       refuse("an array has a wrong shape");
     kept_ = nb::make_tuple(elimination, rows, forces, A, bias, factor, J, gamma, map, phi, Q, T, top);
   }
 
   // next: of the solver, null where Python asks it.
   nb::capsule before(const std::optional<nb::capsule>& next) {
-    next_ = next ? hqp::call_of(*next) : nullptr;
+    core_.before(next ? hqp::call_of(*next) : nullptr);
     next_kept_ = next ? nb::object(*next) : nb::none();
-    return hqp::capsule_of(this);
-  }
-
-  hqp::Solved run(const double* v) override {
-    const auto begin = std::chrono::steady_clock::now();
-    std::copy(A_, A_ + nv_ * nv_, factor_);
-    if (elimination_.eliminate(factor_, bias_, J_, gamma_, tolerance_, map_, phi_, Q_, T_, top_) != 1)
-      return {hqp::kInvalid};
-    double square = 0.0;
-    for (std::size_t i = 0; i < nv_; ++i) square += map_[i * (n_ + 1) + n_] * map_[i * (n_ + 1) + n_];
-    if (!(square < INFINITY)) return {hqp::kInvalid};
-    rows_.run(v, nullptr);
-    if (forces_) forces_->run();
-    const double before = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-    hqp::Solved found = next_ ? next_->run(v) : hqp::Solved{hqp::kAskPython};
-    found.before = before;
-    return found;
+    return hqp::capsule_of(&core_);
   }
 
  private:
-  hqp::Elimination& elimination_;
-  hqp::TorqueRows& rows_;
-  ForceRows* forces_;
-  std::size_t nv_, n_;
-  const double *A_, *bias_, *J_, *gamma_;
-  double tolerance_;
-  double *factor_, *map_, *phi_, *Q_, *T_, *top_;
-  hqp::SolveCall* next_ = nullptr;
+  hqp::Chain core_;
   nb::object kept_, next_kept_;
 };
 
@@ -242,7 +207,7 @@ NB_MODULE(_torque, module) {
            "middles"_a, "factors"_a, "arm"_a, "share"_a.noconvert())
       .def("add", &ForceRows::add, "C"_a.noconvert(), "A"_a.noconvert(), "asked_lower"_a.noconvert(),
            "asked_upper"_a.noconvert(), "lower"_a.noconvert(), "upper"_a.noconvert())
-      .def("run", nb::overload_cast<const std::optional<Vector>&>(&ForceRows::run), "shift"_a.none());
+      .def("run", &ForceRows::run, "shift"_a.none());
   nb::class_<Chain>(module, "Chain")
       .def(nb::init<nb::object, nb::object, nb::object, const Columns&, const Vector&, const WrittenColumns&,
                     const Block&, const Vector&, double, const Block&, const Block&, const Block&, const Block&,

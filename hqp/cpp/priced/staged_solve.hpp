@@ -1,0 +1,183 @@
+// An exact solve, and the stages of the levels that it does not settle, as one solve.
+#pragma once
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <memory>
+#include <numeric>
+#include <utility>
+#include <vector>
+
+#include "../common/solve_call.hpp"
+#include "stages.hpp"
+
+namespace hqp {
+
+constexpr int kUnsettled = 98;  // an outcome: the exact answer does not settle every priced level
+
+// An exact hierarchy's kernel, as the stages call it.
+class CountedCall final : public ExactCall {
+ public:
+  explicit CountedCall(SolveCall* call) : call_(call) {}
+  int run(double seconds) override {
+    call_->limit(seconds);
+    const Solved solved = call_->run(nullptr);
+    iterations += solved.iterations;
+    factorisations += solved.factorisations;
+    return solved.outcome;
+  }
+  int iterations = 0, factorisations = 0;
+
+ private:
+  SolveCall* call_;
+};
+
+class StagedSolve final : public SolveCall {
+ public:
+  StagedSolve(int n, std::vector<int> rows, std::unique_ptr<PricedStages> stages)
+      : n_(n), rows_(std::move(rows)), stages_(std::move(stages)) {}
+
+  PricedStages& stages() { return *stages_; }
+  int size() const { return n_; }
+  std::size_t levels() const { return rows_.size(); }
+  int rows(std::size_t k) const { return rows_[k]; }
+  std::size_t total() const { return std::accumulate(rows_.begin(), rows_.end(), std::size_t{0}); }
+
+  // To be called once the levels' arrays are there.
+  void bind(const Law& law, const Completion& completion) {
+    stages_->bind(law, completion);
+    head_ = 0;
+    heads_.clear();
+    exact_solves_.clear();
+    answers_ = false;
+  }
+  // Where level k, which has no price, is solved below unmet ones: see Remaining; k: the number of levels for the
+  // completion below the last level, which has a price.
+  void remains(std::size_t k, const Room& last, const Room& slack, int wide, SolveCall* solve, const double* z) {
+    Remaining& rest = stages_->remaining()[k];
+    exact_solves_.push_back(std::make_unique<CountedCall>(solve));
+    rest = {last, slack, wide, exact_solves_.back().get(), z};
+  }
+  // The exact solve that run() begins with, its x, and where stages (levels, n) and the last point (n) go.
+  void after(SolveCall* exact, const double* x, double* stages, double* last) {
+    exact_ = exact, x_ = x, to_ = stages, end_ = last;
+  }
+  // The solve of the levels above one that may be the first that is not settled, and the x that it writes.
+  void above(int head, SolveCall* solve, const double* x) { heads_.push_back({head, solve, x}); }
+  // run() answers itself where the stages reach their optima and no row of the first levels is violated; the rest as
+  // for describe().
+  void answers(int constraints, double activity, double violation) {
+    constraints_ = constraints, activity_ = activity, violation_ = violation;
+    values_.resize(n_ + total());
+    marks_.resize(total());
+    answers_ = true;
+  }
+
+  Solved run(const double* v) override {
+    began_ = Clock::now();
+    const int level = head_;
+    if (level) {
+      const auto at = std::find_if(heads_.begin(), heads_.end(), [&](const Head& h) { return h.level == level; });
+      if (at == heads_.end()) return {kAskPython};
+      head_ = 0;
+      Solved solved = at->solve->run(v);
+      if (begins(solved) && staged(at->x, level) >= 0) return answered(solved);
+      if (limit_ > 0.0) exact_->limit(left());
+    }
+    Solved solved = exact_->run(v);
+    if (level && limit_ > 0.0) exact_->limit(limit_);
+    return begins(solved) && staged(x_, 0) >= 0 ? answered(solved) : solved;
+  }
+  // Time for run() [s], none for 0.
+  void limit(double seconds) override { limit_ = seconds; }
+
+  // As PricedStages::solve.
+  int start(const double* x, int head, double seconds, double* stages, double* last) {
+    for (const auto& solve : exact_solves_) solve->iterations = solve->factorisations = 0;
+    const int first = stages_->solve(x, head, seconds, stages, last);
+    settled_ = first < 0;
+    answered_ = false;
+    head_ = std::max(first, 0);
+    return first;
+  }
+
+  // The level above which all are settled, for the next solve; 0 for none known.
+  int head() const { return head_; }
+  void begin_at(int head) { head_ = head; }
+  // Of the latest solve: whether all levels were settled, whether run() answered itself; the time since it began [s].
+  bool settled() const { return settled_; }
+  bool answered() const { return answered_; }
+  double elapsed() const { return std::chrono::duration<double>(Clock::now() - began_).count(); }
+  // The latest answer is none of the stages': they were not asked.
+  void unasked() { settled_ = answered_ = false; }
+  void reset() {
+    stages_->reset();
+    head_ = 0;
+  }
+
+  // Steps and factorisations of the latest stages.
+  std::pair<int, int> counts() const {
+    std::pair<int, int> sum{stages_->iterations(), 0};
+    for (const auto& solve : exact_solves_) {
+      sum.first += solve->iterations;
+      sum.second += solve->factorisations;
+    }
+    return sum;
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+
+  struct Head {
+    int level;
+    SolveCall* solve;
+    const double* x;
+  };
+
+  double left() const { return limit_ > 0.0 ? std::max(limit_ - elapsed(), 1e-6) : 0.0; }
+
+  int staged(const double* x, int head) { return start(x, head, left(), to_, end_); }
+
+  // Whether stages can start from an answer: one of uncertain rank keeps to the levels above as well.
+  static bool begins(const Solved& solved) { return solved.outcome == kOptimal || solved.outcome == kUncertain; }
+
+  // The answer of the stages; kUnsettled where there is more to tell than an optimum.
+  Solved answered(Solved solved) {
+    solved.outcome = kUnsettled;
+    if (!answers_ || !stages_->ended() || stages_->doubtful()) return solved;
+    double square = 0.0;
+    for (int i = 0; i < n_; ++i) square += end_[i] * end_[i];
+    if (!(square < INFINITY)) return solved;
+    std::copy(end_, end_ + n_, values_.begin());
+    if (stages_->describe(end_, constraints_, activity_, violation_, values_.data() + n_, marks_.data())) return solved;
+    solved.outcome = kOptimal;
+    const auto [iterations, factorisations] = counts();
+    solved.iterations += iterations;
+    solved.factorisations += factorisations;
+    solved.values = values_.data(), solved.active = marks_.data();
+    solved.points = to_, solved.point_count = rows_.size() * n_;
+    answered_ = true;
+    return solved;
+  }
+
+  int n_;
+  std::vector<int> rows_;
+  std::unique_ptr<PricedStages> stages_;
+  std::vector<std::unique_ptr<CountedCall>> exact_solves_;
+  SolveCall* exact_ = nullptr;
+  const double* x_ = nullptr;
+  double *to_ = nullptr, *end_ = nullptr;
+  int head_ = 0;
+  bool settled_ = false, answered_ = false;
+  std::vector<Head> heads_;
+  bool answers_ = false;
+  int constraints_ = 0;
+  double activity_ = 0.0, violation_ = 0.0;
+  std::vector<double> values_;
+  std::vector<std::int8_t> marks_;
+  double limit_ = 0.0;
+  Clock::time_point began_;
+};
+
+}  // namespace hqp

@@ -1,0 +1,74 @@
+// A kernel bound once to the arrays of a problem, and room for its answers.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "../common/solve_call.hpp"
+#include "kernel.hpp"
+
+namespace hqp {
+
+class BoundKernel final : public SolveCall {
+ public:
+  BoundKernel(int n, std::vector<int> rows, bool metric, const Options& given) : options(given), n_(n), rows_(rows) {
+    for (const int m : rows_) pairs_ += total_ += m;
+    kernel_.reset(make_kernel(n, static_cast<int>(rows_.size()), rows_.data(), metric));
+    ends_ = static_cast<std::size_t>(n_) + total_;
+    numbers_.resize(ends_ + static_cast<std::size_t>(total_) / sizeof(double) + 1);
+    lambda_.resize(static_cast<std::size_t>(pairs_) + 1);
+    levels.resize(rows_.size());
+  }
+
+  Options options;
+  std::vector<Level> levels;  // to be filled by whoever binds it, as is the problem
+  Problem problem;
+  const double* prices = nullptr;  // of the problem, which may be refilled: all zero, or this is no problem to solve
+
+  Answer solve() {
+    Answer answer;
+    for (std::size_t k = 0; prices && k < rows_.size(); ++k)
+      if (prices[k] != 0.0) answer.outcome = Outcome::invalid;
+    if (answer.outcome == Outcome::invalid) return answer;
+    answer.x = numbers_.data();
+    answer.slack = numbers_.data() + n_;
+    answer.active = marks();
+    answer.multipliers = options.multipliers ? lambda_.data() : nullptr;
+    kernel_->solve(problem, options, answer);
+    return answer;
+  }
+  Solved run(const double*) override {
+    const Answer answer = solve();
+    return {static_cast<int>(answer.outcome), answer.iterations, answer.factorisations, answer.judged};
+  }
+  // Seconds for the next solves, none if zero.
+  void limit(double seconds) override { options.time_limit = seconds; }
+
+  // Multipliers of the latest answer into multipliers(), false where they are not at hand.
+  bool tell() {
+    Answer answer;
+    answer.slack = numbers_.data() + n_;
+    answer.multipliers = lambda_.data();
+    return kernel_->tell(problem, answer);
+  }
+  void reset(bool plain) { kernel_->reset(plain); }
+
+  int size() const { return n_; }
+  int total() const { return total_; }
+  int pairs() const { return pairs_; }
+  const std::vector<int>& rows() const { return rows_; }
+  std::size_t ends() const { return ends_; }           // of x and slacks in numbers(), where the marks begin
+  std::vector<double>& numbers() { return numbers_; }  // x, slacks, and the marks as bytes behind them
+  std::int8_t* marks() { return reinterpret_cast<std::int8_t*>(numbers_.data() + ends_); }
+  std::vector<double>& multipliers() { return lambda_; }
+
+ private:
+  int n_;
+  std::vector<int> rows_;
+  int total_ = 0, pairs_ = 0;
+  std::unique_ptr<Kernel> kernel_;
+  std::size_t ends_ = 0;
+  std::vector<double> numbers_, lambda_;
+};
+
+}  // namespace hqp
