@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from hqp.comparison import compare
     from hqp.goals import reach, solve_ik
     from hqp.lab import bench
+    from hqp.loaded import load
     from hqp.solvers.many import solve_many
     from hqp.teleoperation import Follow
     from hqp.torque import Torque
@@ -70,6 +71,7 @@ __all__ = [
     "compare",
     "errors",
     "estimation",
+    "load",
     "reach",
     "recorder",
     "robots",
@@ -90,8 +92,8 @@ _MODULES = ("errors", "estimation", "recorder", "robots", "serial", "shapes", "s
 
 _ELSEWHERE = {
     "Certificate": "certify", "Follow": "teleoperation", "Torque": "torque", "bench": "lab", "certificate": "certify",
-    "check": "checking", "compare": "comparison", "reach": "goals", "solve_ik": "goals", "solve_many": "solvers.many",
-    "view": "viewer",
+    "check": "checking", "compare": "comparison", "load": "loaded", "reach": "goals", "solve_ik": "goals",
+    "solve_many": "solvers.many", "view": "viewer",
 }  # fmt: skip
 """Public names, and the modules that are imported when they are first asked for."""
 

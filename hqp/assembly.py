@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -88,6 +88,8 @@ class Assembly:
             self.native_rows = native.Assembly(robot.joint_twists, robot.bodies, dt, self.order, Reference)
         self.members: dict[str, Member] = {}
         self.errors: dict[str, Exception] = {}
+        self.parts: dict[str, Any] = {"dt": dt, "order": self.order, "nv": robot.nv, "operations": []}
+        """What the native rows are made of, a file as well (docs/plan_file.md)."""
         for i, element in enumerate((*dense, *selections)):
             part = slice(starts[i], starts[i + 1])
             J = self.J[part] if i < len(dense) else None
@@ -109,11 +111,21 @@ class Assembly:
                 [(m.part.start, m.part.stop) for m in self.written if m.views.J is not None],
                 [(m.part.start, m.part.stop) for m in self.written if not m.element.equality],
             )
-            for member in members:
-                target = None if member.target is None else member.target.reshape(-1)
-                shape = () if member.target is None else member.target.shape
-                rates = self.rate[member.part], self.feedforward[member.part]
-                self.native_rows.slot(member.element.name, target, shape, member.normal, *rates, member.plain)
+            self.parts["slots"] = [self._slot(member) for member in members]
+            for slot in self.parts["slots"]:
+                self.native_rows.slot(**slot)
+
+    def _slot(self, member: Member) -> dict[str, Any]:
+        """Where the reference of an element goes."""
+        return {
+            "name": member.element.name,
+            "target": None if member.target is None else member.target.reshape(-1),
+            "shape": () if member.target is None else member.target.shape,
+            "normal": member.normal,
+            "rate": self.rate[member.part],
+            "feedforward": self.feedforward[member.part],
+            "plain": member.plain,
+        }
 
     def _bind(self, member: Member, robot: Robot, dt: float) -> None:
         """A native operation where there is one, the readable functions where not."""
@@ -136,19 +148,20 @@ class Assembly:
         taken = getattr(type(member.element), "at", None)
         if taken is not None and taken.__module__.startswith(OWN):  # one of the user's own may make more of a target
             member.plain = PLAIN.get(type(plan), 0)
-        assembly.add(
-            plan,
-            J=views.J,
-            error=views.error,
-            drift=views.drift if self.order == 2 else None,
-            lower=views.lower,
-            upper=views.upper,
-            reference=member.target.reshape(-1),
-            normal=member.normal,
-            weight=float(member.element.weight),
-            rate=self.rate[member.part],
-            feedforward=self.feedforward[member.part],
-        )
+        arrays = {
+            "J": views.J,
+            "error": views.error,
+            "drift": views.drift if self.order == 2 else None,
+            "lower": views.lower,
+            "upper": views.upper,
+            "reference": member.target.reshape(-1),
+            "normal": member.normal,
+            "weight": float(member.element.weight),
+            "rate": self.rate[member.part],
+            "feedforward": self.feedforward[member.part],
+        }
+        assembly.add(plan, **arrays)
+        self.parts["operations"].append({"plan": plan, **arrays})
 
     def _hand_over_laws(self, assembly: NativeAssembly) -> None:
         total = self.error.size
@@ -166,22 +179,24 @@ class Assembly:
             if law is not None and min(law.max_velocity, law.max_acceleration) < np.inf:
                 largest = float(np.max(law.kd)) if isinstance(law, PD) else 1.0
                 saturations.append((part.start, part.stop, law.max_velocity, law.max_acceleration, largest))
-        assembly.laws(
-            J=self.J,
-            error=self.error,
-            rate=self.rate,
-            feedforward=self.feedforward,
-            drift=self.drift,
-            kp=kp,
-            kd=kd,
-            weight=self.weight,
-            pick=self._pick,
-            kind=kind,
-            demand=self._demand,
-            lower=self.lower,
-            upper=self.upper,
-            saturations=saturations,
-        )
+        laws = {
+            "J": self.J,
+            "error": self.error,
+            "rate": self.rate,
+            "feedforward": self.feedforward,
+            "drift": self.drift,
+            "kp": kp,
+            "kd": kd,
+            "weight": self.weight,
+            "pick": self._pick,
+            "kind": kind,
+            "demand": self._demand,
+            "lower": self.lower,
+            "upper": self.upper,
+            "saturations": saturations,
+        }
+        assembly.laws(**laws)
+        self.parts["laws"] = laws
 
     def fill(
         self,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -93,6 +93,10 @@ class Program(ABC):
     def direct(self, workspace: object) -> Direct | None:
         """The loop that takes ordinary ticks in one native call; None where there is none."""
         return None
+
+    def parts(self) -> dict[str, Any]:
+        """What a tick is made of before the solver, for a file (docs/plan_file.md)."""
+        return {"kind": self.kind, **self.assembly.parts}
 
     @abstractmethod
     def rest(self, robot: Robot, braking: Braking) -> Rest:
@@ -291,6 +295,11 @@ class MotionProgram(Program):
         moving = None if rows.written and self._order == 2 else kinematics(self._robot)
         prepare = self.prepare if moving is None else self._slow if self._slowed is not None else None
         return direct(rows, self.problem, workspace, self._actuated, prepare=prepare, moving=moving)
+
+    def parts(self) -> dict[str, Any]:
+        """What a tick is made of before the solver, for a file (docs/plan_file.md)."""
+        slowing = None if self._slowed is None else {"scale": self._slowing, "f": self._slowed}
+        return {**super().parts(), "slowing": slowing, "loads": self._loads.parts}
 
     def rest(self, robot: Robot, braking: Braking) -> Rest:
         """A deceleration that keeps contacts, at either level."""

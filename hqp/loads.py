@@ -44,11 +44,13 @@ class Loads:
         self._carried: tuple[Load, ...] = ()
         self._live: dict[str, Vec] = {}
         self._readable: list[Any] = []
+        self.parts: list[dict[str, Any]] = []
         for element in elements:
             plan = plan_of(element, robot)
             if rows is not None and isinstance(plan, (Payload, ExternalWrench)):
                 self._live[element.name] = np.zeros(plan.shape)
                 rows.load(plan, self._live[element.name])
+                self.parts.append({"name": element.name, "plan": plan, "value": self._live[element.name]})
             else:
                 self._readable.append(element)
 

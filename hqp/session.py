@@ -252,6 +252,16 @@ class Session:
             with suppress(StaleState):  # no state is at hand: the native loop is made at the change
                 compiled.direct()
 
+    def export(self, path: str | Path) -> None:
+        """Write the session as it was declared to a file: for C++ without Python, and for ``hqp.load``.
+
+        Hold values, the warm start and references are none of it: a session of the file begins as a new one does.
+        Raises DeclarationError for an element or a solver without native code, by its name (docs/plan_file.md).
+        """
+        from hqp.export.plan_file import write
+
+        write(self, path)
+
     def explain(self, tick: Tick) -> Explanation:
         """The account of the latest tick; raises HqpError for an earlier one, whose rows are overwritten."""
         return self.line.explain(tick)

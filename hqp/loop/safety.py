@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -114,6 +115,13 @@ class StateCheck:
         return "" if state.square < self.ordinary else self.too_large(state)
 
     @property
+    def parts(self) -> dict[str, Any]:
+        """The bounds, for a file."""
+        bounds = {"low": self._low, "high": self._high, "speed": self._speed, "distance": self._bounds.distance}
+        numbers = {name: np.asarray(value).tolist() for name, value in bounds.items()}
+        return {**numbers, "ordinary": self.ordinary, "max_age": self._max_age or 0.0, "ahead": AHEAD}
+
+    @property
     def ages(self) -> bool:
         """Whether states must tell their time."""
         return self._max_age is not None
@@ -155,6 +163,12 @@ class RateLimiter:
         rate = np.broadcast_to(np.asarray(limit, dtype=np.float64), (len(self._names),))
         self._inverse: Vec = 1.0 / (dt * rate)
         self._dt = dt
+
+    @property
+    def parts(self) -> list[float]:
+        """One over the largest change in a tick of each motor, for a file."""
+        found: list[float] = self._inverse.tolist()
+        return found
 
     def share(self, last: Vec, command: Vec) -> tuple[float, str]:
         """How far towards ``command`` one tick may go, 0 to 1, and why not all the way."""

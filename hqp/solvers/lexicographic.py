@@ -23,7 +23,7 @@ from hqp.solvers.base import UNSURE, Solver, Workspace, check_shape
 from hqp.solvers.flat import Flat
 from hqp.solvers.lazy import LazySolution
 from hqp.solvers.second_opinion import STUCK, second_opinion
-from hqp.solvers.stages import Kernel, StagedWorkspace
+from hqp.solvers.stages import Kernel, StagedWorkspace, row_parts
 from hqp.tolerances import FEASIBILITY_TOLERANCE, MULTIPLIER_TOLERANCE, RANK_TOLERANCE
 
 try:
@@ -185,6 +185,23 @@ class NativeWorkspace:
             check_shape(problem, self._shape)
             return None
         return self._kernel.solve, self._kernel.values(), self._kernel.active(), self._kernel.call()
+
+    def parts(self, problem: Hierarchy) -> dict[str, Any]:
+        """What the kernel of a problem is made of, for a file (docs/plan_file.md)."""
+        solver = self._solver
+        return {
+            "n": problem.n,
+            "levels": [row_parts(rows) for rows in problem.levels],
+            "constraints": problem.constraints,
+            "metric": problem.metric,
+            "origin": problem.origin,
+            "rank_tolerance": solver.rank_tolerance,
+            "multiplier_tolerance": solver.multiplier_tolerance,
+            "feasibility_tolerance": solver.feasibility_tolerance,
+            "deadline": solver.deadline or 0.0,
+            "max_iterations": solver.max_iterations or 0,
+            "max_failed_exchanges": solver.max_failed_exchanges,
+        }
 
     def answer(self, problem: Hierarchy, counts: tuple[int, int, int, bool]) -> Solution:
         """The solution of the latest solve of ``kernel``."""

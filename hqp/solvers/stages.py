@@ -56,6 +56,8 @@ class Remainder:
     problem: Hierarchy
     workspace: Workspace
     kernel: Kernel
+    slack: bool
+    """Whether the level above the last is that of its inequality rows."""
 
 
 class StagedWorkspace:
@@ -81,6 +83,9 @@ class StagedWorkspace:
         self._remainders = dict[int, Remainder]()
         self._heads = dict[int, tuple[Workspace, Kernel | None]]()
         self._seconds = self._began = 0.0
+        self._law: dict[str, Any] = {}
+        self._above: list[Rows] = []
+        self._wide = 0
 
     def reset(self) -> None:
         """Forget the warm starts."""
@@ -171,6 +176,39 @@ class StagedWorkspace:
 
         return alone, values, marks, native.after(call, x, points, end)
 
+    def parts(self, problem: Hierarchy) -> dict[str, Any]:
+        """What the stages of a problem are made of, for a file (docs/plan_file.md)."""
+        if self._problem is not problem:
+            self._bind(problem)
+        exact: dict[str, Any] = self._exact.parts(self._plain)  # type: ignore[attr-defined]
+        if not self._has_prices:
+            return exact
+        priced, motion = problem.priced, problem.motion
+        heads = {k: self._above_level(k) for k in range(1, len(priced)) if priced[k]}
+        stages = {
+            "priced": priced,
+            "met": MET_TOLERANCE,
+            "zero": SLACK_TOLERANCE,
+            "flat": FLAT_TOLERANCE,
+            "activity": ACTIVITY_TOLERANCE,
+            "violation": VIOLATION_TOLERANCE,
+            **self._law,
+            "F_rows": 0 if motion is None or motion.F.ndim == 1 else motion.F.shape[0],
+            "wide": self._wide,
+            "points": self._points,
+            "end": self._end,
+            "above": [row_parts(rows) for rows in self._above],
+            "heads": [
+                {"level": k, **self._make(above.shape).parts(above)}  # type: ignore[attr-defined]
+                for k, above in heads.items()
+            ],
+            "remainders": [
+                {"level": k, "slack": rest.slack, **rest.workspace.parts(rest.problem)}  # type: ignore[attr-defined]
+                for k, rest in self._remainders.items()
+            ],
+        }
+        return {**exact, "stages": stages}
+
     def _from_head(self) -> Counts | None:
         """Stages from the exact answer of the levels above the one that was not met a tick ago.
 
@@ -189,10 +227,7 @@ class StagedWorkspace:
         return None if first < 0 else (UNSETTLED, *counts[1:])
 
     def _make_head(self, head: int) -> Kernel | None:
-        plain = self._plain
-        above = replace(
-            plain, levels=plain.levels[:head], constraints=min(plain.constraints, head), n=self._shape.n, stacked=None
-        )
+        above = self._above_level(head)
         workspace = self._make(above.shape)
         _limit(workspace, self._seconds)
         kernel: Kernel | None = getattr(workspace, "kernel", lambda _: None)(above)
@@ -200,6 +235,12 @@ class StagedWorkspace:
         if kernel is not None:
             self._native.above(head, kernel[3], kernel[1][: self._shape.n])
         return kernel
+
+    def _above_level(self, head: int) -> Hierarchy:
+        """The exact hierarchy of the levels above one."""
+        plain = self._plain
+        constraints = min(plain.constraints, head)
+        return replace(plain, levels=plain.levels[:head], constraints=constraints, n=self._shape.n, stacked=None)
 
     @property
     def stages(self) -> tuple[Any, Mat]:
@@ -307,21 +348,22 @@ class StagedWorkspace:
         picks = all(below.values()) and not flat
         metric, origin = problem.metric, problem.origin
         larger = _room_unless(picks and metric is None, wide, wide), _room_unless(picks and origin is None, wide)
-        self._native.bind(
-            [row_arrays(rows) for rows in problem.levels],
-            np.ascontiguousarray(problem.prices),
-            None if turning is None else np.ascontiguousarray(turning),
-            problem.eta,
-            None if motion is None else motion.F,
-            None if motion is None else motion.f,
-            (metric, larger[0]),
-            (origin, larger[1]),
-        )
+        law = {
+            "prices": np.ascontiguousarray(problem.prices),
+            "turning": None if turning is None else np.ascontiguousarray(turning),
+            "eta": problem.eta,
+            "F": None if motion is None else motion.F,
+            "f": None if motion is None else motion.f,
+            "metric": (metric, larger[0]),
+            "origin": (origin, larger[1]),
+        }
+        self._native.bind([row_arrays(rows) for rows in problem.levels], **law)
         above = [_room(rows, wide, picks and not price) for rows, price in zip(problem.levels, priced, strict=True)]
         for k, rows in enumerate(above):
             self._native.leaves(k, room_arrays(rows))
         for k, alone in below.items():
             self._remainders[k] = self._remainder(problem, k, alone, above, wide, *larger)
+        self._law, self._above, self._wide = law, above, wide
         if flat:
             self._remainders[len(priced)] = self._remainder(problem, len(priced), True, above, wide, *larger)
 
@@ -345,7 +387,7 @@ class StagedWorkspace:
         kernel: Kernel = workspace.kernel(whole)  # type: ignore[attr-defined]
         arrays = None if slack is None else room_arrays(slack)
         self._native.remains(k, room_arrays(last), arrays, kernel[3], kernel[1][:wide])
-        return Remainder(whole, workspace, kernel)
+        return Remainder(whole, workspace, kernel, slack is not None)
 
 
 def _sees_variables(problem: Hierarchy, k: int) -> bool:
@@ -384,6 +426,12 @@ def row_arrays(rows: Rows) -> tuple[object, ...]:
         index = np.ascontiguousarray(rows.A.index, dtype=np.int64)
         return None, index, np.ascontiguousarray(rows.A.scale), rows.lower, rows.upper
     return rows.A, None, None, rows.lower, rows.upper
+
+
+def row_parts(rows: Rows) -> dict[str, object]:
+    """The arrays of rows by name, for a file."""
+    A, index, scale, lower, upper = row_arrays(rows)
+    return {"A": A, "index": index, "scale": scale, "lower": lower, "upper": upper}
 
 
 def room_arrays(rows: Rows) -> tuple[object, ...]:

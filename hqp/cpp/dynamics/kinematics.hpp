@@ -54,6 +54,57 @@ class Kinematics {
     return true;
   }
 
+  // Give quaternions and pairs of cosine and sine length one; the first place in q of one that is too far from it, -1
+  // for none.
+  int normalise(double* q, double most) const {
+    for (const TreeJoint& joint : joints_) {
+      const auto [first, count] = unit_part(joint.kind);
+      double square = 0.0;
+      for (int i = 0; i < count; ++i) square += q[joint.q + first + i] * q[joint.q + first + i];
+      const double length = std::sqrt(square);
+      if (count && !(std::fabs(length - 1.0) <= most)) return joint.q + first;
+      for (int i = 0; i < count; ++i) q[joint.q + first + i] /= length;
+    }
+    return -1;
+  }
+
+  // Positions of joints by tangent coordinate; 0 for free bodies, for a joint of several axes the velocity that leads
+  // there from its neutral position in one second.
+  void angles(const double* q, double* out) const {
+    for (const TreeJoint& joint : joints_) {
+      const double* at = q + joint.q;
+      double* to = out + joint.v;
+      switch (joint.kind) {
+        case JointKind::kTurning:
+        case JointKind::kSliding:
+          to[0] = at[0];
+          break;
+        case JointKind::kContinuous:
+          to[0] = std::atan2(at[1], at[0]);
+          break;
+        case JointKind::kBall: {
+          const double sign = at[3] < 0.0 ? -1.0 : 1.0, length = std::sqrt(at[0] * at[0] + at[1] * at[1] + at[2] * at[2]);
+          const double factor = length > 1e-8 ? 2.0 * std::atan2(length, sign * at[3]) / length : 2.0;
+          for (int i = 0; i < 3; ++i) to[i] = factor * sign * at[i];
+          break;
+        }
+        case JointKind::kFree:
+          for (int i = 0; i < 6; ++i) to[i] = 0.0;
+          break;
+        case JointKind::kPlanar: {
+          const double t = std::atan2(at[3], at[2]), half = 0.5 * t;
+          const double a = std::fabs(t) > 1e-6 ? half * at[3] / (1.0 - at[2]) : 1.0 - t * t / 12.0;
+          to[0] = a * at[0] + half * at[1];
+          to[1] = a * at[1] - half * at[0];
+          to[2] = t;
+          break;
+        }
+        case JointKind::kTranslating:
+          for (int i = 0; i < 3; ++i) to[i] = at[i];
+      }
+    }
+  }
+
   void update(const double* q) {
     for (std::size_t i = 0; i < joints_.size(); ++i) {
       const TreeJoint& joint = joints_[i];

@@ -60,6 +60,11 @@ class Assembly {
     for (const auto& operation : operations_) operation->run(q, v);
   }
   void demand(const double* v) { demands_->run(v); }
+  // What operation k is at, after the kinematics: see Operation::hold.
+  void look(const double* v) { tree_.update(v); }
+  bool hold(std::size_t k, const double* q, const double* v, double* value) {
+    return operations_[k]->hold(q, v, value);
+  }
   bool small() const { return squared(demands_->demand(), demands_->size()) < largest_; }
   bool usable() const {
     if (!small()) return false;

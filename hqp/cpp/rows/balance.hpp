@@ -39,6 +39,11 @@ class Balance final : public Operation {
       if (out_.drift) out_.drift[i] = own_->drift[i];
     }
   }
+  bool hold(const double* q, const double* v, double* value) override {
+    com_->run(q, v);
+    for (int i = 0; i < 4; ++i) value[i] = own_->error[i % 2];
+    return true;
+  }
 
  private:
   static constexpr double kLeast = 0.05;  // least height of the pendulum [m]

@@ -37,6 +37,9 @@ class Com final : public Operation, Rows {
       if (out_.drift) out_.drift[i] = drift[axes_[i]];
     }
   }
+  bool hold(const double* q, const double* v, double* value) override {
+    return hold_value(*this, out_, static_cast<int>(axes_.size()), q, v, value);
+  }
 
  private:
   struct Column {

@@ -25,6 +25,12 @@ inline Sight sight(const double* reference, const Vec3& origin, bool point) {
   return {(1.0 / d) * way, d};
 }
 
+// Where an axis points: its direction, or the point 1 m ahead.
+inline bool ahead(const Vec3& origin, const Vec3& along, bool point, double* value) {
+  for (int i = 0; i < 3; ++i) value[i] = (point ? origin[i] : 0.0) + along[i];
+  return true;
+}
+
 class Pointing final : public Operation, Rows {  // two rows across an axis; reference (3,): a direction or a point
  public:
   Pointing(Rows rows, Axis axis, bool point) : Rows(std::move(rows)), axis_(axis), point_(point) {}
@@ -44,6 +50,9 @@ class Pointing final : public Operation, Rows {  // two rows across an axis; ref
     }
     if (size < 1e-9 && !(cosine > 0.0)) out_.error[0] = 3.14159265358979323846;  // half a turn about one of them
     if (out_.drift) write_drift(s, p, B);
+  }
+  bool hold(const double*, const double*, double* value) override {
+    return ahead(origin(), rotation() * axis_.along, point_, value);
   }
 
  private:
@@ -80,6 +89,9 @@ class Apart final : public Operation, Rows {  // distance of two frames' origins
     const Vec3 across = v - dot(n, v) * n, a = tree_.point_drift(frame_.body, p) - tree_.point_drift(other, o);
     out_.drift[0] = dot(n, a) + dot(across, across) / std::max(d, kNear);
   }
+  bool hold(const double* q, const double* v, double* value) override {
+    return hold_value(*this, out_, 1, q, v, value);
+  }
 };
 
 class Cone final : public Operation, Rows {  // an axis no further than an angle from a direction or a point
@@ -108,6 +120,10 @@ class Cone final : public Operation, Rows {  // an axis no further than an angle
     const double drift =
         inside ? second(s, u, p) / scale : (second(s, u, p) + cosine * square(first(s, u, p) / scale)) / scale;
     out_.lower[0] = -barrier_.hardest(way, -speed) - drift;
+  }
+  bool hold(const double*, const double*, double* value) override {
+    std::fill(value, value + 9, 0.0);
+    return ahead(origin(), rotation() * axis_.along, point_, value);
   }
 
  private:

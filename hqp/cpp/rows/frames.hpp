@@ -20,6 +20,9 @@ class Point final : public Operation, Rows {  // position of a frame's point alo
       if (out_.drift) out_.drift[i] = drift[axes_[i]];
     }
   }
+  bool hold(const double* q, const double* v, double* value) override {
+    return hold_value(*this, out_, static_cast<int>(axes_.size()), q, v, value);
+  }
 
  private:
   std::vector<int> axes_;
@@ -47,6 +50,18 @@ class Pose final : public Operation, Rows {  // reference (4, 4) row-major
       out_.drift[3 + i] = angular[i];
     }
   }
+  bool hold(const double*, const double*, double* value) override {
+    relative_.update();
+    const Vec3 p = transposed(relative_.axes(), origin() - relative_.origin());
+    const Mat3 R = transposed(relative_.axes(), rotation());
+    for (int i = 0; i < 3; ++i) {
+      for (int j = 0; j < 3; ++j) value[4 * i + j] = R.column[j][i];
+      value[4 * i + 3] = p[i];
+      value[12 + i] = 0.0;
+    }
+    value[15] = 1.0;
+    return true;
+  }
 };
 
 class Rotation final : public Operation, Rows {  // reference (3, 3) row-major
@@ -61,6 +76,12 @@ class Rotation final : public Operation, Rows {  // reference (3, 3) row-major
       out_.error[i] = turn[i];
       if (out_.drift) out_.drift[i] = drift[i];
     }
+  }
+  bool hold(const double*, const double*, double* value) override {
+    relative_.update();
+    const Mat3 R = transposed(relative_.axes(), rotation());
+    for (int i = 0; i < 9; ++i) value[i] = R.column[i % 3][i / 3];
+    return true;
   }
 };
 
@@ -89,6 +110,9 @@ class Angles final : public Operation, Rows {  // roll, pitch, yaw: rows of E(rp
     const Vec3 left = relative_.turn_drift(tree_, motion(), body_drift()) - axes_rate;
     for (std::size_t i = 0; i < picked_.size(); ++i) out_.drift[i] = dot(rows[picked_[i]], left);
   }
+  bool hold(const double* q, const double* v, double* value) override {
+    return hold_value(*this, out_, static_cast<int>(picked_.size()), q, v, value);
+  }
 
  private:
   std::vector<int> picked_;
@@ -114,6 +138,11 @@ class Edge final : public Operation, Rows {  // position, and tilt across an edg
       out_.error[3 + k] = dot(u, tilt);
       if (out_.drift) out_.drift[3 + k] = dot(u, body_drift().angular);
     }
+  }
+  bool hold(const double*, const double*, double* value) override {
+    const Vec3 p = origin(), along = rotation() * edge_;
+    for (int i = 0; i < 3; ++i) value[i] = p[i], value[3 + i] = along[i];
+    return true;
   }
 
  private:

@@ -45,6 +45,9 @@ class HoldingTorque final : public Operation {
       if (out_.drift) out_.drift[i] = dot(n, second(held.column));
     }
   }
+  bool hold(const double* q, const double* v, double* value) override {
+    return hold_value(*this, out_, static_cast<int>(held_.size()), q, v, value);
+  }
 
  private:
   struct Held {

@@ -14,6 +14,10 @@ struct Joints {  // single-axis joints; a continuous one has cosine and sine in 
     const double* at = q + positions[i];
     return continuous[i] ? std::atan2(at[1], at[0]) : at[0];
   }
+  bool hold(const double* q, double* value) const {
+    for (std::size_t i = 0; i < size(); ++i) value[i] = angle(i, q);
+    return true;
+  }
   // J is constant: one entry a row, written once.
   void write(const Target& out) const {
     for (std::size_t i = 0; out.J && i < size(); ++i) out.row(i)[columns[i]] = out.weight;
@@ -30,6 +34,7 @@ class Posture final : public Operation {
       out_.error[i] = joints_.continuous[i] ? off - kTurn * std::rint(off / kTurn) : off;
     }
   }
+  bool hold(const double* q, const double*, double* value) override { return joints_.hold(q, value); }
 
  private:
   Target out_;
@@ -97,6 +102,7 @@ class Frozen final : public Operation {  // joints that stay where they were
       out_.lower[i] = out_.upper[i] = x;
     }
   }
+  bool hold(const double* q, const double*, double* value) override { return joints_.hold(q, value); }
 
  private:
   static double clip(double x, double most) { return std::min(std::max(x, -most), most); }

@@ -38,6 +38,9 @@ class Manipulability final : public Operation, Rows {  // w = sqrt(det(J J^T)), 
     }
     if (out_.drift) out_.drift[0] = w * curvature(p);
   }
+  bool hold(const double* q, const double* v, double* value) override {
+    return hold_value(*this, out_, 1, q, v, value);
+  }
 
  private:
   static constexpr double kSingular = 1e-12;  // determinant below which there is no gradient

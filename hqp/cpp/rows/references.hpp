@@ -21,6 +21,7 @@ struct Slot {
   bool elsewhere = false;  // whether the value is read by Python
   Plain plain = Plain::kNo;
   std::vector<double> hold;  // the target where no reference is given, flat
+  bool moved = false;        // whether a reference has been put there
 
   void settle() {
     std::copy(hold.begin(), hold.end(), target);

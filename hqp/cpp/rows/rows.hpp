@@ -22,7 +22,17 @@ class Operation {
  public:
   virtual ~Operation() = default;
   virtual void run(const double* q, const double* v) = 0;
+  // What the element is at, as its reference has it, for a reference of zeros; false where it holds what is declared.
+  virtual bool hold(const double*, const double*, double*) { return false; }
 };
+
+// Of rows whose error is their value less the reference.
+template <class Own>
+bool hold_value(Own& own, const Target& out, int rows, const double* q, const double* v, double* value) {
+  own.run(q, v);
+  for (int i = 0; i < rows; ++i) value[i] = out.error[i] + out.reference[i];
+  return true;
+}
 
 class Rows {  // of a frame, in the world or relative to another
  public:

@@ -29,6 +29,11 @@ class Wheel final : public Operation, Rows {
     for (std::size_t i = 0; i < picked_.size(); ++i)
       out_.drift[i] = dot(directions[picked_[i]], drift) + dot(rates[picked_[i]], slip);
   }
+  bool hold(const double*, const double*, double* value) override {
+    const Vec3 p = origin();
+    for (int i = 0; i < 3; ++i) value[i] = p[i];
+    return true;
+  }
 
  private:
   static bool same(const Vec3& a, const Vec3& b) { return a[0] == b[0] && a[1] == b[1] && a[2] == b[2]; }

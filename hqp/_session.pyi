@@ -1,0 +1,39 @@
+"""Sessions from a file (built from cpp/session)."""
+
+from collections.abc import Sequence
+
+from hqp.arrays import Vec
+
+class PlanError(Exception):
+    """The file is no plan of this version."""
+
+class ReferenceError(ValueError):
+    """A reference that does not fit."""
+
+class Session:
+    """A session of the bytes of a file; raises PlanError with a sentence."""
+
+    nq: int
+    nv: int
+    dt: float
+    robot: str
+    names: Sequence[str]
+    joint_names: Sequence[str]
+    home: Sequence[float]
+    sizes: tuple[int, int, int]
+    """Numbers of a command, of x, and levels."""
+
+    def __init__(self, file: bytes) -> None: ...
+    def step(
+        self, q: Vec, v: Vec, command: Vec, x: Vec, residuals: Vec
+    ) -> tuple[int, int, list[tuple[str, int, str]]]:
+        """One tick into command, x and residuals: its status, how long it has been held, its notes."""
+
+    def tell(self, reference: int, what: int, values: Vec) -> None:
+        """What the next step is told: 0 a value, 1 velocity, 2 acceleration, 3 normal, 4 load; 5 a hold value."""
+
+    def integrate(self, q: Vec, v: Vec, dt: float, out: Vec) -> None:
+        """q after moving with v for dt [s]."""
+
+    def reset(self) -> None:
+        """As just made."""

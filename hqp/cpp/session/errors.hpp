@@ -1,0 +1,16 @@
+// What is refused outside the loop: files that are no plans, and names and sizes that do not fit one.
+#pragma once
+
+#include <stdexcept>
+
+namespace hqp {
+
+struct PlanError : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+struct ReferenceError : std::invalid_argument {
+  using std::invalid_argument::invalid_argument;
+};
+
+}  // namespace hqp

@@ -1,0 +1,375 @@
+// A line and the guards around it: what hqp::Session is inside.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "../rows/rotations.hpp"
+#include "guards.hpp"
+#include "line.hpp"
+#include "rest.hpp"
+#include "session.hpp"
+
+namespace hqp {
+
+class Guarded {
+ public:
+  explicit Guarded(std::shared_ptr<const Plan> plan)
+      : line_(std::move(plan)),
+        robot_(line_.root().part("robot")),
+        guards_(line_.root().part("guards")),
+        guard_(robot_, guards_.part("state"), line_.kinematics()),
+        kind_(line_.root().part("motion").text("kind")),
+        name_(robot_.text("name")),
+        joint_names_(robot_.texts("joint_names")),
+        home_(robot_.numbers("home")),
+        picks_(kind_ == "torque" ? counted(robot_.ints("actuated").size()) : robot_.ints("actuated")),
+        deadline_(guards_.number("deadline")),
+        violation_(guards_.number("violation")),
+        least_load_(guards_.number("least_load")),
+        gradual_(guards_.number("gradual")),
+        patience_(guards_.integer("patience")),
+        q_(std::size_t(line_.nq())),
+        v_(std::size_t(line_.nv())),
+        good_q_(q_.size()),
+        good_v_(v_.size()),
+        x_(std::size_t(line_.solver().exact().size())),
+        given_(line_.slots().size()),
+        lost_(line_.members().size(), 0),
+        missing_(line_.members().size(), false),
+        left_out_(line_.members().size(), false) {
+    if (guards_.has("rates")) inverse_rates_ = guards_.numbers("rates");
+    if (!inverse_rates_.empty() && inverse_rates_.size() != picks_.size())
+      throw PlanError("the rates of the plan are of other joints");
+    for (const int pick : picks_)
+      if (pick < 0 || std::size_t(pick) >= x_.size()) throw PlanError("a joint of the plan is none");
+    const double deceleration = guards_.part("braking").number("deceleration");
+    if (kind_ == "velocity") rest_ = std::make_unique<SlowDown>(robot_, deceleration, line_.dt(), line_.kinematics());
+    else if (kind_ == "acceleration") rest_ = std::make_unique<Brake>(robot_, deceleration, line_.dt());
+    else throw PlanError("the plan is of an unknown kind");
+    const std::vector<Slot>& slots = line_.slots();
+    for (std::size_t k = 0; k < slots.size(); ++k) {
+      std::size_t size = 1;
+      for (const int n : slots[k].shape) size *= static_cast<std::size_t>(n);
+      given_[k].value.resize(slots[k].shape.empty() ? 0 : size);
+      given_[k].velocity.resize(std::size_t(slots[k].rows));
+      given_[k].acceleration.resize(std::size_t(slots[k].rows));
+      line_.slots()[k].hold.assign(given_[k].value.size(), 0.0);
+    }
+    tick_.command_.resize(picks_.size());
+    tick_.x_.resize(x_.size());
+    tick_.residuals_.resize(line_.solver().exact().rows().size());
+    tick_.marks_.resize(std::size_t(line_.solver().exact().total()));
+  }
+
+  const Tick& step(const double* q, const double* v) {
+    begin_ = Clock::now();
+    ++tick_.count_;
+    tick_.note_count_ = 0;
+    tick_.status_ = Status::kOptimal;
+    std::copy(q, q + q_.size(), q_.begin());
+    std::copy(v, v + v_.size(), v_.begin());
+    Note why;
+    if (!guard_.check(q_.data(), v_.data(), why)) return held(why, false);
+    if (!holds_known_) take_holds();
+    take_references();
+    const bool around = line_.order() == 1 && good_;
+    line_.write(q_.data(), v_.data(), around ? x_.data() : v_.data());
+    if (!line_.assembly().small()) leave_out_unusable();
+    leave_out_marked();
+    if (limited()) line_.solver().limit(left());
+    Solved found = line_.solve(v_.data());
+    if (found.outcome == kInvalid && !line_.torque()) {
+      leave_out_unusable();
+      found = line_.solve(v_.data());
+    }
+    return concluded(found);
+  }
+
+  void set(std::size_t member, int what, const double* values, std::size_t size);
+  std::size_t member(const std::string& name) const {
+    const std::vector<Member>& all = line_.members();
+    for (std::size_t k = 0; k < all.size(); ++k)
+      if (all[k].name == name && all[k].slot >= 0) return k;
+    std::string known;
+    for (const Member& one : all)
+      if (one.slot >= 0) known += (known.empty() ? "" : ", ") + one.name;
+    throw ReferenceError("the plan has no element '" + name + "' that takes a reference; it has " + known);
+  }
+
+  void reset() {
+    line_.solver().reset();
+    good_ = holds_known_ = false;
+    tick_.count_ = tick_.held_ = 0;
+    std::fill(x_.begin(), x_.end(), 0.0);
+    std::fill(lost_.begin(), lost_.end(), 0);
+    missing_.assign(missing_.size(), false);
+    for (Given& given : given_) given.clear(), given.held = false;
+  }
+
+  Line& line() { return line_; }
+  const Tick& tick() const { return tick_; }
+  const std::string& name() const { return name_; }
+  const std::vector<std::string>& joint_names() const { return joint_names_; }
+  const std::vector<double>& home() const { return home_; }
+  const Line& line() const { return line_; }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+
+  // What the next step is told of one element.
+  struct Given {
+    std::vector<double> value, velocity, acceleration;
+    double normal[3] = {0.0, 0.0, 1.0};
+    bool has_value = false, has_velocity = false, has_acceleration = false, has_normal = false;
+    bool any = false;   // anything of these
+    bool held = false;  // whether its hold value was told
+    void clear() { has_value = has_velocity = has_acceleration = has_normal = any = false; }
+  };
+
+  static std::vector<int> counted(std::size_t n) {
+    std::vector<int> found(n);
+    for (std::size_t i = 0; i < n; ++i) found[i] = static_cast<int>(i);
+    return found;
+  }
+  bool limited() const { return deadline_ < std::numeric_limits<double>::infinity(); }
+  double left() const {  // time for the solver; what comes before the first answer is done for the first time, and slow
+    const double spent = good_ ? std::chrono::duration<double>(Clock::now() - begin_).count() : 0.0;
+    return std::max((1.0 - kKept) * deadline_ - spent, 1e-6);
+  }
+
+  void note(const Note& note) {
+    if (tick_.note_count_ < Tick::kNotes) tick_.notes_[tick_.note_count_++] = note;
+    if (note.status > tick_.status_) tick_.status_ = note.status;
+  }
+
+  // Elements hold what they are at in the first state, unless they were told.
+  void take_holds() {
+    line_.kinematics().update(q_.data());
+    line_.assembly().look(v_.data());
+    for (std::size_t k = 0; k < given_.size(); ++k)
+      if (!given_[k].held) line_.hold(k, q_.data(), v_.data());
+    for (std::size_t k = 0; k < given_.size(); ++k) line_.slots()[k].settle();
+    holds_known_ = true;
+  }
+
+  void take_references() {
+    const std::vector<Member>& members = line_.members();
+    for (std::size_t m = 0; m < members.size(); ++m) {
+      left_out_[m] = false;
+      if (members[m].slot < 0) continue;
+      Slot& slot = line_.slots()[std::size_t(members[m].slot)];
+      Given& given = given_[std::size_t(members[m].slot)];
+      if (!given.any && !slot.moved) continue;
+      slot.settle();
+      slot.moved = given.any;
+      if (!given.any) continue;
+      if (!put(slot, given)) {
+        slot.settle();
+        left_out_[m] = !members[m].hard;
+        note({members[m].name.c_str(), Status::kInvalidReference, left_out_[m] ? Cause::kLeftOut : Cause::kReference});
+      }
+      given.clear();
+    }
+  }
+  // False for numbers that are not finite, or no rotation.
+  static bool put(Slot& slot, const Given& given) {
+    if (given.has_value) std::copy(given.value.begin(), given.value.end(), slot.target);
+    if (given.has_velocity) std::copy(given.velocity.begin(), given.velocity.end(), slot.rate);
+    if (given.has_acceleration) std::copy(given.acceleration.begin(), given.acceleration.end(), slot.feedforward);
+    if (given.has_normal && slot.normal) std::copy(given.normal, given.normal + 3, slot.normal);
+    return finite(given.value.data(), given.has_value ? static_cast<int>(given.value.size()) : 0) &&
+           finite(given.velocity.data(), given.has_velocity ? slot.rows : 0) &&
+           finite(given.acceleration.data(), given.has_acceleration ? slot.rows : 0) && finite(given.normal, 3) &&
+           !(given.has_value && slot.plain == Plain::kRotation && !rotation(slot.target, 3)) &&
+           !(given.has_value && slot.plain == Plain::kPose && !pose(slot.target));
+  }
+
+  void leave_out_unusable() {
+    const std::vector<Member>& members = line_.members();
+    for (std::size_t m = 0; m < members.size(); ++m) {
+      if (left_out_[m] || line_.usable(members[m])) continue;
+      left_out_[m] = true;
+      note({members[m].name.c_str(), Status::kInvalidElement, Cause::kLeftOut});
+    }
+    leave_out_marked();
+  }
+  void leave_out_marked() {
+    for (std::size_t m = 0; m < left_out_.size(); ++m)
+      if (left_out_[m]) line_.leave_out(line_.members()[m]);
+  }
+
+  const Tick& concluded(const Solved& found) {
+    if (found.outcome == kInvalid) {
+      const bool dynamics = line_.torque() != nullptr;
+      return held({dynamics ? "robot" : "solver", dynamics ? Status::kDynamicsFailed : Status::kNotCertified,
+                   dynamics ? Cause::kDynamics : Cause::kNotFinite},
+                  !dynamics);
+    }
+    const Answered answer = line_.answer(found);
+    const int n = static_cast<int>(x_.size());
+    double largest = 0.0;
+    for (std::size_t i = 0; i < x_.size(); ++i) largest = std::max(largest, std::fabs(answer.x[i]));
+    line_.residuals(answer.slack, tick_.residuals_.data());
+    std::copy(answer.marks, answer.marks + tick_.marks_.size(), tick_.marks_.begin());
+    const bool numbers = squared(answer.x, n) < std::numeric_limits<double>::infinity();
+    if (answer.status != Status::kOptimal) {
+      tick_.status_ = std::max(tick_.status_, answer.status);
+      const bool told = violations(answer.slack, Cause::kOff);
+      if (!told || answer.status != Status::kConstraintsViolated) note({"solver", answer.status, Cause::kSolver});
+      if (answer.status >= Status::kNotCertified || !numbers) return held({}, true);
+    } else if (!numbers) {
+      return held({"solver", Status::kNotCertified, Cause::kNotFinite}, true);
+    }
+    std::copy(answer.x, answer.x + n, tick_.x_.begin());
+    if (answer.status == Status::kTimeLimit || answer.status == Status::kIterationLimit) go_gradually();
+    contacts();
+    limit_rate();
+    send();
+    std::copy(q_.begin(), q_.end(), good_q_.begin());
+    std::copy(v_.begin(), v_.end(), good_v_.begin());
+    good_ = true;
+    tick_.held_ = 0;
+    return tick_;
+  }
+
+  void send() {
+    std::copy(tick_.x_.begin(), tick_.x_.end(), x_.begin());
+    for (std::size_t i = 0; i < picks_.size(); ++i) tick_.command_[i] = x_[std::size_t(picks_[i])];
+  }
+
+  // No answer is usable: the command comes to rest. fit: whether this state is one to start from.
+  const Tick& held(const Note& why, bool fit) {
+    if (why.status != Status::kOptimal) note(why);
+    ++tick_.held_;
+    if (fit) rest_->begin(q_.data(), v_.data(), x_.data(), true);
+    else if (tick_.held_ == 1) rest_->begin(good_ ? good_q_.data() : nullptr, good_v_.data(), x_.data(), false);
+    if (!good_ && !fit) note({"session", why.status, Cause::kNoState});
+    rest_->next(tick_.x_.data());
+    limit_rate();
+    send();
+    return tick_;
+  }
+
+  // An unfinished answer: no joint changes by more than it may in a tick.
+  void go_gradually() {
+    if (!good_) return;
+    double reach = 0.0;
+    for (const int pick : picks_) reach = std::max(reach, std::fabs(tick_.x_[std::size_t(pick)] - x_[std::size_t(pick)]));
+    towards(reach <= gradual_ ? 1.0 : gradual_ / reach);
+  }
+  void towards(double share) {
+    if (share == 1.0) return;
+    for (std::size_t i = 0; i < x_.size(); ++i) tick_.x_[i] = x_[i] + share * (tick_.x_[i] - x_[i]);
+  }
+  void limit_rate() {
+    double most = 1.0;
+    std::size_t worst = 0;
+    for (std::size_t i = 0; i < inverse_rates_.size(); ++i) {
+      const std::size_t pick = std::size_t(picks_[i]);
+      const double over = std::fabs((tick_.x_[pick] - x_[pick]) * inverse_rates_[i]);
+      if (over > most) most = over, worst = i;
+    }
+    if (most == 1.0) return;
+    const double allowed = 1.0 / (inverse_rates_[worst] * line_.dt());
+    towards(1.0 / most);
+    note({"rates", Status::kOptimal, Cause::kRate, joint_names_[worst].c_str(), most * allowed, allowed});
+    if (line_.slack(tick_.x_.data())) violations(line_.slacks(), Cause::kOffByRate);
+  }
+
+  void contacts() {
+    const std::vector<Member>& members = line_.members();
+    for (std::size_t m = 0; m < members.size(); ++m)
+      if (missing_[m] && lost_[m] >= patience_)
+        note({members[m].name.c_str(), Status::kContactLost, Cause::kContact, "", 1e3 * double(lost_[m]) * line_.dt(),
+              least_load_});
+  }
+
+  // Notes on members of subject_to that are off, by their worst row; whether there is any.
+  bool violations(const double* slack, Cause cause) {
+    bool any = false;
+    for (const Member& member : line_.members()) {
+      int worst = -1;
+      double most = 0.0;
+      if (!line_.constrains(member)) continue;
+      for (int i = member.first; i < member.last; ++i) {
+        const double w = std::fabs(slack[line_.start(member) + i]);
+        if (w > violation_ * (1.0 + line_.bound(member, i)) && w > most) most = w, worst = i - member.first;
+      }
+      if (worst < 0) continue;
+      any = true;
+      const bool named = std::size_t(worst) < member.row_names.size();
+      note({member.name.c_str(), Status::kConstraintsViolated, cause,
+            named ? member.row_names[std::size_t(worst)].c_str() : "", most});
+    }
+    return any;
+  }
+
+  static constexpr double kKept = 0.25;  // share of the deadline that is kept back from the solver
+
+  Line line_;
+  Node robot_, guards_;
+  StateGuard guard_;
+  std::unique_ptr<Rest> rest_;
+  std::string kind_, name_;
+  std::vector<std::string> joint_names_;
+  std::vector<double> home_, inverse_rates_;
+  std::vector<int> picks_;
+  double deadline_, violation_, least_load_, gradual_;
+  int patience_;
+  std::vector<double> q_, v_, good_q_, good_v_, x_;
+  std::vector<Given> given_;
+  std::vector<std::int64_t> lost_;
+  std::vector<bool> missing_, left_out_;
+  bool good_ = false, holds_known_ = false;
+  Clock::time_point begin_;
+  Tick tick_;
+};
+
+inline void Guarded::set(std::size_t member, int what, const double* values, std::size_t size) {
+  const Member& told = line_.members()[member];
+  const std::size_t k = std::size_t(told.slot);
+  Given& given = given_[k];
+  const auto put = [&](std::vector<double>& to, const char* name) {
+    if (size != to.size())
+      throw ReferenceError(told.name + ": a " + name + " has " + std::to_string(to.size()) + " numbers, given " +
+                           std::to_string(size));
+    std::copy(values, values + size, to.begin());
+    return given.any = true;
+  };
+  switch (what) {
+    case 0:
+      given.has_value = put(given.value, "value");
+      break;
+    case 1:
+      given.has_velocity = put(given.velocity, "velocity");
+      break;
+    case 2:
+      given.has_acceleration = put(given.acceleration, "acceleration");
+      break;
+    case 3:
+      std::copy(values, values + 3, given.normal);
+      given.has_normal = given.any = true;
+      break;
+    case 4:
+      if (!told.contact) throw ReferenceError(told.name + " is no contact, a load was given for it");
+      if (values[0] < least_load_) ++lost_[member], missing_[member] = true;
+      else if (values[0] >= least_load_) lost_[member] = 0, missing_[member] = false;
+      break;
+    default: {
+      std::vector<double>& hold = line_.slots()[k].hold;
+      if (size != hold.size() || !finite(values, static_cast<int>(size)))
+        throw ReferenceError(told.name + ": a hold value has " + std::to_string(hold.size()) + " finite numbers");
+      std::copy(values, values + size, hold.begin());
+      line_.slots()[k].settle();
+      given.held = true;
+    }
+  }
+}
+
+}  // namespace hqp

@@ -1,0 +1,346 @@
+// A compiled stack at work: its memory, the robot's kinematics, its rows and its solver.
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "../rows/assembly.hpp"
+#include "../rows/references.hpp"
+#include "node.hpp"
+#include "solver_parts.hpp"
+#include "tick.hpp"
+#include "torque_parts.hpp"
+
+namespace hqp {
+
+// An element of the stack: where its rows are in the hierarchy (level, first, last in it) and among the motion rows.
+struct Member {
+  std::string name;
+  bool hard, contact, equality, own_bounds;
+  int level, first, last;
+  int row, row_end;
+  int slot;  // where its reference goes, -1 for none
+  std::vector<std::string> row_names;
+};
+
+// What the solver gave: slacks and marks of all rows.
+struct Answered {
+  Status status;
+  const double *x, *slack;
+  const std::int8_t* marks;
+};
+
+class Line {
+ public:
+  explicit Line(std::shared_ptr<const Plan> plan)
+      : plan_(std::move(plan)),
+        memory_(*plan_),
+        root_(plan_->root(), memory_),
+        nq_(root_.part("robot").integer("nq")),
+        nv_(root_.part("robot").integer("nv")),
+        kinematics_(joints(root_.part("motion")), frames(root_.part("motion")), twists(root_.part("motion"))),
+        assembly_(bodies(root_.part("motion")), twists(root_.part("motion")), root_.part("guards").number("dt"),
+                  root_.part("motion").integer("order")),
+        solve_(root_.part("solver")) {
+    if (kinematics_.size() != nq_ || assembly_.size() != nv_) throw PlanError("the tree of the plan is another one");
+    largest_ = root_.part("guards").number("largest");
+    rows_ = solve_.exact().rows();
+    int total = 0;
+    for (const int m : rows_) starts_.push_back(total), total += m;
+    slacks_.resize(std::size_t(total)), marks_.resize(std::size_t(total));
+    fill(root_.part("motion"));
+    declared_.resize(slots_.size());
+    for (const Node& one : root_.parts("elements")) members_.push_back(member(one));
+    if (root_.part("motion").has("torque"))
+      torque_ = std::make_unique<TorqueParts>(root_.part("motion").part("torque"), nv_, solve_.call());
+  }
+  Line(const Line&) = delete;
+
+  const Node& root() const { return root_; }
+  int nq() const { return nq_; }
+  int nv() const { return nv_; }
+  int order() const { return assembly_.order(); }
+  double dt() const { return assembly_.dt(); }
+  Kinematics& kinematics() { return kinematics_; }
+  Assembly& assembly() { return assembly_; }
+  PlannedSolve& solver() { return solve_; }
+  TorqueParts* torque() { return torque_.get(); }
+  std::vector<Slot>& slots() { return slots_; }
+  const std::vector<Member>& members() const { return members_; }
+  const std::vector<Slot>& slots() const { return slots_; }
+
+  // Rows and demands of a state that the references have been set for; velocity: v of the state, or at velocity level
+  // the one that limits stand around.
+  void write(const double* q, const double* v, const double* velocity) {
+    kinematics_.update(q);
+    for (int i = 0; slowed_ && i < nv_; ++i) slowed_[i] = v[i] * slowing_[i];
+    assembly_.operate(q, velocity);
+    assembly_.demand(velocity);
+  }
+  Solved solve(const double* v) { return torque_ ? torque_->run(v) : solve_.call().run(v); }
+
+  Answered answer(const Solved& found) {
+    BoundKernel& exact = solve_.exact();
+    if (found.outcome == kUnsettled) return unsettled();
+    const double* values = found.values ? found.values : exact.numbers().data();
+    const Status status = statuses()[found.outcome < 0 || found.outcome > 5 ? 3 : found.outcome];
+    return {status, values, values + exact.size(), found.active ? found.active : exact.marks()};
+  }
+
+  // Slacks of all rows at x, into slacks(); whether any is not zero.
+  bool slack(const double* x) {
+    bool any = false;
+    std::size_t at = 0;
+    for (const Level& level : solve_.exact().levels)
+      for (int i = 0; i < level.m; ++i, ++at) {
+        double value = 0.0;
+        if (level.A)
+          for (int j = 0; j < solve_.exact().size(); ++j) value += level.A[std::size_t(i) * solve_.exact().size() + j] * x[j];
+        else value = level.scale[i] * x[level.index[i]];
+        slacks_[at] = hqp::slack(value, level.lower[i], level.upper[i]);
+        any = any || slacks_[at] != 0.0;
+      }
+    return any;
+  }
+  const double* slacks() const { return slacks_.data(); }
+  void residuals(const double* slack, double* out) const {
+    for (const int m : rows_) {
+      double square = 0.0;
+      for (int i = 0; i < m; ++i, ++slack) square += *slack * *slack;
+      *out++ = std::sqrt(square);
+    }
+  }
+
+  // What element k holds from a state on, after the kinematics.
+  void hold(std::size_t k, const double* q, const double* v) {
+    Slot& slot = slots_[k];
+    if (slot.hold.empty() || !slot.target) return;
+    slot.hold = declared_[k];
+    if (k < load_names_.size()) return;
+    std::fill(slot.target, slot.target + slot.hold.size(), 0.0);
+    held_.assign(slot.hold.size(), 0.0);
+    if (assembly_.hold(k - load_names_.size(), q, v, held_.data())) slot.hold = held_;
+  }
+
+  // Whether the rows of an element are numbers of ordinary size, and no bounds crossed.
+  bool usable(const Member& member) const {
+    for (int i = member.row; i < member.row_end; ++i) {
+      if (!(std::fabs(laws_.demand[i]) <= largest_)) return false;
+      const double low = laws_.lower[i], high = laws_.upper[i];
+      if (!(low <= high && low < INFINITY && high > -INFINITY)) return false;
+      for (int j = 0; i < laws_.m && j < nv_; ++j)
+        if (!(std::fabs(laws_.J[std::ptrdiff_t(i) * nv_ + j]) <= largest_)) return false;
+    }
+    return true;
+  }
+  // Free the rows of an element for this tick; of a contact whose force is eliminated keep what are numbers, at rest.
+  void leave_out(const Member& member) {
+    const bool reaction = torque_ && member.level < 0;
+    for (int i = member.row; i < member.row_end; ++i) {
+      for (int j = 0; i < laws_.m && j < nv_; ++j) {
+        double& entry = const_cast<double*>(laws_.J)[std::ptrdiff_t(i) * nv_ + j];
+        if (!(std::fabs(entry) <= largest_)) entry = 0.0;
+      }
+      laws_.demand[i] = 0.0;
+      laws_.lower[i] = reaction ? 0.0 : -INFINITY;
+      laws_.upper[i] = reaction ? 0.0 : INFINITY;
+    }
+  }
+
+  bool constrains(const Member& member) {
+    return member.level >= 0 && member.level < solve_.exact().problem.constraints;
+  }
+  int start(const Member& member) const { return starts_[std::size_t(member.level)]; }
+  double bound(const Member& member, int i) {  // the nearer one to zero
+    const Level& level = solve_.exact().levels[std::size_t(member.level)];
+    return std::min(std::fabs(level.lower[i]), std::fabs(level.upper[i]));
+  }
+
+ private:
+  static const Status* statuses() {
+    static constexpr Status all[] = {Status::kOptimal,      Status::kRankUncertain,  Status::kConstraintsViolated,
+                                     Status::kNotCertified, Status::kIterationLimit, Status::kTimeLimit};
+    return all;
+  }
+  // Of stages that ended early, or with constraints violated.
+  Answered unsettled() {
+    PricedStages& stages = solve_.staged()->stages();
+    const bool off = solve_.describe(slacks_.data(), marks_.data());
+    Status status = !stages.ended() ? solve_.limited() ? Status::kTimeLimit : Status::kIterationLimit
+                    : stages.doubtful() ? Status::kRankUncertain
+                                        : Status::kOptimal;
+    if (off && status <= Status::kRankUncertain) status = Status::kConstraintsViolated;
+    return {status, solve_.end(), slacks_.data(), marks_.data()};
+  }
+
+  static Placed placed(const std::vector<Node>& p) {
+    if (p.size() != 4) throw PlanError("a placement of the plan is none");
+    const std::vector<double> turned = p[2].numbers();
+    const std::vector<Node> views = p[3].parts();
+    if (turned.size() != 9 || views.size() != 2) throw PlanError("a placement of the plan is none");
+    return {p[0].integer(), vector(p[1].numbers()), load_rotation(turned.data()), views[0].doubles(3),
+            views[1].doubles(9)};
+  }
+  static std::vector<TreeJoint> joints(const Node& p) {
+    std::vector<TreeJoint> found;
+    for (const Node& one : p.parts("joints")) {
+      const std::vector<Node> part = one.parts();
+      if (part.size() != 5) throw PlanError("a joint of the plan is none");
+      found.push_back({static_cast<JointKind>(part[0].integer()), part[1].integer(), part[2].integer(),
+                       vector(part[3].numbers()), placed(part[4].parts())});
+    }
+    return found;
+  }
+  static std::vector<Placed> frames(const Node& p) {
+    std::vector<Placed> found;
+    for (const Node& one : p.parts("frames")) found.push_back(placed(one.parts()));
+    return found;
+  }
+  double* twists(const Node& p) const { return p.doubles("twists", 6 * static_cast<std::size_t>(nv_)); }
+  static std::vector<Body> bodies(const Node& p) {
+    std::vector<Body> found;
+    for (const Node& one : p.parts("bodies")) {
+      const std::vector<Node> part = one.parts();
+      if (part.size() != 6) throw PlanError("a body of the plan is none");
+      const std::vector<Node> views = part[5].parts();
+      if (views.size() != 2) throw PlanError("a body of the plan is none");
+      found.push_back({part[0].integer(), part[1].integer(), part[2].integer(), part[3].number(),
+                       vector(part[4].numbers()), views[0].doubles(3), views[1].doubles(9)});
+    }
+    return found;
+  }
+
+  void fill(const Node& p) {
+    if (p.has("dynamics")) {
+      const Node terms = p.part("dynamics");
+      const std::size_t n = static_cast<std::size_t>(nv_);
+      assembly_.dynamics(terms.inertias("inertias"), terms.numbers("rotors"), terms.vec3("gravity"),
+                         terms.doubles("A", n * n), terms.doubles("bias", n));
+    }
+    for (const Node& one : p.parts("loads")) {
+      const std::size_t size = one.part("value").size();
+      double* value = one.doubles("value", size);
+      assembly_.load(one.part("plan"), value);
+      load_names_.push_back(one.text("name"));
+      slots_.push_back({value, {static_cast<int>(size)}, nullptr, nullptr, nullptr, 0, false, Plain::kNumbers, {}});
+    }
+    for (const Node& one : p.parts("operations")) assembly_.add(one.part("plan"), target(one));
+    take_laws(p.part("laws"));
+    assembly_.largest(root_.part("guards").number("largest"));
+    for (const Node& one : p.parts("slots")) {
+      Slot slot;
+      slot.shape = one.ints("shape");
+      std::size_t size = 1;
+      for (const int n : slot.shape) {
+        if (n < 0 || n > 100000) throw PlanError("a reference of the plan has a wrong shape");
+        size *= static_cast<std::size_t>(n);
+      }
+      slot.target = one.maybe("target", size);
+      slot.elsewhere = !slot.target;
+      slot.normal = one.maybe("normal", 3);
+      slot.rows = static_cast<int>(one.part("rate").size());
+      slot.rate = one.doubles("rate", slot.rows);
+      slot.feedforward = one.doubles("feedforward", slot.rows);
+      slot.plain = static_cast<Plain>(one.integer("plain"));
+      slot_names_.push_back(one.text("name"));
+      slots_.push_back(std::move(slot));
+    }
+    if (p.has("slowing")) {
+      slowing_ = p.part("slowing").doubles("scale", nv_);
+      slowed_ = p.part("slowing").doubles("f", nv_);
+    }
+  }
+  Target target(const Node& p) const {
+    const std::size_t m = p.part("error").size(), n = static_cast<std::size_t>(nv_);
+    return {p.maybe("J", m * n),
+            p.doubles("error", m),
+            p.maybe("drift", m),
+            p.doubles("lower", m),
+            p.doubles("upper", m),
+            p.doubles("reference", p.part("reference").size()),
+            p.maybe("normal", 3),
+            p.number("weight"),
+            p.has("J") ? nv_ : 0,
+            p.doubles("rate", m),
+            p.doubles("feedforward", m)};
+  }
+  void take_laws(const Node& p) {
+    const std::size_t total = p.part("error").size(), size = p.part("J").size(), n = static_cast<std::size_t>(nv_);
+    const std::size_t m = size / n;
+    if (m > total) throw PlanError("the laws of the plan have a wrong size");
+    static_assert(sizeof(std::intptr_t) == sizeof(std::int64_t), "plans hold indices of 64 bits");
+    laws_ = {order(),
+             static_cast<int>(m),
+             nv_,
+             static_cast<int>(total),
+             p.doubles("J", m * n),
+             p.doubles("error", total),
+             p.doubles("rate", total),
+             p.doubles("feedforward", total),
+             p.doubles("drift", total),
+             p.doubles("kp", total),
+             p.doubles("kd", total),
+             p.doubles("weight", total),
+             reinterpret_cast<const std::intptr_t*>(p.part("pick").longs(total - m)),
+             p.part("kind").bytes(total),
+             p.doubles("demand", total),
+             p.doubles("lower", total),
+             p.doubles("upper", total),
+             {}};
+    for (const Node& one : p.parts("saturations")) {
+      const std::vector<double> s = one.numbers();
+      if (s.size() != 5 || !(s[0] >= 0.0 && s[0] <= s[1] && s[1] <= double(total)))
+        throw PlanError("a saturation of the plan is none");
+      laws_.saturations.push_back({static_cast<int>(s[0]), static_cast<int>(s[1]), s[2], s[3], s[4]});
+    }
+    assembly_.laws(laws_);
+  }
+  Member member(const Node& p) {
+    const std::vector<int> place = p.ints("place"), rows = p.ints("rows");
+    if (place.size() != 2 || rows.size() != 2) throw PlanError("an element of the plan is none");
+    Member found{p.text("name"), p.flag("hard"), p.flag("contact"), p.flag("equality"), p.flag("own_bounds"),
+                 p.integer("level"), place[0], place[1], rows[0], rows[1], -1, p.texts("row_names")};
+    const int levels = static_cast<int>(rows_.size());
+    const int most = found.level >= 0 && found.level < levels ? rows_[std::size_t(found.level)] : 0;
+    if (found.level >= levels || place[0] < 0 || place[0] > place[1] || (found.level >= 0 && place[1] > most) ||
+        rows[0] < 0 || rows[0] > rows[1] || rows[1] > laws_.total)
+      throw PlanError("the rows of an element of the plan are none");
+    for (std::size_t k = 0; k < slot_names_.size(); ++k)
+      if (slot_names_[k] == found.name) found.slot = static_cast<int>(load_names_.size() + k);
+    for (std::size_t k = 0; k < load_names_.size(); ++k)
+      if (load_names_[k] == found.name) found.slot = static_cast<int>(k);
+    if (found.slot < 0) return found;
+    Slot& slot = slots_[std::size_t(found.slot)];
+    std::size_t size = slot.shape.empty() ? 0 : 1;
+    for (const int n : slot.shape) size *= std::size_t(n);
+    std::vector<double>& declared = declared_[std::size_t(found.slot)];
+    if (p.has("hold")) declared = p.part("hold").numbers();
+    if (!p.has("hold") || size == 0) declared.assign(size, 0.0);
+    if (declared.size() != size) throw PlanError("the hold value of an element of the plan has a wrong size");
+    if (size == 0) found.slot = -1;
+    return found;
+  }
+
+  std::shared_ptr<const Plan> plan_;
+  Memory memory_;
+  Node root_;
+  int nq_, nv_;
+  Kinematics kinematics_;
+  Assembly assembly_;
+  PlannedSolve solve_;
+  Laws laws_{};
+  std::vector<Slot> slots_;
+  std::vector<std::string> load_names_, slot_names_;
+  std::vector<Member> members_;
+  std::vector<std::vector<double>> declared_;  // what elements hold that do not hold what they are at
+  std::vector<int> rows_, starts_;             // of each level, and its first among all
+  std::vector<double> slacks_, held_;
+  std::vector<std::int8_t> marks_;
+  double largest_ = 0.0;
+  double *slowing_ = nullptr, *slowed_ = nullptr;
+  std::unique_ptr<TorqueParts> torque_;
+};
+
+}  // namespace hqp

@@ -1,0 +1,111 @@
+// A part of a plan, its arrays in the memory of one session.
+#pragma once
+
+#include <cstdint>
+#include <cstring>
+#include <string>
+#include <vector>
+
+#include "../rows/plan.hpp"
+#include "plan_file.hpp"
+
+namespace hqp {
+
+// The buffers of a plan as one session has them.
+class Memory {
+ public:
+  explicit Memory(const Plan& plan) : plan_(plan), block_(plan.image().size() + 8) {
+    const auto start = reinterpret_cast<std::uintptr_t>(block_.data());
+    base_ = reinterpret_cast<char*>((start + 63) / 64 * 64);
+    std::memcpy(base_, plan.image().data(), plan.image().size() * sizeof(double));
+  }
+  Memory(const Memory&) = delete;
+
+  template <class T>
+  T* at(const Json& place, std::size_t count, char type) const {
+    const std::vector<Json>& told = place["@"].items;
+    if (told.size() != 3 || told[2].number != double(count)) throw PlanError("an array of the plan has a wrong size");
+    if (count == 0) return reinterpret_cast<T*>(base_);
+    const double k = told[0].number, first = told[1].number;
+    if (!(k >= 0.0 && k < double(plan_.buffers().size()))) throw PlanError("the plan has no such buffer");
+    const Plan::Buffer& buffer = plan_.buffers()[static_cast<std::size_t>(k)];
+    if (buffer.type != type || !(first >= 0.0) || first + double(count) > double(buffer.size))
+      throw PlanError("an array of the plan ends behind its buffer");
+    return reinterpret_cast<T*>(base_ + buffer.at) + static_cast<std::size_t>(first);
+  }
+
+ private:
+  const Plan& plan_;
+  std::vector<double> block_;
+  char* base_;
+};
+
+class Node : public PlanOf<Node> {
+ public:
+  Node(const Json& told, const Memory& memory) : told_(&told), memory_(&memory) {}
+
+  using PlanOf::doubles;
+  using PlanOf::flag;
+  using PlanOf::integer;
+  using PlanOf::ints;
+  using PlanOf::number;
+  using PlanOf::numbers;
+  using PlanOf::parts;
+
+  std::string name() const { return (*told_)["class"].text; }
+  const std::string& text(const char* field) const { return (*told_)[field].text; }
+  bool is_none() const { return told_->kind == Json::Kind::kNone; }
+  bool has(const char* field) const {
+    const Json* found = told_->find(field);
+    return found && found->kind != Json::Kind::kNone;
+  }
+  double number() const { return Plan::number_of(*told_); }
+  int integer() const {
+    const double found = number();
+    if (!(found >= -2147483648.0 && found <= 2147483647.0)) throw PlanError("the plan has no whole number");
+    return static_cast<int>(found);
+  }
+  bool flag() const { return told_->flag; }
+  std::vector<int> ints() const {
+    std::vector<int> found;
+    for (const Json& one : told_->items) found.push_back(Node(one, *memory_).integer());
+    return found;
+  }
+  std::vector<double> numbers() const {
+    std::vector<double> found;
+    for (const Json& one : told_->items) found.push_back(Plan::number_of(one));
+    return found;
+  }
+  std::vector<std::string> texts(const char* field) const {
+    std::vector<std::string> found;
+    for (const Json& one : (*told_)[field].items) found.push_back(one.text);
+    return found;
+  }
+  Node part(const char* field) const { return {(*told_)[field], *memory_}; }
+  std::vector<Node> parts() const {
+    std::vector<Node> found;
+    for (const Json& one : told_->items) found.emplace_back(one, *memory_);
+    return found;
+  }
+  std::size_t size() const {  // of an array
+    const std::vector<Json>& told = (*told_)["@"].items;
+    if (told.size() != 3 || !(told[2].number >= 0.0 && told[2].number < 1e9)) throw PlanError("no array");
+    return static_cast<std::size_t>(told[2].number);
+  }
+  double* doubles(std::size_t count) const { return memory_->at<double>(*told_, count, 'd'); }
+  double* maybe(const char* field, std::size_t count) const {  // null for none
+    return has(field) ? part(field).doubles(count) : nullptr;
+  }
+  const std::int64_t* longs(std::size_t count) const { return memory_->at<std::int64_t>(*told_, count, 'l'); }
+  const std::int8_t* bytes(std::size_t count) const { return memory_->at<std::int8_t>(*told_, count, 'b'); }
+  std::int32_t* places(int& rows) const {
+    rows = static_cast<int>(size());
+    return memory_->at<std::int32_t>(*told_, size(), 'i');
+  }
+
+ private:
+  const Json* told_;
+  const Memory* memory_;
+};
+
+}  // namespace hqp

@@ -1,0 +1,127 @@
+// A plan: what a session is made of, as its file has it (docs/plan_file.md). Nothing changes it: sessions share it.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <fstream>
+#include <iterator>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "json.hpp"
+#include "version.hpp"
+
+namespace hqp {
+
+class Plan {
+ public:
+  // The bytes of a file; refuses those of another format or version, cut short or changed.
+  explicit Plan(const std::string& file) {
+    const std::size_t line = file.find('\n');
+    if (file.compare(0, 9, "hqp plan,") != 0 || line == std::string::npos || line > 200)
+      throw PlanError("the file is no plan of hqp");
+    const std::string head = file.substr(0, line);
+    const std::string_view body(file.data() + line + 1, file.size() - line - 1);
+    if (told(head, "format ") != std::to_string(kFormat))
+      throw PlanError("the plan has format " + told(head, "format ") + ", this version of hqp reads " +
+                      std::to_string(kFormat) + ": export it anew");
+    if (told(head, "version ") != kVersion)
+      throw PlanError("the plan was written by hqp " + told(head, "version ") + ", this is " + kVersion +
+                      ": export it anew");
+    if (told(head, "size ") != std::to_string(body.size()))
+      throw PlanError("the plan is cut short: it has " + std::to_string(body.size()) + " bytes of " +
+                      told(head, "size "));
+    if (told(head, "hash ") != hash(body)) throw PlanError("the plan was changed: its hash is another");
+    root_ = JsonReader(body).read();
+    lay_out();
+  }
+
+  struct Buffer {
+    char type;            // 'd' doubles, 'l' 64, 'i' 32 and 'b' 8 bits
+    std::size_t at, size;  // its first byte in the image, and its items
+  };
+  const Json& root() const { return root_; }
+  const std::vector<Buffer>& buffers() const { return buffers_; }
+  const std::vector<double>& image() const { return image_; }  // the first contents of all buffers
+  static std::size_t width(char type) { return type == 'b' ? 1 : type == 'i' ? 4 : 8; }
+
+ private:
+  static constexpr std::size_t kLargest = std::size_t{1} << 28;  // bytes of all buffers
+
+  static std::string told(const std::string& head, const std::string& name) {
+    const std::size_t at = head.find(name);
+    if (at == std::string::npos) return "unknown";
+    return head.substr(at + name.size(), head.find(',', at) - at - name.size());
+  }
+  static std::string hash(std::string_view body) {
+    std::uint64_t found = 0xCBF29CE484222325u;
+    for (const char c : body) found = (found ^ static_cast<unsigned char>(c)) * 0x100000001B3u;
+    std::string text(16, '0');
+    for (int i = 15; i >= 0; --i, found >>= 4) text[i] = "0123456789abcdef"[found & 15];
+    return text;
+  }
+
+  void lay_out() {
+    std::size_t used = 0;
+    for (const Json& told : root_["buffers"].items) {
+      const std::string& type = told["type"].text;
+      const double size = told["size"].number;
+      const char kind = type == "f8" ? 'd' : type == "i8" ? 'l' : type == "i4" ? 'i' : type == "i1" ? 'b' : '\0';
+      if (!kind || !(size >= 0.0 && size < double(kLargest))) throw PlanError("a buffer of the plan is none");
+      buffers_.push_back({kind, used, static_cast<std::size_t>(size)});
+      used += (static_cast<std::size_t>(size) * width(kind) + 63) / 64 * 64;
+      if (used > kLargest) throw PlanError("the buffers of the plan are too large");
+    }
+    image_.assign(used / sizeof(double), 0.0);
+    std::size_t k = 0;
+    for (const Json& told : root_["buffers"].items) fill(buffers_[k++], told["runs"]);
+  }
+  void fill(const Buffer& buffer, const Json& runs) {
+    for (const Json& run : runs.items) {
+      if (run.items.size() != 2) throw PlanError("a run of the plan is none");
+      double at = run.items[0].number;
+      if (!(at >= 0.0) || at + double(run.items[1].items.size()) > double(buffer.size))
+        throw PlanError("a run of the plan ends behind its buffer");
+      char* to = reinterpret_cast<char*>(image_.data()) + buffer.at + static_cast<std::size_t>(at) * width(buffer.type);
+      for (const Json& one : run.items[1].items) {
+        const double number = number_of(one);
+        const auto whole = static_cast<std::int64_t>(std::isfinite(number) ? number : 0.0);
+        if (buffer.type == 'd') put(to, number);
+        else if (buffer.type == 'l') put(to, whole);
+        else if (buffer.type == 'i') put(to, static_cast<std::int32_t>(whole));
+        else put(to, static_cast<std::int8_t>(whole));
+        to += width(buffer.type);
+      }
+    }
+  }
+  template <class T>
+  static void put(char* to, T value) {
+    std::memcpy(to, &value, sizeof(T));
+  }
+
+ public:
+  // A number, as JSON has it or as a text for what is not finite.
+  static double number_of(const Json& told) {
+    if (told.kind == Json::Kind::kNumber) return told.number;
+    if (told.text == "inf") return std::numeric_limits<double>::infinity();
+    if (told.text == "-inf") return -std::numeric_limits<double>::infinity();
+    if (told.text == "nan") return std::numeric_limits<double>::quiet_NaN();
+    throw PlanError("the plan has no number where one is expected");
+  }
+
+ private:
+  Json root_;
+  std::vector<Buffer> buffers_;
+  std::vector<double> image_;
+};
+
+// The plan of a file; throws PlanError with a sentence.
+inline std::shared_ptr<const Plan> read_plan(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file) throw PlanError("there is no file " + path);
+  return std::make_shared<const Plan>(std::string(std::istreambuf_iterator<char>(file), {}));
+}
+
+}  // namespace hqp

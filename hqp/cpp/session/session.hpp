@@ -1,0 +1,103 @@
+// A session from a plan's file: a state in, a command out, without Python (docs/cpp_session.md).
+#pragma once
+
+#include <cstddef>
+#include <initializer_list>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "errors.hpp"
+#include "tick.hpp"
+
+namespace hqp {
+
+class Plan;
+class Guarded;
+
+// Where an element is told what to do; good for the session that gave it. What is told is good for the next step only.
+class Reference {
+ public:
+  // The value as the element's reference has it (Python's Element.at(...).value, row by row), then velocity [per s] and
+  // acceleration [per s^2] of its rows. Throws ReferenceError for a wrong size.
+  template <class Value>
+  void at(const Value& value) {
+    set(kValue, value.data(), value.size());
+  }
+  template <class Value, class Rate>
+  void at(const Value& value, const Rate& velocity) {
+    at(value);
+    set(kVelocity, velocity.data(), velocity.size());
+  }
+  template <class Value, class Rate, class Change>
+  void at(const Value& value, const Rate& velocity, const Change& acceleration) {
+    at(value, velocity);
+    set(kAcceleration, acceleration.data(), acceleration.size());
+  }
+  void at(std::initializer_list<double> value) { set(kValue, value.begin(), value.size()); }
+  void at(const double* value, std::size_t size) { set(kValue, value, size); }
+  void velocity(const double* value, std::size_t size) { set(kVelocity, value, size); }
+  void acceleration(const double* value, std::size_t size) { set(kAcceleration, value, size); }
+  // The ground's normal (3,), of wheels.
+  void normal(const double* value) { set(kNormal, value, 3); }
+  // The load that a contact carries [N].
+  void load(double newtons) { set(kLoad, &newtons, 1); }
+  // What it is held at from now on where nothing is told.
+  void hold(const double* value, std::size_t size) { set(kHold, value, size); }
+
+  std::size_t size() const;  // numbers of a value
+  const std::string& name() const;
+
+ private:
+  friend class Session;
+  friend class Guarded;
+  enum What { kValue, kVelocity, kAcceleration, kNormal, kLoad, kHold };
+
+  Reference(Guarded& session, std::size_t member) : session_(&session), member_(member) {}
+  void set(What what, const double* values, std::size_t size);
+
+  Guarded* session_;
+  std::size_t member_;
+};
+
+class Session {
+ public:
+  explicit Session(std::shared_ptr<const Plan> plan);
+  ~Session();
+  Session(Session&&) noexcept;
+  Session& operator=(Session&&) noexcept;
+
+  // Throws ReferenceError for a name that the plan does not have.
+  Reference reference(const std::string& name);
+
+  // One tick for q (nq) and v (nv): no allocation, no exception, no lock, no system call but the clock's.
+  const Tick& step(const double* q, const double* v) noexcept;
+  template <class Vector>
+  const Tick& step(const Vector& q, const Vector& v) noexcept {
+    return step(q.data(), v.data());
+  }
+  const Tick& tick() const;
+
+  // q + dt v into out (nq).
+  void integrate(const double* q, const double* v, double dt, double* out) const;
+  // Forget warm start, hold values and the last command: as just made.
+  void reset();
+
+  int nq() const;
+  int nv() const;
+  double dt() const;
+  const std::string& robot() const;
+  const std::vector<std::string>& joint_names() const;  // of a command
+  std::vector<std::string> names() const;               // of elements that take a reference
+  const std::vector<double>& home() const;              // (nq)
+
+ private:
+  std::unique_ptr<Guarded> guarded_;
+};
+
+// A plan from its file, to be shared by sessions; throws PlanError with a sentence.
+std::shared_ptr<const Plan> read(const std::string& path);
+// A session of its own from a file.
+Session load(const std::string& path);
+
+}  // namespace hqp

@@ -1,0 +1,160 @@
+// The solver of a plan: a kernel, and the stages of priced levels over it.
+#pragma once
+
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "../common/isa.hpp"
+#include "../priced/staged_solve.hpp"
+#include "../solver/bound_kernel.hpp"
+#include "node.hpp"
+
+namespace hqp {
+
+// A kernel bound to the arrays of a plan.
+inline std::unique_ptr<BoundKernel> kernel_of(const Node& p) {
+  const std::vector<Node> levels = p.parts("levels");
+  const int n = p.integer("n");
+  if (n < 1 || n > 10000) throw PlanError("a kernel of the plan has a wrong size");
+  std::vector<int> rows;
+  for (const Node& level : levels) rows.push_back(static_cast<int>(level.part("lower").size()));
+  Options options;
+  options.rank_tolerance = p.number("rank_tolerance");
+  options.multiplier_tolerance = p.number("multiplier_tolerance");
+  options.feasibility_tolerance = p.number("feasibility_tolerance");
+  options.time_limit = p.number("deadline");
+  options.max_iterations = p.integer("max_iterations");
+  options.exchanges = p.integer("max_failed_exchanges");
+  auto made = std::make_unique<BoundKernel>(n, rows, p.has("metric"), options);
+  for (std::size_t k = 0; k < levels.size(); ++k) {
+    const std::size_t m = static_cast<std::size_t>(rows[k]);
+    Level& level = made->levels[k];
+    level.m = rows[k];
+    level.A = levels[k].maybe("A", m * static_cast<std::size_t>(n));
+    if (!level.A) level.index = levels[k].part("index").longs(m), level.scale = levels[k].doubles("scale", m);
+    level.lower = levels[k].doubles("lower", m);
+    level.upper = levels[k].doubles("upper", m);
+  }
+  made->problem.levels = made->levels.data();
+  made->problem.count = static_cast<int>(levels.size());
+  made->problem.constraints = p.integer("constraints");
+  made->problem.metric = p.maybe("metric", static_cast<std::size_t>(n) * n);
+  made->problem.origin = p.maybe("origin", n);
+  return made;
+}
+
+// The solve of all levels, and of those above each that may be the first unmet one, and below it.
+class PlannedSolve {
+ public:
+  explicit PlannedSolve(const Node& p) : exact_(kernel_of(p)) {
+    if (p.has("stages")) bind(p.part("stages"), exact_->levels);
+  }
+
+  SolveCall& call() { return staged_ ? static_cast<SolveCall&>(*staged_) : *exact_; }
+  BoundKernel& exact() { return *exact_; }
+  StagedSolve* staged() { return staged_.get(); }
+  const Law* law() const { return staged_ ? &law_ : nullptr; }
+  const double* end() const { return end_; }
+  // Slacks and marks of all rows at the end of the latest stages; whether a constraint is violated.
+  bool describe(double* slack, std::int8_t* marks) {
+    return staged_->stages().describe(end_, exact_->problem.constraints, activity_, violation_, slack, marks);
+  }
+  bool limited() const { return limited_; }
+  // Time for the next solves [s], none for 0.
+  void limit(double seconds) {
+    limited_ = seconds > 0.0;
+    exact_->limit(seconds);
+    for (const auto& head : heads_) head->limit(seconds);
+    if (staged_) staged_->limit(seconds);
+  }
+  void reset() {
+    exact_->reset(false);
+    for (const auto& one : heads_) one->reset(false);
+    for (const auto& one : remainders_) one->reset(false);
+    if (staged_) staged_->reset();
+  }
+
+ private:
+  void bind(const Node& p, const std::vector<Level>& levels) {
+    const int n = exact_->size();
+    const std::size_t count = levels.size();
+    std::unique_ptr<bool[]> priced(new bool[count]);
+    const std::vector<Node> flags = p.parts("priced");
+    if (flags.size() != count) throw PlanError("the plan tells of other levels than it has");
+    for (std::size_t k = 0; k < count; ++k) priced[k] = flags[k].flag();
+    const Tolerances tolerances{p.number("met"), p.number("zero"), p.number("flat")};
+    const std::vector<int>& rows = exact_->rows();
+    staged_ = std::make_unique<StagedSolve>(
+        n, rows,
+        std::unique_ptr<PricedStages>(
+            HQP_FOR_MACHINE(make_stages, n, static_cast<int>(count), rows.data(), priced.get(), tolerances)));
+    for (std::size_t k = 0; k < count; ++k) {
+      PricedLevel& to = staged_->stages().levels()[k];
+      to.A = levels[k].A, to.index = levels[k].index, to.scale = levels[k].scale;
+      to.lower = levels[k].lower, to.upper = levels[k].upper;
+    }
+    law_.prices = p.doubles("prices", count);
+    law_.turning = p.maybe("turning", count);
+    law_.eta = p.number("eta");
+    if (p.has("F")) {
+      law_.r = p.integer("F_rows");
+      if (law_.r < 0) throw PlanError("the motion of the plan has a wrong size");
+      law_.F = p.doubles("F", law_.r ? static_cast<std::size_t>(law_.r) * n : n);
+    }
+    law_.f = p.maybe("f", law_.r ? law_.r : n);
+    std::vector<Node> remainders = p.parts("remainders");
+    if (p.integer("wide") < n) throw PlanError("the stages of the plan have a wrong size");
+    const std::size_t wide = static_cast<std::size_t>(p.integer("wide"));
+    Completion completion;
+    pair(p.parts("metric"), n, wide, true, completion.metric, completion.wide_metric);
+    pair(p.parts("origin"), n, wide, false, completion.origin, completion.wide_origin);
+    staged_->bind(law_, completion);
+    const std::vector<Node> above = p.parts("above");
+    if (above.size() != count) throw PlanError("the plan tells of other levels than it has");
+    for (std::size_t k = 0; k < count; ++k) staged_->stages().above()[k] = room(above[k], wide);
+    for (const Node& head : p.parts("heads")) {
+      heads_.push_back(kernel_of(head));
+      staged_->above(head.integer("level"), heads_.back().get(), heads_.back()->numbers().data());
+    }
+    for (const Node& rest : remainders) {
+      const std::vector<Node> own = rest.parts("levels");
+      const int k = rest.integer("level");
+      if (own.size() < 2 || k < 0 || std::size_t(k) > count) throw PlanError("a remainder of the plan is none");
+      remainders_.push_back(kernel_of(rest));
+      const Room slack = rest.flag("slack") ? room(own[own.size() - 2], wide) : Room{};
+      staged_->remains(k, room(own.back(), wide), slack, static_cast<int>(wide), remainders_.back().get(),
+                       remainders_.back()->numbers().data());
+    }
+    end_ = p.doubles("end", n);
+    staged_->after(exact_.get(), exact_->numbers().data(), p.doubles("points", count * n), p.doubles("end", n));
+    activity_ = p.number("activity"), violation_ = p.number("violation");
+    staged_->answers(exact_->problem.constraints, activity_, violation_);
+  }
+
+  static void pair(const std::vector<Node>& both, std::size_t n, std::size_t wide, bool square, const double*& from,
+                   double*& to) {
+    if (both.size() != 2) throw PlanError("a pair of the plan is none");
+    if (!both[0].is_none()) from = both[0].doubles(square ? n * n : n);
+    if (!both[1].is_none()) to = both[1].doubles(square ? wide * wide : wide);
+  }
+  static Room room(const Node& p, std::size_t wide) {
+    Room found;
+    const std::size_t m = p.part("lower").size();
+    found.A = p.has("A") ? p.doubles("A", m * wide) : nullptr;
+    if (!found.A) found.scale = p.doubles("scale", m);
+    found.lower = p.doubles("lower", m);
+    found.upper = p.doubles("upper", m);
+    return found;
+  }
+
+  std::unique_ptr<BoundKernel> exact_;
+  std::vector<std::unique_ptr<BoundKernel>> heads_, remainders_;
+  std::unique_ptr<StagedSolve> staged_;
+  Law law_;
+  const double* end_ = nullptr;
+  double activity_ = 0.0, violation_ = 0.0;
+  bool limited_ = false;
+};
+
+}  // namespace hqp

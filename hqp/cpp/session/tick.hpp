@@ -1,0 +1,104 @@
+// What one step of a session gave: a command, a status, and notes that name the culprits.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace hqp {
+
+// How a tick ended, as hqp.Status; later ones are worse.
+enum class Status {
+  kOptimal,
+  kRankUncertain,
+  kNotStrict,
+  kConstraintsViolated,
+  kInvalidReference,
+  kInvalidElement,
+  kContactLost,
+  kIterationLimit,
+  kTimeLimit,
+  kNotCertified,
+  kDynamicsFailed,
+  kInvalidState,
+};
+
+// As Python spells it: "OPTIMAL", ...
+const char* name(Status status);
+// Whether the answer is the optimum of the tick's problem.
+constexpr bool solved(Status status) {
+  return status <= Status::kRankUncertain || status == Status::kConstraintsViolated;
+}
+
+// Numbers that a tick owns, valid until the next step.
+template <class T>
+class View {
+ public:
+  View(const T* data, std::size_t size) : data_(data), size_(size) {}
+  const T* data() const { return data_; }
+  std::size_t size() const { return size_; }
+  const T& operator[](std::size_t i) const { return data_[i]; }
+  const T* begin() const { return data_; }
+  const T* end() const { return data_ + size_; }
+
+ private:
+  const T* data_;
+  std::size_t size_;
+};
+
+enum class Cause {
+  kNotFinite,       // a number of the state, or of the answer
+  kQuaternion,      // of a length that is not one
+  kPosition,        // beyond its bounds
+  kVelocity,
+  kBase,            // too far off
+  kReference,       // not finite or no rotation: its hold value was taken
+  kLeftOut,         // the same, or rows that are not usable: left out of this tick
+  kOff,             // a constraint is violated
+  kOffByRate,       // the same, because the rate of the command is limited
+  kRate,            // the command would change faster than it may
+  kContact,         // it has carried nothing
+  kSolver,          // the status says it
+  kDynamics,        // the inertia is not positive definite, or constraints depend on each other
+  kNoState,         // no good state so far
+};
+
+// What went wrong with which element, joint or part; made without allocation, its text when it is asked for.
+struct Note {
+  const char* element = "";
+  Status status = Status::kOptimal;
+  Cause cause = Cause::kSolver;
+  const char* where = "";  // the row or joint, where there is one
+  double amount = 0.0, allowed = 0.0;
+
+  std::string text() const;
+};
+
+class Tick {
+ public:
+  // (actuated,) in the order of Session::joint_names(): velocities, accelerations or torques.
+  View<double> command() const { return {command_.data(), command_.size()}; }
+  View<double> x() const { return {x_.data(), x_.size()}; }  // the answer that the command is part of
+  Status status() const { return status_; }                  // the worst of the tick
+  bool solved() const { return hqp::solved(status_); }
+  View<Note> notes() const { return {notes_.data(), note_count_}; }
+  // ||w|| of every level of the hierarchy, of the solver's answer.
+  View<double> residuals() const { return {residuals_.data(), residuals_.size()}; }
+  View<std::int8_t> marks() const { return {marks_.data(), marks_.size()}; }  // of all rows: -1, 0, 1, 2 (equality)
+  std::int64_t count() const { return count_; }  // of the tick in its session, from 1
+  std::int64_t held() const { return held_; }    // for how many ticks the command has been coming to rest
+
+ private:
+  friend class Guarded;
+  static constexpr std::size_t kNotes = 16;
+
+  std::vector<double> command_, x_, residuals_;
+  std::vector<std::int8_t> marks_;
+  std::vector<Note> notes_{kNotes};
+  std::size_t note_count_ = 0;
+  Status status_ = Status::kOptimal;
+  std::int64_t count_ = 0, held_ = 0;
+};
+
+}  // namespace hqp

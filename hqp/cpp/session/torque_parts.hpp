@@ -1,0 +1,88 @@
+// What stands between rows on the acceleration and the solver at torque level.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "../common/isa.hpp"
+#include "../torque/chain.hpp"
+#include "node.hpp"
+
+namespace hqp {
+
+class TorqueParts {
+ public:
+  TorqueParts(const Node& p, int nv, SolveCall& solver) {
+    const std::size_t v = static_cast<std::size_t>(nv), m = p.part("gamma").size();
+    const std::vector<int> actuated = p.ints("actuated"), parents = p.ints("parents");
+    const std::size_t n = actuated.size();
+    if (parents.size() != v) throw PlanError("the elimination of the plan has a wrong size");
+    elimination_.reset(HQP_FOR_MACHINE(make_elimination, parents, actuated, static_cast<int>(m)));
+    const double* map = p.doubles("map", v * (n + 1));
+    rows_.reset(HQP_FOR_MACHINE(make_torque_rows, map, nv, static_cast<int>(n)));
+    for (const Node& one : p.parts("products")) {
+      const Asked asked = rows(one, n);
+      rows_->product(one.doubles("J", static_cast<std::size_t>(asked.m) * v), asked);
+    }
+    for (const Node& one : p.parts("picks")) rows_->pick(one.ints("index"), one.numbers("weight"), rows(one, n));
+    if (p.has("motion")) {
+      const Node motion = p.part("motion");
+      rows_->motion(motion.numbers("scale"), motion.number("rest"), motion.doubles("F", v * n), motion.doubles("f", v));
+    }
+    double *T = p.doubles("T", m * m), *top = p.doubles("top", m * (n + 1));
+    if (p.has("forces")) {
+      const Node forces = p.part("forces");
+      forces_.reset(HQP_FOR_MACHINE(make_force_rows, static_cast<int>(m), static_cast<int>(n)));
+      for (const Node& one : forces.parts("frames"))
+        forces_->turn(one.integer("first"), one.doubles("rotation", 9));
+      for (const Node& one : forces.parts("shared")) share(one, m);
+      for (const Node& one : forces.parts("rows")) {
+        const Asked asked = rows(one, n);
+        forces_->add(one.doubles("C", static_cast<std::size_t>(asked.m) * m), asked);
+      }
+    }
+    const ChainArrays arrays{v,
+                             n,
+                             p.doubles("A", v * v),
+                             p.doubles("bias", v),
+                             p.doubles("J", m * v),
+                             p.doubles("gamma", m),
+                             p.number("tolerance"),
+                             p.doubles("factor", v * v),
+                             p.doubles("map", v * (n + 1)),
+                             p.doubles("phi", n * n),
+                             p.doubles("Q", v * m),
+                             T,
+                             top};
+    chain_ = std::make_unique<Chain>(*elimination_, *rows_, forces_.get(), arrays);
+    chain_->before(&solver);
+  }
+
+  Solved run(const double* v) { return chain_->run(v); }
+
+ private:
+  static Asked rows(const Node& p, std::size_t n) {
+    const std::size_t m = p.part("lower").size();
+    return {static_cast<int>(m), p.doubles("A", m * n), p.doubles("asked_lower", m), p.doubles("asked_upper", m),
+            p.doubles("lower", m), p.doubles("upper", m)};
+  }
+  void share(const Node& p, std::size_t m) {
+    const std::vector<int> first = p.ints("first");
+    const std::vector<double> middles = p.numbers("middles"), factors = p.numbers("factors");
+    if (first.size() != 2 || middles.size() != 4 || factors.size() != 2) throw PlanError("a shared load is none");
+    forces_->share({p.doubles("C", 6 * m),
+                    {first[0], first[1]},
+                    {p.doubles("one", 9), p.doubles("other", 9)},
+                    {{middles[0], middles[1]}, {middles[2], middles[3]}},
+                    {factors[0], factors[1]},
+                    p.number("arm"),
+                    p.doubles("share", 1)});
+  }
+
+  std::unique_ptr<Elimination> elimination_;
+  std::unique_ptr<TorqueRows> rows_;
+  std::unique_ptr<ForceRows> forces_;
+  std::unique_ptr<Chain> chain_;
+};
+
+}  // namespace hqp

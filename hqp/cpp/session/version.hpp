@@ -1,0 +1,9 @@
+// Which plans are read; tests compare it with the Python package.
+#pragma once
+
+namespace hqp {
+
+constexpr int kFormat = 1;
+constexpr const char* kVersion = "0.2.0.dev0";
+
+}  // namespace hqp
