@@ -16,6 +16,7 @@ PACKAGES = {
     "view": "hqp.viewer.command",
     "bench": "hqp.lab.command",
     "sweep": "hqp.sweep.command",
+    "export": "hqp.export.command",
     "replay": "hqp.recorder.command",
 }
 """Commands of a package of their own: a module with HELP, DESCRIPTION, add_arguments and execute."""
@@ -47,7 +48,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="hqp", description="Strict task priorities for floating-base robots: one stack of tasks, any solver."
     )
     parser.add_argument("--version", action="version", version=f"hqp {__version__}")
-    parser.add_argument("--cmake-dir", action="store_true", help="print where find_package(hqp) finds the C++ kernel")
+    parser.add_argument("--cmake-dir", action="store_true", help="print where find_package(hqp) finds the C++ parts")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
     commands.add_parser(
         "doctor", help="versions, compiled parts, BLAS threads, optional packages, and how to mend each"

@@ -24,13 +24,14 @@ class Session:
     """Numbers of a command, of x, and levels."""
 
     def __init__(self, file: bytes) -> None: ...
-    def step(
-        self, q: Vec, v: Vec, command: Vec, x: Vec, residuals: Vec
-    ) -> tuple[int, int, list[tuple[str, int, str]]]:
+    def step(self, q: Vec, v: Vec, command: Vec, x: Vec, residuals: Vec) -> tuple[int, int, list[tuple[str, int, str]]]:
         """One tick into command, x and residuals: its status, how long it has been held, its notes."""
 
     def tell(self, reference: int, what: int, values: Vec) -> None:
         """What the next step is told: 0 a value, 1 velocity, 2 acceleration, 3 normal, 4 load; 5 a hold value."""
+
+    def held(self, reference: int) -> Sequence[float]:
+        """The hold value."""
 
     def integrate(self, q: Vec, v: Vec, dt: float, out: Vec) -> None:
         """q after moving with v for dt [s]."""

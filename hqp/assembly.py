@@ -20,6 +20,7 @@ from hqp.robot import Robot, State
 
 if TYPE_CHECKING:
     from hqp._assembly import Assembly as NativeAssembly
+    from hqp._assembly import Kinematics
 
 try:
     from hqp import _assembly as native
@@ -84,6 +85,8 @@ class Assembly:
         self._pick: Index = np.zeros(total - m, dtype=np.intp)
         self._has_feedforward = False
         self.native_rows: NativeAssembly | None = None
+        self.moving: Kinematics | None = None
+        """Native kinematics ahead of the rows, None where the state's own are read."""
         if native is not None:
             self.native_rows = native.Assembly(robot.joint_twists, robot.bodies, dt, self.order, Reference)
         self.members: dict[str, Member] = {}
@@ -127,6 +130,14 @@ class Assembly:
             "plain": member.plain,
         }
 
+    def move(self, robot: Robot) -> None:
+        """Begin every fill with native kinematics, where the rows need no others: frames are known by now."""
+        if self.native_rows is None or (self.written and self.order == 2):
+            return  # a drift in Python takes Pinocchio's kinematics anyway
+        self.moving = kinematics(robot)
+        if self.moving is not None:
+            self.native_rows.move(self.moving)
+
     def _bind(self, member: Member, robot: Robot, dt: float) -> None:
         """A native operation where there is one, the readable functions where not."""
         element, views = member.element, member.views
@@ -148,7 +159,7 @@ class Assembly:
         taken = getattr(type(member.element), "at", None)
         if taken is not None and taken.__module__.startswith(OWN):  # one of the user's own may make more of a target
             member.plain = PLAIN.get(type(plan), 0)
-        arrays = {
+        arrays: dict[str, Any] = {
             "J": views.J,
             "error": views.error,
             "drift": views.drift if self.order == 2 else None,
@@ -179,7 +190,7 @@ class Assembly:
             if law is not None and min(law.max_velocity, law.max_acceleration) < np.inf:
                 largest = float(np.max(law.kd)) if isinstance(law, PD) else 1.0
                 saturations.append((part.start, part.stop, law.max_velocity, law.max_acceleration, largest))
-        laws = {
+        laws: dict[str, Any] = {
             "J": self.J,
             "error": self.error,
             "rate": self.rate,
@@ -336,6 +347,14 @@ class Assembly:
         self._demand[part] = 0.0
         self.lower[part] = -np.inf
         self.upper[part] = np.inf
+
+
+def kinematics(robot: Robot) -> Kinematics | None:
+    """Native forward kinematics of what rows read of a robot; None for joints that they do not know."""
+    joints = robot.tree_joints
+    if native is None or joints is None:
+        return None
+    return native.Kinematics(robot.joint_twists, joints, robot.placed_frames)
 
 
 def _kind(element: Element) -> int:

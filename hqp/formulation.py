@@ -16,7 +16,7 @@ from hqp.errors import DeclarationError
 from hqp.law import PD, Law, P, SelfMotion
 from hqp.layout import lay_out
 from hqp.loads import Loads, loads_of
-from hqp.loop.direct import Direct, direct, kinematics
+from hqp.loop.direct import Direct, direct
 from hqp.loop.rest import Brake, Rest, SlowDown
 from hqp.loop.safety import Braking
 from hqp.price import Price, is_exact, level_prices
@@ -207,6 +207,7 @@ class MotionProgram(Program):
         selections = [e for group in groups if group.selection for e in group.elements]
         self.assembly = rows = Assembly(dense, selections, robot, dt, laws)
         self._loads = Loads(loads, robot, rows.native_rows)
+        rows.move(robot)
         self._lost: tuple[str, ...] = ()
         self.dt = dt
         self._order = formulation.order
@@ -288,11 +289,9 @@ class MotionProgram(Program):
 
     def direct(self, workspace: object) -> Direct | None:
         """The loop that takes ordinary ticks in one native call; None where rows or solver are not native."""
-        rows = self.assembly
+        rows, moving = self.assembly, self.assembly.moving
         if self._loads or rows.native_rows is None:
             return None
-        # a drift in Python takes Pinocchio's kinematics anyway
-        moving = None if rows.written and self._order == 2 else kinematics(self._robot)
         prepare = self.prepare if moving is None else self._slow if self._slowed is not None else None
         return direct(rows, self.problem, workspace, self._actuated, prepare=prepare, moving=moving)
 

@@ -74,11 +74,11 @@ class LoadedSession:
             for what, part in zip((VALUE, VELOCITY, ACCELERATION), parts, strict=False):
                 self._tell(name, what, part)
         command, x, residuals = (np.empty(size) for size in self._sizes)
-        state = (np.ascontiguousarray(a, dtype=np.float64) for a in (q, np.zeros(self.nv) if v is None else v))
+        at, speed = (np.ascontiguousarray(a, dtype=np.float64) for a in (q, np.zeros(self.nv) if v is None else v))
         try:
-            status, held, notes = self._native.step(*state, command, x, residuals)
+            status, held, notes = self._native.step(at, speed, command, x, residuals)
         except (TypeError, ValueError):
-            shapes = f"q {np.shape(q)}, v {np.shape(v)}"
+            shapes = f"q {at.shape}, v {speed.shape}"
             allowed = f"q ({self.nq},), v ({self.nv},)"
             raise DeclarationError("step", "a state of another shape", value=shapes, allowed=allowed) from None
         told = tuple(Note(element, STATUSES[k], text) for element, k, text in notes)
@@ -88,6 +88,11 @@ class LoadedSession:
         """What an element is held at from now on where it has no target."""
         self._tell(name, HOLD, value)
 
+    def held(self, name: str) -> Vec:
+        """What an element is held at, flat; zeros before the first step."""
+        self._known(name)
+        return np.array(self._native.held(self._index[name]))
+
     def load(self, name: str, newtons: float) -> None:
         """The load that a contact was measured to carry [N]."""
         self._tell(name, LOAD, [newtons])
@@ -96,10 +101,13 @@ class LoadedSession:
         """The ground's normal ``(3,)`` under a wheel, in the next step."""
         self._tell(name, NORMAL, normal)
 
-    def _tell(self, name: str, what: int, value: ArrayLike) -> None:
+    def _known(self, name: str) -> None:
         if name not in self._index:
             near = ", ".join(closest(name, self.names) or self.names[:3])
             raise UnknownReference(f"a target for {name!r}, which the plan does not have; closest: {near}")
+
+    def _tell(self, name: str, what: int, value: ArrayLike) -> None:
+        self._known(name)
         numbers = np.ascontiguousarray(value, dtype=np.float64).reshape(-1)
         try:
             self._native.tell(self._index[name], what, numbers)

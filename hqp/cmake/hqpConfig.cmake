@@ -1,16 +1,47 @@
-# The kernel as a header-only library: find_package(hqp) gives the target hqp::kernel.
-# cmake -Dhqp_DIR=$(hqp --cmake-dir) ..., then #include <lexicographic.hpp>
-get_filename_component(hqp_INCLUDE_DIR "${CMAKE_CURRENT_LIST_DIR}/../cpp/solver" ABSOLUTE)
-if(NOT EXISTS "${hqp_INCLUDE_DIR}/lexicographic.hpp")
+# hqp as C++: find_package(hqp) gives hqp::session, a session from a plan's file (#include <session.hpp>), and
+# hqp::kernel, the solver alone and header-only (#include <lexicographic.hpp>). Both are built with the project that
+# asks for them: cmake -Dhqp_DIR=$(hqp --cmake-dir) ...
+get_filename_component(hqp_CPP_DIR "${CMAKE_CURRENT_LIST_DIR}/../cpp" ABSOLUTE)
+if(NOT EXISTS "${hqp_CPP_DIR}/solver/lexicographic.hpp")
   set(hqp_FOUND FALSE)
-  set(hqp_NOT_FOUND_MESSAGE "no headers in ${hqp_INCLUDE_DIR}")
+  set(hqp_NOT_FOUND_MESSAGE "no headers in ${hqp_CPP_DIR}")
   return()
 endif()
 if(NOT TARGET hqp::kernel)
   add_library(hqp::kernel INTERFACE IMPORTED)
   set_target_properties(hqp::kernel PROPERTIES
-    INTERFACE_INCLUDE_DIRECTORIES "${hqp_INCLUDE_DIR}"
+    INTERFACE_INCLUDE_DIRECTORIES "${hqp_CPP_DIR}/solver"
     INTERFACE_COMPILE_FEATURES cxx_std_17)
   # the name of the kernel's namespace for one instruction set; compile with -mavx2 -mfma for the fast one
   set_property(TARGET hqp::kernel PROPERTY INTERFACE_COMPILE_DEFINITIONS HQP_ISA=library)
+endif()
+if(NOT TARGET hqp::session)
+  # What computes is built once for every machine, and on x86-64 once more with AVX2: the machine chooses.
+  add_library(hqp_session STATIC EXCLUDE_FROM_ALL "${hqp_CPP_DIR}/session/session.cpp")
+  target_include_directories(hqp_session PUBLIC "${hqp_CPP_DIR}/session")
+  target_compile_features(hqp_session PUBLIC cxx_std_17)
+  set(hqp_ISAS generic)
+  if(CMAKE_SYSTEM_PROCESSOR MATCHES "^(x86_64|AMD64|amd64)$")
+    list(APPEND hqp_ISAS avx2)
+    target_compile_definitions(hqp_session PRIVATE HQP_AVX2)
+  endif()
+  foreach(isa IN LISTS hqp_ISAS)
+    foreach(kernel IN ITEMS solver/kernel priced/stages torque/torque)
+      string(MAKE_C_IDENTIFIER "hqp_${kernel}_${isa}" part)
+      add_library(${part} OBJECT EXCLUDE_FROM_ALL "${hqp_CPP_DIR}/${kernel}.cpp")
+      target_compile_features(${part} PRIVATE cxx_std_17)
+      set_target_properties(${part} PROPERTIES POSITION_INDEPENDENT_CODE ON)
+      target_compile_definitions(${part} PRIVATE HQP_ISA=${isa})
+      if(isa STREQUAL "avx2")
+        target_compile_options(${part} PRIVATE -mavx2 -mfma)
+      endif()
+      target_sources(hqp_session PRIVATE $<TARGET_OBJECTS:${part}>)
+    endforeach()
+    target_compile_definitions(hqp_solver_kernel_${isa} PRIVATE HQP_MAKE=make_${isa})
+    target_compile_definitions(hqp_priced_stages_${isa} PRIVATE HQP_MAKE=make_stages_${isa})
+    target_compile_definitions(hqp_torque_torque_${isa} PRIVATE HQP_MAKE=make_elimination_${isa}
+                               HQP_MAKE_ROWS=make_torque_rows_${isa} HQP_MAKE_FORCES=make_force_rows_${isa})
+  endforeach()
+  set_target_properties(hqp_session PROPERTIES POSITION_INDEPENDENT_CODE ON)
+  add_library(hqp::session ALIAS hqp_session)
 endif()

@@ -50,9 +50,9 @@ def document(session: Session) -> tuple[dict[str, Any], list[Vec]]:
         "motion": {**motion, **moving, "bodies": robot.bodies},
         "solver": compiled.workspace.parts(program.problem),  # type: ignore[attr-defined]
     }
-    scratch = [robot.joint_twists]
-    for *_, placement in (*robot.bodies, *robot.placed_frames, *(joint[-1] for joint in robot.tree_joints or ())):
-        scratch += placement
+    placements = [body[-1] for body in robot.bodies] + [frame[-1] for frame in robot.placed_frames]
+    placements += [joint[-1][-1] for joint in robot.tree_joints or ()]
+    scratch = [robot.joint_twists, *(array for placement in placements for array in placement)]
     return tree, scratch
 
 
@@ -119,4 +119,3 @@ def _element(element: Element, compiled: Compiled, robot: Robot) -> dict[str, An
         "constant": constant,
         "hold": held,
     }
-

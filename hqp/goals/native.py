@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hqp.arrays import Vec
+from hqp.assembly import kinematics
 from hqp.element import Element, Inequality
-from hqp.loop.direct import Direct, kinematics
+from hqp.loop.direct import Direct
 from hqp.reference import Reference
 from hqp.robot import Robot
 from hqp.session import Session

@@ -13,7 +13,7 @@ from hqp.arrays import FLOAT, Index, Mat, Signs, Vec
 from hqp.assembly import LARGEST, Assembly
 from hqp.problem import Hierarchy, Solution, Stats, Status
 from hqp.reference import Reference
-from hqp.robot import Robot, State
+from hqp.robot import State
 
 if TYPE_CHECKING:
     from hqp._assembly import Assembly as NativeAssembly
@@ -246,22 +246,12 @@ def direct(
 ) -> Direct | None:
     """The native loop, None where rows or solver are not native, or the solver has more to do than to solve.
 
-    program, chain: at torque level, what is between the rows on the acceleration and the solver.  moving: forward
-    kinematics to begin with, where ``prepare`` does not see to them.
+    program, chain: at torque level, what is between the rows on the acceleration and the solver.  moving: the native
+    kinematics that the rows begin with, where ``prepare`` does not see to them.
     """
     bind: Callable[[Hierarchy], Kernel | None] | None = getattr(workspace, "kernel", None)
     native = assembly.native_rows
     if bind is None or native is None or (kernel := bind(problem)) is None:
         return None
-    if moving is not None:
-        native.move(moving)
     picks = np.asarray(command, dtype=np.intp)
     return Direct(assembly, native, workspace, kernel, problem, picks, program, chain, prepare, moving)
-
-
-def kinematics(robot: Robot) -> Kinematics | None:
-    """Native forward kinematics of what rows read of a robot; None for joints that they do not know."""
-    from hqp._assembly import Kinematics
-
-    joints = robot.tree_joints
-    return None if joints is None else Kinematics(robot.joint_twists, joints, robot.placed_frames)

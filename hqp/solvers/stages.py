@@ -348,7 +348,7 @@ class StagedWorkspace:
         picks = all(below.values()) and not flat
         metric, origin = problem.metric, problem.origin
         larger = _room_unless(picks and metric is None, wide, wide), _room_unless(picks and origin is None, wide)
-        law = {
+        law: dict[str, Any] = {
             "prices": np.ascontiguousarray(problem.prices),
             "turning": None if turning is None else np.ascontiguousarray(turning),
             "eta": problem.eta,

@@ -16,7 +16,7 @@ from hqp.formulation import Formulation, Place, Program
 from hqp.law import PD, Law
 from hqp.layout import Group, lay_out
 from hqp.loads import Loads, loads_of
-from hqp.loop.direct import Direct, direct, kinematics
+from hqp.loop.direct import Direct, direct
 from hqp.loop.rest import Rest
 from hqp.loop.safety import Braking
 from hqp.price import LevelPrices, Price, is_exact, level_prices
@@ -129,6 +129,7 @@ class TorqueProgram(Program):
         self.loads = Loads(loads, robot, self.assembly.native_rows)
         self._terms = Terms(robot, self.assembly.native_rows, self.loads)
         self.held = held
+        self.assembly.move(robot)
         self._m = sum(self.assembly.members[e.name].part.stop - self.assembly.members[e.name].part.start for e in held)
         self.dynamics = ConstrainedDynamics(robot.nv, self._m, robot.actuated, coordinate_parents(robot))
         self._efforts = Efforts([e for e in stack if e.quantity == "effort"], robot)
@@ -315,8 +316,7 @@ class TorqueProgram(Program):
         chain = self.dynamics.chain(*terms, self._rows.native, self._forces.native)
         if chain is None:
             return None
-        # a drift in Python takes Pinocchio's kinematics anyway
-        moving = None if rows.written else kinematics(state.robot)
+        moving = rows.moving
         prepare = self.prepare if moving is None else self._begin
         return direct(
             rows, self.problem, workspace, range(self.dynamics.n), self, chain, prepare=prepare, moving=moving

@@ -12,10 +12,9 @@ import hqp
 import hqp.assembly
 from hqp import PD, Level, Stack
 from hqp.arrays import Mat, Vec
-from hqp.assembly import Assembly
+from hqp.assembly import Assembly, kinematics
 from hqp.element import Element
 from hqp.errors import ModelError
-from hqp.loop.direct import kinematics
 from hqp.robots import Robot
 from hqp.tasks import Com, Momentum, Pose, Position, Posture
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import hqp
+from hqp.assembly import kinematics
 from hqp.errors import StaleState
-from hqp.loop.direct import kinematics
 from hqp.robot import Robot, State
 
 

@@ -83,7 +83,8 @@ class Kinematics {
           to[0] = std::atan2(at[1], at[0]);
           break;
         case JointKind::kBall: {
-          const double sign = at[3] < 0.0 ? -1.0 : 1.0, length = std::sqrt(at[0] * at[0] + at[1] * at[1] + at[2] * at[2]);
+          const double sign = at[3] < 0.0 ? -1.0 : 1.0,
+                       length = std::sqrt(at[0] * at[0] + at[1] * at[1] + at[2] * at[2]);
           const double factor = length > 1e-8 ? 2.0 * std::atan2(length, sign * at[3]) / length : 2.0;
           for (int i = 0; i < 3; ++i) to[i] = factor * sign * at[i];
           break;

@@ -103,9 +103,7 @@ class Within final : public Operation {
       out_.lower[i] = push + (rates_ ? barrier_.rate * (low_[i] - speed) : -barrier_.hardest(down, -speed));
     }
   }
-  bool hold(const double* q, const double* v, double* value) override {
-    return turn_ >= 0 && task_->hold(q, v, value);
-  }
+  bool hold(const double* q, const double* v, double* value) override { return turn_ >= 0 && task_->hold(q, v, value); }
 
  private:
   void make_rate(double* J, const double* v) {  // of angular velocities rates of the rotation vector

@@ -79,7 +79,10 @@ class Assembly {
     kept_.push_back(robot);
     kinematics_ = &nb::cast<LiveKinematics&>(robot).get();
   }
-  void run(const Vector& q, const Vector& v) { rows_.operate(q.data(), v.data()); }
+  void run(const Vector& q, const Vector& v) {
+    if (kinematics_) kinematics_->update(q.data());
+    rows_.operate(q.data(), v.data());
+  }
   void demand(const Vector& v) { rows_.demand(v.data()); }
 
   // A (nv, nv), its upper triangle, and b + g (nv,) are written with every tick, loads included.

@@ -66,6 +66,10 @@ class Session {
     if (what == 4) require(values.size() == 1, "load"), reference.load(values(0));
     if (what == 5) reference.hold(values.data(), values.size());
   }
+  std::vector<double> held(std::size_t k) const {
+    require(k < references_.size(), "reference");
+    return references_[k].held();
+  }
   void integrate(const Vector& q, const Vector& v, double dt, const Out& out) const {
     const std::size_t nq = std::size_t(session_.nq());
     require(q.size() == nq && out.size() == nq && v.size() == std::size_t(session_.nv()), "q or v");
@@ -94,6 +98,7 @@ NB_MODULE(_session, module) {
       .def(nb::init<const nb::bytes&>(), "file"_a)
       .def("step", &Session::step, "q"_a, "v"_a, "command"_a.noconvert(), "x"_a.noconvert(), "residuals"_a.noconvert())
       .def("tell", &Session::tell, "reference"_a, "what"_a, "values"_a)
+      .def("held", &Session::held, "reference"_a)
       .def("integrate", &Session::integrate, "q"_a, "v"_a, "dt"_a, "out"_a.noconvert())
       .def("reset", &Session::reset)
       .def_prop_ro("sizes", &Session::sizes)

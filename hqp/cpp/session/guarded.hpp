@@ -260,7 +260,8 @@ class Guarded {
   void go_gradually() {
     if (!good_) return;
     double reach = 0.0;
-    for (const int pick : picks_) reach = std::max(reach, std::fabs(tick_.x_[std::size_t(pick)] - x_[std::size_t(pick)]));
+    for (const int pick : picks_)
+      reach = std::max(reach, std::fabs(tick_.x_[std::size_t(pick)] - x_[std::size_t(pick)]));
     towards(reach <= gradual_ ? 1.0 : gradual_ / reach);
   }
   void towards(double share) {

@@ -97,7 +97,8 @@ class Line {
       for (int i = 0; i < level.m; ++i, ++at) {
         double value = 0.0;
         if (level.A)
-          for (int j = 0; j < solve_.exact().size(); ++j) value += level.A[std::size_t(i) * solve_.exact().size() + j] * x[j];
+          for (int j = 0; j < solve_.exact().size(); ++j)
+            value += level.A[std::size_t(i) * solve_.exact().size() + j] * x[j];
         else value = level.scale[i] * x[level.index[i]];
         slacks_[at] = hqp::slack(value, level.lower[i], level.upper[i]);
         any = any || slacks_[at] != 0.0;
@@ -168,7 +169,7 @@ class Line {
   Answered unsettled() {
     PricedStages& stages = solve_.staged()->stages();
     const bool off = solve_.describe(slacks_.data(), marks_.data());
-    Status status = !stages.ended() ? solve_.limited() ? Status::kTimeLimit : Status::kIterationLimit
+    Status status = !stages.ended()     ? solve_.limited() ? Status::kTimeLimit : Status::kIterationLimit
                     : stages.doubtful() ? Status::kRankUncertain
                                         : Status::kOptimal;
     if (off && status <= Status::kRankUncertain) status = Status::kConstraintsViolated;
@@ -254,17 +255,10 @@ class Line {
   }
   Target target(const Node& p) const {
     const std::size_t m = p.part("error").size(), n = static_cast<std::size_t>(nv_);
-    return {p.maybe("J", m * n),
-            p.doubles("error", m),
-            p.maybe("drift", m),
-            p.doubles("lower", m),
-            p.doubles("upper", m),
-            p.doubles("reference", p.part("reference").size()),
-            p.maybe("normal", 3),
-            p.number("weight"),
-            p.has("J") ? nv_ : 0,
-            p.doubles("rate", m),
-            p.doubles("feedforward", m)};
+    return {p.maybe("J", m * n),   p.doubles("error", m),      p.maybe("drift", m),
+            p.doubles("lower", m), p.doubles("upper", m),      p.doubles("reference", p.part("reference").size()),
+            p.maybe("normal", 3),  p.number("weight"),         p.has("J") ? nv_ : 0,
+            p.doubles("rate", m),  p.doubles("feedforward", m)};
   }
   void take_laws(const Node& p) {
     const std::size_t total = p.part("error").size(), size = p.part("J").size(), n = static_cast<std::size_t>(nv_);
@@ -300,8 +294,18 @@ class Line {
   Member member(const Node& p) {
     const std::vector<int> place = p.ints("place"), rows = p.ints("rows");
     if (place.size() != 2 || rows.size() != 2) throw PlanError("an element of the plan is none");
-    Member found{p.text("name"), p.flag("hard"), p.flag("contact"), p.flag("equality"), p.flag("own_bounds"),
-                 p.integer("level"), place[0], place[1], rows[0], rows[1], -1, p.texts("row_names")};
+    Member found{p.text("name"),
+                 p.flag("hard"),
+                 p.flag("contact"),
+                 p.flag("equality"),
+                 p.flag("own_bounds"),
+                 p.integer("level"),
+                 place[0],
+                 place[1],
+                 rows[0],
+                 rows[1],
+                 -1,
+                 p.texts("row_names")};
     const int levels = static_cast<int>(rows_.size());
     const int most = found.level >= 0 && found.level < levels ? rows_[std::size_t(found.level)] : 0;
     if (found.level >= levels || place[0] < 0 || place[0] > place[1] || (found.level >= 0 && place[1] > most) ||

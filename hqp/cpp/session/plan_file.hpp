@@ -39,7 +39,7 @@ class Plan {
   }
 
   struct Buffer {
-    char type;            // 'd' doubles, 'l' 64, 'i' 32 and 'b' 8 bits
+    char type;             // 'd' doubles, 'l' 64, 'i' 32 and 'b' 8 bits
     std::size_t at, size;  // its first byte in the image, and its items
   };
   const Json& root() const { return root_; }

@@ -61,7 +61,8 @@ class SlowDown final : public Rest {
   void next(double* x) override {
     const double fastest = fastest_.of(x_, true), factor = fastest > step_ ? std::max(0.0, 1.0 - step_ / fastest) : 0.0;
     for (std::size_t i = 0; i < x_.size(); ++i) {
-      const double down = std::min((low_[i] - angles_[i]) / dt_, 0.0), up = std::max((high_[i] - angles_[i]) / dt_, 0.0);
+      const double down = std::min((low_[i] - angles_[i]) / dt_, 0.0),
+                   up = std::max((high_[i] - angles_[i]) / dt_, 0.0);
       x_[i] = std::min(std::max(x_[i] * factor, down), up);
       angles_[i] += dt_ * x_[i];
       x[i] = x_[i];

@@ -12,9 +12,9 @@ Kernel* make_kernel(int n, int levels, const int* m, bool metric) {
 }
 
 const char* name(Status status) {
-  static const char* const names[] = {"OPTIMAL",         "RANK_UNCERTAIN", "NOT_STRICT",      "CONSTRAINTS_VIOLATED",
-                                      "INVALID_REFERENCE", "INVALID_ELEMENT", "CONTACT_LOST", "ITERATION_LIMIT",
-                                      "TIME_LIMIT",      "NOT_CERTIFIED",  "DYNAMICS_FAILED", "INVALID_STATE"};
+  static const char* const names[] = {"OPTIMAL",           "RANK_UNCERTAIN",  "NOT_STRICT",      "CONSTRAINTS_VIOLATED",
+                                      "INVALID_REFERENCE", "INVALID_ELEMENT", "CONTACT_LOST",    "ITERATION_LIMIT",
+                                      "TIME_LIMIT",        "NOT_CERTIFIED",   "DYNAMICS_FAILED", "INVALID_STATE"};
   return names[static_cast<int>(status)];
 }
 
@@ -39,9 +39,8 @@ std::string Note::text() const {
     case Cause::kReference:
       return "its reference is not finite, or no rotation: its hold value was taken instead";
     case Cause::kLeftOut:
-      return status == Status::kInvalidReference
-                 ? "its reference is not finite, or no rotation: left out of this tick"
-                 : "its rows are not finite or too large: left out of this tick";
+      return status == Status::kInvalidReference ? "its reference is not finite, or no rotation: left out of this tick"
+                                                 : "its rows are not finite or too large: left out of this tick";
     case Cause::kOff:
     case Cause::kOffByRate:
       return "off by up to " + number(amount) + (cause == Cause::kOff ? "" : " by the rate limit") +
@@ -61,9 +60,10 @@ std::string Note::text() const {
 }
 
 void Reference::set(What what, const double* values, std::size_t size) { session_->set(member_, what, values, size); }
-std::size_t Reference::size() const {
-  const Line& line = session_->line();
-  return line.slots()[std::size_t(line.members()[member_].slot)].hold.size();
+std::size_t Reference::size() const { return held().size(); }
+const std::vector<double>& Reference::held() const {
+  const Line& line = static_cast<const Guarded*>(session_)->line();
+  return line.slots()[std::size_t(line.members()[member_].slot)].hold;
 }
 const std::string& Reference::name() const { return session_->line().members()[member_].name; }
 

@@ -45,7 +45,8 @@ class Reference {
   // What it is held at from now on where nothing is told.
   void hold(const double* value, std::size_t size) { set(kHold, value, size); }
 
-  std::size_t size() const;  // numbers of a value
+  std::size_t size() const;                 // numbers of a value
+  const std::vector<double>& held() const;  // the hold value
   const std::string& name() const;
 
  private:

@@ -48,20 +48,20 @@ class View {
 };
 
 enum class Cause {
-  kNotFinite,       // a number of the state, or of the answer
-  kQuaternion,      // of a length that is not one
-  kPosition,        // beyond its bounds
+  kNotFinite,   // a number of the state, or of the answer
+  kQuaternion,  // of a length that is not one
+  kPosition,    // beyond its bounds
   kVelocity,
-  kBase,            // too far off
-  kReference,       // not finite or no rotation: its hold value was taken
-  kLeftOut,         // the same, or rows that are not usable: left out of this tick
-  kOff,             // a constraint is violated
-  kOffByRate,       // the same, because the rate of the command is limited
-  kRate,            // the command would change faster than it may
-  kContact,         // it has carried nothing
-  kSolver,          // the status says it
-  kDynamics,        // the inertia is not positive definite, or constraints depend on each other
-  kNoState,         // no good state so far
+  kBase,       // too far off
+  kReference,  // not finite or no rotation: its hold value was taken
+  kLeftOut,    // the same, or rows that are not usable: left out of this tick
+  kOff,        // a constraint is violated
+  kOffByRate,  // the same, because the rate of the command is limited
+  kRate,       // the command would change faster than it may
+  kContact,    // it has carried nothing
+  kSolver,     // the status says it
+  kDynamics,   // the inertia is not positive definite, or constraints depend on each other
+  kNoState,    // no good state so far
 };
 
 // What went wrong with which element, joint or part; made without allocation, its text when it is asked for.
@@ -86,8 +86,8 @@ class Tick {
   // ||w|| of every level of the hierarchy, of the solver's answer.
   View<double> residuals() const { return {residuals_.data(), residuals_.size()}; }
   View<std::int8_t> marks() const { return {marks_.data(), marks_.size()}; }  // of all rows: -1, 0, 1, 2 (equality)
-  std::int64_t count() const { return count_; }  // of the tick in its session, from 1
-  std::int64_t held() const { return held_; }    // for how many ticks the command has been coming to rest
+  std::int64_t count() const { return count_; }                               // of the tick in its session, from 1
+  std::int64_t held() const { return held_; }  // for how many ticks the command has been coming to rest
 
  private:
   friend class Guarded;

@@ -33,8 +33,7 @@ class TorqueParts {
     if (p.has("forces")) {
       const Node forces = p.part("forces");
       forces_.reset(HQP_FOR_MACHINE(make_force_rows, static_cast<int>(m), static_cast<int>(n)));
-      for (const Node& one : forces.parts("frames"))
-        forces_->turn(one.integer("first"), one.doubles("rotation", 9));
+      for (const Node& one : forces.parts("frames")) forces_->turn(one.integer("first"), one.doubles("rotation", 9));
       for (const Node& one : forces.parts("shared")) share(one, m);
       for (const Node& one : forces.parts("rows")) {
         const Asked asked = rows(one, n);
@@ -63,8 +62,8 @@ class TorqueParts {
  private:
   static Asked rows(const Node& p, std::size_t n) {
     const std::size_t m = p.part("lower").size();
-    return {static_cast<int>(m), p.doubles("A", m * n), p.doubles("asked_lower", m), p.doubles("asked_upper", m),
-            p.doubles("lower", m), p.doubles("upper", m)};
+    return {static_cast<int>(m),         p.doubles("A", m * n), p.doubles("asked_lower", m),
+            p.doubles("asked_upper", m), p.doubles("lower", m), p.doubles("upper", m)};
   }
   void share(const Node& p, std::size_t m) {
     const std::vector<int> first = p.ints("first");

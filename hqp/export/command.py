@@ -1,0 +1,32 @@
+"""`hqp export`: a stack on a robot as a plan's file."""
+
+from __future__ import annotations
+
+import argparse
+import math
+
+from hqp.arguments import add_stack, read_stack
+
+HELP = "write a stack on a robot as a file that C++ runs without Python"
+
+DESCRIPTION = """Compile a stack from a TOML file for a robot and write its plan: hqp::load in C++ and hqp.load in
+Python make sessions of it, without the robot's model."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The stack, the robot, and where the file goes."""
+    add_stack(parser)
+    parser.add_argument("--deadline", type=float, metavar="S", help="of a tick [s], 0 for none; default 0.8 periods")
+    parser.add_argument("--output", "-o", metavar="FILE.hqp", required=True, help="the file")
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """0."""
+    from hqp.controller import Controller
+
+    stack, robot, formulation = read_stack(arguments)
+    deadline = None if arguments.deadline is None else arguments.deadline or math.inf
+    session = Controller(stack, formulation, deadline=deadline).session(robot, arguments.dt)
+    session.export(arguments.output)
+    print(f"{arguments.output}: {len(tuple(session.stack))} elements on {robot.name}")
+    return 0

@@ -1,0 +1,152 @@
+"""The file of a plan: what is written, what is refused, and how faults are told."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hqp
+import hqp.tasks as t
+from hqp import Level, Stack, Status
+from hqp.__main__ import main
+from hqp.errors import DeclarationError, HqpError, UnknownReference
+from hqp.export.plan_file import FORMAT, fnv1a, read, text
+from hqp.loaded import LoadedSession
+from hqp.solvers.lexicographic import kernel
+
+from .stacks import scene
+
+pytestmark = pytest.mark.skipif(not kernel(), reason="no native kernel here")
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def file() -> bytes:
+    return text(scene("ur5")[0])
+
+
+def test_the_same_declarations_give_the_same_bytes(file: bytes, tmp_path: Path) -> None:
+    session, given = scene("ur5")
+    for i in range(5):
+        session.step(session.robot.state(), *given(i))
+    session.export(tmp_path / "ur5.hqp")
+    assert (tmp_path / "ur5.hqp").read_bytes() == file
+    assert read(tmp_path / "ur5.hqp")["robot"]["name"] == session.robot.name
+    assert list(tmp_path.iterdir()) == [tmp_path / "ur5.hqp"]
+
+
+def test_versions_are_those_of_the_package() -> None:
+    source = (ROOT / "hqp/cpp/session/version.hpp").read_text()
+    assert re.findall(r'kVersion = "(.*?)"', source) == [hqp.__version__]
+    assert re.findall(r"kFormat = (\d+)", source) == [str(FORMAT)]
+
+
+def test_other_files_are_refused_with_a_sentence(file: bytes) -> None:
+    head, body = file.split(b"\n", 1)
+    for other, why in (
+        (b"[0]", "no plan"),
+        (head.replace(b"format 1", b"format 2") + b"\n" + body, "format 2"),
+        (re.sub(rb"version [^,]*", b"version 0.0.1", head) + b"\n" + body, "written by hqp 0.0.1"),
+        (file[:-7], "cut short"),
+        (file.replace(b"shoulder", b"shoulber", 1), "changed"),
+    ):
+        with pytest.raises(HqpError, match=why):
+            LoadedSession(other)
+
+
+def test_damage_behind_a_right_hash_is_refused_too(file: bytes) -> None:
+    """Not a promise of safety against forgery: what the structure tells is looked at before it is used."""
+    _, body = file.split(b"\n", 1)
+    rng = np.random.default_rng(0)
+    refused = 0
+    for _ in range(300):
+        at = int(rng.integers(len(body) - 8))
+        broken = body[:at] + body[at + int(rng.integers(1, 8)) :]
+        head = f"hqp plan, format {FORMAT}, version {hqp.__version__}, size {len(broken)}, hash {fnv1a(broken):016x}\n"
+        try:
+            LoadedSession(head.encode() + broken)
+        except HqpError:
+            refused += 1
+    assert refused > 200
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mine(t.Position):
+    """Its rows are written in Python."""
+
+    def jacobian(self, state: Any) -> Any:
+        return super().jacobian(state)
+
+
+def test_rows_in_python_are_refused_by_name() -> None:
+    robot = hqp.robots.load("ur5")
+    stack = Stack(Level(Mine(frame=robot.frame_names[-1], name="mine")), Level(t.Posture()))
+    with pytest.raises(DeclarationError, match="mine: cannot be exported: its rows are written in Python"):
+        text(hqp.Controller(stack).session(robot, dt=0.002))
+    other = hqp.Controller(Stack(Level(t.Posture())), solver="cascade").session(robot, dt=0.002)
+    with pytest.raises(DeclarationError, match="solver: cannot be exported"):
+        text(other)
+
+
+def test_references_that_do_not_fit_are_refused(file: bytes) -> None:
+    session = LoadedSession(file)
+    with pytest.raises(UnknownReference, match="closest: hand"):
+        session.step(session.home, None, {"hands": np.zeros(3)})
+    with pytest.raises(DeclarationError, match="hand: a value has 3 numbers"):
+        session.step(session.home, None, {"hand": np.zeros(4)})
+    with pytest.raises(DeclarationError, match="another shape"):
+        session.step(np.zeros(3))
+
+
+def test_faults_are_statuses_as_in_python() -> None:
+    session, given = scene("g1")
+    robot = session.robot
+    file = LoadedSession(text(session))
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    nan = {"hand": np.full(3, np.nan)}
+    for i in range(40):
+        at = q.copy()
+        references: tuple[hqp.Reference, ...] = given(i + 1)
+        targets: dict[str, Any] = {r.name: (r.value, *([] if r.velocity is None else [r.velocity])) for r in references}
+        if i in (10, 11, 12):
+            at[9] = np.nan
+        if i == 15:
+            at[3:7] *= 1.2
+        if i == 18:
+            at[8] = 1e6
+        if i == 20:
+            references, targets = (hqp.Reference("hand", nan["hand"]),), dict(nan)
+        tick = session.step(robot.state(at, v), *references)
+        if i == 0:
+            for name, value in session.hold_values.items():
+                if name in file.names:
+                    file.hold(name, value)
+        found = file.step(at, v, targets)
+        assert (found.status, found.held) == (tick.status, tick.held), f"tick {i}: {found.notes}"
+        np.testing.assert_allclose(found.command, tick.command, atol=1e-12, err_msg=f"tick {i}")
+        if tick.status is not Status.INVALID_STATE:
+            q, v = tick.advance()
+
+
+def test_no_pinocchio_is_needed(file: bytes, tmp_path: Path) -> None:
+    (tmp_path / "ur5.hqp").write_bytes(file)
+    code = (
+        "import sys; sys.modules['pinocchio'] = None; import hqp\n"
+        f"session = hqp.load({str(tmp_path / 'ur5.hqp')!r})\n"
+        "print(session.step(session.home).status.name)"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout == "OPTIMAL\n"
+
+
+def test_the_command_writes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "g1.hqp"
+    assert main(["export", str(ROOT / "examples/g1.toml"), "--robot", "g1", "-o", str(path)]) == 0
+    assert hqp.load(path).robot == "g1"
