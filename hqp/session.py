@@ -148,6 +148,8 @@ class Session:
                 for reference in references:
                     for remark in reference.remarks:
                         tick.add(Note(reference.name, Status.OPTIMAL, remark))
+            if line.guards.count >= line.stuck.due:
+                line.stuck.look(line, tick)
             if tick.status is not self._status:
                 self._log(tick)
             if self._recorder is not None:
@@ -176,6 +178,8 @@ class Session:
                 with suppress(FloatingPointError):  # step tells
                     tick = array_tick(line, line.direct, q, v, given)
                 if tick is not None:
+                    if line.guards.count >= line.stuck.due:
+                        line.stuck.look(line, tick)
                     if tick.status is not self._status:
                         self._log(tick)
                     return tick

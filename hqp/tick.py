@@ -62,6 +62,13 @@ class Jump:
         return f"{self.joint} by {self.change:+.3g}"
 
 
+@dataclass(frozen=True, slots=True)
+class Stuck(Note):
+    """A note on a task that is stuck, with a posture ``(nq,)`` that takes it where it should be."""
+
+    posture: Vec
+
+
 class Tick:
     """What one step gave; plain data once pickled.
 
@@ -238,6 +245,14 @@ class Tick:
     def conflict(self) -> Conflict:
         """Which rows of ``subject_to`` exclude each other, and what each would have to give way; as ``explain``."""
         return self._live().conflict(self)
+
+    def way_out(self) -> Vec | None:
+        """A posture ``(nq,)`` that meets a task which is stuck, None where none is: a note says which, and how far off.
+
+        A task is stuck that is off and at rest for half a second though such a posture is known.  Nothing goes there by
+        itself: ``Posture.at(robot.state(q).angles[...])`` in a level above does, or a motion planner.
+        """
+        return next((note.posture for note in self.notes if isinstance(note, Stuck)), None)
 
     def advance(self) -> tuple[Vec, Vec]:
         """(q, v) one period later if the command is carried out exactly (Mistry 2008, eqs. 19 to 22).

@@ -22,6 +22,7 @@ from hqp.loop.references import References
 from hqp.loop.restless import LimitWatch
 from hqp.loop.safety import RateLimiter, StateCheck
 from hqp.loop.stepping import step
+from hqp.loop.stuck import StuckWatch
 from hqp.loop.turn import Turn, alone
 from hqp.problem import Hierarchy
 from hqp.reference import Reference
@@ -100,6 +101,7 @@ class Line:
         self.teller = Teller(compiled.stack, compiled.program, compiled.workspace, self.robot, self.dt)
         self.contacts = ContactWatch(compiled.stack, self.dt)
         self.limits = LimitWatch(compiled.watched, self.dt)
+        self.stuck = StuckWatch(compiled.stack, self.dt)
 
     @property
     def problem(self) -> Hierarchy:

@@ -1,0 +1,110 @@
+"""A posture that takes a task out of a trap, looked for by a thread beside the loop."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from threading import Thread
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.errors import HqpError
+from hqp.reference import Reference
+from hqp.robot import Robot
+from hqp.stack import Stack
+
+from .reaching import random_start
+from .search import Search
+
+TOLERANCE = 1e-3
+"""Of a target that a posture is to meet [m, rad]."""
+
+RANDOM, STEPS, BUDGET = 24, 40, 1.0
+"""Random starts after the others, steps of each, and the time for all [s]."""
+
+PAUSE = 2.0
+"""After a search in vain the next one waits for so long [s]."""
+
+MOVED = 0.02
+"""A target that is so far from where it was asks anew [m, rad]."""
+
+
+class Query:
+    """Looks for a posture that meets a level and leaves all above it no worse than they are.
+
+    It starts from where the robot is, from its home, from both turned about the vertical where the base is free, and
+    from random configurations.  done: whether the search has ended.  posture: what it found, None for nothing.
+    """
+
+    def __init__(self, stack: Stack, robot: Robot, q: Vec, references: tuple[Reference, ...], level: int) -> None:
+        self._stack, self._q, self._references, self._level = stack, q.copy(), references, level
+        self.done, self._ended = False, 0.0
+        self.posture: Vec | None = None
+        self._robot = robot.copy()
+        Thread(target=self._run, name="hqp way out", daemon=True).start()
+
+    def outdated(self, q: Vec, references: tuple[Reference, ...]) -> bool:
+        """Whether the search has ended and tells nothing of these targets, or found nothing a while ago."""
+        if not self.done:
+            return False
+        if self.posture is None:
+            return time.monotonic() - self._ended > PAUSE
+        asked = {r.name: r.value for r in self._references}
+        for reference in references:
+            old = asked.get(reference.name)
+            new = reference.value
+            if (old is None) != (new is None) or (
+                old is not None and new is not None and (old.shape != new.shape or np.abs(old - new).max() > MOVED)
+            ):
+                return True
+        return False
+
+    def _run(self) -> None:
+        with suppress(HqpError, np.linalg.LinAlgError):
+            self.posture = self._search()
+        self._ended = time.monotonic()
+        self.done = True
+
+    def _search(self) -> Vec | None:
+        robot, end = self._robot, time.perf_counter() + BUDGET
+        apart = [element.name for element in self._stack if element.quantity != "motion"]
+        search = Search(self._stack.without(*apart) if apart else self._stack, robot)
+        search.aim(self._q, self._references)
+        _, errors = search.step(self._q, whole=True)
+        allowed = [*search.merit(errors, TOLERANCE)[: self._level + 1], 1.0]
+        for start in starts(robot, self._q):
+            found = search.descend(start, TOLERANCE, STEPS, end)
+            if all(a <= b for a, b in zip(found.merit, allowed, strict=False)):
+                return found.q
+            if time.perf_counter() > end:
+                return None
+            time.sleep(0.0)  # the loop comes first
+        return None
+
+
+def starts(robot: Robot, q: Vec) -> Iterator[Vec]:
+    """Configurations to begin from: q, home where the base is, both turned about the vertical, random ones."""
+    home = robot.home.copy()
+    if robot.floating:
+        home[:7] = q[:7]
+    yield q
+    yield home
+    rng = np.random.default_rng(0)
+    turns = (np.pi, 0.5 * np.pi, -0.5 * np.pi) if robot.floating else ()
+    for turn in turns:
+        yield turned(robot, home, turn)
+        yield turned(robot, q, turn)
+    for i in range(RANDOM):
+        start = random_start(robot, q, rng)
+        yield turned(robot, start, turns[i % 3]) if turns and i % 4 else start
+
+
+def turned(robot: Robot, q: Vec, angle: float) -> Vec:
+    """The base turned about the vertical through its origin [rad]."""
+    x, y, z, w = q[3:7].tolist()
+    c, s = np.cos(0.5 * angle), np.sin(0.5 * angle)
+    found = q.copy()
+    found[3:7] = (c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z)
+    return found

@@ -1,0 +1,141 @@
+"""Tasks that stay far from where they should be though a posture is known that takes them there."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.element import Task
+from hqp.problem import Status
+from hqp.robot import Robot, State
+from hqp.stack import Stack
+from hqp.tick import Stuck
+
+if TYPE_CHECKING:
+    from hqp.goals.ways_out import Query
+    from hqp.loop.line import Line
+    from hqp.tick import Tick
+
+PERIOD, PATIENCE = 0.05, 0.5
+"""Between two looks, and for how long a task is to be off and the robot at rest [s]."""
+
+OFF = 0.01, 0.05
+"""A task that is nearer than this is not stuck [m, rad]."""
+
+STILL = 0.2
+"""Joints and a base that move by less are nearly at rest [rad/s, m/s]."""
+
+LACKING = 0.9
+"""A task that lacks this share of what it asks for does not move."""
+
+NEAR = 0.02
+"""A joint this near to a limit is at it [rad, m]."""
+
+NAMED = 4
+"""So many joints at a limit are named."""
+
+
+class StuckWatch:
+    """Looks twenty times a second whether a task with a reference is off and stays there with the robot at rest.
+
+    After half a second of that a thread looks for a posture that meets the task's level, and leaves those above as they
+    are; while there is one and nothing moves, every tick has a note.
+    """
+
+    def __init__(self, stack: Stack, dt: float) -> None:
+        self._tasks = {
+            task.name: (level, task)
+            for level, elements in enumerate(stack.levels)
+            for task in elements
+            if isinstance(task, Task) and task.quantity == "motion" and not task.is_contact and not task.demands
+        }
+        self._stack, self._period = stack, max(1, round(PERIOD / dt))
+        self._patience = math.ceil(PATIENCE / (self._period * dt))
+        self.due = self._period if self._tasks else math.inf
+        """The tick of the next look; 0 while there is a note."""
+        self._next, self._looks, self._name = self._period, 0, ""
+        self._query: Query | None = None
+        self._note: Stuck | None = None
+
+    def look(self, line: Line, tick: Tick) -> None:
+        """Look at the latest tick, and give it a note where a task is stuck."""
+        count = tick.count
+        if count >= self._next:
+            self._next = count + self._period
+            if line.transition is None and tick.status.solved:
+                self._decide(line, tick)
+            self.due = self._next if self._note is None else 0
+        if self._note is not None:
+            tick.add(self._note)
+
+    def _decide(self, line: Line, tick: Tick) -> None:
+        name, off, unit = self._off(line, tick)
+        if not name or name != self._name:
+            self._name, self._looks, self._note = name, 0, None
+            return
+        self._looks += 1
+        if self._looks < self._patience:
+            return
+        if self._query is None or self._query.outdated(tick.state.q, line.last_references):
+            self._note = None
+            if self._query is None or self._query.done:
+                from hqp.goals.ways_out import Query
+
+                references = line.last_references
+                self._query = Query(self._stack, line.robot, tick.state.q, references, self._tasks[name][0])
+            return
+        if self._query.posture is not None:
+            told = (f"STUCK: {name} {off:.2g} {unit} off and still", *at_limits(line.robot, tick.state))
+            self._note = Stuck(name, Status.OPTIMAL, "; ".join(told), self._query.posture)
+
+    def _off(self, line: Line, tick: Tick) -> tuple[str, float, str]:
+        """The first task by level that is off and does not move, how far [m or rad], its unit; "" for none."""
+        solved = tick.solved()
+        if solved is None or not self._rests(line, tick):
+            return "", 0.0, ""
+        w, given = solved[0], frozenset(line.names)
+        program = line.program
+        starts = np.cumsum([0, *(rows.m for rows in program.problem.levels)]).tolist()
+        for name, (_, task) in self._tasks.items():
+            if name not in given or name not in program.places:
+                continue
+            place = program.places[name]
+            rows, begin = program.problem.levels[place.level], starts[place.level]
+            asked = rows.lower[place.part]
+            lacks = w[begin + place.part.start : begin + place.part.stop]
+            if float(lacks @ lacks) < LACKING**2 * float(asked @ asked):
+                continue
+            error = program.assembly.members[name].views.error
+            for part, most, unit in zip(parts(task, error), OFF, ("m", "rad"), strict=True):
+                far = math.sqrt(float(part @ part))
+                if far > most:
+                    return name, far, unit
+        return "", 0.0, ""
+
+    @staticmethod
+    def _rests(line: Line, tick: Tick) -> bool:
+        v = tick.x if line.velocity else tick.state.v
+        return bool(np.abs(v).max(initial=0.0) < STILL)
+
+
+def parts(task: Task, error: Vec) -> tuple[Vec, Vec]:
+    """The rows of an error that are lengths, and those that are angles."""
+    if task.units == ("rad",):
+        return error[:0], error
+    first = task.rotation_rows
+    return (error, error[:0]) if first is None else (error[:first], error[first:])
+
+
+def at_limits(robot: Robot, state: State) -> tuple[str, ...]:
+    """Joints that are at a position limit, in words."""
+    angles = state.angles
+    room = np.minimum(angles - robot.lower, robot.upper - angles)
+    nearest = [int(i) for i in np.argsort(room, kind="stable") if room[i] < NEAR]
+    told = ", ".join(
+        f"{robot.joint_name(i)} at its {'lower' if angles[i] - robot.lower[i] < NEAR else 'upper'} limit"
+        for i in nearest[:NAMED]
+    )
+    return (told + (f" and {len(nearest) - NAMED} more" if len(nearest) > NAMED else ""),) if told else ()

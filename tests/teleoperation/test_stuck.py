@@ -1,0 +1,155 @@
+"""Tasks that stay off though a posture is known: what the notes say, and where the way out leads."""
+
+from __future__ import annotations
+
+import pickle
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hqp
+from benchmarks.calm.arrival import Case, case
+from hqp import Level, P, Stack, Status, Tick
+from hqp.arrays import Vec
+from hqp.goals import ways_out
+from hqp.reference import Reference
+from hqp.tasks import FixedContact, JointLimits, Position, Posture
+
+from .traps import CRAWL, TURNED, crawled_start, references, turned_start, whole_body
+
+
+def until_stuck(
+    robot: Any, stack: Stack, aims: list[Reference], q: Vec, dt: float, seconds: float, formulation: Any = None
+) -> tuple[Vec, Tick, float]:
+    """Run until a task is stuck or time is over: where the robot is then, the tick, the time."""
+    session = hqp.Controller(stack, formulation or hqp.Velocity(), deadline=np.inf).session(robot, dt)
+    v, every = np.zeros(robot.nv), max(1, round(0.05 / dt))
+    for k in range(round(seconds / dt)):
+        tick = session.step(robot.state(q, v), *aims)
+        if tick.way_out() is not None:
+            break
+        if k % every == 0:
+            time.sleep(0.002)  # the thread's turn
+        q, v = tick.advance()
+    return q, tick, k * dt
+
+
+@pytest.mark.parametrize(("targets", "begin"), [(TURNED, turned_start), (CRAWL, lambda robot: crawled_start())])
+def test_a_humanoid_knows_the_way_out_of_a_trap(targets: dict[str, tuple[float, ...]], begin: Any) -> None:
+    """Facing backwards, and after a crawl: both feet are off for ever."""
+    robot, stack = whole_body()
+    aims = references(stack, targets)
+    _, tick, _ = until_stuck(robot, stack, aims, begin(robot), 1.0 / 120.0, 8.0)
+    assert tick.status is Status.OPTIMAL
+    note = next(note for note in tick.notes if "STUCK" in note.detail)
+    assert note.detail.startswith("STUCK: left_foot 0.")
+    assert "limit" in note.detail
+    posture = tick.way_out()
+    assert posture is not None
+    assert pickle.loads(pickle.dumps(tick)).way_out() == pytest.approx(posture)
+    state = robot.state(posture)
+    for aim in aims:
+        if aim.name.endswith("foot"):
+            assert np.linalg.norm(stack.find(aim.name).error(state, aim.value)) < 2e-3
+    assert (state.angles[6:] > robot.lower[6:] - 1e-6).all()
+    assert (state.angles[6:] < robot.upper[6:] + 1e-6).all()
+
+
+def elbow() -> Case:
+    """Panda, whose elbow would have to fold the other way."""
+    return case("panda", 0)
+
+
+@pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration()], ids=["velocity", "acceleration"])
+def test_an_arm_goes_free_where_the_user_takes_the_posture(formulation: Any) -> None:
+    one = elbow()
+    hand: Any = one.hand
+    if formulation.order == 2:
+        hand = type(hand)(frame=hand.frame, name="hand", law=hqp.PD(100.0))
+    posture = Posture(law=P(1.0) if formulation.order == 1 else hqp.PD(25.0))
+    stack = Stack(Level(hand), Level(posture), subject_to=[JointLimits()])
+    q, tick, _ = until_stuck(one.robot, stack, [hand.at(one.goal)], one.start, one.dt, 8.0, formulation)
+    way = tick.way_out()
+    assert way is not None
+    assert one.off(q) > 0.05
+    first = Posture(law=P(2.0) if formulation.order == 1 else hqp.PD(25.0), name="way out")
+    free = Stack(Level(first), Level(hand), subject_to=[JointLimits()])
+    session = hqp.Controller(free, formulation, deadline=np.inf).session(one.robot, one.dt)
+    aim, v = first.at(one.robot.state(way).angles), np.zeros(one.robot.nv)
+    for _ in range(round(6.0 / one.dt)):
+        tick = session.step(one.robot.state(q, v), aim, hand.at(one.goal))
+        q, v = tick.advance()
+    assert one.off(q) < 5e-3
+    assert tick.way_out() is None
+
+
+def test_the_note_goes_where_the_task_moves_again() -> None:
+    one = elbow()
+    robot, hand = one.robot, one.hand
+    session = hqp.Controller(one.stack, deadline=np.inf).session(robot, one.dt)
+    q, v, told = one.start, np.zeros(robot.nv), []
+    home = hand.value(robot.state(q))
+    for k in range(round(8.0 / one.dt)):
+        tick = session.step(robot.state(q, v), hand.at(one.goal if not any(told) else home))
+        told.append(tick.way_out() is not None)
+        if any(told) and k > told.index(True) + round(0.5 / one.dt):
+            break
+        if k % 25 == 0:
+            time.sleep(0.002)
+        q, v = tick.advance()
+    assert any(told)
+    assert not told[-1]
+
+
+def test_what_is_out_of_reach_is_not_stuck(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor asked about more than every two seconds."""
+    asked: list[Any] = []
+    begin = ways_out.Query.__init__
+
+    def counted(self: Any, *given: Any) -> None:
+        asked.append(given)
+        begin(self, *given)
+
+    monkeypatch.setattr(ways_out.Query, "__init__", counted)
+    robot = hqp.robots.load("g1")
+    hand = Position(frame="right_rubber_hand", law=P(5.0))
+    feet = [FixedContact(frame=sole) for sole in robot.landmarks["soles"]]
+    stack = Stack(Level(hand), Level(Posture()), subject_to=[*feet, JointLimits()])
+    goal = hand.value(robot.state(robot.home)) + np.array([1.5, 0.0, 0.0])
+    begun = time.monotonic()
+    _, tick, _ = until_stuck(robot, stack, [hand.at(goal)], robot.home.copy(), 0.005, 10.0)
+    assert tick.way_out() is None
+    assert 1 <= len(asked) <= 1 + (time.monotonic() - begun) / ways_out.PAUSE
+
+
+def test_a_slow_task_is_not_stuck() -> None:
+    robot = hqp.robots.load("ur5")
+    hand = Position(frame="tool0", law=P(0.02))
+    stack = Stack(Level(hand), Level(Posture()), subject_to=[JointLimits()])
+    q = robot.integrate(robot.home, np.array([0.3, -1.4, 1.5, -1.2, -1.3, 0.2]), 1.0)
+    goal = hand.value(robot.state(q)) + np.array([0.0, 0.1, 0.0])
+    _, tick, when = until_stuck(robot, stack, [hand.at(goal)], q, 0.005, 4.0)
+    assert tick.way_out() is None
+    assert when > 3.9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["ur5", "panda", "xarm7"])
+def test_no_false_alarm_in_drawn_loops(name: str) -> None:
+    """Whoever is told to be stuck never arrives by itself; whoever is off at the end was told."""
+    alarms = 0
+    for seed in range(12):
+        one = case(name, seed)
+        session = hqp.Controller(one.stack, deadline=np.inf).session(one.robot, one.dt)
+        q, v, told = one.start, np.zeros(one.robot.nv), False
+        for k in range(round(8.0 / one.dt)):
+            tick = session.step(one.robot.state(q, v), one.hand.at(one.goal))
+            told |= tick.way_out() is not None
+            if k % max(1, round(0.05 / one.dt)) == 0:
+                time.sleep(0.001)
+            q, v = tick.advance()
+        alarms += told
+        assert told == (one.off(q) > 0.01), one.text
+    assert alarms
