@@ -50,4 +50,4 @@ def _inset(axis: plt.Axes, support: Support) -> None:
     inset.set(aspect="equal", xticks=[], yticks=[], facecolor="white")
     inset.set(xlim=(-middle[1] - half, -middle[1] + half), ylim=(middle[0] - half, middle[0] + half))
     error = 1e3 * float(np.linalg.norm(support.com - support.goal))
-    inset.set_xlabel(f"CoM off {error:.1f} mm", fontsize=9, labelpad=2)
+    inset.text(0.5, 0.04, f"CoM off {error:.1f} mm", fontsize=9, ha="center", transform=inset.transAxes)
