@@ -95,16 +95,37 @@ def within() -> None:
     hand = t.Position(frame="panda_hand", name="hand")
     start = PANDA.state().position("panda_hand")
     for kind, formulation in FORMULATIONS.items():
-        wall = t.Within(t.Position(frame="panda_hand", axes="x"), upper=float(start[0]) + 0.06, name="wall")
+        wall = t.Within(
+            t.Position(frame="panda_hand", axes="x"),
+            upper=float(start[0]) + 0.06,
+            name="wall",
+        )
         stack = Stack(Level(hand), posture(kind), subject_to=[wall])
         goal = [hand.at(start + [0.2, 0.0, 0.0])]
-        x = run(PANDA, stack, goal, 2.0, lambda s, _: s.position("panda_hand")[0] - start[0], formulation)
+        x = run(
+            PANDA,
+            stack,
+            goal,
+            2.0,
+            lambda s, _: s.position("panda_hand")[0] - start[0],
+            formulation,
+        )
         panel(left, 100 * x, kind)
         floor = t.Within(
-            t.Position(frame="panda_hand", axes="z"), lower=float(start[2]) + 0.05, name="floor", recovery=0.05
+            t.Position(frame="panda_hand", axes="z"),
+            lower=float(start[2]) + 0.05,
+            name="floor",
+            recovery=0.05,
         )
         back = Stack(posture(kind), subject_to=[floor])
-        z = run(PANDA, back, [], 2.5, lambda s, _: s.position("panda_hand")[2] - start[2], formulation)
+        z = run(
+            PANDA,
+            back,
+            [],
+            2.5,
+            lambda s, _: s.position("panda_hand")[2] - start[2],
+            formulation,
+        )
         panel(right, 100 * z, kind)
     left.axhline(6.0, color="k", ls=":", lw=1)
     right.axhline(5.0, color="k", ls=":", lw=1)
@@ -148,15 +169,33 @@ def directions() -> None:
     point = p + R @ [0.4, 0.2, 0.5]
     for task, goal in ((align, wanted), (look, point)):
         stack = Stack(Level(task), posture())
-        e = run(PANDA, stack, [task.at(goal)], 1.5, lambda s, _, k=task, g=goal: np.linalg.norm(k.error(s, g)))
+        e = run(
+            PANDA,
+            stack,
+            [task.at(goal)],
+            1.5,
+            lambda s, _, k=task, g=goal: np.linalg.norm(k.error(s, g)),
+        )
         panel(left, e, type(task).__name__)
     for kind, formulation in FORMULATIONS.items():
         cone = t.Cone(look, angle=0.2, name="cone", recovery=0.5)
         stack = Stack(posture(kind), subject_to=[cone])
-        e = run(PANDA, stack, [cone.at(point)], 2.5, lambda s, _: np.linalg.norm(look.error(s, point)), formulation)
+        e = run(
+            PANDA,
+            stack,
+            [cone.at(point)],
+            2.5,
+            lambda s, _: np.linalg.norm(look.error(s, point)),
+            formulation,
+        )
         panel(right, e, kind)
     right.axhline(0.2, color="k", ls=":", lw=1)
-    finish(figure, "directions", (left, "angle to direction or point [rad]"), (right, "Cone of 0.2 rad [rad]"))
+    finish(
+        figure,
+        "directions",
+        (left, "angle to direction or point [rad]"),
+        (right, "Cone of 0.2 rad [rad]"),
+    )
 
 
 def distance() -> None:
@@ -164,7 +203,10 @@ def distance() -> None:
     figure, axes = plt.subplots(figsize=(4.2, 2.8))
     apart = t.Distance(frame=LEFT, other=RIGHT, name="apart")
     stack = Stack(Level(apart), posture(), subject_to=FEET)
-    panel(axes, 100 * run(TALOS, stack, [apart.at(0.3)], 1.5, lambda s, _: apart.value(s)[0]))
+    panel(
+        axes,
+        100 * run(TALOS, stack, [apart.at(0.3)], 1.5, lambda s, _: apart.value(s)[0]),
+    )
     axes.axhline(30.0, color="k", ls=":", lw=1)
     finish(figure, "distance", (axes, "distance of the hands of Talos [cm]"))
 
@@ -175,23 +217,46 @@ def weld() -> None:
     hand = t.Position(frame=LEFT, name="hand")
     goal = [hand.at(TALOS.state().position(LEFT) + [0.1, 0.0, 0.1])]
     for kind, formulation in FORMULATIONS.items():
-        box = t.Weld(frame=LEFT, relative_to=RIGHT, name="box", law=P(20.0) if kind == "velocity" else PD(400.0))
+        box = t.Weld(
+            frame=LEFT,
+            relative_to=RIGHT,
+            name="box",
+            law=P(20.0) if kind == "velocity" else PD(400.0),
+        )
         start = box.value(TALOS.state()).copy()
         stack = Stack(Level(hand), posture(kind), subject_to=[*FEET, box])
-        off = run(TALOS, stack, goal, 1.5, lambda s, _, b=box, w=start: np.abs(b.value(s) - w).max(), formulation)
-        left.semilogy(DT * np.arange(len(off)), np.maximum(off, 1e-12), label=kind, lw=1.4)
+        off = run(
+            TALOS,
+            stack,
+            goal,
+            1.5,
+            lambda s, _, b=box, w=start: np.abs(b.value(s) - w).max(),
+            formulation,
+        )
+        left.semilogy(
+            DT * np.arange(len(off)), np.maximum(off, 1e-12), label=kind, lw=1.4
+        )
     squeeze = t.ContactForce(contact="box", components=("fy",), name="squeeze")
     limits = t.ForceLimits(contact="box", force=30.0, moment=5.0)
     stack = Stack(Level(squeeze), posture("torque"), subject_to=[*FEET, box, limits])
-    session = hqp.Controller(stack, FORMULATIONS["torque"], deadline=math.inf).session(TALOS, DT)
+    session = hqp.Controller(stack, FORMULATIONS["torque"], deadline=math.inf).session(
+        TALOS, DT
+    )
     q, v, force = TALOS.home, np.zeros(TALOS.nv), []
     for k in range(750):
-        tick = session.step(TALOS.state(q, v), squeeze.at([60.0 * math.sin(4.0 * DT * k)]))
+        tick = session.step(
+            TALOS.state(q, v), squeeze.at([60.0 * math.sin(4.0 * DT * k)])
+        )
         force.append(session.program.contact_forces(tick.x)["box"][1])  # type: ignore[attr-defined]
         q, v = tick.advance()
     panel(right, np.array(force), "f_y")
     panel(right, 60.0 * np.sin(4.0 * DT * np.arange(len(force))), "wanted", ls=":")
-    finish(figure, "weld", (left, "largest error of the pose [m, 1]"), (right, "force on the box, limit 30 N [N]"))
+    finish(
+        figure,
+        "weld",
+        (left, "largest error of the pose [m, 1]"),
+        (right, "force on the box, limit 30 N [N]"),
+    )
 
 
 def rates() -> None:
@@ -202,9 +267,20 @@ def rates() -> None:
     J = PANDA.state().jacobian("panda_hand")[:3]
     v0 = np.eye(PANDA.nv)[2] * 0.5
     v0 -= np.linalg.pinv(J) @ (J @ v0)  # the elbow turns, the hand rests
-    for label, last in (("LowAcceleration", t.LowAcceleration()), ("Damping", t.Damping(law=PD(0.0, 4.0)))):
+    for label, last in (
+        ("LowAcceleration", t.LowAcceleration()),
+        ("Damping", t.Damping(law=PD(0.0, 4.0))),
+    ):
         stack = Stack(Level(hand), Level(last))
-        speeds = run(PANDA, stack, hold, 1.5, lambda s, _: np.linalg.norm(s.v[:7]), FORMULATIONS["acceleration"], v0=v0)
+        speeds = run(
+            PANDA,
+            stack,
+            hold,
+            1.5,
+            lambda s, _: np.linalg.norm(s.v[:7]),
+            FORMULATIONS["acceleration"],
+            v0=v0,
+        )
         panel(panels[0, 0], speeds, label)
     spin = t.JointVelocity(joints="panda_joint1", name="spin")
     v = run(
@@ -219,7 +295,10 @@ def rates() -> None:
     panel(panels[0, 1], 0.5 * np.sin(2 * DT * np.arange(len(v))), "v_ref", ls=":")
     arm = t.Position(frame=LEFT, relative_to="base_link", name="arm")
     goal = [arm.at(arm.value(TALOS.state()) + [0.2, 0.1, 0.3])]
-    for label, levels in (("without", []), ("Momentum above", [Level(t.Momentum(linear=""))])):
+    for label, levels in (
+        ("without", []),
+        ("Momentum above", [Level(t.Momentum(linear=""))]),
+    ):
         L = run(
             TALOS,
             Stack(*levels, Level(arm)),
@@ -230,10 +309,24 @@ def rates() -> None:
         panel(panels[1, 0], L, label)
     reach = t.Position(frame=LEFT, name="reach")
     far = [reach.at(TALOS.state().position(LEFT) + [0.4, 0.0, 0.2])]
-    for label, more in (("without", []), ("linear = 0.05", [t.BaseVelocityLimits(linear=0.05, angular=0.2)])):
-        base = run(TALOS, Stack(Level(reach), subject_to=[*FEET, *more]), far, 1.0, lambda s, _: np.abs(s.v[:3]).max())
+    for label, more in (
+        ("without", []),
+        ("linear = 0.05", [t.BaseVelocityLimits(linear=0.05, angular=0.2)]),
+    ):
+        base = run(
+            TALOS,
+            Stack(Level(reach), subject_to=[*FEET, *more]),
+            far,
+            1.0,
+            lambda s, _: np.abs(s.v[:3]).max(),
+        )
         panel(panels[1, 1], base, label)
-    titles = ("|v| of a turning elbow [rad/s]", "JointVelocity [rad/s]", "|angular momentum| [kg m2/s]", "base [m/s]")
+    titles = (
+        "|v| of a turning elbow [rad/s]",
+        "JointVelocity [rad/s]",
+        "|angular momentum| [kg m2/s]",
+        "base [m/s]",
+    )
     finish(figure, "rates", *zip(panels.ravel(), titles, strict=True))
 
 
@@ -243,7 +336,10 @@ def manipulability() -> None:
     hand = t.Position(frame="panda_hand", name="hand", law=P(2.0))
     w = t.Manipulability(frame="panda_hand", angular="", name="w")
     goal = [hand.at(PANDA.state().position("panda_hand") + [0.5, 0.0, 0.0])]
-    for label, more in (("without", []), ("Within(..., lower=0.08)", [t.Within(w, lower=0.08, name="agile")])):
+    for label, more in (
+        ("without", []),
+        ("Within(..., lower=0.08)", [t.Within(w, lower=0.08, name="agile")]),
+    ):
         stack = Stack(Level(hand), posture(), subject_to=[t.JointLimits(), *more])
         panel(axes, run(PANDA, stack, goal, 2.0, lambda s, _: w.value(s)[0]), label)
     axes.axhline(0.08, color="k", ls=":", lw=1)
@@ -262,9 +358,20 @@ def frozen() -> None:
         panel(left, moved[:, k], f"{k + 1}", ls="--" if k in (2, 4) else "-")
     v0 = np.zeros(PANDA.nv)
     v0[3] = 1.0
-    stack = Stack(posture("torque"), subject_to=[t.Frozen(joints="panda_joint4", acceleration=10.0)])
-    panel(right, run(PANDA, stack, [], 1.0, lambda s, _: s.v[3], FORMULATIONS["torque"], v0=v0))
-    finish(figure, "frozen", (left, "joints of Panda, 3 and 5 frozen [rad]"), (right, "frozen at 1 rad/s [rad/s]"))
+    stack = Stack(
+        posture("torque"),
+        subject_to=[t.Frozen(joints="panda_joint4", acceleration=10.0)],
+    )
+    panel(
+        right,
+        run(PANDA, stack, [], 1.0, lambda s, _: s.v[3], FORMULATIONS["torque"], v0=v0),
+    )
+    finish(
+        figure,
+        "frozen",
+        (left, "joints of Panda, 3 and 5 frozen [rad]"),
+        (right, "frozen at 1 rad/s [rad/s]"),
+    )
 
 
 def motors() -> None:
@@ -284,7 +391,10 @@ def motors() -> None:
     axes.plot(found[:, 0], found[:, 1], ".", ms=2)
     speeds = np.linspace(-2.5, 2.5, 201)
     for side in (0, 1):
-        line = [limits.bounds(PANDA.state(PANDA.home, np.full(PANDA.nv, v)))[side][0] for v in speeds]
+        line = [
+            limits.bounds(PANDA.state(PANDA.home, np.full(PANDA.nv, v)))[side][0]
+            for v in speeds
+        ]
         axes.plot(speeds, line, "k:", lw=1)
     axes.set_xlabel("speed [rad/s]", fontsize=8)
     finish(figure, "motors", (axes, "torque of panda_joint1 [N m]"))
@@ -310,14 +420,24 @@ def balls() -> None:
         found = run(
             robot,
             Stack(Level(hand), posture(), subject_to=more),
-            lambda time, _: [hand.at(start + [-0.1 * math.sin(time) ** 2, 0.0, 0.35 * (1.0 - math.cos(time))])],
+            lambda time, _: [
+                hand.at(
+                    start
+                    + [-0.1 * math.sin(time) ** 2, 0.0, 0.35 * (1.0 - math.cos(time))]
+                )
+            ],
             2.0 * math.pi,
             lambda s, _: [np.linalg.norm(s.angles[:3]), s.position("hand")[2]],
         )
         panel(left, found[:, 0], label)
         panel(right, 100 * (found[:, 1] - start[2]), label)
     left.axhline(1.3, color="k", ls=":", lw=1)
-    finish(figure, "balls", (left, "turn of the shoulder [rad]"), (right, "height of the hand [cm]"))
+    finish(
+        figure,
+        "balls",
+        (left, "turn of the shoulder [rad]"),
+        (right, "height of the hand [cm]"),
+    )
 
 
 def joint_torque() -> None:
@@ -326,23 +446,40 @@ def joint_torque() -> None:
     robot = hqp.robots.load("solo12")
     feet = [t.PointContact(frame=foot) for foot in robot.landmarks["feet"]]
     pushing = [t.UnilateralContact(contact=foot.frame) for foot in feet]
-    com, trunk = t.Com(law=PD(40.0), name="com"), t.Orientation(frame="base_link", law=PD(40.0))
+    com, trunk = (
+        t.Com(law=PD(40.0), name="com"),
+        t.Orientation(frame="base_link", law=PD(40.0)),
+    )
     knee = t.JointTorque(joints="FL_KFE", name="knee")
     index, start = robot.joint_names.index("FL_KFE"), robot.state().com().copy()
 
     def goals(time: float, asked: bool) -> list[Any]:
-        swing = [0.04 * math.sin(math.pi * time), 0.04 * math.sin(2.0 * math.pi * time), 0.0]
-        return [com.at(start + swing), *([knee.at([0.1 + 0.05 * math.sin(6.0 * time)])] if asked else [])]
+        swing = [
+            0.04 * math.sin(math.pi * time),
+            0.04 * math.sin(2.0 * math.pi * time),
+            0.0,
+        ]
+        return [
+            com.at(start + swing),
+            *([knee.at([0.1 + 0.05 * math.sin(6.0 * time)])] if asked else []),
+        ]
 
     for label, below in (("without", []), ("JointTorque", [Level(knee)])):
         stack = Stack(Level(com, trunk), *below, subject_to=[*feet, *pushing])
         found = run(robot, stack, lambda time, _, asked=bool(below): goals(time, asked), 2.0,
                     lambda s, tick: [tick.command[index], *(100 * (s.com() - start)[:2])], hqp.Torque())  # fmt: skip
         panel(left, found[:, 0], label)
-        right.plot(found[:, 1], found[:, 2], label=label, lw=1.6, ls="--" if below else "-")
+        right.plot(
+            found[:, 1], found[:, 2], label=label, lw=1.6, ls="--" if below else "-"
+        )
     panel(left, 0.1 + 0.05 * np.sin(6.0 * DT * np.arange(1000)), "reference", ls=":")
     right.set_xlabel("x [cm]", fontsize=8)
-    finish(figure, "joint_torque", (left, "torque of a knee [N m]"), (right, "centre of mass, y [cm]"))
+    finish(
+        figure,
+        "joint_torque",
+        (left, "torque of a knee [N m]"),
+        (right, "centre of mass, y [cm]"),
+    )
 
 
 def holding() -> None:
@@ -357,7 +494,9 @@ def holding() -> None:
         Level(t.Posture(law=PD(1.0))),
         subject_to=[*FEET, t.JointLimits(), t.TorqueLimits()],
     )
-    goals = [hand.at(TALOS.state().position(hand.frame) + [1.5, 0.0, 0.0]) for hand in hands]
+    goals = [
+        hand.at(TALOS.state().position(hand.frame) + [1.5, 0.0, 0.0]) for hand in hands
+    ]
     torso = TALOS.actuated.tolist().index(int(TALOS.joints("torso_2_joint")[0]))
     for label, share in (("Torque(holding=None)", None), ("holding=0.8", 0.8)):
         found = run(TALOS, stack, goals, 2.5,
@@ -365,9 +504,14 @@ def holding() -> None:
         panel(left, found[:, 0], label)
         panel(right, 100 * (found[:, 2] - TALOS.state().com()[2]), label)
     for side in (-1.0, 1.0):
-        left.axhline(side * TALOS.effort_limit[TALOS.actuated[torso]], color="k", ls=":", lw=1)
+        left.axhline(
+            side * TALOS.effort_limit[TALOS.actuated[torso]], color="k", ls=":", lw=1
+        )
     finish(
-        figure, "holding", (left, "torque of torso_2_joint [N m]"), (right, "height of the CoM, from its start [cm]")
+        figure,
+        "holding",
+        (left, "torque of torso_2_joint [N m]"),
+        (right, "height of the CoM, from its start [cm]"),
     )
 
 
@@ -379,29 +523,45 @@ def loads() -> None:
     start = PANDA.state().position("panda_hand").copy()
     heavy = PANDA.model.copy()
     host = heavy.frames[heavy.getFrameId("panda_hand")]
-    heavy.appendBodyToJoint(host.parentJoint, pin.Inertia(3.0, np.array([0, 0, 0.1]), np.zeros((3, 3))), host.placement)
+    heavy.appendBodyToJoint(
+        host.parentJoint,
+        pin.Inertia(3.0, np.array([0, 0, 0.1]), np.zeros((3, 3))),
+        host.placement,
+    )
     stack = Stack(Level(hand), posture("torque"), subject_to=[load, push])
     goal = hand.at(start + [0.0, 0.0, 0.1])
-    for label, more in (("not told", []), ("load.at(3.0, (0, 0, 0.1))", [load.at(3.0, [0.0, 0.0, 0.1])])):
+    for label, more in (
+        ("not told", []),
+        ("load.at(3.0, (0, 0, 0.1))", [load.at(3.0, [0.0, 0.0, 0.1])]),
+    ):
         z = run(PANDA, stack, [goal, *more], 1.5, lambda s, _: s.position("panda_hand")[2] - start[2],
                 FORMULATIONS["torque"], heavy)  # fmt: skip
         panel(left, 100 * z, label)
     session_goal = hand.at(start)
     wrench = np.array([0.0, 40.0, 0.0, 0.0, 0.0, 0.0])
     for label, told in (("not told", False), ("push.at(w)", True)):
-        session = hqp.Controller(stack, FORMULATIONS["torque"], deadline=math.inf).session(PANDA, DT)
+        session = hqp.Controller(
+            stack, FORMULATIONS["torque"], deadline=math.inf
+        ).session(PANDA, DT)
         q, v, y = PANDA.home, np.zeros(PANDA.nv), []
         data = PANDA.model.createData()
         for k in range(750):
             w = wrench * (k > 200)
-            tick = session.step(PANDA.state(q, v), session_goal, *([push.at(w)] if told else []))
+            tick = session.step(
+                PANDA.state(q, v), session_goal, *([push.at(w)] if told else [])
+            )
             tau = PANDA.state(q, v).jacobian("panda_hand").T @ w
             tau[PANDA.actuated] += tick.command
             v = v + DT * pin.aba(PANDA.model, data, q, v, tau)
             q = PANDA.integrate(q, v, DT)
             y.append(PANDA.state(q).position("panda_hand")[1] - start[1])
         panel(right, 100 * np.array(y), label)
-    finish(figure, "loads", (left, "Payload: height of the hand, goal 10 cm [cm]"), (right, "pushed by 40 N [cm]"))
+    finish(
+        figure,
+        "loads",
+        (left, "Payload: height of the hand, goal 10 cm [cm]"),
+        (right, "pushed by 40 N [cm]"),
+    )
 
 
 def balance() -> None:
@@ -412,32 +572,58 @@ def balance() -> None:
     soles = [t.CenterOfPressure(contact=name, rectangle=SOLE) for name in names]
     element, share = t.Balance(margin=0.005), t.LoadShare(contacts=(names[1], names[0]))
     trunk = t.Orientation(frame="base_link", name="trunk")
-    levels = [Level(element, t.Com(axes="z", name="height")), Level(trunk), Level(t.Posture())]
+    levels = [
+        Level(element, t.Com(axes="z", name="height")),
+        Level(trunk),
+        Level(t.Posture()),
+    ]
     stack = Stack(*levels, Level(share, price=0), subject_to=[*FEET, *soles])
     state = TALOS.state()
     start, over = state.com()[:2] + [0.0, 0.02], state.position(names[0])[:2]
     omega = natural_frequency(state.com()[2])
-    plan = DcmPlan([Piece(0.5, start, start), Piece(0.8, start, over), Piece(0.7, over, over)], omega)
+    plan = DcmPlan(
+        [Piece(0.5, start, start), Piece(0.8, start, over), Piece(0.7, over, over)],
+        omega,
+    )
     ready: Any = element.among([*FEET, *soles])
 
     def references(now: float, _: Any) -> Any:
-        return [element.at(*plan.at(now)), share.at(0.5 + 0.5 * min(max((now - 0.5) / 0.8, 0.0), 1.0))]
+        return [
+            element.at(*plan.at(now)),
+            share.at(0.5 + 0.5 * min(max((now - 0.5) / 0.8, 0.0), 1.0)),
+        ]
 
     def measure(s: Any, tick: Any) -> Any:
         given = np.concatenate(plan.at(len(seen) * DT))
         seen.append(0)
         forces = tick.program.contact_forces(tick.solution.x)
         dcm = s.com()[1] + s.com_velocity()[1] / omega
-        return [dcm, given[3], ready.zmp(s, given)[0][1], given[1], *(forces[name][2] for name in names)]
+        return [
+            dcm,
+            given[3],
+            ready.zmp(s, given)[0][1],
+            given[1],
+            *(forces[name][2] for name in names),
+        ]
 
     seen: list[int] = []
     found = run(TALOS, stack, references, 2.0, measure, hqp.Torque(holding=None))
     figure, (left, right) = plt.subplots(1, 2, figsize=(7.6, 3.0))
-    for k, label, style in ((0, "DCM", "-"), (1, "its plan", ":"), (2, "ZMP", "-"), (3, "its plan", ":")):
+    for k, label, style in (
+        (0, "DCM", "-"),
+        (1, "its plan", ":"),
+        (2, "ZMP", "-"),
+        (3, "its plan", ":"),
+    ):
         panel(left, 100 * found[:, k], label, ls=style, color="C0" if k < 2 else "C1")
     for k, label in ((4, "left"), (5, "right")):
         panel(right, found[:, k], label)
-    finish(figure, "balance", (left, "Balance: sideways [cm]"), (right, "LoadShare: normal forces [N]"))
+    finish(
+        figure,
+        "balance",
+        (left, "Balance: sideways [cm]"),
+        (right, "LoadShare: normal forces [N]"),
+    )
 
 
 ALL = (

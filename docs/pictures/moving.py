@@ -54,8 +54,14 @@ def g1(path: Path = FIGURES / "g1.webp") -> Path:
             com = state.com()
             studio.ball(np.array([com[0], com[1], 0.005]), BLUE, 0.025)
             title = f"hand: {100.0 * off:.0f} cm from its target"
-            text = "feet, balance and limits hold; the hand gives way" if far else "every level above it holds"
-            frames.append(caption(studio.shoot(q), title, text, ORANGE if far else GREEN))
+            text = (
+                "feet, balance and limits hold; the hand gives way"
+                if far
+                else "every level above it holds"
+            )
+            frames.append(
+                caption(studio.shoot(q), title, text, ORANGE if far else GREEN)
+            )
         q, v = tick.advance()
     return save(frames, path)
 
@@ -63,15 +69,35 @@ def g1(path: Path = FIGURES / "g1.webp") -> Path:
 def _way(t: float) -> np.ndarray:
     """A loop within reach, 55 cm ahead and back, within 9 s."""
     out = 0.5 - 0.5 * math.cos(2.0 * math.pi * min(max((t - 3.0) / 5.5, 0.0), 1.0))
-    loop = 0.1 * np.array([0.4, math.sin(2.0 * math.pi * t / 3.0), 1.2 - 1.2 * math.cos(2.0 * math.pi * t / 3.0)])
-    return loop * (1.0 - out) + out * np.array([0.55, -0.1, 0.35]) if t < 8.5 else loop * 0.0
+    loop = 0.1 * np.array(
+        [
+            0.4,
+            math.sin(2.0 * math.pi * t / 3.0),
+            1.2 - 1.2 * math.cos(2.0 * math.pi * t / 3.0),
+        ]
+    )
+    return (
+        loop * (1.0 - out) + out * np.array([0.55, -0.1, 0.35])
+        if t < 8.5
+        else loop * 0.0
+    )
 
 
 def dreamer(path: Path = FIGURES / "dreamer.webp") -> Path:
     """The experiment of docs/results/dreamer.md, filmed by the benchmarks."""
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "benchmarks", "experiments", "dreamer-slope", "--quick", "--video"]
-        subprocess.run([*command, "--output", folder], check=True, cwd=Path(__file__).parents[2])
+        command = [
+            sys.executable,
+            "-m",
+            "benchmarks",
+            "experiments",
+            "dreamer-slope",
+            "--quick",
+            "--video",
+        ]
+        subprocess.run(
+            [*command, "--output", folder], check=True, cwd=Path(__file__).parents[2]
+        )
         return save(list(_film(next(Path(folder).glob("*.mp4")))), path)
 
 

@@ -51,7 +51,11 @@ def _answer(line: dict[str, Any]) -> str:
 def _back(line: dict[str, Any]) -> str:
     if line["failed"]:
         return f"no answer in {100 * line['failed'] / line['ticks']:.0f} % of ticks"
-    return f"comes back, jump {line['jump']:.2g} rad/s" if line["over_end"] < 1e-3 else "stays outside"
+    return (
+        f"comes back, jump {line['jump']:.2g} rad/s"
+        if line["over_end"] < 1e-3
+        else "stays outside"
+    )
 
 
 def main() -> None:

@@ -25,7 +25,9 @@ GLASS = 0.16
 """That of dark legs, whose soles and forces are the subject."""
 
 READY = np.array([0.3, -1.4, 1.5, -1.2, -1.3, 0.2])
-SOLE = np.array([[0.1, 0.05, 0.0], [0.1, -0.05, 0.0], [-0.1, -0.05, 0.0], [-0.1, 0.05, 0.0]])
+SOLE = np.array(
+    [[0.1, 0.05, 0.0], [0.1, -0.05, 0.0], [-0.1, -0.05, 0.0], [-0.1, 0.05, 0.0]]
+)
 
 
 @cache
@@ -34,9 +36,20 @@ def studio(name: str, size: tuple[int, int] = SMALL) -> Studio:
     return Studio(hqp.robots.load(name), size)
 
 
-def aim(s: Studio, look: Vec, distance: float, azimuth: float = 150.0, elevation: float = -14.0) -> None:
+def aim(
+    s: Studio,
+    look: Vec,
+    distance: float,
+    azimuth: float = 150.0,
+    elevation: float = -14.0,
+) -> None:
     """Turn the camera."""
-    s.camera.lookat, s.camera.distance, s.camera.azimuth, s.camera.elevation = look, distance, azimuth, elevation
+    s.camera.lookat, s.camera.distance, s.camera.azimuth, s.camera.elevation = (
+        look,
+        distance,
+        azimuth,
+        elevation,
+    )
 
 
 def arm() -> tuple[Studio, Vec, Any]:
@@ -131,14 +144,18 @@ def fixed_contact() -> Image.Image:
 def point_contact() -> Image.Image:
     s, q, state = _legs()
     for sole in s.robot.landmarks["soles"]:
-        s.ball(state.position(sole) + state.rotation(sole) @ [0.12, 0.0, 0.0], GREEN, 0.02)
+        s.ball(
+            state.position(sole) + state.rotation(sole) @ [0.12, 0.0, 0.0], GREEN, 0.02
+        )
     return s.shoot(q, GLASS)
 
 
 def edge_contact() -> Image.Image:
     s, q, state = _legs()
     for sole in s.robot.landmarks["soles"]:
-        ends = np.array([[0.11, 0.06, 0.0], [0.11, -0.06, 0.0]]) @ state.rotation(sole).T + state.position(sole)
+        ends = np.array([[0.11, 0.06, 0.0], [0.11, -0.06, 0.0]]) @ state.rotation(
+            sole
+        ).T + state.position(sole)
         s.line(ends[0], ends[1], GREEN, 0.012)
     return s.shoot(q, GLASS)
 
@@ -147,7 +164,10 @@ def friction_cone() -> Image.Image:
     s, q, state = _legs(-10.0)
     for sole in s.robot.landmarks["soles"]:
         p, h, mu = state.position(sole), 0.2, 0.5
-        rim = [p + [h * mu * np.cos(a), h * mu * np.sin(a), h] for a in np.linspace(0.0, 2.0 * np.pi, 17)[:-1]]
+        rim = [
+            p + [h * mu * np.cos(a), h * mu * np.sin(a), h]
+            for a in np.linspace(0.0, 2.0 * np.pi, 17)[:-1]
+        ]
         for corner in rim:
             s.line(p, corner, BLUE, 0.003)
         s.outline(np.array(rim), BLUE, 0.005)
@@ -166,7 +186,11 @@ def unilateral_contact() -> Image.Image:
 def center_of_pressure() -> Image.Image:
     s, q, state = _legs(-28.0)
     feet(s, state)
-    for sole, offset in zip(s.robot.landmarks["soles"], ([0.05, 0.01, 0.0], [-0.02, -0.02, 0.0]), strict=True):
+    for sole, offset in zip(
+        s.robot.landmarks["soles"],
+        ([0.05, 0.01, 0.0], [-0.02, -0.02, 0.0]),
+        strict=True,
+    ):
         p = state.position(sole) + offset
         s.ball(p + [0.0, 0.0, 0.012], RED, 0.014)
         s.arrow(p, p + [0.0, 0.0, 0.22], RED, 0.01)
@@ -203,7 +227,11 @@ def torque_limits() -> Image.Image:
 
 
 def _turned(v: Vec, axis: Vec, angle: float) -> Vec:
-    return np.asarray(v * np.cos(angle) + np.cross(axis, v) * np.sin(angle) + axis * (axis @ v) * (1.0 - np.cos(angle)))
+    return np.asarray(
+        v * np.cos(angle)
+        + np.cross(axis, v) * np.sin(angle)
+        + axis * (axis @ v) * (1.0 - np.cos(angle))
+    )
 
 
 def _dreamer() -> tuple[Studio, Vec, Any]:
@@ -220,7 +248,12 @@ def wheel_contact() -> Image.Image:
         axle = R @ np.array(wheel.axle)
         contact = p - [0.0, 0.0, wheel.radius]
         s.arrow(p, p + 0.22 * axle, BLUE, 0.014)
-        s.arrow(contact + [0, 0, 0.01], contact + 0.25 * np.cross(axle, [0.0, 0.0, 1.0]) + [0, 0, 0.01], GREEN, 0.016)
+        s.arrow(
+            contact + [0, 0, 0.01],
+            contact + 0.25 * np.cross(axle, [0.0, 0.0, 1.0]) + [0, 0, 0.01],
+            GREEN,
+            0.016,
+        )
     return s.shoot(q, SEEN_THROUGH)
 
 
@@ -243,7 +276,13 @@ def collision_avoidance() -> Image.Image:
     aim(s, np.array([0.0, 0.0, 0.75]), 2.3, 150.0)
     for capsule in robot.capsules:
         p, R = (np.array(x) for x in robot.bodies[capsule.body][-1])
-        s.capsule(p + R @ np.array(capsule.a), p + R @ np.array(capsule.b), BLUE, capsule.radius, 0.35)
+        s.capsule(
+            p + R @ np.array(capsule.a),
+            p + R @ np.array(capsule.b),
+            BLUE,
+            capsule.radius,
+            0.35,
+        )
     return s.shoot(q, SEEN_THROUGH)
 
 
@@ -282,16 +321,24 @@ def tutorial_g1() -> Image.Image:
     s = studio("g1", WIDE)
     robot = s.robot
     contacts = [FixedContact(frame=sole) for sole in robot.landmarks["soles"]]
-    left, right = (Position(frame=f"{side}_wrist_yaw_link", name=side, law=P(6.0)) for side in ("left", "right"))
+    left, right = (
+        Position(frame=f"{side}_wrist_yaw_link", name=side, law=P(6.0))
+        for side in ("left", "right")
+    )
     stack = Stack(
         Level(*contacts, Com(axes="xy", law=P(3.0)), name="balance"), Level(left, right, name="hands"),
         Level(Orientation(frame="pelvis", law=P(2.0))), Level(Posture(law=P(1.0))), subject_to=[JointLimits()],
     )  # fmt: skip
     session = hqp.Controller(stack).session(robot, 0.005)
     q, v = robot.home, np.zeros(robot.nv)
-    goals = [robot.state(q).position(t.frame) + d for t, d in ((left, [0.1, 0.05, 0.25]), (right, [0.75, 0.0, 0.3]))]
+    goals = [
+        robot.state(q).position(t.frame) + d
+        for t, d in ((left, [0.1, 0.05, 0.25]), (right, [0.75, 0.0, 0.3]))
+    ]
     for _ in range(700):
-        q, v = session.step(robot.state(q, v), left.at(goals[0]), right.at(goals[1])).advance()
+        q, v = session.step(
+            robot.state(q, v), left.at(goals[0]), right.at(goals[1])
+        ).advance()
     aim(s, np.array([0.15, 0.0, 0.7]), 1.75, 125.0)
     state = robot.state(q)
     for task, goal, color in ((left, goals[0], GREEN), (right, goals[1], ORANGE)):
@@ -302,18 +349,32 @@ def tutorial_g1() -> Image.Image:
 
 def tutorial_talos() -> Image.Image:
     from hqp import PD, Level, Stack
-    from hqp.tasks import Com, FixedContact, FrictionCone, JointLimits, Position, Posture, TorqueLimits
+    from hqp.tasks import (
+        Com,
+        FixedContact,
+        FrictionCone,
+        JointLimits,
+        Position,
+        Posture,
+        TorqueLimits,
+    )
 
     s = studio("talos", WIDE)
     robot = s.robot
     soles = robot.landmarks["soles"]
-    hand = Position(frame=robot.landmarks["palms"][1], name="hand", law=PD(60.0, 15.0, max_velocity=0.4))
+    hand = Position(
+        frame=robot.landmarks["palms"][1],
+        name="hand",
+        law=PD(60.0, 15.0, max_velocity=0.4),
+    )
     stack = Stack(
         Level(Com(law=PD(60.0, 15.0))), Level(hand), Level(Posture(law=PD(20.0, 9.0))),
         subject_to=[*(FixedContact(frame=f) for f in soles), *(FrictionCone(contact=f, mu=0.6) for f in soles),
                     TorqueLimits(), JointLimits()],
     )  # fmt: skip
-    session = hqp.Controller(stack, hqp.Torque(contact_law=PD(0.0, 40.0))).session(robot, 0.002)
+    session = hqp.Controller(stack, hqp.Torque(contact_law=PD(0.0, 40.0))).session(
+        robot, 0.002
+    )
     q, v = robot.home, np.zeros(robot.nv)
     goal = robot.state(q).position(hand.frame) + [0.25, 0.0, 0.25]
     for _ in range(600):
@@ -340,7 +401,9 @@ ELEMENTS: dict[str, Callable[[], Image.Image]] = {
 }  # fmt: skip
 """Pictures ``figures/element_NAME.webp``."""
 
-TUTORIALS: dict[str, Callable[[], Image.Image]] = {f.__name__: f for f in (tutorial_arm, tutorial_g1, tutorial_talos)}
+TUTORIALS: dict[str, Callable[[], Image.Image]] = {
+    f.__name__: f for f in (tutorial_arm, tutorial_g1, tutorial_talos)
+}
 """Pictures ``figures/NAME.webp``."""
 
 

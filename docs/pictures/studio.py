@@ -17,7 +17,12 @@ from hqp.arrays import Mat, Vec
 from hqp.robots.shapes import shapes
 from hqp.viewer.meshes import GREY, color_of, links, load, quaternion
 
-GREEN, ORANGE, RED, BLUE = (0.1, 0.56, 0.3), (0.85, 0.48, 0.0), (0.81, 0.16, 0.16), (0.09, 0.41, 0.78)
+GREEN, ORANGE, RED, BLUE = (
+    (0.1, 0.56, 0.3),
+    (0.85, 0.48, 0.0),
+    (0.81, 0.16, 0.16),
+    (0.09, 0.41, 0.78),
+)
 INK, SOFT = (29, 37, 48), (92, 103, 117)
 FONTS = ("DejaVuSans-Bold.ttf", "DejaVuSans.ttf")
 Color = tuple[float, float, float]
@@ -48,26 +53,61 @@ class Studio:
         points = np.array([np.array(p) for *_, (p, _R) in robot.bodies[1:]])
         low, high = points.min(axis=0), points.max(axis=0)
         self.camera = mujoco.MjvCamera()
-        self.camera.lookat = 0.5 * (low + high) + [0.0, 0.0, 0.07 * (high - low)[2]] if look is None else look
-        self.camera.distance = distance or 2.0 * max(float(np.linalg.norm(high - low)), 0.6)
+        self.camera.lookat = (
+            0.5 * (low + high) + [0.0, 0.0, 0.07 * (high - low)[2]]
+            if look is None
+            else look
+        )
+        self.camera.distance = distance or 2.0 * max(
+            float(np.linalg.norm(high - low)), 0.6
+        )
         self.camera.azimuth, self.camera.elevation = azimuth, elevation
         self._marks: list[tuple[Any, ...]] = []
 
-    def ball(self, at: Vec, color: Color, radius: float = 0.03, opacity: float = 1.0) -> None:
+    def ball(
+        self, at: Vec, color: Color, radius: float = 0.03, opacity: float = 1.0
+    ) -> None:
         """A ball in the next picture."""
-        self._marks.append((mujoco.mjtGeom.mjGEOM_SPHERE, np.full(3, radius), at, np.eye(3), (*color, opacity)))
+        self._marks.append(
+            (
+                mujoco.mjtGeom.mjGEOM_SPHERE,
+                np.full(3, radius),
+                at,
+                np.eye(3),
+                (*color, opacity),
+            )
+        )
 
-    def box(self, at: Vec, half: Vec, color: Color, opacity: float = 0.3, R: Mat | None = None) -> None:
+    def box(
+        self,
+        at: Vec,
+        half: Vec,
+        color: Color,
+        opacity: float = 0.3,
+        R: Mat | None = None,
+    ) -> None:
         """A box in the next picture."""
-        self._marks.append((mujoco.mjtGeom.mjGEOM_BOX, half, at, np.eye(3) if R is None else R, (*color, opacity)))
+        self._marks.append(
+            (
+                mujoco.mjtGeom.mjGEOM_BOX,
+                half,
+                at,
+                np.eye(3) if R is None else R,
+                (*color, opacity),
+            )
+        )
 
     def line(self, start: Vec, end: Vec, color: Color, width: float = 0.006) -> None:
         """A rod between two points in the next picture."""
         self._rod(mujoco.mjtGeom.mjGEOM_CAPSULE, start, end, color, width)
 
-    def capsule(self, start: Vec, end: Vec, color: Color, radius: float, opacity: float = 1.0) -> None:
+    def capsule(
+        self, start: Vec, end: Vec, color: Color, radius: float, opacity: float = 1.0
+    ) -> None:
         """A capsule that may be seen through."""
-        self._marks.append((mujoco.mjtGeom.mjGEOM_CAPSULE, radius, start, end, (*color, opacity)))
+        self._marks.append(
+            (mujoco.mjtGeom.mjGEOM_CAPSULE, radius, start, end, (*color, opacity))
+        )
 
     def arrow(self, start: Vec, end: Vec, color: Color, width: float = 0.014) -> None:
         """An arrow in the next picture."""
@@ -102,7 +142,9 @@ class Studio:
     def _rod(self, kind: Any, start: Vec, end: Vec, color: Color, width: float) -> None:
         self._marks.append((kind, width, start, end, (*color, 1.0)))
 
-    def _put(self, kind: Any, size: Any, at: Vec, R: Any, color: tuple[float, ...]) -> None:
+    def _put(
+        self, kind: Any, size: Any, at: Vec, R: Any, color: tuple[float, ...]
+    ) -> None:
         scene = self._renderer.scene
         geom = scene.geoms[scene.ngeom]
         rod = not isinstance(size, np.ndarray)
@@ -111,7 +153,13 @@ class Studio:
             (np.eye(3) if rod else np.asarray(R)).ravel(), np.array(color, dtype=np.float32),
         )  # fmt: skip
         if rod:
-            mujoco.mjv_connector(geom, kind, size, np.asarray(at, dtype=float), np.asarray(R, dtype=float))
+            mujoco.mjv_connector(
+                geom,
+                kind,
+                size,
+                np.asarray(at, dtype=float),
+                np.asarray(R, dtype=float),
+            )
         scene.ngeom += 1
 
 
@@ -122,9 +170,16 @@ def caption(image: Image.Image, title: str, text: str, color: Color) -> Image.Im
     large, small = font(FONTS[0], 25 * scale), font(FONTS[1], 17 * scale)
     height = int(70 * scale)
     draw.rectangle((0, 0, image.width, height), fill=(255, 255, 255, 225))
-    draw.rectangle((0, 0, int(9 * scale), height), fill=tuple(round(255 * c) for c in color))
+    draw.rectangle(
+        (0, 0, int(9 * scale), height), fill=tuple(round(255 * c) for c in color)
+    )
     draw.text((22 * scale, 7 * scale), title, font=large, fill=INK)
-    draw.text((22 * scale, 40 * scale), text, font=small, fill=tuple(round(255 * c) for c in color))
+    draw.text(
+        (22 * scale, 40 * scale),
+        text,
+        font=small,
+        fill=tuple(round(255 * c) for c in color),
+    )
     return image
 
 
@@ -132,7 +187,9 @@ def font(name: str, size: float) -> Any:
     """A font that matplotlib ships."""
     import matplotlib
 
-    return ImageFont.truetype(f"{matplotlib.get_data_path()}/fonts/ttf/{name}", round(size))
+    return ImageFont.truetype(
+        f"{matplotlib.get_data_path()}/fonts/ttf/{name}", round(size)
+    )
 
 
 def _room(spec: Any) -> None:
@@ -142,8 +199,12 @@ def _room(spec: Any) -> None:
                      rgb1=[0.93, 0.94, 0.95], rgb2=[0.89, 0.905, 0.92], width=256, height=256)  # fmt: skip
     tiles = spec.add_material(name="tiles", texrepeat=[2, 2], texuniform=True)
     tiles.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[20, 20, 0.1], material="tiles")
-    spec.worldbody.add_light(pos=[1.5, 1.0, 4.0], dir=[-0.3, -0.2, -1.0], diffuse=[0.4] * 3, castshadow=True)
+    spec.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_PLANE, size=[20, 20, 0.1], material="tiles"
+    )
+    spec.worldbody.add_light(
+        pos=[1.5, 1.0, 4.0], dir=[-0.3, -0.2, -1.0], diffuse=[0.4] * 3, castshadow=True
+    )
     spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.62] * 3, [0.3] * 3
     spec.visual.headlight.specular = [0.1] * 3
 
@@ -153,7 +214,9 @@ def _meshes(robot: Any) -> list[tuple[int, Any, tuple[float, ...]]]:
     for shape in shapes(robot):
         mesh = load(shape)
         if mesh is not None:
-            color = color_of(shape, mesh) or tuple(int(c) for c in mesh.visual.to_color().main_color[:3])
+            color = color_of(shape, mesh) or tuple(
+                int(c) for c in mesh.visual.to_color().main_color[:3]
+            )
             found.append((shape.body, mesh, tuple(c / 255 for c in color)))
     return found or [(body, mesh, GREY) for body, mesh in links(robot)]
 
@@ -165,6 +228,17 @@ def _add(spec: Any, i: int, body: int, mesh: Any, color: tuple[float, ...]) -> N
     name = f"{body}_{i}"
     shell = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
     corners = np.asarray(mesh.vertices, dtype=np.float32).ravel()
-    spec.add_mesh(name=name, uservert=corners, userface=faces.astype(np.int32).ravel(), inertia=shell)
+    spec.add_mesh(
+        name=name,
+        uservert=corners,
+        userface=faces.astype(np.int32).ravel(),
+        inertia=shell,
+    )
     holder = spec.worldbody.add_body(name=name, mocap=True)
-    holder.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, rgba=[*color, 1.0], contype=0, conaffinity=0)
+    holder.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_MESH,
+        meshname=name,
+        rgba=[*color, 1.0],
+        contype=0,
+        conaffinity=0,
+    )
