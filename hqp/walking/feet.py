@@ -34,6 +34,17 @@ class Foot:
         """left or right, the name of its contact."""
         return ("left", "right")[self.side]
 
+    @property
+    def rectangle(self) -> tuple[float, float, float, float]:
+        """Largest rectangle like the box of the corners, about its middle, inside them (x_min, x_max, y_min, y_max)."""
+        a = np.array(self.corners) - self.middle
+        half = 0.5 * np.ptp(a, axis=0)
+        side = np.roll(a, -1, axis=0) - a
+        normal = np.column_stack((side[:, 1], -side[:, 0]))
+        share = float(np.min(np.sum(normal * a, axis=1) / (np.abs(normal) @ half)))
+        (x, y), (X, Y) = self.middle, (share * half).tolist()
+        return x - X, x + X, y - Y, y + Y
+
     def placed(self, state: State) -> Foothold:
         """Where it is."""
         R, p = state.rotation(self.frame), state.position(self.frame)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from hqp.law import DCM, PD
+from hqp.price import Price
 from hqp.stack import Level, Stack
 from hqp.tasks import (
     Balance,
@@ -26,12 +27,11 @@ from hqp.walking.feet import Foot, leg_joints
 EDGE = 0.005
 """The ZMP keeps this further from the edge of the support than the centres of pressure [m]."""
 
-TORSION = 0.03
-"""|m_z| / f_z of a foot [m]."""
-
+HASTE = Price(0.03)
+"""A swing foot has half a second for its way: at the price that its gains ask for it lags behind while it lifts."""
 
 _BALANCE, _CONTACT = DCM(3.0), PD(0.0, 20.0)
-_HEIGHT, _SWING, _TRUNK, _POSTURE = PD(60.0, 16.0), PD(300.0, 35.0), PD(100.0, 20.0), PD(40.0, 13.0)
+_HEIGHT, _SWING, _TRUNK, _POSTURE = PD(400.0, 40.0), PD(300.0, 35.0), PD(100.0, 20.0), PD(40.0, 13.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +49,7 @@ class Laws:
 class Stacks:
     """Stacks that a walk changes between; ``both``, and ``alone[i]`` with foot i on the ground.
 
-        balance, height > swing > trunk > posture > load share    s.t. contacts, torques, joints, friction, soles
+        balance, height > swing > trunk > load share > posture    s.t. contacts, torques, joints, friction, soles
 
     height: of the pendulum [m].  friction: mu.  limits: of joints, without names of all but the legs', whose loads
     know no limit of acceleration; None for none.
@@ -80,19 +80,17 @@ class Stacks:
             found: list[Any] = [FixedContact(frame=foot.frame, name=foot.name) for foot in on]
             found += [TorqueLimits(), *([] if limits is None else [limits])]
             for foot in on:
-                found.append(FrictionCone(contact=foot.name, mu=friction, torsion=TORSION))
+                found.append(FrictionCone(contact=foot.name, mu=friction, sole=foot.rectangle))
                 found.append(CenterOfPressure(contact=foot.name, polygon=shrunk(foot.corners, foot.margin)))
             return found
 
         first = Level(self.balance, self.height, name="balance")
-        below = [Level(self.trunk, name="trunk")]
-        below += [] if self.posture is None else [Level(self.posture, name="posture")]
-        below += (
-            [Level(self.legs, name="legs", price=0)] if len(legs) > 12 else []
-        )  # else feet and trunk determine them
-        share = Level(self.share, name="share", price=0)
-        self.both = Stack(first, *below, share, subject_to=within(*feet))
+        trunk = Level(self.trunk, name="trunk")
+        postures = [] if self.posture is None else [Level(self.posture, name="posture")]
+        if len(legs) > 12:  # else feet and trunk determine them
+            postures.append(Level(self.legs, name="legs"))
+        self.both = Stack(first, trunk, Level(self.share, name="share"), *postures, subject_to=within(*feet))
         self.alone = tuple(
-            Stack(first, Level(self.swing[1 - foot.side], name="swing"), *below, subject_to=within(foot))
-            for foot in feet
+            Stack(first, Level(swing, name="swing", price=HASTE), trunk, *postures, subject_to=within(foot))
+            for foot, swing in zip(feet, self.swing[::-1], strict=True)
         )

@@ -45,6 +45,12 @@ CLEAR = 0.02
 CORRECTION = 1.5
 """The goal of a swing foot moves no faster [m/s]."""
 
+WEIGHS, SAG = 2.0, 0.02
+"""[1/s] of the error of the CoM's height in its reference, and the most of it [m]: masses are not known exactly."""
+
+WEIGHING, HEAVIER = 2.0, 0.25
+"""Time over which the load of the feet is averaged [s], and the most that torques change by for it."""
+
 LIMITS = JointLimits(acceleration=1000.0, braking=200.0)
 
 
@@ -68,7 +74,7 @@ class Walker:
         reach: Reach | None = None,
         laws: Laws | None = None,
         soles: Sequence[str] | None = None,
-        friction: float = 0.6,
+        friction: float = 0.4,
         limits: JointLimits | None = LIMITS,
         price: Priced = None,
         deadline: float | None = None,
@@ -115,6 +121,9 @@ class Walker:
         self.capture_point: Vec = np.zeros(2)
         self._left = 0
         self._started = False
+        self.heavier = 1.0
+        """How heavy the robot is beside its model, by the loads of its feet."""
+        self._limit = robot.effort_limit[robot.actuated]
 
     # ------------------------------------------------------------------------------------------- commands
 
@@ -138,19 +147,33 @@ class Walker:
         if not self._started:
             self._start(state)
         self.event = ""
-        self._advance(state, None if loads is None else np.asarray(loads, dtype=np.float64))
+        felt = None if loads is None else np.asarray(loads, dtype=np.float64)
+        self._advance(state, felt)
         references = self._references(state)
         tick = self.session.step(state, *references)
+        if felt is not None:
+            self._weigh(float(felt.sum()))
+            np.clip(self.heavier * tick.command, -self._limit, self._limit, out=tick.command)
         self._t += self.dt
         self._since += self.dt
         self.time += self.dt
         return tick
+
+    def _weigh(self, load: float) -> None:
+        """A robot heavier than its model needs so much more torque: the mean of what its feet bear tells it."""
+        share = load / (self.robot.mass * 9.81)
+        if abs(share - 1.0) < 0.5:  # no blow, no flight, no switch
+            follow = self.dt / min(max(self.time, self.dt), WEIGHING)
+            self._mean += follow * (share - self._mean)
+            self.heavier = min(max(self._mean, 1.0 - HEAVIER), 1.0 + HEAVIER)
 
     def _start(self, state: State) -> None:
         self._started = True
         self.holds = [foot.placed(state) for foot in self.feet]
         com = state.com()
         self._z = float(com[2])
+        self._raised, self._mean = 0.0, 1.0
+        self._sunk = [0.0, 0.0]
         self._zmp = com[:2].copy()
         self._sum = np.zeros(2)
         self._share = 0.5
@@ -170,6 +193,9 @@ class Walker:
         elif self.phase == "swing" and self._landed(loads):
             side = 1 - self.stance
             self.holds[side] = self.feet[side].placed(state)
+            assert self._swing is not None
+            hangs = float(state.position(self.feet[side].frame)[2]) - float(self._swing.x[2])
+            self._sunk[side] = min(max(self._sunk[side] + 0.7 * hangs, -SAG), SAG)
             self.stance = side
             self._share = float(1 - side)  # the other foot still bears it all
             last = not self.walking and self._left <= 0
@@ -248,7 +274,10 @@ class Walker:
         self.edge = bool(np.abs(reached - wanted).max() > 1e-6)
         if not self.edge or float(error @ self._sum) < 0.0:
             self._sum = np.clip(self._sum + self.dt * omega * error, -MOST, MOST)
-        found = [stacks.balance.at(reference[:2], reference[2:]), stacks.height.at([self._height()])]
+        found = [
+            stacks.balance.at(reference[:2], reference[2:]),
+            stacks.height.at([self._height(float(state.com()[2]))]),
+        ]
         if self.phase == "swing":
             found.append(self._swing_reference(state, error, reached - zmp))
         else:
@@ -256,13 +285,14 @@ class Walker:
         found.append(stacks.trunk.at(_about(self._next_yaw()) @ self._upright))
         return found
 
-    def _height(self) -> float:
-        """Of the CoM in the world, moving no faster than it may [m]."""
+    def _height(self, com: float) -> float:
+        """Of the CoM in the world, moving no faster than it may, more by what it has been too low [m]."""
         holds = self.holds
         ground = holds[self.stance].z if self.phase == "swing" else 0.5 * (holds[0].z + holds[1].z)
         most = 0.05 * self._home * self.dt
         self._z += min(max(ground + self.height - self._z, -most), most)
-        return self._z
+        self._raised = min(max(self._raised + WEIGHS * self.dt * (self._z - com), -SAG), SAG)
+        return self._z + self._raised
 
     def _next_yaw(self) -> float:
         """Of the trunk: between the feet, with a swing foot where it is to be [rad]."""
@@ -300,6 +330,7 @@ class Walker:
             self._swing.retarget(self._goal(), CORRECTION, self.dt)
         (x, y, z, yaw), v, a = self._swing.step(self.dt)
         z = self._swing.x[2] = max(z, float(state.position(self.feet[side].frame)[2]) - 0.02)
+        z -= self._sunk[side] * min(1.0, self._t / (0.3 * self._T))
         target = np.eye(4)
         target[:3, :3], target[:3, 3] = _about(yaw), (x, y, z)
         rates = [np.array([*u[:3], 0.0, 0.0, u[3]]) for u in (v, a)]
