@@ -90,7 +90,10 @@ class FrictionCone(_ContactForce):
     also along x (and with an even number of edges along -x, with a multiple of four along y).  f_z >= 0 is implied.
     mu: friction coefficient.  edges: at least 3.  torsion [m]: with a wrench also |m_z| <= torsion f_z, two rows,
     divided by torsion, so that they are in N as the others are (a torsion of zero leaves |m_z| <= 0 in N m);
-    None asks nothing of m_z.  Raises DeclarationError for fields.
+    None asks nothing of m_z.  sole: (x_min, x_max, y_min, y_max) [m] in its place: m_z is what forces in these
+    four corners can give, each inside the square |f_x|, |f_y| <= mu / sqrt(2) f_z inside its cone, so less the nearer
+    the centre of pressure is to an edge, none in a corner; eight rows (Caron, Pham, Nakamura 2015, eq. 19).
+    Raises DeclarationError for fields.
     """
 
     suffix: ClassVar[str] = "friction"
@@ -98,6 +101,7 @@ class FrictionCone(_ContactForce):
     mu: float
     edges: int = 8
     torsion: float | None = None
+    sole: tuple[float, float, float, float] | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -106,21 +110,39 @@ class FrictionCone(_ContactForce):
             raise self.invalid("edges", self.edges, "a whole number, at least 3")
         if self.torsion is not None:
             check_number(self, "torsion", self.torsion, 0.0)
+        if self.sole is None:
+            return
+        if self.torsion is not None:
+            raise self.invalid("torsion and sole", (self.torsion, self.sole), "one of them, or neither")
+        try:
+            sole = np.array(self.sole, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            sole = np.zeros(0)
+        if sole.shape != (4,) or not np.isfinite(sole).all() or not (sole[0] < sole[1] and sole[2] < sole[3]):
+            raise self.invalid("sole", self.sole, "(x_min, x_max, y_min, y_max), finite, x_min < x_max, y_min < y_max")
+        object.__setattr__(self, "sole", tuple(sole.tolist()))
 
     def force_rows(self, dimension: int) -> tuple[Mat, Vec, Vec]:
-        """mu cos(pi / edges) f_z - cos(b) f_x - sin(b) f_y >= 0, then f_z -+ m_z / torsion >= 0 [N]."""
-        if self.torsion is None:
+        """mu cos(pi / edges) f_z - cos(b) f_x - sin(b) f_y >= 0, then f_z -+ m_z / torsion >= 0 [N], or those of sole:
+
+        mu' (X + Y) f_z -+ m_z - s (Y f_x +- mu' m_x) - t (X f_y +- mu' m_y) >= 0,    s, t = +-1, mu' = mu / sqrt(2),
+
+        about the sole's middle, X and Y its half sizes, divided by X + Y.
+        """
+        if self.torsion is None and self.sole is None:
             self._check_dimension(dimension, 3, 6)
         else:
             self._check_dimension(dimension, 6)
         half = math.pi / self.edges
         b = half + 2.0 * half * np.arange(self.edges)
-        k = self.edges + (0 if self.torsion is None else 2)
+        k = self.edges + (8 if self.sole is not None else 0 if self.torsion is None else 2)
         C = np.zeros((k, dimension))
         C[: self.edges, 0], C[: self.edges, 1], C[: self.edges, 2] = -np.cos(b), -np.sin(b), self.mu * math.cos(half)
         if self.torsion is not None:
             C[self.edges :, 2], C[self.edges :, 5] = self.torsion, (-1.0, 1.0)
             C[self.edges :] /= self.torsion or 1.0
+        if self.sole is not None:
+            C[self.edges :] = _turning(self.mu * math.sqrt(0.5), *self.sole)
         return C, np.zeros(k), np.full(k, math.inf)
 
 
@@ -219,6 +241,22 @@ class CenterOfPressure(_ContactForce):
         C[:, 3], C[:, 4] = -normal[:, 1], normal[:, 0]
         C /= 0.5 * float(np.max(np.ptp(a, axis=0)))
         return C, np.zeros(len(a)), np.full(len(a), math.inf)
+
+
+def _turning(mu: float, x: float, X: float, y: float, Y: float) -> Mat:
+    """Rows ``(8, 6)`` of the yaw moment of forces in the corners of a rectangle, inside pyramids of mu each [N]."""
+    half, wide = 0.5 * (X - x), 0.5 * (Y - y)
+    rows = []
+    for turn in (1.0, -1.0):
+        for s in (1.0, -1.0):
+            for t in (1.0, -1.0):
+                rows.append([s * wide, t * half, mu * (half + wide), -turn * s * mu, -turn * t * mu, turn])
+    C = np.array(rows)
+    to_middle = np.eye(6)
+    a, b = 0.5 * (x + X), 0.5 * (y + Y)
+    to_middle[3, 2], to_middle[4, 2], to_middle[5, 0], to_middle[5, 1] = -b, a, b, -a
+    moved: Mat = C @ to_middle / (half + wide)
+    return moved
 
 
 def _area(corners: tuple[tuple[float, float], ...]) -> float:

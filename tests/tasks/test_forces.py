@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import linprog
 
 import hqp.robots
 from hqp.arrays import Vec
@@ -63,6 +64,26 @@ def test_torsion() -> None:
 def wrench_at(point: Vec, normal_force: float) -> Vec:
     """A vertical force through a point of the sole."""
     return np.concatenate(([0.0, 0.0, normal_force], np.cross([*point, 0.0], [0.0, 0.0, normal_force])))
+
+
+def test_a_sole_turns_as_forces_in_its_corners_allow() -> None:
+    """The bounds of m_z are those of a linear programme over forces in the four corners, each inside its square."""
+    x, X, y, Y = sole = (-0.05, 0.12, -0.03, 0.045)
+    cone = FrictionCone(contact="foot", mu=0.5, sole=sole)
+    C = cone.force_rows(6)[0][8:]
+    side = 0.5 * math.sqrt(0.5)
+    corners = [(p, q, s, t) for p in (x, X) for q in (y, Y) for s in (side, -side) for t in (side, -side)]
+    G = np.array([[s, t, 1.0, *np.cross([p, q, 0.0], [s, t, 1.0])] for p, q, s, t in corners]).T
+    rng = np.random.default_rng(0)
+    for turn in (1.0, -1.0):
+        rows = C[turn * C[:, 5] < 0.0]
+        for _ in range(20):
+            wrench = G @ rng.exponential(size=len(corners))
+            found = linprog(-turn * G[5], A_eq=G[:5], b_eq=wrench[:5])
+            assert np.min(rows[:, :5] @ wrench[:5] / np.abs(rows[:, 5])) == pytest.approx(-found.fun, abs=1e-9)
+    assert not holds(cone, [0.0, 0.0, 100.0, 100.0 * Y, -100.0 * X, 0.1]), "in a corner nothing holds it"
+    with pytest.raises(DeclarationError, match="one of them"):
+        FrictionCone(contact="foot", mu=0.5, sole=sole, torsion=0.1)
 
 
 @pytest.mark.parametrize("polygon", [TRAPEZE, TRAPEZE[::-1], TRAPEZE[:3]])
