@@ -25,13 +25,7 @@ def sole(robot: Any, frame: str, most: int = 6) -> Corners:
     those are left out that the area needs least, so that the polygon lies inside the sole.
     Raises FrameNotFound, ModelError for a link without shapes, or one whose lowest points are on a line.
     """
-    index = robot.frame(frame)
-    own = robot.model.frames[index]
-    found = [np.zeros((0, 3))]
-    for item in robot.geometry.geometryObjects:
-        if item.parentJoint == own.parentJoint:
-            found.append(_placed(item, own.placement))
-    cloud = np.vstack(found)
+    cloud = _cloud(robot, frame)
     low = cloud[cloud[:, 2] < cloud[:, 2].min(initial=np.inf) + SOLE, :2]
     corners = _hull(low) if len(low) > 2 else []
     if len(corners) < 3:
@@ -39,6 +33,22 @@ def sole(robot: Any, frame: str, most: int = 6) -> Corners:
     while len(corners) > most:
         del corners[int(np.argmin([_area(corners, k) for k in range(len(corners))]))]
     return tuple((float(x), float(y)) for x, y in corners)
+
+
+def sole_points(robot: Any, frame: str) -> tuple[tuple[float, float, float], ...]:
+    """The same corners with the height of the lowest point of the shapes (x, y, z) [m]; none for no sole."""
+    cloud = _cloud(robot, frame)
+    try:
+        return tuple((x, y, float(cloud[:, 2].min())) for x, y in sole(robot, frame))
+    except ModelError:
+        return ()
+
+
+def _cloud(robot: Any, frame: str) -> Mat:
+    """Lowest points of all shapes on a frame's link, in the frame ``(n, 3)`` [m]."""
+    own = robot.model.frames[robot.frame(frame)]
+    items = [item for item in robot.geometry.geometryObjects if item.parentJoint == own.parentJoint]
+    return np.vstack([np.zeros((0, 3)), *(_placed(item, own.placement) for item in items)])
 
 
 def _placed(item: Any, placement: Any) -> Mat:

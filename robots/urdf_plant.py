@@ -16,8 +16,11 @@ from . import from_urdf
 from .geometry import points
 from .mujoco_extra import mujoco
 from .physical import make_physical
+from .soles import sole_points
 
 _THIN = 1e-3  # [m]
+_CORNER = 5e-3  # radius of a sole's corner [m]
+_SOLID = ("Sphere", "Capsule", "Cylinder", "Box")
 _SHOWN = (0.75, 0.76, 0.79, 1.0)
 
 
@@ -59,6 +62,7 @@ def _spec(root: ET.Element, robot: Any) -> Any:
         free.name = robot.model.names[1]
     _free_frames(spec, robot)
     _shapes(spec, robot)
+    _sole_corners(spec, robot)
     try:
         simulated = spec.compile()
     except ValueError as error:
@@ -106,6 +110,21 @@ def _shapes(spec: Any, robot: Any) -> None:
         geom = body.add_geom(name=item.name, pos=local.translation, rgba=_SHOWN, mass=0.0)
         geom.quat = [wxyz.w, wxyz.x, wxyz.y, wxyz.z]
         _fill(spec, geom, item)
+
+
+def _sole_corners(spec: Any, robot: Any) -> None:
+    """Small spheres in the corners of soles that are meshes, of which MuJoCo finds three points on a plane."""
+    for frame in robot.landmarks.get("soles", ()):
+        joint = robot.model.frames[robot.frame(frame)].parentJoint
+        kinds = [type(g.geometry).__name__ for g in robot.geometry.geometryObjects if g.parentJoint == joint]
+        if all(kind in _SOLID for kind in kinds):
+            continue
+        host = _host(robot, robot.model.frames[robot.frame(frame)])
+        for k, (x, y, z) in enumerate(sole_points(robot, frame)):
+            own = robot.model.frames[robot.frame(frame)].placement * pin.SE3(np.eye(3), np.array([x, y, z + _CORNER]))
+            place = _placement_in(robot, host, own).translation
+            ball = spec.body(host).add_geom(name=f"{frame}_{k}", pos=place, rgba=_SHOWN, mass=0.0)
+            ball.type, ball.size = mujoco.mjtGeom.mjGEOM_SPHERE, [_CORNER, 0.0, 0.0]
 
 
 def _vanishes(shape: Any) -> bool:
