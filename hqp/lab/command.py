@@ -41,6 +41,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rivals", nargs="+", metavar="NAME",
         help="run the stack through pink, mink, placo or tsid too, each in an environment of its own made for it",
     )  # fmt: skip
+    parser.add_argument(
+        "--scenes", choices=("teleop",),
+        help="teleop: follow an operator's hand over a network, instead of a trajectory; with --rivals beside them",
+    )  # fmt: skip
     parser.add_argument("--against", type=Path, metavar="OLD.json", help="compare with an older run's JSON")
 
 
@@ -49,7 +53,7 @@ def execute(arguments: argparse.Namespace) -> int:
     from .closed_loop import bench
 
     stack, robot, formulation = read_stack(arguments)
-    if arguments.rivals:
+    if arguments.rivals or arguments.scenes:
         return _rivals(arguments, stack, robot)
     solvers = "all" if arguments.solvers == ["all"] else arguments.solvers
     show, done = _progress()
@@ -83,12 +87,17 @@ def execute(arguments: argparse.Namespace) -> int:
 
 
 def _rivals(arguments: argparse.Namespace, stack: Stack, robot: Robot) -> int:
-    from .rivals import compare_rivals
+    from .rivals import RivalTable, compare_rivals
+    from .teleop import TeleopTable, compare_teleop
 
     def told(text: str) -> None:
         print(text, file=sys.stderr, flush=True)
 
-    result = compare_rivals(stack, robot, arguments.rivals, seconds=arguments.seconds, dt=arguments.dt, told=told)
+    result: RivalTable | TeleopTable
+    if arguments.scenes:
+        result = compare_teleop(stack, robot, arguments.rivals or (), dt=arguments.dt, told=told)
+    else:
+        result = compare_rivals(stack, robot, arguments.rivals, seconds=arguments.seconds, dt=arguments.dt, told=told)
     print(result)
     if arguments.json:
         arguments.json.write_text(result.json())

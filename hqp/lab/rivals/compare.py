@@ -6,13 +6,14 @@ import json
 import os
 import subprocess
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mask, Mat, Vec
 from hqp.errors import HqpError
 from hqp.formulation import Velocity
 from hqp.lab.behaviour import behaviour
@@ -138,6 +139,34 @@ def _motion(s: Scene, seconds: float) -> Trajectory:
 
 
 def _theirs(name: str, python: Path, folder: Path, scenes: Sequence[Scene], seconds: float, dt: float) -> list[Line]:
+    lines = []
+    for s, found in answers(name, python, folder, scenes):
+        if isinstance(found, str):
+            lines.append(Line.refused(name, s.name, found))
+            continue
+        judged = behaviour(s.robot, s.stack, _motion(s, seconds), found.q, found.v, dt)
+        commands = found.v[:, s.robot.actuated]
+        lines.append(line(name, s.name, found.wall, commands, judged, dt, int(found.failed.sum()), found.said))
+    return lines
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a rival did in a scene: q ``(n, nq)``, v ``(n, nv)`` in our coordinates, wall ``(n,)`` [us], ticks without
+    an answer ``(n,)``, and what it said of the first of them."""
+
+    q: Mat
+    v: Mat
+    wall: Vec
+    failed: Mask
+    said: str
+
+
+def answers(name: str, python: Path, folder: Path, scenes: Sequence[Scene]) -> Iterator[tuple[Scene, Answer | str]]:
+    """Run scenes, written to a folder, in a rival's environment: its answer to each, or why it refuses it.
+
+    Raises HqpError where it fails or reads another robot.
+    """
     script = Path(__file__).parent / "workers" / f"with_{name}.py"
     env = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")}
     env |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -148,21 +177,17 @@ def _theirs(name: str, python: Path, folder: Path, scenes: Sequence[Scene], seco
         raise HqpError(f"{name} failed: {said[-1] if said else f'status {done.returncode}'}")
     about = json.loads((folder / "answer.json").read_text())
     arrays = np.load(folder / "answer.npz")
-    lines = []
     for s in scenes:
         told = about[s.name]
         if "refused" in told:
-            lines.append(Line.refused(name, s.name, told["refused"]))
+            yield s, str(told["refused"])
             continue
         home = s.robot.state(s.robot.home)
         if float(np.abs(home.com() - told["com"]).max()) > SAME:
             raise HqpError(f"{name} reads another robot: centre of mass {told['com']}, here {home.com().tolist()}")
         part = {key: arrays[f"{s.name}/{key}"] for key in ("wall", "failed", "base", "angles", "speeds")}
         q, v = _states(s.robot, part["base"], part["angles"], part["speeds"])
-        judged = behaviour(s.robot, s.stack, _motion(s, seconds), q, v, dt)
-        commands = v[:, s.robot.actuated]
-        lines.append(line(name, s.name, part["wall"], commands, judged, dt, int(part["failed"].sum()), told["failed"]))
-    return lines
+        yield s, Answer(q, v, part["wall"], part["failed"], told["failed"])
 
 
 def _states(robot: Any, base: Mat, angles: Mat, speeds: Mat) -> tuple[Mat, Mat]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from hqp.arrays import Vec
 from hqp.errors import UnsupportedProblem
+from hqp.lab.trajectory import Motion
 from hqp.stack import Stack
 from hqp.tasks import Pose, Position
 
@@ -30,14 +31,14 @@ ROOM = 0.05
 
 @dataclass(frozen=True)
 class Scene:
-    """A stack on a robot that starts at its home; motion: a name of the lab's trajectories; held: values of elements
+    """A stack on a robot that starts at its home; motion: one of the lab's trajectories; held: values of elements
     that are not held where they start.
     """
 
     name: str
     robot: Any
     stack: Stack
-    motion: str
+    motion: str | Motion
     held: dict[str, Any] = field(default_factory=dict)
 
 
