@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from threading import Thread
+from threading import Thread, main_thread
 
 import numpy as np
 
@@ -43,7 +43,7 @@ class Query:
         self.done, self._ended = False, 0.0
         self.posture: Vec | None = None
         self._robot = robot.copy()
-        Thread(target=self._run, name="hqp way out", daemon=True).start()
+        Thread(target=self._run, name="hqp way out").start()  # a daemon would be killed inside of native code
 
     def outdated(self, q: Vec, references: tuple[Reference, ...]) -> bool:
         """Whether the search has ended and tells nothing of these targets, or found nothing a while ago."""
@@ -78,7 +78,7 @@ class Query:
             found = search.descend(start, TOLERANCE, STEPS, end)
             if all(a <= b for a, b in zip(found.merit, allowed, strict=False)):
                 return found.q
-            if time.perf_counter() > end:
+            if time.perf_counter() > end or not main_thread().is_alive():
                 return None
             time.sleep(0.0)  # the loop comes first
         return None

@@ -60,6 +60,10 @@ class StuckWatch:
         self._query: Query | None = None
         self._note: Stuck | None = None
 
+    def rest(self) -> None:
+        """Look no more: the ticks are no loop of a robot's."""
+        self.due = math.inf
+
     def look(self, line: Line, tick: Tick) -> None:
         """Look at the latest tick, and give it a note where a task is stuck."""
         count = tick.count

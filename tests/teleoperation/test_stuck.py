@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import time
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -153,3 +154,14 @@ def test_no_false_alarm_in_drawn_loops(name: str) -> None:
         alarms += told
         assert told == (one.off(q) > 0.01), one.text
     assert alarms
+
+
+def test_a_search_starts_no_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps of a search are no loop: out of reach they look for no way out of their own."""
+    begun: list[str] = []
+    monkeypatch.setattr(Thread, "start", lambda thread: begun.append(thread.name))
+    robot = hqp.robots.load("ur5")
+    hand = Position(frame="tool0")
+    stack = Stack(Level(hand), Level(Posture()), subject_to=[JointLimits()])
+    assert not hqp.reach(stack, robot, hand.at([2.0, 0.0, 0.5])).reached
+    assert not begun
