@@ -163,5 +163,5 @@ def test_a_search_starts_no_search(monkeypatch: pytest.MonkeyPatch) -> None:
     robot = hqp.robots.load("ur5")
     hand = Position(frame="tool0")
     stack = Stack(Level(hand), Level(Posture()), subject_to=[JointLimits()])
-    assert not hqp.reach(stack, robot, hand.at([2.0, 0.0, 0.5])).reached
+    assert not hqp.reach(stack, robot, hand.at([2.0, 0.0, 0.5])).success
     assert not begun
