@@ -94,6 +94,13 @@ class Program(ABC):
         """The loop that takes ordinary ticks in one native call; None where there is none."""
         return None
 
+    def in_python(self) -> tuple[str, str] | None:
+        """The first element that leaves something to Python, and what; None where all of a tick is native."""
+        return next(((m.element.name, "its rows are written in Python") for m in self.assembly.written), None)
+
+    def begin_direct(self, state: State, references: Mapping[str, Reference]) -> None:  # noqa: B027
+        """Native ticks follow: fill what they leave as it is."""
+
     def parts(self) -> dict[str, Any]:
         """What a tick is made of before the solver, for a file (docs/plan_file.md)."""
         return {"kind": self.kind, **self.assembly.parts}

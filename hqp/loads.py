@@ -54,6 +54,11 @@ class Loads:
             else:
                 self._readable.append(element)
 
+    @property
+    def readable(self) -> list[str]:
+        """Names of loads without a plan."""
+        return [element.name for element in self._readable]
+
     def __bool__(self) -> bool:
         return bool(self.elements)
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from hqp.arrays import Vec
-from hqp.assembly import LARGEST, Assembly
+from hqp.assembly import LARGEST
 from hqp.element import Constraint, Element, Inequality, has
 from hqp.errors import DeclarationError
 from hqp.loop.compiled import Compiled, Compiler
@@ -30,6 +29,8 @@ def document(session: Session) -> tuple[dict[str, Any], list[Vec]]:
     compiled = Compiler(controller, robot, session.dt, deadline).compile(session.stack)
     program = compiled.program
     _require_native(compiled, robot)
+    state = robot.state(robot.home)
+    program.begin_direct(state, {element.name: element.hold(state) for element in compiled.stack})
     motion = program.parts()
     moving = {"joints": robot.tree_joints, "frames": robot.placed_frames, "twists": robot.joint_twists}
     tree = {
@@ -82,10 +83,8 @@ def _owner(robot: Robot, place: int) -> str:
 
 def _require_native(compiled: Compiled, robot: Robot) -> None:
     """Raise DeclarationError for what a file cannot hold."""
-    rows: Sequence[Assembly] = [compiled.program.assembly]
-    for assembly in rows:
-        for member in assembly.written:
-            raise _refused(member.element.name, "its rows are written in Python")
+    if (found := compiled.program.in_python()) is not None:
+        raise _refused(*found)
     if robot.tree_joints is None:
         raise _refused(robot.name, "it has a joint that native kinematics do not know")
     if not hasattr(compiled.workspace, "parts"):

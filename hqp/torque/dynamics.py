@@ -15,7 +15,7 @@ The native elimination takes for L the factor that is as sparse as the tree, and
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.linalg import get_lapack_funcs
@@ -72,6 +72,7 @@ class ConstrainedDynamics:
         self.c: Vec = self.map[:, self.n]
         self.phi: Mat = np.zeros((self.n, self.n))
         self._native = None
+        self._parents = parents
         self.sparse = False
         """Whether the latest update was the sparse one."""
         if native is not None:
@@ -101,6 +102,22 @@ class ConstrainedDynamics:
             return None
         written = self.map, self.phi, self._Q, self._R, self._top
         return native.Chain(self._native, rows, forces, A, bias, self._factor, J, gamma, RANK_TOLERANCE, *written)
+
+    @property
+    def parts(self) -> dict[str, Any]:
+        """What the sparse update writes, and of which coordinates, for a file."""
+        parents = range(-1, self.nv - 1) if self._parents is None else self._parents
+        return {
+            "parents": list(parents),
+            "actuated": self.actuated.tolist(),
+            "tolerance": RANK_TOLERANCE,
+            "factor": self._factor,
+            "map": self.map,
+            "phi": self.phi,
+            "Q": self._Q,
+            "T": self._R,
+            "top": self._top,
+        }
 
     @property
     def sparse_forces(self) -> tuple[Mat, Mat]:

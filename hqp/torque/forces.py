@@ -95,6 +95,11 @@ class Efforts:
         """Whether no bound changes but with a reference."""
         return all(effort.constant is not None or effort.element.equality for effort in self._written)
 
+    @property
+    def moving(self) -> str:
+        """An element whose bounds change."""
+        return next(e.element.name for e in self._written if e.constant is None and not e.element.equality)
+
     def fill(self, state: State, references: Mapping[str, Reference]) -> None:
         """Refill the bounds; a target is the reference's value, zero without one."""
         for effort in self._written:
@@ -164,6 +169,8 @@ class Forces:
         given = [e for e in elements if e.equality and e.name not in apart]
         self._targets = [(e.name, self._places[e.name], e.weight) for e in given]
         self._plan: list[list[Any]] = []
+        self.parts: dict[str, Any] | None = None
+        """What the native rows are made of, a file as well."""
         self.native: ForceRows | None = None
         """The same natively, after sparse eliminations."""
 
@@ -172,15 +179,40 @@ class Forces:
         if native is None or not self._elements:
             return
         self.native = native.ForceRows(*dynamics.sparse_forces)
-        for start, _, rotation in self._frames:
-            self.native.turn(start, rotation)
-        for shared in self._shared:
-            one, other = shared.rotations
-            middles = [x for middle in shared.element.middles or ((0.0, 0.0),) * 2 for x in middle]
-            C, first = self._C[shared.own], [part.start for part in shared.parts]
-            self.native.share(C, first, one, other, middles, shared.factors, shared.element.arm, shared.share)
-        for own, _, *rows in self._plan:
-            self.native.add(self._C[own], rows[0], self._lower[own], self._upper[own], *rows[1:])
+        self.parts = {
+            "frames": [{"first": start, "rotation": rotation} for start, _, rotation in self._frames],
+            "shared": [self._shares(shared) for shared in self._shared],
+            "rows": [
+                {
+                    "C": self._C[own],
+                    "A": A,
+                    "asked_lower": self._lower[own],
+                    "asked_upper": self._upper[own],
+                    "lower": lower,
+                    "upper": upper,
+                }
+                for own, _, A, lower, upper in self._plan
+            ],
+        }
+        for frame in self.parts["frames"]:
+            self.native.turn(**frame)
+        for contacts in self.parts["shared"]:
+            self.native.share(**contacts)
+        for rows in self.parts["rows"]:
+            self.native.add(**rows)
+
+    def _shares(self, shared: Shared) -> dict[str, Any]:
+        one, other = shared.rotations
+        return {
+            "C": self._C[shared.own],
+            "first": [part.start for part in shared.parts],
+            "one": one,
+            "other": other,
+            "middles": [x for middle in shared.element.middles or ((0.0, 0.0),) * 2 for x in middle],
+            "factors": shared.factors,
+            "arm": shared.element.arm,
+            "share": shared.share,
+        }
 
     def __bool__(self) -> bool:
         return bool(self._elements)

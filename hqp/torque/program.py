@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -321,6 +321,25 @@ class TorqueProgram(Program):
         return direct(
             rows, self.problem, workspace, range(self.dynamics.n), self, chain, prepare=prepare, moving=moving
         )
+
+    def parts(self) -> dict[str, Any]:
+        """What a tick is made of before the solver, for a file (docs/plan_file.md)."""
+        rows, m = self.assembly, self._m
+        chain = {"A": self._terms.A, "bias": self._terms.bias, "J": rows.J[:m], "gamma": rows.lower[:m]}
+        torque = {**chain, **self.dynamics.parts, **self._rows.parts, "forces": self._forces.parts}
+        return {**super().parts(), "dynamics": self._terms.parts, "loads": self.loads.parts, "torque": torque}
+
+    def in_python(self) -> tuple[str, str] | None:
+        """The first element that leaves something to Python, and what."""
+        if self._self_motions:
+            return "SelfMotion", "its demand is written in Python"
+        if self._origin is not None:
+            return "Torque", "gravity_compensation is written in Python"
+        if not self._efforts.fixed:
+            return self._efforts.moving, "its bounds on torques change"
+        if self.loads.readable:
+            return self.loads.readable[0], "it has no native code"
+        return super().in_python()
 
     def begin_direct(self, state: State, references: Mapping[str, Reference]) -> None:
         """Native ticks follow: the bounds that they leave as they are."""

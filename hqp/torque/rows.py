@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
@@ -46,6 +48,20 @@ class TorqueRows:
             self.native.motion(scale.tolist(), rest, motion.F, motion.f)  # type: ignore[arg-type]
 
     @property
+    def parts(self) -> dict[str, Any]:
+        """The rows and the motion, for a file."""
+        products = [{"J": J, **_asked(A, asked, bounds)} for J, A, asked, bounds in self._products]
+        picks = [
+            {"index": index.tolist(), "weight": weight.tolist(), **_asked(A, asked, bounds)}
+            for index, weight, A, asked, bounds in self._picks
+        ]
+        motion = None
+        if self._motion is not None:
+            scale, rest, moved = self._motion
+            motion = {"scale": scale.tolist(), "rest": rest, "F": moved.F, "f": moved.f}
+        return {"products": products, "picks": picks, "motion": motion}
+
+    @property
     def copies(self) -> list[tuple[Mat, Mat, Index, Vec]]:
         """Blocks that are rows of the map times a factor each, to the bit: (A, map, rows, factors)."""
         found = [(A, self._map, index, weight) for index, weight, A, *_ in self._picks]
@@ -71,3 +87,7 @@ class TorqueRows:
         for index, weight, A, asked, bounds in self._picks:
             np.multiply(X[index], weight[:, None], out=A)
             np.subtract(asked, c[index] * weight, out=bounds)
+
+
+def _asked(A: Mat, asked: Mat, bounds: Mat) -> dict[str, Any]:
+    return {"A": A, "asked_lower": asked[0], "asked_upper": asked[1], "lower": bounds[0], "upper": bounds[1]}

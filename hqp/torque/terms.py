@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,8 +26,15 @@ class Terms:
         self.A: Mat = np.zeros((robot.nv, robot.nv), order="F")
         self.bias = np.zeros(robot.nv)
         self._loads = loads
+        self.parts: dict[str, Any] = {
+            "inertias": robot.inertias,
+            "rotors": robot.rotors.tolist(),
+            "gravity": robot.gravity,
+            "A": self.A,
+            "bias": self.bias,
+        }
         if rows is not None:
-            rows.dynamics(robot.inertias, robot.rotors.tolist(), robot.gravity, self.A, self.bias)
+            rows.dynamics(**self.parts)
 
     def prepare(self, state: State) -> None:
         """Compute what the rows and these terms need of a state."""

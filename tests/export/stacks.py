@@ -9,11 +9,16 @@ import numpy as np
 
 import hqp
 import hqp.tasks as t
-from hqp import Level, Stack
+from benchmarks.sentis2012.stack import HELD
+from hqp import PD, Level, Stack
 
 ROBOTS = ("ur5", "cbi", "talos", "g1", "dreamer")
 
-FORMULATIONS: dict[str, Callable[[], Any]] = {"velocity": hqp.Velocity, "acceleration": hqp.Acceleration}
+FORMULATIONS: dict[str, Callable[[], Any]] = {
+    "velocity": hqp.Velocity,
+    "acceleration": hqp.Acceleration,
+    "torque": lambda: hqp.Torque(contact_law=PD(0.0, 40.0)),
+}
 
 Given = Callable[[int], tuple[hqp.Reference, ...]]
 
@@ -21,14 +26,15 @@ Given = Callable[[int], tuple[hqp.Reference, ...]]
 def scene(name: str, formulation: str = "velocity", price: float | None = None) -> tuple[hqp.Session, Given]:
     """A session without a deadline, for a cut answer is none to compare, and the references of its ticks."""
     robot = hqp.robots.load(name)
-    if robot.floating and not robot.landmarks.get("soles"):
-        robot = hqp.robots.load(name, floating=False)
     marks = robot.landmarks
     frame = (marks.get("palms") or marks.get("tools") or robot.frame_names[-1:])[-1]
     hand = t.Position(frame=frame, name="hand")
     feet = [t.FixedContact(frame=sole) for sole in marks.get("soles", ())]
     balance = [t.Com(axes="xy", name="balance")] if feet else []
-    held = [t.JointLimits(), *feet, *robot.couplings]
+    held: list[hqp.Element] = [t.JointLimits(), *feet, *robot.couplings, *(HELD if name == "dreamer" else ())]
+    if formulation == "torque":
+        held += [t.FrictionCone(contact=foot.name, mu=0.7) for foot in feet]
+        held += [t.UnilateralContact(contact=foot.name) for foot in feet]
     levels = [[hand, *balance], [t.Orientation(frame=frame, name="turn")], [t.Posture(name="posture")]]
     stack = Stack(*(Level(*level, price=price) for level in levels), subject_to=held)
     controller = hqp.Controller(stack, FORMULATIONS[formulation](), deadline=np.inf)

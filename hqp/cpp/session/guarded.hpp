@@ -51,6 +51,7 @@ class Guarded {
     const double deceleration = guards_.part("braking").number("deceleration");
     if (kind_ == "velocity") rest_ = std::make_unique<SlowDown>(robot_, deceleration, line_.dt(), line_.kinematics());
     else if (kind_ == "acceleration") rest_ = std::make_unique<Brake>(robot_, deceleration, line_.dt());
+    else if (line_.torque()) rest_ = std::make_unique<Hold>(robot_, guards_.part("braking").number("damping"), line_);
     else throw PlanError("the plan is of an unknown kind");
     const std::vector<Slot>& slots = line_.slots();
     for (std::size_t k = 0; k < slots.size(); ++k) {

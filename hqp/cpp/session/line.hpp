@@ -217,7 +217,7 @@ class Line {
     if (p.has("dynamics")) {
       const Node terms = p.part("dynamics");
       const std::size_t n = static_cast<std::size_t>(nv_);
-      assembly_.dynamics(terms.inertias("inertias"), terms.numbers("rotors"), terms.vec3("gravity"),
+      assembly_.dynamics(terms.inertias("inertias"), terms.numbers("rotors"), load(terms.doubles("gravity", 3)),
                          terms.doubles("A", n * n), terms.doubles("bias", n));
     }
     for (const Node& one : p.parts("loads")) {

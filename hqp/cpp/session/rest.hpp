@@ -3,12 +3,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "../dynamics/kinematics.hpp"
-#include "node.hpp"
+#include "line.hpp"
 
 namespace hqp {
 
@@ -99,6 +100,56 @@ class Brake final : public Rest {
   double most_, dt_;
   Fastest fastest_;
   std::vector<double> v_;
+};
+
+// Torque level: tau = tau_g(q) - D qd within the effort limits, qd fading; the equations of hqp/torque/rest.py.
+class Hold final : public Rest {
+ public:
+  Hold(const Node& robot, double damping, Line& line)
+      : line_(line), actuated_(robot.ints("actuated")), dt_(line.dt()), still_(std::size_t(line.nv()), 0.0) {
+    const std::vector<double> limit = robot.numbers("effort_limit");
+    const std::size_t n = actuated_.size();
+    for (const int i : actuated_) limit_.push_back(limit.at(std::size_t(i)));
+    time_ = std::max(damping, double(n) * dt_);
+    holding_.resize(n), damping_.resize(n), rate_.resize(n), felt_.resize(n);
+  }
+
+  void begin(const double* q, const double* v, const double* x, bool) override {
+    const std::size_t n = limit_.size();
+    std::fill(rate_.begin(), rate_.end(), 0.0);
+    std::fill(damping_.begin(), damping_.end(), 0.0);
+    if (!q || !look(q, v)) std::copy(x, x + n, holding_.begin());
+  }
+  void next(double* x) override {
+    for (std::size_t i = 0; i < limit_.size(); ++i) {
+      x[i] = std::min(std::max(holding_[i] - damping_[i] * rate_[i], -limit_[i]), limit_[i]);
+      rate_[i] *= std::max(0.0, 1.0 - dt_ / time_);
+    }
+  }
+
+ private:
+  bool look(const double* q, const double* v) {
+    line_.kinematics().update(q);
+    line_.assembly().operate(q, still_.data());
+    if (!line_.torque()->at_rest(holding_.data(), felt_.data())) return false;
+    double largest = 0.0, sum = 0.0;
+    for (const double felt : felt_) largest = std::max(largest, felt);
+    for (std::size_t i = 0; i < felt_.size(); ++i) {
+      const bool locked = felt_[i] <= 1e-9 * largest;  // motors that the constraints lock need no damping
+      damping_[i] = locked ? 0.0 : 1.0 / (time_ * felt_[i]);
+      rate_[i] = v[actuated_[i]];
+      sum += holding_[i] * holding_[i] + damping_[i] * damping_[i];
+    }
+    if (sum < std::numeric_limits<double>::infinity()) return true;
+    std::fill(rate_.begin(), rate_.end(), 0.0);
+    std::fill(damping_.begin(), damping_.end(), 0.0);
+    return false;
+  }
+
+  Line& line_;
+  std::vector<int> actuated_;
+  double dt_, time_ = 0.0;
+  std::vector<double> still_, limit_, holding_, damping_, rate_, felt_;
 };
 
 }  // namespace hqp

@@ -1,11 +1,13 @@
 // What stands between rows on the acceleration and the solver at torque level.
 #pragma once
 
+#include <algorithm>
 #include <memory>
 #include <vector>
 
 #include "../common/isa.hpp"
 #include "../torque/chain.hpp"
+#include "../torque/holding.hpp"
 #include "node.hpp"
 
 namespace hqp {
@@ -40,24 +42,40 @@ class TorqueParts {
         forces_->add(one.doubles("C", static_cast<std::size_t>(asked.m) * m), asked);
       }
     }
-    const ChainArrays arrays{v,
-                             n,
-                             p.doubles("A", v * v),
-                             p.doubles("bias", v),
-                             p.doubles("J", m * v),
-                             p.doubles("gamma", m),
-                             p.number("tolerance"),
-                             p.doubles("factor", v * v),
-                             p.doubles("map", v * (n + 1)),
-                             p.doubles("phi", n * n),
-                             p.doubles("Q", v * m),
-                             T,
-                             top};
-    chain_ = std::make_unique<Chain>(*elimination_, *rows_, forces_.get(), arrays);
+    arrays_ = {v,
+               n,
+               p.doubles("A", v * v),
+               p.doubles("bias", v),
+               p.doubles("J", m * v),
+               p.doubles("gamma", m),
+               p.number("tolerance"),
+               p.doubles("factor", v * v),
+               p.doubles("map", v * (n + 1)),
+               p.doubles("phi", n * n),
+               p.doubles("Q", v * m),
+               T,
+               top};
+    chain_ = std::make_unique<Chain>(*elimination_, *rows_, forces_.get(), arrays_);
     chain_->before(&solver);
+    std::vector<int> others;
+    for (int i = 0; i < nv; ++i)
+      if (std::find(actuated.begin(), actuated.end(), i) == actuated.end()) others.push_back(i);
+    if (m >= others.size()) holding_ = std::make_unique<Holding>(actuated, others, static_cast<int>(m));
   }
 
   Solved run(const double* v) { return chain_->run(v); }
+
+  // The torque (n) that holds the robot up, and the inverse inertia (n) that each motor feels, from A, J and b + g of a
+  // state at rest; false where there is none.
+  bool at_rest(double* tau, double* felt) {
+    const ChainArrays& a = arrays_;
+    std::copy(a.A, a.A + a.nv * a.nv, a.factor);
+    if (!holding_ || !holding_->torque(a.J, a.bias, tau)) return false;
+    if (elimination_->eliminate(a.factor, a.bias, a.J, a.gamma, a.tolerance, a.map, a.phi, a.Q, a.T, a.top) != 1)
+      return false;
+    for (std::size_t i = 0; i < a.n; ++i) felt[i] = a.phi[i * (a.n + 1)];
+    return true;
+  }
 
  private:
   static Asked rows(const Node& p, std::size_t n) {
@@ -82,6 +100,8 @@ class TorqueParts {
   std::unique_ptr<TorqueRows> rows_;
   std::unique_ptr<ForceRows> forces_;
   std::unique_ptr<Chain> chain_;
+  std::unique_ptr<Holding> holding_;
+  ChainArrays arrays_{};
 };
 
 }  // namespace hqp
