@@ -207,7 +207,8 @@ def level_prices(
     """The prices of every level of a hierarchy; None where no level has one.
 
     given: the controller's price, for levels that declare none; one with tau = 0 makes every level exact.  By default
-    a level has a price unless it and all levels below it select single joints; hard levels never have one.
+    a level has a price unless it and all levels below it that move anything select single joints; hard levels never
+    have one.
     """
     if is_exact(given):
         return None
@@ -218,9 +219,9 @@ def level_prices(
     for k in range(len(groups) - 1, -1, -1):
         group = groups[k]
         single = all(e.quantity == "motion" and selection_of(e, robot) is not None for e in group.elements)
-        trailing = trailing and single
+        trailing = trailing and (single or all(e.quantity == "force" for e in group.elements))
         declared = group.price if group.price is not None else given
-        if not group.tasks or (trailing and group.price is None) or is_exact(declared):
+        if not group.tasks or (trailing and single and group.price is None) or is_exact(declared):
             continue
         sizes = sizes or Sizes.of(robot)
         tau = None if declared is None else declared.tau
