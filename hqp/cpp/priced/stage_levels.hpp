@@ -104,7 +104,7 @@ class StageLevels final : public PricedStages {
       }
       if (met) std::copy(x, x + n_, x_.begin());
       if (priced) stage(k);
-      else remainder(k);
+      else if (asks(k)) remainder(k);
       if (!ended_ && late()) break;  // the levels below begin where this one does
       leave(k, x_.data());
       if (priced) {
@@ -198,6 +198,13 @@ class StageLevels final : public PricedStages {
 
   const Anchor* anchored(int k) const {
     return !anchors_.empty() && anchors_.back().level == k ? &anchors_.back() : nullptr;
+  }
+
+  // Whether any row of level k is more than free; a level that asks nothing leaves x where it is.
+  bool asks(int k) const {
+    for (int i = 0; i < level_[k].m; ++i)
+      if (!level_[k].left_out(i)) return true;
+    return false;
   }
 
   // The rows that level k leaves at x: as they are, or its values where it has no price.
