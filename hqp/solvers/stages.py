@@ -134,11 +134,14 @@ class StagedWorkspace:
             self._bind(problem)
         problem.check_prices(self._shape.priced)  # they may have been refilled
         self._began = perf_counter()
-        if not self._native.head:
+        if not (head := self._native.head):
             return self._priced(problem, self._exact.solve(self._plain))
         if (counts := self._from_head()) is not None:
             return self.answer(problem, counts)
-        return self._priced(problem, self._in_the_rest(lambda: self._exact.solve(self._plain)))
+        exact = self._in_the_rest(lambda: self._exact.solve(self._plain))
+        if exact.status.cut:  # nothing tells that another level is the first that is not met
+            self._native.head = head
+        return self._priced(problem, exact)
 
     def kernel(self, problem: Hierarchy) -> Kernel | None:
         """The exact hierarchy's kernel, as NativeWorkspace.kernel; its outcome is UNSETTLED where stages follow."""
@@ -162,7 +165,7 @@ class StagedWorkspace:
 
         def settled() -> Counts:
             self._began = perf_counter()
-            if not native.head:
+            if not (head := native.head):
                 counts = solve()
             elif (found := self._from_head()) is not None:
                 return found
@@ -170,6 +173,7 @@ class StagedWorkspace:
                 counts = self._in_the_rest(solve)
             self._latest = self._exact
             if counts[0] not in BEGINS:
+                native.head = head
                 return counts
             first = stages(x, points, end, 0, self._left())
             return counts if first < 0 else (UNSETTLED, *counts[1:])

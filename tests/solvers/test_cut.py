@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import hqp
 from hqp import Hierarchy, Rows, Selection, Status
 from hqp.solvers import lexicographic
 from hqp.solvers.lexicographic import Lexicographic
@@ -110,3 +111,44 @@ def test_nothing_of_the_last_answer_is_left_after_a_reset() -> None:
     after, first = used.solve(problem), fresh.solve(problem)
     assert after.status is first.status is Status.TIME_LIMIT
     np.testing.assert_array_equal(after.x, first.x)
+
+
+def test_a_cut_solve_keeps_the_level_that_the_next_begins_at() -> None:
+    """Else the next begins with all levels, far out of reach too slow for the deadline as well: cut for ever."""
+    seen = 0
+    for kind in KINDS:
+        for seed in range(6):
+            rng = np.random.default_rng(seed)
+            problem = boxed(fuzz.problem(kind, seed)[0], rng)
+            prices = np.array([0.0] + [0.1] * (len(problem.levels) - 1))
+            problem = replace(problem, prices=prices).copy()
+            workspace: Any = Lexicographic().workspace(problem.shape)
+            workspace.solve(problem)
+            if not workspace.stages[0].head:
+                continue
+            for rows in problem.levels[1:]:
+                moved = rng.normal(size=rows.m)
+                rows.lower[:] += moved
+                rows.upper[:] += moved
+            workspace.limit(1e-9)
+            assert workspace.solve(problem).status is Status.TIME_LIMIT
+            assert workspace.stages[0].head > 0
+            seen += 1
+    assert seen > 20
+
+
+def test_a_cut_tick_keeps_it() -> None:
+    robot, hand = hqp.robots.load("g1"), hqp.tasks.Position(frame="right_wrist_yaw_link", name="hand")
+    feet = [hqp.tasks.FixedContact(frame=frame) for frame in robot.landmarks["soles"]]
+    stack = hqp.Stack(hqp.Level(hand), hqp.Level(hqp.tasks.Posture()), subject_to=[*feet, hqp.tasks.JointLimits()])
+    run: Any = hqp.Controller(stack, deadline=1e3).session(robot, 0.002)
+    for _ in range(4):
+        tick = run.step(robot.state(), hand.at(np.array([3.0, 0.0, 1.0])))
+    assert tick.native
+    assert run.workspace.stages[0].head == 2
+    run.line.budget.deadline = 1e-9
+    rng = np.random.default_rng(0)
+    for _ in range(4):
+        q = robot.integrate(robot.home, rng.normal(0.0, 0.3, robot.nv) * (np.arange(robot.nv) > 5), 1.0)
+        run.step(robot.state(q), hand.at(rng.normal(size=3) + [3.0, 0.0, 1.0]))
+        assert run.workspace.stages[0].head == 2

@@ -87,6 +87,7 @@ class StagedSolve final : public SolveCall {
     }
     Solved solved = exact_->run(v);
     if (level && limit_ > 0.0) exact_->limit(limit_);
+    if (!begins(solved)) head_ = level;  // cut: nothing tells that another level is the first that is not met
     return begins(solved) && staged(x_, 0) >= 0 ? answered(solved) : solved;
   }
   // Time for run() [s], none for 0.
