@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from hqp.goals import reach, solve_ik
     from hqp.lab import bench
     from hqp.loaded import load
+    from hqp.motion import retarget
     from hqp.solvers.many import solve_many
     from hqp.teleoperation import Follow
     from hqp.torque import Torque
@@ -74,6 +75,7 @@ __all__ = [
     "load",
     "reach",
     "recorder",
+    "retarget",
     "robots",
     "serial",
     "shapes",
@@ -92,8 +94,8 @@ _MODULES = ("errors", "estimation", "recorder", "robots", "serial", "shapes", "s
 
 _ELSEWHERE = {
     "Certificate": "certify", "Follow": "teleoperation", "Torque": "torque", "bench": "lab", "certificate": "certify",
-    "check": "checking", "compare": "comparison", "load": "loaded", "reach": "goals", "solve_ik": "goals",
-    "solve_many": "solvers.many", "view": "viewer",
+    "check": "checking", "compare": "comparison", "load": "loaded", "reach": "goals", "retarget": "motion",
+    "solve_ik": "goals", "solve_many": "solvers.many", "view": "viewer",
 }  # fmt: skip
 """Public names, and the modules that are imported when they are first asked for."""
 

@@ -18,6 +18,7 @@ PACKAGES = {
     "sweep": "hqp.sweep.command",
     "export": "hqp.export.command",
     "replay": "hqp.recorder.command",
+    "retarget": "hqp.motion.command",
 }
 """Commands of a package of their own: a module with HELP, DESCRIPTION, add_arguments and execute."""
 

@@ -18,6 +18,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "mujoco": ("mujoco",),
     "plots": ("matplotlib",),
     "video": ("imageio-ffmpeg",),
+    "motion": ("bvhio", "plotly"),
     "view": ("viser", "trimesh", "pycollada"),
     "robots": ("example-robot-data",),
     "solvers": ("daqp", "piqp", "clarabel"),

@@ -1,0 +1,9 @@
+"""Human motion to robots: readers, skeleton maps, contacts, and the motion that strict levels make of it."""
+
+from .clip import Motion
+from .readers import read_motion
+from .retargeted import Retargeted
+from .retargeting import retarget
+from .skeleton_map import SkeletonMap
+
+__all__ = ["Motion", "Retargeted", "SkeletonMap", "read_motion", "retarget"]

@@ -1,0 +1,89 @@
+"""A robot as a person: where the frames of a map are at home, and how long its limbs are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec
+from hqp.errors import DeclarationError, ModelError
+from hqp.robot import Robot
+
+from .joints import SIDES
+from .skeleton_map import SkeletonMap
+
+SHORTEST = 0.02
+"""A limb shorter than this has two frames at one place [m]."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """A robot at home, facing x.
+
+    places, axes: position ``(3,)`` [m] and rotation ``(3, 3)`` of each part.  middle: half way between the hips in the
+    axes of the pelvis ``(3,)``.  ankles: height of each ankle above its sole [m].  lever: from each ankle to its sole
+    ``(3,)``.  toes, heels: front and back of each sole, in axes x forward, y left, z up at the sole's point ``(3,)``.
+    """
+
+    places: dict[str, Vec]
+    axes: dict[str, Mat]
+    middle: Vec
+    levers: dict[str, Vec]
+    toes: dict[str, Vec]
+    heels: dict[str, Vec]
+
+    @staticmethod
+    def of(robot: Robot, found: SkeletonMap) -> Body:
+        """Of a robot and its map; raises DeclarationError where two frames of a limb are at one place."""
+        state = robot.state(robot.home)
+        axes = {part: np.array(state.rotation(frame)) for part, frame in found.frames.items()}
+        places = {
+            part: np.array(state.position(frame)) + axes[part] @ np.array(found.offset(part))
+            for part, frame in found.frames.items()
+        }
+        for side in SIDES:
+            for one, two in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "hand")):
+                if np.linalg.norm(places[f"{side}_{one}"] - places[f"{side}_{two}"]) < SHORTEST:
+                    raise DeclarationError(
+                        "map", f"{side}_{one} and {side}_{two} are at one place", allowed="frames at two joints"
+                    )
+        hips = 0.5 * (places["left_hip"] + places["right_hip"])
+        levers = {side: places[f"{side}_sole"] - places[f"{side}_ankle"] for side in SIDES}
+        toes, heels = {}, {}
+        for side in SIDES:
+            low, high = _extent(robot, found, axes, side)
+            toes[side], heels[side] = np.array([high, 0.0, 0.0]), np.array([low, 0.0, 0.0])
+        return Body(places, axes, axes["pelvis"].T @ (hips - places["pelvis"]), levers, toes, heels)
+
+    def length(self, one: str, two: str) -> float:
+        """Of a limb, the mean of both sides [m]."""
+        ways = [self.places[f"{side}_{one}"] - self.places[f"{side}_{two}"] for side in SIDES]
+        return float(np.mean([np.linalg.norm(way) for way in ways]))
+
+    @property
+    def leg(self) -> float:
+        """From hip to ankle, stretched [m]."""
+        return self.length("hip", "knee") + self.length("knee", "ankle")
+
+    def between(self, limb: str) -> Vec:
+        """Half way between a limb of both sides at home ``(3,)`` [m]."""
+        return np.asarray(0.5 * (self.places[f"left_{limb}"] + self.places[f"right_{limb}"]))
+
+    def width(self, limb: str) -> float:
+        """Between a limb of both sides [m]."""
+        return float(np.linalg.norm(self.places[f"left_{limb}"] - self.places[f"right_{limb}"]))
+
+
+def _extent(robot: Robot, found: SkeletonMap, axes: dict[str, Mat], side: str) -> tuple[float, float]:
+    """How far back and forward a sole reaches from its point [m]; from ankle to sole where no shape tells."""
+    from hqp.robots.soles import sole
+
+    part = f"{side}_sole"
+    try:
+        corners = np.array(sole(robot, found.frames[part], 6))
+    except ModelError:
+        return -0.05, 0.05
+    offset = np.array(found.offset(part))
+    turned = (np.column_stack((corners, np.zeros(len(corners)))) - offset * [1.0, 1.0, 0.0]) @ axes[part].T
+    return float(turned[:, 0].min()), float(turned[:, 0].max())

@@ -1,0 +1,79 @@
+"""Where to begin: configurations that meet the targets of a frame, searched from several headings and postures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.goals import Reached, reach
+
+from .tracker import Tracker
+
+HEADINGS = (0.0, 0.5 * math.pi, -0.5 * math.pi, math.pi)
+"""From which a search begins, from the trunk's own [rad]."""
+
+SAME = 5e-3
+"""Residuals that differ by less are alike [m, rad]: the earlier start is taken."""
+
+ABOVE = ("subject_to", "stance", "flat", "swing", "hands")
+"""Levels that a start has to meet; where one does, no other is searched."""
+
+TOLERANCE = 2e-3
+"""Of ``reach`` [m, rad]."""
+
+
+def start(tracker: Tracker, frame: int, *also: Vec) -> Vec:
+    """The configuration that meets a frame's targets best, level by level.
+
+    Searched from home at the targets' place in several headings, and from the configurations given.
+    """
+    standing = tracker.standing(frame, frame)
+    stack = tracker.stacks.stack(standing)
+    references = [r.aiming_at(r.value) for r in tracker.references(frame, frame, standing, {})]
+    best: Reached | None = None
+    for q0 in (*also, *_placed(tracker, frame)):
+        found = reach(stack, tracker.robot, *references, q0=q0, restarts=0, tolerance=TOLERANCE, budget=math.inf)
+        if best is None or _worse(best, found):
+            best = found
+        if _enough(best):
+            break
+    assert best is not None
+    return tracker.settle(best.q, frame)
+
+
+def _enough(found: Reached) -> bool:
+    """Whether feet and hands are where they are to be: what is below them is a matter of posture."""
+    return all(found.residuals[level] < SAME for level in found.residuals if level in ABOVE)
+
+
+def _worse(one: Reached, two: Reached) -> bool:
+    """Whether the first level in which they differ is worse in one."""
+    for level in one.residuals:
+        if abs(one.residuals[level] - two.residuals[level]) > SAME:
+            return one.residuals[level] > two.residuals[level]
+    return False
+
+
+def _placed(tracker: Tracker, frame: int) -> Iterator[Vec]:
+    """Home with the hips where they are to be, and the trunk's heading, turned."""
+    robot, targets, body = tracker.robot, tracker.targets, tracker.stacks.body
+    axes = targets.axes["torso"][frame] @ body.axes["torso"].T
+    hips, home = targets.places["pelvis"][frame], body.between("hip")
+    for heading in HEADINGS:
+        yaw = math.atan2(axes[1, 0], axes[0, 0]) + heading
+        c, s = math.cos(yaw), math.sin(yaw)
+        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        q = robot.home.copy()
+        q[:3] = hips + R @ (q[:3] - home)
+        q[3:7] = _product((0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)), q[3:7])
+        yield q
+
+
+def _product(one: tuple[float, ...], two: Vec) -> Vec:
+    """Of quaternions xyzw ``(4,)``."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray((Rotation.from_quat(one) * Rotation.from_quat(two)).as_quat())

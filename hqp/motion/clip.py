@@ -1,0 +1,118 @@
+"""A recorded motion: joint positions over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec
+from hqp.errors import DeclarationError, closest
+
+CUTOFF = 10.0
+"""Of ``Motion.smoothed`` [Hz]: what marker noise is above and human limbs are below."""
+
+UPS = ("auto", "y", "z")
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Positions of the joints of a person, z up.
+
+    names: of the joints, J of them.  positions ``(T, J, 3)``, in any unit of length.  fps [1/s].  parents: index of
+    each joint's parent, -1 for a root, empty where nobody said.
+    Raises DeclarationError for shapes that do not fit, numbers that are not finite, and less than two frames.
+    """
+
+    names: tuple[str, ...]
+    positions: Any
+    fps: float
+    parents: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        try:
+            places = np.array(self.positions, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise DeclarationError("motion", "positions are not numeric", allowed="an array (T, J, 3)") from error
+        names = tuple(str(name) for name in self.names)
+        if places.ndim != 3 or places.shape[1:] != (len(names), 3) or len(places) < 2:
+            allowed = f"(T, {len(names)}, 3) for {len(names)} names, T at least 2"
+            raise DeclarationError("motion", f"positions have shape {places.shape}", allowed=allowed)
+        if len(set(names)) < len(names):
+            twice = sorted({name for name in names if names.count(name) > 1})
+            raise DeclarationError("motion", "a joint's name occurs twice", value=twice)
+        if not np.isfinite(places).all():
+            frame, joint = np.argwhere(~np.isfinite(places).all(axis=2))[0]
+            raise DeclarationError("motion", f"{names[joint]} is not finite in frame {frame}", allowed="finite numbers")
+        if not 0.0 < float(self.fps) < np.inf:
+            raise DeclarationError("motion", "fps", value=self.fps, unit="1/s", allowed="above 0")
+        if self.parents and len(self.parents) != len(names):
+            raise DeclarationError(
+                "motion", f"{len(self.parents)} parents", allowed=f"{len(names)}, one for each joint"
+            )
+        object.__setattr__(self, "names", names)
+        object.__setattr__(self, "positions", places)
+        object.__setattr__(self, "fps", float(self.fps))
+        object.__setattr__(self, "parents", tuple(int(p) for p in self.parents))
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        return len(self.positions)
+
+    def joint(self, name: str) -> Mat:
+        """Positions ``(T, 3)`` of a joint; raises DeclarationError with the closest names."""
+        if name not in self.names:
+            near = ", ".join(closest(name, self.names) or self.names)
+            raise DeclarationError("motion", "no joint of that name", value=name, allowed=near)
+        return np.asarray(self.positions[:, self.names.index(name)])
+
+    def part(self, first: int, last: int) -> Motion:
+        """The frames from ``first`` up to but not ``last``."""
+        return Motion(self.names, self.positions[first:last], self.fps, self.parents)
+
+    def smoothed(self, cutoff: float = CUTOFF) -> Motion:
+        """The motion below a frequency [Hz], without lag (Butterworth of second order, forwards and backwards).
+
+        Unchanged where the frame rate has nothing above it.
+        """
+        from scipy.signal import butter, sosfiltfilt
+
+        if cutoff >= 0.5 * self.fps or len(self) <= 9:
+            return self
+        sections = butter(2, cutoff, fs=self.fps, output="sos")
+        return Motion(self.names, sosfiltfilt(sections, self.positions, axis=0, padlen=9), self.fps, self.parents)
+
+    def at_rate(self, fps: float) -> Motion:
+        """The motion in another frame rate [1/s], by cubic splines."""
+        from scipy.interpolate import CubicSpline
+
+        if fps == self.fps:
+            return self
+        before = np.arange(len(self)) / self.fps
+        after = np.arange(int(np.floor(before[-1] * fps + 1e-9)) + 1) / fps
+        return Motion(self.names, CubicSpline(before, self.positions)(after), fps, self.parents)
+
+    def upright(self, up: str, usual: str, hips: Vec, ankles: Vec) -> Motion:
+        """The motion with z up, where so far the axis ``up`` is.
+
+        up: y, z, or auto: the axis along which the hips are at times furthest above the ankles ``(T, 3)`` each, the
+        ``usual`` one unless the other is so by far.  Raises DeclarationError for another name.
+        """
+        if up not in UPS:
+            raise DeclarationError("motion", "up", value=up, allowed=", ".join(UPS))
+        if up == "auto":
+            y, z = np.quantile((hips - ankles)[:, 1:], 0.9, axis=0)
+            other = {"y": z > 1.5 * max(y, 0.0), "z": y > 1.5 * max(z, 0.0)}[usual]
+            up = {"y": "z", "z": "y"}[usual] if other else usual
+        if up == "z":
+            return self
+        places = self.positions
+        return Motion(
+            self.names, np.stack((places[..., 0], -places[..., 2], places[..., 1]), -1), self.fps, self.parents
+        )
+
+
+def unit(vectors: Mat) -> Mat:
+    """Vectors ``(..., 3)`` of length one."""
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9))

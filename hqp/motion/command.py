@@ -1,0 +1,103 @@
+"""The command `hqp retarget`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hqp.arguments import add_robot, read_robot
+from hqp.errors import DeclarationError
+
+if TYPE_CHECKING:
+    from .retargeted import Retargeted
+
+HELP = "a person's recorded motion on a robot: BVH, joint positions, SMPL-X"
+DESCRIPTION = """Put a recorded human motion on a robot with a free base: standing feet do not slide, floor,
+self-collision and limits are kept, and what could not be met is told with what it gave way to."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command's own arguments."""
+    parser.add_argument(
+        "motion", nargs="?", metavar="MOTION", help=".bvh, or .npz with joint positions or SMPL-X parameters"
+    )
+    add_robot(parser, "--robot", required=True)
+    parser.add_argument(
+        "-o", "--output", action="append", default=[], type=Path, metavar="FILE",
+        help=".npz, .csv as Unitree and BeyondMimic read it, .pkl as GMR does; may be given more than once",
+    )  # fmt: skip
+    parser.add_argument("--map", metavar="MAP", help="a skeleton map's file or name; default: a shipped one that fits")
+    parser.add_argument("--suggest-map", action="store_true", help="print a map for the robot, made from its tree")
+    parser.add_argument("--contacts", default="auto", metavar="FILE", help=".npz with contacts (T, k); default: auto")
+    parser.add_argument("--fps", type=float, help="of the result; default: the motion's own")
+    parser.add_argument(
+        "--up", choices=("auto", "y", "z"), default="auto", help="axis of the file that is up; default: auto"
+    )
+    parser.add_argument("--body-model", type=Path, metavar="FILE", help="of SMPL-X, for its parameters: .npz")
+    parser.add_argument(
+        "--no-collision", action="store_true", help="leave out self-collision and the floor for other links"
+    )
+    parser.add_argument("--html", type=Path, metavar="FILE", help="write the report as one page")
+    parser.add_argument("--view", action="store_true", help="show it in a browser, the person beside the robot")
+    parser.add_argument(
+        "--seconds", type=float, metavar="S", help="with --view: stop after that long; default: on Ctrl-C"
+    )
+    parser.add_argument(
+        "--no-browser", action="store_true", help="with --view: print the page's address, open no browser"
+    )
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Retarget, print the report, write what is asked."""
+    from .retargeted import FORMATS
+    from .retargeting import retarget
+
+    robot = read_robot(arguments)
+    if arguments.suggest_map:
+        from .suggestion import suggest_map
+
+        print(suggest_map(robot).toml(), end="")
+        return 0
+    if arguments.motion is None:
+        raise DeclarationError("retarget", "no motion", allowed="a .bvh or .npz file")
+    for path in arguments.output:
+        if path.suffix.lower() not in FORMATS:
+            raise DeclarationError("retarget", "no known kind of file", value=str(path), allowed=", ".join(FORMATS))
+    found = retarget(
+        arguments.motion,
+        robot,
+        map=arguments.map,
+        contacts=arguments.contacts,
+        fps=arguments.fps,
+        up=arguments.up,
+        body_model=arguments.body_model,
+        collision=not arguments.no_collision,
+    )
+    print(found)
+    for path in arguments.output:
+        print(f"written: {found.save(path)}")
+    if arguments.html:
+        print(f"report: {found.html(arguments.html)}")
+    if arguments.view:
+        _view(found, arguments)
+    return 0
+
+
+def _view(found: Retargeted, arguments: argparse.Namespace) -> None:
+    page = found.view()
+    print(f"open {page.url} (Ctrl-C ends)", flush=True)
+    if not arguments.no_browser and sys.stdout.isatty():
+        import webbrowser
+
+        webbrowser.open(page.url)
+    begin = time.monotonic()
+    try:
+        while arguments.seconds is None or time.monotonic() - begin < arguments.seconds:
+            time.sleep(0.2)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        page.close()

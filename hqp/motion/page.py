@@ -1,0 +1,82 @@
+"""The report of a retargeted motion as one page: figures, curves, what was not met."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.errors import HqpError
+
+if TYPE_CHECKING:
+    from .retargeted import Retargeted
+
+_STYLE = """
+body{font:16px/1.5 system-ui,sans-serif;color:#1d2530;max-width:1180px;margin:32px auto;padding:0 20px}
+h1{font-size:26px;margin:0 0 4px} h2{font-size:19px;margin:30px 0 6px} p{color:#66717f;margin:0 0 10px}
+table{border-collapse:collapse;font-size:14px} th,td{padding:5px 10px;text-align:left;border-bottom:1px solid #e3e7ec}
+"""
+MILLI = 1e3
+TURNS = ("torso", "hips", "left_sole", "right_sole")
+
+
+def render(motion: Retargeted) -> str:
+    """The page; nothing is fetched when it is opened.  Raises HqpError without plotly."""
+    try:
+        import plotly.graph_objects as graphs  # pyright: ignore[reportMissingImports]
+    except ImportError as error:
+        raise HqpError("the page needs plotly: pip install 'hqp[motion]'") from error
+    m, curves = motion.measures, []
+    errors = {name: MILLI * e for name, e in m.errors.items() if name not in TURNS}
+    turns = {name: e for name, e in m.errors.items() if name not in errors}
+    curves.append(("Distance from the targets", "mm", errors))
+    curves.append(("Turn from the targets", "rad", turns))
+    curves.append(("Slide of standing feet", "mm/s", {side: MILLI * s for side, s in m.slide.items()}))
+    curves.append(("Depth below the floor, distance of the nearest links", "mm", {
+        "depth": MILLI * m.penetration,
+        "nearest links": MILLI * np.where(np.isfinite(m.clearance), m.clearance, np.nan),
+    }))  # fmt: skip
+    curves.append(("Acceleration of the fastest joint", "rad/s²", {"joints": m.acceleration}))
+    curves.append(("Jerk of the fastest joint", "rad/s³", {"joints": m.jerk}))
+    curves.append(("Fastest joint by its speed limit", "", {"joints": m.speed}))
+    body = [f"<h1>{escape(motion.robot.name)}</h1>", f"<p>{escape(str(motion).splitlines()[0])}</p>", _figures(motion)]
+    body.append(_shortfalls(motion))
+    for i, (title, unit, lines) in enumerate(curves):
+        figure = _figure(graphs, unit, lines, motion.fps)
+        plot = figure.to_html(full_html=False, include_plotlyjs=i == 0, config={"displayModeBar": False})
+        body.append(f"<h2>{escape(title)}</h2>{plot}")
+    return (
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>hqp retarget: {escape(motion.robot.name)}'
+        f"</title><style>{_STYLE}</style></head><body>{''.join(body)}</body></html>"
+    )
+
+
+def _figures(motion: Retargeted) -> str:
+    rows = "".join(f"<tr><td>{escape(line)}</td></tr>" for line in str(motion).splitlines()[1:5])
+    statuses = ", ".join(f"{name} {count}" for name, count in motion.statuses.items())
+    return f"<table>{rows}<tr><td>ticks: {escape(statuses)}</td></tr></table>"
+
+
+def _shortfalls(motion: Retargeted) -> str:
+    if not motion.shortfalls:
+        return "<h2>What was not met</h2><p>No hand and no foot was more than 50 mm off.</p>"
+    rows = "".join(
+        f"<tr><td>{escape(s.part)}</td><td>{s.first / motion.fps:.2f} to {s.last / motion.fps:.2f} s</td>"
+        f"<td>{MILLI * s.error:.0f} mm</td><td>{escape(s.reason)}</td></tr>"
+        for s in motion.shortfalls
+    )
+    head = "<tr><th>part</th><th>when</th><th>most</th><th>gave way to</th></tr>"
+    return f"<h2>What was not met</h2><table>{head}{rows}</table>"
+
+
+def _figure(graphs: Any, unit: str, lines: dict[str, Vec], fps: float) -> Any:
+    figure = graphs.Figure()
+    figure.update_layout(
+        template="plotly_white", height=300, margin={"l": 60, "r": 20, "t": 10, "b": 50}, font={"size": 14},
+        xaxis={"title": "time [s]"}, yaxis={"title": unit}, legend={"orientation": "h", "y": 1.12},
+    )  # fmt: skip
+    for name, values in lines.items():
+        figure.add_scatter(x=np.arange(len(values)) / fps, y=np.round(values, 4), name=name, line={"width": 1.5})
+    return figure

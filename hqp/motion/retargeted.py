@@ -1,0 +1,120 @@
+"""A robot's motion, and what it is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec
+from hqp.errors import DeclarationError
+from hqp.robot import Robot
+
+from .contacts import Mask
+from .measures import Measures
+from .shortfalls import Shortfall
+
+FORMATS = (".npz", ".csv", ".pkl")
+
+
+@dataclass(frozen=True)
+class Retargeted:
+    """What ``retarget`` gives.
+
+    q ``(T, nq)``, v ``(T, nv)``: configurations and velocities, frame by frame.  contacts ``(T, k)``: of the person, in
+    the order of contact_names.  fps [1/s].  person ``(T, J, 3)``: the joints of the person in the robot's size [m],
+    with their parents.  measures: frame by frame.  shortfalls: what was not met, when, and what it gave way to.
+    statuses: of the ticks, how many each.  time: of the solution, CPU [s].  scale: robot's metres to the motion's unit.
+    """
+
+    robot: Robot
+    q: Mat
+    v: Mat
+    contacts: Mask
+    contact_names: tuple[str, ...]
+    fps: float
+    person: Mat
+    person_parents: tuple[int, ...]
+    measures: Measures
+    shortfalls: tuple[Shortfall, ...]
+    statuses: dict[str, int]
+    time: float
+    scale: float
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        return len(self.q)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Order of ``angles``, that of ``robot.joint_names``: along each limb before the next (depth first)."""
+        return self.robot.joint_names
+
+    @property
+    def angles(self) -> Mat:
+        """Positions of the actuated joints ``(T, n)`` [rad or m]."""
+        return np.array([self.robot.state(q).angles[self.robot.actuated] for q in self.q])
+
+    @property
+    def base(self) -> tuple[Mat, Mat]:
+        """Positions ``(T, 3)`` [m] and quaternions xyzw ``(T, 4)`` of the base."""
+        return self.q[:, :3], self.q[:, 3:7]
+
+    @property
+    def summary(self) -> dict[str, float]:
+        """The figures of docs/retargeting.md [m, s, rad]."""
+        return {**self.measures.summary(), "frames_per_second": len(self) / self.time if self.time > 0.0 else np.inf}
+
+    def save(self, path: str | Path) -> Path:
+        """Write the motion: ``.npz`` with all there is, ``.csv`` as Unitree's and BeyondMimic's tools read it, ``.pkl``
+        as GMR writes it.
+
+        Raises DeclarationError for another ending.
+        """
+        from .export import as_csv, as_npz, as_pickle
+
+        path = Path(path)
+        writers: dict[str, Callable[[Retargeted, Path], None]]
+        writers = {".npz": as_npz, ".csv": as_csv, ".pkl": as_pickle}
+        if path.suffix.lower() not in writers:
+            raise DeclarationError("retarget", "no known kind of file", value=str(path), allowed=", ".join(FORMATS))
+        writers[path.suffix.lower()](self, path)
+        return path
+
+    def html(self, path: str | Path) -> Path:
+        """Write the report as one page with curves; needs plotly."""
+        from .page import render
+
+        path = Path(path)
+        path.write_text(render(self), encoding="utf-8")
+        return path
+
+    def view(self, **doors: Any) -> Any:
+        """Show the motion in a browser, the person beside the robot, with a scrubber; returns the page's server."""
+        from .scrubber import Scrubber
+
+        return Scrubber(self, **doors)
+
+    def __str__(self) -> str:
+        s = self.summary
+        nearest, hands = 1e3 * s["clearance"], (1e3 * s["hand_p50"], 1e3 * s["hand_p99"])
+        lines = [
+            f"{self.robot.name}: {len(self)} frames, {len(self) / self.fps:.1f} s, "
+            f"{s['frames_per_second']:.0f} frames/s",
+            f"standing feet that slide faster than 1 cm/s: {100 * s['slide_share']:.2f} % of frames",
+            f"deepest point below the floor {1e3 * s['penetration']:.1f} mm, nearest links {nearest:.1f} mm",
+            f"hands off p50 {hands[0]:.1f}, p99 {hands[1]:.0f} mm; toes p99 {1e3 * s['foot_p99']:.0f} mm",
+            f"joints p99 {s['acceleration_p99']:.0f} rad/s^2, {s['jerk_p99']:.3g} rad/s^3; "
+            f"beyond limits {s['beyond']:.2g} rad; fastest {100 * s['speed']:.0f} % of its limit",
+        ]
+        return "\n".join([*lines, *(str(each) for each in self.shortfalls)])
+
+
+def velocities(robot: Robot, q: Mat, fps: float) -> Mat:
+    """Velocity that leads from each configuration to the next ``(T, nv)``, the last one twice."""
+    rates: list[Vec] = [robot.difference(one, two) * fps for one, two in pairwise(q)]
+    return np.array([*rates, rates[-1]])

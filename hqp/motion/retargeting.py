@@ -1,0 +1,127 @@
+"""Human motion to a robot."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+
+import numpy as np
+
+from hqp.errors import DeclarationError
+from hqp.robot import Robot
+
+from .body import Body
+from .branches import start
+from .clip import Motion
+from .contacts import NAMES, Mask
+from .joints import parts_of
+from .measures import measure
+from .readers import read_motion
+from .retargeted import Retargeted, velocities
+from .shortfalls import shortfalls
+from .skeleton_map import SkeletonMap, find_map
+from .stacks import Stacks
+from .targets import targets_of
+from .tracker import Tracker
+
+LEAST_RATE = 100.0
+"""Ticks a second, at least: a frame of a slower motion is several ticks [1/s]."""
+
+
+def retarget(
+    motion: Motion | str | Path,
+    robot: Robot | str,
+    *,
+    map: SkeletonMap | str | Path | None = None,
+    contacts: str | Path | Mask = "auto",
+    fps: float | None = None,
+    up: str = "auto",
+    body_model: str | Path | None = None,
+    collision: bool = True,
+) -> Retargeted:
+    """A person's motion on a robot: strict levels, standing feet held where they came to rest.
+
+    Floor, self-collision, joint and speed limits are kept; then standing feet > flat soles > moving feet > hands >
+    turns of soles > trunk > limbs > posture.  The person is scaled by the length of the legs, arms and
+    trunk by their own.
+
+    motion: a ``Motion``, or a file that ``read_motion`` reads, with ``up`` and ``body_model`` as it takes them.
+    robot: with a free base, or its name.  map: a SkeletonMap, its file or its name, the first shipped one that fits for
+    None.  contacts: "auto" detects them; else ``(T, k)`` bool in the order left and right foot, hand, knee, or an .npz
+    with contacts (and contact_names).  fps: of the result, the motion's own for None.  collision: False leaves out
+    self-collision and links other than feet above the floor.
+    There is no clock in it: the same motion gives the same bits.
+    Raises DeclarationError and ModelError for what does not fit.
+    """
+    robot = _loaded(robot)
+    found = find_map(map, robot)
+    if not isinstance(motion, Motion):
+        motion = read_motion(motion, up=up, body_model=body_model, human=found.human)
+    if fps is not None and not 0.0 < fps < math.inf:
+        raise DeclarationError("retarget", "fps", value=fps, unit="1/s", allowed="above 0")
+    given = _contacts(contacts, len(motion))
+    rate = motion.fps if fps is None else float(fps)
+    each = math.ceil(LEAST_RATE / rate)
+    body = Body.of(robot, found)
+    clip = motion.smoothed().at_rate(rate * each)
+    masks = None if given is None else _at_rate(given, motion.fps, clip.fps, len(clip))
+    targets = targets_of(clip, parts_of(clip.names, found.human), body, masks)
+    tracker = Tracker(robot, Stacks(robot, found, body, 1.0 / clip.fps, collision=collision), targets)
+    begin = time.process_time()
+    q0 = start(tracker, 0)
+    passed = tracker.run(q0, np.zeros(robot.nv), 0, len(clip) - 1)
+    spent = time.process_time() - begin
+    frames = slice(None, None, each)
+    measures = measure(robot, tracker.stacks, targets, passed.q)
+    q = passed.q[frames]
+    told = measure(robot, tracker.stacks, targets.thinned(each), q) if each > 1 else measures
+    return Retargeted(
+        robot, q, velocities(robot, q, rate), targets.contacts.array()[frames], NAMES, rate,
+        targets.person[frames], clip.parents, told,
+        shortfalls(tracker, passed.q, passed.v, measures.errors), _counted(passed.statuses), spent, targets.scale,
+    )  # fmt: skip
+
+
+def _loaded(robot: Robot | str) -> Robot:
+    if isinstance(robot, str):
+        from hqp import robots
+
+        return robots.load(robot)
+    return robot
+
+
+def _contacts(given: str | Path | Mask, frames: int) -> Mask | None:
+    """Contacts ``(T, k)`` in the order of ``NAMES``, None to detect them."""
+    if isinstance(given, str) and given == "auto":
+        return None
+    names: tuple[str, ...] = NAMES
+    if isinstance(given, (str, Path)):
+        try:
+            with np.load(given, allow_pickle=False) as file:
+                array = np.asarray(file["contacts"], dtype=bool)
+                names = tuple(map(str, file["contact_names"])) if "contact_names" in file else NAMES
+        except (OSError, EOFError, ValueError, KeyError) as error:
+            allowed = '"auto", or an .npz with contacts (T, k) and contact_names'
+            raise DeclarationError("retarget", f"no contacts: {error}", value=str(given), allowed=allowed) from error
+    else:
+        array = np.asarray(given, dtype=bool)
+    if array.ndim != 2 or array.shape != (frames, len(names)):
+        allowed = f"({frames}, {len(names)}): {', '.join(names)}"
+        raise DeclarationError("retarget", f"contacts have shape {array.shape}", allowed=allowed)
+    strange = [name for name in names if name not in NAMES]
+    if strange:
+        raise DeclarationError("retarget", "no contact of that name", value=strange[0], allowed=", ".join(NAMES))
+    found = np.zeros((frames, len(NAMES)), dtype=bool)
+    for i, name in enumerate(names):
+        found[:, NAMES.index(name)] = array[:, i]
+    return found
+
+
+def _at_rate(mask: Mask, before: float, after: float, frames: int) -> Mask:
+    nearest = np.minimum(np.rint(np.arange(frames) * before / after).astype(int), len(mask) - 1)
+    return np.asarray(mask[nearest])
+
+
+def _counted(statuses: list[str]) -> dict[str, int]:
+    return {status: statuses.count(status) for status in dict.fromkeys(statuses)}

@@ -1,0 +1,139 @@
+"""The stack of tasks that follows a person, for the feet that stand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from hqp import shapes
+from hqp.arrays import Vec
+from hqp.element import Element, Task
+from hqp.errors import ModelError
+from hqp.law import P
+from hqp.robot import Robot
+from hqp.stack import Level, Stack
+from hqp.tasks import CollisionAvoidance, JointLimits, Orientation, Position, Posture, Within
+
+from .body import Body
+from .joints import SIDES
+from .skeleton_map import SkeletonMap
+
+GAIN = 30.0
+"""With which what is left of an error is closed [1/s]; half of it in a period at most."""
+
+POSTURE = 1.0
+"""With which joints that nothing else moves go home [1/s]."""
+
+RECOVERY = 0.5
+"""Fastest way out of the floor and out of a collision [m/s]."""
+
+INFLUENCE = 0.05
+"""Links nearer than this slow down towards each other and towards the floor [m]."""
+
+FLOOR = "floor"
+
+Standing = tuple[tuple[str, int], ...]
+"""Sides whose foot stands, and what of it is down: 0 the sole, 1 the toe, -1 the heel."""
+
+
+class Stacks:
+    """Tasks of a robot by part, and the stack for the feet that stand.
+
+    Floor, self-collision, joint and speed limits come before all; then what is down of standing feet, soles that are
+    flat on the ground, moving feet, hands, the turns of other soles, trunk, limbs, posture.
+    """
+
+    def __init__(self, robot: Robot, found: SkeletonMap, body: Body, dt: float, *, collision: bool = True) -> None:
+        law = P(min(GAIN, 0.5 / dt))
+        self.robot, self.frames, self.body, self._map = robot, found.frames, body, found
+
+        def point(part: str, offset: tuple[float, float, float], name: str) -> Position:
+            return Position(frame=found.frames[part], offset=offset, law=law, name=name)
+
+        def turn(part: str, name: str = "") -> Orientation:
+            return Orientation(frame=found.frames[part], law=law, name=name or part)
+
+        def edge(side: str, corners: dict[str, Vec], name: str) -> Position:
+            return point(f"{side}_sole", self.in_frame(side, corners[side]), f"{side}_{name}")
+
+        self.toes = {side: edge(side, body.toes, "toe") for side in SIDES}
+        self.heels = {side: edge(side, body.heels, "heel") for side in SIDES}
+        self.soles = {side: turn(f"{side}_sole") for side in SIDES}
+        x, y, z = body.middle.tolist()
+        self.trunk: tuple[Task, ...] = (point("pelvis", (x, y, z), "pelvis"), turn("torso"))
+        self.hips = turn("pelvis", "hips")
+        self.points = {
+            f"{side}_{limb}": point(f"{side}_{limb}", found.offset(f"{side}_{limb}"), f"{side}_{limb}")
+            for limb in ("hand", "elbow", "knee")
+            for side in SIDES
+        }
+        self.posture = Posture(law=P(POSTURE), name="posture")
+        self.tasks: tuple[Task, ...] = (
+            *self.toes.values(), *self.heels.values(), *self.soles.values(), *self.points.values(), *self.trunk,
+            self.hips, self.posture,
+        )  # fmt: skip
+        self._subject_to = self._limits(0.5 / dt, collision)
+
+    def _limits(self, rate: float, collision: bool) -> list[Element]:
+        found: list[Element] = [JointLimits(acceleration=0.0, braking=0.0)]
+        for _, task in self.edges:
+            height = Position(frame=task.frame, offset=task.offset, axes="z", name=f"{task.name}_height")
+            found.append(Within(height, lower=0.0, rate=rate, recovery=RECOVERY, name=f"{task.name}_floor"))
+        self.links = self._links()
+        links = self.links if collision else ()
+        if links:
+            floor, pairs = shapes.half_space(FLOOR), tuple((link, FLOOR) for link in links)
+            avoided: dict[str, dict[str, Any]] = {"self_collision": {}, FLOOR: {"pairs": pairs, "world": (floor,)}}
+            for name, given in avoided.items():
+                found.append(
+                    CollisionAvoidance(
+                        name=name, clearance=0.0, influence=INFLUENCE, rate=rate, recovery=RECOVERY, **given
+                    )
+                )
+        return found
+
+    def _links(self) -> tuple[str, ...]:
+        """Links that are to stay above the floor: all but the feet, whose edges have bounds of their own.
+
+        None for a robot without shapes.
+        """
+        robot = self.robot
+        feet = {robot.body(robot.frame(self.frames[f"{side}_sole"])) for side in SIDES}
+        feet |= {robot.bodies[body][0] for body in feet}
+        try:
+            return tuple(dict.fromkeys(capsule.name for capsule in robot.capsules if capsule.body not in feet))
+        except ModelError:
+            return ()
+
+    @property
+    def edges(self) -> list[tuple[str, Position]]:
+        """Sides, and the tasks of their toes and heels."""
+        return [*self.toes.items(), *self.heels.items()]
+
+    def in_frame(self, side: str, corner: Vec) -> tuple[float, float, float]:
+        """A point of a sole, in axes x forward and z up at home, in the axes of the foot's frame ``(3,)`` [m]."""
+        x, y, z = np.array(self._map.offset(f"{side}_sole")) + self.body.axes[f"{side}_sole"].T @ corner
+        return float(x), float(y), float(z)
+
+    def down(self, side: str, edge: int) -> Position:
+        """The point of a foot that is down: the heel of one on its heel, else the toe."""
+        return self.heels[side] if edge < 0 else self.toes[side]
+
+    def stack(self, standing: Standing) -> Stack:
+        """For the feet that stand."""
+        edges = dict(standing)
+        flat = [side for side in SIDES if edges.get(side) == 0]
+        levels: dict[str, list[Task]] = {
+            "stance": [self.down(side, edges[side]) for side in SIDES if side in edges],
+            "flat": [self.soles[side] for side in flat],
+            "swing": [self.toes[side] for side in SIDES if side not in edges],
+            "hands": [self.points[f"{side}_hand"] for side in SIDES],
+            "soles": [self.soles[side] for side in SIDES if side not in flat],
+            "trunk": [*self.trunk, self.hips],
+            "limbs": [*(self.points[f"{side}_{limb}"] for limb in ("elbow", "knee") for side in SIDES)],
+            "posture": [self.posture],
+        }
+        return Stack(
+            *(Level(*tasks, name=name) for name, tasks in levels.items() if tasks), subject_to=self._subject_to
+        )

@@ -1,0 +1,103 @@
+"""A first skeleton map for a robot, from its tree and landmarks."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from hqp.errors import DeclarationError
+from hqp.robot import Robot
+
+from .joints import SIDES
+from .skeleton_map import SkeletonMap
+
+
+def suggest_map(robot: Robot) -> SkeletonMap:
+    """Names of frames for every part, to be looked over: knees and elbows are the joints half way along a limb.
+
+    Feet and hands are the robot's landmarks ``soles`` and ``palms``, or the ends of the tree that are lowest, and the
+    other ends that are furthest to either side.  Raises DeclarationError for a robot that has no two legs and two arms.
+    """
+    if not robot.floating:
+        raise DeclarationError("suggest-map", "a robot whose base is fixed", value=robot.name, allowed="a free base")
+    tree = _Tree(robot)
+    feet = robot.landmarks.get("soles", ()) or tree.pair(lowest=True)
+    hands = robot.landmarks.get("palms", ()) or tree.pair(lowest=False)
+    if len(feet) != 2 or len(hands) != 2:
+        raise DeclarationError("suggest-map", "no two feet and two hands", value=(tuple(feet), tuple(hands)))
+    feet, hands = tree.sided(feet), tree.sided(hands)
+    legs, arms = [tree.chain(f) for f in feet], [tree.chain(f) for f in hands]
+    shared = [body for body in arms[0] if body in arms[1]]
+    torso = shared[-1] if shared else legs[0][0]
+    frames = {"pelvis": tree.frame(legs[0][0]), "torso": tree.frame(torso)}
+    for side, foot, hand, leg, arm in zip(SIDES, feet, hands, legs, arms, strict=True):
+        own = leg[1:]
+        knee = tree.half_way(own, foot)
+        hip = tree.first_beside(own[: own.index(knee)] or own[:1], knee)
+        frames |= {f"{side}_hip": tree.frame(hip), f"{side}_knee": tree.frame(knee)}
+        frames |= {f"{side}_ankle": tree.frame(own[-1]), f"{side}_sole": foot}
+        own = [body for body in arm if body not in shared]
+        if len(own) < 2:
+            raise DeclarationError("suggest-map", f"no {side} arm", value=hand)
+        elbow = tree.half_way(own, hand)
+        shoulder = tree.widest(own[: own.index(elbow)] or own[:1])
+        frames |= {f"{side}_shoulder": tree.frame(shoulder), f"{side}_elbow": tree.frame(elbow), f"{side}_hand": hand}
+    return SkeletonMap(frames)
+
+
+class _Tree:
+    """Bodies of a robot at home: 0 the world, 1 the base."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot, self._state = robot, robot.state(robot.home)
+        self._state.kinematics()
+        self._parents = [int(body[0]) for body in robot.bodies]
+        self._places = [np.array(body[5][0]) for body in robot.bodies]
+        self._frames: dict[int, list[str]] = {}
+        for name in robot.frame_names:
+            self._frames.setdefault(robot.body(robot.frame(name)), []).append(name)
+
+    def frame(self, body: int) -> str:
+        """A frame at the joint that carries a body, a link rather than the joint's own name."""
+        at = [n for n in self._frames[body] if np.allclose(self._state.position(n), self._places[body], atol=1e-6)]
+        links = [n for n in at if "link" in n.lower()] or [n for n in at if "joint" not in n.lower()]
+        return (links or at or self._frames[body])[-1]
+
+    def chain(self, frame: str) -> list[int]:
+        """Bodies from the base to a frame."""
+        body, found = self._robot.body(self._robot.frame(frame)), []
+        while body > 0:
+            found.append(body)
+            body = self._parents[body]
+        return found[::-1]
+
+    def pair(self, lowest: bool) -> tuple[str, ...]:
+        """Frames of two ends of the tree: the lowest, or of those in the upper half the ones furthest to the sides."""
+        ends = [b for b in range(2, len(self._parents)) if b not in self._parents and abs(self._places[b][1]) > 0.02]
+        low = sorted(ends, key=lambda b: float(self._places[b][2]))[:2]
+        if lowest:
+            return tuple(self.frame(b) for b in low)
+        high = sorted((b for b in ends if b not in low), key=lambda b: float(self._places[b][1]))
+        return (self.frame(high[-1]), self.frame(high[0])) if len(high) > 1 else ()
+
+    def sided(self, frames: tuple[str, ...]) -> tuple[str, ...]:
+        """Left first."""
+        return tuple(sorted(frames, key=lambda name: -float(self._state.position(name)[1])))
+
+    def half_way(self, bodies: list[int], end: str) -> int:
+        """The body whose joint is nearest to the middle of a limb, along it; neither its first nor its last."""
+        stops = [*(self._places[b] for b in bodies), np.array(self._state.position(end))]
+        way = np.concatenate(([0.0], np.cumsum([np.linalg.norm(b - a) for a, b in pairwise(stops)])))
+        inner = range(1, max(2, len(bodies) - 1))
+        return bodies[min(inner, key=lambda k: abs(float(way[k]) - 0.5 * float(way[-1])))]
+
+    def first_beside(self, bodies: list[int], knee: int) -> int:
+        """The first body that is no further to the side than the knee's joint."""
+        side = abs(float(self._places[knee][1]))
+        return next((b for b in bodies if abs(float(self._places[b][1])) > side - 0.02), bodies[-1])
+
+    def widest(self, bodies: list[int]) -> int:
+        """The first body about as far to the side as any."""
+        sides = [abs(float(self._places[b][1])) for b in bodies]
+        return next(b for b, side in zip(bodies, sides, strict=True) if side > 0.85 * max(sides))

@@ -1,0 +1,225 @@
+"""What the frames of a robot are to do: a person's motion in the robot's size."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hqp.arrays import Mat, Vec
+
+from .body import Body
+from .clip import Motion, unit
+from .contacts import NAMES, Contacts, Mask, detect, runs
+from .joints import SIDES
+
+LOW = 0.02
+"""The floor is where the ankles are at this quantile of the frames in which they are slow."""
+
+FLAT = 0.15
+"""A foot that rests and is tilted by less is flat [rad]."""
+
+RAMP = 0.25
+"""In so long a hand comes from where its arm has it to what it touches [s]."""
+
+Z = np.array([0.0, 0.0, 1.0])
+
+Edges = NDArray[np.int8]
+
+
+@dataclass(frozen=True)
+class Targets:
+    """By part: places ``(T, 3)`` [m] of pelvis (half way between the hips), hands, elbows, knees and soles, axes
+    ``(T, 3, 3)`` of torso, hips and soles.
+
+    contacts: of the person.  edge: what of a sole is down, 0 all of it, 1 the toe, -1 the heel ``(T,)``, by side.
+    scale: robot's metres to the motion's unit of length.  person ``(T, J, 3)``: its joints in the robot's size [m].
+    """
+
+    fps: float
+    places: dict[str, Mat]
+    axes: dict[str, Mat]
+    contacts: Contacts
+    edge: dict[str, Edges]
+    scale: float
+    person: Mat
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        return len(self.person)
+
+    def thinned(self, each: int) -> Targets:
+        """Every ``each``-th frame."""
+        here = slice(None, None, each)
+        contacts = Contacts(
+            {name: mask[here] for name, mask in self.contacts.resting.items()},
+            {name: height[here] for name, height in self.contacts.ground.items()},
+        )
+        places, axes = ({k: x[here] for k, x in part.items()} for part in (self.places, self.axes))
+        edge = {side: x[here] for side, x in self.edge.items()}
+        return Targets(self.fps / each, places, axes, contacts, edge, self.scale, self.person[here])
+
+
+def targets_of(motion: Motion, parts: dict[str, str], body: Body, contacts: Mask | None = None) -> Targets:
+    """Targets from a motion whose joints have parts; contacts ``(T, k)`` in place of those that are detected.
+
+    The whole motion is in the robot's size by the length of the legs; arms and trunk by their own from the shoulders
+    and hips on, but for a hand that rests on something.
+    """
+    joints = {part: motion.joint(name) for part, name in parts.items()}
+    leg = float(np.median(_leg(joints)))
+    scale = body.leg / leg
+    ground = _floor(joints, motion.fps, leg)
+    lift = np.array([0.0, 0.0, float(np.mean([-body.levers[side][2] for side in SIDES]))])
+    moved = {part: scale * (place - ground) + lift for part, place in joints.items()}
+    low = {part: place - lift for part, place in moved.items()}  # the ankles at 0 on the floor
+    toes = {f"{side}_toe": low[f"{side}_toe"] - _toe_height(low, side) * Z for side in SIDES}
+    found = detect({**toes, **{n: moved[n] for n in NAMES if "foot" not in n}}, motion.fps, body.leg)
+    if contacts is not None:
+        found = Contacts({name: contacts[:, i] for i, name in enumerate(NAMES)}, found.ground)
+    places: dict[str, Mat] = {}
+    edge: dict[str, Edges] = {}
+    trunk = _trunk(moved)
+    axes: dict[str, Mat] = {"torso": trunk @ body.axes["torso"], "hips": _hips(moved, trunk) @ body.axes["pelvis"]}
+    places["pelvis"] = 0.5 * (moved["left_hip"] + moved["right_hip"])
+    for side in SIDES:
+        places[f"{side}_sole"], turn, edge[side] = _sole(moved, found, side, body, motion.fps)
+        axes[f"{side}_sole"] = turn @ body.axes[f"{side}_sole"]
+        places[f"{side}_knee"] = _knee(moved, places["pelvis"], side, body)
+        places.update(
+            _arm(moved, places["pelvis"], axes["torso"] @ body.axes["torso"].T, found, side, body, motion.fps)
+        )
+    return Targets(motion.fps, places, axes, found, edge, scale, scale * (motion.positions - ground) + lift)
+
+
+def _leg(joints: dict[str, Mat]) -> Vec:
+    """Length of a stretched leg, the mean of both ``(T,)``."""
+    legs = [_length(joints, side, "hip", "knee") + _length(joints, side, "knee", "ankle") for side in SIDES]
+    return np.asarray(0.5 * (legs[0] + legs[1]))
+
+
+def _length(joints: dict[str, Mat], side: str, one: str, two: str) -> Vec:
+    return np.asarray(np.linalg.norm(joints[f"{side}_{one}"] - joints[f"{side}_{two}"], axis=1))
+
+
+def _floor(joints: dict[str, Mat], fps: float, leg: float) -> Vec:
+    """Where the ankles are on the floor, below the start ``(3,)``."""
+    heights = []
+    for side in SIDES:
+        ankle = joints[f"{side}_ankle"]
+        speed = np.linalg.norm(np.gradient(ankle, axis=0), axis=1) * fps
+        slow = speed < max(0.3 * leg, float(np.quantile(speed, 0.2)))
+        heights.append(ankle[slow, 2])
+    return np.array([0.0, 0.0, float(np.quantile(np.concatenate(heights), LOW))])
+
+
+def _toe_height(low: dict[str, Mat], side: str) -> float:
+    """Of a toe above the floor where its ankle is near it [m]."""
+    ankle, toe = low[f"{side}_ankle"][:, 2], low[f"{side}_toe"][:, 2]
+    return float(np.quantile(toe[ankle <= np.quantile(ankle, 0.3)], 0.1))
+
+
+def _trunk(joints: dict[str, Mat]) -> Mat:
+    """Axes of the chest, x forward, z from hips to shoulders ``(T, 3, 3)``."""
+    shoulders = 0.5 * (joints["left_shoulder"] + joints["right_shoulder"])
+    up = unit(shoulders - 0.5 * (joints["left_hip"] + joints["right_hip"]))
+    left = unit(joints["left_hip"] - joints["right_hip"]) + unit(joints["left_shoulder"] - joints["right_shoulder"])
+    forward = unit(np.cross(left, up))
+    return np.stack((forward, np.cross(up, forward), up), axis=2)
+
+
+def _hips(joints: dict[str, Mat], trunk: Mat) -> Mat:
+    """Axes of the pelvis, y along the hips, as far up as the trunk ``(T, 3, 3)``."""
+    left = unit(joints["left_hip"] - joints["right_hip"])
+    forward = unit(np.cross(left, trunk[:, :, 2]))
+    return np.stack((forward, left, np.cross(forward, left)), axis=2)
+
+
+def _sole(joints: dict[str, Mat], found: Contacts, side: str, body: Body, fps: float) -> tuple[Mat, Mat, Edges]:
+    """Place of a sole, how it is turned from home, and which edge of it is down."""
+    ankle, toe = joints[f"{side}_ankle"], joints[f"{side}_toe"]
+    mask, ground = found.resting[f"{side}_foot"], found.ground[f"{side}_foot"]
+    way = toe - ankle
+    tilt = -np.arctan2(way[:, 2], np.linalg.norm(way[:, :2], axis=1))
+    tilt -= np.median(tilt[mask]) if mask.any() else np.median(tilt)
+    yaw = _heading(way, _trunk(joints))
+    weight = smooth(mask, fps)
+    tilt = (1.0 - weight) * tilt + weight * np.sign(tilt) * np.maximum(np.abs(tilt) - FLAT, 0.0)
+    place = ankle + np.einsum("tij,j->ti", _turned(yaw, tilt), body.levers[side])
+    shift, turn = np.zeros_like(place), np.zeros(len(yaw))
+    for first, last in runs(mask):
+        here = slice(first, last)
+        flat = np.abs(tilt[here]) < 1e-6
+        rest = np.flatnonzero(flat) if flat.any() else np.arange(last - first)
+        mean = float(np.median(yaw[here][rest]))
+        turn[here] = mean - yaw[here]
+        upright = _turned(np.full(last - first, mean), np.zeros(last - first))
+        spot = np.median((ankle[here] + np.einsum("tij,j->ti", upright, body.levers[side]))[rest], axis=0)
+        spot[2] = max(spot[2], 0.0) if ground[first] > 0.0 else 0.0
+        edge = np.where(tilt[here, None] > 0.0, body.toes[side], body.heels[side])
+        pivot = spot + np.einsum("tij,tj->ti", upright, edge)
+        shift[here] = (
+            pivot - np.einsum("tij,tj->ti", _turned(np.full(last - first, mean), tilt[here]), edge) - place[here]
+        )
+    if mask.any():
+        times, known = np.arange(len(mask)), np.flatnonzero(mask)
+        shift = np.column_stack([np.interp(times, known, shift[known, k]) for k in range(3)])
+        turn = np.interp(times, known, turn[known])
+    return place + shift, _turned(yaw + turn, tilt), np.sign(tilt).astype(np.int8)
+
+
+def _heading(way: Mat, trunk: Mat) -> Vec:
+    """Yaw of a foot; of one that points down or up, that of the trunk's side."""
+    flat = np.linalg.norm(way[:, :2], axis=1) / np.maximum(np.linalg.norm(way, axis=1), 1e-9)
+    forward = np.stack((trunk[:, 1, 1], -trunk[:, 0, 1]), axis=1)
+    weight = np.clip((flat - 0.2) / 0.3, 0.0, 1.0)[:, None]
+    mixed = weight * unit(way[:, :2]) + (1.0 - weight) * unit(forward)
+    return np.unwrap(np.arctan2(mixed[:, 1], mixed[:, 0]))
+
+
+def _knee(joints: dict[str, Mat], hips: Mat, side: str, body: Body) -> Mat:
+    """A knee, thighs in their own size below hips as wide as the robot's."""
+    half = (joints[f"{side}_hip"] - hips) * (
+        body.width("hip") / max(_median(joints["left_hip"] - joints["right_hip"]), 1e-9)
+    )
+    thigh = joints[f"{side}_knee"] - joints[f"{side}_hip"]
+    return hips + half + thigh * (body.length("hip", "knee") / _median(thigh))
+
+
+def _arm(
+    joints: dict[str, Mat], hips: Mat, turn: Mat, found: Contacts, side: str, body: Body, fps: float
+) -> dict[str, Mat]:
+    """An elbow and a hand: from the robot's shoulder on in the robot's lengths, a hand that rests where it rests."""
+    home = turn @ (body.places[f"{side}_shoulder"] - body.between("hip"))
+    upper = joints[f"{side}_elbow"] - joints[f"{side}_shoulder"]
+    fore = joints[f"{side}_hand"] - joints[f"{side}_elbow"]
+    elbow = hips + home + upper * (body.length("shoulder", "elbow") / _median(upper))
+    hand = elbow + fore * (body.length("elbow", "hand") / _median(fore))
+    weight = smooth(found.resting[f"{side}_hand"], fps)[:, None]
+    return {f"{side}_elbow": elbow, f"{side}_hand": (1.0 - weight) * hand + weight * joints[f"{side}_hand"]}
+
+
+def _median(vectors: Mat) -> float:
+    return float(np.median(np.linalg.norm(vectors, axis=1)))
+
+
+def _turned(yaw: Vec, tilt: Vec) -> Mat:
+    """Rz(yaw) Ry(tilt) ``(T, 3, 3)``: a positive tilt lifts the heel."""
+    c, s, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(tilt), np.sin(tilt)
+    zero = np.zeros_like(c)
+    rows = [[c * cp, -s, c * sp], [s * cp, c, s * sp], [-sp, zero, cp]]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def smooth(mask: Mask, fps: float) -> Vec:
+    """1 where the mask is, and down to 0 within ``RAMP`` around it, without a corner ``(T,)``."""
+    if not mask.any():
+        return np.zeros(len(mask))
+    known = np.flatnonzero(mask)
+    after = np.searchsorted(known, np.arange(len(mask)))
+    left = np.arange(len(mask)) - known[np.maximum(after - 1, 0)]
+    right = known[np.minimum(after, known.size - 1)] - np.arange(len(mask))
+    away = np.minimum(np.where(left < 0, len(mask), left), np.where(right < 0, len(mask), right))
+    x = np.clip(1.0 - away / (RAMP * fps), 0.0, 1.0)
+    return np.asarray(x * x * (3.0 - 2.0 * x))

@@ -1,0 +1,103 @@
+"""Small motions of a made-up person, z up [m]."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hqp.motion import Motion
+
+FPS = 30.0
+NAMES = (
+    "Hips", "LeftUpLeg", "LeftLeg", "LeftFoot", "LeftToeBase", "RightUpLeg", "RightLeg", "RightFoot", "RightToeBase",
+    "LeftArm", "LeftForeArm", "LeftHand", "RightArm", "RightForeArm", "RightHand",
+)  # fmt: skip
+PARENTS = (-1, 0, 1, 2, 3, 0, 5, 6, 7, 0, 9, 10, 0, 12, 13)
+THIGH, SHANK, ANKLE = 0.42, 0.42, 0.09
+
+
+def walk(seconds: float = 3.0, speed: float = 0.8, fps: float = FPS) -> Motion:
+    """Level walking along x, half a second a step."""
+    times = np.arange(0.0, seconds, 1.0 / fps)
+    return Motion(NAMES, np.array([_person(t, speed) for t in times]), fps, PARENTS)
+
+
+def stand(seconds: float = 1.0, heading: float = 0.0, fps: float = FPS) -> Motion:
+    """Standing still, facing ``heading`` [rad]."""
+    c, s = np.cos(heading), np.sin(heading)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return Motion(NAMES, np.array([_person(0.0, 0.0) @ turn.T] * int(seconds * fps)), fps, PARENTS)
+
+
+def _person(t: float, speed: float) -> Any:
+    hips = np.array([speed * t, 0.0, 0.86])
+    joints = [hips]
+    for side, begin in ((1.0, 0.0), (-1.0, 0.5)):
+        hip = hips + [0.0, 0.1 * side, 0.0]
+        foot = np.array([*_foot(t, begin, speed), 0.0])[[0, 2, 1]] + [0.0, 0.1 * side, ANKLE]
+        joints += [hip, _bend(hip, foot, THIGH, SHANK), foot, foot + [0.14, 0.0, 0.03 - ANKLE]]
+    for side in (1.0, -1.0):
+        shoulder = hips + [0.0, 0.19 * side, 0.5]
+        swing = 0.15 * side * np.sin(2.0 * np.pi * t) if speed else 0.0
+        elbow = shoulder + [swing, 0.03 * side, -0.27]
+        joints += [shoulder, elbow, elbow + [0.1 + swing, 0.0, -0.22]]
+    return np.array(joints)
+
+
+def _foot(t: float, begin: float, speed: float) -> tuple[float, float]:
+    """How far forward and how high a foot is that swings for half a second of every second."""
+    cycle, phase = divmod(t - begin, 1.0)
+    stride = speed * 1.0
+    first = stride * (cycle - 0.25) + speed * (begin + 0.5) if speed else 0.0
+    if phase >= 0.5 or not speed:
+        return first + (stride if speed else 0.0), 0.0
+    x = phase / 0.5
+    return first + stride * (x - np.sin(2.0 * np.pi * x) / (2.0 * np.pi)), 0.05 * (1.0 - np.cos(2.0 * np.pi * x))
+
+
+def _bend(hip: Any, foot: Any, thigh: float, shank: float) -> Any:
+    """A knee, forward of the line from hip to foot."""
+    way = foot - hip
+    length = min(float(np.linalg.norm(way)), 0.999 * (thigh + shank))
+    along = (thigh**2 - shank**2 + length**2) / (2.0 * length)
+    out = np.sqrt(max(thigh**2 - along**2, 0.0))
+    unit = way / np.linalg.norm(way)
+    forward = np.array([1.0, 0.0, 0.0]) - unit[0] * unit
+    return hip + along * unit + out * forward / np.linalg.norm(forward)
+
+
+def write_npz(path: Path, motion: Motion) -> Path:
+    """As ``read_motion`` reads it."""
+    np.savez(path, positions=motion.positions, names=np.array(motion.names), fps=motion.fps)
+    return path
+
+
+def write_bvh(path: Path, motion: Motion, scale: float = 100.0) -> Path:
+    """A BVH file, y up, whose joints all have position channels and do not turn."""
+    children = {i: [k for k, p in enumerate(motion.parents) if p == i] for i in range(len(motion.names))}
+    order: list[int] = []
+
+    def block(i: int, depth: int) -> list[str]:
+        order.append(i)
+        pad = "\t" * depth
+        lines = [f"{pad}{'ROOT' if depth == 0 else 'JOINT'} {motion.names[i]}", f"{pad}{{", f"{pad}\tOFFSET 0 0 0"]
+        lines.append(f"{pad}\tCHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation")
+        for child in children[i]:
+            lines += block(child, depth + 1)
+        if not children[i]:
+            lines += [f"{pad}\tEnd Site", f"{pad}\t{{", f"{pad}\t\tOFFSET 0 0 0", f"{pad}\t}}"]
+        return [*lines, f"{pad}}}"]
+
+    head = ["HIERARCHY", *block(0, 0), "MOTION", f"Frames: {len(motion)}", f"Frame Time: {1.0 / motion.fps:.6f}"]
+    turned = scale * motion.positions[..., [0, 2, 1]] * [1.0, 1.0, -1.0]
+    rows = []
+    for frame in turned:
+        numbers = []
+        for i in order:
+            parent = motion.parents[i]
+            numbers += [*(frame[i] - (frame[parent] if parent >= 0 else 0.0)), 0.0, 0.0, 0.0]
+        rows.append(" ".join(f"{x:.6f}" for x in numbers))
+    path.write_text("\n".join([*head, *rows]) + "\n")
+    return path

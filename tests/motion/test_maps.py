@@ -1,0 +1,55 @@
+"""Skeleton maps: those that ship, suggested ones, and what is wrong with others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import hqp
+from hqp.errors import DeclarationError, FrameNotFound
+from hqp.motion.body import Body
+from hqp.motion.skeleton_map import SkeletonMap, find_map, parse, shipped
+from hqp.motion.suggestion import suggest_map
+
+
+@pytest.mark.parametrize("name", ["g1", "talos", "cbi", "icub"])
+def test_a_shipped_map_fits_and_a_suggested_one_is_much_the_same(name: str) -> None:
+    robot = hqp.robots.load(name)
+    found = find_map(None, robot)
+    assert found == shipped()[name]
+    body, suggested = Body.of(robot, found), Body.of(robot, suggest_map(robot))
+    assert suggested.leg == pytest.approx(body.leg, rel=0.2)
+    arm = [b.length("shoulder", "elbow") + b.length("elbow", "hand") for b in (body, suggested)]
+    assert arm[1] == pytest.approx(arm[0], rel=0.45)
+    for side in ("left", "right"):
+        np.testing.assert_allclose(body.places[f"{side}_sole"][2], 0.0, atol=2e-3)
+        assert body.toes[side][0] > 0.02
+
+
+def test_a_map_comes_back_from_its_file() -> None:
+    found = SkeletonMap(shipped()["g1"].frames, {"left_hand": (0.1, 0.0, -0.2)}, {"left_hip": "Thigh L"})
+    assert parse(found.toml()) == found
+
+
+def test_h1_is_shipped() -> None:
+    assert shipped()["h1"].frames["left_ankle"] == "left_ankle_link"
+
+
+def test_what_is_wrong_is_told() -> None:
+    robot, frames = hqp.robots.load("g1"), dict(shipped()["g1"].frames)
+    with pytest.raises(DeclarationError, match="no frame for left_hip"):
+        SkeletonMap({k: v for k, v in frames.items() if k != "left_hip"})
+    with pytest.raises(DeclarationError, match="no part of that name"):
+        SkeletonMap({**frames, "left_hips": "pelvis"})
+    with pytest.raises(DeclarationError, match="offset of left_hand"):
+        SkeletonMap(frames, {"left_hand": (0.0, 1.0)})  # type: ignore[dict-item]
+    with pytest.raises(FrameNotFound, match="left_hip_roll_link"):
+        find_map(SkeletonMap({**frames, "left_hip": "left_hip_rol_link"}), robot)
+    with pytest.raises(DeclarationError, match="no map fits"):
+        find_map(None, hqp.robots.load("romeo"))
+    with pytest.raises(DeclarationError, match="base is fixed"):
+        find_map("g1", hqp.robots.load("ur5"))
+    with pytest.raises(DeclarationError, match="at one place"):
+        Body.of(robot, SkeletonMap({**frames, "left_knee": frames["left_hip"]}))
+    with pytest.raises(DeclarationError, match="no TOML"):
+        parse("frames =")

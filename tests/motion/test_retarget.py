@@ -1,0 +1,137 @@
+"""A person's motion on robots: standing feet stand, floor and limits are kept, the same motion gives the same bits."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hqp
+from hqp.__main__ import main
+from hqp.errors import DeclarationError
+from hqp.motion import Motion, Retargeted, retarget
+from hqp.motion.contacts import NAMES
+
+from .people import FPS, stand, walk, write_npz
+
+
+@pytest.fixture(scope="module")
+def walked() -> Retargeted:
+    return retarget(walk(2.0), "g1")
+
+
+@pytest.mark.parametrize("name", ["talos", "cbi"])
+def test_a_walk_on_other_robots_with_nothing_tuned(name: str) -> None:
+    _is_sound(retarget(walk(1.2), name))
+
+
+def test_a_walk(walked: Retargeted) -> None:
+    _is_sound(walked)
+    assert walked.q[-1, 0] - walked.q[0, 0] > 0.7 * 0.8 * 2.0 * walked.scale
+
+
+def _is_sound(found: Retargeted) -> None:
+    figures = found.summary
+    assert figures["slide_share"] < 0.005
+    assert figures["penetration"] < 2e-3
+    assert figures["clearance"] > -5e-3
+    assert figures["foot_p99"] < 0.02
+    assert figures["hand_p99"] < 0.05
+    assert figures["beyond"] < 1e-6
+    assert not found.shortfalls
+    assert np.isfinite(found.q).all()
+
+
+@pytest.mark.parametrize("heading", [1.5, 3.1])
+def test_it_begins_in_the_heading_of_the_person(heading: float) -> None:
+    found = retarget(stand(0.3, heading), "g1")
+    _, _, z, w = found.q[0, 3:7]
+    assert np.cos(2.0 * np.arctan2(z, w) - heading) > 0.99
+    assert found.summary["hand_p99"] < 0.02
+
+
+def test_the_same_bits_again(walked: Retargeted) -> None:
+    again = retarget(walk(2.0), "g1")
+    np.testing.assert_array_equal(again.q, walked.q)
+
+
+def test_units_and_places_of_the_file_do_not_matter(walked: Retargeted) -> None:
+    motion = walk(2.0)
+    other = retarget(Motion(motion.names, 100.0 * motion.positions, motion.fps), "g1")
+    np.testing.assert_allclose(other.q, walked.q, atol=1e-3)
+
+
+def test_out_of_reach_is_told_with_what_it_gave_way_to() -> None:
+    motion = stand(1.0)
+    places = motion.positions.copy()
+    hand = motion.names.index("LeftHand")
+    places[:, hand] += np.maximum(np.linspace(-2.0, 1.0, len(motion)), 0.0)[:, None] * [3.0, 0.0, 0.0]
+    found = retarget(Motion(motion.names, places, motion.fps), "g1")
+    assert found.shortfalls
+    told = next(each for each in found.shortfalls if each.part == "left_hand")
+    assert told.error > 0.05
+    assert "toe" in told.reason or "limit" in told.reason
+    assert "left_hand" in str(found)
+
+
+def test_contacts_of_ones_own(tmp_path: Path) -> None:
+    motion = stand(0.5)
+    mask = np.zeros((len(motion), len(NAMES)), dtype=bool)
+    mask[:, 1] = True
+    assert retarget(motion, "g1", contacts=mask).contacts[:, :2].tolist() == mask[:, :2].tolist()
+    np.savez(tmp_path / "c.npz", contacts=mask[:, [1]], contact_names=["right_foot"])
+    assert retarget(motion, "g1", contacts=tmp_path / "c.npz").contacts.tolist() == mask.tolist()
+    with pytest.raises(DeclarationError, match="contacts have shape"):
+        retarget(motion, "g1", contacts=mask[1:])
+
+
+def test_files(walked: Retargeted, tmp_path: Path) -> None:
+    robot = hqp.robots.load("g1")
+    with np.load(walked.save(tmp_path / "a.npz")) as told:
+        assert told["q"].shape == (len(walked), robot.nq)
+        assert told["v"].shape == (len(walked), robot.nv)
+        assert told["contacts"].shape == (len(walked), len(told["contact_names"]))
+        assert tuple(told["joint_names"]) == robot.joint_names
+        assert len(told["body_names"]) == len(robot.bodies) - 1
+        assert str(told["quaternion_order"]) == "xyzw"
+        assert float(told["fps"]) == FPS
+        moved = robot.integrate(told["q"][3], told["v"][3], 1.0 / FPS)
+        np.testing.assert_allclose(moved, told["q"][4], atol=1e-9)
+    rows = np.loadtxt(walked.save(tmp_path / "a.csv"), delimiter=",")
+    np.testing.assert_allclose(rows[:, :7], walked.q[:, :7], atol=1e-8)
+    np.testing.assert_allclose(rows[:, 7:], walked.angles, atol=1e-8)
+    told = pickle.loads(walked.save(tmp_path / "a.pkl").read_bytes())
+    assert {"fps", "root_pos", "root_rot", "dof_pos", "local_body_pos", "link_body_list"} <= set(told)
+    np.testing.assert_array_equal(told["root_rot"], walked.q[:, 3:7])
+    with pytest.raises(DeclarationError, match="no known kind"):
+        walked.save(tmp_path / "a.txt")
+
+
+def test_the_report_page(walked: Retargeted, tmp_path: Path) -> None:
+    pytest.importorskip("plotly")
+    page = walked.html(tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Slide of standing feet" in page
+    assert "What was not met" in page
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write_npz(tmp_path / "stand.npz", stand(0.3))
+    assert (
+        main(["retarget", str(path), "--robot", "g1", "-o", str(tmp_path / "q.npz"), "-o", str(tmp_path / "q.csv")])
+        == 0
+    )
+    assert (tmp_path / "q.npz").exists()
+    assert (tmp_path / "q.csv").exists()
+    assert "g1: 9 frames" in capsys.readouterr().out
+    assert main(["retarget", "--robot", "g1", "--suggest-map"]) == 0
+    assert 'left_knee = "left_knee_link"' in capsys.readouterr().out
+    assert main(["retarget", str(path), "--robot", "g1", "-o", str(tmp_path / "q.txt")]) == 2
+    assert main(["retarget", str(path), "--robot", "ur5"]) == 2
+
+
+@pytest.mark.parametrize(("given", "what"), [({"fps": 0.0}, "fps"), ({"up": "x"}, "up"), ({"map": "nobody"}, "map")])
+def test_what_is_wrong_is_told(given: dict[str, object], what: str, tmp_path: Path) -> None:
+    with pytest.raises(DeclarationError, match=what):
+        retarget(write_npz(tmp_path / "stand.npz", stand(0.3)), "g1", **given)  # type: ignore[arg-type]
