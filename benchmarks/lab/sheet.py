@@ -38,7 +38,7 @@ def compose(images: Sequence[tuple[str, Any, Support]], columns: int, path: Path
 
 def _inset(axis: plt.Axes, support: Support) -> None:
     """Seen from above, ahead is up."""
-    inset = axis.inset_axes((0.02, 0.60, 0.38, 0.38))
+    inset = axis.inset_axes((0.02, 0.67, 0.31, 0.31))
     for polygon in support.polygons:
         closed = np.vstack((polygon, polygon[:1]))
         inset.fill(-closed[:, 1], closed[:, 0], color="tab:green", alpha=0.25)
@@ -50,4 +50,4 @@ def _inset(axis: plt.Axes, support: Support) -> None:
     inset.set(aspect="equal", xticks=[], yticks=[], facecolor="white")
     inset.set(xlim=(-middle[1] - half, -middle[1] + half), ylim=(middle[0] - half, middle[0] + half))
     error = 1e3 * float(np.linalg.norm(support.com - support.goal))
-    inset.text(0.5, 0.04, f"CoM off {error:.1f} mm", fontsize=9, ha="center", transform=inset.transAxes)
+    inset.text(0.5, 0.04, f"CoM off {error:.1f} mm", fontsize=8, ha="center", transform=inset.transAxes)
