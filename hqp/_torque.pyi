@@ -2,15 +2,16 @@
 
 from collections.abc import Sequence
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mat, Signs, Vec
 
 class Elimination:
     """The sparse and small parts of ``hqp.torque.dynamics.ConstrainedDynamics.update``.
 
-    parents: the tangent coordinate before each on its way to the world, -1 for none.  rows: m constraints.
+    parents: the tangent coordinate before each on its way to the world, -1 for none.  out: of the m constraints, live,
+    1 where one is not there: zeros in Q and top, a row of the identity in T.
     """
 
-    def __init__(self, parents: Sequence[int], actuated: Sequence[int], rows: int) -> None: ...
+    def __init__(self, parents: Sequence[int], actuated: Sequence[int], out: Signs) -> None: ...
     def eliminate(
         self, A: Mat, bias: Vec, J: Mat, gamma: Vec, tolerance: float, map: Mat, phi: Mat, Q: Mat, T: Mat, top: Mat
     ) -> int:

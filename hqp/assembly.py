@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hqp import plans
-from hqp.arrays import Index, Mat, Vec
+from hqp.arrays import Index, Mat, Signs, Vec
 from hqp.element import Element, has, plan_of, selection_of
 from hqp.errors import DeclarationError, StaleState
 from hqp.law import DCM, PD, Law, P
@@ -36,8 +36,8 @@ OWN = "hqp.tasks"
 PLAIN: dict[type, int] = {plans.Point: 1, plans.Com: 1, plans.Joints: 1, plans.Rotation: 2, plans.Pose: 3}
 """Plans whose targets are taken as they are, and what these have to be: numbers, a rotation, a homogeneous matrix."""
 
-EQUALITY, LIMITED, BOUNDED = 0, 1, 2
-"""How rows become bounds on J x: a law on the error, a law on the way left to either bound, bounds as they stand."""
+EQUALITY, LIMITED, BOUNDED, FREE = 0, 1, 2, 3
+"""How rows become bounds on J x: a law on the error, a law on the way left to a bound, bounds as they stand, none."""
 
 
 @dataclass(eq=False)
@@ -46,7 +46,7 @@ class Member:
 
     write: its readable functions, None where a native operation stands in for them.  target, normal: buffers of the
     reference's where one does; last_reference: the one they were copied from.  plain: what a target has to be that is
-    taken as it is, see ``_assembly.Assembly.slot``.
+    taken as it is, see ``_assembly.Assembly.slot``.  out: whether its rows are free in these ticks.
     """
 
     element: Element
@@ -58,6 +58,7 @@ class Member:
     normal: Vec | None = None
     last_reference: Reference | None = None
     plain: int = 0
+    out: bool = False
 
 
 class Assembly:
@@ -82,6 +83,8 @@ class Assembly:
         self.bounds[0], self.bounds[1] = -np.inf, np.inf
         self.lower, self.upper = self.bounds
         self.weight, self._demand = np.ones(total), np.zeros(total)
+        self._kind: Signs = np.zeros(total, dtype=np.int8)
+        self._supports: list[tuple[tuple[str, ...], Signs]] = []
         self._pick: Index = np.zeros(total - m, dtype=np.intp)
         self._has_feedforward = False
         self.native_rows: NativeAssembly | None = None
@@ -101,7 +104,7 @@ class Assembly:
             if member.law is not None:
                 member.law.fit(element.name, counts[i])
             self.members[element.name] = member
-            self.weight[part] = element.weight
+            self.weight[part], self._kind[part] = element.weight, _kind(element)
             self._bind(member, robot, dt)
         members = self.members.values()
         self.written = [m for m in members if m.write is not None]
@@ -157,6 +160,8 @@ class Assembly:
         member.target = np.zeros(plan.shape)
         member.normal = UP.copy() if member.element.grounded else None
         taken = getattr(type(member.element), "at", None)
+        if isinstance(plan, (plans.Balance, plans.SupportPolygon)) and plan.of:
+            self._supports.append((plan.of, plan.present))
         if taken is not None and taken.__module__.startswith(OWN):  # one of the user's own may make more of a target
             member.plain = PLAIN.get(type(plan), 0)
         arrays: dict[str, Any] = {
@@ -176,11 +181,10 @@ class Assembly:
 
     def _hand_over_laws(self, assembly: NativeAssembly) -> None:
         total = self.error.size
-        kind, kp, kd = np.zeros(total, dtype=np.int8), np.zeros(total), np.zeros(total)
+        kp, kd = np.zeros(total), np.zeros(total)
         saturations = []
         for member in self.members.values():
             part, law = member.part, member.law
-            kind[part] = _kind(member.element)
             if isinstance(law, P):
                 kp[part] = law.gain
             elif isinstance(law, PD):
@@ -200,7 +204,7 @@ class Assembly:
             "kd": kd,
             "weight": self.weight,
             "pick": self._pick,
-            "kind": kind,
+            "kind": self._kind,
             "demand": self._demand,
             "lower": self.lower,
             "upper": self.upper,
@@ -208,6 +212,15 @@ class Assembly:
         }
         assembly.laws(**laws)
         self.parts["laws"] = laws
+
+    def go_without(self, out: Set[str]) -> None:
+        """The rows of these elements are free from the next fill on, those of all others are as declared."""
+        for name, member in self.members.items():
+            if (name in out) is not member.out:
+                member.out = name in out
+                self._kind[member.part] = FREE if member.out else _kind(member.element)
+        for of, present in self._supports:
+            present[:] = [name not in out for name in of]
 
     def fill(
         self,
@@ -241,6 +254,8 @@ class Assembly:
             self.errors.clear()
         for member in self.written:
             element, J = member.element, member.views.J
+            if member.out:
+                continue
             try:
                 member.write(state, references[element.name])  # type: ignore[misc]
             except StaleState:
@@ -290,6 +305,9 @@ class Assembly:
         """Bounds of J x from errors, or from the ways left; what the native ``demand`` does for all rows at once."""
         part, law, views, weight = member.part, member.law, member.views, member.element.weight
         kind = _kind(member.element)
+        if member.out:
+            self._demand[part], views.lower[:], views.upper[:] = 0.0, -np.inf, np.inf
+            return
         if kind != BOUNDED and law is not None:
             speed = v[self.picks(part)] if views.J is None else views.J @ v / weight
             around = self.rate[part], self.feedforward[part], speed, self.drift[part]

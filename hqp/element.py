@@ -8,7 +8,7 @@ import re
 import sys
 import weakref
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 from functools import cache
 from numbers import Real
@@ -40,12 +40,14 @@ class Element(ABC):
 
     name: unique in a stack, the frame or the class by default.  weight: multiplies the rows inside their level
     (squared norm: weight^2), orders nothing.  law: how the error becomes a demand, the formulation's default for
-    None.  Raises DeclarationError for a weight that is not positive and finite.
+    None.  when: phases in which it is in, all for none.  Raises DeclarationError for a weight that is not positive and
+    finite.
     """
 
     name: str = ""
     law: Law | None = None
     weight: float = 1.0
+    when: str | Sequence[str] = ()
 
     quantity: ClassVar[Quantity] = "motion"
     equality: ClassVar[bool] = True
@@ -79,6 +81,7 @@ class Element(ABC):
             raise self.invalid("weight", self.weight, "a positive finite number")
         if self.law is not None and not isinstance(self.law, Law):
             raise self.invalid("law", self.law, "P(...) or PD(...)")
+        object.__setattr__(self, "when", phase_names(self.name, self.when))
 
     def default_name(self) -> str:
         """The frame where there is one, the class name in snake case otherwise."""
@@ -100,6 +103,21 @@ class Element(ABC):
     def hold(self, state: State) -> Reference:
         """The reference that keeps the element where it is at ``state``."""
         return Reference(self.name)
+
+    def off(self) -> Reference:
+        """The element is out of this tick: its rows are free, and a contact at torque level bears no force.
+
+        What is asked of the force of a contact goes with it.  An element that comes back takes a fresh hold value.
+        """
+        return Reference(self.name, on=False)
+
+    def on(self) -> Reference:
+        """The element is in, whatever the phase of this tick says."""
+        return Reference(self.name, on=True)
+
+    def goes_with(self, out: Set[str]) -> bool:
+        """Whether the element is out where those of these names are: what is asked of the force of one of them."""
+        return getattr(self, "contact", None) in out
 
     def row_names(self, robot: Robot) -> tuple[str, ...]:
         """Names of single rows ``(m,)`` for notes and explanations, none by default: rows are then numbered."""
@@ -241,6 +259,14 @@ class Inequality(Constraint):
     def drift(self, state: State) -> Vec:
         """dJ/dt v ``(m,)``; rows without it are refused where accelerations are asked for."""
         raise NotImplementedError
+
+
+def phase_names(owner: str, given: object) -> tuple[str, ...]:
+    """The phases of ``when``; raises DeclarationError for what is no name."""
+    found = (given,) if isinstance(given, str) else given
+    if not isinstance(found, (tuple, list)) or not all(isinstance(name, str) and name for name in found):
+        raise DeclarationError(owner, "bad when", value=given, allowed="the name of a phase, or several")
+    return tuple(found)
 
 
 def _plain(value: Any) -> Any:

@@ -44,6 +44,17 @@ class Program(ABC):
     shape: Shape
     places: dict[str, Place]
     assembly: Assembly
+    out: frozenset[str] = frozenset()
+    """Names of elements that are out, see ``go_without``."""
+
+    def go_without(self, out: frozenset[str]) -> None:
+        """The rows of these elements are free from the next fill on, those of all others are as declared."""
+        self.assembly.go_without(out)
+        self.out = out
+
+    def refuses(self, out: frozenset[str]) -> str:
+        """Why these elements may not be out together, "" where they may."""
+        return ""
 
     @property
     def copies(self) -> list[tuple[Mat, Mat, Index, Vec]]:
@@ -264,6 +275,7 @@ class MotionProgram(Program):
     def prepare(self, state: State) -> None:
         """Compute the quantities of the state that the rows and the price of motion need."""
         state.kinematics()
+        state.out = self.out
         if self._loads.elements:
             self._loads.begin(state)
         self._slow(state)

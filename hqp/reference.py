@@ -23,6 +23,7 @@ class Reference:
     value: what ``Element.value`` returns; None keeps the hold value.  velocity, acceleration: ``(k,)``, zero by
     default.  normal, gravity_normal: ``(3,)`` ground normals of a wheel, world axes.  load: what the contact was
     measured to carry [N], see ``loaded``.  remarks: what its source has to say, which becomes notes of the tick.
+    on: whether the element is in this tick, None for what the phase says; see ``Element.off``.
     """
 
     name: str
@@ -33,6 +34,7 @@ class Reference:
     gravity_normal: Vec | None = None
     load: float | None = None
     remarks: tuple[str, ...] = ()
+    on: bool | None = None
 
     def loaded(self, load: float) -> Reference:
         """The same with the measured load of the contact [N]: ``foot.at().loaded(312.0)``.
@@ -55,6 +57,7 @@ class Reference:
         gravity_normal: Vec | None = None,
         load: float | None = None,
         remarks: tuple[str, ...] = (),
+        on: bool | None = None,
     ) -> None:
         # past the frozen class's __setattr__, which costs a tick too much; what is not given stays the class's default
         fields = self.__dict__
@@ -73,6 +76,8 @@ class Reference:
             fields["load"] = load
         if remarks:
             fields["remarks"] = remarks
+        if on is not None:
+            fields["on"] = on
 
     @property
     def finite(self) -> bool:

@@ -263,6 +263,9 @@ class State(Protocol):
     loads: tuple[Load, ...]
     """What the robot carries besides its model, as a torque controller was told: ``com`` and momenta see it."""
 
+    out: frozenset[str]
+    """Names of the elements that are out of the tick of this state, see ``Element.off``."""
+
     @property
     def time(self) -> float | None:
         """When it was measured [s], on the clock of the session; None where nobody said."""

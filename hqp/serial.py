@@ -35,6 +35,8 @@ def to_dict(stack: Stack) -> dict[str, Any]:
         entry: dict[str, Any] = {"name": level.name} if level.name else {}
         if level.price is not None:
             entry["price"] = _price(level.price)
+        if level.when:
+            entry["when"] = _lists(level.when)
         tree["level"].append({**entry, "element": [_element(e) for e in level]})
     if stack.subject_to:
         tree["subject_to"] = [_element(e) for e in stack.subject_to]
@@ -48,14 +50,15 @@ def from_dict(tree: Mapping[str, Any]) -> Stack:
     _known(tree, ("level", "subject_to"), "stack")
     levels = []
     for entry in _tables(tree, "level", "stack"):
-        _known(entry, ("name", "price", "element"), "level")
+        _known(entry, ("name", "price", "when", "element"), "level")
         name = entry.get("name", "")
         if not isinstance(name, str):
             raise DeclarationError("level", "name must be a string", value=name)
         price = entry.get("price")
         if isinstance(price, Mapping):
             price = _construct(Price, price)
-        levels.append(Level(*(_build(e) for e in _tables(entry, "element", "level")), name=name, price=price))
+        members = [_build(e) for e in _tables(entry, "element", "level")]
+        levels.append(Level(*members, name=name, price=price, when=entry.get("when", ())))
     return Stack(*levels, subject_to=[_build(e) for e in _tables(tree, "subject_to", "stack")])
 
 

@@ -114,12 +114,13 @@ class Session:
         """Copies of what elements without a reference are held at, by name; empty before the first step."""
         return self.line.hold_values
 
-    def step(self, state: State, *references: Reference, now: float | None = None) -> Tick:
+    def step(self, state: State, *references: Reference, now: float | None = None, phase: str | None = None) -> Tick:
         """One tick: the command for a state, with references good for this tick only.
 
         Data never raises: what is wrong with it is told by status and notes.  now [s]: the time of this tick, that of
-        ``time.monotonic`` for None.  Raises StaleState, UnknownReference, ConcurrentUse, ModelError (a state of
-        another robot) or DeclarationError (a reference of another shape), which are errors of the program.
+        ``time.monotonic`` for None.  phase: of this tick, by which levels and elements with a ``when`` are in or out.
+        Raises StaleState, UnknownReference, ConcurrentUse, ModelError (a state of another robot) or DeclarationError
+        (a reference of another shape, a phase that is not there), which are errors of the program.
         """
         turn, me = self._turn, get_ident()
         if turn:
@@ -130,6 +131,10 @@ class Session:
             line = self.line
             line.guards.count += 1
             remarked = False
+            if phase != line.guards.phase:
+                if phase is not None:
+                    line.require_phase(phase)
+                line.guards.phase = phase
             for reference in references:
                 if getattr(reference, "remarks", ()):
                     remarked = True

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, TypeVar, overload
 
-from hqp.element import Element
+from hqp.element import Element, phase_names
 from hqp.errors import DeclarationError, closest
 from hqp.law import Law
 from hqp.price import Price, Priced, as_price
@@ -19,22 +19,26 @@ class Level:
     """Members of one priority.
 
     price: what motion costs the level where it is out of reach, a Price, 0 for the exact problem, None for the
-    default (docs/calm.md).  Raises DeclarationError for a member that is no task or constraint, or a bad price.
+    default (docs/calm.md).  when: phases in which its members are in, all for none.  Raises DeclarationError for a
+    member that is no task or constraint, or a bad price.
     """
 
-    __slots__ = ("elements", "name", "price")
+    __slots__ = ("elements", "name", "price", "when")
 
-    def __init__(self, *elements: Element, name: str = "", price: Priced = None) -> None:
+    def __init__(
+        self, *elements: Element, name: str = "", price: Priced = None, when: str | Sequence[str] = ()
+    ) -> None:
         for element in elements:
             if not isinstance(element, Element):
                 raise DeclarationError(f"level {name or '?'}", "not a task or constraint", value=element)
         self.elements = elements
         self.name = name
         self.price: Price | None = as_price(f"level {name or '?'}", price)
+        self.when = phase_names(f"level {name or '?'}", when)
 
     def replace(self, *elements: Element, name: str | None = None) -> Level:
         """The same level with other members."""
-        return Level(*elements, name=self.name if name is None else name, price=self.price)
+        return Level(*elements, name=self.name if name is None else name, price=self.price, when=self.when)
 
     def __iter__(self) -> Iterator[Element]:
         return iter(self.elements)
@@ -47,7 +51,7 @@ class Level:
 
     @property
     def _key(self) -> tuple[object, ...]:
-        return self.elements, self.name, self.price
+        return self.elements, self.name, self.price, self.when
 
     def __str__(self) -> str:
         return " + ".join(e.name for e in self.elements)
@@ -55,7 +59,8 @@ class Level:
     def __repr__(self) -> str:
         members = ", ".join(map(repr, self.elements))
         price = "" if self.price is None else f", price={self.price!r}"
-        return f"Level({members}, name={self.name!r}{price})"
+        when = f", when={self.when!r}" if self.when else ""
+        return f"Level({members}, name={self.name!r}{price}{when})"
 
 
 class Stack:
@@ -108,6 +113,20 @@ class Stack:
 
     def __contains__(self, name: object) -> bool:
         return name in self._by_name
+
+    def phases(self) -> tuple[str, ...]:
+        """The phases that its levels and elements name, in order."""
+        found = dict.fromkeys(name for level in self.levels for name in level.when)
+        return tuple(found | dict.fromkeys(name for element in self for name in element.when))
+
+    def out_of(self, phase: str | None) -> frozenset[str]:
+        """Names of the elements that are not in that phase, None for no phase at all."""
+
+        def within(when: Sequence[str]) -> bool:
+            return not when or phase in when
+
+        levels = {e.name for level in self.levels if not within(level.when) for e in level}
+        return frozenset(levels | {e.name for e in self if not within(e.when)})
 
     def without(self, *names: str) -> Stack:
         """The stack without those elements; levels left empty vanish.  Raises DeclarationError for a stranger."""

@@ -37,22 +37,27 @@ class PlainState(NamedTuple):
     time: float | None
 
 
+NOBODY: frozenset[str] = frozenset()
+
+
 class State:
     """One (q, v) of a robot; see hqp.robot.State.  Computes each quantity when first asked for, and once.
 
     q and v are copies that cannot be written to; quaternions within 1e-3 of length one are normalised.  commanded: the
-    velocity ``(nv,)`` that a session at velocity level sent last, written by the session, as are ``loads``: point
-    masses that ``com`` and momenta count with the robot's.
+    velocity ``(nv,)`` that a session at velocity level sent last, written by the session, as are ``loads``, point
+    masses that ``com`` and momenta count with the robot's, and ``out``, names of elements that are out of its tick.
     """
 
     __slots__ = (
-        "_commanded", "_done", "_gravity", "_unit", "finite", "loads", "q", "robot", "square", "time", "v", "valid",
+        "_commanded", "_done", "_gravity", "_unit", "finite", "loads", "out", "q", "robot", "square", "time", "v",
+        "valid",
     )  # fmt: skip
 
     def __init__(self, robot: Robot, q: Vec, v: Vec | None, time: float | None = None) -> None:
         self.robot, self.time = robot, time
         self._commanded: Vec | Callable[[], Vec] | None = None
         self.loads: tuple[Load, ...] = ()
+        self.out = NOBODY
         if type(q) is np.ndarray is type(v) and q.dtype is FLOAT is v.dtype:
             q, v = q.copy(), v.copy()
         else:

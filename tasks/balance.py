@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, cast
 
@@ -19,7 +19,7 @@ from hqp.robot import Robot, State
 
 from .fields import check_number, set_names
 from .polygons import nearest, shrunk, slope
-from .support_polygon import SupportPolygon, hull
+from .support_polygon import SupportPolygon, hull, present
 
 LEAST = 0.05
 """Least height of the pendulum [m]."""
@@ -49,6 +49,7 @@ class Balance(Task):
     points: tuple[tuple[Any, ...], ...] = ()
     margin: float = 0.0
     height: float | None = None
+    of: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -68,12 +69,17 @@ class Balance(Task):
         """The same with the points of these contacts; raises DeclarationError."""
         if self.points:
             return self
-        found = SupportPolygon(contacts=self.contacts, name=self.name).among(elements)
-        by_frame: dict[str, list[tuple[float, float]]] = {}
-        for frame, x, y, _ in cast(SupportPolygon, found).points:
-            by_frame.setdefault(frame, []).append((x, y))
-        points = [(f, *p, 0.0) for f, corners in by_frame.items() for p in shrunk(corners, self.margin)]
-        return replace(self, contacts=None, margin=0.0, points=tuple(points))
+        found = cast(SupportPolygon, SupportPolygon(contacts=self.contacts, name=self.name).among(elements))
+        soles: dict[tuple[str, str], list[tuple[float, float]]] = {}
+        for name, (frame, x, y, _) in zip(found.of, found.points, strict=True):
+            soles.setdefault((name, frame), []).append((x, y))
+        corners = [(name, (f, *p, 0.0)) for (name, f), sole in soles.items() for p in shrunk(sole, self.margin)]
+        of, points = zip(*corners, strict=True)
+        return replace(self, contacts=None, margin=0.0, points=points, of=of)
+
+    def goes_with(self, out: Set[str]) -> bool:
+        """Without any of its contacts there is no support."""
+        return bool(self.of) and set(self.of) <= out
 
     def rows(self, robot: Robot) -> int:
         """Two; raises FrameNotFound, DeclarationError without points."""
@@ -84,10 +90,10 @@ class Balance(Task):
         return 2
 
     def corners(self, state: State) -> Mat:
-        """The points in the world ``(m, 3)`` [m]."""
-        return np.array(
-            [state.position(f) + state.rotation(f) @ np.array(p, dtype=np.float64) for f, *p in self.points]
-        )
+        """The points in the world ``(m, 3)`` [m], of contacts that are out none."""
+        there = present(self.of, state)
+        points = [self.points[i] for i in there] if there else self.points
+        return np.array([state.position(f) + state.rotation(f) @ np.array(p, dtype=np.float64) for f, *p in points])
 
     def value(self, state: State) -> Vec:
         """c from above ``(2,)`` [m]."""
@@ -140,7 +146,8 @@ class Balance(Task):
         """The native operation."""
         self.rows(robot)
         points = tuple((plans.frame(robot, f), tuple(map(float, p))) for f, *p in self.points)
-        return plans.Balance(points, float(cast(DCM, self.law).k), float(self.height or 0.0), _gravity(robot))
+        k, height = float(cast(DCM, self.law).k), float(self.height or 0.0)
+        return plans.Balance(points, k, height, _gravity(robot), self.of)
 
 
 def _gravity(robot: Robot) -> float:

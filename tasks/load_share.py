@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -77,6 +77,10 @@ class LoadShare(Element):
             x, y = (0.5 * (corners.min(axis=0) + corners.max(axis=0))).tolist()
             middles.append((x, y))
         return replace(self, middles=tuple(middles))
+
+    def goes_with(self, out: Set[str]) -> bool:
+        """Without either contact there is nothing to share."""
+        return not out.isdisjoint(self.contacts)
 
     def rows(self, robot: Robot) -> int:
         """Six."""

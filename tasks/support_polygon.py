@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -34,7 +34,8 @@ class SupportPolygon(_Barrier):
     Without points and polygon they are those of the stack's contacts (contacts: of these, by name): the corners of
     its CenterOfPressure, those of sole = (x_min, x_max, y_min, y_max) [m] in the frame of a face that has none, the
     origin of a PointContact or a wheel.  points: ((frame, x, y, z), ...) in the frames' axes [m], found anew each
-    tick.  polygon: ((x, y), ...) in the world [m].  margin [m].  rate [1/s], recovery [m/s], acceleration [m/s^2]: as
+    tick.  polygon: ((x, y), ...) in the world [m].  margin [m].  of: the contact of each point, which is none of the
+    hull while that is out; filled in with them.  rate [1/s], recovery [m/s], acceleration [m/s^2]: as
     of ``Within``, slower by default, for a foot can push the body aside by little.
     Raises DeclarationError for fields, fewer than three points and faces of unknown size, FrameNotFound on binding.
     """
@@ -45,6 +46,7 @@ class SupportPolygon(_Barrier):
     polygon: tuple[tuple[float, float], ...] = ()
     margin: float = 0.0
     recovery: float = 0.1
+    of: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for what in ("points", "polygon"):
@@ -88,13 +90,19 @@ class SupportPolygon(_Barrier):
         contacts = {e.name: e for e in elements if e.is_contact}
         wanted = (self.contacts,) if isinstance(self.contacts, str) else self.contacts or tuple(contacts)
         points: list[tuple[Any, ...]] = []
+        of: list[str] = []
         for name in wanted:
             if name not in contacts:
                 raise self.invalid("contacts", name, ", ".join(contacts) or "names of contacts; the stack has none")
             points += self._corners(contacts[name], elements)
+            of += [name] * (len(points) - len(of))
         if len(points) < 3:
             raise self.invalid("points", tuple(points), "at least three, of the stack's contacts or points=...")
-        return replace(self, contacts=None, sole=None, points=tuple(points))
+        return replace(self, contacts=None, sole=None, points=tuple(points), of=tuple(of))
+
+    def goes_with(self, out: Set[str]) -> bool:
+        """Without any of its contacts there is no support."""
+        return bool(self.of) and set(self.of) <= out
 
     def _corners(self, contact: Any, elements: Iterable[Element]) -> list[tuple[Any, ...]]:
         """Points of one contact, in the axes of its frame."""
@@ -128,7 +136,7 @@ class SupportPolygon(_Barrier):
         """Outward normals ``(m, 2)`` and n . p ``(m,)`` of the edges that start at each point; zero, inf for none."""
         corners = self.corners(state)
         normals, offsets = np.zeros_like(corners), np.full(len(corners), math.inf)
-        found = hull(corners)
+        found = among_present(corners, present(self.of, state))
         for i, j in zip(found, found[1:] + found[:1], strict=True):
             along = corners[j] - corners[i]
             length = math.hypot(*along)
@@ -159,7 +167,17 @@ class SupportPolygon(_Barrier):
         self.rows(robot)
         points = tuple((plans.frame(robot, f), tuple(map(float, p))) for f, *p in self.points)
         polygon = tuple((float(x), float(y)) for x, y in self.polygon)
-        return plans.SupportPolygon(points, polygon, self.margin, self.rate, self.recovery, self.outset)
+        return plans.SupportPolygon(points, polygon, self.margin, self.rate, self.recovery, self.outset, self.of)
+
+
+def present(of: Sequence[str], state: State) -> list[int]:
+    """Which points of these contacts are there: those of contacts that are not out."""
+    return [i for i, name in enumerate(of) if name not in state.out]
+
+
+def among_present(points: Mat, there: Sequence[int]) -> list[int]:
+    """The hull of those points alone, of all where none is named."""
+    return [there[i] for i in hull(points[list(there)])] if there else hull(points)
 
 
 def hull(points: Mat) -> list[int]:
@@ -181,7 +199,7 @@ def hull(points: Mat) -> list[int]:
         if off[least] > FLAT:
             break
         del found[least]
-    return found
+    return found or order[:1]
 
 
 def _turn(points: Mat, o: int, a: int, b: int) -> float:

@@ -89,7 +89,8 @@ class Teller:
         found = explain(
             program.problem, solution, program.places, row_names, fast=fast, units=units, shares=shares, kinds=kinds
         )
-        return replace(found, remarks=program.remarks(tick.state))
+        accounts = tuple(replace(a, cause="off") if a.element in program.out else a for a in found.accounts)
+        return replace(found, accounts=accounts, remarks=program.remarks(tick.state))
 
     def account(self, count: int, tick: Tick) -> TickAccount:
         """Which element holds which back."""

@@ -104,7 +104,8 @@ class Account:
     cause: why it is not met, "" where it is: ``lost`` to levels above, ``limit`` (held by an inequality with a share of
     BINDS or more, its rows named: the levels above alone would leave a way), ``own level`` (fights: whom), ``out of
     reach`` (no motion of the robot lessens the residual), ``price`` (the rest costs more motion than it is worth),
-    ``too fast`` (most of what it lacks is the rate of its reference, not its error).  asked: ||w|| at the point of
+    ``too fast`` (most of what it lacks is the rate of its reference, not its error), ``off`` (out of this tick, and
+    so met).  asked: ||w|| at the point of
     least motion, standing still, in the units of the residual.  held_back: what the price holds back, None where it
     holds nothing.  unit: of residual and asked.
     """
@@ -152,6 +153,8 @@ class Explanation:
 
 
 def _outcome(account: Account) -> str:
+    if account.cause == "off":
+        return "off"
     if account.active:
         listed = ", ".join(account.active[:4]) + (", ..." if len(account.active) > 4 else "")
         return f"active: {listed}"

@@ -85,6 +85,8 @@ def _require_native(compiled: Compiled, robot: Robot) -> None:
     """Raise DeclarationError for what a file cannot hold."""
     if (found := compiled.program.in_python()) is not None:
         raise _refused(*found)
+    if phases := compiled.stack.phases():
+        raise _refused(phases[0], "it is a phase, of which a session from a file knows none")
     if robot.tree_joints is None:
         raise _refused(robot.name, "it has a joint that native kinematics do not know")
     if not hasattr(compiled.workspace, "parts"):

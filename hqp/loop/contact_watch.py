@@ -28,6 +28,7 @@ class ContactWatch:
         self._patience = max(1, round(PATIENCE / dt))
         self._dt = dt
         self._names = frozenset(e.name for e in elements)
+        self._out: frozenset[str] = frozenset()
         self.missing: set[str] = set()
         """Names of contacts that carried nothing when last measured."""
 
@@ -38,12 +39,21 @@ class ContactWatch:
         if name not in self._ticks:
             allowed = ", ".join(self._ticks) or "a contact; the stack has none"
             raise DeclarationError(name, "a load was given for what is no contact", value=load, allowed=allowed)
+        if name in self._out:
+            return
         if load < LEAST_LOAD:
             self._ticks[name] += 1
             self.missing.add(name)
         elif load >= LEAST_LOAD:  # a NaN is neither
             self._ticks[name] = 0
             self.missing.discard(name)
+
+    def judge(self, out: frozenset[str]) -> None:
+        """Contacts that are out of the tick are not judged: nothing assumes them."""
+        for name in self._ticks.keys() & out:
+            self._ticks[name] = 0
+            self.missing.discard(name)
+        self._out = out
 
     def lost(self) -> list[tuple[str, str]]:
         """Names of contacts that are not there, with what was measured."""

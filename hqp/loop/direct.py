@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, TypeAlias
@@ -81,9 +81,10 @@ class Direct:
         self.marks = 8 * self._count
         """Where the marks of all rows begin in a record, whose last byte is odd where they changed."""
 
-    def hold(self, holds: Mapping[str, Reference]) -> None:
-        """Take the hold values of all elements."""
-        for name in self._assembly.members:
+    def hold(self, holds: Mapping[str, Reference], some: Set[str] | None = None) -> None:
+        """Take the hold values of all elements, or of some; the next tick takes references as the first does."""
+        self.fresh = True
+        for name in self._assembly.members if some is None else self._assembly.members.keys() & some:
             value = holds[name].value
             self._native.hold(name, None if value is None else np.array(value, dtype=np.float64).reshape(-1))
         self._holds = {name: holds[name] for name in self._names}

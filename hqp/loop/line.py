@@ -18,6 +18,7 @@ from hqp.loop.contact_watch import ContactWatch
 from hqp.loop.late import Trend
 from hqp.loop.ordinary import ordinary_tick
 from hqp.loop.outgoing import GRADUAL
+from hqp.loop.presence import Presence
 from hqp.loop.references import References
 from hqp.loop.restless import LimitWatch
 from hqp.loop.safety import RateLimiter, StateCheck
@@ -54,6 +55,8 @@ class Guards:
     turn: Turn
     first: tuple[Note, ...]
     count: int = 0
+    phase: str | None = None
+    """The phase of the latest tick."""
 
     @classmethod
     def of(cls, robot: Robot, dt: float, check: StateCheck, kind: str, turn: Turn, first: tuple[Note, ...]) -> Guards:
@@ -100,6 +103,7 @@ class Line:
         self.ease: Easing | None = None
         self.teller = Teller(compiled.stack, compiled.program, compiled.workspace, self.robot, self.dt)
         self.contacts = ContactWatch(compiled.stack, self.dt)
+        self.presence = Presence(compiled.stack, compiled.program)
         self.limits = LimitWatch(compiled.watched, self.dt)
         self.stuck = StuckWatch(compiled.stack, self.dt)
 
@@ -158,6 +162,27 @@ class Line:
         if self.transition is None:
             return step(self, state, references, now)
         return blended(self, self.transition, state, references, now)
+
+    def require_phase(self, phase: str) -> None:
+        """Raise DeclarationError for a phase that neither this stack nor, in a change, another one names."""
+        pair = () if self.transition is None else self.transition.pair
+        if not any(phase in line.presence.phases for line in (self, *pair)):
+            self.presence.require(phase)
+
+    def attend(self, out: frozenset[str], state: State) -> None:
+        """These elements are out of this tick, and all others in: those that come back take fresh hold values."""
+        back = self.presence.now - out
+        self.presence.now = out
+        self.contacts.judge(out)
+        if self.references.current:
+            for name in back:
+                self.references.renew(self.stack.find(name), state)
+        if self.program.out != out:
+            self.program.go_without(out)
+        if self.references.without:
+            self.direct, self.direct_known = None, False
+        if self.direct is not None:
+            self.direct.hold(self.references.holds, back)
 
     def send(self, x: Vec, state: State | None = None) -> Vec:
         """Take x for what is sent, read-only from now on; the x that was sent before.  state: of a usable answer."""

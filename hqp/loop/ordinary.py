@@ -32,6 +32,17 @@ def ordinary_tick(line: Line, direct: Direct, state: State, references: tuple[Re
         return None
     if not state.valid or (state.square >= line.check.ordinary and line.check.fault(state, None)):
         return None
+    presence = line.presence
+    out = presence.of(line.guards.phase, references)
+    if out is not presence.now:
+        if line.program.refuses(out):
+            return None
+        line.attend(out, state)
+        if line.direct is None:
+            return None
+    if out:
+        state.out = out
+        references = presence.spoken(references, out)
     limit = line.limit if direct.fresh else None
     if limit is not None:
         line.budget.begin()
@@ -56,6 +67,8 @@ def array_tick(line: Line, direct: Direct, q: Vec, v: Vec | None, targets: dict[
     """The same of arrays alone, without a State and without References."""
     start = perf_counter()
     if not direct.takes_arrays or direct.workspace is not line.workspace or type(q) is not np.ndarray:
+        return None
+    if line.guards.phase is not None or line.presence.now:
         return None
     if q.dtype is not FLOAT or (v is not None and (type(v) is not np.ndarray or v.dtype is not FLOAT)):
         return None

@@ -45,6 +45,13 @@ class References:
                 self._take_hold(element, state)
         self.current = {element.name: self._held(element.name) for element in stack}
 
+    def renew(self, element: Element, state: State) -> None:
+        """A fresh hold value for an element that comes back."""
+        self.holds.pop(element.name, None)
+        self.without.pop(element.name, None)
+        self._take_hold(element, state)
+        self.current[element.name] = self._held(element.name)
+
     def _held(self, name: str) -> Reference:
         return self.holds.get(name) or Reference(name)
 

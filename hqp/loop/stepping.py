@@ -37,13 +37,20 @@ def step(line: Line, state: State, references: tuple[Reference, ...], now: float
     if fault:
         return held_tick(line, state, None, (Note("state", Status.INVALID_STATE, fault),), fit=False)
     program, asked = line.program, line.references
-    notes: tuple[Note, ...] = ()
+    out, notes = line.presence.supported(line.presence.of(line.guards.phase, references))
+    stays = notes
     try:
+        if program.out != out:
+            program.go_without(out)
         program.prepare(state)
+        if out is not line.presence.now:
+            line.attend(out, state)
         if not asked.current or asked.without:
             asked.take_holds(line.stack, state)
         prepared = perf_counter()
         state.commanded = line.x if line.velocity and line.good is not None else None
+        if out:
+            references = tuple([r for r in references if getattr(r, "name", None) not in out])
         if references or asked.given:
             asked.apply(references)
         program.fill(state, asked.current, asked.given)
@@ -51,7 +58,7 @@ def step(line: Line, state: State, references: tuple[Reference, ...], now: float
         if asked.without:
             unusable = tuple(dict.fromkeys(unusable + asked.lacking()))
         if unusable:
-            notes = asked.repair(program, line.hard, state, unusable)
+            notes = stays + asked.repair(program, line.hard, state, unusable)
     except (DynamicsFailed, np.linalg.LinAlgError) as error:
         return held_tick(line, state, None, (Note("robot", Status.DYNAMICS_FAILED, str(error)),), fit=False)
     if line.ease is not None:

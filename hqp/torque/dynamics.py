@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.linalg import get_lapack_funcs
 
-from hqp.arrays import Index, Mat, Vec
+from hqp.arrays import Index, Mat, Signs, Vec
 from hqp.errors import DynamicsFailed
 from hqp.robot import Robot
 from hqp.tolerances import RANK_TOLERANCE
@@ -48,13 +48,15 @@ class ConstrainedDynamics:
     After ``update``:  map ``(nv, n + 1)`` = [X, c]: qdd = X tau + c.  phi ``(n, n)``: phi* (eq. 15), symmetric, to the
     bit the rows of X that are actuated; singular where constraints take a direction from the actuators.  rank: number r
     of independent constraints.
+    out: of the constraints ``(m,)``, to be written, 1 where one is not there: it has no force then.
     The live arrays are overwritten by the next update; the properties are computed anew at every access.
     """
 
     def __init__(self, nv: int, rows: int, actuated: Index, parents: Sequence[int] | None = None) -> None:
         self.nv, self.m, self.n = nv, rows, int(actuated.size)
         self.actuated = actuated
-        self.rank = rows
+        self.rank = self._independent = rows
+        self.out: Signs = np.zeros(rows, dtype=np.int8)
         self._factor: Mat = np.zeros((nv, nv), order="F")
         self._columns: Mat = np.zeros((nv, self.n + 1), order="F")
         self._columns[actuated, np.arange(self.n)] = 1.0
@@ -67,7 +69,7 @@ class ConstrainedDynamics:
         self._lower = 0
         self._root: Mat | None = None
         self._S: Mat | None = None
-        self.J: Mat = np.zeros((rows, nv))
+        self._given: Mat = np.zeros((rows, nv))
         self.X: Mat = self.map[:, : self.n]
         self.c: Vec = self.map[:, self.n]
         self.phi: Mat = np.zeros((self.n, self.n))
@@ -77,7 +79,7 @@ class ConstrainedDynamics:
         """Whether the latest update was the sparse one."""
         if native is not None:
             chain = range(-1, nv - 1) if parents is None else parents
-            self._native = native.Elimination(list(chain), actuated.tolist(), rows)
+            self._native = native.Elimination(list(chain), actuated.tolist(), self.out)
             self._Q, self._R = np.zeros((nv, rows)), np.zeros((rows, rows))
 
     def update(self, A: Mat, bias: Vec, J: Mat, gamma: Vec) -> None:
@@ -85,12 +87,17 @@ class ConstrainedDynamics:
 
         Raises DynamicsFailed where A is not positive definite.
         """
-        self.J = J
+        self._given = J
         np.copyto(self._factor, A)
         self._root = None
         self.sparse = self._native is not None and self._eliminate(bias, J, gamma)
         if not self.sparse:
-            self._eliminate_densely(bias, J, gamma)
+            self._eliminate_densely(bias, self.J, np.where(self.out, 0.0, gamma))
+
+    @property
+    def J(self) -> Mat:
+        """The constraints ``(m, nv)``, zeros for those that are out; as given where none is."""
+        return np.where(self.out[:, None], 0.0, self._given) if self.out.any() else self._given
 
     def forget(self) -> None:
         """Native code is to refill the arrays: what was derived from them is none of theirs."""
@@ -133,7 +140,8 @@ class ConstrainedDynamics:
             raise DynamicsFailed("the joint-space inertia is not positive definite")
         if found == 0:
             return False
-        self.rank, self._T, self._lower, self._S = self.m, self._R, 0, None
+        self.rank = self.m - int(np.count_nonzero(self.out))
+        self._independent, self._T, self._lower, self._S = self.m, self._R, 0, None
         return True
 
     def _eliminate_densely(self, bias: Vec, J: Mat, gamma: Vec) -> None:
@@ -150,7 +158,7 @@ class ConstrainedDynamics:
             np.copyto(self._image, J.T)
             trtrs(L, self._image, trans=1, overwrite_b=1)
             self._factorise()
-        r = self.rank
+        r = self._independent = self.rank
         if r:
             ormqr("L", "T", self._qr, self._tau, image, _WORK, overwrite_c=1)
             self._top[:r] = image[:r]
@@ -196,16 +204,16 @@ class ConstrainedDynamics:
 
     def force_map(self) -> tuple[Mat, Vec]:
         """(F ``(m, n)``, f ``(m,)``) with lambda = F tau + f (eq. 3); of least norm where constraints are dependent."""
-        if not self.rank:
+        if not self._independent:
             return np.zeros((self.m, self.n)), np.zeros(self.m)
-        both = self._expand(self._top[: self.rank])
+        both = self._expand(self._top[: self._independent])
         return both[:, : self.n], both[:, self.n]
 
     def forces(self, tau: Vec) -> Vec:
         """lambda ``(m,)`` of a torque (eq. 3): Jbar^T (U^T tau - b - g) + Lambda dJ/dt qd."""
-        if not self.rank:
+        if not self._independent:
             return np.zeros(self.m)
-        top = self._top[: self.rank]
+        top = self._top[: self._independent]
         return np.asarray(self._expand(top[:, : self.n] @ tau + top[:, self.n]))
 
     def acceleration(self, tau: Vec) -> Vec:
@@ -215,7 +223,8 @@ class ConstrainedDynamics:
     @property
     def Lambda_constr(self) -> Mat:
         """(J A^-1 J^T)^+ ``(m, m)``: inertia in the manifold of the constraints (below eq. 3)."""
-        root = self._expand(np.eye(self.rank))
+        root = self._expand(np.eye(self._independent))
+        root[self.out != 0] = 0.0
         return root @ root.T
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -49,6 +49,8 @@ class Efforts:
         self._picks: dict[str, Index] = {}
         self._written: list[_Effort] = []
         self._robot = robot
+        self.out: Set[str] = frozenset()
+        """Names of elements that are out."""
         for element in elements:
             picks = selection_of(element, robot)
             if picks is None:
@@ -104,6 +106,9 @@ class Efforts:
         """Refill the bounds; a target is the reference's value, zero without one."""
         for effort in self._written:
             element, lower, upper = effort.element, effort.lower, effort.upper
+            if element.name in self.out:
+                lower[:], upper[:] = -np.inf, np.inf
+                continue
             if effort.constant is not None:
                 np.copyto(lower, effort.constant.lower)
                 np.copyto(upper, effort.constant.upper)
@@ -157,6 +162,8 @@ class Forces:
             self._places[element.name] = slice(at, at + whole.shape[0])
             at += whole.shape[0]
         self._C, self._lower, self._upper = np.vstack(parts), np.concatenate(lower), np.concatenate(upper)
+        self._declared = self._lower.copy(), self._upper.copy()
+        self._out: list[slice] = []
         self._turn: Mat = np.eye(m)  # from the rows' axes to the contacts'
         self._frames: list[tuple[int, Mat, Mat]] = []
         for contact in dict.fromkeys(turned):
@@ -230,6 +237,16 @@ class Forces:
             self._plan.pop()
         self._plan.append([own, here, A[here], lower[here], upper[here]])
 
+    def go_without(self, out: Set[str]) -> None:
+        """The rows of these elements are free from the next fill on, those of all others are as declared."""
+        self._out = [place for name, place in self._places.items() if name in out]
+        self._lower[:], self._upper[:] = self._declared
+        self._free()
+
+    def _free(self) -> None:
+        for place in self._out:
+            self._lower[place], self._upper[place] = -np.inf, np.inf
+
     def target(self, references: Mapping[str, Reference]) -> None:
         """Take the targets of equalities."""
         for name, place, weight in self._targets:
@@ -241,6 +258,7 @@ class Forces:
             self._lower[shared.own] = self._upper[shared.own] = 0.0 if value is None else 0.0 * value  # NaN is told
             if value is None or np.isfinite(value).all():
                 shared.share[:] = shared.element.share if value is None else value
+        self._free()
 
     def fill(
         self, references: Mapping[str, Reference], dynamics: ConstrainedDynamics, shift: Vec | None = None

@@ -29,7 +29,7 @@ from hqp.torque.forces import Efforts, Forces
 from hqp.torque.gravity import Gravity, holding_torque
 from hqp.torque.holding import within_holding
 from hqp.torque.motors import within_motors
-from hqp.torque.reactions import reactions, require_actuation
+from hqp.torque.reactions import Supports, reactions, require_actuation
 from hqp.torque.rest import Hold
 from hqp.torque.rows import TorqueRows
 from hqp.torque.self_motion import SelfMotions
@@ -130,6 +130,7 @@ class TorqueProgram(Program):
         self._terms = Terms(robot, self.assembly.native_rows, self.loads)
         self.held = held
         self.assembly.move(robot)
+        self._supports = Supports(held, robot, dt, laws)
         self._m = sum(self.assembly.members[e.name].part.stop - self.assembly.members[e.name].part.start for e in held)
         self.dynamics = ConstrainedDynamics(robot.nv, self._m, robot.actuated, coordinate_parents(robot))
         self._efforts = Efforts([e for e in stack if e.quantity == "effort"], robot)
@@ -141,6 +142,7 @@ class TorqueProgram(Program):
         self._self_motions = SelfMotions(stack, groups, held, robot, dt, laws, self.assembly)
         self._gravity = Gravity(held, robot, dt)
         self._state: State | None = None
+        self._robot = robot
         self._held_names = frozenset(e.name for e in held)
         self._unusable: tuple[str, ...] = ()
         self._targets = [
@@ -240,8 +242,30 @@ class TorqueProgram(Program):
         else:
             runs.append([part.start, part.stop, here.start, here.stop])
 
+    def go_without(self, out: frozenset[str]) -> None:
+        """The rows of these elements are free from the next fill on; contacts among them have no force."""
+        super().go_without(out)
+        for element in self.held:
+            self.dynamics.out[self.assembly.members[element.name].part] = element.name in out
+        self._forces.go_without(out)
+        self._self_motions.go_without(out)
+        self._efforts.out = out
+
+    def refuses(self, out: frozenset[str]) -> str:
+        """Why these elements may not be out together: what is left does not determine the motion."""
+        gone = [e.name for e in self.held if e.name in out]
+        left = [e for e in self.held if e.name not in out]
+        if not gone or self._supports.determined(frozenset(gone)):
+            return ""
+        names = ", ".join(e.name for e in left) or "no contact or coupling"
+        return (
+            f"without {', '.join(gone)} constraints and actuators do not determine the motion of {self._robot.name}: "
+            f"{names} {'are' if len(left) > 1 else 'is'} left"
+        )
+
     def prepare(self, state: State) -> None:
         """Compute what the rows and the equation of motion need of the state."""
+        state.out = self.out
         self._terms.prepare(state)
         self._begin(state)
         if self.loads.elements:
@@ -282,7 +306,7 @@ class TorqueProgram(Program):
         other_normals = bool(given) and self._gravity.asked(given)
         if other_normals or self._origin is not None:
             weight = self.loads.gravity(state)
-            holding = self._gravity.torque(weight, rows.J[:m])
+            holding = self._gravity.torque(weight, dynamics.J)
             if other_normals:
                 there = self._gravity.other(state, weight, references)
                 shift, holding = there - holding, there
@@ -299,7 +323,8 @@ class TorqueProgram(Program):
 
     def unusable(self) -> tuple[str, ...]:
         """Names of elements whose rows of the latest fill are not usable."""
-        lost = tuple(name for name, target in self._targets if not np.isfinite(target).all())
+        targets = [(name, target) for name, target in self._targets if name not in self.out]
+        lost = tuple(name for name, target in targets if not np.isfinite(target).all())
         return self._unusable + lost
 
     def reason(self, name: str) -> str:
@@ -348,13 +373,13 @@ class TorqueProgram(Program):
 
     def rest(self, robot: Robot, braking: Braking) -> Rest:
         """Holding torque with damping."""
-        return Hold(self.held, robot, braking, self.dt, self._laws, self.loads)
+        return Hold(self.held, robot, braking, self.dt, self._laws, self.loads, self.dynamics.out)
 
     def remarks(self, state: State) -> tuple[str, ...]:
         """What each load asks of the motors to be held, in words."""
         if not self.loads:
             return ()
-        J, actuated = self.assembly.J[: self._m], state.robot.actuated
+        J, actuated = self.dynamics.J, state.robot.actuated
         twin = state.robot.copy().state(state.q, state.v)  # the robot may have moved on
         found = []
         for name, change in self.loads.change(twin).items():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
@@ -66,6 +66,31 @@ def actuation(J: Mat, actuated: Index, tolerance: float = RANK_TOLERANCE) -> Act
 _KNOWN: WeakKeyDictionary[Robot, dict[tuple[Element, ...], Actuation]] = WeakKeyDictionary()
 """What was found complete before: a change of stack within the loop need not find it again."""
 
+AROUND = 0.3
+"""How far from home joints are where rows are looked at: home may be a pose where they depend [m, rad]."""
+
+
+class Supports:
+    """Which sets of constraints determine the motion, by their rows at home and around it."""
+
+    def __init__(self, held: Sequence[Element], robot: Robot, dt: float, laws: Mapping[str, Law]) -> None:
+        self._owners = [e.name for e in held for _ in range(e.rows(robot))]
+        passive = np.setdiff1d(np.arange(robot.nv), robot.actuated)
+        self._rows = [J[:, passive] for J in _around_home(held, robot, dt, laws)]
+        self._known: dict[frozenset[str], bool] = {}
+
+    def determined(self, out: frozenset[str]) -> bool:
+        """Whether rank [J_constr; U] is full without these: that of the rest in the passive coordinates is."""
+        if out not in self._known:
+            kept = [i for i, name in enumerate(self._owners) if name not in out]
+            self._known[out] = any(_rank(J[kept]) == J.shape[1] for J in self._rows)
+        return self._known[out]
+
+
+def _rank(J: Mat) -> int:
+    sizes = np.linalg.svd(J, compute_uv=False) if J.size else np.zeros(0)
+    return int(np.count_nonzero(sizes > RANK_TOLERANCE * sizes.max(initial=0.0)))
+
 
 def require_actuation(held: Sequence[Element], robot: Robot, dt: float, laws: Mapping[str, Law]) -> Actuation:
     """Rank and conditioning of [J_constr; U]; raises DeclarationError where it is short at home and around it."""
@@ -92,17 +117,22 @@ def require_inertia(robot: Robot) -> None:
         )
 
 
-def _find_actuation(held: Sequence[Element], robot: Robot, dt: float, laws: Mapping[str, Law]) -> Actuation:
-    twin = robot.copy()
-    require_inertia(twin)
-    rng = np.random.default_rng(0)
-    steps = [np.zeros(robot.nv), *(rng.uniform(-0.3, 0.3, robot.nv) for _ in range(2))]
-    found = []
-    for step in steps:
+def _around_home(held: Sequence[Element], robot: Robot, dt: float, laws: Mapping[str, Law]) -> Iterator[Mat]:
+    """Rows of the constraints at home and at two poses around it."""
+    twin, rng = robot.copy(), np.random.default_rng(0)
+    for step in (np.zeros(robot.nv), *(rng.uniform(-AROUND, AROUND, robot.nv) for _ in range(2))):
         state = twin.state(twin.integrate(twin.home, step, 1.0))
         rows = Assembly(held, (), twin, dt, laws)
         rows.fill(state, {e.name: e.hold(state) for e in held}, ())
-        found.append(actuation(rows.J, robot.actuated))
+        yield rows.J
+
+
+def _find_actuation(held: Sequence[Element], robot: Robot, dt: float, laws: Mapping[str, Law]) -> Actuation:
+    twin = robot.copy()
+    require_inertia(twin)
+    found = []
+    for J in _around_home(held, twin, dt, laws):
+        found.append(actuation(J, robot.actuated))
         if found[-1].complete:
             return found[-1]
     names = ", ".join(e.name for e in held) or "no contacts or couplings"

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hqp.arrays import Vec
+from hqp.arrays import Signs, Vec
 from hqp.assembly import Assembly
 from hqp.element import Element
 from hqp.law import Law
@@ -24,6 +24,7 @@ class Hold(Rest):
     phi*_ii is the reduced inverse inertia that motor i feels (Sentis 2012, eq. 15): phi* D has the diagonal 1 / T, so
     its largest eigenvalue is at most n / T and D never overshoots within one period.  q is that of the last good
     state, with the loads that were told last; qd as well, fading with T, for damping by an old velocity would push.
+    out: live, 1 for rows of the constraints that are not there.
     """
 
     def __init__(
@@ -34,6 +35,7 @@ class Hold(Rest):
         dt: float,
         laws: Mapping[str, Law],
         loads: Loads | None = None,
+        out: Signs | None = None,
     ):
         self._loads = Loads((), robot, None) if loads is None else loads
         self._held, self._robot, self._dt = tuple(held), robot, dt
@@ -44,6 +46,7 @@ class Hold(Rest):
         m = self._rows.J.shape[0]
         self._gravity = Gravity(self._held, self._twin, dt)
         self._dynamics = ConstrainedDynamics(robot.nv, m, robot.actuated, coordinate_parents(robot))
+        self._out = self._dynamics.out if out is None else out
         self._holding = self._damping = self._rate = np.zeros(self._limit.size)
 
     def begin(self, state: State | None, x: Vec, *, now: bool) -> None:
@@ -62,8 +65,9 @@ class Hold(Rest):
         self._rows.fill(twin, {e.name: e.hold(twin) for e in self._held}, ())
         gravity, dynamics = self._loads.gravity(twin), self._dynamics
         J = self._rows.J
+        np.copyto(dynamics.out, self._out)
         dynamics.update(*self._loads.dynamics(twin), J, self._rows.lower[: J.shape[0]])
-        tau = self._gravity.torque(gravity, J)
+        tau = self._gravity.torque(gravity, dynamics.J)
         felt = np.diagonal(dynamics.phi).copy()
         felt[felt <= 1e-9 * felt.max(initial=0.0)] = np.inf  # motors that the constraints lock need no damping
         damping = 1.0 / (self._time * felt)

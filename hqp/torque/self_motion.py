@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 
 import numpy as np
 
@@ -54,6 +54,11 @@ class SelfMotions:
     def __bool__(self) -> bool:
         return bool(self._motions)
 
+    def go_without(self, out: Set[str]) -> None:
+        """These elements are not there, above a posture or as one."""
+        for motion in self._motions:
+            motion.go_without(out)
+
     def add(self, state: State, references: Mapping[str, Reference]) -> None:
         """Add v to the demands that ``rows.fill`` has just written."""
         for motion in self._motions:
@@ -65,8 +70,17 @@ class _Motion:
         self._law, self._index, self._rows, self._twin, self._over = law, index, rows, twin, over
         self._part = rows.members[name].part
         self._weight = rows.members[name].element.weight
+        self._name, self._out = name, False
+        self._kept = np.ones((over.J.shape[0], 1))
+
+    def go_without(self, out: Set[str]) -> None:
+        self._out = self._name in out
+        for name, member in self._over.members.items():
+            self._kept[member.part] = name not in out
 
     def add(self, state: State, references: Mapping[str, Reference]) -> None:
+        if self._out:
+            return
         law, rows, part = self._law, self._rows, self._part
         over = {name: references[name] for name in self._over.members}
         rate = state.v[self._index] - rows.rate[part]
@@ -91,7 +105,7 @@ class _Motion:
     def _project(self, q: Vec, references: Mapping[str, Reference], y: Vec) -> Vec:
         """Phi y: onto the posture velocities S qd for which J_constr qd = 0 and every task above rests."""
         self._over.fill(self._twin.state(q), references, ())
-        basis = free_directions(self._over.J, self._index)
+        basis = free_directions(self._over.J * self._kept, self._index)
         return np.asarray(basis @ (basis.T @ y))
 
 

@@ -56,12 +56,12 @@ def surviving(before: Stack, holds: Mapping[str, Reference], after: Stack) -> di
 
 
 def same_quantity(one: Element, other: Element) -> bool:
-    """Whether a hold value of one is one of the other: class and every field but name, law and weight agree."""
+    """Whether a hold value of one is one of the other: class and every field but name, law, weight and when agree."""
     if one is other:
         return True
     if type(one) is not type(other) or not is_dataclass(one):
         return False
-    names = [item.name for item in fields(one) if item.name not in ("name", "law", "weight")]
+    names = [item.name for item in fields(one) if item.name not in ("name", "law", "weight", "when")]
     return all(getattr(one, name) == getattr(other, name) for name in names)
 
 

@@ -119,7 +119,7 @@ def unloaded(stack: Stack, contacts: Sequence[Element], robot: Robot) -> Stack:
     for k in range(at - 1, -1, -1):  # last postures have no price, and keep none with a level below them
         if levels[k].price is not None or any(selection_of(e, robot) is None for e in levels[k]):
             break
-        levels[k] = Level(*levels[k], name=levels[k].name, price=0)
+        levels[k] = Level(*levels[k], name=levels[k].name, price=0, when=levels[k].when)
     levels.insert(at, Level(*zero, name="unloaded", price=0))
     return Stack(*levels, subject_to=rest.subject_to)
 

@@ -27,7 +27,7 @@ class Balance final : public Operation {
     const int nv = out_.nv;
     const double c[2] = {own_->error[0], own_->error[1]}, z = (1.0 / tree_.mass(0) * tree_.moment(0))[2];
     const double omega = std::sqrt(gravity_ / (height_ > 0.0 ? height_ : over(z, c)));
-    double wanted[2], p[2];
+    double wanted[2], p[2] = {c[0], c[1]};
     for (int i = 0; i < 2; ++i) {
       const double speed = product(out_.row(i), v, nv) / out_.weight;
       wanted[i] = out_.reference[i] + (1.0 + k_ / omega) * (c[i] + speed / omega - out_.reference[2 + i]);
@@ -52,12 +52,16 @@ class Balance final : public Operation {
   double over(double z, const double* p) const {
     return std::max(z - (mean_[2] + slope_[0] * (p[0] - mean_[0]) + slope_[1] * (p[1] - mean_[1])), kLeast);
   }
-  void fit_plane() {  // through all points, least squares
+  void fit_plane() {  // through all points that are present, least squares
     const int n = hull_.size();
+    int count = 0;
+    for (int i = 0; i < n; ++i) count += hull_.present(i);
     mean_ = {};
-    for (int i = 0; i < n; ++i) mean_ = mean_ + (1.0 / n) * Vec3{hull_.x(i), hull_.y(i), hull_.z(i)};
+    for (int i = 0; i < n; ++i)
+      if (hull_.present(i)) mean_ = mean_ + (1.0 / count) * Vec3{hull_.x(i), hull_.y(i), hull_.z(i)};
     double xx = 0.0, xy = 0.0, yy = 0.0, xz = 0.0, yz = 0.0;
     for (int i = 0; i < n; ++i) {
+      if (!hull_.present(i)) continue;
       const double x = hull_.x(i) - mean_[0], y = hull_.y(i) - mean_[1], z = hull_.z(i) - mean_[2];
       xx += x * x, xy += x * y, yy += y * y, xz += x * z, yz += y * z;
     }

@@ -3,8 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
-#include <numeric>
 #include <utility>
 #include <vector>
 
@@ -16,22 +16,22 @@ struct Corner {  // of a polygon: a point of a frame, or of the world
   bool fixed;
   Frame frame;
   Vec3 point;
+  const std::int8_t* present = nullptr;  // live, 0 where it is none of the polygon; null where it always is
 };
 
 class Hull {
  public:
   explicit Hull(std::vector<Corner> corners)
-      : corners_(std::move(corners)),
-        x_(corners_.size()),
-        y_(corners_.size()),
-        z_(corners_.size()),
-        order_of_(corners_.size()) {}
+      : corners_(std::move(corners)), x_(corners_.size()), y_(corners_.size()), z_(corners_.size()) {
+    order_of_.reserve(corners_.size());
+  }
 
   void update() {
     place();
     find_hull();
   }
   int size() const { return static_cast<int>(corners_.size()); }
+  bool present(int i) const { return !corners_[i].present || *corners_[i].present; }
   double x(int i) const { return x_[i]; }
   double y(int i) const { return y_[i]; }
   double z(int i) const { return z_[i]; }
@@ -54,7 +54,9 @@ class Hull {
     return (x_[a] - x_[o]) * (y_[b] - y_[o]) - (y_[a] - y_[o]) * (x_[b] - x_[o]);
   }
   void find_hull() {  // Andrew's monotone chain, then without flat corners
-    std::iota(order_of_.begin(), order_of_.end(), 0);
+    order_of_.clear();
+    for (int i = 0; i < size(); ++i)
+      if (present(i)) order_of_.push_back(i);
     std::stable_sort(order_of_.begin(), order_of_.end(),
                      [&](int a, int b) { return x_[a] != x_[b] ? x_[a] < x_[b] : y_[a] < y_[b]; });
     hull_.clear();
@@ -64,9 +66,10 @@ class Hull {
         while (hull_.size() >= start + 2 && turn(hull_[hull_.size() - 2], hull_.back(), i) <= 0.0) hull_.pop_back();
         hull_.push_back(i);
       }
-      hull_.pop_back();
+      if (!hull_.empty()) hull_.pop_back();
       std::reverse(order_of_.begin(), order_of_.end());
     }
+    if (hull_.empty() && !order_of_.empty()) hull_.push_back(order_of_[0]);  // of points that are one
     while (hull_.size() > 3) {
       std::size_t least = 0;
       double smallest = std::numeric_limits<double>::infinity();

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -11,8 +12,9 @@
 
 namespace hqp {
 
-// How rows become bounds on J x: a law on the error, a law on the way left to either bound, bounds as they stand.
-enum Kind : std::int8_t { kEquality = 0, kLimited = 1, kBounded = 2 };
+// How rows become bounds on J x: a law on the error, a law on the way left to either bound, bounds as they stand, none
+// at all.
+enum Kind : std::int8_t { kEquality = 0, kLimited = 1, kBounded = 2, kFree = 3 };
 
 struct Saturation {  // of the rows of one element; damping: its largest kd
   int start, stop;
@@ -69,7 +71,11 @@ class Demands {
     }
     for (int i = 0; i < l_.total; ++i) {
       const double w = l_.weight[i];
-      if (l_.kind[i] == kLimited) {
+      if (l_.kind[i] == kFree) {
+        l_.demand[i] = 0.0;
+        l_.lower[i] = -std::numeric_limits<double>::infinity();
+        l_.upper[i] = std::numeric_limits<double>::infinity();
+      } else if (l_.kind[i] == kLimited) {
         l_.lower[i] = w * towards(i, l_.lower[i]);
         l_.upper[i] = w * towards(i, l_.upper[i]);
       } else {

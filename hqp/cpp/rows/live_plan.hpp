@@ -71,6 +71,11 @@ class LivePlan : public hqp::PlanOf<LivePlan> {
     if (array.size() != count || !contiguous) throw nb::value_error("a live array has a wrong shape");
     return const_cast<double*>(hold(array));
   }
+  const std::int8_t* bytes(std::size_t count) const {
+    const auto array = nb::cast<Marks>(object_, false);
+    if (array.size() != count) throw nb::value_error("a live array has a wrong shape");
+    return hold(array);
+  }
   std::int32_t* places(int& rows) const {
     const auto array = nb::cast<Slots>(object_, false);
     rows = static_cast<int>(array.shape(0));

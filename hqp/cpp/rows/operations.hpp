@@ -113,10 +113,12 @@ class Operations {
   template <class Plan>
   static std::vector<Corner> points(const Plan& p) {
     std::vector<Corner> found;
-    for (const Plan& one : p.parts("points")) {
+    const std::vector<Plan> points = p.parts("points");
+    const std::int8_t* present = p.part("present").bytes(points.size());
+    for (const Plan& one : points) {
       const std::vector<Plan> pair = one.parts();
       if (pair.size() != 2) throw std::invalid_argument("a corner is a frame and a point");
-      found.push_back({false, pair[0].frame(), vector(pair[1].numbers())});
+      found.push_back({false, pair[0].frame(), vector(pair[1].numbers()), present + found.size()});
     }
     return found;
   }

@@ -21,7 +21,7 @@ inline Vec3 vector(const std::vector<double>& a) {
 }
 
 // Self reads: name() of the plan's class; is_none(), number(), integer(), flag(), ints(), numbers(), of itself;
-// part(field) and parts(), what it holds; doubles(count), a live array.
+// part(field) and parts(), what it holds; doubles(count) and bytes(count), live arrays.
 template <class Self>
 class PlanOf {
  public:

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cstdint>
 #include <memory>
 #include <vector>
 
@@ -19,7 +20,8 @@ class TorqueParts {
     const std::vector<int> actuated = p.ints("actuated"), parents = p.ints("parents");
     const std::size_t n = actuated.size();
     if (parents.size() != v) throw PlanError("the elimination of the plan has a wrong size");
-    elimination_.reset(HQP_FOR_MACHINE(make_elimination, parents, actuated, static_cast<int>(m)));
+    out_.assign(m, 0);
+    elimination_.reset(HQP_FOR_MACHINE(make_elimination, parents, actuated, static_cast<int>(m), out_.data()));
     const double* map = p.doubles("map", v * (n + 1));
     rows_.reset(HQP_FOR_MACHINE(make_torque_rows, map, nv, static_cast<int>(n)));
     for (const Node& one : p.parts("products")) {
@@ -96,6 +98,7 @@ class TorqueParts {
                     p.doubles("share", 1)});
   }
 
+  std::vector<std::int8_t> out_;  // every constraint is there in every tick
   std::unique_ptr<Elimination> elimination_;
   std::unique_ptr<TorqueRows> rows_;
   std::unique_ptr<ForceRows> forces_;

@@ -29,14 +29,16 @@ using Written = nb::ndarray<double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Block = nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using Columns = nb::ndarray<const double, nb::ndim<2>, nb::f_contig, nb::device::cpu>;
 using WrittenColumns = nb::ndarray<double, nb::ndim<2>, nb::f_contig, nb::device::cpu>;
+using Marks = nb::ndarray<const std::int8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Ints = std::vector<int>;
 
 [[noreturn]] void refuse(const char* text) { throw nb::value_error(text); }
 
 class Elimination {
  public:
-  Elimination(const Ints& parents, const Ints& actuated, int rows)
-      : native_(HQP_FOR_MACHINE(make_elimination, parents, actuated, rows)) {}
+  Elimination(const Ints& parents, const Ints& actuated, const Marks& out)
+      : native_(HQP_FOR_MACHINE(make_elimination, parents, actuated, static_cast<int>(out.size()), out.data())),
+        out_(nb::cast(out)) {}
 
   int eliminate(const Columns& A, const Vector& bias, const Block& J, const Vector& gamma, double tolerance,
                 const Block& map, const Block& phi, const Block& Q, const Block& T, const Block& top) {
@@ -47,6 +49,7 @@ class Elimination {
 
  private:
   std::unique_ptr<hqp::Elimination> native_;
+  nb::object out_;
 };
 
 // Bound to arrays that are refilled in place, which it keeps alive.
@@ -188,7 +191,7 @@ NB_MODULE(_torque, module) {
   module.doc() = "The constraint forces eliminated, and gravity compensation.";
   nb::set_leak_warnings(std::getenv("HQP_LEAK_WARNINGS") != nullptr);  // a script may end anyhow
   nb::class_<Elimination>(module, "Elimination")
-      .def(nb::init<const Ints&, const Ints&, int>(), "parents"_a, "actuated"_a, "rows"_a)
+      .def(nb::init<const Ints&, const Ints&, const Marks&>(), "parents"_a, "actuated"_a, "out"_a.noconvert())
       .def("eliminate", &Elimination::eliminate, "A"_a.noconvert(), "bias"_a.noconvert(), "J"_a.noconvert(),
            "gamma"_a.noconvert(), "tolerance"_a, "map"_a.noconvert(), "phi"_a.noconvert(), "Q"_a.noconvert(),
            "T"_a.noconvert(), "top"_a.noconvert());

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <vector>
 
 namespace hqp {
@@ -12,7 +13,8 @@ class Elimination {
   virtual ~Elimination() = default;
   // A (nv, nv): its upper triangle, column-major; bias (nv), J (m, nv), gamma (m).  Written: map (nv, n + 1) = [X, c],
   // phi (n, n), which the rows of X that are actuated hold to the bit, Q (nv, m) and T (m, m) with H^-T J^T = Q T, top
-  // (m, n + 1). -1: A is not positive definite; 0: the constraints are dependent; 1: all is written.
+  // (m, n + 1). -1: A is not positive definite; 0: the constraints are dependent; 1: all is written.  Constraints that
+  // are out have zeros in Q and in top, and a row of the identity in T: they have no force.
   virtual int eliminate(const double* A, const double* bias, const double* J, const double* gamma, double tolerance,
                         double* map, double* phi, double* Q, double* T, double* top) = 0;
 };
@@ -61,8 +63,11 @@ class ForceRows {
   virtual void run(const double* T, const double* top, const double* shift) = 0;
 };
 
-Elimination* make_elimination_generic(std::vector<int> parents, std::vector<int> actuated, int rows);
-Elimination* make_elimination_avx2(std::vector<int> parents, std::vector<int> actuated, int rows);
+// out: of the constraints, live, 1 where one is not there.
+Elimination* make_elimination_generic(std::vector<int> parents, std::vector<int> actuated, int rows,
+                                      const std::int8_t* out);
+Elimination* make_elimination_avx2(std::vector<int> parents, std::vector<int> actuated, int rows,
+                                   const std::int8_t* out);
 TorqueRows* make_torque_rows_generic(const double* map, int nv, int n);
 TorqueRows* make_torque_rows_avx2(const double* map, int nv, int n);
 ForceRows* make_force_rows_generic(int m, int n);

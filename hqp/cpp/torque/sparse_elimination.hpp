@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <utility>
 #include <vector>
 
@@ -18,10 +19,12 @@ inline namespace HQP_ISA {
 class SparseElimination final : public Elimination {
  public:
   // parents: the coordinate before each on its way to the world, -1 for none; lower than itself.
-  SparseElimination(const std::vector<int>& parents, std::vector<int> actuated, int rows)
-      : actuated_(std::move(actuated)),
+  SparseElimination(const std::vector<int>& parents, std::vector<int> actuated, int rows, const std::int8_t* out)
+      : out_(out),
+        actuated_(std::move(actuated)),
         nv_(static_cast<int>(parents.size())),
         n_(static_cast<int>(actuated_.size())),
+        rows_(rows),
         m_(rows),
         ld_(padded(n_)),
         H_(static_cast<std::size_t>(nv_) * nv_),
@@ -90,11 +93,16 @@ class SparseElimination final : public Elimination {
   }
 
   // Q (nv, m) and T (m, m) row-major with H^-T J^T = Q T; keeps y = T^-T gamma. False where T is singular within
-  // tolerance. Coordinates that move no constraint are left out of the reflections: their rows are zero.
+  // tolerance. Coordinates that move no constraint are left out of the reflections: their rows are zero. So are
+  // constraints that are out; m_ are in.
   bool constraints(const double* J, const double* gamma, double tolerance, double* Q, double* T) {
+    in_.clear();
+    for (int k = 0; k < rows_; ++k)
+      if (!out_[k]) in_.push_back(k);
+    m_ = static_cast<int>(in_.size());
     for (int i = 0; i < nv_; ++i) {
       double size = 0.0;
-      for (int k = 0; k < m_; ++k) size += std::abs(R(i)[k] = J[k * nv_ + i]);
+      for (int k = 0; k < m_; ++k) size += std::abs(R(i)[k] = J[in_[k] * nv_ + i]);
       moving_[i] = size != 0.0;
     }
     for (int i = nv_ - 1; i >= 0; --i) {
@@ -109,18 +117,23 @@ class SparseElimination final : public Elimination {
     for (int i = 0; i < nv_; ++i)
       if (moving_[i]) std::copy(R(i), R(i) + m_, R(count_++));
     if (m_ > count_ || !reflect(tolerance)) return false;
+    std::fill(T, T + rows_ * rows_, 0.0);
+    for (int k = 0; k < rows_; ++k)
+      if (out_[k]) T[k * rows_ + k] = 1.0;
     for (int k = 0; k < m_; ++k)
-      for (int c = 0; c < m_; ++c) T[k * m_ + c] = c < k ? 0.0 : R(k)[c];
+      for (int c = k; c < m_; ++c) T[in_[k] * rows_ + in_[c]] = R(k)[c];
     accumulate();
+    std::fill(Q, Q + nv_ * rows_, 0.0);
     const double* q = Q_.data();
     for (int i = 0; i < nv_; ++i) {
-      if (!moving_[i]) std::fill(Q + i * m_, Q + (i + 1) * m_, 0.0);
-      else std::copy(q, q + m_, Q + i * m_), q += m_;
+      if (!moving_[i]) continue;
+      for (int k = 0; k < m_; ++k) Q[i * rows_ + in_[k]] = q[k];
+      q += m_;
     }
     for (int k = 0; k < m_; ++k) {
-      double left = gamma[k];
-      for (int c = 0; c < k; ++c) left -= T[c * m_ + k] * y_[c];
-      y_[k] = left / T[k * m_ + k];
+      double left = gamma[in_[k]];
+      for (int c = 0; c < k; ++c) left -= R(c)[k] * y_[c];
+      y_[k] = left / R(k)[k];
     }
     return true;
   }
@@ -129,11 +142,11 @@ class SparseElimination final : public Elimination {
   // products of its first n columns.
   void project(const double* Q, double* top, double* Y, double* phi) {
     const int w = n_ + 1;
-    std::fill(top, top + m_ * w, 0.0);
-    for (int k = 0; k < m_; ++k) top[k * w + n_] = -y_[k];
-    for (int k = 0; k < m_; ++k) add_rows(top + k * w, Y, w, nv_, 1.0, Q + k, m_, w);
+    std::fill(top, top + rows_ * w, 0.0);
+    for (int k = 0; k < m_; ++k) top[in_[k] * w + n_] = -y_[k];
+    for (int k = 0; k < m_; ++k) add_rows(top + in_[k] * w, Y, w, nv_, 1.0, Q + in_[k], rows_, w);
     for (int i = 0; i < nv_; ++i)
-      if (moving_[i]) add_rows(Y + i * w, top, w, m_, -1.0, Q + i * m_, 1, w);
+      if (moving_[i]) add_rows(Y + i * w, top, w, rows_, -1.0, Q + i * rows_, 1, w);
     double *rows = aligned(block_.data()), *products = rows + nv_ * ld_;
     for (int i = 0; i < nv_; ++i) std::copy(Y + i * w, Y + i * w + n_, rows + i * ld_);
     gram(products, ld_, rows, ld_, nv_, lanes(n_));
@@ -198,8 +211,9 @@ class SparseElimination final : public Elimination {
     for (int i = k + 1; i < count_; ++i) add_any(top + (i - k) * m_, work_.data(), -R(i)[k], columns);
   }
 
-  std::vector<int> actuated_;
-  int nv_, n_, m_, ld_, count_ = 0;  // count_: of coordinates that move a constraint
+  const std::int8_t* out_;
+  std::vector<int> actuated_, in_;          // in_: the constraints that are not out
+  int nv_, n_, rows_, m_, ld_, count_ = 0;  // count_: of coordinates that move a constraint
   std::vector<double> H_;
   std::vector<std::vector<int>> way_;        // coordinates from the world to each, itself the last
   std::vector<std::pair<int, int>> ranges_;  // of actuated joints that a coordinate carries

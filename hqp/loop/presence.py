@@ -1,0 +1,93 @@
+"""Which elements are in a tick: by its phase, by references that say so, and by the contacts that they go with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from hqp.errors import DeclarationError, closest
+from hqp.problem import Status
+from hqp.tick import Note
+
+if TYPE_CHECKING:
+    from hqp.formulation import Program
+    from hqp.reference import Reference
+    from hqp.stack import Stack
+
+NOTHING_ELSE = frozenset({"name", "on", "load"})
+"""What a reference has that says no more than whether its element is in."""
+
+
+class Presence:
+    """The sets of elements that are out, each known once it was asked for.
+
+    now: those that were out in the latest tick.  Raises DeclarationError for a phase of the stack in which constraints
+    and actuators do not determine the motion.
+    """
+
+    __slots__ = ("_by_phase", "_declared", "_known", "_members", "_program", "now")
+
+    def __init__(self, stack: Stack, program: Program) -> None:
+        self._program = program
+        self._members = {element.name: element for element in stack}
+        self._known: dict[Any, frozenset[str]] = {}
+        self._declared = {phase: stack.out_of(phase) for phase in (None, *stack.phases())}
+        self._by_phase: dict[str | None, frozenset[str]] = {}
+        for phase, declared in self._declared.items():
+            self._by_phase[phase] = out = self._followed(declared)
+            if phase is not None and (why := program.refuses(out)):
+                raise DeclarationError(f"phase {phase}", why, allowed="contacts that determine the motion")
+        self.now: frozenset[str] = frozenset()
+
+    @property
+    def phases(self) -> tuple[str, ...]:
+        """The phases that the stack names."""
+        return tuple(phase for phase in self._by_phase if phase is not None)
+
+    def require(self, phase: str | None) -> None:
+        """Raise DeclarationError for a phase that the stack does not name."""
+        if phase not in self._by_phase:
+            near = ", ".join(closest(str(phase), self.phases) or self.phases) or "none: nothing in the stack has a when"
+            raise DeclarationError("phase", "the stack names no such phase", value=phase, allowed=near)
+
+    def of(self, phase: str | None, references: Sequence[Reference]) -> frozenset[str]:
+        """Names of the elements that are out; the same object for the same set."""
+        if phase not in self._by_phase:
+            phase = None
+        said = tuple([(r.name, r.on) for r in references if getattr(r, "on", None) is not None])
+        if not said:
+            return self._by_phase[phase]
+        key = phase, said
+        if key not in self._known:
+            off, on = (self._named(said, what) for what in (False, True))
+            self._known[key] = self._followed((self._declared[phase] | off) - on)
+        return self._known[key]
+
+    def supported(self, out: frozenset[str]) -> tuple[frozenset[str], tuple[Note, ...]]:
+        """What of it may be out, with notes on contacts that have to stay."""
+        why = self._program.refuses(out)
+        if not why:
+            return out, ()
+        stay = [name for name in self._members if name in out and self._members[name].is_contact]
+        rest = self._followed(frozenset(n for n in out if n not in stay and not self._members[n].goes_with(out)))
+        return rest, tuple(Note(name, Status.INVALID_REFERENCE, f"{why}: it stays") for name in stay)
+
+    def spoken(self, references: Sequence[Reference], out: frozenset[str]) -> tuple[Reference, ...]:
+        """The references of elements that are in which say more than that."""
+        return tuple([r for r in references if getattr(r, "name", None) not in out and not self._silent(r)])
+
+    def _silent(self, reference: Reference) -> bool:
+        on = getattr(reference, "on", None)
+        return on is not None and reference.name in self._members and vars(reference).keys() <= NOTHING_ELSE
+
+    def _named(self, said: Sequence[tuple[str, bool | None]], which: bool) -> set[str]:
+        names = {name for name, on in said if on is which and name in self._members}
+        for name in names:
+            if self._members[name].quantity == "load":
+                raise DeclarationError(name, "a load has no rows that could be free", allowed="at(...) with zeros")
+        return names
+
+    def _followed(self, out: frozenset[str]) -> frozenset[str]:
+        """With the elements that go with them; the same object for the same set."""
+        found = out | {name for name, element in self._members.items() if element.goes_with(out)}
+        return next((known for known in self._by_phase.values() if known == found), found)

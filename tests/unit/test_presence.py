@@ -1,0 +1,231 @@
+"""Elements that are out of a tick: as if the stack were without them, in one plan, and fresh when they come back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hqp
+import hqp.robots
+import hqp.tasks as t
+from hqp import Level, Stack, Status, serial
+from hqp.arrays import Vec
+from hqp.errors import DeclarationError, UnknownReference
+from hqp.robot import Robot
+from hqp.session import Session
+
+STEP = 1e-6
+"""By which a robot is moved by hand in a tick [rad, m]: contacts that move fast cannot be kept."""
+
+SOLES = {"left": "l_sole", "right": "r_sole"}
+RECTANGLES = {"left": (-0.065, 0.18, -0.04, 0.06), "right": (-0.065, 0.18, -0.06, 0.04)}
+CONTACTS = {name: t.FixedContact(frame=frame, name=name) for name, frame in SOLES.items()}
+SWING = t.Pose(frame="l_sole", name="swing")
+HAND = t.Position(frame="r_palm", name="hand")
+FORMULATIONS = {"velocity": hqp.Velocity(), "acceleration": hqp.Acceleration(), "torque": hqp.Torque(holding=None)}
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return hqp.robots.load("cbi")
+
+
+def standing(kind: str, *without: str, when: bool = False) -> Stack:
+    """Feet, balance, a foot and a hand in the air, posture."""
+    contacts = [CONTACTS[name] for name in SOLES if name not in without]
+    within: list[Any] = list(contacts)
+    levels = [Level(t.Com(axes="xyz", name="com"))]
+    if kind == "torque":
+        within.append(t.TorqueLimits())
+        for contact in contacts:
+            within.append(t.FrictionCone(contact=contact.name, mu=0.6))
+            within.append(t.CenterOfPressure(contact=contact.name, rectangle=RECTANGLES[contact.name]))
+        levels = [Level(t.Balance(margin=0.005, name="com"), t.Com(axes="z", name="height"))]
+    else:
+        within.append(t.JointLimits())
+    levels.append(Level(SWING, name="swing", when="step" if when else ()))
+    levels += [Level(HAND, name="hand"), Level(t.Posture(name="posture"))]
+    if kind == "torque" and len(contacts) == 2:
+        levels.append(Level(t.LoadShare(contacts=("left", "right"), name="share"), price=0))
+    stack = Stack(*levels, subject_to=within)
+    gone = [name for name in without if name in stack]
+    return stack.without(*gone) if gone else stack
+
+
+def begin(stack: Stack, kind: str, robot: Robot, *, native: bool = True, **options: Any) -> Session:
+    session = hqp.Controller(stack, FORMULATIONS[kind], deadline=np.inf, **options).session(robot, 0.002)
+    session.line.direct_known = not native
+    return session
+
+
+def driven(session: Session, robot: Robot, ticks: int, *off: str) -> tuple[Vec, list[hqp.Tick]]:
+    """x of every tick, with a hand that is pulled away."""
+    q, v, found, given = robot.home, np.zeros(robot.nv), [], []
+    goal = robot.state(robot.home).position("r_palm") + [0.1, -0.05, 0.1]
+    for _ in range(ticks):
+        references = [e.off() for e in session.stack if e.name in off]
+        references += [HAND.at(goal)] if "hand" in session.stack else []
+        tick = session.step(robot.state(q, v), *references)
+        assert tick.status is Status.OPTIMAL, tick.notes
+        found.append(tick.x.copy())
+        given.append(tick)
+        q, v = tick.advance()
+    return np.array(found), given
+
+
+@pytest.mark.parametrize("native", [True, False])
+@pytest.mark.parametrize("price", [None, 0])
+@pytest.mark.parametrize("kind", FORMULATIONS)
+def test_off_is_the_stack_without(kind: str, price: Any, native: bool, robot: Robot) -> None:
+    """A contact and tasks that are out leave the answer of a stack that never had them."""
+    out = ("left", "hand")
+    found, ticks = driven(begin(standing(kind), kind, robot, native=native, price=price), robot, 12, *out)
+    bare, _ = driven(begin(standing(kind, *out), kind, robot, native=native, price=price), robot, 12)
+    np.testing.assert_allclose(found, bare, atol=1e-9 * np.abs(bare).max())
+    assert sum(tick.native for tick in ticks) >= (10 if native else 0)
+
+
+def test_without_compiled_parts_it_is_the_same(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows, elimination and force rows in Python."""
+    out = ("left", "hand")
+    native, _ = driven(begin(standing("torque"), "torque", robot, price=0), robot, 3, *out)
+    for module in ("hqp.assembly", "hqp.torque.dynamics", "hqp.torque.forces", "hqp.torque.rows", "hqp.torque.gravity"):
+        monkeypatch.setattr(f"{module}.native", None)
+    found, ticks = driven(begin(standing("torque"), "torque", robot, price=0), robot, 3, *out)
+    np.testing.assert_allclose(found, native, atol=1e-7 * np.abs(native).max())
+    assert not any(tick.native for tick in ticks)
+
+
+def test_a_contact_that_is_out_bears_nothing_and_takes_what_is_asked_of_its_force_along(robot: Robot) -> None:
+    session = begin(standing("torque"), "torque", robot)
+    for _ in range(3):
+        tick = session.step(robot.state(robot.home), CONTACTS["left"].off())
+    forces = session.program.contact_forces(tick.x)  # type: ignore[attr-defined]
+    assert not forces["left"].any()
+    assert forces["right"][2] == pytest.approx(robot.mass * 9.81, rel=0.3)
+    told = tick.explain()
+    assert {a.element for a in told.accounts if a.cause == "off"} == {"left_friction", "left_cop", "share"}
+    assert told.certificate.ok
+    assert "off" in str(told)
+    assert hqp.certificate(session.problem, tick.x, stages=tick.solution.stage_points).ok  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("kind", FORMULATIONS)
+@pytest.mark.parametrize("native", [True, False])
+def test_what_comes_back_takes_fresh_hold_values(kind: str, native: bool, robot: Robot) -> None:
+    """And nothing else does; nothing is compiled, and switches are native as other ticks are."""
+    session = begin(standing(kind), kind, robot, native=native)
+    program, q = session.program, robot.home
+    for k in range(12):
+        out = 4 <= k < 8
+        q = robot.integrate(q, STEP * np.ones(robot.nv), 1.0)
+        tick = session.step(robot.state(q), SWING.off(), *([CONTACTS["left"].off(), HAND.off()] if out else []))
+        assert session.program is program
+        assert tick.status is Status.OPTIMAL
+        assert tick.native == native or k < 4
+        if k in (3, 7):
+            before = session.hold_values
+    after, here = session.hold_values, robot.state(robot.integrate(robot.home, STEP * np.ones(robot.nv), 9.0))
+    for name, element in (("left", CONTACTS["left"]), ("hand", HAND)):
+        assert np.abs(after[name] - before[name]).max() > STEP
+        np.testing.assert_allclose(after[name], element.value(here), atol=1e-9)
+    for name in ("right", "posture"):
+        np.testing.assert_array_equal(after[name], before[name])
+
+
+def test_phases_put_levels_and_elements_in_and_out(robot: Robot) -> None:
+    """A level with a ``when``, and a contact; a reference says otherwise for a tick."""
+    feet = {"left": t.FixedContact(frame="l_sole", name="left", when="both")}
+    stack = standing("torque", when=True).replace(*feet.values())
+    session = begin(stack, "torque", robot)
+    assert stack.phases() == ("step", "both")
+    state = robot.state(robot.home)
+    tick = session.step(state, phase="both")
+    assert (tick.phase, session.program.out) == ("both", {"swing"})
+    gone = {"left", "left_friction", "left_cop", "share"}
+    tick = session.step(state, phase="step")
+    assert (tick.phase, session.program.out) == ("step", gone)
+    session.step(state, SWING.off(), phase="step")
+    assert session.program.out == gone | {"swing"}
+    session.step(state, feet["left"].on(), phase="step")
+    assert session.program.out == set()
+    session.step(state)
+    assert session.program.out == gone | {"swing"}
+    with pytest.raises(DeclarationError, match=r"no such phase.*'swim'.*both"):
+        session.step(state, phase="swim")
+    assert serial.loads(serial.dumps(stack)) == stack
+
+
+def test_what_nothing_would_hold_is_refused(robot: Robot) -> None:
+    """Declared, with an error; in a tick, with a note, and the contacts stay."""
+    feet = [t.FixedContact(frame=frame, name=name, when="stand") for name, frame in SOLES.items()]
+    stack = Stack(Level(t.Posture(), when="fly"), Level(t.Com(name="com")), subject_to=feet)
+    with pytest.raises(DeclarationError, match="phase fly: without left, right constraints and actuators do not"):
+        begin(stack, "torque", robot)
+    session = begin(standing("torque"), "torque", robot)
+    for _ in range(3):
+        tick = session.step(robot.state(robot.home), *(contact.off() for contact in CONTACTS.values()))
+        assert tick.status is Status.INVALID_REFERENCE
+        assert [note.element for note in tick.notes] == ["left", "right"]
+        assert session.program.out == set()
+    assert session.step(robot.state(robot.home)).status is Status.OPTIMAL
+
+
+def test_names_that_are_not_there_are_refused(robot: Robot) -> None:
+    session = begin(standing("torque"), "torque", robot)
+    for _ in range(2):
+        with pytest.raises(UnknownReference, match="r_food"):
+            session.step(robot.state(robot.home), hqp.Reference("r_food", on=False))
+        session.step(robot.state(robot.home))
+    with pytest.raises(DeclarationError, match="bad when"):
+        Level(HAND, when=3)  # type: ignore[arg-type]
+    payload = t.Payload(frame="r_palm", mass=1.0, name="box")
+    stack = Stack(*standing("torque").levels, subject_to=[*standing("torque").subject_to, payload])
+    with pytest.raises(DeclarationError, match="a load has no rows"):
+        begin(stack, "torque", robot).step(robot.state(robot.home), payload.off())
+
+
+def test_a_contact_that_is_out_is_not_missed(robot: Robot) -> None:
+    """Its measured load says nothing until it is back."""
+    session, left = begin(standing("torque"), "torque", robot), CONTACTS["left"]
+    for _ in range(30):
+        tick = session.step(robot.state(robot.home), left.off().loaded(0.0))
+        assert tick.status is Status.OPTIMAL
+    statuses = [session.step(robot.state(robot.home), left.at().loaded(0.0)).status for _ in range(15)]
+    assert statuses[-1] is Status.CONTACT_LOST
+    assert statuses[0] is Status.OPTIMAL
+
+
+def test_support_is_that_of_the_contacts_that_are_in(robot: Robot) -> None:
+    """Natively as by the readable functions: one foot's hull where the other is out."""
+    stack = Stack(
+        Level(t.SupportPolygon(sole=(-0.05, 0.1, -0.03, 0.03), name="support")),
+        Level(t.Posture()),
+        subject_to=list(CONTACTS.values()),
+    )
+    session = begin(stack, "acceleration", robot)
+    for out in ((), ("left",), (), ("right",)):
+        tick = session.step(robot.state(robot.home), *(CONTACTS[name].off() for name in out))
+        place = session.program.places["support"]
+        rows = session.problem.levels[place.level]
+        state = robot.state(robot.home)
+        state.out = frozenset(out)
+        element: Any = session.stack.find("support")
+        _, upper = element.bounds(state)
+        np.testing.assert_array_equal(np.isfinite(rows.upper[place.part]), np.isfinite(upper))
+        np.testing.assert_allclose(rows.dense(robot.nv)[place.part], element.jacobian(state), atol=1e-9)
+        assert np.isfinite(upper).reshape(2, 4).all(axis=1).tolist() == [
+            bool(out) and name not in out for name in SOLES
+        ]
+        assert tick.status is not Status.INVALID_ELEMENT
+
+
+def test_references_of_what_is_out_say_nothing(robot: Robot) -> None:
+    """Not even where they are no numbers."""
+    session = begin(standing("velocity"), "velocity", robot)
+    swing = hqp.Reference("swing", np.full((4, 4), np.nan), on=False)
+    for _ in range(4):
+        tick = session.step(robot.state(robot.home), swing)
+        assert tick.status is Status.OPTIMAL
