@@ -86,31 +86,28 @@ def _way(t: float) -> np.ndarray:
 def dreamer(path: Path = FIGURES / "dreamer.webp") -> Path:
     """The experiment of docs/results/dreamer.md, filmed by the benchmarks."""
     with tempfile.TemporaryDirectory() as folder:
-        command = [
-            sys.executable,
-            "-m",
-            "benchmarks",
-            "experiments",
-            "dreamer-slope",
-            "--quick",
-            "--video",
-        ]
-        subprocess.run(
-            [*command, "--output", folder], check=True, cwd=Path(__file__).parents[2]
-        )
-        return save(list(_film(next(Path(folder).glob("*.mp4")))), path)
+        experiment = "experiments dreamer-slope --quick --video --output".split()
+        command = [sys.executable, "-m", "benchmarks", *experiment, folder]
+        subprocess.run(command, check=True, cwd=Path(__file__).parents[2])
+        return save(list(_film(Path(folder))), path)
 
 
-def _film(path: Path) -> Iterator[Image.Image]:
+def _film(folder: Path) -> Iterator[Image.Image]:
+    """Every third frame, with how far the centre of mass is off then."""
     import imageio_ffmpeg
 
-    frames = imageio_ffmpeg.read_frames(str(path))
+    log = np.load(folder / "dreamer-slope_own_map.npz")
+    frames = imageio_ffmpeg.read_frames(str(folder / "dreamer-slope.mp4"))
     about = next(frames)
     width, height = about["size"]
     for k, frame in enumerate(frames):
         if k % 3 == 0:
             picture = Image.frombytes("RGB", (width, height), frame)
-            yield picture.resize((round(width * SIZE[1] / height), SIZE[1]))
+            picture = picture.resize((round(width * SIZE[1] / height), SIZE[1]))
+            row = min(np.searchsorted(log["t"], k / about["fps"]), len(log["t"]) - 1)
+            off = 1e3 * float(np.linalg.norm(log["com"][row]))
+            title = f"centre of mass: {off:.1f} mm off"
+            yield caption(picture, title, "7 degrees, by IMU and odometry", GREEN)
 
 
 def save(frames: list[Image.Image], path: Path) -> Path:
