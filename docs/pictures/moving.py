@@ -86,8 +86,8 @@ def _way(t: float) -> np.ndarray:
 def dreamer(path: Path = FIGURES / "dreamer.webp") -> Path:
     """The experiment of docs/results/dreamer.md, filmed by the benchmarks."""
     with tempfile.TemporaryDirectory() as folder:
-        experiment = "experiments dreamer-slope --quick --video --output".split()
-        command = [sys.executable, "-m", "benchmarks", *experiment, folder]
+        command = [sys.executable, "-m", "benchmarks", "experiments", "dreamer-slope"]
+        command += ["--quick", "--video", "--output", folder]
         subprocess.run(command, check=True, cwd=Path(__file__).parents[2])
         return save(list(_film(Path(folder))), path)
 
