@@ -109,6 +109,11 @@ class Follow:
             self.element.name, np.copy(pursuit.value), pursuit.v, pursuit.a, remarks=tuple(filter(None, remarks))
         )
 
+    @property
+    def takes(self) -> str:
+        """What the task's value is: "pose", "rotation" or "vector"."""
+        return {None: "vector", 0: "rotation"}.get(self._space.first, "pose")
+
     def release(self) -> None:
         """Open the clutch until a packet says that it is engaged, and forget the track of the hand."""
         self._track.forget()

@@ -16,6 +16,8 @@ from hqp.solvers import default
 from .doors import LOOPBACK
 
 if TYPE_CHECKING:
+    from hqp.teleoperation import OperatorPage
+
     from .session_view import View
 
 HELP = "see a stack on a robot in a browser, with targets to drag"
@@ -31,6 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--host", default=LOOPBACK, help="0.0.0.0 opens the page to the network (SECURITY.md)")
     parser.add_argument("--password", help="opens the page where its whole address is not at hand; - asks for it")
     parser.add_argument("--no-browser", action="store_true", help="print the address of the page, open no browser")
+    parser.add_argument(
+        "--operator", action="store_true", help="a second page, for a headset or a phone whose motion hands follow"
+    )
     parser.add_argument("--seconds", type=float, metavar="S", help="stop after that long; default: on Ctrl-C")
 
 
@@ -55,9 +60,14 @@ def _run(arguments: argparse.Namespace) -> int:
         dt=arguments.dt,
         seconds=arguments.seconds,
         started=lambda view: _tell(view, f"{stack}\non {robot.name}", arguments),
+        operator=_invite if arguments.operator else None,
         **_page(arguments),
     )
     return 0
+
+
+def _invite(page: OperatorPage) -> None:
+    print(f"operator: open {page.url} in the headset or phone", flush=True)
 
 
 def _replay(arguments: argparse.Namespace) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from hqp.robot import Robot
 from hqp.session import Controller
 from hqp.solvers.base import Solver
 from hqp.stack import Stack
+from hqp.teleoperation.webxr import OperatorPage, operators
 
 from .doors import LOOPBACK
 from .session_view import View
@@ -29,24 +31,32 @@ def run(
     password: str | None = None,
     seconds: float | None = None,
     started: Callable[[View], None] | None = None,
+    operator: Callable[[OperatorPage], None] | None = None,
 ) -> int:
     """Run until interrupted, or for some seconds of the clock; returns the number of ticks.
 
     Every element holds the value it has at home until it is dragged in the page.  A tick that is late is not made up
     for.  solver: as a Controller takes it.  host, port, password: as a View takes them.  started: called with the view
-    once the page is served.  Raises what ``Controller.session`` and View raise.
+    once the page is served.  operator: called with a page for an operator's headset or phone, served beside it, whose
+    hands are followed.  Raises what ``Controller.session`` and View raise.
     """
     session = Controller(stack, formulation, solver).session(robot, dt)
     q, v = robot.home.copy(), np.zeros(robot.nv)
     count = 0
-    with View(session, control=True, host=host, port=port, password=password) as view:
+    follows = {} if operator is None else operators(stack)
+    with ExitStack() as pages:
+        view = pages.enter_context(View(session, control=True, host=host, port=port, password=password))
         if started is not None:
             started(view)
+        if operator is not None:
+            operator(pages.enter_context(OperatorPage(follows, doors=view.doors)))
+        sources = list(dict.fromkeys(follows.values()))
         start = due = time.perf_counter()
         try:
             while seconds is None or time.perf_counter() - start < seconds:
                 view.wait()
-                tick = view.step(robot.state(q, v))
+                state = robot.state(q, v)
+                tick = view.step(state, *(source.reference(state) for source in sources))
                 if tick.solution is not None:
                     q, v = tick.advance()
                 count += 1

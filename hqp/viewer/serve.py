@@ -41,7 +41,7 @@ def _guarded(doors: Doors) -> Iterator[None]:
     original = library.serve
 
     def serve_guarded(*arguments: Any, process_request: Any, **options: Any) -> Any:
-        return original(*arguments, process_request=_checked(doors, process_request), **options)
+        return original(*arguments, process_request=checked(doors, process_request), **options)
 
     library.serve = serve_guarded
     try:
@@ -50,7 +50,7 @@ def _guarded(doors: Doors) -> Iterator[None]:
         library.serve = original
 
 
-def _checked(doors: Doors, answer: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Awaitable[Any]]:
+def checked(doors: Doors, answer: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Awaitable[Any]]:
     """A ``process_request`` of websockets that checks a request and lets ``answer`` go on with it."""
     turn = asyncio.Lock()
 

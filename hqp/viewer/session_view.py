@@ -110,6 +110,11 @@ class View:
             socket.gethostname() if is_everywhere(host) else host, int(self._channel.ready), self._doors.token
         )
 
+    @property
+    def doors(self) -> Doors:
+        """Who is let in; for pages that belong to this one."""
+        return self._doors
+
     def open(self) -> bool:
         """Open the page in this machine's browser, whose command line shows a token that is good once; False: none."""
         return webbrowser.open(address(self._doors.host, int(self._channel.ready), self._doors.once))

@@ -1,0 +1,58 @@
+"""What an operator's client sends, over UDP or a websocket: the poses of hands as JSON."""
+
+from __future__ import annotations
+
+import json
+import secrets
+from collections.abc import Mapping
+from typing import Any
+
+from .follow import Follow
+
+LARGEST = 65_536
+"""Longer messages are refused [bytes]."""
+
+
+class Hands:
+    """Packets of named hands to the sources of references that follow them; nothing in a message raises.
+
+    A message is an object with ``hands``: by name ``position`` (3 numbers [m]), ``quaternion`` (x, y, z, w; not needed
+    for a Position), ``engaged`` (true without it); and ``sent`` [s], on any clock of the client's.  A hand that nobody
+    follows is passed over.  token: what the field ``token`` has to be, anything where it is empty.  taken, refused: how
+    many messages; fault: why the last one was refused.
+    """
+
+    def __init__(self, follows: Mapping[str, Follow], token: str = "") -> None:
+        self._follows, self._token = dict(follows), token.encode()
+        self.taken, self.refused, self.fault = 0, 0, ""
+
+    def take(self, text: str | bytes) -> dict[str, Any] | None:
+        """Take a message; what it says, None where it was refused."""
+        try:
+            if len(text) > LARGEST:
+                raise ValueError("too long")
+            message = json.loads(text)
+            if self._token and not secrets.compare_digest(str(message["token"]).encode(), self._token):
+                raise ValueError("another token")
+            hands = message["hands"]
+            for name, hand in hands.items():
+                follow = self._follows.get(name)
+                if follow is not None:
+                    follow.receive(self._value(follow, hand), **self._about(message, hand))
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError, OverflowError) as error:
+            self.refused, self.fault = self.refused + 1, f"{type(error).__name__}: {error}"[:200]
+            return None
+        self.taken += 1
+        found: dict[str, Any] = message
+        return found
+
+    @staticmethod
+    def _value(follow: Follow, hand: Mapping[str, Any]) -> Any:
+        if follow.takes == "rotation":
+            return hand["quaternion"]
+        return (hand["position"], hand["quaternion"]) if follow.takes == "pose" else hand["position"]
+
+    @staticmethod
+    def _about(message: Mapping[str, Any], hand: Mapping[str, Any]) -> dict[str, Any]:
+        sent = message.get("sent")
+        return {"sent": None if sent is None else float(sent), "engaged": bool(hand.get("engaged", True))}
