@@ -12,17 +12,9 @@ class Stages:
         eta: float,
         F: Mat | Vec | None,
         f: Vec | None,
-        metric: tuple[Mat | None, Mat | None] | None,
-        origin: tuple[Vec | None, Vec | None] | None,
+        metric: Mat | None,
+        origin: Vec | None,
     ) -> None: ...
-    def leaves(self, level: int, to: tuple[object, ...]) -> None:
-        """Where a level stands above levels without a price: (A (m, wide), None, lower, upper) or (None, scale, ..)."""
-
-    def remains(
-        self, level: int, last: tuple[object, ...], slack: tuple[object, ...] | None, solve: object, z: Vec
-    ) -> None:
-        """A level without a price below unmet ones: last level, inequality rows, the solve, and the z it writes."""
-
     def solve(self, x: Vec, stages: Mat, last: Vec, head: int = 0, seconds: float = 0.0) -> int: ...
     def after(self, exact: object, x: Vec, stages: Mat, last: Vec) -> object:
         """The solve whose capsule is given, and ``solve`` of x which it wrote: a capsule for other native modules."""
@@ -42,9 +34,9 @@ class Stages:
     def limit(self, seconds: float) -> None:
         """Time for solves by way of that capsule [s], none for 0."""
 
-    def latest(self) -> tuple[int, bool, bool, float]:
-        """First unsettled level of the latest solve or 0, whether there was none, whether the capsule answered itself,
-        time since it began [s]."""
+    def latest(self) -> tuple[bool, int, float]:
+        """Whether the latest run of the capsule settled all levels or answered itself, the level above which it solved
+        exactly, 0 for all, the time since it began [s]."""
 
     def unasked(self) -> None:
         """The latest answer came without the stages: ``latest`` is to tell nothing of those before."""
@@ -54,8 +46,8 @@ class Stages:
     def describe(
         self, x: Vec, constraints: int, activity: float, violation: float, slack: Vec, marks: Signs
     ) -> bool: ...
-    def effort(self) -> tuple[int, int, bool, bool, bool]:
-        """Steps and factorisations of the latest stages, whether all reached their optima, whether one met uncertain
-        directions, whether the kernel was not sure of a rank."""
+    def effort(self) -> tuple[int, bool, bool, bool]:
+        """Steps of the latest stages, whether all reached their optima, whether one met uncertain directions, whether
+        the answer depends on such."""
 
     def reset(self) -> None: ...

@@ -1,14 +1,10 @@
-"""Priced levels natively: the exact answer while it settles every level, else a stage for each from the first.
-
-Below unmet levels a level without a price is the last of an exact hierarchy over (z, v, s), turned and scaled x, the
-motion of the anchored rows and slacks (hqp/cpp/priced/remainder.hpp), which the kernel of exact hierarchies solves.
-"""
+"""Priced levels natively: the exact answer while it settles every level, else a stage for each from the first."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
@@ -49,19 +45,8 @@ UNSETTLED_NATIVE = 98
 """The same, found without Python, whose answer is still to be told from an optimum."""
 
 
-@dataclass(frozen=True)
-class Remainder:
-    """A level without a price below one that has one, as the native stages write and solve it."""
-
-    problem: Hierarchy
-    workspace: Workspace
-    kernel: Kernel
-    slack: bool
-    """Whether the level above the last is that of its inequality rows."""
-
-
 class StagedWorkspace:
-    """A workspace for priced hierarchies: the kernel of the exact one, the native stages, a kernel for each remainder.
+    """A workspace for priced hierarchies: the kernel of the exact one and the native stages.
 
     exact: makes a workspace for an exact shape.
     """
@@ -80,12 +65,9 @@ class StagedWorkspace:
         self._last_x: Vec = np.zeros(shape.n)
         self._problem: Hierarchy | None = None
         self._has_prices = False
-        self._remainders = dict[int, Remainder]()
         self._heads = dict[int, tuple[Workspace, Kernel | None]]()
         self._seconds = self._began = 0.0
         self._law: dict[str, Any] = {}
-        self._above: list[Rows] = []
-        self._wide = 0
 
     def reset(self) -> None:
         """Forget the warm starts."""
@@ -93,8 +75,6 @@ class StagedWorkspace:
         self._last_x = np.zeros(self._shape.n)
         for workspace, _ in self._heads.values():
             workspace.reset()
-        for remainder in self._remainders.values():
-            remainder.workspace.reset()
         self._native.reset()
 
     def limit(self, seconds: float) -> None:
@@ -198,17 +178,11 @@ class StagedWorkspace:
             "violation": VIOLATION_TOLERANCE,
             **self._law,
             "F_rows": 0 if motion is None or motion.F.ndim == 1 else motion.F.shape[0],
-            "wide": self._wide,
             "points": self._points,
             "end": self._end,
-            "above": [row_parts(rows) for rows in self._above],
             "heads": [
                 {"level": k, **self._make(above.shape).parts(above)}  # type: ignore[attr-defined]
                 for k, above in heads.items()
-            ],
-            "remainders": [
-                {"level": k, "slack": rest.slack, **rest.workspace.parts(rest.problem)}  # type: ignore[attr-defined]
-                for k, rest in self._remainders.items()
             ],
         }
         return {**exact, "stages": stages}
@@ -227,6 +201,7 @@ class StagedWorkspace:
         counts = solve()
         if counts[0] not in BEGINS:
             return None
+        self._latest = self._heads[head][0]
         first = self._native.solve(values[: self._shape.n], self._points, self._end, head, self._left())
         return None if first < 0 else (UNSETTLED, *counts[1:])
 
@@ -252,16 +227,14 @@ class StagedWorkspace:
         return self._native, self._points
 
     def tell(self) -> Vec | None:
-        """Multipliers of the workspace that gave the latest answer: rows above each level, then its own."""
-        _, settled, answered, _ = self._native.latest()
-        latest = self._exact if settled else self._below_stages() if answered else self._latest
+        """Multipliers of the workspace that gave the latest answer: rows above each level, then its own.
+
+        Those of the levels above the stages, where these gave it.
+        """
+        alone, head, _ = self._native.latest()
+        latest = self._latest if not alone else self._heads[head][0] if head else self._exact
         told: Callable[[], Vec | None] = getattr(latest, "tell", lambda: None)
         return told()
-
-    def _below_stages(self) -> Workspace | None:
-        """The workspace of the last level, where that has no price."""
-        last = self._remainders.get(len(self._shape.rows) - 1)
-        return None if last is None else last.workspace
 
     def answer(self, problem: Hierarchy, counts: Counts) -> Solution:
         """The solution of the latest solve of ``kernel``."""
@@ -294,14 +267,15 @@ class StagedWorkspace:
 
     def _staged(self, problem: Hierarchy, exact: Stats) -> Solution:
         """The answer of the latest stages; stopped early, a point that keeps to what the levels above left."""
-        steps, factorisations, ended, uncertain, doubtful = self._native.effort()
-        self._latest = self._below_stages() if ended else None
+        steps, ended, uncertain, doubtful = self._native.effort()
+        if not ended:
+            self._latest = None
         status, detail = (Status.RANK_UNCERTAIN, UNSURE) if doubtful else (Status.OPTIMAL, "")
         if not ended:
             status, detail = Status.TIME_LIMIT if self._seconds else Status.ITERATION_LIMIT, ""
         stats = Stats(
             exact.iterations + steps,
-            exact.factorisations + factorisations,
+            exact.factorisations,
             exact.build_s,
             perf_counter() - self._began,
         )
@@ -336,80 +310,21 @@ class StagedWorkspace:
         self._problem = None  # until all of it is bound
         self._plain, self._has_prices = problem.exact(), any(problem.priced)
         self._heads.clear()
-        self._remainders.clear()
         if self._has_prices:
             self._bind_stages(problem)
         self._problem = problem
 
     def _bind_stages(self, problem: Hierarchy) -> None:
         motion, turning = problem.motion, problem.turning
-        priced, n = problem.priced, problem.n
-        lowest = range(priced.index(True) + 1, len(priced))
-        below = {k: _sees_variables(problem, k) for k in lowest if not priced[k]}
-        wide = n + sum(rows.m for rows, price in zip(problem.levels, priced, strict=True) if price)
-        wide += max((problem.levels[k].m for k, alone in below.items() if not alone), default=0)
-        flat = priced[-1] and motion is not None and motion.F.ndim == 2
-        picks = all(below.values()) and not flat
-        metric, origin = problem.metric, problem.origin
-        larger = _room_unless(picks and metric is None, wide, wide), _room_unless(picks and origin is None, wide)
-        law: dict[str, Any] = {
+        self._law = {
             "prices": np.ascontiguousarray(problem.prices),
             "turning": None if turning is None else np.ascontiguousarray(turning),
             "eta": problem.eta,
             "F": None if motion is None else motion.F,
             "f": None if motion is None else motion.f,
-            "metric": (metric, larger[0]),
-            "origin": (origin, larger[1]),
         }
-        self._native.bind([row_arrays(rows) for rows in problem.levels], **law)
-        above = [_room(rows, wide, picks and not price) for rows, price in zip(problem.levels, priced, strict=True)]
-        for k, rows in enumerate(above):
-            self._native.leaves(k, room_arrays(rows))
-        for k, alone in below.items():
-            self._remainders[k] = self._remainder(problem, k, alone, above, wide, *larger)
-        self._law, self._above, self._wide = law, above, wide
-        if flat:
-            self._remainders[len(priced)] = self._remainder(problem, len(priced), True, above, wide, *larger)
-
-    def _remainder(
-        self,
-        problem: Hierarchy,
-        k: int,
-        alone: bool,
-        above: Sequence[Rows],
-        wide: int,
-        metric: Mat | None,
-        origin: Vec | None,
-    ) -> Remainder:
-        """Room for level k below unmet levels, or for the completion, its kernel bound to it and to the stages."""
-        own, every = problem.levels[k] if k < len(problem.levels) else None, np.arange(wide)
-        index = np.concatenate([own.A.index, every]) if own and alone and isinstance(own.A, Selection) else every
-        last = Rows(Selection(index, np.ones(index.size)), np.zeros(index.size), np.zeros(index.size))
-        slack = None if alone or own is None else _room(own, wide, False)
-        whole = Hierarchy((*above[:k], *([slack] if slack else []), last), n=wide, metric=metric, origin=origin)
-        workspace = self._make(replace(whole.shape, inequalities=True))
-        kernel: Kernel = workspace.kernel(whole)  # type: ignore[attr-defined]
-        arrays = None if slack is None else room_arrays(slack)
-        self._native.remains(k, room_arrays(last), arrays, kernel[3], kernel[1][:wide])
-        return Remainder(whole, workspace, kernel, slack is not None)
-
-
-def _sees_variables(problem: Hierarchy, k: int) -> bool:
-    """Whether level k and the motion below unmet levels see single variables."""
-    diagonal = problem.motion is None or problem.motion.F.ndim == 1
-    return diagonal and isinstance(problem.levels[k].A, Selection)
-
-
-def _room_unless(no_need: bool, *shape: int) -> Mat | None:
-    return None if no_need else np.zeros(shape)
-
-
-def _room(rows: Rows, wide: int, picks: bool) -> Rows:
-    """Room for a level over (z, v, s); picks: whether z are the variables."""
-    bounds = np.zeros(rows.m), np.zeros(rows.m)
-    if isinstance(rows.A, Selection) and picks:
-        return Rows(Selection(rows.A.index.copy(), rows.A.scale.copy()), *bounds)
-    return Rows(np.zeros((rows.m, wide)), *bounds)
+        levels = [row_arrays(rows) for rows in problem.levels]
+        self._native.bind(levels, **self._law, metric=problem.metric, origin=problem.origin)
 
 
 def _limit(workspace: Workspace, seconds: float) -> None:
@@ -436,10 +351,3 @@ def row_parts(rows: Rows) -> dict[str, object]:
     """The arrays of rows by name, for a file."""
     A, index, scale, lower, upper = row_arrays(rows)
     return {"A": A, "index": index, "scale": scale, "lower": lower, "upper": upper}
-
-
-def room_arrays(rows: Rows) -> tuple[object, ...]:
-    """What the native stages write: (A, None) or (None, scale), then the bounds."""
-    if isinstance(rows.A, Selection):
-        return None, rows.A.scale, rows.lower, rows.upper
-    return rows.A, None, rows.lower, rows.upper

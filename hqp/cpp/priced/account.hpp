@@ -42,6 +42,7 @@ class Accounts {
     std::fill(shares, shares + level_.size() * width, 0.0);
     std::fill(worth, worth + level_.size(), 0.0);
     const double* lambda = rows.lambda;
+    std::size_t told = rows.told;
     int start = 0;
     for (std::size_t k = 0; k < level_.size(); ++k) {
       const PricedLevel& level = level_[k];
@@ -60,30 +61,32 @@ class Accounts {
       if (std::sqrt(square) > kUnmet * (1.0 + std::sqrt(asked))) {
         push(level, at, w, owner, numbers);
         double* mine = shares + k * width;
-        if (priced && ends[k].known) {
-          const double* point = rows.stages + k * n_;
-          at.motion(point, y_.data());
-          worth[k] = prices[k] * std::sqrt(dot_any(y_.data(), y_.data(), n_));
-          mine[elements] = -prices[k] * dot_any(g_.data(), y_.data(), n_);
+        const std::size_t all = static_cast<std::size_t>(start + level.m);
+        if (ends[k].known) {
+          const double* point = priced ? rows.stages + k * n_ : rows.x;
+          if (priced) {
+            at.motion(point, y_.data());
+            worth[k] = prices[k] * std::sqrt(dot_any(y_.data(), y_.data(), n_));
+            mine[elements] = -prices[k] * dot_any(g_.data(), y_.data(), n_);
+          }
           for (std::size_t q = 0; q < ends[k].rows.size(); ++q) {
             const int row = ends[k].rows[q];
             const double force = ends[k].lambda[q] * product(row, step_.data());
-            const bool counts = ends[k].firm[q] || holds(row, ends[k].lambda[q], rows, at);
+            const bool counts = !priced || ends[k].firm[q] || holds(row, ends[k].lambda[q], rows, at);
             mine[counts ? rows.owner[row] : elements] += force;
           }
-          by_anchors(motions, anchors, static_cast<int>(k), point, prices[k], rows.owner, mine);
-        } else if (!priced && lambda) {
-          const double* above = lambda;
+          by_anchors(motions, anchors, static_cast<int>(k), point, priced ? prices[k] : 1.0, rows.owner, mine);
+        } else if (!priced && told >= all) {
           for (int row = 0; row < start; ++row)
-            if (above[row] != 0.0) mine[rows.owner[row]] -= above[row] * product(row, step_.data());
-          by_anchors(motions, anchors, static_cast<int>(k), rows.x, 1.0, rows.owner, mine);
+            if (lambda[row] != 0.0) mine[rows.owner[row]] -= lambda[row] * product(row, step_.data());
         }
         double sum = 0.0;
         for (int e = 0; e < width; ++e) sum += larger(mine[e], 0.0);  // an element may also push the level's way
         for (int e = 0; e < width; ++e) mine[e] = sum > 0.0 ? larger(mine[e], 0.0) / sum : 0.0;
       }
       start += level.m;
-      if (lambda) lambda += start;
+      const std::size_t passed = std::min(told, static_cast<std::size_t>(start));
+      lambda += passed, told -= passed;
     }
     for (int e = 0; e < elements; ++e) {
       double* out = numbers + 4 * e;

@@ -9,11 +9,16 @@
 #include <cmath>
 #include <vector>
 
+#include "../solver/metric_root.hpp"
 #include "coordinates.hpp"
 #include "stages.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
+
+constexpr double kLost = 1e-11;       // of a row of a level: directions that it does not see
+constexpr double kUnseen = 1e-10;     // of a row: what it sees of such a direction, not to see it
+constexpr double kNearlyFree = 1e-6;  // what a unit of them counts, of the least that it sees
 
 struct Anchor {
   int level = 0, first = 0;  // its first row among all rows
@@ -31,7 +36,14 @@ struct Anchor {
 // The motion of a hierarchy, F (r, n), or a diagonal where r = 0, or the identity, and the motion of its stages.
 class Motions {
  public:
-  Motions(int n, double flat) : n_(n), base_(n, flat), here_(n, flat), row_(padded(n)), step_(padded(n)) {}
+  Motions(int n, double flat)
+      : n_(n),
+        base_(n, flat),
+        here_(n, flat),
+        over_(n, kLost, kNearlyFree, true),
+        choice_(n, kLost, kNearlyFree, true),
+        row_(padded(n)),
+        step_(padded(n)) {}
 
   void set(const double* F, const double* f, int r) {
     F_ = F;
@@ -39,6 +51,11 @@ class Motions {
     r_ = r;
     base_.set(F, f, r);
     count_ = r ? r : n_;
+  }
+
+  void rounding(double length) {
+    rounding_ = length;
+    for (Coordinates* at : {&base_, &here_, &over_}) at->rounding(length);
   }
 
   const Coordinates& base() const { return base_; }
@@ -105,25 +122,116 @@ class Motions {
   const Coordinates& among(const std::vector<Anchor>& anchors) {
     if (anchors.empty()) return base_;
     weigh(anchors, 1.0);
-    scaled_.resize(count_);
-    for (int j = 0; j < count_; ++j) scaled_[j] = std::sqrt(weight_[j]);
-    if (r_) {
-      here_.set(base_, F_, scaled_.data(), mean_.data(), r_);
-      return here_;
-    }
-    for (int j = 0; j < n_; ++j) {
-      mean_[j] *= scaled_[j];
-      scaled_[j] *= size(j);
-    }
-    here_.set(scaled_.data(), mean_.data(), 0);
+    if (!r_) return diagonal(nullptr);
+    stack_.clear();
+    target_.clear();
+    push_motion(-1.0);
+    here_.set(base_, stack_.data(), target_.data(), r_);
     return here_;
   }
 
+  // Coordinates y in which ||w||^2 / 2 of the equality rows of a level and what the anchors add to it is |y|^2 / 2.
+  const Coordinates& over(const PricedLevel& level, const std::vector<Anchor>& anchors) {
+    weigh(anchors, 0.0);
+    if (!r_ && !level.A) return diagonal(&level);
+    stack_.clear();
+    target_.clear();
+    double longest = 0.0;
+    for (int i = 0; i < level.m; ++i) {
+      if (level.lower[i] != level.upper[i]) continue;
+      const double* a = level.A ? level.A + static_cast<std::size_t>(i) * n_
+                                : picked(static_cast<int>(level.index[i]), level.scale[i]);
+      const double square = dot_any(a, a, n_);
+      if (square > rounding_ * rounding_) push(a, 1.0, level.lower[i]);
+      longest = larger(longest, square);
+    }
+    push_motion(kLost * kLost * longest);
+    if (target_.empty()) push(picked(0, 0.0), 0.0, 0.0);
+    over_.set(stack_.data(), target_.data(), static_cast<int>(target_.size()));
+    return over_;
+  }
+
+  // Coordinates y in which |y|^2 / 2 is half the square of the metric's length of x + Z z - origin, or of its length
+  // where there is none; Z' (free, n).
+  const Coordinates& choice(const double* metric, const double* origin, const double* Z, int free, const double* x) {
+    choice_.resize(free);
+    std::copy(x, x + n_, step_.begin());
+    for (int j = 0; j < n_ && origin; ++j) step_[j] -= origin[j];
+    if (!metric) {
+      target_.resize(free);
+      for (int q = 0; q < free; ++q) target_[q] = -dot_any(Z + static_cast<std::size_t>(q) * n_, step_.data(), n_);
+      choice_.set(nullptr, target_.data(), 0);
+      return choice_;
+    }
+    root_.resize(static_cast<std::size_t>(n_) * n_);
+    const int rank = metric_root(metric, n_, root_.data(), row_.data());
+    stack_.assign(static_cast<std::size_t>(std::max(rank, 1)) * free, 0.0);
+    target_.assign(std::max(rank, 1), 0.0);
+    for (int i = 0; i < rank; ++i) {
+      const double* a = &root_[static_cast<std::size_t>(i) * n_];
+      double* b = &stack_[static_cast<std::size_t>(i) * free];
+      dots_any(a, Z, n_, free, n_, b);
+      if (dot_any(b, b, free) > kUnseen * kUnseen * dot_any(a, a, n_)) target_[i] = -dot_any(a, step_.data(), n_);
+      else std::fill(b, b + free, 0.0);
+    }
+    choice_.set(stack_.data(), target_.data(), std::max(rank, 1));
+    return choice_;
+  }
+
  private:
+  // Of a diagonal F, and of a level whose rows pick one variable each.
+  const Coordinates& diagonal(const PricedLevel* level) {
+    stack_.resize(n_);
+    target_.resize(n_);
+    for (int j = 0; j < n_; ++j) {
+      const double weight = weight_[j] * size(j);
+      stack_[j] = weight * size(j);
+      target_[j] = weight * mean_[j];
+    }
+    for (int i = 0; level && i < level->m; ++i) {
+      if (level->lower[i] != level->upper[i]) continue;
+      stack_[level->index[i]] += level->scale[i] * level->scale[i];
+      target_[level->index[i]] += level->scale[i] * level->lower[i];
+    }
+    const double most = *std::max_element(stack_.begin(), stack_.end());
+    for (int j = 0; j < n_; ++j) {
+      stack_[j] = stack_[j] > kNone * most ? std::sqrt(stack_[j]) : 0.0;
+      if (stack_[j] > 0.0) target_[j] /= stack_[j];
+    }
+    Coordinates& to = level ? over_ : here_;
+    to.set(stack_.data(), target_.data(), 0);
+    return to;
+  }
+
+  // Rows of F weighed by the anchors, but for those whose square is no more than this.
+  void push_motion(double least) {
+    for (int j = 0; j < count_; ++j) {
+      const double* a = r_ ? row(j) : picked(j, size(j));
+      const double root = std::sqrt(weight_[j]);
+      if (weight_[j] * dot_any(a, a, n_) > least) push(a, root, root * mean_[j]);
+    }
+  }
+
+  void push(const double* a, double scale, double target) {
+    const std::size_t at = stack_.size();
+    stack_.resize(at + n_);
+    for (int j = 0; j < n_; ++j) stack_[at + j] = scale * a[j];
+    target_.push_back(target);
+  }
+
+  const double* picked(int j, double value) {
+    std::fill(row_.begin(), row_.end(), 0.0);
+    row_[j] = value;
+    return row_.data();
+  }
+
+  static constexpr double kNone = 1e-26;  // a square of a weight that is rounding
+
   int n_, r_ = 0, count_ = 0;
+  double rounding_ = 0.0;
   const double *F_ = nullptr, *f_ = nullptr;
-  Coordinates base_, here_;
-  std::vector<double> row_, step_, weight_, mean_, scaled_;
+  Coordinates base_, here_, over_, choice_;
+  std::vector<double> row_, step_, weight_, mean_, stack_, target_, root_;
 };
 
 }  // namespace HQP_ISA

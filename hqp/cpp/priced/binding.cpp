@@ -14,7 +14,6 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
-#include <nanobind/stl/pair.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
@@ -61,8 +60,7 @@ class Stages final : public hqp::SolveCall {
   Stages(int n, const std::vector<int>& rows, const std::vector<int>& priced, double met, double zero, double flat)
       : n_(n), rows_(rows), core_(n, rows, made(n, rows, priced, {met, zero, flat})) {}
   // levels: (A or None, index or None, scale or None, lower, upper).  prices, turning: one a level.  metric, origin:
-  // the hierarchy's own, None for none, and the larger one to be written from it, None where none is needed.  The
-  // caller keeps the arrays alive, and so does this object.
+  // None for none.  The caller keeps the arrays alive, and so does this object.
   void bind(const nb::list& levels, const Vector& prices, const nb::object& turning, double eta, const nb::object& F,
             const nb::object& f, const nb::object& metric, const nb::object& origin) {
     if (levels.size() != rows_.size() || prices.shape(0) != rows_.size()) refuse("one entry a level");
@@ -97,27 +95,16 @@ class Stages final : public hqp::SolveCall {
     }
     if (!f.is_none()) law.f = checked<Vector>(f, static_cast<std::size_t>(law.r ? law.r : n_));
     hqp::Completion completion;
-    pair(metric, completion.metric, completion.wide_metric);
-    pair(origin, completion.origin, completion.wide_origin);
+    if (!metric.is_none()) {
+      const auto M = nb::cast<Matrix>(metric);
+      if (M.shape(0) != std::size_t(n_) || M.shape(1) != std::size_t(n_)) refuse("metric: wrong shape");
+      completion.metric = M.data();
+    }
+    if (!origin.is_none()) completion.origin = checked<Vector>(origin, std::size_t(n_));
     core_.bind(law, completion);
     kept_ = nb::make_tuple(levels, prices, turning, F, f, metric, origin);
     bound_ = true;
     heads_.clear();
-    rooms_.clear();
-  }
-
-  // Where level k stands above levels without a price: (A (m, wide), None, lower, upper) or (None, scale, lower,
-  // upper).
-  void leaves(int k, const nb::tuple& to) { stages().above()[level(k)] = room(to, std::size_t(rows_[k])); }
-  // Where level k, which has no price, is solved below unmet ones: the last level, its inequality rows or None, the
-  // solve, and the (z, v, s) (wide,) it writes.
-  // k: the number of levels for the completion below the last level, which has a price.
-  void remains(int k, const nb::tuple& last, const nb::object& slack, const nb::capsule& solve, const Vector& z) {
-    const std::size_t at = std::size_t(k) == rows_.size() ? rows_.size() : level(k);
-    const hqp::Room inequalities =
-        slack.is_none() ? hqp::Room{} : room(nb::cast<nb::tuple>(slack), std::size_t(rows_[at]));
-    core_.remains(at, room(last, 0), inequalities, static_cast<int>(z.shape(0)), hqp::call_of(solve), z.data());
-    rooms_.append(nb::make_tuple(solve, z));
   }
 
   // The first level that x does not settle, -1 for none; otherwise stages (levels, n) and last (n) are written.
@@ -158,10 +145,10 @@ class Stages final : public hqp::SolveCall {
   }
   // Time for run() [s], none for 0.
   void limit(double seconds) override { core_.limit(seconds); }
-  // Of the latest solve: the first level that was not settled, 0 for none too; whether all were; whether run() answered
-  // itself; the time since it began [s].
-  std::tuple<int, bool, bool, double> latest() const {
-    return {core_.head(), core_.settled(), core_.answered(), core_.elapsed()};
+  // Of the latest run(): whether it settled all levels or answered itself; the level above which it solved exactly, 0
+  // for all; the time since it began [s].
+  std::tuple<bool, int, double> latest() const {
+    return {core_.settled() || core_.answered(), core_.used(), core_.elapsed()};
   }
 
   // The latest answer is none of the stages': they were not asked.
@@ -189,21 +176,16 @@ class Stages final : public hqp::SolveCall {
   }
 
   // What holds every level back, of the latest solve, for the slacks of all rows, the answer and the multipliers of
-  // exact levels, into one vector: numbers (elements, 4), shares (levels, elements + 1), worth (levels).
+  // the first exact levels, into one vector: numbers (elements, 4), shares (levels, elements + 1), worth (levels).
   void account(const Vector& w, const Vector& x, const std::optional<Vector>& lambda, const Out& out) {
     if (!bound_ || !elements_) refuse("bind() and accounts() come first");
     const std::size_t E = static_cast<std::size_t>(elements_), levels = rows_.size();
-    std::size_t pairs = 0, sum = 0;
-    for (std::size_t k = 0; k < levels; ++k) {
-      sum += static_cast<std::size_t>(rows_[k]);
-      pairs += sum;
-    }
-    if (w.shape(0) != owner_.size() || x.shape(0) != std::size_t(n_) || out.size() != 4 * E + levels * (E + 2) ||
-        (lambda && lambda->shape(0) < pairs))
+    if (w.shape(0) != owner_.size() || x.shape(0) != std::size_t(n_) || out.size() != 4 * E + levels * (E + 2))
       refuse("an array has a wrong shape");
     const Turn turn(busy_);
     double* to = out.data();
-    stages().account({points_, w.data(), owner_.data(), elements_, lambda ? lambda->data() : nullptr, x.data(), near_},
+    const std::size_t told = lambda ? lambda->shape(0) : 0;
+    stages().account({points_, w.data(), owner_.data(), elements_, told ? lambda->data() : nullptr, told, x.data(), near_},
                      to, to + 4 * E, to + 4 * E + levels * (E + 1));
   }
 
@@ -216,12 +198,11 @@ class Stages final : public hqp::SolveCall {
     return stages().describe(x.data(), constraints, activity, violation, slack.data(), marks.data());
   }
 
-  // Steps and factorisations of the latest stages, whether all reached their optima, whether directions were uncertain,
-  // and whether the kernel was not sure of a rank.
-  std::tuple<int, int, bool, bool, bool> effort() {
-    const auto [iterations, factorisations] = core_.counts();
+  // Steps of the latest stages, whether all reached their optima, whether directions were uncertain, and whether the
+  // answer depends on such.
+  std::tuple<int, bool, bool, bool> effort() {
     hqp::PricedStages& latest = core_.stages();
-    return {iterations, factorisations, latest.ended(), latest.uncertain(), latest.doubtful()};
+    return {latest.iterations(), latest.ended(), latest.uncertain(), latest.doubtful()};
   }
   void reset() { core_.reset(); }
 
@@ -242,35 +223,6 @@ class Stages final : public hqp::SolveCall {
   std::size_t level(int k) const {
     if (k < 0 || std::size_t(k) >= rows_.size()) refuse("not a level");
     return static_cast<std::size_t>(k);
-  }
-
-  static void pair(const nb::object& both, const double*& from, double*& to) {
-    if (both.is_none()) return;
-    const auto arrays = nb::cast<nb::tuple>(both);
-    if (!arrays[0].is_none())
-      from = nb::cast<nb::ndarray<const double, nb::c_contig, nb::device::cpu>>(arrays[0]).data();
-    if (!arrays[1].is_none()) to = nb::cast<Out>(arrays[1]).data();
-  }
-
-  // least: rows that it has at least.
-  hqp::Room room(const nb::tuple& to, std::size_t least) {
-    hqp::Room out;
-    const auto lower = nb::cast<Out>(to[2]), upper = nb::cast<Out>(to[3]);
-    const std::size_t m = lower.size();
-    if (m < least || upper.size() != m) refuse("bounds have a wrong shape");
-    out.lower = lower.data();
-    out.upper = upper.data();
-    if (to[0].is_none()) {
-      const auto scale = nb::cast<Out>(to[1]);
-      if (scale.size() != m) refuse("scale has a wrong shape");
-      out.scale = scale.data();
-    } else {
-      const auto A = nb::cast<Out>(to[0]);
-      if (A.ndim() != 2 || A.shape(0) != m) refuse("A has a wrong shape");
-      out.A = A.data();
-    }
-    rooms_.append(to);
-    return out;
   }
 
   int n_;
@@ -295,8 +247,6 @@ NB_MODULE(_priced, m) {
            "priced"_a, "met"_a, "zero"_a, "flat"_a)
       .def("bind", &Stages::bind, "levels"_a, "prices"_a, "turning"_a.none(), "eta"_a, "F"_a.none(), "f"_a.none(),
            "metric"_a.none(), "origin"_a.none())
-      .def("leaves", &Stages::leaves, "level"_a, "to"_a)
-      .def("remains", &Stages::remains, "level"_a, "last"_a, "slack"_a.none(), "solve"_a, "z"_a)
       .def("solve", &Stages::solve, "x"_a, "stages"_a, "last"_a, "head"_a = 0, "seconds"_a = 0.0)
       .def("after", &Stages::after, "exact"_a, "x"_a, "stages"_a, "last"_a)
       .def("above", &Stages::above, "head"_a, "solve"_a, "x"_a)

@@ -13,66 +13,62 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kFree = 1e-5;  // of the least pivot of T: next to nothing
+constexpr double kFreeShare = 1e-5;  // of the least pivot of T: next to nothing
 
 class Coordinates {
  public:
   // flat: a direction whose motion is this fraction of the largest column of F has none.  free: what a unit of it
-  // counts, of the least pivot of T.
-  Coordinates(int n, double flat, double free = kFree)
-      : n_(n), ld_(padded(n)), rank_(n), flat_(flat), share_(free), still_(n, 0.0), inverse_(n, 1.0), unit_(n, 1.0) {}
+  // counts, of the least pivot of T; by_row: flat is of each row of F, which may differ much in length.
+  Coordinates(int n, double flat, double free = kFreeShare, bool by_row = false)
+      : n_(n),
+        ld_(padded(n)),
+        rank_(n),
+        flat_(flat),
+        share_(free),
+        by_row_(by_row),
+        still_(n, 0.0),
+        inverse_(n, 1.0),
+        unit_(n, 1.0),
+        flat_at_(n, 0) {}
 
   // F: (r, n), or its diagonal where r = 0, or null for the identity; f: (r), (n) for a diagonal, or null.
   void set(const double* F, const double* f, int r) {
     diagonal_ = r == 0;
+    if (!diagonal_) return factor(F, f, r, nullptr);
     rank_ = n_;
-    if (diagonal_) {
-      for (int i = 0; i < n_; ++i) {
-        const double size = F ? F[i] : 1.0;
-        if (inverse_[i] != size) unit_[i] = 1.0 / (inverse_[i] = size);
-        still_[i] = f ? f[i] * unit_[i] : 0.0;
-      }
-      return;
+    double least = INFINITY;
+    for (int i = 0; i < n_ && F; ++i)
+      if (F[i] != 0.0) least = smaller(least, std::abs(F[i]));
+    for (int i = 0; i < n_; ++i) {
+      const bool flat = F && F[i] == 0.0;
+      const double size = flat ? share_ * (least < INFINITY ? least : 1.0) : F ? F[i] : 1.0;
+      rank_ -= flat_at_[i] = flat;
+      if (inverse_[i] != size) unit_[i] = 1.0 / (inverse_[i] = size);
+      still_[i] = f && !flat ? f[i] * unit_[i] : 0.0;
     }
-    factor(F, f, r);
   }
 
-  // The coordinates of sum_j more_j^2 ((F x)_j - mean_j)^2 / 2, from those of F (r, n) itself.
-  void set(const Coordinates& base, const double* F, const double* more, const double* mean, int r) {
-    diagonal_ = false;
-    rank_ = base.rank_;
-    free_ = base.free_;
-    order_ = base.order_;
-    T_ = base.T_;
-    Z_ = base.Z_;
-    still_ = base.still_;
-    const int rank = rank_, width = padded(r);
-    columns_.assign(static_cast<std::size_t>(rank + 1) * width, 0.0);  // more Q, column by column, and the target
-    y_.resize(ld_);
-    for (int j = 0; j < r; ++j) {
-      const double* a = F + static_cast<std::size_t>(j) * n_;
-      base.row(a, y_.data());
-      for (int i = 0; i < rank; ++i) columns_[static_cast<std::size_t>(i) * width + j] = more[j] * y_[i];
-      columns_[static_cast<std::size_t>(rank) * width + j] = more[j] * (mean[j] - dot_any(a, still_.data(), n_));
-    }
-    for (int k = 0; k < rank; ++k) reflect_from(k, rank + 1, width, r);
-    std::fill(y_.begin(), y_.end(), 0.0);
-    for (int i = rank - 1; i >= 0; --i) {
-      double value = columns_[static_cast<std::size_t>(rank) * width + i];
-      for (int j = i + 1; j < rank; ++j) value -= columns_[static_cast<std::size_t>(j) * width + i] * y_[j];
-      y_[i] = value / columns_[static_cast<std::size_t>(i) * width + i];
-    }
-    x_.resize(n_);
-    base.step(y_.data(), x_.data());
-    for (int i = 0; i < n_; ++i) still_[i] += x_[i];
-    for (int i = 0; i < rank; ++i) {  // T = R T
-      double* to = &T_[static_cast<std::size_t>(i) * ld_];
-      std::fill(to, to + ld_, 0.0);
-      for (int j = i; j < rank; ++j)
-        add_any(to + j, &base.T_[static_cast<std::size_t>(j) * ld_ + j],
-                columns_[static_cast<std::size_t>(j) * width + i], rank - j);
-    }
+  // The same for rows more_j F_j of an F whose own coordinates, base, find the directions without motion.
+  void set(const Coordinates& base, const double* F, const double* f, int r) { factor(F, f, r, &base); }
+
+  // What a unit of each coordinate is worth in those of x, (n,).
+  void grade(double* worth) const {
+    for (int i = 0; i < n_; ++i)
+      worth[i] = diagonal_   ? std::fabs(inverse_[i])
+                 : i < rank_ ? std::fabs(T_[static_cast<std::size_t>(i) * ld_ + i])
+                             : free_;
   }
+  // Whether coordinate j is motion.
+  bool moves(int j) const { return diagonal_ ? !flat_at_[j] : j < rank_; }
+
+  // Of that many variables, at most as many as at first.
+  void resize(int n) {
+    n_ = n;
+    still_.resize(n);
+  }
+
+  // A length in x that is rounding: a row that sees no more of a direction without motion does not see it.
+  void rounding(double length) { rounding_ = length; }
 
   const double* still() const { return still_.data(); }
   bool diagonal() const { return diagonal_; }
@@ -96,7 +92,34 @@ class Coordinates {
       add_any(b + j + 1, T + j + 1, -f, rank_ - j - 1);
       b[j] = f;
     }
-    for (int i = rank_; i < n_; ++i) b[i] /= free_;
+    for (int i = rank_; i < n_; ++i) b[i] = std::fabs(b[i]) <= rounding_ ? 0.0 : b[i] / free_;
+  }
+
+  // An orthonormal basis of the directions that are motion, or of those that are none, (count, n); the count.
+  int basis(bool motion, double* rows) const {
+    int count = 0;
+    for (int j = 0; j < n_; ++j) {
+      if (moves(j) != motion) continue;
+      double* a = rows + static_cast<std::size_t>(count++) * n_;
+      std::fill(a, a + n_, 0.0);
+      a[j] = 1.0;
+      if (diagonal_) continue;
+      work_.assign(a, a + n_);
+      for (int i = 0; i < rank_; ++i) turn(i, work_.data());
+      for (int i = 0; i < n_; ++i) a[order_[i]] = work_[i];
+    }
+    return count;
+  }
+
+  // b (n, zeros) = the row that picks x_i, as row().
+  void picked_row(int i, double scale, double* b) const {
+    if (diagonal_) {
+      b[i] = picked(i, scale);
+      return;
+    }
+    work_.assign(n_, 0.0);
+    work_[i] = scale;
+    row(work_.data(), b);
   }
 
   // |A P - B|^2 over all entries of m rows, where E is diagonal.
@@ -179,43 +202,93 @@ class Coordinates {
     std::fill(v + k + 1, v + r, 0.0);
   }
 
-  // Reflections with columns in order of what is left of them, and others from the right for what is beyond the rank.
-  void factor(const double* F, const double* f, int r) {
+  // Reflections with columns in order of what is left of them, or that of other coordinates, and others from the right
+  // for what is beyond the rank.
+  void factor(const double* F, const double* f, int r, const Coordinates* base) {
     const int width = padded(r);
+    diagonal_ = false;
     columns_.assign(static_cast<std::size_t>(n_ + 1) * width, 0.0);
     order_.resize(n_);
-    for (int j = 0; j < n_; ++j) {
-      order_[j] = j;
-      for (int i = 0; i < r; ++i)
-        columns_[static_cast<std::size_t>(j) * width + i] = F[static_cast<std::size_t>(i) * n_ + j];
+    for (int j = 0; j < n_; ++j) order_[j] = base ? base->order_[j] : j;
+    sort_rows(F, r);
+    for (int to = 0; to < r; ++to) {
+      const int i = rows_[to].second;
+      double* column = &columns_[to];
+      for (int j = 0; j < n_; ++j)
+        column[static_cast<std::size_t>(j) * width] = F[static_cast<std::size_t>(i) * n_ + order_[j]];
+      if (f) column[static_cast<std::size_t>(n_) * width] = f[i];
     }
-    if (f) std::copy(f, f + r, &columns_[static_cast<std::size_t>(n_) * width]);
-    double least = 0.0, pivot = 1.0;
-    for (rank_ = 0; rank_ < std::min(n_, r); ++rank_) {
-      int best = rank_;
-      double most = -1.0;
-      for (int j = rank_; j < n_; ++j) {
-        const double* c = &columns_[static_cast<std::size_t>(j) * width];
-        const double square = dot_any(c + rank_, c + rank_, r - rank_);
-        if (square > most) most = square, best = j;
-      }
-      if (rank_ == 0) least = flat_ * flat_ * most;
-      if (!(most > least)) break;
-      pivot = std::sqrt(most);
-      if (best != rank_) {
-        double *a = &columns_[static_cast<std::size_t>(rank_) * width],
-               *b = &columns_[static_cast<std::size_t>(best) * width];
-        std::swap_ranges(a, a + r, b);
-        std::swap(order_[rank_], order_[best]);
+    double pivot = 1.0;
+    least_ = 0.0;
+    if (!base) square_.resize(n_);
+    for (int j = 0; j < n_ && !base; ++j) {
+      const double* c = &columns_[static_cast<std::size_t>(j) * width];
+      square_[j] = dot_any(c, c, r);
+    }
+    for (rank_ = 0; rank_ < (base ? base->rank_ : std::min(n_, r)); ++rank_) {
+      if (!base) {
+        const int best = best_column(width, r);
+        if (best < 0) break;
+        if (best != rank_) {
+          double* to = &columns_[static_cast<std::size_t>(rank_) * width];
+          std::swap_ranges(to, to + r, &columns_[static_cast<std::size_t>(best) * width]);
+          std::swap(order_[rank_], order_[best]);
+          std::swap(square_[rank_], square_[best]);
+        }
       }
       reflect_from(rank_, n_ + 1, width, r);
+      pivot = smaller(rank_ ? pivot : INFINITY, std::fabs(columns_[static_cast<std::size_t>(rank_) * width + rank_]));
+      for (int j = rank_ + 1; j < n_ && !base; ++j) {
+        const double gone = columns_[static_cast<std::size_t>(j) * width + rank_];
+        square_[j] -= gone * gone;
+      }
     }
-    free_ = share_ * pivot;
+    free_ = base ? base->free_ : share_ * pivot;
     triangle(width);
     still_.assign(n_, 0.0);
     y_.assign(ld_, 0.0);
     for (int i = 0; i < rank_; ++i) y_[i] = columns_[static_cast<std::size_t>(n_) * width + i];
     step(y_.data(), still_.data());
+  }
+
+  // Rows from the longest to the shortest, so that each keeps its own rounding (Cox and Higham 1998).
+  void sort_rows(const double* F, int r) {
+    rows_.resize(r);
+    for (int i = 0; i < r; ++i) {
+      const double* a = F + static_cast<std::size_t>(i) * n_;
+      rows_[i] = {-dot_any(a, a, n_), i};
+    }
+    std::sort(rows_.begin(), rows_.end());
+  }
+
+  // The column of which the most is left below row rank_, -1 where no column sees more; what is left is found anew
+  // where it was taken from much more.
+  int best_column(int width, int r) {
+    int best = rank_;
+    for (int j = rank_; j < n_; ++j)
+      if (square_[j] > square_[best]) best = j;
+    if (rank_ % 8 == 0 || !(square_[best] > 1e-8 * last_)) {
+      for (int j = rank_; j < n_; ++j) {
+        const double* c = &columns_[static_cast<std::size_t>(j) * width];
+        square_[j] = dot_any(c + rank_, c + rank_, r - rank_);
+        if (square_[j] > square_[best]) best = j;
+      }
+      last_ = square_[best];
+    }
+    if (rank_ == 0 && !by_row_) least_ = flat_ * flat_ * last_;
+    if (sees(best, width, r)) return best;
+    for (int j = rank_; j < n_ && by_row_; ++j)
+      if (sees(j, width, r)) return j;
+    return -1;
+  }
+
+  // Whether what is left of a column is more than rounding: of the longest column, or by_row_ of each row's length.
+  bool sees(int j, int width, int r) const {
+    const double* c = &columns_[static_cast<std::size_t>(j) * width];
+    if (!by_row_) return dot_any(c + rank_, c + rank_, r - rank_) > least_;
+    for (int i = rank_; i < r; ++i)
+      if (c[i] * c[i] > -flat_ * flat_ * rows_[i].first) return true;
+    return false;
   }
 
   // T and Z of the columns: rows of the triangle lose what is beyond the rank, the last first.
@@ -243,12 +316,16 @@ class Coordinates {
   }
 
   int n_, ld_, rank_;
-  double flat_, share_, free_ = 1.0;
-  bool diagonal_ = true;
+  double flat_, share_, free_ = 1.0, rounding_ = 0.0;
+  bool by_row_, diagonal_ = true;
   std::vector<double> still_, inverse_, unit_;
+  std::vector<char> flat_at_;  // of a diagonal, where it is zero
   std::vector<int> order_;     // (n,) the variable of each column of the triangle
   std::vector<double> T_, Z_;  // (rank, ld), and of each reflection its entries beyond the rank, then its scale
-  std::vector<double> columns_, y_, x_;
+  std::vector<double> columns_, square_, y_;
+  std::vector<std::pair<double, int>> rows_;
+  double least_ = 0.0;
+  double last_ = 0.0;  // the most that was left when all columns were looked at
   mutable std::vector<double> work_;
 };
 

@@ -1,6 +1,7 @@
-// An orthonormal basis of the rows of a working set, grown row by row: W = R' Q with Q (rank, N) and R upper
-// triangular. Rows that pick one coordinate (frozen joints), as long as no other row came before, take it out of the
-// rows that follow for nothing.
+// The rows of a working set, grown row by row: Q' a of a row a (N) has entries at the pivots of the rows before it and
+// at its own alone, Q a product of reflections. Each takes its pivot where what is left of its row is largest, so that
+// coordinates of very different size keep their own rounding (Cox and Higham 1998). Rows that pick one coordinate
+// (frozen joints), as long as no other row came before, need no reflection.
 #pragma once
 
 #include <cmath>
@@ -11,106 +12,112 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kDependent = 1e-10;  // what a row of unit length must keep to add a direction
+constexpr double kDependent = 1e-10;  // of a row's length, what it must keep to add a direction
 constexpr double kUncertain = 1e-6;   // less than this, and more than rounding, is an uncertain direction
 
 class RowSpace {
  public:
   RowSpace(int most, int ld)
       : ld_(ld),
-        Q_(static_cast<std::size_t>(most) * ld, 0.0),
-        R_(most * most),
-        parts_(most),
-        z_(most),
-        picks_(most),
-        most_(most) {}
+        most_(most),
+        V_(static_cast<std::size_t>(most) * ld, 0.0),
+        tau_(most),
+        R_(static_cast<std::size_t>(most) * most),
+        pivot_(most),
+        used_(ld, 0) {}
 
   int rank() const { return rank_; }
+  // Whether the first `count` rows determine coordinate j.
+  bool determines(int j, int count) const { return used_[j] != 0 && used_[j] <= count; }
   // Whether a direction was uncertain since this was last set to false.
   bool uncertain = false;
+
   void cut(int rank) {
+    for (int k = rank; k < rank_; ++k) used_[pivot_[k]] = 0;
     rank_ = rank;
     if (picked_ > rank) picked_ = rank;
   }
-  const double* basis(int j) const { return &Q_[static_cast<std::size_t>(j) * ld_]; }
 
-  // Whether the row, of unit length, adds a direction.  only: the place of its one entry, -1 where it has more.
-  bool add(const double* row, int N, int only = -1) {
+  // Whether the row adds a direction.  grade: what a unit of a coordinate is worth in the unit of size, the row's
+  // length, and of rounding, a length that is none; only: the place of its one entry, -1 where it has more.
+  bool add(const double* row, int N, const double* grade, double size, double rounding, int only = -1) {
     if (rank_ == most_) return false;
-    double* q = &Q_[static_cast<std::size_t>(rank_) * ld_];
-    double* r = &R_[rank_];  // column rank_
-    for (int j = 0; j < N; ++j) q[j] = row[j];
-    for (int j = N; j < ld_; ++j) q[j] = 0.0;
-    for (int j = 0; j < rank_; ++j) r[j * most_] = 0.0;
-    if (only >= 0 && rank_ == picked_) return pick(only, q, r);
-    double length = 0.0;
-    for (int pass = 0; pass < 2; ++pass) {
-      take_out(q, N);
-      for (int j = 0; j < rank_; ++j) r[j * most_] += parts_[j];
-      length = std::sqrt(dot_any(q, q, N));
-      if (length > 0.7) break;  // little was taken out, and so little rounding is left
+    double *v = &V_[static_cast<std::size_t>(rank_) * ld_], *r = &R_[static_cast<std::size_t>(rank_) * most_];
+    for (int j = 0; j < N; ++j) v[j] = row[j];
+    turn(v, N);
+    split(v, r);
+    int p = 0;
+    double square = 0.0, rest = 0.0;
+    for (int j = 0; j < N; ++j) {
+      if (std::fabs(v[j]) > std::fabs(v[p])) p = j;
+      square += v[j] * v[j];
+      rest += v[j] * grade[j] * v[j] * grade[j];
     }
-    uncertain = uncertain || (length < kUncertain && length > 1e-14);
-    if (!(length > kDependent)) return false;
-    for (int j = 0; j < N; ++j) q[j] /= length;
-    r[rank_ * most_] = length;
-    ++rank_;
+    rest = std::sqrt(rest);
+    uncertain = uncertain || (rest < kUncertain * size && rest > larger(1e-14 * size, rounding));
+    if (!(rest > larger(kDependent * size, rounding))) return false;
+    const double length = std::sqrt(square);
+    tau_[rank_] = 0.0;
+    r[rank_] = v[p];
+    if (only >= 0 && rank_ == picked_) {
+      ++picked_;
+    } else {
+      r[rank_] = v[p] > 0.0 ? -length : length;
+      tau_[rank_] = 1.0 / (length * (length + std::fabs(v[p])));
+      v[p] -= r[rank_];
+    }
+    pivot_[rank_++] = p;
+    used_[p] = rank_;
     return true;
   }
 
-  // y (N) = the shortest point with W y = b, b (rank).
-  void shortest(const double* b, double* y, int N) {
-    for (int j = 0; j < N; ++j) y[j] = 0.0;
+  // v (N) := Q' v.
+  void turn(double* v, int N) const {
+    for (int k = picked_; k < rank_; ++k) reflect(k, v, N);
+  }
+  // v (N) := Q v.
+  void turn_back(double* v, int N) const {
+    for (int k = rank_ - 1; k >= picked_; --k) reflect(k, v, N);
+  }
+  // part (rank) of a vector that is turned in the space of the rows, which is taken out of it.
+  void split(double* v, double* part) const {
     for (int k = 0; k < rank_; ++k) {
-      double z = b[k];
-      for (int j = 0; j < k; ++j) z -= R_[j * most_ + k] * z_[j];
-      z_[k] = z / R_[k * most_ + k];
-      add_any(y, basis(k), z_[k], N);
+      part[k] = v[pivot_[k]];
+      v[pivot_[k]] = 0.0;
+    }
+  }
+  void join(double* v, const double* part) const {
+    for (int k = 0; k < rank_; ++k) v[pivot_[k]] = part[k];
+  }
+
+  // part (rank) of the points y with a y = b for every row, b (rank).
+  void meet(const double* b, double* part) const {
+    for (int k = 0; k < rank_; ++k) {
+      const double* r = &R_[static_cast<std::size_t>(k) * most_];
+      part[k] = (b[k] - dot_any(r, part, k)) / r[k];
     }
   }
 
-  // v (N) without its part in the row space.
-  void project(double* v, int N) {
-    for (int pass = 0; pass < 2; ++pass) take_out(v, N);
-  }
-
-  // lambda (rank) with W' lambda = the part of g (N) in the row space.
-  void multipliers(const double* g, double* lambda, int N) {
-    dots_any(g, Q_.data(), ld_, rank_, N, parts_.data());
+  // lambda (rank): the sum of lambda_k a_k has this part.
+  void multipliers(const double* part, double* lambda) const {
+    for (int k = 0; k < rank_; ++k) lambda[k] = part[k];
     for (int k = rank_ - 1; k >= 0; --k) {
-      double s = parts_[k];
-      for (int j = k + 1; j < rank_; ++j) s -= R_[k * most_ + j] * lambda[j];
-      lambda[k] = s / R_[k * most_ + k];
+      const double* r = &R_[static_cast<std::size_t>(k) * most_];
+      lambda[k] /= r[k];
+      add_any(lambda, r, -lambda[k], k);
     }
   }
 
  private:
-  bool pick(int at, double* q, double* r) {
-    for (int k = 0; k < picked_; ++k)
-      if (picks_[k] == at) return false;
-    r[rank_ * most_] = q[at];
-    q[at] = 1.0;
-    picks_[picked_++] = at;
-    ++rank_;
-    return true;
+  void reflect(int k, double* v, int N) const {
+    const double* u = &V_[static_cast<std::size_t>(k) * ld_];
+    const double f = tau_[k] * dot_any(u, v, N);
+    if (f != 0.0) add_any(v, u, -f, N);
   }
 
-  // v less its parts along the basis; twice is enough for rounding.
-  void take_out(double* v, int N) {
-    for (int k = 0; k < picked_; ++k) {
-      parts_[k] = v[picks_[k]];
-      v[picks_[k]] = 0.0;
-    }
-    if (picked_ == rank_) return;
-    const double* from = basis(picked_);
-    dots_any(v, from, ld_, rank_ - picked_, N, &parts_[picked_]);
-    add_rows(v, from, ld_, rank_ - picked_, -1.0, &parts_[picked_], 1, N);
-  }
-
-  int ld_;
-  std::vector<double> Q_, R_, parts_, z_;
-  std::vector<int> picks_;  // (picked), coordinates of the rows that pick one, which come first
-  int most_, rank_ = 0, picked_ = 0;
+  int ld_, most_, rank_ = 0, picked_ = 0;
+  std::vector<double> V_, tau_, R_;  // R_: row k the part of row k of the set
+  std::vector<int> pivot_, used_;    // used_: by which row a coordinate is, from 1 on, 0 for none
 };
 
 }  // namespace HQP_ISA

@@ -75,13 +75,11 @@ class Settled {
     taken_out_.clear();
   }
 
-  // The working set of level k a tick later.  set: places among row_of, + 1, negative at the lower bound.
-  void begin_with(int k, const std::vector<int>& set, const std::vector<int>& row_of) {
+  // The working set of level k a tick later: numbers of rows, + 1, negative at the lower bound.
+  void begin_with(int k, const std::vector<int>& set) {
     warm_[k].clear();
-    for (const int entry : set) {
-      const std::size_t place = std::abs(entry) - 1;
-      if (place < row_of.size()) warm_[k].push_back(entry > 0 ? row_of[place] + 1 : -row_of[place] - 1);
-    }
+    for (const int entry : set)
+      if (std::abs(entry) <= first_[k]) warm_[k].push_back(entry);
   }
 
   // Whether priced level k, the next one down, is met for its price.

@@ -10,7 +10,6 @@
 
 #include "account.hpp"
 #include "anchors.hpp"
-#include "remainder.hpp"
 #include "settled.hpp"
 #include "stage_search.hpp"
 #include "stages.hpp"
@@ -27,8 +26,6 @@ class StageLevels final : public PricedStages {
   StageLevels(int n, int levels, const int* m, const bool* priced, const Tolerances& tolerances)
       : n_(n),
         level_(sized(levels, m)),
-        above_(levels),
-        remaining_(levels + 1),
         warm_(levels),
         first_(levels),
         tolerances_(tolerances),
@@ -36,8 +33,9 @@ class StageLevels final : public PricedStages {
         ends_(levels),
         accounts_(n, level_),
         settled_(n, level_, total(levels, m), tolerances.met),
-        remainder_(n, level_, priced),
-        search_(total(levels, m), n + total(levels, m) + most(levels, m)) {
+        variables_(n + total(levels, m) + most(levels, m)),
+        search_(total(levels, m) + most(levels, m) + 2 * variables_, n, variables_),
+        rows_(n, total(levels, m) + most(levels, m) + 2 * variables_, total(levels, m), padded(variables_)) {
     last_ = -1;
     int rows = 0;
     for (int k = 0; k < levels; ++k) {
@@ -45,12 +43,11 @@ class StageLevels final : public PricedStages {
       first_[k] = rows;
       rows += m[k];
     }
-    const int variables = n + rows + most(levels, m);
-    rows_.room(rows, padded(variables));
-    T_.resize(static_cast<std::size_t>(most(levels, m)) * padded(variables));
+    T_.resize(static_cast<std::size_t>(most(levels, m)) * padded(variables_));
     t_.resize(most(levels, m));
-    y_.resize(padded(variables));
-    a_.resize(n);
+    sizes_.resize(most(levels, m));
+    y_.resize(padded(variables_));
+    a_.resize(padded(n));
     x_.resize(n);
     w_.resize(most(levels, m));
     low_.resize(rows);
@@ -59,14 +56,13 @@ class StageLevels final : public PricedStages {
   }
 
   PricedLevel* levels() override { return level_.data(); }
-  Room* above() override { return above_.data(); }
-  Remaining* remaining() override { return remaining_.data(); }
   int iterations() const override { return iterations_; }
   bool ended() const override { return ended_; }
   bool uncertain() const override { return uncertain_; }
   bool doubtful() const override { return doubtful_; }
   void reset() override {
     for (auto& set : warm_) set.clear();
+    chosen_.clear();
     settled_.forget();
   }
 
@@ -94,7 +90,6 @@ class StageLevels final : public PricedStages {
       if (first < 0) {
         first = k;
         std::fill(stages, stages + level_.size() * n_, std::numeric_limits<double>::quiet_NaN());
-        rows_.flat = !motions_.diagonal();
         find_rounding();
         for (int l = 0; l < k; ++l) leave(l, x);
       }
@@ -103,18 +98,16 @@ class StageLevels final : public PricedStages {
         continue;
       }
       if (met) std::copy(x, x + n_, x_.begin());
-      if (priced) stage(k);
-      else if (asks(k)) remainder(k);
+      if (priced || asks(k)) stage(k);
       if (!ended_ && late()) break;  // the levels below begin where this one does
       leave(k, x_.data());
       if (priced) {
         anchor(k, x_.data());
-        if (!anchored(k) && met) settled_.begin_with(k, warm_[k], row_of_);  // it ended at the point of least motion
+        if (!anchored(k) && met) settled_.begin_with(k, warm_[k]);  // it ended at the point of least motion
         std::copy(x_.begin(), x_.end(), stages + static_cast<std::size_t>(k) * n_);
       }
       if (anchors_.empty() && head > 0 && k == head) return -2;
     }
-    uncertain_ = uncertain_ || search_.uncertain();
     if (anchors_.empty() && ended_) return -1;  // every level hands down its rows as they are
     finish();
     std::copy(x_.begin(), x_.end(), last);
@@ -163,19 +156,16 @@ class StageLevels final : public PricedStages {
     if (limited_)
       end_ = Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
     search_.limit(seconds);
-    search_.restart();
     motions_.set(law_.F, law_.f, law_.r);
+    motions_.rounding(0.0);
     iterations_ = 0;
     ended_ = true;
     uncertain_ = doubtful_ = false;
     anchors_.clear();
-    forget_rows();
+    open_ = false;
     for (StageEnd& end : ends_) end.known = false;
   }
 
-  double left() const {
-    return limited_ ? larger(std::chrono::duration<double>(end_ - Clock::now()).count(), 1e-6) : 0.0;
-  }
   bool late() const { return limited_ && Clock::now() > end_; }
 
   const double* row(const PricedLevel& level, int i) {
@@ -267,7 +257,6 @@ class StageLevels final : public PricedStages {
       anchor.part[i] = equal ? 1.0 : std::abs(w_[i]) / norm;
     }
     motions_.complete(anchor, law_.turning ? law_.turning[k] : 0.0, x, [&](int i) { return row(level, i); });
-    forget_rows();
   }
 
   // Rows no longer than this are rounding: a level of such rows has no stage.
@@ -275,101 +264,89 @@ class StageLevels final : public PricedStages {
     double longest = 0.0;
     for (const PricedLevel& level : level_)
       for (int i = 0; i < level.m; ++i) longest = larger(longest, square(level, i));
-    rounding_ = kRoundingRow * kRoundingRow * longest;
+    rounding_ = kRoundingRow * std::sqrt(longest);
+    rows_.rounding(rounding_);
+    motions_.rounding(rounding_);
   }
 
-  void forget_rows() {
-    rows_.count = gathered_ = bands_ = 0;
-    row_of_.clear();
+  // Row i of a level, between these bounds.
+  StageRow bounded(int k, int i, double low, double high) const {
+    const PricedLevel& level = level_[k];
+    StageRow to;
+    if (level.A) to.a = level.A + static_cast<std::size_t>(i) * n_;
+    else to.only = static_cast<int>(level.index[i]), to.scale = level.scale[i];
+    to.lower = low, to.upper = high;
+    to.number = first_[k] + i;
+    return to;
   }
 
-  // The rows that levels above k leave, in motion coordinates.  Those of an anchor move by bands, variables of their
-  // own: c_k y^2 / 2 is what they cost.
-  void gather(int k, const Coordinates& at) {
-    if (!anchors_.empty()) {  // other coordinates than those of the stage before
-      forget_rows();
-      uncertain_ = uncertain_ || search_.uncertain();
-      search_.restart();
-    }
+  // The rows that levels above k leave.  Those of an anchor move by bands, coordinates of their own of which y^2 / 2 is
+  // what they cost.  The number of coordinates.
+  int gather(int k) {
+    int N = n_;
     std::size_t next = 0;
-    for (; gathered_ < k; ++gathered_) {
-      const Anchor* anchor = nullptr;
-      if (next < anchors_.size() && anchors_[next].level == gathered_) anchor = &anchors_[next++];
-      const PricedLevel& level = level_[gathered_];
+    for (int l = 0; l < k; ++l) {
+      const Anchor* anchor = next < anchors_.size() && anchors_[next].level == l ? &anchors_[next++] : nullptr;
       const double root = anchor ? std::sqrt(anchor->give) : 0.0;
-      for (int i = 0; i < level.m; ++i) {
-        const int row_number = first_[gathered_] + i;
-        double low = low_[row_number], high = high_[row_number];
-        if (low == -INFINITY && high == INFINITY) continue;
-        const bool held = anchor && anchor->held[i];
-        if (!level.A && !held && at.diagonal()) {
-          const int j = static_cast<int>(level.index[i]);
-          const double shift = level.scale[i] * at.still()[j];
-          if (!rows_.pick(rows_.count, j, at.picked(j, level.scale[i]), low - shift, high - shift)) continue;
-        } else {
-          const double *a = row(level, i), shift = dot_any(a, at.still(), n_);
-          double* c = rows_.row(rows_.count);
-          std::fill(c, c + rows_.ld, 0.0);
-          at.row(a, c);
-          if (held) {
-            c[n_ + bands_] = -root;
-            low = anchor->low[i];
-            high = anchor->high[i];
-            y_[n_ + bands_] = slack(dot_any(a, x_.data(), n_), low, high) / root;
-            ++bands_;
-          }
-          if (!rows_.close(rows_.count, n_ + bands_, low - shift, high - shift, std::sqrt(dot_any(a, a, n_)))) continue;
+      for (int i = 0; i < level_[l].m; ++i) {
+        if (!anchor || !anchor->held[i]) {
+          rows_.add(bounded(l, i, low_[first_[l] + i], high_[first_[l] + i]));
+          continue;
         }
-        ++rows_.count;
-        row_of_.push_back(row_number);
+        StageRow to = bounded(l, i, anchor->low[i], anchor->high[i]);
+        to.band = N;
+        to.share = -root;
+        y_[N] = slack(product(level_[l], i, x_.data()), to.lower, to.upper) / root;
+        N += rows_.add(to);
       }
     }
+    return N;
   }
 
   // Level k over what the levels above leave, from x_ to its optimum.
   void stage(int k) {
     const PricedLevel& level = level_[k];
-    const double price = law_.prices[k];
-    const Coordinates& at = motions_.among(anchors_);
-    gather(k, at);
+    const bool priced = law_.prices[k] > 0.0;
+    const Coordinates& at = priced ? motions_.among(anchors_) : motions_.over(level, anchors_);
+    rows_.begin(at, n_);
+    int N = gather(k);
+    const int own = rows_.count(), ld = padded(variables_);
     at.motion(x_.data(), y_.data());
-    const int own = rows_.count, ld = rows_.ld;
-    int N = n_ + bands_, m = 0;
-    double longest = 0.0;
-    std::fill(y_.begin() + N, y_.end(), 0.0);
-    std::fill(T_.begin(), T_.end(), 0.0);
+    Aim aim{T_.data(), t_.data(), sizes_.data(), ld, 0, priced ? law_.prices[k] : 1.0};
+    double longest = priced ? 0.0 : INFINITY;
     for (int i = 0; i < level.m; ++i) {
-      if (level.left_out(i)) continue;
-      longest = larger(longest, square(level, i));
+      const bool equal = level.lower[i] == level.upper[i];
+      if (level.left_out(i) || (equal && !priced)) continue;
       const double* a = row(level, i);
-      const double shift = dot_any(a, at.still(), n_);
-      double* T = &T_[static_cast<std::size_t>(m) * ld];
-      if (level.lower[i] == level.upper[i]) {
-        at.row(a, T);
-        t_[m++] = level.lower[i] - shift;
-        continue;
+      double* T = &T_[static_cast<std::size_t>(aim.m) * ld];
+      if (priced) {
+        longest = larger(longest, sizes_[aim.m] = std::sqrt(dot_any(a, a, n_)));
+        std::fill(T, T + ld, 0.0);
+        t_[aim.m++] = equal ? level.lower[i] - dot_any(a, at.still(), n_) : 0.0;
+        if (equal) {
+          at.row(a, T);
+          continue;
+        }
       }
-      // lower <= a y - s <= upper with a slack s = y[N] / kSlackMotion that the level keeps small
-      double* c = rows_.row(rows_.count);
-      std::fill(c, c + ld, 0.0);
-      at.row(a, c);
-      c[N] = -1.0 / kSlackMotion;
-      T[N] = 1.0 / kSlackMotion;
-      t_[m++] = 0.0;
-      y_[N] = kSlackMotion * slack(dot_any(a, x_.data(), n_), level.lower[i], level.upper[i]);
-      const double low = level.lower[i] - shift, high = level.upper[i] - shift;
-      if (rows_.close(rows_.count, N + 1, low, high, std::sqrt(square(level, i)))) ++rows_.count;
-      ++N;
+      // lower <= a x - s <= upper with a slack s = unit y[N] that the level keeps small
+      const double unit = priced ? 1.0 / kSlackMotion : 1.0;
+      StageRow to = bounded(k, i, level.lower[i], level.upper[i]);
+      y_[N] = slack(product(level, i, x_.data()), to.lower, to.upper) / unit;
+      to.band = N;
+      to.share = -unit;
+      rows_.grade(N, 1.0 / unit);
+      if (priced) T[N] = unit;
+      N += rows_.add(to);
     }
-    if (longest <= rounding_) m = 0;
-    if (m) {
-      const bool reached =
-          search_.solve(rows_, own, N, T_.data(), t_.data(), m, price, y_.data(), warm_[k], iterations_);
-      ended_ = ended_ && reached;
-      note(k, own, reached);
-      at.point(y_.data(), x_.data());
-    }
-    rows_.count = own;
+    if (longest <= rounding_) return;
+    const bool reached = search_.solve(rows_, N, aim, y_.data(), warm_[k], iterations_);
+    ended_ = ended_ && reached;
+    uncertain_ = uncertain_ || search_.uncertain();
+    doubtful_ = doubtful_ || (!priced && search_.uncertain());
+    note(k, own, reached);
+    at.point(y_.data(), x_.data());
+    seen_by_ = &at;
+    open_ = leaves(at, n_);
   }
 
   // How the stage of level k ended.
@@ -382,42 +359,86 @@ class StageLevels final : public PricedStages {
     for (std::size_t q = 0; q < search_.held().size(); ++q) {
       const int i = search_.held()[q];
       if (i >= own) continue;
-      end.rows.push_back(row_of_[i]);
-      end.lambda.push_back(search_.multipliers()[q] / rows_.length[i]);
-      end.firm.push_back(rows_.equal[i]);
+      end.rows.push_back(rows_[i].number);
+      end.lambda.push_back(search_.multipliers()[q]);
+      end.firm.push_back(rows_[i].equal());
     }
   }
 
-  // Level k, which has no price, below an unmet one.
-  void remainder(int k) {
-    const Remaining& rest = remaining_[k];
-    remainder_.write(k, anchors_, low_.data(), high_.data(), motions_, above_.data(), rest, completion_);
-    const int outcome = rest.solve->run(left());
-    doubtful_ = doubtful_ || outcome == kUncertainRank;
-    if (outcome == 0 || outcome == kUncertainRank) remainder_.point(rest.z, x_.data());
-    else ended_ = false;
-  }
-
-  // Which of the answers, where the last level has a price and motion leaves a choice.
+  // Which of the answers, where the last level leaves a choice x_ + Z z, Z (n, free) the directions that it does not
+  // see: the shortest by the metric from the origin, then the shortest; hard and anchored rows as they are.
   void finish() {
-    const Remaining& rest = remaining_.back();
-    if (!ended_ || !rest.solve || motions_.base().rank() == n_) return;
-    remainder_.finish(anchors_, low_.data(), high_.data(), motions_, x_.data(), above_.data(), rest, completion_);
-    if (rest.solve->run(left()) == 0) remainder_.point(rest.z, x_.data());
-    else doubtful_ = true;
+    if (!ended_ || !open_) return;
+    free_.resize(static_cast<std::size_t>(n_) * n_);
+    const int free = seen_by_->basis(false, free_.data());
+    z_.assign(free, 0.0);
+    const bool metric = completion_.metric != nullptr;
+    for (int pass = 0, seen = 0; pass < (metric ? 2 : 1) && (pass == 0 || open_); ++pass) {
+      const double* origin = pass ? nullptr : completion_.origin;
+      const Coordinates& at =
+          motions_.choice(pass ? nullptr : completion_.metric, origin, free_.data(), free, x_.data());
+      rows_.begin(at, free);
+      for (int q = 0; q < seen; ++q) choose_with(&seen_[static_cast<std::size_t>(q) * free], 0.0, 0.0, z_.data());
+      gather_choice(free);
+      at.motion(z_.data(), y_.data());
+      if (!search_.solve(rows_, free, Aim{}, y_.data(), chosen_, iterations_)) {
+        doubtful_ = true;
+        break;
+      }
+      at.point(y_.data(), z_.data());
+      seen_.resize(static_cast<std::size_t>(free) * free);
+      seen = at.basis(true, seen_.data());
+      open_ = leaves(at, free);
+    }
+    add_rows(x_.data(), free_.data(), n_, free, 1.0, z_.data(), 1, n_);
   }
 
-  static constexpr int kUncertainRank = 1;  // an outcome of the kernel, hqp/cpp/solver/problem.hpp
+  // Rows a (free,) that stay within these bounds on top of what they are at z.
+  void choose_with(const double* a, double low, double high, const double* z) {
+    const double value = dot_any(a, z, rows_.n());
+    StageRow to;
+    to.a = a, to.lower = value + low, to.upper = value + high;
+    rows_.add(to);
+  }
+
+  void gather_choice(int free) {
+    rows_z_.resize(low_.size() * static_cast<std::size_t>(free));
+    const std::vector<double> none(free, 0.0);
+    double* a = rows_z_.data();
+    std::size_t next = 0;
+    for (int l = 0; l < static_cast<int>(level_.size()); ++l) {
+      const Anchor* anchor = next < anchors_.size() && anchors_[next].level == l ? &anchors_[next++] : nullptr;
+      for (int i = 0; i < level_[l].m; ++i, a += free) {
+        const bool held = anchor && anchor->held[i];
+        double low = held ? anchor->low[i] : low_[first_[l] + i], high = held ? anchor->high[i] : high_[first_[l] + i];
+        if (low == -INFINITY && high == INFINITY) continue;
+        const double* whole = row(level_[l], i);
+        dots_any(whole, free_.data(), n_, free, n_, a);
+        if (dot_any(a, a, free) <= kUnseen * kUnseen * dot_any(whole, whole, n_)) continue;
+        const double value = dot_any(whole, x_.data(), n_);
+        const bool equal = low == high;
+        choose_with(a, equal ? 0.0 : std::min(low - value, 0.0), equal ? 0.0 : std::max(high - value, 0.0),
+                    none.data());
+      }
+    }
+  }
+
+  // Whether the equalities of the latest search leave a direction that its coordinates do not see.
+  bool leaves(const Coordinates& at, int n) const {
+    for (int j = 0; j < n; ++j)
+      if (!at.moves(j) && !search_.determines(j)) return true;
+    return false;
+  }
 
   int n_, last_ = -1, iterations_ = 0;
-  int gathered_ = 0, bands_ = 0;  // levels whose rows are gathered, and variables of anchored rows
   bool ended_ = true, uncertain_ = false, doubtful_ = false, limited_ = false;
+  const Coordinates* seen_by_ = nullptr;  // of the latest stage
+  bool open_ = false;                     // whether it left a choice
   double rounding_ = 0.0;
   Clock::time_point end_;
   std::vector<PricedLevel> level_;
-  std::vector<Room> above_;
-  std::vector<Remaining> remaining_;
   std::vector<std::vector<int>> warm_;
+  std::vector<int> chosen_;
   std::vector<int> first_;  // each level's first row among all
   Law law_;
   Completion completion_;
@@ -425,13 +446,12 @@ class StageLevels final : public PricedStages {
   Motions motions_;
   std::vector<Anchor> anchors_;
   std::vector<StageEnd> ends_;
-  std::vector<int> row_of_;
   Accounts accounts_;
   Settled settled_;
-  Remainder remainder_;
+  int variables_;  // of a stage
   StageSearch search_;
   StageRows rows_;
-  std::vector<double> T_, t_, y_, a_, x_, w_, low_, high_;
+  std::vector<double> T_, t_, sizes_, free_, seen_, rows_z_, z_, y_, a_, x_, w_, low_, high_;
 };
 
 }  // namespace HQP_ISA

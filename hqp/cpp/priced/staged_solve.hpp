@@ -16,23 +16,6 @@ namespace hqp {
 
 constexpr int kUnsettled = 98;  // an outcome: the exact answer does not settle every priced level
 
-// An exact hierarchy's kernel, as the stages call it.
-class CountedCall final : public ExactCall {
- public:
-  explicit CountedCall(SolveCall* call) : call_(call) {}
-  int run(double seconds) override {
-    call_->limit(seconds);
-    const Solved solved = call_->run(nullptr);
-    iterations += solved.iterations;
-    factorisations += solved.factorisations;
-    return solved.outcome;
-  }
-  int iterations = 0, factorisations = 0;
-
- private:
-  SolveCall* call_;
-};
-
 class StagedSolve final : public SolveCall {
  public:
   StagedSolve(int n, std::vector<int> rows, std::unique_ptr<PricedStages> stages)
@@ -49,15 +32,7 @@ class StagedSolve final : public SolveCall {
     stages_->bind(law, completion);
     head_ = 0;
     heads_.clear();
-    exact_solves_.clear();
     answers_ = false;
-  }
-  // Where level k, which has no price, is solved below unmet ones: see Remaining; k: the number of levels for the
-  // completion below the last level, which has a price.
-  void remains(std::size_t k, const Room& last, const Room& slack, int wide, SolveCall* solve, const double* z) {
-    Remaining& rest = stages_->remaining()[k];
-    exact_solves_.push_back(std::make_unique<CountedCall>(solve));
-    rest = {last, slack, wide, exact_solves_.back().get(), z};
   }
   // The exact solve that run() begins with, its x, and where stages (levels, n) and the last point (n) go.
   void after(SolveCall* exact, const double* x, double* stages, double* last) {
@@ -76,15 +51,18 @@ class StagedSolve final : public SolveCall {
 
   Solved run(const double* v) override {
     began_ = Clock::now();
+    used_ = 0;
     const int level = head_;
     if (level) {
       const auto at = std::find_if(heads_.begin(), heads_.end(), [&](const Head& h) { return h.level == level; });
       if (at == heads_.end()) return {kAskPython};
       head_ = 0;
+      used_ = level;
       Solved solved = at->solve->run(v);
       if (begins(solved) && staged(at->x, level) >= 0) return answered(solved);
       if (limit_ > 0.0) exact_->limit(left());
     }
+    used_ = 0;
     Solved solved = exact_->run(v);
     if (level && limit_ > 0.0) exact_->limit(limit_);
     if (!begins(solved)) head_ = level;  // cut: nothing tells that another level is the first that is not met
@@ -95,7 +73,6 @@ class StagedSolve final : public SolveCall {
 
   // As PricedStages::solve.
   int start(const double* x, int head, double seconds, double* stages, double* last) {
-    for (const auto& solve : exact_solves_) solve->iterations = solve->factorisations = 0;
     const int first = stages_->solve(x, head, seconds, stages, last);
     settled_ = first < 0;
     answered_ = false;
@@ -106,25 +83,17 @@ class StagedSolve final : public SolveCall {
   // The level above which all are settled, for the next solve; 0 for none known.
   int head() const { return head_; }
   void begin_at(int head) { head_ = head; }
-  // Of the latest solve: whether all levels were settled, whether run() answered itself; the time since it began [s].
+  // Of the latest run(): whether all levels were settled, whether it answered itself; the level above which it solved
+  // exactly, 0 for all; the time since it began [s].
   bool settled() const { return settled_; }
   bool answered() const { return answered_; }
+  int used() const { return used_; }
   double elapsed() const { return std::chrono::duration<double>(Clock::now() - began_).count(); }
   // The latest answer is none of the stages': they were not asked.
   void unasked() { settled_ = answered_ = false; }
   void reset() {
     stages_->reset();
     head_ = 0;
-  }
-
-  // Steps and factorisations of the latest stages.
-  std::pair<int, int> counts() const {
-    std::pair<int, int> sum{stages_->iterations(), 0};
-    for (const auto& solve : exact_solves_) {
-      sum.first += solve->iterations;
-      sum.second += solve->factorisations;
-    }
-    return sum;
   }
 
  private:
@@ -153,9 +122,7 @@ class StagedSolve final : public SolveCall {
     std::copy(end_, end_ + n_, values_.begin());
     if (stages_->describe(end_, constraints_, activity_, violation_, values_.data() + n_, marks_.data())) return solved;
     solved.outcome = kOptimal;
-    const auto [iterations, factorisations] = counts();
-    solved.iterations += iterations;
-    solved.factorisations += factorisations;
+    solved.iterations += stages_->iterations();
     solved.values = values_.data(), solved.active = marks_.data();
     solved.points = to_, solved.point_count = rows_.size() * n_;
     answered_ = true;
@@ -165,11 +132,10 @@ class StagedSolve final : public SolveCall {
   int n_;
   std::vector<int> rows_;
   std::unique_ptr<PricedStages> stages_;
-  std::vector<std::unique_ptr<CountedCall>> exact_solves_;
   SolveCall* exact_ = nullptr;
   const double* x_ = nullptr;
   double *to_ = nullptr, *end_ = nullptr;
-  int head_ = 0;
+  int head_ = 0, used_ = 0;
   bool settled_ = false, answered_ = false;
   std::vector<Head> heads_;
   bool answers_ = false;

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 
 namespace hqp {
@@ -24,43 +25,21 @@ inline double slack(double value, double lower, double upper) {
   return value > upper ? value - upper : value < lower ? value - lower : 0.0;
 }
 
-// An exact hierarchy that another module solves.
-class ExactCall {
- public:
-  virtual ~ExactCall() = default;
-  virtual int run(double seconds) = 0;  // the kernel's outcome; seconds: 0 for no limit
-};
-
-// Rows of an exact hierarchy over (z, v, s), to be written: A, or scale where each row picks one variable.
-struct Room {
-  double *A = nullptr, *scale = nullptr, *lower = nullptr, *upper = nullptr;
-};
-
-// A level without a price below one that has one: the last level of the exact hierarchy over (z, v, s) and the one
-// before it, of its inequality rows (none where it picks variables and F is a diagonal), the solve, and (z, v, s)
-// (wide,) after it.
-struct Remaining {
-  Room last, slack;
-  int wide = 0;
-  ExactCall* solve = nullptr;
-  const double* z = nullptr;
-};
-
-// What chooses among optima, of the hierarchy (n) and of exact ones over (z, v, s) (wide), to be written; null for
-// none.
+// What chooses among optima; null for none.
 struct Completion {
   const double *metric = nullptr, *origin = nullptr;  // (n, n), (n,)
-  double *wide_metric = nullptr, *wide_origin = nullptr;
 };
 
 // What an account is made of: stages as solve wrote them; slacks w of all rows; owner: the element of each row.
-// lambda: multipliers of exact levels, level k after level k - 1, (m_0 + ... + m_k) each, or null.
+// lambda (told): multipliers of the first levels, level k after level k - 1, (m_0 + ... + m_k) each, for those that
+// were no stage.
 struct AccountRows {
   const double* stages = nullptr;
   const double* w = nullptr;
   const std::int32_t* owner = nullptr;
   int elements = 0;
   const double* lambda = nullptr;
+  std::size_t told = 0;
   const double* x = nullptr;
   double near = 0.0;
 };
@@ -83,9 +62,7 @@ struct Law {
 class PricedStages {
  public:
   virtual ~PricedStages() = default;
-  virtual PricedLevel* levels() = 0;   // to be filled once
-  virtual Room* above() = 0;           // of each level, as a level above one without a price
-  virtual Remaining* remaining() = 0;  // of each level without a price below one that has one, and below the last
+  virtual PricedLevel* levels() = 0;  // to be filled once
   virtual void bind(const Law& law, const Completion& completion) = 0;
   // x: the exact answer of all levels, or of those above level `head` where it is not 0.  The first level that it does
   // not settle, -1 for none; otherwise stages (levels, n) hold the points of priced levels from that one on (NaN
@@ -98,7 +75,7 @@ class PricedStages {
   virtual int iterations() const = 0;
   virtual bool ended() const = 0;      // whether every stage reached its optimum
   virtual bool uncertain() const = 0;  // whether one met uncertain directions
-  virtual bool doubtful() const = 0;   // whether the kernel was not sure of a rank below them
+  virtual bool doubtful() const = 0;   // whether the answer depends on uncertain directions below them
   virtual void reset() = 0;            // forget the warm start
   // What holds every level back at the answer of the latest solve (account.hpp).
   virtual void account(const AccountRows& rows, double* numbers, double* shares, double* worth) = 0;

@@ -71,7 +71,6 @@ class PlannedSolve {
   void reset() {
     exact_->reset(false);
     for (const auto& one : heads_) one->reset(false);
-    for (const auto& one : remainders_) one->reset(false);
     if (staged_) staged_->reset();
   }
 
@@ -103,28 +102,11 @@ class PlannedSolve {
       law_.F = p.doubles("F", law_.r ? static_cast<std::size_t>(law_.r) * n : n);
     }
     law_.f = p.maybe("f", law_.r ? law_.r : n);
-    std::vector<Node> remainders = p.parts("remainders");
-    if (p.integer("wide") < n) throw PlanError("the stages of the plan have a wrong size");
-    const std::size_t wide = static_cast<std::size_t>(p.integer("wide"));
-    Completion completion;
-    pair(p.parts("metric"), n, wide, true, completion.metric, completion.wide_metric);
-    pair(p.parts("origin"), n, wide, false, completion.origin, completion.wide_origin);
+    const Completion completion{exact_->problem.metric, exact_->problem.origin};
     staged_->bind(law_, completion);
-    const std::vector<Node> above = p.parts("above");
-    if (above.size() != count) throw PlanError("the plan tells of other levels than it has");
-    for (std::size_t k = 0; k < count; ++k) staged_->stages().above()[k] = room(above[k], wide);
     for (const Node& head : p.parts("heads")) {
       heads_.push_back(kernel_of(head));
       staged_->above(head.integer("level"), heads_.back().get(), heads_.back()->numbers().data());
-    }
-    for (const Node& rest : remainders) {
-      const std::vector<Node> own = rest.parts("levels");
-      const int k = rest.integer("level");
-      if (own.size() < 2 || k < 0 || std::size_t(k) > count) throw PlanError("a remainder of the plan is none");
-      remainders_.push_back(kernel_of(rest));
-      const Room slack = rest.flag("slack") ? room(own[own.size() - 2], wide) : Room{};
-      staged_->remains(k, room(own.back(), wide), slack, static_cast<int>(wide), remainders_.back().get(),
-                       remainders_.back()->numbers().data());
     }
     end_ = p.doubles("end", n);
     staged_->after(exact_.get(), exact_->numbers().data(), p.doubles("points", count * n), p.doubles("end", n));
@@ -132,24 +114,8 @@ class PlannedSolve {
     staged_->answers(exact_->problem.constraints, activity_, violation_);
   }
 
-  static void pair(const std::vector<Node>& both, std::size_t n, std::size_t wide, bool square, const double*& from,
-                   double*& to) {
-    if (both.size() != 2) throw PlanError("a pair of the plan is none");
-    if (!both[0].is_none()) from = both[0].doubles(square ? n * n : n);
-    if (!both[1].is_none()) to = both[1].doubles(square ? wide * wide : wide);
-  }
-  static Room room(const Node& p, std::size_t wide) {
-    Room found;
-    const std::size_t m = p.part("lower").size();
-    found.A = p.has("A") ? p.doubles("A", m * wide) : nullptr;
-    if (!found.A) found.scale = p.doubles("scale", m);
-    found.lower = p.doubles("lower", m);
-    found.upper = p.doubles("upper", m);
-    return found;
-  }
-
   std::unique_ptr<BoundKernel> exact_;
-  std::vector<std::unique_ptr<BoundKernel>> heads_, remainders_;
+  std::vector<std::unique_ptr<BoundKernel>> heads_;
   std::unique_ptr<StagedSolve> staged_;
   Law law_;
   const double* end_ = nullptr;

@@ -3,6 +3,7 @@
 
 #include "arena.hpp"
 #include "dense.hpp"
+#include "metric_root.hpp"
 #include "problem.hpp"
 
 namespace hqp {
@@ -265,7 +266,7 @@ struct Table {
     if (problem.metric) {
       Level level;
       level.A = metric_rows;
-      level.m = root(problem.metric);
+      level.m = metric_root(problem.metric, n, metric_rows, scratch);
       if (level.m < 0) {
         identity_ = -1;
         return false;
@@ -306,36 +307,6 @@ struct Table {
 
   const double* goal_ = nullptr;  // (n,) of the last level
   int identity_ = -1;             // where the rows of the least norm begin, if they are still there
-
-  // Pivoted Cholesky: metric = rows' rows, stopped at 1e-10 of the largest entry; the number of rows, -1 if not finite.
-  int root(const double* metric) {
-    double largest = 0.0;
-    double* left = scratch;  // of the diagonal, -1 for a pivot
-    for (int i = 0; i < n; ++i) {
-      const double* row = metric + static_cast<std::ptrdiff_t>(i) * n;
-      if (dot_any(row, zeros, n) != 0.0) return -1;  // 0 times what is not finite
-      left[i] = row[i];
-      largest = larger(largest, row[i]);
-    }
-    int rank = 0;
-    for (; rank < n; ++rank) {
-      int p = 0;
-      for (int i = 1; i < n; ++i)
-        if (left[i] > left[p]) p = i;
-      if (!(left[p] > 1e-10 * largest)) break;
-      double* row = metric_rows + static_cast<std::ptrdiff_t>(rank) * n;
-      const double* given = metric + static_cast<std::ptrdiff_t>(p) * n;
-      for (int j = 0; j < n; ++j) row[j] = 0.5 * (given[j] + metric[static_cast<std::ptrdiff_t>(j) * n + p]);
-      add_rows(row, metric_rows, n, rank, -1.0, metric_rows + p, n, n);
-      const double d = 1.0 / std::sqrt(row[p]);
-      for (int j = 0; j < n; ++j) {
-        row[j] = left[j] < 0.0 ? 0.0 : row[j] * d;
-        if (left[j] >= 0.0) left[j] = larger(left[j] - row[j] * row[j], 0.0);
-      }
-      left[p] = -1.0;
-    }
-    return rank;
-  }
 
   // Level 0 as bounds on variables, if every row picks one and the bounds agree.
   bool take_box(const Level& level) {

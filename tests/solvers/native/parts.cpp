@@ -360,35 +360,43 @@ static void level_along_step() {
   }
 }
 
-// The first `picks` of the rows pick one coordinate each.
-static void row_space(int picks) {
+// The first `picks` of the rows pick one coordinate each.  free: what the last coordinates are divided by.
+static void row_space(int picks, double free) {
   const int n = 7, ld = padded(n), m = 4;
   RowSpace space(n, ld);
+  std::vector<double> grade(n, 1.0);
+  for (int j = n - 2; j < n; ++j) grade[j] = free;
   std::vector<std::vector<double>> W;
   for (int i = 0; i < m; ++i) {
     auto row = random_vector(ld);
-    const double length = std::sqrt(dot_any(row.data(), row.data(), n));
-    for (double& x : row) x /= length;
     const int only = i < picks ? (2 * i + 1) % n : -1;
     if (only >= 0) {
       std::fill(row.begin(), row.end(), 0.0);
       row[only] = i % 2 ? -1.0 : 1.0;
     }
-    if (!space.add(row.data(), n, only)) ++failures;
-    if (only >= 0 && space.add(row.data(), n, only)) small("row space: a coordinate picked twice", 1.0);
+    const double size = std::sqrt(dot_any(row.data(), row.data(), n));
+    for (int j = 0; j < n; ++j) row[j] /= grade[j];
+    if (!space.add(row.data(), n, grade.data(), size, 0.0, only)) ++failures;
+    if (only >= 0 && space.add(row.data(), n, grade.data(), size, 0.0, only))
+      small("row space: a coordinate picked twice", 1.0);
     W.push_back(row);
   }
-  if (space.add(W[1].data(), n)) small("row space: a dependent row added", 1.0);
+  if (space.add(W[1].data(), n, grade.data(), 1.0, 0.0)) small("row space: a dependent row added", 1.0);
   const auto b = random_vector(m), mu = random_vector(m);
-  std::vector<double> y(ld), g(ld), lambda(m);
-  space.shortest(b.data(), y.data(), n);
+  std::vector<double> y(ld), g(ld), part(m), lambda(m);
+  space.meet(b.data(), part.data());
+  space.join(y.data(), part.data());
+  space.turn_back(y.data(), n);
   for (int i = 0; i < m; ++i) {
     small("row space: W y = b", dot_any(W[i].data(), y.data(), n) - b[i]);
     add_any(g.data(), W[i].data(), mu[i], n);
   }
-  space.multipliers(g.data(), lambda.data(), n);
+  space.turn(g.data(), n);
+  space.split(g.data(), part.data());
+  space.multipliers(part.data(), lambda.data());
   for (int i = 0; i < m; ++i) small("row space: multipliers", lambda[i] - mu[i], 1e-11);
-  space.project(y.data(), n);
+  space.turn(y.data(), n);
+  space.split(y.data(), part.data());
   for (int j = 0; j < n; ++j) small("row space: not the shortest", y[j]);
 }
 
@@ -436,27 +444,32 @@ static void stage_search() {
   for (int trial = 0; trial < 300; ++trial) {
     const int n = 6, pairs = 4, m = 4, count = 2 * pairs + 2 * n, ld = padded(n);
     const double price = 0.01;
-    StageRows rows;
-    rows.room(count, ld);
-    rows.count = count;
-    std::vector<double> y(ld), T(static_cast<std::size_t>(m) * ld), t(m);
-    for (int j = 0; j < n; ++j) y[j] = 0.3 * random_number();
-    for (int i = 0; i < 2 * pairs; ++i) {
-      double* c = rows.row(i);
-      for (int j = 0; j < n; ++j) c[j] = i % 2 ? rows.row(i - 1)[j] + 1e-9 * random_number() : random_number();
-      double length = 0.0, value = 0.0;
-      for (int j = 0; j < n; ++j) length += c[j] * c[j];
-      for (int j = 0; j < n; ++j) value += c[j] * y[j];
-      length = std::sqrt(length);
-      (void)rows.close(i, n, -INFINITY, value + 3e-10 * random_number() * length, length);
+    Coordinates at(n, 1e-7);
+    at.set(nullptr, nullptr, 0);
+    StageRows rows(n, count, count, ld);
+    rows.begin(at, n);
+    std::vector<double> y(ld), T(static_cast<std::size_t>(m) * ld), t(m), size(m), C(2 * pairs * n);
+    for (int j = 0; j < n; ++j) y[j] = larger(-1.0, smaller(1.0, 0.3 * random_number()));
+    StageRow row;
+    row.number = 0;
+    for (int i = 0; i < 2 * pairs; ++i, ++row.number) {
+      double* c = &C[i * n];
+      for (int j = 0; j < n; ++j) c[j] = i % 2 ? c[j - n] + 1e-9 * random_number() : random_number();
+      const double length = std::sqrt(dot_any(c, c, n));
+      row.a = c, row.lower = -INFINITY, row.upper = dot_any(c, y.data(), n) + 3e-10 * random_number() * length;
+      rows.add(row);
     }
+    row.a = nullptr;
     for (int j = 0; j < n; ++j) {
-      rows.pick(2 * pairs + j, j, 1.0, -1.0, 1.0);
-      rows.pick(2 * pairs + n + j, j, 1.0, y[j] - 0.01 * std::fabs(random_number()), INFINITY);
+      row.only = j, row.lower = -1.0, row.upper = 1.0;
+      rows.add(row), ++row.number;
+      row.lower = y[j] - 0.01 * std::fabs(random_number()), row.upper = INFINITY;
+      rows.add(row), ++row.number;
     }
     for (int i = 0; i < m; ++i) {
       for (int j = 0; j < n; ++j) T[i * ld + j] = random_number();
       t[i] = 10.0 * random_number();
+      size[i] = std::sqrt(dot_any(&T[i * ld], &T[i * ld], n));
     }
     const auto worth = [&] {
       double square = 0.0, moved = 0.0;
@@ -468,16 +481,16 @@ static void stage_search() {
       return std::sqrt(square) + 0.5 * price * moved;
     };
     const double before = worth();
-    StageSearch search(count, n);
+    StageSearch search(count, n, n);
     search.limit(0.0);
-    search.restart();
     std::vector<int> working;
     int iterations = 0;
-    small("stage: not reached", !search.solve(rows, 0, n, T.data(), t.data(), m, price, y.data(), working, iterations));
+    const Aim aim{T.data(), t.data(), size.data(), ld, m, price};
+    small("stage: not reached", !search.solve(rows, n, aim, y.data(), working, iterations));
     small("stage: value rises", larger(worth() - before, 0.0), 1e-6);
     for (int i = 0; i < count; ++i) {
-      const double value = rows.value(i, y.data(), n);
-      small("stage: row left", larger(larger(rows.lower[i] - value, value - rows.upper[i]), 0.0), 2e-9);
+      const double value = rows[i].value(y.data(), y.data(), n);
+      small("stage: row left", larger(larger(rows[i].lower - value, value - rows[i].upper), 0.0) / rows[i].size, 2e-9);
     }
   }
 }
@@ -494,7 +507,8 @@ int main() {
   level_search();
   row_sorted_least_squares();
   level_along_step();
-  for (int picks : {0, 2, 4}) row_space(picks);
+  for (int picks : {0, 2, 4})
+    for (double free : {1.0, 1e-7}) row_space(picks, free);
   secular_equation();
   stage_search();
   std::printf("%d failures\n", failures);
