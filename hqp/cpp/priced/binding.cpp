@@ -185,8 +185,9 @@ class Stages final : public hqp::SolveCall {
     const Turn turn(busy_);
     double* to = out.data();
     const std::size_t told = lambda ? lambda->shape(0) : 0;
-    stages().account({points_, w.data(), owner_.data(), elements_, told ? lambda->data() : nullptr, told, x.data(), near_},
-                     to, to + 4 * E, to + 4 * E + levels * (E + 1));
+    stages().account(
+        {points_, w.data(), owner_.data(), elements_, told ? lambda->data() : nullptr, told, x.data(), near_}, to,
+        to + 4 * E, to + 4 * E + levels * (E + 1));
   }
 
   // slack (rows) and marks (rows) of x, as in Solution; whether a row of the first levels is violated.
