@@ -34,9 +34,9 @@ class Stages:
     def limit(self, seconds: float) -> None:
         """Time for solves by way of that capsule [s], none for 0."""
 
-    def latest(self) -> tuple[bool, int, float]:
-        """Whether the latest run of the capsule settled all levels or answered itself, the level above which it solved
-        exactly, 0 for all, the time since it began [s]."""
+    def latest(self) -> tuple[bool, bool, int, float]:
+        """Whether the latest run of the capsule settled all levels, whether it answered itself, the level above which
+        it solved exactly, 0 for all, the time since it began [s]."""
 
     def unasked(self) -> None:
         """The latest answer came without the stages: ``latest`` is to tell nothing of those before."""

@@ -56,6 +56,7 @@ class StagedWorkspace:
         self._make = exact
         self._exact = exact(replace(shape, priced=()))
         self._latest: Workspace | None = self._exact
+        self._staged_it = False
         self._native = stages_of(shape.n, shape.rows, shape.priced)
         self._points: Mat = np.full((len(shape.rows), shape.n), np.nan)
         self._end: Vec = np.zeros(shape.n)
@@ -104,7 +105,7 @@ class StagedWorkspace:
         if solution.status.cut:
             x = problem.better(solution.x, self._last_x)
             if x is not solution.x:
-                self._latest = None  # no multipliers
+                self._latest, self._staged_it = None, False  # no multipliers
                 solution = finish(problem, x, solution.status, solution.stats, solution.detail, describe=self._describe)
         self._last_x = solution.x.copy()  # a caller may write into what is given away
         return solution
@@ -151,7 +152,7 @@ class StagedWorkspace:
                 return found
             else:
                 counts = self._in_the_rest(solve)
-            self._latest = self._exact
+            self._latest, self._staged_it = self._exact, False
             if counts[0] not in BEGINS:
                 native.head = head
                 return counts
@@ -229,12 +230,14 @@ class StagedWorkspace:
     def tell(self) -> Vec | None:
         """Multipliers of the workspace that gave the latest answer: rows above each level, then its own.
 
-        Those of the levels above the stages, where these gave it.
+        Those of the levels above the stages, none where they are not at hand, where these gave it.
         """
-        alone, head, _ = self._native.latest()
-        latest = self._latest if not alone else self._heads[head][0] if head else self._exact
-        told: Callable[[], Vec | None] = getattr(latest, "tell", lambda: None)
-        return told()
+        settled, answered, head, _ = self._native.latest()
+        latest, staged = self._latest, self._staged_it
+        if settled or answered:
+            latest, staged = self._heads[head][0] if head else self._exact, answered
+        told: Vec | None = getattr(latest, "tell", lambda: None)()
+        return np.zeros(0) if told is None and staged else told
 
     def answer(self, problem: Hierarchy, counts: Counts) -> Solution:
         """The solution of the latest solve of ``kernel``."""
@@ -246,7 +249,7 @@ class StagedWorkspace:
 
     def _priced(self, problem: Hierarchy, exact: Solution) -> Solution:
         """The exact solution, or that of the stages from the first level that it does not settle."""
-        self._latest = self._exact
+        self._latest, self._staged_it = self._exact, False
         if not self._has_prices or not self._begins(problem, exact):
             self._native.unasked()
             return exact
@@ -268,6 +271,7 @@ class StagedWorkspace:
     def _staged(self, problem: Hierarchy, exact: Stats) -> Solution:
         """The answer of the latest stages; stopped early, a point that keeps to what the levels above left."""
         steps, ended, uncertain, doubtful = self._native.effort()
+        self._staged_it = ended
         if not ended:
             self._latest = None
         status, detail = (Status.RANK_UNCERTAIN, UNSURE) if doubtful else (Status.OPTIMAL, "")

@@ -145,10 +145,10 @@ class Stages final : public hqp::SolveCall {
   }
   // Time for run() [s], none for 0.
   void limit(double seconds) override { core_.limit(seconds); }
-  // Of the latest run(): whether it settled all levels or answered itself; the level above which it solved exactly, 0
-  // for all; the time since it began [s].
-  std::tuple<bool, int, double> latest() const {
-    return {core_.settled() || core_.answered(), core_.used(), core_.elapsed()};
+  // Of the latest run(): whether it settled all levels, whether it answered itself; the level above which it solved
+  // exactly, 0 for all; the time since it began [s].
+  std::tuple<bool, bool, int, double> latest() const {
+    return {core_.settled(), core_.answered(), core_.used(), core_.elapsed()};
   }
 
   // The latest answer is none of the stages': they were not asked.
