@@ -20,8 +20,8 @@ test: setup
 	$(PYTEST) -m "not slow"
 
 # And what draws many or goes on for long.
-test-all: setup
-	$(PYTEST)
+test-all: test
+	$(PYTEST) -m slow
 
 # The viewer in headless Chromium; on Debian: apt-get install --no-install-recommends chromium
 test-browser: setup
