@@ -31,6 +31,9 @@ STILL = 0.2
 LACKING = 0.9
 """A task that lacks this share of what it asks for does not move."""
 
+FALLING = 0.01
+"""A task that comes nearer by this share within the patience is on its way."""
+
 NEAR = 0.02
 """A joint this near to a limit is at it [rad, m]."""
 
@@ -56,7 +59,7 @@ class StuckWatch:
         self._patience = math.ceil(PATIENCE / (self._period * dt))
         self.due = self._period if self._tasks else math.inf
         """The tick of the next look; 0 while there is a note."""
-        self._next, self._looks, self._name = self._period, 0, ""
+        self._next, self._looks, self._name, self._begin = self._period, 0, "", 0.0
         self._query: Query | None = None
         self._note: Stuck | None = None
 
@@ -78,9 +81,14 @@ class StuckWatch:
     def _decide(self, line: Line, tick: Tick) -> None:
         name, off, unit = self._off(line, tick)
         if not name or name != self._name:
-            self._name, self._looks, self._note = name, 0, None
+            self._name, self._looks, self._begin, self._note = name, 0, off, None
             return
         self._looks += 1
+        if off < (1.0 - FALLING) * self._begin:
+            self._looks, self._begin, self._note = 0, off, None
+            return
+        if self._looks % self._patience == 0:
+            self._begin = off
         if self._looks < self._patience:
             return
         if self._query is None or self._query.outdated(tick.state.q, line.last_references):

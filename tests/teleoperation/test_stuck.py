@@ -12,6 +12,7 @@ import pytest
 
 import hqp
 from benchmarks.calm.arrival import Case, case
+from benchmarks.calm.drawn import scene
 from hqp import Level, P, Stack, Status, Tick
 from hqp.arrays import Vec
 from hqp.goals import ways_out
@@ -134,6 +135,17 @@ def test_a_slow_task_is_not_stuck() -> None:
     _, tick, when = until_stuck(robot, stack, [hand.at(goal)], q, 0.005, 4.0)
     assert tick.way_out() is None
     assert when > 3.9
+
+
+def test_a_hand_that_creeps_on_is_not_stuck() -> None:
+    """A quadruped's trunk that comes out of its corner within 9 s."""
+    drawn = scene(55, "acceleration")
+    robot = drawn.subject.robot
+    aims = list(drawn.targets(0.0))
+    q, tick, _ = until_stuck(robot, drawn.stack, aims, robot.home.copy(), drawn.dt, 12.0, hqp.Acceleration())
+    assert tick.way_out() is None
+    hand: Any = drawn.stack.find("hand")
+    assert np.linalg.norm(hand.error(robot.state(q), aims[0].value)) < 1e-3
 
 
 @pytest.mark.slow
