@@ -55,3 +55,27 @@ def test_no_address_but_those_of_the_project() -> None:
     for page in filter(Path.is_file, pages):
         for address in ADDRESS.findall(page.read_text(encoding="utf-8")):
             assert address.startswith(allowed), f"{page.relative_to(ROOT)}: {address}"
+
+
+def test_actions_of_workflows_are_pinned_by_commit() -> None:
+    """A tag may be moved to other code, a commit not."""
+    used = [
+        (path.name, action)
+        for path in sorted((ROOT / ".github" / "workflows").glob("*.yml"))
+        for action in re.findall(r"uses: (\S+)", path.read_text(encoding="utf-8"))
+    ]
+    assert used
+    for name, action in used:
+        assert re.fullmatch(r"[\w.-]+/[\w.-]+@[0-9a-f]{40}", action), f"{name}: {action}"
+
+
+def test_formatters_have_one_version() -> None:
+    """Hooks take those of the environment, and that has one series of each."""
+    hooks = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
+    dev = PROJECT["optional-dependencies"]["dev"]
+    for name in ("ruff", "clang-format"):
+        assert re.findall(rf"entry: (\S*{name})\b", hooks)
+        assert set(re.findall(rf"entry: (\S*{name})\b", hooks)) == {f".venv/bin/{name}"}
+        assert not re.search(rf"repo: \S*{name}", hooks)
+        (asked,) = [each for each in dev if each.startswith(name)]
+        assert re.fullmatch(rf"{name}>=[\d.]+,<[\d.]+", asked), asked
