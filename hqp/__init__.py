@@ -14,6 +14,7 @@ from hqp.loop.safety import Braking, RateLimits, StateBounds
 from hqp.price import Price
 from hqp.problem import Hierarchy, Motion, Rows, Selection, Solution, Status
 from hqp.reference import Reference
+from hqp.sequence import Phase, Sequence
 from hqp.session import Controller, Note, Session, Tick
 from hqp.stack import Level, Stack
 
@@ -50,6 +51,7 @@ __all__ = [
     "Motion",
     "Note",
     "P",
+    "Phase",
     "Price",
     "PurePythonWarning",
     "RateLimits",
@@ -57,6 +59,7 @@ __all__ = [
     "Rows",
     "Selection",
     "SelfMotion",
+    "Sequence",
     "Session",
     "Solution",
     "Stack",

@@ -14,6 +14,8 @@ from hqp.element import REGISTRY, Element
 from hqp.errors import DeclarationError, closest
 from hqp.law import Law
 from hqp.price import Price
+from hqp.sequence import Sequence as Phases
+from hqp.sequence import from_dicts, to_dicts
 from hqp.stack import Level, Stack
 
 if sys.version_info >= (3, 11):
@@ -47,7 +49,7 @@ def from_dict(tree: Mapping[str, Any]) -> Stack:
     """The stack of such dictionaries; raises DeclarationError for unknown keys, classes or fields (closest named)."""
     if not isinstance(tree, Mapping):
         raise DeclarationError("stack", "not a table", value=tree)
-    _known(tree, ("level", "subject_to"), "stack")
+    _known(tree, ("level", "subject_to", "phase"), "stack")
     levels = []
     for entry in _tables(tree, "level", "stack"):
         _known(entry, ("name", "price", "when", "element"), "level")
@@ -64,13 +66,29 @@ def from_dict(tree: Mapping[str, Any]) -> Stack:
 
 def loads(text: str) -> Stack:
     """The stack of a TOML text; raises DeclarationError where it is no TOML or no stack."""
+    return from_dict(_tree(text))
+
+
+def loads_phases(text: str) -> Phases:
+    """The Sequence of a TOML text, its tables ``[[phase]]``, beside a stack or alone.
+
+    Raises DeclarationError where it is no TOML, or has no phases.
+    """
+    return from_dicts(_tables(_tree(text), "phase", "sequence"))
+
+
+def dumps_phases(sequence: Phases) -> str:
+    """A Sequence as TOML, read back by ``loads_phases`` to an equal one."""
+    return "\n".join(line for entry in to_dicts(sequence) for line in ("[[phase]]", *_pairs(entry), ""))
+
+
+def _tree(text: str) -> dict[str, Any]:
     try:
-        tree = tomllib.loads(text)
+        return tomllib.loads(text)
     except RecursionError as error:
         raise DeclarationError("stack", "not TOML: nested too deeply") from error
     except (TypeError, ValueError) as error:  # TOMLDecodeError, a number of thousands of digits, no text
         raise DeclarationError("stack", f"not TOML: {error}") from error
-    return from_dict(tree)
 
 
 def load(path: str | Path) -> Stack:

@@ -74,12 +74,14 @@ class Tick:
 
     status: the worst of the tick.  held: for how many ticks the command has been coming to rest because no answer was
     usable, 0 in normal operation.  count: the tick's number in its session.  transition: how far a change of stack has
-    come, 1 where none is under way.  phase: as of ``Session.step``.  The rest is computed when it is first asked for.
+    come, 1 where none is under way.  phase: as of ``Session.step``.  event: what a
+    Sequence began in it, "" for nothing.  The rest is computed when it is first asked for.
     """
 
     __slots__ = (
         "_before", "_change", "_command", "_direct", "_line", "_notes", "_record", "_solution", "_state",
-        "_times", "_x", "count", "fit", "held", "phase", "status", "transition",
+        "_times", "_x", "count", "event", "fit", "held", "phase", "status",
+        "transition",
     )  # fmt: skip
 
     def __init__(
@@ -102,7 +104,7 @@ class Tick:
         one to start from."""
         self._line: Line | None = line
         self._direct, self.count = line.direct, line.guards.count
-        self.phase = line.guards.phase
+        self.phase, self.event = line.guards.phase, ""
         self._record, self._solution = record, solution
         self._state, self._before, self._times, self._x = state, before, times, x
         self.status, self._notes, self.held, self.fit = status, notes, held, fit
@@ -289,7 +291,9 @@ class Tick:
         plain = {"_line": None, "_direct": None, "_record": None, "_before": None}
         made = {"_x": self.x.copy(), "_command": self.command, "_notes": self.notes, "_times": self.times}
         made |= {"_solution": self.solution, "_change": self._compared, "_state": self.state}
-        kept = {name: getattr(self, name) for name in ("count", "fit", "held", "phase", "status", "transition")}
+        kept = {
+            name: getattr(self, name) for name in ("count", "event", "fit", "held", "phase", "status", "transition")
+        }
         return {**plain, **made, **kept}
 
     def __setstate__(self, kept: dict[str, Any]) -> None:

@@ -1,0 +1,326 @@
+"""Sequences: named phases of one stack, and the timed and measured events that lead from one to the next."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from hqp.element import Task
+from hqp.errors import DeclarationError, closest
+from hqp.reference import Reference
+from hqp.robot import State
+
+if TYPE_CHECKING:
+    from hqp.session import Session
+    from hqp.tick import Tick
+
+Action = Callable[[State], object]
+"""What is called when a phase begins or ends, before the rows of that tick are written."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that is measured or told; ``kind`` names it in files."""
+
+    kind: ClassVar[str]
+
+    name: str
+
+    def happens(self, run: Run) -> bool:
+        """Whether it is the case in this tick."""
+        raise NotImplementedError
+
+    def require(self, session: Session) -> None:
+        """Raise DeclarationError for a name that is not there."""
+
+
+@dataclass(frozen=True)
+class loaded(Event):  # read as words: until=loaded("left", 40.0)
+    """The contact of that name was measured to bear so much or more [N], by ``reference.loaded`` of this tick."""
+
+    kind = "loaded"
+
+    newtons: float
+
+    def happens(self, run: Run) -> bool:
+        """False where nothing was measured."""
+        return run.loads.get(self.name, -math.inf) >= self.newtons
+
+    def require(self, session: Session) -> None:
+        """Raise DeclarationError for what is no contact."""
+        contacts = [e.name for e in session.stack if e.is_contact]
+        if self.name not in contacts:
+            raise DeclarationError(self.kind, "no such contact", value=self.name, allowed=", ".join(contacts) or "none")
+
+
+@dataclass(frozen=True)
+class unloaded(loaded):
+    """The contact of that name was measured to bear so much or less [N]."""
+
+    kind = "unloaded"
+
+    def happens(self, run: Run) -> bool:
+        """False where nothing was measured."""
+        return run.loads.get(self.name, math.inf) <= self.newtons
+
+
+@dataclass(frozen=True)
+class near(Event):
+    """The task of that name is within a distance of its reference: ||e|| <= distance, in the unit of its rows."""
+
+    kind = "near"
+
+    distance: float
+
+    def happens(self, run: Run) -> bool:
+        """By the error at the state of this tick, to the reference of this tick or the hold value."""
+        task: Any = run.session.stack.find(self.name)
+        held = run.session.hold_values.get(self.name)
+        value = next((r.value for r in run.references if r.name == self.name and r.value is not None), held)
+        return value is not None and float(np.linalg.norm(task.error(run.state, value))) <= self.distance
+
+    def require(self, session: Session) -> None:
+        """Raise DeclarationError for what is no task."""
+        if not isinstance(element := session.stack.find(self.name), Task):
+            raise DeclarationError(self.name, f"is a {type(element).__name__}", allowed="a task")
+
+
+@dataclass(frozen=True)
+class signal(Event):
+    """The program said so: ``run.tell(name)`` since the phase began."""
+
+    kind = "signal"
+
+    def happens(self, run: Run) -> bool:
+        """Whether it was told."""
+        return self.name in run.told
+
+
+EVENTS: dict[str, type[Event]] = {kind.kind: kind for kind in (loaded, unloaded, near, signal)}
+"""Events by their names in files."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Phase:
+    """One phase: the ``name`` that levels and elements have as their ``when``, and what ends it.
+
+    It ends once it has lasted ``after`` [s] and ``until`` happens, whichever are given; without either it lasts until
+    ``Run.go``.  to: the phase that follows, the next one of the sequence by default, the first after the last.
+    within [s]: where it has not ended by then the event ``late <name>`` is told, and ``late`` follows, if given.
+    Raises DeclarationError for times that are not positive and finite.
+    """
+
+    name: str
+    after: float | None = None
+    until: Event | None = None
+    to: str | None = None
+    within: float | None = None
+    late: str | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise DeclarationError("phase", "no name", value=self.name, allowed="a string")
+        for what in ("after", "within"):
+            value = getattr(self, what)
+            if value is None:
+                continue
+            if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < math.inf:
+                raise DeclarationError(f"phase {self.name}", f"bad {what}", value=value, unit="s", allowed="above 0")
+        if self.until is not None and not isinstance(self.until, Event):
+            allowed = ", ".join(f"{kind}(...)" for kind in EVENTS)
+            raise DeclarationError(f"phase {self.name}", "until is no event", value=self.until, allowed=allowed)
+        if self.late is not None and self.within is None:
+            raise DeclarationError(f"phase {self.name}", "late without a time", value=self.late, allowed="within=...")
+
+
+class Sequence:
+    """Phases in their order; plain data, equal where their phases are.
+
+    Raises DeclarationError for names that occur twice or are not there.
+    """
+
+    def __init__(self, *phases: Phase) -> None:
+        self.phases = tuple(phases)
+        if not phases or not all(isinstance(phase, Phase) for phase in phases):
+            raise DeclarationError("sequence", "no phases", value=phases, allowed="Phase(...), one or more")
+        self._by_name = {phase.name: phase for phase in phases}
+        if len(self._by_name) < len(phases):
+            raise DeclarationError("sequence", "a name occurs twice", value=[phase.name for phase in phases])
+        for phase in phases:
+            for what in (phase.to, phase.late):
+                if what is not None:
+                    self.find(what)
+
+    def find(self, name: str) -> Phase:
+        """The phase of that name; raises DeclarationError with the closest names."""
+        if name not in self._by_name:
+            near_by = ", ".join(closest(name, self._by_name) or self._by_name)
+            raise DeclarationError("sequence", "no phase of that name", value=name, allowed=near_by)
+        return self._by_name[name]
+
+    def after(self, phase: Phase) -> Phase:
+        """The one that follows."""
+        if phase.to is not None:
+            return self.find(phase.to)
+        return self.phases[(self.phases.index(phase) + 1) % len(self.phases)]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Sequence) and self.phases == other.phases
+
+    def __hash__(self) -> int:
+        return hash(self.phases)
+
+    def __repr__(self) -> str:
+        return f"Sequence({', '.join(map(repr, self.phases))})"
+
+    def run(
+        self,
+        session: Session,
+        *,
+        entry: Mapping[str, Action] | None = None,
+        exit: Mapping[str, Action] | None = None,
+    ) -> Run:
+        """The sequence at work on a session, from its first phase on.
+
+        entry, exit: what is called with the state when a phase of that name begins and ends.  Raises DeclarationError
+        for names that are not there: phases of the stack, contacts and tasks of events, phases of entry and exit, and
+        for a phase in which constraints and actuators do not determine the motion.
+        """
+        return Run(self, session, entry or {}, exit or {})
+
+
+class Run:
+    """A sequence on a session; ``step`` takes the place of ``session.step``.
+
+    phase: the one of the latest tick.  since [s]: its age in that tick.  loads: what contacts were measured to bear in
+    it, by name [N].  told: signals since the phase began.
+    """
+
+    def __init__(
+        self, sequence: Sequence, session: Session, entry: Mapping[str, Action], exit: Mapping[str, Action]
+    ) -> None:
+        self.sequence, self.session, self.entry, self.exit = sequence, session, entry, exit
+        presence = session.line.presence
+        for name in (*presence.phases, *entry, *exit):
+            sequence.find(name)
+        for phase in sequence.phases:
+            if phase.until is not None:
+                phase.until.require(session)
+            if phase.name not in presence.phases and (why := session.program.refuses(presence.of(None, ()))):
+                raise DeclarationError(f"phase {phase.name}", why, allowed="contacts that determine the motion")
+        self.phase = sequence.phases[0]
+        self.ticks = -1
+        self.loads: dict[str, float] = {}
+        self.told: set[str] = set()
+        self.references: tuple[Reference, ...] = ()
+        self.state: State
+        self._next: Phase | None = None
+        self._is_late = False
+
+    @property
+    def since(self) -> float:
+        """For how long the phase has lasted [s]."""
+        return max(self.ticks, 0) * self.session.dt
+
+    def tell(self, name: str) -> None:
+        """A signal for events of that name, good until the phase ends."""
+        self.told.add(name)
+
+    def go(self, name: str) -> None:
+        """That phase begins with the next tick; raises DeclarationError for one that is not there."""
+        self._next = self.sequence.find(name)
+
+    def step(self, state: State, *references: Reference, now: float | None = None) -> Tick:
+        """One tick of the session in the phase that is due; ``tick.phase`` and ``tick.event`` tell of it.
+
+        The event is the name of a phase that begins, ``late <name>`` for one that did not end in time, else "".
+        """
+        self.state, self.references = state, references
+        measured = ((r.name, getattr(r, "load", None)) for r in references)
+        self.loads = {name: load for name, load in measured if load is not None}
+        event = self._advance() if state.valid else ""
+        known = self.phase.name in self.session.line.presence.phases
+        tick = self.session.step(state, *references, now=now, phase=self.phase.name if known else None)
+        tick.phase, tick.event = self.phase.name, event
+        return tick
+
+    def _advance(self) -> str:
+        """Take the phase of this tick; what happened."""
+        self.ticks += 1
+        phase, following, event = self.phase, self._next, ""
+        if self.ticks == 0:
+            return self._begin(following or phase)
+        if following is None and self._ended(phase):
+            following = self.sequence.after(phase)
+        elif following is None and phase.within is not None and not self._is_late and self._past(phase.within):
+            self._is_late, event = True, f"late {phase.name}"
+            following = None if phase.late is None else self.sequence.find(phase.late)
+        if following is not None:
+            if action := self.exit.get(phase.name):
+                action(self.state)
+            began = self._begin(following)
+            event = event or began
+        return event
+
+    def _begin(self, phase: Phase) -> str:
+        self.phase, self.ticks, self._next, self._is_late = phase, 0, None, False
+        self.told.clear()
+        if action := self.entry.get(phase.name):
+            action(self.state)
+        return phase.name
+
+    def _past(self, seconds: float) -> bool:
+        return self.ticks * self.session.dt >= seconds - 0.5 * self.session.dt
+
+    def _ended(self, phase: Phase) -> bool:
+        if phase.after is None and phase.until is None:
+            return False
+        due = phase.after is None or self._past(phase.after)
+        return due and (phase.until is None or phase.until.happens(self))
+
+
+def to_dicts(sequence: Sequence) -> list[dict[str, Any]]:
+    """Its phases as plain dictionaries, fields at their defaults left out."""
+    found = []
+    for phase in sequence.phases:
+        entry = {f.name: value for f in dataclasses.fields(phase) if (value := getattr(phase, f.name)) is not None}
+        if phase.until is not None:
+            entry["until"] = {"type": phase.until.kind, **dataclasses.asdict(phase.until)}
+        found.append(entry)
+    return found
+
+
+def from_dicts(entries: Any) -> Sequence:
+    """The sequence of such dictionaries; raises DeclarationError for unknown keys, events or fields."""
+    phases = []
+    for entry in entries:
+        fields = dict(entry)
+        if isinstance(until := fields.get("until"), Mapping):
+            fields["until"] = _event(until)
+        phases.append(_made(Phase, fields, "phase"))
+    return Sequence(*phases)
+
+
+def _event(entry: Mapping[str, Any]) -> Event:
+    fields = dict(entry)
+    kind = EVENTS.get(str(fields.pop("type", "")))
+    if kind is None:
+        raise DeclarationError("until", "unknown type", value=entry.get("type"), allowed=", ".join(EVENTS))
+    found: Event = _made(kind, fields, kind.kind)
+    return found
+
+
+def _made(kind: Any, fields: Mapping[str, Any], where: str) -> Any:
+    allowed = [f.name for f in dataclasses.fields(kind)]
+    for key in fields:
+        if key not in allowed:
+            raise DeclarationError(where, "unknown key", value=key, allowed=", ".join(allowed))
+    try:
+        return kind(**fields)
+    except TypeError as error:
+        raise DeclarationError(where, str(error)) from error
