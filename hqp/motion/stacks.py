@@ -20,7 +20,10 @@ from .joints import SIDES
 from .skeleton_map import SkeletonMap
 
 GAIN = 30.0
-"""With which what is left of an error is closed [1/s]; half of it in a period at most."""
+"""With which what is left of an error of feet and hands is closed [1/s]; half of it in a period at most."""
+
+BELOW = 10.0
+"""The same of trunk and limbs: what they lost to hands and feet they get back slowly [1/s]."""
 
 POSTURE = 1.0
 """With which joints that nothing else moves go home [1/s]."""
@@ -45,27 +48,27 @@ class Stacks:
     """
 
     def __init__(self, robot: Robot, found: SkeletonMap, body: Body, dt: float, *, collision: bool = True) -> None:
-        law = P(min(GAIN, 0.5 / dt))
+        law, below = P(min(GAIN, 0.5 / dt)), P(min(BELOW, 0.5 / dt))
         self.robot, self.frames, self.body, self._map = robot, found.frames, body, found
 
-        def point(part: str, offset: tuple[float, float, float], name: str) -> Position:
+        def point(part: str, offset: tuple[float, float, float], name: str, law: P) -> Position:
             return Position(frame=found.frames[part], offset=offset, law=law, name=name)
 
-        def turn(part: str, name: str = "") -> Orientation:
+        def turn(part: str, law: P, name: str = "") -> Orientation:
             return Orientation(frame=found.frames[part], law=law, name=name or part)
 
         def edge(side: str, corners: dict[str, Vec], name: str) -> Position:
-            return point(f"{side}_sole", self.in_frame(side, corners[side]), f"{side}_{name}")
+            return point(f"{side}_sole", self.in_frame(side, corners[side]), f"{side}_{name}", law)
 
         self.toes = {side: edge(side, body.toes, "toe") for side in SIDES}
         self.heels = {side: edge(side, body.heels, "heel") for side in SIDES}
-        self.soles = {side: turn(f"{side}_sole") for side in SIDES}
+        self.soles = {side: turn(f"{side}_sole", law) for side in SIDES}
         x, y, z = body.middle.tolist()
-        self.trunk: tuple[Task, ...] = (point("pelvis", (x, y, z), "pelvis"), turn("torso"))
-        self.hips = turn("pelvis", "hips")
+        self.trunk: tuple[Task, ...] = (point("pelvis", (x, y, z), "pelvis", below), turn("torso", below))
+        self.hips = turn("pelvis", below, "hips")
         self.points = {
-            f"{side}_{limb}": point(f"{side}_{limb}", found.offset(f"{side}_{limb}"), f"{side}_{limb}")
-            for limb in ("hand", "elbow", "knee")
+            f"{side}_{limb}": point(f"{side}_{limb}", found.offset(f"{side}_{limb}"), f"{side}_{limb}", own)
+            for limb, own in (("hand", law), ("elbow", below), ("knee", below))
             for side in SIDES
         }
         self.posture = Posture(law=P(POSTURE), name="posture")

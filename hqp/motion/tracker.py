@@ -31,6 +31,9 @@ CORRECTIONS = 2
 """At most, in a frame: each leaves the square of the error."""
 
 
+TINY = 1e-6
+"""Rounding of a speed against its limit."""
+
 SETTLING, STILL = 3.0, 1e-3
 """Levels that are far down take so long to settle at first [s]; slower than this is at rest [rad/s]."""
 
@@ -167,8 +170,11 @@ class Tracker:
             references = [Reference(task.name, task.value(state)) for task in stays]
             references += [Reference(task.name, here[task], -error / self.dt) for task, error in off.items()]
             state.commanded = v
-            moved, _ = session.step(state, *references).advance()
-            v = self.robot.difference(q, moved) / self.dt
+            there, _ = session.step(state, *references).advance()
+            rate = self.robot.difference(q, there) / self.dt
+            if np.any(np.abs(rate) > self.robot.velocity_limit * (1.0 + TINY)):
+                break  # speed limits come before standing feet
+            moved, v = there, rate
         return moved, v
 
 

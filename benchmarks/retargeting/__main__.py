@@ -1,0 +1,97 @@
+"""python -m benchmarks.retargeting --climbs WHEEL --bvh FOLDER [--robots g1 talos cbi] [-o TABLE.md]"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import hqp
+from benchmarks.retargeting.clips import bvh_files, climbs
+from hqp.markdown import table
+from hqp.motion import Motion
+from hqp.motion.body import Body
+from hqp.motion.branches import start
+from hqp.motion.contacts import NAMES
+from hqp.motion.joints import SIDES, parts_of
+from hqp.motion.measures import measure
+from hqp.motion.retargeting import LEAST_RATE
+from hqp.motion.skeleton_map import find_map
+from hqp.motion.stacks import Stacks
+from hqp.motion.targets import targets_of
+from hqp.motion.tracker import Tracker
+
+HEADER = (
+    "robot", "clip", "frames", "solved by", "frames/s", "sliding %", "below floor mm", "into itself mm", "hand p50 mm",
+    "hand p99 mm", "hand at end mm", "toe p99 mm", "acceleration p99", "jerk p99",
+)  # fmt: skip
+
+
+def main() -> int:
+    """Run the clips on the robots and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--climbs", type=Path, metavar="WHEEL", help="the unpacked wheel holosoma-retargeting 0.1.0")
+    parser.add_argument("--bvh", type=Path, metavar="FOLDER", help="with .bvh files")
+    parser.add_argument("--robots", nargs="+", default=["g1"])
+    parser.add_argument("--no-rival", action="store_true", help="hqp alone")
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write the table there")
+    arguments = parser.parse_args()
+    rows = []
+    for name in arguments.robots:
+        for clip, motion in _clips(arguments):
+            for row in _rows(name, clip, motion, not arguments.no_rival):
+                rows.append(row)
+                print(" | ".join(row), flush=True)
+    if arguments.output:
+        arguments.output.write_text(table(HEADER, rows) + "\n", encoding="utf-8")
+    return 0
+
+
+def _clips(arguments: Any) -> Iterator[tuple[str, Motion]]:
+    if arguments.climbs:
+        yield from climbs(arguments.climbs)
+    if arguments.bvh:
+        yield from bvh_files(arguments.bvh)
+
+
+def _rows(name: str, clip: str, motion: Motion, rival: bool) -> Iterator[tuple[str, ...]]:
+    robot = hqp.robots.load(name)
+    found = find_map(None, robot)
+    body = Body.of(robot, found)
+    motion = motion.smoothed().at_rate(motion.fps * math.ceil(LEAST_RATE / motion.fps))
+    parts = parts_of(motion.names, found.human)
+    targets = targets_of(motion, parts, body)
+    tracker = Tracker(robot, Stacks(robot, found, body, 1.0 / motion.fps), targets)
+    q0 = start(tracker, 0)
+    begin = time.process_time()
+    q = tracker.run(q0, np.zeros(robot.nv), 0, len(targets) - 1).q
+    yield _row(name, clip, "hqp", tracker, q, time.process_time() - begin)
+    if not rival:
+        return
+    from benchmarks.retargeting.rival import follow
+
+    hands = targets.contacts.array()
+    hands[:, [NAMES.index(f"{side}_foot") for side in SIDES]] = False
+    raw = targets_of(motion, parts, body, hands)
+    for who, aims, latched in (("GMR's scheme", raw, False), ("the same, feet held", targets, True)):
+        q, spent = follow(robot, tracker.stacks, aims, latched=latched)
+        yield _row(name, clip, who, tracker, q, spent)
+
+
+def _row(name: str, clip: str, who: str, tracker: Tracker, q: Any, spent: float) -> tuple[str, ...]:
+    s = measure(tracker.robot, tracker.stacks, tracker.targets, q).summary()
+    return (
+        name, clip, str(len(q)), who, f"{len(q) / spent:.0f}", f"{100 * s['slide_share']:.2f}",
+        f"{1e3 * s['penetration']:.1f}", f"{max(0.0, -1e3 * s['clearance']):.1f}", f"{1e3 * s['hand_p50']:.1f}",
+        f"{1e3 * s['hand_p99']:.0f}", f"{1e3 * s['hand_end']:.0f}", f"{1e3 * s['foot_p99']:.0f}",
+        f"{s['acceleration_p99']:.0f}", f"{s['jerk_p99']:.2g}",
+    )  # fmt: skip
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
