@@ -20,6 +20,7 @@ from hqp.stack import Level, Stack
 
 if TYPE_CHECKING:
     from hqp import errors, estimation, recorder, robots, serial, shapes, sweep, tasks
+    from hqp.batch import Batch
     from hqp.certify import Certificate, certificate
     from hqp.checking import check
     from hqp.comparison import compare
@@ -38,6 +39,7 @@ __all__ = [
     "DCM",
     "PD",
     "Acceleration",
+    "Batch",
     "Braking",
     "Certificate",
     "Constraint",
@@ -96,6 +98,7 @@ native.check()
 _MODULES = ("errors", "estimation", "recorder", "robots", "serial", "shapes", "sweep", "tasks")
 
 _ELSEWHERE = {
+    "Batch": "batch",
     "Certificate": "certify", "Follow": "teleoperation", "Torque": "torque", "bench": "lab", "certificate": "certify",
     "check": "checking", "compare": "comparison", "load": "loaded", "reach": "goals", "retarget": "motion",
     "solve_ik": "goals", "solve_many": "solvers.many", "view": "viewer",

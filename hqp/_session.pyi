@@ -1,8 +1,12 @@
 """Sessions from a file (built from cpp/session)."""
 
+import builtins
 from collections.abc import Sequence
 
-from hqp.arrays import Vec
+from numpy import int32
+from numpy.typing import NDArray
+
+from hqp.arrays import Mat, Vec
 
 class PlanError(Exception):
     """The file is no plan of this version."""
@@ -37,4 +41,30 @@ class Session:
         """q after moving with v for dt [s]."""
 
     def reset(self) -> None:
+        """As just made."""
+
+class Batch:
+    """Worlds of the bytes of a file over threads; raises PlanError with a sentence."""
+
+    sizes: tuple[int, int, int]
+    """Numbers of a command, of x, and levels."""
+    state: tuple[int, int]
+    """nq and nv."""
+    threads: int
+    bytes: int
+
+    def __init__(self, file: builtins.bytes, count: int, threads: int) -> None: ...
+    def step(
+        self,
+        q: Mat,
+        v: Mat,
+        targets: Sequence[tuple[str, int, Mat]],
+        commands: Mat,
+        status: NDArray[int32],
+        residuals: Mat,
+        x: Mat,
+    ) -> None:
+        """One tick of all worlds, without the lock of the interpreter."""
+
+    def reset(self, world: int) -> None:
         """As just made."""

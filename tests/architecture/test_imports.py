@@ -56,9 +56,9 @@ for _part in ("robot", "robots", "tasks"):
     MAY[_part] |= {"shapes"}
 
 ABOVE = {
-    "adapters", "arguments", "comparison", "controller", "doctor", "estimation", "explanation", "export", "formulation",
-    "goals", "lab", "loaded", "loads", "loop", "markdown", "motion", "recorder", "sequence", "serial", "session",
-    "sweep", "teleoperation", "tick", "torque", "transition", "viewer", "walking",
+    "adapters", "arguments", "batch", "comparison", "controller", "doctor", "estimation", "explanation", "export",
+    "formulation", "goals", "lab", "loaded", "loads", "loop", "markdown", "motion", "recorder", "sequence", "serial",
+    "session", "sweep", "teleoperation", "tick", "torque", "transition", "viewer", "walking",
 }  # fmt: skip
 """Formulations, sessions and what stands on them: they may import what they need, but in no circle."""
 

@@ -57,6 +57,11 @@ class Settled {
     }
   }
 
+  void keep(CarryOver& warm) {
+    for (auto& set : warm_) warm.list(set);
+    bound_.forget();
+    refined_.forget();
+  }
   void forget() {
     for (auto& set : warm_) set.clear();
     bound_.forget();

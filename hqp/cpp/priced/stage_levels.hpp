@@ -53,6 +53,17 @@ class StageLevels final : public PricedStages {
     low_.resize(rows);
     high_.resize(rows);
     anchors_.reserve(levels);
+    spare_.resize(levels);
+    for (Anchor& anchor : spare_) {
+      anchor.held.reserve(most(levels, m));
+      for (auto* part : {&anchor.low, &anchor.high, &anchor.part}) part->reserve(most(levels, m));
+    }
+    for (auto& set : warm_) set.reserve(rows);
+    for (StageEnd& end : ends_) {
+      end.rows.reserve(rows);
+      end.lambda.reserve(rows);
+      end.firm.reserve(rows);
+    }
   }
 
   PricedLevel* levels() override { return level_.data(); }
@@ -64,6 +75,11 @@ class StageLevels final : public PricedStages {
     for (auto& set : warm_) set.clear();
     chosen_.clear();
     settled_.forget();
+  }
+
+  void keep(CarryOver& warm) override {
+    for (auto& set : warm_) warm.list(set);
+    settled_.keep(warm);
   }
 
   void bind(const Law& law, const Completion& completion) override {
@@ -161,7 +177,7 @@ class StageLevels final : public PricedStages {
     iterations_ = 0;
     ended_ = true;
     uncertain_ = doubtful_ = false;
-    anchors_.clear();
+    for (; !anchors_.empty(); anchors_.pop_back()) spare_.push_back(std::move(anchors_.back()));
     open_ = false;
     for (StageEnd& end : ends_) end.known = false;
   }
@@ -238,7 +254,8 @@ class StageLevels final : public PricedStages {
     }
     const double norm = std::sqrt(square);
     if (norm <= tolerances_.met * size) return;
-    anchors_.emplace_back();
+    anchors_.push_back(std::move(spare_.back()));
+    spare_.pop_back();
     Anchor& anchor = anchors_.back();
     anchor.level = k;
     anchor.first = first_[k];
@@ -444,7 +461,7 @@ class StageLevels final : public PricedStages {
   Completion completion_;
   Tolerances tolerances_;
   Motions motions_;
-  std::vector<Anchor> anchors_;
+  std::vector<Anchor> anchors_, spare_;  // those of this solve, and room for others
   std::vector<StageEnd> ends_;
   Accounts accounts_;
   Settled settled_;

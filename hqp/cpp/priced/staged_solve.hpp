@@ -91,6 +91,10 @@ class StagedSolve final : public SolveCall {
   double elapsed() const { return std::chrono::duration<double>(Clock::now() - began_).count(); }
   // The latest answer is none of the stages': they were not asked.
   void unasked() { settled_ = answered_ = false; }
+  void keep(CarryOver& warm) {
+    warm.take(head_);
+    stages_->keep(warm);
+  }
   void reset() {
     stages_->reset();
     head_ = 0;

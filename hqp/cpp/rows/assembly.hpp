@@ -60,6 +60,9 @@ class Assembly {
     for (const auto& operation : operations_) operation->run(q, v);
   }
   void demand(const double* v) { demands_->run(v); }
+  void keep(CarryOver& state) {
+    for (const auto& operation : operations_) operation->keep(state);
+  }
   // What operation k is at, after the kinematics: see Operation::hold.
   void look(const double* v) { tree_.update(v); }
   bool hold(std::size_t k, const double* q, const double* v, double* value) {

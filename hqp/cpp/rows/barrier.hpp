@@ -104,6 +104,7 @@ class Within final : public Operation {
     }
   }
   bool hold(const double* q, const double* v, double* value) override { return turn_ >= 0 && task_->hold(q, v, value); }
+  void keep(CarryOver& state) override { task_->keep(state); }
 
  private:
   void make_rate(double* J, const double* v) {  // of angular velocities rates of the rotation vector

@@ -70,6 +70,7 @@ class Collision final : public Operation {
       for (const int k : pair_of(row)) deepest_[owner(k)] = 0.0;
     }
   }
+  void keep(CarryOver& state) override { state.take(s_.slots, static_cast<std::size_t>(s_.rows)); }
 
  private:
   static constexpr double kFar = std::numeric_limits<double>::infinity();

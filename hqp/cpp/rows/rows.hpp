@@ -1,6 +1,7 @@
 // Where the rows of an element go, and how one is written.
 #pragma once
 
+#include "../common/carry_over.hpp"
 #include "relative_frame.hpp"
 
 namespace hqp {
@@ -24,6 +25,8 @@ class Operation {
   virtual void run(const double* q, const double* v) = 0;
   // What the element is at, as its reference has it, for a reference of zeros; false where it holds what is declared.
   virtual bool hold(const double*, const double*, double*) { return false; }
+  // What goes over from one tick to the next.
+  virtual void keep(CarryOver&) {}
 };
 
 // Of rows whose error is their value less the reference.

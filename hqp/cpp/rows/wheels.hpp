@@ -34,6 +34,10 @@ class Wheel final : public Operation, Rows {
     for (int i = 0; i < 3; ++i) value[i] = p[i];
     return true;
   }
+  void keep(CarryOver& state) override {
+    state.take(placed_);
+    state.take(value_), state.take(anchor_), state.take(plane_);
+  }
 
  private:
   static bool same(const Vec3& a, const Vec3& b) { return a[0] == b[0] && a[1] == b[1] && a[2] == b[2]; }

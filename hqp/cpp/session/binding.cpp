@@ -10,6 +10,7 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include "batch.hpp"
 #include "plan_file.hpp"
 #include "session.hpp"
 
@@ -87,6 +88,59 @@ class Session {
   std::vector<hqp::Reference> references_;
 };
 
+using Table = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using OutTable = nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Statuses = nb::ndarray<std::int32_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+
+class Worlds {
+ public:
+  Worlds(const nb::bytes& file, std::size_t count, std::size_t threads)
+      : batch_(std::make_shared<const hqp::Plan>(std::string(file.c_str(), file.size())), count, threads) {}
+  Worlds(const Worlds&) = delete;
+
+  void step(const Table& q, const Table& v, const std::vector<std::tuple<std::string, int, Table>>& targets,
+            const OutTable& commands, const Statuses& status, const OutTable& residuals, const OutTable& x) {
+    hqp::Guarded& session = batch_.session();
+    const hqp::Tick& tick = session.tick();
+    const auto fits = [&](std::size_t rows, std::size_t width, std::size_t needed) {
+      return rows == batch_.count() && width == needed;
+    };
+    if (!fits(q.shape(0), q.shape(1), std::size_t(session.line().nq())) ||
+        !fits(v.shape(0), v.shape(1), std::size_t(session.line().nv())) ||
+        !fits(commands.shape(0), commands.shape(1), tick.command().size()) ||
+        !fits(residuals.shape(0), residuals.shape(1), tick.residuals().size()) ||
+        !fits(x.shape(0), x.shape(1), tick.x().size()) || status.shape(0) != batch_.count())
+      throw nb::value_error("an array has a wrong shape");
+    std::vector<hqp::BatchTarget> told;
+    for (const auto& [name, what, values] : targets) {
+      const std::size_t member = session.member(name), size = session.width(member, what);
+      if (!fits(values.shape(0), values.shape(1), size))
+        throw hqp::ReferenceError(name + ": targets are (" + std::to_string(batch_.count()) + ", " +
+                                  std::to_string(size) + ")");
+      told.push_back({member, what, values.data(), size});
+    }
+    const nb::gil_scoped_release release;
+    batch_.step(q.data(), v.data(), told, commands.data(), status.data(), residuals.data(), x.data());
+  }
+  void reset(std::size_t i) {
+    if (i >= batch_.count()) throw nb::index_error("no such world");
+    batch_.reset(i);
+  }
+  std::tuple<std::size_t, std::size_t, std::size_t> sizes() {
+    const hqp::Tick& tick = batch_.session().tick();
+    return {tick.command().size(), tick.x().size(), tick.residuals().size()};
+  }
+  std::tuple<int, int> state() {
+    const hqp::Line& line = batch_.session().line();
+    return {line.nq(), line.nv()};
+  }
+  std::size_t threads() const { return batch_.threads(); }
+  std::size_t bytes() const { return batch_.bytes(); }
+
+ private:
+  hqp::Batch batch_;
+};
+
 }  // namespace
 
 NB_MODULE(_session, module) {
@@ -94,6 +148,15 @@ NB_MODULE(_session, module) {
   nb::set_leak_warnings(std::getenv("HQP_LEAK_WARNINGS") != nullptr);  // a script may end anyhow
   nb::exception<hqp::PlanError>(module, "PlanError");
   nb::exception<hqp::ReferenceError>(module, "ReferenceError", PyExc_ValueError);
+  nb::class_<Worlds>(module, "Batch")
+      .def(nb::init<const nb::bytes&, std::size_t, std::size_t>(), "file"_a, "count"_a, "threads"_a)
+      .def("step", &Worlds::step, "q"_a, "v"_a, "targets"_a, "commands"_a.noconvert(), "status"_a.noconvert(),
+           "residuals"_a.noconvert(), "x"_a.noconvert())
+      .def("reset", &Worlds::reset, "world"_a)
+      .def_prop_ro("sizes", &Worlds::sizes)
+      .def_prop_ro("state", &Worlds::state)
+      .def_prop_ro("threads", &Worlds::threads)
+      .def_prop_ro("bytes", &Worlds::bytes);
   nb::class_<Session>(module, "Session")
       .def(nb::init<const nb::bytes&>(), "file"_a)
       .def("step", &Session::step, "q"_a, "v"_a, "command"_a.noconvert(), "x"_a.noconvert(), "residuals"_a.noconvert())

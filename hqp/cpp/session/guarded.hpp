@@ -41,7 +41,6 @@ class Guarded {
         x_(std::size_t(line_.solver().exact().size())),
         given_(line_.slots().size()),
         lost_(line_.members().size(), 0),
-        missing_(line_.members().size(), false),
         left_out_(line_.members().size(), false) {
     if (guards_.has("rates")) inverse_rates_ = guards_.numbers("rates");
     if (!inverse_rates_.empty() && inverse_rates_.size() != picks_.size())
@@ -66,6 +65,8 @@ class Guarded {
     tick_.x_.resize(x_.size());
     tick_.residuals_.resize(line_.solver().exact().rows().size());
     tick_.marks_.resize(std::size_t(line_.solver().exact().total()));
+    CarryOver state = CarryOver::to(initial_);
+    keep(state);
   }
 
   const Tick& step(const double* q, const double* v) {
@@ -76,7 +77,10 @@ class Guarded {
     std::copy(q, q + q_.size(), q_.begin());
     std::copy(v, v + v_.size(), v_.begin());
     Note why;
-    if (!guard_.check(q_.data(), v_.data(), why)) return held(why, false);
+    if (!guard_.check(q_.data(), v_.data(), why)) {
+      for (Given& given : given_) given.clear();
+      return held(why, false);
+    }
     if (!holds_known_) take_holds();
     take_references();
     const bool around = line_.order() == 1 && good_;
@@ -92,6 +96,24 @@ class Guarded {
     return concluded(found);
   }
 
+  // All that goes over from one tick to the next, but for references that no step has taken yet.
+  void keep(CarryOver& state) {
+    state.take(good_), state.take(holds_known_);
+    state.take(tick_.count_), state.take(tick_.held_);
+    state.take(x_.data(), x_.size());
+    if (tick_.held_ > 0) rest_->keep(state);
+    if (good_) state.take(good_q_.data(), good_q_.size()), state.take(good_v_.data(), good_v_.size());
+    state.take(lost_.data(), lost_.size());
+    for (std::size_t k = 0; k < given_.size(); ++k) {
+      Slot& slot = line_.slots()[k];
+      state.take(given_[k].held);
+      state.take(slot.hold.data(), slot.hold.size());
+      if (!state.writes()) slot.settle(), slot.moved = false;
+    }
+    line_.assembly().keep(state);
+    line_.solver().keep(state);
+  }
+
   void set(std::size_t member, int what, const double* values, std::size_t size);
   std::size_t member(const std::string& name) const {
     const std::vector<Member>& all = line_.members();
@@ -103,14 +125,17 @@ class Guarded {
     throw ReferenceError("the plan has no element '" + name + "' that takes a reference; it has " + known);
   }
 
+  // How many numbers an element is told as what, see set().
+  std::size_t width(std::size_t member, int what) const {
+    const Given& given = given_[std::size_t(line_.members()[member].slot)];
+    return what == 0 ? given.value.size() : what == 3 ? 3 : what == 4 ? 1 : given.velocity.size();
+  }
+
+  // As just made.
   void reset() {
-    line_.solver().reset();
-    good_ = holds_known_ = false;
-    tick_.count_ = tick_.held_ = 0;
-    std::fill(x_.begin(), x_.end(), 0.0);
-    std::fill(lost_.begin(), lost_.end(), 0);
-    missing_.assign(missing_.size(), false);
-    for (Given& given : given_) given.clear(), given.held = false;
+    CarryOver state = CarryOver::from(initial_);
+    keep(state);
+    for (Given& given : given_) given.clear();
   }
 
   Line& line() { return line_; }
@@ -287,7 +312,7 @@ class Guarded {
   void contacts() {
     const std::vector<Member>& members = line_.members();
     for (std::size_t m = 0; m < members.size(); ++m)
-      if (missing_[m] && lost_[m] >= patience_)
+      if (lost_[m] >= patience_)
         note({members[m].name.c_str(), Status::kContactLost, Cause::kContact, "", 1e3 * double(lost_[m]) * line_.dt(),
               least_load_});
   }
@@ -326,8 +351,9 @@ class Guarded {
   int patience_;
   std::vector<double> q_, v_, good_q_, good_v_, x_;
   std::vector<Given> given_;
+  std::vector<char> initial_;
   std::vector<std::int64_t> lost_;
-  std::vector<bool> missing_, left_out_;
+  std::vector<bool> left_out_;
   bool good_ = false, holds_known_ = false;
   Clock::time_point begin_;
   Tick tick_;
@@ -360,8 +386,8 @@ inline void Guarded::set(std::size_t member, int what, const double* values, std
       break;
     case 4:
       if (!told.contact) throw ReferenceError(told.name + " is no contact, a load was given for it");
-      if (values[0] < least_load_) ++lost_[member], missing_[member] = true;
-      else if (values[0] >= least_load_) lost_[member] = 0, missing_[member] = false;
+      if (values[0] < least_load_) ++lost_[member];
+      else if (values[0] >= least_load_) lost_[member] = 0;
       break;
     default: {
       std::vector<double>& hold = line_.slots()[k].hold;

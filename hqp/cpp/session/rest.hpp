@@ -19,6 +19,7 @@ class Rest {
   // From the last good state, null where there was none, and the last x; now: whether the state is this tick's.
   virtual void begin(const double* q, const double* v, const double* x, bool now) = 0;
   virtual void next(double* x) = 0;
+  virtual void keep(CarryOver& state) = 0;
 };
 
 // The fastest of the joints, of all coordinates where none moves.
@@ -69,6 +70,10 @@ class SlowDown final : public Rest {
       x[i] = x_[i];
     }
   }
+  void keep(CarryOver& state) override {
+    state.take(x_.data(), x_.size());
+    state.take(angles_.data(), angles_.size());
+  }
 
  private:
   double step_, dt_;
@@ -95,6 +100,7 @@ class Brake final : public Rest {
       v_[i] += dt_ * x[i];
     }
   }
+  void keep(CarryOver& state) override { state.take(v_.data(), v_.size()); }
 
  private:
   double most_, dt_;
@@ -125,6 +131,9 @@ class Hold final : public Rest {
       x[i] = std::min(std::max(holding_[i] - damping_[i] * rate_[i], -limit_[i]), limit_[i]);
       rate_[i] *= std::max(0.0, 1.0 - dt_ / time_);
     }
+  }
+  void keep(CarryOver& state) override {
+    for (std::vector<double>* part : {&holding_, &damping_, &rate_}) state.take(part->data(), part->size());
   }
 
  private:

@@ -68,6 +68,12 @@ class PlannedSolve {
     for (const auto& head : heads_) head->limit(seconds);
     if (staged_) staged_->limit(seconds);
   }
+  // All that goes over from one solve to the next.
+  void keep(CarryOver& warm) {
+    exact_->keep(warm);
+    for (const auto& one : heads_) one->keep(warm);
+    if (staged_) staged_->keep(warm);
+  }
   void reset() {
     exact_->reset(false);
     for (const auto& one : heads_) one->reset(false);

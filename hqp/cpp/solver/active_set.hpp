@@ -1,6 +1,7 @@
 // The search for the optimal working set: warm start, block exchange while it pays, descent, and a verdict on doubt.
 #pragma once
 
+#include "../common/carry_over.hpp"
 #include "level_search.hpp"
 #include "primal_descent.hpp"
 
@@ -33,6 +34,7 @@ class ActiveSet {
     total += n;
     // the box may leave level 0 out, which shifts the blocks: room for either numbering
     for (int k = 0; k + 1 < count; ++k) blocks_m[k] = blocks_m[k + 1] > blocks_m[k] ? blocks_m[k + 1] : blocks_m[k];
+    total_ = total;
     state.layout(arena, n, total, most, count, blocks_m);
     exchange_.start.layout(arena, n, total, count);
     descent_.layout(arena, n, total);
@@ -54,6 +56,15 @@ class ActiveSet {
     warm_ = false;
     for (int i = 0; i < problem_.table.n; ++i) last_[i] = 0.0;
     problem_.updating = !plain;
+  }
+
+  // All that goes over from one solve to the next.
+  void keep(CarryOver& warm) {
+    warm.take(warm_);
+    warm.take(problem_.updating);
+    warm.take(problem_.set.W, total_);
+    warm.take(problem_.set.F, problem_.table.n);
+    warm.take(last_, problem_.table.n);
   }
 
   void solve(const Options& options) {
@@ -90,6 +101,7 @@ class ActiveSet {
   double* from_ = nullptr;   // (n,) another point to search from
   double* last_ = nullptr;   // (n,) the last answer, zero where there is none
   double* bound_ = nullptr;  // (rows,) bounds while others stand in their place
+  int total_ = 0;            // rows at most
   bool warm_ = false;
 
   // The answer is judged in orthogonal coordinates; what is not optimal is lowered level by level, from x and then from

@@ -52,6 +52,7 @@ class BoundKernel final : public SolveCall {
     return kernel_->tell(problem, answer);
   }
   void reset(bool plain) { kernel_->reset(plain); }
+  void keep(CarryOver& warm) { kernel_->keep(warm); }
 
   int size() const { return n_; }
   int total() const { return total_; }

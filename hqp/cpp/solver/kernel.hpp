@@ -1,6 +1,7 @@
 // The kernel as the binding sees it: one workspace, built for the widest instruction set of the machine.
 #pragma once
 
+#include "../common/carry_over.hpp"
 #include "problem.hpp"
 
 namespace hqp {
@@ -11,7 +12,8 @@ class Kernel {
   virtual void solve(const Problem& problem, const Options& options, Answer& answer) = 0;
   // Multipliers of the latest answer into answer.multipliers; false where its working set is not at hand any more.
   virtual bool tell(const Problem& problem, Answer& answer) = 0;
-  virtual void reset(bool plain) = 0;  // forget the warm start; plain: the next search factorises every working set
+  virtual void keep(CarryOver& warm) = 0;  // the warm start
+  virtual void reset(bool plain) = 0;      // forget the warm start; plain: the next search factorises every working set
 };
 
 // n variables, m[k] rows in level k, a metric or not; throws std::bad_alloc.

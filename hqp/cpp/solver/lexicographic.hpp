@@ -23,6 +23,7 @@ class Lexicographic final : public Kernel {
   }
 
   void reset(bool plain) override { set_.forget(plain); }
+  void keep(CarryOver& warm) override { set_.keep(warm); }
 
   void solve(const Problem& problem, const Options& options, Answer& answer) override {
     told_ = false;

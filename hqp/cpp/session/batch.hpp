@@ -1,0 +1,93 @@
+// Many worlds of one plan over a few sessions, one a thread: a world is what goes over from one tick to the next.
+#pragma once
+
+#include <atomic>
+#include <memory>
+#include <string>
+#include <system_error>
+#include <thread>
+#include <vector>
+
+#include "guarded.hpp"
+
+namespace hqp {
+
+// Targets of one element in all worlds: (count, size), one behind the other.
+struct BatchTarget {
+  std::size_t member;
+  int what;  // as Reference tells
+  const double* values;
+  std::size_t size;
+};
+
+class Batch {
+ public:
+  Batch(std::shared_ptr<const Plan> plan, std::size_t count, std::size_t threads) : worlds_(count) {
+    if (threads == 0) threads = std::max(1u, std::thread::hardware_concurrency());
+    threads = std::max<std::size_t>(1, std::min(threads, count));
+    for (std::size_t k = 0; k < threads; ++k) sessions_.push_back(std::make_unique<Guarded>(plan));
+  }
+
+  Batch(const Batch&) = delete;
+
+  // q (count, nq), v (count, nv); written: commands (count, motors), status (count), residuals (count, levels), and x
+  // (count, n) where it is not null.
+  void step(const double* q, const double* v, const std::vector<BatchTarget>& targets, double* commands,
+            std::int32_t* status, double* residuals, double* x) {
+    std::atomic<std::size_t> next{0};
+    const auto work = [&](Guarded& session) {
+      for (std::size_t from; (from = next.fetch_add(kChunk)) < worlds_.size();)
+        for (std::size_t i = from; i < std::min(from + kChunk, worlds_.size()); ++i)
+          one(session, i, q, v, targets, commands, status, residuals, x);
+    };
+    std::vector<std::thread> others;
+    for (std::size_t k = 1; k < sessions_.size(); ++k) {
+      try {
+        others.emplace_back(work, std::ref(*sessions_[k]));
+      } catch (const std::system_error&) {
+        break;  // fewer threads than asked for
+      }
+    }
+    work(*sessions_[0]);
+    for (std::thread& other : others) other.join();
+  }
+
+  void reset(std::size_t i) { worlds_[i].clear(); }
+  std::size_t count() const { return worlds_.size(); }
+  std::size_t threads() const { return sessions_.size(); }
+  Guarded& session() { return *sessions_[0]; }
+  std::size_t bytes() const {  // of all worlds
+    std::size_t sum = 0;
+    for (const auto& world : worlds_) sum += world.capacity() + sizeof(world);
+    return sum;
+  }
+
+ private:
+  static constexpr std::size_t kChunk = 16;
+
+  void one(Guarded& session, std::size_t i, const double* q, const double* v, const std::vector<BatchTarget>& targets,
+           double* commands, std::int32_t* status, double* residuals, double* x) {
+    std::vector<char>& world = worlds_[i];
+    if (world.empty()) {
+      session.reset();
+    } else {
+      CarryOver before = CarryOver::from(world);
+      session.keep(before);
+    }
+    for (const BatchTarget& target : targets)
+      session.set(target.member, target.what, target.values + i * target.size, target.size);
+    const Line& line = session.line();
+    const Tick& tick = session.step(q + i * std::size_t(line.nq()), v + i * std::size_t(line.nv()));
+    std::copy(tick.command().begin(), tick.command().end(), commands + i * tick.command().size());
+    std::copy(tick.residuals().begin(), tick.residuals().end(), residuals + i * tick.residuals().size());
+    if (x) std::copy(tick.x().begin(), tick.x().end(), x + i * tick.x().size());
+    status[i] = static_cast<std::int32_t>(tick.status());
+    CarryOver after = CarryOver::to(world);
+    session.keep(after);
+  }
+
+  std::vector<std::vector<char>> worlds_;
+  std::vector<std::unique_ptr<Guarded>> sessions_;
+};
+
+}  // namespace hqp

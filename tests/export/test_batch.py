@@ -1,0 +1,106 @@
+"""Many worlds at once: each as if it were alone, whatever the threads."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import hqp
+from hqp import Status
+from hqp.errors import DeclarationError
+from hqp.export.plan_file import text
+from hqp.loaded import LoadedSession
+from hqp.solvers.lexicographic import kernel
+
+from .stacks import FORMULATIONS, scene
+
+pytestmark = pytest.mark.skipif(not kernel(), reason="no native kernel here")
+COUNT = 40
+
+
+def run(session: hqp.Session, threads: int, ticks: int = 12) -> list[tuple[np.ndarray, np.ndarray]]:
+    """x and status of all ticks; a world's state goes wrong, and another one begins anew."""
+    robot = session.robot
+    batch = hqp.Batch(session.controller, robot, COUNT, session.dt, threads=threads)
+    rng = np.random.default_rng(0)
+    Q = np.array([robot.integrate(robot.home, rng.uniform(-0.1, 0.1, robot.nv), 1.0) for _ in range(COUNT)])
+    V = rng.uniform(-0.05, 0.05, (COUNT, robot.nv))
+    goals = robot.state(robot.home).position(robot.landmarks["palms"][-1]) + rng.uniform(-0.3, 0.3, (COUNT, 3))
+    found = []
+    for i in range(ticks):
+        at = Q.copy()
+        if i == 5:
+            at[3, -1] = np.nan
+        if i == 8:
+            batch.reset(7)
+        targets = {} if i % 3 == 0 else {"hand": goals}
+        tick = batch.step(at, V, targets)
+        found.append((tick.x, tick.status))
+    return found
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_the_number_of_threads_changes_no_bit(formulation: str) -> None:
+    session, _ = scene("g1", formulation)
+    for (x, status), (other, same) in zip(run(session, 1), run(session, 3), strict=True):
+        np.testing.assert_array_equal(x, other)
+        np.testing.assert_array_equal(status, same)
+
+
+def test_a_world_is_a_session() -> None:
+    session, given = scene("g1")
+    robot = session.robot
+    batch = hqp.Batch(session.controller, robot, 3, session.dt, threads=1)
+    alone = [LoadedSession(text(session)) for _ in range(3)]
+    rng = np.random.default_rng(1)
+    Q = np.array([robot.integrate(robot.home, rng.uniform(-0.1, 0.1, robot.nv), 1.0) for _ in range(3)])
+    V = np.zeros((3, robot.nv))
+    goal = given(1)[0].value
+    assert goal is not None
+    goals = goal + rng.uniform(-0.4, 0.4, (3, 3))
+    for _ in range(60):
+        tick = batch.step(Q, V, {"hand": goals})
+        for k, one in enumerate(alone):
+            found = one.step(Q[k], V[k], {"hand": goals[k]})
+            assert tick.statuses()[k] is found.status
+            np.testing.assert_allclose(tick.x[k], found.x, atol=1e-8)
+            Q[k] = one.advance(Q[k], found.x)
+    assert tick.solved.all()
+
+
+def test_a_fault_is_that_of_its_world() -> None:
+    session, _ = scene("ur5")
+    batch = hqp.Batch(session.controller, session.robot, 4, session.dt)
+    Q = np.tile(session.robot.home, (4, 1))
+    assert batch.step(Q).solved.all()
+    Q[2, 0] = np.nan
+    assert batch.step(Q).statuses() == (Status.OPTIMAL, Status.OPTIMAL, Status.INVALID_STATE, Status.OPTIMAL)
+    Q[2, 0] = session.robot.home[0]
+    batch.reset([2])
+    assert batch.step(Q).solved.all()
+
+
+def test_worlds_are_small() -> None:
+    session, _ = scene("g1")
+    batch = hqp.Batch(session.controller, session.robot, 64, session.dt)
+    batch.step(np.tile(session.robot.home, (64, 1)))
+    assert batch.bytes / 64 < 24_000
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    session, _ = scene("ur5")
+    controller, robot = session.controller, session.robot
+    with pytest.raises(DeclarationError, match="count"):
+        hqp.Batch(controller, robot, 0)
+    with pytest.raises(DeclarationError, match="threads"):
+        hqp.Batch(controller, robot, 2, threads=-1)
+    batch = hqp.Batch(controller, robot, 2)
+    Q = np.tile(robot.home, (2, 1))
+    with pytest.raises(DeclarationError, match="another shape"):
+        batch.step(Q[:1])
+    with pytest.raises(DeclarationError, match="no element 'hands'"):
+        batch.step(Q, None, {"hands": np.zeros((2, 3))})
+    with pytest.raises(DeclarationError, match=r"hand: targets are \(2, 3\)"):
+        batch.step(Q, None, {"hand": np.zeros((2, 4))})
+    with pytest.raises(DeclarationError, match="0 to 1"):
+        batch.reset(2)
