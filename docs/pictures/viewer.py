@@ -1,0 +1,105 @@
+"""The viewer on the shipped example, each picture by its target; needs the extra ``browser`` and Chromium.
+
+The loop is a process of its own, as `hqp view` has one; on a busy machine run it as `nice -n -10`.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import shutil
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import hqp
+from hqp import Level, Stack, serial
+from hqp.tasks import CollisionAvoidance
+
+FIGURES = Path(__file__).parents[1] / "figures"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "g1.toml"
+DT = 0.002
+SIZE = {"width": 1500, "height": 900}
+FLAGS = (
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--use-gl=angle",
+    "--enable-unsafe-swiftshader",
+)
+
+PICTURES: dict[str, tuple[tuple[float, float, float], bool]] = {
+    "reached": ((0.12, 0.05, 0.15), False),
+    "out_of_reach": ((0.7, 0.0, 0.25), False),
+    "at_a_limit": ((0.1, 0.0, 1.2), False),
+    "in_collision": ((-0.05, 0.2, -0.05), True),
+}
+"""Where the hand is asked to, from where it is at home [m], and whether links are kept apart in a level above it."""
+
+
+def loop(way: tuple[float, float, float], apart: bool, address: Any, end: Any) -> None:
+    """The example's loop with a target, until the end is set."""
+    stack, robot = serial.load(EXAMPLE), hqp.robots.load("g1")
+    if apart:
+        first, *others = stack.levels
+        stack = Stack(
+            first,
+            Level(CollisionAvoidance(), name="safety"),
+            *others,
+            subject_to=stack.subject_to,
+        )
+    hand = stack.find("right_hand")
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    goal = hand.at(hand.value(robot.state()) + np.array(way))  # type: ignore[attr-defined]
+    with hqp.view(hqp.Controller(stack).session(robot, DT), control=True) as view:
+        address.send(view.url)
+        due = time.perf_counter()
+        while not end.is_set():
+            q, v = view.step(robot.state(q, v), goal).advance()
+            due = max(due + DT, time.perf_counter())
+            time.sleep(max(0.0, due - time.perf_counter()))
+
+
+def shoot(playwright: Any, name: str) -> Path:
+    """One picture, once the hand has come to rest and the page has shown it for ten seconds."""
+    context = multiprocessing.get_context("spawn")
+    (url, address), end = context.Pipe(duplex=False), context.Event()
+    process = context.Process(target=loop, args=(*PICTURES[name], address, end))
+    process.start()
+    path = FIGURES / f"view_{name}.png"
+    try:
+        chromium = (
+            os.environ.get("HQP_CHROMIUM")
+            or shutil.which("chromium")
+            or shutil.which("google-chrome")
+        )
+        browser = playwright.chromium.launch(executable_path=chromium, args=list(FLAGS))
+        tab = browser.new_page(viewport=SIZE)
+        tab.goto(url.recv())
+        tab.wait_for_selector("text=Time of a tick", timeout=300_000)
+        tab.wait_for_timeout(25_000)
+        for note in tab.locator(".mantine-Notification-root button").all():
+            note.click()  # viser's, of a browser that renders in software
+        tab.screenshot(path=str(path), timeout=120_000)
+        browser.close()
+    finally:
+        end.set()
+        process.join()
+    return path
+
+
+def save(names: set[str]) -> list[Path]:
+    """The pictures of those names, all without one; returns their files."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        return [
+            shoot(playwright, name) for name in PICTURES if not names or name in names
+        ]
+
+
+if __name__ == "__main__":
+    import sys
+
+    print(*save(set(sys.argv[1:])), sep="\n")
