@@ -19,6 +19,7 @@ PACKAGES = {
     "export": "hqp.export.command",
     "replay": "hqp.recorder.command",
     "retarget": "hqp.motion.command",
+    "walk": "hqp.walking.command",
 }
 """Commands of a package of their own: a module with HELP, DESCRIPTION, add_arguments and execute."""
 

@@ -21,6 +21,7 @@ from hqp.walking.feet import feet_of, yaw_of
 from hqp.walking.footsteps import RIGHT, Command, Footsteps, rotation
 from hqp.walking.gait import Gait, Reach
 from hqp.walking.pendulum import DcmPlan, Piece, capture_point, natural_frequency
+from hqp.walking.plan import Motion, predict
 from hqp.walking.stacks import Laws, Stacks
 from hqp.walking.swing import Swing
 
@@ -80,6 +81,8 @@ class Walker:
         deadline: float | None = None,
     ) -> None:
         self.robot, self.gait, self.dt = robot, gait or Gait(), dt
+        self._declared: dict[str, Any] = {"gait": gait, "dt": dt, "reach": reach, "laws": laws, "soles": soles}
+        self._declared |= {"friction": friction, "limits": limits, "price": price}
         self.feet = feet_of(robot, soles)
         home = robot.copy().state(robot.home)
         self.holds = [foot.placed(home) for foot in self.feet]
@@ -137,9 +140,19 @@ class Walker:
         if self.walking:
             self.command, self.walking, self._left = Command(), False, 1
 
+    def plan(self, seconds: float, fps: float = 50.0) -> Motion:
+        """A reference motion: the walk at the velocity of ``go`` from home, by the model alone, and a stop.
+
+        Frames fps [1/s] apart; ``save(path)`` writes them.  This walker stays as it is.  Raises DeclarationError.
+        """
+        twin = Walker(self.robot.copy(), deadline=math.inf, **self._declared)
+        if self.walking:
+            twin.go(self.command.forward, self.command.left, self.command.turn)
+        return predict(twin, seconds, fps)
+
     # ----------------------------------------------------------------------------------------------- loop
 
-    def step(self, state: State, loads: Sequence[float] | None = None) -> Tick:
+    def step(self, state: State, loads: Sequence[float] | Vec | None = None) -> Tick:
         """One tick: the torques for a state.
 
         loads: normal force on the left and on the right foot [N]; without them a foot has landed when its time is up.

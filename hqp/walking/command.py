@@ -1,0 +1,108 @@
+"""The command `hqp walk`."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hqp.walking.keys import HELP as KEYS
+from hqp.walking.keys import Keys
+
+if TYPE_CHECKING:
+    from hqp.walking.walker import Walker
+
+HELP = "walk with a biped in MuJoCo, in a browser by keys, or write the walk as a reference motion"
+DESCRIPTION = f"""A biped stands for a second, walks as asked, and stops, on the state that its simulated sensors give.
+With --view it is shown in a browser and goes where keys in the terminal say: {KEYS}.  With --output nothing is
+simulated: the walk is predicted by the model and written as arrays."""
+
+STAND = 1.0
+"""Before the walk [s]."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command's own arguments."""
+    parser.add_argument("--robot", default="talos", metavar="ROBOT", help="a name from `hqp robots`; default talos")
+    for name, default, unit in (("forward", 0.2, "m/s"), ("left", 0.0, "m/s"), ("turn", 0.0, "rad/s")):
+        parser.add_argument(f"--{name}", type=float, default=default, metavar="V", help=f"[{unit}], default {default}")
+    parser.add_argument("--seconds", type=float, default=8.0, metavar="S", help="default 8; with --view until Ctrl-C")
+    parser.add_argument("--output", type=Path, metavar="FILE.npz", help="write q, v and contacts there")
+    parser.add_argument("--fps", type=float, default=50.0, help="frames a second of the file, default 50")
+    parser.add_argument("--view", action="store_true", help="show it in a browser, steered by keys")
+
+
+def execute(arguments: argparse.Namespace) -> int:
+    """Walk; returns 1 for a fall."""
+    from hqp import robots
+    from hqp.walking.walker import Walker
+
+    robot = robots.load(arguments.robot, rotors=True)
+    walker = Walker(robot)
+    wanted = arguments.forward, arguments.left, arguments.turn
+    if arguments.output is not None:
+        walker.go(*wanted)
+        motion = walker.plan(arguments.seconds, arguments.fps)
+        motion.save(arguments.output)
+        print(f"{len(motion.q)} frames of {robot.name} in {arguments.output}")
+        return 0
+    if not arguments.view:
+        return _simulate(walker, wanted, arguments.seconds)
+    from hqp.viewer.session_view import View
+
+    with View(walker.session, title=f"{robot.name} walks") as view, Keys() as keys:
+        print(f"{view.url}\n{KEYS}")
+        view.open()
+        due = time.perf_counter()
+
+        def each(state: Any, tick: Any) -> None:
+            nonlocal due
+            view.show(state, tick)
+            asked = keys.asked()
+            if asked is not None:
+                walker.stop() if asked == (0.0, 0.0, 0.0) else walker.go(*asked)
+            due = max(due + walker.dt, time.perf_counter())
+            time.sleep(max(0.0, due - time.perf_counter()))
+
+        with contextlib.suppress(KeyboardInterrupt):
+            return _simulate(walker, None, float("inf"), each)
+    return 0
+
+
+def _simulate(
+    walker: Walker, wanted: tuple[float, ...] | None, seconds: float, each: Callable[[Any, Any], None] | None = None
+) -> int:
+    from hqp.estimation import FeetEstimator
+    from hqp.robots.on_mujoco import Noise, Plane, Plant, Sensors
+
+    robot, dt = walker.robot, walker.dt
+    soles = [foot.frame for foot in walker.feet]
+    sensors = Sensors(gyro=Noise(0.01), accelerometer=Noise(0.05), rate=Noise(0.02), force=Noise(2.0))
+    base = robot.landmarks["base"][0]
+    plant = Plant(robot, terrain=Plane(friction=0.6), sensors=sensors, imu=base, watched=soles, delay=0.004)
+    estimator = FeetEstimator(robot, soles, dt, plant.reset(robot.home.copy())[0], least_load=0.9 * robot.mass)
+    stops, since = STAND + seconds, 0.0
+    while plant.time < stops or walker.phase != "stand" or plant.time < since + STAND:
+        if wanted is not None and plant.time >= STAND and not walker.walking and plant.time < stops:
+            walker.go(*wanted)
+        if plant.time >= stops:
+            walker.stop()
+        reading = plant.measure()
+        q, v = estimator.update(reading.q, reading.v, reading.accelerometer, reading.contacts.load)
+        state = robot.state(q, v)
+        tick = walker.step(state, reading.contacts.load)
+        plant.step(tick.command, steps=round(dt / plant.timestep))
+        if walker.event:
+            since = plant.time
+            x, y, _ = plant.com().round(2)
+            capture = walker.capture_point.round(2)
+            print(f"{plant.time:7.2f} s  {walker.phase:6}  CoM {x:5.2f} {y:5.2f}  capture point {capture}")
+        if each is not None:
+            each(state, tick)
+        if plant.com()[2] < 0.7 * walker.height:
+            print(f"{plant.time:7.2f} s  {robot.name} fell")
+            return 1
+    return 0

@@ -1,0 +1,96 @@
+"""A walk as a reference motion: where the robot's own model goes under the walker's torques, written as arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec
+from hqp.errors import DeclarationError
+from hqp.walking.gait import check
+
+if TYPE_CHECKING:
+    from hqp.robot import State
+    from hqp.walking.walker import Walker
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Configurations ``(T, nq)``, velocities ``(T, nv)`` and contacts ``(T, 2)``, frame by frame.
+
+    q: base position [m], its quaternion xyzw, joints [rad].  v: of the base in its own axes [m/s, rad/s], joints
+    [rad/s].  contacts: whether the foot of that name stands.  fps [1/s].  joint_names: the order of what follows the
+    base, along each limb before the next.  phases: ``(T,)``, of the walker.
+    """
+
+    robot: str
+    q: Mat
+    v: Mat
+    contacts: Any
+    phases: tuple[str, ...]
+    joint_names: tuple[str, ...]
+    contact_names: tuple[str, ...]
+    fps: float
+
+    def save(self, path: str | Path) -> None:
+        """Write q, v, contacts, fps, names and orders as .npz; raises DeclarationError for another suffix."""
+        if Path(path).suffix != ".npz":
+            raise DeclarationError(
+                "motion", "not a file of arrays", value=str(path), allowed="a path that ends in .npz"
+            )
+        np.savez_compressed(
+            path, q=self.q, v=self.v, contacts=self.contacts, fps=self.fps, phases=np.array(self.phases),
+            joint_names=np.array(self.joint_names), contact_names=np.array(self.contact_names),
+            quaternion_order="xyzw", joint_order="depth first", robot=self.robot,
+        )  # fmt: skip
+
+
+def predict(walker: Walker, seconds: float, fps: float) -> Motion:
+    """What a walker that starts at home does in so long, its model integrated: contacts hold, feet land at the ground.
+
+    The last step, back to standing, begins as late as it may.  Raises DeclarationError for times.
+    """
+    check("plan", "seconds", seconds, 0.0, strict=True, unit="s")
+    check("plan", "fps", fps, 0.0, strict=True, unit="1/s")
+    robot, gait, dt = walker.robot, walker.gait, walker.dt
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    rest = 2.0 * gait.period + 2.0 * gait.first  # of the step under way, the last one and the way between the feet
+    frames: list[tuple[Any, Any, tuple[bool, ...], str]] = []
+    for k in range(round(seconds / dt) + 1):
+        if walker.walking and walker.time > seconds - rest:
+            walker.stop()
+        if k * dt >= len(frames) / fps - 1e-9:
+            swings = walker.phase == "swing"
+            frames.append((q, v, tuple(not (swings and side != walker.stance) for side in (0, 1)), walker.phase))
+        state = robot.state(q, v)
+        tick = walker.step(state, _loads(walker, state))
+        landed = walker.event in ("shift", "stand") and k > 0
+        q, v = walker.session.program.advance(state, tick.x)
+        if landed:
+            v = _stopped(walker, state, v)
+    where, rates, contacts, phases = zip(*frames, strict=True)
+    names = robot.joint_names
+    contact_names = tuple(foot.name for foot in walker.feet)
+    return Motion(robot.name, np.array(where), np.array(rates), np.array(contacts), phases, names, contact_names, fps)
+
+
+def _stopped(walker: Walker, state: State, v: Vec) -> Vec:
+    """Velocities after both feet met the ground without bouncing, v - A^-1 J' (J A^-1 J')^-1 J v."""
+    J = np.vstack([state.jacobian(foot.frame) for foot in walker.feet])
+    X = np.linalg.solve(state.mass_matrix(), J.T)
+    stopped: Vec = v - X @ np.linalg.lstsq(J @ X, J @ v, rcond=1e-9)[0]
+    return stopped
+
+
+def _loads(walker: Walker, state: State) -> tuple[float, float]:
+    """The weight on the feet that stand; a swing foot that reaches the ground takes a tenth of it [N]."""
+    weight = 9.81 * walker.robot.mass
+    if walker.phase != "swing":
+        return 0.5 * weight, 0.5 * weight
+    side = 1 - walker.stance
+    down = state.position(walker.feet[side].frame)[2] <= walker.holds[walker.stance].z
+    share = 0.1 if down else 0.0
+    return (share * weight, (1.0 - share) * weight) if side == 0 else ((1.0 - share) * weight, share * weight)

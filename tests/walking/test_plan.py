@@ -1,0 +1,61 @@
+"""A walk as a reference motion, and the command that writes it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hqp.robots
+from hqp.__main__ import main
+from hqp.errors import DeclarationError
+from hqp.walking import Gait, Walker
+from hqp.walking.keys import Keys
+
+
+def test_a_plan_walks_where_it_is_told(tmp_path: Path) -> None:
+    """Feet that stand do not slide nor sink, the CoM goes as far as asked, and the walker stays as it was."""
+    robot = hqp.robots.load("g1", rotors=True)
+    walker = Walker(robot, Gait(single=0.4, double=0.1, first=0.4))
+    walker.go(0.2)
+    motion = walker.plan(3.0, fps=50.0)
+    assert walker.time == 0.0
+    assert motion.q.shape == (151, robot.nq)
+    assert "swing" in motion.phases
+    assert motion.phases[-1] == "stand"
+    for side, foot in enumerate(walker.feet):
+        places = np.array([robot.state(q).position(foot.frame) for q in motion.q])
+        stands = motion.contacts[:, side]
+        held = stands[1:] & stands[:-1]
+        assert np.abs(np.diff(places, axis=0)[held, :2]).max() * motion.fps < 2e-3
+        assert np.abs(places[stands, 2]).max() < 2e-3
+        assert places[~stands, 2].max() > 0.04
+    start, end = (robot.state(motion.q[k]).com() for k in (0, -1))
+    assert 0.08 < end[0] - start[0] < 0.3
+    motion.save(tmp_path / "walk.npz")
+    with np.load(tmp_path / "walk.npz") as file:
+        assert str(file["quaternion_order"]) == "xyzw"
+        assert tuple(file["joint_names"]) == robot.joint_names
+        assert tuple(file["contact_names"]) == ("left", "right")
+        assert file["fps"] == 50.0
+        np.testing.assert_array_equal(file["q"], motion.q)
+    with pytest.raises(DeclarationError, match="npz"):
+        motion.save(tmp_path / "walk.csv")
+    with pytest.raises(DeclarationError, match="fps"):
+        walker.plan(1.0, fps=0.0)
+
+
+def test_the_command_writes_a_plan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["walk", "--robot", "g1", "--seconds", "0.4", "--output", str(tmp_path / "g1.npz")]) == 0
+    assert "21 frames" in capsys.readouterr().out
+    assert (tmp_path / "g1.npz").is_file()
+
+
+def test_keys_are_a_joystick() -> None:
+    keys = Keys()
+    assert keys.press("x") is None
+    assert keys.press("ww") == (0.1, 0.0, 0.0)
+    assert keys.press("Aq") == (0.1, 0.02, 0.05)
+    assert keys.press("w" * 20) == (0.4, 0.02, 0.05)
+    assert keys.press(" ") == (0.0, 0.0, 0.0)
