@@ -28,6 +28,7 @@ NAMES = {
     "dreamer-robustness": "sentis2012.experiments.robustness",
     "dreamer-limits": "sentis2012.experiments.pairs",
     "dreamer-statistics": "sentis2012.experiments.statistics",
+    "walking": "walking.statistics",
 }
 
 
@@ -43,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--no-pictures", action="store_true", help="render nothing")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes for sweeps")
-    group = parser.add_argument_group("dreamer-statistics, which by itself is the whole table")
+    group = parser.add_argument_group("dreamer-statistics and walking, which by themselves are whole tables")
     about = "nominal, nominal-imu, nominal-tilt, promised, all, or names of the table of robustness"
     group.add_argument("--cells", nargs="+", metavar="NAME", default=["nominal", "nominal-imu"], help=about)
     group.add_argument(
@@ -83,6 +84,10 @@ def run(arguments: argparse.Namespace) -> int:
         from benchmarks.sentis2012.experiments import statistics
 
         return statistics.command(arguments)
+    if arguments.names == ["walking"]:
+        from benchmarks.walking import statistics as walks
+
+        return walks.command(arguments)
     full = (arguments.full or bool(arguments.names)) and not arguments.quick
     setting = _setting(arguments, full)
     outcomes = []

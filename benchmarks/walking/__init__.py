@@ -1,0 +1,1 @@
+"""Bipeds that walk in MuJoCo, many times with trifles changed."""

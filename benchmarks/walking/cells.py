@@ -1,0 +1,89 @@
+"""What is walked many times: a robot, a speed, and what happens to it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from benchmarks.walking.course import DT, FRICTION, SETTLE, STOP, Course
+from benchmarks.walking.tiles import Tiles
+from hqp.robots.on_mujoco import Ramp
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """A walk of ``seconds`` at a velocity; after a stand of 20 s for none.
+
+    push: impulse over mass, sideways, at an instant of a step that differs from run to run [m/s].  ground: flat, ramp
+    (10 degrees) or tiles (+-20 mm).  falls: of 20 runs, at most; None where nothing is asked.
+    """
+
+    robot: str
+    forward: float = 0.0
+    left: float = 0.0
+    turn: float = 0.0
+    seconds: float = 10.0
+    push: float = 0.0
+    ground: str = "flat"
+    falls: int | None = None
+
+
+PUSHED = 0.1
+"""For how long [s]."""
+
+SPEEDS = {"talos": (0.3, 0.4), "g1": (0.2, 0.3), "cbi": (0.15, 0.25)}
+"""Asked and beyond [m/s]."""
+
+PUSHES = {"talos": 0.2, "g1": 0.13, "cbi": 0.13}
+OTHERS = {"icub": 0.1, "romeo": 0.15, "talos_full_v2": 0.3, "g1_29dof_with_hand_rev_1_0": 0.2}
+
+
+def cells() -> Mapping[str, Cell]:
+    """Every cell by name."""
+    found: dict[str, Cell] = {}
+    for robot, (asked, more) in SPEEDS.items():
+        found[f"{robot}, stands 20 s"] = Cell(robot=robot, seconds=0.0, falls=0)
+        found[f"{robot}, {asked:g} m/s"] = Cell(robot=robot, forward=asked, falls=1)
+        found[f"{robot}, {more:g} m/s"] = Cell(robot=robot, forward=more)
+        push = PUSHES[robot]
+        found[f"{robot}, 0.1 m/s, pushed {push:g} m/s"] = Cell(robot=robot, forward=0.1, push=push, falls=1)
+        found[f"{robot}, back, aside and turning"] = Cell(robot=robot, forward=-0.1, left=0.05, turn=0.1)
+        found[f"{robot}, 0.1 m/s up 10 degrees"] = Cell(robot=robot, forward=0.1, ground="ramp", falls=2)
+        found[f"{robot}, 0.1 m/s, tiles +-20 mm"] = Cell(robot=robot, forward=0.1, ground="tiles", falls=2)
+    for robot, speed in OTHERS.items():
+        found[f"{robot}, {speed:g} m/s"] = Cell(robot=robot, forward=speed)
+    return found
+
+
+def one_run(cell: str, seed: int) -> dict[str, Any]:
+    """The figures of one run; a case of a sweep."""
+    declared = cells()[cell]
+    ground: Any = None
+    if declared.ground == "ramp":
+        ground = Ramp(friction=FRICTION, angle=math.radians(10.0))
+    elif declared.ground == "tiles":
+        ground = Tiles(friction=FRICTION, seed=seed)
+    course = Course(declared.robot, seed, terrain=ground, height=0.02 if declared.ground == "tiles" else 0.0)
+    start = course.plant.com()
+    if declared.seconds == 0.0:
+        course.run(20.0)
+        return {**course.figures(), "walked": 0.0, "aside": 0.0}
+    if course.run(SETTLE):
+        start = course.plant.com()
+        course.walker.go(declared.forward, declared.left, declared.turn)
+        before = 3.0 + 1.5 * np.random.default_rng(seed).uniform() if declared.push else 0.0
+        course.run(before)
+        if declared.push:
+            force = declared.push * course.mass / PUSHED * (1 - 2 * (seed // 2 % 2))
+            course.run(PUSHED, push=[0.0, force, 0.0])
+        course.run(declared.seconds - before)
+    moved = course.plant.com() - start
+    if math.isnan(course.fell):
+        course.walker.stop()
+        course.run(STOP)
+    lasted = course.plant.time - SETTLE - DT
+    return {**course.figures(), "walked": float(moved[0]), "aside": float(moved[1]), "lasted": lasted}

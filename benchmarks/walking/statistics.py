@@ -1,0 +1,122 @@
+"""Walks many times, seeds a cell: falls, speed, torques' changes, ticks, what the estimator was off by."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.lab.distribution import fall_rate_bound, percentiles
+from benchmarks.lab.outcome import Figure, Outcome, Table, table
+from benchmarks.lab.setting import Setting
+from benchmarks.walking.cells import cells, one_run
+
+RUNS = 20
+"""Of a cell, where nothing is said."""
+
+ASKED = ("talos, 0.3 m/s", "g1, 0.2 m/s", "cbi, 0.15 m/s")
+
+
+def command(arguments: Any) -> int:
+    """Make the runs that are missing and show the table; 1 where more fall than may, 2 for an unknown cell."""
+    from hqp import sweep
+
+    known = cells()
+    names = list(known) if arguments.cells == ["all"] else [n for n in arguments.cells if n in known] or list(ASKED)
+    if unknown := [n for n in arguments.cells if n not in known and n not in ("all", "nominal", "nominal-imu")]:
+        print(f"benchmarks experiments: no cell {', '.join(unknown)}; there are {'; '.join(known)}", file=sys.stderr)
+        return 2
+    runs = range(arguments.seed, arguments.seed + (arguments.runs or RUNS))
+    cases = sweep.Sweep(f"{__name__}:run", [{"cell": n, "seed": k} for k in runs for n in names], arguments.code)
+    kept = arguments.kept or Path(arguments.output) / "walking"
+    if not arguments.show:
+        on = "serial" if arguments.jobs == 1 else "local"
+        sweep.run(cases, kept, on=on, jobs=arguments.jobs)
+    rows = [row for row in sweep.read(kept).to_pylist() if row["ok"]]
+    found = [summary(n, own) for n in names if (own := [_figures(r) for r in rows if r["case.cell"] == n])]
+    shown = lines(found)
+    from benchmarks.reports import report
+
+    report.console.print(report.table(shown.header, shown.rows), markup=False, soft_wrap=True)
+    if arguments.json is not None:
+        arguments.json.parent.mkdir(parents=True, exist_ok=True)
+        arguments.json.write_text(json.dumps(found, indent=1) + "\n")
+    return int(any(line["asked"] is not None and line["falls"] > line["asked"] for line in found))
+
+
+def run(cell: str, seed: int) -> dict[str, Any]:
+    """One run, as a sweep calls it."""
+    return one_run(cell, seed)
+
+
+def _figures(row: Mapping[str, Any]) -> dict[str, float]:
+    return {key.removeprefix("result."): value for key, value in row.items() if key.startswith("result.")}
+
+
+def summary(cell: str, rows: Sequence[Mapping[str, float]]) -> dict[str, Any]:
+    """A cell's line: falls, and percentiles over the runs that did not fall."""
+    stood = [row for row in rows if not math.isfinite(row["fell"])]
+    declared = cells()[cell]
+    spread = {
+        key: percentiles(np.array([row[key] for row in stood])) if stood else {}
+        for key in ("jump_switch", "jump_else", "off_mm", "off_deg")
+    }
+    per_second = 1.0 / declared.seconds if declared.seconds else 0.0
+    asked = None if declared.falls is None else math.ceil(declared.falls * len(rows) / 20.0)
+    return {
+        "cell": cell,
+        "runs": len(rows),
+        "falls": len(rows) - len(stood),
+        "asked": asked,
+        "walked": per_second * float(np.median([row["walked"] for row in stood])) if stood else math.nan,
+        "optimal": float(np.median([row["optimal"] for row in rows])),
+        "in_time": float(np.median([row["in_time"] for row in rows])),
+        **spread,
+    }
+
+
+def lines(found: Sequence[Mapping[str, Any]]) -> Table:
+    """The lines for people."""
+
+    def two(figures: Mapping[str, float]) -> str:
+        return f"{figures['median']:.0f} / {figures['worst']:.0f}" if figures else ""
+
+    rows = [
+        (
+            line["cell"],
+            f"{line['falls']} of {line['runs']}",
+            f"{100.0 * fall_rate_bound(line['falls'], line['runs']):.0f} %",
+            "" if math.isnan(line["walked"]) else f"{line['walked']:.2f}",
+            two(line["jump_switch"]),
+            two(line["jump_else"]),
+            f"{100.0 * line['optimal']:.2f} %",
+            f"{100.0 * line['in_time']:.1f} %",
+            two(line["off_mm"]),
+        )
+        for line in found
+    ]
+    header = (
+        "cell", "falls", "rate below (95 %)", "walked [m/s]", "torque at a switch [N m a tick]", "else",
+        "OPTIMAL", "ticks within 1.6 ms", "estimate off [mm]",
+    )  # fmt: skip
+    return table("Walks: median / worst of the runs that did not fall", header, rows)
+
+
+def experiment(setting: Setting) -> Outcome:
+    """A look: two runs of each of the walks that are asked, five in full."""
+    runs = 5 if setting.full else 2
+    outcome = Outcome("walking")
+    outcome.parameters = {"runs": runs, "masses": "+-10 %", "encoders [rad]": 0.005, "delay [s]": 0.004, "mu": 0.5}
+    found = []
+    for name in ASKED:
+        line = summary(name, [one_run(name, seed) for seed in range(runs)])
+        setting.advance()
+        outcome.figures.append(Figure(f"{name}: falls of {runs}", line["falls"], high=0.0))
+        found.append(line)
+    outcome.tables.append(lines(found))
+    return outcome
