@@ -3,7 +3,7 @@
 from hqp.walking.footsteps import Command, Foothold, Footsteps
 from hqp.walking.gait import Gait, Reach
 from hqp.walking.pendulum import DcmPlan, Piece, capture_point, natural_frequency
-from hqp.walking.plan import Motion
+from hqp.walking.plan import Walk
 from hqp.walking.stacks import Laws, Stacks
 from hqp.walking.swing import Swing
 from hqp.walking.walker import Walker
@@ -15,11 +15,11 @@ __all__ = [
     "Footsteps",
     "Gait",
     "Laws",
-    "Motion",
     "Piece",
     "Reach",
     "Stacks",
     "Swing",
+    "Walk",
     "Walker",
     "capture_point",
     "natural_frequency",

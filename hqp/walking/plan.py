@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Motion:
+class Walk:
     """Configurations ``(T, nq)``, velocities ``(T, nv)`` and contacts ``(T, 2)``, frame by frame.
 
     q: base position [m], its quaternion xyzw, joints [rad].  v: of the base in its own axes [m/s, rad/s], joints
@@ -48,7 +48,7 @@ class Motion:
         )  # fmt: skip
 
 
-def predict(walker: Walker, seconds: float, fps: float) -> Motion:
+def predict(walker: Walker, seconds: float, fps: float) -> Walk:
     """What a walker that starts at home does in so long, its model integrated: contacts hold, feet land at the ground.
 
     The last step, back to standing, begins as late as it may.  Raises DeclarationError for times.
@@ -74,7 +74,7 @@ def predict(walker: Walker, seconds: float, fps: float) -> Motion:
     where, rates, contacts, phases = zip(*frames, strict=True)
     names = robot.joint_names
     contact_names = tuple(foot.name for foot in walker.feet)
-    return Motion(robot.name, np.array(where), np.array(rates), np.array(contacts), phases, names, contact_names, fps)
+    return Walk(robot.name, np.array(where), np.array(rates), np.array(contacts), phases, names, contact_names, fps)
 
 
 def _stopped(walker: Walker, state: State, v: Vec) -> Vec:

@@ -21,7 +21,7 @@ from hqp.walking.feet import feet_of, yaw_of
 from hqp.walking.footsteps import RIGHT, Command, Footsteps, rotation
 from hqp.walking.gait import Gait, Reach
 from hqp.walking.pendulum import DcmPlan, Piece, capture_point, natural_frequency
-from hqp.walking.plan import Motion, predict
+from hqp.walking.plan import Walk, predict
 from hqp.walking.stacks import Laws, Stacks
 from hqp.walking.swing import Swing
 
@@ -140,7 +140,7 @@ class Walker:
         if self.walking:
             self.command, self.walking, self._left = Command(), False, 1
 
-    def plan(self, seconds: float, fps: float = 50.0) -> Motion:
+    def plan(self, seconds: float, fps: float = 50.0) -> Walk:
         """A reference motion: the walk at the velocity of ``go`` from home, by the model alone, and a stop.
 
         Frames fps [1/s] apart; ``save(path)`` writes them.  This walker stays as it is.  Raises DeclarationError.
