@@ -32,7 +32,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
 EXTRAS["browser"] = (*EXTRAS["view"], *EXTRAS["robots"], "playwright")
 EXTRAS["bench"] = (*EXTRAS["mujoco"], *EXTRAS["plots"], *EXTRAS["solvers"], *EXTRAS["robots"])
 EXTRAS["dev"] = (
-    *EXTRAS["bench"], *EXTRAS["lab"], *EXTRAS["video"],
+    *EXTRAS["bench"], *EXTRAS["lab"], *EXTRAS["motion"], *EXTRAS["video"],
     "pytest", "pytest-timeout", "pytest-xdist", "hypothesis", "ruff", "mypy", "clang-format", "pyright",
 )  # fmt: skip
 

@@ -133,3 +133,18 @@ def test_what_is_no_share_is_refused_or_told(robot: Robot) -> None:
 def test_it_is_written_and_read() -> None:
     declared = stack()
     assert serial.loads(serial.dumps(declared)) == declared
+
+
+@pytest.mark.parametrize("angle", [0.2, 1.0, 1.57])
+def test_below_a_trunk_far_off_posture_and_share_are_at_their_best(robot: Robot, angle: float) -> None:
+    """Two levels without a price below one that is not met: the share must not take what the posture has."""
+    trunk = Orientation(frame="pelvis", name="trunk")
+    session = hqp.Controller(stack(), hqp.Torque(), deadline=np.inf).session(robot, dt=0.002)
+    turned = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    goal = turned @ robot.state().rotation("pelvis")
+    for _ in range(3):
+        tick = session.step(robot.state(), trunk.at(goal))
+    assert tick.status.solved
+    assert tick.solution is not None
+    points = tick.solution.stage_points
+    assert hqp.certificate(session.problem, tick.solution.x, 1e-8, points).ok

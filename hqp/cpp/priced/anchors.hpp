@@ -16,7 +16,8 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kLost = 1e-11;       // of a row of a level: directions that it does not see
+constexpr double kLost =
+    1e-8;  // of a row of a level: directions that it sees less; sizes further apart lose all digits of a sum
 constexpr double kUnseen = 1e-10;     // of a row: what it sees of such a direction, not to see it
 constexpr double kNearlyFree = 1e-6;  // what a unit of them counts, of the least that it sees
 
