@@ -60,7 +60,7 @@ class Teller:
 
         def notes() -> tuple[Note, ...]:
             return tuple(
-                Note(held.element, Status.OPTIMAL, held.note(account.losses(held.element)))
+                Note(held.element, Status.OPTIMAL, held.note(account.losses(held.element), account.cause(held.element)))
                 for held in accounts.held_back(account, w)
                 if held.share > MOST or held.element in named
             )

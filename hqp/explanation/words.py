@@ -20,6 +20,9 @@ BINDS = 0.05
 PRICE = "its price"
 """The name under which a price stands among the losses."""
 
+OUT_OF_REACH = "out of reach: no motion of the robot lessens it"
+"""What explanations and notes say where the cause is ``out of reach``."""
+
 
 @dataclass(frozen=True)
 class Loss:
@@ -86,10 +89,12 @@ class HeldBack:
     short: Short
     worth: float
 
-    def note(self, losses: tuple[Loss, ...]) -> str:
-        """What was asked, what was given, and why not more."""
+    def note(self, losses: tuple[Loss, ...], cause: str = "price") -> str:
+        """What was asked, what was given, and why not more; cause: as in Account."""
         why = "the rest costs more motion than it is worth"
-        if losses and losses[0].element != PRICE:
+        if cause == "out of reach":
+            why = f"the rest is {OUT_OF_REACH}"
+        elif losses and losses[0].element != PRICE:
             why = f"the rest is held by {told(losses, 3)}"
         return f"asked {self.asked:.3g} {self.unit}, given {self.given:.3g}, short along ({self.short}): {why}"
 
@@ -161,7 +166,7 @@ def _outcome(account: Account) -> str:
     if account.met:
         return "met"
     if account.cause == "out of reach":
-        return "out of reach: no motion of the robot lessens it"
+        return OUT_OF_REACH
     if account.cause == "own level":
         return "fights " + (", ".join(account.fights) or "itself") + " in its own level"
     losses = told(account.losses, 4)
