@@ -25,9 +25,10 @@ def driven(place: tuple[float, float, float], ticks: int, gain: float = 80.0) ->
     q, v = START, np.zeros(robot.nv)
     goal: Mat = np.array(hand.value(robot.state(q)))
     goal[:3, 3] = place
-    for _ in range(ticks):
-        tick = session.step(robot.state(q, v), hand.at(goal))
+    tick = session.step(robot.state(q, v), hand.at(goal))
+    for _ in range(ticks - 1):
         q, v = tick.advance()
+        tick = session.step(robot.state(q, v), hand.at(goal))
     return tick, float(np.linalg.norm(robot.state(q).position("tool0") - place))
 
 
