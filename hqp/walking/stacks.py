@@ -49,7 +49,7 @@ class Laws:
 class Stacks:
     """Stacks that a walk changes between; ``both``, and ``alone[i]`` with foot i on the ground.
 
-        balance, height > swing > trunk > load share > posture    s.t. contacts, torques, joints, friction, soles
+        balance, height > swing > trunk > posture > load share    s.t. contacts, torques, joints, friction, soles
 
     height: of the pendulum [m].  friction: mu.  limits: of joints, without names of all but the legs', whose loads
     know no limit of acceleration; None for none.
@@ -89,7 +89,7 @@ class Stacks:
         postures = [] if self.posture is None else [Level(self.posture, name="posture")]
         if len(legs) > 12:  # else feet and trunk determine them
             postures.append(Level(self.legs, name="legs"))
-        self.both = Stack(first, trunk, Level(self.share, name="share"), *postures, subject_to=within(*feet))
+        self.both = Stack(first, trunk, *postures, Level(self.share, name="share"), subject_to=within(*feet))
         self.alone = tuple(
             Stack(first, Level(swing, name="swing", price=HASTE), trunk, *postures, subject_to=within(foot))
             for foot, swing in zip(feet, self.swing[::-1], strict=True)
