@@ -104,3 +104,16 @@ def test_what_does_not_fit_is_refused() -> None:
         batch.step(Q, None, {"hand": np.zeros((2, 4))})
     with pytest.raises(DeclarationError, match="0 to 1"):
         batch.reset(2)
+
+
+def test_no_world_is_late() -> None:
+    session, _ = scene("ur5")
+    hurried = hqp.Controller(session.controller.stack, session.controller.formulation, deadline=1e-5)
+    found = [
+        hqp.Batch(controller, session.robot, 64, session.dt).step(
+            np.tile(session.robot.home, (64, 1)), None, {"hand": np.tile([0.4, 0.1, 0.5], (64, 1))}
+        )
+        for controller in (hurried, session.controller)
+    ]
+    assert found[0].solved.all()
+    np.testing.assert_array_equal(found[0].x, found[1].x)

@@ -131,6 +131,12 @@ class Guarded {
     return what == 0 ? given.value.size() : what == 3 ? 3 : what == 4 ? 1 : given.velocity.size();
   }
 
+  // Every answer is finished from now on, however long it takes.
+  void without_deadline() {
+    deadline_ = std::numeric_limits<double>::infinity();
+    line_.solver().limit(0.0);
+  }
+
   // As just made.
   void reset() {
     CarryOver state = CarryOver::from(initial_);
