@@ -1,10 +1,11 @@
-"""``hqp.reach`` to poses of random configurations inside the limits and free of collisions, beside roboplan."""
+"""``hqp.reach`` to poses of random configurations inside the limits and free of collisions, beside other libraries."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import math
+import os
 import subprocess
 import tempfile
 import time
@@ -19,6 +20,7 @@ from benchmarks.reports import report
 from hqp import Level, Stack
 from hqp.arrays import Mat, Vec
 from hqp.errors import HqpError
+from hqp.lab.rivals.environments import environment
 from hqp.tasks import CollisionAvoidance, Pose
 
 WRISTS = ("left_wrist_yaw_link", "right_wrist_yaw_link")
@@ -37,9 +39,14 @@ WITHIN = 1e-3
 """Of a pose that is reached [m], [rad]."""
 LEAST = 0.995
 """Share of poses that have to be reached."""
-WORKER = Path(__file__).with_name("roboplan_worker.py")
+RIVALS = {
+    "roboplan": ("roboplan==0.7.0", "pin"),
+    "optik": ("optik-py==0.5.0", "numpy"),
+    "trac_ik": ("pytracik==0.0.3", "numpy<2"),
+}
+"""What is installed for each, into an environment of its own; all but roboplan solve for one frame."""
 PAGE = Path(__file__).parents[2] / "docs" / "inverse-kinematics.md"
-MARK = "<!-- table: python -m benchmarks reach --roboplan PYTHON --page -->"
+MARK = "<!-- table: python -m benchmarks reach --rivals roboplan optik trac_ik --page -->"
 """Of the page, before what is written by this command."""
 
 
@@ -59,39 +66,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of this part."""
     parser.add_argument("--count", type=int, default=1000, help="poses of each robot (1000)")
     parser.add_argument("--rounds", type=int, default=2, help="by turns; the one with the lower median counts (2)")
-    parser.add_argument("--roboplan", metavar="PYTHON", help="an interpreter with roboplan and Pinocchio")
+    parser.add_argument("--rivals", nargs="+", choices=RIVALS, default=[], help="other libraries, on the same poses")
     parser.add_argument("--page", action="store_true", help=f"write the table into {PAGE.name}")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure, show, write; returns 1 where too few poses are reached."""
     count = 50 if arguments.quick else arguments.count
-    header = ["robot", "reached", "from the first start", "median, mean"]
-    rows, failed, release = [], False, ""
+    header = ["robot", "reached", "from the first start", "median, mean", *arguments.rivals]
+    rows, failed = [], False
     for title, (name, frames, moved, apart) in CASES.items():
         robot = hqp.robots.load(name, floating=False)
         start = robot.home.copy()
         for joint, side in moved.items():
             start[joint] = getattr(robot, side)[joint]
         poses = reachable(robot, frames, count)
-        ours, theirs = [], []
+        ours: list[Outcome] = []
+        theirs: dict[str, list[Outcome]] = {rival: [] for rival in arguments.rivals}
         for _ in range(arguments.rounds):
             ours.append(measured(robot, frames, start, poses, apart))
-            if arguments.roboplan and not apart:
-                release, found = rival(arguments.roboplan, robot, frames, start, poses)
-                theirs.append(found)
-        best = min(ours, key=lambda outcome: float(np.median(outcome.times)))
-        failed |= best.reached < LEAST * count
-        row = [title, f"{best.reached} of {count}", str(best.first), str(best)]
-        if arguments.roboplan:
-            row.append("")
-        if theirs:
-            other = min(theirs, key=lambda outcome: float(np.median(outcome.times)))
-            row[-1] = f"{other.reached}: {other}"
+            for rival, found in theirs.items():
+                if not apart and (len(frames) == 1 or rival == "roboplan"):
+                    found.append(beside(rival, robot, frames, start, poses))
+        least = best(ours)
+        failed |= least.reached < LEAST * count
+        row = [title, f"{least.reached} of {count}", str(least.first), str(least)]
+        for found in theirs.values():
+            row.append(f"{best(found).reached}: {best(found)}" if found else "")
         rows.append(row)
         report.console.print(", ".join(row))
-    if release:
-        header.append(f"roboplan {release} SimpleIk, reached: median, mean")
     text = report.table(header, rows)
     report.section(arguments.output, "reach", text)
     if arguments.page:
@@ -146,14 +149,25 @@ def there(robot: Any, frames: tuple[str, ...], q: Vec, goal: Mat) -> bool:
     return all(float(np.linalg.norm(e)) < WITHIN for pair in errors for e in pair)
 
 
-def rival(python: str, robot: Any, frames: tuple[str, ...], start: Vec, poses: Mat) -> tuple[str, Outcome]:
-    """The same poses by roboplan; raises HqpError where it does not run."""
+def best(found: list[Outcome]) -> Outcome:
+    """Of several rounds the one with the least median."""
+    return min(found, key=lambda outcome: float(np.median(outcome.times)))
+
+
+def beside(rival: str, robot: Any, frames: tuple[str, ...], start: Vec, poses: Mat) -> Outcome:
+    """The same poses by another library; raises HqpError where it does not run."""
+    python = environment(rival, report.console.print, RIVALS)
+    script = Path(__file__).parent / "workers" / f"with_{rival}.py"
+    env = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")}
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "poses.npz"
-        np.savez(file, poses=poses, start=start, frames=np.array(frames), source=str(robot.source))
-        result = subprocess.run([python, str(WORKER), str(file)], capture_output=True, text=True, check=False)
+        data = {"poses": poses, "start": start, "lower": robot.lower, "upper": robot.upper}
+        data |= {"frames": np.array(frames), "joints": np.array(robot.joint_names)}
+        np.savez(file, source=np.array(str(robot.source)), **data)
+        command = [str(python), str(script), str(file)]
+        result = subprocess.run(command, capture_output=True, text=True, check=False, env=env)
     if result.returncode:
-        raise HqpError(f"roboplan does not run in {python}:\n{result.stderr[-2000:]}")
+        raise HqpError(f"{rival} does not run:\n{result.stderr[-2000:]}")
     told = json.loads(result.stdout.strip().splitlines()[-1])
     good = sum(t and there(robot, frames, q, p) for t, q, p in zip(told["told"], told["q"], poses, strict=True))
-    return told["version"], Outcome(good, 0, np.array(told["times"]))
+    return Outcome(good, 0, np.array(told["times"]))

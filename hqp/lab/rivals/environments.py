@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from hqp.errors import DeclarationError, HqpError
 
-RIVALS = {
+RIVALS: dict[str, tuple[str, ...]] = {
     "pink": ("pin-pink==4.4.0", "qpsolvers[daqp]", "daqp"),
     "mink": ("mink==1.3.0", "qpsolvers[daqp]", "daqp"),
     "placo": ("placo==0.10.2",),
@@ -26,24 +26,26 @@ def folder() -> Path:
     return Path(given) if given else cache / "hqp" / "rivals"
 
 
-def environment(name: str, told: Callable[[str], None] = lambda text: None) -> Path:
+def environment(
+    name: str, told: Callable[[str], None] = lambda text: None, rivals: Mapping[str, Sequence[str]] = RIVALS
+) -> Path:
     """The Python of a rival's environment, made if it is not there.
 
     Wheels only: a rival that would have to be compiled counts as not available.  Raises DeclarationError for an unknown
     name, HqpError where the installation fails.
     """
-    if name not in RIVALS:
-        raise DeclarationError("rivals", "unknown", value=name, allowed=", ".join(RIVALS))
-    wanted = "\n".join(RIVALS[name])
+    if name not in rivals:
+        raise DeclarationError("rivals", "unknown", value=name, allowed=", ".join(rivals))
+    wanted = "\n".join(rivals[name])
     place = folder() / name
     python = place / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
     mark = place / "installed.txt"
     if mark.is_file() and mark.read_text() == wanted and python.exists():
         return python
-    told(f"installing {', '.join(RIVALS[name])} into {place}")
+    told(f"installing {', '.join(rivals[name])} into {place}")
     _call([sys.executable, "-m", "venv", "--clear", str(place)], name)
     options = ["--quiet", "--disable-pip-version-check", "--only-binary", ":all:"]
-    _call([str(python), "-m", "pip", "install", *options, *RIVALS[name]], name)
+    _call([str(python), "-m", "pip", "install", *options, *rivals[name]], name)
     mark.write_text(wanted)
     return python
 

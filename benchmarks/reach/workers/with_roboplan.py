@@ -1,4 +1,4 @@
-"""roboplan's SimpleIk on stored poses; run by the interpreter that has it: ``python roboplan_worker.py POSES.npz``.
+"""roboplan's SimpleIk on stored poses; run by the interpreter that has it: ``python with_roboplan.py POSES.npz``.
 
 Collisions are not checked, meshes and mimic joints not read; options as they come but for 50 restarts within a second.
 Prints JSON: version, and of each pose the time [s], whether it says that it found one, and the configuration.
