@@ -43,7 +43,8 @@ class Certificate:
 
     gaps: ``(levels + 1,)``, dimensionless, the completion (metric, origin, least norm) last.  Level k's is the
     projected gradient divided by r_k (r_k + max |w_k| + max_i sum_j |a_ij x_j|), r_k its largest row norm: about the
-    relative error of x in the directions that the level determines well, and blind to the scale of a level. Where its
+    relative error of x in the directions that the level determines well, and blind to the scale of a level; or, where
+    that is more, what ||w_k|| could still fall by along directions that are clear, relative to its terms. Where its
     rows differ in length by more than 100 (hqp.graded) it is what the step to the best point on the face of the active
     rows takes away of a row, relative to its length, or the gradient there, divided by the sum of what the rows pull
     that the face cannot meet: errors in directions that only short rows determine show as well.
@@ -176,6 +177,8 @@ def _verdict(
             gap, shares = judge.judge_graded(A, rows, missed, np.where(lengths > zero, lengths, 0.0), x)
         else:
             gap, shares = judge.judge(A.T @ missed, scale)
+            if longest > 0.0 and np.any(missed):
+                gap = max(gap, judge.fall(A, missed, sizes, (missed != 0.0) | rows.equality, x))
         gaps.append(gap)
         rounding.append(judge.rounding)
         norms.append(float(np.linalg.norm(w)))

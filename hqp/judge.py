@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from hqp.arrays import Index, Mat, Vec
+from hqp.arrays import Index, Mask, Mat, Vec, longest_row
 from hqp.graded import pull
 from hqp.nnls import nonnegative_least_squares
 from hqp.problem import Rows
 from hqp.tolerances import (
     CERTIFIED_RANK_TOLERANCE,
+    CLEAR_DIRECTION,
     EITHER_RANK,
     LARGEST_ROUNDING,
     NULL_SPACE_ROUNDING,
@@ -58,6 +59,24 @@ class Judge:
         found = pull(B @ face.T, B @ along.T, slack[left], lengths[left], size, self.tolerance)
         gap, shares = self.judge(self.Z @ (along.T @ found.along), found.size, own, side[own, None] * unit[own])
         return max(gap, found.taken), shares
+
+    def fall(self, A: Mat, slack: Vec, sizes: Vec, asked: Mask, x: Vec) -> float:
+        """What ||w|| could still fall by, along clear directions on the face of the active rows, beyond rounding.
+
+        Relative to the level's terms; a gradient says little where the rows are short in the null space of those above.
+        asked: rows that are equalities or violated.  sizes: their terms.
+        """
+        rows = A[asked] @ self.Z
+        if not rows.size:
+            return 0.0
+        longest = longest_row(A)
+        _, sigma, Vt = np.linalg.svd(self.unit[(self.side != 0.0) & ~self.fixed] @ self.Z, full_matrices=True)
+        U, sigma, _ = np.linalg.svd(rows @ Vt[int(np.count_nonzero(sigma > self.rank)) :].T, full_matrices=False)
+        clear = sigma > longest * max(CLEAR_DIRECTION, NULL_SPACE_ROUNDING / self.shortest)
+        reach = float(np.linalg.norm(U[:, clear].T @ slack[asked]))
+        rounding = min(NULL_SPACE_ROUNDING / self.shortest, LARGEST_ROUNDING)
+        reach -= rounding * longest * float(np.abs(x).max(initial=0.0))
+        return max(reach, 0.0) / float(np.max(np.abs(slack) + sizes, initial=1e-300, where=asked))
 
     def judge(
         self, gradient: Vec, scale: float, own: Index | None = None, normals: Mat | None = None

@@ -31,6 +31,9 @@ GRADED_ROWS = 1e-2
 FLAT_ROW = 1e-9
 """A row of unit length of which less is left adds no direction to least squares over sorted rows."""
 
+CLEAR_DIRECTION = 1e-7
+"""Of a level's longest row: a longer direction that the levels above leave it is one to every solver."""
+
 METRIC_TOLERANCE = 1e-10
 """Of its largest diagonal entry: pivots of the metric below this fraction count as zero."""
 

@@ -81,7 +81,7 @@ class ActiveSet {
       ended = descent_.run(exchange_.start);
     }
     if (!ended || (state.outcome <= Outcome::rank_uncertain && state.doubtful())) certify(ended);
-    if (state.outcome == Outcome::time_limit || state.outcome == Outcome::iteration_limit) take_better();
+    if (state.outcome == Outcome::time_limit || state.outcome == Outcome::iteration_limit) take_if_better(last_);
     for (int i = 0; i < problem_.table.n; ++i) last_[i] = state.point.x[i];
     warm_ = true;
     problem_.updating = true;
@@ -145,11 +145,11 @@ class ActiveSet {
     if (found && !(problem_.table.uneven && conditions_.closest >= SearchState::kDoubt)) doubt();
   }
 
-  // Where a search was cut: the last answer, clipped into the box, if its point is not better than that.
-  void take_better() {
+  // Another point, clipped into the box, where that is lexicographically better.
+  void take_if_better(const double* other) {
     const Table& table = problem_.table;
     Point& point = state.point;
-    for (int i = 0; i < table.n; ++i) from_[i] = table.inside_box(i, last_[i]);
+    for (int i = 0; i < table.n; ++i) from_[i] = table.inside_box(i, other[i]);
     table.product(point.x, point.v);
     table.product(from_, bound_);
     const auto now = [&](int k) { return table.outside(k, point.v); };
@@ -173,9 +173,10 @@ class ActiveSet {
   }
 
   // Whether the working set has its point elsewhere than at x, or moves it by more than kUnmoved, relative, where what
-  // its rows are worth is off by kDigits, or where the rank tolerance is another.
+  // its rows are worth is off by kDigits, where the rank tolerance is another, or where growth casts no doubt.
   bool moves() {
     Table& table = problem_.table;
+    const bool cut = problem_.tableau.cut_by_growth;
     const std::int8_t* W = problem_.set.W;
     const double* x = state.point.x;
     bool still = !conditions_.deadline.passed();
@@ -201,6 +202,13 @@ class ActiveSet {
       still = is_still();
     }
     tolerance = own;
+    if (cut && !conditions_.deadline.passed()) {
+      problem_.tableau.trusting = true;
+      problem_.factorise();
+      still = still && is_still();
+      take_if_better(problem_.tableau.x);
+      problem_.tableau.trusting = false;
+    }
     problem_.factorise();
     table.product(problem_.tableau.x, problem_.values);
     return !still;

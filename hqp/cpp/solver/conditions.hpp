@@ -122,7 +122,8 @@ struct Conditions {
     for (int a = 0; a < candidates(); ++a)
       if (is_active(candidate(a))) add_column(candidate(a));
     columns.count = active;
-    return columns.solve(y_ + null_space.rank, null_space.freedom());
+    const double force = columns.solve(y_ + null_space.rank, null_space.freedom());
+    return b.graded ? force : larger(force, fall(k));
   }
 
   // Below level k: rows that held it back are fixed, and its own are taken in.
@@ -254,6 +255,7 @@ struct Conditions {
  private:
   static constexpr double kData = 4e-15;   // rounding of rows of unit length
   static constexpr double kTurned = 5e-7;  // what it may make of a gap at most
+  static constexpr double kSeen = 1e-7;    // of a row: a longer direction is one to every solver
   static constexpr double kStill = 1e-12;  // a step of a graded level that is no step, relative to x
   RowFactor factor_;
   int ld_ = 0, listed_ = 0, own_count_ = 0;
@@ -311,6 +313,24 @@ struct Conditions {
     if (scale_ == 0.0) return false;
     for (int i = base; i < n; ++i) y_[i] /= scale_;
     return true;
+  }
+
+  // What level k could still fall by where its own directions are clear and the active rows stay active, beyond
+  // rounding, relative to its terms: a gradient along rows that are short there says little.
+  double fall(int k) {
+    const Table& t = *table;
+    const Block& b = t.block[k];
+    const int base = null_space.rank;
+    int count = 0;
+    for (int a = 0; a < candidates(); ++a)
+      if (is_active(candidate(a))) actives_[count++] = candidate(a);
+    const int m = set_face(k, actives_, count), f = null_space.freedom();
+    const double reach = f ? face.solve(m, f, larger(kSeen, kData / shortest)) : 0.0;
+    null_space.rank = base;
+    double most = 0.0;
+    for (int i = 0; i < m; ++i) most = larger(most, extent(k, order[i]));
+    const double rounding = smaller(kTurned, kData / shortest) * b.norm * t.largest(x);
+    return reach > rounding ? (reach - rounding) / most : 0.0;
   }
 
   // Row q as `projected` left it, in t_, with the reflections from `base` on; the length of what they leave.

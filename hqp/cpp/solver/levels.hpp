@@ -76,7 +76,7 @@ class Levels {
     t_.gram_level = -1;
     t_.growth = 1.0;
     t_.closest = 1e300;
-    t_.any_fixed = t_.has_released = false;
+    t_.any_fixed = t_.has_released = t_.cut_by_growth = false;
     for (int k = 0; k < t_.table->blocks; ++k) t_.snapshot[k].valid = false;
     for (int i = 0; i < t_.n; ++i) {
       t_.place[i] = Tableau::kNowhere;
@@ -153,6 +153,7 @@ class Levels {
     if (!b.A && gram_.fits(k) && gram_.solve(k, W)) return;
     pivoting_.form(k, W);
     pivoting_.reflect_all(k, t_.zero(k));
+    t_.leave_out(k, t_.cut);
     if (s.rank) pivoting_.eliminate(k);
   }
 

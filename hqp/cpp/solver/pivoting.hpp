@@ -71,6 +71,7 @@ class Pivoting {
     s.kind = Stage::kReflectors;
     int rank = 0;
     double smallest = kInfinity;
+    t_.cut = 0.0;
     while (rank < m && rank < t_.rest) {
       int p = largest_column(width);
       if (t_.size[p] < 1e-8 * reference) {
@@ -87,7 +88,10 @@ class Pivoting {
       }
       const double length = std::sqrt(square);
       t_.note_pivot(length, floor);
-      if (!(length > floor)) break;
+      if (!(length > floor)) {
+        t_.cut = length;
+        break;
+      }
       const double alpha = v[rank], beta = alpha > 0 ? -length : length;
       v[rank] = alpha - beta;
       const double tau = 1.0 / (length * (length + std::fabs(alpha)));

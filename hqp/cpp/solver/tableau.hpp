@@ -86,6 +86,9 @@ struct Tableau {
   double* direction = nullptr;  // (n,)
   int gram_level = -1;          // the level that ended the tableau by a normal matrix, -1 if none did
   double growth = 1.0;          // how much rounding the tableau may have magnified
+  double cut = 0.0;             // length of the direction that ended the latest level, 0 where none did
+  bool trusting = false;        // directions count that `growth` casts doubt on,
+  bool cut_by_growth = false;   // and were left out because of it
   double closest = 1e300;       // nearest a pivot came to the rank tolerance, as a ratio >= 1
   bool any_fixed = false;
   int gram_free = 0;
@@ -168,7 +171,19 @@ struct Tableau {
 
   // Directions of a level that are no longer than this count as none.
   double zero(int k) const {
-    return larger(larger(rank_tolerance, 1e-14 * growth) * table->block[k].norm, table->block[k].rounding);
+    return trusting ? shortest(k) : larger(shortest(k), 1e-14 * growth * table->block[k].norm);
+  }
+
+  // The same as far as rounding is not magnified.
+  double shortest(int k) const {
+    return larger(rank_tolerance * table->block[k].norm, table->block[k].rounding);
+  }
+
+  // A direction of level k was left out: no decision where growth alone speaks against it.
+  void leave_out(int k, double length) {
+    if (!(length > shortest(k))) return;
+    cut_by_growth = true;
+    closest = 1.0;
   }
 
   void note_pivot(double length, double floor) {

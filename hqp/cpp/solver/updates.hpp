@@ -160,6 +160,7 @@ class Updates {
     const double unmet = std::sqrt(square), least = t_.zero(k);
     if (!(unmet <= least)) return false;
     t_.note_pivot(unmet, least);
+    t_.leave_out(k, unmet);
     for (int i = s.rank - 1; i >= 0; --i) {
       const double* R = s.R + static_cast<std::ptrdiff_t>(i) * s.ldr;
       left[i] = (left[i] - dot_any(R + i + 1, left + i + 1, s.rank - i - 1)) / R[i];
