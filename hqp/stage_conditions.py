@@ -30,8 +30,8 @@ from hqp.tolerances import LOCK_TOLERANCE, ROUNDING
 SHORTEST, WITHIN = 1e-7, 1e-9
 """What a unit of u, and of what the tolerance allows, weighs beside the gap: the least that will do is taken."""
 
-ROUNDS = 6
-"""How often what the tolerance allows is shared out anew."""
+ENDED = 1e-15
+"""Of its sum of squares: what the last step of sharing out what the tolerance allows lowers."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -182,30 +182,29 @@ def _judge(above: Above, at: Coordinates, x: Vec, tolerance: float) -> Judge:
 
 def _adjusted(judge: Judge, gradient: Vec, signed: Mat, allowed: Mat) -> tuple[Vec, float]:
     """The gradient with the shortest u >= 0 of the signed rows and, where that is not enough, with what the tolerance
-    allows; and ||u||."""
+    allows, -1 to 1 of each row; and ||u||."""
     active = np.flatnonzero((judge.side != 0.0) & ~judge.fixed)
     cone = (judge.side[active, None] * (judge.unit[active] @ judge.Z)).T
     fixed = np.concatenate([cone, (signed @ judge.Z).T], axis=1)
-    loose, change, u = (allowed @ judge.Z).T, np.zeros(len(allowed)), np.zeros(len(signed))
-    free = np.zeros(len(allowed), dtype=bool)
-    for _ in range(ROUNDS):  # what the tolerance allows is -1 to 1 of each row: those beyond stay there
-        columns = np.concatenate([fixed, loose[:, free], -loose[:, free]], axis=1)
-        weights = np.repeat([0.0, SHORTEST, WITHIN], [active.size, len(signed), 2 * int(free.sum())])
-        left = -(gradient @ judge.Z) - loose[:, ~free] @ change[~free]
-        found = nonnegative_least_squares(
-            np.concatenate([columns, np.diag(weights)]), np.concatenate([left, np.zeros(weights.size)])
-        )
-        u, plus, minus = np.split(found[active.size :], [len(signed), len(signed) + int(free.sum())])
-        change[free] = plus - minus
-        over = np.abs(change) > 1.0
-        change = np.clip(change, -1.0, 1.0)
-        rest = left - columns @ found
-        if not free.any() and float(np.sqrt(rest @ rest)) > judge.tolerance:
-            free[:] = True
-        elif not np.any(over & free):
-            break
-        free &= ~over
+    left, weights = -(gradient @ judge.Z), np.repeat([0.0, SHORTEST], [active.size, len(signed)])
+    found = nonnegative_least_squares(*_weighted(fixed, weights, left))
+    rest, change = left - fixed @ found, np.zeros(len(allowed))
+    if len(allowed) and float(np.sqrt(rest @ rest)) > judge.tolerance:
+        from scipy.optimize import lsq_linear  # heavy, and seldom needed
+
+        columns = np.concatenate([fixed, (allowed @ judge.Z).T], axis=1)
+        weights = np.concatenate([weights, np.full(len(allowed), WITHIN)])
+        lower, upper = np.repeat([0.0, -1.0], [found.size, len(allowed)]), np.ones(weights.size)
+        upper[: found.size] = np.inf
+        bounded = lsq_linear(*_weighted(columns, weights, left), (lower, upper), method="bvls", tol=ENDED).x
+        found, change = np.split(bounded, [found.size])
+    u = found[active.size :]
     return gradient + signed.T @ u + allowed.T @ change, float(np.linalg.norm(u))
+
+
+def _weighted(columns: Mat, weights: Vec, target: Vec) -> tuple[Mat, Vec]:
+    """Columns and target of least squares in which a unit of each unknown weighs something itself."""
+    return np.concatenate([columns, np.diag(weights)]), np.concatenate([target, np.zeros(weights.size)])
 
 
 def _outside(rows: Rows, x: Vec) -> Vec:
