@@ -30,6 +30,9 @@ from hqp.tolerances import LOCK_TOLERANCE, ROUNDING
 SHORTEST, WITHIN = 1e-7, 1e-9
 """What a unit of u, and of what the tolerance allows, weighs beside the gap: the least that will do is taken."""
 
+FAR = 1e3
+"""Of 1 + ||x_k||: a start so far away leaves its rounding."""
+
 ENDED = 1e-15
 """Of its sum of squares: what the last step of sharing out what the tolerance allows lowers."""
 
@@ -102,7 +105,9 @@ class Walk:
     def _solve(self, rows: Rows, price: float) -> Vec:
         from hqp.solvers.reference import solve_level  # a solver: needed only where a stage point is not known
 
-        return solve_level(rows, self._above, self._last, price, self._at)
+        x = solve_level(rows, self._above, self._last, price, self._at)
+        far = float(np.linalg.norm(self._last)) > FAR * (1.0 + float(np.linalg.norm(x)))
+        return solve_level(rows, self._above, x, price, self._at) if far else x
 
     def _unjudged(self, k: int, x: Vec) -> Stage:
         free = _judge(self._above, self._at, x, self._tolerance).Z.shape[1]

@@ -3,18 +3,23 @@
 tests/data/found.npz: four hierarchies of a few rows, cut down from 400 000 random ones (m rows a level, A, lb, ub):
 rows of two levels that agree but for 4e-12; rows whose lengths differ by 5e5; an entry of 5.8e-12, below the rank
 tolerance, that decided a sign; many constraints through one vertex.
+
+tests/data/found3: three more, whole, from a study of 143 000 exact and 5 173 priced problems: columns whose lengths
+differ by 1e12, where growth of rounding hid a direction that meets two levels; motion that sees 2 of 38 directions;
+rows of one level 1e11 apart. Keys: n, levels, constraints; A, lower, upper, box of each level; prices, F, f.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import hqp
-from hqp import Hierarchy, Rows, Status, certificate
+from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
 from hqp.solvers import lexicographic
 from tests.solvers import fuzz
 from tests.solvers.kinds import KINDS
@@ -36,6 +41,51 @@ def found(name: str) -> Hierarchy:
     return Hierarchy(
         tuple(Rows(A[e - k : e], lower[e - k : e], upper[e - k : e]) for k, e in zip(m[0], ends, strict=True))
     )
+
+
+def found3(name: str) -> Hierarchy:
+    levels = []
+    with np.load(FOUND.parent / "found3" / f"{name}.npz") as data:
+        for k in range(int(data["levels"])):
+            A, bounds = data[f"A{k}"], (data[f"lower{k}"], data[f"upper{k}"])
+            index = np.abs(A).argmax(axis=1)
+            levels.append(Rows(Selection(index, A[np.arange(len(A)), index]) if data[f"box{k}"] else A, *bounds))
+        exact = Hierarchy(tuple(levels), int(data["constraints"]), n=int(data["n"]))
+        if "prices" not in data:
+            return exact
+        return replace(exact, prices=data["prices"], motion=Motion(data["F"], data["f"]), stacked=None)
+
+
+@needs_kernel
+def test_a_direction_that_growth_casts_doubt_on_is_taken_where_it_meets_more() -> None:
+    """The second level was left unmet by 3.9, the third by 12, and called optimal."""
+    problem = found3("exact_optimal_equality_unmet_n27")
+    solution = hqp.solvers.load("lexicographic").solve(problem)
+    assert solution.status is Status.RANK_UNCERTAIN
+    assert max(solution.norms) < 1e-9
+
+
+@needs_kernel
+def test_motion_that_sees_two_directions_of_38() -> None:
+    problem = found3("priced_flat_optimal_wrong_n38")
+    solution = hqp.solvers.load("lexicographic").solve(problem)
+    assert solution.status is Status.OPTIMAL
+    assert certificate(problem, solution.x, 1e-8, solution.stage_points).ok
+
+
+@needs_kernel
+def test_rows_too_far_apart_to_be_judged_are_not_called_optimal() -> None:
+    problem = found3("priced_rows_1e5_apart_n6")
+    solution = hqp.solvers.load("lexicographic").solve(problem)
+    assert not solution.status.solved or certificate(problem, solution.x, 1e-8, solution.stage_points).ok
+
+
+def test_a_level_that_could_fall_along_a_short_direction_is_refused() -> None:
+    """A gradient of 4e-9, relative: 1e-4 of a long row is what the level above leaves, and enough to meet it."""
+    above, row = 1e5 * np.eye(5)[:3], np.array([[1e5, 0.0, 0.0, 10.0, 0.0]])
+    problem = Hierarchy((Rows(above, np.zeros(3), np.zeros(3)), Rows(row, np.array([3.0]), np.array([3.0]))))
+    assert certificate(problem, np.array([0.0, 0.0, 0.0, 0.3, 0.0]), 1e-8).ok
+    assert certificate(problem, np.zeros(5), 1e-6).gaps[1] > 0.9
 
 
 @needs_kernel

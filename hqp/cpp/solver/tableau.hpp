@@ -175,9 +175,7 @@ struct Tableau {
   }
 
   // The same as far as rounding is not magnified.
-  double shortest(int k) const {
-    return larger(rank_tolerance * table->block[k].norm, table->block[k].rounding);
-  }
+  double shortest(int k) const { return larger(rank_tolerance * table->block[k].norm, table->block[k].rounding); }
 
   // A direction of level k was left out: no decision where growth alone speaks against it.
   void leave_out(int k, double length) {
