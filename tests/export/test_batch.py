@@ -47,8 +47,12 @@ def test_the_number_of_threads_changes_no_bit(formulation: str) -> None:
         np.testing.assert_array_equal(status, same)
 
 
-def test_a_world_is_a_session() -> None:
-    session, given = scene("g1")
+@pytest.mark.parametrize("reach", [0.05, 0.4])
+@pytest.mark.parametrize(
+    ("name", "formulation"), [("g1", "velocity"), ("g1", "acceleration"), ("cbi", "velocity"), ("ur5", "velocity")]
+)
+def test_a_world_is_a_session(name: str, formulation: str, reach: float) -> None:
+    session, given = scene(name, formulation)
     robot = session.robot
     batch = hqp.Batch(session.controller, robot, 3, session.dt, threads=1)
     alone = [LoadedSession(text(session)) for _ in range(3)]
@@ -57,14 +61,16 @@ def test_a_world_is_a_session() -> None:
     V = np.zeros((3, robot.nv))
     goal = given(1)[0].value
     assert goal is not None
-    goals = goal + rng.uniform(-0.4, 0.4, (3, 3))
+    goals = goal + rng.uniform(-reach, reach, (3, 3))
     for _ in range(60):
         tick = batch.step(Q, V, {"hand": goals})
         for k, one in enumerate(alone):
             found = one.step(Q[k], V[k], {"hand": goals[k]})
             assert tick.statuses()[k] is found.status
-            np.testing.assert_allclose(tick.x[k], found.x, atol=1e-8)
-            Q[k] = one.advance(Q[k], found.x)
+            np.testing.assert_array_equal(tick.x[k], found.x)
+            if formulation == "acceleration":
+                V[k] += session.dt * found.x
+            Q[k] = one.advance(Q[k], V[k] if formulation == "acceleration" else found.x)
     assert tick.solved.all()
 
 
@@ -83,7 +89,8 @@ def test_a_fault_is_that_of_its_world() -> None:
 def test_worlds_are_small() -> None:
     session, _ = scene("g1")
     batch = hqp.Batch(session.controller, session.robot, 64, session.dt)
-    batch.step(np.tile(session.robot.home, (64, 1)))
+    for _ in range(3):
+        batch.step(np.tile(session.robot.home, (64, 1)))
     assert batch.bytes / 64 < 24_000
 
 

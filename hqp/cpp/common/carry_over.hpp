@@ -1,27 +1,60 @@
 // What of a solver, or of rows, goes over from one tick to the next: written into bytes, or read back in the same
-// order.
+// order; what is large changes hands instead.
 #pragma once
 
 #include <cstddef>
 #include <cstring>
+#include <memory>
+#include <utility>
 #include <vector>
 
 namespace hqp {
 
+// What is large of it.
+class WarmPart {
+ public:
+  virtual ~WarmPart() = default;
+  virtual void forget() = 0;  // as new
+  virtual void trim() = 0;    // memory of what is not known any more
+  virtual std::size_t bytes() const = 0;
+};
+
+// All of it, while others are solved; nothing at first.
+struct WarmState {
+  std::vector<char> small;
+  std::vector<std::shared_ptr<WarmPart>> parts;
+
+  bool empty() const { return small.empty(); }
+  void clear() { small.clear(), parts.clear(); }
+  std::size_t bytes() const {
+    std::size_t sum = sizeof(*this) + small.capacity();
+    for (const auto& part : parts) sum += sizeof(part) + (part ? part->bytes() : 0);
+    return sum;
+  }
+};
+
+template <class T>
+std::size_t bytes_of(const std::vector<T>& values) {
+  return values.capacity() * sizeof(T);
+}
+
 class CarryOver {
  public:
-  static CarryOver to(std::vector<char>& bytes) { return {bytes, true}; }
-  static CarryOver from(std::vector<char>& bytes) { return {bytes, false}; }
+  static CarryOver to(WarmState& state) { return {state, true}; }
+  static CarryOver from(WarmState& state) { return {state, false}; }
+  // As from a state in which what is large was nothing yet.
+  static CarryOver from_first(WarmState& state) { return {state, false, true}; }
 
   template <class T>
   void take(T* values, std::size_t count) {
     const std::size_t size = count * sizeof(T);
     if (size == 0) return;
+    std::vector<char>& bytes = state_.small;
     if (writes_) {
-      if (bytes_.size() < at_ + size) bytes_.resize(at_ + size);
-      std::memcpy(bytes_.data() + at_, values, size);
+      if (bytes.size() < at_ + size) bytes.resize(at_ + size);
+      std::memcpy(bytes.data() + at_, values, size);
     } else {
-      std::memcpy(values, bytes_.data() + at_, size);
+      std::memcpy(values, bytes.data() + at_, size);
     }
     at_ += size;
   }
@@ -36,14 +69,28 @@ class CarryOver {
     if (!writes_) values.resize(size);
     take(values.data(), size);
   }
+  // What is large, null for nothing known, goes from hand to hand: to another state, and back from it.
+  template <class T>
+  void part(std::shared_ptr<T>& mine) {
+    if (first_) {
+      if (mine) mine->forget();
+      return;
+    }
+    const std::size_t k = part_++;
+    if (writes_ && mine) mine->trim();
+    if (state_.parts.size() <= k) state_.parts.resize(k + 1);
+    std::shared_ptr<WarmPart> theirs = std::move(state_.parts[k]);
+    state_.parts[k] = std::move(mine);
+    mine = std::static_pointer_cast<T>(std::move(theirs));
+  }
   bool writes() const { return writes_; }
 
  private:
-  CarryOver(std::vector<char>& bytes, bool writes) : bytes_(bytes), writes_(writes) {}
+  CarryOver(WarmState& state, bool writes, bool first = false) : state_(state), writes_(writes), first_(first) {}
 
-  std::vector<char>& bytes_;
-  bool writes_;
-  std::size_t at_ = 0;
+  WarmState& state_;
+  bool writes_, first_;
+  std::size_t at_ = 0, part_ = 0;
 };
 
 }  // namespace hqp

@@ -12,6 +12,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <memory>
 #include <utility>
 #include <vector>
 
@@ -32,18 +33,20 @@ constexpr double kNarrow = 0.05;  // r of others, so that the inverse is to be f
 class MotionBound {
  public:
   MotionBound(int n, const std::vector<PricedLevel>& levels)
-      : n_(n), level_(levels), then_(levels.size()), inverse_(levels.size()), room_(n), near_(n), row_(padded(n)) {
+      : n_(n), level_(levels), room_(n), near_(n), row_(padded(n)) {
     std::size_t most = 1;
     for (const PricedLevel& level : levels) most = std::max<std::size_t>(most, level.m);
     value_.resize(most);
   }
 
   void forget() {
-    for (Inverse& inverse : inverse_) inverse.known = false;
+    if (known_) known_->forget();
   }
+  void keep(CarryOver& warm) { warm.part(known_); }
 
   // x: the exact answer.
   void begin(const Coordinates& coordinates, const double* prices, const double* x) {
+    if (!known_) known_ = std::make_shared<Known>(level_.size());
     at_ = &coordinates;
     prices_ = prices;
     x_ = x;
@@ -52,7 +55,7 @@ class MotionBound {
 
   // Whether level k is met for its price; asked from the first level down.
   bool shows(int k) {
-    Inverse& inverse = inverse_[k];
+    Inverse& inverse = known_->inverse[k];
     inverse.stale = false;
     if (!inverse.known || !at_->diagonal()) return false;
     if (inverse.rest > 0) return --inverse.rest, false;
@@ -69,7 +72,7 @@ class MotionBound {
   }
 
   // Whether the latest shows(k) needs an inverse of this tick.
-  bool stale(int k) const { return inverse_[k].stale; }
+  bool stale(int k) const { return known_->inverse[k].stale; }
 
   // Coordinates near a bound of the rows down to level k.
   const std::vector<char>& near(int k) {
@@ -83,10 +86,10 @@ class MotionBound {
     double square = 0.0;
     for (int l = 0; l < static_cast<int>(level_.size()); ++l) {
       if (l <= k) square += keep(l);
-      inverse_[l].age += std::sqrt(square);
+      known_->inverse[l].age += std::sqrt(square);
     }
     changed_ = 0.0;
-    Inverse& inverse = inverse_[k];
+    Inverse& inverse = known_->inverse[k];
     inverse.known = true;
     inverse.age = 0.0;
     inverse.gain = gain;
@@ -113,6 +116,27 @@ class MotionBound {
     std::vector<char> still;  // coordinates that do not move
   };
 
+  // From one tick to the next, of each level.
+  struct Known final : WarmPart {
+    explicit Known(std::size_t levels) : then(levels), inverse(levels) {}
+    void forget() override {
+      for (Inverse& one : inverse) one.known = false;
+    }
+    void trim() override {
+      for (const Inverse& one : inverse)
+        if (one.known) return;
+      for (Then& one : then) one = Then();
+    }
+    std::size_t bytes() const override {
+      std::size_t sum = sizeof(*this) + bytes_of(then) + bytes_of(inverse);
+      for (const Then& one : then) sum += bytes_of(one.rows) + bytes_of(one.index) + bytes_of(one.equal);
+      for (const Inverse& one : inverse) sum += bytes_of(one.still);
+      return sum;
+    }
+    std::vector<Then> then;
+    std::vector<Inverse> inverse;
+  };
+
   void see_to(int k) {
     if (seen_ == 0) {
       at_->motion(x_, row_.data());
@@ -124,7 +148,7 @@ class MotionBound {
     }
     for (; seen_ <= k; ++seen_) {
       look(level_[seen_], prices_[seen_] > 0.0);
-      changed_ += then_[seen_].square = change(level_[seen_], then_[seen_]);
+      changed_ += known_->then[seen_].square = change(level_[seen_], known_->then[seen_]);
     }
   }
 
@@ -170,10 +194,13 @@ class MotionBound {
   // Level l as it is; the square of its change until now.
   double keep(int l) {
     const PricedLevel& level = level_[l];
-    Then& then = then_[l];
+    Then& then = known_->then[l];
     then.equal.clear();
     then.rows.clear();
     then.index.clear();
+    then.equal.reserve(level.m);
+    then.rows.reserve(static_cast<std::size_t>(level.m) * (level.A ? n_ : 1));
+    then.index.reserve(level.A ? 0 : level.m);
     for (int i = 0; i < level.m; ++i) {
       then.equal.push_back(level.lower[i] == level.upper[i]);
       if (level.A) {
@@ -196,8 +223,7 @@ class MotionBound {
 
   int n_;
   const std::vector<PricedLevel>& level_;
-  std::vector<Then> then_;
-  std::vector<Inverse> inverse_;
+  std::shared_ptr<Known> known_;
   std::vector<double> room_;  // how far a coordinate moves to its next bound, relative to |y|, 1 at most
   std::vector<char> near_;
   std::vector<double> row_, value_;

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <vector>
 
 #include "coordinates.hpp"
@@ -29,10 +30,10 @@ class Refined {
       : n_(n),
         level_(levels),
         first_(levels.size()),
-        last_(levels.size()),
         value_(padded(rows + 1)),
         residual_(padded(rows + 1)),
         change_(padded(rows + 1)),
+        moved_(rows),
         y_(padded(n)),
         b_(padded(n)),
         x_(padded(n)) {
@@ -44,10 +45,12 @@ class Refined {
   }
 
   void forget() {
-    for (Last& last : last_) last.known = false;
+    if (known_) known_->forget();
   }
+  void keep(CarryOver& warm) { warm.part(known_); }
 
   void begin(const Coordinates& coordinates, const double* prices, const double* x) {
+    if (!known_) known_ = std::make_shared<Known>(level_.size());
     at_ = &coordinates;
     prices_ = prices;
     exact_ = x;
@@ -55,7 +58,7 @@ class Refined {
 
   // Whether level k is met for its price by a margin; where it is not shown, a full test has to be taken first.
   bool clear(int k) {
-    Last& last = last_[k];
+    Last& last = known_->last[k];
     last.known = last.known && ++last.age <= kLongest && shown(k, last);
     return last.known;
   }
@@ -64,13 +67,12 @@ class Refined {
   // multipliers, the inverse of B B', and the point of least motion.
   void take(int k, int c, const int* number, const int* held, const double* lambda, const double* inverse,
             const double* x) {
-    Last& last = last_[k];
+    Last& last = known_->last[k];
     const int all = first_[k] + level_[k].m;
     last.known = true;
     last.age = 0;
     last.rows.assign(number, number + c);
     last.lambda.assign(all, 0.0);
-    last.change.assign(all, 0.0);
     last.part.assign(all, kFree);
     for (int j = 0; j < c; ++j) {
       last.lambda[number[j]] = lambda[j];
@@ -88,21 +90,47 @@ class Refined {
         else if (off <= kHolds * (1.0 + std::abs(value))) part = kFollows;
       }
     }
-    last.inverse.assign(inverse, inverse + static_cast<std::size_t>(c) * c);
+    const std::size_t size = static_cast<std::size_t>(c) * (c + 1) / 2;
+    if (last.inverse.capacity() > 2 * size) last.inverse = {};
+    last.inverse.resize(size);
+    for (int j = 0; j < c; ++j)
+      std::copy(inverse + static_cast<std::size_t>(j) * c, inverse + static_cast<std::size_t>(j) * c + j + 1,
+                &last.inverse[triangle(j)]);
   }
 
  private:
-  // Rows as numbered in B, multipliers and parts of all rows down to the level, the inverse of B B'.
+  // Rows as numbered in B, multipliers and parts of all rows down to the level, the inverse of B B'
+  // as its lower triangle.
   struct Last {
     bool known = false;
     int age = 0;
     std::vector<int> rows;
-    std::vector<double> lambda, change, inverse;
+    std::vector<double> lambda, inverse;
     std::vector<signed char> part;
+  };
+  // From one tick to the next, of each level.
+  struct Known final : WarmPart {
+    explicit Known(std::size_t levels) : last(levels) {}
+    void forget() override {
+      for (Last& one : last) one.known = false;
+    }
+    void trim() override {
+      for (Last& one : last)
+        if (!one.known && !one.rows.empty()) one = Last();
+    }
+    std::size_t bytes() const override {
+      std::size_t sum = sizeof(*this) + bytes_of(last);
+      for (const Last& one : last)
+        sum += bytes_of(one.rows) + bytes_of(one.lambda) + bytes_of(one.inverse) + bytes_of(one.part);
+      return sum;
+    }
+    std::vector<Last> last;
   };
   // kFollows: at a bound without being held, as the other knee is where both feet stand and the base keeps its height.
   enum Part : signed char { kBelow = -1, kFree, kAbove, kFollows, kEqual, kOut };
   enum Shown { kNot, kNotYet, kClearly };
+
+  static std::size_t triangle(int row) { return static_cast<std::size_t>(row) * (row + 1) / 2; }
 
   bool shown(int k, Last& last) {
     at_->point(combined(k, last.lambda), x_.data());
@@ -132,13 +160,17 @@ class Refined {
   Shown refined(int k, Last& last) {
     const int c = static_cast<int>(last.rows.size());
     for (int j = 0; j < c; ++j) residual_[j] = value_[last.rows[j]];
-    std::fill(change_.begin(), change_.begin() + c, 0.0);
-    add_rows(change_.data(), last.inverse.data(), c, c, 1.0, residual_.data(), 1, c);
+    for (int j = 0; j < c; ++j) {
+      const double* row = &last.inverse[triangle(j)];
+      change_[j] = dot_any(row, residual_.data(), j + 1);
+      add_any(change_.data(), row, residual_[j], j);
+    }
+    std::fill(moved_.begin(), moved_.end(), 0.0);
     Shown found = kClearly;
     double square = 0.0, moved = 0.0;
     for (int j = 0; j < c; ++j) {
       const int row = last.rows[j];
-      last.change[row] = change_[j];
+      moved_[row] = change_[j];
       const double lambda = last.lambda[row] += change_[j], size = std::abs(change_[j]);
       if (std::abs(last.part[row]) == 1 && !(last.part[row] * lambda < -size)) {
         if (last.part[row] * lambda > size) return kNot;
@@ -154,7 +186,7 @@ class Refined {
       if (!(length - 2.0 * moved < kClear)) return kNot;
       found = kNotYet;
     }
-    at_->step(combined(k, last.change), x_.data());
+    at_->step(combined(k, moved_), x_.data());
     double before = 0.0, after = 0.0;  // residuals
     for (int l = 0; l <= k; ++l) {
       const PricedLevel& level = level_[l];
@@ -209,8 +241,8 @@ class Refined {
   int n_;
   const std::vector<PricedLevel>& level_;
   std::vector<int> first_;
-  std::vector<Last> last_;
-  std::vector<double> value_, residual_, change_, y_, b_, x_;
+  std::shared_ptr<Known> known_;
+  std::vector<double> value_, residual_, change_, moved_, y_, b_, x_;
   const Coordinates* at_ = nullptr;
   const double *prices_ = nullptr, *exact_ = nullptr;
 };

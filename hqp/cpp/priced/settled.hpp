@@ -59,8 +59,8 @@ class Settled {
 
   void keep(CarryOver& warm) {
     for (auto& set : warm_) warm.list(set);
-    bound_.forget();
-    refined_.forget();
+    bound_.keep(warm);
+    refined_.keep(warm);
   }
   void forget() {
     for (auto& set : warm_) set.clear();

@@ -79,6 +79,7 @@ class StageLevels final : public PricedStages {
 
   void keep(CarryOver& warm) override {
     for (auto& set : warm_) warm.list(set);
+    warm.list(chosen_);
     settled_.keep(warm);
   }
 

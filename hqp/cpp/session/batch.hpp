@@ -61,7 +61,7 @@ class Batch {
   Guarded& session() { return *sessions_[0]; }
   std::size_t bytes() const {  // of all worlds
     std::size_t sum = 0;
-    for (const auto& world : worlds_) sum += world.capacity() + sizeof(world);
+    for (const auto& world : worlds_) sum += world.bytes();
     return sum;
   }
 
@@ -70,7 +70,7 @@ class Batch {
 
   void one(Guarded& session, std::size_t i, const double* q, const double* v, const std::vector<BatchTarget>& targets,
            double* commands, std::int32_t* status, double* residuals, double* x) {
-    std::vector<char>& world = worlds_[i];
+    WarmState& world = worlds_[i];
     if (world.empty()) {
       session.reset();
     } else {
@@ -89,7 +89,7 @@ class Batch {
     session.keep(after);
   }
 
-  std::vector<std::vector<char>> worlds_;
+  std::vector<WarmState> worlds_;
   std::vector<std::unique_ptr<Guarded>> sessions_;
 };
 

@@ -139,7 +139,7 @@ class Guarded {
 
   // As just made.
   void reset() {
-    CarryOver state = CarryOver::from(initial_);
+    CarryOver state = CarryOver::from_first(initial_);
     keep(state);
     for (Given& given : given_) given.clear();
   }
@@ -357,7 +357,7 @@ class Guarded {
   int patience_;
   std::vector<double> q_, v_, good_q_, good_v_, x_;
   std::vector<Given> given_;
-  std::vector<char> initial_;
+  WarmState initial_;
   std::vector<std::int64_t> lost_;
   std::vector<bool> left_out_;
   bool good_ = false, holds_known_ = false;
