@@ -233,9 +233,10 @@ class Session:
         the next step, those that return as well.  A stack that was seen before is not compiled again.  In a
         transition references for either stack are taken, ``tick.transition`` tells how far it has come; another
         change may come before it ends.  Where x is a torque, a contact that is to be released and cannot be unloaded
-        without cost to a task keeps the transition waiting, and a note names it.  Raises what ``Controller.session``
-        raises, DeclarationError for ``over`` or where no contact would be left on the way, and then leaves the session
-        as it was.
+        without cost to a task keeps the transition waiting, and a note names it; where the loads of contacts that come
+        and go are measured (``Reference.loaded``) they are taken up and let go as they are.  Raises what
+        ``Controller.session`` raises, DeclarationError for ``over`` or where no contact would be left on the way, and
+        then leaves the session as it was.
         """
         alone(self._turn, self, lambda: self._changed(stack, over))
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from hqp.arrays import Index, Vec
 from hqp.element import Element
+from hqp.loop.contact_watch import LEAST_LOAD
 from hqp.loop.outgoing import largest_change
 from hqp.reference import Reference, copied
 from hqp.stack import Stack
@@ -32,7 +33,7 @@ except ImportError:  # no compiler was there
 
 if TYPE_CHECKING:
     from hqp.loop.line import Line
-    from hqp.robot import State
+    from hqp.robot import Robot, State
     from hqp.transition.waypoints import Waypoint
 
 STILL = 1e-9
@@ -41,6 +42,9 @@ STILL = 1e-9
 PATIENCE = 10.0
 """A transition that has taken this many times its duration goes on at a pace of 1 / PATIENCE whatever the command
 does, so that it ends."""
+
+LIGHT = 0.05
+"""A contact that was measured to bear no more than this share of the weight is let go as it is."""
 
 NEARLY = 1.0 - 1e-6
 """How far a pair gets while its command is clipped."""
@@ -88,19 +92,44 @@ class Transition:
     ) -> None:
         """ordinary: whether the latest tick was, with every task within reach.  given: the references of that tick."""
         self._given, self._kept = {reference.name: reference for reference in given}, dict[str, Reference]()
+        self._ticks, self._ordinary = over / dt, ordinary
+        self._left = PATIENCE * self._ticks
+        self.cap = self.most = largest_change(kind, dt)
+        """Largest change of a command in a tick; most: in this one."""
+        self._at, self._s = 0, 0.0
+        self.released_rows = () if kind == "torque" else without_successor(path[0].stack, path[-1].stack)
+        self._begun, self._felt = len(path) == 2, False
+        self._go(lines, path)
+
+    def _go(self, lines: Sequence[Line], path: Sequence[Waypoint]) -> None:
+        """Take that way."""
         self._lines, self._path = list(lines), list(path)
         self._spans = [0.0 if point.switch else 1.0 for point in self._path[:-1]]
         self._done = [0.0, *accumulate(self._spans)]
-        self._pace = dt * sum(self._spans) / over
-        self._left = PATIENCE * over / dt
-        self.cap = largest_change(kind, dt)
-        """Largest change of a command in a tick."""
-        self._at, self._s = 0, 0.0
-        self.released_rows = () if kind == "torque" else without_successor(path[0].stack, path[-1].stack)
+        self._pace = sum(self._spans) / self._ticks
+        released = bool(self.released_rows) and self._ordinary
         self._easings = [
-            easing(*pair, one.stack, other.stack, released=bool(self.released_rows) and ordinary) if span else None
+            easing(*pair, one.stack, other.stack, released=released) if span else None
             for span, pair, (one, other) in zip(self._spans, pairwise(self._lines), pairwise(self._path), strict=True)
         ]
+
+    def feel(self, references: Iterable[Reference], robot: Robot) -> None:
+        """Choose the way by the loads that contacts were measured to bear, before the first tick.
+
+        Where the ground is known to be under those that are taken up, and those that are released bear next to
+        nothing, answers may be blended as they are: forces follow from the torques, and so from what was measured.
+        """
+        if self._begun:
+            return
+        self._begun = True
+        light = LIGHT * sum(body[3] for body in robot.bodies) * float(np.linalg.norm(robot.gravity))
+        loads = {r.name: load for r in references if (load := getattr(r, "load", None)) is not None}
+        taken = {name for point in self._path for name in point.taken}
+        released = {name for point in self._path for name in point.released}
+        there = all(loads.get(name, 0.0) >= LEAST_LOAD for name in taken)
+        if there and all(loads.get(name, math.inf) <= light for name in released):
+            self._felt = True
+            self._go((self._lines[0], self._lines[-1]), (self._path[0], self._path[-1]))
 
     @property
     def pair(self) -> tuple[Line, Line]:
@@ -180,12 +209,17 @@ class Transition:
 
     def blend(self, a: Vec, b: Vec, last: Vec, joints: Index | slice, h: float) -> tuple[Vec, float]:
         """x of this tick, and its largest change of a command: as far from a to b as h says, and as the largest change
-        allows where a point between the two does."""
+        allows where a point between the two does: ``cap``, and after a measured touch-down or lift-off, which is
+        answered at once, so much more than the answers change by themselves."""
         ease = self.ease
         weight, s = h if ease is None else ease.weight(h), inverse(h)
         self._left -= s > self._s
         x, reach = between(a, b, last, weight, joints)
-        if reach > self.cap:
+        self.most = self.cap
+        if reach > self.cap and self._felt:
+            stood = smooth(self._s) if ease is None else ease.weight(smooth(self._s))
+            self.most += between(a, b, last, stood, joints)[1]
+        if reach > self.most:
             least = smooth(min(s, self._s + (self._pace / PATIENCE if self._left < 0 else 0.0)))
             least = least if ease is None else ease.weight(least)
             fastest = self._fastest((a - last)[joints], (b - a)[joints], weight)
@@ -208,7 +242,7 @@ class Transition:
         size = np.abs(difference)
         moving = size > STILL * self.cap
         size, middle = size[moving], -start[moving] / difference[moving]
-        reach = self.cap / size
+        reach = self.most / size
         low, high = float((middle - reach).max(initial=0.0)), float((middle + reach).min(initial=h))
         return high if low <= high else 0.0
 

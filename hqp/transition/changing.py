@@ -62,6 +62,7 @@ def blended(
     line: Line, transition: Transition, state: State, references: tuple[Reference, ...], now: float | None
 ) -> Tick:
     """A tick between two stacks: both are solved, their answers blended."""
+    transition.feel(references, line.robot)
     first, second = transition.pair
     names = [getattr(reference, "name", "") for reference in references]
     if not transition.names.issuperset(names):
@@ -99,7 +100,7 @@ def blended(
     if waits:  # the contact is still there: so are the dynamics of the first stack
         second, b, status = first, a, a.status
     limited: tuple[Note, ...] = ()
-    if reach > transition.cap:
+    if reach > transition.most:
         x, limited = within_rates(line.guards.gradual, x, last, limited, second.program, line.robot, "transition")
     if line.limiter is not None:
         x, limited = within_rates(line.limiter, x, last, limited, second.program, line.robot)

@@ -39,12 +39,14 @@ BEARS_NOTHING = 1e-2
 class Waypoint:
     """A stack on the path of a transition.
 
-    switch: whether the set of reaction constraints changes on the way to the next one.  released: those that go then.
+    switch: whether the set of reaction constraints changes on the way to the next one.  released, taken: those that go
+    and come then.
     """
 
     stack: Stack
     switch: bool = False
     released: tuple[str, ...] = ()
+    taken: tuple[str, ...] = ()
 
 
 def path(before: Stack, after: Stack, robot: Robot, contact_law: Law | None) -> list[Waypoint]:
@@ -72,7 +74,7 @@ def path(before: Stack, after: Stack, robot: Robot, contact_law: Law | None) -> 
         found.append(Waypoint(carried(rest, released, PD(0.0, 0.0))))
     if taken:
         rest = without_force(after, taken) if released else before
-        found.append(Waypoint(carried(rest, taken, contact_law), True))
+        found.append(Waypoint(carried(rest, taken, contact_law), True, taken=tuple(e.name for e in taken)))
         found.append(Waypoint(unloaded(after, taken, robot)))
     return [*found, Waypoint(after)]
 

@@ -18,6 +18,7 @@ from hqp.errors import DeclarationError, FrameNotFound, ModelError
 from hqp.loop import compiled
 from hqp.loop.outgoing import largest_change
 from hqp.recorder import load as load_recording
+from hqp.reference import Reference
 from hqp.robots import Robot
 from hqp.tasks import (
     CenterOfPressure,
@@ -320,6 +321,21 @@ def test_the_way_of_a_change_of_contacts(robot: Robot) -> None:
     with pytest.raises(DeclarationError, match="no contact is left on the way"):
         run.change(points, 0.2)
     assert run.stack == before
+
+
+@pytest.mark.parametrize(("load", "unloads"), [(None, True), (300.0, True), (20.0, False)])
+def test_a_contact_that_was_measured_to_bear_little_is_let_go_as_it_is(
+    robot: Robot, load: float | None, unloads: bool
+) -> None:
+    """No way by a stack in which it bears nothing, whatever the model says."""
+    whole, right = on_small_soles(robot), robot.landmarks["soles"][1]
+    loop = Loop(robot, whole, "torque")
+    loop.go(50, loop.goals(0.0))
+    loop.run.change(lifted(whole, robot), 0.1)
+    felt = [] if load is None else [Reference(right).loaded(load)]
+    (tick,) = loop.go(1, [*loop.goals(0.0), *felt])
+    assert (f"{right} bears nothing" in {account.element for account in tick.explain().accounts}) is unloads
+    assert loop.changes[-1] <= 1.2
 
 
 class Unserved(View):
