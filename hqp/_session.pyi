@@ -1,4 +1,4 @@
-"""Sessions from a file (built from cpp/session)."""
+"""Sessions from a file, and what every session lets in and out (built from cpp/session)."""
 
 import builtins
 from collections.abc import Sequence
@@ -42,6 +42,113 @@ class Session:
 
     def reset(self) -> None:
         """As just made."""
+
+class StateBounds:
+    """Magnitudes beyond which a state is a fault of its source, ``(nv,)`` each; names of the coordinates."""
+
+    def __init__(
+        self,
+        low: Sequence[float],
+        high: Sequence[float],
+        speed: Sequence[float],
+        distance: float,
+        floating: bool,
+        names: Sequence[str],
+    ) -> None: ...
+    def fault(self, angles: Vec, q: Vec, v: Vec) -> str:
+        """Which number is too large; "" for none."""
+
+class RateLimiter:
+    """Holds the change of a command within a rate; inverse: one over the largest change in a tick."""
+
+    inverse: Sequence[float]
+
+    def __init__(self, names: Sequence[str], inverse: Sequence[float], dt: float) -> None: ...
+    def share(self, last: Vec, command: Vec) -> tuple[float, str]:
+        """How far towards a command one tick may go, 0 to 1, and why not all the way."""
+
+class Budget:
+    """The time of a tick: what a solver is given, so that what comes after it is done by the deadline [s]."""
+
+    LATE: float
+    STEP: float
+    FIRST: float
+    LONGEST: float
+    deadline: float
+    margin: float
+
+    def __init__(self, deadline: float) -> None: ...
+    def begin(self, now: float) -> None:
+        """A tick begins that may be cut; now: CPU time of the thread."""
+
+    def skip(self) -> None:
+        """The tick that ends next was not measured from its begin."""
+
+    def left(self, spent: float) -> float:
+        """Time for the solver, after so much of the tick."""
+
+    def end(self, now: float, cut: bool) -> None:
+        """The tick ends; cut: its solver was stopped."""
+
+class Trend:
+    """How the answers of a session move, from the last two that were solved."""
+
+    LONGEST: int
+
+    def __init__(self, n: int) -> None: ...
+    def forget(self) -> None:
+        """What was solved before tells nothing of what comes."""
+
+    def take(self, x: Vec, tick: int) -> None:
+        """A solved answer, and the number of its tick."""
+
+    def after(self, last: Vec, tick: int, to: Vec) -> None:
+        """Where the last x comes to in this tick; the last x itself where no two answers are known."""
+
+class Late:
+    """The rule for answers that were cut, over the arrays of a hierarchy; levels: A, or index and scale, and bounds."""
+
+    def __init__(
+        self,
+        n: int,
+        levels: Sequence[tuple[object, ...]],
+        constraints: int,
+        prices: Vec | None,
+        F: Mat | None,
+        f: Vec | None,
+        eta: float,
+        violation: float,
+    ) -> None: ...
+    def choose(self, cut: Vec, last: Vec, ahead: Vec, joints: Sequence[int], most: float, x: Vec) -> None:
+        """What is sent in place of the cut answer, into x."""
+
+class Rest:
+    """Answers that bring a robot to rest."""
+
+    def begin(
+        self, angles: Vec | None, v: Vec | None, holding: Vec | None, felt: Vec | None, x: Vec, now: bool
+    ) -> None:
+        """From the last good state, None where there was none, and the last x."""
+
+    def next(self, x: Vec) -> None:
+        """The next answer, into x."""
+
+class SlowDown(Rest):
+    """Velocity level."""
+
+    def __init__(
+        self, low: Sequence[float], high: Sequence[float], joints: Sequence[int], deceleration: float, dt: float
+    ) -> None: ...
+
+class Brake(Rest):
+    """Acceleration level."""
+
+    def __init__(self, nv: int, joints: Sequence[int], deceleration: float, dt: float) -> None: ...
+
+class Hold(Rest):
+    """Torque level."""
+
+    def __init__(self, limit: Sequence[float], motors: Sequence[int], damping: float, dt: float) -> None: ...
 
 class Batch:
     """Worlds of the bytes of a file over threads; raises PlanError with a sentence."""

@@ -17,7 +17,7 @@ from hqp.law import PD, Law, P, SelfMotion
 from hqp.layout import lay_out
 from hqp.loads import Loads, loads_of
 from hqp.loop.direct import Direct, direct
-from hqp.loop.rest import Brake, Rest, SlowDown
+from hqp.loop.rest import Rest, brake, slow_down
 from hqp.loop.safety import Braking
 from hqp.price import Price, is_exact, level_prices
 from hqp.problem import Hierarchy, Motion, Rows, Selection, Shape, Stacked
@@ -321,7 +321,7 @@ class MotionProgram(Program):
 
     def rest(self, robot: Robot, braking: Braking) -> Rest:
         """A deceleration that keeps contacts, at either level."""
-        return (SlowDown if self._order == 1 else Brake)(robot, braking, self.dt)
+        return (slow_down if self._order == 1 else brake)(robot, braking, self.dt)
 
     def command(self, x: Vec) -> Vec:
         """The actuated joints' part of x, ``(n_actuated,)`` (eq. 16, the first factor)."""

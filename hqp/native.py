@@ -10,14 +10,20 @@ from pathlib import Path
 
 from hqp.errors import PurePythonWarning
 
-PARTS = {"_lexicographic": "solver", "_priced": "prices", "_assembly": "rows", "_torque": "torque"}
+PARTS = {
+    "_lexicographic": "solver",
+    "_priced": "prices",
+    "_assembly": "rows",
+    "_torque": "torque",
+    "_session": "sessions",
+}
 """Extension modules of hqp, and what each does."""
 
 ADVICE = "install a C++ compiler (Debian: apt install g++) and hqp again (pip install --force-reinstall --no-cache-dir)"
 
 
 def missing() -> tuple[str, ...]:
-    """What of solver, prices, rows and torque was not compiled."""
+    """What of solver, prices, rows, torque and sessions was not compiled."""
     return tuple(text for name, text in PARTS.items() if importlib.util.find_spec(f"hqp.{name}") is None)
 
 
@@ -47,11 +53,11 @@ def check() -> None:
         raise ImportError(
             f"this is the source folder {folder}, which has no compiled parts. Run Python in another folder to use the "
             f"installed hqp, or install this folder as editable (pip install --editable {folder}); HQP_PURE=1 runs it "
-            "without compiled parts, at milliseconds a tick."
+            "without compiled parts, and without sessions."
         )
     warnings.warn(
-        f"hqp runs in {describe()}: no compiler was found when it was installed. A tick takes milliseconds instead "
-        f"of microseconds, and a Controller takes the solver `cascade` by default. To mend it, {ADVICE}; "
+        f"hqp runs in {describe()}: no compiler was found when it was installed. Stacks are read and problems solved, "
+        f"by the solver `cascade` where none is named, but there are no sessions. To mend it, {ADVICE}; "
         "`hqp doctor` tells more, HQP_PURE=1 silences this.",
         PurePythonWarning,
         stacklevel=3,

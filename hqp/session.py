@@ -18,8 +18,8 @@ from hqp.arrays import Mat, Vec
 from hqp.controller import DEADLINE, Controller
 from hqp.errors import DeclarationError, ModelWarning, StaleState
 from hqp.formulation import Program
-from hqp.loop.budget import Budget
 from hqp.loop.compiled import Compiler
+from hqp.loop.envelope import native, require_compiled
 from hqp.loop.held_base import adrift
 from hqp.loop.line import Guards, Line
 from hqp.loop.ordinary import array_tick, ordinary_tick
@@ -56,10 +56,11 @@ class Session:
     def __init__(self, controller: Controller, robot: Robot, dt: float, *, max_age: float | None = None) -> None:
         if not isinstance(dt, (int, float, np.floating)) or not 0.0 < dt < math.inf:
             raise DeclarationError("session", "bad control period", value=dt, unit="s", allowed="dt > 0")
+        require_compiled()
         self.controller, self.robot, self.dt = controller, robot, float(dt)
         self._turn: Turn = {}
         check = StateCheck(robot, controller.bounds, max_age)
-        budget = Budget(DEADLINE * self.dt if controller.deadline is None else controller.deadline)
+        budget = native.Budget(DEADLINE * self.dt if controller.deadline is None else controller.deadline)
         self._compiler = Compiler(controller, robot, self.dt, budget.deadline)
         require_sound(robot)
         compiled = self._compiler.compile(controller.stack)

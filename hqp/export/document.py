@@ -12,7 +12,9 @@ from hqp.loop.compiled import Compiled, Compiler
 from hqp.loop.contact_watch import LEAST_LOAD, PATIENCE
 from hqp.loop.outgoing import largest_change
 from hqp.plans import Constant
+from hqp.problem import Status
 from hqp.robot import Robot
+from hqp.solvers.base import UNSURE
 from hqp.tolerances import VIOLATION_TOLERANCE
 
 if TYPE_CHECKING:
@@ -43,8 +45,9 @@ def document(session: Session) -> tuple[dict[str, Any], list[Vec]]:
             "least_load": LEAST_LOAD,
             "patience": max(1, round(PATIENCE / session.dt)),
             "gradual": largest_change(program.kind, session.dt),
+            "statuses": [UNSURE if status is Status.RANK_UNCERTAIN else status.value for status in Status],
             "state": session.line.check.parts,
-            "rates": None if session.line.limiter is None else session.line.limiter.parts,
+            "rates": None if session.line.limiter is None else list(session.line.limiter.inverse),
             "braking": controller.braking,
         },
         "elements": [_element(e, compiled, robot) for e in compiled.stack],
@@ -65,7 +68,8 @@ def _robot(robot: Robot) -> dict[str, Any]:
         "floating": robot.floating,
         "joint_names": robot.joint_names,
         "coordinates": [robot.joint_name(i) for i in range(robot.nv)],
-        "places": [_owner(robot, i) for i in range(robot.nq)],
+        "places": [_owner(robot, 0, i) for i in range(robot.nq)],
+        "speeds": [_owner(robot, 1, i) for i in range(robot.nv)],
         "actuated": robot.actuated.tolist(),
         "lower": robot.lower.tolist(),
         "upper": robot.upper.tolist(),
@@ -74,11 +78,11 @@ def _robot(robot: Robot) -> dict[str, Any]:
     }
 
 
-def _owner(robot: Robot, place: int) -> str:
-    """The joint that a number of q belongs to."""
-    first = [joint[1] for joint in robot.tree_joints or ()]
-    joint = max((i for i, q in enumerate(first) if q <= place), key=lambda i: first[i], default=0)
-    return robot.joint_name((robot.tree_joints or ())[joint][2]) if first else robot.name
+def _owner(robot: Robot, what: int, place: int) -> str:
+    """The joint that a number of q (what: 0) or of v (1) belongs to."""
+    first = [(joint[1 + what], joint[2]) for joint in robot.tree_joints or ()]
+    column = max((pair for pair in first if pair[0] <= place), default=(0, 0))[1]
+    return robot.joint_name(column).removesuffix("[0]")
 
 
 def _require_native(compiled: Compiled, robot: Robot) -> None:

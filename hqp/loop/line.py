@@ -12,16 +12,15 @@ import numpy as np
 from hqp.arrays import Index, Mat, Vec
 from hqp.element import Element
 from hqp.explanation.questions import Teller
-from hqp.loop.budget import Budget
 from hqp.loop.compiled import Compiled
 from hqp.loop.contact_watch import ContactWatch
-from hqp.loop.late import Trend
+from hqp.loop.envelope import native
 from hqp.loop.ordinary import ordinary_tick
 from hqp.loop.outgoing import GRADUAL
 from hqp.loop.presence import Presence
 from hqp.loop.references import References
 from hqp.loop.restless import LimitWatch
-from hqp.loop.safety import RateLimiter, StateCheck
+from hqp.loop.safety import StateCheck, rate_limiter
 from hqp.loop.stepping import step
 from hqp.loop.stuck import StuckWatch
 from hqp.loop.turn import Turn, alone
@@ -32,6 +31,7 @@ from hqp.tick import Note, Tick
 from hqp.transition.changing import blended
 
 if TYPE_CHECKING:
+    from hqp._session import Budget, RateLimiter, Trend
     from hqp.explanation.account import TickAccount
     from hqp.explanation.conflict import Conflict
     from hqp.explanation.words import Explanation
@@ -44,14 +44,15 @@ T = TypeVar("T")
 
 @dataclass(slots=True, eq=False)
 class Guards:
-    """What the lines of a session share.  joints: of x, those of the motors.  first: notes of the first tick.  count:
-    ticks so far."""
+    """What the lines of a session share.  joints, motors: of x, those of the motors.  first: notes of the first tick.
+    count: ticks so far."""
 
     robot: Robot
     dt: float
     check: StateCheck
     gradual: RateLimiter
     joints: Index | slice
+    motors: list[int]
     turn: Turn
     first: tuple[Note, ...]
     count: int = 0
@@ -62,9 +63,11 @@ class Guards:
     def of(cls, robot: Robot, dt: float, check: StateCheck, kind: str, turn: Turn, first: tuple[Note, ...]) -> Guards:
         """Those of sessions of one kind of x."""
         joints: Index = np.arange(len(robot.joint_names)) if kind == "torque" else robot.actuated
+        gradual = rate_limiter(robot, GRADUAL, kind, dt)
+        assert gradual is not None
         behind = bool(joints.size and np.all(np.diff(joints) == 1))
         part = slice(int(joints[0]), int(joints[-1]) + 1) if behind else joints
-        return cls(robot, dt, check, RateLimiter(robot, getattr(GRADUAL, kind), dt), part, turn, first)
+        return cls(robot, dt, check, gradual, part, joints.tolist(), turn, first)
 
 
 class Line:
@@ -99,7 +102,7 @@ class Line:
         self.latest: bytearray | None = None
         self.earlier: bytearray | None = None
         self.latest_count = 0
-        self.trend = Trend()
+        self.trend: Trend = native.Trend(self.program.problem.n)
         self.ease: Easing | None = None
         self.teller = Teller(compiled.stack, compiled.program, compiled.workspace, self.robot, self.dt)
         self.contacts = ContactWatch(compiled.stack, self.dt)
@@ -229,7 +232,7 @@ class Line:
     def beside(self, compiled: Compiled | None = None) -> Line:
         """The line as it runs now, or of another stack, to go on beside it on the general path; without rate limits."""
         found = self._copy()
-        found.limiter, found.budget = None, Budget(0.5 * self.budget.deadline)
+        found.limiter, found.budget = None, native.Budget(0.5 * self.budget.deadline)
         found.references = self.references.copy()
         if compiled is not None:
             found.transition = None

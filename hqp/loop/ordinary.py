@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from time import perf_counter
+from time import perf_counter, thread_time
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -45,7 +45,7 @@ def ordinary_tick(line: Line, direct: Direct, state: State, references: tuple[Re
         references = presence.spoken(references, out)
     limit = line.limit if direct.fresh else None
     if limit is not None:
-        line.budget.begin()
+        line.budget.begin(thread_time())
     if direct.prepare is not None:
         direct.prepare(state)
     if limit is not None:
@@ -74,7 +74,7 @@ def array_tick(line: Line, direct: Direct, q: Vec, v: Vec | None, targets: dict[
         return None
     limit = line.limit if direct.fresh else None
     if limit is not None:
-        line.budget.begin()
+        line.budget.begin(thread_time())
         limit(line.budget.left(perf_counter() - start))
     line.robot.leave()
     before = line.x if line.latest is None else line.latest

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hqp.arrays import Index, Vec
+from hqp.arrays import Vec
 from hqp.formulation import Program
-from hqp.loop.safety import RateLimiter, RateLimits
+from hqp.loop.safety import RateLimits
 from hqp.problem import Solution, Status
 from hqp.robot import Robot
 from hqp.tick import Note
 from hqp.tolerances import VIOLATION_TOLERANCE
+
+if TYPE_CHECKING:
+    from hqp._session import RateLimiter
 
 GRADUAL = RateLimits(velocity=10.0, acceleration=500.0, torque=500.0)
 """Of a command in a transition and towards an unfinished answer: 0.02 rad/s, 1 rad/s^2 or 1 N m in a tick of 2 ms."""
@@ -25,12 +29,6 @@ def largest_change(kind: str, dt: float) -> float:
     """What ``GRADUAL`` allows of each motor in a tick [rad/s, rad/s^2, N m]."""
     rate: float = getattr(GRADUAL, kind)
     return dt * rate
-
-
-def towards(x: Vec, last: Vec, joints: Index | slice, most: float) -> Vec:
-    """x, or the point between the last one and x at which no command changes by more."""
-    reach = float(np.abs((x - last)[joints]).max(initial=0.0))
-    return x if reach <= most else last + (most / reach) * (x - last)
 
 
 def within_rates(

@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hqp.arrays import Vec
 from hqp.errors import DeclarationError
+from hqp.loop.envelope import native
 from hqp.robot import Robot, State
+
+if TYPE_CHECKING:
+    from hqp._session import RateLimiter
 
 AHEAD = 1e-3
 """By how much the time of a state may lie ahead of the session's [s]: two clocks kept together agree no better."""
@@ -96,12 +99,15 @@ class StateCheck:
     def __init__(self, robot: Robot, bounds: StateBounds, max_age: float | None) -> None:
         if max_age is not None:
             positive("session", "max_age", max_age)
-        self._bounds, self._max_age, self._robot = bounds, max_age, robot
+        self._bounds, self._max_age = bounds, max_age
         limited = np.isfinite(robot.lower) & np.isfinite(robot.upper)
         self._low = np.where(limited, robot.lower - bounds.outside, -bounds.angle)
         self._high = np.where(limited, robot.upper + bounds.outside, bounds.angle)
         limit = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, 0.0)
         self._speed = np.maximum(bounds.speed, 10.0 * limit)
+        names = [robot.joint_name(i) for i in range(robot.nv)]
+        sizes = (x.tolist() for x in (self._low, self._high, self._speed))
+        self._native = native.StateBounds(*sizes, bounds.distance, robot.floating, names)
         smallest = min((float(np.min(s)) for s in (self._high, -self._low, self._speed) if s.size), default=math.inf)
         self.ordinary = max(0.0, min(smallest, bounds.distance)) ** 2
         """A valid state that tells no time and whose ``square`` is less has nothing wrong with it."""
@@ -138,48 +144,8 @@ class StateCheck:
 
     def too_large(self, state: State) -> str:
         """Which number of a valid state is beyond its bounds; "" for none."""
-        robot, angles = self._robot, state.angles
-        outside = np.maximum(self._low - angles, angles - self._high)
-        if outside.size and outside.max() > 0.0:
-            i = int(np.argmax(outside))
-            allowed = f"{self._low[i]:.4g} to {self._high[i]:.4g}"
-            return f"{robot.joint_name(i)}: position {angles[i]:.4g} is too large, allowed {allowed}"
-        over = np.abs(state.v) / self._speed
-        if over.size and over.max() > 1.0:
-            i = int(np.argmax(over))
-            allowed = f"at most {self._speed[i]:g}"
-            return f"{robot.joint_name(i)}: velocity {state.v[i]:.4g} is too large, allowed {allowed}"
-        if robot.floating and float(np.abs(state.q[:3]).max()) > self._bounds.distance:
-            far = float(np.abs(state.q[:3]).max())
-            return f"base: position {far:.4g} m is too far off, allowed {self._bounds.distance:g}"
-        return ""
-
-
-class RateLimiter:
-    """Holds the change of a command within a rate."""
-
-    def __init__(self, robot: Robot, limit: RateLimit, dt: float) -> None:
-        self._names = robot.joint_names
-        rate = np.broadcast_to(np.asarray(limit, dtype=np.float64), (len(self._names),))
-        self._inverse: Vec = 1.0 / (dt * rate)
-        self._dt = dt
-
-    @property
-    def parts(self) -> list[float]:
-        """One over the largest change in a tick of each motor, for a file."""
-        found: list[float] = self._inverse.tolist()
+        found: str = self._native.fault(state.angles, state.q, state.v)
         return found
-
-    def share(self, last: Vec, command: Vec) -> tuple[float, str]:
-        """How far towards ``command`` one tick may go, 0 to 1, and why not all the way."""
-        over = (command - last) * self._inverse
-        np.abs(over, out=over)
-        worst = int(over.argmax()) if over.size else 0
-        if not over.size or over[worst] <= 1.0:
-            return 1.0, ""
-        asked = abs(float(command[worst] - last[worst])) / self._dt
-        allowed = 1.0 / float(self._inverse[worst] * self._dt)
-        return 1.0 / float(over[worst]), f"{self._names[worst]} would change by {asked:.3g}/s, allowed {allowed:.3g}/s"
 
 
 def rate_limiter(robot: Robot, limits: RateLimits | None, kind: str, dt: float) -> RateLimiter | None:
@@ -193,4 +159,6 @@ def rate_limiter(robot: Robot, limits: RateLimits | None, kind: str, dt: float) 
     motors = len(robot.joint_names)
     if isinstance(limit, tuple) and len(limit) != motors:
         raise DeclarationError("RateLimits", kind, value=limit, allowed=f"one number, or {motors} on {robot.name}")
-    return RateLimiter(robot, limit, dt)
+    inverse = 1.0 / (dt * np.broadcast_to(np.asarray(limit, dtype=np.float64), (motors,)))
+    found: RateLimiter = native.RateLimiter(list(robot.joint_names), inverse.tolist(), dt)
+    return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
-from time import monotonic, perf_counter
+from time import monotonic, perf_counter, thread_time
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,7 +27,7 @@ def step(line: Line, state: State, references: tuple[Reference, ...], now: float
     """A tick, whatever comes in; raises ModelError for a state of another robot."""
     start = perf_counter()
     if line.limit is not None:
-        line.budget.begin()
+        line.budget.begin(thread_time())
     line.leave_direct()
     if state.robot is not line.robot:
         raise ModelError(f"the session runs on {line.robot!r}, the state belongs to {state.robot!r}")
@@ -91,8 +91,9 @@ def conclude(
             return held_tick(line, state, solution, notes, fit=True)
         if not status.solved and status is not Status.NOT_STRICT:
             most = math.inf if line.good is None else largest_change(program.kind, line.dt)
-            ahead = line.trend.after(line.x, line.guards.count)
-            x = late(program.problem, x, line.x, ahead, line.guards.joints, most)
+            ahead = np.empty(x.size)
+            line.trend.after(line.x, line.guards.count, ahead)
+            x = late(program.problem, x, line.x, ahead, line.guards.motors, most)
     elif not float(x.dot(x)) < math.inf:
         notes += (Note("solver", Status.NOT_CERTIFIED, "the answer is not finite"),)
         return held_tick(line, state, solution, notes, fit=True)
@@ -119,7 +120,7 @@ def conclude(
         status = status if note.status.severity <= status.severity else note.status
     end = perf_counter()
     if line.limit is not None:
-        line.budget.end(cut=solution.status is Status.TIME_LIMIT)
+        line.budget.end(thread_time(), solution.status is Status.TIME_LIMIT)
     times = Times(prepared - start, filled - prepared, solved - filled, end - solved)
     told: Notes = (lambda: (*notes, *(note for make in later for note in make()))) if later else notes
     return Tick(line, state, last, None, times, solution, line.x, status, told)

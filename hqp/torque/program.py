@@ -17,7 +17,7 @@ from hqp.law import PD, Law
 from hqp.layout import Group, lay_out
 from hqp.loads import Loads, loads_of
 from hqp.loop.direct import Direct, direct
-from hqp.loop.rest import Rest
+from hqp.loop.rest import Rest, hold
 from hqp.loop.safety import Braking
 from hqp.price import LevelPrices, Price, is_exact, level_prices
 from hqp.problem import Hierarchy, Motion, Rows, Shape, Stacked
@@ -30,7 +30,7 @@ from hqp.torque.gravity import Gravity, holding_torque
 from hqp.torque.holding import within_holding
 from hqp.torque.motors import within_motors
 from hqp.torque.reactions import Supports, reactions, require_actuation
-from hqp.torque.rest import Hold
+from hqp.torque.rest import Held
 from hqp.torque.rows import TorqueRows
 from hqp.torque.self_motion import SelfMotions
 from hqp.torque.terms import Terms
@@ -373,7 +373,8 @@ class TorqueProgram(Program):
 
     def rest(self, robot: Robot, braking: Braking) -> Rest:
         """Holding torque with damping."""
-        return Hold(self.held, robot, braking, self.dt, self._laws, self.loads, self.dynamics.out)
+        held = Held(self.held, robot, self.dt, self._laws, self.loads, self.dynamics.out)
+        return hold(robot, braking, self.dt, held)
 
     def remarks(self, state: State) -> tuple[str, ...]:
         """What each load asks of the motors to be held, in words."""

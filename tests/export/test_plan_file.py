@@ -105,6 +105,11 @@ def test_references_that_do_not_fit_are_refused(file: bytes) -> None:
         session.step(np.zeros(3))
 
 
+def told(tick: hqp.Tick) -> tuple[hqp.Note, ...]:
+    """Its notes, but for those on tasks and limits that an account of the levels has."""
+    return tuple(n for n in tick.notes if n.status is not Status.OPTIMAL or n.element in ("rates", "session"))
+
+
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_faults_are_statuses_as_in_python(formulation: str) -> None:
     session, given = scene("g1", formulation)
@@ -112,6 +117,9 @@ def test_faults_are_statuses_as_in_python(formulation: str) -> None:
     file = LoadedSession(text(session))
     q, v = robot.home.copy(), np.zeros(robot.nv)
     nan = {"hand": np.full(3, np.nan)}
+    assert (
+        told(session.step(robot.state(q, np.full(robot.nv, np.nan)))) == file.step(q, np.full(robot.nv, np.nan)).notes
+    )
     for i in range(40):
         at = q.copy()
         references: tuple[hqp.Reference, ...] = given(i + 1)
@@ -120,8 +128,14 @@ def test_faults_are_statuses_as_in_python(formulation: str) -> None:
             at[9] = np.nan
         if i == 15:
             at[3:7] *= 1.2
+        if i == 16:
+            v[2] = 1e6
+        if i == 17:
+            v[2], at[1] = 0.0, 1e300
         if i == 18:
             at[8] = 1e6
+        if i == 19:
+            at[0] = 2e4
         if i == 20:
             references, targets = (hqp.Reference("hand", nan["hand"]),), dict(nan)
         tick = session.step(robot.state(at, v), *references)
@@ -131,9 +145,40 @@ def test_faults_are_statuses_as_in_python(formulation: str) -> None:
                     file.hold(name, value)
         found = file.step(at, v, targets)
         assert (found.status, found.held) == (tick.status, tick.held), f"tick {i}: {found.notes}"
+        assert found.notes == told(tick), f"tick {i}"
         np.testing.assert_allclose(found.command, tick.command, rtol=1e-9, atol=1e-9, err_msg=f"tick {i}")
         if tick.status is not Status.INVALID_STATE:
             q, v = tick.advance()
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_what_cannot_hold_is_told_word_for_word(formulation: str) -> None:
+    """Limits that exclude each other, under a rate limit, and contacts that carry nothing."""
+    robot = hqp.robots.load("g1")
+    feet = [t.FixedContact(frame=sole) for sole in robot.landmarks["soles"]]
+    hand = t.Position(frame="left_rubber_hand", axes="x")
+    over = [t.Within(hand, lower=1.5, name="up"), t.Within(hand, upper=-1.5, name="down")]
+    posture = t.Posture(name="posture")
+    stack = Stack(Level(posture), subject_to=[t.JointLimits(), *feet, *over])
+    rates = hqp.RateLimits(velocity=0.05, acceleration=1e3, torque=100.0)
+    session = hqp.Controller(stack, FORMULATIONS[formulation](), deadline=np.inf, rates=rates).session(robot, 0.002)
+    file = LoadedSession(text(session))
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    seen = set()
+    for i in range(30):
+        aim = posture.at(robot.home[7:] + 0.3)
+        references = [*(foot.at().loaded(0.1) for foot in feet), aim]
+        tick = session.step(robot.state(q, v), *references)
+        for name, value in session.hold_values.items() if i == 0 else ():
+            if name in file.names:
+                file.hold(name, value)
+        for foot in feet:
+            file.load(foot.name, 0.1)
+        found = file.step(q, v, {"posture": aim.value})
+        assert (found.status, found.notes) == (tick.status, told(tick)), f"tick {i}"
+        seen |= {note.element for note in found.notes}
+        q, v = tick.advance()
+    assert {"rates", feet[0].name, over[0].name} <= seen
 
 
 def test_no_pinocchio_is_needed(file: bytes, tmp_path: Path) -> None:

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
 import hqp
+import hqp.tasks as t
+from hqp import Level, Stack, Status
 from hqp.export.plan_file import text
 from hqp.loaded import LoadedSession
-from hqp.solvers.lexicographic import kernel
+from hqp.solvers.lexicographic import Lexicographic, kernel
 
 from .stacks import FORMULATIONS, ROBOTS, Given, scene
 
 pytestmark = pytest.mark.skipif(not kernel(), reason="no native kernel here")
 
 
-def replay(session: hqp.Session, given: Given, ticks: int) -> None:
+def replay(
+    session: hqp.Session, given: Given, ticks: int, look: Callable[[hqp.Tick], object] = lambda tick: None
+) -> None:
     """Both take the same states; hold values are Pinocchio's on the one side, so that they are handed over."""
     file = LoadedSession(text(session))
     robot = session.robot
@@ -31,6 +36,7 @@ def replay(session: hqp.Session, given: Given, ticks: int) -> None:
                     file.hold(name, value)
         found = file.step(q, v, {r.name: target(r) for r in references})
         assert found.status is tick.status, f"tick {i}"
+        look(tick)
         np.testing.assert_array_equal(found.x, tick.x, err_msg=f"tick {i}")
         np.testing.assert_array_equal(found.command, tick.command)
         q, v = tick.advance()
@@ -62,3 +68,22 @@ def test_hold_values_are_those_of_python(robot: str) -> None:
     for name, value in session.hold_values.items():
         if name in file.names:
             np.testing.assert_allclose(file.held(name), np.ravel(value), atol=1e-12, err_msg=name)
+
+
+@pytest.mark.parametrize(("formulation", "most"), [("velocity", 12), ("acceleration", 8), ("torque", 8)])
+def test_answers_that_were_cut_too(formulation: str, most: int) -> None:
+    robot = hqp.robots.load("g1")
+    feet = [t.FixedContact(frame=sole) for sole in robot.landmarks["soles"]]
+    hand = t.Position(frame="left_rubber_hand", name="hand")
+    levels = Level(hand, price=0), Level(t.Posture(name="posture"), price=0)
+    stack = Stack(*levels, subject_to=[t.JointLimits(), *feet])
+    solver = Lexicographic(max_iterations=most)
+    controller = hqp.Controller(stack, FORMULATIONS[formulation](), solver, deadline=np.inf)
+    start, seen = robot.state(robot.home).position(hand.frame), set()
+
+    def given(i: int) -> tuple[hqp.Reference, ...]:
+        return (hand.at(start + np.array([float(i % 7 > 2), 0.0, 0.3])),)
+
+    session = controller.session(robot, 0.002)
+    replay(session, given, 60, lambda tick: seen.add(tick.status))
+    assert seen == {Status.OPTIMAL, Status.ITERATION_LIMIT}

@@ -11,8 +11,8 @@ import pytest
 
 import hqp
 from hqp import Level, Stack, Status
+from hqp._session import Trend
 from hqp.errors import DeclarationError, StaleState, UnknownReference
-from hqp.loop.late import LONGEST
 from hqp.robots import Robot
 from hqp.solvers.lexicographic import kernel
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, Pose, Position, Posture, TorqueLimits
@@ -182,7 +182,7 @@ def test_a_change_of_stack_knows_the_targets_of_the_latest_tick() -> None:
         q, v = one.advance()
         if one.transition == 1.0:
             break
-    for _ in range(LONGEST):
+    for _ in range(Trend.LONGEST):
         same(*both(pair, q, v, {}))
 
 

@@ -13,45 +13,48 @@ import pytest
 import hqp
 from benchmarks.deadline import overloaded
 from hqp import PD, Level, P, Stack, Status
-from hqp.loop import budget
-from hqp.loop.budget import FIRST, LATE, LONGEST, STEP, Budget
+from hqp._session import Budget
 from hqp.loop.outgoing import largest_change
 from hqp.loop.safety import RateLimits
 from hqp.loop.stepping import step
 from hqp.tasks import Com, FixedContact, JointLimits, Position, Posture, TorqueLimits
 
+LATE, STEP, FIRST, LONGEST = Budget.LATE, Budget.STEP, Budget.FIRST, Budget.LONGEST
 
-def test_the_margin_follows_how_late_ticks_end(monkeypatch: pytest.MonkeyPatch) -> None:
+
+def test_the_margin_follows_how_late_ticks_end() -> None:
     clock, rng, late = 0.0, np.random.default_rng(0), []
-    monkeypatch.setattr(budget, "thread_time", lambda: clock)
     each = Budget(1e-3)
     assert each.left(1e-4) == pytest.approx((1.0 - FIRST) * 1e-3 - 1e-4)
     for _ in range(40_000):
-        each.begin()
+        each.begin(clock)
         clock += each.left(1e-4) + 1e-4 + rng.exponential(5e-5)  # what comes after the solver
         late.append(clock)
-        each.end(cut=True)
+        each.end(clock, True)
     ends = np.diff([0.0, *late])
     assert np.mean(ends[5000:] > 1e-3) < 5.0 * LATE
     quantile = -5e-5 * math.log(LATE)
     assert abs(each.margin - quantile) < 2.0 * STEP
 
 
-def test_the_margin_has_its_limits(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_margin_has_its_limits() -> None:
     clock = 0.0
-    monkeypatch.setattr(budget, "thread_time", lambda: clock)
     each = Budget(1e-3)
-    each.end(cut=True)  # of no tick that began
+    each.end(clock, True)  # of no tick that began
     assert each.margin == FIRST * 1e-3
     for _ in range(100):
-        each.begin()
+        each.begin(clock)
         clock += 1.0
-        each.end(cut=True)
+        each.end(clock, True)
     assert each.margin == LONGEST * 1e-3
-    each.begin()
-    each.end(cut=False)  # in time without being cut
+    each.begin(clock)
+    each.end(clock, False)  # in time without being cut
     assert each.margin == LONGEST * 1e-3
     assert each.left(1.0) > 0.0
+    each.begin(clock)
+    each.skip()
+    each.end(clock + 1.0, True)  # of a tick that was not measured
+    assert each.margin == LONGEST * 1e-3
 
 
 def test_a_session_keeps_back_what_follows_the_solver() -> None:

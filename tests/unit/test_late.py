@@ -12,11 +12,12 @@ import hqp
 from benchmarks.calm.loop import NOTICEABLE, limits
 from benchmarks.calm.scenes import DT, FORMULATIONS, Scene, scenes
 from hqp import Hierarchy, Rows, Selection, Solution, Status
+from hqp._session import Trend
 from hqp.arrays import Mat, Vec
 from hqp.lab.measures import MOST_REVERSALS
-from hqp.loop.late import LONGEST, Judged, Trend, late
+from hqp.loop.late import late
 from hqp.loop.outgoing import largest_change
-from hqp.problem import Stats
+from hqp.problem import Motion, Stats
 from hqp.solvers.base import finish
 from hqp.solvers.lexicographic import Lexicographic
 from hqp.tolerances import VIOLATION_TOLERANCE
@@ -114,7 +115,7 @@ def test_no_level_above_the_prices_gets_worse_than_by_staying(prices: bool) -> N
     for _ in range(300):
         problem, last = drawn(rng, prices)
         ahead, cut = last + rng.normal(0.0, 3e-3, 6), last + rng.normal(0.0, 0.3, 6)
-        x = late(problem, cut, last, ahead, slice(0, 6), 0.02)
+        x = late(problem, cut, last, ahead, range(6), 0.02)
         here = problem.boxed(last)
         moved += not np.array_equal(x, here)
         on = problem.boxed(here + (ahead - here) * min(1.0, 0.02 / np.abs(ahead - here).max()))
@@ -134,24 +135,31 @@ def test_a_cut_answer_is_taken_where_much_is_at_stake() -> None:
     problem = Hierarchy((Rows(np.eye(3), np.ones(3), np.ones(3)),))
     last = np.array([0.5, 0.5, 0.5])
     ahead = last + 1e-4
-    assert np.allclose(late(problem, np.ones(3), last, ahead, slice(0, 3), 0.02), last + 0.02)
-    assert np.allclose(late(problem, last + 2e-4, last, ahead, slice(0, 3), 0.02), ahead)  # the next tick has it
-    assert np.allclose(late(problem, -np.ones(3), last, last - 1e-4, slice(0, 3), 0.02), last)  # both are worse
+    assert np.allclose(late(problem, np.ones(3), last, ahead, range(3), 0.02), last + 0.02)
+    assert np.allclose(late(problem, last + 2e-4, last, ahead, range(3), 0.02), ahead)  # the next tick has it
+    assert np.allclose(late(problem, -np.ones(3), last, last - 1e-4, range(3), 0.02), last)  # both are worse
 
 
 def test_the_trend_is_that_of_solved_answers() -> None:
-    trend, last = Trend(), np.array([3.0])
-    assert trend.after(last, 1) is last
+    trend, last = Trend(1), np.array([3.0])
+
+    def after(tick: int) -> float:
+        to = np.zeros(1)
+        trend.after(last, tick, to)
+        return float(to[0])
+
+    longest = Trend.LONGEST
+    assert after(1) == 3.0
     trend.take(np.array([1.0]), 1)
-    assert trend.after(last, 2) is last
+    assert after(2) == 3.0
     trend.take(np.array([2.0]), 5)  # four ticks later
-    assert trend.after(last, 6) == pytest.approx(3.25)
-    assert trend.after(last, 5 + LONGEST) == pytest.approx(3.25)
-    assert trend.after(last, 6 + LONGEST) is last
+    assert after(6) == pytest.approx(3.25)
+    assert after(5 + longest) == pytest.approx(3.25)
+    assert after(6 + longest) == 3.0
     trend.take(np.array([4.0]), 5)  # of the same tick: no rate
-    assert trend.after(last, 6) == pytest.approx(3.25)
+    assert after(6) == pytest.approx(3.25)
     trend.forget()
-    assert trend.after(last, 7) is last
+    assert after(7) == 3.0
 
 
 def test_what_a_price_saves_counts() -> None:
@@ -159,6 +167,7 @@ def test_what_a_price_saves_counts() -> None:
     rows = Rows(A, np.ones(2), np.ones(2))
     dear, free = Hierarchy((rows,), prices=np.array([0.1])), Hierarchy((rows,))
     still, far = np.array([1.0, 0.0]), np.array([1.0, 100.0])  # misses a tenth less, by a hundred times the motion
-    assert Judged.of(free, far).better_than(Judged.of(free, still))
-    assert not Judged.of(dear, far).better_than(Judged.of(dear, still))
-    assert not Judged.of(dear, still).better_than(Judged.of(dear, far))
+    for problem, found in ((free, far), (dear, still)):
+        np.testing.assert_array_equal(late(problem, far, still, still, range(2), math.inf), found)
+    moved = dataclasses.replace(dear, motion=Motion(np.array([1.0, 1e-2]), np.array([0.0, 1.0])))
+    np.testing.assert_array_equal(late(moved, far, still, still, range(2), math.inf), far)  # to where it costs nothing

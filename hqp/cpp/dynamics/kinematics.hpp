@@ -55,13 +55,13 @@ class Kinematics {
   }
 
   // Give quaternions and pairs of cosine and sine length one; the first place in q of one that is too far from it, -1
-  // for none.
-  int normalise(double* q, double most) const {
+  // for none, its length, and whether it is a pair.
+  int normalise(double* q, double most, double& length, bool& pair) const {
     for (const TreeJoint& joint : joints_) {
       const auto [first, count] = unit_part(joint.kind);
       double square = 0.0;
       for (int i = 0; i < count; ++i) square += q[joint.q + first + i] * q[joint.q + first + i];
-      const double length = std::sqrt(square);
+      length = std::sqrt(square), pair = count == 2;
       if (count && !(std::fabs(length - 1.0) <= most)) return joint.q + first;
       for (int i = 0; i < count; ++i) q[joint.q + first + i] /= length;
     }

@@ -11,6 +11,7 @@
 #include <nanobind/stl/vector.h>
 
 #include "batch.hpp"
+#include "live_guards.hpp"
 #include "plan_file.hpp"
 #include "session.hpp"
 
@@ -144,10 +145,11 @@ class Worlds {
 }  // namespace
 
 NB_MODULE(_session, module) {
-  module.doc() = "Sessions from a file.";
+  module.doc() = "Sessions from a file, and what every session lets in and out.";
   nb::set_leak_warnings(std::getenv("HQP_LEAK_WARNINGS") != nullptr);  // a script may end anyhow
   nb::exception<hqp::PlanError>(module, "PlanError");
   nb::exception<hqp::ReferenceError>(module, "ReferenceError", PyExc_ValueError);
+  binding::bind_guards(module);
   nb::class_<Worlds>(module, "Batch")
       .def(nb::init<const nb::bytes&, std::size_t, std::size_t>(), "file"_a, "count"_a, "threads"_a)
       .def("step", &Worlds::step, "q"_a, "v"_a, "targets"_a, "commands"_a.noconvert(), "status"_a.noconvert(),

@@ -1,6 +1,7 @@
 // A line and the guards around it: what hqp::Session is inside.
 #pragma once
 
+#include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <limits>
@@ -10,7 +11,9 @@
 #include <vector>
 
 #include "../rows/rotations.hpp"
+#include "budget.hpp"
 #include "guards.hpp"
+#include "late.hpp"
 #include "line.hpp"
 #include "rest.hpp"
 #include "session.hpp"
@@ -23,13 +26,15 @@ class Guarded {
       : line_(std::move(plan)),
         robot_(line_.root().part("robot")),
         guards_(line_.root().part("guards")),
-        guard_(robot_, guards_.part("state"), line_.kinematics()),
+        guard_(bounds(robot_, guards_.part("state")), robot_.texts("places"), robot_.texts("speeds"),
+               guards_.part("state").number("ordinary"), line_.kinematics()),
         kind_(line_.root().part("motion").text("kind")),
         name_(robot_.text("name")),
         joint_names_(robot_.texts("joint_names")),
         home_(robot_.numbers("home")),
         picks_(kind_ == "torque" ? counted(robot_.ints("actuated").size()) : robot_.ints("actuated")),
-        deadline_(guards_.number("deadline")),
+        budget_(guards_.number("deadline")),
+        sentences_(guards_.texts("statuses")),
         violation_(guards_.number("violation")),
         least_load_(guards_.number("least_load")),
         gradual_(guards_.number("gradual")),
@@ -41,17 +46,18 @@ class Guarded {
         x_(std::size_t(line_.solver().exact().size())),
         given_(line_.slots().size()),
         lost_(line_.members().size(), 0),
-        left_out_(line_.members().size(), false) {
-    if (guards_.has("rates")) inverse_rates_ = guards_.numbers("rates");
-    if (!inverse_rates_.empty() && inverse_rates_.size() != picks_.size())
-      throw PlanError("the rates of the plan are of other joints");
+        left_out_(line_.members().size(), false),
+        trend_(x_.size()),
+        ahead_(x_.size()),
+        angles_(v_.size()),
+        late_(line_.late(violation_)) {
+    if (joint_names_.size() != picks_.size()) throw PlanError("the command of the plan is of other joints");
+    if (sentences_.size() != std::size_t(Status::kInvalidState) + 1) throw PlanError("the plan has no sentences");
+    if (guards_.has("rates"))
+      rates_ = std::make_unique<RateLimiter>(joint_names_, guards_.numbers("rates"), line_.dt());
     for (const int pick : picks_)
       if (pick < 0 || std::size_t(pick) >= x_.size()) throw PlanError("a joint of the plan is none");
-    const double deceleration = guards_.part("braking").number("deceleration");
-    if (kind_ == "velocity") rest_ = std::make_unique<SlowDown>(robot_, deceleration, line_.dt(), line_.kinematics());
-    else if (kind_ == "acceleration") rest_ = std::make_unique<Brake>(robot_, deceleration, line_.dt());
-    else if (line_.torque()) rest_ = std::make_unique<Hold>(robot_, guards_.part("braking").number("damping"), line_);
-    else throw PlanError("the plan is of an unknown kind");
+    rest_ = made_rest();
     const std::vector<Slot>& slots = line_.slots();
     for (std::size_t k = 0; k < slots.size(); ++k) {
       std::size_t size = 1;
@@ -81,13 +87,15 @@ class Guarded {
       for (Given& given : given_) given.clear();
       return held(why, false);
     }
+    if (fresh_ && budget_.limited()) budget_.begin(thread_time());
+    else budget_.skip();
     if (!holds_known_) take_holds();
     take_references();
     const bool around = line_.order() == 1 && good_;
     line_.write(q_.data(), v_.data(), around ? x_.data() : v_.data());
     if (!line_.assembly().small()) leave_out_unusable();
     leave_out_marked();
-    if (limited()) line_.solver().limit(left());
+    if (budget_.limited()) line_.solver().limit(left());
     Solved found = line_.solve(v_.data());
     if (found.outcome == kInvalid && !line_.torque()) {
       leave_out_unusable();
@@ -98,7 +106,7 @@ class Guarded {
 
   // All that goes over from one tick to the next, but for references that no step has taken yet.
   void keep(CarryOver& state) {
-    state.take(good_), state.take(holds_known_);
+    state.take(good_), state.take(holds_known_), trend_.keep(state);
     state.take(tick_.count_), state.take(tick_.held_);
     state.take(x_.data(), x_.size());
     if (tick_.held_ > 0) rest_->keep(state);
@@ -133,7 +141,7 @@ class Guarded {
 
   // Every answer is finished from now on, however long it takes.
   void without_deadline() {
-    deadline_ = std::numeric_limits<double>::infinity();
+    budget_ = Budget(std::numeric_limits<double>::infinity());
     line_.solver().limit(0.0);
   }
 
@@ -142,6 +150,7 @@ class Guarded {
     CarryOver state = CarryOver::from_first(initial_);
     keep(state);
     for (Given& given : given_) given.clear();
+    fresh_ = true;
   }
 
   Line& line() { return line_; }
@@ -169,10 +178,25 @@ class Guarded {
     for (std::size_t i = 0; i < n; ++i) found[i] = static_cast<int>(i);
     return found;
   }
-  bool limited() const { return deadline_ < std::numeric_limits<double>::infinity(); }
+  static StateBounds bounds(const Node& robot, const Node& p) {
+    return {p.numbers("low"),     p.numbers("high"),      p.numbers("speed"),
+            p.number("distance"), robot.flag("floating"), robot.texts("coordinates")};
+  }
+  std::unique_ptr<Rest> made_rest() {
+    const Node braking = guards_.part("braking");
+    const std::vector<int> joints = robot_.ints("actuated");
+    const double deceleration = braking.number("deceleration");
+    if (kind_ == "velocity")
+      return std::make_unique<SlowDown>(robot_.numbers("lower"), robot_.numbers("upper"), joints, deceleration,
+                                        line_.dt());
+    if (kind_ == "acceleration") return std::make_unique<Brake>(v_.size(), joints, deceleration, line_.dt());
+    if (!line_.torque()) throw PlanError("the plan is of an unknown kind");
+    std::vector<double> limit;
+    for (const int i : joints) limit.push_back(robot_.numbers("effort_limit").at(std::size_t(i)));
+    return std::make_unique<Hold>(limit, joints, braking.number("damping"), line_.dt());
+  }
   double left() const {  // time for the solver; what comes before the first answer is done for the first time, and slow
-    const double spent = good_ ? std::chrono::duration<double>(Clock::now() - begin_).count() : 0.0;
-    return std::max((1.0 - kKept) * deadline_ - spent, 1e-6);
+    return budget_.left(good_ ? std::chrono::duration<double>(Clock::now() - begin_).count() : 0.0);
   }
 
   void note(const Note& note) {
@@ -201,33 +225,40 @@ class Guarded {
       slot.settle();
       slot.moved = given.any;
       if (!given.any) continue;
-      if (!put(slot, given)) {
+      const Put put = this->put(slot, given);
+      if (put != Put::kTaken) {
         slot.settle();
         left_out_[m] = !members[m].hard;
-        note({members[m].name.c_str(), Status::kInvalidReference, left_out_[m] ? Cause::kLeftOut : Cause::kReference});
+        Note why{members[m].name.c_str(), Status::kInvalidReference,
+                 put == Put::kNotFinite ? Cause::kReference : Cause::kRotation};
+        why.left_out = left_out_[m];
+        note(why);
       }
       given.clear();
     }
   }
-  // False for numbers that are not finite, or no rotation.
-  static bool put(Slot& slot, const Given& given) {
+  enum class Put { kTaken, kNotFinite, kNoRotation };
+  static Put put(Slot& slot, const Given& given) {
     if (given.has_value) std::copy(given.value.begin(), given.value.end(), slot.target);
     if (given.has_velocity) std::copy(given.velocity.begin(), given.velocity.end(), slot.rate);
     if (given.has_acceleration) std::copy(given.acceleration.begin(), given.acceleration.end(), slot.feedforward);
     if (given.has_normal && slot.normal) std::copy(given.normal, given.normal + 3, slot.normal);
-    return finite(given.value.data(), given.has_value ? static_cast<int>(given.value.size()) : 0) &&
-           finite(given.velocity.data(), given.has_velocity ? slot.rows : 0) &&
-           finite(given.acceleration.data(), given.has_acceleration ? slot.rows : 0) && finite(given.normal, 3) &&
-           !(given.has_value && slot.plain == Plain::kRotation && !rotation(slot.target, 3)) &&
-           !(given.has_value && slot.plain == Plain::kPose && !pose(slot.target));
+    if (!finite(given.value.data(), given.has_value ? static_cast<int>(given.value.size()) : 0) ||
+        !finite(given.velocity.data(), given.has_velocity ? slot.rows : 0) ||
+        !finite(given.acceleration.data(), given.has_acceleration ? slot.rows : 0) || !finite(given.normal, 3))
+      return Put::kNotFinite;
+    const bool turned = !given.has_value || ((slot.plain != Plain::kRotation || rotation(slot.target, 3)) &&
+                                             (slot.plain != Plain::kPose || pose(slot.target)));
+    return turned ? Put::kTaken : Put::kNoRotation;
   }
 
   void leave_out_unusable() {
     const std::vector<Member>& members = line_.members();
     for (std::size_t m = 0; m < members.size(); ++m) {
-      if (left_out_[m] || line_.usable(members[m])) continue;
-      left_out_[m] = true;
-      note({members[m].name.c_str(), Status::kInvalidElement, Cause::kLeftOut});
+      Note why{members[m].name.c_str(), Status::kInvalidElement};
+      if (left_out_[m] || line_.usable(members[m], why)) continue;
+      left_out_[m] = why.left_out = true;
+      note(why);
     }
     leave_out_marked();
   }
@@ -253,16 +284,22 @@ class Guarded {
     if (answer.status != Status::kOptimal) {
       tick_.status_ = std::max(tick_.status_, answer.status);
       const bool told = violations(answer.slack, Cause::kOff);
-      if (!told || answer.status != Status::kConstraintsViolated) note({"solver", answer.status, Cause::kSolver});
+      if (!told || answer.status != Status::kConstraintsViolated)
+        note({"solver", answer.status, Cause::kSolver, sentences_[std::size_t(answer.status)].c_str()});
       if (answer.status >= Status::kNotCertified || !numbers) return held({}, true);
     } else if (!numbers) {
       return held({"solver", Status::kNotCertified, Cause::kNotFinite}, true);
     }
-    std::copy(answer.x, answer.x + n, tick_.x_.begin());
-    if (answer.status == Status::kTimeLimit || answer.status == Status::kIterationLimit) go_gradually();
+    const bool cut = answer.status == Status::kTimeLimit || answer.status == Status::kIterationLimit;
+    const double* x = cut ? instead_of(answer.x) : answer.x;
+    std::copy(x, x + n, tick_.x_.begin());
     contacts();
     limit_rate();
     send();
+    if (!cut) trend_.take(x_.data(), tick_.count_);
+    if (budget_.limited() && answer.status != Status::kOptimal)
+      budget_.end(thread_time(), answer.status == Status::kTimeLimit);
+    fresh_ = answer.status != Status::kOptimal;
     std::copy(q_.begin(), q_.end(), good_q_.begin());
     std::copy(v_.begin(), v_.end(), good_v_.begin());
     good_ = true;
@@ -279,8 +316,10 @@ class Guarded {
   const Tick& held(const Note& why, bool fit) {
     if (why.status != Status::kOptimal) note(why);
     ++tick_.held_;
-    if (fit) rest_->begin(q_.data(), v_.data(), x_.data(), true);
-    else if (tick_.held_ == 1) rest_->begin(good_ ? good_q_.data() : nullptr, good_v_.data(), x_.data(), false);
+    trend_.forget();
+    fresh_ = true;
+    if (fit) rest_->begin(from(q_, v_), x_.data(), true);
+    else if (tick_.held_ == 1) rest_->begin(good_ ? from(good_q_, good_v_) : RestFrom{}, x_.data(), false);
     if (!good_ && !fit) note({"session", why.status, Cause::kNoState});
     rest_->next(tick_.x_.data());
     limit_rate();
@@ -288,30 +327,27 @@ class Guarded {
     return tick_;
   }
 
-  // An unfinished answer: no joint changes by more than it may in a tick.
-  void go_gradually() {
-    if (!good_) return;
-    double reach = 0.0;
-    for (const int pick : picks_)
-      reach = std::max(reach, std::fabs(tick_.x_[std::size_t(pick)] - x_[std::size_t(pick)]));
-    towards(reach <= gradual_ ? 1.0 : gradual_ / reach);
+  // What is sent instead of an answer that was cut, see Late.
+  const double* instead_of(const double* x) {
+    trend_.after(x_.data(), tick_.count_, ahead_.data());
+    const double most = good_ ? gradual_ : std::numeric_limits<double>::infinity();
+    return late_.choose(x, x_.data(), ahead_.data(), picks_.data(), picks_.size(), most);
   }
-  void towards(double share) {
-    if (share == 1.0) return;
-    for (std::size_t i = 0; i < x_.size(); ++i) tick_.x_[i] = x_[i] + share * (tick_.x_[i] - x_[i]);
+  // A state as a robot comes to rest from it.
+  RestFrom from(const std::vector<double>& q, const std::vector<double>& v) {
+    RestFrom found;
+    line_.kinematics().angles(q.data(), angles_.data());
+    found.angles = angles_.data(), found.v = v.data();
+    if (line_.torque() && line_.at_rest(q.data())) found.holding = line_.holding(), found.felt = line_.felt();
+    return found;
   }
   void limit_rate() {
-    double most = 1.0;
-    std::size_t worst = 0;
-    for (std::size_t i = 0; i < inverse_rates_.size(); ++i) {
-      const std::size_t pick = std::size_t(picks_[i]);
-      const double over = std::fabs((tick_.x_[pick] - x_[pick]) * inverse_rates_[i]);
-      if (over > most) most = over, worst = i;
-    }
-    if (most == 1.0) return;
-    const double allowed = 1.0 / (inverse_rates_[worst] * line_.dt());
-    towards(1.0 / most);
-    note({"rates", Status::kOptimal, Cause::kRate, joint_names_[worst].c_str(), most * allowed, allowed});
+    Note why;
+    const auto pick = [this](std::size_t i) { return std::size_t(picks_[i]); };
+    const double share = rates_ ? rates_->share(x_.data(), tick_.x_.data(), pick, why) : 1.0;
+    if (share == 1.0) return;
+    for (std::size_t i = 0; i < x_.size(); ++i) tick_.x_[i] = x_[i] + share * (tick_.x_[i] - x_[i]);
+    note(why);
     if (line_.slack(tick_.x_.data())) violations(line_.slacks(), Cause::kOffByRate);
   }
 
@@ -323,27 +359,32 @@ class Guarded {
               least_load_});
   }
 
-  // Notes on members of subject_to that are off, by their worst row; whether there is any.
+  // Notes on members of subject_to that are off, with the rows that have names, the worst first; whether there is any.
   bool violations(const double* slack, Cause cause) {
     bool any = false;
     for (const Member& member : line_.members()) {
-      int worst = -1;
-      double most = 0.0;
       if (!line_.constrains(member)) continue;
+      Note why{member.name.c_str(), Status::kConstraintsViolated, cause};
+      const double* w = slack + line_.start(member);
+      int off = 0;
       for (int i = member.first; i < member.last; ++i) {
-        const double w = std::fabs(slack[line_.start(member) + i]);
-        if (w > violation_ * (1.0 + line_.bound(member, i)) && w > most) most = w, worst = i - member.first;
+        const double size = std::fabs(w[i]);
+        if (size > why.amount) why.amount = size;
+        if (!(size > violation_ * (1.0 + line_.bound(member, i)))) continue;
+        ++off;
+        if (member.row_names.size() == std::size_t(member.last - member.first))
+          put(why, member.row_names[std::size_t(i - member.first)].c_str(), size);
       }
-      if (worst < 0) continue;
-      any = true;
-      const bool named = std::size_t(worst) < member.row_names.size();
-      note({member.name.c_str(), Status::kConstraintsViolated, cause,
-            named ? member.row_names[std::size_t(worst)].c_str() : "", most});
+      if (off > 0) note(why), any = true;
     }
     return any;
   }
-
-  static constexpr double kKept = 0.25;  // share of the deadline that is kept back from the solver
+  static void put(Note& note, const char* name, double amount) {
+    Note::Row row{name, amount};
+    ++note.row_count;
+    for (Note::Row& known : note.rows)
+      if (!known.name || row.amount > known.amount) std::swap(known, row);
+  }
 
   Line line_;
   Node robot_, guards_;
@@ -351,16 +392,22 @@ class Guarded {
   std::unique_ptr<Rest> rest_;
   std::string kind_, name_;
   std::vector<std::string> joint_names_;
-  std::vector<double> home_, inverse_rates_;
+  std::vector<double> home_;
   std::vector<int> picks_;
-  double deadline_, violation_, least_load_, gradual_;
+  Budget budget_;
+  std::vector<std::string> sentences_;  // on each status
+  std::unique_ptr<RateLimiter> rates_;
+  double violation_, least_load_, gradual_;
   int patience_;
   std::vector<double> q_, v_, good_q_, good_v_, x_;
   std::vector<Given> given_;
   WarmState initial_;
   std::vector<std::int64_t> lost_;
   std::vector<bool> left_out_;
-  bool good_ = false, holds_known_ = false;
+  Trend trend_;
+  std::vector<double> ahead_, angles_;
+  Late late_;
+  bool good_ = false, holds_known_ = false, fresh_ = true;
   Clock::time_point begin_;
   Tick tick_;
 };

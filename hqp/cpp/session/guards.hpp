@@ -1,100 +1,158 @@
-// What a session lets in: states of ordinary size, the equations of hqp/loop/safety.py.
+// What a session lets in and out: states of ordinary size, commands that change no faster than they may.
 #pragma once
 
 #include <cmath>
 #include <limits>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "../dynamics/kinematics.hpp"
 #include "../rows/references.hpp"
-#include "node.hpp"
+#include "errors.hpp"
 #include "tick.hpp"
 
 namespace hqp {
 
+// Magnitudes beyond which a state is a fault of its source: bounds of each coordinate (nv), and of the free base.
+class StateBounds {
+ public:
+  StateBounds(std::vector<double> low, std::vector<double> high, std::vector<double> speed, double distance,
+              bool floating, std::vector<std::string> names)
+      : low_(std::move(low)),
+        high_(std::move(high)),
+        speed_(std::move(speed)),
+        distance_(distance),
+        floating_(floating),
+        names_(std::move(names)) {
+    const std::size_t n = low_.size();
+    if (high_.size() != n || speed_.size() != n || names_.size() != n)
+      throw PlanError("the bounds of the plan have a wrong size");
+  }
+
+  std::size_t size() const { return low_.size(); }
+  // False, and why, where a number is too large.
+  bool hold(const double* angles, const double* q, const double* v, Note& why) const {
+    std::size_t worst = 0;
+    double most = 0.0;
+    for (std::size_t i = 0; i < low_.size(); ++i) {
+      const double outside = std::fmax(low_[i] - angles[i], angles[i] - high_[i]);
+      if (outside > most) most = outside, worst = i;
+    }
+    if (most > 0.0) {
+      refuse(why, Cause::kPosition, names_[worst], angles[worst], low_[worst]);
+      return why.most = high_[worst], false;
+    }
+    most = 1.0;
+    for (std::size_t i = 0; i < low_.size(); ++i) {
+      const double over = std::fabs(v[i]) / speed_[i];
+      if (over > most) most = over, worst = i;
+    }
+    if (most > 1.0) return refuse(why, Cause::kVelocity, names_[worst], v[worst], speed_[worst]);
+    double far = 0.0;
+    for (int i = 0; floating_ && i < 3; ++i) far = std::fmax(far, std::fabs(q[i]));
+    return far <= distance_ || refuse(why, Cause::kBase, base_, far, distance_);
+  }
+
+  static bool refuse(Note& why, Cause cause, const std::string& where, double amount, double allowed) {
+    why = {"state", Status::kInvalidState, cause, where.c_str(), amount, allowed};
+    return false;
+  }
+
+ private:
+  std::vector<double> low_, high_, speed_;
+  double distance_;
+  bool floating_;
+  std::vector<std::string> names_;
+  std::string base_ = "base";
+};
+
+// What makes q and v a state, and one of ordinary size.
 class StateGuard {
  public:
-  StateGuard(const Node& robot, const Node& p, const Kinematics& kinematics)
-      : kinematics_(kinematics),
-        nq_(robot.integer("nq")),
-        nv_(robot.integer("nv")),
-        floating_(robot.flag("floating")),
-        low_(p.numbers("low")),
-        high_(p.numbers("high")),
-        speed_(p.numbers("speed")),
-        distance_(p.number("distance")),
-        ordinary_(p.number("ordinary")),
-        names_(robot.texts("coordinates")),
-        places_(robot.texts("places")),
-        angles_(low_.size()) {
-    const std::size_t n = static_cast<std::size_t>(nv_);
-    if (low_.size() != n || high_.size() != n || speed_.size() != n || names_.size() != n ||
-        places_.size() != static_cast<std::size_t>(nq_))
+  // places, speeds: the joint of each number of q and of v.  ordinary: squares that sum up to less need no second look.
+  StateGuard(StateBounds bounds, std::vector<std::string> places, std::vector<std::string> speeds, double ordinary,
+             const Kinematics& kinematics)
+      : bounds_(std::move(bounds)),
+        places_(std::move(places)),
+        speeds_(std::move(speeds)),
+        ordinary_(ordinary),
+        kinematics_(kinematics),
+        angles_(bounds_.size()) {
+    if (places_.size() != std::size_t(kinematics.size()) || speeds_.size() != bounds_.size())
       throw PlanError("the bounds of the plan have a wrong size");
   }
 
   // q is normalised in place; false, and why, where the state is not usable.
   bool check(double* q, const double* v, Note& why) {
-    const double square = squared(q, nq_) + squared(v, nv_);
+    const int nq = static_cast<int>(places_.size()), nv = static_cast<int>(speeds_.size());
+    const double square = squared(q, nq) + squared(v, nv);
     if (!(square < std::numeric_limits<double>::infinity())) return not_finite(q, v, why);
     if (!kinematics_.unit(q, kRounding)) {
-      const int wrong = kinematics_.normalise(q, kUnit);
-      if (wrong >= 0) return refuse(why, Cause::kQuaternion, places_[static_cast<std::size_t>(wrong)], 0.0, kUnit);
+      double length = 0.0;
+      bool pair = false;
+      const int wrong = kinematics_.normalise(q, kUnit, length, pair);
+      if (wrong >= 0)
+        return StateBounds::refuse(why, pair ? Cause::kPair : Cause::kQuaternion, places_[std::size_t(wrong)], length,
+                                   kUnit);
     }
-    return square < ordinary_ || small(q, v, why);
+    if (square < ordinary_) return true;
+    kinematics_.angles(q, angles_.data());
+    return bounds_.hold(angles_.data(), q, v, why);
   }
 
  private:
   static constexpr double kRounding = 1e-12;  // ROUNDING and UNIT_TOLERANCE of robots/checks.py
   static constexpr double kUnit = 1e-3;
 
-  static bool refuse(Note& why, Cause cause, const std::string& where, double amount, double allowed) {
-    why = {"state", Status::kInvalidState, cause, where.c_str(), amount, allowed};
-    return false;
-  }
   bool not_finite(const double* q, const double* v, Note& why) const {
-    for (int i = 0; i < nq_; ++i)
-      if (!std::isfinite(q[i] * q[i])) return refuse(why, Cause::kNotFinite, places_[std::size_t(i)], q[i], 0.0);
-    for (int i = 0; i < nv_; ++i)
-      if (!std::isfinite(v[i] * v[i])) return refuse(why, Cause::kNotFinite, names_[std::size_t(i)], v[i], 0.0);
-    return refuse(why, Cause::kNotFinite, all_, std::numeric_limits<double>::infinity(), 0.0);
-  }
-  bool small(const double* q, const double* v, Note& why) {
-    kinematics_.angles(q, angles_.data());
-    int worst = -1;
-    double most = 0.0;
-    for (int i = 0; i < nv_; ++i) {
-      const std::size_t k = static_cast<std::size_t>(i);
-      const double outside = std::fmax(low_[k] - angles_[k], angles_[k] - high_[k]);
-      if (outside > most) most = outside, worst = i;
-    }
-    if (worst >= 0) {
-      const std::size_t k = static_cast<std::size_t>(worst);
-      return refuse(why, Cause::kPosition, names_[k], angles_[k], angles_[k] > high_[k] ? high_[k] : low_[k]);
-    }
-    most = 1.0;
-    for (int i = 0; i < nv_; ++i) {
-      const double over = std::fabs(v[i]) / speed_[static_cast<std::size_t>(i)];
-      if (over > most) most = over, worst = i;
-    }
-    if (worst >= 0) {
-      const std::size_t k = static_cast<std::size_t>(worst);
-      return refuse(why, Cause::kVelocity, names_[k], v[worst], speed_[k]);
-    }
-    for (int i = 0; floating_ && i < 3; ++i)
-      if (std::fabs(q[i]) > distance_) return refuse(why, Cause::kBase, all_, std::fabs(q[i]), distance_);
-    return true;
+    for (std::size_t i = 0; i < places_.size(); ++i)
+      if (!std::isfinite(q[i] * q[i])) return StateBounds::refuse(why, Cause::kNotFinite, places_[i], q[i], 0.0);
+    for (std::size_t i = 0; i < speeds_.size(); ++i)
+      if (!std::isfinite(v[i] * v[i])) return StateBounds::refuse(why, Cause::kNotFiniteV, speeds_[i], v[i], 0.0);
+    return StateBounds::refuse(why, Cause::kTooLarge, places_[0], 0.0, 0.0);
   }
 
+  StateBounds bounds_;
+  std::vector<std::string> places_, speeds_;
+  double ordinary_;
   const Kinematics& kinematics_;
-  int nq_, nv_;
-  bool floating_;
-  std::vector<double> low_, high_, speed_;
-  double distance_, ordinary_;
-  std::vector<std::string> names_, places_;
-  std::string all_ = "base";
   std::vector<double> angles_;
+};
+
+// Holds the change of a command within a rate: (motors,) numbers, one over the largest change in a tick.
+class RateLimiter {
+ public:
+  RateLimiter(std::vector<std::string> names, std::vector<double> inverse, double dt)
+      : names_(std::move(names)), inverse_(std::move(inverse)), dt_(dt) {
+    if (names_.size() != inverse_.size()) throw PlanError("the rates of the plan are of other joints");
+  }
+
+  // How far towards a command one tick may go, 0 to 1, and why not all the way; pick(i): the place of motor i in both.
+  template <class Pick>
+  double share(const double* last, const double* command, const Pick& pick, Note& why) const {
+    double most = 1.0;
+    std::size_t worst = 0;
+    for (std::size_t i = 0; i < inverse_.size(); ++i) {
+      const double over = std::fabs((command[pick(i)] - last[pick(i)]) * inverse_[i]);
+      if (over > most) most = over, worst = i;
+    }
+    if (most == 1.0) return 1.0;
+    why = {"rates",
+           Status::kOptimal,
+           Cause::kRate,
+           names_[worst].c_str(),
+           std::fabs(command[pick(worst)] - last[pick(worst)]) / dt_,
+           1.0 / (inverse_[worst] * dt_)};
+    return 1.0 / most;
+  }
+  std::size_t size() const { return inverse_.size(); }
+  const std::vector<double>& inverse() const { return inverse_; }
+
+ private:
+  std::vector<std::string> names_;
+  std::vector<double> inverse_;
+  double dt_;
 };
 
 }  // namespace hqp

@@ -1,6 +1,8 @@
 // A compiled stack at work: its memory, the robot's kinematics, its rows and its solver.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <memory>
 #include <string>
@@ -8,6 +10,7 @@
 
 #include "../rows/assembly.hpp"
 #include "../rows/references.hpp"
+#include "late.hpp"
 #include "node.hpp"
 #include "solver_parts.hpp"
 #include "tick.hpp"
@@ -53,6 +56,8 @@ class Line {
     fill(root_.part("motion"));
     declared_.resize(slots_.size());
     for (const Node& one : root_.parts("elements")) members_.push_back(member(one));
+    still_.resize(std::size_t(nv_));
+    holding_.resize(std::size_t(solve_.exact().size())), felt_.resize(holding_.size());
     if (root_.part("motion").has("torque"))
       torque_ = std::make_unique<TorqueParts>(root_.part("motion").part("torque"), nv_, solve_.call());
   }
@@ -125,14 +130,21 @@ class Line {
     if (assembly_.hold(k - load_names_.size(), q, v, held_.data())) slot.hold = held_;
   }
 
-  // Whether the rows of an element are numbers of ordinary size, and no bounds crossed.
-  bool usable(const Member& member) const {
+  // Whether the rows of an element are numbers of ordinary size, and no bounds crossed; why not.
+  bool usable(const Member& member, Note& why) const {
+    const auto wrong = [&](Cause cause, double amount, double allowed) {
+      why.cause = cause, why.amount = amount, why.allowed = allowed;
+      return false;
+    };
+    const std::ptrdiff_t row = member.row, end = std::max(row, std::min<std::ptrdiff_t>(member.row_end, laws_.m));
+    const double J = largest(laws_.J + row * nv_, laws_.J + end * nv_);
+    if (!(J <= largest_)) return wrong(Cause::kJacobian, J, largest_);
+    const double demand = largest(laws_.demand + member.row, laws_.demand + member.row_end);
+    if (!(demand <= largest_)) return wrong(Cause::kDemand, demand, largest_);
     for (int i = member.row; i < member.row_end; ++i) {
-      if (!(std::fabs(laws_.demand[i]) <= largest_)) return false;
       const double low = laws_.lower[i], high = laws_.upper[i];
-      if (!(low <= high && low < INFINITY && high > -INFINITY)) return false;
-      for (int j = 0; i < laws_.m && j < nv_; ++j)
-        if (!(std::fabs(laws_.J[std::ptrdiff_t(i) * nv_ + j]) <= largest_)) return false;
+      why.row = i - member.row;
+      if (!(low <= high && low < INFINITY && high > -INFINITY)) return wrong(Cause::kBounds, low, high);
     }
     return true;
   }
@@ -148,6 +160,24 @@ class Line {
       laws_.lower[i] = reaction ? 0.0 : -INFINITY;
       laws_.upper[i] = reaction ? 0.0 : INFINITY;
     }
+  }
+
+  // The torque that holds the robot up, and the inverse inertia that each motor feels, of a configuration at rest;
+  // false where there is none.
+  bool at_rest(const double* q) {
+    std::fill(still_.begin(), still_.end(), 0.0);
+    kinematics_.update(q);
+    assembly_.operate(q, still_.data());
+    return torque_->at_rest(holding_.data(), felt_.data());
+  }
+  const double* holding() const { return holding_.data(); }
+  const double* felt() const { return felt_.data(); }
+
+  // The rule for answers that were cut.
+  Late late(double violation) {
+    BoundKernel& exact = solve_.exact();
+    const hqp::Law* law = solve_.law();
+    return {exact.size(), exact.levels, exact.problem.constraints, law ? *law : hqp::Law{}, violation};
   }
 
   bool constrains(const Member& member) {
@@ -174,6 +204,13 @@ class Line {
                                         : Status::kOptimal;
     if (off && status <= Status::kRankUncertain) status = Status::kConstraintsViolated;
     return {status, solve_.end(), slacks_.data(), marks_.data()};
+  }
+
+  static double largest(const double* from, const double* to) {  // magnitude, NaN where one is
+    double most = 0.0;
+    for (; from < to && !std::isnan(most); ++from)
+      if (!(std::fabs(*from) <= most)) most = std::fabs(*from);
+    return most;
   }
 
   static Placed placed(const std::vector<Node>& p) {
@@ -340,7 +377,7 @@ class Line {
   std::vector<Member> members_;
   std::vector<std::vector<double>> declared_;  // what elements hold that do not hold what they are at
   std::vector<int> rows_, starts_;             // of each level, and its first among all
-  std::vector<double> slacks_, held_;
+  std::vector<double> slacks_, held_, still_, holding_, felt_;
   std::vector<std::int8_t> marks_;
   double largest_ = 0.0;
   double *slowing_ = nullptr, *slowed_ = nullptr;

@@ -1,68 +1,72 @@
-// Coming to rest: what a session sends while no answer is usable; the equations of hqp/loop/rest.py.
+// Coming to rest: what a session sends while no answer is usable.
 #pragma once
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <memory>
-#include <string>
+#include <utility>
 #include <vector>
 
-#include "../dynamics/kinematics.hpp"
-#include "line.hpp"
+#include "../common/carry_over.hpp"
 
 namespace hqp {
 
+// The state that a robot comes to rest from; all null where there was none.
+struct RestFrom {
+  const double *angles = nullptr, *v = nullptr;  // (nv)
+  // Torque level: what holds the robot up, and the inverse inertia that each motor feels (n); null where unknown.
+  const double *holding = nullptr, *felt = nullptr;
+};
+
+// Answers x that bring a robot to rest from the last good tick on; every number is finite.
 class Rest {
  public:
   virtual ~Rest() = default;
-  // From the last good state, null where there was none, and the last x; now: whether the state is this tick's.
-  virtual void begin(const double* q, const double* v, const double* x, bool now) = 0;
+  // From the last good state and the last x; now: whether the state is this tick's, or that in which x was sent.
+  virtual void begin(const RestFrom& from, const double* x, bool now) = 0;
   virtual void next(double* x) = 0;
   virtual void keep(CarryOver& state) = 0;
-};
+  std::size_t size() const { return size_; }
 
-// The fastest of the joints, of all coordinates where none moves.
-class Fastest {
- public:
-  explicit Fastest(std::vector<int> joints) : joints_(std::move(joints)) {}
-  double of(const std::vector<double>& x, bool or_all) const {
+ protected:
+  explicit Rest(std::size_t size) : size_(size) {}
+  // The fastest of the joints, of all coordinates where none moves.
+  static double fastest(const std::vector<double>& x, const std::vector<int>& joints) {
     double most = 0.0;
-    for (const int j : joints_) most = std::max(most, std::fabs(x[static_cast<std::size_t>(j)]));
-    if (most > 0.0 || !or_all) return most;
-    for (const double number : x) most = std::max(most, std::fabs(number));
+    for (const int j : joints) most = std::max(most, std::fabs(x[static_cast<std::size_t>(j)]));
+    for (std::size_t i = 0; most == 0.0 && i < x.size(); ++i) most = std::max(most, std::fabs(x[i]));
     return most;
   }
 
  private:
-  std::vector<int> joints_;
+  std::size_t size_;
 };
 
-// Velocity level: x shrinks by a common factor, and joints stop at their limits.
+// Velocity level: x+ = x max(0, 1 - a dt / max_i |x_i|) over the joints, a common factor, so that J x = 0 of contacts
+// stays true; a joint whose estimated position would pass its limit stops there.
 class SlowDown final : public Rest {
  public:
-  SlowDown(const Node& robot, double deceleration, double dt, const Kinematics& kinematics)
-      : step_(deceleration * dt),
+  SlowDown(std::vector<double> low, std::vector<double> high, std::vector<int> joints, double deceleration, double dt)
+      : Rest(low.size()),
+        step_(deceleration * dt),
         dt_(dt),
-        low_(robot.numbers("lower")),
-        high_(robot.numbers("upper")),
-        fastest_(robot.ints("actuated")),
-        kinematics_(kinematics),
+        low_(std::move(low)),
+        high_(std::move(high)),
+        joints_(std::move(joints)),
         x_(low_.size()),
         angles_(low_.size()) {}
 
-  void begin(const double* q, const double*, const double* x, bool now) override {
-    if (!q) {
-      std::fill(x_.begin(), x_.end(), 0.0);
-      return;
+  void begin(const RestFrom& from, const double* x, bool now) override {
+    for (std::size_t i = 0; i < x_.size(); ++i) {
+      x_[i] = from.angles ? x[i] : 0.0;
+      if (from.angles) angles_[i] = from.angles[i] + (now ? 0.0 : dt_ * x[i]);
     }
-    std::copy(x, x + x_.size(), x_.begin());
-    kinematics_.angles(q, angles_.data());
-    for (std::size_t i = 0; !now && i < x_.size(); ++i) angles_[i] = angles_[i] + dt_ * x[i];
   }
   void next(double* x) override {
-    const double fastest = fastest_.of(x_, true), factor = fastest > step_ ? std::max(0.0, 1.0 - step_ / fastest) : 0.0;
+    const double most = fastest(x_, joints_), factor = most > step_ ? std::max(0.0, 1.0 - step_ / most) : 0.0;
     for (std::size_t i = 0; i < x_.size(); ++i) {
+      // the last way to a limit and no further; back from beyond a limit is not its business
       const double down = std::min((low_[i] - angles_[i]) / dt_, 0.0),
                    up = std::max((high_[i] - angles_[i]) / dt_, 0.0);
       x_[i] = std::min(std::max(x_[i] * factor, down), up);
@@ -78,23 +82,21 @@ class SlowDown final : public Rest {
  private:
   double step_, dt_;
   std::vector<double> low_, high_;
-  Fastest fastest_;
-  const Kinematics& kinematics_;
+  std::vector<int> joints_;
   std::vector<double> x_, angles_;
 };
 
 // Acceleration level: qdd = -v min(1 / dt, a / max_i |v_i|), v estimated from the last good state on.
 class Brake final : public Rest {
  public:
-  Brake(const Node& robot, double deceleration, double dt)
-      : most_(deceleration), dt_(dt), fastest_(robot.ints("actuated")), v_(std::size_t(robot.integer("nv"))) {}
+  Brake(std::size_t nv, std::vector<int> joints, double deceleration, double dt)
+      : Rest(nv), most_(deceleration), dt_(dt), joints_(std::move(joints)), v_(nv) {}
 
-  void begin(const double* q, const double* v, const double* x, bool now) override {
-    for (std::size_t i = 0; i < v_.size(); ++i) v_[i] = q ? v[i] + (now ? 0.0 : dt_) * x[i] : 0.0;
+  void begin(const RestFrom& from, const double* x, bool now) override {
+    for (std::size_t i = 0; i < v_.size(); ++i) v_[i] = from.v ? from.v[i] + (now ? 0.0 : dt_) * x[i] : 0.0;
   }
   void next(double* x) override {
-    const double fastest = fastest_.of(v_, false);
-    const double share = std::min(1.0 / dt_, fastest > 0.0 ? most_ / fastest : 0.0);
+    const double most = fastest(v_, joints_), share = std::min(1.0 / dt_, most > 0.0 ? most_ / most : 0.0);
     for (std::size_t i = 0; i < v_.size(); ++i) {
       x[i] = -v_[i] * share;
       v_[i] += dt_ * x[i];
@@ -104,27 +106,32 @@ class Brake final : public Rest {
 
  private:
   double most_, dt_;
-  Fastest fastest_;
+  std::vector<int> joints_;
   std::vector<double> v_;
 };
 
-// Torque level: tau = tau_g(q) - D qd within the effort limits, qd fading; the equations of hqp/torque/rest.py.
+// Torque level: tau = tau_g(q) - D qd within the effort limits; D_i = 1 / (T phi*_ii), T = max(damping, n dt).
+//
+// phi*_ii is the reduced inverse inertia that motor i feels (Sentis 2012, eq. 15): phi* D has the diagonal 1 / T, so
+// its largest eigenvalue is at most n / T and D never overshoots within one period. q is that of the last good state;
+// qd as well, fading with T, for damping by an old velocity would push. Where the dynamics fail, from the last torque.
 class Hold final : public Rest {
  public:
-  Hold(const Node& robot, double damping, Line& line)
-      : line_(line), actuated_(robot.ints("actuated")), dt_(line.dt()), still_(std::size_t(line.nv()), 0.0) {
-    const std::vector<double> limit = robot.numbers("effort_limit");
-    const std::size_t n = actuated_.size();
-    for (const int i : actuated_) limit_.push_back(limit.at(std::size_t(i)));
-    time_ = std::max(damping, double(n) * dt_);
-    holding_.resize(n), damping_.resize(n), rate_.resize(n), felt_.resize(n);
-  }
+  Hold(std::vector<double> limit, std::vector<int> motors, double damping, double dt)
+      : Rest(limit.size()),
+        limit_(std::move(limit)),
+        motors_(std::move(motors)),
+        dt_(dt),
+        time_(std::max(damping, double(limit_.size()) * dt)),
+        holding_(limit_.size()),
+        damping_(limit_.size()),
+        rate_(limit_.size()) {}
 
-  void begin(const double* q, const double* v, const double* x, bool) override {
-    const std::size_t n = limit_.size();
+  void begin(const RestFrom& from, const double* x, bool) override {
+    if (from.holding && take(from)) return;
+    std::copy(x, x + holding_.size(), holding_.begin());
     std::fill(rate_.begin(), rate_.end(), 0.0);
     std::fill(damping_.begin(), damping_.end(), 0.0);
-    if (!q || !look(q, v)) std::copy(x, x + n, holding_.begin());
   }
   void next(double* x) override {
     for (std::size_t i = 0; i < limit_.size(); ++i) {
@@ -137,28 +144,23 @@ class Hold final : public Rest {
   }
 
  private:
-  bool look(const double* q, const double* v) {
-    line_.kinematics().update(q);
-    line_.assembly().operate(q, still_.data());
-    if (!line_.torque()->at_rest(holding_.data(), felt_.data())) return false;
+  bool take(const RestFrom& from) {
     double largest = 0.0, sum = 0.0;
-    for (const double felt : felt_) largest = std::max(largest, felt);
-    for (std::size_t i = 0; i < felt_.size(); ++i) {
-      const bool locked = felt_[i] <= 1e-9 * largest;  // motors that the constraints lock need no damping
-      damping_[i] = locked ? 0.0 : 1.0 / (time_ * felt_[i]);
-      rate_[i] = v[actuated_[i]];
-      sum += holding_[i] * holding_[i] + damping_[i] * damping_[i];
+    for (std::size_t i = 0; i < limit_.size(); ++i) largest = std::max(largest, from.felt[i]);
+    for (std::size_t i = 0; i < limit_.size(); ++i) {
+      const bool locked = from.felt[i] <= 1e-9 * largest;  // motors that the constraints lock need no damping
+      holding_[i] = from.holding[i];
+      damping_[i] = locked ? 0.0 : 1.0 / (time_ * from.felt[i]);
+      rate_[i] = from.v[motors_[i]];
+      sum += std::fabs(holding_[i]) + std::fabs(damping_[i]);
     }
-    if (sum < std::numeric_limits<double>::infinity()) return true;
-    std::fill(rate_.begin(), rate_.end(), 0.0);
-    std::fill(damping_.begin(), damping_.end(), 0.0);
-    return false;
+    return sum < std::numeric_limits<double>::infinity();
   }
 
-  Line& line_;
-  std::vector<int> actuated_;
-  double dt_, time_ = 0.0;
-  std::vector<double> still_, limit_, holding_, damping_, rate_, felt_;
+  std::vector<double> limit_;
+  std::vector<int> motors_;
+  double dt_, time_;
+  std::vector<double> holding_, damping_, rate_;
 };
 
 }  // namespace hqp

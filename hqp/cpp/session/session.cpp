@@ -1,6 +1,8 @@
 // The session behind its header, for the widest instruction set of the machine.
 #include "session.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <cstdio>
 
 #include "guarded.hpp"
@@ -18,39 +20,68 @@ const char* name(Status status) {
   return names[static_cast<int>(status)];
 }
 
+namespace {
+
+std::string number(const char* format, double x) {
+  if (std::isnan(x)) return "nan";
+  char buffer[64];
+  std::snprintf(buffer, sizeof buffer, format, x);
+  return buffer;
+}
+
+}  // namespace
+
 std::string Note::text() const {
-  const auto number = [](double x) {
-    char buffer[32];
-    std::snprintf(buffer, sizeof buffer, "%.3g", x);
-    return std::string(buffer);
+  const std::string at = where[0] ? std::string(where) + ": " : "", left = ": left out of this tick";
+  const auto is = [](double x) { return number("%g", x); };
+  const auto g3 = [](double x) { return number("%.3g", x); };
+  const auto g4 = [](double x) { return number("%.4g", x); };
+  const auto wrong = [&](const char* what) {
+    if (!std::isfinite(amount)) return std::string("its ") + what + " is not finite" + left;
+    return std::string("its ") + what + " is too large (" + number("%.1e", amount) + ", allowed " +
+           number("%.0e", allowed) + ")" + left;
   };
-  const std::string at = where[0] ? std::string(where) + ": " : "";
   switch (cause) {
     case Cause::kNotFinite:
-      return at + (where[0] ? number(amount) + " is not a finite number" : "the answer is not finite");
+      return where[0] ? at + "position " + is(amount) + " is not a finite number" : "the answer is not finite";
+    case Cause::kNotFiniteV:
+      return at + "velocity " + is(amount) + " is not a finite number";
+    case Cause::kTooLarge:
+      return "q and v are too large";
     case Cause::kQuaternion:
-      return at + "a quaternion or (cos, sin) pair is not of length 1 within " + number(allowed);
+      return at + "quaternion of length " + g4(amount) + ", allowed 1 within " + is(allowed);
+    case Cause::kPair:
+      return at + "(cos, sin) pair of length " + g4(amount) + ", allowed 1 within " + is(allowed);
     case Cause::kPosition:
-      return at + "position " + number(amount) + " is too large, allowed up to " + number(allowed);
+      return at + "position " + g4(amount) + " is too large, allowed " + g4(allowed) + " to " + g4(most);
     case Cause::kVelocity:
-      return at + "velocity " + number(amount) + " is too large, allowed at most " + number(allowed);
+      return at + "velocity " + g4(amount) + " is too large, allowed at most " + is(allowed);
     case Cause::kBase:
-      return at + "position " + number(amount) + " m is too far off, allowed " + number(allowed);
+      return at + "position " + g4(amount) + " m is too far off, allowed " + is(allowed);
     case Cause::kReference:
-      return "its reference is not finite, or no rotation: its hold value was taken instead";
-    case Cause::kLeftOut:
-      return status == Status::kInvalidReference ? "its reference is not finite, or no rotation: left out of this tick"
-                                                 : "its rows are not finite or too large: left out of this tick";
+    case Cause::kRotation:
+      return std::string("its reference is ") + (cause == Cause::kReference ? "not finite" : "no rotation") +
+             (left_out ? left : ": its hold value was taken instead");
+    case Cause::kJacobian:
+      return wrong("Jacobian");
+    case Cause::kDemand:
+      return wrong("demand");
+    case Cause::kBounds:
+      return "its bounds are NaN or crossed in row " + std::to_string(row) + " (" + is(amount) + ", " + is(allowed) +
+             ")" + left;
     case Cause::kOff:
-    case Cause::kOffByRate:
-      return "off by up to " + number(amount) + (cause == Cause::kOff ? "" : " by the rate limit") +
-             (where[0] ? ": " + std::string(where) : "");
+    case Cause::kOffByRate: {
+      std::string text = "off by up to " + g3(amount) + (cause == Cause::kOff ? "" : " by the rate limit");
+      const int told = std::min(row_count, 3);
+      for (int i = 0; i < told; ++i) text += (i ? ", " : ": ") + std::string(rows[i].name) + " " + g3(rows[i].amount);
+      return row_count > told ? text + " and " + std::to_string(row_count - told) + " more" : text;
+    }
     case Cause::kRate:
-      return at + "it would change by " + number(amount) + "/s, allowed " + number(allowed) + "/s";
+      return std::string(where) + " would change by " + g3(amount) + "/s, allowed " + g3(allowed) + "/s";
     case Cause::kContact:
-      return "has carried less than " + number(allowed) + " N for " + number(amount) + " ms, by the loads given";
+      return "has carried less than " + is(allowed) + " N for " + number("%.0f", amount) + " ms, by the loads given";
     case Cause::kSolver:
-      return name(status);
+      return where;
     case Cause::kDynamics:
       return "the joint-space inertia is not positive definite, or constraints depend on each other";
     case Cause::kNoState:

@@ -48,13 +48,19 @@ class View {
 };
 
 enum class Cause {
-  kNotFinite,   // a number of the state, or of the answer
+  kNotFinite,   // a number of q, or of the answer
+  kNotFiniteV,  // a number of v
+  kTooLarge,    // q and v, to be squared
   kQuaternion,  // of a length that is not one
+  kPair,        // the same of a cosine and a sine
   kPosition,    // beyond its bounds
   kVelocity,
   kBase,       // too far off
-  kReference,  // not finite or no rotation: its hold value was taken
-  kLeftOut,    // the same, or rows that are not usable: left out of this tick
+  kReference,  // not finite: its hold value was taken, or it was left out
+  kRotation,   // the same of a value that is no rotation
+  kJacobian,   // of an element, not finite or too large: it was left out
+  kDemand,     // the same
+  kBounds,     // NaN or crossed: it was left out
   kOff,        // a constraint is violated
   kOffByRate,  // the same, because the rate of the command is limited
   kRate,       // the command would change faster than it may
@@ -69,8 +75,16 @@ struct Note {
   const char* element = "";
   Status status = Status::kOptimal;
   Cause cause = Cause::kSolver;
-  const char* where = "";  // the row or joint, where there is one
-  double amount = 0.0, allowed = 0.0;
+  const char* where = "";                          // the row or joint, where there is one
+  double amount = 0.0, allowed = 0.0, most = 0.0;  // allowed: at least, where there is a most
+  bool left_out = false;                           // of this tick
+  int row = 0;                                     // of an element
+  // Rows of subject_to that are off, the worst first, and how many there are; 0 where they have no names.
+  struct Row {
+    const char* name;
+    double amount;
+  } rows[3] = {};
+  int row_count = 0;
 
   std::string text() const;
 };

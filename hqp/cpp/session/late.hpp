@@ -1,0 +1,182 @@
+// A late tick: where the solver was cut, the command goes on as the answers before moved, or to what is better.
+//
+// A point is better than another one where, in the first level whose ||w_k|| differ by more than what the level gives
+// to those below, ||w_k|| is smaller and so is what the level minimises, ||w_k|| + c_k E(x) with its price c_k on
+// motion: an answer that was cut before its prices were looked at often leaves less unmet, at a motion that no later
+// tick wants.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+#include "../common/carry_over.hpp"
+#include "../priced/stages.hpp"
+#include "../solver/problem.hpp"
+
+namespace hqp {
+
+// How the answers of a session move, from the last two that were solved.
+class Trend {
+ public:
+  static constexpr int kLongest = 25;  // after so many late ticks the answers before tell little of what comes
+
+  explicit Trend(std::size_t n) : x_(n), rate_(n) {}
+
+  void forget() { known_ = 0; }
+  // A solved answer, and the number of its tick.
+  void take(const double* x, std::int64_t tick) {
+    if (known_ > 0 && tick > tick_) {
+      for (std::size_t i = 0; i < x_.size(); ++i) rate_[i] = (x[i] - x_[i]) / double(tick - tick_);
+      known_ = 2;
+    }
+    std::copy(x, x + x_.size(), x_.begin());
+    known_ = std::max(known_, 1);
+    tick_ = tick;
+  }
+  // Where the last x comes to in this tick; the last x itself where no two answers are known.
+  void after(const double* last, std::int64_t tick, double* to) const {
+    const bool moves = known_ == 2 && tick <= tick_ + kLongest;
+    for (std::size_t i = 0; i < x_.size(); ++i) to[i] = moves ? last[i] + rate_[i] : last[i];
+  }
+  std::size_t size() const { return x_.size(); }
+  void keep(CarryOver& state) {
+    state.take(known_), state.take(tick_);
+    if (known_ > 0) state.take(x_.data(), x_.size());
+    if (known_ == 2) state.take(rate_.data(), rate_.size());
+  }
+
+ private:
+  std::vector<double> x_, rate_;
+  int known_ = 0;  // answers
+  std::int64_t tick_ = 0;
+};
+
+// What is sent in place of an answer that was cut.
+class Late {
+ public:
+  // levels, law: live; violation: VIOLATION_TOLERANCE.  Without a law no level has a price.
+  Late(int n, std::vector<Level> levels, int constraints, const hqp::Law& law, double violation)
+      : n_(n), levels_(std::move(levels)), constraints_(constraints), law_(law), violation_(violation) {
+    for (const Level& level : levels_) rows_ += std::size_t(level.m);
+    for (Point* point : {&here_, &on_, &cut_}) {
+      point->x.resize(std::size_t(n));
+      point->slack.resize(rows_);
+      for (auto* part : {&point->size, &point->cost, &point->band}) part->resize(levels_.size());
+    }
+  }
+
+  // The cut answer, the x before and where it comes to if the answers go on as before: `ahead` is sent, unless `last`
+  // is better, or the cut answer by more than is made up soon. All of them are clipped into today's box, and what is
+  // further off than `most` in one of the joints is taken as the point on the way to it: residuals are convex.
+  const double* choose(const double* cut, const double* last, const double* ahead, const int* joints, std::size_t count,
+                       double most) {
+    take(here_, last), box(here_), judge(here_);
+    take(on_, ahead), towards(on_, joints, count, most), box(on_), judge(on_);
+    take(cut_, cut), box(cut_), towards(cut_, joints, count, most), judge(cut_);
+    const Point& best = better(here_, on_, false) ? here_ : on_;
+    return (better(cut_, best, true) ? cut_ : best).x.data();
+  }
+
+ private:
+  struct Point {
+    std::vector<double> x, slack, size, cost, band;
+  };
+  static constexpr double kMargin = 2.0;  // a cut answer has to be better by this many changes like the last ones,
+  static constexpr double kWorth = 0.02;  // and by this share of what is unmet: less is made up by the next solved tick
+
+  void take(Point& to, const double* x) const { std::copy(x, x + n_, to.x.begin()); }
+
+  // Into the bounds of single variables that lead the hierarchy.
+  void box(Point& to) const {
+    for (int k = 0; k < constraints_; ++k) {
+      const Level& level = levels_[std::size_t(k)];
+      for (int i = 0; !level.A && i < level.m; ++i) {
+        const double one = level.lower[i] / level.scale[i], other = level.upper[i] / level.scale[i];
+        double& x = to.x[std::size_t(level.index[i])];
+        x = std::min(std::max(x, std::min(one, other)), std::max(one, other));
+      }
+    }
+  }
+
+  // No further from `here` than that in one of the joints.
+  void towards(Point& to, const int* joints, std::size_t count, double most) const {
+    double reach = 0.0;
+    for (std::size_t i = 0; i < count; ++i) {
+      const std::size_t k = std::size_t(joints[i]);
+      reach = std::max(reach, std::fabs(to.x[k] - here_.x[k]));
+    }
+    if (reach <= most) return;
+    for (std::size_t i = 0; i < to.x.size(); ++i) to.x[i] = here_.x[i] + (most / reach) * (to.x[i] - here_.x[i]);
+  }
+
+  // Slacks; of every level ||w||, ||w|| + c E(x), and what levels below may change.
+  void judge(Point& at) const {
+    const double motion = law_.prices ? energy(at.x) : 0.0;
+    double* w = at.slack.data();
+    for (std::size_t k = 0; k < levels_.size(); ++k) {
+      const Level& level = levels_[k];
+      double square = 0.0;
+      for (int i = 0; i < level.m; ++i, ++w) {
+        *w = slack(value(level, i, at.x), level.lower[i], level.upper[i]);
+        square += *w * *w;
+      }
+      const double size = std::sqrt(square), price = law_.prices ? law_.prices[k] : 0.0;
+      at.size[k] = size;
+      at.cost[k] = size + price * motion;
+      at.band[k] = violation_ * (1.0 + size) + (price > 0.0 ? law_.eta * size : 0.0);
+    }
+  }
+  double value(const Level& level, int i, const std::vector<double>& x) const {
+    if (!level.A) return level.scale[i] * x[std::size_t(level.index[i])];
+    const double* row = level.A + std::ptrdiff_t(i) * n_;
+    double sum = 0.0;
+    for (int j = 0; j < n_; ++j) sum += row[j] * x[std::size_t(j)];
+    return sum;
+  }
+  double energy(const std::vector<double>& x) const {  // E(x) = 1/2 ||F x - f||^2
+    double square = 0.0;
+    for (int i = 0; i < (law_.r ? law_.r : n_); ++i) {
+      double moved = x[std::size_t(law_.r ? 0 : i)];
+      if (law_.r) {
+        moved = 0.0;
+        for (int j = 0; j < n_; ++j) moved += law_.F[std::ptrdiff_t(i) * n_ + j] * x[std::size_t(j)];
+      } else if (law_.F) {
+        moved *= law_.F[i];
+      }
+      if (law_.f) moved -= law_.f[i];
+      square += moved * moved;
+    }
+    return 0.5 * square;
+  }
+
+  // Whether the first level that differs tells for the first point; soon: and by more than is made up soon.
+  bool better(const Point& one, const Point& other, bool soon) const {
+    std::size_t at = 0;
+    for (std::size_t k = 0; k < levels_.size(); at += std::size_t(levels_[k++].m)) {
+      const double gain = other.size[k] - one.size[k], band = std::min(one.band[k], other.band[k]);
+      if (!(std::fabs(gain) > band)) continue;
+      double least = band;
+      if (soon) {
+        double square = 0.0;
+        for (std::size_t i = at; i < at + std::size_t(levels_[k].m); ++i)
+          square += (on_.slack[i] - here_.slack[i]) * (on_.slack[i] - here_.slack[i]);
+        least += kMargin * std::sqrt(square) + kWorth * here_.size[k];
+      }
+      return gain > least && other.cost[k] - one.cost[k] > band;
+    }
+    return false;
+  }
+
+  int n_;
+  std::vector<Level> levels_;
+  int constraints_;
+  hqp::Law law_;
+  double violation_;
+  std::size_t rows_ = 0;
+  Point here_, on_, cut_;
+};
+
+}  // namespace hqp

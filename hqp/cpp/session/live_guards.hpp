@@ -1,0 +1,177 @@
+// Python's view of what a session lets in and out: bounds, rates, time, late answers, and how it comes to rest.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
+
+#include "budget.hpp"
+#include "guards.hpp"
+#include "late.hpp"
+#include "rest.hpp"
+
+namespace binding {
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+using Numbers = std::vector<double>;
+using Names = std::vector<std::string>;
+using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Written = nb::ndarray<double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Live = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;
+using Picks = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using LiveLevel = std::tuple<std::optional<Live>, std::optional<Picks>, std::optional<Vector>, Vector, Vector>;
+
+template <class Array>
+const double* numbers(const Array& x, std::size_t size) {
+  if (x.size() != size) throw nb::value_error("a vector has a wrong size");
+  return x.data();
+}
+inline const double* numbers(const std::optional<Vector>& x, std::size_t size) {
+  return x ? numbers(*x, size) : nullptr;
+}
+
+// The rule for answers that were cut, over the live arrays of a hierarchy.
+class LiveLate {
+ public:
+  LiveLate(int n, const std::vector<LiveLevel>& levels, int constraints, const std::optional<Vector>& prices,
+           const std::optional<Live>& F, const std::optional<Vector>& f, double eta, double violation) {
+    std::vector<hqp::Level> found;
+    for (const auto& [A, index, scale, lower, upper] : levels) {
+      hqp::Level level;
+      level.m = static_cast<int>(lower.size());
+      if (A) level.A = keep(*A, lower.size() * std::size_t(n));
+      if (index) level.index = keep(*index, lower.size());
+      if (scale) level.scale = keep(*scale, lower.size());
+      level.lower = keep(lower, lower.size()), level.upper = keep(upper, lower.size());
+      if (!level.A && !(level.index && level.scale)) throw nb::value_error("a level has no rows");
+      found.push_back(level);
+    }
+    hqp::Law law;
+    law.eta = eta;
+    if (prices) law.prices = keep(*prices, levels.size());
+    if (F && F->ndim() == 2) law.r = static_cast<int>(F->shape(0));
+    if (F) law.F = keep(*F, std::size_t(n) * std::size_t(law.r ? law.r : 1));
+    if (f) law.f = keep(*f, std::size_t(law.r ? law.r : n));
+    late_ = std::make_unique<hqp::Late>(n, std::move(found), constraints, law, violation);
+  }
+
+  void choose(const Vector& cut, const Vector& last, const Vector& ahead, const std::vector<int>& joints, double most,
+              const Written& x) {
+    const std::size_t n = x.size();
+    const double* found =
+        late_->choose(numbers(cut, n), numbers(last, n), numbers(ahead, n), joints.data(), joints.size(), most);
+    std::copy(found, found + n, x.data());
+  }
+
+ private:
+  template <class Array>
+  auto keep(const Array& array, std::size_t size) -> decltype(array.data()) {
+    if (array.size() != size) throw nb::value_error("an array of the hierarchy has a wrong size");
+    kept_.push_back(nb::cast(array));
+    return array.data();
+  }
+
+  std::vector<nb::object> kept_;
+  std::unique_ptr<hqp::Late> late_;
+};
+
+inline void bind_guards(nb::module_& module) {
+  nb::class_<hqp::StateBounds>(module, "StateBounds")
+      .def(nb::init<Numbers, Numbers, Numbers, double, bool, Names>(), "low"_a, "high"_a, "speed"_a, "distance"_a,
+           "floating"_a, "names"_a)
+      .def(
+          "fault",
+          [](const hqp::StateBounds& self, const Vector& angles, const Vector& q, const Vector& v) {
+            hqp::Note why;
+            const bool held = self.hold(numbers(angles, self.size()), q.data(), numbers(v, self.size()), why);
+            return held ? std::string() : why.text();
+          },
+          "angles"_a, "q"_a, "v"_a);
+
+  nb::class_<hqp::RateLimiter>(module, "RateLimiter")
+      .def(nb::init<Names, Numbers, double>(), "names"_a, "inverse"_a, "dt"_a)
+      .def(
+          "share",
+          [](const hqp::RateLimiter& self, const Vector& last, const Vector& command) {
+            hqp::Note why;
+            const double share = self.share(
+                numbers(last, self.size()), numbers(command, self.size()), [](std::size_t i) { return i; }, why);
+            return std::make_tuple(share, share == 1.0 ? std::string() : why.text());
+          },
+          "last"_a, "command"_a)
+      .def_prop_ro("inverse", &hqp::RateLimiter::inverse);
+
+  nb::class_<hqp::Budget> budget(module, "Budget");
+  budget.def(nb::init<double>(), "deadline"_a)
+      .def_prop_ro("deadline", &hqp::Budget::deadline)
+      .def_prop_ro("margin", &hqp::Budget::margin)
+      .def("begin", &hqp::Budget::begin, "now"_a)
+      .def("skip", &hqp::Budget::skip)
+      .def("left", &hqp::Budget::left, "spent"_a)
+      .def("end", &hqp::Budget::end, "now"_a, "cut"_a);
+  budget.attr("LATE") = hqp::Budget::kLate;
+  budget.attr("STEP") = hqp::Budget::kStep;
+  budget.attr("FIRST") = hqp::Budget::kFirst;
+  budget.attr("LONGEST") = hqp::Budget::kLongest;
+
+  nb::class_<hqp::Trend> trend(module, "Trend");
+  trend.def(nb::init<std::size_t>(), "n"_a)
+      .def("forget", &hqp::Trend::forget)
+      .def(
+          "take",
+          [](hqp::Trend& self, const Vector& x, std::int64_t tick) { self.take(numbers(x, self.size()), tick); }, "x"_a,
+          "tick"_a)
+      .def(
+          "after",
+          [](const hqp::Trend& self, const Vector& last, std::int64_t tick, const Written& to) {
+            numbers(to, self.size());
+            self.after(numbers(last, self.size()), tick, to.data());
+          },
+          "last"_a, "tick"_a, "to"_a.noconvert());
+  trend.attr("LONGEST") = hqp::Trend::kLongest;
+
+  nb::class_<LiveLate>(module, "Late")
+      .def(nb::init<int, const std::vector<LiveLevel>&, int, const std::optional<Vector>&, const std::optional<Live>&,
+                    const std::optional<Vector>&, double, double>(),
+           "n"_a, "levels"_a, "constraints"_a, "prices"_a.none(), "F"_a.none(), "f"_a.none(), "eta"_a, "violation"_a)
+      .def("choose", &LiveLate::choose, "cut"_a, "last"_a, "ahead"_a, "joints"_a, "most"_a, "x"_a.noconvert());
+
+  nb::class_<hqp::Rest>(module, "Rest")
+      .def(
+          "begin",
+          [](hqp::Rest& self, const std::optional<Vector>& angles, const std::optional<Vector>& v,
+             const std::optional<Vector>& holding, const std::optional<Vector>& felt, const Vector& x, bool now) {
+            const std::size_t nv = v ? v->size() : 0, n = self.size();
+            self.begin({numbers(angles, nv), v ? v->data() : nullptr, numbers(holding, n), numbers(felt, n)},
+                       numbers(x, n), now);
+          },
+          "angles"_a.none(), "v"_a.none(), "holding"_a.none(), "felt"_a.none(), "x"_a, "now"_a)
+      .def(
+          "next",
+          [](hqp::Rest& self, const Written& x) {
+            numbers(x, self.size());
+            self.next(x.data());
+          },
+          "x"_a.noconvert());
+  nb::class_<hqp::SlowDown, hqp::Rest>(module, "SlowDown")
+      .def(nb::init<Numbers, Numbers, std::vector<int>, double, double>(), "low"_a, "high"_a, "joints"_a,
+           "deceleration"_a, "dt"_a);
+  nb::class_<hqp::Brake, hqp::Rest>(module, "Brake")
+      .def(nb::init<std::size_t, std::vector<int>, double, double>(), "nv"_a, "joints"_a, "deceleration"_a, "dt"_a);
+  nb::class_<hqp::Hold, hqp::Rest>(module, "Hold")
+      .def(nb::init<Numbers, std::vector<int>, double, double>(), "limit"_a, "motors"_a, "damping"_a, "dt"_a);
+}
+
+}  // namespace binding

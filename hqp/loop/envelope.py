@@ -1,0 +1,22 @@
+"""What a session lets in and out, once for Python and for C++ (hqp/cpp/session): without it there is no session."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hqp.errors import HqpError
+from hqp.native import ADVICE, missing
+
+try:
+    from hqp import _session
+except ImportError:  # no compiler was there
+    native: Any = None
+else:
+    native = _session
+"""StateBounds, RateLimiter, Budget, Trend, Late, SlowDown, Brake and Hold."""
+
+
+def require_compiled() -> None:
+    """Raise HqpError where a part was not compiled: a session needs them all."""
+    if gone := missing():
+        raise HqpError(f"a session needs the compiled parts of hqp, and has no {' and no '.join(gone)}: {ADVICE}")
