@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from functools import partial
 from itertools import pairwise
+from math import inf
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -65,6 +66,8 @@ class Direct:
         self._all_holds: dict[str, Reference] = {}
         self.fresh = True
         self._program, self._chain = program, chain
+        self._forces = {} if program is None else program.force_targets
+        self._aims = False
         self.takes_arrays = moving is not None and not assembly.written and prepare is None and program is None
         """Whether ``tick`` may be asked."""
         self._kernel, self._picks = kernel, command.tolist()
@@ -129,6 +132,11 @@ class Direct:
         if fresh and self._program is not None:
             self._program.begin_direct(state, self._all_holds)
         self.fresh = False
+        if self._forces:
+            rest = self._aim(references)
+            if rest is None:
+                return None
+            references = rest
         v: Vec | None = state.v
         if self._velocity:
             v = None
@@ -140,6 +148,20 @@ class Direct:
             return self._native.step(state.q, v, references, fresh, None)
         self._now = state, references
         return self._native.step(state.q, v, references, fresh, self._write)
+
+    def _aim(self, references: tuple[Reference, ...]) -> tuple[Reference, ...] | None:
+        """Take the targets of forces; the other references, None where one does not fit."""
+        mine = {name: r for r in references if (name := getattr(r, "name", None)) in self._forces}
+        if not mine and not self._aims:
+            return references
+        for name, reference in mine.items():
+            value = reference.value
+            if value is not None and (np.shape(value) != (self._forces[name],) or not float(value @ value) < inf):
+                return None
+        assert self._program is not None
+        self._aims = bool(mine)
+        self._program.aim_forces({**self._all_holds, **mine})
+        return tuple([r for r in references if getattr(r, "name", None) not in mine])
 
     def tick(
         self, q: Vec, v: Vec | None, targets: dict[str, Vec | Mat], before: bytearray | Vec, largest: float

@@ -179,7 +179,7 @@ class Line:
         self.contacts.judge(out)
         if self.references.current:
             for name in back:
-                self.references.renew(self.stack.find(name), state)
+                self.references.renew(self.presence.member(name), state)
         if self.program.out != out:
             self.program.go_without(out)
         if self.references.without:

@@ -10,6 +10,7 @@ from hqp.problem import Status
 from hqp.tick import Note
 
 if TYPE_CHECKING:
+    from hqp.element import Element
     from hqp.formulation import Program
     from hqp.reference import Reference
     from hqp.stack import Stack
@@ -38,6 +39,10 @@ class Presence:
             if phase is not None and (why := program.refuses(out)):
                 raise DeclarationError(f"phase {phase}", why, allowed="contacts that determine the motion")
         self.now: frozenset[str] = frozenset()
+
+    def member(self, name: str) -> Element:
+        """The element of that name."""
+        return self._members[name]
 
     @property
     def phases(self) -> tuple[str, ...]:

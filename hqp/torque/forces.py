@@ -260,6 +260,12 @@ class Forces:
                 shared.share[:] = shared.element.share if value is None else value
         self._free()
 
+    @property
+    def sizes(self) -> dict[str, int]:
+        """How many numbers the target of each equality has, by name."""
+        apart = {shared.element.name: 1 for shared in self._shared}
+        return apart | {name: place.stop - place.start for name, place, _ in self._targets}
+
     def fill(
         self, references: Mapping[str, Reference], dynamics: ConstrainedDynamics, shift: Vec | None = None
     ) -> None:

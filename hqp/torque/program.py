@@ -368,7 +368,18 @@ class TorqueProgram(Program):
 
     def begin_direct(self, state: State, references: Mapping[str, Reference]) -> None:
         """Native ticks follow: the bounds that they leave as they are."""
-        self._efforts.fill(state, references)
+        if self._efforts:
+            self._efforts.fill(state, references)
+        if self._forces:
+            self._forces.target(references)
+
+    @property
+    def force_targets(self) -> dict[str, int]:
+        """How many numbers a target of forces has, by name: those that ``aim_forces`` takes between native ticks."""
+        return self._forces.sizes
+
+    def aim_forces(self, references: Mapping[str, Reference]) -> None:
+        """Targets of forces for the next native tick, those of all."""
         self._forces.target(references)
 
     def rest(self, robot: Robot, braking: Braking) -> Rest:
