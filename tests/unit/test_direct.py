@@ -114,6 +114,20 @@ def test_direct_ticks_equal_general_ones(stack: Stack, formulation: Any) -> None
     assert 20 < direct < 120
 
 
+def test_strides_of_a_reference_do_not_matter() -> None:
+    """Columns and transposes are read in the native call, too."""
+    fast, slow = pair(NATIVE, hqp.Velocity())
+    palm, q, v = NATIVE.find("palm"), fast.robot.home, np.zeros(fast.robot.nv)
+    pose = palm.value(fast.robot.state(q))  # type: ignore[union-attr]
+    places = np.asfortranarray(np.tile(HAND.value(fast.robot.state(q)) + 0.01, (8, 1)))
+    for k in range(8):
+        given = hqp.Reference("r_palm", places[k], 0.1 * places[k]), hqp.Reference("palm", np.asfortranarray(pose))
+        one, other = fast.step(fast.robot.state(q, v), *given), slow.step(slow.robot.state(q, v), *given)
+        assert one.native == (k > 0)
+        np.testing.assert_allclose(one.command, other.command, atol=1e-9)
+        q, v = one.advance()
+
+
 def told(account: Any) -> str:
     """Its text, what is rounding as 0, columns of any width."""
     return re.sub(r" +", " ", re.sub(r"\d(\.\d*)?e-1[4-9]", "0", str(account)))

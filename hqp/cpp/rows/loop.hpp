@@ -24,7 +24,8 @@ struct ReferenceFields {
       gravity_normal{"gravity_normal"};
 };
 
-// The numbers of an array of doubles, without a copy; null where the object is no such array, or not contiguous.
+// The numbers of an array of doubles. data(): without a copy, null where the object is no such array, or not
+// contiguous.
 class Doubles {
  public:
   // known: to hold doubles, as the arrays of a State do; NumPy spells a format out each time it is asked.
@@ -41,6 +42,12 @@ class Doubles {
     const bool doubles = held_ && (known_ || (view_.format && !std::strcmp(view_.format, "d")));
     return doubles ? static_cast<const double*>(view_.buf) : nullptr;
   }
+  // Copied in row-major order, whatever the strides; false where the object is no such array.
+  static bool copy(nb::handle array, double* to, const int* shape, int dimensions) {
+    const Doubles numbers(array, PyBUF_STRIDES | PyBUF_FORMAT);
+    return numbers.data() && numbers.has(shape, dimensions) &&
+           PyBuffer_ToContiguous(to, &numbers.view_, numbers.view_.len, 'C') == 0;
+  }
   bool has(const int* shape, int dimensions) const {
     if (!held_ || view_.ndim != dimensions) return false;
     for (int i = 0; i < dimensions; ++i)
@@ -49,6 +56,11 @@ class Doubles {
   }
 
  private:
+  Doubles(nb::handle array, int flags) : known_(false) {
+    held_ = PyObject_GetBuffer(array.ptr(), &view_, flags) == 0;
+    if (!held_) PyErr_Clear();
+  }
+
   Py_buffer view_;
   bool known_, held_;
 };
@@ -130,11 +142,9 @@ class Loop {
   static bool copy(nb::handle array, double* to, const int* shape, int dimensions) {
     if (!array.is_valid()) return true;
     if (!to) return false;
-    const Doubles numbers(array);
-    if (!numbers.data() || !numbers.has(shape, dimensions)) return false;
+    if (!Doubles::copy(array, to, shape, dimensions)) return false;
     int size = 1;
     for (int i = 0; i < dimensions; ++i) size *= shape[i];
-    std::memcpy(to, numbers.data(), sizeof(double) * size);
     return finite(to, size);
   }
 
