@@ -30,7 +30,7 @@ def start(tracker: Tracker, frame: int, *also: Vec) -> Vec:
 
     Searched from home at the targets' place in several headings, and from the configurations given.
     """
-    standing = tracker.standing(frame, frame)
+    standing = tracker.standing(frame)
     stack = tracker.stacks.stack(standing)
     references = [r.aiming_at(r.value) for r in tracker.references(frame, frame, standing, {})]
     best: Reached | None = None

@@ -9,6 +9,9 @@ import numpy as np
 
 from hqp.arrays import Mat, Vec
 
+ALIKE = 2e-3
+"""Ends of a foot whose heights differ by less are as low as each other [m]."""
+
 
 class Plane(NamedTuple):
     """A motion in the plane: a turn about the vertical through a point ``(2,)``, then a shift ``(2,)`` [m, rad]."""
@@ -34,31 +37,39 @@ class Plane(NamedTuple):
 class Hold:
     """The motion that takes a foot's target to where it stands; of one that has left, what is left of it.
 
-    frames: in so many it fades.
+    frames: in so many it fades.  end: of the foot that is held, 1 the toe, -1 the heel, 0 for a foot in the air.
+    spot: where that is ``(2,)`` [m].
     """
 
     def __init__(self, frames: float) -> None:
         self._frames, self._left = frames, 0.0
-        self._heel: bool | None = None
-        self._plane = Plane(np.zeros(2), np.zeros(2), 0.0)
+        self.end, self.spot = 0, np.zeros(2)
+        self.plane: Plane | None = None
 
-    def keep(self, edge: int) -> Plane | None:
-        """That of a foot that stands as it did before; None where it has come down, or onto its other end."""
-        return self._plane if self._heel is (edge < 0) else None
+    def lower(self, toe: float, heel: float) -> int:
+        """The end that is to be held, of a foot whose ends are so high [m]: the lower one."""
+        if self.end and abs(toe - heel) < ALIKE:
+            return self.end
+        return -1 if heel < toe else 1
 
-    def take(self, edge: int, plane: Plane) -> Plane:
-        """The foot has come down."""
-        self._heel, self._plane, self._left = edge < 0, plane, 1.0
-        return plane
+    def take(self, end: int, spot: Vec, plane: Plane) -> None:
+        """An end of the foot has come down."""
+        self.end, self.spot, self.plane, self._left = end, spot, plane, 1.0
 
-    def release(self) -> Plane | None:
+    def release(self) -> None:
         """The foot is in the air."""
-        self._heel = None
+        self.end = 0
         self._left = max(0.0, self._left - 1.0 / self._frames)
         if self._left == 0.0:
+            self.plane = None
+
+    @property
+    def motion(self) -> Plane | None:
+        """That of this frame."""
+        if self.plane is None:
             return None
         share = self._left * self._left * (3.0 - 2.0 * self._left)
-        return Plane(self._plane.about, share * self._plane.shift, share * self._plane.angle)
+        return Plane(self.plane.about, share * self.plane.shift, share * self.plane.angle)
 
 
 def turn(one: Mat, two: Mat) -> Vec:
@@ -68,3 +79,11 @@ def turn(one: Mat, two: Mat) -> Vec:
     sine, cosine = math.sqrt(x * x + y * y + z * z), 0.5 * (W[0][0] + W[1][1] + W[2][2] - 1.0)
     scale = math.atan2(sine, cosine) / sine if sine > 1e-9 else 1.0
     return np.array([scale * x, scale * y, scale * z])
+
+
+def turns(axes: Mat) -> Mat:
+    """Rotation vectors from each of some axes ``(n, 3, 3)`` to the next, world axes ``(n - 1, 3)`` [rad]."""
+    from scipy.spatial.transform import Rotation
+
+    between = axes[1:] @ np.swapaxes(axes[:-1], 1, 2)
+    return np.asarray(Rotation.from_matrix(between).as_rotvec())

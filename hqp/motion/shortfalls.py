@@ -54,7 +54,7 @@ def shortfalls(tracker: Tracker, q: Mat, v: Mat, errors: dict[str, Vec]) -> tupl
 
 def _reason(tracker: Tracker, q: Mat, v: Mat, part: str, frame: int) -> str:
     """What held a part back in the tick that led to a frame."""
-    standing = tracker.standing(frame - 1, frame)
+    standing = tracker.standing(frame - 1)
     session = tracker.sessions.of(standing)
     if part not in session:
         return "it stands on its other end"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -36,15 +37,16 @@ INFLUENCE = 0.05
 
 FLOOR = "floor"
 
-Standing = tuple[tuple[str, int], ...]
-"""Sides whose foot stands, and what of it is down: 0 the sole, 1 the toe, -1 the heel."""
+Standing = tuple[tuple[str, int, bool], ...]
+"""Sides whose foot stands, the end of it that is held, 1 the toe, -1 the heel, and whether it is to be flat."""
 
 
 class Stacks:
     """Tasks of a robot by part, and the stack for the feet that stand.
 
-    Floor, self-collision, joint and speed limits come before all; then what is down of standing feet, soles that are
-    flat on the ground, moving feet, hands, the turns of other soles, trunk, limbs, posture.
+    Floor, self-collision, joint and speed limits come before all; then the spots of standing feet (at rest,
+    which is within all limits), their heights and flat soles, moving feet, hands, the turns of other soles, trunk,
+    limbs, posture.
     """
 
     def __init__(self, robot: Robot, found: SkeletonMap, body: Body, dt: float, *, collision: bool = True) -> None:
@@ -63,6 +65,10 @@ class Stacks:
         self.toes = {side: edge(side, body.toes, "toe") for side in SIDES}
         self.heels = {side: edge(side, body.heels, "heel") for side in SIDES}
         self.soles = {side: turn(f"{side}_sole", law) for side in SIDES}
+        self.spots, self.heights = (
+            {task.name: replace(task, axes=axes, name=f"{task.name}_{what}") for _, task in self.edges}
+            for axes, what in (("xy", "spot"), ("z", "height"))
+        )
         x, y, z = body.middle.tolist()
         self.trunk: tuple[Task, ...] = (point("pelvis", (x, y, z), "pelvis", below), turn("torso", below))
         self.hips = turn("pelvis", below, "hips")
@@ -72,16 +78,16 @@ class Stacks:
             for side in SIDES
         }
         self.posture = Posture(law=P(POSTURE), name="posture")
-        self.tasks: tuple[Task, ...] = (
-            *self.toes.values(), *self.heels.values(), *self.soles.values(), *self.points.values(), *self.trunk,
-            self.hips, self.posture,
-        )  # fmt: skip
+        self.above = {
+            name: Within(height, lower=0.0, rate=0.5 / dt, recovery=RECOVERY, name=f"{name}_above")
+            for name, height in self.heights.items()
+        }
         self._subject_to = self._limits(0.5 / dt, collision)
 
     def _limits(self, rate: float, collision: bool) -> list[Element]:
         found: list[Element] = [JointLimits(acceleration=0.0, braking=0.0)]
         for _, task in self.edges:
-            height = Position(frame=task.frame, offset=task.offset, axes="z", name=f"{task.name}_height")
+            height = self.heights[task.name]
             found.append(Within(height, lower=0.0, rate=rate, recovery=RECOVERY, name=f"{task.name}_floor"))
         self.links = self._links()
         links = self.links if collision else ()
@@ -119,18 +125,24 @@ class Stacks:
         x, y, z = np.array(self._map.offset(f"{side}_sole")) + self.body.axes[f"{side}_sole"].T @ corner
         return float(x), float(y), float(z)
 
-    def down(self, side: str, edge: int) -> Position:
-        """The point of a foot that is down: the heel of one on its heel, else the toe."""
-        return self.heels[side] if edge < 0 else self.toes[side]
+    def down(self, side: str, end: int) -> Position:
+        """The end of a foot: its heel for -1, else its toe."""
+        return self.heels[side] if end < 0 else self.toes[side]
 
     def stack(self, standing: Standing) -> Stack:
         """For the feet that stand."""
-        edges = dict(standing)
-        flat = [side for side in SIDES if edges.get(side) == 0]
-        levels: dict[str, list[Task]] = {
-            "stance": [self.down(side, edges[side]) for side in SIDES if side in edges],
-            "flat": [self.soles[side] for side in flat],
-            "swing": [self.toes[side] for side in SIDES if side not in edges],
+        stand = {side for side, *_ in standing}
+        flat = {side for side, _, level in standing if level}
+        down = [self.down(side, end).name for side, end, _ in standing]
+        raised = [self.down(side, -end).name for side, end, level in standing if not level]
+        levels: dict[str, list[Any]] = {
+            "stance": [self.spots[name] for name in down],
+            "flat": [
+                *(self.heights[name] for name in down),
+                *(self.above[name] for name in raised),
+                *(self.soles[side] for side in SIDES if side in flat),
+            ],
+            "swing": [self.toes[side] for side in SIDES if side not in stand],
             "hands": [self.points[f"{side}_hand"] for side in SIDES],
             "soles": [self.soles[side] for side in SIDES if side not in flat],
             "trunk": [*self.trunk, self.hips],

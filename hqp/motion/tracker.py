@@ -16,7 +16,7 @@ from hqp.robot import Robot, State
 from hqp.session import Session
 from hqp.tasks import Position
 
-from .holds import Hold, Plane, turn
+from .holds import Hold, Plane, turn, turns
 from .joints import SIDES
 from .stacks import Stacks, Standing
 from .targets import Targets
@@ -25,14 +25,13 @@ RELEASE = 0.2
 """A foot that leaves the ground comes from where it stood to where the person's is in so long [s]."""
 
 SLIDE = 5e-3
-"""A standing foot that would move faster is put back [m/s]."""
+"""A tick in which a standing foot would move faster is solved again [m/s]."""
 
-CORRECTIONS = 2
+CORRECTIONS = 3
 """At most, in a frame: each leaves the square of the error."""
 
-
-TINY = 1e-6
-"""Rounding of a speed against its limit."""
+TRUNK = ("torso", "hips")
+ZERO = np.zeros(2)
 
 SETTLING, STILL = 3.0, 1e-3
 """Levels that are far down take so long to settle at first [s]; slower than this is at rest [rad/s]."""
@@ -69,113 +68,122 @@ class Tracker:
         self.robot, self.stacks, self.targets = robot, stacks, targets
         self.dt = 1.0 / targets.fps
         self.sessions = Sessions(stacks, self.dt)
-        self._points = {name: targets.places[name] for name in ("pelvis", *stacks.points)}
-        self._edges = {task.name: _edge(targets, stacks, side, task) for side, task in stacks.edges}
-        self._turns = {name: targets.axes[name] for name in ("torso", "hips", *(f"{side}_sole" for side in SIDES))}
+        points = {name: targets.places[name] for name in ("pelvis", *stacks.points)}
+        edges = {task.name: _edge(targets, stacks, side, task) for side, task in stacks.edges}
+        axes = {name: targets.axes[name] for name in ("torso", "hips", *(f"{side}_sole" for side in SIDES))}
+        self._places = {name: (place, np.diff(place, axis=0) / self.dt) for name, place in points.items()}
+        self._edges = {name: (place, np.diff(place, axis=0) / self.dt) for name, place in edges.items()}
+        self._axes = {name: (R, turns(R) / self.dt) for name, R in axes.items()}
+        self._ground = {
+            side: np.minimum(*(edges[stacks.down(side, end).name][:, 2] for end in (1, -1))) for side in SIDES
+        }
         self._resting = {side: targets.contacts.resting[f"{side}_foot"] for side in SIDES}
 
-    def standing(self, i: int, j: int) -> Standing:
-        """The feet that stand from frame i to frame j."""
-        found = []
+    def feet(self, i: int, j: int) -> dict[str, int]:
+        """What is down of the feet that stand from frame i to frame j: 0 the sole, 1 the toe, -1 the heel."""
+        stand = (side for side in SIDES if self._resting[side][i] and self._resting[side][j])
+        edges = {side: [int(self.targets.edge[side][k]) for k in (i, j)] for side in stand}
+        return {side: here or there for side, (here, there) in edges.items()}
+
+    def standing(self, frame: int) -> Standing:
+        """The feet that stand in a frame, on the end that the person stands on."""
+        return tuple((side, edge or 1, edge == 0) for side, edge in self.feet(frame, frame).items())
+
+    def references(self, i: int, j: int, standing: Standing, holds: Mapping[str, Hold]) -> list[Reference]:
+        """References of frame i, with the rates that lead to frame j in one period."""
+        between, sign = min(i, j), float(j - i)
+        found = [Reference(name, x[i], sign * u[between]) for name, (x, u) in self._places.items()]
+        found += [Reference(name, self._axes[name][0][i], sign * self._axes[name][1][between]) for name in TRUNK]
+        ends = {side: end for side, end, _ in standing}
+        raised = {side: self.stacks.down(side, -end) for side, end, level in standing if not level}
         for side in SIDES:
-            if self._resting[side][i] and self._resting[side][j]:
-                edge, after = (int(self.targets.edge[side][k]) for k in (i, j))
-                found.append((side, edge or after))
-        return tuple(found)
-
-    def references(self, i: int, j: int, standing: Standing, held: Mapping[str, Plane]) -> list[Reference]:
-        """References of frame i, with the rates that lead to frame j in one period; held: motions of standing feet."""
-        dt, found, down = self.dt, [], dict(standing)
-        edges = [(side, self.stacks.down(side, down.get(side, 1))) for side in SIDES]
-        for side, task in edges:
-            here, there = self._edge(side, task, i, held), self._edge(side, task, j, held)
-            found.append(Reference(task.name, here, (there - here) / dt))
-        for name, axes in self._turns.items():
-            side = name.removesuffix("_sole")
-            here, there = axes[i], axes[j]
-            if side in held:
-                around = held[side].rotation
-                here, there = around @ here, around @ there
-            found.append(Reference(name, here, turn(here, there) / dt))
-        for name, places in self._points.items():
-            found.append(Reference(name, places[i], (places[j] - places[i]) / dt))
+            task, sole = self.stacks.down(side, ends.get(side, 1)), f"{side}_sole"
+            place, rate = self._edges[task.name]
+            axes, turning = self._axes[sole]
+            x, u, R, w = place[i], sign * rate[between], axes[i], sign * turning[between]
+            plane = holds[side].motion if side in holds else None
+            if plane is not None:
+                x, u, R, w = plane.point(x), plane.rotation @ u, plane.rotation @ R, plane.rotation @ w
+            found.append(Reference(sole, R, w))
+            if side not in ends:
+                found.append(Reference(task.name, x, u))
+                continue
+            spot = holds[side].spot if side in holds else x[:2]
+            found.append(Reference(self.stacks.spots[task.name].name, spot, ZERO))
+            ground = self._ground[side][i : i + 1]
+            found.append(Reference(self.stacks.heights[task.name].name, ground))
+            if side in raised:
+                found.append(Reference(self.stacks.above[raised[side].name].name, ground))
         return found
-
-    def _edge(self, side: str, task: Position, i: int, held: Mapping[str, Plane]) -> Vec:
-        """Where the toe or the heel of a foot is to be in frame i ``(3,)``."""
-        place = self._edges[task.name][i]
-        return held[side].point(place) if side in held else place
 
     def run(self, q: Vec, v: Vec, first: int, last: int) -> Pass:
         """From q at frame ``first`` to frame ``last``, which may be before it; both ends are part of the result."""
         step = 1 if last >= first else -1
         qs, vs, told = [q], [v], []
         holds = {side: Hold(RELEASE / self.dt) for side in SIDES}
+        bent: dict[str, Vec] = {}
+        state = self.robot.state(q, v)
         for i in range(first, last, step):
             j = i + step
-            state = self.robot.state(q, v)
-            standing = self.standing(i, j)
-            held = self._held(state, i, standing, holds)
-            session = self.sessions.of(standing)
-            state.commanded = v
-            tick = session.step(state, *self.references(i, j, standing, held))
-            moved, v = tick.advance()
-            q, v = self._settled(session, q, moved, v, j, standing, held)
-            qs.append(q)
-            vs.append(v)
-            told.append(tick.status.name)
+            feet = self.feet(i, j)
+            self._hold(state, i, feet, holds)
+            standing = tuple((side, holds[side].end, edge == 0) for side, edge in feet.items())
+            session, references = self.sessions.of(standing), self.references(i, j, standing, holds)
+            spots = [self.stacks.spots[self.stacks.down(side, end).name] for side, end, _ in standing]
+            state, bent, status = self._moved(session, state, references, spots, bent)
+            qs.append(state.q)
+            vs.append(state.v)
+            told.append(status)
         return Pass(np.array(qs), np.array(vs), told)
 
     def settle(self, q: Vec, frame: int) -> Vec:
         """Where ticks at the targets of one frame, at rest, come to rest; after ``SETTLING`` at most."""
-        standing, v = self.standing(frame, frame), np.zeros(self.robot.nv)
+        standing, v = self.standing(frame), np.zeros(self.robot.nv)
         references, session = self.references(frame, frame, standing, {}), self.sessions.of(standing)
         for _ in range(math.ceil(SETTLING / self.dt)):
-            state = self.robot.state(q, v)
-            state.commanded = v
-            q, v = session.step(state, *references).advance()
+            q, v = session.step(self.robot.state(q, v), *references).advance()
             if float(np.abs(v).max()) < STILL:
                 break
         return q
 
-    def _held(self, state: State, i: int, standing: Standing, holds: Mapping[str, Hold]) -> dict[str, Plane]:
-        """By side the motion that takes the target to where the foot came to rest."""
-        found, edges = {}, dict(standing)
+    def _hold(self, state: State, i: int, feet: Mapping[str, int], holds: Mapping[str, Hold]) -> None:
+        """Feet that stand are held where the robot's came to rest, by the end that is down."""
         for side, hold in holds.items():
-            if side in edges:
-                edge = edges[side]
-                found[side] = hold.keep(edge) or hold.take(edge, self._rest(state, side, edge, i))
-            elif (plane := hold.release()) is not None:
-                found[side] = plane
-        return found
+            if side not in feet:
+                hold.release()
+                continue
+            ends = {end: self.stacks.down(side, end).value(state) for end in (1, -1)}
+            end = hold.lower(float(ends[1][2]), float(ends[-1][2]))
+            if end != hold.end:
+                task, here = self.stacks.down(side, end), ends[end]
+                place = self._edges[task.name][0][i]
+                angle = float(turn(self._axes[f"{side}_sole"][0][i], state.rotation(task.frame))[2])
+                hold.take(end, here[:2].copy(), Plane(place[:2], here[:2] - place[:2], angle))
 
-    def _rest(self, state: State, side: str, edge: int, i: int) -> Plane:
-        task = self.stacks.down(side, edge)
-        place, here = self._edges[task.name][i], task.value(state)
-        R = state.rotation(task.frame)
-        return Plane(place[:2], here[:2] - place[:2], float(turn(self._turns[f"{side}_sole"][i], R)[2]))
+    def _moved(
+        self, session: Session, state: State, references: list[Reference], spots: list[Position], bent: dict[str, Vec]
+    ) -> tuple[State, dict[str, Vec], str]:
+        """The state one period later, with standing feet where they stand.
 
-    def _settled(
-        self, session: Session, q: Vec, moved: Vec, v: Vec, j: int, standing: Standing, held: Mapping[str, Plane]
-    ) -> tuple[Vec, Vec]:
-        """Standing feet back to where they stand: joints that turn fast move them by more than the first order says."""
-        down = {self.stacks.down(side, edge): side for side, edge in standing}
-        for _ in range(CORRECTIONS):
-            state = self.robot.state(moved, v)
-            here = {task: task.value(state) for task in down}
-            off = {task: here[task] - self._edge(side, task, j, held) for task, side in down.items()}
-            if max((float(np.abs(error).max()) for error in off.values()), default=0.0) < SLIDE * self.dt:
-                break
-            stays = (task for task in self.stacks.tasks if task not in down and task.name in session)
-            references = [Reference(task.name, task.value(state)) for task in stays]
-            references += [Reference(task.name, here[task], -error / self.dt) for task, error in off.items()]
-            state.commanded = v
-            there, _ = session.step(state, *references).advance()
-            rate = self.robot.difference(q, there) / self.dt
-            if np.any(np.abs(rate) > self.robot.velocity_limit * (1.0 + TINY)):
-                break  # speed limits come before standing feet
-            moved, v = there, rate
-        return moved, v
+        Joints that turn fast move a foot by more than the first order says.  By so much its reference is quicker, first
+        as in the tick before, ``bent`` by task, then as the tick itself came out.
+        """
+        q, v, names = state.q, state.v, [task.name for task in spots]
+        feet = {r.name: r for r in references if r.name in names}
+        others = [r for r in references if r.name not in feet]
+        bends = {name: bent.get(name, ZERO) for name in names}
+        left = CORRECTIONS
+        while True:
+            asked = (Reference(r.name, r.value, bends[r.name]) for r in feet.values())
+            tick = session.step(state, *others, *asked)
+            state = self.robot.state(*tick.advance())
+            there = ((task, feet[task.name]) for task in spots)
+            off = {task.name: task.error(state, r.value) / self.dt for task, r in there}
+            still = all(float(error @ error) < SLIDE**2 for error in off.values())
+            if still or not left:
+                return state, bends if still else {}, tick.status.name
+            bends = {name: bends[name] - error for name, error in off.items()}
+            state, left = self.robot.state(q, v), left - 1
 
 
 def _edge(targets: Targets, stacks: Stacks, side: str, task: Position) -> Mat:
