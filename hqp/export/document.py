@@ -80,7 +80,7 @@ def _robot(robot: Robot) -> dict[str, Any]:
 
 def _owner(robot: Robot, what: int, place: int) -> str:
     """The joint that a number of q (what: 0) or of v (1) belongs to."""
-    first = [(joint[1 + what], joint[2]) for joint in robot.tree_joints or ()]
+    first = [((joint[1], joint[2])[what], joint[2]) for joint in robot.tree_joints or ()]
     column = max((pair for pair in first if pair[0] <= place), default=(0, 0))[1]
     return robot.joint_name(column).removesuffix("[0]")
 
