@@ -28,6 +28,7 @@ PARTS = {
 EXTRA = {
     "changes": "changes of stack in a closed loop: jumps of the command, time of a tick",
     "deadline": "torque ticks with violated constraints: how long with the default deadline and without, how good",
+    "batches": "many worlds at once on G1 and UR5: ticks a second, memory",
     "soak": "random closed loops with everything that goes wrong, at length",
     "collision": "hands that are blocked, a table in MuJoCo, and what pairs cost",
     "pages": "tables of the experiments' pages from the committed runs",
@@ -36,6 +37,7 @@ EXTRA = {
 """Parts that the main job leaves out."""
 
 ROOMS = {
+    "batches": "speed.batches",
     "timing": "speed.timing",
     "torque": "speed.torque",
     "solvers": "speed.solvers",

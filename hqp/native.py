@@ -19,7 +19,10 @@ PARTS = {
 }
 """Extension modules of hqp, and what each does."""
 
-ADVICE = "install a C++ compiler (Debian: apt install g++) and hqp again (pip install --force-reinstall --no-cache-dir)"
+ADVICE = (
+    "install a C++ compiler (Debian: apt install g++) and hqp again "
+    "(HQP_REQUIRE_NATIVE=1 pip install --force-reinstall --no-cache-dir ...: a build that fails then says why)"
+)
 
 
 def missing() -> tuple[str, ...]:
@@ -45,9 +48,10 @@ def describe() -> str:
 def check() -> None:
     """Raise ImportError in a checkout that was not built, else tell once that compiled parts are missing.
 
-    HQP_PURE=1 allows both without a word.  pip hides what a build prints, so the warning has to come here.
+    HQP_PURE=1 allows both without a word, HQP_REQUIRE_NATIVE=1 neither.  pip hides what a build prints, so the warning
+    has to come here.
     """
-    if not missing() or os.environ.get("HQP_PURE", "0") not in ("", "0"):
+    if not missing() or _set("HQP_PURE"):
         return
     if _is_bare_checkout(folder := Path(__file__).absolute().parents[1]):
         raise ImportError(
@@ -55,13 +59,20 @@ def check() -> None:
             f"installed hqp, or install this folder as editable (pip install --editable {folder}); HQP_PURE=1 runs it "
             "without compiled parts, and without sessions."
         )
+    why = f"hqp runs in {describe()}: its C++ build failed, or found no compiler, when it was installed"
+    if _set("HQP_REQUIRE_NATIVE"):
+        raise ImportError(f"{why}. HQP_REQUIRE_NATIVE is set: {ADVICE}")
     warnings.warn(
-        f"hqp runs in {describe()}: no compiler was found when it was installed. Stacks are read and problems solved, "
+        f"{why}. Stacks are read and problems solved, "
         f"by the solver `cascade` where none is named, but there are no sessions. To mend it, {ADVICE}; "
         "`hqp doctor` tells more, HQP_PURE=1 silences this.",
         PurePythonWarning,
         stacklevel=3,
     )
+
+
+def _set(variable: str) -> bool:
+    return os.environ.get(variable, "0") not in ("", "0")
 
 
 def _is_bare_checkout(folder: Path) -> bool:

@@ -64,7 +64,10 @@ def test_a_checkout_without_compiled_parts_says_how_to_get_them(tmp_path: Path) 
     assert f"pip install --editable {checkout}" in refused.stderr
     assert run(code + "import hqp\nprint(hqp.__file__)", HQP_PURE="1").stdout.strip() == f"{checkout}/hqp/__init__.py"
     (checkout / "pyproject.toml").unlink()  # an installed copy: allowed, with the warning
-    assert "PurePythonWarning" in run(code + "import hqp", HQP_PURE="").stderr
+    assert "PurePythonWarning" in run(code + "import hqp", HQP_PURE="", HQP_REQUIRE_NATIVE="").stderr
+    required = run(code + "import hqp", HQP_PURE="", HQP_REQUIRE_NATIVE="1")
+    assert required.returncode == 1
+    assert "ImportError: hqp runs in pure Python: its C++ build failed" in required.stderr
 
 
 def test_without_compiled_parts_a_session_is_refused_with_what_to_do() -> None:
