@@ -61,9 +61,10 @@ class Judge:
         return max(gap, found.taken), shares
 
     def fall(self, A: Mat, slack: Vec, sizes: Vec, asked: Mask, x: Vec) -> float:
-        """What ||w|| could still fall by, along clear directions on the face of the active rows, beyond rounding.
+        """What ||w|| could still fall by, along clear directions on the face of the active rows, relative to its terms.
 
-        Relative to the level's terms; a gradient says little where the rows are short in the null space of those above.
+        Beyond what rounding and the tolerance make of a row of the level's length; a gradient says little where the
+        rows are short in the null space of those above.
         asked: rows that are equalities or violated.  sizes: their terms.
         """
         rows = A[asked] @ self.Z
@@ -75,7 +76,7 @@ class Judge:
         clear = sigma > longest * max(CLEAR_DIRECTION, NULL_SPACE_ROUNDING / self.shortest)
         reach = float(np.linalg.norm(U[:, clear].T @ slack[asked]))
         rounding = min(NULL_SPACE_ROUNDING / self.shortest, LARGEST_ROUNDING)
-        reach -= rounding * longest * float(np.abs(x).max(initial=0.0))
+        reach -= (rounding + self.tolerance) * longest * float(np.abs(x).max(initial=0.0))
         return max(reach, 0.0) / float(np.max(np.abs(slack) + sizes, initial=1e-300, where=asked))
 
     def judge(

@@ -315,8 +315,8 @@ struct Conditions {
     return true;
   }
 
-  // What level k could still fall by where its own directions are clear and the active rows stay active, beyond
-  // rounding, relative to its terms: a gradient along rows that are short there says little.
+  // What level k could still fall by where its own directions are clear and the active rows stay active, relative to
+  // its terms, beyond what does not count of a row of its length: a gradient along rows that are short says little.
   double fall(int k) {
     const Table& t = *table;
     const Block& b = t.block[k];
@@ -329,7 +329,7 @@ struct Conditions {
     null_space.rank = base;
     double most = 0.0;
     for (int i = 0; i < m; ++i) most = larger(most, extent(k, order[i]));
-    const double rounding = smaller(kTurned, kData / shortest) * b.norm * t.largest(x);
+    const double rounding = (kSlop + smaller(kTurned, kData / shortest)) * b.norm * t.largest(x);
     return reach > rounding ? (reach - rounding) / most : 0.0;
   }
 
