@@ -60,9 +60,15 @@ class Batch:
         feasibility_tolerance: float,
         max_iterations: int,
         exchanges: int,
+        priced: list[bool],
+        met: float,
+        zero: float,
+        flat: float,
+        activity: float,
+        violation: float,
     ) -> None: ...
     def read(self, hierarchies: list[Hierarchy]) -> int: ...
-    def stack(self, count: int, levels: list[tuple[object, ...]], constraints: int) -> None: ...
+    def stack(self, count: int, levels: list[tuple[object, ...]], constraints: int, like: Hierarchy | None) -> None: ...
     def solve(
-        self, threads: int, x: _Vec, slack: _Vec, active: NDArray[np.int8], effort: NDArray[np.int32]
+        self, threads: int, x: _Vec, slack: _Vec, active: NDArray[np.int8], effort: NDArray[np.int32], points: _Vec
     ) -> None: ...

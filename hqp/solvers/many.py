@@ -13,9 +13,16 @@ from numpy.typing import NDArray
 
 from hqp.arrays import Mat, Vec, floats, readable
 from hqp.errors import DeclarationError, ProblemError, SolverNotInstalled
-from hqp.problem import Hierarchy, Rows, Selection, Shape, Solution, Status
+from hqp.problem import ETA, Hierarchy, Motion, Rows, Selection, Shape, Solution, Status
 from hqp.solvers.base import check_shape, require_hierarchy
 from hqp.solvers.lexicographic import DOUBTFUL, NO_KERNEL, STATUSES, Lexicographic, native_module
+from hqp.tolerances import (
+    ACTIVITY_TOLERANCE,
+    FLAT_TOLERANCE,
+    MET_TOLERANCE,
+    SLACK_TOLERANCE,
+    VIOLATION_TOLERANCE,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,11 +31,16 @@ class HierarchyBatch:
 
     levels: (A, lower, upper) each, A ``(N, m, n)``, or ``(m, n)`` or a Selection that all share; lower, upper
     ``(N, m)`` or ``(m,)``.  constraints: as in Hierarchy.  n: needed only where every level is a Selection.
+    prices, motion, eta, turning: as in Hierarchy, shared by all.
     """
 
     levels: tuple[tuple[Mat | Selection, Vec, Vec], ...]
     constraints: int = 0
     n: int = 0
+    prices: Vec | None = None
+    motion: Motion | None = None
+    eta: float = ETA
+    turning: Vec | None = None
 
     def __getitem__(self, i: int) -> Hierarchy:
         """Problem i, views of the arrays."""
@@ -36,7 +48,8 @@ class HierarchyBatch:
             Rows(A if isinstance(A, Selection) or A.ndim == 2 else A[i], *(b if b.ndim == 1 else b[i] for b in bounds))
             for A, *bounds in self.levels
         ]
-        return Hierarchy(tuple(levels), self.constraints, n=self.n)
+        law = {name: getattr(self, name) for name in ("prices", "motion", "eta", "turning")}
+        return Hierarchy(tuple(levels), self.constraints, n=self.n, **law)
 
     def __len__(self) -> int:
         sizes = {len(A) for A, *_ in self.levels if not isinstance(A, Selection) and A.ndim == 3}
@@ -51,6 +64,7 @@ class Solutions:
     """What solve_many returns: x ``(N, n)``, norms ``(N, levels)`` of ||w_k||, statuses, and the slack of every row.
 
     slack, active: ``(N, m_0 + ... + m_p)``, level after level.  statuses: ``(N,)`` of Status.  iterations: ``(N,)``.
+    stage_points: ``(N, levels, n)`` of priced problems, NaN where a level had no stage, ``(0, levels, n)`` of others.
     """
 
     x: Mat
@@ -59,6 +73,7 @@ class Solutions:
     slack: Mat
     active: NDArray[np.int8]
     iterations: NDArray[np.int32]
+    stage_points: NDArray[np.float64]
 
     @property
     def solved(self) -> NDArray[np.bool_]:
@@ -93,19 +108,20 @@ def solve_many(
         for problem in problems:
             require_hierarchy(problem)
     shape = problems[0].shape
-    if shape.priced or (not isinstance(problems, HierarchyBatch) and any(problem.priced for problem in problems)):
-        raise ProblemError("solve_many: takes exact hierarchies; given one with priced levels")
+    priced = list(shape.priced) or [False] * len(shape.rows)
     batch = module.Batch(
         shape.n, list(shape.rows), shape.metric, solver.rank_tolerance, solver.multiplier_tolerance,
-        solver.feasibility_tolerance, solver.max_iterations or 0, solver.max_failed_exchanges,
+        solver.feasibility_tolerance, solver.max_iterations or 0, solver.max_failed_exchanges, priced,
+        MET_TOLERANCE, SLACK_TOLERANCE, FLAT_TOLERANCE, ACTIVITY_TOLERANCE, VIOLATION_TOLERANCE,
     )  # fmt: skip
     kept = _fill(batch, problems, shape)
     N, total = len(problems), sum(shape.rows)
     x, slack = np.empty((N, shape.n)), np.empty((N, total))
     active, effort = np.empty((N, total), dtype=np.int8), np.empty((N, 4), dtype=np.int32)
-    batch.solve(count, x, slack, active, effort)
+    points = np.empty((N if shape.priced else 0, len(shape.rows), shape.n))
+    batch.solve(count, x, slack, active, effort, points)
     del kept
-    return _finished(problems, solver, shape, x, slack, active, effort)
+    return _finished(problems, solver, shape, x, slack, active, effort, points)
 
 
 def _threads(threads: int | None) -> int:
@@ -120,8 +136,9 @@ def _fill(batch: Any, problems: Sequence[Hierarchy] | HierarchyBatch, shape: Sha
     """Give the batch its views; returns what must live as long."""
     if isinstance(problems, HierarchyBatch):
         levels = [_stacked(A, lower, upper) for A, lower, upper in problems.levels]
-        batch.stack(len(problems), levels, problems.constraints)
-        return levels
+        like = problems[0]
+        batch.stack(len(problems), levels, problems.constraints, like)
+        return levels, like
     kept = list(problems)
     wrong = batch.read(kept)
     if wrong >= 0:
@@ -143,7 +160,7 @@ def _stacked(A: Mat | Selection, lower: Vec, upper: Vec) -> tuple[object, ...]:
 
 def _finished(
     problems: Sequence[Hierarchy] | HierarchyBatch, solver: Lexicographic, shape: Shape, x: Mat, slack: Mat,
-    active: NDArray[np.int8], effort: NDArray[np.int32],
+    active: NDArray[np.int8], effort: NDArray[np.int32], points: NDArray[np.float64],
 ) -> Solutions:  # fmt: skip
     """Statuses; what the kernel doubts or could not read is solved again by itself, as one by one."""
     statuses = [STATUSES[outcome] if outcome < len(STATUSES) else Status.NOT_CERTIFIED for outcome in effort[:, 0]]
@@ -154,6 +171,8 @@ def _finished(
         x[i], statuses[i] = solution.x, solution.status
         slack[i] = np.concatenate([*solution.residuals, np.zeros(0)])
         active[i] = np.concatenate([*solution.active, np.zeros(0, dtype=np.int8)])
+        if shape.priced:
+            points[i] = np.nan if solution.stage_points is None else solution.stage_points
     ends = np.cumsum([0, *shape.rows])
     norms = np.stack([np.linalg.norm(slack[:, a:b], axis=1) for a, b in pairwise(ends)], axis=1)
-    return Solutions(x, norms, tuple(statuses), slack, active, effort[:, 1].copy())
+    return Solutions(x, norms, tuple(statuses), slack, active, effort[:, 1].copy(), points)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import hqp
-from hqp import Hierarchy, Rows, Selection, Status
+from hqp import Hierarchy, Motion, Rows, Selection, Status
 from hqp.errors import DeclarationError, ProblemError
 from hqp.solvers import lexicographic
 from hqp.solvers.lexicographic import Lexicographic
@@ -52,6 +52,43 @@ def test_the_same_bits_as_one_by_one(threads: int) -> None:
             np.testing.assert_array_equal(np.concatenate(alone.active), found.active[i])
             np.testing.assert_allclose(found.norms[i], alone.norms, rtol=1e-14, atol=1e-300)
     assert found.solved.all()
+
+
+def priced(count: int) -> list[Hierarchy]:
+    """Problems with prices so high that some levels are settled and others are not."""
+    law = {"prices": np.array([0.0, 0.05, 0.02, 0.0]), "turning": np.array([0.0, 20.0, 1.0, 0.0]), "eta": 1e-3}
+    motion = Motion(np.linspace(0.5, 2.0, 12), np.linspace(-0.1, 0.1, 12))
+    return [replace(problem, stacked=None, motion=motion, **law) for problem in problems(count)]
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_priced_problems_have_the_bits_of_one_by_one(threads: int) -> None:
+    chosen = priced(40)
+    law = {name: getattr(chosen[0], name) for name in ("prices", "motion", "eta", "turning")}
+    staged = 0
+    for batch in (chosen, replace(stacked(chosen), **law)):
+        found = hqp.solve_many(batch, threads=threads)
+        for i, problem in enumerate(chosen):
+            alone = Lexicographic().solve(problem)
+            assert alone.x.tobytes() == found.x[i].tobytes()
+            assert alone.status is found.statuses[i]
+            np.testing.assert_array_equal(np.concatenate(alone.residuals), found.slack[i])
+            np.testing.assert_array_equal(np.concatenate(alone.active), found.active[i])
+            if alone.stage_points is not None:
+                np.testing.assert_array_equal(alone.stage_points, found.stage_points[i])
+                staged += 1
+    assert 0 < staged < 80
+
+
+def test_a_price_that_is_none_is_refused_in_a_batch() -> None:
+    chosen = priced(3)
+    assert chosen[1].prices is not None
+    chosen[1].prices[1] = np.nan
+    with pytest.raises(ProblemError, match="price of level 1"):
+        hqp.solve_many(chosen)
+    with pytest.raises(ProblemError, match="without a price"):
+        hqp.solve_many([problems(1)[0], priced(1)[0]])
+    assert hqp.solve_many([priced(1)[0], problems(1)[0]]).solved.all()
 
 
 def test_shared_arrays_are_read_for_every_problem() -> None:

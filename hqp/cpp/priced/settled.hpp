@@ -67,6 +67,8 @@ class Settled {
     bound_.forget();
     refined_.forget();
   }
+  // Nothing like this problem follows: what spares a second look is not prepared.
+  void only_once() { again_ = false; }
 
   // x: the exact answer, whose values exact levels keep.
   void begin(const Coordinates& coordinates, const double* prices, const double* x) {
@@ -96,7 +98,7 @@ class Settled {
     enter(k);
     reached_ = k + 1;
     const bool met = consistent_ && own_rank_ && least_motion(k) && prices_[k] * multipliers(k, own) <= 1.0;
-    if (met && independent_) {
+    if (met && independent_ && again_) {
       invert();
       refined_.take(k, count_, number_.data(), held_.data(), lambda_.data(), G_.data(), x_.data());
       if (at_->diagonal()) prepare_bound(k, own);
@@ -345,7 +347,7 @@ class Settled {
   const Coordinates* at_ = nullptr;
   const double *prices_ = nullptr, *exact_ = nullptr;
   int count_ = 0, equalities_ = 0, reached_ = 0;  // reached_: levels whose rows have entered
-  bool consistent_ = true, independent_ = true, own_rank_ = true;
+  bool consistent_ = true, independent_ = true, own_rank_ = true, again_ = true;
 };
 
 }  // namespace HQP_ISA

@@ -77,6 +77,8 @@ class StageLevels final : public PricedStages {
     settled_.forget();
   }
 
+  void only_once() override { settled_.only_once(); }
+
   void keep(CarryOver& warm) override {
     for (auto& set : warm_) warm.list(set);
     warm.list(chosen_);

@@ -1,5 +1,9 @@
-// Many problems of one shape on several threads, the interpreter's lock released: a kernel a thread, arrays in and out.
+// Many problems of one shape on several threads, the interpreter's lock released: a kernel a thread, and stages where
+// levels have a price; arrays in and out.
+#include <algorithm>
 #include <atomic>
+#include <cmath>
+#include <limits>
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -10,6 +14,8 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
+#include "../common/isa.hpp"
+#include "../priced/stages.hpp"
 #include "batch.hpp"
 #include "kernel.hpp"
 #include "reading.hpp"
@@ -26,8 +32,17 @@ using Out = nb::ndarray<T, nb::ndim<D>, nb::c_contig, nb::device::cpu>;
 
 class Batch {
  public:
-  Batch(int n, const std::vector<int>& rows, bool metric, const hqp::Options& options)
-      : n_(n), rows_(rows), metric_(metric), options_(options) {
+  Batch(int n, const std::vector<int>& rows, bool metric, const hqp::Options& options, const std::vector<char>& priced,
+        const hqp::Tolerances& tolerances, double activity, double violation)
+      : n_(n),
+        rows_(rows),
+        metric_(metric),
+        options_(options),
+        priced_(priced),
+        tolerances_(tolerances),
+        activity_(activity),
+        violation_(violation) {
+    if (priced.size() != rows.size()) throw nb::value_error("a level is priced or not");
     if (n < 1 || n > kMost) throw nb::value_error("n must lie in 1..10000");
     for (int m : rows) {
       if (m < 0 || m > kMost) throw nb::value_error("rows of a level must lie in 0..10000");
@@ -39,10 +54,11 @@ class Batch {
   // Index of the first hierarchy that has another shape or needs a conversion, -1 if there is none. They must live on.
   long read(const nb::list& hierarchies) {
     const std::size_t count = hierarchies.size();
-    const double* prices = nullptr;  // the caller has looked at them
+    const double* prices = nullptr;
     resize(count);
     for (std::size_t i = 0; i < count; ++i)
-      if (!reader_.read(hierarchies[i], n_, rows_, metric_, &levels_[i * rows_.size()], problems_[i], prices)) {
+      if (!reader_.read(hierarchies[i], n_, rows_, metric_, &levels_[i * rows_.size()], problems_[i], prices) ||
+          !reader_.read_law(hierarchies[i], n_, priced_, prices, laws_[i])) {
         resize(0);
         return static_cast<long>(i);
       }
@@ -50,8 +66,8 @@ class Batch {
   }
 
   // levels: (A or None, index or None, scale or None, lower, upper) each; A (N or 1, m, n), index, scale (m,),
-  // lower, upper (N or 1, m).
-  void stack(std::size_t count, const nb::list& levels, int constraints) {
+  // lower, upper (N or 1, m).  like: a hierarchy whose law all have.
+  void stack(std::size_t count, const nb::list& levels, int constraints, const nb::object& like) {
     if (levels.size() != rows_.size() || metric_) throw nb::value_error("the levels do not fit the batch");
     resize(count);
     for (std::size_t k = 0; k < rows_.size(); ++k) {
@@ -87,33 +103,44 @@ class Batch {
       problems_[i].count = static_cast<int>(rows_.size());
       problems_[i].constraints = constraints;
     }
+    if (!staged()) return;
+    std::vector<hqp::Level> views(rows_.size());
+    hqp::Problem read;
+    const double* prices = nullptr;
+    hqp::Law law;
+    if (!reader_.read(like, n_, rows_, metric_, views.data(), read, prices) ||
+        !reader_.read_law(like, n_, priced_, prices, law))
+      throw nb::value_error("the law cannot be read");
+    laws_.assign(count, law);
   }
 
-  // x (N, n), slack (N, rows), active (N, rows), effort (N, 4): outcome, iterations, factorisations, unsure.
+  // x (N, n), slack (N, rows), active (N, rows), effort (N, 4): outcome, iterations, factorisations, unsure; points
+  // (N, levels, n) of stages, NaN where there was none, (0, levels, n) without prices.
   void solve(int threads, Out<double, 2> x, Out<double, 2> slack, Out<std::int8_t, 2> active,
-             Out<std::int32_t, 2> effort) {
+             Out<std::int32_t, 2> effort, Out<double, 3> points) {
     const std::size_t count = problems_.size(), total = static_cast<std::size_t>(total_);
     if (x.shape(0) != count || x.shape(1) != static_cast<std::size_t>(n_) || slack.shape(0) != count ||
         slack.shape(1) != total || active.shape(0) != count || active.shape(1) != total || effort.shape(0) != count ||
-        effort.shape(1) != 4)
+        effort.shape(1) != 4 || points.shape(0) != (staged() ? count : 0) || points.shape(1) != rows_.size() ||
+        points.shape(2) != static_cast<std::size_t>(n_))
       throw nb::value_error("an array for the answers has a wrong shape");
     if (threads < 1) throw nb::value_error("threads must be at least one");
     if (busy_.exchange(true)) throw std::runtime_error("this batch is solving in another thread");
     const nb::gil_scoped_release release;
     try {
       const std::size_t workers = std::min<std::size_t>(static_cast<std::size_t>(threads), count ? count : 1);
-      while (kernels_.size() < workers)
-        kernels_.emplace_back(hqp::make_kernel(n_, static_cast<int>(rows_.size()), rows_.data(), metric_));
+      while (workers_.size() < workers) workers_.push_back(made());
       std::atomic<std::size_t> next{0};
-      const auto work = [&](hqp::Kernel& kernel) {
+      const auto work = [&](Worker& worker) {
         for (std::size_t from; (from = next.fetch_add(kChunk)) < count;)
           for (std::size_t i = from; i < std::min(from + kChunk, count); ++i) {
             hqp::Answer answer;
             answer.x = x.data() + i * static_cast<std::size_t>(n_);
             answer.slack = slack.data() + i * total;
             answer.active = active.data() + i * total;
-            kernel.reset(false);
-            kernel.solve(problems_[i], options_, answer);
+            worker.kernel->reset(false);
+            worker.kernel->solve(problems_[i], options_, answer);
+            if (staged()) follow(worker, i, answer, points.data() + i * rows_.size() * static_cast<std::size_t>(n_));
             std::int32_t* told = effort.data() + 4 * i;
             told[0] = static_cast<std::int32_t>(answer.outcome);
             told[1] = answer.iterations;
@@ -124,12 +151,12 @@ class Batch {
       std::vector<std::thread> others;
       for (std::size_t w = 1; w < workers; ++w) {
         try {
-          others.emplace_back(work, std::ref(*kernels_[w]));
+          others.emplace_back(work, std::ref(workers_[w]));
         } catch (const std::system_error&) {
           break;  // fewer threads than asked for
         }
       }
-      work(*kernels_[0]);
+      work(workers_[0]);
       for (std::thread& thread : others) thread.join();
     } catch (...) {
       busy_.store(false);
@@ -139,6 +166,52 @@ class Batch {
   }
 
  private:
+  struct Worker {
+    std::unique_ptr<hqp::Kernel> kernel;
+    std::unique_ptr<hqp::PricedStages> stages;
+    std::vector<double> last;
+  };
+
+  bool staged() const { return std::find(priced_.begin(), priced_.end(), 1) != priced_.end(); }
+
+  Worker made() const {
+    const int levels = static_cast<int>(rows_.size());
+    Worker worker;
+    worker.kernel.reset(hqp::make_kernel(n_, levels, rows_.data(), metric_));
+    if (!staged()) return worker;
+    const std::unique_ptr<bool[]> marks(new bool[priced_.size()]);
+    std::copy(priced_.begin(), priced_.end(), marks.get());
+    worker.stages.reset(HQP_FOR_MACHINE(make_stages, n_, levels, rows_.data(), marks.get(), tolerances_));
+    worker.stages->only_once();
+    worker.last.resize(static_cast<std::size_t>(n_));
+    return worker;
+  }
+
+  // The stages of the levels that an exact answer does not settle; unsure where there is more to tell than an optimum.
+  void follow(Worker& worker, std::size_t i, hqp::Answer& answer, double* points) {
+    hqp::PricedStages& stages = *worker.stages;
+    const hqp::Problem& problem = problems_[i];
+    std::fill(points, points + rows_.size() * static_cast<std::size_t>(n_), std::numeric_limits<double>::quiet_NaN());
+    if (!laws_[i].prices) return;
+    if (answer.outcome != hqp::Outcome::optimal || answer.unsure) {
+      answer.unsure = true;
+      return;
+    }
+    for (std::size_t k = 0; k < rows_.size(); ++k) {
+      const hqp::Level& level = problem.levels[k];
+      stages.levels()[k] = {level.m, level.A, level.index, level.scale, level.lower, level.upper};
+    }
+    stages.bind(laws_[i], {problem.metric, problem.origin});
+    stages.reset();
+    if (stages.solve(answer.x, 0, 0.0, points, worker.last.data()) < 0) return;
+    answer.unsure = !stages.ended() || stages.uncertain() || stages.doubtful();
+    std::copy(worker.last.begin(), worker.last.end(), answer.x);
+    answer.unsure =
+        stages.describe(answer.x, problem.constraints, activity_, violation_, answer.slack, answer.active) ||
+        answer.unsure;
+    answer.iterations += stages.iterations();
+  }
+
   static constexpr int kMost = 10000;
   static constexpr std::size_t kChunk = 16;
   int n_;
@@ -149,13 +222,18 @@ class Batch {
   hqp::Reader reader_;
   std::vector<hqp::Level> levels_;
   std::vector<hqp::Problem> problems_;
-  std::vector<std::unique_ptr<hqp::Kernel>> kernels_;
+  std::vector<char> priced_;  // (levels,)
+  hqp::Tolerances tolerances_;
+  double activity_, violation_;
+  std::vector<hqp::Law> laws_;
+  std::vector<Worker> workers_;
   std::atomic<bool> busy_{false};
 
   void resize(std::size_t count) {
     if (busy_.load()) throw std::runtime_error("this batch is solving in another thread");
     levels_.assign(count * rows_.size(), hqp::Level());
     problems_.assign(count, hqp::Problem());
+    laws_.assign(count, hqp::Law());
   }
 
   static std::size_t stride(std::size_t given, std::size_t count, std::size_t size) {
@@ -173,16 +251,20 @@ void bind_batch(nb::module_& m) {
       .def(
           "__init__",
           [](Batch* self, int n, const nb::list& rows, bool metric, double rank, double multiplier, double feasibility,
-             int max_iterations, int exchanges) {
+             int max_iterations, int exchanges, const nb::list& priced, double met, double zero, double flat,
+             double activity, double violation) {
             std::vector<int> sizes;
+            std::vector<char> marks;
             for (nb::handle h : rows) sizes.push_back(nb::cast<int>(h));
-            new (self) Batch(n, sizes, metric, {rank, multiplier, feasibility, 0.0, max_iterations, exchanges, false});
+            for (nb::handle h : priced) marks.push_back(nb::cast<bool>(h));
+            new (self) Batch(n, sizes, metric, {rank, multiplier, feasibility, 0.0, max_iterations, exchanges, false},
+                             marks, {met, zero, flat}, activity, violation);
           },
           "n"_a, "rows"_a, "metric"_a, "rank_tolerance"_a, "multiplier_tolerance"_a, "feasibility_tolerance"_a,
-          "max_iterations"_a, "exchanges"_a)
+          "max_iterations"_a, "exchanges"_a, "priced"_a, "met"_a, "zero"_a, "flat"_a, "activity"_a, "violation"_a)
       .def("read", &Batch::read, "hierarchies"_a)
-      .def("stack", &Batch::stack, "count"_a, "levels"_a, "constraints"_a)
-      .def("solve", &Batch::solve, "threads"_a, "x"_a, "slack"_a, "active"_a, "effort"_a);
+      .def("stack", &Batch::stack, "count"_a, "levels"_a, "constraints"_a, "like"_a.none())
+      .def("solve", &Batch::solve, "threads"_a, "x"_a, "slack"_a, "active"_a, "effort"_a, "points"_a);
 }
 
 }  // namespace hqp

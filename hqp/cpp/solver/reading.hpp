@@ -1,12 +1,14 @@
 // Views of a Hierarchy's arrays, read from its attributes without a conversion.
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <cstring>
 #include <vector>
 
 #include <nanobind/nanobind.h>
 
+#include "../priced/stages.hpp"
 #include "problem.hpp"
 
 namespace hqp {
@@ -41,10 +43,36 @@ class Reader {
     return true;
   }
 
+  // The same of its law, whose prices have been read; false where they are no prices, or of levels that have none.
+  bool read_law(const nb::object& hierarchy, int n, const std::vector<char>& priced, const double* prices, Law& law) {
+    nb::object given, part;
+    const int levels = static_cast<int>(priced.size());
+    law = Law();
+    law.prices = prices;
+    if (!prices) return true;
+    for (int k = 0; k < levels; ++k)
+      if (!(prices[k] >= 0.0 && prices[k] < INFINITY) || (prices[k] > 0.0 && !priced[k])) return false;
+    if (!get(hierarchy, key_eta_, given)) return false;
+    law.eta = PyFloat_AsDouble(given.ptr());
+    if (PyErr_Occurred()) return cleared();
+    if (!get(hierarchy, key_turning_, given)) return false;
+    if (!given.is_none() && !(law.turning = numbers(given.ptr(), levels, -1))) return false;
+    if (!get(hierarchy, key_motion_, given)) return false;
+    if (given.is_none()) return true;
+    if (!get(given, key_F_, part)) return false;
+    if (!(law.F = numbers(part.ptr(), n, -1))) {
+      law.r = static_cast<int>(PyObject_Length(part.ptr()));
+      if (law.r < 1 || !(law.F = numbers(part.ptr(), law.r, n))) return cleared();
+    }
+    if (!get(given, key_f_, part)) return false;
+    return part.is_none() || (law.f = numbers(part.ptr(), law.r ? law.r : n, -1));
+  }
+
  private:
   nb::str key_levels_{"levels"}, key_n_{"n"}, key_metric_{"metric"}, key_origin_{"origin"},
       key_constraints_{"constraints"}, key_A_{"A"}, key_lower_{"lower"}, key_upper_{"upper"}, key_index_{"index"},
-      key_scale_{"scale"}, key_prices_{"prices"};
+      key_scale_{"scale"}, key_prices_{"prices"}, key_eta_{"eta"}, key_turning_{"turning"}, key_motion_{"motion"},
+      key_F_{"F"}, key_f_{"f"};
 
   static bool cleared() {
     PyErr_Clear();
