@@ -28,7 +28,7 @@ from .mujoco_extra import mujoco
 from .rotors import rotor_inertia
 from .sensors import Noise, Reading, Sensors, rotation_vector
 from .state_map import StateMap, quaternion
-from .terrain import Bumps, Plane, Ramp, Step, Terrain
+from .terrain import Bumps, Plane, Ramp, Step, Terrain, Tiles
 
 __all__ = [
     "Bumps", "Contacts", "Noise", "Plane", "Plant", "Ramp", "Reading", "Sensors", "Servo", "StateMap", "Step",

@@ -210,3 +210,39 @@ class Bumps(Plane):
                 size = 0.5 * (self.radius**2 + rise**2) / rise  # of the sphere whose cap that is
                 found.append(Cap((x + dx * self.spacing, y + dy * self.spacing, rise - size), size))
         return tuple(found)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tiles(Plane):
+    """Square tiles whose tops are up to ``rise`` above or below the ground at the start, which is at ``rise``.
+
+    start: x where they begin [m].  rise [m].  size: of a tile [m].  length, width: of the field [m].
+    ``height`` is that of the start.  Raises DeclarationError for what is not above 0.
+    """
+
+    start: float = 0.25
+    rise: float = 0.02
+    size: float = 0.4
+    length: float = 2.8
+    width: float = 2.4
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("rise", "size", "length", "width"):
+            if not getattr(self, name) > 0.0:
+                raise DeclarationError("tiles", f"bad {name}", value=getattr(self, name), unit="m", allowed="above 0")
+
+    def slabs(self) -> tuple[Slab, ...]:
+        rng = np.random.default_rng(self.seed)
+        half, thick = 0.5 * self.size, 0.5 * _THICK
+        long = 0.5 * _LONG
+        found = [Slab((self.start - long, 0.0, self.rise - thick), (long, 0.5 * self.width, thick), 0.0)]
+        for x in np.arange(self.start + half, self.start + self.length, self.size).tolist():
+            for y in np.arange(half - 0.5 * self.width, 0.5 * self.width, self.size).tolist():
+                top = self.rise * float(rng.uniform(0.0, 2.0))
+                found.append(Slab((x, y, top - thick), (half, half, thick), 0.0))
+        return tuple(found)
+
+    def height(self, x: float) -> float:
+        return self.rise

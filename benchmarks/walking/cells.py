@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.walking.course import DT, FRICTION, SETTLE, STOP, Course
-from benchmarks.walking.tiles import Tiles
-from hqp.robots.on_mujoco import Ramp
+from hqp.robots.on_mujoco import Ramp, Tiles
 
 
 @dataclass(frozen=True, kw_only=True)

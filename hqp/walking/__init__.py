@@ -1,5 +1,6 @@
 """Walking on two feet: footsteps, the pendulum that goes with them, swing feet, and a walker made of these."""
 
+from hqp.walking.adjustment import Landing, adjust
 from hqp.walking.footsteps import Command, Foothold, Footsteps
 from hqp.walking.gait import Gait, Reach
 from hqp.walking.pendulum import DcmPlan, Piece, capture_point, natural_frequency
@@ -14,6 +15,7 @@ __all__ = [
     "Foothold",
     "Footsteps",
     "Gait",
+    "Landing",
     "Laws",
     "Piece",
     "Reach",
@@ -21,6 +23,7 @@ __all__ = [
     "Swing",
     "Walk",
     "Walker",
+    "adjust",
     "capture_point",
     "natural_frequency",
 ]

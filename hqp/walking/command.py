@@ -75,34 +75,25 @@ def execute(arguments: argparse.Namespace) -> int:
 def _simulate(
     walker: Walker, wanted: tuple[float, ...] | None, seconds: float, each: Callable[[Any, Any], None] | None = None
 ) -> int:
-    from hqp.estimation import FeetEstimator
-    from hqp.robots.on_mujoco import Noise, Plane, Plant, Sensors
+    from hqp.walking.course import Course
 
-    robot, dt = walker.robot, walker.dt
-    soles = [foot.frame for foot in walker.feet]
-    sensors = Sensors(gyro=Noise(0.01), accelerometer=Noise(0.05), rate=Noise(0.02), force=Noise(2.0))
-    base = robot.landmarks["base"][0]
-    plant = Plant(robot, terrain=Plane(friction=0.6), sensors=sensors, imu=base, watched=soles, delay=0.004)
-    estimator = FeetEstimator(robot, soles, dt, plant.reset(robot.home.copy())[0], least_load=0.9 * robot.mass)
+    robot, course = walker.robot, Course(walker)
+    plant = course.plant
     stops, since = STAND + seconds, 0.0
     while plant.time < stops or walker.phase != "stand" or plant.time < since + STAND:
         if wanted is not None and plant.time >= STAND and not walker.walking and plant.time < stops:
             walker.go(*wanted)
         if plant.time >= stops:
             walker.stop()
-        reading = plant.measure()
-        q, v = estimator.update(reading.q, reading.v, reading.accelerometer, reading.contacts.load)
-        state = robot.state(q, v)
-        tick = walker.step(state, reading.contacts.load)
-        plant.step(tick.command, steps=round(dt / plant.timestep))
+        tick = course.step()
         if walker.event:
             since = plant.time
             x, y, _ = plant.com().round(2)
             capture = walker.capture_point.round(2)
             print(f"{plant.time:7.2f} s  {walker.phase:6}  CoM {x:5.2f} {y:5.2f}  capture point {capture}")
         if each is not None:
-            each(state, tick)
-        if plant.com()[2] < 0.7 * walker.height:
+            each(course.state, tick)
+        if course.fallen:
             print(f"{plant.time:7.2f} s  {robot.name} fell")
             return 1
     return 0

@@ -96,19 +96,6 @@ class Footsteps:
         x, y = stance.xy + stance.turn @ held
         return replace(foothold, x=float(x), y=float(y), yaw=stance.yaw + turn)
 
-    def correct(
-        self, nominal: Foothold, stance: Foothold, dcm_error: Vec, time_left: float, omega: float, *, least: float = 0.0
-    ) -> Foothold:
-        """The foothold moved by what the error of the DCM ``(2,)`` [m] grows to until the foot lands, within reach.
-
-        e(T) = e exp(omega T): with the foot moved by as much the DCM is where it was to be, seen from the new foot.
-        time_left [s]: T.  least [m]: of that so much is left to the feedback of the ZMP.
-        """
-        grown = np.asarray(dcm_error, dtype=np.float64) * math.exp(omega * max(time_left, 0.0))
-        size = math.hypot(*grown)
-        x, y = nominal.xy + (grown * (1.0 - least / size) if size > least else np.zeros(2))
-        return self.within(replace(nominal, x=float(x), y=float(y)), stance)
-
 
 def rotation(yaw: float) -> Mat:
     """Rotation about the vertical ``(2, 2)``."""

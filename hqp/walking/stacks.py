@@ -49,8 +49,10 @@ class Laws:
 class Stacks:
     """Stacks that a walk changes between; ``both``, and ``alone[i]`` with foot i on the ground.
 
-        balance, height > swing > trunk > posture > load share    s.t. contacts, torques, joints, friction, soles
+        swing, balance, height, trunk > posture > load share    s.t. contacts, torques, joints, friction, soles
 
+    Where a sole or the friction bounds what these four ask, each gives way a little: in an order the last of them is
+    thrown about for the others' angular momentum.
     height: of the pendulum [m].  friction: mu.  limits: of joints, without names of all but the legs', whose loads
     know no limit of acceleration; None for none.
     """
@@ -84,13 +86,14 @@ class Stacks:
                 found.append(CenterOfPressure(contact=foot.name, polygon=shrunk(foot.corners, foot.margin)))
             return found
 
-        first = Level(self.balance, self.height, name="balance")
-        trunk = Level(self.trunk, name="trunk")
+        body = self.balance, self.height, self.trunk
         postures = [] if self.posture is None else [Level(self.posture, name="posture")]
         if len(legs) > 12:  # else feet and trunk determine them
             postures.append(Level(self.legs, name="legs"))
-        self.both = Stack(first, trunk, *postures, Level(self.share, name="share"), subject_to=within(*feet))
+        self.both = Stack(
+            Level(*body, name="body"), *postures, Level(self.share, name="share"), subject_to=within(*feet)
+        )
         self.alone = tuple(
-            Stack(first, Level(swing, name="swing", price=HASTE), trunk, *postures, subject_to=within(foot))
+            Stack(Level(swing, *body, name="body", price=HASTE), *postures, subject_to=within(foot))
             for foot, swing in zip(feet, self.swing[::-1], strict=True)
         )

@@ -17,6 +17,7 @@ from hqp.robot import State
 from hqp.tasks import JointLimits
 from hqp.tick import Tick
 from hqp.torque.program import Torque
+from hqp.walking.adjustment import Landing, adjust
 from hqp.walking.feet import feet_of, yaw_of
 from hqp.walking.footsteps import RIGHT, Command, Footsteps, rotation
 from hqp.walking.gait import Gait, Reach
@@ -30,6 +31,9 @@ TOUCH = 0.05
 
 EARLY = 0.55
 """It does not before this share of the time of its swing."""
+
+FADE = 0.08
+"""What torques would jump by at a switch of phase goes in so long for a joint's largest torque [s]."""
 
 TAKE = 0.06
 """A foot's share of the load goes from nothing to all in no less than this [s]."""
@@ -45,6 +49,10 @@ CLEAR = 0.02
 
 CORRECTION = 1.5
 """The goal of a swing foot moves no faster [m/s]."""
+
+LAST, LONGEST, HURRY = 0.08, 1.6, 1.0
+"""A landing is not moved when so little time is left [s], nor beyond this share of a swing's time; by how many seconds
+a second it may."""
 
 WEIGHS, SAG = 2.0, 0.02
 """[1/s] of the error of the CoM's height in its reference, and the most of it [m]: masses are not known exactly."""
@@ -127,6 +135,9 @@ class Walker:
         self.heavier = 1.0
         """How heavy the robot is beside its model, by the loads of its feet."""
         self._limit = robot.effort_limit[robot.actuated]
+        self._fading = self._limit * dt / FADE
+        self._rest: Vec = np.zeros(len(self._limit))
+        self._sent: Vec | None = None
 
     # ------------------------------------------------------------------------------------------- commands
 
@@ -166,11 +177,21 @@ class Walker:
         tick = self.session.step(state, *references)
         if felt is not None:
             self._weigh(float(felt.sum()))
-            np.clip(self.heavier * tick.command, -self._limit, self._limit, out=tick.command)
+        self._bound(tick.command)
         self._t += self.dt
         self._since += self.dt
         self.time += self.dt
         return tick
+
+    def _bound(self, command: Vec) -> None:
+        """Scale torques by the weight felt; after a switch of phase go on from those before it, within the limits."""
+        command *= self.heavier
+        if self.event and self._sent is not None:
+            self._rest = self._sent - command
+        self._rest -= np.clip(self._rest, -self._fading, self._fading)
+        command += self._rest
+        np.clip(command, -self._limit, self._limit, out=command)
+        self._sent = command.copy()
 
     def _weigh(self, load: float) -> None:
         """A robot heavier than its model needs so much more torque: the mean of what its feet bear tells it."""
@@ -233,6 +254,11 @@ class Walker:
             self._nominal = self._target = self.footsteps.next(self.holds[self.stance], self.command)
             self._swing = Swing(np.array([*p, yaw]), self._goal(), duration, self.gait.height, search=self.gait.search)
         self._plan()
+        if phase == "swing":
+            offset = self._dcm.at(duration)[1] - self._nominal.xy
+            self._planned = Landing(
+                stance=self.holds[self.stance], foothold=self._nominal, offset=offset, left=duration
+            )
 
     # ----------------------------------------------------------------------------------------------- plan
 
@@ -254,7 +280,7 @@ class Walker:
                 to(max(self._T - self._t, self.dt), holds[stance].xy)
             left = self._T - self._t if self.phase == "swing" else gait.single
             steps = self._left + 1 if not self.walking else 3
-            target = self._target if self.phase == "swing" else self.footsteps.next(holds[stance], self.command)
+            target = self._nominal if self.phase == "swing" else self.footsteps.next(holds[stance], self.command)
             for k in range(steps):
                 to(max(left, self.dt), holds[stance].xy)
                 holds[1 - stance] = target
@@ -332,15 +358,29 @@ class Walker:
         self._share += min(max(share - self._share, -most), most)
         return self._share
 
+    def _adjust(self, error: Vec, ankle: Vec) -> None:
+        """Move the landing of the swing foot, in place and time, to where the DCM is met."""
+        assert self._swing is not None
+        gait, swing, planned = self.gait, self._swing, self._planned
+        now = swing.x[:2] + rotation(swing.x[3]) @ np.array(self.feet[planned.foothold.side].middle)
+        self._target, left = adjust(
+            replace(planned, left=self._T - self._t), self.footsteps, error, ankle, self.omega, now=now,
+            soonest=LAST, latest=LONGEST * gait.single - self._t, usual=gait.single - self._t, speed=CORRECTION,
+            least=LEAST,
+        )  # fmt: skip
+        swing.retarget(self._goal(), CORRECTION, self.dt)
+        later = self._t + left - self._T
+        if abs(later) > self.dt:
+            self._T += math.copysign(HURRY * self.dt, later)
+            swing.duration = self._T
+            self._plan()
+
     def _swing_reference(self, state: State, error: Vec, pushed: Vec) -> Reference:
         """Pose of the swing foot; its goal moves to where the error of the DCM is met."""
         assert self._swing is not None
         side, left = 1 - self.stance, self._swing.left
-        if self._t > 0.1 and left > 0.05:
-            grown = error - pushed * (1.0 - math.exp(-self.omega * left))
-            stance = self.holds[self.stance]
-            self._target = self.footsteps.correct(self._nominal, stance, grown, left, self.omega, least=LEAST)
-            self._swing.retarget(self._goal(), CORRECTION, self.dt)
+        if self._t > 0.1 and left > LAST:
+            self._adjust(error, pushed)
         (x, y, z, yaw), v, a = self._swing.step(self.dt)
         z = self._swing.x[2] = max(z, float(state.position(self.feet[side].frame)[2]) - 0.02)
         z -= self._sunk[side] * min(1.0, self._t / (0.3 * self._T))

@@ -12,7 +12,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hqp.errors import DeclarationError
-from hqp.walking import Command, DcmPlan, Foothold, Footsteps, Gait, Piece, Reach, Swing, natural_frequency
+from hqp.walking import (
+    Command,
+    DcmPlan,
+    Foothold,
+    Footsteps,
+    Gait,
+    Landing,
+    Piece,
+    Reach,
+    Swing,
+    adjust,
+    natural_frequency,
+)
 from hqp.walking.footsteps import LEFT, RIGHT, rotation
 from hqp.walking.swing import LEAD
 
@@ -70,21 +82,73 @@ def test_steps_are_within_reach(forward: float, left: float, turn: float) -> Non
         assert abs(foot.yaw - stance.yaw) <= REACH.turn + 1e-9
 
 
-@settings(max_examples=40, deadline=None)
-@given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(0.0, 0.6))
-def test_a_corrected_step_meets_the_grown_error_or_the_reach(x: float, y: float, left: float) -> None:
+OMEGA = 3.4
+
+
+def planned(left: float = 0.3) -> Landing:
+    """A right foot that stands, a left one that is to land beside it, and the DCM of an even walk."""
     stance = Foothold(RIGHT, 0.3, -0.1, 0.0, 0.5)
-    nominal, omega = STEPS.next(stance, Command(0.1)), 3.4
-    found = STEPS.correct(nominal, stance, np.array([x, y]), left, omega)
-    wanted = nominal.xy + np.array([x, y]) * math.exp(omega * left)
-    inside = STEPS.within(found, stance)
-    np.testing.assert_allclose(inside.xy, found.xy, atol=1e-12)
-    for u in (np.array([1.0, 0.0]), np.array([0.0, 1.0])):  # each coordinate nearest to what is wanted
-        asked, got = (float(u @ (stance.turn.T @ (p - stance.xy))) for p in (wanted, found.xy))
-        low, high = (-0.3, 0.3) if u[0] else (0.12, 0.35)
-        assert got == pytest.approx(min(max(asked, low), high), abs=1e-9)
-    small = STEPS.correct(nominal, stance, np.array([0.003, 0.004]), 0.0, omega, least=0.01)
-    np.testing.assert_array_equal(small.xy, nominal.xy)
+    foothold = STEPS.next(stance, Command(0.1))
+    offset = stance.turn @ np.array([0.02, -0.06])
+    return Landing(stance=stance, foothold=foothold, offset=offset, left=left)
+
+
+def answer(plan: Landing, error: Any, ankle: Any = (0.0, 0.0), **changed: Any) -> tuple[Foothold, float]:
+    """Error and ankle in the axes of the stance foot."""
+    turn = plan.stance.turn
+    fields: dict[str, Any] = {"soonest": 0.08, "latest": 0.6, "usual": plan.left, "speed": 10.0, **changed}
+    return adjust(plan, STEPS, turn @ error, turn @ ankle, OMEGA, now=plan.foothold.xy, **fields)
+
+
+def missed(plan: Landing, error: Any, ankle: Any, found: tuple[Foothold, float]) -> Any:
+    """By how much the DCM is not where it was to be at the landing, ``(2,)`` in the axes of the stance foot."""
+    foot, left = found
+    turn, zmp = plan.stance.turn, plan.stance.xy + plan.stance.turn @ ankle
+    xi = plan.dcm(OMEGA, plan.left) + turn @ error
+    landing = zmp + (xi - zmp) * math.exp(OMEGA * left)
+    return turn.T @ (landing - foot.xy - plan.offset)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(-0.05, 0.05), st.floats(-0.05, 0.05), st.floats(0.1, 0.5), st.floats(-0.02, 0.02))
+def test_a_step_is_within_reach_and_no_other_is_better(x: float, y: float, left: float, ankle: float) -> None:
+    """Beside footholds and times on a grid; what is chosen is missed by hardly more than the best of them."""
+    plan, error, dz = planned(left), np.array([x, y]), np.array([0.0, ankle])
+    found = answer(plan, error, dz)
+    np.testing.assert_allclose(STEPS.within(found[0], plan.stance).xy, found[0].xy, atol=1e-12)
+    assert 0.08 <= found[1] <= 0.6
+    if ankle * y >= -1e-9 and abs(ankle) >= abs(y):  # answered by the ankle alone
+        return
+    wide = np.array([REACH.forward, REACH.most - REACH.least])
+    steps = [(x, y) for x in np.linspace(-0.3, 0.3, 7) for y in np.linspace(0.12, 0.35, 5)]
+    feet = [Foothold(LEFT, *(plan.stance.xy + plan.stance.turn @ step)) for step in steps]
+    others = [missed(plan, error, dz, (foot, t)) / wide for t in np.linspace(0.08, 0.6, 6) for foot in feet]
+    best = float(np.linalg.norm(others, axis=1).min())
+    assert float(np.linalg.norm(missed(plan, error, dz, found) / wide)) <= best + 0.06
+
+
+def test_a_push_outwards_lands_sooner_and_wider_one_inwards_later() -> None:
+    plan = planned()
+    seen = [plan.stance.turn.T @ (answer(plan, (0.0, y))[0].xy - plan.stance.xy) for y in (0.0, 0.03, 0.06)]
+    assert seen[0][1] < seen[1][1] <= seen[2][1] <= REACH.most + 1e-12
+    times = [answer(plan, (0.0, y))[1] for y in (-0.03, 0.0, 0.08)]
+    assert times[0] > times[1] + 0.05
+    assert times[2] < times[1] - 0.05
+
+
+def test_what_an_ankle_does_needs_no_step() -> None:
+    """A ZMP beyond the DCM leads it back; small errors and a foot that has no time go where they were going."""
+    plan = planned()
+    for error, ankle, least in (
+        ((0.0, 0.02), (0.0, 0.03), 0.0),
+        ((-0.01, 0.0), (-0.02, 0.0), 0.0),
+        ((0.003, 0.002), (0.0, 0.0), 0.02),
+    ):
+        foot, left = answer(plan, error, ankle, least=least)
+        np.testing.assert_allclose(foot.xy, plan.foothold.xy, atol=1e-12)
+        assert left == plan.left
+    foot, left = answer(plan, (0.1, 0.0), speed=0.2)
+    assert np.linalg.norm(foot.xy - plan.foothold.xy) <= math.sqrt(2.0) * 0.2 * left + 1e-9
 
 
 # ------------------------------------------------------------------------------------------------ pendulum

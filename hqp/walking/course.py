@@ -1,0 +1,97 @@
+"""A walker in MuJoCo, on the state that its simulated sensors give."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hqp.arrays import Vec
+from hqp.estimation import FeetEstimator
+from hqp.robots.on_mujoco import Noise, Plane, Plant, Sensors, Terrain
+from hqp.walking.walker import Walker
+
+if TYPE_CHECKING:
+    from hqp.robot import State
+    from hqp.tick import Tick
+
+NOISY = Sensors(
+    orientation=Noise(0.002),
+    gyro=Noise(0.01),
+    accelerometer=Noise(0.05),
+    angle=Noise(1e-4),
+    rate=Noise(0.02),
+    force=Noise(2.0),
+)
+"""A usual humanoid's: IMU, encoders, foot forces [rad, rad/s, m/s^2, N]."""
+
+LEAST = 0.9
+"""A foot that bears so many newtons per kilogram of the robot stands, for the estimator."""
+
+FALLEN = 0.7
+"""Share of the CoM's height below which a robot has fallen."""
+
+
+class Course:
+    """A walker, the plant that it moves and the estimator between; ``step`` is one tick of it.
+
+    sensors: of the plant; None for none at all: the walker is told the true state.  delay: of torques [s].
+    terrain: level, with mu 0.6, for None.  start: configuration ``(nq,)``, home for None.  offsets: what encoders are
+    off by ``(nq,)`` [rad].  edit, seed: as of Plant.
+    """
+
+    def __init__(
+        self,
+        walker: Walker,
+        *,
+        sensors: Sensors | None = NOISY,
+        delay: float = 0.004,
+        terrain: Terrain | None = None,
+        start: Vec | None = None,
+        offsets: Vec | None = None,
+        edit: Any = None,
+        seed: int = 0,
+    ) -> None:
+        self.walker, robot = walker, walker.robot
+        soles = [foot.frame for foot in walker.feet]
+        self.base: str = robot.landmarks["base"][0]
+        self.plant = Plant(
+            robot,
+            terrain=terrain or Plane(friction=0.6),
+            sensors=sensors or Sensors(),
+            imu=self.base,
+            watched=soles,
+            delay=delay,
+            edit=edit,
+            seed=seed,
+        )
+        q, _ = self.plant.reset(robot.home.copy() if start is None else start)
+        self.offsets: Vec = np.zeros(robot.nq) if offsets is None else offsets
+        self.estimator: FeetEstimator | None = None
+        if sensors is not None:
+            self.estimator = FeetEstimator(robot, soles, walker.dt, q, least_load=LEAST * robot.mass)
+        self.state: State = robot.state(q)
+        """What the walker was told last."""
+        self._steps = round(walker.dt / self.plant.timestep)
+
+    def step(self, push: ArrayLike | None = None) -> Tick:
+        """One tick; push: a force on the base during it ``(3,)`` [N]."""
+        reading = self.plant.measure()
+        q, v, loads = reading.q + self.offsets, reading.v, reading.contacts.load
+        if self.estimator is not None:
+            q, v = self.estimator.update(q, v, reading.accelerometer, loads)
+        self.state = self.walker.robot.state(q, v)
+        tick = self.walker.step(self.state, loads)
+        if push is not None:
+            self.plant.push(self.base, np.asarray(push, dtype=np.float64))
+        self.plant.step(tick.command, steps=self._steps)
+        return tick
+
+    @property
+    def fallen(self) -> bool:
+        """Whether the CoM is far below where it is to be, above the lower foot."""
+        if not np.isfinite(self.plant.data.qpos).all():
+            return True
+        ground = min(self.plant.place(foot.frame)[0][2] for foot in self.walker.feet)
+        return bool(self.plant.com()[2] - ground < FALLEN * self.walker.height)
