@@ -33,6 +33,7 @@ from .terrain import Bumps, Plane, Ramp, Step, Terrain, Tiles
 __all__ = [
     "Bumps", "Contacts", "Noise", "Plane", "Plant", "Ramp", "Reading", "Sensors", "Servo", "StateMap", "Step",
     "Terrain",
+    "Tiles",
 ]  # fmt: skip
 
 _LEVEL, _PERFECT = Plane(), Sensors()

@@ -27,6 +27,9 @@ from hqp.walking.feet import Foot, leg_joints
 EDGE = 0.005
 """The ZMP keeps this further from the edge of the support than the centres of pressure [m]."""
 
+FIRM = 4.0
+"""Weight of the balance beside trunk and swing foot: at 1 the foot of a long step pushes the body off its course."""
+
 HASTE = Price(0.03)
 """A swing foot has half a second for its way: at the price that its gains ask for it lags behind while it lifts."""
 
@@ -68,7 +71,7 @@ class Stacks:
     ) -> None:
         legs = leg_joints(robot, feet)
         rest = tuple(name for name in robot.joint_names if name not in legs)
-        self.balance = Balance(law=laws.balance, margin=EDGE, height=height)
+        self.balance = Balance(law=laws.balance, margin=EDGE, height=height, weight=FIRM)
         self.height = Com(axes="z", law=laws.height, name="height")
         self.trunk = Orientation(frame=robot.landmarks["base"][0], law=laws.trunk, name="trunk")
         self.posture = Posture(joints=rest, law=laws.posture) if rest else None

@@ -14,6 +14,12 @@ RISE = 0.45
 LEAD = 0.03
 """The foot is above its goal this long before it lands [s]."""
 
+FOLLOWS = 0.06
+"""A goal that moved is reached in no less [s]."""
+
+HASTENS = 3.0
+"""A foot that has not found the ground in time goes down faster and faster [m/s^2]."""
+
 
 def quintic(x: Vec, v: Vec, a: Vec, goal: Vec, duration: float, after: float, rate: Vec) -> tuple[Vec, Vec, Vec]:
     """Position, velocity, acceleration ``(k,)`` each ``after`` [s] on the quintic from (x, v, a) to (goal, rate, 0).
@@ -36,7 +42,7 @@ class Swing:
     """Position and yaw of a foot from lift-off to touch-down: each tick a polynomial from where it is to its goal.
 
     start, goal: (x, y, z, yaw) ``(4,)`` [m, rad].  duration [s].  height: above the higher of start and goal [m].
-    search: speed downwards at the goal and after it, until ``depth`` below it [m/s, m].
+    search: speed downwards at the goal, which grows after it, until ``depth`` below it [m/s, m].
     The path is twice continuously differentiable while the goal stays where it is; with a goal that moves
     (``retarget``) position, velocity and acceleration go on from what they were.  Raises DeclarationError for fields.
     """
@@ -52,12 +58,16 @@ class Swing:
         self.goal = _four("goal", goal)
         self.v, self.a = np.zeros(4), np.zeros(4)
         self.duration, self.time, self.search, self.depth = duration, 0.0, search, depth
+        self._moved = -FOLLOWS
         self._top = max(float(self.x[2]), float(self.goal[2])) + height
 
     def retarget(self, goal: Vec, fastest: float, dt: float) -> None:
         """Move the goal ``(4,)`` towards another one, by at most ``fastest`` dt [m/s, rad/s] each."""
         most = fastest * dt
-        self.goal = self.goal + np.clip(_four("goal", goal) - self.goal, -most, most)
+        before = self.goal
+        self.goal = before + np.clip(_four("goal", goal) - before, -most, most)
+        if not np.array_equal(self.goal, before):
+            self._moved = self.time
 
     @property
     def left(self) -> float:
@@ -66,12 +76,12 @@ class Swing:
 
     def step(self, dt: float) -> tuple[Vec, Vec, Vec]:
         """One tick on: (x, y, z, yaw), its velocity and acceleration, ``(4,)`` each."""
-        level, left = [0, 1, 3], self.left - LEAD
-        still = np.zeros(3)
+        level, still = [0, 1, 3], np.zeros(3)
+        left = max(self.left - LEAD, self._moved + FOLLOWS - self.time)
         if left >= dt:
             x, v, a = quintic(self.x[level], self.v[level], self.a[level], self.goal[level], left, dt, still)
         else:
-            x, v, a = self.goal[level] if left > 0.0 else self.x[level], still, still
+            x, v, a = self.goal[level], still, still
         z, vz, az = self._height(dt)
         self.time += dt
         for into, of_level, of_z in ((self.x, x, z), (self.v, v, vz), (self.a, a, az)):
@@ -89,10 +99,10 @@ class Swing:
         elif left >= dt:
             found = quintic(*now, goal, left, dt, down)
         else:
-            lowest = float(self.goal[2]) - self.depth
-            from_here = float(goal[0] if left > 0.0 else self.x[2])
-            z = max(from_here - self.search * min(dt, dt - left), lowest)
-            return z, -self.search if z > lowest else 0.0, 0.0
+            lowest, late = float(self.goal[2]) - self.depth, min(dt, dt - left)
+            from_here, before = (float(goal[0]), -self.search) if left > 0.0 else (float(self.x[2]), float(self.v[2]))
+            z = from_here + before * late - 0.5 * HASTENS * late * late
+            return (z, before - HASTENS * late, -HASTENS) if z > lowest else (lowest, 0.0, 0.0)
         z, vz, az = (float(part[0]) for part in found)
         return z, vz, az
 

@@ -50,9 +50,15 @@ CLEAR = 0.02
 CORRECTION = 1.5
 """The goal of a swing foot moves no faster [m/s]."""
 
-LAST, LONGEST, HURRY = 0.08, 1.6, 1.0
-"""A landing is not moved when so little time is left [s], nor beyond this share of a swing's time; by how many seconds
-a second it may."""
+LAST, LONGEST, HURRY = 0.08, 1.6, 3.0
+"""The time of a landing is not moved when so little is left [s], nor beyond this share of a swing's time; by how many
+seconds a second it may be."""
+
+AHEAD = 0.02
+"""A swing foot that something holds back pushes no harder than its gains make of so much [m]."""
+
+SOONEST = 0.05
+"""In no less a swing foot gets elsewhere [s]."""
 
 WEIGHS, SAG = 2.0, 0.02
 """[1/s] of the error of the CoM's height in its reference, and the most of it [m]: masses are not known exactly."""
@@ -179,7 +185,8 @@ class Walker:
             self._weigh(float(felt.sum()))
         self._bound(tick.command)
         self._t += self.dt
-        self._since += self.dt
+        if self.phase != "swing" or self._t < self._T:  # later the plan waits for the foot
+            self._since += self.dt
         self.time += self.dt
         return tick
 
@@ -249,6 +256,7 @@ class Walker:
             self.session.change(stack)
             self._now = stack
         if phase == "swing":
+            self.holds[self.stance] = self.feet[self.stance].placed(state)  # on what it has settled
             foot = self.feet[1 - self.stance]
             p, yaw = state.position(foot.frame), yaw_of(state.rotation(foot.frame))
             self._nominal = self._target = self.footsteps.next(self.holds[self.stance], self.command)
@@ -364,25 +372,26 @@ class Walker:
         gait, swing, planned = self.gait, self._swing, self._planned
         now = swing.x[:2] + rotation(swing.x[3]) @ np.array(self.feet[planned.foothold.side].middle)
         self._target, left = adjust(
-            replace(planned, left=self._T - self._t), self.footsteps, error, ankle, self.omega, now=now,
-            soonest=LAST, latest=LONGEST * gait.single - self._t, usual=gait.single - self._t, speed=CORRECTION,
+            replace(planned, left=max(self._T - self._t, 0.0)), self.footsteps, error, ankle, self.omega, now=now,
+            soonest=SOONEST, latest=LONGEST * gait.single - self._t, usual=gait.single - self._t, speed=CORRECTION,
             least=LEAST,
         )  # fmt: skip
         swing.retarget(self._goal(), CORRECTION, self.dt)
         later = self._t + left - self._T
-        if abs(later) > self.dt:
-            self._T += math.copysign(HURRY * self.dt, later)
+        if abs(later) > self.dt and self._T - self._t > LAST:
+            self._T += math.copysign(min(HURRY * self.dt, abs(later)), later)
             swing.duration = self._T
             self._plan()
 
     def _swing_reference(self, state: State, error: Vec, pushed: Vec) -> Reference:
         """Pose of the swing foot; its goal moves to where the error of the DCM is met."""
         assert self._swing is not None
-        side, left = 1 - self.stance, self._swing.left
-        if self._t > 0.1 and left > LAST:
+        side = 1 - self.stance
+        if self._t > SOONEST:
             self._adjust(error, pushed)
         (x, y, z, yaw), v, a = self._swing.step(self.dt)
-        z = self._swing.x[2] = max(z, float(state.position(self.feet[side].frame)[2]) - 0.02)
+        here = state.position(self.feet[side].frame)
+        x, y, z = self._swing.x[:3] = np.clip((x, y, z), here - AHEAD, here + (AHEAD, AHEAD, np.inf))
         z -= self._sunk[side] * min(1.0, self._t / (0.3 * self._T))
         target = np.eye(4)
         target[:3, :3], target[:3, 3] = _about(yaw), (x, y, z)
