@@ -53,8 +53,13 @@ paper:
 	mkdir -p build
 	cd paper && pandoc paper.md --citeproc -V geometry:margin=25mm -V fontsize=10pt -o ../build/paper.pdf
 
-# The kernel as a C++ library: a recorded loop of G1 is solved again and agrees to 1e-12.
+# Sessions in C++: recorded loops give the same bits, without an allocation; the kernel alone agrees to 1e-12.
+REPLAYED := build/replay
 test-cpp: setup
+	$(BIN)/python -m tests.export.native.record --ticks 1000 --folder $(REPLAYED)
+	cmake -S tests/export/native -B build/session -Dhqp_DIR=$$($(BIN)/hqp --cmake-dir) > $(REPLAYED)/configure.log
+	cmake --build build/session --target replay
+	build/session/replay 0 $(REPLAYED)/*.hqp
 	mkdir -p build/cpp
 	$(BIN)/python examples/cpp/record.py build/cpp/g1.bin
 	cmake -S examples/cpp -B build/cpp -Dhqp_DIR=$$($(BIN)/hqp --cmake-dir) > build/cpp/configure.log
@@ -77,7 +82,7 @@ test-arm: setup
 problem-sets: setup
 	$(BIN)/python -m benchmarks.speed.publish build/problem_sets
 
-CPP := $(wildcard hqp/cpp/*/*.hpp hqp/cpp/*/*.cpp tests/solvers/native/*.cpp)
+CPP := $(wildcard hqp/cpp/*/*.hpp hqp/cpp/*/*.cpp tests/solvers/native/*.cpp tests/export/native/*.cpp examples/cpp/*.cpp)
 
 # Every MJCF of PyPI packages (340 MB), read and compared with MuJoCo; examples on models of packages.
 CORPUS := build/corpus
@@ -95,14 +100,21 @@ check: setup
 	$(BIN)/mypy
 	$(BIN)/pyright
 
-# The kernel under the address and undefined-behaviour sanitizers, over every stored problem and hard random ones.
+# The kernel under the address and undefined-behaviour sanitizers, over every stored problem and hard random ones;
+# sessions from plans' files with random damage, 1700 of each of six.
 SANITIZED := build/sanitized
+DAMAGED ?= 1700
 sanitize: setup
 	mkdir -p $(SANITIZED)
 	$(BIN)/python -m tests.solvers.native.dump $(SANITIZED)
 	$(CXX) -std=c++17 -O1 -g -Wall -Wextra -Wno-psabi -fsanitize=address,undefined -fno-sanitize-recover=all \
 	    -Ihqp/cpp/solver -DHQP_ISA=generic tests/solvers/native/drive.cpp -o $(SANITIZED)/drive
 	$(SANITIZED)/drive $(SANITIZED)/*.bin
+	$(BIN)/python -m tests.export.native.record ur5 g1 --ticks 1 --folder $(SANITIZED)
+	cmake -S tests/export/native -B $(SANITIZED)/session -DCMAKE_BUILD_TYPE=None -Dhqp_DIR=$$($(BIN)/hqp --cmake-dir) \
+	    -DCMAKE_CXX_FLAGS="-O1 -g -Wno-psabi -fsanitize=address,undefined -fno-sanitize-recover=all"
+	cmake --build $(SANITIZED)/session --target damaged
+	$(SANITIZED)/session/damaged $(DAMAGED) $(SANITIZED)/*.hqp
 
 # Random hierarchies of many kinds, judged by the certificate: COUNT of each kind, at most SECONDS in all.
 COUNT ?= 5000

@@ -74,7 +74,8 @@ int main(int argc, char** argv) {
     workspace->solve(problem, hqp::Options{}, answer);
     seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 
-    for (int i = 0; i < n; ++i) worst = std::fmax(worst, std::fabs(x[i] - expected[i]) / (1.0 + std::fabs(expected[i])));
+    for (int i = 0; i < n; ++i)
+      worst = std::fmax(worst, std::fabs(x[i] - expected[i]) / (1.0 + std::fabs(expected[i])));
   }
   std::fclose(file);
   std::printf("%d ticks, largest difference %.2g, %.1f us a solve\n", ticks, worst, 1e6 * seconds / ticks);

@@ -29,7 +29,13 @@ class Coordinates {
         still_(n, 0.0),
         inverse_(n, 1.0),
         unit_(n, 1.0),
-        flat_at_(n, 0) {}
+        flat_at_(n, 0) {
+    const std::size_t all = static_cast<std::size_t>(n);
+    for (auto* part : {&y_, &square_, &work_}) part->reserve(ld_);
+    order_.reserve(all);
+    T_.reserve(all * ld_);
+    Z_.reserve((all + 1) * (all + 1) / 4 + all + 1);
+  }
 
   // F: (r, n), or its diagonal where r = 0, or null for the identity; f: (r), (n) for a diagonal, or null.
   void set(const double* F, const double* f, int r) {

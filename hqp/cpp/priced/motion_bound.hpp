@@ -37,6 +37,14 @@ class MotionBound {
     std::size_t most = 1;
     for (const PricedLevel& level : levels) most = std::max<std::size_t>(most, level.m);
     value_.resize(most);
+    known_ = std::make_shared<Known>(levels.size());
+    for (std::size_t k = 0; k < levels.size(); ++k) {
+      Then& then = known_->then[k];
+      then.equal.reserve(levels[k].m);
+      then.index.reserve(levels[k].m);
+      then.rows.reserve(static_cast<std::size_t>(levels[k].m) * n);
+      known_->inverse[k].still.reserve(n);
+    }
   }
 
   void forget() {

@@ -42,6 +42,15 @@ class Refined {
       first_[k] = before;
       before += levels[k].m;
     }
+    known_ = std::make_shared<Known>(levels.size());
+    for (std::size_t k = 0; k < levels.size(); ++k) {
+      Last& last = known_->last[k];
+      const std::size_t all = static_cast<std::size_t>(first_[k] + levels[k].m);
+      last.rows.reserve(all);
+      last.lambda.reserve(all);
+      last.part.reserve(all);
+      last.inverse.reserve(triangle(n));
+    }
   }
 
   void forget() {
@@ -91,7 +100,6 @@ class Refined {
       }
     }
     const std::size_t size = static_cast<std::size_t>(c) * (c + 1) / 2;
-    if (last.inverse.capacity() > 2 * size) last.inverse = {};
     last.inverse.resize(size);
     for (int j = 0; j < c; ++j)
       std::copy(inverse + static_cast<std::size_t>(j) * c, inverse + static_cast<std::size_t>(j) * c + j + 1,

@@ -18,6 +18,11 @@ constexpr double kClearOf = 1e-5;   // mu above this fraction of the largest squ
 
 class Secular {
  public:
+  void reserve(std::size_t m) {
+    for (auto* table : {&U_, &gram_, &factor_}) table->reserve(m * m);
+    for (auto* part : {&square_, &lambda_, &part_}) part->reserve(m);
+  }
+
   // Rows M (m, ld) are replaced by the rotated ones, e (m) by U'e, where there are few.
   void solve(double* M, int ld, int N, double* e, int m, double price) {
     m_ = m;

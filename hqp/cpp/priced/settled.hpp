@@ -55,6 +55,10 @@ class Settled {
       first_[k] = before;
       before += levels[k].m;
     }
+    for (auto& set : warm_) set.reserve(rows);
+    for (auto* table : {&W_, &G_}) table->reserve(static_cast<std::size_t>(n) * n);
+    taken_out_.reserve(n);
+    out_.reserve(n);
   }
 
   void keep(CarryOver& warm) {

@@ -34,7 +34,7 @@ class StageLevels final : public PricedStages {
         accounts_(n, level_),
         settled_(n, level_, total(levels, m), tolerances.met),
         variables_(n + total(levels, m) + most(levels, m)),
-        search_(total(levels, m) + most(levels, m) + 2 * variables_, n, variables_),
+        search_(total(levels, m) + most(levels, m) + 2 * variables_, n, variables_, most(levels, m)),
         rows_(n, total(levels, m) + most(levels, m) + 2 * variables_, total(levels, m), padded(variables_)) {
     last_ = -1;
     int rows = 0;
@@ -52,11 +52,17 @@ class StageLevels final : public PricedStages {
     w_.resize(most(levels, m));
     low_.resize(rows);
     high_.resize(rows);
+    const std::size_t all = static_cast<std::size_t>(n);
+    for (auto* part : {&free_, &seen_}) part->reserve(all * all);
+    for (auto* part : {&z_, &none_}) part->reserve(all);
+    rows_z_.reserve(static_cast<std::size_t>(rows) * all);
+    chosen_.reserve(rows);
     anchors_.reserve(levels);
     spare_.resize(levels);
     for (Anchor& anchor : spare_) {
       anchor.held.reserve(most(levels, m));
       for (auto* part : {&anchor.low, &anchor.high, &anchor.part}) part->reserve(most(levels, m));
+      for (auto* part : {&anchor.weight, &anchor.from}) part->reserve(all);
     }
     for (auto& set : warm_) set.reserve(rows);
     for (StageEnd& end : ends_) {
@@ -423,7 +429,7 @@ class StageLevels final : public PricedStages {
 
   void gather_choice(int free) {
     rows_z_.resize(low_.size() * static_cast<std::size_t>(free));
-    const std::vector<double> none(free, 0.0);
+    none_.assign(free, 0.0);
     double* a = rows_z_.data();
     std::size_t next = 0;
     for (int l = 0; l < static_cast<int>(level_.size()); ++l) {
@@ -438,7 +444,7 @@ class StageLevels final : public PricedStages {
         const double value = dot_any(whole, x_.data(), n_);
         const bool equal = low == high;
         choose_with(a, equal ? 0.0 : std::min(low - value, 0.0), equal ? 0.0 : std::max(high - value, 0.0),
-                    none.data());
+                    none_.data());
       }
     }
   }
@@ -471,7 +477,7 @@ class StageLevels final : public PricedStages {
   int variables_;  // of a stage
   StageSearch search_;
   StageRows rows_;
-  std::vector<double> T_, t_, sizes_, free_, seen_, rows_z_, z_, y_, a_, x_, w_, low_, high_;
+  std::vector<double> T_, t_, sizes_, free_, seen_, rows_z_, z_, none_, y_, a_, x_, w_, low_, high_;
 };
 
 }  // namespace HQP_ISA

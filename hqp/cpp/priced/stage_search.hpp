@@ -34,7 +34,8 @@ struct Aim {
 
 class StageSearch {
  public:
-  StageSearch(int most_rows, int n, int variables)
+  // most: rows of an aim.
+  StageSearch(int most_rows, int n, int variables, int most)
       : n_(n),
         ld_(padded(variables)),
         space_(variables, ld_),
@@ -46,7 +47,13 @@ class StageSearch {
         x_(n),
         move_(n),
         part_(variables),
-        lambda_(variables) {}
+        lambda_(variables) {
+    for (auto* list : {&set_, &rest_, &dependent_, &spanned_}) list->reserve(most_rows);
+    const std::size_t rows = static_cast<std::size_t>(most);
+    for (auto* rowed : {&M_, &K_}) rowed->reserve(rows * ld_);
+    for (auto* part : {&e_, &u_}) part->reserve(rows);
+    secular_.reserve(rows);
+  }
 
   // Every solve from now on ends once so many seconds have gone by; never for 0.
   void limit(double seconds) {

@@ -22,6 +22,16 @@ namespace hqp {
 
 class Guarded {
  public:
+  // Throws PlanError for a plan of which no session can be made.
+  static std::unique_ptr<Guarded> made(std::shared_ptr<const Plan> plan) {
+    try {
+      return std::make_unique<Guarded>(std::move(plan));
+    } catch (const PlanError&) {
+      throw;
+    } catch (const std::exception& error) {  // of a part that looks at its own numbers, or out of memory
+      throw PlanError(std::string("the plan makes no session: ") + error.what());
+    }
+  }
   explicit Guarded(std::shared_ptr<const Plan> plan)
       : line_(std::move(plan)),
         robot_(line_.root().part("robot")),

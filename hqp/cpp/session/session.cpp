@@ -98,7 +98,7 @@ const std::vector<double>& Reference::held() const {
 }
 const std::string& Reference::name() const { return session_->line().members()[member_].name; }
 
-Session::Session(std::shared_ptr<const Plan> plan) : guarded_(std::make_unique<Guarded>(std::move(plan))) {}
+Session::Session(std::shared_ptr<const Plan> plan) : guarded_(Guarded::made(std::move(plan))) {}
 Session::~Session() = default;
 Session::Session(Session&&) noexcept = default;
 Session& Session::operator=(Session&&) noexcept = default;

@@ -1,0 +1,1 @@
+"""Sessions in C++ alone: recorded loops again, allocations counted, damaged files under sanitizers."""

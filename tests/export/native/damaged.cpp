@@ -1,0 +1,86 @@
+// A plan's file with random damage behind a right hash: refused with a PlanError, or a session that steps.  For
+// sanitizers: damaged COUNT FILE.hqp ...
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <iterator>
+#include <memory>
+#include <random>
+#include <string>
+#include <vector>
+
+#include <plan_file.hpp>
+#include <session.hpp>
+
+namespace {
+
+std::string whole(const std::string& body) {
+  std::uint64_t hash = 0xCBF29CE484222325u;
+  for (const char c : body) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001B3u;
+  char head[160];
+  std::snprintf(head, sizeof head, "hqp plan, format %d, version %s, size %zu, hash %016llx\n", hqp::kFormat,
+                hqp::kVersion, body.size(), static_cast<unsigned long long>(hash));
+  return head + body;
+}
+
+// Bytes that go, come, change or change places, digits that become others, and numbers that become strange ones.
+std::string damaged(const std::string& body, std::mt19937& random) {
+  static const char* const kStrange[] = {"-1",      "0",  "1e300", "99999999", "2147483648", "\"nan\"",
+                                         "\"inf\"", "[]", "{}",    "null",     "true",       "-0.5"};
+  std::string found = body;
+  const int times = 1 + int(random() % 3);
+  for (int k = 0; k < times && found.size() > 20; ++k) {
+    const std::size_t at = random() % (found.size() - 10), size = 1 + random() % 8;
+    switch (random() % 6) {
+      case 0:
+        found.erase(at, size);
+        break;
+      case 1:
+        found.insert(at, found.substr(random() % (found.size() - 10), size));
+        break;
+      case 2:
+        found[at] = char(random() % 256);
+        break;
+      case 3:
+        found.resize(at);
+        break;
+      default: {
+        const std::size_t begin = found.find_first_of("0123456789", at);
+        if (begin == std::string::npos) break;
+        const std::size_t end = found.find_first_not_of("0123456789.eE+-", begin);
+        if (random() % 2) found[begin] = char('0' + random() % 10);
+        else found.replace(begin, end - begin, kStrange[random() % (sizeof kStrange / sizeof *kStrange)]);
+      }
+    }
+  }
+  return found;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc < 3) return 2;
+  std::mt19937 random(1);
+  for (int k = 2; k < argc; ++k) {
+    std::ifstream file(argv[k], std::ios::binary);
+    std::string content(std::istreambuf_iterator<char>(file), {});
+    const std::string body = content.substr(content.find('\n') + 1);
+    int refused = 0, stepped = 0;
+    const int count = std::atoi(argv[1]);
+    for (int i = 0; i < count; ++i) {
+      try {
+        hqp::Session session(std::make_shared<const hqp::Plan>(whole(damaged(body, random))));
+        const std::vector<double> q = session.home(), v(std::size_t(session.nv()), 0.0);
+        if (q.size() != std::size_t(session.nq())) continue;
+        for (int tick = 0; tick < 2; ++tick) session.step(q.data(), v.data());
+        ++stepped;
+      } catch (const hqp::PlanError&) {
+        ++refused;
+      }
+    }
+    std::printf("%s: %d of %d refused, %d stepped\n", argv[k], refused, count, stepped);
+    if (refused == 0) return 1;
+  }
+  return 0;
+}

@@ -1,0 +1,105 @@
+// Loops that record.py wrote, again in C++: the same numbers, no memory taken in a step after the first ticks, and how
+// long steps take.  replay TOLERANCE FILE.hqp ...; tolerance 0 for the same bits.
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include <session.hpp>
+
+namespace {
+thread_local bool counting = false;
+thread_local long allocations = 0;
+}  // namespace
+
+#if defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__)
+extern "C" {
+void* __libc_malloc(std::size_t);
+void* __libc_calloc(std::size_t, std::size_t);
+void* __libc_realloc(void*, std::size_t);
+void* __libc_memalign(std::size_t, std::size_t);
+void* malloc(std::size_t size) { return allocations += counting, __libc_malloc(size); }
+void* calloc(std::size_t count, std::size_t size) { return allocations += counting, __libc_calloc(count, size); }
+void* realloc(void* old, std::size_t size) { return allocations += counting, __libc_realloc(old, size); }
+void* aligned_alloc(std::size_t align, std::size_t size) {
+  return allocations += counting, __libc_memalign(align, size);
+}
+}
+#endif
+
+namespace {
+
+constexpr int kFirst = 200;  // ticks in which every kind of tick has come up: buffers of priced levels grow
+
+template <class T>
+std::vector<T> read(std::istream& file, std::size_t count) {
+  std::vector<T> values(count);
+  if (!file.read(reinterpret_cast<char*>(values.data()), static_cast<std::streamsize>(count * sizeof(T)))) {
+    std::fprintf(stderr, "the recording ends too early\n");
+    std::exit(2);
+  }
+  return values;
+}
+
+bool replay(const std::string& plan, double tolerance) {
+  hqp::Session session = hqp::load(plan);
+  std::vector<hqp::Reference> references;
+  for (const std::string& name : session.names()) references.push_back(session.reference(name));
+  std::ifstream file(plan.substr(0, plan.rfind('.')) + ".ticks", std::ios::binary);
+  const std::vector<std::int32_t> head = read<std::int32_t>(file, 4);
+  const std::size_t nq = std::size_t(head[1]), nv = std::size_t(head[2]), n = std::size_t(head[3]);
+  std::vector<double> times;
+  times.reserve(std::size_t(head[0]));
+  double worst = 0.0;
+  long taken = 0, other = 0, statuses = 0;
+  for (int i = 0; i < head[0]; ++i) {
+    const std::vector<std::int32_t> told = read<std::int32_t>(file, 2);
+    for (int k = 0; k < told[0]; ++k) {
+      const std::vector<std::int32_t> what = read<std::int32_t>(file, 3);
+      const std::vector<double> values = read<double>(file, std::size_t(what[2]));
+      hqp::Reference& reference = references[std::size_t(what[0])];
+      if (what[1] == 0) reference.at(values.data(), values.size());
+      if (what[1] == 1) reference.velocity(values.data(), values.size());
+      if (what[1] == 2) reference.acceleration(values.data(), values.size());
+      if (what[1] == 5) reference.hold(values.data(), values.size());
+    }
+    const std::vector<double> numbers = read<double>(file, nq + nv + n);
+    allocations = 0;
+    counting = true;
+    const auto begin = std::chrono::steady_clock::now();
+    const hqp::Tick& tick = session.step(numbers.data(), numbers.data() + nq);
+    times.push_back(std::chrono::duration<double, std::micro>(std::chrono::steady_clock::now() - begin).count());
+    counting = false;
+    if (i >= kFirst) taken += allocations;
+    statuses += static_cast<int>(tick.status()) != told[1];
+    double most = 0.0;
+    for (std::size_t j = 0; j < n; ++j) {
+      const double off = std::fabs(tick.x()[j] - numbers[nq + nv + j]) / (1.0 + std::fabs(numbers[nq + nv + j]));
+      most = off > most || std::isnan(off) ? off : most;
+    }
+    other += !(most <= tolerance);
+    worst = most > worst || std::isnan(most) ? most : worst;
+  }
+  std::sort(times.begin(), times.end());
+  const auto at = [&](double share) { return times[std::size_t(share * double(times.size() - 1))]; };
+  std::printf("| %s | %d | %ld | %.1e | %ld | %ld | %.1f | %.1f | %.1f | %.1f |\n", plan.c_str(), head[0], other, worst,
+              statuses, taken, at(0.5), at(0.99), at(0.999), times.back());
+  return other == 0 && statuses == 0 && taken == 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc < 3) return 2;
+  std::printf(
+      "| plan | ticks | other numbers | by up to | other statuses | allocations | p50 [us] | p99 | p99.9 | max |\n");
+  std::printf("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n");
+  bool good = true;
+  for (int k = 2; k < argc; ++k) good = replay(argv[k], std::atof(argv[1])) && good;
+  return good ? 0 : 1;
+}
