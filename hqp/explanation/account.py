@@ -10,8 +10,8 @@ import numpy as np
 
 from hqp.arrays import Mat, Vec
 from hqp.errors import DeclarationError, closest
-from hqp.explanation.multipliers import MET, NOTHING, cause_of
-from hqp.explanation.words import PRICE, SHARE, Explanation, HeldBack, Loss, Short, told
+from hqp.explanation.multipliers import NOTHING, cause_of
+from hqp.explanation.words import PRICE, SHARE, Explanation, HeldBack, Loss, Short, is_zero, told
 from hqp.formulation import Program
 from hqp.problem import Hierarchy
 from hqp.robot import Robot
@@ -96,7 +96,7 @@ class TickAccount:
     def met(self, element: str) -> bool:
         """Whether an element got what it asked for; raises DeclarationError for an unknown name."""
         i = self.layout.place(element)
-        return bool(self.residual[i] <= MET * (1.0 + self.asked[i]))
+        return is_zero(float(self.residual[i]), float(self.asked[i]))
 
     def cause(self, element: str) -> str:
         """Why an element is not met, as ``explain.Account.cause``; "" where it is."""
@@ -123,7 +123,8 @@ class TickAccount:
         if self.worth.any():
             residual, asked, shares = self.residual.tolist(), self.asked.tolist(), self.shares[:, -1].tolist()
             for i, level in enumerate(self.layout.levels):
-                if shares[level] > 0.0 and residual[i] > NOTED * asked[i] and residual[i] > MET:
+                short = residual[i] > NOTED * asked[i] and not is_zero(residual[i], asked[i])
+                if short and shares[level] > 0.0:
                     yield i, shares[level]
 
     def __str__(self) -> str:

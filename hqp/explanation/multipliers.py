@@ -8,7 +8,7 @@ import numpy as np
 
 from hqp.arrays import Mask, Mat, Vec, row_lengths
 from hqp.certify import Certificate, certificate
-from hqp.explanation.words import PRICE, SHARE, Account, Explanation, HeldBack, Loss, Short
+from hqp.explanation.words import PRICE, SHARE, Account, Explanation, HeldBack, Loss, Short, is_zero
 from hqp.formulation import Place
 from hqp.pricing import Coordinates, is_met, stack_rows
 from hqp.problem import Hierarchy, Motion, Solution
@@ -17,9 +17,6 @@ from hqp.tolerances import NEAR
 
 NOTHING = 1e-6
 """A gradient below this fraction of what its rows could give is zero: no motion lessens the residual."""
-
-MET = 1e-7
-"""A residual below this counts as met, relative to 1 + the size of what was asked."""
 
 
 def explain(
@@ -54,7 +51,7 @@ def explain(
         residual = float(np.sqrt(w @ w))
         off = problem.levels[place.level].slack(still)[place.part] / weight
         asked = float(np.sqrt(off @ off))
-        met = residual <= MET * (1.0 + asked)
+        met = is_zero(residual, asked)
         losses = pushes[place.level]
         cause, fights = ("", ()) if met else _cause(problem, solution, places, name, losses, name in fast)
         losses = losses if cause in ("lost", "limit", "price", "too fast") else ()

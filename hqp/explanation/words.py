@@ -10,6 +10,7 @@ import numpy as np
 from hqp.arrays import Vec
 from hqp.certify import Certificate
 from hqp.errors import closest
+from hqp.tolerances import ZERO_RESIDUAL
 
 SHARE = 0.01
 """Losses below this fraction of the whole are omitted."""
@@ -22,6 +23,11 @@ PRICE = "its price"
 
 OUT_OF_REACH = "out of reach: no motion of the robot lessens it"
 """What explanations and notes say where the cause is ``out of reach``."""
+
+
+def is_zero(residual: float, asked: float) -> bool:
+    """Whether a residual counts as zero beside what was asked, for notes, accounts, explanations and the viewer."""
+    return residual <= ZERO_RESIDUAL * (1.0 + asked)
 
 
 @dataclass(frozen=True)

@@ -11,15 +11,12 @@ import numpy as np
 
 from hqp.arrays import Vec
 from hqp.explanation.multipliers import explain
-from hqp.explanation.words import PRICE, Explanation, Loss
+from hqp.explanation.words import PRICE, Explanation, Loss, is_zero
 from hqp.formulation import Place
 from hqp.problem import Hierarchy, Motion, Rows, Selection, Solution, Status
 
 from .description import Member, StackDescription
 from .headline import make_headline
-
-MET = 0.01
-"""A residual below this fraction of what was asked counts as met on the page."""
 
 NEAR = 0.01
 """A target nearer than this counts as reached [m, rad]."""
@@ -96,7 +93,7 @@ def make_account(
     levels = []
     for k, title in enumerate(stack.levels):
         members = stack.of_level(k)
-        views = tuple(_element(m, snapshot, told, errors.get(m.name), stack, active) for m in members)
+        views = tuple(element_view(m, snapshot, told, errors.get(m.name), stack, active) for m in members)
         residual = float(np.linalg.norm(snapshot["residuals"][k]))
         levels.append(LevelView(k, title, views, _worst(views), residual))
     missing = tuple(m for m in stack.members if m.level < 0)
@@ -184,7 +181,7 @@ def _joints(
     return tuple(sorted(views, key=lambda view: [not view.what.startswith(start) for start in order]))
 
 
-def _element(
+def element_view(
     m: Member,
     snapshot: Mapping[str, Any],
     told: Explanation | None,
@@ -192,18 +189,15 @@ def _element(
     stack: StackDescription,
     active: Mapping[str, list[tuple[str, int]]],
 ) -> ElementView:
+    """One element of a tick; told: the explanation of the tick, None where there is none."""
     w = np.asarray(snapshot["residuals"][m.level])[m.part] / m.weight
     residual = float(np.sqrt(w @ w))
-    _, lower, _upper = snapshot["rows"][m.level]
-    asked = lower[m.part]
-    asked = np.where(np.isfinite(asked), asked, 0.0)
-    size = float(np.sqrt(asked @ asked)) / m.weight
+    met = is_zero(residual, 0.0) if told is None else told[m.name].met
     distance = "" if error is None else error[1]
     if not m.equality:
         rows = active.get(m.name, [])
-        state = "violated" if residual > 1e-6 * (1.0 + size) else "met"
+        state = "met" if met else "violated"
         return ElementView(m.name, state, residual, "", f"{len(rows)} active" if rows else "")
-    met = residual <= 1e-5 + MET * size
     if met:
         far = error is not None and error[0] > NEAR
         return ElementView(m.name, "moving" if far else "met", residual, distance, "")

@@ -15,6 +15,8 @@ from tests.solvers.kinds import KINDS
 
 LARGEST = 60
 SOLVED = (Status.OPTIMAL, Status.RANK_UNCERTAIN, Status.CONSTRAINTS_VIOLATED)
+LOOSE = {("conflicts", False), ("row_scales", True)}
+"""Judged at 1e-6, all others at 1e-8: a bound off by 5e-8 where rows conflict, rows of a level 1e5 apart."""
 REFUSED = {("near_parallel", False), ("near_parallel", True), ("vertex", True), ("conflicts", True)}
 """One in a hundred problems of these is refused: rows too nearly parallel, or 1e-9 times as long as others."""
 
@@ -49,7 +51,8 @@ def test_an_answer_that_counts_as_solved_passes_the_certificate(kind: str, flat:
         case = priced(exact, np.random.default_rng([seed, 7]), flat)
         solution = solver.solve(case)
         if solution.status in SOLVED:
-            verdict = certificate(case, solution.x, 1e-6, solution.stage_points)
+            tolerance = 1e-6 if (kind, flat) in LOOSE else 1e-8
+            verdict = certificate(case, solution.x, tolerance, solution.stage_points)
             assert verdict.ok, f"{kind} {seed}: {solution.status.name}, but {verdict}"
             solved += 1
     assert solved >= (1 if kind == "large" else 15)

@@ -5,19 +5,24 @@ from __future__ import annotations
 import math
 import pickle
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import hqp
-from hqp import PD, Level, P, Stack, Status
+from hqp import PD, Hierarchy, Level, P, Rows, Solution, Stack, Status
 from hqp.errors import DeclarationError, HqpError
-from hqp.explanation.account import TickAccount
+from hqp.explanation.account import Layout, TickAccount
+from hqp.explanation.multipliers import explain
 from hqp.explanation.questions import Teller
 from hqp.explanation.words import PRICE, Short
+from hqp.formulation import Place
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, PointContact, Position, Posture, TorqueLimits
+from hqp.tolerances import ZERO_RESIDUAL
+from hqp.viewer.account import element_view
 
 DT = 0.002
 
@@ -53,6 +58,27 @@ def drive(robot: Robot, run: hqp.Session, hand: Position, ahead: Any, ticks: int
 
 def both(tick: hqp.Tick, element: str) -> tuple[str, str]:
     return tick.explain()[element].cause, tick.account().cause(element)
+
+
+@pytest.mark.parametrize(("times", "met"), [(0.99, True), (1.01, False)])
+def test_a_residual_is_zero_to_all_or_to_none(times: float, met: bool) -> None:
+    """The account, its notes, the explanation and the viewer's view of one row at the border of ZERO_RESIDUAL."""
+    asked = 1e-6
+    residual = times * ZERO_RESIDUAL * (1.0 + asked)
+    layout = Layout(("hand",), (0,), (False,), 1, np.ones(1))
+    account = TickAccount(0, layout, np.array([residual, asked, 1.0, 1.0, 0.0, 1.0, 1.0]))
+    assert account.met("hand") is met
+    assert bool(list(account.priced())) is not met
+    bound, x = np.array([asked]), np.array([asked - residual])
+    problem = Hierarchy((Rows(np.eye(1), bound, bound),))
+    solution = Solution(x, Status.OPTIMAL, (bound - x,), (np.array([2], dtype=np.int8),))
+    element: Any = SimpleNamespace(weight=1.0, equality=True, name="hand")
+    told = explain(problem, solution, {"hand": Place(element, 0, slice(0, 1), "hand")}, {})
+    assert told["hand"].met is met
+    snapshot = {"residuals": (bound - x,)}
+    member: Any = SimpleNamespace(name="hand", level=0, part=slice(0, 1), weight=1.0, equality=True, contact=False)
+    stack: Any = SimpleNamespace(constraints=0)
+    assert (element_view(member, snapshot, told, None, stack, {}).state == "met") is met
 
 
 def test_what_is_met_has_no_cause() -> None:
