@@ -38,6 +38,9 @@ Kernel: TypeAlias = tuple[Callable[[], Counts], Vec, Signs, object]
 BEGINS = (0, 1)
 """Outcomes of a kernel from which stages can start: an optimum, also one of uncertain rank."""
 
+CUT = (4, 5)
+"""Outcomes of a kernel that ended before an optimum, by its count or its time."""
+
 UNSETTLED = 99
 """Outcome of a kernel's solve that does not settle every priced level."""
 
@@ -115,14 +118,11 @@ class StagedWorkspace:
             self._bind(problem)
         problem.check_prices(self._shape.priced)  # they may have been refilled
         self._began = perf_counter()
-        if not (head := self._native.head):
+        if not self._native.head:
             return self._priced(problem, self._exact.solve(self._plain))
         if (counts := self._from_head()) is not None:
             return self.answer(problem, counts)
-        exact = self._in_the_rest(lambda: self._exact.solve(self._plain))
-        if exact.status.cut:  # nothing tells that another level is the first that is not met
-            self._native.head = head
-        return self._priced(problem, exact)
+        return self._priced(problem, self._in_the_rest(lambda: self._exact.solve(self._plain)))
 
     def kernel(self, problem: Hierarchy) -> Kernel | None:
         """The exact hierarchy's kernel, as NativeWorkspace.kernel; its outcome is UNSETTLED where stages follow."""
@@ -146,7 +146,7 @@ class StagedWorkspace:
 
         def settled() -> Counts:
             self._began = perf_counter()
-            if not (head := native.head):
+            if not native.head:
                 counts = solve()
             elif (found := self._from_head()) is not None:
                 return found
@@ -154,7 +154,6 @@ class StagedWorkspace:
                 counts = self._in_the_rest(solve)
             self._latest, self._staged_it = self._exact, False
             if counts[0] not in BEGINS:
-                native.head = head
                 return counts
             first = stages(x, points, end, 0, self._left())
             return counts if first < 0 else (UNSETTLED, *counts[1:])
@@ -200,6 +199,8 @@ class StagedWorkspace:
             return None
         solve, values, *_ = kernel
         counts = solve()
+        if True:  # nothing tells that another level is the first that is not met
+            self._native.head = head
         if counts[0] not in BEGINS:
             return None
         self._latest = self._heads[head][0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -113,9 +114,8 @@ def test_nothing_of_the_last_answer_is_left_after_a_reset() -> None:
     np.testing.assert_array_equal(after.x, first.x)
 
 
-def test_a_cut_solve_keeps_the_level_that_the_next_begins_at() -> None:
-    """Else the next begins with all levels, far out of reach too slow for the deadline as well: cut for ever."""
-    seen = 0
+def priced_loops() -> Iterator[tuple[Hierarchy, np.random.Generator, Any]]:
+    """Priced problems of which some level is not met, refilled in place by the caller, and a workspace that knows."""
     for kind in KINDS:
         for seed in range(6):
             rng = np.random.default_rng(seed)
@@ -124,31 +124,97 @@ def test_a_cut_solve_keeps_the_level_that_the_next_begins_at() -> None:
             problem = replace(problem, prices=prices).copy()
             workspace: Any = Lexicographic().workspace(problem.shape)
             workspace.solve(problem)
-            if not workspace.stages[0].head:
-                continue
-            for rows in problem.levels[1:]:
-                moved = rng.normal(size=rows.m)
-                rows.lower[:] += moved
-                rows.upper[:] += moved
-            workspace.limit(1e-9)
-            assert workspace.solve(problem).status is Status.TIME_LIMIT
-            assert workspace.stages[0].head > 0
+            if workspace.stages[0].head:
+                yield problem, rng, workspace
+
+
+def move(problem: Hierarchy, rng: np.random.Generator, by: float) -> None:
+    for rows in problem.levels[1:]:
+        moved = by * rng.normal(size=rows.m)
+        rows.lower[:] += moved
+        rows.upper[:] += moved
+
+
+def test_a_cut_solve_keeps_the_level_that_the_next_begins_at() -> None:
+    """Else the next begins with all levels, far out of reach too slow for the deadline as well: cut for ever."""
+    kept = met = 0
+    for problem, rng, workspace in priced_loops():
+        head = workspace.stages[0].head
+        move(problem, rng, 1.0)
+        workspace.limit(1e-9)
+        assert workspace.solve(problem).status is Status.TIME_LIMIT
+        after = workspace.stages[0].head
+        kept += after > 0
+        if after == 0:  # the levels above were solved all the same, and that level was found to be met
+            fresh: Any = Lexicographic().workspace(problem.shape)
+            fresh.solve(problem)
+            assert fresh.stages[0].head != head
+            met += 1
+    assert kept > 20
+    assert met < 5
+
+
+@pytest.mark.parametrize("native", [False, True], ids=["general", "kernel"])
+def test_a_level_that_is_met_by_now_is_no_longer_the_first(native: bool) -> None:
+    """Else every solve spends its time on that level before it begins with all of them: cut for ever."""
+    seen = 0
+    for problem, _, workspace in priced_loops():
+        kernel: Any = workspace.kernel(problem) if native else None
+        for rows in problem.levels[1:]:
+            rows.lower[:], rows.upper[:] = -1e3, 1e3
+        workspace._exact.limit(1e-9)
+        cut = kernel[0]()[0] == 5 if native else workspace.solve(problem).status is Status.TIME_LIMIT
+        if cut:
+            assert workspace.stages[0].head == 0
             seen += 1
-    assert seen > 20
+    assert seen > 10
 
 
-def test_a_cut_tick_keeps_it() -> None:
+def test_a_search_goes_on_where_the_last_one_ended() -> None:
+    """Stages of a problem that has moved a little take fewer steps than from the exact answer."""
+    warm = cold = 0
+    for problem, rng, workspace in priced_loops():
+        for by in (0.03, 0.03, 0.03, 0.1, 0.1, 0.1):
+            move(problem, rng, by)
+            found = workspace.solve(problem)
+            fresh: Any = Lexicographic().workspace(problem.shape)
+            np.testing.assert_allclose(found.x, fresh.solve(problem).x, rtol=1e-6, atol=1e-6)
+            warm += workspace.stages[0].effort()[0]
+            cold += fresh.stages[0].effort()[0]
+    assert warm < 0.2 * cold, (warm, cold)
+
+
+def out_of_reach(deadline: float) -> tuple[Any, Any]:
+    """A session of G1 whose hand is asked out of reach, after four ticks, and the hand's task."""
     robot, hand = hqp.robots.load("g1"), hqp.tasks.Position(frame="right_wrist_yaw_link", name="hand")
     feet = [hqp.tasks.FixedContact(frame=frame) for frame in robot.landmarks["soles"]]
     stack = hqp.Stack(hqp.Level(hand), hqp.Level(hqp.tasks.Posture()), subject_to=[*feet, hqp.tasks.JointLimits()])
-    run: Any = hqp.Controller(stack, deadline=1e3).session(robot, 0.002)
-    for _ in range(4):
-        tick = run.step(robot.state(), hand.at(np.array([3.0, 0.0, 1.0])))
-    assert tick.native
+    run = hqp.Controller(stack, deadline=deadline).session(robot, 0.002)
+    ticks = [run.step(robot.state(), hand.at(np.array([3.0, 0.0, 1.0]))) for _ in range(4)]
+    assert ticks[-1].native
+    return run, hand
+
+
+def drawn_pose(robot: hqp.robots.Robot, rng: np.random.Generator) -> np.ndarray:
+    return robot.integrate(robot.home, rng.normal(0.0, 0.3, robot.nv) * (np.arange(robot.nv) > 5), 1.0)
+
+
+def test_a_cut_tick_keeps_it() -> None:
+    run, hand = out_of_reach(1e3)
     assert run.workspace.stages[0].head == 2
-    run.line.budget.deadline = 1e-9
+    run.line.budget = type(run.line.budget)(1e-9)
     rng = np.random.default_rng(0)
     for _ in range(4):
-        q = robot.integrate(robot.home, rng.normal(0.0, 0.3, robot.nv) * (np.arange(robot.nv) > 5), 1.0)
-        run.step(robot.state(q), hand.at(rng.normal(size=3) + [3.0, 0.0, 1.0]))
+        q = drawn_pose(run.line.robot, rng)
+        run.step(run.line.robot.state(q), hand.at(rng.normal(size=3) + [3.0, 0.0, 1.0]))
         assert run.workspace.stages[0].head == 2
+
+
+def test_a_tick_forgets_a_level_that_is_met_by_now() -> None:
+    run, hand = out_of_reach(np.inf)
+    assert run.workspace.stages[0].head == 2
+    run.workspace._exact.limit(1e-9)
+    state = run.line.robot.state(drawn_pose(run.line.robot, np.random.default_rng(0)))
+    tick = run.step(state, hand.at(state.position("right_wrist_yaw_link")))
+    assert tick.status is Status.TIME_LIMIT
+    assert run.workspace.stages[0].head == 0

@@ -27,6 +27,7 @@ class StageLevels final : public PricedStages {
       : n_(n),
         level_(sized(levels, m)),
         warm_(levels),
+        end_at_(levels),
         first_(levels),
         tolerances_(tolerances),
         motions_(n, tolerances.flat),
@@ -65,6 +66,7 @@ class StageLevels final : public PricedStages {
       for (auto* part : {&anchor.weight, &anchor.from}) part->reserve(all);
     }
     for (auto& set : warm_) set.reserve(rows);
+    for (auto& x : end_at_) x.reserve(n);
     for (StageEnd& end : ends_) {
       end.rows.reserve(rows);
       end.lambda.reserve(rows);
@@ -79,6 +81,7 @@ class StageLevels final : public PricedStages {
   bool doubtful() const override { return doubtful_; }
   void reset() override {
     for (auto& set : warm_) set.clear();
+    for (auto& x : end_at_) x.clear();
     chosen_.clear();
     settled_.forget();
   }
@@ -87,6 +90,7 @@ class StageLevels final : public PricedStages {
 
   void keep(CarryOver& warm) override {
     for (auto& set : warm_) warm.list(set);
+    for (auto& x : end_at_) warm.list(x);
     warm.list(chosen_);
     settled_.keep(warm);
   }
@@ -365,12 +369,13 @@ class StageLevels final : public PricedStages {
       N += rows_.add(to);
     }
     if (longest <= rounding_) return;
-    const bool reached = search_.solve(rows_, N, aim, y_.data(), warm_[k], iterations_);
+    const bool reached = search_.solve(rows_, N, aim, y_.data(), warm_[k], iterations_, end_at_[k]);
     ended_ = ended_ && reached;
     uncertain_ = uncertain_ || search_.uncertain();
     doubtful_ = doubtful_ || (!priced && search_.uncertain());
     note(k, own, reached);
     at.point(y_.data(), x_.data());
+    end_at_[k] = x_;
     seen_by_ = &at;
     open_ = leaves(at, n_);
   }
@@ -464,6 +469,7 @@ class StageLevels final : public PricedStages {
   Clock::time_point end_;
   std::vector<PricedLevel> level_;
   std::vector<std::vector<int>> warm_;
+  std::vector<std::vector<double>> end_at_;  // where each level's latest stage ended
   std::vector<int> chosen_;
   std::vector<int> first_;  // each level's first row among all
   Law law_;

@@ -1,7 +1,8 @@
 // One stage: min ||T y - t|| + c/2 |y|^2 over the rows of the stage, or c/2 |y|^2 alone, by a primal active set from a
 // point that keeps to them. On the face of a working set the minimiser is known (secular.hpp), so every step goes to it
 // or to the first row in the way, and the value falls at every step that is not zero; after a zero step the lowest
-// index leaves and enters (Bland's rule), so that no working set comes back.
+// index leaves and enters (Bland's rule), so that no working set comes back. It begins on the way to where the last
+// search ended, as far as the rows allow: a search that is cut goes on there a tick later.
 #pragma once
 
 #include <algorithm>
@@ -66,8 +67,9 @@ class StageSearch {
   bool late() const { return limited_ && Clock::now() > end_; }
 
   // Minimise from y (N), which keeps to the rows.  working: numbers of rows (+ 1, negative at the lower side) to begin
-  // with, and those active at the end.  Whether the optimum was reached.
-  bool solve(StageRows& rows, int N, const Aim& aim, double* y, std::vector<int>& working, int& iterations) {
+  // with, and those active at the end.  near: an x (n) to begin near, or empty.  Whether the optimum was reached.
+  bool solve(StageRows& rows, int N, const Aim& aim, double* y, std::vector<int>& working, int& iterations,
+             const std::vector<double>& near = {}) {
     rows_ = &rows;
     goal_ = aim;
     n_ = rows.n();
@@ -82,6 +84,7 @@ class StageSearch {
     ++iterations;
     bool reached = !working.empty() && on_the_face_of(working, y);
     if (!reached) {
+      if (!near.empty()) approach(near, y);
       const double far = dot_any(y, y, N_);
       reached = descend(working, y, iterations);
       list(working);
@@ -145,6 +148,62 @@ class StageSearch {
       leave(out);
     }
     return false;
+  }
+
+  // y goes towards near, as far as the rows allow, where it lessens the value: near on the face that is held, the
+  // bounds of the latest working set, and near on the equalities.
+  void approach(const std::vector<double>& near, double* y) {
+    double least = value(y);
+    for (const bool face : {true, false}) {
+      if (face && set_.size() == static_cast<std::size_t>(fixed_)) continue;
+      if (face) {
+        for (std::size_t k = 0; k < set_.size(); ++k)
+          lambda_[k] = (*rows_)[set_[k]].bound(side_[set_[k]]) - rows_->shift(set_[k]);
+        space_.meet(lambda_.data(), part_.data());
+      } else {
+        begin();
+        through(y);
+      }
+      rows_->at().motion(near.data(), aim_.data());
+      set_bands(near.data(), true);
+      space_.turn(aim_.data(), N_);
+      space_.split(aim_.data(), lambda_.data());
+      space_.join(aim_.data(), part_.data());
+      space_.turn_back(aim_.data(), N_);
+      rows_->at().point(aim_.data(), x_.data());
+      set_bands(x_.data(), false);
+      for (int j = 0; j < N_; ++j) aim_[j] -= y[j];
+      at_point(y);
+      double far = 1.0;
+      first_in_the_way(y, false, far);
+      for (int j = 0; j < N_; ++j) aim_[j] = y[j] + far * aim_[j];
+      const double there = value(aim_.data());
+      if (!(there < least)) continue;
+      least = there;
+      std::copy(aim_.begin(), aim_.begin() + N_, y);
+    }
+  }
+
+  // Bands in aim_ of all rows, or of those that are not held: to the bound that is held, or the least that x (n) needs.
+  void set_bands(const double* x, bool all) {
+    for (int i = 0; i < rows_->count(); ++i) {
+      const StageRow& row = (*rows_)[i];
+      const bool held = std::abs(side_[i]) == 1;
+      if (row.band < 0 || (held && !all)) continue;
+      const double own = row.a ? dot_any(row.a, x, n_) : row.scale * x[row.only];
+      const double to = held ? row.bound(side_[i]) : larger(smaller(own, row.upper), row.lower);
+      aim_[row.band] = (to - own) / row.share;
+    }
+  }
+
+  // ||T y - t|| + c/2 |y|^2.
+  double value(const double* y) const {
+    double square = 0.0;
+    for (int i = 0; i < goal_.m; ++i) {
+      const double off = dot_any(goal_.T + static_cast<std::size_t>(i) * goal_.ld, y, N_) - goal_.t[i];
+      square += off * off;
+    }
+    return std::sqrt(square) + 0.5 * goal_.price * dot_any(y, y, N_);
   }
 
   // The rows held beside the equalities, as `working`.

@@ -53,6 +53,7 @@ class StagedSolve final : public SolveCall {
     began_ = Clock::now();
     used_ = 0;
     const int level = head_;
+    bool cut = false;
     if (level) {
       const auto at = std::find_if(heads_.begin(), heads_.end(), [&](const Head& h) { return h.level == level; });
       if (at == heads_.end()) return {kAskPython};
@@ -60,12 +61,13 @@ class StagedSolve final : public SolveCall {
       used_ = level;
       Solved solved = at->solve->run(v);
       if (begins(solved) && staged(at->x, level) >= 0) return answered(solved);
+      cut = solved.outcome == kTimeLimit || solved.outcome == kIterationLimit;
       if (limit_ > 0.0) exact_->limit(left());
     }
     used_ = 0;
     Solved solved = exact_->run(v);
     if (level && limit_ > 0.0) exact_->limit(limit_);
-    if (!begins(solved)) head_ = level;  // cut: nothing tells that another level is the first that is not met
+    if (cut) head_ = level;  // nothing tells that another level is the first that is not met
     return begins(solved) && staged(x_, 0) >= 0 ? answered(solved) : solved;
   }
   // Time for run() [s], none for 0.
