@@ -9,6 +9,7 @@ from .balance import Balance
 from .ball_limits import BallLimits
 from .collision import CollisionAvoidance
 from .com import Com
+from .compliance import Admittance, Impedance
 from .cone import Cone
 from .contact import FixedContact, PointContact
 from .coupling import JointCoupling
@@ -34,6 +35,7 @@ from .wheel import OmniWheelContact, WheelContact
 from .within import Within
 
 __all__ = [
+    "Admittance",
     "AlignAxis",
     "Balance",
     "BallLimits",
@@ -52,6 +54,7 @@ __all__ = [
     "FrictionCone",
     "Frozen",
     "HoldingTorque",
+    "Impedance",
     "JointCoupling",
     "JointLimits",
     "JointTorque",

@@ -35,6 +35,7 @@ LIBRARIES = ("pink 4.4", "mink 1.3", "placo 0.10", "tsid 1.10", "embodik 0.23", 
 HAND, HEAD, FEET = "r_palm", "head", ("l_sole", "r_sole")
 FOOT = "l_sole"
 EXAMPLES: dict[str, Callable[[], tuple[Element, ...]]] = {
+    "Admittance": lambda: (t.Admittance(frame=HAND, stiffness=300.0, damping=80.0),),
     "AlignAxis": lambda: (t.AlignAxis(frame=HAND),),
     "Balance": lambda: (t.Balance(points=[(f, x, 0.0, 0.0) for f in FEET for x in (-0.05, 0.15)]),),
     "BallLimits": lambda: (t.BallLimits(),),
@@ -53,6 +54,7 @@ EXAMPLES: dict[str, Callable[[], tuple[Element, ...]]] = {
     "FrictionCone": lambda: (t.FrictionCone(contact=FOOT, mu=0.8),),
     "Frozen": lambda: (t.Frozen(joints=["R_EB"]),),
     "HoldingTorque": lambda: (t.HoldingTorque(joints="R_SAA"),),
+    "Impedance": lambda: (t.Impedance(frame=HAND, stiffness=(300.0, 300.0, 0.0), damping=60.0),),
     "JointCoupling": lambda: (t.JointCoupling({"R_EB": 1.0, "L_EB": -1.0}),),
     "JointLimits": lambda: (t.JointLimits(),),
     "JointTorque": lambda: (t.JointTorque(),),
@@ -84,6 +86,7 @@ HELD = ("ExternalWrench", "Payload", "Frozen", "JointLimits", "BallLimits", "Tor
 CONTACTS = ("EdgeContact", "FixedContact", "OmniWheelContact", "PointContact", "WheelContact", "Weld", "JointCoupling")
 
 ELSEWHERE: dict[str, tuple[str, str, str, str, str, str]] = {
+    "Admittance": ("", "", "", "", "", "CartesianAdmittance"),
     "AlignAxis": ("", "AxisAlignTask", "AxisAlignTask", "", "", ""),
     "BaseVelocityLimits": ("FloatingBaseVelocityLimit", "FreeJointVelocityLimit", "", "", "set_base_*_bounds", ""),
     "CenterOfPressure": ("", "", "Contact6D", "Contact6d, TaskCopEquality", "ZmpAccelerationConstraint", "force::CoP"),
@@ -108,6 +111,7 @@ ELSEWHERE: dict[str, tuple[str, str, str, str, str, str]] = {
     "ForceLimits": ("", "", "", "", "", "force::WrenchLimits"),
     "FrictionCone": ("", "", "Contact", "Contact6d", "", "force::FrictionCone"),
     "Frozen": ("", "DofFreezingTask", "mask_dof", "", "excluded_joint_indices", ""),
+    "Impedance": ("", "", "", "", "", ""),
     "JointCoupling": ("JointCouplingTask, LinearHolonomicTask", "EqualityConstraintTask", "GearTask", "", "", ""),
     "JointLimits": (
         "ConfigurationLimit, VelocityLimit, AccelerationLimit", "ConfigurationLimit, VelocityLimit", "enable_*_limits",

@@ -626,8 +626,67 @@ def balance() -> None:
     )
 
 
+def compliance() -> None:
+    """A table that is pressed, and a spring that is pushed."""
+    import mujoco
+
+    from hqp.robots.on_mujoco import Plant
+
+    def table(spec: Any) -> None:
+        box = spec.worldbody.add_geom(
+            name="table", pos=[0.5, 0, 0.35], size=[0.4, 0.5, 0.05]
+        )
+        box.type, box.priority = mujoco.mjtGeom.mjGEOM_BOX, 2
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(8, 2.8))
+    frame, push = "panda_hand", np.array([15.0, 0.0, 0.0])
+    for k, mass in ((0.0, 4.0), (500.0, 4.0), (1000.0, 4.0)):
+        along = (1000.0, 1000.0, k) if k == 0.0 else k
+        damping = (130.0, 130.0, 400.0) if k == 0.0 else None
+        hand = t.Impedance(
+            frame=frame, stiffness=along, damping=damping, mass=mass, name="hand"
+        )
+        felt = t.ExternalWrench(frame=frame)
+        turn = t.Orientation(frame=frame, law=PD(100.0), name="turn")
+        stack = Stack(
+            Level(hand, turn),
+            posture("torque"),
+            subject_to=[t.TorqueLimits(), t.JointLimits(), felt],
+        )
+        session = hqp.Controller(stack, hqp.Torque(), deadline=math.inf).session(
+            PANDA, DT
+        )
+        plant = Plant(PANDA, watched=(frame,), edit=table if k == 0.0 else None)
+        plant.reset(PANDA.home.copy())
+        start, found = plant.place(frame)[0], []
+        for tick in range(1300):
+            reading = plant.measure()
+            pushed = push if k and 250 <= tick < 900 else np.zeros(3)
+            force = reading.contacts.force[0] + pushed
+            asked = hand.at(force=force, bears=[0.0, 0.0, 20.0 if k == 0.0 else 0.0])
+            state = PANDA.state(reading.q, reading.v)
+            given = session.step(state, asked, felt.at([*force, 0.0, 0.0, 0.0]))
+            plant.push(frame, pushed)
+            plant.step(given.command, steps=2)
+            load, moved = plant.contacts().load[0], plant.place(frame)[0] - start
+            found.append(load if k == 0.0 else 1000 * moved[0])
+        if k == 0.0:
+            panel(left, np.array(found), "measured")
+        else:
+            panel(right, np.array(found), f"K = {k:.0f} N/m")
+    left.axhline(20.0, color="k", ls=":", lw=1)
+    for k in (500.0, 1000.0):
+        right.axhline(15e3 / k, color="k", ls=":", lw=1)
+    finish(
+        figure,
+        "compliance",
+        (left, "a table pressed from the air, 20 N asked [N]"),
+        (right, "pushed by 15 N: moved, F / K dotted [mm]"),
+    )
+
+
 ALL = (
-    balance, within, support_polygon, directions, distance, weld, rates, manipulability, frozen, motors, balls,
+    compliance, balance, within, support_polygon, directions, distance, weld, rates, manipulability, frozen, motors, balls,
     joint_torque, holding, loads,
 )  # fmt: skip
 

@@ -292,7 +292,7 @@ def test_whatever_is_given_the_error_is_ours(cbi: Any, name: str) -> None:
     own = {
         "EdgeContact": {"axis": "y"}, "Cone": {"task": t.AlignAxis(frame=hand), "angle": 0.3},
         "SupportPolygon": {"sole": (-0.1, 0.1, -0.05, 0.05)}, "Frozen": {"joints": cbi.joint_names[0]},
-        "LoadShare": {"contacts": (sole, "r_sole")},
+        "LoadShare": {"contacts": (sole, "r_sole")}, "Admittance": {"damping": 50.0},
     }  # fmt: skip
     cls: Any = REGISTRY[name]
     needed = [
@@ -323,6 +323,7 @@ def test_whatever_is_given_the_error_is_ours(cbi: Any, name: str) -> None:
         t.Pose(frame="r_palm"), t.Position(frame="r_palm"), t.Orientation(frame="r_palm"), t.AlignAxis(frame="r_palm"),
         t.LowAcceleration(), t.JointVelocity(), t.Com(), t.Payload(frame="r_palm"), t.ExternalWrench(frame="r_palm"),
         t.CollisionAvoidance(), t.Within(t.Position(frame="r_palm"), upper=1.0), t.ContactForce(contact="l_sole"),
+        t.Impedance(frame="r_palm"),
     ],
     ids=lambda e: type(e).__name__,
 )  # fmt: skip

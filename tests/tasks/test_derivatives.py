@@ -37,6 +37,11 @@ def examples(n: dict[str, str]) -> dict[str, list[Element]]:
             t.Position(frame=f, relative_to=o, heading=True),
             t.Position(frame=f, relative_to=o, heading=True, axes="yz", offset=(0.1, -0.2, 0.3)),
         ],
+        "Impedance": [
+            t.Impedance(frame=f),
+            t.Impedance(frame=f, axes="zx", stiffness=(300.0, 0.0), damping=(30.0, 50.0), offset=(0.1, -0.2, 0.3)),
+        ],
+        "Admittance": [t.Admittance(frame=f, damping=80.0), t.Admittance(frame=f, damping=80.0, relative_to=o)],
         "Orientation": [
             t.Orientation(frame=f),
             t.Orientation(frame=f, relative_to=o),
