@@ -34,6 +34,12 @@ class Session:
     def tell(self, reference: int, what: int, values: Vec) -> None:
         """What the next step is told: 0 a value, 1 velocity, 2 acceleration, 3 normal, 4 load; 5 a hold value."""
 
+    def say(self, reference: int, present: bool) -> None:
+        """Whether an element is in, in the next step."""
+
+    def phase(self, name: str) -> None:
+        """The phase of the steps from now on, "" for none."""
+
     def held(self, reference: int) -> Sequence[float]:
         """The hold value."""
 

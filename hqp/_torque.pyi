@@ -20,7 +20,7 @@ class Elimination:
         map = [X, c] = H^-1 P ``(nv, n + 1)`` and phi, the products of P's first n columns.
 
         A by columns, the rest by rows.
-        1; 0 with no such map, phi, Q, T, top for dependent constraints; -1 for an A that is not positive definite.
+        The rank of the constraints, -1 for an A that is not positive definite; of dependent ones T is the identity.
         """
 
 class TorqueRows:

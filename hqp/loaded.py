@@ -63,12 +63,19 @@ class LoadedSession:
         """The configuration ``(nq,)`` that the robot's model calls home."""
         return np.array(self._native.home)
 
-    def step(self, q: Vec, v: Vec | None = None, targets: Mapping[str, Target] | None = None) -> LoadedTick:
-        """One tick for q ``(nq,)`` and v ``(nv,)``, zero for None; targets hold for this tick only.
+    def step(
+        self, q: Vec, v: Vec | None = None, targets: Mapping[str, Target] | None = None, phase: str | None = None
+    ) -> LoadedTick:
+        """One tick for q ``(nq,)`` and v ``(nv,)``, zero for None; targets and the phase hold for this tick only.
 
         A target is the value of the element's reference, such as ``hand.at(p).value``, or a tuple of value, velocity
-        and acceleration.  Data never raises.  Raises UnknownReference, or DeclarationError for a wrong shape.
+        and acceleration.  Data never raises.  Raises UnknownReference, or DeclarationError for a wrong shape or a phase
+        that is not there.
         """
+        try:
+            self._native.phase(phase or "")
+        except ValueError as error:
+            raise DeclarationError("phase", str(error), value=phase) from None
         for name, target in (targets or {}).items():
             parts: Sequence[ArrayLike] = target if isinstance(target, tuple) else (target,)
             for what, part in zip((VALUE, VELOCITY, ACCELERATION), parts, strict=False):
@@ -83,6 +90,14 @@ class LoadedSession:
             raise DeclarationError("step", "a state of another shape", value=shapes, allowed=allowed) from None
         told = tuple(Note(element, STATUSES[k], text) for element, k, text in notes)
         return LoadedTick(command, x, residuals, STATUSES[status], told, held)
+
+    def on(self, name: str, present: bool) -> None:
+        """Whether an element is in, in the next step; DeclarationError for a contact at torque level."""
+        self._known(name)
+        try:
+            self._native.say(self._index[name], present)
+        except ValueError as error:
+            raise DeclarationError(name, str(error).removeprefix(f"{name} "), value=present) from None
 
     def hold(self, name: str, value: ArrayLike) -> None:
         """What an element is held at from now on where it has no target."""

@@ -374,10 +374,11 @@ class Payload:
 
 @dataclass(frozen=True, eq=False)
 class ExternalWrench:
-    """Force and moment on a frame ``(6,)``, in its axes with local."""
+    """Force and moment on a frame ``(6,)``, in its axes with local; resisted: whether the robot holds against it."""
 
     frame: Frame
     local: bool
+    resisted: bool
     shape: tuple[int, ...] = field(default=(6,), init=False)
 
 

@@ -89,7 +89,7 @@ class ExternalWrench(_Load):
 
     def plan(self, robot: Robot) -> plans.ExternalWrench:
         """The native operation."""
-        return plans.ExternalWrench(plans.frame(robot, self.frame), self.local)
+        return plans.ExternalWrench(plans.frame(robot, self.frame), self.local, self.resisted)
 
 
 @dataclass(frozen=True, kw_only=True)

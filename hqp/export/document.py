@@ -11,6 +11,7 @@ from hqp.errors import DeclarationError
 from hqp.loop.compiled import Compiled, Compiler
 from hqp.loop.contact_watch import LEAST_LOAD, PATIENCE
 from hqp.loop.outgoing import largest_change
+from hqp.loop.presence import Presence
 from hqp.plans import Constant
 from hqp.problem import Status
 from hqp.robot import Robot
@@ -50,6 +51,7 @@ def document(session: Session) -> tuple[dict[str, Any], list[Vec]]:
             "rates": None if session.line.limiter is None else list(session.line.limiter.inverse),
             "braking": controller.braking,
         },
+        **Presence(compiled.stack, program).parts,
         "elements": [_element(e, compiled, robot) for e in compiled.stack],
         "motion": {**motion, **moving, "bodies": robot.bodies},
         "solver": compiled.workspace.parts(program.problem),  # type: ignore[attr-defined]
@@ -89,8 +91,6 @@ def _require_native(compiled: Compiled, robot: Robot) -> None:
     """Raise DeclarationError for what a file cannot hold."""
     if (found := compiled.program.in_python()) is not None:
         raise _refused(*found)
-    if phases := compiled.stack.phases():
-        raise _refused(phases[0], "it is a phase, of which a session from a file knows none")
     if robot.tree_joints is None:
         raise _refused(robot.name, "it has a joint that native kinematics do not know")
     if not hasattr(compiled.workspace, "parts"):

@@ -49,6 +49,22 @@ class Presence:
         """The phases that the stack names."""
         return tuple(phase for phase in self._by_phase if phase is not None)
 
+    @property
+    def parts(self) -> dict[str, Any]:
+        """For a file: who is out in each phase, the first of them none, and which elements go with which."""
+        declared = [{"name": phase or "", "out": sorted(out)} for phase, out in self._declared.items()]
+        return {"phases": declared, "follows": [f for e in self._members.values() if (f := self._follower(e))]}
+
+    def _follower(self, element: Element) -> dict[str, Any] | None:
+        """Which elements, any one of them or all together, take this one with them."""
+        names = [name for name in self._members if name != element.name]
+        if alone := [name for name in names if element.goes_with({name})]:
+            return {"name": element.name, "every": False, "of": alone}
+        if not element.goes_with(set(names)):
+            return None
+        needed = [name for name in names if not element.goes_with(set(names) - {name})]
+        return {"name": element.name, "every": True, "of": needed}
+
     def require(self, phase: str | None) -> None:
         """Raise DeclarationError for a phase that the stack does not name."""
         if phase not in self._by_phase:

@@ -75,8 +75,8 @@ class ConstrainedDynamics:
         self.phi: Mat = np.zeros((self.n, self.n))
         self._native = None
         self._parents = parents
-        self.sparse = False
-        """Whether the latest update was the sparse one."""
+        self.sparse = native is not None
+        """Whether updates are the sparse, native ones."""
         if native is not None:
             chain = range(-1, nv - 1) if parents is None else parents
             self._native = native.Elimination(list(chain), actuated.tolist(), self.out)
@@ -90,8 +90,9 @@ class ConstrainedDynamics:
         self._given = J
         np.copyto(self._factor, A)
         self._root = None
-        self.sparse = self._native is not None and self._eliminate(bias, J, gamma)
-        if not self.sparse:
+        if self.sparse:
+            self._eliminate(bias, J, gamma)
+        else:
             self._eliminate_densely(bias, self.J, np.where(self.out, 0.0, gamma))
 
     @property
@@ -131,18 +132,15 @@ class ConstrainedDynamics:
         """T ``(m, m)`` and top ``(m, n + 1)`` of the latest sparse update, live: lambda = T^-1 top (tau, 1)."""
         return self._R, self._top
 
-    def _eliminate(self, bias: Vec, J: Mat, gamma: Vec) -> bool:
-        """The sparse way; False where constraints are dependent."""
+    def _eliminate(self, bias: Vec, J: Mat, gamma: Vec) -> None:
+        """The sparse way."""
         J, gamma = np.ascontiguousarray(J), np.ascontiguousarray(gamma)
         written = self.map, self.phi, self._Q, self._R, self._top
-        found = self._native.eliminate(self._factor, bias, J, gamma, RANK_TOLERANCE, *written)  # type: ignore[union-attr]
-        if found < 0:
+        rank = self._native.eliminate(self._factor, bias, J, gamma, RANK_TOLERANCE, *written)  # type: ignore[union-attr]
+        if rank < 0:
             raise DynamicsFailed("the joint-space inertia is not positive definite")
-        if found == 0:
-            return False
-        self.rank = self.m - int(np.count_nonzero(self.out))
+        self.rank = rank
         self._independent, self._T, self._lower, self._S = self.m, self._R, 0, None
-        return True
 
     def _eliminate_densely(self, bias: Vec, J: Mat, gamma: Vec) -> None:
         n, m = self.n, self.m
@@ -223,6 +221,10 @@ class ConstrainedDynamics:
     @property
     def Lambda_constr(self) -> Mat:
         """(J A^-1 J^T)^+ ``(m, m)``: inertia in the manifold of the constraints (below eq. 3)."""
+        if self.sparse and self.rank < self.m - int(np.count_nonzero(self.out)):
+            values, vectors = np.linalg.eigh(self.J @ self._solve(self.J.T))
+            kept = slice(self.m - self.rank, self.m)
+            return np.asarray((vectors[:, kept] / values[kept]) @ vectors[:, kept].T)
         root = self._expand(np.eye(self._independent))
         root[self.out != 0] = 0.0
         return root @ root.T

@@ -358,8 +358,6 @@ class TorqueProgram(Program):
         """The first element that leaves something to Python, and what."""
         if self._self_motions:
             return "SelfMotion", "its demand is written in Python"
-        if self._origin is not None:
-            return "Torque", "gravity_compensation is written in Python"
         if not self._efforts.fixed:
             return self._efforts.moving, "its bounds on torques change"
         if self.loads.readable:

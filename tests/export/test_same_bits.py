@@ -87,3 +87,25 @@ def test_answers_that_were_cut_too(formulation: str, most: int) -> None:
     session = controller.session(robot, 0.002)
     replay(session, given, 60, lambda tick: seen.add(tick.status))
     assert seen == {Status.OPTIMAL, Status.ITERATION_LIMIT}
+
+
+def test_contacts_that_depend_on_each_other_too() -> None:
+    """A sole that is declared twice: the forces of both are those of least norm, and the motion is that of one."""
+    robot = hqp.robots.load("g1")
+    feet = [t.FixedContact(frame=sole) for sole in robot.landmarks["soles"]]
+    again = t.FixedContact(frame=feet[0].frame, name="again")
+    limits = [t.TorqueLimits(), *(t.FrictionCone(contact=foot.name, mu=0.7) for foot in feet)]
+    posture = t.Posture(name="posture")
+    levels = [Level(t.Com(axes="xy", name="com")), Level(posture)]
+
+    def session(*held: hqp.Element) -> hqp.Session:
+        stack = Stack(*levels, subject_to=[*held, *limits])
+        return hqp.Controller(stack, FORMULATIONS["torque"](), deadline=np.inf).session(robot.copy(), 0.002)
+
+    def given(i: int) -> tuple[hqp.Reference, ...]:
+        return (posture.at(robot.home[7:] + 0.1 * np.sin(0.05 * i + np.arange(robot.nv - 6))),)
+
+    once, commands = session(*feet), []
+    replay(session(*feet, again), given, 60, lambda tick: commands.append((tick.state.q, tick.state.v, tick.command)))
+    for i, (q, v, command) in enumerate(commands):
+        np.testing.assert_allclose(once.step(once.robot.state(q, v), *given(i)).command, command, atol=1e-6)

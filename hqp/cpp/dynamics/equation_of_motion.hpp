@@ -34,6 +34,15 @@ class EquationOfMotion {
     }
   }
 
+  // g (nv) alone, after run().
+  void weight(double* g) const {
+    const auto& bodies = bodies_.tree().bodies();
+    for (int b = 1; b < static_cast<int>(bodies.size()); ++b) {
+      const Form force = -1.0 * bodies_.weight(b, gravity_);
+      for (int c = bodies[b].first; c < bodies[b].first + bodies[b].count; ++c) g[c] = value(force, bodies_.twist(c));
+    }
+  }
+
   const Vec3& gravity() const { return gravity_; }
   double* inertia() { return A_; }
   double* bias() { return bias_; }

@@ -39,7 +39,7 @@ class Assembly {
   void load(const Plan& plan, const double* value) {
     const bool wrench = plan.name() == "ExternalWrench";
     const Frame frame = plan.frame("frame");
-    loads_.add({frame, value, wrench, wrench && plan.flag("local")});
+    loads_.add({frame, value, wrench, wrench && plan.flag("local"), !wrench || plan.flag("resisted")});
     if (wrench) return;
     tree_.carry({frame.body, frame.position, frame.rotation, value});
     tree_.need_motions();
@@ -60,6 +60,11 @@ class Assembly {
     for (const auto& operation : operations_) operation->run(q, v);
   }
   void demand(const double* v) { demands_->run(v); }
+  // g (nv): what has to be held up at rest, with loads, after the rows.
+  void weight(double* g) {
+    equation_->weight(g);
+    loads_.weigh(tree_, equation_->gravity(), g);
+  }
   void keep(CarryOver& state) {
     for (const auto& operation : operations_) operation->keep(state);
   }

@@ -11,6 +11,7 @@ struct KnownLoad {
   Frame frame;
   const double* value;  // mass and point (3,) in the frame's axes of a payload; force and moment of a wrench
   bool wrench, local;   // local: the wrench is in the frame's axes
+  bool resisted;        // whether what holds the robot up holds it against the load, too
 };
 
 class KnownLoads {
@@ -21,21 +22,13 @@ class KnownLoads {
   void apply(const Tree& tree, const Vec3& gravity, double* A, double* bias) {
     const int nv = tree.size();
     for (const KnownLoad& load : loads_) {
-      const Vec3 origin = hqp::load(load.frame.position);
-      const Mat3 R = load_rotation(load.frame.rotation);
       if (load.wrench) {
-        Vec3 force = hqp::load(load.value), moment = hqp::load(load.value + 3);
-        if (load.local) force = R * force, moment = R * moment;
-        moment = moment + cross(origin, force);
-        for (const int c : load.frame.columns) {
-          const double* t = tree.twist(c);
-          bias[c] -= dot(force, hqp::load(t)) + dot(moment, hqp::load(t + 3));
-        }
+        push(tree, load, bias);
         continue;
       }
       const double m = load.value[0];
       if (m == 0.0) continue;
-      const Vec3 p = origin + R * hqp::load(load.value + 1);
+      const Vec3 p = place(load);
       const Vec3 a = tree.point_drift(load.frame.body, p) - gravity;
       const std::vector<int>& columns = load.frame.columns;
       speeds_.clear();
@@ -50,7 +43,37 @@ class KnownLoads {
     }
   }
 
+  // What they add to g (nv).
+  void weigh(const Tree& tree, const Vec3& gravity, double* g) const {
+    for (const KnownLoad& load : loads_) {
+      if (load.wrench) {
+        if (load.resisted) push(tree, load, g);
+        continue;
+      }
+      const Vec3 p = place(load), weight = load.value[0] * gravity;
+      for (const int c : load.frame.columns) {
+        const double* t = tree.twist(c);
+        g[c] -= dot(hqp::load(t) + cross(hqp::load(t + 3), p), weight);
+      }
+    }
+  }
+
  private:
+  static Vec3 place(const KnownLoad& load) {  // of a payload
+    return hqp::load(load.frame.position) + load_rotation(load.frame.rotation) * hqp::load(load.value + 1);
+  }
+  static void push(const Tree& tree, const KnownLoad& load, double* bias) {
+    const Vec3 origin = hqp::load(load.frame.position);
+    const Mat3 R = load_rotation(load.frame.rotation);
+    Vec3 force = hqp::load(load.value), moment = hqp::load(load.value + 3);
+    if (load.local) force = R * force, moment = R * moment;
+    moment = moment + cross(origin, force);
+    for (const int c : load.frame.columns) {
+      const double* t = tree.twist(c);
+      bias[c] -= dot(force, hqp::load(t)) + dot(moment, hqp::load(t + 3));
+    }
+  }
+
   std::vector<KnownLoad> loads_;
   std::vector<Vec3> speeds_;
 };

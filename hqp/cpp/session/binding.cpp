@@ -68,6 +68,11 @@ class Session {
     if (what == 4) require(values.size() == 1, "load"), reference.load(values(0));
     if (what == 5) reference.hold(values.data(), values.size());
   }
+  void say(std::size_t k, bool in) {
+    require(k < references_.size(), "reference");
+    references_[k].on(in);
+  }
+  void phase(const std::string& name) { session_.phase(name); }
   std::vector<double> held(std::size_t k) const {
     require(k < references_.size(), "reference");
     return references_[k].held();
@@ -164,6 +169,8 @@ NB_MODULE(_session, module) {
       .def("step", &Session::step, "q"_a, "v"_a, "command"_a.noconvert(), "x"_a.noconvert(), "residuals"_a.noconvert())
       .def("tell", &Session::tell, "reference"_a, "what"_a, "values"_a)
       .def("held", &Session::held, "reference"_a)
+      .def("say", &Session::say, "reference"_a, "present"_a)
+      .def("phase", &Session::phase, "name"_a)
       .def("integrate", &Session::integrate, "q"_a, "v"_a, "dt"_a, "out"_a.noconvert())
       .def("reset", &Session::reset)
       .def_prop_ro("sizes", &Session::sizes)

@@ -15,6 +15,7 @@
 #include "guards.hpp"
 #include "late.hpp"
 #include "line.hpp"
+#include "presence.hpp"
 #include "rest.hpp"
 #include "session.hpp"
 
@@ -60,7 +61,9 @@ class Guarded {
         trend_(x_.size()),
         ahead_(x_.size()),
         angles_(v_.size()),
-        late_(line_.late(violation_)) {
+        late_(line_.late(violation_)),
+        presence_(line_.root(), line_.members()),
+        out_(line_.members().size(), false) {
     if (joint_names_.size() != picks_.size()) throw PlanError("the command of the plan is of other joints");
     if (sentences_.size() != std::size_t(Status::kInvalidState) + 1) throw PlanError("the plan has no sentences");
     if (guards_.has("rates"))
@@ -95,10 +98,12 @@ class Guarded {
     Note why;
     if (!guard_.check(q_.data(), v_.data(), why)) {
       for (Given& given : given_) given.clear();
+      presence_.forget();
       return held(why, false);
     }
     if (fresh_ && budget_.limited()) budget_.begin(thread_time());
     else budget_.skip();
+    attend(presence_.take());
     if (!holds_known_) take_holds();
     take_references();
     const bool around = line_.order() == 1 && good_;
@@ -133,6 +138,23 @@ class Guarded {
   }
 
   void set(std::size_t member, int what, const double* values, std::size_t size);
+  // Whether an element is in, in the next step. Contacts at torque level come and go by phases, which are known to
+  // leave enough of them.
+  void say(std::size_t member, bool in) {
+    const Member& told = line_.members()[member];
+    if (line_.torque() && told.level < 0)
+      throw ReferenceError(told.name + " acts by a force: it comes and goes by phases");
+    presence_.say(member, in);
+  }
+  // The phase of the steps from now on, "" for none.
+  void phase(const std::string& name) {
+    const std::vector<std::string>& names = presence_.names();
+    for (std::size_t k = 0; k < names.size(); ++k)
+      if (names[k] == name) return presence_.phase(k);
+    std::string known;
+    for (std::size_t k = 1; k < names.size(); ++k) known += (k > 1 ? ", " : "") + names[k];
+    throw ReferenceError("the plan has no phase '" + name + "'; it has " + (known.empty() ? "none" : known));
+  }
   std::size_t member(const std::string& name) const {
     const std::vector<Member>& all = line_.members();
     for (std::size_t k = 0; k < all.size(); ++k)
@@ -161,6 +183,7 @@ class Guarded {
     keep(state);
     for (Given& given : given_) given.clear();
     fresh_ = true;
+    presence_.forget(), presence_.phase(0);
   }
 
   Line& line() { return line_; }
@@ -214,6 +237,22 @@ class Guarded {
     if (note.status > tick_.status_) tick_.status_ = note.status;
   }
 
+  // These elements are out of this tick, and all others in: those that come back hold what they are at.
+  void attend(const Presence::Out& out) {
+    if (out == out_) return;
+    line_.go_without(out);
+    bool placed = !holds_known_;
+    for (std::size_t m = 0; m < out.size(); ++m) {
+      const int slot = line_.members()[m].slot;
+      if (out[m]) lost_[m] = 0;
+      if (!holds_known_ || out[m] || !out_[m] || slot < 0 || given_[std::size_t(slot)].held) continue;
+      if (!placed) line_.kinematics().update(q_.data()), line_.assembly().look(v_.data()), placed = true;
+      line_.hold(std::size_t(slot), q_.data(), v_.data());
+      line_.slots()[std::size_t(slot)].settle();
+    }
+    out_ = out;
+  }
+
   // Elements hold what they are at in the first state, unless they were told.
   void take_holds() {
     line_.kinematics().update(q_.data());
@@ -231,6 +270,7 @@ class Guarded {
       if (members[m].slot < 0) continue;
       Slot& slot = line_.slots()[std::size_t(members[m].slot)];
       Given& given = given_[std::size_t(members[m].slot)];
+      if (out_[m]) given.clear();
       if (!given.any && !slot.moved) continue;
       slot.settle();
       slot.moved = given.any;
@@ -417,6 +457,8 @@ class Guarded {
   Trend trend_;
   std::vector<double> ahead_, angles_;
   Late late_;
+  Presence presence_;
+  Presence::Out out_;
   bool good_ = false, holds_known_ = false, fresh_ = true;
   Clock::time_point begin_;
   Tick tick_;
@@ -449,6 +491,7 @@ inline void Guarded::set(std::size_t member, int what, const double* values, std
       break;
     case 4:
       if (!told.contact) throw ReferenceError(told.name + " is no contact, a load was given for it");
+      if (out_[member]) break;
       if (values[0] < least_load_) ++lost_[member];
       else if (values[0] >= least_load_) lost_[member] = 0;
       break;

@@ -26,6 +26,12 @@ struct Member {
   int row, row_end;
   int slot;  // where its reference goes, -1 for none
   std::vector<std::string> row_names;
+  // What makes its rows free while it is out, and what they are else: kinds of rows on motion, bounds of others.
+  std::int8_t* kind = nullptr;
+  std::vector<std::int8_t> kinds;
+  double *lower = nullptr, *upper = nullptr;
+  std::vector<double> low, high;
+  bool out = false;
 };
 
 // What the solver gave: slacks and marks of all rows.
@@ -55,11 +61,14 @@ class Line {
     slacks_.resize(std::size_t(total)), marks_.resize(std::size_t(total));
     fill(root_.part("motion"));
     declared_.resize(slots_.size());
-    for (const Node& one : root_.parts("elements")) members_.push_back(member(one));
+    for (const Node& one : root_.parts("elements")) members_.push_back(member(one)), bind_free(members_.back());
+    find_supports();
     still_.resize(std::size_t(nv_));
     holding_.resize(std::size_t(solve_.exact().size())), felt_.resize(holding_.size());
     if (root_.part("motion").has("torque"))
       torque_ = std::make_unique<TorqueParts>(root_.part("motion").part("torque"), nv_, solve_.call());
+    origin_ = root_.part("solver").maybe("origin", std::size_t(solve_.exact().size()));
+    if (torque_ && origin_) weight_.resize(std::size_t(nv_));
   }
   Line(const Line&) = delete;
 
@@ -84,7 +93,14 @@ class Line {
     assembly_.operate(q, velocity);
     assembly_.demand(velocity);
   }
-  Solved solve(const double* v) { return torque_ ? torque_->run(v) : solve_.call().run(v); }
+  Solved solve(const double* v) {
+    if (!torque_) return solve_.call().run(v);
+    if (!weight_.empty()) {  // what the levels leave is settled by min |tau - tau_g|
+      assembly_.weight(weight_.data());
+      if (!torque_->hold(weight_.data(), origin_)) return {kInvalid};
+    }
+    return torque_->run(v);
+  }
 
   Answered answer(const Solved& found) {
     BoundKernel& exact = solve_.exact();
@@ -168,10 +184,28 @@ class Line {
     std::fill(still_.begin(), still_.end(), 0.0);
     kinematics_.update(q);
     assembly_.operate(q, still_.data());
-    return torque_->at_rest(holding_.data(), felt_.data());
+    assembly_.weight(still_.data());
+    return torque_->at_rest(still_.data(), holding_.data(), felt_.data());
   }
   const double* holding() const { return holding_.data(); }
   const double* felt() const { return felt_.data(); }
+
+  // The rows of these members are free from now on, those of all others as declared.
+  void go_without(const std::vector<bool>& out) {
+    for (std::size_t k = 0; k < members_.size(); ++k) {
+      Member& member = members_[k];
+      if (member.out == out[k]) continue;
+      member.out = out[k];
+      for (std::size_t i = 0; i < member.kinds.size(); ++i) member.kind[i] = member.out ? kFree : member.kinds[i];
+      for (std::size_t i = 0; i < member.low.size(); ++i) {
+        member.lower[i] = member.out ? -INFINITY : member.low[i];
+        member.upper[i] = member.out ? INFINITY : member.high[i];
+      }
+      if (torque_ && member.level < 0) torque_->out(member.row, member.row_end, member.out);
+    }
+    for (const Support& support : supports_)
+      for (std::size_t i = 0; i < support.of.size(); ++i) support.present[i] = !members_[support.of[i]].out;
+  }
 
   // The rule for answers that were cut.
   Late late(double violation) {
@@ -204,6 +238,50 @@ class Line {
                                         : Status::kOptimal;
     if (off && status <= Status::kRankUncertain) status = Status::kConstraintsViolated;
     return {status, solve_.end(), slacks_.data(), marks_.data()};
+  }
+
+  static constexpr std::int8_t kFree = 3;  // FREE of hqp/assembly.py
+
+  // Contacts that an element has its support from, and whether each is there.
+  struct Support {
+    std::vector<std::size_t> of;
+    std::int8_t* present;
+  };
+  void find_supports() {
+    for (const Node& one : root_.part("motion").parts("operations")) {
+      const Node plan = one.part("plan");
+      if (!plan.has("of") || !plan.has("present")) continue;
+      Support found;
+      for (const std::string& name : plan.texts("of"))
+        for (std::size_t m = 0; m < members_.size(); ++m)
+          if (members_[m].name == name) found.of.push_back(m);
+      if (found.of.empty()) continue;
+      found.present = const_cast<std::int8_t*>(plan.part("present").bytes(found.of.size()));
+      supports_.push_back(std::move(found));
+    }
+  }
+  // Where a member's rows are made free.
+  void bind_free(Member& member) {
+    if (member.row < member.row_end) {
+      member.kind = const_cast<std::int8_t*>(laws_.kind) + member.row;
+      member.kinds.assign(member.kind, member.kind + (member.row_end - member.row));
+      return;
+    }
+    if (member.level < 0 || member.first == member.last) return;
+    const Level& level = solve_.exact().levels[std::size_t(member.level)];
+    member.lower = const_cast<double*>(level.lower) + member.first;
+    member.upper = const_cast<double*>(level.upper) + member.first;
+    if (root_.part("motion").has("torque") && root_.part("motion").part("torque").has("forces"))
+      for (const Node& one : root_.part("motion").part("torque").part("forces").parts("rows")) {
+        const std::size_t m = one.part("lower").size();
+        const double* lower = one.doubles("lower", m);
+        if (member.lower < lower || member.lower >= lower + m) continue;
+        const std::ptrdiff_t at = member.lower - lower;
+        member.lower = one.doubles("asked_lower", m) + at, member.upper = one.doubles("asked_upper", m) + at;
+        break;
+      }
+    const std::ptrdiff_t count = member.last - member.first;
+    member.low.assign(member.lower, member.lower + count), member.high.assign(member.upper, member.upper + count);
   }
 
   static double largest(const double* from, const double* to) {  // magnitude, NaN where one is
@@ -342,7 +420,13 @@ class Line {
                  rows[0],
                  rows[1],
                  -1,
-                 p.texts("row_names")};
+                 p.texts("row_names"),
+                 nullptr,
+                 {},
+                 nullptr,
+                 nullptr,
+                 {},
+                 {}};
     const int levels = static_cast<int>(rows_.size());
     const int most = found.level >= 0 && found.level < levels ? rows_[std::size_t(found.level)] : 0;
     if (found.level >= levels || place[0] < 0 || place[0] > place[1] || (found.level >= 0 && place[1] > most) ||
@@ -375,12 +459,15 @@ class Line {
   std::vector<Slot> slots_;
   std::vector<std::string> load_names_, slot_names_;
   std::vector<Member> members_;
+  std::vector<Support> supports_;
   std::vector<std::vector<double>> declared_;  // what elements hold that do not hold what they are at
   std::vector<int> rows_, starts_;             // of each level, and its first among all
   std::vector<double> slacks_, held_, still_, holding_, felt_;
   std::vector<std::int8_t> marks_;
   double largest_ = 0.0;
   double *slowing_ = nullptr, *slowed_ = nullptr;
+  double* origin_ = nullptr;    // the torque that holds the robot up, where levels leave it to that
+  std::vector<double> weight_;  // g, for it
   std::unique_ptr<TorqueParts> torque_;
 };
 

@@ -83,7 +83,7 @@ std::string Note::text() const {
     case Cause::kSolver:
       return where;
     case Cause::kDynamics:
-      return "the joint-space inertia is not positive definite, or constraints depend on each other";
+      return "the joint-space inertia is not positive definite";
     case Cause::kNoState:
       return "no good state so far: the command is zero";
   }
@@ -91,6 +91,7 @@ std::string Note::text() const {
 }
 
 void Reference::set(What what, const double* values, std::size_t size) { session_->set(member_, what, values, size); }
+void Reference::on(bool in) { session_->say(member_, in); }
 std::size_t Reference::size() const { return held().size(); }
 const std::vector<double>& Reference::held() const {
   const Line& line = static_cast<const Guarded*>(session_)->line();
@@ -104,6 +105,7 @@ Session::Session(Session&&) noexcept = default;
 Session& Session::operator=(Session&&) noexcept = default;
 
 Reference Session::reference(const std::string& name) { return {*guarded_, guarded_->member(name)}; }
+void Session::phase(const std::string& name) { guarded_->phase(name); }
 const Tick& Session::step(const double* q, const double* v) noexcept { return guarded_->step(q, v); }
 const Tick& Session::tick() const { return guarded_->tick(); }
 void Session::integrate(const double* q, const double* v, double dt, double* out) const {

@@ -1,4 +1,4 @@
-// A session from a plan's file: a state in, a command out, without Python (docs/cpp_session.md).
+// A session from a plan's file: a state in, a command out, without Python (docs/plan_file.md).
 #pragma once
 
 #include <cstddef>
@@ -42,6 +42,9 @@ class Reference {
   void normal(const double* value) { set(kNormal, value, 3); }
   // The load that a contact carries [N].
   void load(double newtons) { set(kLoad, &newtons, 1); }
+  // Whether the element is in, in the next step; of those that go with it as well. Throws ReferenceError for a
+  // contact at torque level: these come and go by phases.
+  void on(bool in);
   // What it is held at from now on where nothing is told.
   void hold(const double* value, std::size_t size) { set(kHold, value, size); }
 
@@ -70,6 +73,10 @@ class Session {
 
   // Throws ReferenceError for a name that the plan does not have.
   Reference reference(const std::string& name);
+
+  // The phase of the steps from now on, by which levels and elements with a `when` are in or out, "" for none; throws
+  // ReferenceError for one that the plan does not have.
+  void phase(const std::string& name);
 
   // One tick for q (nq) and v (nv): no allocation, no exception, no lock, no system call but the clock's.
   const Tick& step(const double* q, const double* v) noexcept;

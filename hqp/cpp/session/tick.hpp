@@ -66,7 +66,7 @@ enum class Cause {
   kRate,       // the command would change faster than it may
   kContact,    // it has carried nothing
   kSolver,     // the status says it
-  kDynamics,   // the inertia is not positive definite, or constraints depend on each other
+  kDynamics,   // the inertia is not positive definite
   kNoState,    // no good state so far
 };
 

@@ -20,7 +20,7 @@ class TorqueParts {
     const std::vector<int> actuated = p.ints("actuated"), parents = p.ints("parents");
     const std::size_t n = actuated.size();
     if (parents.size() != v) throw PlanError("the elimination of the plan has a wrong size");
-    out_.assign(m, 0);
+    out_.assign(m, 0), J_.assign(m * v, 0.0);
     elimination_.reset(HQP_FOR_MACHINE(make_elimination, parents, actuated, static_cast<int>(m), out_.data()));
     const double* map = p.doubles("map", v * (n + 1));
     rows_.reset(HQP_FOR_MACHINE(make_torque_rows, map, nv, static_cast<int>(n)));
@@ -67,13 +67,24 @@ class TorqueParts {
 
   Solved run(const double* v) { return chain_->run(v); }
 
-  // The torque (n) that holds the robot up, and the inverse inertia (n) that each motor feels, from A, J and b + g of a
-  // state at rest; false where there is none.
-  bool at_rest(double* tau, double* felt) {
+  // Constraints from one row to another are there or not.
+  void out(int row, int end, bool gone) { std::fill(out_.begin() + row, out_.begin() + end, gone); }
+  // The torque (n) that holds g (nv) on the constraints that are there; false where there is none.
+  bool hold(const double* g, double* tau) {
+    const ChainArrays& a = arrays_;
+    std::copy(a.J, a.J + J_.size(), J_.begin());
+    for (std::size_t k = 0; k < out_.size(); ++k)
+      if (out_[k]) std::fill(J_.begin() + std::ptrdiff_t(k * a.nv), J_.begin() + std::ptrdiff_t((k + 1) * a.nv), 0.0);
+    return holding_ && holding_->torque(J_.data(), g, tau);
+  }
+
+  // The torque (n) that holds the robot up, and the inverse inertia (n) that each motor feels, from A and J of a
+  // state at rest and its g; false where there is none.
+  bool at_rest(const double* g, double* tau, double* felt) {
     const ChainArrays& a = arrays_;
     std::copy(a.A, a.A + a.nv * a.nv, a.factor);
-    if (!holding_ || !holding_->torque(a.J, a.bias, tau)) return false;
-    if (elimination_->eliminate(a.factor, a.bias, a.J, a.gamma, a.tolerance, a.map, a.phi, a.Q, a.T, a.top) != 1)
+    if (!hold(g, tau)) return false;
+    if (elimination_->eliminate(a.factor, a.bias, a.J, a.gamma, a.tolerance, a.map, a.phi, a.Q, a.T, a.top) < 0)
       return false;
     for (std::size_t i = 0; i < a.n; ++i) felt[i] = a.phi[i * (a.n + 1)];
     return true;
@@ -98,7 +109,8 @@ class TorqueParts {
                     p.doubles("share", 1)});
   }
 
-  std::vector<std::int8_t> out_;  // every constraint is there in every tick
+  std::vector<std::int8_t> out_;  // of the constraints, 1 where one is not there
+  std::vector<double> J_;         // of those that are
   std::unique_ptr<Elimination> elimination_;
   std::unique_ptr<TorqueRows> rows_;
   std::unique_ptr<ForceRows> forces_;

@@ -31,8 +31,8 @@ class Chain final : public SolveCall {
   Solved run(const double* v) override {
     const auto begin = std::chrono::steady_clock::now();
     std::copy(a_.A, a_.A + a_.nv * a_.nv, a_.factor);
-    if (elimination_.eliminate(a_.factor, a_.bias, a_.J, a_.gamma, a_.tolerance, a_.map, a_.phi, a_.Q, a_.T, a_.top) !=
-        1)
+    if (elimination_.eliminate(a_.factor, a_.bias, a_.J, a_.gamma, a_.tolerance, a_.map, a_.phi, a_.Q, a_.T, a_.top) <
+        0)
       return {kInvalid};
     double square = 0.0;
     for (std::size_t i = 0; i < a_.nv; ++i) {

@@ -13,8 +13,9 @@ class Elimination {
   virtual ~Elimination() = default;
   // A (nv, nv): its upper triangle, column-major; bias (nv), J (m, nv), gamma (m).  Written: map (nv, n + 1) = [X, c],
   // phi (n, n), which the rows of X that are actuated hold to the bit, Q (nv, m) and T (m, m) with H^-T J^T = Q T, top
-  // (m, n + 1). -1: A is not positive definite; 0: the constraints are dependent; 1: all is written.  Constraints that
-  // are out have zeros in Q and in top, and a row of the identity in T: they have no force.
+  // (m, n + 1); of dependent constraints T is the identity and the forces are those of least norm.  The rank of the
+  // constraints, -1 where A is not positive definite.  Constraints that are out have zeros in Q and in top, and a row
+  // of the identity in T: they have no force.
   virtual int eliminate(const double* A, const double* bias, const double* J, const double* gamma, double tolerance,
                         double* map, double* phi, double* Q, double* T, double* top) = 0;
 };

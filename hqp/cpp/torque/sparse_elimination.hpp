@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "../solver/dense.hpp"
+#include "dependent_rows.hpp"
 #include "elimination.hpp"
 
 namespace hqp {
@@ -37,6 +38,8 @@ class SparseElimination final : public Elimination {
         taus_(rows),
         work_(rows),
         block_(static_cast<std::size_t>(nv_ + ld_) * ld_ + kPad) {
+    rows_in_common_.reserve(nv_, rows_), given_.reserve(rows_), in_.reserve(rows_);
+    dependent_.reserve(static_cast<std::size_t>(std::max(nv_, n_ + 1)) * rows_);
     for (int i = 0; i < nv_; ++i) {
       if (parents[i] >= 0) way_[i] = way_[parents[i]];
       way_[i].push_back(i);
@@ -49,12 +52,18 @@ class SparseElimination final : public Elimination {
                 double* map, double* phi, double* Q, double* T, double* top) override {
     if (!factor(A)) return -1;
     columns(bias, map);
-    if (!constraints(J, gamma, tolerance, Q, T)) return 0;
-    project(Q, top, map, phi);
+    if (constraints(J, gamma, tolerance, Q, T)) {
+      project(Q, top, map, phi);
+    } else {
+      depend(J, gamma, tolerance, Q);
+      project(Q, top, map, phi);
+      spread(T, top);
+    }
+    const int rank = m_;
     motions(map);
     // in exact numbers they are the same; to the bit, one is kept where both are written down
     for (int k = 0; k < n_; ++k) std::copy(phi + k * n_, phi + (k + 1) * n_, map + actuated_[k] * (n_ + 1));
-    return 1;
+    return rank;
   }
 
  private:
@@ -138,6 +147,44 @@ class SparseElimination final : public Elimination {
     return true;
   }
 
+  // The same where they are dependent: Q (nv, r) of their r combinations, y of these, whose rows come first.
+  void depend(const double* J, const double* gamma, double tolerance, double* Q) {
+    given_ = in_;
+    const int m = m_;
+    dependent_.assign(static_cast<std::size_t>(nv_) * m, 0.0);
+    std::vector<double>& B = dependent_;
+    for (int i = 0; i < nv_; ++i)
+      for (int k = 0; k < m; ++k) B[i * m + k] = J[in_[k] * nv_ + i];
+    for (int i = nv_ - 1; i >= 0; --i) {
+      scale(B.data() + i * m, m, 1.0 / H(i)[above(i)]);
+      for (int p = 0; p < above(i); ++p) add_any(B.data() + way_[i][p] * m, B.data() + i * m, -H(i)[p], m);
+    }
+    m_ = rows_in_common_.factor(B.data(), nv_, m, tolerance);
+    std::vector<double>& asked = work_;
+    for (int k = 0; k < m; ++k) asked[k] = gamma[given_[k]];
+    rows_in_common_.towards(asked.data(), y_.data());
+    in_.clear();
+    for (int k = 0; k < m_; ++k) in_.push_back(k);
+    std::fill(Q, Q + nv_ * rows_, 0.0);
+    for (int i = 0; i < nv_; ++i) {
+      moving_[i] = true;
+      for (int k = 0; k < m_; ++k) Q[i * rows_ + k] = rows_in_common_.direction(i, k);
+    }
+  }
+  // Rows of those combinations as forces of least norm of the constraints: T is the identity.
+  void spread(double* T, double* top) {
+    const int w = n_ + 1, m = static_cast<int>(given_.size());
+    dependent_.assign(static_cast<std::size_t>(m) * w, 0.0);
+    for (int c = 0; c < w; ++c) {
+      rows_in_common_.spread(top + c, w, work_.data());
+      for (int k = 0; k < m; ++k) dependent_[k * w + c] = work_[k];
+    }
+    std::fill(top, top + rows_ * w, 0.0);
+    for (int k = 0; k < m; ++k) std::copy_n(dependent_.data() + k * w, w, top + given_[k] * w);
+    std::fill(T, T + rows_ * rows_, 0.0);
+    for (int k = 0; k < rows_; ++k) T[k * rows_ + k] = 1.0;
+  }
+
   // With Y as columns() writes it: top (m, n + 1) = Q^T Y - [0, y], Y - Q top in the place of Y, and phi (n, n), the
   // products of its first n columns.
   void project(const double* Q, double* top, double* Y, double* phi) {
@@ -219,7 +266,10 @@ class SparseElimination final : public Elimination {
   std::vector<std::pair<int, int>> ranges_;  // of actuated joints that a coordinate carries
   std::vector<char> moving_;                 // which coordinates move a constraint
   std::vector<double> R_, Q_, y_, taus_, work_;
-  std::vector<double> block_;  // (nv, n) and (n, n) in padded rows, zero in the padding
+  DependentRows rows_in_common_;
+  std::vector<int> given_;         // of dependent constraints, those that are not out
+  std::vector<double> dependent_;  // (nv, m), then (m, n + 1)
+  std::vector<double> block_;      // (nv, n) and (n, n) in padded rows, zero in the padding
 };
 
 }  // namespace HQP_ISA
