@@ -5,11 +5,11 @@
 A ``(nv, nv)`` inertia, b + g ``(nv,)``, J ``(m, nv)`` constraints, U ``(n, nv)`` picks the actuated coordinates.
 Everything rests on one orthogonal factorisation, so that no inverse and no normal equation of J is ever formed:
 
-    A = L L^T,   L^-1 J^T S = Q_1 T,   Q = [Q_1 Q_2] orthogonal, T triangular,
+    A = L L^T,   L^-1 J^T S = Q T,   L as sparse as the tree, Q orthonormal, T triangular,
 
 S ``(m, r)`` an orthonormal basis of the independent constraints (the identity if they all are).  The accelerations
-that the constraints allow are L^-T Q_2 z, and with V = Q_2^T L^-1 U^T the reduced inverse inertia is phi* = V^T V.
-The native elimination takes for L the factor that is as sparse as the tree, and projects, V = (1 - Q_1 Q_1^T) L^-1 U^T.
+that the constraints allow are L^-T V tau with V = (1 - Q Q^T) L^-1 U^T, and the reduced inverse inertia is
+phi* = V^T V (hqp/cpp/torque/sparse_elimination.hpp).
 """
 
 from __future__ import annotations
@@ -30,14 +30,10 @@ if TYPE_CHECKING:
 
 try:
     from hqp import _torque as native
-except ImportError:  # no compiler was there: LAPACK does it all
+except ImportError:  # no compiler was there
     native = None  # type: ignore[assignment]
 
-_WORK = 4096
-
-potrf, potrs, trtrs, geqrf, geqp3, ormqr = get_lapack_funcs(
-    ("potrf", "potrs", "trtrs", "geqrf", "geqp3", "ormqr"), (np.zeros(1),)
-)
+potrf, potrs, trtrs = get_lapack_funcs(("potrf", "potrs", "trtrs"), (np.zeros(1),))
 
 
 class ConstrainedDynamics:
@@ -55,45 +51,35 @@ class ConstrainedDynamics:
     def __init__(self, nv: int, rows: int, actuated: Index, parents: Sequence[int] | None = None) -> None:
         self.nv, self.m, self.n = nv, rows, int(actuated.size)
         self.actuated = actuated
-        self.rank = self._independent = rows
+        self.rank = rows
         self.out: Signs = np.zeros(rows, dtype=np.int8)
         self._factor: Mat = np.zeros((nv, nv), order="F")
-        self._columns: Mat = np.zeros((nv, self.n + 1), order="F")
-        self._columns[actuated, np.arange(self.n)] = 1.0
-        self._image: Mat = np.zeros((nv, rows), order="F")
-        self._whole: Mat = np.zeros((nv, self.n + 1), order="F")
         self.map: Mat = np.zeros((nv, self.n + 1))
         self._top: Mat = np.zeros((rows, self.n + 1))
-        self._qr, self._tau = self._image, np.zeros(rows)
+        self._Q: Mat = np.zeros((nv, rows))
         self._T: Mat = np.zeros((rows, rows))
-        self._lower = 0
         self._root: Mat | None = None
-        self._S: Mat | None = None
         self._given: Mat = np.zeros((rows, nv))
         self.X: Mat = self.map[:, : self.n]
         self.c: Vec = self.map[:, self.n]
         self.phi: Mat = np.zeros((self.n, self.n))
-        self._native = None
-        self._parents = parents
-        self.sparse = native is not None
-        """Whether updates are the sparse, native ones."""
-        if native is not None:
-            chain = range(-1, nv - 1) if parents is None else parents
-            self._native = native.Elimination(list(chain), actuated.tolist(), self.out)
-            self._Q, self._R = np.zeros((nv, rows)), np.zeros((rows, rows))
+        self._parents = list(range(-1, nv - 1) if parents is None else parents)
+        self._native = None if native is None else native.Elimination(self._parents, actuated.tolist(), self.out)
 
     def update(self, A: Mat, bias: Vec, J: Mat, gamma: Vec) -> None:
         """Take the inertia A (its upper triangle is read), bias = b + g, J and gamma of a state.
 
         Raises DynamicsFailed where A is not positive definite.
         """
+        assert self._native is not None  # no session without it
         self._given = J
         np.copyto(self._factor, A)
         self._root = None
-        if self.sparse:
-            self._eliminate(bias, J, gamma)
-        else:
-            self._eliminate_densely(bias, self.J, np.where(self.out, 0.0, gamma))
+        J, gamma = np.ascontiguousarray(J), np.ascontiguousarray(gamma)
+        written = self.map, self.phi, self._Q, self._T, self._top
+        self.rank = self._native.eliminate(self._factor, bias, J, gamma, RANK_TOLERANCE, *written)
+        if self.rank < 0:
+            raise DynamicsFailed("the joint-space inertia is not positive definite")
 
     @property
     def J(self) -> Mat:
@@ -108,111 +94,41 @@ class ConstrainedDynamics:
         """The sparse ``update`` and the rows after it as one native call, of arrays that are refilled in place."""
         if self._native is None or native is None:
             return None
-        written = self.map, self.phi, self._Q, self._R, self._top
+        written = self.map, self.phi, self._Q, self._T, self._top
         return native.Chain(self._native, rows, forces, A, bias, self._factor, J, gamma, RANK_TOLERANCE, *written)
 
     @property
     def parts(self) -> dict[str, Any]:
         """What the sparse update writes, and of which coordinates, for a file."""
-        parents = range(-1, self.nv - 1) if self._parents is None else self._parents
         return {
-            "parents": list(parents),
+            "parents": self._parents,
             "actuated": self.actuated.tolist(),
             "tolerance": RANK_TOLERANCE,
             "factor": self._factor,
             "map": self.map,
             "phi": self.phi,
             "Q": self._Q,
-            "T": self._R,
+            "T": self._T,
             "top": self._top,
         }
 
     @property
     def sparse_forces(self) -> tuple[Mat, Mat]:
         """T ``(m, m)`` and top ``(m, n + 1)`` of the latest sparse update, live: lambda = T^-1 top (tau, 1)."""
-        return self._R, self._top
-
-    def _eliminate(self, bias: Vec, J: Mat, gamma: Vec) -> None:
-        """The sparse way."""
-        J, gamma = np.ascontiguousarray(J), np.ascontiguousarray(gamma)
-        written = self.map, self.phi, self._Q, self._R, self._top
-        rank = self._native.eliminate(self._factor, bias, J, gamma, RANK_TOLERANCE, *written)  # type: ignore[union-attr]
-        if rank < 0:
-            raise DynamicsFailed("the joint-space inertia is not positive definite")
-        self.rank = rank
-        self._independent, self._T, self._lower, self._S = self.m, self._R, 0, None
-
-    def _eliminate_densely(self, bias: Vec, J: Mat, gamma: Vec) -> None:
-        n, m = self.n, self.m
-        L, info = potrf(self._factor, lower=0, clean=0, overwrite_a=1)  # A = L' L here: the upper factor
-        if info:
-            raise DynamicsFailed(f"the joint-space inertia is not positive definite (pivot {info})")
-        self._root = L
-        np.negative(bias, out=self._columns[:, n])
-        image = self._whole
-        np.copyto(image, self._columns)
-        trtrs(L, image, trans=1, overwrite_b=1)
-        if m:
-            np.copyto(self._image, J.T)
-            trtrs(L, self._image, trans=1, overwrite_b=1)
-            self._factorise()
-        r = self._independent = self.rank
-        if r:
-            ormqr("L", "T", self._qr, self._tau, image, _WORK, overwrite_c=1)
-            self._top[:r] = image[:r]
-        V = image[r:, :n]
-        np.matmul(V.T, V, out=self.phi)
-        if r:
-            y = self._towards(gamma)
-            self._top[:r, n] -= y
-            image[:r, :n] = 0.0
-            image[:r, n] = y
-            ormqr("L", "N", self._qr, self._tau, image, _WORK, overwrite_c=1)
-        trtrs(L, image, trans=0, overwrite_b=1)
-        np.copyto(self.map, image)
-        self.X[self.actuated] = self.phi  # in exact numbers they are the same; see hqp/recorder/layout.py
-
-    def _factorise(self) -> None:
-        """Q and T of the constraints; S too where they turn out to be dependent."""
-        m = self.m
-        if m <= self.nv:
-            self._qr, self._tau, _, _ = geqrf(self._image, lwork=_WORK)
-            pivots = np.abs(self._qr.diagonal())
-            if pivots.min() > RANK_TOLERANCE * pivots.max():
-                self.rank, self._T, self._lower, self._S = m, self._qr[:m], 0, None
-                return
-        qr, order, tau, _, _ = geqp3(self._image, lwork=_WORK)
-        pivots = np.abs(qr.diagonal())
-        self.rank = r = int(np.count_nonzero(pivots > RANK_TOLERANCE * pivots.max(initial=0.0)))
-        R = np.triu(qr[:r])
-        S, T = np.linalg.qr(R.T)  # R = T' S': what is left are r independent combinations of the constraints
-        self._S = np.empty((m, r))
-        self._S[order - 1] = S
-        self._qr, self._tau, self._T, self._lower = np.asfortranarray(qr[:, :r]), tau[:r], T.T, 1
-
-    def _towards(self, gamma: Vec) -> Vec:
-        """T^-T S^T gamma ``(r,)``: the part of L^T qdd that the constraints prescribe."""
-        target = gamma if self._S is None else self._S.T @ gamma
-        return trtrs(self._T, target, lower=self._lower, trans=1)[0]  # type: ignore[no-any-return]
-
-    def _expand(self, right: Mat | Vec) -> Mat:
-        """S T^-1 right."""
-        solved = trtrs(self._T, right, lower=self._lower)[0]
-        return solved if self._S is None else self._S @ solved  # type: ignore[no-any-return]
+        return self._T, self._top
 
     def force_map(self) -> tuple[Mat, Vec]:
         """(F ``(m, n)``, f ``(m,)``) with lambda = F tau + f (eq. 3); of least norm where constraints are dependent."""
-        if not self._independent:
-            return np.zeros((self.m, self.n)), np.zeros(self.m)
-        both = self._expand(self._top[: self._independent])
+        both = self._expand(self._top)
         return both[:, : self.n], both[:, self.n]
 
     def forces(self, tau: Vec) -> Vec:
         """lambda ``(m,)`` of a torque (eq. 3): Jbar^T (U^T tau - b - g) + Lambda dJ/dt qd."""
-        if not self._independent:
-            return np.zeros(self.m)
-        top = self._top[: self._independent]
-        return np.asarray(self._expand(top[:, : self.n] @ tau + top[:, self.n]))
+        return self._expand(self._top[:, : self.n] @ tau + self._top[:, self.n])
+
+    def _expand(self, right: Mat | Vec) -> Mat:
+        """T^-1 right."""
+        return np.asarray(trtrs(self._T, right)[0]) if self.m else np.zeros(right.shape)
 
     def acceleration(self, tau: Vec) -> Vec:
         """qdd ``(nv,)`` of a torque (eq. 4)."""
@@ -221,11 +137,11 @@ class ConstrainedDynamics:
     @property
     def Lambda_constr(self) -> Mat:
         """(J A^-1 J^T)^+ ``(m, m)``: inertia in the manifold of the constraints (below eq. 3)."""
-        if self.sparse and self.rank < self.m - int(np.count_nonzero(self.out)):
+        if self.rank < self.m - int(np.count_nonzero(self.out)):
             values, vectors = np.linalg.eigh(self.J @ self._solve(self.J.T))
             kept = slice(self.m - self.rank, self.m)
             return np.asarray((vectors[:, kept] / values[kept]) @ vectors[:, kept].T)
-        root = self._expand(np.eye(self._independent))
+        root = self._expand(np.eye(self.m))
         root[self.out != 0] = 0.0
         return root @ root.T
 

@@ -274,7 +274,7 @@ class Forces:
         shift: part of tau that the model of the forces does not know, ``(n,)``.
         """
         self.target(references)
-        if self.native is not None and dynamics.sparse:
+        if self.native is not None:
             self.native.run(shift)
             return
         for _, block, rotation in self._frames:
