@@ -53,7 +53,8 @@ paper:
 	mkdir -p build
 	cd paper && pandoc paper.md --citeproc -V geometry:margin=25mm -V fontsize=10pt -o ../build/paper.pdf
 
-# Sessions in C++: recorded loops give the same bits, without an allocation; the kernel alone agrees to 1e-12.
+# Sessions in C++: recorded loops give the same bits, without an allocation; G1 stands in MuJoCo's C library in real
+# time; the kernel alone agrees to 1e-12.
 REPLAYED := build/replay
 test-cpp: setup
 	$(BIN)/python -m tests.export.native.record --ticks 1000 --folder $(REPLAYED)
@@ -62,9 +63,12 @@ test-cpp: setup
 	build/session/replay 0 $(REPLAYED)/*.hqp
 	mkdir -p build/cpp
 	$(BIN)/python examples/cpp/record.py build/cpp/g1.bin
-	cmake -S examples/cpp -B build/cpp -Dhqp_DIR=$$($(BIN)/hqp --cmake-dir) > build/cpp/configure.log
+	$(BIN)/python examples/cpp/standing.py build/cpp
+	cmake -S examples/cpp -B build/cpp -Dhqp_DIR=$$($(BIN)/hqp --cmake-dir) \
+	    -Dmujoco_DIR=$$($(BIN)/python -c "import mujoco, os; print(os.path.dirname(mujoco.__file__))") > build/cpp/configure.log
 	cmake --build build/cpp
 	build/cpp/replay build/cpp/g1.bin 1e-12
+	printf 'right 0.05 0 0.1\nleft 0 0 0.05\n' | build/cpp/standing build/cpp 3
 
 # The kernel for ARM, compiled here and run under emulation: the same answers as on this machine.
 # On Debian: apt-get install --no-install-recommends g++-aarch64-linux-gnu qemu-user-static

@@ -1,4 +1,4 @@
-"""A Gymnasium environment over a session: an agent moves targets, the stack keeps balance and limits."""
+"""Gymnasium environments over sessions: an agent moves targets, the stack keeps balance and limits."""
 
 from __future__ import annotations
 
@@ -8,9 +8,12 @@ from typing import Any
 import gymnasium  # pyright: ignore[reportMissingImports]
 import numpy as np
 
+from hqp.adapters.vector_env import VectorEnv
 from hqp.arrays import Vec
 from hqp.session import Controller
 from hqp.stack import Stack
+
+__all__ = ["StackEnv", "VectorEnv"]
 
 
 class StackEnv(gymnasium.Env[Any, Any]):  # type: ignore[misc,unused-ignore]

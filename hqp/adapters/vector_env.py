@@ -1,0 +1,146 @@
+"""Many Gymnasium environments at once: a Batch commands, MuJoCo's threaded rollout moves the worlds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import gymnasium  # pyright: ignore[reportMissingImports]
+import numpy as np
+from gymnasium.vector.utils import batch_space  # pyright: ignore[reportMissingImports]
+
+from hqp.arrays import Mat, Vec
+from hqp.batch import Batch
+from hqp.controller import Controller
+from hqp.errors import DeclarationError
+from hqp.robots import Robot
+
+
+class VectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc,unused-ignore]
+    """Actions are offsets of targets from where the elements are at home, observations joint angles, rates and base.
+
+    action = (offset of each target, in the order given) ``(num_envs, n)``, within ``reach`` [m, rad]; observation
+    ``(num_envs, nq + nv)``: q and v.  controller: at torque level.  robot: floating or fixed, joints of one axis.
+    targets: names of elements whose references are numbers (Position, Com).  dt: of a tick and a step of MuJoCo [s];
+    an action is held for ``frame_skip`` ticks.
+    spread: of the joints where a world begins [rad].  reward: of (q, v, action), ``(num_envs,)``; 0 by default.  fallen: of
+    (q, v), which worlds end; by default a base 0.2 m lower than at home, or a state that is not finite.
+    Raises DeclarationError for another level or target.
+    """
+
+    metadata: dict[str, Any] = {"autoreset_mode": gymnasium.vector.AutoresetMode.NEXT_STEP}  # noqa: RUF012
+
+    def __init__(
+        self, controller: Controller, robot: Robot, targets: tuple[str, ...], num_envs: int, *, reach: float = 0.1,
+        dt: float = 0.002, frame_skip: int = 10, steps: int = 200, threads: int = 0,
+        spread: float = 0.0,
+        reward: Callable[[Mat, Mat, Mat], Vec] | None = None, fallen: Callable[[Mat, Mat], Any] | None = None,
+    ) -> None:  # fmt: skip
+        from mujoco import rollout
+
+        from hqp.robots import Plant
+
+        session = controller.session(robot, dt)
+        if session.program.kind != "torque":
+            raise DeclarationError("VectorEnv", "no torques", value=session.program.kind, allowed="hqp.Torque()")
+        home = robot.state(robot.home)
+        self._start: dict[str, Vec] = {}
+        for name in targets:
+            value = np.asarray(session.stack.find(name).hold(home).value, dtype=np.float64)
+            if value.ndim != 1:
+                raise DeclarationError(f"VectorEnv, {name}", "its reference is no vector", value=value.shape)
+            self._start[name] = value
+        self.num_envs, self._skip, self._steps = num_envs, frame_skip, steps
+        self._spread = spread
+        self._batch = Batch(controller, robot, num_envs, dt, threads=threads)
+        self._plant, self._robot = Plant(robot, timestep=dt), robot
+        self._reward = reward or (lambda q, v, action: np.zeros(num_envs))
+        self._fallen = fallen or self._lower
+        size = sum(value.size for value in self._start.values())
+        self.single_action_space = gymnasium.spaces.Box(-reach, reach, (size,), np.float32)
+        self.single_observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (robot.nq + robot.nv,), np.float32)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._rollout = rollout.Rollout(nthread=self._batch.threads)
+        self._data = [type(self._plant.data)(self._plant.model) for _ in range(self._batch.threads)]
+        self._order = self._motors()
+
+    def reset(
+        self, *, seed: int | list[int] | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """All worlds at home, joints up to ``spread`` off it; ``options={"reset_mask": (num_envs,)}`` for some."""
+        super().reset(seed=seed if isinstance(seed, int) else None)
+        mask = (options or {}).get("reset_mask")
+        if mask is None:
+            self._Q = np.tile(self._robot.home, (self.num_envs, 1))
+            self._V = np.zeros((self.num_envs, self._robot.nv))
+            self._count = np.zeros(self.num_envs, dtype=int)
+            self._over = np.zeros(self.num_envs, dtype=bool)
+        self._begin(np.ones(self.num_envs, dtype=bool) if mask is None else np.asarray(mask, dtype=bool))
+        return self._observe(), {}
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Hold the targets for ``frame_skip`` ticks; a world that ended begins anew instead."""
+        offsets, over = np.asarray(actions, dtype=np.float64), self._over.copy()
+        self._begin(over)
+        targets, at = {}, 0
+        for name, start in self._start.items():
+            targets[name] = start + np.where(over[:, None], 0.0, offsets[:, at : at + start.size])
+            at += start.size
+        for _ in range(self._skip):
+            tick = self._batch.step(self._Q, self._V, targets)
+            self._advance(tick.commands, ~over)
+        self._count[~over] += 1
+        fallen = np.asarray(self._fallen(self._Q, self._V), dtype=bool) & ~over
+        late = (self._count >= self._steps) & ~over
+        self._over = fallen | late
+        reward = np.where(over, 0.0, self._reward(self._Q, self._V, offsets))
+        return self._observe(), reward, fallen, late, {"status": tick.status}
+
+    def _begin(self, worlds: Any) -> None:
+        if not worlds.any():
+            return
+        self._batch.reset(np.flatnonzero(worlds))
+        columns = self._robot.actuated
+        for world in np.flatnonzero(worlds):
+            off = np.zeros(self._robot.nv)
+            off[columns] = self.np_random.uniform(-self._spread, self._spread, len(columns))
+            self._Q[world] = self._robot.integrate(self._robot.home, off, 1.0)
+        self._V[worlds] = 0.0
+        self._count[worlds] = 0
+
+    def _motors(self) -> Any:
+        """The motor of each joint of a command."""
+        model = self._plant.model
+        driven = [model.joint(int(joint)).name for joint in model.actuator_trnid[:, 0]]
+        return np.array([driven.index(name) for name in self._plant.joint_names])
+
+    def _advance(self, commands: Mat, worlds: Any) -> None:
+        """One step of MuJoCo in these worlds."""
+        model, chosen = self._plant.model, np.flatnonzero(worlds)
+        if not chosen.size:
+            return
+        states = np.zeros((chosen.size, 1 + model.nq + model.nv + model.na))
+        control = np.zeros((chosen.size, 1, model.nu))
+        control[:, 0, self._order] = commands[chosen]
+        for k, world in enumerate(chosen):
+            qpos, qvel = self._plant.map.to_mujoco(self._Q[world], self._V[world])
+            states[k, 1 : 1 + model.nq] = qpos
+            states[k, 1 + model.nq : 1 + model.nq + model.nv] = qvel
+        found, _ = self._rollout.rollout([model] * chosen.size, self._data, states, control, skip_checks=False)
+        for k, world in enumerate(chosen):
+            now = found[k, -1]
+            self._Q[world], self._V[world] = self._plant.map.to_pinocchio(
+                now[1 : 1 + model.nq], now[1 + model.nq : 1 + model.nq + model.nv]
+            )
+
+    def _lower(self, q: Mat, v: Mat) -> Any:
+        bad = ~np.isfinite(q).all(axis=1) | ~np.isfinite(v).all(axis=1)
+        return bad | (q[:, 2] < self._robot.home[2] - 0.2) if self._robot.floating else bad
+
+    def _observe(self) -> Any:
+        return np.concatenate((self._Q, self._V), axis=1).astype(np.float32)
+
+    def close_extras(self, **_: Any) -> None:
+        """End MuJoCo's threads."""
+        self._rollout.close()
