@@ -108,3 +108,16 @@ def test_a_wrench_that_is_not_resisted_moves_the_robot() -> None:
         moved[resisted] = float(session.program.acceleration(tick.x)[0])
     assert moved[True] == pytest.approx(0.0, abs=1e-6)
     assert moved[False] > 0.1
+
+
+def test_the_force_between_coupled_joints_drops_out_of_an_estimate() -> None:
+    robot = hqp.robots.load("ur5")
+    moved = [name for name in robot.joint_names if name != "elbow_joint"]
+    coupled = {"elbow_joint": ("shoulder_lift_joint", -0.5)}
+    observer = MomentumObserver(robot, "tool0", moved, 0.002, coupled=coupled)
+    state, force = robot.state(robot.home + 0.3), np.array([3.0, -5.0, 20.0])
+    between = np.zeros(robot.nv)
+    between[robot.joints(("elbow_joint",))] = 7.0
+    between[robot.joints(("shoulder_lift_joint",))] = 3.5
+    observer.residual = state.jacobian("tool0")[:3].T @ force + between
+    np.testing.assert_allclose(observer.force(state), force, atol=1e-9)
