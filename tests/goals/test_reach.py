@@ -260,3 +260,16 @@ def test_native_kinematics_are_pinocchios(name: str) -> None:
         for a, b in zip(seen[0], [a for view in (*views, *bodies[1:]) for a in view], strict=True):
             np.testing.assert_allclose(a, b, atol=1e-12)
         np.testing.assert_allclose(seen[1], robot.joint_twists, atol=1e-12)
+
+
+def test_starts_are_drawn_all_around() -> None:
+    """Joints over their ranges, and the base to both sides in every direction."""
+    robot = hqp.robots.load("g1")
+    rng = np.random.default_rng(3)
+    drawn = np.array([reaching.random_start(robot, robot.home, rng) for _ in range(200)])
+    base = np.array([robot.difference(robot.home, q)[:6] for q in drawn])
+    assert np.all(base.min(axis=0) < -0.5 * reaching.BASE)
+    assert np.all(base.max(axis=0) > 0.5 * reaching.BASE)
+    assert np.all(np.abs(base) <= 2.0 * reaching.BASE)
+    share = (drawn[:, 7:] - robot.lower[6:]) / (robot.upper - robot.lower)[6:]
+    assert np.all((share.min(axis=0) < 0.15) & (share.max(axis=0) > 0.85))
