@@ -11,8 +11,8 @@ import numpy as np
 from hqp.errors import DeclarationError
 from hqp.robot import Robot
 
+from .anchored import solved
 from .body import Body
-from .branches import start
 from .clip import Motion
 from .contacts import NAMES, Mask
 from .joints import parts_of
@@ -69,8 +69,7 @@ def retarget(
     targets = targets_of(clip, parts_of(clip.names, found.human), body, masks)
     tracker = Tracker(robot, Stacks(robot, found, body, 1.0 / clip.fps, collision=collision), targets)
     begin = time.process_time()
-    q0 = start(tracker, 0)
-    passed = tracker.run(q0, np.zeros(robot.nv), 0, len(clip) - 1)
+    passed = solved(tracker)
     spent = time.process_time() - begin
     frames = slice(None, None, each)
     measures = measure(robot, tracker.stacks, targets, passed.q)

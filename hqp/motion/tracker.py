@@ -45,6 +45,15 @@ class Pass:
     v: Mat
     statuses: list[str]
 
+    def reversed(self) -> Pass:
+        """The same frames the other way round."""
+        return Pass(self.q[::-1], -self.v[::-1], self.statuses[::-1])
+
+    def then(self, other: Pass) -> Pass:
+        """Followed by a pass that begins in the last frame of this one."""
+        q, v = np.vstack((self.q, other.q[1:])), np.vstack((self.v, other.v[1:]))
+        return Pass(q, v, self.statuses + other.statuses)
+
 
 class Sessions:
     """A session for each set of standing feet, made when it is first needed."""
@@ -91,7 +100,7 @@ class Tracker:
 
     def references(self, i: int, j: int, standing: Standing, holds: Mapping[str, Hold]) -> list[Reference]:
         """References of frame i, with the rates that lead to frame j in one period."""
-        between, sign = min(i, j), float(j - i)
+        between, sign = min(i, j, len(self.targets) - 2), float(j - i)
         found = [Reference(name, x[i], sign * u[between]) for name, (x, u) in self._places.items()]
         found += [Reference(name, self._axes[name][0][i], sign * self._axes[name][1][between]) for name in TRUNK]
         ends = {side: end for side, end, _ in standing}
@@ -114,6 +123,17 @@ class Tracker:
             found.append(Reference(self.stacks.heights[task.name].name, ground))
             if side in raised:
                 found.append(Reference(self.stacks.above[raised[side].name].name, ground))
+        return found
+
+    def errors(self, q: Mat) -> Mat:
+        """Distances of toes and hands from their targets ``(T, 4)`` [m], frame by frame."""
+        hands = (f"{side}_hand" for side in SIDES)
+        tasks = {**{task.name: task for task in self.stacks.toes.values()}, **{h: self.stacks.points[h] for h in hands}}
+        aims = {name: ({**self._edges, **self._places})[name][0] for name in tasks}
+        found = np.empty((len(q), len(tasks)))
+        for i, at in enumerate(q):
+            state = self.robot.state(at)
+            found[i] = [float(np.linalg.norm(task.value(state) - aims[name][i])) for name, task in tasks.items()]
         return found
 
     def run(self, q: Vec, v: Vec, first: int, last: int) -> Pass:

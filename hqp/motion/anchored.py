@@ -1,0 +1,61 @@
+"""The frame from which a motion is solved, forwards and backwards: strict levels can lead into a corner one way only."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hqp.arrays import Mat
+
+from .branches import start
+from .contacts import runs
+from .tracker import Pass, Tracker
+
+BEHIND = 0.05
+"""A hand or a foot further off than this is behind [m]."""
+
+SHORT = 0.1
+"""What is behind for a shorter time needs no other anchor [s]."""
+
+MOST = 5
+"""So many frames are anchors at most."""
+
+
+def solved(tracker: Tracker) -> Pass:
+    """The whole motion, from the anchor that leaves hands and feet least behind.
+
+    The first frame is the first anchor.  Where a hand or a foot is behind for a while, the last frame is the next one,
+    then the worst frame of the best pass so far, as long as that leaves less behind.
+    """
+    last = len(tracker.targets) - 1
+    best, errors = _from(tracker, 0, None)
+    tried, anchor = {0}, last
+    while len(tried) < MOST and anchor not in tried and _behind(tracker, errors):
+        tried.add(anchor)
+        other, found = _from(tracker, anchor, best)
+        if _cost(found) < _cost(errors):
+            best, errors = other, found
+        elif anchor != last:
+            break
+        anchor = int(errors.max(axis=1).argmax())
+    return best
+
+
+def _from(tracker: Tracker, anchor: int, hint: Pass | None) -> tuple[Pass, Mat]:
+    """The pass from an anchor both ways, and how far toes and hands are off in it ``(T, 4)`` [m]."""
+    q = start(tracker, anchor, *([] if hint is None else [hint.q[anchor]]))
+    rest, last = np.zeros(tracker.robot.nv), len(tracker.targets) - 1
+    found = tracker.run(q, rest, anchor, last)
+    if anchor:
+        found = tracker.run(q, rest, anchor, 0).reversed().then(found)
+    return found, tracker.errors(found.q)
+
+
+def _behind(tracker: Tracker, errors: Mat) -> bool:
+    """Whether a part is behind for longer than ``SHORT``."""
+    frames = max(1, round(SHORT / tracker.dt))
+    return any(last - first >= frames for column in errors.T for first, last in runs(column > BEHIND))
+
+
+def _cost(errors: Mat) -> float:
+    """How far hands and feet are behind, over all frames [m]."""
+    return float(np.maximum(errors - BEHIND, 0.0).sum())
