@@ -22,13 +22,20 @@ def about_vertical(angle: float) -> Mat:
 
 def exponential(w: Vec) -> Mat:
     """exp([w]x) ``(3, 3)``."""
-    x, y, z = w.tolist()
-    angle = math.sqrt(x * x + y * y + z * z)
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    if angle < 1e-9:
-        return np.asarray(np.eye(3) + cross)
-    a, b = math.sin(angle) / angle, (1.0 - math.cos(angle)) / (angle * angle)
-    return np.asarray(np.eye(3) + a * cross + b * cross @ cross)
+    return np.array(exponential_rows(*w.tolist()))
+
+
+def exponential_rows(x: float, y: float, z: float) -> list[list[float]]:
+    """exp([w]x) for w = (x, y, z), as its rows."""
+    square = x * x + y * y + z * z
+    angle = math.sqrt(square)
+    a, b = (math.sin(angle) / angle, (1.0 - math.cos(angle)) / square) if angle > 1e-9 else (1.0, 0.5)
+    xy, xz, yz, ax, ay, az = b * x * y, b * x * z, b * y * z, a * x, a * y, a * z
+    return [
+        [1.0 - b * (y * y + z * z), xy - az, xz + ay],
+        [xy + az, 1.0 - b * (x * x + z * z), yz - ax],
+        [xz - ay, yz + ax, 1.0 - b * (x * x + y * y)],
+    ]
 
 
 def rotation_of(quaternion: Vec) -> Mat:

@@ -29,6 +29,7 @@ class Clutch:
         if not isinstance(scale, (int, float)) or not 0.0 < scale < math.inf:
             raise DeclarationError("Follow", "scale", value=scale, allowed="a positive number")
         pose = _pose(frame)
+        self._F, self._scale = pose[:3, :3], float(scale)
         F, mirrored = pose[:3, :3], float(np.linalg.det(pose[:3, :3])) < 0.0
         if mirrored and not apart:
             raise DeclarationError("Follow", "a frame that mirrors needs clutch=True", value=frame, allowed=ALLOWED)
@@ -40,16 +41,26 @@ class Clutch:
                 self._D[block, block] = (np.linalg.det(F) if turns[block][0] else scale) * F
         elif frame is not None:
             raise DeclarationError("Follow", f"{element.name} has no axes that a frame could turn", value=frame)
-        self.origin = space.neutral(k)
-        self._anchor: Any = space.placed(pose, k)
+        self.engage(space.neutral(k), space.placed(pose, k))
 
     def engage(self, value: Any, anchor: Any) -> None:
         """Join an operator's value and one of the task."""
-        self.origin, self._anchor = value, anchor
+        self._origin, self._anchor = value, anchor
+        if self._space.first is not None:
+            F = self._F
+            self._right: Mat = value[:3, :3].T @ F.T @ anchor[:3, :3]  # exp(det(F) F w) = F exp(w) F^T
+            self._place = anchor[:3, 3] - self._scale * F @ value[:3, 3] if self._space.first else np.zeros(3)
 
     def value(self, operators: Any) -> Any:
         """The task's value for an operator's."""
-        return self._space.plus(self._anchor, self._D @ self._space.minus(operators, self.origin))
+        if self._space.first is None:
+            return self._space.plus(self._anchor, self._D @ self._space.minus(operators, self._origin))
+        R = self._F @ operators[:3, :3] @ self._right
+        if self._space.first == 0:
+            return R
+        found = operators.copy()
+        found[:3, :3], found[:3, 3] = R, self._place + self._scale * self._F @ operators[:3, 3]
+        return found
 
     def rate(self, operators: Vec) -> Vec:
         """The task's velocity or acceleration for an operator's ``(k,)``."""

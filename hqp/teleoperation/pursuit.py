@@ -53,10 +53,11 @@ class Pursuit:
         """Go on for dt [s] towards where the target is after it, with its velocity and acceleration ``(k,)``."""
         count = max(1, math.ceil(dt / STEP - 1e-9))
         h = dt / count
-        for i in range(count):
-            left = (count - 1 - i) * h
-            e = self._space.minus(self.value, target) + h * self.v + left * (speed - 0.5 * left * acceleration)
-            self._step(h, e, speed - left * acceleration, acceleration)
+        for i in reversed(range(count)):
+            e, u = self._space.minus(self.value, target) + h * self.v, speed
+            if left := i * h:
+                e, u = e + left * (speed - 0.5 * left * acceleration), speed - left * acceleration
+            self._step(h, e, u, acceleration)
 
     def stop(self, dt: float) -> None:
         """Go on for dt [s] and come to rest where that is soonest."""
@@ -65,25 +66,28 @@ class Pursuit:
 
     def _step(self, h: float, e: Vec, speed: Vec, acceleration: Vec) -> None:
         """e, speed, acceleration: the error after the step as it goes on, and how the target moves then."""
-        wanted = np.empty_like(e)
+        off, speeds, known = e.tolist(), speed.tolist(), acceleration.tolist()
+        v, a = self.v.tolist(), self.a.tolist()
+        share, half = 1.0 - math.exp(-3.0 * RATE * h), 0.5 * h
         self.held_under = False
-        for part, most_speed, most in self._parts:
-            off, braking = e[part], BRAKING * most
-            far = math.sqrt(float(off @ off))
+        for rows, most_speed, most in self._parts:
+            far, braking = math.hypot(*off[rows]), BRAKING * most
             near = braking * (3.0 / RATE) ** 2
             s = RATE / 3.0 if far <= near else math.sqrt(2.0 * braking * (far - 0.5 * near)) / far
-            u = speed[part] - s * off
-            fast = math.sqrt(float(u @ u))
+            u = [x - s * y for x, y in zip(speeds[rows], off[rows], strict=True)]
+            fast = math.hypot(*u)
             if fast > most_speed:
-                u = (most_speed / fast) * u
+                u = [most_speed / fast * x for x in u]
                 self.held_under = True
-            a = acceleration[part] + RATE * (u - self.v[part] - h * self.a[part])
-            size = math.sqrt(float(a @ a))
-            wanted[part] = (most / size) * a if size > most else a
-        new = self.a + (1.0 - math.exp(-3.0 * RATE * h)) * (wanted - self.a)
-        v = self.v + 0.5 * h * (self.a + new)
-        self.value = self._space.plus(self.value, 0.5 * h * (self.v + v))
-        self.v, self.a = v, new
+            asked = zip(known[rows], u, v[rows], a[rows], strict=True)
+            wanted = [x + RATE * (y - z - h * b) for x, y, z, b in asked]
+            size = math.hypot(*wanted)
+            cut = most / size if size > most else 1.0
+            a[rows] = [b + share * (cut * x - b) for b, x in zip(a[rows], wanted, strict=True)]
+        new = np.array(a)
+        v_new = self.v + half * (self.a + new)
+        self.value = self._space.plus(self.value, half * (self.v + v_new))
+        self.v, self.a = v_new, new
 
 
 def _slice(rows: Mask) -> slice:

@@ -10,7 +10,7 @@ import numpy as np
 from hqp.arrays import Mask, Mat, Vec
 from hqp.element import Task
 from hqp.errors import DeclarationError
-from hqp.estimation.rotations import exponential
+from hqp.estimation.rotations import exponential, exponential_rows
 
 
 class Space:
@@ -37,12 +37,11 @@ class Space:
         if self.first is None:
             difference: Vec = value - other
             return np.array([math.remainder(d, math.tau) for d in difference.tolist()]) if self.wraps else difference
+        one, two = value.tolist(), other.tolist()
+        turn = _log(_between(one, two))
         if self.first == 0:
-            return logarithm(value @ other.T)
-        found = np.empty(6)
-        found[:3] = value[:3, 3] - other[:3, 3]
-        found[3:] = logarithm(value[:3, :3] @ other[:3, :3].T)
-        return found
+            return np.array(turn)
+        return np.array([one[0][3] - two[0][3], one[1][3] - two[1][3], one[2][3] - two[2][3], *turn])
 
     def plus(self, value: Any, difference: Vec) -> Any:
         """The value that a difference ``(k,)`` leads to."""
@@ -50,10 +49,13 @@ class Space:
             return value + difference
         if self.first == 0:
             return exponential(difference) @ value
-        found = value.copy()
-        found[:3, 3] += difference[:3]
-        found[:3, :3] = exponential(difference[3:]) @ value[:3, :3]
-        return found
+        *shift, x, y, z = difference.tolist()
+        p, q, r, _ = value.tolist()
+        found = [
+            [a * p[0] + b * q[0] + c * r[0], a * p[1] + b * q[1] + c * r[1], a * p[2] + b * q[2] + c * r[2], row[3] + d]
+            for (a, b, c), row, d in zip(exponential_rows(x, y, z), (p, q, r), shift, strict=True)
+        ]
+        return np.array([*found, [0.0, 0.0, 0.0, 1.0]])
 
     def neutral(self, k: int) -> Any:
         """The value at the origin of the axes."""
@@ -66,20 +68,34 @@ class Space:
         return pose[:3, :3].copy() if self.first == 0 else pose.copy()
 
 
+Rows = list[list[float]]
+
+
+def _between(one: Rows, two: Rows) -> Rows:
+    """The rotation that takes the axes of two to those of one, as rows."""
+    (a, b, c), (d, e, f), (g, h, i) = (row[:3] for row in two[:3])
+    return [
+        [p * a + q * b + r * c, p * d + q * e + r * f, p * g + q * h + r * i] for p, q, r in (x[:3] for x in one[:3])
+    ]
+
+
 def logarithm(R: Mat) -> Vec:
     """log R ``(3,)`` [rad], with an angle of at most pi."""
-    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    return np.array(_log(R.tolist()))
+
+
+def _log(rows: Rows) -> tuple[float, float, float]:
+    (a, b, c), (d, e, f), (g, h, i) = rows
     x, y, z = h - f, c - g, d - b
     sine, cosine = 0.5 * math.sqrt(x * x + y * y + z * z), 0.5 * (a + e + i - 1.0)
     angle = math.atan2(sine, cosine)
     if sine > 1e-6:
         s = 0.5 * angle / sine
-        return np.array([s * x, s * y, s * z])
+        return s * x, s * y, s * z
     if cosine > 0.0:
-        return np.array([0.5 * x, 0.5 * y, 0.5 * z])
+        return 0.5 * x, 0.5 * y, 0.5 * z
     squares = [0.5 * (a + 1.0), 0.5 * (e + 1.0), 0.5 * (i + 1.0)]  # half a turn: R = 2 n n^T - 1
     k = max(range(3), key=squares.__getitem__)
-    n = 0.5 * (R[k] + R[:, k])
-    n[k] += 1.0
-    axis: Vec = n / np.linalg.norm(n)
-    return math.pi * axis
+    n = [0.5 * (rows[k][j] + rows[j][k]) + (j == k) for j in range(3)]
+    size = math.pi / math.sqrt(sum(x * x for x in n))
+    return size * n[0], size * n[1], size * n[2]

@@ -55,8 +55,10 @@ class Cubic:
 
     def after(self, tau: float) -> tuple[Vec, Vec, Vec]:
         """x, v, a ``(k,)`` each, ``tau`` [s] after the latest packet."""
-        x, v, a, j = self.motion
-        return x + tau * (v + tau * (a / 2.0 + tau / 6.0 * j)), v + tau * (a + 0.5 * tau * j), a + tau * j
+        half = 0.5 * tau * tau
+        powers = np.array(((1.0, tau, half, tau * half / 3.0), (0.0, 1.0, tau, half), (0.0, 0.0, 1.0, tau)))
+        x, v, a = powers @ self.motion
+        return x, v, a
 
     def at(self, tau: float, rest: float) -> tuple[Vec, Vec, Vec]:
         """The same for a hand that comes to rest by ``rest`` [s], from half of that on."""
