@@ -66,11 +66,14 @@ class Controller:
             if not isinstance(value, kind) and not (name == "rates" and value is None):
                 raise DeclarationError("controller", name, value=value, allowed=f"{kind.__name__}(...)")
 
-    def session(self, robot: Robot, dt: float, *, max_age: float | None = None) -> Session:
+    def session(self, robot: Robot, dt: float, *, max_age: float | None = None, stuck: bool = True) -> Session:
         """Compile for a robot at a control period dt [s]; states older than max_age [s] are refused.
+
+        stuck: whether a thread looks for a way out of a task that is off and at rest, see ``Tick.way_out``; not for
+        ticks that are no loop in time.
 
         Raises DeclarationError, ModelError or UnsupportedProblem for what does not fit, before the loop.
         """
         from hqp.session import Session
 
-        return Session(self, robot, dt, max_age=max_age)
+        return Session(self, robot, dt, max_age=max_age, stuck=stuck)

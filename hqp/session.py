@@ -49,11 +49,13 @@ class Session:
     """A controller on one robot; keeps hold values, the last safe command and the solver's warm start.
 
     max_age [s]: states must tell their ``time`` on the clock of ``time.monotonic`` (or of ``step(..., now=)``), be no
-    older, and at most 1 ms ahead of it.  One thread at a time may step, change the stack or ask about a tick: another
-    one is refused.
+    older, and at most 1 ms ahead of it.  stuck: whether tasks that are stuck are looked for, see ``Tick.way_out``.
+    One thread at a time may step, change the stack or ask about a tick: another one is refused.
     """
 
-    def __init__(self, controller: Controller, robot: Robot, dt: float, *, max_age: float | None = None) -> None:
+    def __init__(
+        self, controller: Controller, robot: Robot, dt: float, *, max_age: float | None = None, stuck: bool = True
+    ) -> None:
         if not isinstance(dt, (int, float, np.floating)) or not 0.0 < dt < math.inf:
             raise DeclarationError("session", "bad control period", value=dt, unit="s", allowed="dt > 0")
         require_compiled()
@@ -73,7 +75,7 @@ class Session:
         if compiled.dropped:
             LOG.warning("%s", compiled.dropped)
         kind = compiled.program.kind
-        guards = Guards.of(robot, self.dt, check, kind, self._turn, first)
+        guards = Guards.of(robot, self.dt, check, kind, self._turn, first, stuck)
         limiter = rate_limiter(robot, controller.rates, kind, self.dt)
         self.line = Line(guards, compiled, budget, limiter)
         """The stack at work."""

@@ -55,19 +55,23 @@ class Guards:
     motors: list[int]
     turn: Turn
     first: tuple[Note, ...]
+    stuck: bool = True
+    """Whether tasks that are stuck are looked for."""
     count: int = 0
     phase: str | None = None
     """The phase of the latest tick."""
 
     @classmethod
-    def of(cls, robot: Robot, dt: float, check: StateCheck, kind: str, turn: Turn, first: tuple[Note, ...]) -> Guards:
+    def of(
+        cls, robot: Robot, dt: float, check: StateCheck, kind: str, turn: Turn, first: tuple[Note, ...], stuck: bool
+    ) -> Guards:
         """Those of sessions of one kind of x."""
         joints: Index = np.arange(len(robot.joint_names)) if kind == "torque" else robot.actuated
         gradual = rate_limiter(robot, GRADUAL, kind, dt)
         assert gradual is not None
         behind = bool(joints.size and np.all(np.diff(joints) == 1))
         part = slice(int(joints[0]), int(joints[-1]) + 1) if behind else joints
-        return cls(robot, dt, check, gradual, part, joints.tolist(), turn, first)
+        return cls(robot, dt, check, gradual, part, joints.tolist(), turn, first, stuck)
 
 
 class Line:
@@ -108,7 +112,7 @@ class Line:
         self.contacts = ContactWatch(compiled.stack, self.dt)
         self.presence = Presence(compiled.stack, compiled.program)
         self.limits = LimitWatch(compiled.watched, self.dt)
-        self.stuck = StuckWatch(compiled.stack, self.dt)
+        self.stuck = StuckWatch(compiled.stack, self.dt, self.guards.stuck)
 
     @property
     def problem(self) -> Hierarchy:

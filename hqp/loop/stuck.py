@@ -45,15 +45,15 @@ class StuckWatch:
     """Looks twenty times a second whether a task with a reference is off and stays there with the robot at rest.
 
     After half a second of that a thread looks for a posture that meets the task's level, and leaves those above as they
-    are; while there is one and nothing moves, every tick has a note.
+    are; while there is one and nothing moves, every tick has a note.  on: False looks for nothing.
     """
 
-    def __init__(self, stack: Stack, dt: float) -> None:
+    def __init__(self, stack: Stack, dt: float, on: bool = True) -> None:
         self._tasks = {
             task.name: (level, task)
             for level, elements in enumerate(stack.levels)
             for task in elements
-            if isinstance(task, Task) and task.quantity == "motion" and not task.is_contact and not task.demands
+            if on and isinstance(task, Task) and task.quantity == "motion" and not task.is_contact and not task.demands
         }
         self._stack, self._period = stack, max(1, round(PERIOD / dt))
         self._patience = math.ceil(PATIENCE / (self._period * dt))
@@ -62,10 +62,6 @@ class StuckWatch:
         self._next, self._looks, self._name, self._begin = self._period, 0, "", 0.0
         self._query: Query | None = None
         self._note: Stuck | None = None
-
-    def rest(self) -> None:
-        """Look no more: the ticks are no loop of a robot's."""
-        self.due = math.inf
 
     def look(self, line: Line, tick: Tick) -> None:
         """Look at the latest tick, and give it a note where a task is stuck."""

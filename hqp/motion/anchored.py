@@ -1,4 +1,4 @@
-"""The frame from which a motion is solved, forwards and backwards: strict levels can lead into a corner one way only."""
+"""The frame from which a motion is solved, both ways: what leads into a corner forwards may not do so backwards."""
 
 from __future__ import annotations
 

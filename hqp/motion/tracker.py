@@ -66,7 +66,7 @@ class Sessions:
         """The session for the feet that stand."""
         if standing not in self._made:
             controller = Controller(self._stacks.stack(standing), Velocity(), deadline=math.inf)
-            self._made[standing] = controller.session(self._stacks.robot, self._dt)
+            self._made[standing] = controller.session(self._stacks.robot, self._dt, stuck=False)
         return self._made[standing]
 
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import hqp
-from benchmarks.calm.arrival import Case, case
 from benchmarks.calm.drawn import scene
 from hqp import Level, P, Stack, Status, Tick
 from hqp.arrays import Vec
@@ -19,7 +18,7 @@ from hqp.goals import ways_out
 from hqp.reference import Reference
 from hqp.tasks import FixedContact, JointLimits, Position, Posture
 
-from .traps import CRAWL, TURNED, crawled_start, references, turned_start, whole_body
+from .traps import CRAWL, TURNED, crawled_start, elbow, references, turned_start, whole_body
 
 
 def until_stuck(
@@ -59,50 +58,61 @@ def test_a_humanoid_knows_the_way_out_of_a_trap(targets: dict[str, tuple[float, 
     assert (state.angles[6:] < robot.upper[6:] + 1e-6).all()
 
 
-def elbow() -> Case:
-    """Panda, whose elbow would have to fold the other way."""
-    return case("panda", 0)
+def far(robot: Any, hand: Any, aim: Reference, q: Vec) -> float:
+    """Distance of the hand from its target [m, rad]."""
+    return float(np.linalg.norm(hand.error(robot.state(q), aim.value)))
 
 
 @pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration()], ids=["velocity", "acceleration"])
 def test_an_arm_goes_free_where_the_user_takes_the_posture(formulation: Any) -> None:
-    one = elbow()
-    hand: Any = one.hand
+    robot, hand, aim, start = elbow()
     if formulation.order == 2:
         hand = type(hand)(frame=hand.frame, name="hand", law=hqp.PD(100.0))
     posture = Posture(law=P(1.0) if formulation.order == 1 else hqp.PD(25.0))
     stack = Stack(Level(hand), Level(posture), subject_to=[JointLimits()])
-    q, tick, _ = until_stuck(one.robot, stack, [hand.at(one.goal)], one.start, one.dt, 8.0, formulation)
+    q, tick, _ = until_stuck(robot, stack, [aim], start, 0.01, 8.0, formulation)
     way = tick.way_out()
     assert way is not None
-    assert one.off(q) > 0.05
+    assert far(robot, hand, aim, q) > 0.05
     first = Posture(law=P(2.0) if formulation.order == 1 else hqp.PD(25.0), name="way out")
     free = Stack(Level(first), Level(hand), subject_to=[JointLimits()])
-    session = hqp.Controller(free, formulation, deadline=np.inf).session(one.robot, one.dt)
-    aim, v = first.at(one.robot.state(way).angles), np.zeros(one.robot.nv)
-    for _ in range(round(6.0 / one.dt)):
-        tick = session.step(one.robot.state(q, v), aim, hand.at(one.goal))
+    session = hqp.Controller(free, formulation, deadline=np.inf).session(robot, 0.01)
+    there, v = first.at(robot.state(way).angles), np.zeros(robot.nv)
+    for _ in range(600):
+        tick = session.step(robot.state(q, v), there, aim)
         q, v = tick.advance()
-    assert one.off(q) < 5e-3
+    assert far(robot, hand, aim, q) < 5e-3
     assert tick.way_out() is None
 
 
 def test_the_note_goes_where_the_task_moves_again() -> None:
-    one = elbow()
-    robot, hand = one.robot, one.hand
-    session = hqp.Controller(one.stack, deadline=np.inf).session(robot, one.dt)
-    q, v, told = one.start, np.zeros(robot.nv), []
-    home = hand.value(robot.state(q))
-    for k in range(round(8.0 / one.dt)):
-        tick = session.step(robot.state(q, v), hand.at(one.goal if not any(told) else home))
+    robot, hand, aim, start = elbow()
+    stack = Stack(Level(hand), Level(Posture()), subject_to=[JointLimits()])
+    session = hqp.Controller(stack, deadline=np.inf).session(robot, 0.01)
+    q, v, told = start, np.zeros(robot.nv), []
+    home = hand.at(hand.value(robot.state(q)))
+    for k in range(800):
+        tick = session.step(robot.state(q, v), aim if not any(told) else home)
         told.append(tick.way_out() is not None)
-        if any(told) and k > told.index(True) + round(0.5 / one.dt):
+        if any(told) and k > told.index(True) + 50:
             break
         if k % 25 == 0:
             time.sleep(0.002)
         q, v = tick.advance()
     assert any(told)
     assert not told[-1]
+
+
+def test_a_session_may_do_without() -> None:
+    robot, hand, aim, start = elbow()
+    stack = Stack(Level(hand), Level(Posture()), subject_to=[JointLimits()])
+    session = hqp.Controller(stack, deadline=np.inf).session(robot, 0.01, stuck=False)
+    q, v = start, np.zeros(robot.nv)
+    for _ in range(400):
+        tick = session.step(robot.state(q, v), aim)
+        q, v = tick.advance()
+    assert far(robot, hand, aim, q) > 0.05
+    assert not any("STUCK" in note.detail for note in tick.notes)
 
 
 def test_what_is_out_of_reach_is_not_stuck(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -149,23 +159,47 @@ def test_a_hand_that_creeps_on_is_not_stuck() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["ur5", "panda", "xarm7"])
-def test_no_false_alarm_in_drawn_loops(name: str) -> None:
-    """Whoever is told to be stuck never arrives by itself; whoever is off at the end was told."""
-    alarms = 0
-    for seed in range(12):
-        one = case(name, seed)
-        session = hqp.Controller(one.stack, deadline=np.inf).session(one.robot, one.dt)
-        q, v, told = one.start, np.zeros(one.robot.nv), False
-        for k in range(round(8.0 / one.dt)):
-            tick = session.step(one.robot.state(q, v), one.hand.at(one.goal))
-            told |= tick.way_out() is not None
-            if k % max(1, round(0.05 / one.dt)) == 0:
-                time.sleep(0.001)
-            q, v = tick.advance()
-        alarms += told
-        assert told == (one.off(q) > 0.01), one.text
-    assert alarms
+@pytest.mark.parametrize(("formulation", "seeds"), [("velocity", 100), ("acceleration", 60), ("torque", 40)])
+def test_no_false_alarm_in_drawn_loops(formulation: str, seeds: int) -> None:
+    """Whoever is told to be stuck is not there 10 s later by itself."""
+    wrong, told = [], 0
+    for seed in range(seeds):
+        for name in alarms(formulation, seed):
+            told += 1
+            if name.endswith("arrived"):
+                wrong.append((seed, name))
+    assert told
+    assert not wrong
+
+
+def alarms(formulation: str, seed: int) -> list[str]:
+    """Tasks of a drawn loop that were told to be stuck, and whether they arrived all the same."""
+    drawn = scene(seed, formulation)
+    robot = drawn.subject.robot
+    law = {"velocity": hqp.Velocity, "acceleration": hqp.Acceleration, "torque": hqp.Torque}[formulation]()
+    session = hqp.Controller(drawn.stack, law, deadline=np.inf).session(robot, drawn.dt)
+    q, v, told, since = robot.home.copy(), np.zeros(robot.nv), dict[str, float](), 0.0
+    for k in range(round(16.0 / drawn.dt)):
+        t = k * drawn.dt
+        aims = list(drawn.targets(t))
+        tick = session.step(robot.state(q, v), *aims)
+        if not told and t > 6.0:
+            break
+        if tick.way_out() is not None:
+            note = next(note for note in tick.notes if "STUCK" in note.detail)
+            told.setdefault(note.element, t)
+        since = min(told.values(), default=t)
+        if t > since + 10.0:
+            break
+        if k % max(1, round(0.05 / drawn.dt)) == 0:
+            time.sleep(0.001)
+        q, v = tick.advance()
+    state, found = robot.state(q), []
+    for name in told:
+        task: Any = drawn.stack.find(name)
+        error = task.error(state, next(aim.value for aim in aims if aim.name == name))
+        found.append(f"{name} {'arrived' if np.abs(error).max() < 1e-3 else 'off'}")
+    return found
 
 
 def test_a_search_starts_no_search(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -122,3 +122,17 @@ def crawled_start() -> Vec:
     q = np.array(CRAWLED)
     q[3:7] /= np.linalg.norm(q[3:7])
     return q
+
+
+ELBOW = (-0.46865, -0.64019, -1.57046, -2.18133, 1.68068, 1.43628, 2.06479, 0.001, 0.001)
+"""Joints of a Panda whose elbow would have to fold the other way to bring its hand to ``HAND`` [rad, m]."""
+
+HAND = (-0.540170, -0.393944, 0.586351), (0.734399, -0.651876, 0.008452, 0.188795)
+"""Position and quaternion xyzw."""
+
+
+def elbow() -> tuple[Any, Any, Any, Vec]:
+    """Panda, its hand, the hand's target, and the start."""
+    robot = hqp.robots.load("panda")
+    hand = Pose(frame="panda_hand_tcp", law=P(5.0), name="hand")
+    return robot, hand, hand.at(HAND), np.array(ELBOW)
