@@ -14,7 +14,8 @@ class Presence {
  public:
   using Out = std::vector<bool>;  // of every member of the line, whether it is out
 
-  Presence(const Node& root, const std::vector<Member>& members) : said_(members.size(), 0) {
+  Presence(const Node& root, const std::vector<Member>& members)
+      : said_(members.size(), 0), out_(members.size()), before_(members.size()) {
     const auto member = [&](const std::string& name) {
       for (std::size_t m = 0; m < members.size(); ++m)
         if (members[m].name == name) return m;
