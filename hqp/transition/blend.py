@@ -43,7 +43,7 @@ PATIENCE = 10.0
 """A transition that has taken this many times its duration goes on at a pace of 1 / PATIENCE whatever the command
 does, so that it ends."""
 
-LIGHT = 0.05
+LIGHT = 0.25
 """A contact that was measured to bear no more than this share of the weight is let go as it is."""
 
 NEARLY = 1.0 - 1e-6
@@ -116,8 +116,8 @@ class Transition:
     def feel(self, references: Iterable[Reference], robot: Robot) -> None:
         """Choose the way by the loads that contacts were measured to bear, before the first tick.
 
-        Where the ground is known to be under those that are taken up, and those that are released bear next to
-        nothing, answers may be blended as they are: forces follow from the torques, and so from what was measured.
+        Where the ground is known to be under those that are taken up, and those that are released bear little, answers
+        may be blended as they are: forces follow from the torques, and so from what was measured.
         """
         if self._begun:
             return
