@@ -22,9 +22,9 @@ class VectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc,unused-ignore]
     action = (offset of each target, in the order given) ``(num_envs, n)``, within ``reach`` [m, rad]; observation
     ``(num_envs, nq + nv)``: q and v.  controller: at torque level.  robot: floating or fixed, joints of one axis.
     targets: names of elements whose references are numbers (Position, Com).  dt: of a tick and a step of MuJoCo [s];
-    an action is held for ``frame_skip`` ticks.
-    spread: of the joints where a world begins [rad].  reward: of (q, v, action), ``(num_envs,)``; 0 by default.  fallen: of
-    (q, v), which worlds end; by default a base 0.2 m lower than at home, or a state that is not finite.
+    an action is held for ``frame_skip`` ticks.  spread: of the joints where a world begins [rad].
+    reward: of (q, v, action), ``(num_envs,)``; 0 by default.  fallen: of (q, v), which worlds end; by default with
+    a base 0.2 m lower than at home, or a state that is not finite.
     Raises DeclarationError for another level or target.
     """
 
