@@ -33,6 +33,7 @@ def stepping(kind: str) -> Stack:
         within.append(t.TorqueLimits())
         within += [t.FrictionCone(contact=name, mu=0.6) for name in SOLES]
         within += [t.CenterOfPressure(contact=name, rectangle=SOLE) for name in SOLES]
+        within.append(t.UnilateralContact(contact="left", minimum=20.0))  # goes with it, or could not hold
         balance = [Level(t.Balance(margin=0.005, name="balance")), Level(t.Com(axes="z", name="height"))]
     else:
         within.append(t.JointLimits())
