@@ -40,7 +40,7 @@ be.  In proportion to omega^2, so that a level that comes to be unmet by next to
 LONGEST_TICK = 0.5
 """[s] longer steps are those of a search for a pose (hqp.reach), not ticks: t_k = 0 there."""
 
-GAIN_TIME = 0.5
+GAIN_TIME = 0.1
 """At order 1, tau is at most this over the gain: a demand that speed limits cut would slow all rows of its level."""
 
 
@@ -49,7 +49,7 @@ class Price:
     """What motion costs a level: min ||w|| + c E(x), c = tau^order L, instead of min ||w|| (docs/calm.md).
 
     tau: [s] a direction in which the level is nearly lost closes no faster than 1/tau; None follows from the laws and
-    the tick: min(0.05, 0.5 / gain) at order 1, min(0.1, 1 / sqrt(kp)) at order 2, at least dt.
+    the tick: min(0.05, 0.1 / gain) at order 1, min(0.1, 1 / sqrt(kp)) at order 2, at least dt.
     A level that can be met for its price is exact; the price shows where it is out of reach.  Raises DeclarationError
     for numbers out of range.
     """

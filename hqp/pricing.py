@@ -16,11 +16,12 @@ An anchored level resists what lies below it, by the sum over all of them above 
 
     R_k(x) = 1/2 sum_a sum_i v_ai^2 / (eta c_a omega_a) + t_a omega_a^2 sum_j d_aj^2 (F (x - x_a))_j^2,
     v_ai = a_i (x - x_a) for an equality; for an inequality by how much its slack grows, as above,
-    d_aj^2 = sum_i (b_i a_i F^+ e_j)^2,    b_i = 1 for an equality, |w_i| / omega_a for an inequality.
+    d_aj^2 = sum_i b_i^2 ((a_i F^+ e_j)^2 + (a_i N_a F^+ e_j)^2),    b_i = 1 for an equality, |w_i| / omega_a elsewhere,
 
-Equalities alone give ||A_a (x - x_a)||^2 and d_aj = ||A_a F^+ e_j||.  Rows of an unmet level that are met stay no hard
-rows, and a violated row is held from one side: as its slack falls to 0 either would turn a wall into a spring, and the
-answer would jump.
+N_a the projection, orthogonal in the coordinates of motion, onto what the equality rows of S_{a-1} leave where
+directions without motion are free: a joint turns the rows of level a itself, or through those of levels above, as an
+elbow does those of a base whose hand is held.  Rows of an unmet level that are met stay no hard rows, and a violated
+row is held from one side: as its slack falls to 0 either would turn a wall into a spring, and the answer would jump.
 R has the unit of E.  The first term lets what lies below move what the level gave by eta omega_a where it is a level
 of the same price, by eta c_a omega_a ||w_k|| where it has none; it becomes the rows themselves as omega_a falls to 0.
 The second slows what lies below in the joints that turn the rows of the level, beyond what the level does itself; it
@@ -37,13 +38,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hqp.arrays import Index, Mat, Vec
+from hqp.arrays import Index, Mat, Vec, row_lengths
 from hqp.problem import Hierarchy, Motion, Rows
 from hqp.tolerances import FLAT_TOLERANCE, MET_TOLERANCE
 
 RESTING = 1e-4
 """Of x's largest entry: what an entry counts for at least in the size of a row's terms."""
 
+DEPENDS = 1e-8
+"""Of a row: what is left of it off the rows before where it depends on them."""
 
 UNNAMED = np.zeros(0, dtype=np.intp)
 """Places of rows that are no rows of a level."""
@@ -97,11 +100,33 @@ class Coordinates:
         y[self.moving :] = 0.0
         return y
 
-    def turning(self, A: Mat) -> Mat:
-        """D F, ``(r, n)``, D the diagonal of d_j = ||A F^+ e_j||."""
-        if self.F.ndim == 1:
-            return np.diag(np.linalg.norm(A * self.back, axis=0) * self.F)
-        return np.asarray(np.linalg.norm(A @ self.back, axis=0)[:, None] * self.F)
+    def left(self, A: Mat, C: Mat) -> Mat:
+        """A N F^+, ``(m, r)``, N off what the rows C ``(k, n)`` say of the motion where flat directions are free."""
+        left, r = self.rows(A), self.moving
+        flat, basis = np.zeros((0, A.shape[1])), np.zeros((0, r))
+        for row, length in zip(C := self.rows(C), row_lengths(C), strict=True):
+            rest = row
+            for _ in range(2):
+                rest = rest - (rest[r:] @ flat[:, r:].T) @ flat
+            if (size := float(np.sqrt(rest[r:] @ rest[r:]))) > DEPENDS * length:
+                flat = np.concatenate([flat, rest[None] / size])
+                continue
+            rest = rest[:r]
+            for _ in range(2):
+                rest = rest - (rest @ basis.T) @ basis
+            if (size := float(np.sqrt(rest @ rest))) > DEPENDS * length:
+                basis = np.concatenate([basis, rest[None] / size])
+        left[:, :r] -= (left[:, :r] @ basis.T) @ basis
+        return left if self.F.ndim == 1 else np.asarray(left @ self.inverse @ self.back)
+
+    def turning(self, A: Mat, C: Mat) -> Mat:
+        """D F, ``(r, n)``, D the diagonal of d_j."""
+        d = np.sqrt(self.columns(A, C).sum(axis=0))
+        return np.diag(d * self.F) if self.F.ndim == 1 else np.asarray(d[:, None] * self.F)
+
+    def columns(self, A: Mat, C: Mat) -> Mat:
+        """(A F^+)^2 + (A N F^+)^2, ``(m, r)``: how each coordinate of the motion turns each row."""
+        return np.asarray((A * self.back if self.F.ndim == 1 else A @ self.back) ** 2 + self.left(A, C) ** 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,7 +180,8 @@ class Above:
         weight = np.where(equal, 1.0, np.abs(w) / omega)[asks, None]
         give = problem.eta * float(problem.prices[level]) * omega
         t = 0.0 if problem.turning is None else float(problem.turning[level])
-        turning = math.sqrt(t) * omega * at.turning(weight * held.dense(x.size))
+        above = self.hard.dense(x.size)[self.hard.equality]
+        turning = math.sqrt(t) * omega * at.turning(weight * held.dense(x.size), above)
         anchor = Anchor(kept(held, x), give, turning, x, places[asks])
         return replace(self, anchors=(*self.anchors, anchor))
 

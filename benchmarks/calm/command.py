@@ -19,9 +19,10 @@ from benchmarks.reports import report
 QUICK = ("scenes", "continuity", "straight")
 """Parts of a quick run."""
 
-PAGE = Path(__file__).parents[2] / "docs" / "calm-results.md"
+PAGE = Path(__file__).parents[2] / "docs" / "results" / "calm.md"
 HEAD = (
-    "# Calm: results\n\nWritten by `python -m benchmarks calm --page`; [calm](calm.md) says what is measured and why.\n"
+    "# Calm: results\n\nWritten by `python -m benchmarks calm --page`; [calm](../calm.md) says what is measured and "
+    "why.\n"
 )
 
 
@@ -37,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--count", type=int, default=1000, metavar="N", help="pairs of a family; goals of all robots")
     parser.add_argument("--drawn", type=int, default=40, metavar="N", help="loops drawn at random of each formulation")
     parser.add_argument("--seed", type=int, default=0, metavar="K", help="of the first of them")
-    parser.add_argument("--page", action="store_true", help=f"write these parts into docs/{PAGE.name}, too")
+    parser.add_argument("--page", action="store_true", help=f"write these parts into docs/results/{PAGE.name}, too")
 
 
 def run(arguments: argparse.Namespace) -> int:

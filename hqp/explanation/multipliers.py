@@ -10,7 +10,7 @@ from hqp.arrays import Mask, Mat, Vec, row_lengths
 from hqp.certify import Certificate, certificate
 from hqp.explanation.words import PRICE, SHARE, Account, Explanation, HeldBack, Loss, Short, is_zero
 from hqp.formulation import Place
-from hqp.pricing import Coordinates, is_met, stack_rows
+from hqp.pricing import Above, Coordinates, is_met, stack_rows
 from hqp.problem import Hierarchy, Motion, Solution
 from hqp.stage_conditions import stage_multipliers
 from hqp.tolerances import NEAR
@@ -147,17 +147,19 @@ def _slowed(problem: Hierarchy, solution: Solution, k: int) -> Mat:
     at, own = Coordinates.of(problem.motion, problem.n), _point(solution, k)
     w, price = solution.residuals[k], _price(problem, k)
     scale = price * float(np.sqrt(w @ w)) if price > 0.0 else 1.0
-    F, back = (np.diag(at.F), np.diag(at.back)) if at.F.ndim == 1 else (at.F, at.back)
-    found = []
+    F = np.diag(at.F) if at.F.ndim == 1 else at.F
+    found, above = [], Above.none(problem.n)
     for a, rows in enumerate(problem.levels[:k]):
         added, point = np.zeros((rows.m, problem.n)), _point(solution, a)
         if point is not None and problem.turning is not None and not is_met(rows, point):
             moved = F @ ((solution.x if own is None else own) - point)
             off = rows.slack(point)
             share = np.where(rows.equality, float(off @ off), off * off)
-            columns = share[:, None] * (rows.dense(problem.n) @ back) ** 2
+            held = above.hard.dense(problem.n)[above.hard.equality]
+            columns = share[:, None] * at.columns(rows.dense(problem.n), held)
             added = scale * float(problem.turning[a]) * (columns * moved) @ F
         found.append(added)
+        above = above.after(problem, a, solution.x if point is None else point, at)
     return np.concatenate([*found, np.zeros((0, problem.n))])
 
 

@@ -116,12 +116,22 @@ class Oracle:
             low, high = np.where(equal, y, np.minimum(rows.lower, y)), np.where(equal, y, np.maximum(rows.upper, y))
             part = np.where(equal, 1.0, np.abs(w) / size)[asks, None] * A[asks]
             t = 0.0 if problem.turning is None else float(problem.turning[k])
-            turning = np.sqrt(t) * size * np.linalg.norm(part @ np.linalg.pinv(self._F(), rcond=1e-7), axis=0)
+            back = np.linalg.pinv(self._F(), rcond=1e-7)
+            columns = np.concatenate([part @ back, part @ back @ self._left()])
+            turning = np.sqrt(t) * size * np.linalg.norm(columns, axis=0)
             self.unmet.append((Rows(A[asks], low[asks], high[asks]), problem.eta * price * size, turning, x))
         else:
-            equal = rows.lower == rows.upper
+            equal = (rows.lower == rows.upper) | ((np.abs(w) > MET) & (not self.unmet))
             low, high = np.where(equal, y, np.minimum(rows.lower, y)), np.where(equal, y, np.maximum(rows.upper, y))
             self.hard.append((A, low, high))
+
+    def _left(self) -> Mat:
+        """The projection onto what F sees of the directions that the equality rows of S leave."""
+        F = self._F()
+        rows = [np.zeros((0, self.problem.n)), *(A[low == high] for A, low, high in self.hard)]
+        seen, sigma, _ = np.linalg.svd(F @ _null_space(np.concatenate(rows)))
+        seen = seen[:, : int(np.count_nonzero(sigma > 1e-7 * np.linalg.norm(F)))]
+        return seen @ seen.T
 
     def _F(self) -> Mat:
         F = np.ones(self.problem.n) if self.problem.motion is None else self.problem.motion.F
@@ -130,3 +140,8 @@ class Oracle:
     def _f(self) -> Vec:
         motion = self.problem.motion
         return np.zeros(len(self._F())) if motion is None or motion.f is None else motion.f
+
+
+def _null_space(A: Mat) -> Mat:
+    _, sigma, Vt = np.linalg.svd(A)
+    return Vt[int(np.count_nonzero(sigma > 1e-9 * max(sigma.max(initial=0.0), 1e-300))) :].T

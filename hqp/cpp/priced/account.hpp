@@ -165,7 +165,8 @@ class Accounts {
       for (int i = 0; i < level.m; ++i) {
         if (!anchor.held[i] || !(anchor.part[i] > 0.0)) continue;
         weight_.assign(motions.count(), 0.0);
-        motions.add_columns(coefficients(level, i), anchor.turning * anchor.part[i] * anchor.part[i], weight_.data());
+        motions.add_columns(coefficients(level, i), anchor.above, anchor.turning * anchor.part[i] * anchor.part[i],
+                            weight_.data());
         double force = 0.0;
         for (int j = 0; j < motions.count(); ++j)
           force += weight_[j] * (motions.moved(j, x) - anchor.from[j]) * motions.moved(j, step_.data());

@@ -1,7 +1,9 @@
 // What an unmet level a leaves to a level k below it (docs/calm.md): its rows stay near y_a = A_a x_a, and motion
 // beyond x_a costs by how long the columns of those rows are,
-//   ||v_a||^2 / (2 eta c_a omega_a) + t_a omega_a^2 / 2 sum_j d_aj^2 (F (x - x_a))_j^2,   d_aj = ||B_a A_a F^+ e_j||,
-// v_a = A_a x - y_a for equalities, for inequalities what their slack grows by, B_a = diag(1 or |w_ai| / omega_a).
+//   ||v_a||^2 / (2 eta c_a omega_a) + t_a omega_a^2 / 2 sum_j d_aj^2 (F (x - x_a))_j^2,
+//   d_aj^2 = ||B_a A_a F^+ e_j||^2 + ||B_a A_a N_a F^+ e_j||^2,
+// v_a = A_a x - y_a for equalities, for inequalities what their slack grows by, B_a = diag(1 or |w_ai| / omega_a), N_a
+// the projection off the equality rows that the levels above a left.
 // The second term only weighs the rows of F anew: with E it is again a motion, of other numbers.
 #pragma once
 
@@ -23,6 +25,7 @@ constexpr double kNearlyFree = 1e-6;  // what a unit of them counts, of the leas
 
 struct Anchor {
   int level = 0, first = 0;  // its first row among all rows
+  int above = 0;             // how many rows N_a is off
   double omega = 0.0;        // ||w_a||
   double give = 0.0;         // eta c_a omega_a
   double turning = 0.0;      // t_a omega_a^2
@@ -43,6 +46,9 @@ class Motions {
         here_(n, flat),
         over_(n, kLost, kNearlyFree, true),
         choice_(n, kLost, kNearlyFree, true),
+        ld_(padded(n)),
+        basis_(static_cast<std::size_t>(n) * ld_),
+        flat_(static_cast<std::size_t>(n) * ld_),
         row_(padded(n)),
         step_(padded(n)) {}
 
@@ -52,6 +58,18 @@ class Motions {
     r_ = r;
     base_.set(F, f, r);
     count_ = r ? r : n_;
+    held_ = flats_ = 0;
+  }
+
+  // One more equality row that levels above anchors leave.
+  void hold(const double* a) {
+    base_.row(a, row_.data());
+    const int moving = base_.rank();
+    const double least = kLost * std::sqrt(dot_any(row_.data(), row_.data(), n_));
+    for (int pass = 0; pass < 2; ++pass) off(flat_, flats_, moving, n_, n_);
+    if (take(flat_, flats_, moving, n_, least)) return;
+    for (int pass = 0; pass < 2; ++pass) off(basis_, held_, 0, moving, moving);
+    take(basis_, held_, 0, moving, least);
   }
 
   void rounding(double length) {
@@ -69,35 +87,26 @@ class Motions {
   // (F x)_j.
   double moved(int j, const double* x) const { return r_ ? dot_any(row(j), x, n_) : size(j) * x[j]; }
 
-  // sum[j] += scale (a F^+ e_j)^2 for a row a.
-  void add_columns(const double* a, double scale, double* sum) {
-    if (!r_) {
-      for (int j = 0; j < n_; ++j) {
-        const double part = a[j] / size(j);
-        sum[j] += scale * part * part;
-      }
-      return;
-    }
+  // sum[j] += scale ((a F^+ e_j)^2 + (a N F^+ e_j)^2) for a row a, N off the first rows held.
+  void add_columns(const double* a, int held, double scale, double* sum) {
     base_.row(a, row_.data());
-    std::fill(row_.begin() + base_.rank(), row_.end(), 0.0);  // F^+ has no direction without motion
-    base_.step(row_.data(), step_.data());
-    for (int j = 0; j < r_; ++j) {
-      const double part = dot_any(row(j), step_.data(), n_);
-      sum[j] += scale * part * part;
-    }
+    add_squares(scale, sum);
+    off(basis_, held, 0, base_.rank(), base_.rank());
+    add_squares(scale, sum);
   }
 
   // The anchor of a level that ended unmet at x, its rows, what they are worth and how far they are off given.
   template <class Row>
   void complete(Anchor& anchor, double turning, const double* x, const Row& row_of) {
     anchor.turning = turning * anchor.omega * anchor.omega;
+    anchor.above = held_;
     anchor.weight.assign(count_, 0.0);
     anchor.from.resize(count_);
     for (int j = 0; j < count_; ++j) anchor.from[j] = moved(j, x);
     if (anchor.turning > 0.0)
       for (std::size_t i = 0; i < anchor.held.size(); ++i)
         if (anchor.held[i] && anchor.part[i] > 0.0)
-          add_columns(row_of(static_cast<int>(i)), anchor.turning * anchor.part[i] * anchor.part[i],
+          add_columns(row_of(static_cast<int>(i)), held_, anchor.turning * anchor.part[i] * anchor.part[i],
                       anchor.weight.data());
   }
 
@@ -180,6 +189,38 @@ class Motions {
   }
 
  private:
+  // sum[j] += scale (a F^+ e_j)^2 of a row a whose coordinates are row_.
+  void add_squares(double scale, double* sum) {
+    if (!r_) {
+      for (int j = 0; j < n_; ++j) sum[j] += scale * row_[j] * row_[j];
+      return;
+    }
+    std::fill(row_.begin() + base_.rank(), row_.end(), 0.0);  // F^+ has no direction without motion
+    base_.step(row_.data(), step_.data());
+    for (int j = 0; j < r_; ++j) {
+      const double part = dot_any(row(j), step_.data(), n_);
+      sum[j] += scale * part * part;
+    }
+  }
+
+  // row_ [0, end) off rows that are orthonormal in [from, to).
+  void off(const std::vector<double>& rows, int count, int from, int to, int end) {
+    for (int k = 0; k < count; ++k) {
+      const double* v = &rows[static_cast<std::size_t>(k) * ld_];
+      add_any(row_.data(), v, -dot_any(v + from, row_.data() + from, to - from), end);
+    }
+  }
+
+  // row_ as one more of them, where more than this is left of it there.
+  bool take(std::vector<double>& rows, int& count, int from, int to, double least) {
+    const double left = std::sqrt(dot_any(row_.data() + from, row_.data() + from, to - from));
+    if (!(left > least)) return false;
+    rows.resize(static_cast<std::size_t>(count + 1) * ld_);
+    double* at = &rows[static_cast<std::size_t>(count++) * ld_];
+    for (int j = 0; j < n_; ++j) at[j] = row_[j] / left;
+    return true;
+  }
+
   // Of a diagonal F, and of a level whose rows pick one variable each.
   const Coordinates& diagonal(const PricedLevel* level) {
     stack_.resize(n_);
@@ -232,6 +273,9 @@ class Motions {
   double rounding_ = 0.0;
   const double *F_ = nullptr, *f_ = nullptr;
   Coordinates base_, here_, over_, choice_;
+  int ld_, held_ = 0, flats_ = 0;
+  std::vector<double> basis_, flat_;  // rows held, in motion coordinates: orthonormal where they see motion alone, and
+                                      // where they see directions without motion
   std::vector<double> row_, step_, weight_, mean_, stack_, target_, root_;
 };
 

@@ -192,6 +192,7 @@ class StageLevels final : public PricedStages {
     uncertain_ = doubtful_ = false;
     for (; !anchors_.empty(); anchors_.pop_back()) spare_.push_back(std::move(anchors_.back()));
     open_ = false;
+    framed_ = 0;
     for (StageEnd& end : ends_) end.known = false;
   }
 
@@ -285,6 +286,11 @@ class StageLevels final : public PricedStages {
       anchor.low[i] = equal || y < level.lower[i] ? y : level.lower[i];
       anchor.high[i] = equal || y > level.upper[i] ? y : level.upper[i];
       anchor.part[i] = equal ? 1.0 : std::abs(w_[i]) / norm;
+    }
+    for (; framed_ < k; ++framed_) {
+      if (std::any_of(anchors_.begin(), anchors_.end(), [&](const Anchor& a) { return a.level == framed_; })) continue;
+      for (int i = 0; i < level_[framed_].m; ++i)
+        if (low_[first_[framed_] + i] == high_[first_[framed_] + i]) motions_.hold(row(level_[framed_], i));
     }
     motions_.complete(anchor, law_.turning ? law_.turning[k] : 0.0, x, [&](int i) { return row(level, i); });
   }
@@ -462,6 +468,7 @@ class StageLevels final : public PricedStages {
   }
 
   int n_, last_ = -1, iterations_ = 0;
+  int framed_ = 0;  // levels whose equality rows anchors have seen
   bool ended_ = true, uncertain_ = false, doubtful_ = false, limited_ = false;
   const Coordinates* seen_by_ = nullptr;  // of the latest stage
   bool open_ = false;                     // whether it left a choice
