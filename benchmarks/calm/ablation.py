@@ -152,7 +152,7 @@ ABLATIONS: tuple[Ablation, ...] = (
         partial(chosen, "talos", "acceleration", "edge", "acceleration_p99"), {f"{_PRICE}LONGEST_TAU[2]": 0.01},
     ),
     Ablation(
-        "GAIN_TIME 0.5", "no rule", "24 goals of UR5 and of G1: lost", partial(lost, ("ur5", "g1"), 24),
+        "GAIN_TIME 0.1", "no rule", "24 goals of UR5 and of G1: lost", partial(lost, ("ur5", "g1"), 24),
         {f"{_PRICE}GAIN_TIME": math.inf},
     ),
     Ablation(
