@@ -1,0 +1,32 @@
+"""The limits of joints that a session takes by default, legs included, are in no loaded leg's way."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco")
+
+import hqp.robots
+from hqp.tasks import JointLimits
+from hqp.walking import Walker
+from hqp.walking.course import Course
+
+from .test_walker import Walked
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "speed", "jump"), [("g1", 0.3, 15.0), ("cbi", 0.2, 200.0)])
+def test_default_limits_of_all_joints_let_it_walk(name: str, speed: float, jump: float) -> None:
+    """G1 fell, and torques of CBi changed by 494 N m in a tick, where such limits outranked what a foot can bear."""
+    robot = hqp.robots.load(name, rotors=True)
+    limits = JointLimits(joints=tuple(robot.joint_names))
+    walk = Walked(Course(Walker(robot, dt=0.002, deadline=np.inf, limits=limits), sensors=None, delay=0.0))
+    walk.run(1.0)
+    start = walk.plant.com()[0]
+    walk.walker.go(forward=speed)
+    walk.run(4.0)
+    assert walk.plant.com()[0] - start > 0.7 * 4.0 * speed
+    assert max(walk.jumps) < jump
+    assert walk.optimal > 0.98
+    assert not walk.statuses["CONSTRAINTS_VIOLATED"]
