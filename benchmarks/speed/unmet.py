@@ -170,8 +170,8 @@ def large(ticks: int) -> Iterator[Line]:
         levels = [*(Level(hand) for hand in hands), Level(Posture(law=P(1.0)))]
         targets = [hand.at(aim) for hand, aim in zip(hands, ahead(robot, hands), strict=True)]
         stack = Stack(*levels, subject_to=[*feet, JointLimits()])
-        loops = [Loop(robot, stack, targets, deadline=math.inf, price=price) for price in (None, 0.0)]
-        yield run(f"nv {robot.nv}: both hands too far", *loops, "of price 0", ticks)
+        default, exact = (Loop(robot, stack, targets, deadline=math.inf, price=price) for price in (None, 0.0))
+        yield run(f"nv {robot.nv}: both hands too far", default, exact, "of price 0", ticks)
 
 
 def last_levels(ticks: int) -> Iterator[Line]:
@@ -184,8 +184,8 @@ def last_levels(ticks: int) -> Iterator[Line]:
         levels, cut = [Level(Com(law=P(2.0))), *map(Level, hands)], [Level(half) for half in halves]
         here = [hand.at(hand.value(robot.state(robot.home))) for hand in hands]
         stacks = Stack(*levels, *cut, subject_to=hard), Stack(*levels, Level(Posture(law=P(1.0))), subject_to=hard)
-        loops = [Loop(robot, stack, here) for stack in stacks]
-        yield run(f"{name}: posture in two levels, within reach", *loops, "of one", ticks)
+        many, one = (Loop(robot, stack, here) for stack in stacks)
+        yield run(f"{name}: posture in two levels, within reach", many, one, "of one", ticks)
     near = [hand.at(aim) for hand, aim in zip(hands, ahead(robot, hands, 0.1), strict=True)]
     base = Level(Orientation(frame=robot.landmarks["base"][0], law=P(2.0)))
     never = Loop(robot, Stack(*levels, base, *cut, subject_to=hard), near)
@@ -201,8 +201,8 @@ def collision(ticks: int) -> Iterator[Line]:
     middle = np.mean([hand.value(state) for hand in hands], axis=0) + np.array([0.1, 0.0, 0.0])
     levels = [Level(Com(law=P(2.0))), Level(*hands), Level(Posture(law=P(1.0)))]
     stacks = [Stack(*levels, subject_to=[*feet, JointLimits(), *more]) for more in ([CollisionAvoidance()], [])]
-    loops = [Loop(robot, stack, [hand.at(middle) for hand in hands]) for stack in stacks]
-    yield run("g1: palms pressed together, collisions active", *loops, "of none avoided", ticks)
+    avoiding, none = (Loop(robot, stack, [hand.at(middle) for hand in hands]) for stack in stacks)
+    yield run("g1: palms pressed together, collisions active", avoiding, none, "of none avoided", ticks)
 
 
 def walking(ticks: int) -> Iterator[Line]:
@@ -211,11 +211,12 @@ def walking(ticks: int) -> Iterator[Line]:
     law = PD(100.0, 20.0)
     feet: list[Element] = [FixedContact(frame=frame, law=PD(0.0, 20.0)) for frame in robot.landmarks["soles"]]
     names = tuple(getattr(foot, "name", "") for foot in feet)
+    left, right = names
     stack = Stack(
         Level(Com(law=law)),
         Level(Orientation(frame=robot.landmarks["base"][0], law=law)),
         Level(Posture(law=PD(40.0, 13.0))),
-        Level(LoadShare(contacts=names)),
+        Level(LoadShare(contacts=(left, right))),
         subject_to=[*feet, TorqueLimits(), JointLimits(), *(FrictionCone(contact=name, mu=0.6) for name in names)],
     )
     loop = Loop(robot, stack, dt=1e-3, formulation=hqp.Torque())
@@ -227,7 +228,7 @@ PARTS = {f.__name__: f for f in (out_of_reach, large, last_levels, collision, wa
 
 def main() -> None:
     """The table, of the parts named or of all."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
     parser.add_argument("--ticks", type=int, default=2000)
     given = parser.parse_args()
