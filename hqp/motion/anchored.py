@@ -8,10 +8,8 @@ from hqp.arrays import Mat
 
 from .branches import start
 from .contacts import runs
+from .shortfalls import OFF
 from .tracker import Pass, Tracker
-
-BEHIND = 0.05
-"""A hand or a foot further off than this is behind [m]."""
 
 SHORT = 0.1
 """What is behind for a shorter time needs no other anchor [s]."""
@@ -53,9 +51,9 @@ def _from(tracker: Tracker, anchor: int, hint: Pass | None) -> tuple[Pass, Mat]:
 def _behind(tracker: Tracker, errors: Mat) -> bool:
     """Whether a part is behind for longer than ``SHORT``."""
     frames = max(1, round(SHORT / tracker.dt))
-    return any(last - first >= frames for column in errors.T for first, last in runs(column > BEHIND))
+    return any(last - first >= frames for column in errors.T for first, last in runs(column > OFF))
 
 
 def _cost(errors: Mat) -> float:
     """How far hands and feet are behind, over all frames [m]."""
-    return float(np.maximum(errors - BEHIND, 0.0).sum())
+    return float(np.maximum(errors - OFF, 0.0).sum())

@@ -10,9 +10,12 @@ import pytest
 
 import hqp
 from hqp.__main__ import main
+from hqp.arrays import Vec
 from hqp.errors import DeclarationError
-from hqp.motion import Motion, Retargeted, retarget
+from hqp.goals.ways_out import turned
+from hqp.motion import Motion, Retargeted, anchored, retarget
 from hqp.motion.contacts import NAMES
+from hqp.motion.tracker import Tracker
 
 from .people import FPS, stand, walk, write_npz
 
@@ -77,6 +80,20 @@ def test_out_of_reach_is_told_with_what_it_gave_way_to() -> None:
     assert told.error > 0.05
     assert "toe" in told.reason or "limit" in told.reason
     assert "left_hand" in str(found)
+
+
+def test_a_corner_is_left_for_another_anchor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From a start that faces backwards no tick leads to the hands and feet; the pass from the last frame does."""
+    begin = anchored.start
+
+    def astray(tracker: Tracker, frame: int, *also: Vec) -> Vec:
+        q = begin(tracker, frame, *also)
+        return q if frame else turned(tracker.robot, q, np.pi)
+
+    monkeypatch.setattr(anchored, "start", astray)
+    assert retarget(walk(1.0), "g1").summary["hand_p99"] < 0.05
+    monkeypatch.setattr(anchored, "MOST", 1)
+    assert retarget(walk(1.0), "g1").summary["hand_p99"] > 0.1
 
 
 def test_contacts_of_ones_own(tmp_path: Path) -> None:
