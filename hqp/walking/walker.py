@@ -47,8 +47,8 @@ LEAST = 0.015
 CLEAR = 0.02
 """Between two soles side by side [m]."""
 
-CORRECTION = 1.5
-"""The goal of a swing foot moves no faster [m/s]."""
+CORRECTION, CREEPS = 1.5, 0.2
+"""The goal of a swing foot moves no faster, and shortly before it lands [m/s]: a sole that slides in holds nothing."""
 
 LAST, LONGEST, HURRY = 0.08, 1.6, 3.0
 """The time of a landing is not moved when so little is left [s], nor beyond this share of a swing's time; by how many
@@ -371,12 +371,13 @@ class Walker:
         assert self._swing is not None
         gait, swing, planned = self.gait, self._swing, self._planned
         now = swing.x[:2] + rotation(swing.x[3]) @ np.array(self.feet[planned.foothold.side].middle)
+        speed = CORRECTION if self._T - self._t > LAST else CREEPS
         self._target, left = adjust(
             replace(planned, left=max(self._T - self._t, 0.0)), self.footsteps, error, ankle, self.omega, now=now,
-            soonest=SOONEST, latest=LONGEST * gait.single - self._t, usual=gait.single - self._t, speed=CORRECTION,
+            soonest=SOONEST, latest=LONGEST * gait.single - self._t, usual=gait.single - self._t, speed=speed,
             least=LEAST,
         )  # fmt: skip
-        swing.retarget(self._goal(), CORRECTION, self.dt)
+        swing.retarget(self._goal(), speed, self.dt)
         later = self._t + left - self._T
         if abs(later) > self.dt and self._T - self._t > LAST:
             self._T += math.copysign(min(HURRY * self.dt, abs(later)), later)
@@ -388,7 +389,8 @@ class Walker:
         assert self._swing is not None
         side = 1 - self.stance
         if self._t > SOONEST:
-            self._adjust(error, pushed)
+            beyond = float(self.edge)  # inside the sole the ankle leads every error back
+            self._adjust(beyond * error, beyond * pushed)
         (x, y, z, yaw), v, a = self._swing.step(self.dt)
         here = state.position(self.feet[side].frame)
         x, y, z = self._swing.x[:3] = np.clip((x, y, z), here - AHEAD, here + (AHEAD, AHEAD, np.inf))

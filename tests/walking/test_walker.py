@@ -13,7 +13,7 @@ pytest.importorskip("mujoco")
 
 import hqp.robots
 from hqp.errors import DeclarationError
-from hqp.robots.on_mujoco import Plant
+from hqp.robots.on_mujoco import Plant, Tiles
 from hqp.walking import Gait, Walker
 from hqp.walking.course import Course
 from hqp.walking.feet import feet_of
@@ -102,19 +102,39 @@ def test_it_turns_and_goes_aside_and_back() -> None:
 
 
 @pytest.mark.slow
-def test_a_push_in_a_step_is_answered_by_another_step() -> None:
-    """18 N s from the side in the middle of a swing, 0.2 m/s of the robot's mass: the next foot lands further out."""
-    course = Walked.of("talos", sensed=False)
+@pytest.mark.parametrize(("name", "blow", "steps"), [("talos", 0.2, False), ("g1", 0.13, True)])
+def test_a_push_is_answered_by_ankles_and_where_they_are_too_narrow_by_a_step(
+    name: str, blow: float, steps: bool
+) -> None:
+    """From the side in the middle of a swing [m/s of the mass]: G1's foot lands sooner and wider, Talos' where it was."""
+    course = Walked.of(name, sensed=False)
+    walker = course.walker
+    course.run(1.0)
+    walker.go(forward=0.1)
+    while walker.phase != "swing" or walker._t < 0.2 or walker.stance != 1:
+        course.run(DT)
+    nominal, since = walker._nominal, course.plant.time - walker._t
+    course.run(0.1, push=[0.0, 10.0 * blow * walker.robot.mass, 0.0])
+    while walker.phase == "swing":
+        course.run(DT)
+    sooner = course.plant.time - since < walker.gait.single - 0.025
+    assert (sooner and walker.holds[0].y > nominal.y + 0.003) == steps
+    course.run(4.0)
+    assert course.optimal > 0.995
+    assert max(course.jumps) < 120.0
+
+
+@pytest.mark.slow
+def test_it_walks_over_tiles_that_it_does_not_know() -> None:
+    """Steps of up to 40 mm up and down between tiles, felt by landing early and late."""
+    start = hqp.robots.load("talos").home.copy()
+    start[2] += 0.02
+    course = Walked.of("talos", terrain=Tiles(friction=0.5, seed=1), start=start)
     course.run(1.0)
     course.walker.go(forward=0.1)
-    while course.walker.phase != "swing" or course.walker._t < 0.2 or course.walker.stance != 1:
-        course.run(DT)
-    nominal = course.walker._nominal
-    course.run(0.1, push=[0.0, 180.0, 0.0])
-    while course.walker.phase == "swing":
-        course.run(DT)
-    assert course.walker.holds[0].y > nominal.y + 0.02
-    course.run(4.0)
+    course.run(7.0)
+    assert course.plant.com()[0] > 0.5
+    assert course.optimal > 0.99
 
 
 def test_phases_follow_each_other_and_the_stack(tmp_path: Any) -> None:
