@@ -106,7 +106,7 @@ def test_it_turns_and_goes_aside_and_back() -> None:
 def test_a_push_is_answered_by_ankles_and_where_they_are_too_narrow_by_a_step(
     name: str, blow: float, steps: bool
 ) -> None:
-    """From the side in the middle of a swing [m/s of the mass]: G1's foot lands sooner and wider, Talos' where it was."""
+    """From the side in a swing [m/s of the mass]: G1's foot lands sooner and wider, Talos' where it was to."""
     course = Walked.of(name, sensed=False)
     walker = course.walker
     course.run(1.0)
