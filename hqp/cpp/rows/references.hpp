@@ -24,7 +24,7 @@ struct Slot {
   bool moved = false;        // whether a reference has been put there
 
   void settle() {
-    std::copy(hold.begin(), hold.end(), target);
+    if (target) std::copy(hold.begin(), hold.end(), target);
     if (normal) normal[0] = normal[1] = 0.0, normal[2] = 1.0;
     std::fill(rate, rate + rows, 0.0);
     std::fill(feedforward, feedforward + rows, 0.0);

@@ -142,8 +142,9 @@ class Line {
     slot.hold = declared_[k];
     if (k < load_names_.size()) return;
     std::fill(slot.target, slot.target + slot.hold.size(), 0.0);
-    held_.assign(slot.hold.size(), 0.0);
-    if (assembly_.hold(k - load_names_.size(), q, v, held_.data())) slot.hold = held_;
+    held_.assign(std::max({slot.hold.size(), std::size_t{16}, std::size_t(nv_)}), 0.0);  // a damaged shape is too small
+    if (assembly_.hold(k - load_names_.size(), q, v, held_.data()))
+      std::copy(held_.begin(), held_.begin() + std::ptrdiff_t(slot.hold.size()), slot.hold.begin());
   }
 
   // Whether the rows of an element are numbers of ordinary size, and no bounds crossed; why not.
