@@ -111,9 +111,9 @@ def test_a_session_may_do_without() -> None:
     q, v = start, np.zeros(robot.nv)
     for _ in range(400):
         tick = session.step(robot.state(q, v), aim)
+        assert tick.way_out() is None
         q, v = tick.advance()
     assert far(robot, hand, aim, q) > 0.05
-    assert not any("STUCK" in note.detail for note in tick.notes)
 
 
 def test_what_is_out_of_reach_is_not_stuck(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -193,7 +193,8 @@ def alarms(formulation: str, seed: int) -> list[str]:
     robot = drawn.subject.robot
     law = {"velocity": hqp.Velocity, "acceleration": hqp.Acceleration, "torque": hqp.Torque}[formulation]()
     session = hqp.Controller(drawn.stack, law, deadline=np.inf).session(robot, drawn.dt)
-    q, v, told, since = robot.home.copy(), np.zeros(robot.nv), dict[str, float](), 0.0
+    q, v, told = robot.home.copy(), np.zeros(robot.nv), dict[str, float]()
+    aims: list[Reference] = []
     for k in range(round(16.0 / drawn.dt)):
         t = k * drawn.dt
         aims = list(drawn.targets(t))
