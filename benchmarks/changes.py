@@ -17,12 +17,12 @@ import numpy as np
 import hqp
 from benchmarks.reports import report
 from hqp import Level, Stack
-from hqp.arguments import formulation
+from hqp.commands.arguments import formulation
+from hqp.declare.reference import Reference
 from hqp.loop.outgoing import largest_change
-from hqp.reference import Reference
+from hqp.loop.transition.blend import smooth
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, FrictionCone, JointLimits, Orientation, Position, Posture, TorqueLimits
-from hqp.transition.blend import smooth
 
 ROBOTS = ("talos", "cbi", "icub", "g1")
 LEVELS = ("velocity", "acceleration", "torque")

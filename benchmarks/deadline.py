@@ -18,7 +18,7 @@ import hqp
 from benchmarks.changes import DT, stack
 from benchmarks.reports import report
 from hqp import Stack, Status
-from hqp.arguments import formulation
+from hqp.commands.arguments import formulation
 from hqp.robots import Robot
 from hqp.tasks import Com, Position, UnilateralContact
 from hqp.tolerances import VIOLATION_TOLERANCE

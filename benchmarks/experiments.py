@@ -139,7 +139,7 @@ def _setting(arguments: argparse.Namespace, full: bool) -> Any:
 
 
 def _one(name: str, setting: Any, rendering: str) -> Any:
-    from hqp.lab.manifest import commit
+    from hqp.commands.manifest import commit
 
     began = time.perf_counter()
     photographer = None

@@ -20,8 +20,8 @@ from numpy.random import Generator
 
 import hqp
 from hqp import Hierarchy, Level, Solution, Stack, Status
-from hqp.arguments import formulation
-from hqp.loop.safety import RateLimits
+from hqp.commands.arguments import formulation
+from hqp.declare.safety import RateLimits
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, PointContact, Position, Posture, TorqueLimits
 

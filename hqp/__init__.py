@@ -6,28 +6,28 @@ import importlib
 from typing import TYPE_CHECKING
 
 from hqp import native, solvers
-from hqp.element import Constraint, Element, Inequality, Task
+from hqp.declare.element import Constraint, Element, Inequality, Task
+from hqp.declare.law import DCM, PD, P, SelfMotion
+from hqp.declare.price import Price
+from hqp.declare.reference import Reference
+from hqp.declare.safety import Braking, RateLimits, StateBounds
+from hqp.declare.stack import Level, Stack
 from hqp.errors import HqpError, PurePythonWarning
-from hqp.formulation import Acceleration, Velocity
-from hqp.law import DCM, PD, P, SelfMotion
-from hqp.loop.safety import Braking, RateLimits, StateBounds
-from hqp.price import Price
+from hqp.loop.session import Controller, Note, Session, Tick
 from hqp.problem import Hierarchy, Motion, Rows, Selection, Solution, Status
-from hqp.reference import Reference
+from hqp.programs.formulation import Acceleration, Velocity
 from hqp.sequence import Phase, Sequence
-from hqp.session import Controller, Note, Session, Tick
-from hqp.stack import Level, Stack
 
 if TYPE_CHECKING:
     from hqp import errors, estimation, recorder, robots, serial, shapes, sweep, tasks
-    from hqp.batch import Batch
-    from hqp.certify import Certificate, certificate
-    from hqp.checking import check
     from hqp.comparison import compare
+    from hqp.declare.checking import check
+    from hqp.export.batch import Batch
+    from hqp.export.loaded import load
     from hqp.goals import reach, solve_ik
     from hqp.lab import bench
-    from hqp.loaded import load
     from hqp.motion import retarget
+    from hqp.problem.certify import Certificate, certificate
     from hqp.solvers.many import solve_many
     from hqp.teleoperation import Follow
     from hqp.torque import Torque
@@ -98,11 +98,21 @@ native.check()
 _MODULES = ("errors", "estimation", "recorder", "robots", "serial", "shapes", "sweep", "tasks")
 
 _ELSEWHERE = {
-    "Batch": "batch",
-    "Certificate": "certify", "Follow": "teleoperation", "Torque": "torque", "bench": "lab", "certificate": "certify",
-    "check": "checking", "compare": "comparison", "load": "loaded", "reach": "goals", "retarget": "motion",
-    "solve_ik": "goals", "solve_many": "solvers.many", "view": "viewer",
-}  # fmt: skip
+    "Batch": "export.batch",
+    "Certificate": "problem.certify",
+    "Follow": "teleoperation",
+    "Torque": "torque",
+    "bench": "lab",
+    "certificate": "problem.certify",
+    "check": "declare.checking",
+    "compare": "comparison",
+    "load": "export.loaded",
+    "reach": "goals",
+    "retarget": "motion",
+    "solve_ik": "goals",
+    "solve_many": "solvers.many",
+    "view": "viewer",
+}
 """Public names, and the modules that are imported when they are first asked for."""
 
 

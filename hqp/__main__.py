@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from hqp import __version__
-from hqp.arguments import add_robot, add_stack, read_robot, read_stack
+from hqp.commands.arguments import add_robot, add_stack, read_robot, read_stack
 from hqp.errors import HqpError
 
 PACKAGES = {
@@ -85,7 +85,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _doctor(arguments: argparse.Namespace) -> int:
     """1 where something slows the control loop."""
-    from hqp.doctor import findings, table
+    from hqp.commands.doctor import findings, table
 
     found = findings()
     print(table(found))

@@ -6,9 +6,9 @@ from numpy import int8
 from numpy.typing import NDArray
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.plans import ExternalWrench, Payload, Plan
-from hqp.reference import Reference
-from hqp.robot import Body, Placed, TreeJoint
+from hqp.declare.plans import ExternalWrench, Payload, Plan
+from hqp.declare.reference import Reference
+from hqp.declare.robot import Body, Placed, TreeJoint
 
 class Measure:
     """(q'q + v'v, whether parts of q, start to stop, have length one up to rounding); None for other shapes."""
@@ -69,7 +69,7 @@ class Assembly:
         upper: Vec,
         saturations: Sequence[tuple[int, int, float, float, float]],
     ) -> None:
-        """What ``demand`` works on: see ``hqp.assembly.Assembly``; the laws are those of hqp/law.py."""
+        """What ``demand`` works on: see ``hqp.programs.assembly.Assembly``; laws as in hqp/declare/law.py."""
 
     def run(self, q: Vec, v: Vec) -> None:
         """Write rows, errors, drifts and ways left."""
@@ -97,8 +97,9 @@ class Assembly:
     ) -> None:
         """Each ``run`` writes A ``(nv, nv)``, column-major, its upper triangle, and b + g ``(nv,)``, with the loads.
 
-        inertias: of each of ``bodies``, see ``hqp.robot.Robot.inertias``.  rotors: reflected inertia of each tangent
-        coordinate.  gravity: acceleration of free fall ``(3,)``.  Raises ValueError for a wrong shape or number.
+        inertias: of each of ``bodies``, see ``hqp.declare.robot.Robot.inertias``.  rotors: reflected inertia of each
+        tangent coordinate.  gravity: acceleration of free fall ``(3,)``.  Raises ValueError for a wrong shape or
+        number.
         """
 
     def load(self, plan: Payload | ExternalWrench, value: Vec) -> None:
@@ -163,7 +164,7 @@ class Assembly:
         """
 
 class EasedRows:
-    """Rows of a transition, rewritten ahead of their solve (``hqp.transition.easing.Easing``); keeps the arrays."""
+    """Rows of a transition, rewritten ahead of their solve (hqp/loop/transition/easing.py); keeps the arrays."""
 
     def add(self, A: Mat, lower: Vec, upper: Vec, error: Vec | None, pull: Vec | None) -> None:
         """Live rows ``(m, n)`` and bounds; error and pull ``(m,)`` where the bounds are linear in an error.

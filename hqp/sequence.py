@@ -6,18 +6,45 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from hqp.element import Task
+from hqp.declare.element import Task
+from hqp.declare.reference import Reference
+from hqp.declare.robot import State
+from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError, closest
-from hqp.reference import Reference
-from hqp.robot import State
 
-if TYPE_CHECKING:
-    from hqp.session import Session
-    from hqp.tick import Tick
+
+class Told(Protocol):
+    """What a sequence writes into a tick."""
+
+    phase: str
+    event: str
+
+
+T = TypeVar("T", bound=Told)
+T_co = TypeVar("T_co", bound=Told, covariant=True)
+
+
+class Stepped(Protocol[T_co]):
+    """What a sequence asks of a session."""
+
+    dt: float
+
+    @property
+    def line(self) -> Any: ...
+    @property
+    def stack(self) -> Stack: ...
+    @property
+    def program(self) -> Any: ...
+    @property
+    def hold_values(self) -> Mapping[str, Any]: ...
+    def step(
+        self, state: State, *references: Reference, now: float | None = None, phase: str | None = None
+    ) -> T_co: ...
+
 
 Action = Callable[[State], object]
 """What is called when a phase begins or ends, before the rows of that tick are written."""
@@ -31,11 +58,11 @@ class Event:
 
     name: str
 
-    def happens(self, run: Run) -> bool:
+    def happens(self, run: Run[Any]) -> bool:
         """Whether it is the case in this tick."""
         raise NotImplementedError
 
-    def require(self, session: Session) -> None:
+    def require(self, session: Stepped[Any]) -> None:
         """Raise DeclarationError for a name that is not there."""
 
 
@@ -47,11 +74,11 @@ class loaded(Event):  # read as words: until=loaded("left", 40.0)
 
     newtons: float
 
-    def happens(self, run: Run) -> bool:
+    def happens(self, run: Run[Any]) -> bool:
         """False where nothing was measured."""
         return run.loads.get(self.name, -math.inf) >= self.newtons
 
-    def require(self, session: Session) -> None:
+    def require(self, session: Stepped[Any]) -> None:
         """Raise DeclarationError for what is no contact."""
         contacts = [e.name for e in session.stack if e.is_contact]
         if self.name not in contacts:
@@ -64,7 +91,7 @@ class unloaded(loaded):
 
     kind = "unloaded"
 
-    def happens(self, run: Run) -> bool:
+    def happens(self, run: Run[Any]) -> bool:
         """False where nothing was measured."""
         return run.loads.get(self.name, math.inf) <= self.newtons
 
@@ -77,14 +104,14 @@ class near(Event):
 
     distance: float
 
-    def happens(self, run: Run) -> bool:
+    def happens(self, run: Run[Any]) -> bool:
         """By the error at the state of this tick, to the reference of this tick or the hold value."""
         task: Any = run.session.stack.find(self.name)
         held = run.session.hold_values.get(self.name)
         value = next((r.value for r in run.references if r.name == self.name and r.value is not None), held)
         return value is not None and float(np.linalg.norm(task.error(run.state, value))) <= self.distance
 
-    def require(self, session: Session) -> None:
+    def require(self, session: Stepped[Any]) -> None:
         """Raise DeclarationError for what is no task."""
         if not isinstance(element := session.stack.find(self.name), Task):
             raise DeclarationError(self.name, f"is a {type(element).__name__}", allowed="a task")
@@ -96,7 +123,7 @@ class signal(Event):
 
     kind = "signal"
 
-    def happens(self, run: Run) -> bool:
+    def happens(self, run: Run[Any]) -> bool:
         """Whether it was told."""
         return self.name in run.told
 
@@ -180,11 +207,11 @@ class Sequence:
 
     def run(
         self,
-        session: Session,
+        session: Stepped[T],
         *,
         entry: Mapping[str, Action] | None = None,
         exit: Mapping[str, Action] | None = None,
-    ) -> Run:
+    ) -> Run[T]:
         """The sequence at work on a session, from its first phase on.
 
         entry, exit: what is called with the state when a phase of that name begins and ends.  Raises DeclarationError
@@ -194,7 +221,7 @@ class Sequence:
         return Run(self, session, entry or {}, exit or {})
 
 
-class Run:
+class Run(Generic[T]):
     """A sequence on a session; ``step`` takes the place of ``session.step``.
 
     phase: the one of the latest tick.  since [s]: its age in that tick.  loads: what contacts were measured to bear in
@@ -202,7 +229,7 @@ class Run:
     """
 
     def __init__(
-        self, sequence: Sequence, session: Session, entry: Mapping[str, Action], exit: Mapping[str, Action]
+        self, sequence: Sequence, session: Stepped[T], entry: Mapping[str, Action], exit: Mapping[str, Action]
     ) -> None:
         self.sequence, self.session, self.entry, self.exit = sequence, session, entry, exit
         presence = session.line.presence
@@ -235,7 +262,7 @@ class Run:
         """That phase begins with the next tick; raises DeclarationError for one that is not there."""
         self._next = self.sequence.find(name)
 
-    def step(self, state: State, *references: Reference, now: float | None = None) -> Tick:
+    def step(self, state: State, *references: Reference, now: float | None = None) -> T:
         """One tick of the session in the phase that is due; ``tick.phase`` and ``tick.event`` tell of it.
 
         The event is the name of a phase that begins, ``late <name>`` for one that did not end in time, else "".

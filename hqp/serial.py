@@ -9,14 +9,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-from hqp import law as laws
-from hqp.element import REGISTRY, Element
+from hqp.declare import law as laws
+from hqp.declare.element import REGISTRY, Element
+from hqp.declare.law import Law
+from hqp.declare.price import Price
+from hqp.declare.stack import Level, Stack
 from hqp.errors import DeclarationError, closest
-from hqp.law import Law
-from hqp.price import Price
 from hqp.sequence import Sequence as Phases
 from hqp.sequence import from_dicts, to_dicts
-from hqp.stack import Level, Stack
 
 if sys.version_info >= (3, 11):
     import tomllib

@@ -26,7 +26,7 @@ LARGEST_ROUNDING = 5e-7
 """What rounding may make of a gap at most, however short a direction is."""
 
 GRADED_ROWS = 1e-2
-"""A level with a row shorter than this, relative to its longest, is judged row by row (hqp/graded.py)."""
+"""A level with a row shorter than this, relative to its longest, is judged row by row (hqp/problem/graded.py)."""
 
 FLAT_ROW = 1e-9
 """A row of unit length of which less is left adds no direction to least squares over sorted rows."""

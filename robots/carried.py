@@ -10,7 +10,7 @@ import numpy as np
 from hqp.arrays import Mat, Vec
 
 if TYPE_CHECKING:
-    from hqp.robot import Load
+    from hqp.declare.robot import Load
 
     from .state import State
 

@@ -10,7 +10,7 @@ import pinocchio as pin
 from .joints import matrix
 
 if TYPE_CHECKING:
-    from hqp.robot import Placed, TreeJoint
+    from hqp.declare.robot import Placed, TreeJoint
 
     from .on_pinocchio import Robot
 

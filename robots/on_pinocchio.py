@@ -22,7 +22,7 @@ from .placement import se3
 from .state import State
 
 if TYPE_CHECKING:
-    from hqp.robot import Placed, TreeJoint
+    from hqp.declare.robot import Placed, TreeJoint
     from hqp.tasks import JointCoupling
 
     from .description import Description
@@ -43,7 +43,7 @@ _new = object.__new__
 
 
 class Robot:
-    """A Pinocchio model with one Data; see hqp.robot.Robot for what the properties mean.
+    """A Pinocchio model with one Data; see hqp.declare.robot.Robot for what the properties mean.
 
     model: a pinocchio.Model, floating if its first joint is a free flyer; composite, Euler-angle and universal joints
     become chains NAME_0, NAME_1, ... and a group NAME, q and v stay as they were.  actuated: names of the actuated

@@ -18,7 +18,7 @@ from .checks import normalise, not_finite
 from .joints import matrix
 
 if TYPE_CHECKING:
-    from hqp.robot import Load
+    from hqp.declare.robot import Load
 
     from .on_pinocchio import Robot
 
@@ -41,7 +41,7 @@ NOBODY: frozenset[str] = frozenset()
 
 
 class State:
-    """One (q, v) of a robot; see hqp.robot.State.  Computes each quantity when first asked for, and once.
+    """One (q, v) of a robot; see hqp.declare.robot.State.  Computes each quantity when first asked for, and once.
 
     q and v are copies that cannot be written to; quaternions within 1e-3 of length one are normalised.  commanded: the
     velocity ``(nv,)`` that a session at velocity level sent last, written by the session, as are ``loads``, point

@@ -10,12 +10,12 @@ from typing import Any, ClassVar, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hqp import plans
 from hqp.arrays import Mat, Vec
-from hqp.element import Element, Task
-from hqp.law import DCM, Law
-from hqp.reference import Reference, numbers
-from hqp.robot import Robot, State
+from hqp.declare import plans
+from hqp.declare.element import Element, Task
+from hqp.declare.law import DCM, Law
+from hqp.declare.reference import Reference, numbers
+from hqp.declare.robot import Robot, State
 
 from .fields import check_number, set_names
 from .polygons import nearest, shrunk, slope

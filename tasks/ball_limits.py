@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.element import Inequality
-from hqp.robot import Robot, State
+from hqp.declare.element import Inequality
+from hqp.declare.robot import Robot, State
 
 from .fields import check_number, set_names
 from .limits import ACCELERATION, APPROACH, BRAKING, JointLimits, fastest, gradual, horizon

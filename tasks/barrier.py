@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Vec
-from hqp.element import Inequality
-from hqp.robot import State
+from hqp.declare.element import Inequality
+from hqp.declare.robot import State
 
 from .fields import check_number
 

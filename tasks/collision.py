@@ -9,11 +9,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from hqp import plans, shapes
+from hqp import shapes
 from hqp.arrays import Mat, Vec
-from hqp.element import Inequality
-from hqp.reference import Reference
-from hqp.robot import Robot, State
+from hqp.declare import plans
+from hqp.declare.element import Inequality
+from hqp.declare.reference import Reference
+from hqp.declare.robot import Robot, State
 
 from . import collision_world
 from .collision_motion import STEP, Motions

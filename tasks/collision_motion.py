@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.robot import State
+from hqp.declare.robot import State
 
 from .collision_rows import Near
 from .collision_scene import Scene

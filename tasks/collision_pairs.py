@@ -8,8 +8,8 @@ from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError, closest
-from hqp.robot import Robot
 from hqp.shapes import LinkCapsule
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hqp.arrays import Mat, Vec
-from hqp.robot import Robot, State
+from hqp.declare.robot import Robot, State
 from hqp.shapes import Shape
 
 from . import distances

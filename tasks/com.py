@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from hqp import plans
 from hqp.arrays import Mat, Vec
-from hqp.element import Task, Unit
-from hqp.reference import Given, Reference
-from hqp.robot import Robot, State
+from hqp.declare import plans
+from hqp.declare.element import Task, Unit
+from hqp.declare.reference import Given, Reference
+from hqp.declare.robot import Robot, State
 
 from .fields import check_axes, check_relative, indices
 from .relative import UPRIGHT, View

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hqp.arrays import Vec
-from hqp.law import PD, Law, P
-from hqp.reference import Given, Reference, numbers
+from hqp.declare.law import PD, Law, P
+from hqp.declare.reference import Given, Reference, numbers
 
 from .position import Position
 

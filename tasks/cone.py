@@ -8,11 +8,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from hqp import plans
 from hqp.arrays import Mat, Vec
-from hqp.element import plan_of
-from hqp.reference import Reference, numbers
-from hqp.robot import Robot, State
+from hqp.declare import plans
+from hqp.declare.element import plan_of
+from hqp.declare.reference import Reference, numbers
+from hqp.declare.robot import Robot, State
 
 from .barrier import _Barrier
 from .directions import AlignAxis, LookAt

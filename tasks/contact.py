@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from hqp import plans
 from hqp.arrays import Mat, Vec
-from hqp.element import Constraint, Task
-from hqp.reference import Given, Reference
-from hqp.robot import Robot, State
+from hqp.declare import plans
+from hqp.declare.element import Constraint, Task
+from hqp.declare.reference import Given, Reference
+from hqp.declare.robot import Robot, State
 
 from .fields import check_frame
 from .pose import _FramePose

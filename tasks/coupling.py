@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hqp import plans
 from hqp.arrays import Index, Mat, Vec
-from hqp.element import Constraint, Task
-from hqp.reference import Given, Reference
-from hqp.robot import Robot, State
+from hqp.declare import plans
+from hqp.declare.element import Constraint, Task
+from hqp.declare.reference import Given, Reference
+from hqp.declare.robot import Robot, State
 
 from .fields import check_number
 

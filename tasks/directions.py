@@ -9,12 +9,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hqp import plans
 from hqp.arrays import Mat, Vec
-from hqp.element import Task, Unit
+from hqp.declare import plans
+from hqp.declare.element import Task, Unit
+from hqp.declare.reference import Reference, numbers
+from hqp.declare.robot import Robot, State
 from hqp.errors import DeclarationError
-from hqp.reference import Reference, numbers
-from hqp.robot import Robot, State
 
 from .fields import check_frame, set_vector
 from .relative import UPRIGHT, skew

@@ -8,11 +8,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from hqp import plans
 from hqp.arrays import Mat, Vec
-from hqp.element import Constraint, Task
-from hqp.reference import Given, Reference, numbers
-from hqp.robot import Robot, State
+from hqp.declare import plans
+from hqp.declare.element import Constraint, Task
+from hqp.declare.reference import Given, Reference, numbers
+from hqp.declare.robot import Robot, State
 
 from .fields import check_frame, make_reference, set_vector
 from .relative import skew

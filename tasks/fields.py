@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.element import Element
-from hqp.reference import Reference, numbers
-from hqp.robot import Robot
+from hqp.declare.element import Element
+from hqp.declare.reference import Reference, numbers
+from hqp.declare.robot import Robot
 
 
 @cache

@@ -10,8 +10,8 @@ from typing import ClassVar
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.element import Constraint, Quantity
-from hqp.robot import Robot
+from hqp.declare.element import Constraint, Quantity
+from hqp.declare.robot import Robot
 
 from .fields import check_number
 

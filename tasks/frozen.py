@@ -9,11 +9,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from hqp import plans
 from hqp.arrays import Index, Mat, Vec
-from hqp.element import Inequality
-from hqp.reference import Reference
-from hqp.robot import Robot, State
+from hqp.declare import plans
+from hqp.declare.element import Inequality
+from hqp.declare.reference import Reference
+from hqp.declare.robot import Robot, State
 
 from .fields import check_number, joint_columns, set_names
 

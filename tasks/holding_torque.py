@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hqp import plans
 from hqp.arrays import Index, Mat, Vec
-from hqp.element import Task
-from hqp.reference import Given, Reference
-from hqp.robot import Robot, State
+from hqp.declare import plans
+from hqp.declare.element import Task
+from hqp.declare.reference import Given, Reference
+from hqp.declare.robot import Robot, State
 
 from .fields import motor_positions, set_names
 from .twists import twist_derivatives

@@ -9,10 +9,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from hqp import plans
 from hqp.arrays import Index, Mat, Vec
-from hqp.element import Element, Inequality
-from hqp.robot import Robot, State
+from hqp.declare import plans
+from hqp.declare.element import Element, Inequality
+from hqp.declare.robot import Robot, State
 
 from .fields import check_number, joint_columns, set_names
 

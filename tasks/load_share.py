@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hqp.arrays import Mat
-from hqp.element import Element, Quantity
-from hqp.reference import Reference, numbers
-from hqp.robot import Robot
+from hqp.declare.element import Element, Quantity
+from hqp.declare.reference import Reference, numbers
+from hqp.declare.robot import Robot
 
 from .fields import check_number
 from .friction import CenterOfPressure

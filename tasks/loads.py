@@ -9,11 +9,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hqp import plans
 from hqp.arrays import Mat, Vec
-from hqp.element import Element, Quantity
-from hqp.reference import Reference, numbers
-from hqp.robot import Load, Robot, State
+from hqp.declare import plans
+from hqp.declare.element import Element, Quantity
+from hqp.declare.reference import Reference, numbers
+from hqp.declare.robot import Load, Robot, State
 
 from .fields import check_frame, check_number, set_vector
 from .relative import skew

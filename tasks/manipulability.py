@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from hqp import plans
 from hqp.arrays import Mat, Vec
-from hqp.element import Task
-from hqp.reference import Reference
-from hqp.robot import Robot, State
+from hqp.declare import plans
+from hqp.declare.element import Task
+from hqp.declare.reference import Reference
+from hqp.declare.robot import Robot, State
 
 from .fields import check_axes, check_frame, indices
 from .twists import twist_derivatives

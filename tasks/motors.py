@@ -8,10 +8,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from hqp import plans
 from hqp.arrays import Index, Mat, Vec
-from hqp.element import Inequality, Quantity
-from hqp.robot import Robot, State
+from hqp.declare import plans
+from hqp.declare.element import Inequality, Quantity
+from hqp.declare.robot import Robot, State
 
 from .fields import check_number, motor_positions, set_names
 

@@ -8,11 +8,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from hqp import plans
 from hqp.arrays import Mat, Vec
-from hqp.element import Task, Unit
-from hqp.reference import Given, Reference, numbers
-from hqp.robot import Robot, State
+from hqp.declare import plans
+from hqp.declare.element import Task, Unit
+from hqp.declare.reference import Given, Reference, numbers
+from hqp.declare.robot import Robot, State
 
 from .fields import check_frame, check_relative, make_reference, set_names
 from .relative import UPRIGHT, View

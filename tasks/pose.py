@@ -8,12 +8,12 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hqp import plans
 from hqp.arrays import Mat, Vec
-from hqp.element import Task, Unit
+from hqp.declare import plans
+from hqp.declare.element import Task, Unit
+from hqp.declare.reference import Reference, numbers, target
+from hqp.declare.robot import Robot, State
 from hqp.errors import DeclarationError
-from hqp.reference import Reference, numbers, target
-from hqp.robot import Robot, State
 
 from .fields import check_frame, check_relative, make_reference
 from .relative import UPRIGHT, View

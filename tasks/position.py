@@ -7,11 +7,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from hqp import plans
 from hqp.arrays import Mat, Vec
-from hqp.element import Task, Unit
-from hqp.reference import Given, Reference
-from hqp.robot import Robot, State
+from hqp.declare import plans
+from hqp.declare.element import Task, Unit
+from hqp.declare.reference import Given, Reference
+from hqp.declare.robot import Robot, State
 
 from .fields import check_axes, check_frame, check_relative, indices, set_vector
 from .relative import UPRIGHT, View, skew

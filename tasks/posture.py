@@ -9,12 +9,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from hqp import plans
 from hqp.arrays import Index, Mat, Vec
-from hqp.element import Task, Unit
+from hqp.declare import plans
+from hqp.declare.element import Task, Unit
+from hqp.declare.reference import Given, Reference, numbers
+from hqp.declare.robot import Robot, State
 from hqp.errors import DeclarationError
-from hqp.reference import Given, Reference, numbers
-from hqp.robot import Robot, State
 
 from .fields import joint_columns, make_reference, set_names
 

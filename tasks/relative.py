@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.robot import State
+from hqp.declare.robot import State
 
 UPRIGHT = 1e-3  # a frame whose x axis is nearer than this to the vertical [rad] has its heading rate held at the bound
 

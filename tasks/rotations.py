@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Mat, Vec
+from hqp.declare.reference import numbers
 from hqp.errors import DeclarationError
-from hqp.reference import numbers
 
 from .relative import Triple
 

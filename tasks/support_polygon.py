@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from hqp import plans
 from hqp.arrays import Mat, Vec
-from hqp.element import Element
-from hqp.robot import Robot, State
+from hqp.declare import plans
+from hqp.declare.element import Element
+from hqp.declare.robot import Robot, State
 
 from .barrier import _Barrier
 from .contact import PointContact

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hqp.arrays import Mat
-from hqp.robot import State
+from hqp.declare.robot import State
 
 
 def twist_derivatives(state: State) -> tuple[Mat, Mat, Mat, Mat]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hqp.element import Constraint
+from hqp.declare.element import Constraint
 
 from .pose import Pose
 

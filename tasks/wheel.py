@@ -9,12 +9,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hqp import plans
 from hqp.arrays import Mat, Vec
-from hqp.element import Constraint, Task
+from hqp.declare import plans
+from hqp.declare.element import Constraint, Task
+from hqp.declare.reference import Reference, numbers
+from hqp.declare.robot import Robot, State
 from hqp.errors import DeclarationError
-from hqp.reference import Reference, numbers
-from hqp.robot import Robot, State
 
 from .fields import check_frame, check_number, set_vector
 from .relative import Triple, skew

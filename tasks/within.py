@@ -9,11 +9,11 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from hqp import plans
 from hqp.arrays import Index, Mat, Vec
-from hqp.element import Task, has, plan_of, selection_of
-from hqp.reference import Reference
-from hqp.robot import Robot, State
+from hqp.declare import plans
+from hqp.declare.element import Task, has, plan_of, selection_of
+from hqp.declare.reference import Reference
+from hqp.declare.robot import Robot, State
 
 from .barrier import _Barrier
 from .motion import _RateTask

@@ -118,7 +118,7 @@ class Ablation:
     eta: float | None = None
 
 
-_PRICE = "hqp.price."
+_PRICE = "hqp.declare.price."
 ABLATIONS: tuple[Ablation, ...] = (
     Ablation(
         "eta 1e-4", "1e-2", "distance over the least, CBi after 20 s [mm]", partial(left, "cbi"),
@@ -132,7 +132,7 @@ ABLATIONS: tuple[Ablation, ...] = (
     ),
     Ablation(
         "TURNING[1]", "a hundredth", "drawn loop 467: reversals a second",
-        partial(of_seed, 467, "reversals"), {f"{_PRICE}TURNING[1]": hqp.price.TURNING[1] / 100.0},
+        partial(of_seed, 467, "reversals"), {f"{_PRICE}TURNING[1]": hqp.declare.price.TURNING[1] / 100.0},
     ),
     Ablation(
         "TURNING[2]", "none (1e9)", "G1, posture kp 100, out of reach: p99 of acceleration [rad/s^2]",

@@ -15,7 +15,7 @@ from benchmarks.calm.variants import EXACT_LIMITED, Variant
 from benchmarks.reports import report
 from hqp import Level, P, Stack
 from hqp.arrays import Mat, Vec
-from hqp.reference import Reference
+from hqp.declare.reference import Reference
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, Pose, Posture
 

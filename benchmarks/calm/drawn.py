@@ -16,7 +16,7 @@ from benchmarks.calm.scenes import DT, Scene, Targets, both, circle, still
 from benchmarks.calm.variants import EXACT, PRICED, Variant
 from benchmarks.reports import report
 from hqp import PD, Level, P, Stack
-from hqp.law import Law
+from hqp.declare.law import Law
 from hqp.tasks import Com, JointLimits, Orientation, Position, Posture, TorqueLimits
 
 SECONDS = 6.0

@@ -12,7 +12,7 @@ from numpy.random import Generator
 
 from hqp import Hierarchy, Rows, Selection
 from hqp.arrays import Mat
-from hqp.price import TURNING
+from hqp.declare.price import TURNING
 from hqp.problem import ETA, Motion
 
 FAMILIES = {

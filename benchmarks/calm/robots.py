@@ -10,7 +10,7 @@ import numpy as np
 
 import hqp
 from hqp.arrays import Vec
-from hqp.element import Element
+from hqp.declare.element import Element
 from hqp.robots import Robot
 from hqp.tasks import FixedContact, PointContact
 

@@ -14,11 +14,11 @@ import hqp
 from benchmarks.calm.robots import Subject, subject
 from hqp import PD, Level, P, Stack
 from hqp.arrays import Mat, Vec
-from hqp.element import Element, Inequality
-from hqp.formulation import Formulation
-from hqp.law import Law
-from hqp.reference import Reference
-from hqp.robot import Robot, State
+from hqp.declare.element import Element, Inequality
+from hqp.declare.law import Law
+from hqp.declare.reference import Reference
+from hqp.declare.robot import Robot, State
+from hqp.programs.formulation import Formulation
 from hqp.tasks import Com, JointLimits, Orientation, Position, Posture, TorqueLimits
 
 DT = 0.002

@@ -17,7 +17,7 @@ from benchmarks.calm.variants import Variant
 from benchmarks.reports import report
 from hqp import PD, Level, P, Stack
 from hqp.arrays import Vec
-from hqp.law import Law
+from hqp.declare.law import Law
 from hqp.robots import Robot
 from hqp.tasks import JointLimits, Position, Posture, TorqueLimits
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import hqp
-from hqp.formulation import Formulation
+from hqp.declare.stack import Stack
+from hqp.programs.formulation import Formulation
 from hqp.solvers.base import Solver
-from hqp.stack import Stack
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ import numpy as np
 from benchmarks.calm.robots import Subject, subject
 from benchmarks.calm.scenes import RADIUS, RATE, Scene, Targets, law, reach
 from hqp import Level, Stack
-from hqp.element import Element
-from hqp.reference import Reference
+from hqp.declare.element import Element
+from hqp.declare.reference import Reference
 from hqp.tasks import (
     CenterOfPressure,
     Com,

@@ -15,7 +15,7 @@ from benchmarks.calm.scenes import DT, FORMULATIONS, Scene, default_stack, law
 from benchmarks.calm.variants import PRICED
 from hqp import Level, Stack, shapes
 from hqp.arrays import Vec
-from hqp.reference import Reference
+from hqp.declare.reference import Reference
 from hqp.tasks import CollisionAvoidance, Position
 
 TORSO = {"talos": "torso_2_link", "g1": "torso_link", "cbi": "chest", "panda": "panda_link1"}

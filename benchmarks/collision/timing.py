@@ -12,7 +12,7 @@ import hqp
 from benchmarks.calm.scenes import DT
 from hqp import Level, Stack
 from hqp.arrays import Vec
-from hqp.element import Element
+from hqp.declare.element import Element
 from hqp.tasks import CollisionAvoidance, Com, FixedContact, JointLimits, Position, Posture
 from hqp.tasks.collision_scene import scene
 

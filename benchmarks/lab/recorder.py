@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Vec
-from hqp.session import Tick
+from hqp.loop.session import Tick
 
 
 class Recorder:

@@ -12,8 +12,8 @@ import hqp
 from benchmarks.mistry2008.stack import HZ, paper_stack, roles
 from hqp import P, Stack
 from hqp.arrays import Mat, Vec
+from hqp.declare.robot import Robot
 from hqp.estimation.rotations import quaternion_of, rotation_of
-from hqp.robot import Robot
 from hqp.solvers.base import Solver
 from hqp.tasks import Com, Position
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from hqp import Level, P, Stack
 from hqp.arrays import Vec
-from hqp.robot import Robot
+from hqp.declare.robot import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, Position, Posture
 
 HZ = 500.0

@@ -17,9 +17,9 @@ import hqp
 from benchmarks.reports import report
 from hqp import Level, Stack, serial, shapes
 from hqp import tasks as t
-from hqp.element import Element
+from hqp.declare.element import Element
 from hqp.errors import DeclarationError
-from hqp.formulation import Formulation
+from hqp.programs.formulation import Formulation
 from hqp.robots import Robot
 
 PAGE = Path(__file__).parents[2] / "docs" / "elements-compared.md"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hqp import native
-from hqp.lab.manifest import manifest
+from hqp.commands.manifest import manifest
 
 
 def description() -> tuple[tuple[str, str], ...]:

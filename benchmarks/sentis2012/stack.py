@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from hqp import PD, Level, Stack
-from hqp.element import Element
+from hqp.declare.element import Element
 from hqp.tasks import Com, JointCoupling, OmniWheelContact, Orientation, Position, Posture
 
 WHEELS = ("wheel_0", "wheel_1", "wheel_2")

@@ -12,8 +12,8 @@ import hqp
 import hqp.tasks as t
 from hqp import Level, Stack
 from hqp.arrays import Mat
-from hqp.export.plan_file import text
-from hqp.loaded import LoadedSession
+from hqp.export.loaded import LoadedSession
+from hqp.loop.plan_file.file import text
 from hqp.markdown import table
 
 DT = 0.002

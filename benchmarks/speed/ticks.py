@@ -13,11 +13,11 @@ from benchmarks.mistry2008 import loop
 from benchmarks.mistry2008.stack import HZ, paper_stack, roles
 from hqp import Stack, Velocity, solvers
 from hqp.arrays import Vec
-from hqp.formulation import Formulation
 from hqp.lab import Trajectory
 from hqp.lab.measures import PARTS
 from hqp.lab.run import Run
 from hqp.lab.run import run as run_loop
+from hqp.programs.formulation import Formulation
 from hqp.robots import Robot
 from hqp.solvers.base import Solver
 from hqp.tasks import Com, Position

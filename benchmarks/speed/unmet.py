@@ -24,7 +24,7 @@ from benchmarks.mistry2008.stack import HZ
 from benchmarks.speed import teleoperation
 from hqp import PD, Level, P, Stack, Status
 from hqp.arrays import Mat
-from hqp.element import Element
+from hqp.declare.element import Element
 from hqp.robots import Robot
 from hqp.tasks import (
     CollisionAvoidance,

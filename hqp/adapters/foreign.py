@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.element import Task
-from hqp.law import P
-from hqp.reference import Reference
-from hqp.robot import Robot, State
+from hqp.declare.element import Task
+from hqp.declare.law import P
+from hqp.declare.reference import Reference
+from hqp.declare.robot import Robot, State
 
 from .displacement import cost_of
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from hqp.adapters.vector_env import VectorEnv
 from hqp.arrays import Vec
-from hqp.session import Controller
-from hqp.stack import Stack
+from hqp.declare.stack import Stack
+from hqp.loop.session import Controller
 
 __all__ = ["StackEnv", "VectorEnv"]
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hqp.arrays import Mat, Vec
-from hqp.formulation import Velocity
-from hqp.law import P
-from hqp.session import Controller
-from hqp.stack import Level, Stack
+from hqp.declare.law import P
+from hqp.declare.stack import Level, Stack
+from hqp.loop.session import Controller
+from hqp.programs.formulation import Velocity
 
 
 class RobotKinematics:

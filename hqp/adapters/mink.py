@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.robot import State
+from hqp.declare.robot import State
 from hqp.solvers.base import Solver
 
 from .displacement import velocity

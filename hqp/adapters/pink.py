@@ -15,7 +15,7 @@ from functools import cache
 from typing import Any
 
 from hqp.arrays import Vec
-from hqp.robot import State
+from hqp.declare.robot import State
 from hqp.solvers.base import Solver
 
 from .displacement import velocity

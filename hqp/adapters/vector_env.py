@@ -10,9 +10,9 @@ import numpy as np
 from gymnasium.vector.utils import batch_space  # pyright: ignore[reportMissingImports]
 
 from hqp.arrays import Mat, Vec
-from hqp.batch import Batch
-from hqp.controller import Controller
 from hqp.errors import DeclarationError
+from hqp.export.batch import Batch
+from hqp.loop.controller import Controller
 from hqp.robots import Robot
 
 

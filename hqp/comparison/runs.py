@@ -12,18 +12,18 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from hqp.arrays import Vec
-from hqp.certify import certificate
 from hqp.comparison.table import Comparison, Line
+from hqp.declare.price import Priced
+from hqp.declare.reference import Reference
+from hqp.declare.robot import Robot
+from hqp.declare.stack import Stack
 from hqp.errors import UnsupportedProblem
-from hqp.formulation import Formulation, Program, Velocity
-from hqp.price import Priced
+from hqp.loop.session import Controller, Session
 from hqp.problem import Hierarchy, Rows, Solution, Status, has_inequalities
-from hqp.reference import Reference
-from hqp.robot import Robot
-from hqp.session import Controller, Session
+from hqp.problem.certify import certificate
+from hqp.programs.formulation import Formulation, Program, Velocity
 from hqp.solvers import available, load
 from hqp.solvers.base import Solver, Workspace
-from hqp.stack import Stack
 
 BUDGET_US = 2000.0
 """The period of a 500 Hz loop [us]."""

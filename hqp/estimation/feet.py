@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from hqp.arrays import Mat, Vec
+from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError
 from hqp.estimation.rotations import about_vertical, exponential, quaternion_of, rotation_of, yaw_of
-from hqp.robot import Robot
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 

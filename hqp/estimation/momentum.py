@@ -10,8 +10,8 @@ from scipy.linalg.lapack import dgelsd as gelsd  # pyright: ignore[reportAttribu
 from scipy.linalg.lapack import dgelsd_lwork as gelsd_lwork  # pyright: ignore[reportAttributeAccessIssue]
 
 from hqp.arrays import Mat, Vec
+from hqp.declare.robot import Robot, State
 from hqp.errors import DeclarationError
-from hqp.robot import Robot, State
 
 
 class MomentumObserver:

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hqp.arrays import Mat, Vec
+from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError, closest
 from hqp.explanation.multipliers import NOTHING, cause_of
 from hqp.explanation.words import PRICE, SHARE, Explanation, HeldBack, Loss, Short, is_zero, told
-from hqp.formulation import Program
 from hqp.problem import Hierarchy
-from hqp.robot import Robot
+from hqp.programs.formulation import Program
 from hqp.tolerances import NEAR
 
 if TYPE_CHECKING:

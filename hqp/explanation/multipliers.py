@@ -7,12 +7,12 @@ from collections.abc import Callable, Container, Mapping, Sequence
 import numpy as np
 
 from hqp.arrays import Mask, Mat, Vec, row_lengths
-from hqp.certify import Certificate, certificate
 from hqp.explanation.words import PRICE, SHARE, Account, Explanation, HeldBack, Loss, Short, is_zero
-from hqp.formulation import Place
-from hqp.pricing import Above, Coordinates, is_met, stack_rows
 from hqp.problem import Hierarchy, Motion, Solution
-from hqp.stage_conditions import stage_multipliers
+from hqp.problem.certify import Certificate, certificate
+from hqp.problem.pricing import Above, Coordinates, is_met, stack_rows
+from hqp.problem.stage_conditions import stage_multipliers
+from hqp.programs.formulation import Place
 from hqp.tolerances import NEAR
 
 NOTHING = 1e-6
@@ -142,7 +142,7 @@ def _multipliers(problem: Hierarchy, solution: Solution, verdict: Certificate, k
 def _slowed(problem: Hierarchy, solution: Solution, k: int) -> Mat:
     """What each row of an unmet level above level k adds to its gradient by the motion beyond x_a ``(rows above, n)``.
 
-    The second term of R_k (hqp.pricing), row by row, in the scale of A_k' w_k.
+    The second term of R_k (hqp.problem.pricing), row by row, in the scale of A_k' w_k.
     """
     at, own = Coordinates.of(problem.motion, problem.n), _point(solution, k)
     w, price = solution.residuals[k], _price(problem, k)

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol
 
 from hqp.arrays import Vec
-from hqp.element import Inequality, has
+from hqp.declare.element import Inequality, has
+from hqp.declare.robot import Robot, State
+from hqp.declare.stack import Stack
 from hqp.errors import HqpError
 from hqp.explanation.account import MOST, Accountant, TickAccount, of_explanation, too_fast, unit_of
 from hqp.explanation.multipliers import explain
+from hqp.explanation.notes import Note
 from hqp.explanation.words import Explanation
-from hqp.formulation import Program
 from hqp.problem import Solution, Status
-from hqp.robot import Robot
+from hqp.programs.formulation import Program
 from hqp.solvers.base import Workspace
-from hqp.stack import Stack
-from hqp.tick import Note, Tick
 
 if TYPE_CHECKING:
     from hqp.explanation.conflict import Conflict
@@ -31,6 +31,20 @@ UNITS = {
 
 DULL = ("joint_limits", "torque_limits")
 """Elements whose rows say enough by their joint."""
+
+
+class Answered(Protocol):
+    """What is read of a tick."""
+
+    @property
+    def count(self) -> int: ...
+    @property
+    def state(self) -> State: ...
+    @property
+    def before(self) -> Vec: ...
+    @property
+    def solution(self) -> Solution | None: ...
+    def solved(self) -> tuple[Vec, Vec, Any] | None: ...
 
 
 class Teller:
@@ -67,7 +81,7 @@ class Teller:
 
         return notes
 
-    def explain(self, count: int, tick: Tick) -> Explanation:
+    def explain(self, count: int, tick: Answered) -> Explanation:
         """Which element got what and lost to which."""
         solution = self._latest("explain", count, tick)
         program, v = self._program, tick.state.v
@@ -92,12 +106,12 @@ class Teller:
         accounts = tuple(replace(a, cause="off") if a.element in program.out else a for a in found.accounts)
         return replace(found, accounts=accounts, remarks=program.remarks(tick.state))
 
-    def account(self, count: int, tick: Tick) -> TickAccount:
+    def account(self, count: int, tick: Answered) -> TickAccount:
         """Which element holds which back."""
         found = self._account(count, tick)
         return of_explanation(self._accounts.layout, count, self.explain(count, tick)) if found is None else found
 
-    def conflict(self, count: int, tick: Tick) -> Conflict:
+    def conflict(self, count: int, tick: Answered) -> Conflict:
         """Which rows of ``subject_to`` exclude each other."""
         self._latest("conflict", count, tick)
         from hqp.explanation.conflict import conflict
@@ -113,7 +127,7 @@ class Teller:
                 names[place.level][place.part.start + i] = (title, unit)
         return conflict(problem, names)
 
-    def _account(self, count: int, tick: Tick) -> TickAccount | None:
+    def _account(self, count: int, tick: Answered) -> TickAccount | None:
         solved = tick.solved() if tick.count == count else None
         if solved is None:
             raise _too_late("account")
@@ -121,7 +135,7 @@ class Teller:
         return self._accounts.account(count, w, x, tick.state.v)
 
     @staticmethod
-    def _latest(what: str, count: int, tick: Tick) -> Solution:
+    def _latest(what: str, count: int, tick: Answered) -> Solution:
         if tick.count != count or tick.solution is None:
             raise _too_late(what)
         return tick.solution

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hqp.arrays import Vec
-from hqp.certify import Certificate
 from hqp.errors import closest
+from hqp.problem.certify import Certificate
 from hqp.tolerances import ZERO_RESIDUAL
 
 SHARE = 0.01

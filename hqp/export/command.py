@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 
-from hqp.arguments import add_stack, read_stack
+from hqp.commands.arguments import add_stack, read_stack
 
 HELP = "write a stack on a robot as a file that C++ runs without Python"
 
@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """0."""
-    from hqp.controller import Controller
+    from hqp.loop.controller import Controller
 
     stack, robot, formulation = read_stack(arguments)
     deadline = None if arguments.deadline is None else arguments.deadline or math.inf

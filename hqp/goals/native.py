@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hqp.arrays import Vec
-from hqp.assembly import kinematics
-from hqp.element import Element, Inequality
-from hqp.loop.direct import Direct
-from hqp.reference import Reference
-from hqp.robot import Robot
-from hqp.session import Session
+from hqp.declare.element import Element, Inequality
+from hqp.declare.reference import Reference
+from hqp.declare.robot import Robot
+from hqp.loop.session import Session
+from hqp.programs.assembly import kinematics
+from hqp.programs.direct import Direct
 
 from .descent import LAST, LEAST, POLISH, PROGRESS, STALLED, STEP, STILL, Descent
 

@@ -10,10 +10,10 @@ from numbers import Real
 import numpy as np
 
 from hqp.arrays import Vec
+from hqp.declare.reference import Reference, numbers
+from hqp.declare.robot import Robot
+from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError, ModelError
-from hqp.reference import Reference, numbers
-from hqp.robot import Robot
-from hqp.stack import Stack
 
 from .kept import Kept
 from .search import Search

@@ -11,14 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 from hqp.arrays import Vec
-from hqp.element import Element, Inequality, Task, selection_of
-from hqp.formulation import Velocity
-from hqp.law import P
-from hqp.price import Price
-from hqp.reference import Reference
-from hqp.robot import Robot, State
-from hqp.session import Controller, Session
-from hqp.stack import Stack
+from hqp.declare.element import Element, Inequality, Task, selection_of
+from hqp.declare.law import P
+from hqp.declare.price import Price
+from hqp.declare.reference import Reference
+from hqp.declare.robot import Robot, State
+from hqp.declare.stack import Stack
+from hqp.loop.session import Controller, Session
+from hqp.programs.formulation import Velocity
 
 from .descent import LAST, LEAST, POLISH, PROGRESS, SETTLED, STALLED, STEP, STILL, Descent, Merit
 from .native import NativeDescents

@@ -9,13 +9,13 @@ from numbers import Real
 import numpy as np
 
 from hqp.arrays import Vec
-from hqp.element import Element
+from hqp.declare.element import Element
+from hqp.declare.reference import Reference, numbers
+from hqp.declare.robot import Robot
+from hqp.declare.stack import Level, Stack
 from hqp.errors import DeclarationError
-from hqp.formulation import Velocity
-from hqp.reference import Reference, numbers
-from hqp.robot import Robot
-from hqp.session import Controller, Session
-from hqp.stack import Level, Stack
+from hqp.loop.session import Controller, Session
+from hqp.programs.formulation import Velocity
 
 from .kept import Kept
 

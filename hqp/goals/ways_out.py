@@ -10,10 +10,10 @@ from threading import Thread, main_thread
 import numpy as np
 
 from hqp.arrays import Vec
+from hqp.declare.reference import Reference
+from hqp.declare.robot import Robot
+from hqp.declare.stack import Stack
 from hqp.errors import HqpError
-from hqp.reference import Reference
-from hqp.robot import Robot
-from hqp.stack import Stack
 
 from .reaching import random_start
 from .search import Search

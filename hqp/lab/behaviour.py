@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.reference import Reference
-from hqp.stack import Stack
+from hqp.declare.reference import Reference
+from hqp.declare.stack import Stack
 
 
 @dataclass(frozen=True)

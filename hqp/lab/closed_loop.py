@@ -8,13 +8,13 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
+from hqp.commands.manifest import manifest
+from hqp.declare.stack import Stack
 from hqp.errors import HqpError, SolverNotInstalled, UnsupportedProblem
-from hqp.formulation import Formulation, Velocity
+from hqp.programs.formulation import Formulation, Velocity
 from hqp.solvers import available, default, load
 from hqp.solvers.base import Solver
-from hqp.stack import Stack
 
-from .manifest import manifest
 from .measures import Summary, refused, summarise
 from .result import Bench
 from .run import Run, run

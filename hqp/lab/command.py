@@ -8,12 +8,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hqp.arguments import add_stack, read_stack
+from hqp.commands.arguments import add_stack, read_stack
 from hqp.solvers import default
 
 if TYPE_CHECKING:
-    from hqp.robot import Robot
-    from hqp.stack import Stack
+    from hqp.declare.robot import Robot
+    from hqp.declare.stack import Stack
 
 HELP = "run a stack in closed loop through solvers: time, accuracy, calm, as a report"
 DESCRIPTION = """Run a stack in closed loop with each solver and measure times against the period, residuals and

@@ -8,7 +8,7 @@ import numpy as np
 
 from hqp.arrays import Vec
 from hqp.errors import DeclarationError
-from hqp.session import Session, Tick
+from hqp.loop.session import Session, Tick
 
 PLANTS = ("integrator", "mujoco")
 

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.certify import certificate
-from hqp.formulation import Formulation
+from hqp.declare.stack import Stack
+from hqp.loop.session import Controller
 from hqp.problem import Hierarchy, Status
-from hqp.session import Controller
+from hqp.problem.certify import certificate
+from hqp.programs.formulation import Formulation
 from hqp.solvers.base import Solver
-from hqp.stack import Stack
 
 from .behaviour import Behaviour, behaviour
 from .plants import plant as make_plant

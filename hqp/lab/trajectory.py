@@ -14,9 +14,9 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from hqp.arrays import Vec
+from hqp.declare.reference import Reference
+from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError, closest
-from hqp.reference import Reference
-from hqp.stack import Stack
 
 Motion: TypeAlias = "Callable[[float], Mapping[str, Any]]"
 """Targets at a time [s]: by element a value, or (value, velocity)."""

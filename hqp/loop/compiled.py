@@ -7,20 +7,20 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
-from hqp.element import Element
-from hqp.formulation import Program
-from hqp.law import Law
-from hqp.loop.direct import Direct
-from hqp.loop.rest import Rest
+from hqp.declare.element import Element
+from hqp.declare.law import Law
+from hqp.declare.price import affordable, as_price, is_exact
+from hqp.declare.robot import Robot
+from hqp.declare.stack import Stack, coupled
 from hqp.loop.restless import Watched
-from hqp.price import affordable, as_price, is_exact
-from hqp.robot import Robot
+from hqp.loop.transition.waypoints import Waypoint, path
+from hqp.programs.direct import Direct
+from hqp.programs.formulation import Program
+from hqp.programs.rest import Rest
 from hqp.solvers.base import Solver, Workspace
-from hqp.stack import Stack, coupled
-from hqp.transition.waypoints import Waypoint, path
 
 if TYPE_CHECKING:
-    from hqp.controller import Controller
+    from hqp.loop.controller import Controller
 
 MEASURES = ("acceleration", "braking")
 """Fields of JointLimits and BallLimits that slow commands by default."""

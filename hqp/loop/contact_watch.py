@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from hqp.element import Constraint, Element
+from hqp.declare.element import Constraint, Element
 from hqp.errors import DeclarationError
 
 LEAST_LOAD = 1.0

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from hqp.robot import Robot
-from hqp.stack import Stack
+from hqp.declare.robot import Robot
+from hqp.declare.stack import Stack
 
 AWAY = 0.3
 """How far from home joints are where rows are looked at: home may be a pose where a joint does not enter [m, rad]."""

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from hqp.arrays import Vec
-from hqp.loop.envelope import native
 from hqp.problem import Hierarchy, Rows, Selection
+from hqp.programs.envelope import native
 from hqp.tolerances import VIOLATION_TOLERANCE
 
 

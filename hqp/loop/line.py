@@ -10,34 +10,35 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.element import Element
+from hqp.declare.element import Element
+from hqp.declare.reference import Reference
+from hqp.declare.robot import Robot, State
+from hqp.explanation.notes import Note
 from hqp.explanation.questions import Teller
 from hqp.loop.compiled import Compiled
 from hqp.loop.contact_watch import ContactWatch
-from hqp.loop.envelope import native
+from hqp.loop.guards import StateCheck, rate_limiter
 from hqp.loop.ordinary import ordinary_tick
 from hqp.loop.outgoing import GRADUAL
 from hqp.loop.presence import Presence
 from hqp.loop.references import References
 from hqp.loop.restless import LimitWatch
-from hqp.loop.safety import StateCheck, rate_limiter
 from hqp.loop.stepping import step
 from hqp.loop.stuck import StuckWatch
+from hqp.loop.tick import Tick
+from hqp.loop.transition.changing import blended
 from hqp.loop.turn import Turn, alone
 from hqp.problem import Hierarchy
-from hqp.reference import Reference
-from hqp.robot import Robot, State
-from hqp.tick import Note, Tick
-from hqp.transition.changing import blended
+from hqp.programs.envelope import native
 
 if TYPE_CHECKING:
     from hqp._session import Budget, RateLimiter, Trend
     from hqp.explanation.account import TickAccount
     from hqp.explanation.conflict import Conflict
     from hqp.explanation.words import Explanation
-    from hqp.loop.direct import Direct
-    from hqp.transition.blend import Transition
-    from hqp.transition.easing import Easing
+    from hqp.loop.transition.blend import Transition
+    from hqp.loop.transition.easing import Easing
+    from hqp.programs.direct import Direct
 
 T = TypeVar("T")
 

@@ -10,15 +10,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hqp.arrays import FLOAT, Mat, Vec
+from hqp.declare.reference import Reference
+from hqp.explanation.notes import Note
 from hqp.explanation.questions import restless_notes
 from hqp.loop.stepping import conclude
-from hqp.reference import Reference
-from hqp.tick import Note, Tick
+from hqp.loop.tick import Tick
 
 if TYPE_CHECKING:
-    from hqp.loop.direct import Counts, Direct
+    from hqp.declare.robot import State
     from hqp.loop.line import Line
-    from hqp.robot import State
+    from hqp.programs.direct import Counts, Direct
 
 
 _new = object.__new__

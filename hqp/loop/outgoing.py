@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hqp.arrays import Vec
-from hqp.formulation import Program
-from hqp.loop.safety import RateLimits
+from hqp.declare.robot import Robot
+from hqp.declare.safety import RateLimits
+from hqp.explanation.notes import Note
 from hqp.problem import Solution, Status
-from hqp.robot import Robot
-from hqp.tick import Note
+from hqp.programs.formulation import Program
 from hqp.tolerances import VIOLATION_TOLERANCE
 
 if TYPE_CHECKING:

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from hqp.errors import DeclarationError, closest
+from hqp.explanation.notes import Note
 from hqp.problem import Status
-from hqp.tick import Note
 
 if TYPE_CHECKING:
-    from hqp.element import Element
-    from hqp.formulation import Program
-    from hqp.reference import Reference
-    from hqp.stack import Stack
+    from hqp.declare.element import Element
+    from hqp.declare.reference import Reference
+    from hqp.declare.stack import Stack
+    from hqp.programs.formulation import Program
 
 NOTHING_ELSE = frozenset({"name", "on", "load"})
 """What a reference has that says no more than whether its element is in."""

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import NoReturn
 
-from hqp.assembly import OWN
-from hqp.element import Element
+from hqp.declare.element import Element
+from hqp.declare.reference import Reference, copied
+from hqp.declare.robot import State
+from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError, UnknownReference, closest
-from hqp.formulation import Program
+from hqp.explanation.notes import Note
 from hqp.problem import Status
-from hqp.reference import Reference, copied
-from hqp.robot import State
-from hqp.stack import Stack
-from hqp.tick import Note
+from hqp.programs.assembly import OWN
+from hqp.programs.formulation import Program
 
 
 class References:

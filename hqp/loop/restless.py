@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from hqp.arrays import Mask, Signs, Vec
-from hqp.element import Inequality, has
+from hqp.declare.element import Inequality, has
+from hqp.declare.robot import Robot, State
+from hqp.explanation.notes import Note
 from hqp.explanation.questions import overrun_notes
-from hqp.formulation import Program
 from hqp.problem import EQUALITY
-from hqp.robot import Robot, State
-from hqp.tick import Note
+from hqp.programs.formulation import Program
 
 SPAN = 0.2
 """Alternations are counted over this time, in the mean [s]."""

@@ -6,12 +6,12 @@ from weakref import WeakSet
 
 import numpy as np
 
-from hqp.assembly import OWN
+from hqp.declare.price import Price
+from hqp.declare.robot import Robot
+from hqp.declare.stack import Stack
 from hqp.errors import DynamicsFailed, HqpError, ModelError
-from hqp.formulation import Formulation
-from hqp.price import Price
-from hqp.robot import Robot
-from hqp.stack import Stack
+from hqp.programs.assembly import OWN
+from hqp.programs.formulation import Formulation
 
 POSES = 3
 """Poses of the rehearsal: home, and some around it, for an element may be singular at one."""

@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hqp.declare.reference import Reference
+from hqp.declare.robot import State
 from hqp.errors import DynamicsFailed, ModelError
+from hqp.explanation.notes import Note, Notes
 from hqp.explanation.questions import restless_notes
 from hqp.loop.late import late
 from hqp.loop.outgoing import culprits, largest_change, within_rates
+from hqp.loop.tick import Tick, Times
 from hqp.problem import Solution, Status
-from hqp.reference import Reference
-from hqp.robot import State
-from hqp.tick import Note, Notes, Tick, Times
 
 if TYPE_CHECKING:
     from hqp.loop.line import Line

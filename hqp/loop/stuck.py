@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hqp.arrays import Vec
-from hqp.element import Task
+from hqp.declare.element import Task
+from hqp.declare.robot import Robot, State
+from hqp.declare.stack import Stack
+from hqp.loop.tick import Stuck
 from hqp.problem import Status
-from hqp.robot import Robot, State
-from hqp.stack import Stack
-from hqp.tick import Stuck
 
 if TYPE_CHECKING:
     from hqp.goals.ways_out import Query
     from hqp.loop.line import Line
-    from hqp.tick import Tick
+    from hqp.loop.tick import Tick
 
 PERIOD, PATIENCE = 0.05, 0.5
 """Between two looks, and for how long a task is to be off and the robot at rest [s]."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hqp.arrays import Mat, Vec
+from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError, ModelError
-from hqp.robot import Robot
 
 from .joints import SIDES
 from .skeleton_map import SkeletonMap

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hqp.arguments import add_robot, read_robot
+from hqp.commands.arguments import add_robot, read_robot
 from hqp.errors import DeclarationError
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hqp.arrays import Mat, Vec
+from hqp.declare.robot import Robot
 from hqp.errors import ModelError
-from hqp.robot import Robot
 from hqp.tasks import CollisionAvoidance
 
 from .contacts import Mask

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Mat, Vec
+from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError
-from hqp.robot import Robot
 
 from .contacts import Mask
 from .measures import Measures

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError
-from hqp.robot import Robot
 
 from .anchored import solved
 from .body import Body

@@ -24,8 +24,8 @@ class Scrubber:
     """The page of a motion, which plays until it is closed.  port: of the page, any for 0.  host: of the page."""
 
     def __init__(self, motion: Retargeted, *, host: str = "127.0.0.1", port: int = 0, speed: float = 1.0) -> None:
-        from hqp.viewer.doors import Doors, address, listening
-        from hqp.viewer.serve import serve
+        from hqp.web.doors import Doors, address, listening
+        from hqp.web.serve import serve
 
         self._motion, self._robot, self._speed = motion, motion.robot.copy(), speed
         doors = Doors(listening(host))

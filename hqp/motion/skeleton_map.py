@@ -8,8 +8,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError, closest
-from hqp.robot import Robot
 
 from .joints import SIDES
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from hqp import shapes
 from hqp.arrays import Vec
-from hqp.element import Element, Task
+from hqp.declare.element import Element, Task
+from hqp.declare.law import P
+from hqp.declare.robot import Robot
+from hqp.declare.stack import Level, Stack
 from hqp.errors import ModelError
-from hqp.law import P
-from hqp.robot import Robot
-from hqp.stack import Level, Stack
 from hqp.tasks import CollisionAvoidance, JointLimits, Orientation, Position, Posture, Within
 
 from .body import Body

@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError
-from hqp.robot import Robot
 
 from .joints import SIDES
 from .skeleton_map import SkeletonMap

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.controller import Controller
-from hqp.formulation import Velocity
-from hqp.reference import Reference
-from hqp.robot import Robot, State
-from hqp.session import Session
+from hqp.declare.reference import Reference
+from hqp.declare.robot import Robot, State
+from hqp.loop.controller import Controller
+from hqp.loop.session import Session
+from hqp.programs.formulation import Velocity
 from hqp.tasks import Position
 
 from .holds import Hold, Plane, turn, turns

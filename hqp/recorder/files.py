@@ -20,25 +20,24 @@ from hqp.arrays import Vec
 from hqp.errors import HqpError
 from hqp.explanation.multipliers import explain
 from hqp.explanation.words import Explanation
-from hqp.formulation import Place
 from hqp.problem import Hierarchy, Solution, Stats, Status
+from hqp.programs.formulation import Place
 from hqp.recorder import checked
 from hqp.recorder.checked import FORMAT
 from hqp.recorder.layout import arrays_of, pattern_of, rebuilt
 
 if TYPE_CHECKING:
-    from hqp.recorder.ring import Segment
-    from hqp.robot import Robot
-    from hqp.session import Session
+    from hqp.declare.robot import Robot
+    from hqp.recorder.ring import Recorded, Segment
 
 PAUSE = 2e-4
 """The writing thread lets the control loop in for so long after every tick [s]."""
 
 
-def about(session: Session) -> dict[str, Any]:
+def about(session: Recorded) -> dict[str, Any]:
     """What does not change: machine, versions, robot, stack, solver."""
     from hqp import serial
-    from hqp.lab.manifest import manifest
+    from hqp.commands.manifest import manifest
     from hqp.recorder.ring import robot_hash
 
     controller, robot = session.controller, session.robot

@@ -9,16 +9,16 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from hqp.declare.reference import Reference
 from hqp.errors import DeclarationError, HqpError
-from hqp.formulation import Program
+from hqp.explanation.notes import Note
 from hqp.problem import Status
+from hqp.programs.formulation import Program
 from hqp.recorder.layout import LINE, Memory
-from hqp.reference import Reference
-from hqp.tick import Note, Tick
 
 try:
     from hqp import _assembly as native
@@ -26,8 +26,7 @@ except ImportError:  # no compiler was there
     native = None  # type: ignore[assignment]
 
 if TYPE_CHECKING:
-    from hqp.robot import Robot
-    from hqp.session import Session
+    from hqp.declare.robot import Robot
 
 TRIGGERS: dict[str, Callable[[Any], bool]] = {
     "not optimal": lambda tick: tick.status is not Status.OPTIMAL,
@@ -46,6 +45,18 @@ SEGMENTS = 4
 """Compiled stacks whose ticks are kept at a time; a change of stack begins another."""
 
 
+class Recorded(Protocol):
+    """What is read of a session."""
+
+    controller: Any
+    dt: float
+
+    @property
+    def robot(self) -> Any: ...
+    @property
+    def program(self) -> Program: ...
+
+
 class Segment:
     """Ticks of one compiled stack, the latest ``ticks`` of them."""
 
@@ -59,7 +70,7 @@ class Segment:
         self.view = memoryview(self.ring)[begin : begin + size - LINE]
         parts = [(part, begin) for part, begin, _ in self.memory.parts]
         self.snapshots: Any = None if native is None else native.Snapshots(parts, self.view, max(1, self.memory.size))
-        self.entries: list[tuple[Tick, tuple[Reference, ...]] | None] = [None] * ticks
+        self.entries: list[tuple[Any, tuple[Reference, ...]] | None] = [None] * ticks
         self.count = 0
 
 
@@ -72,7 +83,7 @@ class Recorder:
     Raises DeclarationError for a number of ticks that is none, an unknown name, or a folder that cannot be made.
     """
 
-    def __init__(self, session: Session, ticks: int, on: str | Callable[[Tick], bool], to: str | Path) -> None:
+    def __init__(self, session: Recorded, ticks: int, on: str | Callable[[Any], bool], to: str | Path) -> None:
         from hqp.recorder.files import about
 
         if not isinstance(ticks, int) or ticks < 1:
@@ -85,7 +96,7 @@ class Recorder:
         except OSError as error:
             raise DeclarationError("record", f"no such folder can be made: {error}", value=str(to)) from error
         self._optimal = on == "not optimal"
-        self._trigger: Callable[[Tick], bool] = on if callable(on) else TRIGGERS[on]
+        self._trigger: Callable[[Any], bool] = on if callable(on) else TRIGGERS[on]
         self._about = about(session)
         self._robot = session.robot
         self._spare: list[bytearray] = []
@@ -105,7 +116,7 @@ class Recorder:
         self._segments.append(segment)
         return segment
 
-    def take(self, tick: Tick, references: tuple[Reference, ...]) -> None:
+    def take(self, tick: Any, references: tuple[Reference, ...]) -> None:
         """Keep a tick, and write a file where it is one to write."""
         segment, program = self._segment, tick.program
         if segment is None or segment.program is not program:

@@ -8,8 +8,8 @@ from time import perf_counter
 from typing import ClassVar
 
 from hqp.arrays import Vec
-from hqp.certify import certificate
 from hqp.problem import Hierarchy, Shape, Solution, Stats, Status
+from hqp.problem.certify import certificate
 from hqp.solvers.base import Solver, Workspace, check_fields
 from hqp.solvers.flat import Flat
 from hqp.solvers.refine import Refiner

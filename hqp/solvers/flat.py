@@ -9,8 +9,8 @@ import numpy as np
 
 from hqp.arrays import Mask, Mat, Signs, Vec
 from hqp.problem import EQUALITY, Hierarchy, Selection, Shape, Solution, Stats, Status
+from hqp.problem.completion import metric_factor
 from hqp.solvers.base import UNSURE, check_shape
-from hqp.solvers.completion import metric_factor
 from hqp.tolerances import ACTIVITY_TOLERANCE, VIOLATION_TOLERANCE
 
 _Array = TypeVar("_Array", Vec, Signs)

@@ -10,8 +10,8 @@ import numpy as np
 
 from hqp.arrays import Vec
 from hqp.problem import Hierarchy, Shape, Solution, Stats, Status
+from hqp.problem.completion import metric_factor
 from hqp.solvers.base import Solver, check_number
-from hqp.solvers.completion import metric_factor
 from hqp.solvers.flat import Flat
 from hqp.solvers.recursion import Recursion
 from hqp.tolerances import RANK_TOLERANCE

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
-from hqp.certify import certificate
 from hqp.problem import Hierarchy, Solution, Status
+from hqp.problem.certify import certificate
 from hqp.solvers.base import UNSURE, finish
 
 LAST_OPINION = 4e9

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 import numpy as np
 
 from hqp.arrays import Mat, Signs, Vec
-from hqp.pricing import is_met
 from hqp.problem import Hierarchy, Rows, Selection, Shape, Solution, Stats, Status
+from hqp.problem.pricing import is_met
 from hqp.solvers.base import UNSURE, Described, OneThread, Workspace, check_shape, finish, require_hierarchy
 from hqp.solvers.second_opinion import second_opinion
 from hqp.tolerances import (

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hqp.arrays import Mat, Vec
-from hqp.element import Task
+from hqp.declare.element import Task
 from hqp.errors import DeclarationError
 
 from .spaces import Space

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hqp.element import Task
+from hqp.declare.element import Task
+from hqp.declare.reference import Reference
+from hqp.declare.robot import State
 from hqp.errors import DeclarationError
-from hqp.reference import Reference
-from hqp.robot import State
 
 from .clutch import Clutch
 from .packets import Clock, Inbox, Packet, packet

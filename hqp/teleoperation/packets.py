@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hqp.element import Task
+from hqp.declare.element import Task
 from hqp.errors import DeclarationError
 
 MOST = 1000

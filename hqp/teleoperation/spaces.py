@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Mask, Mat, Vec
-from hqp.element import Task
+from hqp.declare.element import Task
 from hqp.errors import DeclarationError
 from hqp.estimation.rotations import exponential, exponential_rows
 

@@ -13,11 +13,11 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
+from hqp.declare.stack import Stack
 from hqp.errors import HqpError
-from hqp.stack import Stack
 from hqp.tasks import Pose, Position
-from hqp.viewer.doors import LOOPBACK, Doors, address, listening
-from hqp.viewer.serve import checked
+from hqp.web.doors import LOOPBACK, Doors, address, listening
+from hqp.web.serve import checked
 
 from .follow import Follow
 from .messages import LARGEST, Hands

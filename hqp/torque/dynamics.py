@@ -21,8 +21,8 @@ import numpy as np
 from scipy.linalg import get_lapack_funcs
 
 from hqp.arrays import Index, Mat, Signs, Vec
+from hqp.declare.robot import Robot
 from hqp.errors import DynamicsFailed
-from hqp.robot import Robot
 from hqp.tolerances import RANK_TOLERANCE
 
 if TYPE_CHECKING:

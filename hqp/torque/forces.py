@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.assembly import Assembly
-from hqp.element import Element, Inequality, plan_of, selection_of
+from hqp.declare.element import Element, Inequality, plan_of, selection_of
+from hqp.declare.plans import Constant
+from hqp.declare.reference import Reference
+from hqp.declare.robot import Robot, State
 from hqp.errors import DeclarationError
-from hqp.plans import Constant
 from hqp.problem import Rows, Selection
-from hqp.reference import Reference
-from hqp.robot import Robot, State
+from hqp.programs.assembly import Assembly
 from hqp.torque.dynamics import ConstrainedDynamics
 from hqp.torque.shared import Shared, axes, named
 

@@ -8,11 +8,11 @@ import numpy as np
 from scipy.linalg import get_lapack_funcs
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.assembly import Assembly
-from hqp.element import Element
-from hqp.law import P
-from hqp.reference import Reference
-from hqp.robot import Robot, State
+from hqp.declare.element import Element
+from hqp.declare.law import P
+from hqp.declare.reference import Reference
+from hqp.declare.robot import Robot, State
+from hqp.programs.assembly import Assembly
 
 try:
     from hqp import _torque as native

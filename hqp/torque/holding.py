@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from hqp.arrays import Mask, Mat, Vec
-from hqp.assembly import Assembly
-from hqp.element import Element
-from hqp.law import P
-from hqp.robot import Robot
-from hqp.stack import Stack
+from hqp.declare.element import Element
+from hqp.declare.law import P
+from hqp.declare.robot import Robot
+from hqp.declare.stack import Stack
+from hqp.programs.assembly import Assembly
 from hqp.torque.reactions import reactions
 
 RECOVERY = 0.1

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from hqp.arrays import Vec
-from hqp.assembly import Assembly
-from hqp.law import P
-from hqp.robot import Robot
-from hqp.stack import Stack
+from hqp.declare.law import P
+from hqp.declare.robot import Robot
+from hqp.declare.stack import Stack
+from hqp.programs.assembly import Assembly
 from hqp.torque.gravity import holding_torque
 from hqp.torque.reactions import reactions
 

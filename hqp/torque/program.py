@@ -9,21 +9,21 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.assembly import Assembly
-from hqp.element import Element, selection_of
+from hqp.declare.element import Element, selection_of
+from hqp.declare.law import PD, Law
+from hqp.declare.price import LevelPrices, Price, is_exact, level_prices
+from hqp.declare.reference import Reference
+from hqp.declare.robot import Robot, State
+from hqp.declare.safety import Braking
+from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError, DynamicsFailed, StaleState
-from hqp.formulation import Formulation, Place, Program
-from hqp.law import PD, Law
-from hqp.layout import Group, lay_out
-from hqp.loads import Loads, loads_of
-from hqp.loop.direct import Direct, direct
-from hqp.loop.rest import Rest, hold
-from hqp.loop.safety import Braking
-from hqp.price import LevelPrices, Price, is_exact, level_prices
 from hqp.problem import Hierarchy, Motion, Rows, Shape, Stacked
-from hqp.reference import Reference
-from hqp.robot import Robot, State
-from hqp.stack import Stack
+from hqp.programs.assembly import Assembly
+from hqp.programs.direct import Direct, direct
+from hqp.programs.formulation import Formulation, Place, Program
+from hqp.programs.layout import Group, lay_out
+from hqp.programs.loads import Loads, loads_of
+from hqp.programs.rest import Rest, hold
 from hqp.torque.dynamics import ConstrainedDynamics, coordinate_parents
 from hqp.torque.forces import Efforts, Forces
 from hqp.torque.gravity import Gravity, holding_torque

@@ -9,12 +9,12 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from hqp.arrays import Index, Mat
-from hqp.assembly import Assembly
-from hqp.element import Constraint, Element
+from hqp.declare.element import Constraint, Element
+from hqp.declare.law import Law
+from hqp.declare.robot import Robot
+from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError, ModelError
-from hqp.law import Law
-from hqp.robot import Robot
-from hqp.stack import Stack
+from hqp.programs.assembly import Assembly
 from hqp.tolerances import INERTIA_TOLERANCE, RANK_TOLERANCE
 
 

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hqp.arrays import Signs, Vec
-from hqp.assembly import Assembly
-from hqp.element import Element
-from hqp.law import Law
-from hqp.loads import Loads
-from hqp.robot import Robot, State
+from hqp.declare.element import Element
+from hqp.declare.law import Law
+from hqp.declare.robot import Robot, State
+from hqp.programs.assembly import Assembly
+from hqp.programs.loads import Loads
 from hqp.torque.dynamics import ConstrainedDynamics, coordinate_parents
 from hqp.torque.gravity import Gravity
 

@@ -7,14 +7,14 @@ from collections.abc import Mapping, Sequence, Set
 import numpy as np
 
 from hqp.arrays import Index, Mat, Vec
-from hqp.assembly import Assembly
-from hqp.element import Element, selection_of
+from hqp.declare.element import Element, selection_of
+from hqp.declare.law import Law, SelfMotion
+from hqp.declare.reference import Reference
+from hqp.declare.robot import Robot, State
+from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError
-from hqp.law import Law, SelfMotion
-from hqp.layout import Group
-from hqp.reference import Reference
-from hqp.robot import Robot, State
-from hqp.stack import Stack
+from hqp.programs.assembly import Assembly
+from hqp.programs.layout import Group
 from hqp.tolerances import RANK_TOLERANCE
 
 STEP = 2e-3

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.assembly import Assembly
-from hqp.element import Element
-from hqp.robot import Robot
+from hqp.declare.element import Element
+from hqp.declare.robot import Robot
+from hqp.programs.assembly import Assembly
 
 
 @dataclass(frozen=True, eq=False)

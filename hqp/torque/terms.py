@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hqp.arrays import Mat
-from hqp.loads import Loads
-from hqp.robot import Robot, State
+from hqp.declare.robot import Robot, State
+from hqp.programs.loads import Loads
 
 if TYPE_CHECKING:
     from hqp._assembly import Assembly as NativeAssembly

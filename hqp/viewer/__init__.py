@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from .doors import LOOPBACK
+from hqp.web.doors import LOOPBACK
+
 from .session_view import View
 
 __all__ = ["View", "view"]

@@ -12,8 +12,8 @@ import numpy as np
 from hqp.arrays import Vec
 from hqp.explanation.multipliers import explain
 from hqp.explanation.words import PRICE, Explanation, Loss, is_zero
-from hqp.formulation import Place
 from hqp.problem import Hierarchy, Motion, Rows, Selection, Solution, Status
+from hqp.programs.formulation import Place
 
 from .description import Member, StackDescription
 from .headline import make_headline

@@ -10,10 +10,9 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hqp.arguments import add_stack, read_robot, read_stack
+from hqp.commands.arguments import add_stack, read_robot, read_stack
 from hqp.solvers import default
-
-from .doors import LOOPBACK
+from hqp.web.doors import LOOPBACK
 
 if TYPE_CHECKING:
     from hqp.teleoperation import OperatorPage

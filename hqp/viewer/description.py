@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from hqp.explanation.account import unit_of
-from hqp.formulation import Formulation
 from hqp.loop.line import Line
+from hqp.programs.formulation import Formulation
 
 
 @dataclass(frozen=True)

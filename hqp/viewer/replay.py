@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from hqp.arguments import formulation
+from hqp.commands.arguments import formulation
+from hqp.declare.reference import Reference
+from hqp.declare.robot import Robot
 from hqp.errors import HqpError
+from hqp.loop.session import Controller, Note, Tick
 from hqp.problem import Hierarchy, Solution, Status
 from hqp.recorder import RecordedTick, Recording
-from hqp.reference import Reference
-from hqp.robot import Robot
-from hqp.session import Controller, Note, Tick
+from hqp.web.doors import LOOPBACK
 
-from .doors import LOOPBACK
 from .session_view import View
 
 

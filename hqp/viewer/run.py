@@ -8,14 +8,14 @@ from contextlib import ExitStack
 
 import numpy as np
 
-from hqp.formulation import Formulation
-from hqp.robot import Robot
-from hqp.session import Controller
+from hqp.declare.robot import Robot
+from hqp.declare.stack import Stack
+from hqp.loop.session import Controller
+from hqp.programs.formulation import Formulation
 from hqp.solvers.base import Solver
-from hqp.stack import Stack
 from hqp.teleoperation.webxr import OperatorPage, operators
+from hqp.web.doors import LOOPBACK
 
-from .doors import LOOPBACK
 from .session_view import View
 
 

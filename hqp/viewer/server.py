@@ -32,9 +32,9 @@ class Server:
 
     def __init__(self, about: dict[str, Any]) -> None:
         from hqp import robots
+        from hqp.web.serve import serve
 
         from .scene import Scene
-        from .serve import serve
 
         self._about: RobotDescription = about["robot"]
         self._stack: StackDescription = about["stack"]

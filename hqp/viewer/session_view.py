@@ -17,17 +17,17 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hqp.arrays import Mat, Vec
+from hqp.declare.reference import Reference
+from hqp.declare.robot import State
 from hqp.errors import DeclarationError, HqpError, NetworkWarning
 from hqp.explanation.account import too_fast
+from hqp.loop.session import Session, Tick
 from hqp.problem import Hierarchy, Selection, Status
-from hqp.reference import Reference
-from hqp.robot import State
-from hqp.session import Session, Tick
 from hqp.tasks import CollisionAvoidance
+from hqp.web.doors import LOOPBACK, NETWORK, Doors, address, is_everywhere, is_loopback, listening
 
 from .channel import Channel, Layout
 from .description import StackDescription, describe_robot, describe_stack
-from .doors import LOOPBACK, NETWORK, Doors, address, is_everywhere, is_loopback, listening
 
 STATUSES = tuple(Status)
 BATCH = 8

@@ -13,8 +13,8 @@ from hqp.robots.on_mujoco import Noise, Plane, Plant, Sensors, Terrain
 from hqp.walking.walker import Walker
 
 if TYPE_CHECKING:
-    from hqp.robot import State
-    from hqp.tick import Tick
+    from hqp.declare.robot import State
+    from hqp.loop.tick import Tick
 
 NOISY = Sensors(
     orientation=Noise(0.002),

@@ -13,7 +13,7 @@ from hqp.errors import DeclarationError
 from hqp.walking.footsteps import Foothold, rotation
 
 if TYPE_CHECKING:
-    from hqp.robot import State
+    from hqp.declare.robot import State
 
 MARGIN, SHARE = 0.01, 0.3
 """The centre of pressure keeps this far from the edge of a sole [m], at most this share of its half width."""

@@ -10,8 +10,8 @@ from itertools import pairwise
 import numpy as np
 
 from hqp.arrays import Vec
+from hqp.declare.robot import State
 from hqp.errors import DeclarationError
-from hqp.robot import State
 from hqp.walking.gait import check
 
 GRAVITY = 9.81  # [m/s^2]

@@ -13,7 +13,7 @@ from hqp.errors import DeclarationError
 from hqp.walking.gait import check
 
 if TYPE_CHECKING:
-    from hqp.robot import State
+    from hqp.declare.robot import State
     from hqp.walking.walker import Walker
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from hqp.law import DCM, PD
-from hqp.price import Price
-from hqp.stack import Level, Stack
+from hqp.declare.law import DCM, PD
+from hqp.declare.price import Price
+from hqp.declare.stack import Level, Stack
 from hqp.tasks import (
     Balance,
     CenterOfPressure,

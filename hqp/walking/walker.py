@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Vec
-from hqp.controller import Controller
-from hqp.price import Priced
-from hqp.reference import Reference
-from hqp.robot import State
+from hqp.declare.price import Priced
+from hqp.declare.reference import Reference
+from hqp.declare.robot import State
+from hqp.loop.controller import Controller
+from hqp.loop.tick import Tick
 from hqp.tasks import JointLimits
-from hqp.tick import Tick
 from hqp.torque.program import Torque
 from hqp.walking.adjustment import Landing, adjust
 from hqp.walking.feet import feet_of, yaw_of

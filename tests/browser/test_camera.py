@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hqp.viewer.camera import LOWEST, Cameras
-from hqp.viewer.doors import LOOPBACK, Doors, address
-from hqp.viewer.serve import serve
+from hqp.web.doors import LOOPBACK, Doors, address
+from hqp.web.serve import serve
 from tests.browser.chromium import drag, tab_at
 
 pytestmark = pytest.mark.browser

@@ -20,7 +20,7 @@ DOTTED = re.compile(r"`(hqp(?:\.\w+)+)[(`]")
 CLASS = re.compile(r"`([A-Z][a-z]+(?:[A-Z]\w*)?)[(`]")
 MEMBER = re.compile(r"`(robot|session|state|stack|tick)\.(\w+)")
 PUBLIC = (
-    "hqp", "hqp.tasks", "hqp.robots", "hqp.errors", "hqp.estimation", "hqp.recorder", "hqp.sweep", "hqp.plans",
+    "hqp", "hqp.tasks", "hqp.robots", "hqp.errors", "hqp.estimation", "hqp.recorder", "hqp.sweep", "hqp.declare.plans",
     "hqp.motion", "hqp.walking", "hqp.teleoperation",
 )  # fmt: skip
 OTHERS = {  # classes of pink, mink, placo, tsid and roboplan, of the kernel's C++, values of Python

@@ -14,7 +14,7 @@ import pytest
 
 import hqp
 import hqp.tasks
-from hqp.element import REGISTRY
+from hqp.declare.element import REGISTRY
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 UNTESTED = {"ros2_node"}

@@ -8,8 +8,8 @@ import pytest
 import hqp
 from hqp import Status
 from hqp.errors import DeclarationError
-from hqp.export.plan_file import text
-from hqp.loaded import LoadedSession
+from hqp.export.loaded import LoadedSession
+from hqp.loop.plan_file.file import text
 from hqp.solvers.lexicographic import kernel
 
 from .stacks import FORMULATIONS, scene

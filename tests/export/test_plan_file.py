@@ -17,8 +17,8 @@ import hqp.tasks as t
 from hqp import Level, Stack, Status
 from hqp.__main__ import main
 from hqp.errors import DeclarationError, HqpError, UnknownReference
-from hqp.export.plan_file import FORMAT, fnv1a, read, text
-from hqp.loaded import LoadedSession
+from hqp.export.loaded import LoadedSession
+from hqp.loop.plan_file.file import FORMAT, fnv1a, read, text
 from hqp.solvers.lexicographic import kernel
 
 from .stacks import FORMULATIONS, scene

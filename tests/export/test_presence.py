@@ -11,8 +11,8 @@ import hqp
 import hqp.tasks as t
 from hqp import Level, Stack
 from hqp.errors import DeclarationError
-from hqp.export.plan_file import text
-from hqp.loaded import LoadedSession
+from hqp.export.loaded import LoadedSession
+from hqp.loop.plan_file.file import text
 from hqp.solvers.lexicographic import kernel
 
 from .stacks import FORMULATIONS

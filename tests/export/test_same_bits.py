@@ -11,8 +11,8 @@ import pytest
 import hqp
 import hqp.tasks as t
 from hqp import Level, Stack, Status
-from hqp.export.plan_file import text
-from hqp.loaded import LoadedSession
+from hqp.export.loaded import LoadedSession
+from hqp.loop.plan_file.file import text
 from hqp.solvers.lexicographic import Lexicographic, kernel
 
 from .stacks import FORMULATIONS, ROBOTS, Given, scene

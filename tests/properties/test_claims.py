@@ -10,8 +10,8 @@ import pytest
 
 import hqp
 from hqp import Level, Stack, Status
-from hqp.element import Inequality
-from hqp.loop.safety import RateLimits
+from hqp.declare.element import Inequality
+from hqp.declare.safety import RateLimits
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, Position, Posture, TorqueLimits
 

@@ -11,8 +11,8 @@ import hqp
 from benchmarks.calm import arrival, distance, drawn, straight
 from benchmarks.calm.variants import PRICED
 from hqp import PD, Level, P, Stack
-from hqp.law import Law
-from hqp.robot import Robot
+from hqp.declare.law import Law
+from hqp.declare.robot import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, Position, Posture
 
 RESTLESS = 0.02

@@ -12,8 +12,8 @@ from numpy.random import Generator
 
 import hqp
 from hqp import PD, Level, P, Stack, Status, certificate
-from hqp.element import Element
-from hqp.law import Law
+from hqp.declare.element import Element
+from hqp.declare.law import Law
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, Pose, Position, Posture
 

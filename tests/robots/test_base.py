@@ -13,7 +13,7 @@ import pytest
 import hqp
 from hqp import Level, Stack
 from hqp.__main__ import main
-from hqp.arguments import read_robot
+from hqp.commands.arguments import read_robot
 from hqp.errors import DeclarationError, ModelWarning
 from hqp.tasks import Com, Damping, FixedContact, JointLimits, Momentum, Pose, Position, Posture
 
@@ -72,7 +72,7 @@ def test_every_command_that_reads_a_robot_takes_its_base(
         raise Read
 
     monkeypatch.setattr("hqp.__main__.read_robot", read)
-    monkeypatch.setattr("hqp.arguments.read_robot", read)
+    monkeypatch.setattr("hqp.commands.arguments.read_robot", read)
     monkeypatch.setattr("hqp.serial.load", lambda path: None)
     robot = str(source("ur5"))
     with pytest.raises(Read):

@@ -9,16 +9,16 @@ import pinocchio as pin
 import pytest
 
 import hqp
-import hqp.assembly
+import hqp.programs.assembly
 from hqp import PD, Level, Stack
 from hqp.arrays import Mat, Vec
-from hqp.assembly import Assembly, kinematics
-from hqp.element import Element
+from hqp.declare.element import Element
 from hqp.errors import ModelError
+from hqp.programs.assembly import Assembly, kinematics
 from hqp.robots import Robot
 from hqp.tasks import Com, Momentum, Pose, Position, Posture
 
-pytestmark = pytest.mark.skipif(hqp.assembly.native is None, reason="no native assembly here")
+pytestmark = pytest.mark.skipif(hqp.programs.assembly.native is None, reason="no native assembly here")
 
 TOLERANCE = 1e-12
 """Relative to the largest entry."""

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import hqp
-from hqp.assembly import kinematics
+from hqp.declare.robot import Robot, State
 from hqp.errors import StaleState
-from hqp.robot import Robot, State
+from hqp.programs.assembly import kinematics
 
 
 def _update(robot: Robot) -> Callable[[np.ndarray], None]:

@@ -1,4 +1,4 @@
-"""Priced hierarchies as cone programs, written from the equations of hqp.pricing alone and solved by Clarabel."""
+"""Priced hierarchies as cone programs, written from the equations of pricing alone and solved by Clarabel."""
 
 from __future__ import annotations
 

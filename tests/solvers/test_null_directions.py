@@ -16,7 +16,7 @@ from numpy.random import Generator, default_rng
 import hqp
 from hqp import Hierarchy, Rows, certificate
 from hqp.arrays import Mat
-from hqp.null_directions import null_directions, without_rounding
+from hqp.problem.null_directions import null_directions, without_rounding
 from hqp.solvers import lexicographic
 
 TICK = Path(__file__).parents[1] / "data" / "internal.npz"

@@ -190,7 +190,7 @@ def test_a_package_from_elsewhere_is_not_imported_without_trust(tmp_path: Path) 
 def test_functions_of_hqp_and_of_the_folder_need_no_trust(tmp_path: Path) -> None:
     (tmp_path / "beside_its_cases.py").write_text("def f(): return {'a': 1}")
     assert sweep.run(sweep.load(toml(tmp_path, 'function = "beside_its_cases:f"')), tmp_path / "out", on="serial").ran
-    assert len(sweep.load(toml(tmp_path, 'function = "hqp.doctor:blas_threads"'))) == 1
+    assert len(sweep.load(toml(tmp_path, 'function = "hqp.commands.doctor:blas_threads"'))) == 1
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
-import hqp.assembly
+import hqp.programs.assembly
 from hqp import PD, P
 from hqp.arrays import Mat, Vec
-from hqp.assembly import Assembly
-from hqp.element import Element
-from hqp.reference import Reference
-from hqp.robot import Robot, State
+from hqp.declare.element import Element
+from hqp.declare.reference import Reference
+from hqp.declare.robot import Robot, State
+from hqp.programs.assembly import Assembly
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ def assembly(element: Element, robot: Robot, order: int, native: bool, dt: float
     laws: dict[str, Any] = {element.name: P(1.0) if order == 1 else PD(1.0, 1.0)}
     patch = pytest.MonkeyPatch()
     if not native:
-        patch.setattr(hqp.assembly, "native", None)
+        patch.setattr(hqp.programs.assembly, "native", None)
     try:
         return Assembly([element], [], robot, dt, laws)
     finally:

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 import hqp.robots
 from hqp import DCM, PD, Level, P, Stack, serial
+from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError
-from hqp.robot import Robot
 from hqp.tasks import Balance, CenterOfPressure, Com, FixedContact, Orientation, Posture
 from hqp.tasks.polygons import nearest, shrunk, slope
 from hqp.tasks.support_polygon import hull

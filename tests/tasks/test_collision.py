@@ -13,11 +13,11 @@ import pytest
 from scipy.spatial import ConvexHull
 
 import hqp
-import hqp.assembly
+import hqp.programs.assembly
 import hqp.robots
 from hqp import PD, Level, P, Stack, shapes
-from hqp.assembly import Assembly
 from hqp.errors import DeclarationError, ModelWarning
+from hqp.programs.assembly import Assembly
 from hqp.shapes import LinkCapsule
 from hqp.tasks import CollisionAvoidance, Com, FixedContact, JointLimits, Orientation, Position, Posture, distances
 from hqp.tasks.collision_pairs import joints_between
@@ -293,7 +293,7 @@ def test_native_rows_give_the_nearest_pairs_their_slots_too(monkeypatch: pytest.
     laws, made = {element.name: P(1.0)}, []
     for native in (True, False):
         if not native:
-            monkeypatch.setattr(hqp.assembly, "native", None)
+            monkeypatch.setattr(hqp.programs.assembly, "native", None)
         made.append(Assembly([element], [], robot, 0.002, laws))
     for x in [*np.linspace(-1.0, 1.0, 101), *np.linspace(1.0, -1.0, 101)]:
         state = robot.state(np.array([x, 0.0]), np.array([0.3, 0.1]))

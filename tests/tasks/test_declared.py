@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import hqp
-import hqp.assembly
+import hqp.programs.assembly
 import hqp.tasks as t
 from hqp import PD, Inequality, Level, P, Stack, Task
-from hqp.assembly import Assembly
-from hqp.element import REGISTRY, plan_of, selection_of
+from hqp.declare.element import REGISTRY, plan_of, selection_of
 from hqp.errors import HqpError
+from hqp.programs.assembly import Assembly
 
 from .test_derivatives import CLASSES, NAMES, examples
 
@@ -121,7 +121,7 @@ LAWS: list[Any] = [
 ]
 
 
-@pytest.mark.skipif(hqp.assembly.native is None, reason="no native assembly here")
+@pytest.mark.skipif(hqp.programs.assembly.native is None, reason="no native assembly here")
 @pytest.mark.parametrize("law", LAWS, ids=str)
 @pytest.mark.parametrize("high", [1.1, np.inf])
 def test_native_laws_of_bounds_equal_readable_ones(
@@ -130,7 +130,7 @@ def test_native_laws_of_bounds_equal_readable_ones(
     element = Ceiling(frame="r_palm", low=0.7, high=high, name="ceiling", weight=2.5)
     reference = hqp.Reference("ceiling", velocity=np.array([0.1, -0.2]), acceleration=np.array([0.3, 0.1]))
     fast = Assembly([element], [], cbi, 0.002, {"ceiling": law})
-    monkeypatch.setattr(hqp.assembly, "native", None)
+    monkeypatch.setattr(hqp.programs.assembly, "native", None)
     slow = Assembly([element], [], cbi, 0.002, {"ceiling": law})
     rng = np.random.default_rng(2)
     for k in range(20):

@@ -14,8 +14,8 @@ import hqp.robots
 import hqp.tasks as t
 from hqp import Level, Stack, serial, shapes
 from hqp.arrays import Mat, Vec
-from hqp.element import REGISTRY, Element, Task
-from hqp.robot import Robot, State
+from hqp.declare.element import REGISTRY, Element, Task
+from hqp.declare.robot import Robot, State
 from hqp.tasks.collision_scene import scene
 
 # frames and joints that stand for the generic ones of an example, by robot

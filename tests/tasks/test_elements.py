@@ -15,7 +15,7 @@ import hqp
 import hqp.robots
 import hqp.tasks as t
 from hqp import Level, P, Stack
-from hqp.element import REGISTRY, Constraint, Element, Task
+from hqp.declare.element import REGISTRY, Constraint, Element, Task
 from hqp.errors import DeclarationError, FrameNotFound, JointNotFound
 
 Written = Callable[..., Any]

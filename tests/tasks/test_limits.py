@@ -16,7 +16,7 @@ import hqp
 import hqp.robots
 from hqp import PD, Level, P, Stack
 from hqp.errors import DeclarationError, JointNotFound
-from hqp.formulation import Formulation
+from hqp.programs.formulation import Formulation
 from hqp.tasks import JointLimits, Position, Posture, TorqueLimits
 from hqp.tasks.limits import APPROACH
 
@@ -216,7 +216,7 @@ def test_unlimited_joints_are_free() -> None:
 def test_the_window_stands_around_the_last_command(native: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """At velocity level a measured velocity lags or is not told at all: the command does not depend on it."""
     if not native:
-        monkeypatch.setattr("hqp.assembly.native", None)
+        monkeypatch.setattr("hqp.programs.assembly.native", None)
     robot = hqp.robots.load("panda")
     hand = Position(frame="panda_hand_tcp", law=P(5.0))
     stack = Stack(Level(hand), Level(Posture(law=P(1.0))), subject_to=[JointLimits()])

@@ -89,7 +89,7 @@ def test_balance_sees_a_payload(robots: dict[str, Any], native: bool, monkeypatc
     """Com, SupportPolygon and Momentum ask for the same torques as on the robot with the mass in its model."""
     robot, frame, mass, com = robots["cbi"], "r_palm", 3.0, (0.1, -0.05, 0.2)
     if not native:
-        monkeypatch.setattr(hqp.assembly, "native", None)
+        monkeypatch.setattr(hqp.programs.assembly, "native", None)
     twin, load = heavier(robot, frame, mass, com), t.Payload(frame=frame)
     centre, momentum = t.Com(axes="xy"), t.Momentum(linear="", angular="xyz")
     polygon = t.SupportPolygon(sole=(-0.1, 0.12, -0.06, 0.06), margin=0.05)

@@ -14,7 +14,7 @@ import hqp
 import hqp.tasks as t
 from hqp import Level, Stack
 from hqp.arrays import Vec
-from hqp.reference import Reference
+from hqp.declare.reference import Reference
 
 DT, FRAME, RATE, SWING = 0.002, "panda_hand", 2.0, 0.2
 FORMULATIONS = {"velocity": hqp.Velocity(), "acceleration": hqp.Acceleration(), "torque": hqp.Torque()}

@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 
 import hqp
-import hqp.assembly
+import hqp.programs.assembly
 import hqp.tasks as t
 from hqp import PD, Level, P, Stack
 from hqp.arrays import Mat, Vec
-from hqp.assembly import Assembly
-from hqp.element import Element, Inequality, plan_of
-from hqp.reference import Reference
+from hqp.declare.element import Element, Inequality, plan_of
+from hqp.declare.reference import Reference
+from hqp.programs.assembly import Assembly
 from hqp.robots import Robot
 
 from .test_derivatives import CLASSES, NAMES, examples
 
-pytestmark = pytest.mark.skipif(hqp.assembly.native is None, reason="no native assembly here")
+pytestmark = pytest.mark.skipif(hqp.programs.assembly.native is None, reason="no native assembly here")
 
 CASES = [(robot, name) for robot in ("cbi", "panda", "dreamer", "tiago") for name in CLASSES]
 PLANLESS: set[str] = set()
@@ -55,7 +55,7 @@ def assemblies(elements: list[Element], robot: Robot, order: int, patch: pytest.
     fast = Assembly(dense, picked, robot, 0.002, laws)
     without = {type(m.element).__name__ for m in fast.members.values() if m.write is not None}
     assert without <= PLANLESS, f"no plan, or one that does not count: {without}"
-    patch.setattr(hqp.assembly, "native", None)
+    patch.setattr(hqp.programs.assembly, "native", None)
     slow = Assembly(dense, picked, robot, 0.002, laws)
     patch.undo()
     return fast, slow
@@ -104,7 +104,7 @@ def test_laws_of_a_users_inequality_are_the_readable_ones(
         pair = []
         for native in (True, False):
             if not native:
-                monkeypatch.setattr(hqp.assembly, "native", None)
+                monkeypatch.setattr(hqp.programs.assembly, "native", None)
             pair.append(Assembly(fences, [], robot, 0.002, {e.name: law for e in fences}))
             monkeypatch.undo()
         for _ in range(20):
@@ -230,7 +230,7 @@ STACK = Stack(
 
 def problems(robot: Robot, formulation: Any, monkeypatch: pytest.MonkeyPatch, native: bool) -> list[Any]:
     if not native:
-        monkeypatch.setattr(hqp.assembly, "native", None)
+        monkeypatch.setattr(hqp.programs.assembly, "native", None)
     rng = np.random.default_rng(3)
     session = hqp.Controller(STACK, formulation, solver="cascade:proxqp").session(robot, 0.002)
     program, found = session.program, []
@@ -253,7 +253,7 @@ def test_native_problems_equal_readable_problems(formulation: Any, monkeypatch: 
     robot = hqp.robots.load("cbi")
     fast = problems(robot, formulation, monkeypatch, native=True)
     slow = problems(robot, formulation, monkeypatch, native=False)
-    assert hqp.assembly.native is not None
+    assert hqp.programs.assembly.native is not None
     for one, other in zip(fast, slow, strict=True):
         for a, b in zip(one.levels, other.levels, strict=True):
             assert np.abs(a.dense(one.n) - b.dense(one.n)).max() < 1e-12

@@ -14,7 +14,7 @@ import pytest
 import hqp
 import hqp.tasks as t
 from hqp import PD, Level, P, Stack, serial
-from hqp.element import Element, Task
+from hqp.declare.element import Element, Task
 from hqp.errors import DeclarationError, FrameNotFound, HqpError
 
 DT = 0.002

@@ -15,8 +15,8 @@ from benchmarks.calm.arrival import case
 from benchmarks.calm.drawn import scene
 from hqp import Level, P, Stack, Status, Tick
 from hqp.arrays import Vec
+from hqp.declare.reference import Reference
 from hqp.goals import ways_out
-from hqp.reference import Reference
 from hqp.tasks import FixedContact, JointLimits, Position, Posture
 
 from .traps import CRAWL, TURNED, crawled_start, elbow, references, turned_start, whole_body

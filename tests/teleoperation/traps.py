@@ -13,7 +13,7 @@ import numpy as np
 import hqp
 from hqp import Level, P, Stack
 from hqp.arrays import Vec
-from hqp.reference import Reference
+from hqp.declare.reference import Reference
 from hqp.tasks import JointLimits, Orientation, Pose, Position, Posture
 
 TURNED: dict[str, tuple[float, ...]] = {

@@ -10,8 +10,8 @@ import pytest
 import hqp
 from hqp import PD, Level, Stack
 from hqp.arrays import Vec
+from hqp.loop.session import Session
 from hqp.robots import Robot
-from hqp.session import Session
 from hqp.tasks import (
     CenterOfPressure,
     Com,

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 import hqp.robots
 from hqp import PD, Level, Stack, Status, serial
 from hqp.arrays import Vec
+from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError
-from hqp.robot import Robot
 from hqp.tasks import CenterOfPressure, Com, FixedContact, LoadShare, Orientation, PointContact, Posture
 
 RECTANGLES = {"l_sole": (-0.065, 0.18, -0.04, 0.06), "r_sole": (-0.065, 0.18, -0.06, 0.04)}

@@ -18,7 +18,7 @@ from hqp.explanation.account import Layout, TickAccount
 from hqp.explanation.multipliers import explain
 from hqp.explanation.questions import Teller
 from hqp.explanation.words import PRICE, Short
-from hqp.formulation import Place
+from hqp.programs.formulation import Place
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, PointContact, Position, Posture, TorqueLimits
 from hqp.tolerances import ZERO_RESIDUAL

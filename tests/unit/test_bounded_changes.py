@@ -11,10 +11,10 @@ import pytest
 
 import hqp
 from hqp import Level, Stack, Status
-from hqp.arguments import formulation
+from hqp.commands.arguments import formulation
 from hqp.loop.outgoing import largest_change
+from hqp.loop.tick import Tick
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, PointContact, Position, Posture, TorqueLimits
-from hqp.tick import Tick
 
 LEVELS = ("velocity", "acceleration", "torque")
 ROBOTS = {  # frames of its contacts, of a hand, of its trunk

@@ -14,8 +14,8 @@ import hqp
 from benchmarks.deadline import overloaded
 from hqp import PD, Level, P, Stack, Status
 from hqp._session import Budget
+from hqp.declare.safety import RateLimits
 from hqp.loop.outgoing import largest_change
-from hqp.loop.safety import RateLimits
 from hqp.loop.stepping import step
 from hqp.tasks import Com, FixedContact, JointLimits, Position, Posture, TorqueLimits
 

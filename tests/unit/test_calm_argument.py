@@ -6,7 +6,7 @@ import pytest
 import hqp
 from hqp import Controller, Level, Stack
 from hqp.errors import DeclarationError
-from hqp.formulation import Formulation, Velocity
+from hqp.programs.formulation import Formulation, Velocity
 from hqp.tasks import JointLimits, Position, Posture, TorqueLimits
 
 

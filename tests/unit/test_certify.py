@@ -9,7 +9,7 @@ from numpy.random import Generator
 from benchmarks.speed import problems
 from hqp import Hierarchy, Rows, Selection, certificate
 from hqp.errors import ProblemError
-from hqp.nnls import nonnegative_least_squares
+from hqp.problem.nnls import nonnegative_least_squares
 
 SEEDS = range(60)
 

@@ -13,12 +13,14 @@ import pytest
 import hqp
 from benchmarks.changes import DT, LEVELS, ROBOTS, Loop, lifted, measure, stack
 from hqp import PD, Level, P, Stack, Status
-from hqp.arguments import formulation
+from hqp.commands.arguments import formulation
+from hqp.declare.reference import Reference
 from hqp.errors import DeclarationError, FrameNotFound, ModelError
 from hqp.loop import compiled
 from hqp.loop.outgoing import largest_change
+from hqp.loop.transition.blend import Transition, inverse, smooth
+from hqp.loop.transition.waypoints import Waypoint, bearing, path, unloaded
 from hqp.recorder import load as load_recording
-from hqp.reference import Reference
 from hqp.robots import Robot
 from hqp.tasks import (
     CenterOfPressure,
@@ -31,8 +33,6 @@ from hqp.tasks import (
     TorqueLimits,
     UnilateralContact,
 )
-from hqp.transition.blend import Transition, inverse, smooth
-from hqp.transition.waypoints import Waypoint, bearing, path, unloaded
 from hqp.viewer.session_view import View
 
 EVERY_LEVEL = pytest.mark.parametrize("level", LEVELS)

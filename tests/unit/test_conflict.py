@@ -9,7 +9,7 @@ import hqp
 import hqp.explanation.conflict as questions
 from benchmarks.deadline import overloaded
 from hqp import Hierarchy, Level, Rows, Selection, Stack, Status
-from hqp.arguments import formulation
+from hqp.commands.arguments import formulation
 from hqp.explanation.conflict import conflict
 from hqp.tasks import FixedContact, JointLimits, PointContact, Posture
 

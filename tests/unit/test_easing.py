@@ -10,8 +10,8 @@ import pytest
 import hqp
 from benchmarks.changes import Loop, lifted, stack
 from hqp import Level, Stack
+from hqp.loop.transition.easing import Easing, added
 from hqp.tasks import Com, FixedContact, Position, Posture
-from hqp.transition.easing import Easing, added
 
 
 def test_a_pair_is_eased_where_it_differs_in_motions_alone() -> None:
@@ -187,5 +187,5 @@ def test_native_easing_is_what_python_does(level: str, event: str, monkeypatch: 
         return [tick.command.copy() for tick in loop.go(40, loop.goals(0.0))]
 
     fast = commands()
-    monkeypatch.setattr("hqp.transition.easing.native", None)
+    monkeypatch.setattr("hqp.loop.transition.easing.native", None)
     assert np.allclose(fast, commands(), rtol=1e-6, atol=1e-7)

@@ -13,7 +13,7 @@ import pytest
 
 import hqp
 from hqp import PD, Hierarchy, Level, Rows, Selection, Stack, Status
-from hqp.loop.safety import RateLimits
+from hqp.declare.safety import RateLimits
 from hqp.robots.catalogue import _stand
 from hqp.tasks import (
     Com,

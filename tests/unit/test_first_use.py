@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 import hqp
-from hqp import PD, Level, P, Stack, doctor, native, serial
+from hqp import PD, Level, P, Stack, native, serial
 from hqp.__main__ import main
+from hqp.commands import doctor
 from hqp.errors import DeclarationError
 from hqp.tasks import Com, JointLimits, Position, Posture
 

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
+from hqp.declare.law import PD, P
 from hqp.errors import DeclarationError
-from hqp.law import PD, P
 
 
 def test_orders_and_defaults() -> None:

@@ -12,9 +12,9 @@ import hqp
 import hqp.robots
 from hqp import Level, P, Stack
 from hqp.arrays import Mat
-from hqp.element import Element, Inequality
-from hqp.layout import lay_out
-from hqp.robot import Robot, State
+from hqp.declare.element import Element, Inequality
+from hqp.declare.robot import Robot, State
+from hqp.programs.layout import lay_out
 from hqp.tasks import (
     CenterOfPressure,
     Com,

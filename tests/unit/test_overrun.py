@@ -10,8 +10,8 @@ import pytest
 
 import hqp
 from hqp import PD, Level, P, Stack
+from hqp.loop.tick import Tick
 from hqp.tasks import JointLimits, Posture
-from hqp.tick import Tick
 
 DT = 0.002
 FORMULATIONS = {"velocity": hqp.Velocity(), "acceleration": hqp.Acceleration(), "torque": hqp.Torque()}

@@ -12,9 +12,9 @@ import hqp.robots
 import hqp.tasks as t
 from hqp import Level, Stack, Status, serial
 from hqp.arrays import Vec
+from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError, UnknownReference
-from hqp.robot import Robot
-from hqp.session import Session
+from hqp.loop.session import Session
 
 STEP = 1e-6
 """By which a robot is moved by hand in a tick [rad, m]: contacts that move fast cannot be kept."""
@@ -91,7 +91,13 @@ def test_without_compiled_parts_it_is_the_same(robot: Robot, monkeypatch: pytest
     """Rows, elimination and force rows in Python."""
     out = ("left", "hand")
     native, _ = driven(begin(standing("torque"), "torque", robot, price=0), robot, 3, *out)
-    for module in ("hqp.assembly", "hqp.torque.dynamics", "hqp.torque.forces", "hqp.torque.rows", "hqp.torque.gravity"):
+    for module in (
+        "hqp.programs.assembly",
+        "hqp.torque.dynamics",
+        "hqp.torque.forces",
+        "hqp.torque.rows",
+        "hqp.torque.gravity",
+    ):
         monkeypatch.setattr(f"{module}.native", None)
     found, ticks = driven(begin(standing("torque"), "torque", robot, price=0), robot, 3, *out)
     np.testing.assert_allclose(found, native, atol=1e-7 * np.abs(native).max())

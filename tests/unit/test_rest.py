@@ -12,7 +12,7 @@ import hqp
 import hqp.solvers
 from hqp import Level, Stack, Status
 from hqp.arrays import Vec
-from hqp.loop.safety import Braking
+from hqp.declare.safety import Braking
 from hqp.problem import Hierarchy, Shape, Solution
 from hqp.robots import Robot
 from hqp.solvers import Solver

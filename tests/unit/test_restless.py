@@ -31,7 +31,7 @@ def out_of_reach(name: str, price: Any, rates: Any = None) -> list[hqp.Tick]:
     return ticks
 
 
-@pytest.mark.parametrize("rates", [None, hqp.loop.safety.RateLimits(velocity=1e6)], ids=["native", "general"])
+@pytest.mark.parametrize("rates", [None, hqp.declare.safety.RateLimits(velocity=1e6)], ids=["native", "general"])
 def test_an_exact_arm_out_of_reach_alternates(rates: Any) -> None:
     """docs/calm.md: UR5 and Panda, exact, alternate from limit to limit in nearly every tick."""
     ticks = out_of_reach("ur5", 0, rates)

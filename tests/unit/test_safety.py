@@ -17,9 +17,9 @@ import hqp
 from benchmarks.deadline import measure as measure_deadline
 from benchmarks.deadline import overloaded
 from hqp import Level, P, Stack, Status
-from hqp.element import Inequality
+from hqp.declare.element import Inequality
+from hqp.declare.safety import Braking, RateLimits, StateBounds
 from hqp.errors import ConcurrentUse, DeclarationError, HqpError, ModelError, UnknownReference
-from hqp.loop.safety import Braking, RateLimits, StateBounds
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, JointTorque, Momentum, Position, Posture, TorqueLimits
 from hqp.torque.terms import Terms

@@ -11,8 +11,8 @@ import hqp
 import hqp.robots
 import hqp.tasks as t
 from hqp import Level, Phase, Sequence, Stack, Status, serial
+from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError
-from hqp.robot import Robot
 from hqp.sequence import loaded, near, signal, unloaded
 
 DT = 0.01

@@ -12,7 +12,7 @@ import pytest
 import hqp
 from benchmarks.changes import stack
 from hqp import Level, P, Stack, Status
-from hqp.arguments import formulation
+from hqp.commands.arguments import formulation
 from hqp.errors import (
     DeclarationError,
     FrameNotFound,

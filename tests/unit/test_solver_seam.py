@@ -14,9 +14,9 @@ import hqp.solvers
 from hqp import Hierarchy, Rows, Selection, Status
 from hqp.errors import DeclarationError, HqpError, ProblemError, SolverNotInstalled, UnsupportedProblem
 from hqp.problem import EQUALITY, Shape, Stats
+from hqp.problem.completion import completion, metric_factor
 from hqp.solvers import Solver
 from hqp.solvers.base import activity, check_shape, finish
-from hqp.solvers.completion import completion, metric_factor
 from hqp.solvers.flat import Flat
 
 BOX = Rows(np.eye(2), np.zeros(2), np.ones(2))

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from hqp import Level, P, Price, Stack, serial
+from hqp.declare.law import PD
 from hqp.errors import DeclarationError
-from hqp.law import PD
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, Position, Posture
 
 

@@ -12,11 +12,11 @@ import pytest
 
 import hqp
 from hqp import Level, P, Stack, Status
+from hqp.declare.safety import RateLimits
 from hqp.errors import ConcurrentUse, HqpError, StaleState
-from hqp.loop.safety import RateLimits
+from hqp.loop.tick import Tick
 from hqp.robots import Robot
 from hqp.tasks import JointLimits, Position, Posture, TorqueLimits
-from hqp.tick import Tick
 
 HAND = Position(frame="tool0", name="hand")
 FORMULATIONS = [

@@ -20,7 +20,7 @@ import hqp
 from hqp import Level, Stack
 from hqp.errors import HqpError, NetworkWarning
 from hqp.tasks import Posture
-from hqp.viewer.doors import NETWORK, Doors, is_loopback, listening
+from hqp.web.doors import NETWORK, Doors, is_loopback, listening
 
 EVIL = "http://evil.example"
 ROOT = Path(__file__).parents[2]

@@ -9,7 +9,7 @@ import pytest
 
 import hqp
 from hqp import Level, Stack
-from hqp.element import Task
+from hqp.declare.element import Task
 from hqp.tasks import AlignAxis, Com, FixedContact, LookAt, Orientation, Pose, Position
 from hqp.viewer.description import describe_stack
 from hqp.viewer.places import KINDS, angle, length

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from hqp.reference import Reference
+from hqp.declare.reference import Reference
 
 from .test_walker import Walked
 

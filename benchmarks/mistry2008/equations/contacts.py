@@ -14,7 +14,7 @@ from benchmarks.mistry2008.stack import roles
 from benchmarks.reports.checks import Check, at_most, exactly, seen_to_fail
 from hqp import solvers
 from hqp.arrays import Mat, Vec
-from hqp.element import Element
+from hqp.declare.element import Element
 from hqp.errors import ProblemError
 from hqp.floating_base import base_rank, base_velocity, generalized_velocity
 from hqp.robots import Robot

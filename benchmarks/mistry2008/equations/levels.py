@@ -12,9 +12,9 @@ import hqp
 from benchmarks.mistry2008.stack import HZ, roles
 from hqp import PD, Level, Stack
 from hqp.arrays import Mat, Vec
-from hqp.element import Element
+from hqp.declare.element import Element
+from hqp.declare.robot import Robot
 from hqp.problem import Hierarchy, Rows
-from hqp.robot import Robot
 from hqp.solvers.base import Solver
 from hqp.tasks import Com, FixedContact, Orientation, Position
 

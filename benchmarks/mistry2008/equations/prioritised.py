@@ -11,7 +11,7 @@ from benchmarks.mistry2008.equations.levels import PaperLevels, paper_levels, so
 from benchmarks.reports.checks import Check, at_most, exactly, seen_to_fail
 from hqp import solvers
 from hqp.arrays import Mat, Vec
-from hqp.robot import Robot
+from hqp.declare.robot import Robot
 from hqp.solvers.base import Solver
 
 SEED = 16

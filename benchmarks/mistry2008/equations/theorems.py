@@ -21,8 +21,8 @@ from benchmarks.reports import solver_sets
 from benchmarks.reports.checks import Check, at_most, exactly
 from hqp import solvers
 from hqp.arrays import Mat, Vec
+from hqp.declare.robot import Robot
 from hqp.problem import Hierarchy, Rows, Selection, Solution
-from hqp.robot import Robot
 from hqp.solvers.base import Solver
 
 SEED = 2

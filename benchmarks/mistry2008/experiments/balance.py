@@ -20,10 +20,10 @@ from benchmarks.lab.recorder import Recorder, level_residuals
 from benchmarks.mistry2008.stack import Gains
 from hqp import Stack
 from hqp.arrays import Vec
+from hqp.declare.reference import Reference
 from hqp.estimation import FeetEstimator
-from hqp.reference import Reference
+from hqp.loop.session import Tick
 from hqp.robots.on_mujoco import Noise, Plane, Plant, Sensors
-from hqp.session import Tick
 from hqp.solvers.base import Solver
 from hqp.tasks import Com, Position
 

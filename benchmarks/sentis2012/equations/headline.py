@@ -22,7 +22,7 @@ from benchmarks.sentis2012.equations.ground import WHEELS, Ground, Snapshot, rel
 from benchmarks.sentis2012.equations.law import Demand, compensated, prioritise
 from benchmarks.sentis2012.experiments.compliance import Compliance, stack
 from hqp.arrays import Mat, Vec
-from hqp.reference import Reference
+from hqp.declare.reference import Reference
 from hqp.tasks import UnilateralContact
 
 SEED = 2014

@@ -17,9 +17,9 @@ from benchmarks.sentis2012.equations.law import (
 )
 from benchmarks.sentis2012.stack import COM, CONTACTS, HAND, HELD, POSTURE, WHEELS, paper_stack
 from hqp import PD, Level, SelfMotion, Stack
+from hqp.declare.reference import Reference
 from hqp.errors import DeclarationError
-from hqp.reference import Reference
-from hqp.session import Session
+from hqp.loop.session import Session
 from hqp.solvers.base import Solver
 from hqp.tasks import (
     Com,

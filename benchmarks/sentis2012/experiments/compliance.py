@@ -19,9 +19,9 @@ from benchmarks.sentis2012.experiments.released import MOTORS, MovingLimits
 from benchmarks.sentis2012.stack import WHEELS, paper_stack
 from hqp import PD, Stack
 from hqp.arrays import Mat, Vec
-from hqp.element import Element
-from hqp.law import Law, SelfMotion
-from hqp.reference import Reference
+from hqp.declare.element import Element
+from hqp.declare.law import Law, SelfMotion
+from hqp.declare.reference import Reference
 from hqp.robots import load
 from hqp.tasks import (
     Com,

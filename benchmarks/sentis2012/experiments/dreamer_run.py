@@ -18,8 +18,8 @@ from benchmarks.sentis2012.experiments.hand_loads import HandLoads
 from benchmarks.sentis2012.experiments.released import MOTORS, MovingLimits, ReleasedWheels
 from benchmarks.sentis2012.experiments.scene import OFF, Scene
 from hqp.arrays import Vec
+from hqp.loop.session import Tick
 from hqp.robots.on_mujoco import Contacts, Plant, Sensors
-from hqp.session import Tick
 from hqp.solvers.base import Solver
 from hqp.tasks import ExternalWrench
 

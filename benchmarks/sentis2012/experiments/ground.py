@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.reference import Reference
+from hqp.declare.reference import Reference
 from hqp.robots.on_mujoco import Contacts
 from hqp.tasks import ExternalWrench
 

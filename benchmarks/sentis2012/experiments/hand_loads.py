@@ -9,10 +9,10 @@ import numpy as np
 
 from hqp import Stack
 from hqp.arrays import Vec
-from hqp.element import Element
+from hqp.declare.element import Element
+from hqp.declare.reference import Reference
+from hqp.declare.robot import State
 from hqp.estimation import MomentumObserver
-from hqp.reference import Reference
-from hqp.robot import State
 from hqp.tasks import ExternalWrench, Payload
 
 if TYPE_CHECKING:

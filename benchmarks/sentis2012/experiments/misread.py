@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from hqp.arrays import Mat, Vec
-from hqp.robot import State
+from hqp.declare.robot import State
 from hqp.tasks import Com, OmniWheelContact, Position
 
 

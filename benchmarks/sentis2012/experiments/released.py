@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Vec
-from hqp.robot import State
+from hqp.declare.robot import State
 from hqp.tasks import TorqueLimits
 
 MOTORS = "motors"

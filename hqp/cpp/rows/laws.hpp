@@ -1,4 +1,4 @@
-// From errors to demands, from ways left to bounds: the laws of all rows of a stack at once; see hqp/law.py.
+// From errors to demands, from ways left to bounds: the laws of all rows of a stack at once; see hqp/declare/law.py.
 #pragma once
 
 #include <algorithm>

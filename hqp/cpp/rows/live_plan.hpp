@@ -1,5 +1,5 @@
-// Python's objects as plans: those of hqp/plans.py, and NumPy arrays, taken as they are: a converted copy would never
-// change.
+// Python's objects as plans: those of hqp/declare/plans.py, and NumPy arrays, taken as they are: a converted copy would
+// never change.
 #pragma once
 
 #include <cstdint>
@@ -33,7 +33,7 @@ using Ints = std::vector<int>;
 using Numbers = std::vector<double>;
 
 using Placement = std::tuple<Vector, Columns>;                                      // position, rotation
-using Bodies = std::vector<std::tuple<int, int, int, double, Numbers, Placement>>;  // hqp.robot.Body
+using Bodies = std::vector<std::tuple<int, int, int, double, Numbers, Placement>>;  // hqp.declare.robot.Body
 
 using hqp::vector;
 

@@ -18,7 +18,7 @@ namespace hqp {
 
 namespace nb = nanobind;
 
-// Names of the fields of hqp.reference.Reference.
+// Names of the fields of hqp.declare.reference.Reference.
 struct ReferenceFields {
   nb::str name{"name"}, value{"value"}, velocity{"velocity"}, acceleration{"acceleration"}, normal{"normal"},
       gravity_normal{"gravity_normal"};

@@ -1,4 +1,4 @@
-// The operation that a plan of hqp/plans.py asks for, by the name of its class.
+// The operation that a plan of hqp/declare/plans.py asks for, by the name of its class.
 #pragma once
 
 #include <memory>

@@ -1,4 +1,4 @@
-// What an operation is made of, read field by field: from an object of hqp/plans.py, or from a file.
+// What an operation is made of, read field by field: from an object of hqp/declare/plans.py, or from a file.
 #pragma once
 
 #include <array>

@@ -1,4 +1,4 @@
-// Wheels on the ground; see tasks/wheel.py for the rows and hqp/readable.py for the plane a wheel is held on.
+// Wheels on the ground; see tasks/wheel.py for the rows and hqp/declare/readable.py for the plane a wheel is held on.
 #pragma once
 
 #include "rows.hpp"

@@ -241,7 +241,7 @@ class Line {
     return {status, solve_.end(), slacks_.data(), marks_.data()};
   }
 
-  static constexpr std::int8_t kFree = 3;  // FREE of hqp/assembly.py
+  static constexpr std::int8_t kFree = 3;  // FREE of hqp/programs/assembly.py
 
   // Contacts that an element has its support from, and whether each is there.
   struct Support {

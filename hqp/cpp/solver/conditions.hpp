@@ -1,4 +1,4 @@
-// The conditions of optimality at a point, level by level, in orthogonal coordinates: those of hqp/certify.py.
+// The conditions of optimality at a point, level by level, in orthogonal coordinates: those of hqp/problem/certify.py.
 #pragma once
 
 #include "nonnegative.hpp"

@@ -9,7 +9,7 @@ inline namespace HQP_ISA {
 
 // Internal forces move nothing: every row of a task is orthogonal to them, but for rounding of the problem's longest
 // row. In a row of length 1e-9, or in what nearly dependent rows leave, that tilts the null space of the rows by 1e-7,
-// and levels below would buy a motion of 1e-4 with 1000 N m of it (hqp/null_directions.py).
+// and levels below would buy a motion of 1e-4 with 1000 N m of it (hqp/problem/null_directions.py).
 class NullDirections {
  public:
   void layout(Arena& arena, int n, int rows, int blocks) {

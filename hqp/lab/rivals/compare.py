@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Mask, Mat, Vec
+from hqp.commands.manifest import manifest
+from hqp.declare.law import PD, Law
+from hqp.declare.stack import Level, Stack
 from hqp.errors import HqpError
-from hqp.formulation import Velocity
 from hqp.lab.behaviour import behaviour
-from hqp.lab.manifest import manifest
 from hqp.lab.run import run
 from hqp.lab.trajectory import Trajectory
-from hqp.law import PD, Law
+from hqp.programs.formulation import Velocity
 from hqp.solvers import load
-from hqp.stack import Level, Stack
 from hqp.tasks import CenterOfPressure, FrictionCone, TorqueLimits
 from hqp.torque import Torque
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Mat
+from hqp.declare.stack import Stack
 from hqp.errors import UnsupportedProblem
 from hqp.lab.trajectory import Trajectory
-from hqp.stack import Stack
 
 from .scenes import Scene
 from .urdf import urdf

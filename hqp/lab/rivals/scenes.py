@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Vec
+from hqp.declare.stack import Stack
 from hqp.errors import UnsupportedProblem
 from hqp.lab.trajectory import Motion
-from hqp.stack import Stack
 from hqp.tasks import Pose, Position
 
 SCENES = {

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 
 from hqp.arrays import Mat
-from hqp.formulation import Velocity
-from hqp.lab.manifest import manifest
+from hqp.commands.manifest import manifest
+from hqp.declare.law import P
+from hqp.declare.stack import Stack
 from hqp.lab.rivals.compare import answers
 from hqp.lab.rivals.environments import environment
 from hqp.lab.rivals.job import write
 from hqp.lab.rivals.scenes import Scene
-from hqp.law import P
-from hqp.session import Controller
-from hqp.stack import Stack
+from hqp.loop.session import Controller
+from hqp.programs.formulation import Velocity
 from hqp.teleoperation import Follow
 
 from .families import FAMILIES, SECONDS, Family, family, hand_of, moved

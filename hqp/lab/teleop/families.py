@@ -11,9 +11,9 @@ import numpy as np
 
 import hqp
 from hqp.arrays import Mat, Vec
-from hqp.element import Task
+from hqp.declare.element import Task
+from hqp.declare.stack import Stack
 from hqp.errors import UnsupportedProblem
-from hqp.stack import Stack
 from hqp.tasks import Pose, Position
 
 RATE = 72.0

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from hqp.arrays import Vec
-from hqp.export.plan_file import text
-from hqp.loaded import HOLD, STATUSES, VALUE, LoadedSession
+from hqp.export.loaded import HOLD, STATUSES, VALUE, LoadedSession
+from hqp.loop.plan_file.file import text
 from tests.export.stacks import FORMULATIONS, ROBOTS, scene
 
 

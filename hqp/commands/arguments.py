@@ -1,0 +1,55 @@
+"""Arguments that the subcommands of `hqp` share, and what they stand for."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from hqp.declare.robot import Robot
+    from hqp.declare.stack import Stack
+    from hqp.programs.formulation import Formulation
+
+FORMULATIONS = ("velocity", "acceleration", "torque")
+
+
+def add_stack(parser: argparse.ArgumentParser) -> None:
+    """A stack's file, a robot, a formulation and a control period."""
+    parser.add_argument("stack", metavar="STACK.toml", help="the stack, see docs/quickstart.md for the format")
+    add_robot(parser, "--robot", required=True)
+    parser.add_argument("--formulation", choices=FORMULATIONS, default="velocity", help="default: velocity")
+    parser.add_argument("--dt", type=float, default=0.002, metavar="S", help="control period [s], default 0.002")
+
+
+def add_robot(parser: argparse.ArgumentParser, name: str, **given: bool) -> None:
+    """A robot under the name of an argument, ``robot`` or ``--robot``, and whether its base is free."""
+    parser.add_argument(name, metavar="ROBOT", help="a name from `hqp robots`, a URDF or MJCF file", **given)  # type: ignore[arg-type]
+    base = parser.add_mutually_exclusive_group()
+    base.add_argument("--floating", action="store_true", default=None, help="a free base; default: what the file says")
+    base.add_argument(
+        "--fixed", action="store_false", dest="floating", help="a fixed base, the default for a URDF file"
+    )
+
+
+def read_robot(arguments: argparse.Namespace) -> Robot:
+    """The robot that the arguments name; raises HqpError for what does not load."""
+    from hqp import robots
+
+    return robots.load(arguments.robot, floating=arguments.floating)
+
+
+def read_stack(arguments: argparse.Namespace) -> tuple[Stack, Robot, Formulation]:
+    """The stack, robot and formulation that the arguments name; raises HqpError for what does not load."""
+    from hqp import serial
+
+    return serial.load(arguments.stack), read_robot(arguments), formulation(arguments.formulation)
+
+
+def formulation(name: str) -> Formulation:
+    """A formulation with its defaults, by name; contacts at torque level are fed back so that feet do not drift."""
+    import hqp
+    from hqp.declare.law import PD
+
+    if name == "torque":
+        return hqp.Torque(contact_law=PD(0.0, 40.0))
+    return hqp.Acceleration() if name == "acceleration" else hqp.Velocity()

@@ -1,0 +1,309 @@
+"""Tasks and constraints: frozen declarations with readable functions of a state that say what their rows are."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+import sys
+import weakref
+from abc import ABC, abstractmethod
+from collections.abc import Sequence, Set
+from dataclasses import dataclass
+from functools import cache
+from numbers import Real
+from typing import Any, ClassVar, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hqp.arrays import Index, Mat, Vec
+from hqp.declare.law import Law
+from hqp.declare.plans import Plan
+from hqp.declare.reference import Reference, numbers
+from hqp.declare.robot import Robot, State
+from hqp.errors import DeclarationError
+
+Quantity: TypeAlias = Literal["motion", "force", "effort", "load"]
+
+Unit: TypeAlias = Literal["m", "rad"]
+
+REGISTRY: weakref.WeakValueDictionary[str, type[Element]] = weakref.WeakValueDictionary()
+"""Concrete element classes by name, for stacks read from files; a script's own classes end with the script."""
+
+_APART = frozenset({"among", "at", "hold", "default_name", "row_names"})  # say nothing of the rows' numbers
+
+
+@dataclass(frozen=True, kw_only=True)
+class Element(ABC):
+    """A member of a stack: rows on one quantity of the robot.
+
+    name: unique in a stack, the frame or the class by default.  weight: multiplies the rows inside their level
+    (squared norm: weight^2), orders nothing.  law: how the error becomes a demand, the formulation's default for
+    None.  when: phases in which it is in, all for none.  Raises DeclarationError for a weight that is not positive and
+    finite.
+    """
+
+    name: str = ""
+    law: Law | None = None
+    weight: float = 1.0
+    when: str | Sequence[str] = ()
+
+    quantity: ClassVar[Quantity] = "motion"
+    equality: ClassVar[bool] = True
+    is_contact: ClassVar[bool] = False
+    grounded: ClassVar[bool] = False
+    """Whether the readable functions take the ground's normal ``(3,)``, which comes with the reference, too."""
+    steered: ClassVar[bool] = False
+    """Whether J, drift and bounds take the value of the reference, too."""
+    units: ClassVar[tuple[Unit, ...]] = ()
+    """Unit of each block of rows, ``()`` where it is neither; a Pose has two blocks."""
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        if not cls.__name__.startswith("_"):
+            REGISTRY[cls.__name__] = cls
+
+    def __post_init__(self) -> None:
+        for item in dataclasses.fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, (list, np.generic, np.ndarray)):
+                object.__setattr__(self, item.name, _plain(value))
+        if self.name is not None and not isinstance(self.name, str):
+            raise DeclarationError(type(self).__name__, "name must be a string", value=self.name)
+        if not self.name:
+            object.__setattr__(self, "name", self.default_name())
+        for item in dataclasses.fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, int) and abs(value) > sys.float_info.max:
+                raise self.invalid(item.name, "a whole number of more than 308 digits", "a finite number")
+        if not isinstance(self.weight, Real) or not 0.0 < self.weight < math.inf:
+            raise self.invalid("weight", self.weight, "a positive finite number")
+        if self.law is not None and not isinstance(self.law, Law):
+            raise self.invalid("law", self.law, "P(...) or PD(...)")
+        object.__setattr__(self, "when", phase_names(self.name, self.when))
+
+    def default_name(self) -> str:
+        """The frame where there is one, the class name in snake case otherwise."""
+        frame = getattr(self, "frame", None)
+        return frame if isinstance(frame, str) else re.sub(r"(?<=[a-z])(?=[A-Z])", "_", type(self).__name__).lower()
+
+    def invalid(self, what: str, value: object, allowed: str) -> DeclarationError:
+        """The error for a field with a value that is not allowed."""
+        return DeclarationError(f"{type(self).__name__} {self.name or '?'}", what, value=value, allowed=allowed)
+
+    @abstractmethod
+    def rows(self, robot: Robot) -> int:
+        """Number of rows on that robot; raises ModelError for names it does not have."""
+
+    def selection(self, robot: Robot) -> Index | None:
+        """Tangent coordinates ``(m,)`` if the rows each pick one, None otherwise."""
+        return None
+
+    def hold(self, state: State) -> Reference:
+        """The reference that keeps the element where it is at ``state``."""
+        return Reference(self.name)
+
+    def off(self) -> Reference:
+        """The element is out of this tick: its rows are free, and a contact at torque level bears no force.
+
+        What is asked of the force of a contact goes with it.  An element that comes back takes a fresh hold value.
+        """
+        return Reference(self.name, on=False)
+
+    def on(self) -> Reference:
+        """The element is in, whatever the phase of this tick says."""
+        return Reference(self.name, on=True)
+
+    def goes_with(self, out: Set[str]) -> bool:
+        """Whether the element is out where those of these names are: what is asked of the force of one of them."""
+        return getattr(self, "contact", None) in out
+
+    def row_names(self, robot: Robot) -> tuple[str, ...]:
+        """Names of single rows ``(m,)`` for notes and explanations, none by default: rows are then numbered."""
+        return ()
+
+    def among(self, elements: Sequence[Element]) -> Element:
+        """The element as it is in a stack of these elements, itself unless it takes something from others of them."""
+        return self
+
+    def companions(self, robot: Robot) -> tuple[Element, ...]:
+        """Elements that go with this one on that robot; a session adds those of classes that its stack lacks."""
+        return ()
+
+    def plan(self, robot: Robot) -> Plan | None:
+        """The native operation that writes the same rows, names resolved; None where there is none.
+
+        It counts only where no subclass of the class that gives it redefines a function of the element.
+        """
+        return None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task(Element):
+    """Something to bring to zero: error e = value - reference, with rows J x = law(e, ...).
+
+    A subclass gives ``rows``, ``value``, ``jacobian``, for accelerations and torques ``drift``, and ``error`` where
+    the value is no vector; J v must be the rate of the value.  ``hqp.check`` tells whether they fit.
+    """
+
+    demands: ClassVar[bool] = False
+    """Whether ``error`` is minus what is demanded of J x, by a law of the task's own, and not value minus reference."""
+
+    @property
+    def rotation_rows(self) -> int | None:
+        """First of the three rows whose error is a rotation vector, None where there are none."""
+        return None
+
+    @abstractmethod
+    def value(self, state: State) -> Any:
+        """What the task controls, ``(m,)`` unless the task says otherwise."""
+
+    @abstractmethod
+    def jacobian(self, state: State) -> Mat:
+        """J ``(m, nv)`` with d value / dt = J v."""
+
+    def error(self, state: State, reference: Any) -> Vec:
+        """e ``(m,)``: value minus reference."""
+        return np.asarray(self.value(state) - reference, dtype=np.float64)
+
+    def drift(self, state: State) -> Vec:
+        """dJ/dt v ``(m,)``; a task without it is refused where accelerations are asked for."""
+        raise NotImplementedError
+
+    def hold(self, state: State) -> Reference:
+        """The reference that keeps the task's value as it is at ``state``."""
+        return Reference(self.name, self.value(state))
+
+    def at(self, value: Any = None, *, velocity: Any = None, acceleration: Any = None) -> Reference:
+        """The target for one tick, with velocity and acceleration feedforward; None keeps the hold value.
+
+        Raises DeclarationError for what is no number.
+        """
+
+        def array(what: str, x: Any) -> Any:
+            try:
+                return None if x is None else np.array(x, dtype=np.float64)
+            except (TypeError, ValueError, OverflowError) as error:
+                raise self.invalid(what, x, "numbers") from error
+
+        rate, change = array("velocity", velocity), array("acceleration", acceleration)
+        return Reference(
+            self.name,
+            array("value", value),
+            None if rate is None else np.atleast_1d(rate),
+            None if change is None else np.atleast_1d(change),
+        )
+
+    def _at(self, shape: tuple[int, ...], value: Any, velocity: Any, acceleration: Any) -> Reference:
+        """``at`` with the shapes checked: value ``shape``, feedforwards as many numbers as its rows."""
+        return Reference(
+            self.name,
+            None if value is None else numbers(self.name, "value", value, shape),
+            None if velocity is None else numbers(self.name, "velocity", velocity, shape[:1]),
+            None if acceleration is None else numbers(self.name, "acceleration", acceleration, shape[:1]),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Constraint(Element):
+    """Rows that bind; in a level they are met as well as its priority allows.
+
+    Contacts and couplings are tasks too (error, Jacobian, law); what has bounds instead is an ``Inequality``.
+    """
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inequality(Constraint):
+    """Something kept between bounds: J x lies between what its law makes of the way left to either bound.
+
+    A subclass gives ``rows``, ``jacobian``, ``bounds``, and for accelerations and torques ``drift``.  With P, each row
+    approaches its bound at gain times the way left, J x <= gain d, a velocity damper; with PD,
+    J x <= kp d - kd J v - dJ/dt v.  max_velocity and max_acceleration hold for each row.
+    """
+
+    equality: ClassVar[bool] = False
+
+    @abstractmethod
+    def jacobian(self, state: State) -> Mat:
+        """J ``(m, nv)``, or ``(nv,)`` for a single row."""
+
+    @abstractmethod
+    def bounds(self, state: State) -> tuple[ArrayLike, ArrayLike]:
+        """(lower, upper), how far what J moves may still go: ``(m,)`` or a number for all rows, infinite for no bound.
+
+        lower is negative and upper positive inside.  Where the quantity is an effort they bound J x itself [N m].
+        """
+
+    def step_bounds(self, state: State, dt: float, order: int) -> tuple[Vec, Vec]:
+        """(lower, upper) ``(m,)`` of J x itself for one period dt [s], in place of what a law makes of ``bounds``.
+
+        order: 1 where x is a velocity, 2 where it is an acceleration.
+        """
+        raise NotImplementedError
+
+    def overrun(self, state: State, v: Vec, dt: float) -> Vec:
+        """How far beyond its limit each row comes to rest at best ``(m,)`` [rad or m], 0 where it keeps to it.
+
+        v: what the joints move at now ``(nv,)``.  Asked of rows that pick a joint each, for notes.
+        """
+        raise NotImplementedError
+
+    def bound_kinds(self, state: State, v: Vec, dt: float) -> Sequence[tuple[str, str]]:
+        """What each row's (lower, upper) bound stands for, for explanations; ``""`` for what its name tells.
+
+        v: as of ``overrun``.
+        """
+        raise NotImplementedError
+
+    def drift(self, state: State) -> Vec:
+        """dJ/dt v ``(m,)``; rows without it are refused where accelerations are asked for."""
+        raise NotImplementedError
+
+
+def phase_names(owner: str, given: object) -> tuple[str, ...]:
+    """The phases of ``when``; raises DeclarationError for what is no name."""
+    found = (given,) if isinstance(given, str) else given
+    if not isinstance(found, (tuple, list)) or not all(isinstance(name, str) and name for name in found):
+        raise DeclarationError(owner, "bad when", value=given, allowed="the name of a phase, or several")
+    return tuple(found)
+
+
+def _plain(value: Any) -> Any:
+    """Numbers and nested tuples of a list or an array."""
+    if isinstance(value, (np.generic, np.ndarray)):
+        value = value.tolist()
+    return tuple(map(_plain, value)) if isinstance(value, list) else value
+
+
+def has(element: Element, function: str) -> bool:
+    """Whether a class of the element defines that function, the base classes of this file aside."""
+    found = getattr(type(element), function, None)
+    return found is not None and getattr(found, "__module__", "") != __name__
+
+
+def plan_of(element: Element, robot: Robot) -> Plan | None:
+    """The plan of an element, unless a subclass of the one that gives it redefines a function of the rows."""
+    return None if redefined(type(element), "plan") else element.plan(robot)
+
+
+def selection_of(element: Element, robot: Robot) -> Index | None:
+    """The selection of an element, unless a subclass of the one that gives it redefines ``jacobian``."""
+    return None if "jacobian" in redefined(type(element), "selection") else element.selection(robot)
+
+
+@cache
+def redefined(cls: type[Element], name: str) -> frozenset[str]:
+    """Functions of the class that defines ``name`` which a subclass of it, down to ``cls``, redefines."""
+    order = cls.__mro__
+    owner = next(i for i, c in enumerate(order) if name in vars(c))
+    return frozenset(
+        key
+        for c in order[:owner]
+        for key, value in vars(c).items()
+        if not key.startswith("__") and key not in _APART and _is_function(value) and hasattr(order[owner], key)
+    )
+
+
+def _is_function(value: object) -> bool:
+    return callable(value) or isinstance(value, (property, classmethod, staticmethod))

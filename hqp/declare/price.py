@@ -1,0 +1,260 @@
+"""The price of motion: declared in seconds on a level, turned into c_k by the robot's size and the laws' gains."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol, TypeAlias
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.declare.element import Element, selection_of
+from hqp.declare.law import PD, Law, P, SelfMotion
+from hqp.declare.robot import Robot
+from hqp.errors import DeclarationError, UnsupportedProblem
+from hqp.problem import ETA
+
+if TYPE_CHECKING:
+    from hqp.declare.stack import Stack
+    from hqp.solvers.base import Solver
+
+LONGEST_TAU = {1: 0.05, 2: 0.1}
+"""tau [s] of a level by the order of its laws, where no gain asks for less."""
+
+REST_TIME = math.sqrt(2.0)
+"""At order 2 the motion that costs nothing comes to rest at the rate 1 / (REST_TIME tau).
+
+A limb of two equal links that a target beyond its reach pulls straight is an oscillator of at most 1 / (2 tau) [rad/s],
+and this damps it to 0.7 of critical."""
+
+TURNING = {1: 0.7, 2: 1000.0}
+"""[rad^4/s^3, rad^4/s^6 by the order of the laws] what lies below an unmet level pays for speed, as t_k = dt^order /
+(TURNING eta c_k^2 L_k^2).
+
+The motion of a posture turns the rows of the level above it: the more that level misses, the slower the posture has to
+be.  In proportion to omega^2, so that a level that comes to be unmet by next to nothing stops nobody at once."""
+
+LONGEST_TICK = 0.5
+"""[s] longer steps are those of a search for a pose (hqp.reach), not ticks: t_k = 0 there."""
+
+GAIN_TIME = 0.1
+"""At order 1, tau is at most this over the gain: a demand that speed limits cut would slow all rows of its level."""
+
+
+@dataclass(frozen=True)
+class Price:
+    """What motion costs a level: min ||w|| + c E(x), c = tau^order L, instead of min ||w|| (docs/calm.md).
+
+    tau: [s] a direction in which the level is nearly lost closes no faster than 1/tau; None follows from the laws and
+    the tick: min(0.05, 0.1 / gain) at order 1, min(0.1, 1 / sqrt(kp)) at order 2, at least dt.
+    A level that can be met for its price is exact; the price shows where it is out of reach.  Raises DeclarationError
+    for numbers out of range.
+    """
+
+    tau: float | None = None
+
+    def __post_init__(self) -> None:
+        tau = self.tau
+        number = isinstance(tau, (int, float)) and not isinstance(tau, bool)
+        if tau is not None and not (number and 0.0 <= tau < math.inf):
+            raise DeclarationError("Price.tau", "out of range", value=tau, allowed="from 0, finite", unit="s")
+
+
+Priced: TypeAlias = "Price | float | None"
+"""A Price, 0 for the exact problem, None for the default."""
+
+
+def as_price(owner: str, value: object) -> Price | None:
+    """A declared price: None for the default, Price(0) for 0; raises DeclarationError for anything else."""
+    if value is None or isinstance(value, Price):
+        return value
+    if isinstance(value, (int, float)) and not isinstance(value, bool) and value == 0:
+        return Price(0.0)
+    raise DeclarationError(owner, "not a price", value=value, allowed="Price(tau=...), or 0 for exact")
+
+
+def is_exact(price: Price | None) -> bool:
+    """Whether levels with that price are the exact problem."""
+    return price is not None and price.tau == 0.0
+
+
+@dataclass(frozen=True)
+class LevelPrices:
+    """What the motion of a hierarchy costs: c_k and t_k of every level, E(x) = 1/2 ||S (xdot - f)||^2.
+
+    values, turning: one a level.  scale: diagonal of S, ``(nv,)``.  rest: f = -rest v for accelerations, the rate [1/s]
+    at which the motion that costs nothing comes to rest; 0 for velocities.
+    """
+
+    values: Vec
+    turning: Vec
+    scale: Vec
+    rest: float
+
+
+class Group(Protocol):
+    """Elements that become one level of the hierarchy; tasks: whether they may have a price."""
+
+    @property
+    def elements(self) -> tuple[Element, ...]: ...
+    @property
+    def tasks(self) -> bool: ...
+    @property
+    def price(self) -> Price | None: ...
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """The scales of a robot: length [m], mass [kg], and what one unit of each tangent coordinate counts as motion.
+
+    length: the longest lever of any turning joint on any frame at home, 1 where there is none.  units: 1 for angles,
+    1/length for lengths, radius/length for the turn of a wheel, which counts by the way it rolls.
+    """
+
+    length: float
+    mass: float
+    units: tuple[float, ...]
+
+    @staticmethod
+    def of(robot: Robot) -> Sizes:
+        """Measured at home on a copy of the robot, once."""
+        if robot not in _SIZES:
+            _SIZES[robot] = Sizes._measured(robot)
+        return _SIZES[robot]
+
+    @staticmethod
+    def _measured(robot: Robot) -> Sizes:
+        twin = robot.copy()
+        state = twin.state()
+        state.kinematics()
+        twists = twin.joint_twists
+        moving = np.linalg.norm(twists[3:], axis=0) > 1e-9
+        turning = moving & np.isin(np.arange(twin.nv), twin.actuated)
+        frames = [twin.frame(name) for name in twin.frame_names]
+        carried = {body: twin.support(frame) != 0.0 for frame in frames for body in [twin.body(frame)]}
+        moves = turning & np.array([carried[twin.body(frame)] for frame in frames])  # (frames, nv)
+        positions = np.array([twin.placement(frame)[0] for frame in frames])
+        levers = twists[:3].T + np.cross(twists[3:].T, positions[:, None, :])  # (frames, nv, 3)
+        length = float(np.sqrt(np.square(levers).sum(axis=2).max(where=moves, initial=0.0)))
+        length = length or 1.0
+        mass = sum(body[3] for body in twin.bodies)
+        units = np.where(moving, 1.0, 1.0 / length)
+        for name, wheel in twin.wheels.items():
+            _, first, count, *_ = twin.bodies[twin.body(twin.frame(name))]
+            if count == 1:
+                units[first] = wheel.radius / length
+        return Sizes(length, mass or 1.0, tuple(units.tolist()))
+
+    @property
+    def scale(self) -> Vec:
+        """Diagonal of F and S, ``(nv,)``."""
+        return np.array(self.units)
+
+
+_SIZES: WeakKeyDictionary[Robot, Sizes] = WeakKeyDictionary()
+
+
+def row_scales(element: Element, robot: Robot, sizes: Sizes) -> Iterator[float]:
+    """L_b of each block of rows of one unit, weight included: the size of its rows where a joint turns by one.
+
+    A constant of the kind of row: the robot's length for positions, 1 for angles; for rows of an unknown kind the
+    longest column of the Jacobian at home.
+    """
+    if element.quantity == "effort":
+        yield element.weight * sizes.mass * sizes.length**2
+    elif element.quantity == "force":
+        yield element.weight * sizes.mass * sizes.length
+    elif element.units:
+        for unit in element.units:
+            yield element.weight * (sizes.length if unit == "m" else 1.0)
+    else:
+        yield element.weight * (longest_column(element, robot, sizes) or 1.0)
+
+
+def longest_column(element: Element, robot: Robot, sizes: Sizes) -> float:
+    """Of the Jacobian at home; raises DeclarationError, which names the element, where it has none that is usable."""
+    jacobian = getattr(element, "jacobian", None)
+    if jacobian is None:
+        return 0.0
+    try:
+        J = np.asarray(jacobian(robot.copy().state()), dtype=np.float64)
+        found = float((np.sqrt(np.square(J).sum(axis=0)) / sizes.scale).max(initial=0.0))
+    except Exception as error:  # whatever an element of the user's does
+        why = f"no Jacobian at home: {type(error).__name__}: {error}"
+        raise DeclarationError(element.name, why) from error
+    if not found < math.inf:
+        raise DeclarationError(element.name, "its Jacobian at home is not finite")
+    return found
+
+
+def tau_of(laws: Sequence[Law], order: int, dt: float) -> float:
+    """The default tau [s] of a level with these laws, from the largest gain."""
+    gains = [g for law in laws for g in _gains(law)]
+    gain = max(gains, default=0.0)
+    if gain <= 0.0:
+        return LONGEST_TAU[order]
+    if order == 2:
+        return max(dt, min(LONGEST_TAU[2], 1.0 / math.sqrt(gain)))
+    return max(dt, min(LONGEST_TAU[1], GAIN_TIME / gain))
+
+
+def level_prices(
+    groups: Sequence[Group], robot: Robot, laws: Mapping[str, Law], order: int, dt: float, given: Price | None
+) -> LevelPrices | None:
+    """The prices of every level of a hierarchy; None where no level has one.
+
+    given: the controller's price, for levels that declare none; one with tau = 0 makes every level exact.  By default
+    a level has a price unless it and all levels below it that move anything select single joints; hard levels never
+    have one.
+    """
+    if is_exact(given):
+        return None
+    sizes: Sizes | None = None
+    prices, turning = np.zeros(len(groups)), np.zeros(len(groups))
+    gamma = dt**order / (TURNING[order] * ETA) if dt <= LONGEST_TICK else 0.0
+    trailing, longest = True, 0.0
+    for k in range(len(groups) - 1, -1, -1):
+        group = groups[k]
+        single = all(e.quantity == "motion" and selection_of(e, robot) is not None for e in group.elements)
+        trailing = trailing and (single or all(e.quantity == "force" for e in group.elements))
+        declared = group.price if group.price is not None else given
+        if not group.tasks or (trailing and single and group.price is None) or is_exact(declared):
+            continue
+        sizes = sizes or Sizes.of(robot)
+        tau = None if declared is None else declared.tau
+        if tau is None:
+            tau = tau_of([laws[e.name] for e in group.elements], order, dt)
+        if not single:
+            longest = max(longest, tau)
+        length = min(scale for e in group.elements for scale in row_scales(e, robot, sizes))
+        prices[k] = tau**order * length
+        turning[k] = gamma / (prices[k] * length) ** 2
+    if sizes is None:
+        return None
+    rest = 1.0 / (REST_TIME * (longest or LONGEST_TAU[order])) if order == 2 else 0.0
+    return LevelPrices(prices, turning, sizes.scale, rest)
+
+
+def affordable(stack: Stack, given: Price | None, solver: Solver) -> tuple[Price | None, str]:
+    """The price to compile a stack with for a solver, and what had to be dropped, in words.
+
+    Only lexicographic and reference solve priced levels; for the others every level is exact.  Raises
+    UnsupportedProblem where a declared price is beyond the solver.
+    """
+    if is_exact(given) or solver.priced:
+        return given, ""
+    declared = [given, *(level.price for level in stack.levels)]
+    if any(price is not None and not is_exact(price) for price in declared):
+        raise UnsupportedProblem(f"{solver.name} solves no priced levels; take 'lexicographic', or price=0")
+    return Price(0.0), f"{solver.name} solves no priced levels: every level is exact"
+
+
+def _gains(law: Law) -> tuple[float, ...]:
+    if isinstance(law, P):
+        return law.gain if isinstance(law.gain, tuple) else (law.gain,)
+    if isinstance(law, (PD, SelfMotion)):
+        return law.kp if isinstance(law.kp, tuple) else (law.kp,)
+    return ()

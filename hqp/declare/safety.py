@@ -1,0 +1,82 @@
+"""What a session may be given and may send, and how it comes to rest: bounds that a user declares."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hqp.errors import DeclarationError
+
+RateLimit = float | Sequence[float] | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class StateBounds:
+    """Magnitudes beyond which a state is a fault of its source, not a pose of the robot.
+
+    outside [rad or m]: how far a joint may be beyond its position limits.  angle [rad or m]: joints without limits.
+    distance [m]: the free base from the origin.  speed [rad/s or m/s]: of joints and base, or ten times a joint's
+    speed limit where that is more.  Raises DeclarationError for a number that is not positive and finite.
+    """
+
+    outside: float = 2.0 * math.pi
+    angle: float = 1e4
+    distance: float = 1e4
+    speed: float = 1e3
+
+    def __post_init__(self) -> None:
+        for name in ("outside", "angle", "distance", "speed"):
+            positive("StateBounds", name, getattr(self, name))
+
+
+@dataclass(frozen=True, kw_only=True)
+class RateLimits:
+    """Largest change of a command, in normal operation and in every fallback alike; None for no limit.
+
+    velocity [rad/s^2 or m/s^2], acceleration [rad/s^3 or m/s^3], torque [N m/s or N/s]: one number, or one a motor in
+    robot.joint_names order, for the formulation of that name.  A command that would change faster goes only as far
+    from the last one towards the new one as the slowest motor allows, so that what is linear in both (contacts that
+    rest) still holds; a note names the motor, and what of ``subject_to`` is off by it.  The limit stands below
+    contact physics: choose it above what contacts need.  Raises DeclarationError for a number that is not positive.
+    """
+
+    velocity: RateLimit = None
+    acceleration: RateLimit = None
+    torque: RateLimit = None
+
+    def __post_init__(self) -> None:
+        for name in ("velocity", "acceleration", "torque"):
+            value = getattr(self, name)
+            if value is None or isinstance(value, (int, float)):
+                if value is not None:
+                    positive("RateLimits", name, value)
+                continue
+            numbers = tuple(float(x) for x in value)
+            for number in numbers:
+                positive("RateLimits", name, number)
+            object.__setattr__(self, name, numbers)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Braking:
+    """How a command comes to rest while no answer is usable (docs/safety.md).
+
+    deceleration [rad/s^2 or m/s^2]: of the fastest joint, at velocity and acceleration level; the others keep their
+    proportion to it, so that contacts hold.  damping [s]: time constant of the joint damping beside the holding
+    torque.  Raises DeclarationError for a number that is not positive and finite.
+    """
+
+    deceleration: float = 50.0
+    damping: float = 0.1
+
+    def __post_init__(self) -> None:
+        for name in ("deceleration", "damping"):
+            positive("Braking", name, getattr(self, name))
+
+
+def positive(where: str, name: str, value: object) -> None:
+    """Raise DeclarationError unless value is a positive finite number."""
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not number or not 0.0 < value < math.inf:  # type: ignore[operator]
+        raise DeclarationError(where, name, value=value, allowed="a positive finite number")

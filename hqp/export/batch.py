@@ -1,0 +1,134 @@
+"""Many worlds of one stack at once, over native threads: for reinforcement learning and for sweeps."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hqp.arrays import Mat
+from hqp.errors import DeclarationError, HqpError
+from hqp.export.loaded import ACCELERATION, STATUSES, VALUE, VELOCITY
+from hqp.problem import Status
+
+if TYPE_CHECKING:
+    from hqp.declare.robot import Robot
+    from hqp.loop.controller import Controller
+
+Targets: TypeAlias = "Mapping[str, ArrayLike | tuple[ArrayLike, ...]]"
+"""By the element's name: the values of all worlds ``(count, ...)``, or with their velocities and accelerations."""
+
+
+@dataclass(frozen=True, slots=True)
+class BatchTick:
+    """What one step of all worlds gave.
+
+    commands ``(count, n_actuated)``, x ``(count, n)``, the answers that they are part of, ||w|| of every level
+    ``(count, levels)``, status ``(count,)``: places in ``tuple(hqp.Status)``, later ones are worse.
+    """
+
+    commands: Mat
+    x: Mat
+    residuals: Mat
+    status: NDArray[np.int32]
+
+    @property
+    def solved(self) -> NDArray[np.bool_]:
+        """Where the answer is the optimum, ``(count,)``."""
+        return np.isin(self.status, [k for k, status in enumerate(STATUSES) if status.solved])
+
+    def statuses(self) -> tuple[Status, ...]:
+        """Those of the worlds, by name."""
+        return tuple(STATUSES[k] for k in self.status.tolist())
+
+
+class Batch:
+    """``count`` sessions of one controller on one robot, stepped together.
+
+    A world keeps what a session does: hold values, warm start, the last command.  Its numbers depend neither on the
+    other worlds nor on threads, 0 for as many as the machine has cores, nor on time: the controller's deadline does not
+    hold here.  dt [s].  Raises what ``Controller.session``
+    and ``Session.export`` raise, DeclarationError for a bad count.
+    """
+
+    def __init__(
+        self, controller: Controller, robot: Robot, count: int, dt: float = 0.002, *, threads: int = 0
+    ) -> None:
+        from hqp.loop.plan_file.file import text
+
+        self._make(text(controller.session(robot, dt)), count, threads)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], count: int, *, threads: int = 0) -> Batch:
+        """Worlds of a plan's file, without the robot's model; raises HqpError as ``hqp.load``."""
+        found = object.__new__(cls)
+        found._make(Path(path).read_bytes(), count, threads)
+        return found
+
+    def _make(self, file: bytes, count: int, threads: int) -> None:
+        from hqp import _session as native
+
+        if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
+            raise DeclarationError("Batch", "count", value=count, allowed="a whole number from 1 up")
+        if isinstance(threads, bool) or not isinstance(threads, (int, np.integer)) or threads < 0:
+            raise DeclarationError("Batch", "threads", value=threads, allowed="a whole number from 0 up")
+        try:
+            self._native = native.Batch(file, int(count), int(threads))
+        except (native.PlanError, ValueError) as error:
+            raise HqpError(str(error)) from None
+        self.count, self.threads = int(count), self._native.threads
+        self.nq, self.nv = self._native.state
+
+    @property
+    def bytes(self) -> int:
+        """Memory of all worlds."""
+        return self._native.bytes
+
+    def step(self, Q: Mat, V: Mat | None = None, targets: Targets | None = None) -> BatchTick:
+        """One tick of all worlds for states Q ``(count, nq)`` and V ``(count, nv)``, zero for None.
+
+        targets: values of the elements' references, ``(count, ...)``, for this step; elements without one are held.
+        Data never raises: a world's fault is its own status.  Raises DeclarationError for a shape or an unknown name.
+        """
+        told: list[tuple[str, int, Mat]] = []
+        for name, target in (targets or {}).items():
+            parts: Sequence[ArrayLike] = target if isinstance(target, tuple) else (target,)
+            for what, part in zip((VALUE, VELOCITY, ACCELERATION), parts, strict=False):
+                values = np.ascontiguousarray(part, dtype=np.float64)
+                told.append((name, what, values.reshape(values.shape[0] if values.ndim else 1, -1)))
+        at = np.ascontiguousarray(Q, dtype=np.float64)
+        speed = np.zeros((self.count, self.nv)) if V is None else np.ascontiguousarray(V, dtype=np.float64)
+        commands, x, residuals = (np.empty((self.count, size)) for size in self._native.sizes)
+        status = np.empty(self.count, dtype=np.int32)
+        try:
+            self._native.step(at, speed, told, commands, status, residuals, x)
+        except TypeError:
+            raise self._refused(at, speed) from None
+        except ValueError as error:
+            if at.shape != (self.count, self.nq) or speed.shape != (self.count, self.nv):
+                raise self._refused(at, speed) from None
+            raise DeclarationError("Batch", str(error)) from None
+        return BatchTick(commands, x, residuals, status)
+
+    def _refused(self, at: Mat, speed: Mat) -> DeclarationError:
+        allowed = f"Q ({self.count}, {self.nq}), V ({self.count}, {self.nv})"
+        return DeclarationError("Batch", "states of another shape", value=(at.shape, speed.shape), allowed=allowed)
+
+    def reset(self, worlds: ArrayLike | None = None) -> None:
+        """Begin anew in these worlds, by index or mask ``(count,)``, in all for None.
+
+        Raises DeclarationError for a world that is none.
+        """
+        chosen = np.arange(self.count)
+        if worlds is not None:
+            try:
+                chosen = np.atleast_1d(chosen[np.asarray(worlds)])
+            except IndexError:
+                raise DeclarationError("Batch", "worlds", value=worlds, allowed=f"0 to {self.count - 1}") from None
+        for world in chosen.tolist():
+            self._native.reset(world)

@@ -1,0 +1,145 @@
+"""A session from a plan's file: no robot model is read, and no Pinocchio is needed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hqp.arrays import Vec
+from hqp.errors import DeclarationError, HqpError, UnknownReference, closest
+from hqp.explanation.notes import Note
+from hqp.problem import Status
+
+STATUSES = tuple(Status)
+"""As native code numbers them."""
+
+VALUE, VELOCITY, ACCELERATION, NORMAL, LOAD, HOLD = range(6)
+
+Target = ArrayLike | tuple[ArrayLike, ...]
+"""A value, or a value with its velocity and acceleration."""
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedTick:
+    """What one step gave: command ``(n_actuated,)``, the answer x it is part of, ||w|| of every level.
+
+    held: for how many ticks the command has been coming to rest because no answer was usable.
+    """
+
+    command: Vec
+    x: Vec
+    residuals: Vec
+    status: Status
+    notes: tuple[Note, ...]
+    held: int
+
+
+class LoadedSession:
+    """The native session of a plan.  One thread at a time.
+
+    names: of the elements that take a reference.
+    """
+
+    def __init__(self, file: bytes) -> None:
+        from hqp import _session as native
+
+        try:
+            self._native = native.Session(file)
+        except (native.PlanError, ValueError) as error:
+            raise HqpError(str(error)) from None
+        self.robot, self.dt = self._native.robot, self._native.dt
+        self.nq, self.nv = self._native.nq, self._native.nv
+        self.joint_names, self.names = tuple(self._native.joint_names), tuple(self._native.names)
+        self._index = {name: k for k, name in enumerate(self.names)}
+        self._sizes = self._native.sizes
+
+    @property
+    def home(self) -> Vec:
+        """The configuration ``(nq,)`` that the robot's model calls home."""
+        return np.array(self._native.home)
+
+    def step(
+        self, q: Vec, v: Vec | None = None, targets: Mapping[str, Target] | None = None, phase: str | None = None
+    ) -> LoadedTick:
+        """One tick for q ``(nq,)`` and v ``(nv,)``, zero for None; targets and the phase hold for this tick only.
+
+        A target is the value of the element's reference, such as ``hand.at(p).value``, or a tuple of value, velocity
+        and acceleration.  Data never raises.  Raises UnknownReference, or DeclarationError for a wrong shape or a phase
+        that is not there.
+        """
+        try:
+            self._native.phase(phase or "")
+        except ValueError as error:
+            raise DeclarationError("phase", str(error), value=phase) from None
+        for name, target in (targets or {}).items():
+            parts: Sequence[ArrayLike] = target if isinstance(target, tuple) else (target,)
+            for what, part in zip((VALUE, VELOCITY, ACCELERATION), parts, strict=False):
+                self._tell(name, what, part)
+        command, x, residuals = (np.empty(size) for size in self._sizes)
+        at, speed = (np.ascontiguousarray(a, dtype=np.float64) for a in (q, np.zeros(self.nv) if v is None else v))
+        try:
+            status, held, notes = self._native.step(at, speed, command, x, residuals)
+        except (TypeError, ValueError):
+            shapes = f"q {at.shape}, v {speed.shape}"
+            allowed = f"q ({self.nq},), v ({self.nv},)"
+            raise DeclarationError("step", "a state of another shape", value=shapes, allowed=allowed) from None
+        told = tuple(Note(element, STATUSES[k], text) for element, k, text in notes)
+        return LoadedTick(command, x, residuals, STATUSES[status], told, held)
+
+    def on(self, name: str, present: bool) -> None:
+        """Whether an element is in, in the next step; DeclarationError for a contact at torque level."""
+        self._known(name)
+        try:
+            self._native.say(self._index[name], present)
+        except ValueError as error:
+            raise DeclarationError(name, str(error).removeprefix(f"{name} "), value=present) from None
+
+    def hold(self, name: str, value: ArrayLike) -> None:
+        """What an element is held at from now on where it has no target."""
+        self._tell(name, HOLD, value)
+
+    def held(self, name: str) -> Vec:
+        """What an element is held at, flat; zeros before the first step."""
+        self._known(name)
+        return np.array(self._native.held(self._index[name]))
+
+    def load(self, name: str, newtons: float) -> None:
+        """The load that a contact was measured to carry [N]."""
+        self._tell(name, LOAD, [newtons])
+
+    def normal(self, name: str, normal: ArrayLike) -> None:
+        """The ground's normal ``(3,)`` under a wheel, in the next step."""
+        self._tell(name, NORMAL, normal)
+
+    def _known(self, name: str) -> None:
+        if name not in self._index:
+            near = ", ".join(closest(name, self.names) or self.names[:3])
+            raise UnknownReference(f"a target for {name!r}, which the plan does not have; closest: {near}")
+
+    def _tell(self, name: str, what: int, value: ArrayLike) -> None:
+        self._known(name)
+        numbers = np.ascontiguousarray(value, dtype=np.float64).reshape(-1)
+        try:
+            self._native.tell(self._index[name], what, numbers)
+        except ValueError as error:
+            raise DeclarationError(name, str(error).removeprefix(f"{name}: "), value=np.shape(value)) from None
+
+    def advance(self, q: Vec, v: Vec, dt: float | None = None) -> Vec:
+        """The configuration ``(nq,)`` after moving with v for a period."""
+        out = np.empty(self.nq)
+        self._native.integrate(np.ascontiguousarray(q), np.ascontiguousarray(v), self.dt if dt is None else dt, out)
+        return out
+
+    def reset(self) -> None:
+        """As just made: no warm start, no hold values, no last command."""
+        self._native.reset()
+
+
+def load(path: str | os.PathLike[str]) -> LoadedSession:
+    """The session of a file that ``Session.export`` wrote; raises HqpError for a file that is none of this version."""
+    return LoadedSession(Path(path).read_bytes())

@@ -1,0 +1,79 @@
+"""What a user declares of a controller: everything but the robot."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from hqp.declare.price import Price, Priced, as_price, is_exact
+from hqp.declare.robot import Robot
+from hqp.declare.safety import Braking, RateLimits, StateBounds, positive
+from hqp.declare.stack import Stack
+from hqp.errors import DeclarationError
+from hqp.programs.formulation import Formulation, Velocity
+from hqp.solvers import load
+from hqp.solvers.base import Solver
+
+if TYPE_CHECKING:
+    from hqp.loop.session import Session
+
+DEADLINE = 0.8
+"""Share of the control period that a tick may take before its solver returns the best point so far."""
+
+
+@dataclass(frozen=True)
+class Controller:
+    """A stack, a formulation and a solver: everything of a controller but the robot.
+
+    solver: a name for ``hqp.solvers.load`` or a Solver, ``hqp.solvers.default()`` for "". deadline [s]: after the
+    start of a tick, when its solver returns the best point so far; 0.8 dt for None, ``math.inf`` for none; until
+    the first answer of a session it counts from the rows on. Only ``lexicographic`` takes notice.  rates: how fast a
+    command may change, no limit for None. bounds: of a state that is accepted. braking: how a command comes to
+    rest. price: of levels that declare none, a Price, None for the default (docs/calm.md); 0 makes every level
+    exact, whatever it declares. calm: False switches off all that slows commands by default, as ``price=0`` (with it
+    the torque net and holding torques of ``Torque``) and ``JointLimits(acceleration=0, braking=0)`` do together; other
+    numbers that an element declares for these two stay.
+    """
+
+    stack: Stack
+    formulation: Formulation = field(default_factory=Velocity)
+    solver: str | Solver = ""
+    deadline: float | None = None
+    rates: RateLimits | None = None
+    bounds: StateBounds = field(default_factory=StateBounds)
+    braking: Braking = field(default_factory=Braking)
+    price: Priced = None
+    calm: bool = True
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.stack, Stack):
+            raise DeclarationError("controller", "stack is not a Stack", value=self.stack)
+        if not isinstance(self.formulation, Formulation):
+            raise DeclarationError("controller", "not a formulation", value=self.formulation, allowed="Velocity(), ...")
+        if not isinstance(self.calm, bool):
+            raise DeclarationError("controller", "calm", value=self.calm, allowed="True or False")
+        price = as_price("controller", self.price)
+        if not self.calm and price is not None and not is_exact(price):
+            raise DeclarationError("controller", "calm=False has no price", value=price, allowed="price=0 or none")
+        object.__setattr__(self, "price", price if self.calm else Price(0.0))
+        if isinstance(self.solver, str):
+            object.__setattr__(self, "solver", load(self.solver))
+        if self.deadline is not None and self.deadline != math.inf:
+            positive("controller", "deadline", self.deadline)
+        for name, kind in (("rates", RateLimits), ("bounds", StateBounds), ("braking", Braking)):
+            value = getattr(self, name)
+            if not isinstance(value, kind) and not (name == "rates" and value is None):
+                raise DeclarationError("controller", name, value=value, allowed=f"{kind.__name__}(...)")
+
+    def session(self, robot: Robot, dt: float, *, max_age: float | None = None, stuck: bool = True) -> Session:
+        """Compile for a robot at a control period dt [s]; states older than max_age [s] are refused.
+
+        stuck: whether a thread looks for a way out of a task that is off and at rest, see ``Tick.way_out``; not for
+        ticks that are no loop in time.
+
+        Raises DeclarationError, ModelError or UnsupportedProblem for what does not fit, before the loop.
+        """
+        from hqp.loop.session import Session
+
+        return Session(self, robot, dt, max_age=max_age, stuck=stuck)

@@ -1,0 +1,126 @@
+"""What a session from a file is made of: robot, guards, elements, rows and solver, as one tree."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from hqp.arrays import Vec
+from hqp.declare.element import Constraint, Element, Inequality, has
+from hqp.declare.plans import Constant
+from hqp.declare.robot import Robot
+from hqp.errors import DeclarationError
+from hqp.loop.compiled import Compiled, Compiler
+from hqp.loop.contact_watch import LEAST_LOAD, PATIENCE
+from hqp.loop.outgoing import largest_change
+from hqp.loop.presence import Presence
+from hqp.problem import Status
+from hqp.programs.assembly import LARGEST
+from hqp.solvers.base import UNSURE
+from hqp.tolerances import VIOLATION_TOLERANCE
+
+if TYPE_CHECKING:
+    from hqp.loop.session import Session
+
+
+def document(session: Session) -> tuple[dict[str, Any], list[Vec]]:
+    """The tree of a session whose stack is compiled anew, and the arrays whose numbers do not matter.
+
+    Raises DeclarationError for an element or a solver that is not native, by its name.
+    """
+    controller, robot = session.controller, session.robot.copy()
+    deadline = session.line.budget.deadline
+    compiled = Compiler(controller, robot, session.dt, deadline).compile(session.stack)
+    program = compiled.program
+    _require_native(compiled, robot)
+    state = robot.state(robot.home)
+    program.begin_direct(state, {element.name: element.hold(state) for element in compiled.stack})
+    motion = program.parts()
+    moving = {"joints": robot.tree_joints, "frames": robot.placed_frames, "twists": robot.joint_twists}
+    tree = {
+        "robot": _robot(robot),
+        "guards": {
+            "dt": session.dt,
+            "deadline": deadline,
+            "largest": LARGEST,
+            "violation": VIOLATION_TOLERANCE,
+            "least_load": LEAST_LOAD,
+            "patience": max(1, round(PATIENCE / session.dt)),
+            "gradual": largest_change(program.kind, session.dt),
+            "statuses": [UNSURE if status is Status.RANK_UNCERTAIN else status.value for status in Status],
+            "state": session.line.check.parts,
+            "rates": None if session.line.limiter is None else list(session.line.limiter.inverse),
+            "braking": controller.braking,
+        },
+        **Presence(compiled.stack, program).parts,
+        "elements": [_element(e, compiled, robot) for e in compiled.stack],
+        "motion": {**motion, **moving, "bodies": robot.bodies},
+        "solver": compiled.workspace.parts(program.problem),  # type: ignore[attr-defined]
+    }
+    placements = [body[-1] for body in robot.bodies] + [frame[-1] for frame in robot.placed_frames]
+    placements += [joint[-1][-1] for joint in robot.tree_joints or ()]
+    scratch = [robot.joint_twists, *(array for placement in placements for array in placement)]
+    return tree, scratch
+
+
+def _robot(robot: Robot) -> dict[str, Any]:
+    return {
+        "name": robot.name,
+        "nq": robot.nq,
+        "nv": robot.nv,
+        "floating": robot.floating,
+        "joint_names": robot.joint_names,
+        "coordinates": [robot.joint_name(i) for i in range(robot.nv)],
+        "places": [_owner(robot, 0, i) for i in range(robot.nq)],
+        "speeds": [_owner(robot, 1, i) for i in range(robot.nv)],
+        "actuated": robot.actuated.tolist(),
+        "lower": robot.lower.tolist(),
+        "upper": robot.upper.tolist(),
+        "effort_limit": robot.effort_limit.tolist(),
+        "home": robot.home.tolist(),
+    }
+
+
+def _owner(robot: Robot, what: int, place: int) -> str:
+    """The joint that a number of q (what: 0) or of v (1) belongs to."""
+    first = [((joint[1], joint[2])[what], joint[2]) for joint in robot.tree_joints or ()]
+    column = max((pair for pair in first if pair[0] <= place), default=(0, 0))[1]
+    return robot.joint_name(column).removesuffix("[0]")
+
+
+def _require_native(compiled: Compiled, robot: Robot) -> None:
+    """Raise DeclarationError for what a file cannot hold."""
+    if (found := compiled.program.in_python()) is not None:
+        raise _refused(*found)
+    if robot.tree_joints is None:
+        raise _refused(robot.name, "it has a joint that native kinematics do not know")
+    if not hasattr(compiled.workspace, "parts"):
+        raise _refused("solver", "it is not 'lexicographic'")
+
+
+def _refused(name: str, why: str) -> DeclarationError:
+    return DeclarationError(name, f"cannot be exported: {why}", allowed="elements and solvers with native code")
+
+
+def _element(element: Element, compiled: Compiled, robot: Robot) -> dict[str, Any]:
+    """Where the rows of an element are, and what to do where they are not usable."""
+    program, name = compiled.program, element.name
+    value = element.hold(robot.state(robot.home)).value
+    held = None if value is None else [float(x) for x in value.ravel()]
+    place, member = program.places.get(name), program.assembly.members.get(name)
+    constant = None
+    plan = getattr(element, "plan", None)
+    if element.quantity == "effort" and plan is not None and isinstance(found := plan(robot), Constant):
+        constant = [found.lower.tolist(), found.upper.tolist()]
+    return {
+        "name": name,
+        "hard": name in compiled.hard,
+        "contact": isinstance(element, Constraint) and element.equality and element.quantity == "motion",
+        "equality": element.equality,
+        "own_bounds": isinstance(element, Inequality) and has(element, "step_bounds"),
+        "level": -1 if place is None else place.level,
+        "place": [0, 0] if place is None else [place.part.start, place.part.stop],
+        "rows": [0, 0] if member is None else [member.part.start, member.part.stop],
+        "row_names": [] if place is None else list(element.row_names(robot)),
+        "constant": constant,
+        "hold": held,
+    }

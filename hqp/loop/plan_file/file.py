@@ -1,0 +1,49 @@
+"""The file of a plan: a line that says what it is, and JSON (docs/plan_file.md)."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import hqp
+from hqp.loop.plan_file.arrays import plain
+from hqp.loop.plan_file.document import document
+
+if TYPE_CHECKING:
+    from hqp.loop.session import Session
+
+FORMAT = 1
+"""Changes with what a file means."""
+
+
+def text(session: Session) -> bytes:
+    """The whole file of a session: the same bytes for the same declarations."""
+    tree, scratch = document(session)
+    found, buffers = plain(tree, scratch)
+    body = json.dumps({**found, "buffers": buffers}, separators=(",", ":"), allow_nan=False).encode()
+    head = f"hqp plan, format {FORMAT}, version {hqp.__version__}, size {len(body)}, hash {fnv1a(body):016x}\n"
+    return head.encode() + body
+
+
+def write(session: Session, path: str | os.PathLike[str]) -> None:
+    """Write the file of a session, all of it or nothing."""
+    target = Path(path)
+    beside = target.with_name(f".{target.name}.{os.getpid()}")
+    beside.write_bytes(text(session))
+    os.replace(beside, target)
+
+
+def fnv1a(data: bytes) -> int:
+    """The FNV-1a hash of 64 bits: tells a file that was changed or damaged, not one that was forged."""
+    found = 0xCBF29CE484222325
+    for byte in data:
+        found = (found ^ byte) * 0x100000001B3 & 0xFFFFFFFFFFFFFFFF
+    return found
+
+
+def read(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The tree of a file, to look at."""
+    content: dict[str, Any] = json.loads(Path(path).read_bytes().split(b"\n", 1)[1])
+    return content

@@ -1,0 +1,298 @@
+"""The control loop: a controller makes sessions, a session takes a state each tick and returns a command."""
+
+from __future__ import annotations
+
+import logging
+import math
+import warnings
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from threading import get_ident
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hqp.arrays import Mat, Vec
+from hqp.declare.reference import Reference
+from hqp.declare.robot import Robot, State
+from hqp.declare.stack import Stack
+from hqp.errors import DeclarationError, ModelWarning, StaleState
+from hqp.explanation.notes import Note
+from hqp.loop.compiled import Compiler
+from hqp.loop.controller import DEADLINE, Controller
+from hqp.loop.guards import StateCheck, rate_limiter
+from hqp.loop.held_base import adrift
+from hqp.loop.line import Guards, Line
+from hqp.loop.ordinary import array_tick, ordinary_tick
+from hqp.loop.soundness import rehearse, require_sound
+from hqp.loop.tick import Tick, Times
+from hqp.loop.transition.changing import change
+from hqp.loop.turn import Turn, alone, require
+from hqp.problem import Hierarchy, Status
+from hqp.programs.envelope import native, require_compiled
+from hqp.programs.formulation import Program
+from hqp.solvers.base import Workspace
+
+if TYPE_CHECKING:
+    from hqp.explanation.account import TickAccount
+    from hqp.explanation.conflict import Conflict
+    from hqp.explanation.words import Explanation
+    from hqp.recorder import Recorder
+
+LOG = logging.getLogger("hqp.session")
+"""Changes of status: from good to bad as warnings, back as information."""
+LOG.addHandler(logging.NullHandler())
+
+
+class Session:
+    """A controller on one robot; keeps hold values, the last safe command and the solver's warm start.
+
+    max_age [s]: states must tell their ``time`` on the clock of ``time.monotonic`` (or of ``step(..., now=)``), be no
+    older, and at most 1 ms ahead of it.  stuck: whether tasks that are stuck are looked for, see ``Tick.way_out``.
+    One thread at a time may step, change the stack or ask about a tick: another one is refused.
+    """
+
+    def __init__(
+        self, controller: Controller, robot: Robot, dt: float, *, max_age: float | None = None, stuck: bool = True
+    ) -> None:
+        if not isinstance(dt, (int, float, np.floating)) or not 0.0 < dt < math.inf:
+            raise DeclarationError("session", "bad control period", value=dt, unit="s", allowed="dt > 0")
+        require_compiled()
+        self.controller, self.robot, self.dt = controller, robot, float(dt)
+        self._turn: Turn = {}
+        check = StateCheck(robot, controller.bounds, max_age)
+        budget = native.Budget(DEADLINE * self.dt if controller.deadline is None else controller.deadline)
+        self._compiler = Compiler(controller, robot, self.dt, budget.deadline)
+        require_sound(robot)
+        compiled = self._compiler.compile(controller.stack)
+        rehearse(controller.formulation, compiled.stack, robot, self.dt)
+        _ = robot.tree_joints  # read off the model once, here and not in the first tick
+        first: tuple[Note, ...] = ()
+        if told := adrift(compiled.stack, robot):
+            warnings.warn(told, ModelWarning, stacklevel=3)
+            first = (Note("base", Status.OPTIMAL, told),)
+        if compiled.dropped:
+            LOG.warning("%s", compiled.dropped)
+        kind = compiled.program.kind
+        guards = Guards.of(robot, self.dt, check, kind, self._turn, first, stuck)
+        limiter = rate_limiter(robot, controller.rates, kind, self.dt)
+        self.line = Line(guards, compiled, budget, limiter)
+        """The stack at work."""
+        self._status = Status.OPTIMAL
+        self._recorder: Recorder | None = None
+
+    @property
+    def stack(self) -> Stack:
+        """The stack, completed with what the controller adds."""
+        return self.line.stack
+
+    @property
+    def program(self) -> Program:
+        """The compiled stack."""
+        return self.line.program
+
+    @property
+    def workspace(self) -> Workspace:
+        """The solver at work on it."""
+        return self.line.workspace
+
+    @property
+    def dropped(self) -> str:
+        """What of prices the solver and of limits the robot cannot do, in words."""
+        return self.line.compiled.dropped
+
+    @property
+    def count(self) -> int:
+        """Ticks so far."""
+        return self.line.guards.count
+
+    @property
+    def problem(self) -> Hierarchy:
+        """The hierarchy of the latest tick: live, refilled by the next step; ``problem.copy()`` is not."""
+        return self.program.problem
+
+    @property
+    def hold_values(self) -> dict[str, Vec | Mat]:
+        """Copies of what elements without a reference are held at, by name; empty before the first step."""
+        return self.line.hold_values
+
+    def step(self, state: State, *references: Reference, now: float | None = None, phase: str | None = None) -> Tick:
+        """One tick: the command for a state, with references good for this tick only.
+
+        Data never raises: what is wrong with it is told by status and notes.  now [s]: the time of this tick, that of
+        ``time.monotonic`` for None.  phase: of this tick, by which levels and elements with a ``when`` are in or out.
+        Raises StaleState, UnknownReference, ConcurrentUse, ModelError (a state of another robot) or DeclarationError
+        (a reference of another shape, a phase that is not there), which are errors of the program.
+        """
+        turn, me = self._turn, get_ident()
+        if turn:
+            require(turn, self)
+        try:  # as ``alone``, without its calls
+            if turn.setdefault(None, me) != me:
+                require(turn, self)
+            line = self.line
+            line.guards.count += 1
+            remarked = False
+            if phase != line.guards.phase:
+                if phase is not None:
+                    line.require_phase(phase)
+                line.guards.phase = phase
+            for reference in references:
+                if getattr(reference, "remarks", ()):
+                    remarked = True
+                if getattr(reference, "load", None) is not None:
+                    line.contacts.measure(reference.name, reference.load)  # type: ignore[arg-type]
+            line.named, tick = references, None
+            try:
+                if line.direct is not None and not line.contacts.missing:  # as ``Line.step``, without its call
+                    tick = ordinary_tick(line, line.direct, state, references)
+                if tick is None:
+                    tick = line.general(state, references, now)
+            except FloatingPointError:  # the caller asked NumPy to raise; here what is not finite is told by a status
+                with np.errstate(all="ignore"):
+                    tick = line.general(state, references, now)
+            if remarked:
+                for reference in references:
+                    for remark in reference.remarks:
+                        tick.add(Note(reference.name, Status.OPTIMAL, remark))
+            if line.guards.count >= line.stuck.due:
+                line.stuck.look(line, tick)
+            if tick.status is not self._status:
+                self._log(tick)
+            if self._recorder is not None:
+                self._recorder.take(tick, references)
+            return tick
+        finally:
+            if turn.get(None) == me:
+                turn.clear()
+
+    def tick(self, q: Vec, v: Vec | None = None, targets: Mapping[str, ArrayLike] | None = None) -> Tick:
+        """One tick of arrays: ``step(robot.state(q, v), hand.at(value), ...)`` in fewer calls.
+
+        q ``(nq,)``, v ``(nv,)``, zero for None: the state.  targets: by the element's name, what its ``at`` takes.
+        States of the robot that were made before become stale.  Raises what ``step``, ``Robot.state`` and ``at`` raise.
+        """
+        turn, me = self._turn, get_ident()
+        if turn:
+            require(turn, self)
+        given: Any = {} if targets is None else targets
+        line, tick = self.line, None
+        try:
+            if turn.setdefault(None, me) != me:
+                require(turn, self)
+            if line.direct is not None and self._recorder is None and type(given) is dict and not line.contacts.missing:
+                line.guards.count += 1
+                with suppress(FloatingPointError):  # step tells
+                    tick = array_tick(line, line.direct, q, v, given)
+                if tick is not None:
+                    if line.guards.count >= line.stuck.due:
+                        line.stuck.look(line, tick)
+                    if tick.status is not self._status:
+                        self._log(tick)
+                    return tick
+                line.guards.count -= 1
+        finally:
+            if turn.get(None) == me:
+                turn.clear()
+        return self.step(self.robot.state(q, v), *(self._aimed(name, value) for name, value in given.items()))
+
+    def _aimed(self, name: str, value: object) -> Reference:
+        element: Any = self.line.find(name)
+        return Reference(name) if element is None else element.at(value)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.line
+
+    def too_large(self, state: State) -> str:
+        """Which number of a valid state is beyond ``controller.bounds``, in words; "" for none."""
+        return self.line.check.too_large(state)
+
+    def record(
+        self, ticks: int = 500, on: str | Callable[[Tick], bool] = "not optimal", to: str | Path = "."
+    ) -> Recorder:
+        """Keep the last ticks from now on, and write them to a file in the folder ``to`` when something happens.
+
+        on: "not optimal", "not solved", "held", "noted", "never" (``Recorder.dump`` writes all the same), or a function
+        of the tick.  The file is written by a thread, needs no robot to be read, and `hqp replay` solves it again.
+        Raises DeclarationError for a number of ticks that is none, or an unknown name.
+        """
+        from hqp.recorder import Recorder
+
+        self._recorder = Recorder(self, ticks, on, to)
+        return self._recorder
+
+    def _log(self, tick: Tick) -> None:
+        """A change of status."""
+        self._status = status = tick.status
+        with np.errstate(all="ignore"):
+            text = "; ".join(f"{note.element}: {note.detail}" for note in tick.notes)
+        LOG.log(logging.INFO if status.solved else logging.WARNING, "tick %d %s %s", self.count, status.name, text)
+
+    def change(self, stack: Stack, over: float = 0.0) -> None:
+        """Switch to another stack, at once or within ``over`` seconds at least (hqp/transition/blend.py).
+
+        Hold values survive where class, frame, axes, observer and shape agree; all other elements take fresh ones in
+        the next step, those that return as well.  A stack that was seen before is not compiled again.  In a
+        transition references for either stack are taken, ``tick.transition`` tells how far it has come; another
+        change may come before it ends.  Where x is a torque, a contact that is to be released and cannot be unloaded
+        without cost to a task keeps the transition waiting, and a note names it; where the loads of contacts that come
+        and go are measured (``Reference.loaded``) they are taken up and let go as they are.  Raises what
+        ``Controller.session`` raises, DeclarationError for ``over`` or where no contact would be left on the way, and
+        then leaves the session as it was.
+        """
+        alone(self._turn, self, lambda: self._changed(stack, over))
+
+    def _changed(self, stack: Stack, over: float) -> None:
+        line, kept = self.line, dict(vars(self.line))
+        try:
+            self.line = change(line, self._compiler, stack, over)
+        except BaseException:  # an interrupt, too
+            vars(line).update(kept)
+            self.line = line
+            raise
+
+    def prepare(self, stack: Stack) -> None:
+        """Compile a stack, and what a transition to it passes through, so that ``change`` finds it done.
+
+        The session keeps the last few stacks that it has seen.  Raises what ``change`` raises.
+        """
+        alone(self._turn, self, lambda: self._prepared(stack))
+
+    def _prepared(self, stack: Stack) -> None:
+        for point in self._compiler.way(self.line.compiled, stack)[1:]:
+            compiled = self._compiler.compile(point.stack)
+            with suppress(StaleState):  # no state is at hand: the native loop is made at the change
+                compiled.direct()
+
+    def export(self, path: str | Path) -> None:
+        """Write the session as it was declared to a file: for C++ without Python, and for ``hqp.load``.
+
+        Hold values, the warm start and references are none of it: a session of the file begins as a new one does.
+        Raises DeclarationError for an element or a solver without native code, by its name (docs/plan_file.md).
+        """
+        from hqp.loop.plan_file.file import write
+
+        write(self, path)
+
+    def explain(self, tick: Tick) -> Explanation:
+        """The account of the latest tick; raises HqpError for an earlier one, whose rows are overwritten."""
+        return self.line.explain(tick)
+
+    def account(self, tick: Tick) -> TickAccount:
+        """Which element holds which back in the latest tick, in microseconds; raises HqpError for an earlier one."""
+        return self.line.account(tick)
+
+    def conflict(self, tick: Tick) -> Conflict:
+        """Which rows of ``subject_to`` exclude each other in the latest tick; raises HqpError for an earlier one."""
+        return self.line.conflict(tick)
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError(
+            "a Session holds live arrays of Pinocchio and of the kernel; pickle session.controller, the robot's name, "
+            "dt and (q, v), and make a session of them, or pickle its ticks"
+        )
+
+
+__all__ = ["Controller", "Note", "Session", "Tick", "Times"]

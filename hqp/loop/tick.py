@@ -1,0 +1,288 @@
+"""What one step of a session gave: a command, a status, and notes that name the culprits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hqp.arrays import FLOAT, Vec
+from hqp.errors import HqpError, NotSolved
+from hqp.explanation.notes import Note, Notes, added
+from hqp.explanation.words import Explanation
+from hqp.problem import Solution, Status
+
+if TYPE_CHECKING:
+    from hqp.declare.robot import State
+    from hqp.explanation.account import TickAccount
+    from hqp.explanation.conflict import Conflict
+    from hqp.loop.line import Line
+    from hqp.programs.formulation import Program
+
+
+NO_ROWS: Vec = np.zeros(0)
+
+
+@dataclass(frozen=True, slots=True)
+class Times:
+    """Where a tick's wall time went [s]."""
+
+    state: float
+    assemble: float
+    solve: float
+    command: float
+
+
+@dataclass(frozen=True, slots=True)
+class Jump:
+    """The largest change of a command since the tick before, and its joint."""
+
+    joint: str
+    change: float
+
+    def __str__(self) -> str:
+        return f"{self.joint} by {self.change:+.3g}"
+
+
+@dataclass(frozen=True, slots=True)
+class Stuck(Note):
+    """A note on a task that is stuck, with a posture ``(nq,)`` that takes it where it should be."""
+
+    posture: Vec
+
+
+class Tick:
+    """What one step gave; plain data once pickled.
+
+    status: the worst of the tick.  held: for how many ticks the command has been coming to rest because no answer was
+    usable, 0 in normal operation.  count: the tick's number in its session.  transition: how far a change of stack has
+    come, 1 where none is under way.  phase: as of ``Session.step``.  event: what a
+    Sequence began in it, "" for nothing.  The rest is computed when it is first asked for.
+    """
+
+    __slots__ = (
+        "_before", "_change", "_command", "_direct", "_line", "_notes", "_record", "_solution", "_state",
+        "_times", "_x", "count", "event", "fit", "held", "phase", "status",
+        "transition",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        line: Line,
+        state: State | None,
+        before: Vec | bytearray,
+        record: bytearray | None,
+        times: Times | float,
+        solution: Solution | None = None,
+        x: Vec | None = None,
+        status: Status = Status.OPTIMAL,
+        notes: Notes = (),
+        held: int = 0,
+        fit: bool = True,
+    ) -> None:
+        """state: None for that of the record.  before: what was sent before, as a vector or a record of the line's
+        native loop.  record: of a tick that was one native call.  times: or when that began, on ``perf_counter``.
+        solution, x: what the solver gave and what is sent, where they are not in the record.  fit: whether the state is
+        one to start from."""
+        self._line: Line | None = line
+        self._direct, self.count = line.direct, line.guards.count
+        self.phase, self.event = line.guards.phase, ""
+        self._record, self._solution = record, solution
+        self._state, self._before, self._times, self._x = state, before, times, x
+        self.status, self._notes, self.held, self.fit = status, notes, held, fit
+        self.transition = 1.0
+        self._command: Vec | None = None
+        self._change: tuple[tuple[str, ...], Vec] | None = None
+
+    def follow(self, x: Vec, before: Vec, notes: Notes, status: Status, transition: float) -> None:
+        """Take the place of the tick in a transition: another answer, status and notes of both stacks."""
+        self._x, self._before, self._notes, self.transition = x, before, notes, transition
+        self._command, self._change, self.status = None, None, status
+
+    def take_place_of(self, tick: Tick, transition: float) -> None:
+        """Take the rows of another tick, whose solution this one has."""
+        self._line, self.transition = tick._line, transition
+
+    @property
+    def native(self) -> bool:
+        """Whether the tick was one native call."""
+        return self._record is not None
+
+    @property
+    def x(self) -> Vec:
+        """The answer that the command is part of, read-only."""
+        return self._of(self._record) if self._x is None else self._x
+
+    @property
+    def command(self) -> Vec:
+        """The command ``(n_actuated,)``, in robot.joint_names order, the caller's own copy."""
+        if self._command is None:
+            if self._x is None:
+                assert self._record is not None
+                assert self._direct is not None
+                self._command = np.frombuffer(self._record, FLOAT, self._direct.width)
+            else:
+                self._command = self._live().program.command(self._x)
+        return self._command
+
+    @property
+    def before(self) -> Vec:
+        """The x that was sent before, read-only."""
+        if not isinstance(self._before, np.ndarray):
+            self._before = self._of(self._before)
+        return self._before
+
+    def _of(self, record: bytearray | None) -> Vec:
+        assert self._direct is not None
+        assert record is not None
+        return self._direct.x(record)
+
+    @property
+    def solution(self) -> Solution | None:
+        """What the solver gave, None where it was not asked (invalid state)."""
+        if self._solution is None and self._record is not None and self._direct is not None:
+            self._solution = self._direct.solution(self._record)
+        return self._solution
+
+    @property
+    def times(self) -> Times:
+        """Where the time went, in a native call but for what it took to make this object."""
+        if not isinstance(self._times, Times):
+            assert self._direct is not None
+            assert self._record is not None
+            begin, rows, solve = self._direct.seconds(self._record)
+            self._times = Times(begin - self._times, rows, solve, 0.0)
+        return self._times
+
+    def solved(self) -> tuple[Vec, Vec, bool] | None:
+        """Slacks of all rows, the solver's answer, and whether it is that of stages; None without a solution."""
+        if (record := self._record) is not None and (direct := self._direct) is not None:
+            return direct.slacks(record), direct.x(record), direct.staged(record)
+        if (solution := self._solution) is None:
+            return None
+        return np.concatenate([*solution.residuals, NO_ROWS]), solution.x, solution.stage_points is not None
+
+    @property
+    def program(self) -> Program | None:
+        """The compiled stack whose rows the tick has, None once pickled."""
+        return None if self._line is None else self._line.program
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """The culprits; their text is made when it is first asked for."""
+        if callable(self._notes):
+            self._notes = self._notes()
+        return self._notes
+
+    @property
+    def unread(self) -> Notes:
+        """The notes, or what makes them."""
+        return self._notes
+
+    def note(self, notes: Notes) -> None:
+        """Give the tick notes."""
+        self._notes = notes
+
+    def add(self, note: Note) -> None:
+        """One note more."""
+        self._notes = added(self._notes, (note,))
+
+    @property
+    def state(self) -> State:
+        """The state of the tick; of a tick that was pickled its plain numbers."""
+        if self._state is None:
+            robot = self._live().robot
+            assert self._direct is not None
+            assert self._record is not None
+            latest = self.count == self._live().guards.count and robot.current is None
+            self._state = (robot.state if latest else robot.past)(*self._direct.state(self._record))
+        return self._state
+
+    @property
+    def line(self) -> Line | None:
+        """Whose rows the tick has: the session's line, in a change of stack one of those that it blends; None once
+        pickled."""
+        return self._line
+
+    @property
+    def jump(self) -> Jump:
+        """The largest change of the command since the tick before."""
+        names, change = self._compared
+        i = int(np.abs(change).argmax()) if change.size else 0
+        return Jump(names[i], float(change[i])) if change.size else Jump("", 0.0)
+
+    @property
+    def _compared(self) -> tuple[tuple[str, ...], Vec]:
+        """Names of the motors, and the change of their command."""
+        if self._change is None:
+            line = self._live()
+            self._change = line.robot.joint_names, self.command - line.program.command(self.before)
+        return self._change
+
+    def explain(self) -> Explanation:
+        """Which element got what and lost to which; raises HqpError once the session has taken another step."""
+        return self._live().explain(self)
+
+    def account(self) -> TickAccount:
+        """Which element holds which back, in microseconds, so that a history can be kept; as ``explain``."""
+        return self._live().account(self)
+
+    def conflict(self) -> Conflict:
+        """Which rows of ``subject_to`` exclude each other, and what each would have to give way; as ``explain``."""
+        return self._live().conflict(self)
+
+    def way_out(self) -> Vec | None:
+        """A posture ``(nq,)`` that meets a task which is stuck, None where none is: a note says which, and how far off.
+
+        A task is stuck that is off and at rest for half a second though such a posture is known.  Nothing goes there by
+        itself: ``Posture.at(robot.state(q).angles[...])`` in a level above does, or a motion planner.
+        """
+        return next((note.posture for note in self.notes if isinstance(note, Stuck)), None)
+
+    def advance(self) -> tuple[Vec, Vec]:
+        """(q, v) one period later if the command is carried out exactly (Mistry 2008, eqs. 19 to 22).
+
+        Raises HqpError where there is nothing to start from: the state of the tick is not valid, or too large.
+        """
+        if self._state is None and self._direct is not None and self._record is not None:
+            moved = self._direct.moved(self._record)
+            if moved is not None:
+                return moved
+        state = self.state
+        if not state.valid:
+            raise HqpError(f"nothing to advance from: {state.fault}")
+        line = self._live()
+        if not self.fit and (fault := line.check.too_large(state)):
+            raise HqpError(f"nothing to advance from: {fault}")
+        return line.program.advance(state, self.x)
+
+    def unwrap(self) -> Vec:
+        """The command if the status is ``solved``; raises NotSolved with a copy of the problem otherwise."""
+        if not self.status.solved:
+            detail = "; ".join(f"{n.element}: {n.detail}" for n in self.notes)
+            problem = None if self._line is None else self._line.problem.copy()
+            raise NotSolved(f"{self.status.name}: {self.status.value}" + (f" ({detail})" if detail else ""), problem)
+        return self.command
+
+    def _live(self) -> Line:
+        if self._line is None:
+            raise HqpError("a tick that was pickled has no session any more; pickle what tick.explain() gives")
+        return self._line
+
+    def __getstate__(self) -> dict[str, Any]:
+        plain = {"_line": None, "_direct": None, "_record": None, "_before": None}
+        made = {"_x": self.x.copy(), "_command": self.command, "_notes": self.notes, "_times": self.times}
+        made |= {"_solution": self.solution, "_change": self._compared, "_state": self.state}
+        kept = {
+            name: getattr(self, name) for name in ("count", "event", "fit", "held", "phase", "status", "transition")
+        }
+        return {**plain, **made, **kept}
+
+    def __setstate__(self, kept: dict[str, Any]) -> None:
+        for name, value in kept.items():
+            setattr(self, name, value)
+
+    def __repr__(self) -> str:
+        held = f", held for {self.held} ticks" if self.held else ""
+        return f"<Tick {self.status.name}, {len(self.notes)} notes{held}>"

@@ -1,0 +1,210 @@
+"""Certifies an answer from the problem alone: the optimality conditions, level by level, independent of every solver.
+
+At x level k is optimal below the levels above it when (Nocedal and Wright 2006, theorem 12.1)
+
+    A_k' w_k + sum_fixed a_i nu_i + sum_active s_i a_i mu_i = 0,    mu_i >= 0,
+
+where all a_i belong to levels above k: *fixed* rows are equalities, violated inequalities (their optimal slack is
+unique, hence their value is) and rows whose multiplier was positive at a level above; *active* rows are met
+inequalities at a bound, s_i = +1 at upper and -1 at lower.  The gap is the length of what is left of A_k' w_k in
+the null space of the fixed rows once the best mu >= 0 is taken away.  Levels are judged at the same x, so level
+k's verdict means something only if the levels above it pass: all of them are needed.
+
+Levels with a price, and those below one that is not met, are judged in stages of their own
+(hqp.problem.stage_conditions).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec, longest_row, row_lengths
+from hqp.errors import ProblemError
+from hqp.problem import Hierarchy, Rows
+from hqp.problem.graded import is_graded
+from hqp.problem.judge import Judge, terms
+from hqp.problem.null_directions import without_rounding
+from hqp.problem.stage_conditions import Walk
+from hqp.tolerances import (
+    CERTIFIED_RANK_TOLERANCE,
+    EITHER_RANK,
+    LOCK_TOLERANCE,
+    NULL_SPACE_ROUNDING,
+    ROUNDING,
+    SMALLEST_LOCK,
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Certificate:
+    """Verdict on an answer.
+
+    gaps: ``(levels + 1,)``, dimensionless, the completion (metric, origin, least norm) last.  Level k's is the
+    projected gradient divided by r_k (r_k + max |w_k| + max_i sum_j |a_ij x_j|), r_k its largest row norm: about the
+    relative error of x in the directions that the level determines well, and blind to the scale of a level; or, where
+    that is more, what ||w_k|| could still fall by along directions that are clear, relative to its terms. Where its
+    rows differ in length by more than 100 (see graded) it is what the step to the best point on the face of the active
+    rows takes away of a row, relative to its length, or the gradient there, divided by the sum of what the rows pull
+    that the face cannot meet: errors in directions that only short rows determine show as well.
+    norms: ``(levels,)``, ||w_k||.  ranks: ``(levels + 1,)``, directions that each level fixed.
+    multipliers: per level k ``(m_0 + ... + m_k,)``, as in Solution.multipliers.
+    rounding: ``(levels + 1,)``, the part of a gap that rounding of the rows above may have made (5e-7 at most): 4e-15
+    times the multipliers, and times the inverse of the shortest direction that they fix.
+    """
+
+    gaps: Vec
+    tolerance: float
+    norms: Vec
+    ranks: tuple[int, ...]
+    multipliers: tuple[Vec, ...]
+    rounding: Vec | float = 0.0
+
+    @property
+    def ok(self) -> bool:
+        """Whether every gap is within the tolerance and its rounding."""
+        return bool(np.all(self.gaps <= self.tolerance + self.rounding))
+
+    @property
+    def gap(self) -> float:
+        """The largest gap."""
+        return float(self.gaps.max(initial=0.0))
+
+    def __str__(self) -> str:
+        gaps = ", ".join(f"{gap:.1e}" for gap in self.gaps)
+        return f"{'optimal' if self.ok else 'NOT optimal'} within {self.tolerance:g}: gaps {gaps}"
+
+
+def certificate(
+    problem: Hierarchy, x: Vec, tolerance: float = 1e-6, stages: Mat | None = None, *, settled: bool = False
+) -> Certificate:
+    """Whether x solves the problem, level by level and completion included.
+
+    x: ``(n,)``; a value that is not finite has infinite gaps.  tolerance: on the gaps, and on how far from its
+    bound a row still counts as active, relative to its terms.  stages: ``(levels, n)``, Solution.stage_points of a
+    priced problem; what it lacks (NaN) is computed by the reference solver, which takes long, or with ``settled``
+    believed to be met for its price by x.  Raises ProblemError for a wrong shape.
+    """
+    x = np.asarray(x, dtype=np.float64)
+    if x.shape != (problem.n,):
+        raise ProblemError(f"certificate: x has shape {x.shape}, the problem has n = {problem.n}")
+    if not np.isfinite(x).all():
+        levels = len(problem.levels)
+        nothing = tuple(np.zeros(sum(r.m for r in problem.levels[: k + 1])) for k in range(levels))
+        return Certificate(
+            np.full(levels + 1, np.inf), tolerance, np.full(levels, np.inf), (0,) * (levels + 1), nothing
+        )
+    problem = without_rounding(problem)
+    if problem.priced:
+        return _priced(problem, x, tolerance, stages, settled)
+    return _exact(problem, x, tolerance)
+
+
+def _exact(problem: Hierarchy, x: Vec, tolerance: float, stop: int | None = None) -> Certificate:
+    """The verdict on an exact hierarchy; stop: on its first levels alone, without completion."""
+    first: Certificate | None = None
+    for rank in (
+        CERTIFIED_RANK_TOLERANCE,
+        CERTIFIED_RANK_TOLERANCE / EITHER_RANK,
+        CERTIFIED_RANK_TOLERANCE * EITHER_RANK,
+    ):
+        for lock in (max(LOCK_TOLERANCE, 10.0 * tolerance), SMALLEST_LOCK):
+            verdict, unclear = _verdict(problem, x, tolerance, lock, rank, stop)
+            if verdict.ok:
+                return verdict
+            first = first or verdict
+        if not unclear:
+            break
+    assert first is not None
+    return first
+
+
+def _priced(problem: Hierarchy, x: Vec, tolerance: float, stages: Mat | None, settled: bool) -> Certificate:
+    """Above the first level that is not met the exact conditions at x; from there on, and of every price, stages."""
+    problem, count = _without_rounding_levels(problem), len(problem.levels)
+    if stages is not None and stages.shape != (count, problem.n):
+        raise ProblemError(f"certificate: stages must be {(count, problem.n)}, given {stages.shape}")
+    walk = Walk(problem, x, tolerance, stages, settled)
+    found = list(walk)
+    first = next((k for k, stage in enumerate(found) if stage.unmet), None)
+    exact = _exact(problem.exact(), x, tolerance, first)
+    if first is None:
+        gaps = np.maximum(exact.gaps, [*(stage.gap for stage in found), 0.0])
+        return replace(exact, gaps=gaps)
+    gaps = np.array([max(stage.gap, out) for stage, out in zip(found, walk.outside(x), strict=True)])
+    gaps[:first] = np.maximum(gaps[:first], exact.gaps)
+    gap, last = completion_gap(problem, x, judge := walk.below())
+    free = [*(stage.free for stage in found[first:]), judge.Z.shape[1]]
+    ranks = (*exact.ranks, *(before - after for before, after in pairwise(free)), last)
+    norms = np.array([float(np.linalg.norm(w)) for w in problem.slacks(x)])
+    multipliers = (*exact.multipliers, *(stage.multipliers for stage in found[first:]))
+    rounding = np.zeros(count + 1)
+    rounding[:first] = exact.rounding
+    return Certificate(np.append(gaps, gap), tolerance, norms, ranks, multipliers, rounding)
+
+
+def _without_rounding_levels(problem: Hierarchy) -> Hierarchy:
+    """The problem with zeros for levels that have no row above rounding: no solver follows them."""
+    longest = [longest_row(rows.dense(problem.n)) for rows in problem.levels]
+    none = [0.0 < length <= ROUNDING * max(longest) for length in longest]
+    if not any(none):
+        return problem
+    levels = [
+        Rows(np.zeros((rows.m, problem.n)), rows.lower, rows.upper) if zero else rows
+        for rows, zero in zip(problem.levels, none, strict=True)
+    ]
+    return replace(problem, levels=tuple(levels), stacked=None)
+
+
+def _verdict(
+    problem: Hierarchy, x: Vec, tolerance: float, lock: float, rank: float, stop: int | None
+) -> tuple[Certificate, bool]:
+    """The certificate under one reading of locks and ranks; whether a rank may be read otherwise."""
+    judge = Judge(problem.n, tolerance, lock, rank)
+    gaps, norms, ranks, multipliers, rounding = [], [], [], [], []
+    dense = [rows.dense(problem.n) for rows in problem.levels]
+    every = [row_lengths(A) for A in dense]
+    zero = ROUNDING * max((float(lengths.max(initial=0.0)) for lengths in every), default=0.0)
+    for rows, A, lengths in list(zip(problem.levels, dense, every, strict=True))[:stop]:
+        w, sizes = rows.slack(x), terms(A, x)
+        longest = float(lengths.max(initial=0.0))
+        if longest <= zero:
+            longest = 0.0
+        scale = longest * (longest + np.abs(w).max(initial=0.0) + sizes.max(initial=0.0))
+        missed = np.where(np.abs(w) > NULL_SPACE_ROUNDING * sizes, w, 0.0)  # what is less is rounding of the terms
+        if is_graded(lengths, zero) and np.any(missed):
+            gap, shares = judge.judge_graded(A, rows, missed, np.where(lengths > zero, lengths, 0.0), x)
+        else:
+            gap, shares = judge.judge(A.T @ missed, scale)
+            if longest > 0.0 and np.any(missed):
+                gap = max(gap, judge.fall(A, missed, sizes, (missed != 0.0) | rows.equality, x))
+        gaps.append(gap)
+        rounding.append(judge.rounding)
+        norms.append(float(np.linalg.norm(w)))
+        multipliers.append(np.concatenate([shares, w]))
+        ranks.append(judge.descend(A, A @ x, rows.lower, rows.upper, lengths, sizes, zero))
+    if stop is None:
+        gap, last = completion_gap(problem, x, judge)
+        gaps.append(gap)
+        ranks.append(last)
+        rounding.append(judge.rounding)
+    found = Certificate(
+        np.array(gaps), tolerance, np.array(norms), tuple(ranks), tuple(multipliers), np.array(rounding)
+    )
+    return found, judge.unclear
+
+
+def completion_gap(problem: Hierarchy, x: Vec, judge: Judge) -> tuple[float, int]:
+    """Gap of min (x - origin)' metric (x - origin), then of min ||x|| where the metric leaves a choice."""
+    offset = x if problem.origin is None else x - problem.origin
+    size = 1.0 + float(np.abs(x).max(initial=0.0)) + float(np.abs(offset).max(initial=0.0))
+    if problem.metric is None:
+        return judge.judge(offset, size)[0], judge.Z.shape[1]
+    longest = longest_row(problem.metric)
+    gap, _ = judge.judge(problem.metric @ offset, longest * size)
+    before = judge.Z.shape[1]
+    if longest > 0.0:
+        judge.fix(problem.metric / longest)
+    return max(gap, judge.judge(x, size)[0]), before - judge.Z.shape[1]

@@ -1,0 +1,152 @@
+"""What the levels above leave to a level whose optimum is judged: the null space of fixed rows, the cone of others."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hqp.arrays import Index, Mask, Mat, Vec, longest_row
+from hqp.problem import Rows
+from hqp.problem.graded import pull
+from hqp.problem.nnls import nonnegative_least_squares
+from hqp.tolerances import (
+    CERTIFIED_RANK_TOLERANCE,
+    CLEAR_DIRECTION,
+    EITHER_RANK,
+    LARGEST_ROUNDING,
+    NULL_SPACE_ROUNDING,
+)
+
+
+class Judge:
+    """What the levels above leave: a basis Z of the null space of fixed rows, and the active rows' cone."""
+
+    def __init__(self, n: int, tolerance: float, lock: float, rank: float = CERTIFIED_RANK_TOLERANCE) -> None:
+        self.tolerance, self.lock, self.rank = tolerance, lock, rank
+        self.unclear = False  # a singular value may count as a direction or not
+        self.shortest = 1.0  # singular value of a direction that was fixed
+        self._forces = 0.0  # sum of the multipliers of the level just judged
+        self.Z: Mat = np.eye(n)
+        self.unit: Mat = np.zeros((0, n))  # every row so far, of unit length
+        self.lengths: Vec = np.zeros(0)
+        self.fixed = np.zeros(0, dtype=bool)
+        self.side: Vec = np.zeros(0)  # +1 active at upper, -1 at lower, 0 neither
+        self._positive = np.zeros(0, dtype=bool)
+        self._own: Index = np.zeros(0, dtype=np.intp)  # rows of the level just judged that have a multiplier themselves
+
+    @property
+    def rounding(self) -> float:
+        """What rounding of the rows, those that were fixed and those with a multiplier, may have made of the gap."""
+        return min(NULL_SPACE_ROUNDING * (1.0 / self.shortest + self._forces), LARGEST_ROUNDING)
+
+    def judge_graded(self, A: Mat, rows: Rows, slack: Vec, lengths: Vec, x: Vec) -> tuple[float, Vec]:
+        """The same of A' slack where rows of the level differ in length; lengths: zero for a row that counts as none.
+
+        The level's own inequalities within a step that does not count of a bound have a multiplier like the rows above.
+        """
+        size, value = max(1.0, float(np.abs(x).max(initial=0.0))), A @ x
+        near = self.tolerance * size * lengths
+        at_upper, at_lower = np.abs(value - rows.upper) <= near, np.abs(value - rows.lower) <= near
+        equality = (rows.lower == rows.upper) | (at_upper & at_lower)
+        side = np.where(at_upper, 1.0, np.where(at_lower, -1.0, 0.0))
+        side[equality | (lengths == 0.0)] = 0.0
+        unit = np.divide(A, lengths[:, None], out=np.zeros_like(A), where=lengths[:, None] > 0.0)
+        own = np.flatnonzero(side)
+        held = np.concatenate([self.unit[(self.side != 0.0) & ~self.fixed], unit[own]]) @ self.Z
+        _, sigma, Vt = np.linalg.svd(held, full_matrices=True)
+        along, face = np.split(Vt, [int(np.count_nonzero(sigma > self.rank))])
+        left = np.flatnonzero((lengths > 0.0) & (side == 0.0) & ((slack != 0.0) | equality))
+        B = A[left] @ self.Z
+        found = pull(B @ face.T, B @ along.T, slack[left], lengths[left], size, self.tolerance)
+        gap, shares = self.judge(self.Z @ (along.T @ found.along), found.size, own, side[own, None] * unit[own])
+        return max(gap, found.taken), shares
+
+    def fall(self, A: Mat, slack: Vec, sizes: Vec, asked: Mask, x: Vec) -> float:
+        """What ||w|| could still fall by, along clear directions on the face of the active rows, relative to its terms.
+
+        Beyond what rounding and the tolerance make of a row of the level's length; a gradient says little where the
+        rows are short in the null space of those above.
+        asked: rows that are equalities or violated.  sizes: their terms.
+        """
+        rows = A[asked] @ self.Z
+        if not rows.size:
+            return 0.0
+        longest = longest_row(A)
+        _, sigma, Vt = np.linalg.svd(self.unit[(self.side != 0.0) & ~self.fixed] @ self.Z, full_matrices=True)
+        U, sigma, _ = np.linalg.svd(rows @ Vt[int(np.count_nonzero(sigma > self.rank)) :].T, full_matrices=False)
+        clear = sigma > longest * max(CLEAR_DIRECTION, NULL_SPACE_ROUNDING / self.shortest)
+        reach = float(np.linalg.norm(U[:, clear].T @ slack[asked]))
+        rounding = min(NULL_SPACE_ROUNDING / self.shortest, LARGEST_ROUNDING)
+        reach -= (rounding + self.tolerance) * longest * float(np.abs(x).max(initial=0.0))
+        return max(reach, 0.0) / float(np.max(np.abs(slack) + sizes, initial=1e-300, where=asked))
+
+    def judge(
+        self, gradient: Vec, scale: float, own: Index | None = None, normals: Mat | None = None
+    ) -> tuple[float, Vec]:
+        """Relative gap of a gradient, and the multiplier of every row so far.
+
+        own, normals: rows of the level itself that have a multiplier, of unit length and outwards.
+        """
+        shares = np.zeros(self.side.size)
+        self._positive = np.zeros(self.side.size, dtype=bool)
+        self._own = np.zeros(0, dtype=np.intp)
+        self._forces = 0.0
+        if scale <= 0.0:
+            return 0.0, shares
+        target = -(gradient @ self.Z) / scale
+        active = np.flatnonzero((self.side != 0.0) & ~self.fixed)
+        cone = (self.side[active, None] * (self.unit[active] @ self.Z)).T
+        if normals is not None:
+            cone = np.column_stack([cone, (normals @ self.Z).T])
+        mu = nonnegative_least_squares(cone, target)
+        gap = float(np.linalg.norm(target - cone @ mu))
+        self._forces = float(mu.sum())
+        shares[active] = self.side[active] * mu[: active.size]
+        force = mu * np.linalg.norm(cone, axis=0)  # in the null space: what the level rises by, a unit step off the row
+        positive = force > max(self.lock, 100.0 * gap)  # what the gap could have made says nothing
+        self._positive[active] = positive[: active.size]
+        if own is not None:
+            self._own = own[positive[active.size :]]
+        rest = -gradient / scale - self.unit.T @ shares
+        if normals is not None:
+            rest -= normals.T @ mu[active.size :]
+        if self.fixed.any():
+            shares[self.fixed] = np.linalg.lstsq(self.unit[self.fixed].T, rest, rcond=1e-12)[0]
+        return gap, scale * np.divide(shares, self.lengths, out=shares, where=self.lengths > 0.0)
+
+    def descend(self, A: Mat, value: Vec, lower: Vec, upper: Vec, lengths: Vec, sizes: Vec, zero: float) -> int:
+        """Take in the level just judged; return how many directions it fixed.  zero: rows of this length have none."""
+        floor = max(1e-13 * lengths.max(initial=0.0), zero)
+        real = lengths > floor
+        unit = np.divide(A, lengths[:, None], out=np.zeros_like(A), where=real[:, None])
+        slop = self.tolerance * (lengths + sizes)
+        at_upper, at_lower = value >= upper - slop, value <= lower + slop
+        beyond = (value > upper + slop) | (value < lower - slop)
+        fixed = real & ((at_upper & at_lower) | beyond)
+        fixed[self._own] = True
+        side = np.where(at_upper, 1.0, np.where(at_lower, -1.0, 0.0)) * (real & ~fixed)
+        locked = self.unit[self._positive]
+        self.fixed[self._positive] = True
+        self.unit = np.concatenate([self.unit, unit])
+        self.lengths = np.concatenate([self.lengths, lengths * real])
+        self.fixed = np.concatenate([self.fixed, fixed])
+        self.side = np.concatenate([self.side, side])
+        self._positive = np.zeros(self.side.size, dtype=bool)
+        return self.fix(np.concatenate([locked, unit[fixed]]))
+
+    def fix(self, rows: Mat) -> int:
+        """Shrink Z to the null space of rows of about unit length; return by how much."""
+        projected = rows @ self.Z
+        if not projected.size:
+            return 0
+        _, sigma, Vt = np.linalg.svd(projected, full_matrices=True)
+        rank = int(np.count_nonzero(sigma > self.rank))
+        ratio = sigma / CERTIFIED_RANK_TOLERANCE
+        self.unclear |= bool(np.any((ratio > 1.0 / EITHER_RANK) & (ratio < EITHER_RANK)))
+        self.shortest = min(self.shortest, float(sigma[:rank].min(initial=1.0)))
+        self.Z = self.Z @ Vt[rank:].T
+        return rank
+
+
+def terms(A: Mat, x: Vec) -> Vec:
+    """sum_j |a_ij x_j| of each row: the size that rounding of a_i x is relative to."""
+    return np.asarray(np.abs(A) @ np.abs(x))

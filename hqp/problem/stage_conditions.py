@@ -1,0 +1,224 @@
+"""Optimality conditions of the stages of a priced hierarchy (hqp.problem.pricing), from its rows alone.
+
+At the stage point x_k of a level below what the levels above handed down (S_{k-1}, R_k), with mu >= 0 for active rows,
+
+    A_k' u + c_k (F'(F x_k - f) + grad R_k(x_k)) + sum_fixed a_i nu_i + sum_active s_i a_i mu_i = 0,
+
+u = w_k / ||w_k|| where a level with a price is not met, some ||u|| <= 1 where it is; u = w_k where it has no price,
+with grad R_k alone.  The force of an anchored row, a_i (x_k - x_a) / (eta c_a omega_a), and u are quotients of small
+numbers, and what turns rows weighs heavily far out of reach: each is known as well as x_k meets its row to within the
+tolerance, and taken from what that allows.
+
+A level without a price below unmet ones is judged at the answer, where that passes, or at its own stage point, which
+the reference solver finds from the rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hqp.arrays import Mat, Vec, longest_row, row_lengths
+from hqp.problem import Hierarchy, Rows
+from hqp.problem.definition import solve_level
+from hqp.problem.judge import Judge, terms
+from hqp.problem.nnls import nonnegative_least_squares
+from hqp.problem.pricing import Above, Coordinates, is_met
+from hqp.tolerances import LOCK_TOLERANCE, ROUNDING
+
+SHORTEST, WITHIN = 1e-7, 1e-9
+"""What a unit of u, and of what the tolerance allows, weighs beside the gap: the least that will do is taken."""
+
+FAR = 1e3
+"""Of 1 + ||x_k||: a start so far away leaves its rounding."""
+
+ENDED = 1e-15
+"""Of its sum of squares: what the last step of sharing out what the tolerance allows lowers."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stage:
+    """Verdict on one stage point.
+
+    multipliers: ``(m_0 + ... + m_k,)``, of the rows above and then u.  free: directions that S_{k-1} leaves.
+    """
+
+    x: Vec
+    gap: float
+    multipliers: Vec
+    free: int
+    unmet: bool
+
+
+class Walk:
+    """The stages of a hierarchy from the first to the last, each below what those before it hand down."""
+
+    def __init__(self, problem: Hierarchy, x: Vec, tolerance: float, known: Mat | None, settled: bool) -> None:
+        """x: the answer.  known: ``(levels, n)`` stage points of priced levels, NaN where they are to be found by the
+        reference solver, or with ``settled`` are believed to be x."""
+        self._problem, self._x, self._tolerance, self._settled = problem, x, tolerance, settled
+        self._known = np.full((len(problem.levels), problem.n), np.nan) if known is None else known
+        self._at = Coordinates.of(problem.motion, problem.n)
+        self._above, self._last = Above.none(problem.n), x
+
+    def __iter__(self) -> Iterator[Stage]:
+        problem = self._problem
+        for k, rows in enumerate(problem.levels):
+            price = 0.0 if problem.prices is None else float(problem.prices[k])
+            stage = self._priced(k, rows, price) if price > 0.0 else self._unpriced(k, rows)
+            self._last = stage.x
+            self._above = self._above.after(problem, k, stage.x, self._at)
+            yield stage
+
+    def below(self) -> Judge:
+        """The judge of the completion, after the last stage."""
+        return _judge(self._completed(), Coordinates.of(None, self._x.size), self._x, self._tolerance)
+
+    def outside(self, x: Vec) -> Vec:
+        """How far x is from the rows that each level handed down, ``(levels,)``, relative to their terms."""
+        below = self._completed()
+        ends = np.cumsum([rows.m for rows in self._problem.levels])
+        found = np.zeros(ends.size)
+        named = below.places >= 0
+        np.maximum.at(found, np.searchsorted(ends, below.places[named], side="right"), _outside(below.hard, x)[named])
+        return found
+
+    def _completed(self) -> Above:
+        priced = self._problem.priced
+        return self._above.completed(self._last, bool(priced) and priced[-1], self._at)
+
+    def _priced(self, k: int, rows: Rows, price: float) -> Stage:
+        point = self._known[k]
+        if np.isnan(point[0]):
+            if self._settled:
+                return self._unjudged(k, self._x)
+            point = self._solve(rows, price)
+        return self.judged(k, rows, point, price) if _asks(rows, point.size) else self._unjudged(k, point)
+
+    def _unpriced(self, k: int, rows: Rows) -> Stage:
+        if not self._above.anchors or not _asks(rows, self._x.size):
+            return self._unjudged(k, self._x)
+        stage = self.judged(k, rows, self._x, 0.0)
+        return stage if stage.gap <= self._tolerance else self.judged(k, rows, self._solve(rows, 0.0), 0.0)
+
+    def _solve(self, rows: Rows, price: float) -> Vec:
+        x = solve_level(rows, self._above, self._last, price, self._at)
+        far = float(np.linalg.norm(self._last)) > FAR * (1.0 + float(np.linalg.norm(x)))
+        return solve_level(rows, self._above, x, price, self._at) if far else x
+
+    def _unjudged(self, k: int, x: Vec) -> Stage:
+        free = _judge(self._above, self._at, x, self._tolerance).Z.shape[1]
+        unmet = self._problem.priced[k] and not is_met(self._problem.levels[k], x)
+        return Stage(x, 0.0, np.zeros(sum(rows.m for rows in self._problem.levels[: k + 1])), free, unmet)
+
+    def judged(self, k: int, rows: Rows, x: Vec, price: float) -> Stage:
+        """The conditions at x, and how far it is outside of S."""
+        at, w, within = self._at, rows.slack(x), self._tolerance
+        judge = _judge(self._above, at, x, within)
+        A, lengths, sizes = at.rows(rows.dense(x.size)), row_lengths(rows.dense(x.size)), rows.dense(x.size)
+        near = within * (lengths + terms(sizes, x))
+        met = price > 0.0 and is_met(rows, x)
+        gradient = price * at.motion(x)
+        scale = float(np.linalg.norm(gradient)) + price  # errors below one unit of motion are absolute
+        allowed = [np.zeros((0, x.size))]  # how the gradient changes where a row is off by what the tolerance allows
+        forces = np.zeros(sum(rows.m for rows in self._problem.levels[: k + 1]))
+        counts = price if price > 0.0 else 1.0
+        for anchor in self._above.anchors:
+            B, force = at.rows(anchor.A), counts * anchor.rows.slack(x) / anchor.give
+            turned = counts * at.rows((anchor.turning.T @ (anchor.turning @ (x - anchor.x)))[None])[0]
+            gradient = gradient + B.T @ force + turned
+            scale += longest_row(B) * float(np.abs(force).max(initial=0.0)) + float(np.linalg.norm(turned))
+            slop = within * (row_lengths(anchor.A) + terms(anchor.A, x))
+            allowed.append(B * (counts * slop / anchor.give)[:, None])
+            forces[anchor.places] = force
+            slows = anchor.turning[np.any(anchor.turning, axis=1)]
+            slop = within * (row_lengths(slows) + terms(slows, x))
+            allowed.append(at.rows(slows) * (counts * slop)[:, None])
+        u, signed = w, np.zeros((0, x.size))
+        if met:
+            value = rows.A @ x
+            signed = np.concatenate([A[value >= rows.upper - near], -A[value <= rows.lower + near]])
+            scale += longest_row(A)
+        elif price > 0.0:
+            norm = float(np.linalg.norm(w))
+            u = w / norm
+            touched = rows.equality | (np.abs(w) > 0.0)
+            allowed.append(A[touched] * (near[touched] / norm)[:, None])
+            scale += longest_row(A)
+        else:
+            scale += longest_row(A) * float(np.abs(w).max(initial=0.0) + (lengths + terms(sizes, x)).max(initial=0.0))
+        if not met:
+            gradient = gradient + A.T @ u
+        if scale == 0.0:
+            return replace(self._unjudged(k, x), gap=float(_outside(self._above.hard, x).max(initial=0.0)))
+        adjusted, size = _adjusted(judge, gradient / scale, signed / scale, np.concatenate(allowed) / scale)
+        gap, shares = judge.judge(adjusted, 1.0)
+        forces[self._above.places] = scale * shares
+        forces[forces.size - rows.m :] = u
+        gap = max(gap, size - 1.0, float(_outside(self._above.hard, x).max(initial=0.0)))
+        return Stage(x, gap, forces, judge.Z.shape[1], price > 0.0 and not met)
+
+
+def stage_multipliers(problem: Hierarchy, stages: Mat, level: int, tolerance: float = 1e-6) -> tuple[Vec, float]:
+    """Multipliers of the rows above an unmet priced level in its own stage ``(m_0 + ... + m_{k-1},)``, and its gap.
+
+    Those of anchored rows are their forces.  stages: ``(levels, n)``, as ``certificate`` takes them.
+    """
+    walk = Walk(problem, stages[level], tolerance, stages, settled=True)
+    for k, stage in enumerate(walk):
+        if k == level:
+            return stage.multipliers[: stage.multipliers.size - problem.levels[level].m], stage.gap
+    raise IndexError(level)
+
+
+def _judge(above: Above, at: Coordinates, x: Vec, tolerance: float) -> Judge:
+    """The judge at a point of the set that the levels above leave."""
+    judge = Judge(x.size, tolerance, LOCK_TOLERANCE)
+    raw = above.hard.dense(x.size)
+    C, shift, y = at.rows(raw), raw @ at.still, at.of_point(x)
+    lengths = row_lengths(C)
+    zero = ROUNDING * float(lengths.max(initial=0.0))
+    judge.descend(C, C @ y, above.hard.lower - shift, above.hard.upper - shift, lengths, terms(C, y), zero)
+    return judge
+
+
+def _adjusted(judge: Judge, gradient: Vec, signed: Mat, allowed: Mat) -> tuple[Vec, float]:
+    """The gradient with the shortest u >= 0 of the signed rows and, where that is not enough, with what the tolerance
+    allows, -1 to 1 of each row; and ||u||."""
+    active = np.flatnonzero((judge.side != 0.0) & ~judge.fixed)
+    cone = (judge.side[active, None] * (judge.unit[active] @ judge.Z)).T
+    fixed = np.concatenate([cone, (signed @ judge.Z).T], axis=1)
+    left, weights = -(gradient @ judge.Z), np.repeat([0.0, SHORTEST], [active.size, len(signed)])
+    found = nonnegative_least_squares(*_weighted(fixed, weights, left))
+    rest, change = left - fixed @ found, np.zeros(len(allowed))
+    if len(allowed) and float(np.sqrt(rest @ rest)) > judge.tolerance:
+        from scipy.optimize import lsq_linear  # heavy, and seldom needed
+
+        columns = np.concatenate([fixed, (allowed @ judge.Z).T], axis=1)
+        weights = np.concatenate([weights, np.full(len(allowed), WITHIN)])
+        lower, upper = np.repeat([0.0, -1.0], [found.size, len(allowed)]), np.ones(weights.size)
+        upper[: found.size] = np.inf
+        bounded = lsq_linear(*_weighted(columns, weights, left), (lower, upper), method="bvls", tol=ENDED).x
+        found, change = np.split(bounded, [found.size])
+    u = found[active.size :]
+    return gradient + signed.T @ u + allowed.T @ change, float(np.linalg.norm(u))
+
+
+def _weighted(columns: Mat, weights: Vec, target: Vec) -> tuple[Mat, Vec]:
+    """Columns and target of least squares in which a unit of each unknown weighs something itself."""
+    return np.concatenate([columns, np.diag(weights)]), np.concatenate([target, np.zeros(weights.size)])
+
+
+def _outside(rows: Rows, x: Vec) -> Vec:
+    """How far x is from each row, relative to its length and terms; zero for rows that are rounding."""
+    A = rows.dense(x.size)
+    lengths = row_lengths(A)
+    real = lengths > ROUNDING * lengths.max(initial=0.0)
+    return np.divide(np.abs(rows.slack(x)), lengths + terms(A, x), out=np.zeros(rows.m), where=real)
+
+
+def _asks(rows: Rows, n: int) -> bool:
+    """Whether a row has a direction and a bound: a level of others has no stage."""
+    return bool(np.any(rows.dense(n)[np.isfinite(rows.lower) | np.isfinite(rows.upper)]))

@@ -1,0 +1,389 @@
+"""The rows of all motion elements of a stack in one block, refilled in place each tick."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence, Set
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hqp.arrays import Index, Mat, Signs, Vec
+from hqp.declare import plans
+from hqp.declare.element import Element, has, plan_of, selection_of
+from hqp.declare.law import DCM, PD, Law, P
+from hqp.declare.plans import Constant, Plan
+from hqp.declare.readable import UP, Readable, Views
+from hqp.declare.reference import Reference
+from hqp.declare.robot import Robot, State
+from hqp.errors import DeclarationError, StaleState
+
+if TYPE_CHECKING:
+    from hqp._assembly import Assembly as NativeAssembly
+    from hqp._assembly import Kinematics
+
+try:
+    from hqp import _assembly as native
+except ImportError:  # no compiler was there: the readable functions do it all
+    native = None  # type: ignore[assignment]
+
+LARGEST = 1e10
+"""Rows and demands with larger numbers than this are a fault of their element."""
+
+OWN = "hqp.tasks"
+"""Where elements are defined that are none of the user's: their rows are at fault only where the model is."""
+
+PLAIN: dict[type, int] = {plans.Point: 1, plans.Com: 1, plans.Joints: 1, plans.Rotation: 2, plans.Pose: 3}
+"""Plans whose targets are taken as they are, and what these have to be: numbers, a rotation, a homogeneous matrix."""
+
+EQUALITY, LIMITED, BOUNDED, FREE = 0, 1, 2, 3
+"""How rows become bounds on J x: a law on the error, a law on the way left to a bound, bounds as they stand, none."""
+
+
+@dataclass(eq=False)
+class Member:
+    """An element and its rows: ``part`` of the vectors, and of J unless its rows are a selection.
+
+    write: its readable functions, None where a native operation stands in for them.  target, normal: buffers of the
+    reference's where one does; last_reference: the one they were copied from.  plain: what a target has to be that is
+    taken as it is, see ``_assembly.Assembly.slot``.  out: whether its rows are free in these ticks.
+    """
+
+    element: Element
+    part: slice
+    views: Views
+    law: Law | None
+    write: Callable[[State, Reference], None] | None = None
+    target: Mat | None = None
+    normal: Vec | None = None
+    last_reference: Reference | None = None
+    plain: int = 0
+    out: bool = False
+
+
+class Assembly:
+    """J, lower and upper of a sequence of motion elements, after their laws.
+
+    order 1: J x = rate - gain e.  order 2: J x = feedforward - kp e - kd (J v - rate) - dJ/dt v.
+    J ``(m, nv)`` holds the rows of ``dense`` elements; those of ``selections`` follow in the vectors only, for
+    each picks one coordinate.  Weights multiply rows and bounds.
+    """
+
+    def __init__(
+        self, dense: Sequence[Element], selections: Sequence[Element], robot: Robot, dt: float, laws: Mapping[str, Law]
+    ) -> None:
+        self.order = next(iter(laws.values())).order if laws else 1
+        counts = [e.rows(robot) for e in (*dense, *selections)]
+        starts = np.concatenate(([0], np.cumsum(counts))).astype(int).tolist()
+        m, total = starts[len(dense)], starts[-1]
+        self.J: Mat = np.zeros((m, robot.nv))
+        self._flat = self.J.reshape(-1)
+        self.error, self.rate, self.feedforward, self.drift = (np.zeros(total) for _ in range(4))
+        self.bounds: Mat = np.empty((2, total))
+        self.bounds[0], self.bounds[1] = -np.inf, np.inf
+        self.lower, self.upper = self.bounds
+        self.weight, self._demand = np.ones(total), np.zeros(total)
+        self._kind: Signs = np.zeros(total, dtype=np.int8)
+        self._supports: list[tuple[tuple[str, ...], Signs]] = []
+        self._pick: Index = np.zeros(total - m, dtype=np.intp)
+        self._has_feedforward = False
+        self.native_rows: NativeAssembly | None = None
+        self.moving: Kinematics | None = None
+        """Native kinematics ahead of the rows, None where the state's own are read."""
+        if native is not None:
+            self.native_rows = native.Assembly(robot.joint_twists, robot.bodies, dt, self.order, Reference)
+        self.members: dict[str, Member] = {}
+        self.errors: dict[str, Exception] = {}
+        self.parts: dict[str, Any] = {"dt": dt, "order": self.order, "nv": robot.nv, "operations": []}
+        """What the native rows are made of, a file as well (docs/plan_file.md)."""
+        for i, element in enumerate((*dense, *selections)):
+            part = slice(starts[i], starts[i + 1])
+            J = self.J[part] if i < len(dense) else None
+            views = Views(J, self.error[part], self.drift[part], self.lower[part], self.upper[part])
+            member = Member(element, part, views, laws.get(element.name))
+            if member.law is not None:
+                member.law.fit(element.name, counts[i])
+            self.members[element.name] = member
+            self.weight[part], self._kind[part] = element.weight, _kind(element)
+            self._bind(member, robot, dt)
+        members = self.members.values()
+        self.written = [m for m in members if m.write is not None]
+        checked = [m for m in members if m.write is not None or m.element.steered]  # by a reference that is no number
+        self._own_bounds = [m.views for m in checked if not m.element.equality]
+        self._targets = [(m.element.name, m.target, m) for m in members if m.target is not None and m.target.shape]
+        if self.native_rows is not None:
+            self._hand_over_laws(self.native_rows)
+            self.native_rows.written(
+                [(m.part.start, m.part.stop) for m in self.written if m.views.J is not None],
+                [(m.part.start, m.part.stop) for m in self.written if not m.element.equality],
+            )
+            self.parts["slots"] = [self._slot(member) for member in members]
+            for slot in self.parts["slots"]:
+                self.native_rows.slot(**slot)
+
+    def _slot(self, member: Member) -> dict[str, Any]:
+        """Where the reference of an element goes."""
+        return {
+            "name": member.element.name,
+            "target": None if member.target is None else member.target.reshape(-1),
+            "shape": () if member.target is None else member.target.shape,
+            "normal": member.normal,
+            "rate": self.rate[member.part],
+            "feedforward": self.feedforward[member.part],
+            "plain": member.plain,
+        }
+
+    def move(self, robot: Robot) -> None:
+        """Begin every fill with native kinematics, where the rows need no others: frames are known by now."""
+        if self.native_rows is None or (self.written and self.order == 2):
+            return  # a drift in Python takes Pinocchio's kinematics anyway
+        self.moving = kinematics(robot)
+        if self.moving is not None:
+            self.native_rows.move(self.moving)
+
+    def _bind(self, member: Member, robot: Robot, dt: float) -> None:
+        """A native operation where there is one, the readable functions where not."""
+        element, views = member.element, member.views
+        if views.J is None:
+            index = selection_of(element, robot)
+            assert index is not None  # only elements that select come here
+            m = self.J.shape[0]
+            self._pick[member.part.start - m : member.part.stop - m] = index
+        plan = plan_of(element, robot)
+        if self.native_rows is None or plan is None or isinstance(plan, Constant):
+            member.write = Readable(element, views, self.order, dt)
+            return
+        self._hand_over(member, plan, self.native_rows)
+
+    def _hand_over(self, member: Member, plan: Plan, assembly: NativeAssembly) -> None:
+        views = member.views
+        member.target = np.zeros(plan.shape)
+        member.normal = UP.copy() if member.element.grounded else None
+        taken = getattr(type(member.element), "at", None)
+        if isinstance(plan, (plans.Balance, plans.SupportPolygon)) and plan.of:
+            self._supports.append((plan.of, plan.present))
+        if taken is not None and taken.__module__.startswith(OWN):  # one of the user's own may make more of a target
+            member.plain = PLAIN.get(type(plan), 0)
+        arrays: dict[str, Any] = {
+            "J": views.J,
+            "error": views.error,
+            "drift": views.drift if self.order == 2 else None,
+            "lower": views.lower,
+            "upper": views.upper,
+            "reference": member.target.reshape(-1),
+            "normal": member.normal,
+            "weight": float(member.element.weight),
+            "rate": self.rate[member.part],
+            "feedforward": self.feedforward[member.part],
+        }
+        assembly.add(plan, **arrays)
+        self.parts["operations"].append({"plan": plan, **arrays})
+
+    def _hand_over_laws(self, assembly: NativeAssembly) -> None:
+        total = self.error.size
+        kp, kd = np.zeros(total), np.zeros(total)
+        saturations = []
+        for member in self.members.values():
+            part, law = member.part, member.law
+            if isinstance(law, P):
+                kp[part] = law.gain
+            elif isinstance(law, PD):
+                kp[part], kd[part] = law.kp, law.kd
+            elif isinstance(law, DCM):
+                kp[part] = 1.0
+            if law is not None and min(law.max_velocity, law.max_acceleration) < np.inf:
+                largest = float(np.max(law.kd)) if isinstance(law, PD) else 1.0
+                saturations.append((part.start, part.stop, law.max_velocity, law.max_acceleration, largest))
+        laws: dict[str, Any] = {
+            "J": self.J,
+            "error": self.error,
+            "rate": self.rate,
+            "feedforward": self.feedforward,
+            "drift": self.drift,
+            "kp": kp,
+            "kd": kd,
+            "weight": self.weight,
+            "pick": self._pick,
+            "kind": self._kind,
+            "demand": self._demand,
+            "lower": self.lower,
+            "upper": self.upper,
+            "saturations": saturations,
+        }
+        assembly.laws(**laws)
+        self.parts["laws"] = laws
+
+    def go_without(self, out: Set[str]) -> None:
+        """The rows of these elements are free from the next fill on, those of all others are as declared."""
+        for name, member in self.members.items():
+            if (name in out) is not member.out:
+                member.out = name in out
+                self._kind[member.part] = FREE if member.out else _kind(member.element)
+        for of, present in self._supports:
+            present[:] = [name not in out for name in of]
+
+    def fill(
+        self,
+        state: State,
+        references: Mapping[str, Reference],
+        given: Sequence[Reference],
+        left_out: Sequence[str] = (),
+    ) -> None:
+        """Refill J, lower and upper; ``references`` has one for every element, ``given`` those with feedforward.
+
+        left_out: elements whose rows are free in this tick.  What a readable function raises is kept in ``errors``,
+        and its element is ``unusable``.  Raises StaleState if the robot has moved on.
+        """
+        state.kinematics()
+        self._copy_feedforward(given)
+        if self.native_rows is not None:
+            self._copy_targets(references)
+            self.native_rows.run(state.q, state.v if state.commanded is None else state.commanded)
+        self.write(state, references)
+        if self.native_rows is not None:
+            self.native_rows.demand(state.v)
+        else:
+            for member in self.written:
+                self._apply_law(member, state.v)
+        for name in left_out:
+            self._leave_out(name)
+
+    def write(self, state: State, references: Mapping[str, Reference]) -> None:
+        """Write the rows of elements without a native operation."""
+        if self.errors:
+            self.errors.clear()
+        for member in self.written:
+            element, J = member.element, member.views.J
+            if member.out:
+                continue
+            try:
+                member.write(state, references[element.name])  # type: ignore[misc]
+            except StaleState:
+                raise
+            except Exception as error:  # of the user's own: told by a status, and the tick goes on without the element
+                self.errors[element.name] = error
+                continue
+            if J is not None and element.weight != 1.0:
+                np.multiply(J, element.weight, out=J)
+
+    def forget(self) -> None:
+        """References were taken past this object: the next fill takes all of them anew."""
+        self._has_feedforward = True
+        for member in self.members.values():
+            member.last_reference = None
+
+    def _copy_feedforward(self, given: Sequence[Reference]) -> None:
+        if self._has_feedforward:
+            self.rate[:] = 0.0
+            self.feedforward[:] = 0.0
+            self._has_feedforward = False
+        for reference in given:
+            member = self.members[reference.name]
+            if reference.velocity is not None:
+                self.rate[member.part] = _fitting(member, "velocity", reference.velocity)
+                self._has_feedforward = True
+            if reference.acceleration is not None:
+                self.feedforward[member.part] = _fitting(member, "acceleration", reference.acceleration)
+                self._has_feedforward = True
+
+    def _copy_targets(self, references: Mapping[str, Reference]) -> None:
+        """Put what native operations read where they read it."""
+        for name, target, member in self._targets:
+            reference = references[name]
+            if reference is member.last_reference:
+                continue
+            value = reference.value
+            if value is None or value.shape != target.shape:
+                given = None if value is None else value.shape
+                raise DeclarationError(name, f"value has shape {given}", allowed=f"shape {target.shape}")
+            target[:] = value
+            if member.normal is not None:
+                member.normal[:] = UP if reference.normal is None else reference.normal
+            member.last_reference = reference
+
+    def _apply_law(self, member: Member, v: Vec) -> None:
+        """Bounds of J x from errors, or from the ways left; what the native ``demand`` does for all rows at once."""
+        part, law, views, weight = member.part, member.law, member.views, member.element.weight
+        kind = _kind(member.element)
+        if member.out:
+            self._demand[part], views.lower[:], views.upper[:] = 0.0, -np.inf, np.inf
+            return
+        if kind != BOUNDED and law is not None:
+            speed = v[self.picks(part)] if views.J is None else views.J @ v / weight
+            around = self.rate[part], self.feedforward[part], speed, self.drift[part]
+            if kind == EQUALITY:
+                self._demand[part] = law.demand(self.error[part], *around)
+                views.lower[:] = views.upper[:] = self._demand[part]
+            else:
+                views.lower[:] = law.demand(-views.lower, *around, each=True)
+                views.upper[:] = law.demand(-views.upper, *around, each=True)
+        views.lower *= weight
+        views.upper *= weight
+
+    def unusable(self) -> tuple[str, ...]:
+        """Names of elements whose rows are not finite, too large or crossed."""
+        demand, J = self._demand, self._flat
+        with np.errstate(over="ignore", invalid="ignore"):
+            fine = float(demand.dot(demand)) + float(J.dot(J)) < LARGEST**2
+            for views in self._own_bounds:
+                way = views.upper - views.lower  # NaN where both are +inf or both -inf
+                fine &= bool(np.minimum.reduce(way, initial=0.0) >= 0.0)
+        return () if fine and not self.errors else tuple(name for name in self.members if self.reason(name))
+
+    def reason(self, name: str) -> str:
+        """Why an element's rows are not usable, "" if they are."""
+        if name in self.errors:
+            error = self.errors[name]
+            return f"it raised {type(error).__name__}: {error}"
+        member = self.members.get(name)
+        if member is None:
+            return ""
+        part, lower, upper = member.part, member.views.lower, member.views.upper
+        for what, numbers in (("Jacobian", self.J[part]), ("demand", self._demand[part])):
+            if not np.isfinite(numbers).all():
+                return f"its {what} is not finite"
+            if numbers.size and float(np.abs(numbers).max()) > LARGEST:
+                return f"its {what} is too large ({float(np.abs(numbers).max()):.1e}, allowed {LARGEST:.0e})"
+        fine = (lower <= upper) & (lower < np.inf) & (upper > -np.inf)
+        if not fine.all():
+            i = int(np.argmin(fine))
+            return f"its bounds are NaN or crossed in row {i} ({lower[i]:g}, {upper[i]:g})"
+        return ""
+
+    def picks(self, part: slice) -> Index:
+        """The coordinates that selection rows pick, ``(m,)``."""
+        m = self.J.shape[0]
+        return self._pick[part.start - m : part.stop - m]
+
+    def _leave_out(self, name: str) -> None:
+        """Free the rows of one element for this tick: (-inf, +inf), and no number in J that is none."""
+        self.errors.pop(name, None)
+        part = self.members[name].part
+        J = self.J[part]
+        with np.errstate(invalid="ignore"):
+            J[~(np.abs(J) <= LARGEST)] = 0.0
+        self._demand[part] = 0.0
+        self.lower[part] = -np.inf
+        self.upper[part] = np.inf
+
+
+def kinematics(robot: Robot) -> Kinematics | None:
+    """Native forward kinematics of what rows read of a robot; None for joints that they do not know."""
+    joints = robot.tree_joints
+    if native is None or joints is None:
+        return None
+    return native.Kinematics(robot.joint_twists, joints, robot.placed_frames)
+
+
+def _kind(element: Element) -> int:
+    if has(element, "step_bounds"):
+        return BOUNDED
+    return EQUALITY if element.equality else LIMITED
+
+
+def _fitting(member: Member, what: str, values: Vec) -> Vec:
+    """The values, if as many as the member's rows; raises DeclarationError (a single one would be spread over all)."""
+    m = member.part.stop - member.part.start
+    if values.shape != (m,):
+        raise DeclarationError(member.element.name, f"{what} has shape {values.shape}", allowed=f"shape ({m},)")
+    return values

@@ -1,0 +1,81 @@
+"""How a stack becomes the levels of a hierarchy: the order of ``subject_to``, contacts before the tasks of a level."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hqp.declare.element import Constraint, Element, selection_of
+from hqp.declare.price import Price
+from hqp.declare.robot import Robot
+from hqp.declare.stack import Stack
+
+
+@dataclass(frozen=True)
+class Group:
+    """Elements that become one level of the hierarchy.
+
+    selection: every row picks one variable.  constraint: from ``subject_to``.  tasks: whether it holds anything that
+    may have a price (a level of contacts or of constraints of ``subject_to`` does not).  price: as declared.
+    """
+
+    elements: tuple[Element, ...]
+    name: str
+    selection: bool
+    constraint: bool
+    tasks: bool = True
+    price: Price | None = None
+
+
+def lay_out(
+    stack: Stack, robot: Robot, *, held: Sequence[Element] = (), torque: bool = False, contacts_first: bool = False
+) -> list[Group]:
+    """The levels, most important first; empty ones vanish.
+
+    ``subject_to``, what nature enforces first, a quantity (force, effort, motion) never in one level with another:
+
+    1. bounds on x: the torque box, or where x is a velocity or an acceleration the limits of joints;
+    2. contacts and couplings (equalities on the motion);
+    3. what contact forces may be [N];
+    4. where x is a torque, limits of joints [rad/s^2, m/s^2];
+    5. other inequalities, the user's own;
+    6. tasks, a level for each quantity: they may have a price, what stands above never has.
+
+    held: elements that are no rows, for the dynamics keep them.  torque: x is a torque.  contacts_first: contacts of
+    a level that holds tasks too are a level of their own before it.
+    """
+
+    def selects(elements: Sequence[Element]) -> bool:
+        if torque:
+            return all(e.quantity == "effort" for e in elements)
+        return all(selection_of(e, robot) is not None for e in elements)
+
+    def place(element: Element) -> tuple[int, int]:
+        quantity = ("force", "effort", "motion").index(element.quantity)
+        if element.equality and not isinstance(element, Constraint):
+            return 6, quantity
+        if element.quantity == "motion":
+            limits = not element.equality and selection_of(element, robot) is not None
+            if limits:
+                return (4, quantity) if torque else (1, quantity)
+            return (2, quantity) if element.equality else (5, quantity)
+        return (3, quantity) if element.quantity == "force" else (1, quantity)
+
+    members: dict[tuple[int, int], list[Element]] = {}
+    for element in stack.subject_to:
+        if element not in held:
+            members.setdefault(place(element), []).append(element)
+    groups = [
+        Group(tuple(members[rank]), "subject_to", selects(members[rank]), True, tasks=rank[0] == 6)
+        for rank in sorted(members)
+    ]
+    for k, level in enumerate(stack.levels):
+        name = level.name or f"level {k}"
+        contacts = tuple(e for e in level.elements if e.is_contact)
+        rest = tuple(e for e in level.elements if not e.is_contact)
+        if contacts_first and contacts and rest:
+            groups.append(Group(contacts, f"{name}: contacts", selects(contacts), False, tasks=False))
+            groups.append(Group(rest, name, selects(rest), False, price=level.price))
+        else:
+            groups.append(Group(level.elements, name, selects(level.elements), False, bool(rest), level.price))
+    return groups

@@ -1,0 +1,1 @@
+"""Pages on a port: who may open them."""
