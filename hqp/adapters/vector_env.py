@@ -25,7 +25,7 @@ class VectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc,unused-ignore]
     an action is held for ``frame_skip`` ticks.  spread: of the joints where a world begins [rad].
     reward: of (q, v, action), ``(num_envs,)``; 0 by default.  fallen: of (q, v), which worlds end; by default with
     a base 0.2 m lower than at home, or a state that is not finite.
-    Raises DeclarationError for another level or target.
+    The info's status is the worst of those ticks.  Raises DeclarationError for another level or target, or frame_skip.
     """
 
     metadata: dict[str, Any] = {"autoreset_mode": gymnasium.vector.AutoresetMode.NEXT_STEP}  # noqa: RUF012
@@ -43,6 +43,8 @@ class VectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc,unused-ignore]
         session = controller.session(robot, dt)
         if session.program.kind != "torque":
             raise DeclarationError("VectorEnv", "no torques", value=session.program.kind, allowed="hqp.Torque()")
+        if isinstance(frame_skip, bool) or not isinstance(frame_skip, int) or frame_skip < 1:
+            raise DeclarationError("VectorEnv", "frame_skip", value=frame_skip, allowed="a whole number from 1 up")
         home = robot.state(robot.home)
         self._start: dict[str, Vec] = {}
         for name in targets:
@@ -87,15 +89,17 @@ class VectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc,unused-ignore]
         for name, start in self._start.items():
             targets[name] = start + np.where(over[:, None], 0.0, offsets[:, at : at + start.size])
             at += start.size
+        status = np.zeros(self.num_envs, dtype=np.int32)
         for _ in range(self._skip):
             tick = self._batch.step(self._Q, self._V, targets)
+            status = np.maximum(status, tick.status)  # the worst of the ticks
             self._advance(tick.commands, ~over)
         self._count[~over] += 1
         fallen = np.asarray(self._fallen(self._Q, self._V), dtype=bool) & ~over
         late = (self._count >= self._steps) & ~over
         self._over = fallen | late
         reward = np.where(over, 0.0, self._reward(self._Q, self._V, offsets))
-        return self._observe(), reward, fallen, late, {"status": tick.status}
+        return self._observe(), reward, fallen, late, {"status": status}
 
     def _begin(self, worlds: Any) -> None:
         if not worlds.any():
@@ -127,7 +131,7 @@ class VectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc,unused-ignore]
             qpos, qvel = self._plant.map.to_mujoco(self._Q[world], self._V[world])
             states[k, 1 : 1 + model.nq] = qpos
             states[k, 1 + model.nq : 1 + model.nq + model.nv] = qvel
-        found, _ = self._rollout.rollout([model] * chosen.size, self._data, states, control, skip_checks=False)
+        found: Any = self._rollout.rollout([model] * chosen.size, self._data, states, control, skip_checks=False)[0]
         for k, world in enumerate(chosen):
             now = found[k, -1]
             self._Q[world], self._V[world] = self._plant.map.to_pinocchio(
