@@ -199,7 +199,7 @@ class StagedWorkspace:
             return None
         solve, values, *_ = kernel
         counts = solve()
-        if True:  # nothing tells that another level is the first that is not met
+        if counts[0] in CUT:  # nothing tells that another level is the first that is not met
             self._native.head = head
         if counts[0] not in BEGINS:
             return None

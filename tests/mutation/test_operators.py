@@ -70,6 +70,9 @@ def test_every_source_has_fitting_tests() -> None:
     assert {Path(path).suffix for path in every} == {".py", ".hpp", ".cpp"}
     for path in every:
         assert all((ROOT / test).exists() for stage in fitting(path, known) for test in stage), path
-    assert fitting("hqp/loop/presence.py", known) == [["tests/unit/test_presence.py"], ["tests/unit"]]
+    assert fitting("hqp/loop/presence.py", known) == [
+        ["tests/export/test_presence.py", "tests/unit/test_presence.py"],
+        ["tests/unit"],
+    ]
     assert fitting("hqp/cpp/rows/laws.hpp", known)[-1] == ["tests/tasks"]
     assert fitting("tasks/wheel.py", known)[-1] == ["tests/tasks"]

@@ -170,8 +170,8 @@ def test_a_level_that_is_met_by_now_is_no_longer_the_first(native: bool) -> None
     assert seen > 10
 
 
-def test_a_search_goes_on_where_the_last_one_ended() -> None:
-    """Stages of a problem that has moved a little take fewer steps than from the exact answer."""
+def test_stages_begin_with_the_latest_working_set() -> None:
+    """Those of a problem that has moved a little take fewer steps than from nothing."""
     warm = cold = 0
     for problem, rng, workspace in priced_loops():
         for by in (0.03, 0.03, 0.03, 0.1, 0.1, 0.1):
@@ -181,7 +181,7 @@ def test_a_search_goes_on_where_the_last_one_ended() -> None:
             np.testing.assert_allclose(found.x, fresh.solve(problem).x, rtol=1e-6, atol=1e-6)
             warm += workspace.stages[0].effort()[0]
             cold += fresh.stages[0].effort()[0]
-    assert warm < 0.2 * cold, (warm, cold)
+    assert warm < 0.25 * cold, (warm, cold)
 
 
 def out_of_reach(deadline: float) -> tuple[Any, Any]:

@@ -35,7 +35,7 @@ def run(code: str, *arguments: str, **environment: str) -> subprocess.CompletedP
         capture_output=True,
         text=True,
         cwd=ROOT,
-        env={**os.environ, **environment},
+        env={**os.environ, "HQP_REQUIRE_NATIVE": "", **environment},
         check=False,
     )
 

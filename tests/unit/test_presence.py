@@ -93,7 +93,6 @@ def test_without_compiled_parts_it_is_the_same(robot: Robot, monkeypatch: pytest
     native, _ = driven(begin(standing("torque"), "torque", robot, price=0), robot, 3, *out)
     for module in (
         "hqp.programs.assembly",
-        "hqp.torque.dynamics",
         "hqp.torque.forces",
         "hqp.torque.rows",
         "hqp.torque.gravity",

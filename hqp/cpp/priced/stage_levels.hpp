@@ -382,7 +382,8 @@ class StageLevels final : public PricedStages {
     doubtful_ = doubtful_ || (!priced && search_.uncertain());
     note(k, own, reached);
     at.point(y_.data(), x_.data());
-    end_at_[k] = x_;
+    if (reached) end_at_[k].clear();
+    else end_at_[k] = x_;
     seen_by_ = &at;
     open_ = leaves(at, n_);
   }
@@ -477,7 +478,7 @@ class StageLevels final : public PricedStages {
   Clock::time_point end_;
   std::vector<PricedLevel> level_;
   std::vector<std::vector<int>> warm_;
-  std::vector<std::vector<double>> end_at_;  // where each level's latest stage ended
+  std::vector<std::vector<double>> end_at_;  // where each level's latest stage was cut, empty where it was not
   std::vector<int> chosen_;
   std::vector<int> first_;  // each level's first row among all
   Law law_;

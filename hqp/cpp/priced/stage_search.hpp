@@ -1,8 +1,8 @@
 // One stage: min ||T y - t|| + c/2 |y|^2 over the rows of the stage, or c/2 |y|^2 alone, by a primal active set from a
 // point that keeps to them. On the face of a working set the minimiser is known (secular.hpp), so every step goes to it
 // or to the first row in the way, and the value falls at every step that is not zero; after a zero step the lowest
-// index leaves and enters (Bland's rule), so that no working set comes back. It begins on the way to where the last
-// search ended, as far as the rows allow: a search that is cut goes on there a tick later.
+// index leaves and enters (Bland's rule), so that no working set comes back. After a search that was cut it
+// begins on the way to where that one ended, as far as the rows allow.
 #pragma once
 
 #include <algorithm>

@@ -481,7 +481,7 @@ static void stage_search() {
       return std::sqrt(square) + 0.5 * price * moved;
     };
     const double before = worth();
-    StageSearch search(count, n, n);
+    StageSearch search(count, n, n, count + n);
     search.limit(0.0);
     std::vector<int> working;
     int iterations = 0;
