@@ -1,0 +1,54 @@
+"""A person's motion on a robot, side by side: ``python -m docs.pictures.retargeting FILE ROBOT``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from hqp.motion import Retargeted, retarget
+
+from .moving import FPS, save
+from .studio import BLUE, Studio, caption
+
+FIGURES = Path(__file__).parents[1] / "figures"
+SIZE = (420, 420)
+APART = 0.45
+"""The person stands beside the robot by this share of its height."""
+
+
+def pictures(found: Retargeted) -> list[Image.Image]:
+    """Frames of the person's joints and the robot; the caption tells what is down."""
+    height = float(np.ptp(found.person[0, :, 2]))
+    middle = 0.5 * (found.q[:, :3].min(axis=0) + found.q[:, :3].max(axis=0))
+    aside = np.array([0.0, APART * height, 0.0])
+    around = float(np.ptp(found.q[:, :2], axis=0).max())
+    studio = Studio(
+        found.robot,
+        SIZE,
+        look=np.array([*(middle + 0.5 * aside)[:2], 0.5 * height]),
+        distance=2.4 * height + 0.8 * around,
+        azimuth=180.0,
+        elevation=-12.0,
+    )
+    shown = []
+    for k in range(0, len(found), max(1, round(found.fps / FPS))):
+        for child, parent in enumerate(found.person_parents):
+            joint = found.person[k, child] + aside
+            if parent >= 0:
+                studio.line(joint, found.person[k, parent] + aside, BLUE, 0.018)
+        names = [
+            n
+            for n, on in zip(found.contact_names, found.contacts[k], strict=True)
+            if on
+        ]
+        text = f"{k / found.fps:.1f} s, down: {', '.join(names) or 'nothing'}"
+        shown.append(caption(studio.shoot(found.q[k]), "A person, and G1", text, BLUE))
+    return shown
+
+
+if __name__ == "__main__":
+    motion, robot = sys.argv[1], sys.argv[2]
+    print(save(pictures(retarget(motion, robot)), FIGURES / f"retarget_{robot}.webp"))
