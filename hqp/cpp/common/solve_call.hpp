@@ -18,7 +18,7 @@ struct Solved {
 
 constexpr int kAskPython = -1;  // an outcome: nothing was solved, the same in Python has to do it
 constexpr int kOptimal = 0, kUncertain = 1, kViolated = 2, kInvalid = 6;  // of the outcomes of a kernel
-constexpr int kIterationLimit = 4, kTimeLimit = 5;
+constexpr int kNotCertified = 3, kIterationLimit = 4, kTimeLimit = 5;
 
 class SolveCall {
  public:

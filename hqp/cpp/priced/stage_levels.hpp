@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include "account.hpp"
@@ -80,6 +81,16 @@ class StageLevels final : public PricedStages {
   bool ended() const override { return ended_; }
   bool uncertain() const override { return uncertain_; }
   bool doubtful() const override { return doubtful_; }
+  bool unpriced_met(const double* x) override {
+    int last = static_cast<int>(level_.size());
+    while (last > 0 && !(law_.prices[last - 1] > 0.0)) --last;
+    for (int k = 0; k < last; ++k) {
+      if (law_.prices[k] > 0.0) continue;
+      const auto [norm, size] = residual(k, x);
+      if (!(norm <= tolerances_.met * size)) return false;
+    }
+    return true;
+  }
   void reset() override {
     for (auto& set : warm_) set.clear();
     for (auto& x : end_at_) x.clear();
@@ -247,8 +258,8 @@ class StageLevels final : public PricedStages {
     }
   }
 
-  // The anchor of level k where it is not met at x, the end of its stage.
-  void anchor(int k, const double* x) {
+  // ||w|| of level k at x, whose slacks go into w_, and what its rounding is relative to.
+  std::pair<double, double> residual(int k, const double* x) {
     const PricedLevel& level = level_[k];
     double square = 0.0, size = 0.0, largest = 0.0;
     for (int j = 0; j < n_; ++j) largest = larger(largest, std::abs(x[j]));
@@ -267,7 +278,13 @@ class StageLevels final : public PricedStages {
                                                            : 0.0;
       size = larger(size, terms + std::abs(bound));
     }
-    const double norm = std::sqrt(square);
+    return {std::sqrt(square), size};
+  }
+
+  // The anchor of level k where it is not met at x, the end of its stage.
+  void anchor(int k, const double* x) {
+    const PricedLevel& level = level_[k];
+    const auto [norm, size] = residual(k, x);
     if (norm <= tolerances_.met * size) return;
     anchors_.push_back(std::move(spare_.back()));
     spare_.pop_back();

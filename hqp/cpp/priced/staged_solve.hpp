@@ -68,7 +68,7 @@ class StagedSolve final : public SolveCall {
     Solved solved = exact_->run(v);
     if (level && limit_ > 0.0) exact_->limit(limit_);
     if (cut) head_ = level;  // nothing tells that another level is the first that is not met
-    return begins(solved) && staged(x_, 0) >= 0 ? answered(solved) : solved;
+    return begins_all(solved) && staged(x_, 0) >= 0 ? answered(solved) : solved;
   }
   // Time for run() [s], none for 0.
   void limit(double seconds) override { limit_ = seconds; }
@@ -117,6 +117,11 @@ class StagedSolve final : public SolveCall {
 
   // Whether stages can start from an answer: one of uncertain rank keeps to the levels above as well.
   static bool begins(const Solved& solved) { return solved.outcome == kOptimal || solved.outcome == kUncertain; }
+  // Far out of reach the exact answer is so large that its lower levels cannot be certified; the stages need only that
+  // the levels without a price are met.
+  bool begins_all(const Solved& solved) {
+    return begins(solved) || (solved.outcome == kNotCertified && stages_->unpriced_met(x_));
+  }
 
   // The answer of the stages; kUnsettled where there is more to tell than an optimum.
   Solved answered(Solved solved) {

@@ -75,11 +75,12 @@ class PricedStages {
   virtual bool describe(const double* x, int constraints, double activity, double violation, double* slack,
                         std::int8_t* marks) = 0;
   virtual int iterations() const = 0;
-  virtual bool ended() const = 0;      // whether every stage reached its optimum
-  virtual bool uncertain() const = 0;  // whether one met uncertain directions
-  virtual bool doubtful() const = 0;   // whether the answer depends on uncertain directions below them
-  virtual void reset() = 0;            // forget the warm start
-  virtual void only_once() = 0;        // no problem is like the last one: do not prepare for it
+  virtual bool ended() const = 0;                  // whether every stage reached its optimum
+  virtual bool uncertain() const = 0;              // whether one met uncertain directions
+  virtual bool unpriced_met(const double* x) = 0;  // whether the levels without a price above the last with one are
+  virtual bool doubtful() const = 0;               // whether the answer depends on uncertain directions below them
+  virtual void reset() = 0;                        // forget the warm start
+  virtual void only_once() = 0;                    // no problem is like the last one: do not prepare for it
   // The warm start, and what spares a second look at what was found before.
   virtual void keep(CarryOver& warm) = 0;
   // What holds every level back at the answer of the latest solve (account.hpp).
