@@ -105,7 +105,7 @@ check: setup
 	$(BIN)/pyright
 
 # The kernel under the address and undefined-behaviour sanitizers, over every stored problem and hard random ones;
-# sessions from plans' files with random damage, 1700 of each of six.
+# plans' files with random damage, 1700 of each of six.
 SANITIZED := build/sanitized
 DAMAGED ?= 1700
 sanitize: setup

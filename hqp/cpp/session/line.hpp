@@ -316,15 +316,18 @@ class Line {
     return found;
   }
   double* twists(const Node& p) const { return p.doubles("twists", 6 * static_cast<std::size_t>(nv_)); }
-  static std::vector<Body> bodies(const Node& p) {
+  std::vector<Body> bodies(const Node& p) const {
     std::vector<Body> found;
     for (const Node& one : p.parts("bodies")) {
       const std::vector<Node> part = one.parts();
       if (part.size() != 6) throw PlanError("a body of the plan is none");
       const std::vector<Node> views = part[5].parts();
-      if (views.size() != 2) throw PlanError("a body of the plan is none");
-      found.push_back({part[0].integer(), part[1].integer(), part[2].integer(), part[3].number(),
-                       vector(part[4].numbers()), views[0].doubles(3), views[1].doubles(9)});
+      const int parent = part[0].integer(), first = part[1].integer(), count = part[2].integer();
+      const bool placed = found.empty() || (parent >= 0 && parent < static_cast<int>(found.size()));
+      if (views.size() != 2 || !placed || first < 0 || count < 0 || first > nv_ || count > nv_ - first)
+        throw PlanError("a body of the plan is none");
+      found.push_back({found.empty() ? 0 : parent, first, count, part[3].number(), vector(part[4].numbers()),
+                       views[0].doubles(3), views[1].doubles(9)});
     }
     return found;
   }

@@ -1,5 +1,5 @@
-// A plan's file with random damage behind a right hash: refused with a PlanError, or a session that steps.  For
-// sanitizers: damaged COUNT FILE.hqp ...
+// A plan's file with random damage: refused with a PlanError.  With --resealed the damage stands behind a right hash: a
+// PlanError, or a session that steps.  For sanitizers: damaged [--resealed] COUNT FILE.hqp ...
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
@@ -60,17 +60,21 @@ std::string damaged(const std::string& body, std::mt19937& random) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc < 3) return 2;
+  const bool resealed = argc > 1 && std::string(argv[1]) == "--resealed";
+  const int first = resealed ? 2 : 1;
+  if (argc < first + 2) return 2;
   std::mt19937 random(1);
-  for (int k = 2; k < argc; ++k) {
+  for (int k = first + 1; k < argc; ++k) {
     std::ifstream file(argv[k], std::ios::binary);
-    std::string content(std::istreambuf_iterator<char>(file), {});
+    const std::string content(std::istreambuf_iterator<char>(file), {});
     const std::string body = content.substr(content.find('\n') + 1);
-    int refused = 0, stepped = 0;
-    const int count = std::atoi(argv[1]);
+    int refused = 0, stepped = 0, same = 0;
+    const int count = std::atoi(argv[first]);
     for (int i = 0; i < count; ++i) {
+      const std::string given = resealed ? whole(damaged(body, random)) : damaged(content, random);
+      same += given == content;
       try {
-        hqp::Session session(std::make_shared<const hqp::Plan>(whole(damaged(body, random))));
+        hqp::Session session(std::make_shared<const hqp::Plan>(given));
         const std::vector<double> q = session.home(), v(std::size_t(session.nv()), 0.0);
         if (q.size() != std::size_t(session.nq())) continue;
         for (int tick = 0; tick < 2; ++tick) session.step(q.data(), v.data());
@@ -80,7 +84,7 @@ int main(int argc, char** argv) {
       }
     }
     std::printf("%s: %d of %d refused, %d stepped\n", argv[k], refused, count, stepped);
-    if (refused == 0) return 1;
+    if (resealed ? refused == 0 : refused + same != count) return 1;
   }
   return 0;
 }
