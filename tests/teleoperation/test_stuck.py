@@ -176,7 +176,7 @@ def test_of_random_goals_those_that_are_missed_are_told(name: str) -> None:
         one = case(name, seed)
         session = hqp.Controller(one.stack, deadline=np.inf).session(one.robot, one.dt)
         q, v, told = one.start, np.zeros(one.robot.nv), False
-        for k in range(round(8.0 / one.dt)):
+        for k in range(round(14.0 / one.dt)):
             tick = session.step(one.robot.state(q, v), one.hand.at(one.goal))
             told |= tick.way_out() is not None
             if k % max(1, round(0.05 / one.dt)) == 0:
