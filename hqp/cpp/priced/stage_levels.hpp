@@ -20,8 +20,7 @@ inline namespace HQP_ISA {
 
 constexpr double kSlackMotion = 1e-5;   // slacks of inequality rows count this much as motion
 constexpr double kRoundingRow = 2e-15;  // of the longest row: rows no longer have no direction
-constexpr double kResting =
-    1e-4;  // of the largest entry: terms of a row are no smaller, as hqp/problem/pricing.py says
+constexpr double kResting = 1e-4;       // of the largest entry: terms of a row are no smaller (hqp/problem/pricing.py)
 
 class StageLevels final : public PricedStages {
  public:
