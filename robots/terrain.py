@@ -53,6 +53,12 @@ class Terrain(ABC):
         if not 0.0 < self.impedance[0] <= self.impedance[1] < 1.0:
             raise DeclarationError("terrain", "bad impedance", value=self.impedance, allowed="0 < least <= largest < 1")
 
+    def _above_zero(self, where: str, *names: str) -> None:
+        """Raise DeclarationError for a length that is not above 0."""
+        for name in names:
+            if not getattr(self, name) > 0.0:
+                raise DeclarationError(where, f"bad {name}", value=getattr(self, name), unit="m", allowed="above 0")
+
     @abstractmethod
     def slabs(self) -> tuple[Slab, ...]:
         """What stands on the plane z = 0."""
@@ -162,9 +168,7 @@ class Step(Terrain):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("rise", "width"):
-            if not getattr(self, name) > 0.0:
-                raise DeclarationError("step", f"bad {name}", value=getattr(self, name), unit="m", allowed="above 0")
+        self._above_zero("step", "rise", "width")
 
     def slabs(self) -> tuple[Slab, ...]:
         half = (0.5 * _LONG, 0.5 * self.width, 0.5 * _THICK)
@@ -196,9 +200,7 @@ class Bumps(Plane):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("rise", "radius", "spacing", "length", "width"):
-            if not getattr(self, name) > 0.0:
-                raise DeclarationError("bumps", f"bad {name}", value=getattr(self, name), unit="m", allowed="above 0")
+        self._above_zero("bumps", "rise", "radius", "spacing", "length", "width")
 
     def caps(self) -> tuple[Cap, ...]:
         rng = np.random.default_rng(self.seed)
@@ -229,9 +231,7 @@ class Tiles(Plane):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("rise", "size", "length", "width"):
-            if not getattr(self, name) > 0.0:
-                raise DeclarationError("tiles", f"bad {name}", value=getattr(self, name), unit="m", allowed="above 0")
+        self._above_zero("tiles", "rise", "size", "length", "width")
 
     def slabs(self) -> tuple[Slab, ...]:
         rng = np.random.default_rng(self.seed)
