@@ -6,12 +6,13 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import hqp
-from hqp import Hierarchy, Motion, Rows, Selection, Status
+from hqp import Hierarchy, Motion, Rows, Selection, Solution, Status
 from hqp.errors import DeclarationError, ProblemError
 from hqp.solvers import lexicographic
 from hqp.solvers.lexicographic import Lexicographic
@@ -39,17 +40,23 @@ def stacked(chosen: list[Hierarchy]) -> HierarchyBatch:
     return HierarchyBatch(tuple(levels), constraints=1)
 
 
+def solved_alone(problem: Hierarchy, found: Any, i: int) -> Solution:
+    """The problem by itself, whose bits are those of problem i of a batch."""
+    alone = Lexicographic().solve(problem)
+    assert alone.x.tobytes() == found.x[i].tobytes()
+    assert alone.status is found.statuses[i]
+    np.testing.assert_array_equal(np.concatenate(alone.residuals), found.slack[i])
+    np.testing.assert_array_equal(np.concatenate(alone.active), found.active[i])
+    return alone
+
+
 @pytest.mark.parametrize("threads", [1, 2, 5])
 def test_the_same_bits_as_one_by_one(threads: int) -> None:
     chosen = problems(40)
     for batch in (chosen, stacked(chosen)):
         found = hqp.solve_many(batch, threads=threads)
         for i, problem in enumerate(chosen):
-            alone = Lexicographic().solve(problem)
-            assert alone.x.tobytes() == found.x[i].tobytes()
-            assert alone.status is found.statuses[i]
-            np.testing.assert_array_equal(np.concatenate(alone.residuals), found.slack[i])
-            np.testing.assert_array_equal(np.concatenate(alone.active), found.active[i])
+            alone = solved_alone(problem, found, i)
             np.testing.assert_allclose(found.norms[i], alone.norms, rtol=1e-14, atol=1e-300)
     assert found.solved.all()
 
@@ -69,11 +76,7 @@ def test_priced_problems_have_the_bits_of_one_by_one(threads: int) -> None:
     for batch in (chosen, replace(stacked(chosen), **law)):
         found = hqp.solve_many(batch, threads=threads)
         for i, problem in enumerate(chosen):
-            alone = Lexicographic().solve(problem)
-            assert alone.x.tobytes() == found.x[i].tobytes()
-            assert alone.status is found.statuses[i]
-            np.testing.assert_array_equal(np.concatenate(alone.residuals), found.slack[i])
-            np.testing.assert_array_equal(np.concatenate(alone.active), found.active[i])
+            alone = solved_alone(problem, found, i)
             if alone.stage_points is not None:
                 np.testing.assert_array_equal(alone.stage_points, found.stage_points[i])
                 staged += 1
