@@ -1,1 +1,1 @@
-"""A session as a file: what a tick is made of, for C++ and for Python without the robot's model."""
+"""Sessions from plan files: one, or many worlds at once; the robot's model is not needed."""

@@ -52,8 +52,8 @@ class Batch:
 
     A world keeps what a session does: hold values, warm start, the last command.  Its numbers depend neither on the
     other worlds nor on threads, 0 for as many as the machine has cores, nor on time: the controller's deadline does not
-    hold here.  dt [s].  Raises what ``Controller.session``
-    and ``Session.export`` raise, DeclarationError for a bad count.
+    hold here.  dt [s].  Raises what ``Controller.session`` and ``Session.export`` raise, DeclarationError for a bad
+    count.
     """
 
     def __init__(
