@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from benchmarks.reports import report, solver_sets
-from benchmarks.speed import problems, random_hierarchies
 from hqp import Hierarchy, certificate, solvers
 from hqp.solvers import Solver
+from scenes import problems, random_hierarchies
 
 OF_A_SET, RANDOM = 8, 150
 """Problems taken of each stored set, and seeds of hard random hierarchies."""

@@ -11,10 +11,10 @@ from time import perf_counter
 import numpy as np
 from scipy.linalg import lapack
 
-from benchmarks.speed import problems
 from hqp import Hierarchy, Selection, Solution
 from hqp.arrays import Mat, Vec
 from hqp.solvers import Solver
+from scenes import problems
 
 
 @dataclass(frozen=True, eq=False)

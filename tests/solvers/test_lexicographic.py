@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import hqp.solvers
-from benchmarks.speed import problems, random_hierarchies
 from hqp import Hierarchy, Rows, Selection, Solution, Status, certificate
 from hqp.errors import DeclarationError, SolverNotInstalled
 from hqp.solvers import lexicographic
 from hqp.solvers.lexicographic import Lexicographic, NativeWorkspace
 from hqp.solvers.reference import Reference
+from scenes import problems, random_hierarchies
 from tests.solvers import fuzz
 
 RANDOM = 10_000

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.speed import problems
 from hqp import Hierarchy, Rows
 from hqp.problem import Selection
 from hqp.solvers import lexicographic
 from hqp.solvers.lexicographic import Lexicographic
+from scenes import problems
 from tests.solvers.native.dump import dump
 
 if lexicographic.kernel() == "":

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.random import Generator
 
-from benchmarks.speed import problems
 from hqp import Hierarchy, Rows, Selection, certificate
 from hqp.errors import ProblemError
 from hqp.problem.nnls import nonnegative_least_squares
+from scenes import problems
 
 SEEDS = range(60)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.speed import problems
 from hqp import Selection
+from scenes import problems
 
 
 def test_every_set_is_documented_and_loads() -> None:

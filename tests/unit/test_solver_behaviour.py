@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import hqp.solvers
-from benchmarks.speed import problems
 from hqp import Hierarchy, Rows, Selection, Status, certificate
 from hqp.errors import BackendError
 from hqp.solvers.backends import QpAnswer, load
 from hqp.solvers.cascade import Cascade
 from hqp.solvers.recursion import Recursion
+from scenes import problems
 from tests.solvers.families import FAMILIES, bounds, equality, low_rank
 
 pinv = np.linalg.pinv

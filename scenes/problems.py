@@ -10,7 +10,7 @@ import numpy as np
 from hqp import Hierarchy, Rows, Selection
 from hqp.arrays import Mat, Vec
 
-FOLDER = Path(__file__).parents[1] / "data" / "problems"
+FOLDER = Path(__file__).with_name("data") / "problems"
 
 
 def names() -> tuple[str, ...]:
