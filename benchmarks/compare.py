@@ -10,7 +10,6 @@ import numpy as np
 import hqp
 from benchmarks.mistry2008.equations.algebra import largest
 from benchmarks.mistry2008.equations.theorems import alone, asked
-from benchmarks.mistry2008.stack import HZ, near_home, paper_stack, roles
 from benchmarks.reports import report, solver_sets
 from benchmarks.reports.checks import Check, at_most, exactly, seen_to_fail, write_json
 from hqp import robots, solvers
@@ -19,6 +18,7 @@ from hqp.problem import Hierarchy, Solution
 from hqp.robots import Robot
 from hqp.solvers.base import Solver
 from hqp.tasks import Com, Position
+from scenes.mistry2008 import HZ, near_home, paper_stack, roles
 
 ROBOTS = ("cbi", "talos")
 

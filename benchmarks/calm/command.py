@@ -11,10 +11,10 @@ import re
 from pathlib import Path
 
 from benchmarks.calm.parts import PARTS
-from benchmarks.calm.robots import ROBOTS
-from benchmarks.calm.scenes import FORMULATIONS
-from benchmarks.calm.variants import VARIANTS
 from benchmarks.reports import report
+from scenes.calm.robots import ROBOTS
+from scenes.calm.scenes import FORMULATIONS
+from scenes.calm.variants import VARIANTS
 
 QUICK = ("scenes", "continuity", "straight")
 """Parts of a quick run."""

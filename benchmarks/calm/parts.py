@@ -12,15 +12,16 @@ from typing import Any
 import numpy as np
 
 import hqp
-from benchmarks.calm import ablation, arrival, continuity, distance, drawn, goals, references, straight, tables
-from benchmarks.calm.families import FAMILIES
-from benchmarks.calm.loop import Run, figures
-from benchmarks.calm.loop import run as carry_out
-from benchmarks.calm.robots import ARMS, HUMANOIDS
-from benchmarks.calm.scenes import scenes
-from benchmarks.calm.variants import EXACT_LIMITED, VARIANTS, Variant, solver_of
-from benchmarks.calm.walking import SOLES, walking
+from benchmarks.calm import ablation, tables
 from benchmarks.reports import report
+from scenes.calm import arrival, continuity, distance, drawn, goals, references, straight
+from scenes.calm.families import FAMILIES
+from scenes.calm.loop import Run, figures
+from scenes.calm.loop import run as carry_out
+from scenes.calm.robots import ARMS, HUMANOIDS
+from scenes.calm.scenes import scenes
+from scenes.calm.variants import EXACT_LIMITED, VARIANTS, Variant, solver_of
+from scenes.calm.walking import SOLES, walking
 
 MAIN = (*HUMANOIDS, *ARMS)
 QUICK = ("talos", "ur5")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.calm.robots import subject
-from benchmarks.calm.scenes import DT, FORMULATIONS, default_stack, reach
-from benchmarks.calm.variants import Variant
 from hqp.tasks import Position
+from scenes.calm.robots import subject
+from scenes.calm.scenes import DT, FORMULATIONS, default_stack, reach
+from scenes.calm.variants import Variant
 
 COM = 0.01
 """Most that the CoM may be off [m]."""

@@ -10,10 +10,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from benchmarks.calm.goals import misses
-from benchmarks.calm.scenes import FORMULATIONS
-from benchmarks.collision import scenes, table, timing
+from benchmarks.collision import timing
 from benchmarks.reports import report
+from scenes.calm.goals import misses
+from scenes.calm.scenes import FORMULATIONS
+from scenes.collision import scenes, table
 
 ROBOTS = ("talos", "g1", "panda")
 MARGIN = -5e-4

@@ -9,12 +9,12 @@ from time import perf_counter
 import numpy as np
 
 import hqp
-from benchmarks.calm.scenes import DT
 from hqp import Level, Stack
 from hqp.arrays import Vec
 from hqp.declare.element import Element
 from hqp.tasks import CollisionAvoidance, Com, FixedContact, JointLimits, Position, Posture
 from hqp.tasks.collision_scene import scene
+from scenes.calm.scenes import DT
 
 PAIRS = (0, 50, 200, 10_000)
 """Pairs asked for; all there are for the last."""

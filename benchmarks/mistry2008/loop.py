@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 import hqp
-from benchmarks.mistry2008.stack import HZ, paper_stack, roles
 from hqp import P, Stack
 from hqp.arrays import Mat, Vec
 from hqp.declare.robot import Robot
 from hqp.estimation.rotations import quaternion_of, rotation_of
 from hqp.solvers.base import Solver
 from hqp.tasks import Com, Position
+from scenes.mistry2008 import HZ, paper_stack, roles
 
 DT = 1.0 / HZ
 

@@ -6,9 +6,9 @@ from functools import cache
 
 import hqp
 from benchmarks.mistry2008 import loop
-from benchmarks.mistry2008.stack import HZ, paper_stack, roles
 from hqp import Hierarchy
 from hqp.arrays import Vec
+from scenes.mistry2008 import HZ, paper_stack, roles
 
 ROBOTS = {"loop38": "talos", "loop57": "cbi"}
 """Sets of this module and the robot in the loop; the number is that of its variables."""

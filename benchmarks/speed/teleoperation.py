@@ -19,11 +19,11 @@ import numpy as np
 import pinocchio as pin
 
 import hqp
-from benchmarks.mistry2008.stack import HZ
 from hqp import Level, P, Stack
 from hqp.arrays import Mat, Vec
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, Pose, Posture
+from scenes.mistry2008 import HZ
 
 WARM_UP = 100
 """Ticks before the first that counts."""

@@ -10,7 +10,6 @@ import numpy as np
 import pinocchio as pin
 
 from benchmarks.mistry2008 import loop
-from benchmarks.mistry2008.stack import HZ, paper_stack, roles
 from hqp import Stack, Velocity, solvers
 from hqp.arrays import Vec
 from hqp.lab import Trajectory
@@ -21,6 +20,7 @@ from hqp.programs.formulation import Formulation
 from hqp.robots import Robot
 from hqp.solvers.base import Solver
 from hqp.tasks import Com, Position
+from scenes.mistry2008 import HZ, paper_stack, roles
 
 JUDGED = 100
 """Every so many ticks the answer is judged, outside the timed part: a fast wrong answer must not look good."""

@@ -12,12 +12,12 @@ from typing import TypeAlias
 
 import numpy as np
 
-from benchmarks.mistry2008.stack import HZ
 from benchmarks.reports import report, solver_sets
 from benchmarks.reports.checks import write_json
 from benchmarks.speed import teleoperation, ticks
 from benchmarks.speed.ticks import PARTS, Ticks
 from hqp import native, robots, solvers
+from scenes.mistry2008 import HZ
 
 ROBOTS = ("cbi", "talos")
 

@@ -13,7 +13,6 @@ import numpy as np
 import hqp
 from benchmarks.reports import report, solver_sets
 from benchmarks.reports.checks import write_json
-from benchmarks.sentis2012 import stack as sentis2012
 from benchmarks.speed import ticks, timing
 from benchmarks.speed.ticks import Goals, Ticks
 from hqp import PD, Level, Stack, native, robots, solvers
@@ -29,6 +28,7 @@ from hqp.tasks import (
     Posture,
     TorqueLimits,
 )
+from scenes import sentis2012
 
 GOALS_US = {"dreamer": 200.0, "talos": 400.0}
 """To reach with the native solver, median of the whole tick."""

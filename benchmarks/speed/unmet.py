@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 
 import hqp
-from benchmarks.mistry2008.stack import HZ
 from benchmarks.speed import teleoperation
 from hqp import PD, Level, P, Stack, Status
 from hqp.arrays import Mat
@@ -39,6 +38,7 @@ from hqp.tasks import (
     Posture,
     TorqueLimits,
 )
+from scenes.mistry2008 import HZ
 
 WARM_UP, FAR = 200, 1.0
 """Ticks before the first that counts; how far ahead of where it begins a hand is asked to be [m]."""

@@ -65,12 +65,13 @@ def roots(path: Path) -> set[str]:
 
 
 def modules() -> dict[str, Path]:
-    """Every module of hqp, tasks, robots and benchmarks by its dotted name."""
+    """Every module of hqp, tasks, robots, scenes and benchmarks by its dotted name."""
     found = {}
     for prefix, folder in (
         ("hqp", "hqp"),
         ("hqp.tasks", "tasks"),
         ("hqp.robots", "robots"),
+        ("scenes", "scenes"),
         ("benchmarks", "benchmarks"),
     ):
         for path in (ROOT / folder).rglob("*.py"):
@@ -150,9 +151,25 @@ def test_only_adapters_import_back_ends() -> None:
         assert not roots(path) & BACKENDS, path.name
 
 
-def test_nothing_imports_benchmarks_or_tests() -> None:
-    for path in [*CORE, *SOLVERS, *TASKS, *ROBOTS]:
-        assert not roots(path) & {"benchmarks", "tests", "conftest"}, path.name
+@pytest.mark.parametrize(
+    ("folder", "unknown"),
+    [
+        ("hqp", {"scenes", "benchmarks", "tests", "conftest"}),
+        ("tasks", {"scenes", "benchmarks", "tests", "conftest"}),
+        ("robots", {"scenes", "benchmarks", "tests", "conftest"}),
+        ("scenes", {"benchmarks", "tests", "conftest"}),
+        ("benchmarks", {"tests", "conftest"}),
+        ("tests", {"benchmarks"}),
+        ("examples", {"benchmarks", "tests", "scenes"}),
+    ],
+)
+def test_what_stands_outside_the_library(folder: str, unknown: set[str]) -> None:
+    """scenes is what tests and benchmarks share; tests/benchmarks alone tests the benchmarks themselves."""
+    own = ROOT / "tests" / "benchmarks"
+    found = [p for p in (ROOT / folder).rglob("*.py") if own not in p.parents]
+    assert found
+    wrong = [f"{path.relative_to(ROOT)}: {names}" for path in found if (names := roots(path) & unknown)]
+    assert not wrong, "\n".join(wrong)
 
 
 def test_inside_tasks_and_robots_no_parent_imports() -> None:
@@ -230,7 +247,7 @@ def test_the_private_fields_of_a_session_are_its_own(owner: str) -> None:
     own = ROOT / "hqp" / owner
     names, found = private_names(own), []
     assert names
-    for folder in ("hqp/*.py", "hqp/*/**/*.py", "benchmarks/**/*.py"):
+    for folder in ("hqp/*.py", "hqp/*/**/*.py", "scenes/**/*.py", "benchmarks/**/*.py"):
         for path in sorted(ROOT.glob(folder)):
             if path == own:
                 continue

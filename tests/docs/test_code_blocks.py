@@ -9,9 +9,8 @@ from types import ModuleType
 
 import pytest
 
-from benchmarks.mistry2008 import stack as mistry2008
-from benchmarks.sentis2012 import stack as sentis2012
 from hqp import Stack
+from scenes import mistry2008, sentis2012
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]

@@ -9,8 +9,8 @@ import numpy as np
 
 import hqp
 import hqp.tasks as t
-from benchmarks.sentis2012.stack import HELD
 from hqp import PD, Level, Stack
+from scenes.sentis2012 import HELD
 
 ROBOTS = ("ur5", "cbi", "talos", "g1", "dreamer")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.soak import LEVELS, ROBOTS, Record, load, soak
+from scenes.soak import LEVELS, ROBOTS, Record, load, soak
 
 
 @pytest.mark.parametrize("level", LEVELS)

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.deadline import overloaded
 from hqp import Controller, Hierarchy, Status, Torque, robots
 from hqp.solvers import lexicographic, reference, second_opinion, stages
 from hqp.solvers.lexicographic import Lexicographic
 from hqp.solvers.reference import Reference
+from scenes.overloaded import overloaded
 from tests.solvers import fuzz
 
 if lexicographic.kernel() == "":

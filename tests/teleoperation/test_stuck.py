@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 import hqp
-from benchmarks.calm.arrival import case
-from benchmarks.calm.drawn import scene
 from hqp import Level, P, Stack, Status, Tick
 from hqp.arrays import Vec
 from hqp.declare.reference import Reference
 from hqp.goals import ways_out
 from hqp.tasks import FixedContact, JointLimits, Position, Posture
+from scenes.calm.arrival import case
+from scenes.calm.drawn import scene
 
 from .traps import CRAWL, TURNED, crawled_start, elbow, references, turned_start, whole_body
 

@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 import hqp
-from benchmarks.sentis2012.stack import CONTACTS as WHEELS
-from benchmarks.sentis2012.stack import HELD
 from hqp import PD, Level, SelfMotion, Stack
 from hqp.arrays import Vec
 from hqp.errors import DeclarationError, StaleState
@@ -25,6 +23,8 @@ from hqp.tasks import (
 )
 from hqp.torque.gravity import holding_torque
 from hqp.torque.program import TorqueProgram
+from scenes.sentis2012 import CONTACTS as WHEELS
+from scenes.sentis2012 import HELD
 
 HAND = Position(frame="hand", relative_to="base", law=PD(30.0, 11.0))
 POSTURE = Posture(joints="upper_body", law=PD(100.0), name="posture")

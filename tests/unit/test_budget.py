@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 import hqp
-from benchmarks.deadline import overloaded
 from hqp import PD, Level, P, Stack, Status
 from hqp._session import Budget
 from hqp.declare.safety import RateLimits
 from hqp.loop.outgoing import largest_change
 from hqp.loop.stepping import step
 from hqp.tasks import Com, FixedContact, JointLimits, Position, Posture, TorqueLimits
+from scenes.overloaded import overloaded
 
 LATE, STEP, FIRST, LONGEST = Budget.LATE, Budget.STEP, Budget.FIRST, Budget.LONGEST
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import hqp
-from benchmarks.changes import DT, LEVELS, ROBOTS, Loop, lifted, measure, stack
 from hqp import PD, Level, P, Stack, Status
 from hqp.commands.arguments import formulation
 from hqp.declare.reference import Reference
@@ -34,6 +33,7 @@ from hqp.tasks import (
     UnilateralContact,
 )
 from hqp.viewer.session_view import View
+from scenes.changes import DT, LEVELS, ROBOTS, Loop, lifted, measure, stack
 
 EVERY_LEVEL = pytest.mark.parametrize("level", LEVELS)
 

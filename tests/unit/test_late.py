@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 import hqp
-from benchmarks.calm.loop import NOTICEABLE, limits
-from benchmarks.calm.scenes import DT, FORMULATIONS, Scene, scenes
 from hqp import Hierarchy, Rows, Selection, Solution, Status
 from hqp._session import Trend
 from hqp.arrays import Mat, Vec
@@ -21,6 +19,8 @@ from hqp.problem import Motion, Stats
 from hqp.solvers.base import finish
 from hqp.solvers.lexicographic import Lexicographic
 from hqp.tolerances import VIOLATION_TOLERANCE
+from scenes.calm.loop import NOTICEABLE, limits
+from scenes.calm.scenes import DT, FORMULATIONS, Scene, scenes
 
 SOLVER = Lexicographic()
 FROM, TO, TICKS = 20, 700, 1200
@@ -66,7 +66,7 @@ class Loop:
 
 
 def most_reversals(commands: Mat, scale: Vec) -> float:
-    """Changes of sign of noticeable changes a second, of the worst joint, as benchmarks/calm counts them."""
+    """Changes of sign of noticeable changes a second, of the worst joint, as scenes.calm counts them."""
     change = np.diff(commands, axis=0)
     noticed = np.abs(change) > NOTICEABLE * scale
     turned = (change[1:] * change[:-1] < 0.0) & noticed[1:] & noticed[:-1]

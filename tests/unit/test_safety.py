@@ -14,8 +14,6 @@ import pinocchio as pin
 import pytest
 
 import hqp
-from benchmarks.deadline import measure as measure_deadline
-from benchmarks.deadline import overloaded
 from hqp import Level, P, Stack, Status
 from hqp.declare.element import Inequality
 from hqp.declare.safety import Braking, RateLimits, StateBounds
@@ -23,6 +21,8 @@ from hqp.errors import ConcurrentUse, DeclarationError, HqpError, ModelError, Un
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, JointTorque, Momentum, Position, Posture, TorqueLimits
 from hqp.torque.terms import Terms
+from scenes.overloaded import measure as measure_deadline
+from scenes.overloaded import overloaded
 
 DT = 0.002
 

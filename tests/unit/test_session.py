@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import hqp
-from benchmarks.changes import stack
 from hqp import Level, P, Stack, Status
 from hqp.commands.arguments import formulation
 from hqp.errors import (
@@ -26,6 +25,7 @@ from hqp.errors import (
 from hqp.robots import Robot
 from hqp.solvers.stages import StagedWorkspace
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, Position, Posture
+from scenes.changes import stack
 
 DT = 0.002
 WITH_LIMITS = pytest.mark.parametrize("solver", ["lexicographic", "cascade:proxqp"])

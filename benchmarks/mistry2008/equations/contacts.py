@@ -10,7 +10,6 @@ import pinocchio as pin
 
 from benchmarks.mistry2008.equations.algebra import largest, pinv, projector, rank, right_inverse
 from benchmarks.mistry2008.equations.levels import Evaluated, paper_levels, solve, states
-from benchmarks.mistry2008.stack import roles
 from benchmarks.reports.checks import Check, at_most, exactly, seen_to_fail
 from hqp import solvers
 from hqp.arrays import Mat, Vec
@@ -19,6 +18,7 @@ from hqp.errors import ProblemError
 from hqp.floating_base import base_rank, base_velocity, generalized_velocity
 from hqp.robots import Robot
 from hqp.tasks import EdgeContact, FixedContact, PointContact, Position
+from scenes.mistry2008 import roles
 
 SEED = 7
 

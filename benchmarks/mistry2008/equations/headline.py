@@ -16,11 +16,11 @@ import pinocchio as pin
 
 import hqp
 from benchmarks.mistry2008.equations.algebra import as_printed, siciliano_slotine
-from benchmarks.mistry2008.stack import HZ, Gains, near_home, paper_stack, roles
 from benchmarks.reports.back_ends import answers
 from benchmarks.reports.checks import Check, at_most, seen_to_fail
 from hqp.arrays import Mat, Vec
 from hqp.robots import Robot
+from scenes.mistry2008 import HZ, Gains, near_home, paper_stack, roles
 
 SEED = 12
 GAINS = Gains(cog=2.0, foot=1.0, hand=2.0, extraneous=1.0, posture=1.0)

@@ -9,11 +9,11 @@ import pinocchio as pin
 
 from benchmarks.mistry2008.equations.algebra import largest, rates_to_angular, rotation_vector, rpy, skew
 from benchmarks.mistry2008.equations.levels import Evaluated, states
-from benchmarks.mistry2008.stack import roles
 from benchmarks.reports.checks import Check, at_most, seen_to_fail
 from hqp.arrays import Mat, Vec
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, Orientation, Position
+from scenes.mistry2008 import roles
 
 STEP = 1e-6
 """Step of the central differences [m, rad]."""

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 import hqp
-from benchmarks.mistry2008.stack import HZ, roles
 from hqp import PD, Level, Stack
 from hqp.arrays import Mat, Vec
 from hqp.declare.element import Element
@@ -17,6 +16,7 @@ from hqp.declare.robot import Robot
 from hqp.problem import Hierarchy, Rows
 from hqp.solvers.base import Solver
 from hqp.tasks import Com, FixedContact, Orientation, Position
+from scenes.mistry2008 import HZ, roles
 
 
 def states(robot: Robot, count: int, seed: int, spread: float = 1.0) -> Iterator[tuple[Vec, Vec]]:

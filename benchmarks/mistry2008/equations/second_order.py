@@ -11,13 +11,13 @@ import pinocchio as pin
 import hqp
 from benchmarks.mistry2008.equations.algebra import largest, projector, skew
 from benchmarks.mistry2008.equations.levels import Evaluated, paper_levels, states
-from benchmarks.mistry2008.stack import roles
 from benchmarks.reports.checks import CONTROL, Check, at_most, seen_to_fail
 from hqp import PD, Level, Stack
 from hqp.arrays import Vec
 from hqp.floating_base import consistent_velocity
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, Orientation, Position, Posture
+from scenes.mistry2008 import roles
 
 SEED = 18
 

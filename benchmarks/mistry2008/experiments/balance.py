@@ -17,7 +17,6 @@ import hqp
 from benchmarks.lab.curves import smooth
 from benchmarks.lab.outcome import Figure
 from benchmarks.lab.recorder import Recorder, level_residuals
-from benchmarks.mistry2008.stack import Gains
 from hqp import Stack
 from hqp.arrays import Vec
 from hqp.declare.reference import Reference
@@ -26,6 +25,7 @@ from hqp.loop.session import Tick
 from hqp.robots.on_mujoco import Noise, Plane, Plant, Sensors
 from hqp.solvers.base import Solver
 from hqp.tasks import Com, Position
+from scenes.mistry2008 import Gains
 
 PERIOD = 0.002
 """Of position commands: 500 Hz, as on the robot [s]."""

@@ -22,8 +22,8 @@ from benchmarks.mistry2008.experiments.balance import (
     joint_margin,
     torque_share,
 )
-from benchmarks.mistry2008.stack import CBI, paper_stack
 from hqp.robots.on_mujoco import Noise, Sensors
+from scenes.mistry2008 import CBI, paper_stack
 
 AMPLITUDE, FREQUENCY = 0.04, 0.2
 """Side to side [m], [Hz]; the paper's Fig. 6 shows no more than the shape."""

@@ -15,7 +15,6 @@ from benchmarks.sentis2012.equations.law import (
     posture_demand,
     projector_rate,
 )
-from benchmarks.sentis2012.stack import COM, CONTACTS, HAND, HELD, POSTURE, WHEELS, paper_stack
 from hqp import PD, Level, SelfMotion, Stack
 from hqp.declare.reference import Reference
 from hqp.errors import DeclarationError
@@ -31,6 +30,7 @@ from hqp.tasks import (
     UnilateralContact,
 )
 from hqp.torque.program import TorqueProgram
+from scenes.sentis2012 import COM, CONTACTS, HAND, HELD, POSTURE, WHEELS, paper_stack
 
 SEED = 2013
 

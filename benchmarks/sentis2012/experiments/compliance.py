@@ -16,7 +16,6 @@ from benchmarks.sentis2012.experiments.ground import GROUND_PUSH, UP, Heading
 from benchmarks.sentis2012.experiments.hand_loads import loads
 from benchmarks.sentis2012.experiments.misread import AbsoluteCom, AbsolutePosition, RollingAlongAxle
 from benchmarks.sentis2012.experiments.released import MOTORS, MovingLimits
-from benchmarks.sentis2012.stack import WHEELS, paper_stack
 from hqp import PD, Stack
 from hqp.arrays import Mat, Vec
 from hqp.declare.element import Element
@@ -35,6 +34,7 @@ from hqp.tasks import (
     UnilateralContact,
     Within,
 )
+from scenes.sentis2012 import WHEELS, paper_stack
 
 COM_GOAL = (0.0289, -0.0522)
 """Where the upper body's CoM is over the base in the posture goal, in the base's heading [m]."""

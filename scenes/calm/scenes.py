@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 import hqp
-from benchmarks.calm.robots import Subject, subject
 from hqp import PD, Level, P, Stack
 from hqp.arrays import Mat, Vec
 from hqp.declare.element import Element, Inequality
@@ -20,6 +19,7 @@ from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
 from hqp.programs.formulation import Formulation
 from hqp.tasks import Com, JointLimits, Orientation, Position, Posture, TorqueLimits
+from scenes.calm.robots import Subject, subject
 
 DT = 0.002
 """Period [s]."""

@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 
 import hqp
-from benchmarks.calm.variants import EXACT_LIMITED, Variant
-from benchmarks.reports import report
-from hqp import Level, P, Stack
+from hqp import Level, P, Stack, markdown
 from hqp.arrays import Mat, Vec
 from hqp.declare.reference import Reference
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, Pose, Posture
+from scenes.calm.variants import EXACT_LIMITED, Variant
 
 FRAMES = {
     "ur5": "tool0", "panda": "panda_hand_tcp", "xarm7": "link_eef", "kinova": "j2s6s200_end_effector",
@@ -215,4 +214,4 @@ def table(records: Sequence[Record]) -> str:
         "robot", "reached: priced, exact", "on a straight way, speed limit in the law", "without one",
         "time over exact, median",
     )  # fmt: skip
-    return report.table(head, rows)
+    return markdown.table(head, rows) + "\n"

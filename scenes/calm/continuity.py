@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 import hqp
-from benchmarks.calm.families import FAMILIES, MOVED, levels, neighbour, problem
-from benchmarks.reports import report
+from hqp import markdown
 from hqp.solvers.base import Solver
+from scenes.calm.families import FAMILIES, MOVED, levels, neighbour, problem
 
 __all__ = ["FAMILIES", "Continuity", "levels", "measure", "neighbour", "pairs", "problem", "table"]
 
@@ -74,4 +74,4 @@ def table(found: Iterable[Continuity]) -> str:
             f"{one.slope[0]:.2g}", f"**{share}**" if one.jumps[1] > 0.0 else share,
             f"**{slope}**" if one.slope[1] > STEEPEST else slope, f"{one.failed}",
         ))  # fmt: skip
-    return report.table(header, rows)
+    return markdown.table(header, rows) + "\n"

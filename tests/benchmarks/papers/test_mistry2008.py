@@ -9,9 +9,9 @@ import pytest
 from benchmarks.mistry2008 import loop
 from benchmarks.mistry2008.equations import contacts, headline, kinematics, prioritised, second_order, theorems
 from benchmarks.mistry2008.equations.integration import COG_ERROR, FOOT_ERROR, GAIN, HAND_RMS
-from benchmarks.mistry2008.stack import GAINS, Gains, paper_stack, roles
 from hqp import robots
 from hqp.robots import Robot
+from scenes.mistry2008 import GAINS, Gains, paper_stack, roles
 
 
 @pytest.fixture(scope="module", params=["cbi", "talos"])

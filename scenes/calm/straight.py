@@ -12,14 +12,13 @@ from typing import Any
 import numpy as np
 
 import hqp
-from benchmarks.calm.scenes import FORMULATIONS
-from benchmarks.calm.variants import Variant
-from benchmarks.reports import report
-from hqp import PD, Level, P, Stack
+from hqp import PD, Level, P, Stack, markdown
 from hqp.arrays import Vec
 from hqp.declare.law import Law
 from hqp.robots import Robot
 from hqp.tasks import JointLimits, Position, Posture, TorqueLimits
+from scenes.calm.scenes import FORMULATIONS
+from scenes.calm.variants import Variant
 
 AXES = {2: "zz", 3: "zzz", 6: "zyyxyx", 7: "zyxyxyx"}
 """Axes of the joints from the base on; the arm lies along x."""
@@ -119,4 +118,4 @@ def table(records: Sequence[Record]) -> str:
         cells = [" / ".join(cell(r) for r in own if r["bend"] == bend) for bend in BENDS]
         rows.append((str(key[0]), key[1], *cells))
     far = " / ".join(f"{d:g}" for d in DISTANCES)
-    return report.table(("joints", "formulation", *(f"bend {b:g}: {far}" for b in BENDS)), rows)
+    return markdown.table(("joints", "formulation", *(f"bend {b:g}: {far}" for b in BENDS)), rows) + "\n"

@@ -1,4 +1,4 @@
-"""Eqs. (48) to (59) as a stack: balance > hand > posture under coupling and wheels, goals that move with the base."""
+"""Sentis, Petersen, Philippsen 2012, eqs. (48) to (59) as a stack: balance > hand > posture on wheels."""
 
 from __future__ import annotations
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import hqp.solvers
-from benchmarks import soak
 from hqp import Hierarchy, Rows
+from scenes import soak
 
 
 def rows(first: float, second: float, goal: float) -> Rows:

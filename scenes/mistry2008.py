@@ -1,4 +1,4 @@
-"""The paper's robot in double support: its frames by role, its gains, its stack."""
+"""Mistry, Nakanishi, Cheng, Schaal 2008: a robot in double support, frames by role, gains, the stack."""
 
 from __future__ import annotations
 

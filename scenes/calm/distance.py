@@ -10,12 +10,11 @@ import numpy as np
 from scipy.optimize import minimize
 
 import hqp
-from benchmarks.calm.robots import Subject, subject
-from benchmarks.calm.variants import Variant
-from benchmarks.reports import report
-from hqp import Level, P, Stack
+from hqp import Level, P, Stack, markdown
 from hqp.arrays import Mat, Vec
 from hqp.tasks import Com, JointLimits, Orientation, Position, Posture
+from scenes.calm.robots import Subject, subject
+from scenes.calm.variants import Variant
 
 AHEAD = {"talos": (0.9, 0.0, 0.0), "g1": (0.7, 0.0, 0.25), "cbi": (0.7, 0.0, 0.25), "ur5": (1.0, 0.0, 0.2)}
 """Of the target from where the hand starts [m]."""
@@ -144,4 +143,4 @@ def table(records: Sequence[Record]) -> str:
         return r["robot"], f"{1e3 * r['off']:.4g}", f"{1e3 * r['least']:.4g}", told, f"{1e3 * r['allowed']:g}"
 
     head = ("robot", "distance at the end [mm]", "least [mm]", "more [mm]", "allowed [mm]")
-    return report.table(head, [row(r) for r in records])
+    return markdown.table(head, [row(r) for r in records]) + "\n"

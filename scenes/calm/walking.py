@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.calm.robots import Subject, subject
-from benchmarks.calm.scenes import RADIUS, RATE, Scene, Targets, law, reach
 from hqp import Level, Stack
 from hqp.declare.element import Element
 from hqp.declare.reference import Reference
@@ -24,6 +22,8 @@ from hqp.tasks import (
     TorqueLimits,
     UnilateralContact,
 )
+from scenes.calm.robots import Subject, subject
+from scenes.calm.scenes import RADIUS, RATE, Scene, Targets, law, reach
 
 FRICTION, LOAD = 0.3, 20.0
 """Friction coefficient; least force on each foot [N]."""

@@ -9,14 +9,14 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.calm.loop import Run, figures
-from benchmarks.calm.robots import Subject, subject
-from benchmarks.calm.scenes import DT, FORMULATIONS, Scene, default_stack, law
-from benchmarks.calm.variants import PRICED
 from hqp import Level, Stack, shapes
 from hqp.arrays import Vec
 from hqp.declare.reference import Reference
 from hqp.tasks import CollisionAvoidance, Position
+from scenes.calm.loop import Run, figures
+from scenes.calm.robots import Subject, subject
+from scenes.calm.scenes import DT, FORMULATIONS, Scene, default_stack, law
+from scenes.calm.variants import PRICED
 
 TORSO = {"talos": "torso_2_link", "g1": "torso_link", "cbi": "chest", "panda": "panda_link1"}
 """Links that the hand is sent into."""

@@ -9,15 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.calm import goals
-from benchmarks.calm.loop import figures, run
-from benchmarks.calm.robots import ROBOTS, subject
-from benchmarks.calm.scenes import DT, Scene, Targets, both, circle, still
-from benchmarks.calm.variants import EXACT, PRICED, Variant
-from benchmarks.reports import report
-from hqp import PD, Level, P, Stack
+from hqp import PD, Level, P, Stack, markdown
 from hqp.declare.law import Law
 from hqp.tasks import Com, JointLimits, Orientation, Position, Posture, TorqueLimits
+from scenes.calm import goals
+from scenes.calm.loop import figures, run
+from scenes.calm.robots import ROBOTS, subject
+from scenes.calm.scenes import DT, Scene, Targets, both, circle, still
+from scenes.calm.variants import EXACT, PRICED, Variant
 
 SECONDS = 6.0
 PERIODS = (0.001, 0.002, 0.002, 0.005, 0.01)
@@ -111,4 +110,4 @@ def table(records: Sequence[Record]) -> str:
         "missed, loops",
         "loops with ticks not OPTIMAL",
     )
-    return report.table(head, rows) + "".join(f"\n{line}" for line in told) + "\n"
+    return markdown.table(head, rows) + "\n" + "".join(f"\n{line}" for line in told) + "\n"

@@ -9,10 +9,10 @@ import pytest
 
 import hqp
 from benchmarks.mistry2008.experiments.balance import GAINS, PERIOD, SENSES, SOLES, Balance, follow
-from benchmarks.mistry2008.stack import CBI, paper_stack
 from hqp.errors import DeclarationError
 from hqp.estimation import FeetEstimator
 from hqp.robots.on_mujoco import Sensors
+from scenes.mistry2008 import CBI, paper_stack
 
 
 @pytest.mark.parametrize("sensors", [Sensors(), SENSES])

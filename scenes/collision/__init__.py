@@ -1,0 +1,1 @@
+"""Hands that shapes block, and a table in MuJoCo."""

@@ -1,0 +1,79 @@
+"""Torque ticks whose constraints cannot all hold: feet asked to bear more than the robot weighs, kicks, far hands."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from time import perf_counter, thread_time
+
+import numpy as np
+
+import hqp
+from hqp import Stack, Status
+from hqp.commands.arguments import formulation
+from hqp.robots import Robot
+from hqp.tasks import Com, Position, UnilateralContact
+from hqp.tolerances import VIOLATION_TOLERANCE
+from scenes.changes import DT, stack
+
+
+@dataclass
+class Record:
+    """What a loop has seen: wall and CPU time of its violated ticks [s], their statuses, and what was worse."""
+
+    robot: str
+    deadline: str
+    wall: list[float] = field(default_factory=list)
+    cpu: list[float] = field(default_factory=list)
+    statuses: Counter[str] = field(default_factory=Counter)
+    worse: int = 0
+
+
+def overloaded(robot: Robot) -> Stack:
+    """The stack of ``changes`` with feet that each have to bear 0.6 times the robot's weight."""
+    whole = stack(robot, "torque")
+    weight = float(robot.state().mass_matrix()[0, 0]) * float(np.linalg.norm(robot.gravity))
+    least = [UnilateralContact(contact=frame, minimum=0.6 * weight) for frame in robot.landmarks["soles"]]
+    return Stack(*whole.levels, subject_to=[*whole.subject_to, *least])
+
+
+def measure(robot: Robot, ticks: int, deadline: float | None, seed: int = 0) -> Record:
+    """A closed loop of so many ticks; what is not violated is not counted."""
+    found = Record(robot.name, "default" if deadline is None else "none")
+    declared, rng = overloaded(robot), np.random.default_rng(seed)
+    session = hqp.Controller(declared, formulation("torque"), deadline=deadline).session(robot, DT)
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    start = robot.state()
+    palm, com = start.position(robot.landmarks["palms"][1]), start.com()
+    hand, goal, before = declared.find("hand", Position), palm, None
+    for k in range(ticks):
+        if k % 100 == 0:
+            goal = palm + rng.normal(0.0, 0.5, 3)
+        if k % 250 == 249:
+            v = v + rng.normal(0.0, 0.1, v.size)
+        references = hand.at(goal), Com(name="com").at(com)
+        state = robot.state(q, v)
+        wall, cpu = perf_counter(), thread_time()
+        tick = session.step(state, *references)
+        wall, cpu = perf_counter() - wall, thread_time() - cpu
+        if tick.status in (Status.CONSTRAINTS_VIOLATED, Status.TIME_LIMIT):
+            found.wall.append(wall)
+            found.cpu.append(cpu)
+            found.statuses[tick.status.name] += 1
+            if tick.status is Status.TIME_LIMIT and before is not None:
+                found.worse += not no_worse(session.problem, tick.x, before)
+        before = tick.x.copy()
+        if tick.state.valid and tick.status is not Status.DYNAMICS_FAILED:
+            q, v = tick.advance()
+        if not np.isfinite(v).all() or np.abs(v).max() > 20.0 or np.abs(q[:3]).max() > 5.0:
+            q, v = robot.home.copy(), np.zeros(robot.nv)  # fallen: put up again
+    return found
+
+
+def no_worse(problem: hqp.Hierarchy, x: np.ndarray, last: np.ndarray) -> bool:
+    """Whether the levels of x are lexicographically no worse than those of the last x, clipped into today's box."""
+    for new, old in zip(problem.slacks(x), problem.slacks(problem.boxed(last)), strict=True):
+        a, b = float(np.linalg.norm(new)), float(np.linalg.norm(old))
+        if abs(a - b) > VIOLATION_TOLERANCE * (1.0 + b):
+            return a < b
+    return True

@@ -1,0 +1,161 @@
+"""Random closed loops with everything that goes wrong: NaN, kicks, changes of stack, conflicts, far targets."""
+
+from __future__ import annotations
+
+import resource
+from collections import Counter
+from dataclasses import dataclass, field, fields, replace
+from functools import cache
+from time import thread_time
+
+import numpy as np
+from numpy.random import Generator
+
+import hqp
+from hqp import Hierarchy, Level, Solution, Stack, Status
+from hqp.commands.arguments import formulation
+from hqp.declare.safety import RateLimits
+from hqp.robots import Robot
+from hqp.tasks import Com, FixedContact, JointLimits, Orientation, PointContact, Position, Posture, TorqueLimits
+
+ROBOTS = ("talos", "g1", "cbi", "icub", "romeo")
+LEVELS = ("velocity", "acceleration", "torque")
+RATES = RateLimits(velocity=60.0, acceleration=2e4, torque=2e4)
+DT = 0.002
+OFTEN = 10
+"""Ticks from one look at the levels above to the next."""
+STRICT, YIELDING = 1e-6, 1e-2
+"""By how much of its size ||w|| of a level may differ without the levels below: exact or met, and priced and unmet."""
+
+load = cache(hqp.robots.load)
+
+
+@dataclass
+class Record:
+    """What a soak has seen."""
+
+    ticks: int = 0
+    statuses: Counter[str] = field(default_factory=Counter)
+    events: Counter[str] = field(default_factory=Counter)
+    times: list[float] = field(default_factory=list)
+    jump: dict[str, float] = field(default_factory=dict)
+    held: int = 0
+    looks: int = 0
+
+    def __str__(self) -> str:
+        times = 1e6 * np.array(self.times)
+        share = {name: f"{count / self.ticks:.2%}" for name, count in self.statuses.most_common()}
+        lines = [
+            f"{self.ticks} ticks, events {dict(self.events)}",
+            f"statuses {share}, longest held {self.held} ticks, levels above looked at {self.looks} times",
+            f"CPU time of a tick: median {np.median(times):.0f} us, p99 {np.percentile(times, 99):.0f}, "
+            f"worst {times.max():.0f}",
+            f"worst jump { ({name: float(f'{jump:.3g}') for name, jump in self.jump.items()}) }",
+            f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB",
+        ]
+        return "\n".join(lines)
+
+
+def stacks(robot: Robot, level: str) -> list[Stack]:
+    """Stacks to change between: whole, without the hand, in another order, with a foot pulled where that can be."""
+    left, right = robot.landmarks["soles"]
+    feet = [FixedContact(frame=left), FixedContact(frame=right)]
+    limits = [TorqueLimits()] if level == "torque" else [JointLimits()]
+    com, hand = Com(name="com"), Position(frame=robot.landmarks["palms"][1], name="hand")
+    trunk, posture = Orientation(frame=robot.landmarks["base"][0], name="trunk"), Posture()
+    whole = Stack(Level(com), Level(hand), Level(trunk), Level(posture), subject_to=[*feet, *limits])
+    found = [whole, whole.without("hand"), Stack(Level(hand), Level(com), Level(posture), subject_to=whole.subject_to)]
+    if level != "torque":
+        found.append(Stack(*whole.levels, subject_to=[*whole.subject_to, PointContact(frame=right, name="pulled")]))
+    return found
+
+
+def moved(problem: Hierarchy, solution: Solution, levels: int) -> str:
+    """Which of the first levels the others have moved, and how far; "" for none, or where that cannot be told."""
+    parts = {item.name: getattr(problem, item.name) for item in fields(problem)}
+    cut = {
+        name: x[:levels] for name, x in parts.items() if isinstance(x, np.ndarray) and x.shape == (len(problem.levels),)
+    }
+    constraints = min(problem.constraints, levels)
+    head = replace(problem, levels=problem.levels[:levels], constraints=constraints, n=problem.n, stacked=None, **cut)
+    alone = hqp.solvers.load("lexicographic").solve(head)
+    if alone.status not in (Status.OPTIMAL, Status.CONSTRAINTS_VIOLATED):
+        return ""
+    for k, (rows, w, by_itself) in enumerate(zip(head.levels, solution.residuals, alone.residuals, strict=False)):
+        now, before = float(np.linalg.norm(w)), float(np.linalg.norm(by_itself))
+        bounds = np.concatenate([rows.lower, rows.upper])
+        size = 1.0 + float(np.abs(bounds[np.isfinite(bounds)]).max(initial=0.0))
+        if abs(now - before) > STRICT * size + YIELDING * before * (any(problem.priced) and problem.priced[k]):
+            return f"||w|| of level {k} is {now:.9g}, without the levels from {levels} on {before:.9g}"
+    return ""
+
+
+def soak(
+    robot: Robot, level: str, ticks: int, rng: Generator, record: Record, rates: RateLimits | None = RATES
+) -> list[bytes]:
+    """One closed loop with events; raises AssertionError for what must never happen, returns the commands.
+
+    rates: None for ordinary ticks in one native call.
+    """
+    choices = stacks(robot, level)
+    hand = choices[0].find("hand", Position)
+    pulled = PointContact(frame=robot.landmarks["soles"][1], name="pulled")
+    controller = hqp.Controller(choices[0], formulation(level), rates=rates, deadline=np.inf)
+    session = controller.session(robot, DT)
+    rate = np.inf if rates is None else float(getattr(rates, level)) * DT
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    start = robot.state(q, v)
+    palm, com = start.position(robot.landmarks["palms"][1]), start.com()
+    goal, shift, sent, last = palm.copy(), com.copy(), [], None
+    for _ in range(ticks):
+        event, given_q, given_v = "", q, v
+        if rng.random() < 0.08:
+            event = str(rng.choice(["nan state", "nan reference", "kick", "change", "ease", "far", "conflict", "home"]))
+            record.events[event] += 1
+        references = []
+        if event == "nan state":
+            given_q = np.where(rng.random(q.size) < 0.1, np.nan, q)
+            given_q[0] = np.nan
+        elif event == "kick":
+            v = given_v = v + rng.normal(0.0, 0.3, v.size)
+        elif event in ("change", "ease"):
+            stack = choices[rng.integers(len(choices))]
+            session.change(stack, 0.05 if event == "ease" else 0.0)
+        elif event == "far":
+            goal = palm + rng.normal(0.0, 1.5, 3)
+        elif event == "home":
+            q, v, goal = robot.home.copy(), np.zeros(robot.nv), palm.copy()
+            given_q, given_v = q, v
+        if "hand" in session:  # in a transition as long as either stack has it
+            at = np.full(3, np.nan) if event == "nan reference" else goal
+            references.append(hand.at(at))
+        if event == "conflict" and "pulled" in session:
+            references.append(pulled.at(velocity=[0.2, 0.0, 0.0]))
+        references.append(session.stack.find("com", Com).at(shift))
+        state = robot.state(given_q, given_v)
+        begun = thread_time()  # of this thread alone, whatever else the machine does
+        tick = session.step(state, *references)
+        took = thread_time() - begun
+        record.ticks += 1
+        record.times.append(took)
+        record.statuses[tick.status.name] += 1
+        record.held = max(record.held, tick.held)
+        assert np.isfinite(tick.command).all(), f"{robot.name}, {level}: a command that is not finite after {event!r}"
+        assert event != "nan state" or tick.status is Status.INVALID_STATE
+        if last is not None:
+            jump = float(np.abs(tick.command - last).max())
+            if rates is not None:
+                record.jump[level] = max(record.jump.get(level, 0.0), jump)
+            assert jump <= rate * (1.0 + 1e-9), f"{robot.name}, {level}: {jump} in a tick after {event!r}"
+        last = tick.command.copy()
+        sent.append(last.tobytes())
+        if record.ticks % OFTEN == 0 and tick.status is Status.OPTIMAL and tick.transition == 1.0 and tick.solution:
+            problem, record.looks = session.problem, record.looks + 1
+            told = moved(problem, tick.solution, 1 + record.looks % (len(problem.levels) - 1))
+            assert not told, f"{robot.name}, {level}: {told} after {event!r}"
+        if tick.state.valid and tick.status is not Status.DYNAMICS_FAILED:
+            q, v = tick.advance()
+        if not np.isfinite(v).all() or np.abs(v).max() > 50.0 or np.abs(q[:3]).max() > 10.0:
+            q, v = robot.home.copy(), np.zeros(robot.nv)  # fallen: put up again
+            record.events["fallen"] += 1
+    return sent
