@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING
 
 from hqp.declare.element import Element
@@ -46,6 +46,13 @@ class Compiled:
     dropped: str
     watched: Watched
     loop: Direct | None = None
+    sets: dict[frozenset[str], int] = field(default_factory=dict)
+    """Numbers of the sets of elements that were out."""
+
+    def turn(self, out: frozenset[str]) -> None:
+        """The next ticks are without these elements: the solver goes on where it ended when it was last so."""
+        if turn := getattr(self.workspace, "turn", None):
+            turn(self.sets.setdefault(out, len(self.sets)))
 
     def direct(self) -> Direct | None:
         """The loop of ordinary ticks, made once; None where there is none now."""

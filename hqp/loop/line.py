@@ -179,8 +179,9 @@ class Line:
 
     def attend(self, out: frozenset[str], state: State) -> None:
         """These elements are out of this tick, and all others in: those that come back take fresh hold values."""
-        back = self.presence.now - out
+        back = frozenset() if self.presence.now is None else self.presence.now - out
         self.presence.now = out
+        self.compiled.turn(out)
         self.contacts.judge(out)
         if self.references.current:
             for name in back:

@@ -22,8 +22,8 @@ NOTHING_ELSE = frozenset({"name", "on", "load"})
 class Presence:
     """The sets of elements that are out, each known once it was asked for.
 
-    now: those that were out in the latest tick.  Raises DeclarationError for a phase of the stack in which constraints
-    and actuators do not determine the motion.
+    now: those that were out in the latest tick, None before it.  Raises DeclarationError for a phase of the stack in
+    which constraints and actuators do not determine the motion.
     """
 
     __slots__ = ("_by_phase", "_declared", "_known", "_members", "_program", "now")
@@ -38,7 +38,7 @@ class Presence:
             self._by_phase[phase] = out = self._followed(declared)
             if phase is not None and (why := program.refuses(out)):
                 raise DeclarationError(f"phase {phase}", why, allowed="contacts that determine the motion")
-        self.now: frozenset[str] = frozenset()
+        self.now: frozenset[str] | None = None
 
     def member(self, name: str) -> Element:
         """The element of that name."""

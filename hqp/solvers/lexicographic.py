@@ -149,6 +149,10 @@ class NativeWorkspace:
         """Forget the warm start."""
         self._kernel.reset()
 
+    def turn(self, rows: int) -> None:
+        """The next solves are of this set of the rows, by number: each goes on where its own last solve ended."""
+        self._kernel.turn(rows)
+
     def tell(self) -> Vec | None:
         """Multipliers of the latest answer, level by level as Solution.multipliers, live; None where not at hand."""
         return self._views[1] if self._kernel.tell() else None

@@ -72,6 +72,7 @@ class StagedWorkspace:
         self._heads = dict[int, tuple[Workspace, Kernel | None]]()
         self._seconds = self._began = 0.0
         self._law: dict[str, Any] = {}
+        self._sets: list[int] = []
 
     def reset(self) -> None:
         """Forget the warm starts."""
@@ -80,6 +81,12 @@ class StagedWorkspace:
         for workspace, _ in self._heads.values():
             workspace.reset()
         self._native.reset()
+
+    def turn(self, rows: int) -> None:
+        """The next solves are of this set of the rows, by number: each goes on where its own last solve ended."""
+        self._sets = [number for number in self._sets if number != rows] + [rows]
+        for part in (self._exact, self._native, *(workspace for workspace, _ in self._heads.values())):
+            _turn(part, rows)
 
     def limit(self, seconds: float) -> None:
         """Time for the next solves [s], as the solver's own workspace takes it."""
@@ -211,6 +218,8 @@ class StagedWorkspace:
         above = self._above_level(head)
         workspace = self._make(above.shape)
         _limit(workspace, self._seconds)
+        for rows in self._sets:  # it has nothing to go on from in any of them
+            _turn(workspace, rows)
         kernel: Kernel | None = getattr(workspace, "kernel", lambda _: None)(above)
         self._heads[head] = workspace, kernel
         if kernel is not None:
@@ -330,6 +339,11 @@ class StagedWorkspace:
         }
         levels = [row_arrays(rows) for rows in problem.levels]
         self._native.bind(levels, **self._law, metric=problem.metric, origin=problem.origin)
+
+
+def _turn(workspace: object, rows: int) -> None:
+    """Go over to a set of rows, where a workspace knows such."""
+    getattr(workspace, "turn", lambda _: None)(rows)
 
 
 def _limit(workspace: Workspace, seconds: float) -> None:

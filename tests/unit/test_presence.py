@@ -140,6 +140,29 @@ def test_what_comes_back_takes_fresh_hold_values(kind: str, native: bool, robot:
         np.testing.assert_array_equal(after[name], before[name])
 
 
+def test_a_set_of_elements_that_was_seen_goes_on_where_it_ended() -> None:
+    """The solver has its answer at once where Talos' foot leaves or comes back as it did before."""
+    talos = hqp.robots.load("talos")
+    feet = [t.FixedContact(frame=frame, name=name) for name, frame in zip(SOLES, talos.landmarks["soles"], strict=True)]
+    within: list[Any] = [*feet, t.TorqueLimits(), t.JointLimits()]
+    for foot in feet:
+        within.append(t.FrictionCone(contact=foot.name, mu=0.6))
+        within.append(t.CenterOfPressure(contact=foot.name, rectangle=(-0.09, 0.09, -0.05, 0.05)))
+    balance, share = t.Balance(margin=0.005), t.LoadShare(contacts=tuple(SOLES))
+    swing = t.Pose(frame=feet[1].frame, name="swing")
+    levels = [Level(balance, t.Com(axes="z", name="height")), Level(swing), Level(t.Posture()), Level(share, price=0)]
+    session = begin(Stack(*levels, subject_to=within), "torque", talos)
+    over, effort = talos.state().position(feet[0].frame)[:2], []
+    for k in range(60):
+        tick = session.step(
+            talos.state(), balance.at(over, over), share.at(0.0), (feet[1] if (k // 10) % 2 else swing).off()
+        )
+        assert tick.solution is not None
+        effort.append(tick.solution.stats.iterations)
+    assert effort[0] > 10
+    assert max(effort[20::10]) <= 3
+
+
 def test_phases_put_levels_and_elements_in_and_out(robot: Robot) -> None:
     """A level with a ``when``, and a contact; a reference says otherwise for a tick."""
     feet = {"left": t.FixedContact(frame="l_sole", name="left", when="both")}

@@ -206,6 +206,7 @@ class Stages final : public hqp::SolveCall {
     return {latest.iterations(), latest.ended(), latest.uncertain(), latest.doubtful()};
   }
   void reset() { core_.reset(); }
+  void turn(std::size_t set) { core_.turn(set); }
 
  private:
   static std::unique_ptr<hqp::PricedStages> made(int n, const std::vector<int>& rows, const std::vector<int>& priced,
@@ -260,5 +261,6 @@ NB_MODULE(_priced, m) {
       .def("account", &Stages::account, "w"_a, "x"_a, "multipliers"_a.none(), "out"_a)
       .def("describe", &Stages::describe, "x"_a, "constraints"_a, "activity"_a, "violation"_a, "slack"_a, "marks"_a)
       .def("effort", &Stages::effort)
-      .def("reset", &Stages::reset);
+      .def("reset", &Stages::reset)
+      .def("turn", &Stages::turn, "set"_a);
 }

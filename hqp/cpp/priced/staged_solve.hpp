@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "../common/solve_call.hpp"
+#include "../common/warm_sets.hpp"
 #include "stages.hpp"
 
 namespace hqp {
@@ -97,8 +98,11 @@ class StagedSolve final : public SolveCall {
     warm.take(head_);
     stages_->keep(warm);
   }
+  // The next solves are of this set of the rows, see WarmSets.
+  void turn(std::size_t set) { sets_.turn(*this, set); }
   void reset() {
     stages_->reset();
+    sets_.forget();
     head_ = 0;
   }
 
@@ -143,6 +147,7 @@ class StagedSolve final : public SolveCall {
   int n_;
   std::vector<int> rows_;
   std::unique_ptr<PricedStages> stages_;
+  WarmSets sets_;
   SolveCall* exact_ = nullptr;
   const double* x_ = nullptr;
   double *to_ = nullptr, *end_ = nullptr;

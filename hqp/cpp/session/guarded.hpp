@@ -179,6 +179,7 @@ class Guarded {
 
   // As just made.
   void reset() {
+    line_.solver().reset(), seen_.clear();
     CarryOver state = CarryOver::from_first(initial_);
     keep(state);
     for (Given& given : given_) given.clear();
@@ -239,8 +240,11 @@ class Guarded {
 
   // These elements are out of this tick, and all others in: those that come back hold what they are at.
   void attend(const Presence::Out& out) {
-    if (out == out_) return;
+    if (out == out_ && !seen_.empty()) return;
     line_.go_without(out);
+    const auto known = std::find(seen_.begin(), seen_.end(), out);
+    line_.solver().turn(std::size_t(known - seen_.begin()));
+    if (known == seen_.end() && seen_.size() < WarmSets::kMost) seen_.push_back(out);
     bool placed = !holds_known_;
     for (std::size_t m = 0; m < out.size(); ++m) {
       const int slot = line_.members()[m].slot;
@@ -459,6 +463,7 @@ class Guarded {
   Late late_;
   Presence presence_;
   Presence::Out out_;
+  std::vector<Presence::Out> seen_;  // as out_, in the order of their first ticks
   bool good_ = false, holds_known_ = false, fresh_ = true;
   Clock::time_point begin_;
   Tick tick_;

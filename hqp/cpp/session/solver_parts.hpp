@@ -74,6 +74,12 @@ class PlannedSolve {
     for (const auto& one : heads_) one->keep(warm);
     if (staged_) staged_->keep(warm);
   }
+  // The next solves are of this set of the rows.
+  void turn(std::size_t set) {
+    exact_->turn(set);
+    for (const auto& one : heads_) one->turn(set);
+    if (staged_) staged_->turn(set);
+  }
   void reset() {
     exact_->reset(false);
     for (const auto& one : heads_) one->reset(false);

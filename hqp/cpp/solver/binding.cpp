@@ -137,6 +137,10 @@ class Workspace final : public hqp::SolveCall {
     const Lock lock(busy_);
     kernel_.reset(plain);
   }
+  void turn(std::size_t set) {
+    const Lock lock(busy_);
+    kernel_.turn(set);
+  }
 
   int traverse(visitproc visit, void* arg) {
     Py_VISIT(kept_.ptr());
@@ -280,6 +284,7 @@ NB_MODULE(_lexicographic, m) {
       .def("solution", &Workspace::solution, "hierarchy"_a.none(), "build_seconds"_a, "numbers"_a, "multipliers"_a)
       .def("tell", &Workspace::tell)
       .def("reset", &Workspace::reset, "plain"_a = false)
+      .def("turn", &Workspace::turn, "set"_a)
       .def("values", &Workspace::values)
       .def("numbers", &Workspace::numbers)
       .def("active", &Workspace::active)

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "../common/solve_call.hpp"
+#include "../common/warm_sets.hpp"
 #include "kernel.hpp"
 
 namespace hqp {
@@ -51,8 +52,13 @@ class BoundKernel final : public SolveCall {
     answer.multipliers = lambda_.data();
     return kernel_->tell(problem, answer);
   }
-  void reset(bool plain) { kernel_->reset(plain); }
+  void reset(bool plain) {
+    kernel_->reset(plain);
+    sets_.forget();
+  }
   void keep(CarryOver& warm) { kernel_->keep(warm); }
+  // The next solves are of this set of the rows, see WarmSets.
+  void turn(std::size_t set) { sets_.turn(*kernel_, set); }
 
   int size() const { return n_; }
   int total() const { return total_; }
@@ -68,6 +74,7 @@ class BoundKernel final : public SolveCall {
   std::vector<int> rows_;
   int total_ = 0, pairs_ = 0;
   std::unique_ptr<Kernel> kernel_;
+  WarmSets sets_;
   std::size_t ends_ = 0;
   std::vector<double> numbers_, lambda_;
 };
