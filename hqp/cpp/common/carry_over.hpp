@@ -42,7 +42,8 @@ class CarryOver {
  public:
   static CarryOver to(WarmState& state) { return {state, true}; }
   static CarryOver from(WarmState& state) { return {state, false}; }
-  // As from a state in which what is large was nothing yet.
+  // The same of all that is not large: what is large stays where it is, as new once it is read back.
+  static CarryOver to_first(WarmState& state) { return {state, true, true}; }
   static CarryOver from_first(WarmState& state) { return {state, false, true}; }
 
   template <class T>
@@ -73,7 +74,7 @@ class CarryOver {
   template <class T>
   void part(std::shared_ptr<T>& mine) {
     if (first_) {
-      if (mine) mine->forget();
+      if (mine && !writes_) mine->forget();
       return;
     }
     const std::size_t k = part_++;

@@ -52,6 +52,16 @@ class Motions {
         row_(padded(n)),
         step_(padded(n)) {}
 
+  // Memory for r rows of F (0 for a diagonal), and levels of at most that many rows.
+  void reserve(int r, int most) {
+    const int count = r ? r : n_;
+    for (auto* part : {&weight_, &mean_}) part->reserve(count);
+    stack_.reserve(static_cast<std::size_t>(most + count) * n_);
+    target_.reserve(most + count);
+    root_.reserve(static_cast<std::size_t>(n_) * n_);
+    base_.reserve(r), here_.reserve(r), over_.reserve(most + count), choice_.reserve(n_);
+  }
+
   void set(const double* F, const double* f, int r) {
     F_ = F;
     f_ = f;

@@ -37,6 +37,12 @@ class Coordinates {
     Z_.reserve((all + 1) * (all + 1) / 4 + all + 1);
   }
 
+  // Memory for that many rows of F.
+  void reserve(int r) {
+    columns_.reserve(static_cast<std::size_t>(n_ + 1) * padded(r));
+    rows_.reserve(r);
+  }
+
   // F: (r, n), or its diagonal where r = 0, or null for the identity; f: (r), (n) for a diagonal, or null.
   void set(const double* F, const double* f, int r) {
     diagonal_ = r == 0;

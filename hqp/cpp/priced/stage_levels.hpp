@@ -64,7 +64,6 @@ class StageLevels final : public PricedStages {
     for (Anchor& anchor : spare_) {
       anchor.held.reserve(most(levels, m));
       for (auto* part : {&anchor.low, &anchor.high, &anchor.part}) part->reserve(most(levels, m));
-      for (auto* part : {&anchor.weight, &anchor.from}) part->reserve(all);
     }
     for (auto& set : warm_) set.reserve(rows);
     for (auto& x : end_at_) x.reserve(n);
@@ -109,6 +108,9 @@ class StageLevels final : public PricedStages {
   void bind(const Law& law, const Completion& completion) override {
     law_ = law;
     completion_ = completion;
+    motions_.reserve(law.r, static_cast<int>(w_.size()));
+    for (Anchor& anchor : spare_)
+      for (auto* part : {&anchor.weight, &anchor.from}) part->reserve(law.r ? law.r : n_);
   }
 
   void account(const AccountRows& rows, double* numbers, double* shares, double* worth) override {

@@ -84,7 +84,7 @@ class Guarded {
     tick_.x_.resize(x_.size());
     tick_.residuals_.resize(line_.solver().exact().rows().size());
     tick_.marks_.resize(std::size_t(line_.solver().exact().total()));
-    CarryOver state = CarryOver::to(initial_);
+    CarryOver state = CarryOver::to_first(initial_);
     keep(state);
   }
 

@@ -1,5 +1,5 @@
-// Loops that record.py wrote, again in C++: the same numbers, no memory taken in a step after the first ticks, and how
-// long steps take.  replay TOLERANCE FILE.hqp ...; tolerance 0 for the same bits.
+// Loops that record.py wrote, again in C++: the same numbers, no memory taken in a step, and how long steps take.
+// replay TOLERANCE FILE.hqp ...; tolerance 0 for the same bits.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -33,8 +33,6 @@ void* aligned_alloc(std::size_t align, std::size_t size) {
 #endif
 
 namespace {
-
-constexpr int kFirst = 200;  // ticks in which every kind of tick has come up: buffers of priced levels grow
 
 template <class T>
 std::vector<T> read(std::istream& file, std::size_t count) {
@@ -75,7 +73,7 @@ bool replay(const std::string& plan, double tolerance) {
     const hqp::Tick& tick = session.step(numbers.data(), numbers.data() + nq);
     times.push_back(std::chrono::duration<double, std::micro>(std::chrono::steady_clock::now() - begin).count());
     counting = false;
-    if (i >= kFirst) taken += allocations;
+    taken += allocations;
     statuses += static_cast<int>(tick.status()) != told[1];
     double most = 0.0;
     for (std::size_t j = 0; j < n; ++j) {
