@@ -5,10 +5,12 @@ from __future__ import annotations
 import argparse
 import importlib
 import importlib.util
+import os
+import subprocess
 import sys
 import time
-import traceback
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import ModuleType
 
@@ -52,7 +54,12 @@ FULL_RUN_OPTIONS = {
     "solvers": ("--repeat", "3", "--random", "2000"),
     "calm": ("--quick",),
 }
-"""What the main job asks less of than a part run by itself, to end within ten minutes on two cores."""
+"""What the main job asks less of than a part run by itself, to end within five minutes on two cores."""
+
+PYTHON = (sys.executable, "-m", "benchmarks")
+
+TOGETHER = ("experiments", "calm", "papers")
+"""Parts whose times are CPU time or none, the longest first: they run beside one another, before the others."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -115,7 +122,7 @@ def _part(part: str, argv: Sequence[str]) -> int:
 
 
 def _main_job(arguments: argparse.Namespace) -> int:
-    """All parts in turn, a line each as they end; failures, figures and the report's path at the end."""
+    """All parts, a line each as they end; failures, figures and the report's path at the end."""
     importlib.import_module("benchmarks.experiments").choose_renderer()  # before any part imports MuJoCo
     from benchmarks.reports import page, report
 
@@ -126,36 +133,41 @@ def _main_job(arguments: argparse.Namespace) -> int:
     for name in PARTS:  # an old section must not pass for a new one
         for kind in ("md", "json", "summary.json", "log"):
             (output / f"{name}.{kind}").unlink(missing_ok=True)
-    outcomes: list[report.Outcome] = []
+    before = _drawn(output)
+    done: dict[str, report.Outcome] = {}
     with page.Page(len(names)) as shown:
+
+        def one(name: str) -> None:
+            with shown.part(name):
+                began = time.perf_counter()
+                status = _child(name, arguments)
+                done[name] = report.outcome(output, name, PARTS[name], status, time.perf_counter() - began)
+            shown.show(done[name])
+
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            list(pool.map(one, [name for name in TOGETHER if name in names]))
         if "timing" in names:
             shown.say(page.glance())
         for name in names:
-            began, before = time.perf_counter(), _drawn(output)
-            with shown.part(name, output / f"{name}.log"):
-                status = _guarded(name, arguments)
-            made = [path for path, age in _drawn(output).items() if age != before.get(path)]
-            seconds = time.perf_counter() - began
-            outcomes.append(report.outcome(output, name, PARTS[name], status, seconds, made))
-            shown.show(outcomes[-1])
+            if name not in done:
+                one(name)
+    outcomes = [done[name] for name in names]
     path = report.write(output, outcomes, arguments.quick)
     if arguments.json is not None:
         report.gather(output, outcomes, arguments.json)
-    shown.finish(outcomes, path, time.perf_counter() - start)
+    made = [figure for figure, age in _drawn(output).items() if age != before.get(figure)]
+    shown.finish(outcomes, made, path, time.perf_counter() - start)
     return max((outcome.status for outcome in outcomes), default=0)
 
 
-def _guarded(name: str, arguments: argparse.Namespace) -> int:
-    """The status of a part; one that raises has failed, and the others still run."""
-    from benchmarks.reports import report
-
+def _child(name: str, arguments: argparse.Namespace) -> int:
+    """The status of a part in a process of its own; what it prints goes into its log."""
     output: Path = arguments.output
     options = ["--output", str(output), "--json", str(output / f"{name}.json"), *FULL_RUN_OPTIONS.get(name, ())]
-    try:
-        return _part(name, [*options, *(["--quick"] if arguments.quick else [])])
-    except Exception as error:
-        report.console.print(traceback.format_exc(), markup=False)
-        return report.conclude(output, name, (), [f"{type(error).__name__}: {error} (in full: {name}.log)"])
+    command = [*PYTHON, name, *options, *(["--quick"] if arguments.quick else [])]
+    with (output / f"{name}.log").open("w", encoding="utf-8") as log:
+        environment = {**os.environ, "COLUMNS": "240"}
+        return subprocess.run(command, stdout=log, stderr=log, env=environment, check=False).returncode
 
 
 def _drawn(output: Path) -> dict[Path, int]:

@@ -208,8 +208,8 @@ PARTS: Mapping[str, Part] = {
         "as far ahead as the hand gets (*within*), as far (*edge*), or one metre more (*beyond*), a step at t\n"
         "= 0 or a circle of 0.1 m at 3 rad/s; judged over the second 1.5 s. *exact*: `price=0` and position\n"
         "and speed limits alone. *error*: mean distance of the hand from its goal; *levels above*: the\n"
-        "largest residual of contacts and CoM in their rows; times are of one `session.step` from Python on a\n"
-        "shared machine.",
+        "largest residual of contacts and CoM in their rows; times are CPU time of one `session.step` from\n"
+        "Python.",
         closed_loops,
     ),
     "walking": Part("A hand that walks away", "Torque control with friction, 20 N on each foot.", walks),

@@ -20,7 +20,7 @@ console = Console(highlight=False)
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a part of the main job went: its summary, what failed of it, and the figures that it drew."""
+    """How a part of the main job went: its summary, and what failed of it."""
 
     part: str
     text: str
@@ -28,7 +28,6 @@ class Outcome:
     seconds: float
     lines: tuple[str, ...] = ()
     failures: tuple[str, ...] = ()
-    figures: tuple[str, ...] = ()
 
 
 def bar() -> Progress:
@@ -128,13 +127,12 @@ def write(output: Path, outcomes: Sequence[Outcome], quick: bool) -> Path:
     return path
 
 
-def outcome(output: Path, part: str, text: str, status: int, seconds: float, drawn: Iterable[Path]) -> Outcome:
+def outcome(output: Path, part: str, text: str, status: int, seconds: float) -> Outcome:
     """What a part left behind; one that failed without saying why has that as its failure."""
     path = output / f"{part}.summary.json"
     told = json.loads(path.read_text()) if path.is_file() else {"lines": [], "failures": []}
-    failures = tuple(told["failures"]) or ((f"ended with status {status}",) if status else ())
-    figures = tuple(str(figure) for figure in sorted(drawn))
-    return Outcome(part, text, status or int(bool(failures)), seconds, tuple(told["lines"]), failures, figures)
+    failures = tuple(told["failures"]) or ((f"ended with status {status} (in full: {part}.log)",) if status else ())
+    return Outcome(part, text, status or int(bool(failures)), seconds, tuple(told["lines"]), failures)
 
 
 def gather(output: Path, outcomes: Sequence[Outcome], path: Path) -> None:

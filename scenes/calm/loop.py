@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from time import perf_counter
+from time import thread_time
 
 import numpy as np
 
@@ -26,8 +26,8 @@ class Run:
     commands, accelerations ``(ticks, k)`` of the actuated joints.  error: distance of the tracked frame from its
     goal [m]; above: largest residual of the levels above it [of their rows]; contact, com: how far a foot and the
     CoM are from where they were [m]; over: how far a joint is beyond its position limit [rad, m]; load: least
-    vertical force on a contact [N]; times: of a step [s].  statuses: how many ticks ended in which.  scale: of each
-    command, its limit.
+    vertical force on a contact [N]; times: CPU time of a step [s].  statuses: how many ticks ended in which.
+    scale: of each command, its limit.
     """
 
     scene: Scene
@@ -76,9 +76,9 @@ def run(scene: Scene, variant: Variant, ticks: int = 1500) -> Run:
         data.com[i] = np.linalg.norm(state.com()[:2] - com) if feet else 0.0
         angles = state.angles[joints]
         data.over[i] = max(0.0, float(np.max(angles - high)), float(np.max(low - angles)))
-        begin = perf_counter()
+        begin = thread_time()
         tick = session.step(state, *goals)
-        data.times[i] = perf_counter() - begin
+        data.times[i] = thread_time() - begin
         data.commands[i] = tick.command
         data.statuses[tick.status.name] = data.statuses.get(tick.status.name, 0) + 1
         if tick.solution is not None:

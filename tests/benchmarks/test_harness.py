@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -68,16 +69,43 @@ def test_a_failing_check_is_the_exit_status(
     assert ("FAIL" in (tmp_path / "papers.md").read_text()) is not passed
 
 
-def test_the_main_job_gathers_sections_and_worst_status(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    _fake_papers(monkeypatch, False)
+PART = """
+import json, pathlib, sys
+name, output = sys.argv[1], pathlib.Path(sys.argv[sys.argv.index("--output") + 1])
+failures = ["too far"] if name == "compare" else []
+(output / f"{name}.md").write_text(f"section of {name}")
+(output / f"{name}.json").write_text("[1]")
+(output / f"{name}.summary.json").write_text(json.dumps({"lines": [name], "failures": failures}))
+print("log of", name)
+sys.exit(3 if name == "calm" else bool(failures))
+"""
+
+
+def test_the_main_job_gathers_sections_and_worst_status(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(command, "PYTHON", (sys.executable, "-c", PART))
     (tmp_path / "timing.md").write_text("from an earlier run")
-    monkeypatch.setattr(command, "present", lambda part: part == "papers")
-    assert command.main(["--output", str(tmp_path), "--json", str(tmp_path / "all.json")]) == 1
+    monkeypatch.setattr(command, "present", lambda part: part in ("papers", "calm", "compare"))
+    assert command.main(["--output", str(tmp_path), "--json", str(tmp_path / "all.json")]) == 3
     text = (tmp_path / "report.md").read_text()
-    assert "FAILED" in text
+    parts = [line.split("|")[1].strip() for line in text.splitlines() if "| FAILED |" in line]
+    assert parts == ["compare", "calm"]
+    assert all(f"section of {name}" in text for name in ("papers", "compare", "calm"))
     assert "native" in text
     assert "earlier run" not in text
-    assert list(json.loads((tmp_path / "all.json").read_text())) == ["papers"]
+    assert list(json.loads((tmp_path / "all.json").read_text())) == ["papers", "compare", "calm"]
+    assert (tmp_path / "calm.log").read_text() == "log of calm\n"
+    told = capsys.readouterr().out
+    assert "too far" in told
+    assert "ended with status 3" in told
+
+
+def test_the_main_job_runs_a_part(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(command, "present", lambda part: part == "papers")
+    monkeypatch.setitem(command.FULL_RUN_OPTIONS, "papers", ("--robots", "none"))
+    assert command.main(["--output", str(tmp_path), "--quick"]) == 1
+    assert "'none'" in (tmp_path / "papers.log").read_text()
 
 
 def test_options_may_come_before_the_part(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
