@@ -139,7 +139,7 @@ class Motions {
   double mean(int j) const { return mean_[j]; }
 
   // Coordinates y in which E and what the anchors add to it is |y|^2 / 2.
-  const Coordinates& among(const std::vector<Anchor>& anchors) {
+  Coordinates& among(const std::vector<Anchor>& anchors) {
     if (anchors.empty()) return base_;
     weigh(anchors, 1.0);
     if (!r_) return diagonal(nullptr);
@@ -151,7 +151,7 @@ class Motions {
   }
 
   // Coordinates y in which ||w||^2 / 2 of the equality rows of a level and what the anchors add to it is |y|^2 / 2.
-  const Coordinates& over(const PricedLevel& level, const std::vector<Anchor>& anchors) {
+  Coordinates& over(const PricedLevel& level, const std::vector<Anchor>& anchors) {
     weigh(anchors, 0.0);
     if (!r_ && !level.A) return diagonal(&level);
     stack_.clear();
@@ -232,7 +232,7 @@ class Motions {
   }
 
   // Of a diagonal F, and of a level whose rows pick one variable each.
-  const Coordinates& diagonal(const PricedLevel* level) {
+  Coordinates& diagonal(const PricedLevel* level) {
     stack_.resize(n_);
     target_.resize(n_);
     for (int j = 0; j < n_; ++j) {

@@ -51,9 +51,10 @@ class Coordinates {
     double least = INFINITY;
     for (int i = 0; i < n_ && F; ++i)
       if (F[i] != 0.0) least = smaller(least, std::abs(F[i]));
+    free_ = share_ * (least < INFINITY ? least : 1.0);
     for (int i = 0; i < n_; ++i) {
       const bool flat = F && F[i] == 0.0;
-      const double size = flat ? share_ * (least < INFINITY ? least : 1.0) : F ? F[i] : 1.0;
+      const double size = flat ? free_ : F ? F[i] : 1.0;
       rank_ -= flat_at_[i] = flat;
       if (inverse_[i] != size) unit_[i] = 1.0 / (inverse_[i] = size);
       still_[i] = f && !flat ? f[i] * unit_[i] : 0.0;
@@ -185,6 +186,23 @@ class Coordinates {
   void point(const double* y, double* x) const {
     step(y, x);
     for (int i = 0; i < n_; ++i) x[i] += still_[i];
+  }
+
+  // The gradient, in x, of what directions without motion count in |y|^2 / 2.
+  double flat_pull(const double* y) const {
+    double square = 0.0;
+    for (int i = 0; i < n_; ++i)
+      if (!moves(i)) square += y[i] * y[i];
+    return std::sqrt(square) * free_;
+  }
+
+  // Directions without motion count from where y (n) is, which goes on in these coordinates.
+  void count_flat_from(double* y) {
+    y_.assign(ld_, 0.0);
+    for (int i = 0; i < n_; ++i)
+      if (!moves(i)) std::swap(y_[i], y[i]);
+    step(y_.data(), y_.data());
+    for (int i = 0; i < n_; ++i) still_[i] += y_[i];
   }
 
  private:

@@ -20,7 +20,9 @@ inline namespace HQP_ISA {
 
 constexpr double kSlackMotion = 1e-5;   // slacks of inequality rows count this much as motion
 constexpr double kRoundingRow = 2e-15;  // of the longest row: rows no longer have no direction
-constexpr double kResting = 1e-4;       // of the largest entry: terms of a row are no smaller (hqp/problem/pricing.py)
+constexpr double kFlatPull = 1e-10;     // of the longest row: what directions without motion may pull
+constexpr int kFlatRounds = 100;
+constexpr double kResting = 1e-4;  // of the largest entry: terms of a row are no smaller (hqp/problem/pricing.py)
 
 class StageLevels final : public PricedStages {
  public:
@@ -362,7 +364,7 @@ class StageLevels final : public PricedStages {
   void stage(int k) {
     const PricedLevel& level = level_[k];
     const bool priced = law_.prices[k] > 0.0;
-    const Coordinates& at = priced ? motions_.among(anchors_) : motions_.over(level, anchors_);
+    Coordinates& at = priced ? motions_.among(anchors_) : motions_.over(level, anchors_);
     rows_.begin(at, n_);
     int N = gather(k);
     const int own = rows_.count(), ld = padded(variables_);
@@ -377,7 +379,7 @@ class StageLevels final : public PricedStages {
       if (priced) {
         longest = larger(longest, sizes_[aim.m] = std::sqrt(dot_any(a, a, n_)));
         std::fill(T, T + ld, 0.0);
-        t_[aim.m++] = equal ? level.lower[i] - dot_any(a, at.still(), n_) : 0.0;
+        t_[aim.m++] = 0.0;
         if (equal) {
           at.row(a, T);
           continue;
@@ -394,10 +396,23 @@ class StageLevels final : public PricedStages {
       N += rows_.add(to);
     }
     if (longest <= rounding_) return;
-    const bool reached = search_.solve(rows_, N, aim, y_.data(), warm_[k], iterations_, end_at_[k]);
+    const auto search = [&] {
+      for (int i = 0, row = 0; priced && i < level.m; ++i) {
+        if (level.left_out(i)) continue;
+        if (level.lower[i] == level.upper[i]) t_[row] = level.lower[i] - dot_any(this->row(level, i), at.still(), n_);
+        ++row;
+      }
+      return search_.solve(rows_, N, aim, y_.data(), warm_[k], iterations_, end_at_[k]);
+    };
+    bool reached = search();
+    int rounds = 0;  // directions without motion count from where they ended, until that is nothing
+    while (reached && priced && aim.price * at.flat_pull(y_.data()) > kFlatPull * longest && rounds++ < kFlatRounds) {
+      at.count_flat_from(y_.data());
+      reached = search();
+    }
     ended_ = ended_ && reached;
     uncertain_ = uncertain_ || search_.uncertain();
-    doubtful_ = doubtful_ || (!priced && search_.uncertain());
+    doubtful_ = doubtful_ || (!priced && search_.uncertain()) || rounds > kFlatRounds;
     note(k, own, reached);
     at.point(y_.data(), x_.data());
     if (reached) end_at_[k].clear();
