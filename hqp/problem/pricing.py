@@ -165,13 +165,13 @@ class Above:
         """Above the first level."""
         return Above(Rows(np.zeros((0, n)), np.zeros(0), np.zeros(0)), (), np.zeros(0, dtype=np.intp))
 
-    def after(self, problem: Hierarchy, level: int, x: Vec, at: Coordinates) -> Above:
-        """With a level of the problem solved, whose stage ended at x."""
+    def after(self, problem: Hierarchy, level: int, x: Vec, at: Coordinates, off: float = MET_TOLERANCE) -> Above:
+        """With a level of the problem solved, whose stage ended at x; off: of a hard row that x meets, as rounding."""
         rows, first = problem.levels[level], sum(rows.m for rows in problem.levels[:level])
         places = np.arange(first, first + rows.m)
         if problem.prices is None or not problem.prices[level] > 0.0:
-            optimum = kept if self.anchors else at_optimum  # which are the same where R = 0: the slack is unique
-            return self.with_rows(optimum(rows, x), places)
+            at_end = kept(rows, x) if self.anchors else at_optimum(rows, x, off)  # the same where R = 0
+            return self.with_rows(at_end, places)
         if is_met(rows, x):
             return self.with_rows(rows, places)
         omega = float(np.linalg.norm(w := rows.slack(x)))
@@ -227,11 +227,11 @@ def kept(rows: Rows, x: Vec) -> Rows:
     return Rows(rows.A, np.where(equal, y, lower), np.where(equal, y, upper))
 
 
-def at_optimum(rows: Rows, x: Vec) -> Rows:
-    """An exact level's optimal set: its slack is unique, so equality rows and violated rows keep their value."""
+def at_optimum(rows: Rows, x: Vec, off: float = MET_TOLERANCE) -> Rows:
+    """An exact level's optimal set: its slack is unique, so equalities and rows off by more keep their value."""
     y = rows.A @ x
     w = rows.slack(x)
-    fixed = rows.equality | (np.abs(w) > MET_TOLERANCE * (1.0 + np.abs(y)))
+    fixed = rows.equality | (np.abs(w) > off * (1.0 + np.abs(y)))
     return Rows(rows.A, np.where(fixed, y, rows.lower), np.where(fixed, y, rows.upper))
 
 

@@ -20,20 +20,28 @@ class Oracle:
     """The stage points of a hierarchy, one level after the other; x of the last is the answer but for completion.
 
     doubtful: a level was met or not by less than the cone solver can tell, or it did not reach its accuracy.
+    worse: by how much more than the best the points that are followed cost in their stages, relative to 1 + that.
     """
 
     problem: Hierarchy
     points: list[Vec] = field(default_factory=list)
     doubtful: bool = False
+    worse: float = 0.0
     hard: list[tuple[Mat, Vec, Vec]] = field(default_factory=list)
     unmet: list[tuple[Rows, float, Vec, Vec]] = field(default_factory=list)
 
-    def solve(self) -> Oracle:
+    def solve(self, followed: Mat | None = None) -> Oracle:
+        """followed: ``(levels, n)`` points that are handed down instead, NaN for none: a cone solver's own stage point
+        is right to the square root of its accuracy, and the levels below it multiply that."""
         problem = self.problem
         for k, rows in enumerate(problem.levels):
             price = 0.0 if problem.prices is None else float(problem.prices[k])
             x = self.stage(rows, price)
             self.points.append(x)
+            if followed is not None and np.isfinite(followed[k]).all():
+                best = self.objective(rows, price, x)
+                x = followed[k]
+                self.worse = max(self.worse, (self.objective(rows, price, x) - best) / (1.0 + abs(best)))
             self._hand_down(k, rows, price, x)
         return self
 

@@ -75,9 +75,9 @@ def test_answers_are_those_of_the_cone_programs(name: str) -> None:
     assert unmet > 0.5 * COUNT
 
 
-@pytest.mark.parametrize("seed", [131, 360, 553, 2472])
+@pytest.mark.parametrize("seed", [131, 360, 553, 2031, 2472, 3823])
 def test_answers_far_away_pass_the_certificate(seed: int) -> None:
-    """By 1e3 to 1e5: what the tolerance allows was shared out badly, or a stage point kept its start's rounding."""
+    """By 1e3 to 1e5, or at a bound off by 3e-10; directions without motion count nothing however far they go."""
     problem = draw(np.random.default_rng(seed))
     solution = hqp.solvers.load("lexicographic").solve(problem)
     assert certificate(problem, solution.x, 1e-8, solution.stage_points).ok
