@@ -90,6 +90,6 @@ def test_it_runs_on_the_model_of_its_package(name: str, tmp_path: Path) -> None:
 
 def run(path: Path, folder: Path, *arguments: str) -> None:
     given = [sys.executable, "-c", PATIENT, str(path), *arguments]
-    result = subprocess.run(given, capture_output=True, text=True, cwd=folder, timeout=120, check=False)
+    result = subprocess.run(given, capture_output=True, text=True, cwd=folder, timeout=1200, check=False)
     assert result.returncode == 0, result.stdout + result.stderr
     assert result.stdout.strip()

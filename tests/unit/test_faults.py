@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import pickle
 from pathlib import Path
-from time import perf_counter, thread_time
+from time import thread_time
 from typing import Any
 
 import numpy as np
@@ -177,14 +177,14 @@ def test_a_heading_near_the_vertical_has_a_bounded_rate() -> None:
 
 
 def test_a_deadline_is_taken_at_its_word() -> None:
-    """A cold solve that takes 50 ms and more, stopped after 1 ms, with 20 ms for a busy machine."""
+    """A cold solve that takes 50 ms and more of CPU time, stopped after 1 ms, with 20 ms to end in."""
     problem = pickle.loads((Path(__file__).parents[1] / "data" / "slow_tick.pkl").read_bytes()).exact()
     took = []
     for _ in range(5):
         workspace = hqp.solvers.load("lexicographic", deadline=1e-3).workspace(problem.shape)
-        begun = perf_counter()
+        begun = thread_time()
         found = workspace.solve(problem)
-        took.append(perf_counter() - begun)
+        took.append(thread_time() - begun)
         assert found.status in (Status.TIME_LIMIT, Status.NOT_CERTIFIED, Status.RANK_UNCERTAIN, Status.OPTIMAL)
     assert min(took) < 0.02
 

@@ -176,12 +176,12 @@ def test_the_command_needs_no_robot(tmp_path: Path) -> None:
         "import sys; sys.modules['pinocchio'] = None; from hqp.__main__ import main; "
         f"sys.exit(main(['replay', {str(path)!r}, '--solvers', 'lexicographic', 'cascade:proxqp']))"
     )
-    done = subprocess.run([sys.executable, "-c", block], capture_output=True, text=True, check=False, timeout=120)
+    done = subprocess.run([sys.executable, "-c", block], capture_output=True, text=True, check=False, timeout=1200)
     assert done.returncode == 0, done.stderr
     assert "lexicographic" in done.stdout
     assert "8 ticks of 2 ms on g1" in done.stdout
     block = block.replace("'--solvers', 'lexicographic', 'cascade:proxqp'", f"'--explain', '{run.count}'")
-    done = subprocess.run([sys.executable, "-c", block], capture_output=True, text=True, check=False, timeout=120)
+    done = subprocess.run([sys.executable, "-c", block], capture_output=True, text=True, check=False, timeout=1200)
     assert "residual" in done.stdout, done.stderr
 
 

@@ -716,7 +716,7 @@ def test_the_second_thread_is_refused(robot: Robot) -> None:
     class Slow(Position):
         def jacobian(self, state: Any) -> Any:
             inside.set()
-            go.wait(5.0)
+            go.wait(60.0)
             return super().jacobian(state)
 
     run = session(robot, declared=stack(hand=Slow(frame="r_palm", name="hand")))
@@ -727,7 +727,7 @@ def test_the_second_thread_is_refused(robot: Robot) -> None:
     state, found = robot.state(), []
     worker = threading.Thread(target=lambda: found.append(run.step(state)))
     worker.start()
-    assert inside.wait(5.0)
+    assert inside.wait(60.0)
     with pytest.raises(ConcurrentUse, match="thread"):
         run.step(state)
     with pytest.raises(ConcurrentUse, match="thread"):

@@ -41,7 +41,7 @@ class Page:
 
     def get(self, path: str = "/", **headers: str) -> http.client.HTTPResponse:
         """The answer to a page request."""
-        client = http.client.HTTPConnection(self.host, self.port, timeout=10.0)
+        client = http.client.HTTPConnection(self.host, self.port, timeout=60.0)
         client.request("GET", path, headers=headers)
         response = client.getresponse()
         response.read()
@@ -58,7 +58,7 @@ class Page:
         wire = socket.create_connection((self.host, self.port))
         try:
             with connect(address, sock=wire, additional_headers=headers, **options) as client:
-                assert client.recv(timeout=10.0)
+                assert client.recv(timeout=60.0)
                 return 101
         except InvalidStatus as error:
             return error.response.status_code

@@ -22,6 +22,6 @@ def test_a_checkout_in_the_current_folder_is_not_imported(tmp_path: Path) -> Non
     script.parent.mkdir()
     script.write_text("import sys\nfrom hqp.__main__ import main\nsys.exit(main(sys.argv[1:]))\n")
     command = [sys.executable, str(script), "view", "stack.toml", "--robot", "cbi", "--seconds", "0.2"]
-    found = subprocess.run(command, cwd=here, capture_output=True, text=True, timeout=120, check=False)
+    found = subprocess.run(command, cwd=here, capture_output=True, text=True, timeout=1200, check=False)
     assert found.returncode == 0, found.stderr
     assert "open http" in found.stdout
