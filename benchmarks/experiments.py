@@ -29,6 +29,7 @@ NAMES = {
     "dreamer-limits": "sentis2012.experiments.pairs",
     "dreamer-statistics": "sentis2012.experiments.statistics",
     "walking": "walking.statistics",
+    "standing-pushes": "walking.pushes",
 }
 
 

@@ -1,6 +1,7 @@
 """Walking on two feet: footsteps, the pendulum that goes with them, swing feet, and a walker made of these."""
 
 from hqp.walking.adjustment import Landing, adjust
+from hqp.walking.bound import largest_push
 from hqp.walking.footsteps import Command, Foothold, Footsteps
 from hqp.walking.gait import Gait, Reach
 from hqp.walking.pendulum import DcmPlan, Piece, capture_point, natural_frequency
@@ -25,5 +26,6 @@ __all__ = [
     "Walker",
     "adjust",
     "capture_point",
+    "largest_push",
     "natural_frequency",
 ]

@@ -1,0 +1,85 @@
+"""Standing robots pushed from eight sides: what the walker survives beside the most that any controller could."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from benchmarks.lab.outcome import Figure, Outcome, table
+from benchmarks.lab.setting import Setting
+from benchmarks.walking.course import SETTLE, Course
+from hqp.walking.bound import largest_push
+
+PUSHED, AFTER = 0.1, 2.0
+"""For how long, and how long after it a robot has to stand [s]."""
+
+STAYS = 0.02
+"""Soles move by no more [m]: the bound is of feet that stay."""
+
+ASKED = {"talos": 0.75, "cbi": 0.75, "g1": 0.65}
+"""Share of the bound, the median of the directions."""
+
+SIDES = ("ahead", "ahead left", "left", "back left", "back", "back right", "right", "ahead right")
+MOST, HALVINGS = 1.4, 5
+"""Shares of the bound that are tried: from 0 to the first, halved so often."""
+
+
+class Standing:
+    """A robot that stands, and is pushed."""
+
+    def __init__(self, name: str, seed: int) -> None:
+        self.course = Course(name, seed)
+        self.course.run(SETTLE)
+
+    def soles(self) -> Any:
+        """Where they are ``(2, 3)`` [m]."""
+        return np.array([self.course.plant.place(foot.frame)[0] for foot in self.course.walker.feet])
+
+    def bound(self, direction: Any) -> float:
+        """The largest impulse over mass in that direction [m/s]."""
+        plant, corners = self.course.plant, []
+        for foot in self.course.walker.feet:
+            place, turn = plant.place(foot.frame)
+            corners += [(place + turn @ [*corner, 0.0])[:2] for corner in foot.corners]
+        com = plant.com()
+        omega = math.sqrt(9.81 / (com[2] - self.soles()[:, 2].mean()))
+        return largest_push(corners, com[:2], direction, PUSHED, omega)
+
+    def survives(self, direction: Any, impulse: float) -> bool:
+        """Whether it stands where it stood, after an impulse over mass [m/s]."""
+        course, before = self.course, self.soles()
+        course.run(PUSHED, push=[*(impulse * course.mass / PUSHED * direction), 0.0])
+        return course.run(AFTER) and bool(np.abs(self.soles() - before).max() < STAYS)
+
+
+def share(name: str, side: int, seed: int) -> tuple[float, float]:
+    """The largest share of the bound that is survived, from one of the sides, and the bound [m/s]."""
+    direction = np.array([math.cos(side * math.pi / 4), math.sin(side * math.pi / 4)])
+    bound, low, high = 0.0, 0.0, MOST
+    for _ in range(HALVINGS):
+        standing = Standing(name, seed)
+        bound = standing.bound(direction)
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if standing.survives(direction, middle * bound) else (low, middle)
+    return low, bound
+
+
+def experiment(setting: Setting) -> Outcome:
+    """All robots from all sides; Talos from two in short."""
+    outcome = Outcome("standing-pushes")
+    outcome.parameters = {"push [s]": PUSHED, "seed": 0, "masses": "+10 %", "delay [s]": 0.004, "mu": 0.5}
+    names, sides = (tuple(ASKED), range(8)) if setting.full else (("talos",), range(0, 3, 2))
+    rows = []
+    for name in names:
+        found = [share(name, side, 0) for side in sides]
+        setting.advance()
+        median = float(np.median([part for part, _ in found]))
+        outcome.figures.append(Figure(f"{name}: share of the bound, median of sides", median, low=ASKED[name]))
+        rows.append((name, *(f"{part:.2f} of {bound:.2f}" for part, bound in found)))
+    header = ("robot", *(SIDES[side] for side in sides))
+    outcome.tables.append(
+        table("Survived, as a share of the largest impulse over mass [m/s] that could be", header, rows)
+    )
+    return outcome
