@@ -58,7 +58,7 @@ class Course:
             if edit is not None:
                 edit(spec)
 
-        start, offsets = self.robot.home.copy(), np.zeros(self.robot.nq)
+        start, offsets = self.walker.start.copy(), np.zeros(self.robot.nq)
         start[2] += height
         if seed is not None:
             offsets[7:] = rng.uniform(-OFFSET, OFFSET, self.robot.nq - 7)

@@ -37,7 +37,7 @@ class Course:
     """A walker, the plant that it moves and the estimator between; ``step`` is one tick of it.
 
     sensors: of the plant; None for none at all: the walker is told the true state.  delay: of torques [s].
-    terrain: level, with mu 0.6, for None.  start: configuration ``(nq,)``, home for None.  offsets: what encoders are
+    terrain: level, with mu 0.6, for None.  start: configuration ``(nq,)``, the walker's for None.  offsets: what encoders are
     off by ``(nq,)`` [rad].  edit, seed: as of Plant.
     """
 
@@ -66,7 +66,7 @@ class Course:
             edit=edit,
             seed=seed,
         )
-        q, _ = self.plant.reset(robot.home.copy() if start is None else start)
+        q, _ = self.plant.reset(walker.start if start is None else start)
         self.offsets: Vec = np.zeros(robot.nq) if offsets is None else offsets
         self.estimator: FeetEstimator | None = None
         if sensors is not None:

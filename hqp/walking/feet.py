@@ -21,12 +21,13 @@ MARGIN, SHARE = 0.01, 0.3
 
 @dataclass(frozen=True)
 class Foot:
-    """A sole: its frame, LEFT or RIGHT, the polygon that touches the ground and its middle, in the frame's axes [m]."""
+    """A sole: its frame, LEFT or RIGHT, the polygon that touches the ground, its middle and z, in the frame's axes [m]."""
 
     frame: str
     side: int
     corners: tuple[tuple[float, float], ...]
     middle: tuple[float, float]
+    depth: float
     margin: float
 
     @property
@@ -66,7 +67,7 @@ def feet_of(robot: Any, soles: Sequence[str] | None = None) -> tuple[Foot, Foot]
 
     Raises DeclarationError for a robot without two soles or a free base, ModelError where no shape touches the ground.
     """
-    from hqp.robots.soles import sole
+    from hqp.robots.soles import sole, sole_points
 
     frames = tuple(robot.landmarks.get("soles", ()) if soles is None else soles)
     if len(frames) != 2 or not robot.floating:
@@ -78,7 +79,8 @@ def feet_of(robot: Any, soles: Sequence[str] | None = None) -> tuple[Foot, Foot]
         box = np.array(corners)
         low, high = box.min(axis=0), box.max(axis=0)
         x, y = (0.5 * (low + high)).tolist()
-        feet.append(Foot(frame, side, corners, (x, y), min(MARGIN, SHARE * float(np.min(0.5 * (high - low))))))
+        depth = sole_points(robot, frame)[0][2]
+        feet.append(Foot(frame, side, corners, (x, y), depth, min(MARGIN, SHARE * float(np.min(0.5 * (high - low))))))
     return feet[0], feet[1]
 
 

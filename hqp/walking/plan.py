@@ -49,14 +49,14 @@ class Walk:
 
 
 def predict(walker: Walker, seconds: float, fps: float) -> Walk:
-    """What a walker that starts at home does in so long, its model integrated: contacts hold, feet land at the ground.
+    """What a walker that stands at its start does in so long, its model integrated: contacts hold, feet land at the ground.
 
     The last step, back to standing, begins as late as it may.  Raises DeclarationError for times.
     """
     check("plan", "seconds", seconds, 0.0, strict=True, unit="s")
     check("plan", "fps", fps, 0.0, strict=True, unit="1/s")
     robot, gait, dt = walker.robot, walker.gait, walker.dt
-    q, v = robot.home.copy(), np.zeros(robot.nv)
+    q, v = walker.start, np.zeros(robot.nv)
     rest = 2.0 * gait.period + 2.0 * gait.first  # of the step under way, the last one and the way between the feet
     frames: list[tuple[Any, Any, tuple[bool, ...], str]] = []
     for k in range(round(seconds / dt) + 1):

@@ -24,6 +24,7 @@ from hqp.walking.gait import Gait, Reach
 from hqp.walking.pendulum import DcmPlan, Piece, capture_point, natural_frequency
 from hqp.walking.plan import Walk, predict
 from hqp.walking.stacks import Laws, Stacks
+from hqp.walking.standing import standing
 from hqp.walking.swing import Swing
 
 TOUCH = 0.05
@@ -98,12 +99,12 @@ class Walker:
         self._declared: dict[str, Any] = {"gait": gait, "dt": dt, "reach": reach, "laws": laws, "soles": soles}
         self._declared |= {"friction": friction, "limits": limits, "price": price}
         self.feet = feet_of(robot, soles)
-        home = robot.copy().state(robot.home)
+        self.start = standing(robot, self.feet, self.gait.lower)
+        """How it stands before it walks ``(nq,)``; it may start from elsewhere."""
+        home = robot.copy().state(self.start)
         self.holds = [foot.placed(home) for foot in self.feet]
         """Where the feet stand, or stood last."""
-        ground = 0.5 * (self.holds[0].z + self.holds[1].z)
-        self._home = float(home.com()[2]) - ground
-        self.height = (1.0 - self.gait.lower) * self._home
+        self.height = float(home.com()[2]) - 0.5 * (self.holds[0].z + self.holds[1].z)
         """Of the CoM above the ground [m]."""
         self.omega = natural_frequency(self.height)
         width = abs(float((self.holds[0].turn.T @ (self.holds[0].xy - self.holds[1].xy))[1]))
@@ -336,7 +337,7 @@ class Walker:
         """Of the CoM in the world, moving no faster than it may, more by what it has been too low [m]."""
         holds = self.holds
         ground = holds[self.stance].z if self.phase == "swing" else 0.5 * (holds[0].z + holds[1].z)
-        most = 0.05 * self._home * self.dt
+        most = 0.05 * self.height * self.dt
         self._z += min(max(ground + self.height - self._z, -most), most)
         self._raised = min(max(self._raised + WEIGHS * self.dt * (self._z - com), -SAG), SAG)
         return self._z + self._raised

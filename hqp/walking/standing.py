@@ -1,0 +1,117 @@
+"""How a biped stands before it walks: on level soles, its CoM above their middle, knees bent as far as they bear it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hqp.arrays import Vec
+from hqp.declare.stack import Level, Stack
+from hqp.errors import DeclarationError
+from hqp.tasks import Com, Orientation, Pose, Posture
+from hqp.walking.feet import Foot, leg_joints, yaw_of
+from hqp.walking.footsteps import rotation
+
+if TYPE_CHECKING:
+    from hqp.declare.robot import State
+
+BENT = 0.1
+"""Legs start this much inside their limits [rad]: a straight knee does not tell which way it bends."""
+
+SPARE = 0.02
+"""Legs can stretch so much more, a share of the CoM's height."""
+
+HARD, RELIEVED = 0.6, 0.05
+"""On one foot no joint bears more than this share of its largest torque, where legs longer by SPARE relieve it."""
+
+LOWER = 1.0, 2.0 / 3.0, 1.0 / 3.0, 0.0, 2.0, 3.0, 4.0
+"""What is tried, times ``lower``: less where knees are weak, more where they are straight at home."""
+
+
+def standing(robot: Any, feet: tuple[Foot, Foot], lower: float) -> Vec:
+    """The configuration ``(nq,)`` nearest to home with the CoM above the middle of level soles, and lower.
+
+    Soles keep their place from above and come to the height z = 0 of the ground, the base keeps its orientation.
+    lower: of the CoM, a share of its height at home above the soles; less where standing on one foot takes more than
+    HARD of a joint's torque, more where knees are straight at home.
+    Raises DeclarationError where no such configuration is found.
+    """
+    stance = _Stance(robot, feet)
+    stiff = None
+    for share in LOWER:
+        low = share * lower
+        if stance.on(feet, low - SPARE) is None or (q := stance.on(feet, low)) is None:
+            continue
+        if not any(stance.weak(foot, low) for foot in feet):
+            return q
+        stiff = q
+        if share == 0.0:
+            break
+    if stiff is None:
+        raise DeclarationError("walker", f"{robot.name} does not stand", value=lower, allowed="soles that legs reach")
+    return stiff
+
+
+def borne(robot: Any, foot: Foot, q: Vec) -> Vec:
+    """Share of its largest torque that each actuated joint bears while all the weight is on one foot, at rest ``(n,)``.
+
+    The ground's wrench balances the weight: f = m g, moment (c - p) x f at the sole, tau = g(q) - J' (f, moment).
+    """
+    state = robot.copy().state(q)
+    f = np.array([0.0, 0.0, -robot.mass * robot.gravity[2]])
+    moment = np.cross(state.com() - state.position(foot.frame), f)
+    tau = state.bias_force() - state.jacobian(foot.frame).T @ np.concatenate((f, moment))
+    return np.asarray(np.abs(tau[robot.actuated]) / robot.effort_limit[robot.actuated])
+
+
+class _Stance:
+    """Inverse kinematics of standing, with the CoM above the middle of some feet."""
+
+    def __init__(self, robot: Any, feet: tuple[Foot, Foot]) -> None:
+        self.robot = robot
+        self.home = robot.copy().state(robot.home)
+        self.height = float(self.home.com()[2]) - 0.5 * sum(foot.placed(self.home).z + foot.depth for foot in feet)
+        self.com = Com()
+        soles = [Pose(frame=foot.frame, name=foot.name) for foot in feet]
+        trunk = Orientation(frame=robot.landmarks["base"][0])
+        self.stack = Stack(Level(*soles, name="soles"), Level(self.com, name="balance"), Level(trunk), Level(Posture()))
+        self.targets = [pose.at(_level(foot, self.home)) for foot, pose in zip(feet, soles, strict=True)]
+        self.start = _bent(robot, leg_joints(robot, feet))
+
+    def on(self, feet: Sequence[Foot], lower: float) -> Vec | None:
+        """Lower by a share of the height, the CoM between these feet ``(nq,)``; None where it is out of reach."""
+        from hqp.goals import reach
+
+        middle = np.mean([foot.placed(self.home).xy for foot in feet], axis=0)
+        goal = self.com.at(np.array([*middle, (1.0 - lower) * self.height]))
+        found = reach(
+            self.stack, self.robot, *self.targets, goal, q0=self.start, restarts=0, tolerance=1e-4, budget=60.0
+        )
+        return np.asarray(found.q) if found.success else None
+
+    def weak(self, foot: Foot, lower: float) -> bool:
+        """Whether a joint bears much, alone on a foot, that longer legs would relieve it of."""
+        low, tall = (self.on((foot,), x) for x in (lower, lower - SPARE))
+        if low is None or tall is None:
+            return False
+        share = borne(self.robot, foot, low)
+        return bool(np.any((share > HARD) & (share > borne(self.robot, foot, tall) + RELIEVED)))
+
+
+def _level(foot: Foot, home: State) -> Any:
+    """Pose of a foot's frame ``(4, 4)`` with a level sole on the ground z = 0 below where it is at home."""
+    target = np.eye(4)
+    target[:2, :2] = rotation(yaw_of(home.rotation(foot.frame)))
+    target[:3, 3] = *home.position(foot.frame)[:2], -foot.depth
+    return target
+
+
+def _bent(robot: Any, legs: tuple[str, ...]) -> Vec:
+    """Home with each joint of the legs a little towards the middle of its range ``(nq,)``."""
+    columns, v = robot.joints(legs), np.zeros(robot.nv)
+    middle = 0.5 * (robot.lower + robot.upper)[columns]
+    off = np.where(np.isfinite(middle), middle, 0.0) - robot.state(robot.home).angles[columns]
+    v[columns] = np.clip(off, -BENT, BENT)
+    return np.asarray(robot.integrate(robot.home, v, 1.0))
