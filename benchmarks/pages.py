@@ -18,7 +18,7 @@ from benchmarks.lab.outcome import HEADER, Figure, Table, table
 from hqp.markdown import table as markdown
 
 DOCS = Path(__file__).parents[1] / "docs"
-PAGES = ("results/dreamer.md", "results/cbi.md")
+PAGES = ("results/dreamer.md", "results/cbi.md", "results/walking.md")
 DATA = DOCS / "data"
 
 MARKED = re.compile(r"(?<=<!-- table: )(?P<name>[^>]+?)(?P<open> -->\n)(?P<body>.*?)(?P<close><!-- end -->)", re.DOTALL)
@@ -71,7 +71,7 @@ def renewed(page: str, made: Mapping[str, str]) -> str:
 
 def tables() -> dict[str, str]:
     """All tables by name, as Markdown."""
-    made = {**_dreamer(), **_cbi()}
+    made = {**_dreamer(), **_cbi(), **_walking()}
     for path in sorted((DATA / "experiments").glob("*.json")):
         (outcome,) = json.loads(path.read_text())
         made |= _experiment(outcome)
@@ -124,6 +124,15 @@ def _percentiles() -> Any:
 
     made = statistics.runs_of(_runs(), list(statistics.registry()))
     return statistics.finite([statistics.summary(name, own) for name, own in made.items()])
+
+
+def _walking() -> dict[str, str]:
+    """What was walked, and by which robots."""
+    from benchmarks.walking import robots, statistics
+
+    made = {"walks": statistics.lines, "bipeds": robots.lines}
+    shown = {name: lines(json.loads((DATA / f"{name}.json").read_text())) for name, lines in made.items()}
+    return {name: markdown(found.header, found.rows) for name, found in shown.items()}
 
 
 def _dreamer() -> dict[str, str]:

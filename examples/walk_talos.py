@@ -11,6 +11,7 @@ robot = hqp.robots.load(sys.argv[1] if len(sys.argv) > 1 else "talos", rotors=Tr
 walker = Walker(robot, Gait(single=0.6, double=0.15, height=0.05), dt=0.002)
 sensors = Sensors(gyro=Noise(0.01), accelerometer=Noise(0.05), rate=Noise(0.02), force=Noise(2.0))
 plant = Plant(robot, terrain=Plane(friction=0.6), sensors=sensors, imu=robot.landmarks["base"][0], delay=0.004)
+plant.reset(walker.start)
 estimator = FeetEstimator(robot, robot.landmarks["soles"], 0.002, plant.state()[0], least_load=0.9 * robot.mass)
 
 for until, go in ((1.0, None), (6.0, (0.2, 0.0, 0.0)), (9.0, (0.1, 0.0, 0.2)), (12.0, "stop")):

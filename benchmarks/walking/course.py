@@ -58,8 +58,7 @@ class Course:
             if edit is not None:
                 edit(spec)
 
-        start, offsets = self.walker.start.copy(), np.zeros(self.robot.nq)
-        start[2] += height
+        offsets = np.zeros(self.robot.nq)
         if seed is not None:
             offsets[7:] = rng.uniform(-OFFSET, OFFSET, self.robot.nq - 7)
         self.course = walking.Course(
@@ -67,7 +66,7 @@ class Course:
             sensors=None if seed is None else walking.NOISY,
             delay=0.0 if seed is None else DELAY,
             terrain=terrain or Plane(friction=FRICTION),
-            start=start,
+            height=height,
             offsets=offsets,
             edit=changed,
             seed=seed or 0,

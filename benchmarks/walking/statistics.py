@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy as np
 from benchmarks.lab.distribution import fall_rate_bound, percentiles
 from benchmarks.lab.outcome import Figure, Outcome, Table, table
 from benchmarks.lab.setting import Setting
+from benchmarks.walking import robots
 from benchmarks.walking.cells import cells, one_run
 
 RUNS = 20
@@ -23,39 +24,60 @@ ASKED = ("talos, 0.3 m/s", "g1, 0.2 m/s", "cbi, 0.15 m/s")
 
 
 def command(arguments: Any) -> int:
-    """Make the runs that are missing and show the table; 1 where more fall than may, 2 for an unknown cell."""
+    """Make the runs that are missing and show the table; 1 where more fall than may, 2 for an unknown cell.
+
+    ``--cells robots``: the table of bipeds instead, four runs each by default.
+    """
+    if arguments.cells == ["robots"]:
+        names, refused = robots.bipeds()
+        cases = [{"robot": n, "seed": k} for k in _seeds(arguments, robots.RUNS) for n in names]
+        rows = _runs(arguments, f"{robots.__name__}:one_robot", cases, "robots")
+        own = {n: [row for row in rows if row["robot"] == n] for n in names}
+        _show(arguments, {"robots": {n: found for n, found in own.items() if found}, "refused": refused}, robots.lines)
+        return 0
+    known = cells()
+    names = tuple(known) if arguments.cells == ["all"] else tuple(n for n in arguments.cells if n in known) or ASKED
+    if unknown := [n for n in arguments.cells if n not in known and n not in ("all", "nominal", "nominal-imu")]:
+        there = "; ".join(("all", "robots", *known))
+        print(f"benchmarks experiments: no cell {', '.join(unknown)}; there are {there}", file=sys.stderr)
+        return 2
+    cases = [{"cell": n, "seed": k} for k in _seeds(arguments, RUNS) for n in names]
+    rows = _runs(arguments, f"{__name__}:run", cases, "walking")
+    found = [summary(n, own) for n in names if (own := [row for row in rows if row["cell"] == n])]
+    _show(arguments, found, lines)
+    return int(any(line["asked"] is not None and line["falls"] > line["asked"] for line in found))
+
+
+def _seeds(arguments: Any, usual: int) -> range:
+    return range(arguments.seed, arguments.seed + (arguments.runs or usual))
+
+
+def _runs(arguments: Any, function: str, cases: Sequence[Mapping[str, Any]], folder: str) -> list[dict[str, Any]]:
+    """What was kept of these cases, after those that are missing were made; arguments and figures by name."""
     from hqp import sweep
 
-    known = cells()
-    names = list(known) if arguments.cells == ["all"] else [n for n in arguments.cells if n in known] or list(ASKED)
-    if unknown := [n for n in arguments.cells if n not in known and n not in ("all", "nominal", "nominal-imu")]:
-        print(f"benchmarks experiments: no cell {', '.join(unknown)}; there are {'; '.join(known)}", file=sys.stderr)
-        return 2
-    runs = range(arguments.seed, arguments.seed + (arguments.runs or RUNS))
-    cases = sweep.Sweep(f"{__name__}:run", [{"cell": n, "seed": k} for k in runs for n in names], arguments.code)
-    kept = arguments.kept or Path(arguments.output) / "walking"
+    kept = arguments.kept or Path(arguments.output) / folder
     if not arguments.show:
         on = "serial" if arguments.jobs == 1 else "local"
-        sweep.run(cases, kept, on=on, jobs=arguments.jobs)
+        sweep.run(sweep.Sweep(function, list(cases), arguments.code), kept, on=on, jobs=arguments.jobs)
     rows = [row for row in sweep.read(kept).to_pylist() if row["ok"]]
-    found = [summary(n, own) for n in names if (own := [_figures(r) for r in rows if r["case.cell"] == n])]
-    shown = lines(found)
+    return [{key.split(".", 1)[-1]: value for key, value in row.items()} for row in rows]
+
+
+def _show(arguments: Any, found: Any, shown: Callable[[Any], Table]) -> None:
+    """The table in the terminal, what it is made of in a file."""
     from benchmarks.reports import report
 
-    report.console.print(report.table(shown.header, shown.rows), markup=False, soft_wrap=True)
+    made = shown(found)
+    report.console.print(report.table(made.header, made.rows), markup=False, soft_wrap=True)
     if arguments.json is not None:
         arguments.json.parent.mkdir(parents=True, exist_ok=True)
         arguments.json.write_text(json.dumps(found, indent=1) + "\n")
-    return int(any(line["asked"] is not None and line["falls"] > line["asked"] for line in found))
 
 
 def run(cell: str, seed: int) -> dict[str, Any]:
     """One run, as a sweep calls it."""
     return one_run(cell, seed)
-
-
-def _figures(row: Mapping[str, Any]) -> dict[str, float]:
-    return {key.removeprefix("result."): value for key, value in row.items() if key.startswith("result.")}
 
 
 def summary(cell: str, rows: Sequence[Mapping[str, float]]) -> dict[str, Any]:

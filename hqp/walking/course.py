@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from hqp.arrays import Vec
 from hqp.estimation import FeetEstimator
 from hqp.robots.on_mujoco import Noise, Plane, Plant, Sensors, Terrain
+from hqp.walking.feet import base_of
 from hqp.walking.walker import Walker
 
 if TYPE_CHECKING:
@@ -37,8 +38,8 @@ class Course:
     """A walker, the plant that it moves and the estimator between; ``step`` is one tick of it.
 
     sensors: of the plant; None for none at all: the walker is told the true state.  delay: of torques [s].
-    terrain: level, with mu 0.6, for None.  start: configuration ``(nq,)``, the walker's for None.  offsets: what encoders are
-    off by ``(nq,)`` [rad].  edit, seed: as of Plant.
+    terrain: level, with mu 0.6, for None.  height: of the ground at the start [m].  offsets: what
+    encoders are off by ``(nq,)`` [rad].  edit, seed: as of Plant.
     """
 
     def __init__(
@@ -48,14 +49,14 @@ class Course:
         sensors: Sensors | None = NOISY,
         delay: float = 0.004,
         terrain: Terrain | None = None,
-        start: Vec | None = None,
+        height: float = 0.0,
         offsets: Vec | None = None,
         edit: Any = None,
         seed: int = 0,
     ) -> None:
         self.walker, robot = walker, walker.robot
         soles = [foot.frame for foot in walker.feet]
-        self.base: str = robot.landmarks["base"][0]
+        self.base: str = base_of(robot)
         self.plant = Plant(
             robot,
             terrain=terrain or Plane(friction=0.6),
@@ -66,7 +67,9 @@ class Course:
             edit=edit,
             seed=seed,
         )
-        q, _ = self.plant.reset(walker.start if start is None else start)
+        start = walker.start.copy()
+        start[2] += height
+        q, _ = self.plant.reset(start)
         self.offsets: Vec = np.zeros(robot.nq) if offsets is None else offsets
         self.estimator: FeetEstimator | None = None
         if sensors is not None:

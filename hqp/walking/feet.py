@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pinocchio as pin
 
 from hqp.arrays import Vec
 from hqp.errors import DeclarationError
@@ -21,7 +22,7 @@ MARGIN, SHARE = 0.01, 0.3
 
 @dataclass(frozen=True)
 class Foot:
-    """A sole: its frame, LEFT or RIGHT, the polygon that touches the ground, its middle and z, in the frame's axes [m]."""
+    """A sole: its frame, LEFT or RIGHT, the polygon that touches the ground, its middle and depth, in its axes [m]."""
 
     frame: str
     side: int
@@ -82,6 +83,13 @@ def feet_of(robot: Any, soles: Sequence[str] | None = None) -> tuple[Foot, Foot]
         depth = sole_points(robot, frame)[0][2]
         feet.append(Foot(frame, side, corners, (x, y), depth, min(MARGIN, SHARE * float(np.min(0.5 * (high - low))))))
     return feet[0], feet[1]
+
+
+def base_of(robot: Any) -> str:
+    """Frame of the trunk: the catalogue's, or the first body that the free joint moves."""
+    named: tuple[str, ...] = robot.landmarks.get("base", ())
+    moved = (f.name for f in robot.model.frames if f.parentJoint == 1 and f.type == pin.FrameType.BODY)
+    return named[0] if named else next(moved)
 
 
 def leg_joints(robot: Any, feet: Sequence[Foot]) -> tuple[str, ...]:

@@ -23,7 +23,8 @@ class Gait:
     single, double: duration of single and of double support [s].  first: of the shift to the first stance foot, and of
     the one back between the feet [s].  height: of a swing foot above the higher of lift-off and ground [m].
     search: speed with which a foot that did not find the ground in time goes on downwards [m/s], for ``patience`` [s].
-    lower: how far the CoM is below where it is at home, as a share of its height, which keeps knees bent.
+    lower: how far the CoM is below where it is at home, as a share of its height, which keeps knees bent; less where
+    joints would bear too much (``standing``).
     Raises DeclarationError for numbers that are not positive and finite (double, height, lower: not negative).
     """
 

@@ -49,7 +49,7 @@ class Walk:
 
 
 def predict(walker: Walker, seconds: float, fps: float) -> Walk:
-    """What a walker that stands at its start does in so long, its model integrated: contacts hold, feet land at the ground.
+    """What a walker does in so long from its start, its model integrated: contacts hold, feet land at the ground.
 
     The last step, back to standing, begins as late as it may.  Raises DeclarationError for times.
     """

@@ -1,9 +1,9 @@
-"""The stacks of a walk at torque level: one for two feet on the ground, one for each foot alone."""
+"""The stack of a walk at torque level, and its phases: two feet on the ground, or one of them alone."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 from hqp.declare.law import DCM, PD
 from hqp.declare.price import Price
@@ -22,7 +22,10 @@ from hqp.tasks import (
     TorqueLimits,
 )
 from hqp.tasks.polygons import shrunk
-from hqp.walking.feet import Foot, leg_joints
+from hqp.walking.feet import Foot, base_of, leg_joints
+
+BOTH = "both"
+"""The phase of two feet on the ground; that of one foot has its name."""
 
 EDGE = 0.005
 """The ZMP keeps this further from the edge of the support than the centres of pressure [m]."""
@@ -50,7 +53,7 @@ class Laws:
 
 
 class Stacks:
-    """Stacks that a walk changes between; ``both``, and ``alone[i]`` with foot i on the ground.
+    """The stack of a walk, whose phases say which feet stand: ``both``, ``left`` or ``right``.
 
         swing, balance, height, trunk > posture > load share    s.t. contacts, torques, joints, friction, soles
 
@@ -71,32 +74,31 @@ class Stacks:
     ) -> None:
         legs = leg_joints(robot, feet)
         rest = tuple(name for name in robot.joint_names if name not in legs)
+        names = feet[0].name, feet[1].name
         self.balance = Balance(law=laws.balance, margin=EDGE, height=height, weight=FIRM)
         self.height = Com(axes="z", law=laws.height, name="height")
-        self.trunk = Orientation(frame=robot.landmarks["base"][0], law=laws.trunk, name="trunk")
+        self.trunk = Orientation(frame=base_of(robot), law=laws.trunk, name="trunk")
         self.posture = Posture(joints=rest, law=laws.posture) if rest else None
         self.legs = Posture(joints=legs, law=laws.posture, name="legs")
-        self.share = LoadShare(contacts=(feet[0].name, feet[1].name))
-        self.swing = tuple(Pose(frame=foot.frame, law=laws.swing, name=f"{foot.name}_swing") for foot in feet)
+        self.share = LoadShare(contacts=names, when=BOTH)
+        self.swing = tuple(
+            Pose(frame=foot.frame, law=laws.swing, name=f"{foot.name}_swing", when=other)
+            for foot, other in zip(feet, names[::-1], strict=True)
+        )
         if limits is not None and limits.joints is None:
             limits = replace(limits, joints=rest) if rest else None
-
-        def within(*on: Foot) -> list[Any]:
-            found: list[Any] = [FixedContact(frame=foot.frame, name=foot.name) for foot in on]
-            found += [TorqueLimits(), *([] if limits is None else [limits])]
-            for foot in on:
-                found.append(FrictionCone(contact=foot.name, mu=friction, sole=foot.rectangle))
-                found.append(CenterOfPressure(contact=foot.name, polygon=shrunk(foot.corners, foot.margin)))
-            return found
-
-        body = self.balance, self.height, self.trunk
+        within: list[Any] = [FixedContact(frame=foot.frame, name=foot.name, when=(BOTH, foot.name)) for foot in feet]
+        within += [TorqueLimits(), *([] if limits is None else [limits])]
+        for foot in feet:
+            within.append(FrictionCone(contact=foot.name, mu=friction, sole=foot.rectangle))
+            within.append(CenterOfPressure(contact=foot.name, polygon=shrunk(foot.corners, foot.margin)))
         postures = [] if self.posture is None else [Level(self.posture, name="posture")]
         if len(legs) > 12:  # else feet and trunk determine them
             postures.append(Level(self.legs, name="legs"))
-        self.both = Stack(
-            Level(*body, name="body"), *postures, Level(self.share, name="share"), subject_to=within(*feet)
-        )
-        self.alone = tuple(
-            Stack(Level(swing, *body, name="body", price=HASTE), *postures, subject_to=within(foot))
-            for foot, swing in zip(feet, self.swing[::-1], strict=True)
-        )
+        body = Level(*self.swing, self.balance, self.height, self.trunk, name="body", price=HASTE)
+        self.stack = Stack(body, *postures, Level(self.share, name="share"), subject_to=within)
+        self.supports = {
+            phase: cast(Balance, replace(self.balance, contacts=on).among(tuple(self.stack)))
+            for phase, on in ((BOTH, names), *((name, (name,)) for name in names))
+        }
+        """The balance by phase, with the support that it has there."""

@@ -11,7 +11,7 @@ from hqp.arrays import Vec
 from hqp.declare.stack import Level, Stack
 from hqp.errors import DeclarationError
 from hqp.tasks import Com, Orientation, Pose, Posture
-from hqp.walking.feet import Foot, leg_joints, yaw_of
+from hqp.walking.feet import Foot, base_of, leg_joints, yaw_of
 from hqp.walking.footsteps import rotation
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ class _Stance:
         self.height = float(self.home.com()[2]) - 0.5 * sum(foot.placed(self.home).z + foot.depth for foot in feet)
         self.com = Com()
         soles = [Pose(frame=foot.frame, name=foot.name) for foot in feet]
-        trunk = Orientation(frame=robot.landmarks["base"][0])
+        trunk = Orientation(frame=base_of(robot))
         self.stack = Stack(Level(*soles, name="soles"), Level(self.com, name="balance"), Level(trunk), Level(Posture()))
         self.targets = [pose.at(_level(foot, self.home)) for foot, pose in zip(feet, soles, strict=True)]
         self.start = _bent(robot, leg_joints(robot, feet))
@@ -111,7 +111,7 @@ def _level(foot: Foot, home: State) -> Any:
 def _bent(robot: Any, legs: tuple[str, ...]) -> Vec:
     """Home with each joint of the legs a little towards the middle of its range ``(nq,)``."""
     columns, v = robot.joints(legs), np.zeros(robot.nv)
-    middle = 0.5 * (robot.lower + robot.upper)[columns]
-    off = np.where(np.isfinite(middle), middle, 0.0) - robot.state(robot.home).angles[columns]
-    v[columns] = np.clip(off, -BENT, BENT)
+    low, high, at = robot.lower[columns], robot.upper[columns], robot.state(robot.home).angles[columns]
+    bounded = np.isfinite(low) & np.isfinite(high)
+    v[columns[bounded]] = np.clip(0.5 * (low[bounded] + high[bounded]) - at[bounded], -BENT, BENT)
     return np.asarray(robot.integrate(robot.home, v, 1.0))

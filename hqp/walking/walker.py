@@ -23,7 +23,7 @@ from hqp.walking.footsteps import RIGHT, Command, Footsteps, rotation
 from hqp.walking.gait import Gait, Reach
 from hqp.walking.pendulum import DcmPlan, Piece, capture_point, natural_frequency
 from hqp.walking.plan import Walk, predict
-from hqp.walking.stacks import Laws, Stacks
+from hqp.walking.stacks import BOTH, Laws, Stacks
 from hqp.walking.standing import standing
 from hqp.walking.swing import Swing
 
@@ -116,16 +116,14 @@ class Walker:
         laws = laws or Laws()
         self.stacks = Stacks(robot, self.feet, self.height, friction, laws, limits)
         formulation = Torque(contact_law=laws.contact, holding=None)
-        controller = Controller(self.stacks.both, formulation, price=price)
+        controller = Controller(self.stacks.stack, formulation, price=price)
         if deadline is not None:
             controller = replace(controller, deadline=deadline)
         self.session = controller.session(robot, dt)
-        for stack in self.stacks.alone:
-            self.session.prepare(stack)
-        self._supports = {stack: _balance(stack) for stack in (self.stacks.both, *self.stacks.alone)}
         self._upright = np.array(home.rotation(self.stacks.trunk.frame))
         self._upright = _about(-yaw_of(self._upright)) @ self._upright
-        self._now = self.stacks.both
+        self.support = BOTH
+        """The phase of the stack: which feet stand."""
         self.command = Command()
         self.walking = False
         self.phase = "stand"
@@ -159,7 +157,7 @@ class Walker:
             self.command, self.walking, self._left = Command(), False, 1
 
     def plan(self, seconds: float, fps: float = 50.0) -> Walk:
-        """A reference motion: the walk at the velocity of ``go`` from home, by the model alone, and a stop.
+        """A reference motion: the walk at the velocity of ``go`` from ``start``, by the model alone, and a stop.
 
         Frames fps [1/s] apart; ``save(path)`` writes them.  This walker stays as it is.  Raises DeclarationError.
         """
@@ -181,7 +179,7 @@ class Walker:
         felt = None if loads is None else np.asarray(loads, dtype=np.float64)
         self._advance(state, felt)
         references = self._references(state)
-        tick = self.session.step(state, *references)
+        tick = self.session.step(state, *references, phase=self.support)
         if felt is not None:
             self._weigh(float(felt.sum()))
         self._bound(tick.command)
@@ -252,10 +250,7 @@ class Walker:
 
     def _enter(self, phase: str, duration: float, state: State) -> None:
         self.phase, self.event, self._t, self._T = phase, phase, 0.0, duration
-        stack = self.stacks.alone[self.stance] if phase == "swing" else self.stacks.both
-        if stack is not self._now:
-            self.session.change(stack)
-            self._now = stack
+        self.support = self.feet[self.stance].name if phase == "swing" else BOTH
         if phase == "swing":
             self.holds[self.stance] = self.feet[self.stance].placed(state)  # on what it has settled
             foot = self.feet[1 - self.stance]
@@ -318,7 +313,7 @@ class Walker:
         self.capture_point = capture_point(state, omega)
         error = self.capture_point - dcm
         reference = np.concatenate((zmp + INTEGRAL * self._sum, dcm))
-        reached, wanted = self._supports[self._now].zmp(state, reference)
+        reached, wanted = self.stacks.supports[self.support].zmp(state, reference)
         self.edge = bool(np.abs(reached - wanted).max() > 1e-6)
         if not self.edge or float(error @ self._sum) < 0.0:
             self._sum = np.clip(self._sum + self.dt * omega * error, -MOST, MOST)
@@ -407,8 +402,3 @@ def _about(yaw: float) -> Any:
     R = np.eye(3)
     R[:2, :2] = rotation(yaw)
     return R
-
-
-def _balance(stack: Any) -> Any:
-    """The Balance of a stack with the support that it has there."""
-    return stack.find("balance").among(tuple(stack))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,11 +11,29 @@ import pytest
 pytest.importorskip("mujoco")
 
 from hqp.declare.reference import Reference
+from hqp.declare.stack import Level, Stack
 
 from .test_walker import Walked
 
 OVER = 0.05
 """Of every change of stack [s]."""
+
+
+def only(stack: Stack, phase: str) -> Stack:
+    """The stack of one phase, declared without phases."""
+    out = stack.out_of(phase)
+    gone = {
+        e.name
+        for e in stack
+        if e.name in out or out & {getattr(e, "contact", None), *(getattr(e, "contacts", None) or ())}
+    }
+    kept = {e.name: replace(e, when=()) for e in stack if e.name not in gone}
+    levels = [
+        Level(*own, name=level.name, price=level.price)
+        for level in stack.levels
+        if (own := [kept[e.name] for e in level if e.name in kept])
+    ]
+    return Stack(*levels, subject_to=[kept[e.name] for e in stack.subject_to if e.name in kept])
 
 
 @pytest.mark.slow
@@ -23,18 +42,25 @@ def test_a_walk_bears_changes_that_take_time(name: str, jump: float, monkeypatch
     """Without the loads both fall within three steps."""
     course = Walked.of(name, sensed=False)
     walker, session = course.walker, course.walker.session
-    change, step, walk = session.change, session.step, walker.step
+    step, walk, whole = session.step, walker.step, walker.stacks.stack
+    stacks = {phase: only(whole, phase) for phase in whole.phases()}
+    session.change(stacks["both"])
     loads: list[float] = []
+    now = "both"
 
-    def felt(state: Any, *references: Reference, **more: Any) -> Any:
+    def felt(state: Any, *references: Reference, phase: str) -> Any:
+        nonlocal now
+        if phase != now:
+            now = phase
+            session.change(stacks[phase], OVER)
         contacts = zip((foot.name for foot in walker.feet), loads, strict=True)
-        return step(state, *references, *(Reference(n).loaded(f) for n, f in contacts if n in session), **more)
+        given = (r for r in references if r.name in session)
+        return step(state, *given, *(Reference(n).loaded(f) for n, f in contacts if n in session))
 
     def walked(state: Any, given: Any) -> Any:
         loads[:] = given
         return walk(state, given)
 
-    monkeypatch.setattr(session, "change", lambda stack: change(stack, OVER))
     monkeypatch.setattr(session, "step", felt)
     monkeypatch.setattr(walker, "step", walked)
     course.run(1.1)
