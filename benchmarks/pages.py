@@ -127,12 +127,11 @@ def _percentiles() -> Any:
 
 
 def _walking() -> dict[str, str]:
-    """What was walked, and by which robots."""
-    from benchmarks.walking import robots, statistics
+    """Which bipeds walk."""
+    from benchmarks.walking import robots
 
-    made = {"walks": statistics.lines, "bipeds": robots.lines}
-    shown = {name: lines(json.loads((DATA / f"{name}.json").read_text())) for name, lines in made.items()}
-    return {name: markdown(found.header, found.rows) for name, found in shown.items()}
+    found = robots.lines(json.loads((DATA / "bipeds.json").read_text()))
+    return {"bipeds": markdown(found.header, found.rows)}
 
 
 def _dreamer() -> dict[str, str]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.walking.course import DT, FRICTION, SETTLE, STOP, Course
-from hqp.robots.on_mujoco import Ramp, Tiles
+from hqp.robots.on_mujoco import Ramp, Servo, Tiles
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,7 +18,8 @@ class Cell:
     """A walk of ``seconds`` at a velocity; after a stand of 20 s for none.
 
     push: impulse over mass, sideways, at an instant of a step that differs from run to run [m/s].  ground: flat, ramp
-    (10 degrees) or tiles (+-20 mm).  falls: of 20 runs, at most; None where nothing is asked.
+    (10 degrees) or tiles (+-20 mm).  servo: kp of position servos in place of torque motors [N m/rad], 0 for none.
+    falls: of 20 runs, at most; None where nothing is asked.
     """
 
     robot: str
@@ -28,6 +29,7 @@ class Cell:
     seconds: float = 10.0
     push: float = 0.0
     ground: str = "flat"
+    servo: float = 0.0
     falls: int | None = None
 
 
@@ -38,6 +40,7 @@ SPEEDS = {"talos": (0.3, 0.4), "g1": (0.2, 0.3), "cbi": (0.15, 0.25)}
 """Asked and beyond [m/s]."""
 
 PUSHES = {"talos": 0.2, "g1": 0.13, "cbi": 0.13}
+SERVOS = 100.0, 500.0
 OTHERS = {"icub": 0.1, "romeo": 0.15, "talos_full_v2": 0.3, "g1_29dof_with_hand_rev_1_0": 0.2}
 
 
@@ -53,6 +56,8 @@ def cells() -> Mapping[str, Cell]:
         found[f"{robot}, back, aside and turning"] = Cell(robot=robot, forward=-0.1, left=0.05, turn=0.1)
         found[f"{robot}, 0.1 m/s up 10 degrees"] = Cell(robot=robot, forward=0.1, ground="ramp", falls=2)
         found[f"{robot}, 0.1 m/s, tiles +-20 mm"] = Cell(robot=robot, forward=0.1, ground="tiles", falls=2)
+    for stiff in SERVOS:
+        found[f"g1 on servos of {stiff:g} N m/rad, 0.2 m/s"] = Cell(robot="g1", forward=0.2, servo=stiff)
     for robot, speed in OTHERS.items():
         found[f"{robot}, {speed:g} m/s"] = Cell(robot=robot, forward=speed)
     return found
@@ -66,7 +71,9 @@ def one_run(cell: str, seed: int) -> dict[str, Any]:
         ground = Ramp(friction=FRICTION, angle=math.radians(10.0))
     elif declared.ground == "tiles":
         ground = Tiles(friction=FRICTION, seed=seed)
-    course = Course(declared.robot, seed, terrain=ground, height=0.02 if declared.ground == "tiles" else 0.0)
+    servo = Servo(other=declared.servo, damping_time=0.03) if declared.servo else None
+    height = 0.02 if declared.ground == "tiles" else 0.0
+    course = Course(declared.robot, seed, terrain=ground, height=height, servo=servo)
     start = course.plant.com()
     if declared.seconds == 0.0:
         course.run(20.0)

@@ -11,7 +11,7 @@ import numpy as np
 
 import hqp.robots
 from hqp.arrays import Vec
-from hqp.robots.on_mujoco import Plane, Terrain
+from hqp.robots.on_mujoco import Plane, Servo, Terrain
 from hqp.walking import Gait, Walker
 from hqp.walking import course as walking
 
@@ -30,7 +30,7 @@ class Course:
     """A course of the walker, its figures; ``run`` goes on and keeps what it saw.
 
     seed: of noise, offsets and masses (even seeds: heavier, odd ones: lighter); None for a plant that is as the model
-    says, on its true state.  height: of the ground at the start [m].
+    says, on its true state.  height: of the ground at the start [m].  servo: position servos.
     """
 
     def __init__(
@@ -42,6 +42,7 @@ class Course:
         edit: Any = None,
         robot: Any = None,
         height: float = 0.0,
+        servo: Servo | None = None,
         gait: Gait | None = None,
         **walker: Any,
     ) -> None:
@@ -67,6 +68,7 @@ class Course:
             delay=0.0 if seed is None else DELAY,
             terrain=terrain or Plane(friction=FRICTION),
             height=height,
+            servo=servo,
             offsets=offsets,
             edit=changed,
             seed=seed or 0,

@@ -21,38 +21,55 @@ SECONDS = 8.0
 """Of walking, before a stop."""
 
 
-def bipeds() -> tuple[tuple[str, ...], Mapping[str, str]]:
-    """Names of robots with a free base and two soles, once each, and why others with legs are left out."""
+def bipeds() -> tuple[str, ...]:
+    """Names of the catalogue with a free base and two soles; of several names of one robot the first."""
     import hqp.robots
     from hqp.walking.feet import feet_of
 
     found: dict[Any, str] = {}
-    refused: dict[str, str] = {}
     for name in hqp.robots.names():
         robot = hqp.robots.load(name)
-        if not robot.floating:
-            continue
         try:
             feet_of(robot)
-        except (DeclarationError, ModelError) as error:
-            if len(robot.landmarks.get("soles", ())) == 2:
-                refused[name] = str(error)
+        except (DeclarationError, ModelError):
             continue
-        found.setdefault((robot.nv, round(robot.mass, 6), len(robot.geometry.geometryObjects)), name)
-    return tuple(found.values()), refused
+        found.setdefault((robot.nv, round(robot.mass, 6)), name)
+    return tuple(found.values())
+
+
+def stature(name: str) -> dict[str, Any]:
+    """What a robot's own data say: size, speed asked of it, which joint bears most of its torque on one foot."""
+    import hqp.robots
+    from hqp.walking import Walker
+    from hqp.walking.standing import Stance, borne
+
+    robot = hqp.robots.load(name, rotors=True)
+    walker = Walker(robot)
+    stance, bears = Stance(robot, walker.feet), np.zeros(len(robot.joint_names))
+    for foot in walker.feet:
+        q = stance.on((foot,), 1.0 - walker.height / stance.height)
+        if q is not None:
+            bears = np.maximum(bears, borne(robot, foot, q))
+    low, high = (f(np.array(walker.feet[0].corners), axis=0) for f in (np.min, np.max))
+    return {
+        "mass": robot.mass, "height": walker.height, "asked": speed_of(walker), "sole": (high - low).tolist(),
+        "bears": float(bears.max()), "bearer": robot.joint_names[int(bears.argmax())],
+    }  # fmt: skip
+
+
+def speed_of(walker: Any) -> float:
+    """Asked of it [m/s]."""
+    return SPEED * math.sqrt(9.81 * walker.height)
 
 
 def one_robot(robot: str, seed: int) -> dict[str, Any]:
     """Figures of one walk; a case of a sweep."""
     from benchmarks.walking.course import SETTLE, STOP, Course
-    from hqp.walking.standing import borne
 
     course = Course(robot, seed)
-    walker = course.walker
-    speed = SPEED * math.sqrt(9.81 * walker.height)
-    own = walker.robot
-    share = np.max([borne(own, foot, walker.start) for foot in walker.feet], axis=0)
-    start, limit, bound, ticks = course.plant.com(), own.effort_limit[own.actuated], np.zeros(len(share)), 0
+    walker, own = course.walker, course.robot
+    limit = own.effort_limit[own.actuated]
+    start, bound, ticks = course.plant.com(), np.zeros(len(limit)), 0
 
     def run(seconds: float) -> bool:
         nonlocal bound, ticks
@@ -66,33 +83,36 @@ def one_robot(robot: str, seed: int) -> dict[str, Any]:
     stood = run(SETTLE)
     if stood:
         start = course.plant.com()
-        walker.go(speed)
+        walker.go(speed_of(walker))
         run(SECONDS)
     moved, lasted = course.plant.com() - start, course.plant.time
     if math.isnan(course.fell):
         walker.stop()
         run(STOP)
-    worst, bounds = int(np.argmax(share)), int(np.argmax(bound))
+    longest = int(np.argmax(bound))
     return {
-        **course.figures(), "height": walker.height, "mass": own.mass, "asked": speed,
-        "walked": float(moved[0]) / max(lasted - SETTLE, walker.dt), "aside": float(moved[1]), "stood": stood,
-        "length": float(np.ptp([x for x, _ in walker.feet[0].corners])),
-        "width": float(np.ptp([y for _, y in walker.feet[0].corners])),
-        "bears": float(share[worst]), "bearer": own.joint_names[worst],
-        "bound": float(bound[bounds]) / max(ticks, 1), "binds": own.joint_names[bounds],
+        **course.figures(), "walked": float(moved[0]) / max(lasted - SETTLE, walker.dt), "aside": float(moved[1]),
+        "stood": stood, "bound": float(bound[longest]) / max(ticks, 1), "binds": own.joint_names[longest],
     }  # fmt: skip
 
 
-def lines(found: Mapping[str, Any]) -> Table:
+KEPT = "seed", "fell", "walked", "aside", "bound", "binds", "optimal"
+
+
+def found(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """What the table is made of, by robot."""
+    names = dict.fromkeys(row["robot"] for row in rows)
+    return {n: {**stature(n), "runs": [{k: r[k] for k in KEPT} for r in rows if r["robot"] == n]} for n in names}
+
+
+def lines(by_robot: Mapping[str, Any]) -> Table:
     """The lines for people."""
-    return table(
-        "Bipeds by nothing but their own data", HEADER, [_line(n, rows) for n, rows in found["robots"].items()]
-    )
+    return table("Bipeds by nothing but their own data", HEADER, [_line(n, one) for n, one in by_robot.items()])
 
 
-def _line(name: str, rows: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+def _line(name: str, one: Mapping[str, Any]) -> tuple[str, ...]:
     """A robot's."""
-    one = rows[0]
+    rows, (length, width) = one["runs"], one["sole"]
     fell = [row for row in rows if row["fell"] is not None and math.isfinite(row["fell"])]
     walked = [row["walked"] for row in rows if row not in fell]
     when = "".join(f", {row['fell']:.1f} s" for row in fell)
@@ -101,7 +121,7 @@ def _line(name: str, rows: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
         name,
         f"{one['mass']:.0f}",
         f"{one['height']:.2f}",
-        f"{1e3 * one['length']:.0f} x {1e3 * one['width']:.0f}",
+        f"{1e3 * length:.0f} x {1e3 * width:.0f}",
         f"{one['asked']:.2f}",
         f"{np.median(walked):.2f}" if walked else "",
         f"{len(fell)} of {len(rows)}{when}",

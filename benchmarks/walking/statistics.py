@@ -29,11 +29,8 @@ def command(arguments: Any) -> int:
     ``--cells robots``: the table of bipeds instead, four runs each by default.
     """
     if arguments.cells == ["robots"]:
-        names, refused = robots.bipeds()
-        cases = [{"robot": n, "seed": k} for k in _seeds(arguments, robots.RUNS) for n in names]
-        rows = _runs(arguments, f"{robots.__name__}:one_robot", cases, "robots")
-        own = {n: [row for row in rows if row["robot"] == n] for n in names}
-        _show(arguments, {"robots": {n: found for n, found in own.items() if found}, "refused": refused}, robots.lines)
+        cases = [{"robot": n, "seed": k} for k in _seeds(arguments, robots.RUNS) for n in robots.bipeds()]
+        _show(arguments, robots.found(_runs(arguments, f"{robots.__name__}:one_robot", cases, "robots")), robots.lines)
         return 0
     known = cells()
     names = tuple(known) if arguments.cells == ["all"] else tuple(n for n in arguments.cells if n in known) or ASKED

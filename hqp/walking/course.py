@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from hqp.arrays import Vec
 from hqp.estimation import FeetEstimator
-from hqp.robots.on_mujoco import Noise, Plane, Plant, Sensors, Terrain
+from hqp.robots.on_mujoco import Noise, Plane, Plant, Sensors, Servo, Terrain
 from hqp.walking.feet import base_of
 from hqp.walking.walker import Walker
 
@@ -39,7 +39,7 @@ class Course:
 
     sensors: of the plant; None for none at all: the walker is told the true state.  delay: of torques [s].
     terrain: level, with mu 0.6, for None.  height: of the ground at the start [m].  offsets: what
-    encoders are off by ``(nq,)`` [rad].  edit, seed: as of Plant.
+    encoders are off by ``(nq,)`` [rad].  servo: position servos in place of torque motors.  edit, seed: as of Plant.
     """
 
     def __init__(
@@ -51,6 +51,7 @@ class Course:
         terrain: Terrain | None = None,
         height: float = 0.0,
         offsets: Vec | None = None,
+        servo: Servo | None = None,
         edit: Any = None,
         seed: int = 0,
     ) -> None:
@@ -64,6 +65,8 @@ class Course:
             imu=self.base,
             watched=soles,
             delay=delay,
+            actuation="torque" if servo is None else "position",
+            servo=servo,
             edit=edit,
             seed=seed,
         )
@@ -76,6 +79,7 @@ class Course:
             self.estimator = FeetEstimator(robot, soles, walker.dt, q, least_load=LEAST * robot.mass)
         self.state: State = robot.state(q)
         """What the walker was told last."""
+        self._kp = None if servo is None else np.array([servo.gain(name) for name in self.plant.joint_names])
         self._steps = round(walker.dt / self.plant.timestep)
 
     def step(self, push: ArrayLike | None = None) -> Tick:
@@ -88,7 +92,11 @@ class Course:
         tick = self.walker.step(self.state, loads)
         if push is not None:
             self.plant.push(self.base, np.asarray(push, dtype=np.float64))
-        self.plant.step(tick.command, steps=self._steps)
+        if self._kp is None:
+            self.plant.step(tick.command, steps=self._steps)
+        else:
+            angles, rates = self.walker.positions(self.state, tick, self._kp)
+            self.plant.step(angles, rates, steps=self._steps)
         return tick
 
     @property

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pinocchio as pin
 
 from hqp.arrays import Vec
 from hqp.errors import DeclarationError
@@ -88,7 +87,7 @@ def feet_of(robot: Any, soles: Sequence[str] | None = None) -> tuple[Foot, Foot]
 def base_of(robot: Any) -> str:
     """Frame of the trunk: the catalogue's, or the first body that the free joint moves."""
     named: tuple[str, ...] = robot.landmarks.get("base", ())
-    moved = (f.name for f in robot.model.frames if f.parentJoint == 1 and f.type == pin.FrameType.BODY)
+    moved = (f.name for f in robot.model.frames if f.parentJoint == 1 and f.type.name == "BODY")
     return named[0] if named else next(moved)
 
 

@@ -38,7 +38,7 @@ def standing(robot: Any, feet: tuple[Foot, Foot], lower: float) -> Vec:
     HARD of a joint's torque, more where knees are straight at home.
     Raises DeclarationError where no such configuration is found.
     """
-    stance = _Stance(robot, feet)
+    stance = Stance(robot, feet)
     stiff = None
     for share in LOWER:
         low = share * lower
@@ -66,8 +66,8 @@ def borne(robot: Any, foot: Foot, q: Vec) -> Vec:
     return np.asarray(np.abs(tau[robot.actuated]) / robot.effort_limit[robot.actuated])
 
 
-class _Stance:
-    """Inverse kinematics of standing, with the CoM above the middle of some feet."""
+class Stance:
+    """Inverse kinematics of standing, with the CoM above the middle of some feet; both feet on the ground."""
 
     def __init__(self, robot: Any, feet: tuple[Foot, Foot]) -> None:
         self.robot = robot

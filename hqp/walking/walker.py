@@ -189,6 +189,16 @@ class Walker:
         self.time += self.dt
         return tick
 
+    def positions(self, state: State, tick: Tick, kp: Vec) -> tuple[Vec, Vec]:
+        """Joint angles and rates for position servos in place of the torques ``tick.command``, ``(n_actuated,)`` each.
+
+        Servos with torque = kp (angle - q) + kv (rate - dq/dt): one period on by the model, and ahead of that by what
+        the torque takes, q + dt v + tau / kp.  state: of the tick.  kp [N m/rad].  Raises as ``Tick.advance``.
+        """
+        _, v = tick.advance()
+        rates = v[self.robot.actuated]
+        return state.angles[self.robot.actuated] + self.dt * rates + tick.command / kp, rates
+
     def _bound(self, command: Vec) -> None:
         """Scale torques by the weight felt; after a switch of phase go on from those before it, within the limits."""
         command *= self.heavier

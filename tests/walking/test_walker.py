@@ -13,7 +13,7 @@ pytest.importorskip("mujoco")
 
 import hqp.robots
 from hqp.errors import DeclarationError
-from hqp.robots.on_mujoco import Plant, Tiles
+from hqp.robots.on_mujoco import Plant, Servo, Tiles
 from hqp.walking import Gait, Walker
 from hqp.walking.course import Course
 from hqp.walking.feet import feet_of
@@ -123,6 +123,18 @@ def test_a_push_is_answered_by_ankles_and_where_they_are_too_narrow_by_a_step(
     course.run(4.0)
     assert course.optimal > 0.995
     assert max(course.jumps) < 120.0
+
+
+@pytest.mark.slow
+def test_it_walks_on_position_servos() -> None:
+    """Noise and delay; sent without the torques' part the servos sag, and G1 falls."""
+    course = Walked.of("g1", servo=Servo(other=300.0, damping_time=0.03))
+    course.run(1.0)
+    start = course.plant.com()
+    course.walker.go(forward=0.2)
+    course.run(3.0)
+    assert course.plant.com()[0] - start[0] > 0.35
+    assert course.optimal > 0.995
 
 
 @pytest.mark.slow
