@@ -12,7 +12,7 @@ from pathlib import Path
 
 import hqp
 from benchmarks.reports import report
-from scenes.changes import EVENTS, LEVELS, ROBOTS, Change, measure
+from tests.scenes.changes import EVENTS, LEVELS, ROBOTS, Change, measure
 
 UNITS = {"velocity": "rad/s", "acceleration": "rad/s^2", "torque": "N m"}
 MARK = "<!-- tables: python -m benchmarks changes --page docs/results/safety.md -->"

@@ -18,7 +18,7 @@ from hqp.problem import Hierarchy, Solution
 from hqp.robots import Robot
 from hqp.solvers.base import Solver
 from hqp.tasks import Com, Position
-from scenes.mistry2008 import HZ, near_home, paper_stack, roles
+from tests.scenes.mistry2008 import HZ, near_home, paper_stack, roles
 
 ROBOTS = ("cbi", "talos")
 

@@ -13,7 +13,7 @@ import numpy as np
 
 import hqp
 from benchmarks.reports import report
-from scenes.overloaded import Record, measure
+from tests.scenes.overloaded import Record, measure
 
 ROBOTS = ("cbi", "talos", "g1")
 MARK = "<!-- tables: python -m benchmarks deadline --page docs/results/safety.md -->"

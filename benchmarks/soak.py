@@ -13,7 +13,7 @@ import resource
 
 import numpy as np
 
-from scenes.soak import LEVELS, RATES, ROBOTS, Record, load, soak
+from tests.scenes.soak import LEVELS, RATES, ROBOTS, Record, load, soak
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

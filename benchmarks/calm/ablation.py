@@ -16,11 +16,11 @@ from hqp import PD, Level, P, Stack
 from hqp.problem import Hierarchy, Shape, Solution
 from hqp.solvers.base import Solver, Workspace
 from hqp.tasks import Com, JointLimits, Orientation, Position, Posture
-from scenes.calm import arrival, continuity, distance, drawn
-from scenes.calm.loop import figures, run
-from scenes.calm.robots import subject
-from scenes.calm.scenes import FORMULATIONS, scenes
-from scenes.calm.variants import PRICED, Variant, changed, solver_of
+from tests.scenes.calm import arrival, continuity, distance, drawn
+from tests.scenes.calm.loop import figures, run
+from tests.scenes.calm.robots import subject
+from tests.scenes.calm.scenes import FORMULATIONS, scenes
+from tests.scenes.calm.variants import PRICED, Variant, changed, solver_of
 
 Record = dict[str, Any]
 Scene = Callable[[Variant], float]

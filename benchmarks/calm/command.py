@@ -12,9 +12,9 @@ from pathlib import Path
 
 from benchmarks.calm.parts import PARTS
 from benchmarks.reports import report
-from scenes.calm.robots import ROBOTS
-from scenes.calm.scenes import FORMULATIONS
-from scenes.calm.variants import VARIANTS
+from tests.scenes.calm.robots import ROBOTS
+from tests.scenes.calm.scenes import FORMULATIONS
+from tests.scenes.calm.variants import VARIANTS
 
 QUICK = ("scenes", "continuity", "straight")
 """Parts of a quick run."""

@@ -14,14 +14,14 @@ import numpy as np
 import hqp
 from benchmarks.calm import ablation, tables
 from benchmarks.reports import report
-from scenes.calm import arrival, continuity, distance, drawn, goals, references, straight
-from scenes.calm.families import FAMILIES
-from scenes.calm.loop import Run, figures
-from scenes.calm.loop import run as carry_out
-from scenes.calm.robots import ARMS, HUMANOIDS
-from scenes.calm.scenes import scenes
-from scenes.calm.variants import EXACT_LIMITED, VARIANTS, Variant, solver_of
-from scenes.calm.walking import SOLES, walking
+from tests.scenes.calm import arrival, continuity, distance, drawn, goals, references, straight
+from tests.scenes.calm.families import FAMILIES
+from tests.scenes.calm.loop import Run, figures
+from tests.scenes.calm.loop import run as carry_out
+from tests.scenes.calm.robots import ARMS, HUMANOIDS
+from tests.scenes.calm.scenes import scenes
+from tests.scenes.calm.variants import EXACT_LIMITED, VARIANTS, Variant, solver_of
+from tests.scenes.calm.walking import SOLES, walking
 
 MAIN = (*HUMANOIDS, *ARMS)
 QUICK = ("talos", "ur5")

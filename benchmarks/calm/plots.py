@@ -12,8 +12,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from scenes.calm.loop import Run
-from scenes.calm.scenes import DT
+from tests.scenes.calm.loop import Run
+from tests.scenes.calm.scenes import DT
 
 UNITS = {"velocity": "joint velocity [rad/s]", "acceleration": "joint acceleration [rad/s²]", "torque": "torque [N m]"}
 

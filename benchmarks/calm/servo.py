@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from hqp.tasks import Position
-from scenes.calm.robots import subject
-from scenes.calm.scenes import DT, FORMULATIONS, default_stack, reach
-from scenes.calm.variants import Variant
+from tests.scenes.calm.robots import subject
+from tests.scenes.calm.scenes import DT, FORMULATIONS, default_stack, reach
+from tests.scenes.calm.variants import Variant
 
 COM = 0.01
 """Most that the CoM may be off [m]."""

@@ -12,9 +12,9 @@ from typing import Any
 
 from benchmarks.collision import timing
 from benchmarks.reports import report
-from scenes.calm.goals import misses
-from scenes.calm.scenes import FORMULATIONS
-from scenes.collision import scenes, table
+from tests.scenes.calm.goals import misses
+from tests.scenes.calm.scenes import FORMULATIONS
+from tests.scenes.collision import scenes, table
 
 ROBOTS = ("talos", "g1", "panda")
 MARGIN = -5e-4

@@ -14,7 +14,7 @@ from hqp.arrays import Vec
 from hqp.declare.element import Element
 from hqp.tasks import CollisionAvoidance, Com, FixedContact, JointLimits, Position, Posture
 from hqp.tasks.collision_scene import scene
-from scenes.calm.scenes import DT
+from tests.scenes.calm.scenes import DT
 
 PAIRS = (0, 50, 200, 10_000)
 """Pairs asked for; all there are for the last."""

@@ -15,7 +15,7 @@ from hqp.declare.robot import Robot
 from hqp.estimation.rotations import quaternion_of, rotation_of
 from hqp.solvers.base import Solver
 from hqp.tasks import Com, Position
-from scenes.mistry2008 import HZ, paper_stack, roles
+from tests.scenes.mistry2008 import HZ, paper_stack, roles
 
 DT = 1.0 / HZ
 

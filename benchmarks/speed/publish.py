@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from hqp.lab import problem_sets
-from scenes import problems
+from tests.scenes import problems
 
 DIFFICULT = ("d38", "d57", "rand12", "rand20", "randint10")
 """Sets with singular, conflicting or rank-deficient levels."""
@@ -20,7 +20,7 @@ def publish(folder: Path) -> list[Path]:
     for name in (*problems.names(), *hard):
         difficulty = "hard" if name in hard else "difficult" if name in DIFFICULT else "ordinary"
         target = folder / f"{name.replace('/', '_')}.parquet"
-        text = "hierarchical least-squares problems, see scenes/data/problems/README.md"
+        text = "hierarchical least-squares problems, see tests/scenes/data/problems/README.md"
         problem_sets.write(target, problems.load(name), name=name, description=text, difficulty=difficulty)
         written += [target, problem_sets.to_qpbenchmark(target, target.with_suffix(".qp.parquet"))]
     return written

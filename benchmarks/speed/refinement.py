@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from benchmarks.reports import report, solver_sets
 from hqp import Hierarchy, certificate, solvers
 from hqp.solvers import Solver
-from scenes import problems, random_hierarchies
+from tests.scenes import problems, random_hierarchies
 
 OF_A_SET, RANDOM = 8, 150
 """Problems taken of each stored set, and seeds of hard random hierarchies."""

@@ -8,7 +8,7 @@ import hqp
 from benchmarks.mistry2008 import loop
 from hqp import Hierarchy
 from hqp.arrays import Vec
-from scenes.mistry2008 import HZ, paper_stack, roles
+from tests.scenes.mistry2008 import HZ, paper_stack, roles
 
 ROBOTS = {"loop38": "talos", "loop57": "cbi"}
 """Sets of this module and the robot in the loop; the number is that of its variables."""

@@ -14,7 +14,7 @@ from benchmarks.reports.checks import write_json
 from benchmarks.speed import sequences, stopwatch
 from hqp import Hierarchy, Status, certificate, native, solvers
 from hqp.solvers import Solver
-from scenes import problems, random_hierarchies
+from tests.scenes import problems, random_hierarchies
 
 TARGETS = {
     "a38": 0.6, "a57": 0.45, "b5_38": 1.6, "b15_38": 6.0, "c38": 16.0, "d38": 8.0, "f62eq": 3.5,

@@ -14,7 +14,7 @@ from scipy.linalg import lapack
 from hqp import Hierarchy, Selection, Solution
 from hqp.arrays import Mat, Vec
 from hqp.solvers import Solver
-from scenes import problems
+from tests.scenes import problems
 
 
 @dataclass(frozen=True, eq=False)

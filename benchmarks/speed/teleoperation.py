@@ -23,7 +23,7 @@ from hqp import Level, P, Stack
 from hqp.arrays import Mat, Vec
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, Pose, Posture
-from scenes.mistry2008 import HZ
+from tests.scenes.mistry2008 import HZ
 
 WARM_UP = 100
 """Ticks before the first that counts."""

@@ -20,7 +20,7 @@ from hqp.programs.formulation import Formulation
 from hqp.robots import Robot
 from hqp.solvers.base import Solver
 from hqp.tasks import Com, Position
-from scenes.mistry2008 import HZ, paper_stack, roles
+from tests.scenes.mistry2008 import HZ, paper_stack, roles
 
 JUDGED = 100
 """Every so many ticks the answer is judged, outside the timed part: a fast wrong answer must not look good."""

@@ -17,7 +17,7 @@ from benchmarks.reports.checks import write_json
 from benchmarks.speed import teleoperation, ticks
 from benchmarks.speed.ticks import PARTS, Ticks
 from hqp import native, robots, solvers
-from scenes.mistry2008 import HZ
+from tests.scenes.mistry2008 import HZ
 
 ROBOTS = ("cbi", "talos")
 

@@ -28,7 +28,7 @@ from hqp.tasks import (
     Posture,
     TorqueLimits,
 )
-from scenes import sentis2012
+from tests.scenes import sentis2012
 
 GOALS_US = {"dreamer": 200.0, "talos": 400.0}
 """To reach with the native solver, median of the whole tick."""

@@ -38,7 +38,7 @@ from hqp.tasks import (
     Posture,
     TorqueLimits,
 )
-from scenes.mistry2008 import HZ
+from tests.scenes.mistry2008 import HZ
 
 WARM_UP, FAR = 200, 1.0
 """Ticks before the first that counts; how far ahead of where it begins a hand is asked to be [m]."""

@@ -65,13 +65,13 @@ def roots(path: Path) -> set[str]:
 
 
 def modules() -> dict[str, Path]:
-    """Every module of hqp, tasks, robots, scenes and benchmarks by its dotted name."""
+    """Every module of hqp, tasks, robots, tests/scenes and benchmarks by its dotted name."""
     found = {}
     for prefix, folder in (
         ("hqp", "hqp"),
         ("hqp.tasks", "tasks"),
         ("hqp.robots", "robots"),
-        ("scenes", "scenes"),
+        ("tests.scenes", "tests/scenes"),
         ("benchmarks", "benchmarks"),
     ):
         for path in (ROOT / folder).rglob("*.py"):
@@ -154,21 +154,25 @@ def test_only_adapters_import_back_ends() -> None:
 @pytest.mark.parametrize(
     ("folder", "unknown"),
     [
-        ("hqp", {"scenes", "benchmarks", "tests", "conftest"}),
-        ("tasks", {"scenes", "benchmarks", "tests", "conftest"}),
-        ("robots", {"scenes", "benchmarks", "tests", "conftest"}),
-        ("scenes", {"benchmarks", "tests", "conftest"}),
+        ("hqp", {"benchmarks", "tests", "conftest"}),
+        ("tasks", {"benchmarks", "tests", "conftest"}),
+        ("robots", {"benchmarks", "tests", "conftest"}),
+        ("tests/scenes", {"benchmarks", "tests", "conftest"}),
         ("benchmarks", {"tests", "conftest"}),
         ("tests", {"benchmarks"}),
-        ("examples", {"benchmarks", "tests", "scenes"}),
+        ("examples", {"benchmarks", "tests"}),
     ],
 )
 def test_what_stands_outside_the_library(folder: str, unknown: set[str]) -> None:
-    """scenes is what tests and benchmarks share; tests/benchmarks alone tests the benchmarks themselves."""
+    """tests/scenes is what tests and benchmarks share; tests/benchmarks alone tests the benchmarks themselves."""
     own = ROOT / "tests" / "benchmarks"
     found = [p for p in (ROOT / folder).rglob("*.py") if own not in p.parents]
     assert found
-    wrong = [f"{path.relative_to(ROOT)}: {names}" for path in found if (names := roots(path) & unknown)]
+    wrong = []
+    for path in found:
+        names = {name for name in imported(path) if not f"{name}.".startswith("tests.scenes.")}
+        if strange := {name.split(".")[0] for name in names - {"tests"}} & unknown:
+            wrong.append(f"{path.relative_to(ROOT)}: {strange}")
     assert not wrong, "\n".join(wrong)
 
 
@@ -247,7 +251,7 @@ def test_the_private_fields_of_a_session_are_its_own(owner: str) -> None:
     own = ROOT / "hqp" / owner
     names, found = private_names(own), []
     assert names
-    for folder in ("hqp/*.py", "hqp/*/**/*.py", "scenes/**/*.py", "benchmarks/**/*.py"):
+    for folder in ("hqp/*.py", "hqp/*/**/*.py", "tests/scenes/**/*.py", "benchmarks/**/*.py"):
         for path in sorted(ROOT.glob(folder)):
             if path == own:
                 continue

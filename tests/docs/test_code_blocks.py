@@ -10,7 +10,7 @@ from types import ModuleType
 import pytest
 
 from hqp import Stack
-from scenes import mistry2008, sentis2012
+from tests.scenes import mistry2008, sentis2012
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]

@@ -10,7 +10,7 @@ import numpy as np
 import hqp
 import hqp.tasks as t
 from hqp import PD, Level, Stack
-from scenes.sentis2012 import HELD
+from tests.scenes.sentis2012 import HELD
 
 ROBOTS = ("ur5", "cbi", "talos", "g1", "dreamer")
 

@@ -13,7 +13,7 @@ from hqp.errors import DeclarationError
 pytest.importorskip("pyarrow")
 
 from hqp.lab import problem_sets
-from scenes import problems, random_hierarchies
+from tests.scenes import problems, random_hierarchies
 
 RANDOM = [p for s in range(30) if (p := random_hierarchies.hierarchy(s, 12)).metric is None and p.origin is None][:5]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenes.soak import LEVELS, ROBOTS, Record, load, soak
+from tests.scenes.soak import LEVELS, ROBOTS, Record, load, soak
 
 
 @pytest.mark.parametrize("level", LEVELS)

@@ -12,8 +12,8 @@ from hqp import PD, Level, P, Stack
 from hqp.declare.law import Law
 from hqp.declare.robot import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, Position, Posture
-from scenes.calm import arrival, distance, drawn, straight
-from scenes.calm.variants import PRICED
+from tests.scenes.calm import arrival, distance, drawn, straight
+from tests.scenes.calm.variants import PRICED
 
 RESTLESS = 0.02
 """Median over 0.8 s of the largest change of a joint's speed in a tick [rad/s]; bang-bang in the window is 0.1."""

@@ -13,7 +13,7 @@ from numpy.random import Generator
 
 from hqp import Hierarchy, Rows, Selection
 from hqp.arrays import Mat, Vec
-from scenes import random_hierarchies
+from tests.scenes import random_hierarchies
 from tests.solvers.families import FAMILIES
 
 Kind = Callable[[Generator], list[Hierarchy]]
@@ -293,5 +293,5 @@ def families(rng: Generator) -> list[Hierarchy]:
 
 @kind
 def mixture(rng: Generator) -> list[Hierarchy]:
-    """One of scenes.random_hierarchies."""
+    """One of tests.scenes.random_hierarchies."""
     return [random_hierarchies.hierarchy(int(rng.integers(2**31)), largest=60)]

@@ -8,7 +8,7 @@ import pytest
 from hqp import Hierarchy, Rows, Selection, Status, certificate
 from hqp.errors import ProblemError
 from hqp.solvers import Solver
-from scenes import problems
+from tests.scenes import problems
 from tests.solvers.conformance import Subject, check, check_form, check_share, subjects, supports
 from tests.solvers.families import FAMILIES, equality
 

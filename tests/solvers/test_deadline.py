@@ -13,7 +13,7 @@ from hqp import Controller, Hierarchy, Status, Torque, robots
 from hqp.solvers import lexicographic, reference, second_opinion, stages
 from hqp.solvers.lexicographic import Lexicographic
 from hqp.solvers.reference import Reference
-from scenes.overloaded import overloaded
+from tests.scenes.overloaded import overloaded
 from tests.solvers import fuzz
 
 if lexicographic.kernel() == "":

@@ -15,7 +15,7 @@ from hqp.errors import DeclarationError, SolverNotInstalled
 from hqp.solvers import lexicographic
 from hqp.solvers.lexicographic import Lexicographic, NativeWorkspace
 from hqp.solvers.reference import Reference
-from scenes import problems, random_hierarchies
+from tests.scenes import problems, random_hierarchies
 from tests.solvers import fuzz
 
 RANDOM = 10_000

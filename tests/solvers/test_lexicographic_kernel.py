@@ -18,7 +18,7 @@ from hqp import Hierarchy, Rows
 from hqp.problem import Selection
 from hqp.solvers import lexicographic
 from hqp.solvers.lexicographic import Lexicographic
-from scenes import problems
+from tests.scenes import problems
 from tests.solvers.native.dump import dump
 
 if lexicographic.kernel() == "":

@@ -16,7 +16,7 @@ from hqp.arrays import Vec
 from hqp.errors import ProblemError, UnsupportedProblem
 from hqp.problem.null_directions import without_rounding
 from hqp.problem.pricing import is_met
-from scenes.calm import continuity
+from tests.scenes.calm import continuity
 
 STORED = np.load(Path(__file__).parents[1] / "data" / "calm20.npz")
 SOLVERS = [name for name in (*hqp.solvers.available(), "reference") if hqp.solvers.load(name).priced]

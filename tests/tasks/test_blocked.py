@@ -7,8 +7,8 @@ import importlib.util
 import pytest
 
 import hqp
-from scenes.calm.goals import misses
-from scenes.collision import scenes, table
+from tests.scenes.calm.goals import misses
+from tests.scenes.collision import scenes, table
 
 NEAREST = -5e-4
 """Least distance less clearance [m]."""

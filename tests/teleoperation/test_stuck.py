@@ -16,8 +16,8 @@ from hqp.arrays import Vec
 from hqp.declare.reference import Reference
 from hqp.goals import ways_out
 from hqp.tasks import FixedContact, JointLimits, Position, Posture
-from scenes.calm.arrival import case
-from scenes.calm.drawn import scene
+from tests.scenes.calm.arrival import case
+from tests.scenes.calm.drawn import scene
 
 from .traps import CRAWL, TURNED, crawled_start, elbow, references, turned_start, whole_body
 

@@ -23,8 +23,8 @@ from hqp.tasks import (
 )
 from hqp.torque.gravity import holding_torque
 from hqp.torque.program import TorqueProgram
-from scenes.sentis2012 import CONTACTS as WHEELS
-from scenes.sentis2012 import HELD
+from tests.scenes.sentis2012 import CONTACTS as WHEELS
+from tests.scenes.sentis2012 import HELD
 
 HAND = Position(frame="hand", relative_to="base", law=PD(30.0, 11.0))
 POSTURE = Posture(joints="upper_body", law=PD(100.0), name="posture")

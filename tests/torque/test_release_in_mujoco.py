@@ -18,9 +18,9 @@ from hqp.declare.reference import Reference
 from hqp.loop.tick import Tick
 from hqp.robots import Robot
 from hqp.tasks import CenterOfPressure, Com, FrictionCone, Orientation, Pose, Position, Posture
-from scenes.calm.walking import SOLES
-from scenes.changes import DT, lifted, smooth
-from scenes.changes import stack as stack_of
+from tests.scenes.calm.walking import SOLES
+from tests.scenes.changes import DT, lifted, smooth
+from tests.scenes.changes import stack as stack_of
 
 CHANGE = 3.0
 """Largest change of a torque in a tick while the weight goes over and a foot is released or taken up [N m]."""

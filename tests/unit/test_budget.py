@@ -17,7 +17,7 @@ from hqp.declare.safety import RateLimits
 from hqp.loop.outgoing import largest_change
 from hqp.loop.stepping import step
 from hqp.tasks import Com, FixedContact, JointLimits, Position, Posture, TorqueLimits
-from scenes.overloaded import overloaded
+from tests.scenes.overloaded import overloaded
 
 LATE, STEP, FIRST, LONGEST = Budget.LATE, Budget.STEP, Budget.FIRST, Budget.LONGEST
 

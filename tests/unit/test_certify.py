@@ -9,7 +9,7 @@ from numpy.random import Generator
 from hqp import Hierarchy, Rows, Selection, certificate
 from hqp.errors import ProblemError
 from hqp.problem.nnls import nonnegative_least_squares
-from scenes import problems
+from tests.scenes import problems
 
 SEEDS = range(60)
 

@@ -33,7 +33,7 @@ from hqp.tasks import (
     UnilateralContact,
 )
 from hqp.viewer.session_view import View
-from scenes.changes import DT, LEVELS, ROBOTS, Loop, lifted, measure, stack
+from tests.scenes.changes import DT, LEVELS, ROBOTS, Loop, lifted, measure, stack
 
 EVERY_LEVEL = pytest.mark.parametrize("level", LEVELS)
 

@@ -11,7 +11,7 @@ from hqp import Hierarchy, Level, Rows, Selection, Stack, Status
 from hqp.commands.arguments import formulation
 from hqp.explanation.conflict import conflict
 from hqp.tasks import FixedContact, JointLimits, PointContact, Posture
-from scenes.overloaded import overloaded
+from tests.scenes.overloaded import overloaded
 
 inf = np.inf
 

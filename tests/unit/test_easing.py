@@ -11,7 +11,7 @@ import hqp
 from hqp import Level, Stack
 from hqp.loop.transition.easing import Easing, added
 from hqp.tasks import Com, FixedContact, Position, Posture
-from scenes.changes import Loop, lifted, stack
+from tests.scenes.changes import Loop, lifted, stack
 
 
 def test_a_pair_is_eased_where_it_differs_in_motions_alone() -> None:

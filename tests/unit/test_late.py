@@ -19,8 +19,8 @@ from hqp.problem import Motion, Stats
 from hqp.solvers.base import finish
 from hqp.solvers.lexicographic import Lexicographic
 from hqp.tolerances import VIOLATION_TOLERANCE
-from scenes.calm.loop import NOTICEABLE, limits
-from scenes.calm.scenes import DT, FORMULATIONS, Scene, scenes
+from tests.scenes.calm.loop import NOTICEABLE, limits
+from tests.scenes.calm.scenes import DT, FORMULATIONS, Scene, scenes
 
 SOLVER = Lexicographic()
 FROM, TO, TICKS = 20, 700, 1200
@@ -66,7 +66,7 @@ class Loop:
 
 
 def most_reversals(commands: Mat, scale: Vec) -> float:
-    """Changes of sign of noticeable changes a second, of the worst joint, as scenes.calm counts them."""
+    """Changes of sign of noticeable changes a second, of the worst joint, as tests.scenes.calm counts them."""
     change = np.diff(commands, axis=0)
     noticed = np.abs(change) > NOTICEABLE * scale
     turned = (change[1:] * change[:-1] < 0.0) & noticed[1:] & noticed[:-1]

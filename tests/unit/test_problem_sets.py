@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hqp import Selection
-from scenes import problems
+from tests.scenes import problems
 
 
 def test_every_set_is_documented_and_loads() -> None:

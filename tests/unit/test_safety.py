@@ -21,8 +21,8 @@ from hqp.errors import ConcurrentUse, DeclarationError, HqpError, ModelError, Un
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, JointTorque, Momentum, Position, Posture, TorqueLimits
 from hqp.torque.terms import Terms
-from scenes.overloaded import measure as measure_deadline
-from scenes.overloaded import overloaded
+from tests.scenes.overloaded import measure as measure_deadline
+from tests.scenes.overloaded import overloaded
 
 DT = 0.002
 

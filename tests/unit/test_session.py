@@ -25,7 +25,7 @@ from hqp.errors import (
 from hqp.robots import Robot
 from hqp.solvers.stages import StagedWorkspace
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, Position, Posture
-from scenes.changes import stack
+from tests.scenes.changes import stack
 
 DT = 0.002
 WITH_LIMITS = pytest.mark.parametrize("solver", ["lexicographic", "cascade:proxqp"])

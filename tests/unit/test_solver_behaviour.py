@@ -13,7 +13,7 @@ from hqp.errors import BackendError
 from hqp.solvers.backends import QpAnswer, load
 from hqp.solvers.cascade import Cascade
 from hqp.solvers.recursion import Recursion
-from scenes import problems
+from tests.scenes import problems
 from tests.solvers.families import FAMILIES, bounds, equality, low_rank
 
 pinv = np.linalg.pinv

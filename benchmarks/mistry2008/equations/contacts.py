@@ -18,7 +18,7 @@ from hqp.errors import ProblemError
 from hqp.floating_base import base_rank, base_velocity, generalized_velocity
 from hqp.robots import Robot
 from hqp.tasks import EdgeContact, FixedContact, PointContact, Position
-from scenes.mistry2008 import roles
+from tests.scenes.mistry2008 import roles
 
 SEED = 7
 

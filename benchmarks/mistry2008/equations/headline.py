@@ -20,7 +20,7 @@ from benchmarks.reports.back_ends import answers
 from benchmarks.reports.checks import Check, at_most, seen_to_fail
 from hqp.arrays import Mat, Vec
 from hqp.robots import Robot
-from scenes.mistry2008 import HZ, Gains, near_home, paper_stack, roles
+from tests.scenes.mistry2008 import HZ, Gains, near_home, paper_stack, roles
 
 SEED = 12
 GAINS = Gains(cog=2.0, foot=1.0, hand=2.0, extraneous=1.0, posture=1.0)

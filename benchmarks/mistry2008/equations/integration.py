@@ -12,7 +12,7 @@ from benchmarks.mistry2008 import loop
 from benchmarks.mistry2008.loop import Trace
 from benchmarks.reports.checks import Check, at_most, seen_to_fail
 from hqp.robots import Robot
-from scenes.mistry2008 import GAINS, Gains, near_home, paper_stack, roles
+from tests.scenes.mistry2008 import GAINS, Gains, near_home, paper_stack, roles
 
 GAIN = 2.0
 """Gain of the hand in the figure-8 [1/s]; the paper gives none."""

@@ -13,7 +13,7 @@ from benchmarks.reports.checks import Check, at_most, seen_to_fail
 from hqp.arrays import Mat, Vec
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, Orientation, Position
-from scenes.mistry2008 import roles
+from tests.scenes.mistry2008 import roles
 
 STEP = 1e-6
 """Step of the central differences [m, rad]."""

@@ -16,7 +16,7 @@ from hqp.declare.robot import Robot
 from hqp.problem import Hierarchy, Rows
 from hqp.solvers.base import Solver
 from hqp.tasks import Com, FixedContact, Orientation, Position
-from scenes.mistry2008 import HZ, roles
+from tests.scenes.mistry2008 import HZ, roles
 
 
 def states(robot: Robot, count: int, seed: int, spread: float = 1.0) -> Iterator[tuple[Vec, Vec]]:

@@ -17,7 +17,7 @@ from hqp.arrays import Vec
 from hqp.floating_base import consistent_velocity
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, Orientation, Position, Posture
-from scenes.mistry2008 import roles
+from tests.scenes.mistry2008 import roles
 
 SEED = 18
 

@@ -25,7 +25,7 @@ from hqp.loop.session import Tick
 from hqp.robots.on_mujoco import Noise, Plane, Plant, Sensors
 from hqp.solvers.base import Solver
 from hqp.tasks import Com, Position
-from scenes.mistry2008 import Gains
+from tests.scenes.mistry2008 import Gains
 
 PERIOD = 0.002
 """Of position commands: 500 Hz, as on the robot [s]."""

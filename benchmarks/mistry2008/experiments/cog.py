@@ -23,7 +23,7 @@ from benchmarks.mistry2008.experiments.balance import (
     torque_share,
 )
 from hqp.robots.on_mujoco import Noise, Sensors
-from scenes.mistry2008 import CBI, paper_stack
+from tests.scenes.mistry2008 import CBI, paper_stack
 
 AMPLITUDE, FREQUENCY = 0.04, 0.2
 """Side to side [m], [Hz]; the paper's Fig. 6 shows no more than the shape."""

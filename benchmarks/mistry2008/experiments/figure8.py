@@ -11,7 +11,7 @@ from benchmarks.lab.outcome import Figure, Outcome, Table, holds, number, table
 from benchmarks.lab.setting import Setting
 from benchmarks.mistry2008.experiments.balance import GAINS, Balance, base_figures, follow, joint_margin, still
 from hqp.solvers.base import Solver
-from scenes.mistry2008 import CBI, paper_stack
+from tests.scenes.mistry2008 import CBI, paper_stack
 
 ACROSS, UP, FREQUENCY = 0.10, 0.06, 0.1
 """Of the figure-8 in the frontal plane [m], [m], [Hz]; the paper gives no numbers."""

@@ -20,7 +20,7 @@ from benchmarks.mistry2008.experiments.balance import (
 from hqp import Level, P, Stack
 from hqp.arrays import Vec
 from hqp.tasks import Com, Pose
-from scenes.mistry2008 import CBI, Gains, paper_stack
+from tests.scenes.mistry2008 import CBI, Gains, paper_stack
 
 LIFT = 0.04
 """Height of the lifted foot [m]."""

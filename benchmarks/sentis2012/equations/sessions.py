@@ -30,7 +30,7 @@ from hqp.tasks import (
     UnilateralContact,
 )
 from hqp.torque.program import TorqueProgram
-from scenes.sentis2012 import COM, CONTACTS, HAND, HELD, POSTURE, WHEELS, paper_stack
+from tests.scenes.sentis2012 import COM, CONTACTS, HAND, HELD, POSTURE, WHEELS, paper_stack
 
 SEED = 2013
 

@@ -34,7 +34,7 @@ from hqp.tasks import (
     UnilateralContact,
     Within,
 )
-from scenes.sentis2012 import WHEELS, paper_stack
+from tests.scenes.sentis2012 import WHEELS, paper_stack
 
 COM_GOAL = (0.0289, -0.0522)
 """Where the upper body's CoM is over the base in the posture goal, in the base's heading [m]."""

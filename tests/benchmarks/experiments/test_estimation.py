@@ -12,7 +12,7 @@ from benchmarks.mistry2008.experiments.balance import GAINS, PERIOD, SENSES, SOL
 from hqp.errors import DeclarationError
 from hqp.estimation import FeetEstimator
 from hqp.robots.on_mujoco import Sensors
-from scenes.mistry2008 import CBI, paper_stack
+from tests.scenes.mistry2008 import CBI, paper_stack
 
 
 @pytest.mark.parametrize("sensors", [Sensors(), SENSES])

@@ -18,7 +18,7 @@ from benchmarks.sentis2012.experiments.scene import Scene
 from hqp.errors import DeclarationError
 from hqp.estimation import MomentumObserver
 from hqp.tasks import ExternalWrench
-from scenes.sentis2012 import paper_stack
+from tests.scenes.sentis2012 import paper_stack
 
 PUSHED = Scene(slope=0.0, push=(0.0, 60.0, 0.0), seconds=2.6)
 HARD = Compliance(limits=True, com_acceleration=math.inf, least_load=60.0)

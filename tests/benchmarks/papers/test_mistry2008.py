@@ -11,7 +11,7 @@ from benchmarks.mistry2008.equations import contacts, headline, kinematics, prio
 from benchmarks.mistry2008.equations.integration import COG_ERROR, FOOT_ERROR, GAIN, HAND_RMS
 from hqp import robots
 from hqp.robots import Robot
-from scenes.mistry2008 import GAINS, Gains, paper_stack, roles
+from tests.scenes.mistry2008 import GAINS, Gains, paper_stack, roles
 
 
 @pytest.fixture(scope="module", params=["cbi", "talos"])

@@ -30,8 +30,8 @@ def dump(problems: Iterable[Hierarchy], path: Path) -> Path:
 
 
 if __name__ == "__main__":  # every stored set and some hard random problems into a folder
-    from scenes import problems as stored
-    from scenes import random_hierarchies
+    from tests.scenes import problems as stored
+    from tests.scenes import random_hierarchies
 
     folder = Path(sys.argv[1])
     for name in stored.names():

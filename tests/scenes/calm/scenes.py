@@ -19,7 +19,7 @@ from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
 from hqp.programs.formulation import Formulation
 from hqp.tasks import Com, JointLimits, Orientation, Position, Posture, TorqueLimits
-from scenes.calm.robots import Subject, subject
+from tests.scenes.calm.robots import Subject, subject
 
 DT = 0.002
 """Period [s]."""

@@ -12,8 +12,8 @@ from hqp.arrays import Mat, Vec
 from hqp.errors import StaleState
 from hqp.tasks import JointLimits
 from hqp.torque.program import TorqueProgram
-from scenes.calm.scenes import FORMULATIONS, Scene
-from scenes.calm.variants import Variant
+from tests.scenes.calm.scenes import FORMULATIONS, Scene
+from tests.scenes.calm.variants import Variant
 
 NOTICEABLE = 1e-3
 """A change of a command counts as one above this share of the joint's limit."""

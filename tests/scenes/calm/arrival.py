@@ -16,7 +16,7 @@ from hqp.arrays import Mat, Vec
 from hqp.declare.reference import Reference
 from hqp.robots import Robot
 from hqp.tasks import Com, FixedContact, JointLimits, Pose, Posture
-from scenes.calm.variants import EXACT_LIMITED, Variant
+from tests.scenes.calm.variants import EXACT_LIMITED, Variant
 
 FRAMES = {
     "ur5": "tool0", "panda": "panda_hand_tcp", "xarm7": "link_eef", "kinova": "j2s6s200_end_effector",

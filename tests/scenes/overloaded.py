@@ -14,7 +14,7 @@ from hqp.commands.arguments import formulation
 from hqp.robots import Robot
 from hqp.tasks import Com, Position, UnilateralContact
 from hqp.tolerances import VIOLATION_TOLERANCE
-from scenes.changes import DT, stack
+from tests.scenes.changes import DT, stack
 
 
 @dataclass

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenes.calm import drawn, goals
-from scenes.calm.loop import Run, figures, run
-from scenes.calm.scenes import DT, scenes
-from scenes.calm.variants import EXACT, PRICED, Variant
-from scenes.calm.walking import walking
+from tests.scenes.calm import drawn, goals
+from tests.scenes.calm.loop import Run, figures, run
+from tests.scenes.calm.scenes import DT, scenes
+from tests.scenes.calm.variants import EXACT, PRICED, Variant
+from tests.scenes.calm.walking import walking
 
 
 def loop(robot: str, formulation: str, name: str, variant: Variant, ticks: int = 700) -> dict[str, float | str]:

@@ -13,8 +13,8 @@ import hqp
 from hqp import Level, P, Stack, markdown
 from hqp.arrays import Mat, Vec
 from hqp.tasks import Com, JointLimits, Orientation, Position, Posture
-from scenes.calm.robots import Subject, subject
-from scenes.calm.variants import Variant
+from tests.scenes.calm.robots import Subject, subject
+from tests.scenes.calm.variants import Variant
 
 AHEAD = {"talos": (0.9, 0.0, 0.0), "g1": (0.7, 0.0, 0.25), "cbi": (0.7, 0.0, 0.25), "ur5": (1.0, 0.0, 0.2)}
 """Of the target from where the hand starts [m]."""

@@ -13,10 +13,10 @@ from hqp import Level, Stack, shapes
 from hqp.arrays import Vec
 from hqp.declare.reference import Reference
 from hqp.tasks import CollisionAvoidance, Position
-from scenes.calm.loop import Run, figures
-from scenes.calm.robots import Subject, subject
-from scenes.calm.scenes import DT, FORMULATIONS, Scene, default_stack, law
-from scenes.calm.variants import PRICED
+from tests.scenes.calm.loop import Run, figures
+from tests.scenes.calm.robots import Subject, subject
+from tests.scenes.calm.scenes import DT, FORMULATIONS, Scene, default_stack, law
+from tests.scenes.calm.variants import PRICED
 
 TORSO = {"talos": "torso_2_link", "g1": "torso_link", "cbi": "chest", "panda": "panda_link1"}
 """Links that the hand is sent into."""

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from scenes.calm.drawn import scene
-from scenes.calm.scenes import Scene, Targets
+from tests.scenes.calm.drawn import scene
+from tests.scenes.calm.scenes import Scene, Targets
 
 FRAMES = 30.0
 """References a second of a camera, held in between."""

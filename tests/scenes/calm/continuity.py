@@ -10,7 +10,7 @@ import numpy as np
 import hqp
 from hqp import markdown
 from hqp.solvers.base import Solver
-from scenes.calm.families import FAMILIES, MOVED, levels, neighbour, problem
+from tests.scenes.calm.families import FAMILIES, MOVED, levels, neighbour, problem
 
 __all__ = ["FAMILIES", "Continuity", "levels", "measure", "neighbour", "pairs", "problem", "table"]
 

@@ -17,8 +17,8 @@ from hqp.arrays import Vec
 from hqp.declare.law import Law
 from hqp.robots import Robot
 from hqp.tasks import JointLimits, Position, Posture, TorqueLimits
-from scenes.calm.scenes import FORMULATIONS
-from scenes.calm.variants import Variant
+from tests.scenes.calm.scenes import FORMULATIONS
+from tests.scenes.calm.variants import Variant
 
 AXES = {2: "zz", 3: "zzz", 6: "zyyxyx", 7: "zyxyxyx"}
 """Axes of the joints from the base on; the arm lies along x."""

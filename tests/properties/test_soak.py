@@ -9,7 +9,7 @@ import pytest
 
 import hqp.solvers
 from hqp import Hierarchy, Rows
-from scenes import soak
+from tests.scenes import soak
 
 
 def rows(first: float, second: float, goal: float) -> Rows:

@@ -11,8 +11,8 @@ import hqp
 from hqp import Level, P, Stack, shapes
 from hqp.arrays import Vec
 from hqp.tasks import CollisionAvoidance, Position
-from scenes.calm.robots import subject
-from scenes.calm.scenes import DT, default_stack
+from tests.scenes.calm.robots import subject
+from tests.scenes.calm.scenes import DT, default_stack
 
 EDGE, THICK, TOP = 0.12, 0.04, 0.25
 """The table's edge is this far ahead of the hand's start, its top so thick, the goal this far above the start [m]."""

@@ -22,8 +22,8 @@ from hqp.tasks import (
     TorqueLimits,
     UnilateralContact,
 )
-from scenes.calm.robots import Subject, subject
-from scenes.calm.scenes import RADIUS, RATE, Scene, Targets, law, reach
+from tests.scenes.calm.robots import Subject, subject
+from tests.scenes.calm.scenes import RADIUS, RATE, Scene, Targets, law, reach
 
 FRICTION, LOAD = 0.3, 20.0
 """Friction coefficient; least force on each foot [N]."""

@@ -12,11 +12,11 @@ import numpy as np
 from hqp import PD, Level, P, Stack, markdown
 from hqp.declare.law import Law
 from hqp.tasks import Com, JointLimits, Orientation, Position, Posture, TorqueLimits
-from scenes.calm import goals
-from scenes.calm.loop import figures, run
-from scenes.calm.robots import ROBOTS, subject
-from scenes.calm.scenes import DT, Scene, Targets, both, circle, still
-from scenes.calm.variants import EXACT, PRICED, Variant
+from tests.scenes.calm import goals
+from tests.scenes.calm.loop import figures, run
+from tests.scenes.calm.robots import ROBOTS, subject
+from tests.scenes.calm.scenes import DT, Scene, Targets, both, circle, still
+from tests.scenes.calm.variants import EXACT, PRICED, Variant
 
 SECONDS = 6.0
 PERIODS = (0.001, 0.002, 0.002, 0.005, 0.01)
