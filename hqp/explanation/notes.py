@@ -21,6 +21,15 @@ class Note:
     detail: str
 
 
-def added(notes: Notes, more: tuple[Note, ...]) -> Notes:
+def made(notes: Notes) -> tuple[Note, ...]:
+    """The notes themselves."""
+    return notes() if callable(notes) else notes
+
+
+def added(notes: Notes, more: Notes) -> Notes:
     """Those notes and some more, without making their texts."""
-    return (lambda: (*notes(), *more)) if callable(notes) else (*notes, *more)
+    if not notes:
+        return more
+    if callable(notes) or callable(more):
+        return lambda: (*made(notes), *made(more))
+    return (*notes, *more)

@@ -18,7 +18,6 @@ from hqp.explanation.questions import Teller
 from hqp.loop.compiled import Compiled
 from hqp.loop.contact_watch import ContactWatch
 from hqp.loop.guards import StateCheck, rate_limiter
-from hqp.loop.ordinary import ordinary_tick
 from hqp.loop.outgoing import GRADUAL
 from hqp.loop.presence import Presence
 from hqp.loop.references import References
@@ -157,16 +156,8 @@ class Line:
         return found
 
     def step(self, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
-        """A tick: in one native call where it is ordinary, on the general path where not."""
-        self.named = references
-        if self.direct is not None and not self.contacts.missing:
-            tick = ordinary_tick(self, self.direct, state, references)
-            if tick is not None:
-                return tick
-        return self.general(state, references, now)
-
-    def general(self, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
         """A tick, whatever comes in."""
+        self.named = references
         if self.transition is None:
             return step(self, state, references, now)
         return blended(self, self.transition, state, references, now)

@@ -22,11 +22,11 @@ NOTHING_ELSE = frozenset({"name", "on", "load"})
 class Presence:
     """The sets of elements that are out, each known once it was asked for.
 
-    now: those that were out in the latest tick, None before it.  Raises DeclarationError for a phase of the stack in
-    which constraints and actuators do not determine the motion.
+    now: those that were out in the latest tick, None before it; usual: those of no phase.  Raises DeclarationError for a
+    phase of the stack in which constraints and actuators do not determine the motion.
     """
 
-    __slots__ = ("_by_phase", "_declared", "_known", "_members", "_program", "now")
+    __slots__ = ("_by_phase", "_declared", "_known", "_members", "_program", "now", "usual")
 
     def __init__(self, stack: Stack, program: Program) -> None:
         self._program = program
@@ -39,6 +39,7 @@ class Presence:
             if phase is not None and (why := program.refuses(out)):
                 raise DeclarationError(f"phase {phase}", why, allowed="contacts that determine the motion")
         self.now: frozenset[str] | None = None
+        self.usual = self._by_phase[None]
 
     def member(self, name: str) -> Element:
         """The element of that name."""

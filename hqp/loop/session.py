@@ -25,8 +25,8 @@ from hqp.loop.controller import DEADLINE, Controller
 from hqp.loop.guards import StateCheck, rate_limiter
 from hqp.loop.held_base import adrift
 from hqp.loop.line import Guards, Line
-from hqp.loop.ordinary import array_tick, ordinary_tick
 from hqp.loop.soundness import rehearse, require_sound
+from hqp.loop.stepping import step_arrays
 from hqp.loop.tick import Tick, Times
 from hqp.loop.transition.changing import change
 from hqp.loop.turn import Turn, alone, require
@@ -126,37 +126,46 @@ class Session:
         Raises StaleState, UnknownReference, ConcurrentUse, ModelError (a state of another robot) or DeclarationError
         (a reference of another shape, a phase that is not there), which are errors of the program.
         """
+        return self._stepped(state, references, now, phase)
+
+    def tick(self, q: Vec, v: Vec | None = None, targets: Mapping[str, ArrayLike] | None = None) -> Tick:
+        """One tick of arrays: ``step(robot.state(q, v), hand.at(value), ...)`` in fewer calls.
+
+        q ``(nq,)``, v ``(nv,)``, zero for None: the state.  targets: by the element's name, what its ``at`` takes.
+        States of the robot that were made before become stale.  Raises what ``step``, ``Robot.state`` and ``at`` raise.
+        """
+        return self._stepped(None, (), None, None, (q, v, {} if targets is None else targets))
+
+    def _stepped(
+        self,
+        state: State | None,
+        references: tuple[Reference, ...],
+        now: float | None,
+        phase: str | None,
+        arrays: tuple[Any, Any, Any] | None = None,
+    ) -> Tick:
+        """A tick of a state, or of arrays: q, v and targets."""
         turn, me = self._turn, get_ident()
         if turn:
             require(turn, self)
         try:  # as ``alone``, without its calls
             if turn.setdefault(None, me) != me:
                 require(turn, self)
-            line = self.line
+            line, tick = self.line, None
             line.guards.count += 1
-            remarked = False
             if phase != line.guards.phase:
                 if phase is not None:
                     line.require_phase(phase)
                 line.guards.phase = phase
-            for reference in references:
-                if getattr(reference, "remarks", ()):
-                    remarked = True
-                if getattr(reference, "load", None) is not None:
-                    line.contacts.measure(reference.name, reference.load)  # type: ignore[arg-type]
-            line.named, tick = references, None
-            try:
-                if line.direct is not None and not line.contacts.missing:  # as ``Line.step``, without its call
-                    tick = ordinary_tick(line, line.direct, state, references)
-                if tick is None:
-                    tick = line.general(state, references, now)
-            except FloatingPointError:  # the caller asked NumPy to raise; here what is not finite is told by a status
-                with np.errstate(all="ignore"):
-                    tick = line.general(state, references, now)
-            if remarked:
-                for reference in references:
-                    for remark in reference.remarks:
-                        tick.add(Note(reference.name, Status.OPTIMAL, remark))
+            if arrays is not None and self._recorder is None:
+                with suppress(FloatingPointError):  # told below
+                    tick = step_arrays(line, *arrays)
+            if tick is None:
+                if arrays is not None:
+                    q, v, targets = arrays
+                    state = self.robot.state(q, v)
+                    references = tuple([self._aimed(name, value) for name, value in targets.items()])
+                tick = self._referred(line, state, references, now)
             if line.guards.count >= line.stuck.due:
                 line.stuck.look(line, tick)
             if tick.status is not self._status:
@@ -168,35 +177,23 @@ class Session:
             if turn.get(None) == me:
                 turn.clear()
 
-    def tick(self, q: Vec, v: Vec | None = None, targets: Mapping[str, ArrayLike] | None = None) -> Tick:
-        """One tick of arrays: ``step(robot.state(q, v), hand.at(value), ...)`` in fewer calls.
-
-        q ``(nq,)``, v ``(nv,)``, zero for None: the state.  targets: by the element's name, what its ``at`` takes.
-        States of the robot that were made before become stale.  Raises what ``step``, ``Robot.state`` and ``at`` raise.
-        """
-        turn, me = self._turn, get_ident()
-        if turn:
-            require(turn, self)
-        given: Any = {} if targets is None else targets
-        line, tick = self.line, None
+    def _referred(self, line: Line, state: Any, references: tuple[Reference, ...], now: float | None) -> Tick:
+        """A tick under references: measured loads are taken, and what references remark is told."""
+        remarked = False
+        for reference in references:
+            if getattr(reference, "remarks", ()):
+                remarked = True
+            if getattr(reference, "load", None) is not None:
+                line.contacts.measure(reference.name, reference.load)  # type: ignore[arg-type]
         try:
-            if turn.setdefault(None, me) != me:
-                require(turn, self)
-            if line.direct is not None and self._recorder is None and type(given) is dict and not line.contacts.missing:
-                line.guards.count += 1
-                with suppress(FloatingPointError):  # step tells
-                    tick = array_tick(line, line.direct, q, v, given)
-                if tick is not None:
-                    if line.guards.count >= line.stuck.due:
-                        line.stuck.look(line, tick)
-                    if tick.status is not self._status:
-                        self._log(tick)
-                    return tick
-                line.guards.count -= 1
-        finally:
-            if turn.get(None) == me:
-                turn.clear()
-        return self.step(self.robot.state(q, v), *(self._aimed(name, value) for name, value in given.items()))
+            tick = line.step(state, references, now)
+        except FloatingPointError:  # the caller asked NumPy to raise; here what is not finite is told by a status
+            with np.errstate(all="ignore"):
+                tick = line.step(state, references, now)
+        if remarked:
+            for reference in references:
+                tick.add(tuple([Note(reference.name, Status.OPTIMAL, remark) for remark in reference.remarks]))
+        return tick
 
     def _aimed(self, name: str, value: object) -> Reference:
         element: Any = self.line.find(name)

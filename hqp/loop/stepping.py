@@ -1,4 +1,4 @@
-"""A tick on the general path: rows, solver, safe command, each failure told by a status."""
+"""A tick: what comes in is checked, rows, solver, safe command; each failure is told by a status."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hqp.arrays import FLOAT, Mat, Vec
 from hqp.declare.reference import Reference
 from hqp.declare.robot import State
 from hqp.errors import DynamicsFailed, ModelError
-from hqp.explanation.notes import Note, Notes
+from hqp.explanation.notes import Note, made
 from hqp.explanation.questions import restless_notes
 from hqp.loop.late import late
 from hqp.loop.outgoing import culprits, largest_change, within_rates
@@ -22,30 +23,128 @@ from hqp.problem import Solution, Status
 
 if TYPE_CHECKING:
     from hqp.loop.line import Line
+    from hqp.programs.direct import Counts, Direct
+
+_new = object.__new__
 
 
 def step(line: Line, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
     """A tick, whatever comes in; raises ModelError for a state of another robot."""
     start = perf_counter()
-    if line.limit is not None:
+    direct = None if line.contacts.missing else line.direct
+    robot, check, presence, limit = line.robot, line.check, line.presence, line.limit
+    if state.robot is not robot:
+        raise ModelError(f"the session runs on {robot!r}, the state belongs to {state.robot!r}")
+    if not state.valid or check.ages or state.square >= check.ordinary:
+        fault = check.fault(state, monotonic() if check.ages and now is None else now)
+        if fault:
+            line.leave_direct()
+            return held_tick(line, state, None, (Note("state", Status.INVALID_STATE, fault),), fit=False)
+    out = presence.of(line.guards.phase, references)
+    if limit is not None:
+        if direct is None or direct.fresh or out is not presence.now:
+            line.budget.begin(thread_time())
+        else:
+            limit = None  # of native ticks the first one says it
+    notes: tuple[Note, ...] = ()
+    if out is not presence.now:
+        out, notes = presence.supported(out)
+        if out is not presence.now:
+            line.leave_direct()
+            state.kinematics()
+            line.attend(out, state)
+            direct = direct and line.direct
+    if direct is not None and not notes and robot.current is state and direct.workspace is line.workspace:
+        spoken = references
+        if out:
+            state.out, spoken = out, presence.spoken(references, out)
+        if direct.prepare is not None:
+            direct.prepare(state)
+        if limit is not None:
+            limit(line.budget.left(perf_counter() - start))
+        if direct.writes:  # rows of the user's own may take any time
+            direct.after_writing = partial(give, line, start)
+        before = line.x if line.latest is None else line.latest
+        found = direct.step(state, spoken, before)
+        if found is not None:
+            return answered(line, direct, state, before, found, start, limit is not None)
+    return in_python(line, state, references, out, notes, start, limit is not None)
+
+
+def step_arrays(line: Line, q: Vec, v: Vec | None, targets: dict[str, Vec | Mat]) -> Tick | None:
+    """The same of arrays alone, without a State and without References; None for what is out of the ordinary."""
+    start, direct, presence = perf_counter(), line.direct, line.presence
+    if direct is None or not direct.takes_arrays or direct.workspace is not line.workspace or line.contacts.missing:
+        return None
+    if presence.usual or presence.now is not presence.usual or type(q) is not np.ndarray or type(targets) is not dict:
+        return None
+    if q.dtype is not FLOAT or (v is not None and (type(v) is not np.ndarray or v.dtype is not FLOAT)):
+        return None
+    limit = line.limit if direct.fresh else None
+    if limit is not None:
         line.budget.begin(thread_time())
+        limit(line.budget.left(perf_counter() - start))
+    line.robot.leave()
+    before = line.x if line.latest is None else line.latest
+    found = direct.tick(q, v, targets, before, line.check.ordinary)
+    if found is None:
+        return None
+    line.named = tuple(targets)
+    state = line.robot.state(q, v) if isinstance(found, tuple) else None
+    return answered(line, direct, state, before, found, start, limit is not None)
+
+
+def answered(
+    line: Line,
+    direct: Direct,
+    state: State | None,
+    before: bytearray | Vec,
+    found: bytearray | Counts,
+    start: float,
+    measured: bool,
+) -> Tick:
+    """A tick whose rows and solver were one native call: the record of an optimum, or how the solver ended.
+
+    state: None for that of the record.  measured: whether the budget knows when the tick began.
+    """
+    if isinstance(found, tuple):
+        if not measured:
+            line.budget.skip()
+        line.leave_direct()
+        solution = line.workspace.answer(line.program.problem, found)  # type: ignore[attr-defined]
+        assert state is not None
+        return conclude(line, state, solution, (), start, start, start)
+    line.earlier, line.latest, line.latest_count = line.latest, found, line.guards.count
+    line.good, line.held = state or (direct, found), 0
+    tick = _new(Tick)
+    tick.__init__(line, state, before, found, start)  # type: ignore[misc]  # Tick() costs more
+    if found[-1] or line.limits.busy:
+        held_back = None
+        if direct.staged(found):
+            slacks, x = direct.slacks(found), direct.x(found)
+            held_back = line.teller.held_back(line.guards.count, slacks, x, line.names)
+        remark(line, tick, held_back, line.limits.record(found, direct.marks, line.guards.count), line.velocity)
+    return tick
+
+
+def in_python(
+    line: Line,
+    state: State,
+    references: tuple[Reference, ...],
+    out: frozenset[str],
+    notes: tuple[Note, ...],
+    start: float,
+    measured: bool,
+) -> Tick:
+    """A tick of rows and a solver of any kind, and of references that are out of the ordinary."""
     line.leave_direct()
-    if state.robot is not line.robot:
-        raise ModelError(f"the session runs on {line.robot!r}, the state belongs to {state.robot!r}")
-    if line.check.ages and now is None:
-        now = monotonic()
-    fault = line.check.fault(state, now)
-    if fault:
-        return held_tick(line, state, None, (Note("state", Status.INVALID_STATE, fault),), fit=False)
-    program, asked = line.program, line.references
-    out, notes = line.presence.supported(line.presence.of(line.guards.phase, references))
-    stays = notes
+    if line.limit is not None and not measured:
+        line.budget.begin(thread_time())
+    program, asked, stays = line.program, line.references, notes
     try:
         if program.out != out:
             program.go_without(out)
         program.prepare(state)
-        if out is not line.presence.now:
-            line.attend(out, state)
         if not asked.current or asked.without:
             asked.take_holds(line.stack, state)
         prepared = perf_counter()
@@ -74,6 +173,35 @@ def step(line: Line, state: State, references: tuple[Reference, ...], now: float
     return tick
 
 
+def give(line: Line, start: float) -> None:
+    """Give the solver what is left of a tick that began at ``start``."""
+    if line.limit is not None:
+        line.limit(line.budget.left(perf_counter() - start))
+
+
+def remark(
+    line: Line,
+    tick: Tick,
+    held_back: Callable[[], tuple[Note, ...]] | None,
+    restless: tuple[tuple[str, float], ...],
+    around: bool,
+) -> None:
+    """Notes on an optimum whose texts are made when they are read: levels that a stage keeps from being met, restless
+    joints, limits that are passed.  around: whether limits stand around the x before, else around the velocity."""
+    limits = line.limits
+    if not restless and not limits.meet:
+        if held_back is not None:
+            tick.add(held_back)
+        return
+
+    def told() -> tuple[Note, ...]:
+        state = tick.state
+        overrun = limits.overrun_notes(state, tick.before if around else state.v)
+        return (*made(held_back or ()), *restless_notes(restless), *overrun)
+
+    tick.add(told)
+
+
 def conclude(
     line: Line,
     state: State,
@@ -98,16 +226,12 @@ def conclude(
     elif not float(x.dot(x)) < math.inf:
         notes += (Note("solver", Status.NOT_CERTIFIED, "the answer is not finite"),)
         return held_tick(line, state, solution, notes, fit=True)
-    later: list[Callable[[], tuple[Note, ...]]] = []  # all OPTIMAL: their texts are made when they are read
+    held_back = None
     if solution.stage_points is not None:
         w = np.concatenate(solution.residuals)
-        if held_back := line.teller.held_back(line.guards.count, w, solution.x, line.names):
-            later.append(held_back)
-    if restless := line.limits.look(solution.active, line.guards.count):
-        later.append(partial(restless_notes, restless))
-    if line.limits.meet:
-        v = line.x if line.velocity and line.good is not None else state.v
-        later.append(partial(line.limits.overrun_notes, state, v))
+        held_back = line.teller.held_back(line.guards.count, w, solution.x, line.names)
+    restless = line.limits.look(solution.active, line.guards.count)
+    around = line.velocity and line.good is not None
     if line.contacts.missing:
         notes += tuple(Note(name, Status.CONTACT_LOST, why) for name, why in line.contacts.lost())
     if line.guards.first:
@@ -123,8 +247,9 @@ def conclude(
     if line.limit is not None:
         line.budget.end(thread_time(), solution.status is Status.TIME_LIMIT)
     times = Times(prepared - start, filled - prepared, solved - filled, end - solved)
-    told: Notes = (lambda: (*notes, *(note for make in later for note in make()))) if later else notes
-    return Tick(line, state, last, None, times, solution, line.x, status, told)
+    tick = Tick(line, state, last, None, times, solution, line.x, status, notes)
+    remark(line, tick, held_back, restless, around)
+    return tick
 
 
 def held_tick(line: Line, state: State, solution: Solution | None, notes: tuple[Note, ...], *, fit: bool) -> Tick:

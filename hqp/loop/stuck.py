@@ -72,7 +72,7 @@ class StuckWatch:
                 self._decide(line, tick)
             self.due = self._next if self._note is None else 0
         if self._note is not None:
-            tick.add(self._note)
+            tick.add((self._note,))
 
     def _decide(self, line: Line, tick: Tick) -> None:
         name, off, unit = self._off(line, tick)

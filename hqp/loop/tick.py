@@ -180,13 +180,9 @@ class Tick:
         """The notes, or what makes them."""
         return self._notes
 
-    def note(self, notes: Notes) -> None:
-        """Give the tick notes."""
-        self._notes = notes
-
-    def add(self, note: Note) -> None:
-        """One note more."""
-        self._notes = added(self._notes, (note,))
+    def add(self, notes: Notes) -> None:
+        """More notes."""
+        self._notes = added(self._notes, notes)
 
     @property
     def state(self) -> State:

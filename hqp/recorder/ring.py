@@ -137,7 +137,7 @@ class Recorder:
         elif (not self._optimal or tick.status is not Status.OPTIMAL) and self._trigger(tick):
             self.dump()
         if self._unwritten:
-            tick.add(Note("recorder", tick.status, self._told()))
+            tick.add((Note("recorder", tick.status, self._told()),))
 
     def dump(self) -> None:
         """Write what is there to a file, in a thread; the ring begins anew.  Without a tick there is nothing to do."""

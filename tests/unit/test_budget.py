@@ -81,6 +81,7 @@ def test_a_tick_that_was_held_up_costs_the_next_ones_nothing(monkeypatch: pytest
     with monkeypatch.context() as held_up:
         held_up.setattr(run.program, "fill", lambda *given: (time.sleep(0.05), fill(*given)))
         run.line.leave_direct()
+        held_up.setattr(run.line, "direct", None)
         step(run.line, state, (far,), None)
     found = []
     for _ in range(20):

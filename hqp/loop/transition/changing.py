@@ -11,7 +11,7 @@ from hqp.declare.reference import Reference
 from hqp.declare.robot import State
 from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError, DynamicsFailed
-from hqp.explanation.notes import Note, Notes, added
+from hqp.explanation.notes import Note, Notes, added, made
 from hqp.loop.compiled import Compiler
 from hqp.loop.outgoing import within_rates
 from hqp.loop.references import refuse
@@ -157,16 +157,14 @@ def plain(tick: Tick) -> bool:
 def notes_of(a: Tick, b: Tick, waits: tuple[Note, ...]) -> Notes:
     """Notes on both stacks, or on the first one and on what waits; texts that are not made yet are made when read."""
     first, second = a.unread, b.unread
-    if waits:
+    if waits or not second:
         return added(first, waits)
-    if not callable(first) and not callable(second):
-        return (*first, *(note for note in second if note not in first)) if first or second else ()
 
     def notes() -> tuple[Note, ...]:
-        known = first() if callable(first) else first
-        return (*known, *(note for note in (second() if callable(second) else second) if note not in known))
+        known = made(first)
+        return (*known, *(note for note in made(second) if note not in known))
 
-    return notes
+    return notes if callable(first) or callable(second) else notes()
 
 
 def beside(line: Line, state: State, references: tuple[Reference, ...], now: float | None) -> Tick:
