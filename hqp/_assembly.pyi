@@ -1,12 +1,12 @@
 """Rows of the common tasks, written by one call a tick (built from cpp/rows)."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from numpy import int8
 from numpy.typing import NDArray
 
-from hqp.arrays import Index, Mat, Vec
-from hqp.declare.plans import ExternalWrench, Payload, Plan
+from hqp.arrays import Mat, Vec
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Body, Placed, TreeJoint
 
@@ -31,45 +31,14 @@ class Assembly:
     def __init__(
         self, twists: Mat, bodies: Sequence[Body], dt: float, order: int, reference: type[Reference]
     ) -> None: ...
-    def add(
-        self,
-        plan: Plan,
-        *,
-        J: Mat | None,
-        error: Vec,
-        drift: Vec | None,
-        lower: Vec,
-        upper: Vec,
-        reference: Vec,
-        normal: Vec | None,
-        weight: float,
-        rate: Vec,
-        feedforward: Vec,
-    ) -> None:
-        """The operation of a plan, with the arrays it writes; those of the reference and normal ``(3,)`` are read.
+    def add(self, operation: Mapping[str, Any]) -> None:
+        """An operation of a plan, as the other parts in ``hqp.programs.assembly.Assembly.parts``; its arrays are live.
 
-        Raises TypeError for a plan without an operation.
+        Raises TypeError for a plan without an operation, ValueError for a wrong shape or number.
         """
 
-    def laws(
-        self,
-        *,
-        J: Mat,
-        error: Vec,
-        rate: Vec,
-        feedforward: Vec,
-        drift: Vec,
-        kp: Vec,
-        kd: Vec,
-        weight: Vec,
-        pick: Index,
-        kind: NDArray[int8],
-        demand: Vec,
-        lower: Vec,
-        upper: Vec,
-        saturations: Sequence[tuple[int, int, float, float, float]],
-    ) -> None:
-        """What ``demand`` works on: see ``hqp.programs.assembly.Assembly``; laws as in hqp/declare/law.py."""
+    def laws(self, laws: Mapping[str, Any]) -> None:
+        """What ``demand`` works on; laws as in hqp/declare/law.py."""
 
     def run(self, q: Vec, v: Vec) -> None:
         """Write rows, errors, drifts and ways left."""
@@ -77,32 +46,20 @@ class Assembly:
     def demand(self, v: Vec) -> None:
         """Write demands and bounds from what is in the arrays."""
 
-    def slot(
-        self,
-        name: str,
-        target: Vec | None,
-        shape: Sequence[int],
-        normal: Vec | None,
-        rate: Vec,
-        feedforward: Vec,
-        plain: int,
-    ) -> None:
+    def slot(self, slot: Mapping[str, Any]) -> None:
         """Where the reference of an element goes: target, flat, of that shape, None where Python reads the value.
 
         plain: whether ``tick`` takes a target as it is: 0 no, 1 numbers, 2 a rotation, 3 a homogeneous matrix.
         """
 
-    def dynamics(
-        self, inertias: Sequence[tuple[float, ...]], rotors: Sequence[float], gravity: Vec, A: Mat, bias: Vec
-    ) -> None:
-        """Each ``run`` writes A ``(nv, nv)``, column-major, its upper triangle, and b + g ``(nv,)``, with the loads.
+    def dynamics(self, terms: Mapping[str, Any]) -> None:
+        """Each ``run`` writes A ``(nv, nv)``, column-major, its upper triangle, and bias = b + g ``(nv,)`` with loads.
 
         inertias: of each of ``bodies``, see ``hqp.declare.robot.Robot.inertias``.  rotors: reflected inertia of each
-        tangent coordinate.  gravity: acceleration of free fall ``(3,)``.  Raises ValueError for a wrong shape or
-        number.
+        tangent coordinate.  gravity: acceleration of free fall ``(3,)``.
         """
 
-    def load(self, plan: Payload | ExternalWrench, value: Vec) -> None:
+    def load(self, load: Mapping[str, Any]) -> None:
         """A known load, its live value read at each ``run``; payloads count for centres of mass."""
 
     def hold(self, name: str, value: Vec | None) -> None:

@@ -119,7 +119,7 @@ class Assembly:
             )
             self.parts["slots"] = [self._slot(member) for member in members]
             for slot in self.parts["slots"]:
-                self.native_rows.slot(**slot)
+                self.native_rows.slot(slot)
 
     def _slot(self, member: Member) -> dict[str, Any]:
         """Where the reference of an element goes."""
@@ -164,7 +164,8 @@ class Assembly:
             self._supports.append((plan.of, plan.present))
         if taken is not None and taken.__module__.startswith(OWN):  # one of the user's own may make more of a target
             member.plain = PLAIN.get(type(plan), 0)
-        arrays: dict[str, Any] = {
+        operation: dict[str, Any] = {
+            "plan": plan,
             "J": views.J,
             "error": views.error,
             "drift": views.drift if self.order == 2 else None,
@@ -176,8 +177,8 @@ class Assembly:
             "rate": self.rate[member.part],
             "feedforward": self.feedforward[member.part],
         }
-        assembly.add(plan, **arrays)
-        self.parts["operations"].append({"plan": plan, **arrays})
+        assembly.add(operation)
+        self.parts["operations"].append(operation)
 
     def _hand_over_laws(self, assembly: NativeAssembly) -> None:
         total = self.error.size
@@ -210,7 +211,7 @@ class Assembly:
             "upper": self.upper,
             "saturations": saturations,
         }
-        assembly.laws(**laws)
+        assembly.laws(laws)
         self.parts["laws"] = laws
 
     def go_without(self, out: Set[str]) -> None:

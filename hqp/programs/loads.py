@@ -49,8 +49,8 @@ class Loads:
             plan = plan_of(element, robot)
             if rows is not None and isinstance(plan, (Payload, ExternalWrench)):
                 self._live[element.name] = np.zeros(plan.shape)
-                rows.load(plan, self._live[element.name])
                 self.parts.append({"name": element.name, "plan": plan, "value": self._live[element.name]})
+                rows.load(self.parts[-1])
             else:
                 self._readable.append(element)
 

@@ -34,7 +34,7 @@ class Terms:
             "bias": self.bias,
         }
         if rows is not None:
-            rows.dynamics(**self.parts)
+            rows.dynamics(self.parts)
 
     def prepare(self, state: State) -> None:
         """Compute what the rows and these terms need of a state."""

@@ -64,7 +64,8 @@ class Native:
         self.bias = np.zeros(robot.nv)
         native = self._rows.native_rows
         assert native is not None
-        native.dynamics(robot.inertias, robot.rotors.tolist(), robot.gravity, self.A, self.bias)
+        terms = {"inertias": robot.inertias, "rotors": robot.rotors.tolist(), "gravity": robot.gravity}
+        native.dynamics({**terms, "A": self.A, "bias": self.bias})
         self._native, self._kinematics = native, kinematics(robot)
 
     def at(self, q: Vec, v: Vec) -> dict[str, Vec]:

@@ -59,13 +59,13 @@ NB_MODULE(_assembly, module) {
       },
       "T"_a, "tolerance"_a);
   nb::class_<Assembly>(module, "Assembly")
-      .def(nb::init<const Columns&, const Bodies&, double, int, const nb::object&>(), "twists"_a.noconvert(),
-           "bodies"_a.noconvert(), "dt"_a, "order"_a, "reference"_a)
-      .def("slot", &Assembly::slot, "name"_a, "target"_a.noconvert().none(), "shape"_a, "normal"_a.noconvert().none(),
-           "rate"_a.noconvert(), "feedforward"_a.noconvert(), "plain"_a)
-      .def("dynamics", &Assembly::dynamics, "inertias"_a, "rotors"_a, "gravity"_a.noconvert(), "A"_a.noconvert(),
-           "bias"_a.noconvert())
-      .def("load", &Assembly::load, "plan"_a, "value"_a.noconvert())
+      .def(nb::init<const Columns&, const nb::object&, double, int, const nb::object&>(), "twists"_a.noconvert(),
+           "bodies"_a, "dt"_a, "order"_a, "reference"_a)
+      .def("add", &Assembly::add, "operation"_a)
+      .def("laws", &Assembly::laws, "laws"_a)
+      .def("slot", &Assembly::slot, "slot"_a)
+      .def("dynamics", &Assembly::dynamics, "terms"_a)
+      .def("load", &Assembly::load, "load"_a)
       .def("hold", &Assembly::hold, "name"_a, "value"_a.none())
       .def("answers", &Assembly::answers, "solve"_a, "call"_a.none(), "values"_a.noconvert(), "active"_a.noconvert(),
            "command"_a, "largest"_a)
@@ -74,13 +74,6 @@ NB_MODULE(_assembly, module) {
       .def("step", &Assembly::step, "q"_a, "v"_a.none(), "references"_a, "fresh"_a, "write"_a.none())
       .def("tick", &Assembly::tick, "q"_a, "v"_a.none(), "targets"_a, "fresh"_a, "before"_a.none(), "largest"_a,
            "rounding"_a)
-      .def("add", &Assembly::add, "plan"_a, nb::kw_only(), "J"_a.noconvert().none(), "error"_a.noconvert(),
-           "drift"_a.noconvert().none(), "lower"_a.noconvert(), "upper"_a.noconvert(), "reference"_a.noconvert(),
-           "normal"_a.noconvert().none(), "weight"_a, "rate"_a.noconvert(), "feedforward"_a.noconvert())
-      .def("laws", &Assembly::laws, nb::kw_only(), "J"_a.noconvert(), "error"_a.noconvert(), "rate"_a.noconvert(),
-           "feedforward"_a.noconvert(), "drift"_a.noconvert(), "kp"_a.noconvert(), "kd"_a.noconvert(),
-           "weight"_a.noconvert(), "pick"_a.noconvert(), "kind"_a.noconvert(), "demand"_a.noconvert(),
-           "lower"_a.noconvert(), "upper"_a.noconvert(), "saturations"_a)
       .def("run", &Assembly::run, "q"_a, "v"_a)
       .def("demand", &Assembly::demand, "v"_a);
   nb::class_<EasedRows>(module, "EasedRows")
@@ -100,8 +93,8 @@ NB_MODULE(_assembly, module) {
       .def(nb::init<double, double, double, double, double, int, int>(), "step"_a, "least"_a, "progress"_a, "polish"_a,
            "still"_a, "stalled"_a, "last"_a);
   nb::class_<LiveKinematics>(module, "Kinematics")
-      .def(nb::init<const WrittenColumns&, const std::vector<Joint>&, const std::vector<Fixed>&>(),
-           "twists"_a.noconvert(), "joints"_a, "frames"_a)
+      .def(nb::init<const WrittenColumns&, const nb::object&, const nb::object&>(), "twists"_a.noconvert(), "joints"_a,
+           "frames"_a)
       .def_prop_ro("size", [](LiveKinematics& k) { return k.get().size(); })
       .def("update", &LiveKinematics::update, "q"_a)
       .def("integrate", &LiveKinematics::integrate, "q"_a, "x"_a, "h"_a, "out"_a.noconvert());

@@ -22,57 +22,24 @@ class Assembly {
  public:
   using Parts = std::vector<std::tuple<int, int>>;  // first and last of some rows
 
-  Assembly(const Columns& twists, const Bodies& bodies, double dt, int order, const nb::object& reference)
-      : rows_(tree(bodies), keep(twists), dt, order), loop_(reference) {}
+  Assembly(const Columns& twists, const nb::object& bodies, double dt, int order, const nb::object& reference)
+      : rows_(hqp::bodies(plan(bodies), static_cast<int>(twists.shape(1))), keep(twists), dt, order),
+        loop_(reference) {}
   Assembly(const Assembly&) = delete;
 
-  void add(const nb::object& object, const std::optional<Block>& J, const Written& error,
-           const std::optional<Written>& drift, const Written& lower, const Written& upper, const Vector& reference,
-           const std::optional<Vector>& normal, double weight, const Vector& rate, const Vector& feedforward) {
-    const hqp::Target out{J ? keep(*J) : nullptr,
-                          keep(error),
-                          drift ? keep(*drift) : nullptr,
-                          keep(lower),
-                          keep(upper),
-                          keep(reference),
-                          normal ? keep(*normal) : nullptr,
-                          weight,
-                          J ? static_cast<int>(J->shape(1)) : 0,
-                          keep(rate),
-                          keep(feedforward)};
+  // Parts of a plan, see planned.hpp.
+  void add(const nb::object& operation) {
+    const LivePlan p = plan(operation);
     try {
-      rows_.add(LivePlan(object, kept_), out);
+      rows_.add(p.part("plan"), hqp::target(p, size()));
     } catch (const hqp::UnknownPlan& error) {
       throw nb::type_error(error.what());
     }
   }
-
-  void laws(const Block& J, const Vector& error, const Vector& rate, const Vector& feedforward, const Vector& drift,
-            const Vector& kp, const Vector& kd, const Vector& weight, const Picks& pick, const Kinds& kind,
-            const Written& demand, const Written& lower, const Written& upper,
-            const std::vector<std::tuple<int, int, double, double, double>>& saturations) {
-    hqp::Laws laws{rows_.order(),
-                   static_cast<int>(J.shape(0)),
-                   static_cast<int>(J.shape(1)),
-                   static_cast<int>(error.shape(0)),
-                   keep(J),
-                   keep(error),
-                   keep(rate),
-                   keep(feedforward),
-                   keep(drift),
-                   keep(kp),
-                   keep(kd),
-                   keep(weight),
-                   keep(pick),
-                   keep(kind),
-                   keep(demand),
-                   keep(lower),
-                   keep(upper),
-                   {}};
-    for (const auto& [start, stop, fastest, hardest, damping] : saturations)
-      laws.saturations.push_back({start, stop, fastest, hardest, damping});
-    rows_.laws(std::move(laws));
-  }
+  void laws(const nb::object& p) { rows_.laws(hqp::laws(plan(p), rows_.order(), size())); }
+  void dynamics(const nb::object& p) { hqp::add_dynamics(rows_, plan(p)); }
+  void load(const nb::object& p) { hqp::add_load(rows_, plan(p)); }
+  void slot(const nb::object& p) { loop_.add(plan(p).text("name"), hqp::slot(plan(p))); }
 
   // Placements and twists are written by this, ahead of the rows of a tick.
   void move(const nb::object& robot) {
@@ -85,31 +52,7 @@ class Assembly {
   }
   void demand(const Vector& v) { rows_.demand(v.data()); }
 
-  // A (nv, nv), its upper triangle, and b + g (nv,) are written with every tick, loads included.
-  void dynamics(const std::vector<hqp::BodyInertia>& inertias, Numbers rotors, const Vector& gravity,
-                const WrittenColumns& A, const Written& bias) {
-    const std::size_t n = size();
-    if (A.shape(0) != n || A.shape(1) != n || bias.shape(0) != n || gravity.shape(0) != 3)
-      throw nb::value_error("A, bias or gravity: wrong shape");
-    rows_.dynamics(inertias, std::move(rotors), hqp::load(gravity.data()), keep(A), keep(bias));
-  }
-
-  // A load whose value is live; payloads count for centres of mass, too.
-  void load(const nb::object& object, const Vector& value) { rows_.load(LivePlan(object, kept_), keep(value)); }
-
-  // Where the reference of an element goes, and its hold value, None for one that is not there.
-  void slot(const std::string& name, const std::optional<Written>& target, Ints shape,
-            const std::optional<Written>& normal, const Written& rate, const Written& feedforward, int plain) {
-    loop_.add(name, {target ? keep(*target) : nullptr,
-                     std::move(shape),
-                     normal ? keep(*normal) : nullptr,
-                     keep(rate),
-                     keep(feedforward),
-                     static_cast<int>(rate.shape(0)),
-                     !target,
-                     static_cast<hqp::Plain>(plain),
-                     {}});
-  }
+  // The hold value of an element, None for one that is not there.
   void hold(const std::string& name, const std::optional<Vector>& value) {
     hqp::Slot* slot = loop_.find(name);
     if (!slot) throw nb::key_error(name.c_str());
@@ -256,14 +199,7 @@ class Assembly {
     kept_.push_back(nb::cast(array));
     return array.data();
   }
-  std::vector<hqp::Body> tree(const Bodies& bodies) {
-    std::vector<hqp::Body> found;
-    for (const auto& [parent, first, count, mass, centre, placement] : bodies) {
-      const auto& [position, rotation] = placement;
-      found.push_back({parent, first, count, mass, vector(centre), keep(position), keep(rotation)});
-    }
-    return found;
-  }
+  LivePlan plan(const nb::object& object) { return {object, kept_}; }
   static hqp::Assembly::Parts pairs(const Parts& parts) {
     hqp::Assembly::Parts found;
     for (const auto& [first, last] : parts) found.emplace_back(first, last);

@@ -32,11 +32,6 @@ using Slots = nb::ndarray<std::int32_t, nb::ndim<1>, nb::c_contig, nb::device::c
 using Ints = std::vector<int>;
 using Numbers = std::vector<double>;
 
-using Placement = std::tuple<Vector, Columns>;                                      // position, rotation
-using Bodies = std::vector<std::tuple<int, int, int, double, Numbers, Placement>>;  // hqp.declare.robot.Body
-
-using hqp::vector;
-
 // Keeps alive what it gives pointers into.
 class LivePlan : public hqp::PlanOf<LivePlan> {
  public:
@@ -57,25 +52,21 @@ class LivePlan : public hqp::PlanOf<LivePlan> {
   bool flag() const { return nb::cast<bool>(object_); }
   Ints ints() const { return nb::cast<Ints>(object_); }
   Numbers numbers() const { return nb::cast<Numbers>(object_); }
-  LivePlan part(const char* field) const { return {object_.attr(field), *kept_}; }
+  std::string text(const char* field) const { return nb::cast<std::string>(part(field).object_); }
+  bool has(const char* field) const { return !part(field).is_none(); }
+  LivePlan part(const char* field) const {
+    const bool named = PyDict_Check(object_.ptr());
+    return {named ? nb::object(object_[field]) : nb::object(object_.attr(field)), *kept_};
+  }
   std::vector<LivePlan> parts() const {
     std::vector<LivePlan> found;
     for (const nb::handle one : object_) found.emplace_back(nb::borrow(one), *kept_);
     return found;
   }
-  double* doubles(std::size_t count) const {
-    const auto array = nb::cast<nb::ndarray<const double, nb::device::cpu>>(object_, false);
-    const bool contiguous = array.ndim() == 1 ? array.shape(0) < 2 || array.stride(0) == 1
-                                              : array.ndim() == 2 && array.stride(0) == 1 &&
-                                                    array.stride(1) == static_cast<std::int64_t>(array.shape(0));
-    if (array.size() != count || !contiguous) throw nb::value_error("a live array has a wrong shape");
-    return const_cast<double*>(hold(array));
-  }
-  const std::int8_t* bytes(std::size_t count) const {
-    const auto array = nb::cast<Marks>(object_, false);
-    if (array.size() != count) throw nb::value_error("a live array has a wrong shape");
-    return hold(array);
-  }
+  std::size_t size() const { return array<const double>().size(); }
+  double* doubles(std::size_t count) const { return const_cast<double*>(held<const double>(count)); }
+  const std::int64_t* longs(std::size_t count) const { return held<const std::int64_t>(count); }
+  const std::int8_t* bytes(std::size_t count) const { return held<const std::int8_t>(count); }
   std::int32_t* places(int& rows) const {
     const auto array = nb::cast<Slots>(object_, false);
     rows = static_cast<int>(array.shape(0));
@@ -83,6 +74,27 @@ class LivePlan : public hqp::PlanOf<LivePlan> {
   }
 
  private:
+  template <class T>
+  nb::ndarray<T, nb::device::cpu> array() const {
+    return nb::cast<nb::ndarray<T, nb::device::cpu>>(object_, false);
+  }
+  // Row by row or column by column, as it is.
+  template <class T>
+  T* held(std::size_t count) const {
+    const auto found = array<T>();
+    const auto dense = [&](bool last_first) {
+      std::int64_t step = 1;
+      for (std::size_t k = 0; k < found.ndim(); ++k) {
+        const std::size_t i = last_first ? found.ndim() - 1 - k : k;
+        if (found.shape(i) > 1 && found.stride(i) != step) return false;
+        step *= static_cast<std::int64_t>(found.shape(i));
+      }
+      return true;
+    };
+    if (found.size() != count || !(dense(true) || dense(false)))
+      throw nb::value_error("a live array has a wrong shape");
+    return hold(found);
+  }
   template <typename Array>
   auto hold(const Array& array) const -> decltype(array.data()) {
     kept_->push_back(nb::cast(array));

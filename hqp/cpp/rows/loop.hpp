@@ -12,7 +12,6 @@
 #include <nanobind/nanobind.h>
 
 #include "references.hpp"
-#include "rotations.hpp"
 
 namespace hqp {
 
@@ -99,9 +98,7 @@ class Loop {
       taken_.push_back(k);
       const bool taken = slot.plain != Plain::kNo && value != Py_None &&
                          copy(value, slot.target, slot.shape.data(), static_cast<int>(slot.shape.size()));
-      if (!taken || (slot.plain == Plain::kRotation && !rotation(slot.target, 3)) ||
-          (slot.plain == Plain::kPose && !pose(slot.target)))
-        return false;
+      if (!taken || !slot.is_finite() || !slot.is_rotation()) return false;
     }
     return true;
   }
@@ -128,7 +125,7 @@ class Loop {
     return (slot.elsewhere || copy(field(given, fields_.value), slot.target, slot.shape.data(), dimensions)) &&
            copy(field(given, fields_.velocity), slot.rate, &slot.rows, 1) &&
            copy(field(given, fields_.acceleration), slot.feedforward, &slot.rows, 1) &&
-           copy(field(given, fields_.normal), slot.normal, three, 1) &&
+           copy(field(given, fields_.normal), slot.normal, three, 1) && slot.is_finite() &&
            !field(given, fields_.gravity_normal).is_valid();
   }
 
@@ -138,14 +135,9 @@ class Loop {
     return found == Py_None ? nullptr : found;
   }
 
-  // Finite numbers of that shape; null leaves what is there.
+  // Numbers of that shape; null leaves what is there.
   static bool copy(nb::handle array, double* to, const int* shape, int dimensions) {
-    if (!array.is_valid()) return true;
-    if (!to) return false;
-    if (!Doubles::copy(array, to, shape, dimensions)) return false;
-    int size = 1;
-    for (int i = 0; i < dimensions; ++i) size *= shape[i];
-    return finite(to, size);
+    return !array.is_valid() || (to && Doubles::copy(array, to, shape, dimensions));
   }
 
   nb::object reference_;

@@ -21,7 +21,8 @@ inline Vec3 vector(const std::vector<double>& a) {
 }
 
 // Self reads: name() of the plan's class; is_none(), number(), integer(), flag(), ints(), numbers(), of itself;
-// part(field) and parts(), what it holds; doubles(count) and bytes(count), live arrays.
+// has(field), part(field) and parts(), what it holds; doubles(count), longs(count), bytes(count) and size(), live
+// arrays.
 template <class Self>
 class PlanOf {
  public:
@@ -33,6 +34,9 @@ class PlanOf {
   Vec3 vec3(const char* field) const { return vector(numbers(field)); }
   std::vector<Self> parts(const char* field) const { return part(field).parts(); }
   double* doubles(const char* field, std::size_t count) const { return part(field).doubles(count); }
+  double* maybe(const char* field, std::size_t count) const {  // null for none
+    return self().has(field) ? part(field).doubles(count) : nullptr;
+  }
 
   Frame frame() const { return {doubles("position", 3), doubles("rotation", 9), integer("body"), ints("columns")}; }
   Frame frame(const char* field) const { return part(field).frame(); }

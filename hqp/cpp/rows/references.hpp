@@ -2,9 +2,9 @@
 #pragma once
 
 #include <algorithm>
-#include <cmath>
-#include <limits>
 #include <vector>
+
+#include "rotations.hpp"
 
 namespace hqp {
 
@@ -29,13 +29,18 @@ struct Slot {
     std::fill(rate, rate + rows, 0.0);
     std::fill(feedforward, feedforward + rows, 0.0);
   }
+  int size() const {  // of the target
+    int n = target ? 1 : 0;
+    for (const int each : shape) n *= each;
+    return n;
+  }
+  // Whether what was put there are numbers, and a target that has to be one is a rotation.
+  bool is_finite() const {
+    return finite(target, size()) && finite(rate, rows) && finite(feedforward, rows) && (!normal || finite(normal, 3));
+  }
+  bool is_rotation() const {
+    return (plain != Plain::kRotation || rotation(target, 3)) && (plain != Plain::kPose || pose(target));
+  }
 };
-
-inline double squared(const double* a, int size) {
-  double sum = 0.0;
-  for (int i = 0; i < size; ++i) sum += a[i] * a[i];
-  return sum;
-}
-inline bool finite(const double* a, int size) { return squared(a, size) < std::numeric_limits<double>::infinity(); }
 
 }  // namespace hqp

@@ -1,12 +1,19 @@
-// Whether numbers that are given are a rotation or a pose.
+// Whether numbers that are given are finite, a rotation or a pose.
 #pragma once
 
 #include <cmath>
+#include <limits>
 
 #include "../dynamics/spatial.hpp"
-#include "references.hpp"
 
 namespace hqp {
+
+inline double squared(const double* a, int size) {
+  double sum = 0.0;
+  for (int i = 0; i < size; ++i) sum += a[i] * a[i];
+  return sum;
+}
+inline bool finite(const double* a, int size) { return squared(a, size) < std::numeric_limits<double>::infinity(); }
 
 constexpr double kOrthonormal = 1e-5;  // ORTHONORMAL of tasks/rotations.py
 

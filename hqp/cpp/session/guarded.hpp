@@ -10,7 +10,6 @@
 #include <utility>
 #include <vector>
 
-#include "../rows/rotations.hpp"
 #include "budget.hpp"
 #include "guards.hpp"
 #include "late.hpp"
@@ -279,31 +278,23 @@ class Guarded {
       slot.settle();
       slot.moved = given.any;
       if (!given.any) continue;
-      const Put put = this->put(slot, given);
-      if (put != Put::kTaken) {
+      put(slot, given);
+      const bool finite = slot.is_finite();
+      if (!finite || (given.has_value && !slot.is_rotation())) {
         slot.settle();
         left_out_[m] = !members[m].hard;
-        Note why{members[m].name.c_str(), Status::kInvalidReference,
-                 put == Put::kNotFinite ? Cause::kReference : Cause::kRotation};
+        Note why{members[m].name.c_str(), Status::kInvalidReference, finite ? Cause::kRotation : Cause::kReference};
         why.left_out = left_out_[m];
         note(why);
       }
       given.clear();
     }
   }
-  enum class Put { kTaken, kNotFinite, kNoRotation };
-  static Put put(Slot& slot, const Given& given) {
+  static void put(Slot& slot, const Given& given) {
     if (given.has_value) std::copy(given.value.begin(), given.value.end(), slot.target);
     if (given.has_velocity) std::copy(given.velocity.begin(), given.velocity.end(), slot.rate);
     if (given.has_acceleration) std::copy(given.acceleration.begin(), given.acceleration.end(), slot.feedforward);
     if (given.has_normal && slot.normal) std::copy(given.normal, given.normal + 3, slot.normal);
-    if (!finite(given.value.data(), given.has_value ? static_cast<int>(given.value.size()) : 0) ||
-        !finite(given.velocity.data(), given.has_velocity ? slot.rows : 0) ||
-        !finite(given.acceleration.data(), given.has_acceleration ? slot.rows : 0) || !finite(given.normal, 3))
-      return Put::kNotFinite;
-    const bool turned = !given.has_value || ((slot.plain != Plain::kRotation || rotation(slot.target, 3)) &&
-                                             (slot.plain != Plain::kPose || pose(slot.target)));
-    return turned ? Put::kTaken : Put::kNoRotation;
   }
 
   void leave_out_unusable() {

@@ -8,8 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "../rows/assembly.hpp"
-#include "../rows/references.hpp"
+#include "../rows/planned.hpp"
 #include "late.hpp"
 #include "node.hpp"
 #include "solver_parts.hpp"
@@ -49,9 +48,10 @@ class Line {
         root_(plan_->root(), memory_),
         nq_(root_.part("robot").integer("nq")),
         nv_(root_.part("robot").integer("nv")),
-        kinematics_(joints(root_.part("motion")), frames(root_.part("motion")), twists(root_.part("motion"))),
-        assembly_(bodies(root_.part("motion")), twists(root_.part("motion")), root_.part("guards").number("dt"),
-                  root_.part("motion").integer("order")),
+        kinematics_(joints(root_.part("motion").part("joints")), frames(root_.part("motion").part("frames")),
+                    twists(root_.part("motion"))),
+        assembly_(bodies(root_.part("motion").part("bodies"), nv_), twists(root_.part("motion")),
+                  root_.part("guards").number("dt"), root_.part("motion").integer("order")),
         solve_(root_.part("solver")) {
     if (kinematics_.size() != nq_ || assembly_.size() != nv_) throw PlanError("the tree of the plan is another one");
     largest_ = root_.part("guards").number("largest");
@@ -292,123 +292,25 @@ class Line {
     return most;
   }
 
-  static Placed placed(const std::vector<Node>& p) {
-    if (p.size() != 4) throw PlanError("a placement of the plan is none");
-    const std::vector<double> turned = p[2].numbers();
-    const std::vector<Node> views = p[3].parts();
-    if (turned.size() != 9 || views.size() != 2) throw PlanError("a placement of the plan is none");
-    return {p[0].integer(), vector(p[1].numbers()), load_rotation(turned.data()), views[0].doubles(3),
-            views[1].doubles(9)};
-  }
-  static std::vector<TreeJoint> joints(const Node& p) {
-    std::vector<TreeJoint> found;
-    for (const Node& one : p.parts("joints")) {
-      const std::vector<Node> part = one.parts();
-      if (part.size() != 5) throw PlanError("a joint of the plan is none");
-      found.push_back({static_cast<JointKind>(part[0].integer()), part[1].integer(), part[2].integer(),
-                       vector(part[3].numbers()), placed(part[4].parts())});
-    }
-    return found;
-  }
-  static std::vector<Placed> frames(const Node& p) {
-    std::vector<Placed> found;
-    for (const Node& one : p.parts("frames")) found.push_back(placed(one.parts()));
-    return found;
-  }
   double* twists(const Node& p) const { return p.doubles("twists", 6 * static_cast<std::size_t>(nv_)); }
-  std::vector<Body> bodies(const Node& p) const {
-    std::vector<Body> found;
-    for (const Node& one : p.parts("bodies")) {
-      const std::vector<Node> part = one.parts();
-      if (part.size() != 6) throw PlanError("a body of the plan is none");
-      const std::vector<Node> views = part[5].parts();
-      const int parent = part[0].integer(), first = part[1].integer(), count = part[2].integer();
-      const bool placed = found.empty() || (parent >= 0 && parent < static_cast<int>(found.size()));
-      if (views.size() != 2 || !placed || first < 0 || count < 0 || first > nv_ || count > nv_ - first)
-        throw PlanError("a body of the plan is none");
-      found.push_back({found.empty() ? 0 : parent, first, count, part[3].number(), vector(part[4].numbers()),
-                       views[0].doubles(3), views[1].doubles(9)});
-    }
-    return found;
-  }
-
   void fill(const Node& p) {
-    if (p.has("dynamics")) {
-      const Node terms = p.part("dynamics");
-      const std::size_t n = static_cast<std::size_t>(nv_);
-      assembly_.dynamics(terms.inertias("inertias"), terms.numbers("rotors"), load(terms.doubles("gravity", 3)),
-                         terms.doubles("A", n * n), terms.doubles("bias", n));
-    }
+    if (p.has("dynamics")) add_dynamics(assembly_, p.part("dynamics"));
     for (const Node& one : p.parts("loads")) {
-      const std::size_t size = one.part("value").size();
-      double* value = one.doubles("value", size);
-      assembly_.load(one.part("plan"), value);
+      slots_.push_back(add_load(assembly_, one));
       load_names_.push_back(one.text("name"));
-      slots_.push_back({value, {static_cast<int>(size)}, nullptr, nullptr, nullptr, 0, false, Plain::kNumbers, {}});
     }
-    for (const Node& one : p.parts("operations")) assembly_.add(one.part("plan"), target(one));
-    take_laws(p.part("laws"));
-    assembly_.largest(root_.part("guards").number("largest"));
+    for (const Node& one : p.parts("operations")) assembly_.add(one.part("plan"), target(one, nv_));
+    laws_ = laws(p.part("laws"), order(), nv_);
+    assembly_.laws(laws_);
+    assembly_.largest(largest_);
     for (const Node& one : p.parts("slots")) {
-      Slot slot;
-      slot.shape = one.ints("shape");
-      std::size_t size = 1;
-      for (const int n : slot.shape) {
-        if (n < 0 || n > 100000) throw PlanError("a reference of the plan has a wrong shape");
-        size *= static_cast<std::size_t>(n);
-      }
-      slot.target = one.maybe("target", size);
-      slot.elsewhere = !slot.target;
-      slot.normal = one.maybe("normal", 3);
-      slot.rows = static_cast<int>(one.part("rate").size());
-      slot.rate = one.doubles("rate", slot.rows);
-      slot.feedforward = one.doubles("feedforward", slot.rows);
-      slot.plain = static_cast<Plain>(one.integer("plain"));
+      slots_.push_back(slot(one));
       slot_names_.push_back(one.text("name"));
-      slots_.push_back(std::move(slot));
     }
     if (p.has("slowing")) {
       slowing_ = p.part("slowing").doubles("scale", nv_);
       slowed_ = p.part("slowing").doubles("f", nv_);
     }
-  }
-  Target target(const Node& p) const {
-    const std::size_t m = p.part("error").size(), n = static_cast<std::size_t>(nv_);
-    return {p.maybe("J", m * n),   p.doubles("error", m),      p.maybe("drift", m),
-            p.doubles("lower", m), p.doubles("upper", m),      p.doubles("reference", p.part("reference").size()),
-            p.maybe("normal", 3),  p.number("weight"),         p.has("J") ? nv_ : 0,
-            p.doubles("rate", m),  p.doubles("feedforward", m)};
-  }
-  void take_laws(const Node& p) {
-    const std::size_t total = p.part("error").size(), size = p.part("J").size(), n = static_cast<std::size_t>(nv_);
-    const std::size_t m = size / n;
-    if (m > total) throw PlanError("the laws of the plan have a wrong size");
-    static_assert(sizeof(std::intptr_t) == sizeof(std::int64_t), "plans hold indices of 64 bits");
-    laws_ = {order(),
-             static_cast<int>(m),
-             nv_,
-             static_cast<int>(total),
-             p.doubles("J", m * n),
-             p.doubles("error", total),
-             p.doubles("rate", total),
-             p.doubles("feedforward", total),
-             p.doubles("drift", total),
-             p.doubles("kp", total),
-             p.doubles("kd", total),
-             p.doubles("weight", total),
-             reinterpret_cast<const std::intptr_t*>(p.part("pick").longs(total - m)),
-             p.part("kind").bytes(total),
-             p.doubles("demand", total),
-             p.doubles("lower", total),
-             p.doubles("upper", total),
-             {}};
-    for (const Node& one : p.parts("saturations")) {
-      const std::vector<double> s = one.numbers();
-      if (s.size() != 5 || !(s[0] >= 0.0 && s[0] <= s[1] && s[1] <= double(total)))
-        throw PlanError("a saturation of the plan is none");
-      laws_.saturations.push_back({static_cast<int>(s[0]), static_cast<int>(s[1]), s[2], s[3], s[4]});
-    }
-    assembly_.laws(laws_);
   }
   Member member(const Node& p) {
     const std::vector<int> place = p.ints("place"), rows = p.ints("rows");

@@ -93,9 +93,6 @@ class Node : public PlanOf<Node> {
     return static_cast<std::size_t>(told[2].number);
   }
   double* doubles(std::size_t count) const { return memory_->at<double>(*told_, count, 'd'); }
-  double* maybe(const char* field, std::size_t count) const {  // null for none
-    return has(field) ? part(field).doubles(count) : nullptr;
-  }
   const std::int64_t* longs(std::size_t count) const { return memory_->at<std::int64_t>(*told_, count, 'l'); }
   const std::int8_t* bytes(std::size_t count) const { return memory_->at<std::int8_t>(*told_, count, 'b'); }
   std::int32_t* places(int& rows) const {

@@ -1,0 +1,137 @@
+// What rows are made of, as a plan has it: tree, operations, laws, places of references; of Python or of a file.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <stdexcept>
+#include <vector>
+
+#include "../dynamics/kinematics.hpp"
+#include "assembly.hpp"
+#include "references.hpp"
+
+namespace hqp {
+
+inline void need(bool right, const char* what) {
+  if (!right) throw std::invalid_argument(what);
+}
+
+template <class Plan>
+Placed placed(const Plan& plan) {
+  const std::vector<Plan> p = plan.parts();
+  need(p.size() == 4, "a placement has four parts");
+  const std::vector<double> turned = p[2].numbers();
+  const std::vector<Plan> views = p[3].parts();
+  need(turned.size() == 9 && views.size() == 2, "a rotation has nine numbers, a placement two views");
+  return {p[0].integer(), vector(p[1].numbers()), load_rotation(turned.data()), views[0].doubles(3),
+          views[1].doubles(9)};
+}
+template <class Plan>
+std::vector<Placed> frames(const Plan& plan) {
+  std::vector<Placed> found;
+  for (const Plan& one : plan.parts()) found.push_back(placed(one));
+  return found;
+}
+template <class Plan>
+std::vector<TreeJoint> joints(const Plan& plan) {
+  std::vector<TreeJoint> found;
+  for (const Plan& one : plan.parts()) {
+    const std::vector<Plan> p = one.parts();
+    need(p.size() == 5, "a joint has five parts");
+    found.push_back(
+        {static_cast<JointKind>(p[0].integer()), p[1].integer(), p[2].integer(), vector(p[3].numbers()), placed(p[4])});
+  }
+  return found;
+}
+template <class Plan>
+std::vector<Body> bodies(const Plan& plan, int nv) {
+  std::vector<Body> found;
+  for (const Plan& one : plan.parts()) {
+    const std::vector<Plan> p = one.parts();
+    need(p.size() == 6, "a body has six parts");
+    const std::vector<Plan> views = p[5].parts();
+    const int parent = p[0].integer(), first = p[1].integer(), count = p[2].integer();
+    const bool behind = found.empty() || (parent >= 0 && parent < static_cast<int>(found.size()));
+    need(views.size() == 2 && behind && first >= 0 && count >= 0 && first <= nv && count <= nv - first,
+         "a body is behind its parent, its columns are the robot's");
+    found.push_back({found.empty() ? 0 : parent, first, count, p[3].number(), vector(p[4].numbers()),
+                     views[0].doubles(3), views[1].doubles(9)});
+  }
+  return found;
+}
+
+template <class Plan>
+Target target(const Plan& p, int nv) {
+  const std::size_t m = p.part("error").size(), n = static_cast<std::size_t>(nv);
+  return {p.maybe("J", m * n),   p.doubles("error", m),      p.maybe("drift", m),
+          p.doubles("lower", m), p.doubles("upper", m),      p.doubles("reference", p.part("reference").size()),
+          p.maybe("normal", 3),  p.number("weight"),         p.has("J") ? nv : 0,
+          p.doubles("rate", m),  p.doubles("feedforward", m)};
+}
+template <class Plan>
+Laws laws(const Plan& p, int order, int nv) {
+  static_assert(sizeof(std::intptr_t) == sizeof(std::int64_t), "plans hold indices of 64 bits");
+  const std::size_t total = p.part("error").size(), n = static_cast<std::size_t>(nv), m = p.part("J").size() / n;
+  need(m <= total, "there are more rows of J than rows");
+  Laws laws{order,
+            static_cast<int>(m),
+            nv,
+            static_cast<int>(total),
+            p.doubles("J", m * n),
+            p.doubles("error", total),
+            p.doubles("rate", total),
+            p.doubles("feedforward", total),
+            p.doubles("drift", total),
+            p.doubles("kp", total),
+            p.doubles("kd", total),
+            p.doubles("weight", total),
+            reinterpret_cast<const std::intptr_t*>(p.part("pick").longs(total - m)),
+            p.part("kind").bytes(total),
+            p.doubles("demand", total),
+            p.doubles("lower", total),
+            p.doubles("upper", total),
+            {}};
+  for (const Plan& one : p.parts("saturations")) {
+    const std::vector<double> s = one.numbers();
+    need(s.size() == 5 && s[0] >= 0.0 && s[0] <= s[1] && s[1] <= double(total), "a saturation is of the rows");
+    laws.saturations.push_back({static_cast<int>(s[0]), static_cast<int>(s[1]), s[2], s[3], s[4]});
+  }
+  return laws;
+}
+// Where the reference of an element goes.
+template <class Plan>
+Slot slot(const Plan& p) {
+  Slot slot;
+  slot.shape = p.ints("shape");
+  std::size_t size = 1;
+  for (const int n : slot.shape) {
+    need(n >= 0 && n <= 100000, "a reference has a wrong shape");
+    size *= static_cast<std::size_t>(n);
+  }
+  slot.target = p.maybe("target", size);
+  slot.elsewhere = !slot.target;
+  slot.normal = p.maybe("normal", 3);
+  const std::size_t rows = p.part("rate").size();
+  slot.rows = static_cast<int>(rows);
+  slot.rate = p.doubles("rate", rows), slot.feedforward = p.doubles("feedforward", rows);
+  slot.plain = static_cast<Plain>(p.integer("plain"));
+  return slot;
+}
+
+// A (nv, nv), its upper triangle, and b + g (nv,) are written with every tick, loads included.
+template <class Plan>
+void add_dynamics(Assembly& rows, const Plan& p) {
+  const std::size_t n = static_cast<std::size_t>(rows.size());
+  rows.dynamics(p.inertias("inertias"), p.numbers("rotors"), load(p.doubles("gravity", 3)), p.doubles("A", n * n),
+                p.doubles("bias", n));
+}
+// A load whose value is live; payloads count for centres of mass, too. Where its reference goes.
+template <class Plan>
+Slot add_load(Assembly& rows, const Plan& p) {
+  const std::size_t size = p.part("value").size();
+  double* value = p.doubles("value", size);
+  rows.load(p.part("plan"), value);
+  return {value, {static_cast<int>(size)}, nullptr, nullptr, nullptr, 0, false, Plain::kNumbers, {}};
+}
+
+}  // namespace hqp
