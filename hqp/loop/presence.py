@@ -22,8 +22,8 @@ NOTHING_ELSE = frozenset({"name", "on", "load"})
 class Presence:
     """The sets of elements that are out, each known once it was asked for.
 
-    now: those that were out in the latest tick, None before it; usual: those of no phase.  Raises DeclarationError for a
-    phase of the stack in which constraints and actuators do not determine the motion.
+    now: those that were out in the latest tick, None before it.  usual: those of no phase.  Raises DeclarationError
+    for a phase of the stack in which constraints and actuators do not determine the motion.
     """
 
     __slots__ = ("_by_phase", "_declared", "_known", "_members", "_program", "now", "usual")
