@@ -20,6 +20,7 @@ from hqp.motion.joints import SIDES, parts_of
 from hqp.motion.measures import measure
 from hqp.motion.retargeting import LEAST_RATE
 from hqp.motion.skeleton_map import find_map
+from hqp.motion.smoothing import smoothed
 from hqp.motion.stacks import Stacks
 from hqp.motion.targets import targets_of
 from hqp.motion.tracker import Tracker
@@ -66,7 +67,7 @@ def _rows(name: str, clip: str, motion: Motion, rival: bool) -> Iterator[tuple[s
     targets = targets_of(motion, parts, body)
     tracker = Tracker(robot, Stacks(robot, found, body, 1.0 / motion.fps), targets)
     begin = time.process_time()
-    q = solved(tracker).q
+    q = smoothed(tracker, solved(tracker)).q
     yield _row(name, clip, "hqp", tracker, q, time.process_time() - begin)
     if not rival:
         return

@@ -13,6 +13,9 @@ from hqp.errors import DeclarationError, closest
 CUTOFF = 10.0
 """Of ``Motion.smoothed`` [Hz]: what marker noise is above and human limbs are below."""
 
+EDGE = 9
+"""So many samples at least a filter continues a motion beyond its ends, turned about them."""
+
 UPS = ("auto", "y", "z")
 
 
@@ -76,12 +79,9 @@ class Motion:
 
         Unchanged where the frame rate has nothing above it.
         """
-        from scipy.signal import butter, sosfiltfilt
-
-        if cutoff >= 0.5 * self.fps or len(self) <= 9:
+        if cutoff >= 0.5 * self.fps or len(self) <= EDGE:
             return self
-        sections = butter(2, cutoff, fs=self.fps, output="sos")
-        return Motion(self.names, sosfiltfilt(sections, self.positions, axis=0, padlen=9), self.fps, self.parents)
+        return Motion(self.names, low_pass(self.positions, cutoff, self.fps), self.fps, self.parents)
 
     def at_rate(self, fps: float) -> Motion:
         """The motion in another frame rate [1/s], by cubic splines."""
@@ -111,6 +111,14 @@ class Motion:
         return Motion(
             self.names, np.stack((places[..., 0], -places[..., 2], places[..., 1]), -1), self.fps, self.parents
         )
+
+
+def low_pass(values: Mat, cutoff: float, fps: float) -> Mat:
+    """Values ``(T, ...)`` below a frequency [Hz], without lag (Butterworth of second order, forwards and backwards)."""
+    from scipy.signal import butter, sosfiltfilt
+
+    edge = min(len(values) - 1, max(EDGE, round(fps / cutoff)))
+    return np.asarray(sosfiltfilt(butter(2, cutoff, fs=fps, output="sos"), values, axis=0, padlen=edge))
 
 
 def unit(vectors: Mat) -> Mat:

@@ -21,6 +21,7 @@ from .readers import read_motion
 from .retargeted import Retargeted, velocities
 from .shortfalls import shortfalls
 from .skeleton_map import SkeletonMap, find_map
+from .smoothing import smoothed
 from .stacks import Stacks
 from .targets import targets_of
 from .tracker import Tracker
@@ -69,7 +70,7 @@ def retarget(
     targets = targets_of(clip, parts_of(clip.names, found.human), body, masks)
     tracker = Tracker(robot, Stacks(robot, found, body, 1.0 / clip.fps, collision=collision), targets)
     begin = time.process_time()
-    passed = solved(tracker)
+    passed = smoothed(tracker, solved(tracker))
     spent = time.process_time() - begin
     frames = slice(None, None, each)
     measures = measure(robot, tracker.stacks, targets, passed.q)

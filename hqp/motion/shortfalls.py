@@ -63,6 +63,6 @@ def _reason(tracker: Tracker, q: Mat, v: Mat, part: str, frame: int) -> str:
     tick = session.step(state, *tracker.references(frame - 1, frame, standing, {}))
     account = tick.account()
     if account.met(part):
-        return "on its way back"
+        return "on its way"
     line = next(line for line in str(account).splitlines() if line.split()[0] == part)
     return line.split("  ")[-1].strip()

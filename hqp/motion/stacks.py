@@ -14,7 +14,7 @@ from hqp.declare.law import P
 from hqp.declare.robot import Robot
 from hqp.declare.stack import Level, Stack
 from hqp.errors import ModelError
-from hqp.tasks import CollisionAvoidance, JointLimits, Orientation, Position, Posture, Within
+from hqp.tasks import CollisionAvoidance, JointLimits, Orientation, Pose, Position, Posture, Within
 
 from .body import Body
 from .joints import SIDES
@@ -78,6 +78,10 @@ class Stacks:
             for side in SIDES
         }
         self.posture = Posture(law=P(POSTURE), name="posture")
+        self.base, self.joints = (
+            Pose(frame=found.frames["pelvis"], law=below, name="base"),
+            Posture(law=below, name="joints"),
+        )
         self.above = {
             name: Within(height, lower=0.0, rate=0.5 / dt, recovery=RECOVERY, name=f"{name}_above")
             for name, height in self.heights.items()
@@ -131,11 +135,25 @@ class Stacks:
 
     def stack(self, standing: Standing) -> Stack:
         """For the feet that stand."""
+        return self._stack(self._levels(standing))
+
+    def closing(self, standing: Standing) -> Stack:
+        """That of the last pass: below feet and hands, the pelvis and the joints as they are to be."""
+        levels = self._levels(standing)
+        kept = {name: levels[name] for name in ("stance", "flat", "swing", "hands")}
+        return self._stack({**kept, "motion": [self.base, self.joints]})
+
+    def _stack(self, levels: dict[str, list[Any]]) -> Stack:
+        declared = (Level(*tasks, name=name) for name, tasks in levels.items() if tasks)
+        return Stack(*declared, subject_to=self._subject_to)
+
+    def _levels(self, standing: Standing) -> dict[str, list[Any]]:
+        """Tasks by level, first the most important."""
         stand = {side for side, *_ in standing}
         flat = {side for side, _, level in standing if level}
         down = [self.down(side, end).name for side, end, _ in standing]
         raised = [self.down(side, -end).name for side, end, level in standing if not level]
-        levels: dict[str, list[Any]] = {
+        return {
             "stance": [self.spots[name] for name in down],
             "flat": [
                 *(self.heights[name] for name in down),
@@ -149,6 +167,3 @@ class Stacks:
             "limbs": [*(self.points[f"{side}_{limb}"] for limb in ("elbow", "knee") for side in SIDES)],
             "posture": [self.posture],
         }
-        return Stack(
-            *(Level(*tasks, name=name) for name, tasks in levels.items() if tasks), subject_to=self._subject_to
-        )

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hqp.arrays import Mat, Vec
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
+from hqp.declare.stack import Stack
 from hqp.loop.controller import Controller
 from hqp.loop.session import Session
 from hqp.programs.formulation import Velocity
@@ -20,6 +22,9 @@ from .holds import Hold, Plane, turn, turns
 from .joints import SIDES
 from .stacks import Stacks, Standing
 from .targets import Targets
+
+if TYPE_CHECKING:
+    from .smoothing import Course
 
 RELEASE = 0.2
 """A foot that leaves the ground comes from where it stood to where the person's is in so long [s]."""
@@ -58,15 +63,15 @@ class Pass:
 class Sessions:
     """A session for each set of standing feet, made when it is first needed."""
 
-    def __init__(self, stacks: Stacks, dt: float) -> None:
-        self._stacks, self._dt = stacks, dt
+    def __init__(self, robot: Robot, dt: float, stack: Callable[[Standing], Stack]) -> None:
+        self._robot, self._dt, self._stack = robot, dt, stack
         self._made: dict[Standing, Session] = {}
 
     def of(self, standing: Standing) -> Session:
         """The session for the feet that stand."""
         if standing not in self._made:
-            controller = Controller(self._stacks.stack(standing), Velocity(), deadline=math.inf)
-            self._made[standing] = controller.session(self._stacks.robot, self._dt, stuck=False)
+            controller = Controller(self._stack(standing), Velocity(), deadline=math.inf)
+            self._made[standing] = controller.session(self._robot, self._dt, stuck=False)
         return self._made[standing]
 
 
@@ -76,7 +81,7 @@ class Tracker:
     def __init__(self, robot: Robot, stacks: Stacks, targets: Targets) -> None:
         self.robot, self.stacks, self.targets = robot, stacks, targets
         self.dt = 1.0 / targets.fps
-        self.sessions = Sessions(stacks, self.dt)
+        self.sessions, self._closing = (Sessions(robot, self.dt, stack) for stack in (stacks.stack, stacks.closing))
         points = {name: targets.places[name] for name in ("pelvis", *stacks.points)}
         edges = {task.name: _edge(targets, stacks, side, task) for side, task in stacks.edges}
         axes = {name: targets.axes[name] for name in ("torso", "hips", *(f"{side}_sole" for side in SIDES))}
@@ -136,10 +141,14 @@ class Tracker:
             found[i] = [float(np.linalg.norm(task.value(state) - aims[name][i])) for name, task in tasks.items()]
         return found
 
-    def run(self, q: Vec, v: Vec, first: int, last: int) -> Pass:
-        """From q at frame ``first`` to frame ``last``, which may be before it; both ends are part of the result."""
+    def run(self, q: Vec, v: Vec, first: int, last: int, course: Course | None = None) -> Pass:
+        """From q at frame ``first`` to frame ``last``, which may be before it; both ends are part of the result.
+
+        course: what the last pass, which is forwards, is after; in it alone standing feet stand to ``SLIDE``.
+        """
+        sessions = self.sessions if course is None else self._closing
         step = 1 if last >= first else -1
-        qs, vs, told = [q], [v], []
+        qs, vs, statuses = [q], [v], []
         holds = {side: Hold(RELEASE / self.dt) for side in SIDES}
         bent: dict[str, Vec] = {}
         state = self.robot.state(q, v)
@@ -148,13 +157,17 @@ class Tracker:
             feet = self.feet(i, j)
             self._hold(state, i, feet, holds)
             standing = tuple((side, holds[side].end, edge == 0) for side, edge in feet.items())
-            session, references = self.sessions.of(standing), self.references(i, j, standing, holds)
-            spots = [self.stacks.spots[self.stacks.down(side, end).name] for side, end, _ in standing]
+            session, references = sessions.of(standing), self.references(i, j, standing, holds)
+            if course is not None:
+                told = {**{r.name: r for r in references}, **course.references(i)}
+                references = [r for r in told.values() if r.name in session]
+            ends = standing if course is not None else ()
+            spots = [self.stacks.spots[self.stacks.down(side, end).name] for side, end, _ in ends]
             state, bent, status = self._moved(session, state, references, spots, bent)
             qs.append(state.q)
             vs.append(state.v)
-            told.append(status)
-        return Pass(np.array(qs), np.array(vs), told)
+            statuses.append(status)
+        return Pass(np.array(qs), np.array(vs), statuses)
 
     def settle(self, q: Vec, frame: int) -> Vec:
         """Where ticks at the targets of one frame, at rest, come to rest; after ``SETTLING`` at most."""

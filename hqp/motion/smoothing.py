@@ -1,0 +1,67 @@
+"""The last pass: joints no quicker than a person's, with feet and hands where those joints have them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from hqp.arrays import Mat
+from hqp.declare.reference import Reference
+
+from .clip import EDGE, low_pass
+from .holds import turns
+from .tracker import Pass, Tracker
+
+LIVELY = 6.0
+"""Joints, base, hands and moving feet keep what is below [Hz]; of a walking person that is nearly all (Winter 2009)."""
+
+
+def smoothed(tracker: Tracker, found: Pass) -> Pass:
+    """A pass once more, after its own configurations below ``LIVELY``.
+
+    What strict levels do where a limb is nearly straight, a limit is met or a foot comes down is as quick as a frame.
+    Joints that are filtered alone would let feet slide and links meet: limits, standing feet, then moving feet and
+    hands, take precedence of the filtered joints here.
+    """
+    if len(found.q) <= EDGE:
+        return found
+    return tracker.run(found.q[0], np.zeros(tracker.robot.nv), 0, len(found.q) - 1, Course(tracker, found.q))
+
+
+class Course:
+    """References of the last pass: places of hands, toes and heels, the pelvis and the joints, with their rates."""
+
+    def __init__(self, tracker: Tracker, q: Mat) -> None:
+        robot, stacks, fps = tracker.robot, tracker.stacks, tracker.targets.fps
+        points = [task for _, task in stacks.edges] + [task for task in stacks.points.values() if "hand" in task.name]
+        places = {task.name: np.empty((len(q), 3)) for task in points}
+        base, joints = np.empty((len(q), 4, 4)), np.empty((len(q), stacks.joints.rows(robot)))
+        for i, at in enumerate(_filtered(tracker, q)):
+            state = robot.state(at)
+            base[i] = stacks.base.value(state)
+            joints[i] = stacks.joints.value(state)
+            for task in points:
+                places[task.name][i] = task.value(state)
+        angles: Any = np.unwrap(joints, axis=0)
+        twists: Any = np.hstack((np.diff(base[:, :3, 3], axis=0), turns(base[:, :3, :3])))
+        self._told: dict[str, tuple[Any, Any]] = {name: (x, fps * np.diff(x, axis=0)) for name, x in places.items()}
+        self._told[stacks.base.name] = base, fps * twists
+        self._told[stacks.joints.name] = angles, fps * np.diff(angles, axis=0)
+
+    def references(self, i: int) -> dict[str, Reference]:
+        """By name, of frame i, with the rates that lead to the next."""
+        return {name: Reference(name, x[i], u[i]) for name, (x, u) in self._told.items()}
+
+
+def _filtered(tracker: Tracker, q: Mat) -> Mat:
+    """Configurations ``(T, nq)`` below ``LIVELY``."""
+    robot, fps = tracker.robot, tracker.targets.fps
+    signs = np.cumprod(np.concatenate(([1.0], np.where(np.sum(q[1:, 3:7] * q[:-1, 3:7], axis=1) < 0.0, -1.0, 1.0))))
+    turned = low_pass(q[:, 3:7] * signs[:, None], LIVELY, fps)
+    angles: Any = np.unwrap(np.array([robot.state(at).angles for at in q]), axis=0)
+    angles = low_pass(angles, LIVELY, fps)
+    found = np.array([robot.configuration(each) for each in angles])
+    found[:, :3] = low_pass(q[:, :3], LIVELY, fps)
+    found[:, 3:7] = turned / np.linalg.norm(turned, axis=1, keepdims=True)
+    return found
