@@ -16,6 +16,7 @@ ROOT = Path(__file__).parents[2]
 TOOLS = ("nanobind>=2.7", "scikit-build-core>=0.11", "cmake", "ninja")
 LEFT_OUT = ("tests/mutation", "tests/browser", "tests/architecture/test_format.py")
 """Tests that say nothing of a fault: of this script, of a browser, of how a line is written."""
+LONGER = "longer than"
 ALONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "HQP_REQUIRE_NATIVE": "1", "PYTHONDONTWRITEBYTECODE": "1"}
 
 
@@ -57,8 +58,10 @@ class Tree:
     def _install(self, what: Sequence[str]) -> str:
         """What pip says where it fails, "" where it does not."""
         path = f"{self.python.parent}{os.pathsep}{os.environ.get('PATH', '')}"
+        kept = {"CMAKE_CXX_COMPILER_LAUNCHER": "ccache"} if shutil.which("ccache") else {}  # a fault is undone at once
+        environment = {**kept, **os.environ, "PATH": path}
         command = [str(self.python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *what]
-        done = subprocess.run(command, env={**os.environ, "PATH": path}, capture_output=True, text=True, check=False)
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
         return done.stderr or "pip failed" if done.returncode else ""
 
 
@@ -75,7 +78,7 @@ def failed(tests: Sequence[str], seconds: float, folder: Path = ROOT, python: st
     except subprocess.TimeoutExpired:
         os.killpg(run.pid, signal.SIGKILL)
         run.communicate()
-        return f"longer than {seconds:.0f} s"
+        return f"{LONGER} {seconds:.0f} s"
     if run.returncode in (0, 5):  # 5: no test of these is left
         return ""
     first = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", told, re.MULTILINE)
