@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .shortfalls import PARTS
+
 if TYPE_CHECKING:
     from .retargeted import Retargeted
 
@@ -16,7 +18,9 @@ JOINT_ORDER = "depth first"
 
 
 def as_npz(motion: Retargeted, path: Path) -> None:
-    """All there is: q, v, contacts, fps, names and their orders, base and joints apart, the person in robot size."""
+    """All there is: q, v, contacts, fps, names and their orders, base and joints apart, the person in robot size, what
+    hands and toes were off by and gave way to.
+    """
     position, quaternion = motion.base
     np.savez_compressed(
         path, q=motion.q, v=motion.v, contacts=motion.contacts, fps=motion.fps,
@@ -24,7 +28,8 @@ def as_npz(motion: Retargeted, path: Path) -> None:
         body_names=np.array(body_names(motion)),
         quaternion_order=QUATERNION, joint_order=JOINT_ORDER, robot=motion.robot.name, base_position=position,
         base_quaternion=quaternion, angles=motion.angles, person=motion.person,
-        person_parents=np.array(motion.person_parents, dtype=int),
+        person_parents=np.array(motion.person_parents, dtype=int), part_names=np.array(PARTS),
+        part_errors=np.column_stack([motion.measures.errors[part] for part in PARTS]), gave_way=motion.gave_way,
     )  # fmt: skip
 
 

@@ -10,6 +10,8 @@ import numpy as np
 from hqp.arrays import Vec
 from hqp.errors import HqpError
 
+from .shortfalls import PARTS
+
 if TYPE_CHECKING:
     from .retargeted import Retargeted
 
@@ -42,7 +44,7 @@ def render(motion: Retargeted) -> str:
     curves.append(("Jerk of the fastest joint", "rad/s³", {"joints": m.jerk}))
     curves.append(("Fastest joint by its speed limit", "", {"joints": m.speed}))
     body = [f"<h1>{escape(motion.robot.name)}</h1>", f"<p>{escape(str(motion).splitlines()[0])}</p>", _figures(motion)]
-    body.append(_shortfalls(motion))
+    body += [_shortfalls(motion), _gave_way(motion)]
     for i, (title, unit, lines) in enumerate(curves):
         figure = _figure(graphs, unit, lines, motion.fps)
         plot = figure.to_html(full_html=False, include_plotlyjs=i == 0, config={"displayModeBar": False})
@@ -69,6 +71,19 @@ def _shortfalls(motion: Retargeted) -> str:
     )
     head = "<tr><th>part</th><th>when</th><th>most</th><th>gave way to</th></tr>"
     return f"<h2>What was not met</h2><table>{head}{rows}</table>"
+
+
+def _gave_way(motion: Retargeted) -> str:
+    """How long each hand and toe gave way to what, and how far off it was then at most."""
+    rows = ""
+    for k, part in enumerate(PARTS):
+        whom, error = motion.gave_way[:, k], motion.measures.errors[part]
+        for name in sorted(set(whom.tolist()) - {""}):
+            then = whom == name
+            rows += f"<tr><td>{part}</td><td>{escape(name)}</td><td>{then.sum() / motion.fps:.2f} s</td>"
+            rows += f"<td>{MILLI * error[then].max():.0f} mm</td></tr>"
+    head = "<tr><th>part</th><th>gave way to</th><th>for</th><th>most</th></tr>"
+    return f"<h2>Who gave way to whom</h2><p>Hands and toes that are more than 5 mm off.</p><table>{head}{rows}</table>"
 
 
 def _figure(graphs: Any, unit: str, lines: dict[str, Vec], fps: float) -> Any:

@@ -16,7 +16,7 @@ from hqp.errors import DeclarationError
 
 from .contacts import Mask
 from .measures import Measures
-from .shortfalls import Shortfall
+from .shortfalls import Names, Shortfall
 
 FORMATS = (".npz", ".csv", ".pkl")
 
@@ -28,6 +28,7 @@ class Retargeted:
     q ``(T, nq)``, v ``(T, nv)``: configurations and velocities, frame by frame.  contacts ``(T, k)``: of the person, in
     the order of contact_names.  fps [1/s].  person ``(T, J, 3)``: the joints of the person in the robot's size [m],
     with their parents.  measures: frame by frame.  shortfalls: what was not met, when, and what it gave way to.
+    gave_way ``(T, 4)``: what left and right toe, left and right hand give way to, "" within 5 mm of their targets.
     statuses: of the ticks, how many each.  time: of the solution, CPU [s].  scale: robot's metres to the motion's unit.
     """
 
@@ -41,6 +42,7 @@ class Retargeted:
     person_parents: tuple[int, ...]
     measures: Measures
     shortfalls: tuple[Shortfall, ...]
+    gave_way: Names
     statuses: dict[str, int]
     time: float
     scale: float

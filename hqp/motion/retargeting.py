@@ -19,7 +19,7 @@ from .joints import parts_of
 from .measures import measure
 from .readers import read_motion
 from .retargeted import Retargeted, velocities
-from .shortfalls import shortfalls
+from .shortfalls import gave_way, shortfalls
 from .skeleton_map import SkeletonMap, find_map
 from .smoothing import smoothed
 from .stacks import Stacks
@@ -76,10 +76,11 @@ def retarget(
     measures = measure(robot, tracker.stacks, targets, passed.q)
     q = passed.q[frames]
     told = measure(robot, tracker.stacks, targets.thinned(each), q) if each > 1 else measures
+    whole = tracker, passed.q, passed.v, measures.errors
     return Retargeted(
         robot, q, velocities(robot, q, rate), targets.contacts.array()[frames], NAMES, rate,
-        targets.person[frames], clip.parents, told,
-        shortfalls(tracker, passed.q, passed.v, measures.errors), _counted(passed.statuses), spent, targets.scale,
+        targets.person[frames], clip.parents, told, shortfalls(*whole), gave_way(*whole, range(0, len(targets), each)),
+        _counted(passed.statuses), spent, targets.scale,
     )  # fmt: skip
 
 

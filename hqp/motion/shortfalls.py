@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hqp.arrays import Mat, Vec
+from hqp.explanation.account import TickAccount
 
 from .contacts import runs
 from .tracker import Tracker
@@ -14,8 +17,18 @@ from .tracker import Tracker
 OFF = 0.05
 """A hand or a foot further off than this is behind [m]."""
 
+NOTED = 5e-3
+"""Of a hand or a foot further off than this it is told, frame by frame, what it gives way to [m]."""
+
+PARTS = ("left_toe", "right_toe", "left_hand", "right_hand")
+
 GAP = 0.1
 """Stretches behind that are nearer than this are one [s]."""
+
+
+OTHER_END, ON_ITS_WAY = "it stands on its other end", "on its way"
+
+Names = NDArray[np.str_]
 
 
 @dataclass(frozen=True)
@@ -40,7 +53,7 @@ def shortfalls(tracker: Tracker, q: Mat, v: Mat, errors: dict[str, Vec]) -> tupl
     """Of the toes and hands; errors: by part and frame [m]."""
     found = []
     gap = max(1, round(GAP / tracker.dt))
-    for part in ("left_toe", "right_toe", "left_hand", "right_hand"):
+    for part in PARTS:
         behind = errors[part] > OFF
         for first, last in runs(~behind):
             if last - first < gap and first > 0 and last < len(behind):
@@ -52,17 +65,38 @@ def shortfalls(tracker: Tracker, q: Mat, v: Mat, errors: dict[str, Vec]) -> tupl
     return tuple(sorted(found, key=lambda each: (each.first, each.part)))
 
 
+def gave_way(tracker: Tracker, q: Mat, v: Mat, errors: dict[str, Vec], frames: Sequence[int]) -> Names:
+    """What each of ``PARTS`` gives way to in some frames ``(n, 4)``: an element or a cause, "" where on target."""
+    told = [[""] * len(PARTS) for _ in frames]
+    for row, frame in zip(told, frames, strict=True):
+        late = [k for k, part in enumerate(PARTS) if errors[part][frame] > NOTED]
+        if late:
+            account = _account(tracker, q, v, max(frame, 1))
+            for k in late:
+                row[k] = _to_whom(account, PARTS[k])
+    return np.array(told, dtype=np.str_)
+
+
 def _reason(tracker: Tracker, q: Mat, v: Mat, part: str, frame: int) -> str:
-    """What held a part back in the tick that led to a frame."""
-    standing = tracker.standing(frame - 1)
-    session = tracker.sessions.of(standing)
-    if part not in session:
-        return "it stands on its other end"
-    state = tracker.robot.state(q[frame - 1], v[frame - 1])
-    state.commanded = v[frame - 1]
-    tick = session.step(state, *tracker.references(frame - 1, frame, standing, {}))
-    account = tick.account()
-    if account.met(part):
-        return "on its way"
+    """What held a part back in the tick that led to a frame, in words."""
+    account = _account(tracker, q, v, frame)
+    if part not in account.elements or account.met(part):
+        return _to_whom(account, part)
     line = next(line for line in str(account).splitlines() if line.split()[0] == part)
     return line.split("  ")[-1].strip()
+
+
+def _to_whom(account: TickAccount, part: str) -> str:
+    """What held a part back most, in a word."""
+    if part not in account.elements:
+        return OTHER_END
+    losses = account.losses(part)
+    return ON_ITS_WAY if account.met(part) else losses[0].element if losses else account.cause(part)
+
+
+def _account(tracker: Tracker, q: Mat, v: Mat, frame: int) -> TickAccount:
+    """Of the tick that leads to a frame."""
+    standing = tracker.standing(frame - 1)
+    state = tracker.robot.state(q[frame - 1], v[frame - 1])
+    state.commanded = v[frame - 1]
+    return tracker.sessions.of(standing).step(state, *tracker.references(frame - 1, frame, standing, {})).account()

@@ -15,6 +15,7 @@ from hqp.errors import DeclarationError
 from hqp.goals.ways_out import turned
 from hqp.motion import Motion, Retargeted, anchored, retarget, retargeting
 from hqp.motion.contacts import NAMES
+from hqp.motion.shortfalls import NOTED, PARTS
 from hqp.motion.tracker import Tracker
 
 from .people import FPS, stand, walk, write_npz
@@ -89,6 +90,11 @@ def test_out_of_reach_is_told_with_what_it_gave_way_to() -> None:
     assert told.error > 0.05
     assert "toe" in told.reason or "limit" in told.reason
     assert "left_hand" in str(found)
+    hand = PARTS.index("left_hand")
+    assert found.gave_way[-1, hand] not in ("", "on its way")
+    assert found.gave_way[0].tolist() == [""] * len(PARTS)
+    off = np.column_stack([found.measures.errors[part] for part in PARTS]) > NOTED
+    np.testing.assert_array_equal(found.gave_way != "", off)
 
 
 def test_a_corner_is_left_for_another_anchor(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -124,6 +130,7 @@ def test_files(walked: Retargeted, tmp_path: Path) -> None:
         assert told["contacts"].shape == (len(walked), len(told["contact_names"]))
         assert tuple(told["joint_names"]) == robot.joint_names
         assert len(told["body_names"]) == len(robot.bodies) - 1
+        assert told["gave_way"].shape == told["part_errors"].shape == (len(walked), len(told["part_names"]))
         assert str(told["quaternion_order"]) == "xyzw"
         assert float(told["fps"]) == FPS
         moved = robot.integrate(told["q"][3], told["v"][3], 1.0 / FPS)
@@ -143,6 +150,7 @@ def test_the_report_page(walked: Retargeted, tmp_path: Path) -> None:
     page = walked.html(tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Slide of standing feet" in page
     assert "What was not met" in page
+    assert "Who gave way to whom" in page
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
