@@ -305,7 +305,7 @@ def tutorial_arm() -> Image.Image:
         q, v = session.step(robot.state(q, v), place.at(goal)).advance()
         if k % 5 == 0:
             way.append(robot.state(q).position("tool0").copy())
-    aim(s, np.array([0.25, 0.05, 0.38]), 1.5, 140.0)
+    aim(s, np.array([0.25, 0.05, 0.36]), 1.05, 140.0)
     for a, b in itertools.pairwise(way):
         s.line(a, b, BLUE, 0.006)
     state = robot.state(q)
@@ -381,14 +381,14 @@ def tutorial_talos() -> Image.Image:
         tick = session.step(robot.state(q, v), hand.at(goal))
         q, v = tick.advance()
     forces = session.program.contact_forces(tick.solution.x)  # type: ignore[attr-defined,union-attr]
-    aim(s, np.array([0.15, 0.0, 0.85]), 2.0, 130.0)
+    aim(s, np.array([0.2, 0.0, 0.85]), 2.3, 225.0)
     state = robot.state(q)
     s.ball(goal, ORANGE, 0.035)
     s.line(state.position(hand.frame), goal, ORANGE)
     for name, force in forces.items():
         p = state.position(name)
-        s.arrow(p, p + 0.0015 * force[:3], RED, 0.02)
-    return s.shoot(q, 0.3)
+        s.arrow(p, p + 0.001 * force[:3], RED, 0.03)
+    return s.shoot(q, 0.15)
 
 
 ELEMENTS: dict[str, Callable[[], Image.Image]] = {
