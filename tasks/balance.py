@@ -107,14 +107,21 @@ class Balance(Task):
         """dJ_com/dt v ``(2,)`` [m/s^2]."""
         return state.com_drift()[:2]
 
+    def dcm(self, state: State) -> Vec:
+        """xi ``(2,)`` [m], the capture point: with its ZMP there, the robot comes to rest (Pratt et al. 2006)."""
+        return np.asarray(state.com()[:2] + state.com_velocity()[:2] / self.omega(state))
+
+    def omega(self, state: State) -> float:
+        """sqrt(g / h) [1/s], h the declared height or that above the support."""
+        c = state.com()
+        height = self._over(self.corners(state), c[:2], c[2]) if self.height is None else self.height
+        return math.sqrt(_gravity(state.robot) / height)
+
     def zmp(self, state: State, reference: ArrayLike) -> tuple[Vec, Vec]:
         """p ``(2,)``, and what it were without the hull ``(2,)`` [m], for z_ref and xi_ref ``(4,)`` [m]."""
         z_ref, xi_ref = np.split(np.asarray(reference, dtype=np.float64), 2)
-        corners, c = self.corners(state), state.com()
-        height = self._over(corners, c[:2], c[2]) if self.height is None else self.height
-        omega = math.sqrt(_gravity(state.robot) / height)
-        xi = c[:2] + state.com_velocity()[:2] / omega
-        wanted = z_ref + (1.0 + cast(DCM, self.law).k / omega) * (xi - xi_ref)
+        corners = self.corners(state)
+        wanted = z_ref + (1.0 + cast(DCM, self.law).k / self.omega(state)) * (self.dcm(state) - xi_ref)
         return nearest(corners[hull(corners[:, :2]), :2], wanted), wanted
 
     def error(self, state: State, reference: Any) -> Vec:

@@ -76,6 +76,23 @@ def test_the_forces_act_at_the_zmp_that_was_asked_for(robot: Robot) -> None:
     np.testing.assert_allclose(a, 9.81 / height * (state.com()[:2] - p), atol=1e-6)
 
 
+def test_with_the_zmp_at_the_capture_point_it_stays_there(robot: Robot) -> None:
+    """d xi/dt = dc/dt + a / omega = 0 for a robot that moves at 0.1 m/s; without speed xi is below the CoM."""
+    for height in (None, 0.9):
+        element = ready(Balance(height=height))
+        still = robot.state(robot.home)
+        np.testing.assert_allclose(element.dcm(still), still.com()[:2])
+        state = robot.state(robot.home, np.concatenate(([0.1, -0.04], np.zeros(robot.nv - 2))))
+        xi, omega = element.dcm(state), element.omega(state)
+        assert xi[0] > state.com()[0] + 0.02
+        p, _ = element.zmp(state, np.concatenate((xi, xi)))
+        np.testing.assert_allclose(p, xi)
+        a = omega**2 * (state.com()[:2] - p)
+        np.testing.assert_allclose(state.com_velocity()[:2] + a / omega, 0.0, atol=1e-12)
+        if height is None:  # the robot's own: what it asks for is that acceleration
+            np.testing.assert_allclose(-element.error(state, np.concatenate((xi, xi))), a, rtol=1e-2)
+
+
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10_000))
 def test_on_a_slope_the_line_of_force_goes_through_the_zmp(seed: int) -> None:
