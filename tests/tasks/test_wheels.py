@@ -125,6 +125,19 @@ def test_a_change_of_normal_does_not_throw_the_wheel_off_its_plane(dreamer: Any,
     assert height(2.0 + np.cos(0.12), 0.001 + np.sin(0.12), None) == pytest.approx(0.001)
 
 
+@pytest.mark.parametrize("native", [True, False], ids=["native", "readable"])
+@pytest.mark.parametrize("axis", range(3))
+def test_a_value_that_moves_along_one_axis_moves_the_plane(dreamer: Any, native: bool, axis: int) -> None:
+    element, normal = OmniWheelContact(wheel="wheel_0"), np.array([-0.3, 0.2, np.sqrt(0.87)])
+    rows = assembly(element, dreamer, 1, native=native)
+    state = dreamer.state()
+    value, heights = element.hold(state).value, list[float]()
+    for shift in (0.0, 0.1):
+        rows.fill(state, {element.name: element.at(value + shift * np.eye(3)[axis], normal=normal)}, ())
+        heights.append(float(rows.error[1]))
+    assert heights[1] - heights[0] == pytest.approx(-0.1 * normal[axis])
+
+
 def test_an_axle_along_the_normal_gives_zero_rows_not_nan(dreamer: Any, written: Written) -> None:
     element = WheelContact(wheel="wheel_0", axle=(0.0, 0.0, 1.0))
     state = dreamer.state(dreamer.home, np.ones(19))
