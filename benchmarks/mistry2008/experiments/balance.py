@@ -61,7 +61,8 @@ SENSES = Sensors(
 class Balance:
     """One run: plant, session and clock; ``step`` is one period.
 
-    knows, sensors: what the controller goes by.  ``q``, ``v`` are the truth, ``known`` what it takes for them.
+    knows, sensors: what the controller goes by.  phase: of the stack, from the next period on.
+    ``q``, ``v`` are the truth, ``known`` what it takes for them.
 
     after ``settle``, ``goal`` is where the CoG is kept ``(2,)`` [m] and ``t`` starts from zero.
     """
@@ -77,6 +78,7 @@ class Balance:
         sensors: Sensors = SENSES,
         seed: int = 0,
         seen: Callable[[Balance], None] | None = None,
+        phase: str | None = None,
     ) -> None:
         self.robot = hqp.robots.load("cbi")
         ground = Plane(friction=friction)
@@ -84,7 +86,7 @@ class Balance:
         self.session = hqp.Controller(stack, hqp.Velocity(), solver=solver, price=0, deadline=math.inf).session(
             self.robot, PERIOD
         )
-        self.feedback, self._seen = feedback, seen
+        self.feedback, self._seen, self.phase = feedback, seen, phase
         self.q, self.v = self.plant.reset()
         self._estimator = FeetEstimator(self.robot, SOLES, PERIOD, self.q) if knows == "senses" else None
         self.known = self.q, self.v
@@ -153,7 +155,7 @@ class Balance:
         began = time.perf_counter()
         self.known = self._know()
         state = self.robot.state(*(self._own if self.feedback == "none" else self.known))
-        tick = self.session.step(state, *references)
+        tick = self.session.step(state, *references, phase=self.phase)
         self.tick_times.append(time.perf_counter() - began)
         self.base_error = self.robot.difference(self.q, self.known[0])[:6]
         if self.feedback == "none":

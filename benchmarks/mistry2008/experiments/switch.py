@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from benchmarks.mistry2008.experiments.balance import (
 )
 from hqp import Level, P, Stack
 from hqp.arrays import Vec
-from hqp.tasks import Com, Pose
+from hqp.tasks import Com, FixedContact, Pose
 from tests.scenes.mistry2008 import CBI, Gains, paper_stack
 
 LIFT = 0.04
@@ -42,14 +42,12 @@ class Schedule:
         return tuple(np.cumsum(spans).tolist())
 
 
-def single_support(gains: Gains) -> Stack:
-    """Left foot and CoG > pose of the right foot > pelvis orientation and CoG height > posture."""
+def stepping(gains: Gains) -> Stack:
+    """Feet and CoG, the right foot while both stand > its pose while it is aloft > pelvis and CoG height > posture."""
     both = paper_stack(CBI, gains, hand=False)
-    return Stack(
-        Level(both.find("l_sole"), both.find("com_xy"), name="critical"),
-        Level(Pose(frame="r_sole", law=P(gains.cog), name="swing"), name="functional"),
-        *both.levels[1:],
-    )
+    both = both.replace(replace(both.find("r_sole", FixedContact), when="both"))
+    swing = Pose(frame="r_sole", law=P(gains.cog), name="swing")
+    return Stack(both.levels[0], Level(swing, name="functional", when="aloft"), *both.levels[1:])
 
 
 QUICK = Schedule(shift=2.5, lift=1.2, hold=5.0, settle=0.6)
@@ -59,8 +57,8 @@ def switch(
     setting: Setting, schedule: Schedule, *, friction: float = 0.8, seed: int = 0
 ) -> tuple[Balance, list[float]]:
     """One run; the log holds ``com_goal`` and ``lift`` [m].  Also the jumps of the commanded joint velocity [rad/s]."""
-    double, single = paper_stack(CBI, GAINS, hand=False), single_support(GAINS)
-    run = Balance(double, setting.solver, friction=friction, seed=seed, seen=setting.show)
+    stack = stepping(GAINS)
+    run = Balance(stack, setting.solver, friction=friction, seed=seed, seen=setting.show, phase="both")
     shift, ready, lifted, held, lowered, rested, back, end = schedule.ends
     run.instants = [("both feet", 0.1), ("shifted", ready), ("lifted", 0.5 * (lifted + held)), ("down again", rested)]
     run.settle()
@@ -75,16 +73,14 @@ def switch(
     def height(t: float) -> float:
         return LIFT * (smooth((t - lift_off) / (lifted - lift_off)) - smooth((t - held) / (lowered - held)))
 
-    com, swing = double.find("com_xy", Com), single.find("swing", Pose)
+    com, swing = stack.find("com_xy", Com), stack.find("swing", Pose)
     jumps: list[float] = []
     before: Vec | None = None
     while run.t < end - 0.5 * PERIOD and not run.fallen:
         t = run.t
         aloft = lift_off - 0.5 * PERIOD < t < touch_down - 0.5 * PERIOD
-        wanted = single if aloft else double
-        switched = run.session.stack != wanted
-        if switched:
-            run.session.change(wanted)
+        wanted = "aloft" if aloft else "both"
+        switched, run.phase = run.phase != wanted, wanted
         rate = (com_path(t + PERIOD) - com_path(t)) / PERIOD
         references = [com.at(com_path(t), velocity=rate)]
         if aloft:
@@ -106,7 +102,7 @@ def switch(
 
 
 def experiment(setting: Setting) -> Outcome:
-    """The paper leaves this to future work; the stack changes under the running session."""
+    """The paper leaves this to future work; the phases are those of one stack."""
     schedule = Schedule() if setting.full else QUICK
     outcome = Outcome("cbi-switch")
     run, jumps = switch(setting, schedule)
