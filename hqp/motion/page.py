@@ -1,13 +1,14 @@
-"""The report of a retargeted motion as one page: figures, curves, what was not met."""
+"""The report of a retargeted motion as one page: figures, what was not met, pictures of the worst frames, curves."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hqp.arrays import Vec
+from hqp.arrays import Mat, Vec
 from hqp.errors import HqpError
 
 from .shortfalls import PARTS
@@ -44,10 +45,10 @@ def render(motion: Retargeted) -> str:
     curves.append(("Jerk of the fastest joint", "rad/s³", {"joints": m.jerk}))
     curves.append(("Fastest joint by its speed limit", "", {"joints": m.speed}))
     body = [f"<h1>{escape(motion.robot.name)}</h1>", f"<p>{escape(str(motion).splitlines()[0])}</p>", _figures(motion)]
-    body += [_shortfalls(motion), _gave_way(motion)]
-    for i, (title, unit, lines) in enumerate(curves):
+    body += [_shortfalls(motion), _gave_way(motion), *_worst(graphs, motion)]
+    for title, unit, lines in curves:
         figure = _figure(graphs, unit, lines, motion.fps)
-        plot = figure.to_html(full_html=False, include_plotlyjs=i == 0, config={"displayModeBar": False})
+        plot = figure.to_html(full_html=False, include_plotlyjs=False, config={"displayModeBar": False})
         body.append(f"<h2>{escape(title)}</h2>{plot}")
     return (
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>hqp retarget: {escape(motion.robot.name)}'
@@ -82,8 +83,40 @@ def _gave_way(motion: Retargeted) -> str:
             then = whom == name
             rows += f"<tr><td>{part}</td><td>{escape(name)}</td><td>{then.sum() / motion.fps:.2f} s</td>"
             rows += f"<td>{MILLI * error[then].max():.0f} mm</td></tr>"
+    if not rows:
+        return "<h2>Who gave way to whom</h2><p>No hand and no toe was more than 5 mm off.</p>"
     head = "<tr><th>part</th><th>gave way to</th><th>for</th><th>most</th></tr>"
     return f"<h2>Who gave way to whom</h2><p>Hands and toes that are more than 5 mm off.</p><table>{head}{rows}</table>"
+
+
+def _worst(graphs: Any, motion: Retargeted) -> Iterator[str]:
+    """Pictures of the frames in which a hand and a toe are furthest off: joints of robot and person."""
+    for i, limb in enumerate(("hand", "toe")):
+        own = {part: motion.measures.errors[part] for part in PARTS if limb in part}
+        part = max(own, key=lambda name: float(own[name].max()))
+        frame = int(own[part].argmax())
+        state = motion.robot.state(motion.q[frame])
+        state.kinematics()
+        bodies = motion.robot.bodies
+        robot = np.array([p for *_, (p, _) in bodies])
+        parents = [int(body[0]) if k > 1 else -1 for k, body in enumerate(bodies)]
+        figure = graphs.Figure()
+        figure.update_layout(template="plotly_white", height=460, margin={"l": 0, "r": 0, "t": 0, "b": 0})
+        figure.update_scenes(aspectmode="data", camera={"eye": {"x": 1.7, "y": 1.7, "z": 0.5}})
+        drawn = (("robot", robot, parents), ("person", motion.person[frame], motion.person_parents))
+        for name, joints, above in drawn:
+            x, y, z = _lines(joints, above).T
+            figure.add_scatter3d(x=x, y=y, z=z, name=name, mode="lines", line={"width": 6})
+        plot = figure.to_html(full_html=False, include_plotlyjs=i == 0, config={"displayModeBar": False})
+        off, when = MILLI * float(own[part][frame]), frame / motion.fps
+        yield f"<h2>Worst {limb}: {part}, {off:.0f} mm off at {when:.2f} s (frame {frame})</h2>{plot}"
+
+
+def _lines(joints: Mat, parents: Sequence[int]) -> Mat:
+    """From each joint to its parent, with gaps ``(n, 3)``; the joints alone where nobody has a parent."""
+    pairs = [(child, parent) for child, parent in enumerate(parents) if parent >= 0]
+    gap = np.full(3, np.nan)
+    return np.array([p for child, parent in pairs for p in (joints[child], joints[parent], gap)] or joints)
 
 
 def _figure(graphs: Any, unit: str, lines: dict[str, Vec], fps: float) -> Any:

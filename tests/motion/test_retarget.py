@@ -151,6 +151,9 @@ def test_the_report_page(walked: Retargeted, tmp_path: Path) -> None:
     assert "Slide of standing feet" in page
     assert "What was not met" in page
     assert "Who gave way to whom" in page
+    assert "Worst hand" in page
+    assert "Worst toe" in page
+    assert page.count("plotly.js v") == 1
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
