@@ -141,11 +141,14 @@ class Stacks:
         """That of the last pass: below feet and hands, the pelvis and the joints as they are to be."""
         levels = self._levels(standing)
         kept = {name: levels[name] for name in ("stance", "flat", "swing", "hands")}
-        return self._stack({**kept, "motion": [self.base, self.joints]})
+        motion = Level(
+            self.base, self.joints, name="motion", price=0
+        )  # no row of it turns: nothing for a price to calm
+        return self._stack(kept, motion)
 
-    def _stack(self, levels: dict[str, list[Any]]) -> Stack:
+    def _stack(self, levels: dict[str, list[Any]], *below: Level) -> Stack:
         declared = (Level(*tasks, name=name) for name, tasks in levels.items() if tasks)
-        return Stack(*declared, subject_to=self._subject_to)
+        return Stack(*declared, *below, subject_to=self._subject_to)
 
     def _levels(self, standing: Standing) -> dict[str, list[Any]]:
         """Tasks by level, first the most important."""
