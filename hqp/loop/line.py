@@ -85,7 +85,14 @@ class Line:
     before the solver.  transition: the lines that are blended into this one.
     """
 
-    def __init__(self, guards: Guards, compiled: Compiled, budget: Budget, limiter: RateLimiter | None) -> None:
+    def __init__(
+        self,
+        guards: Guards,
+        compiled: Compiled,
+        budget: Budget,
+        limiter: RateLimiter | None,
+        holds: Mapping[str, Reference] | None = None,
+    ) -> None:
         self.guards, self.robot, self.dt, self.check = guards, guards.robot, guards.dt, guards.check
         self.budget, self.limiter = budget, limiter
         self.transition: Transition | None = None
@@ -94,12 +101,9 @@ class Line:
         self.good: State | tuple[Direct, bytearray] | None = None
         self.held = 0
         self.named: tuple[Reference, ...] | tuple[str, ...] = ()
-        self._take(compiled, {})
-
-    def _take(self, compiled: Compiled, holds: Mapping[str, Reference]) -> None:
         self.stack, self.program, self.workspace = compiled.stack, compiled.program, compiled.workspace
         self.limit, self.rest, self.hard = compiled.limit, compiled.rest, compiled.hard
-        self.compiled, self.references = compiled, References(holds)
+        self.compiled, self.references = compiled, References(holds or {})
         self.velocity = self.program.kind == "velocity"
         self.direct: Direct | None = None
         self.direct_known = False
@@ -226,23 +230,17 @@ class Line:
         if self.direct is not None and self.ease is not None:
             self.direct.before_solving(None)
 
-    def beside(self, compiled: Compiled | None = None) -> Line:
-        """The line as it runs now, or of another stack, to go on beside it on the general path; without rate limits."""
-        found = self._copy()
-        found.limiter, found.budget = None, native.Budget(0.5 * self.budget.deadline)
-        found.references = self.references.copy()
-        if compiled is not None:
-            found.transition = None
-            found._take(compiled, self.references.holds)
-        found.direct, found.direct_known = None, True
-        return found
-
     def successor(self, compiled: Compiled, holds: Mapping[str, Reference]) -> Line:
         """The line of another stack that goes on where this one is."""
-        found = self._copy()
-        found.transition = None
-        found._take(compiled, holds)
+        found = Line(self.guards, compiled, self.budget, self.limiter, holds)
+        found.x, found.good, found.held, found.named = self.x, self.good, self.held, self.named
         return found
+
+    def stand_aside(self) -> Line:
+        """This line, from now on beside the one that blends it in: on the general path, without rate limits."""
+        self.limiter, self.budget = None, native.Budget(0.5 * self.budget.deadline)
+        self.direct, self.direct_known = None, True
+        return self
 
     def take_over(self, other: Line) -> None:
         """Go on with what a line of the same stack has made ready."""
@@ -250,11 +248,6 @@ class Line:
         if self.limiter is None:
             self.direct, self.direct_known = other.direct, other.direct is not None
         self.transition = None  # last: an interrupt before it leaves a transition that is done
-
-    def _copy(self) -> Line:
-        found = object.__new__(Line)
-        vars(found).update(vars(self))
-        return found
 
     def explain(self, tick: Tick) -> Explanation:
         """The account of the latest tick."""

@@ -31,12 +31,6 @@ class References:
         self.given: list[Reference] = []
         self.without: dict[str, str] = {}
 
-    def copy(self) -> References:
-        """The same, to go on beside it."""
-        found = References(self.holds)
-        found.current, found.given, found.without = dict(self.current), list(self.given), dict(self.without)
-        return found
-
     def take_holds(self, stack: Stack, state: State) -> None:
         """Hold values of elements that have none yet, at the first step or after a change of stack."""
         self.without = {}

@@ -47,13 +47,14 @@ def change(line: Line, compiler: Compiler, stack: Stack, over: float) -> Line:
     found = line.successor(compiled[-1], holds)
     if not over:
         return found
-    lines = [line.beside(), *(line.beside(item) for item in compiled[1:])]
+    direct, others = line.direct, [line.successor(item, line.references.holds) for item in compiled[1:]]
+    lines = [each.stand_aside() for each in (line, *others)]
     if under_way is None and len({id(each.program) for each in lines}) == len(lines):
         for each in lines:  # each with rows and a solver of its own: ordinary ticks in one native call
             each.direct_known = False
-        lines[0].direct, lines[0].direct_known = line.direct, line.direct is not None
+        line.direct, line.direct_known = direct, direct is not None
     elif under_way is not None and under_way.depth >= DEEPEST:
-        lines[0].transition = None  # so many changes at a time: the oldest ones end here
+        line.transition = None  # so many changes at a time: the oldest ones end here
     named = last if under_way is None else under_way.last_references
     found.transition = Transition(lines, points, over, line.dt, line.program.kind, ordinary=ordinary, given=named)
     return found
