@@ -26,6 +26,8 @@ class StateCheck:
         if max_age is not None:
             positive("session", "max_age", max_age)
         self._bounds, self._max_age = bounds, max_age
+        self.ages = max_age is not None
+        """Whether states must tell their time."""
         limited = np.isfinite(robot.lower) & np.isfinite(robot.upper)
         self._low = np.where(limited, robot.lower - bounds.outside, -bounds.angle)
         self._high = np.where(limited, robot.upper + bounds.outside, bounds.angle)
@@ -52,11 +54,6 @@ class StateCheck:
         bounds = {"low": self._low, "high": self._high, "speed": self._speed, "distance": self._bounds.distance}
         numbers = {name: np.asarray(value).tolist() for name, value in bounds.items()}
         return {**numbers, "ordinary": self.ordinary, "max_age": self._max_age or 0.0, "ahead": AHEAD}
-
-    @property
-    def ages(self) -> bool:
-        """Whether states must tell their time."""
-        return self._max_age is not None
 
     def _age(self, state: State, now: float | None) -> str:
         if state.time is None:

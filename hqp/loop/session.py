@@ -138,7 +138,7 @@ class Session:
 
     def _stepped(
         self,
-        state: State | None,
+        state: Any,
         references: tuple[Reference, ...],
         now: float | None,
         phase: str | None,
@@ -157,15 +157,31 @@ class Session:
                 if phase is not None:
                     line.require_phase(phase)
                 line.guards.phase = phase
-            if arrays is not None and self._recorder is None:
-                with suppress(FloatingPointError):  # told below
-                    tick = step_arrays(line, *arrays)
-            if tick is None:
-                if arrays is not None:
+            if arrays is not None:
+                if self._recorder is None:
+                    try:
+                        tick = step_arrays(line, *arrays)
+                    except FloatingPointError:
+                        tick = None  # told below
+                if tick is None:
                     q, v, targets = arrays
                     state = self.robot.state(q, v)
                     references = tuple([self._aimed(name, value) for name, value in targets.items()])
-                tick = self._referred(line, state, references, now)
+            if tick is None:
+                remarked = False
+                for reference in references:
+                    if getattr(reference, "remarks", ()):
+                        remarked = True
+                    if getattr(reference, "load", None) is not None:
+                        line.contacts.measure(reference.name, reference.load)  # type: ignore[arg-type]
+                try:
+                    tick = line.step(state, references, now)
+                except FloatingPointError:  # the caller asked NumPy to raise; what is not finite is told by a status
+                    with np.errstate(all="ignore"):
+                        tick = line.step(state, references, now)
+                if remarked:
+                    for reference in references:
+                        tick.add(tuple([Note(reference.name, Status.OPTIMAL, remark) for remark in reference.remarks]))
             if line.guards.count >= line.stuck.due:
                 line.stuck.look(line, tick)
             if tick.status is not self._status:
@@ -176,24 +192,6 @@ class Session:
         finally:
             if turn.get(None) == me:
                 turn.clear()
-
-    def _referred(self, line: Line, state: Any, references: tuple[Reference, ...], now: float | None) -> Tick:
-        """A tick under references: measured loads are taken, and what references remark is told."""
-        remarked = False
-        for reference in references:
-            if getattr(reference, "remarks", ()):
-                remarked = True
-            if getattr(reference, "load", None) is not None:
-                line.contacts.measure(reference.name, reference.load)  # type: ignore[arg-type]
-        try:
-            tick = line.step(state, references, now)
-        except FloatingPointError:  # the caller asked NumPy to raise; here what is not finite is told by a status
-            with np.errstate(all="ignore"):
-                tick = line.step(state, references, now)
-        if remarked:
-            for reference in references:
-                tick.add(tuple([Note(reference.name, Status.OPTIMAL, remark) for remark in reference.remarks]))
-        return tick
 
     def _aimed(self, name: str, value: object) -> Reference:
         element: Any = self.line.find(name)

@@ -32,7 +32,7 @@ def step(line: Line, state: State, references: tuple[Reference, ...], now: float
     """A tick, whatever comes in; raises ModelError for a state of another robot."""
     start = perf_counter()
     direct = None if line.contacts.missing else line.direct
-    robot, check, presence, limit = line.robot, line.check, line.presence, line.limit
+    robot, check, presence = line.robot, line.check, line.presence
     if state.robot is not robot:
         raise ModelError(f"the session runs on {robot!r}, the state belongs to {state.robot!r}")
     if not state.valid or check.ages or state.square >= check.ordinary:
@@ -41,11 +41,11 @@ def step(line: Line, state: State, references: tuple[Reference, ...], now: float
             line.leave_direct()
             return held_tick(line, state, None, (Note("state", Status.INVALID_STATE, fault),), fit=False)
     out = presence.of(line.guards.phase, references)
-    if limit is not None:
-        if direct is None or direct.fresh or out is not presence.now:
+    limit = None  # of native ticks the first one says it
+    if direct is None or direct.fresh or out is not presence.now:
+        limit = line.limit
+        if limit is not None:
             line.budget.begin(thread_time())
-        else:
-            limit = None  # of native ticks the first one says it
     notes: tuple[Note, ...] = ()
     if out is not presence.now:
         out, notes = presence.supported(out)
