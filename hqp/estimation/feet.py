@@ -25,7 +25,9 @@ class FeetEstimator:
         dv/dt = R f + g + (sum w_i (-u_i) - v) / T_velocity,
         dp/dt = v + (sum w_i (p_i - r_i) - p) / T_position,
 
-    with weights w_i of the feet's loads.  The IMU's yaw is not used: nothing that it senses tells it.  Without a foot
+    with weights w_i of the feet's loads.  A foot whose velocity v + u_i over the ground, smoothed over SMOOTH, is more
+    than SLIPS slips (``slipping``): it counts for nothing until it rests again, where it then stands, or for LOST at
+    most.  The IMU's yaw is not used: nothing that it senses tells it.  Without a foot
     on the ground the IMU alone goes on.
 
     robot: with a free base; the estimator has a copy of its own.  feet: frames of the soles.  period: between updates
@@ -38,6 +40,9 @@ class FeetEstimator:
 
     FAINT = 1e-3
     """Weight of a foot that still counts as standing and carries next to nothing [N]."""
+
+    SLIPS, SMOOTH, LOST = 0.08, 0.02, 0.5
+    """Velocity over the ground above which a foot that bears load slips [m/s], smoothed over [s], for at most [s]."""
 
     def __init__(
         self,
@@ -67,6 +72,12 @@ class FeetEstimator:
         self._anchor = np.array([state.position(frame) for frame in self._feet])
         self._anchor_yaw = [yaw_of(state.rotation(frame)) for frame in self._feet]
         self._stands, self._contrary = [True] * len(self._feet), [0.0] * len(self._feet)
+        self._over_ground, self._slipped = np.zeros((len(self._feet), 2)), [0.0] * len(self._feet)
+
+    @property
+    def slipping(self) -> tuple[bool, ...]:
+        """Which feet bear load and slip."""
+        return tuple(since > 0.0 for since in self._slipped)
 
     def update(self, q: Vec, v: Vec, specific_force: Vec, load: Vec) -> tuple[Vec, Vec]:
         """(q, v) with the estimated base, from what was measured.
@@ -89,6 +100,7 @@ class FeetEstimator:
         self._v = self._v + dt * (R @ specific_force + GRAVITY)
         self._p = self._p + dt * self._v
         weight = self._stand(load, places, yaws)
+        self._slip(weight, rates, places, yaws)
         if weight.any():
             off = [math.remainder(a - b, 2.0 * math.pi) for a, b in zip(self._anchor_yaw, yaws, strict=True)]
             R = about_vertical(self._yaw * float(weight @ off)) @ R
@@ -112,3 +124,23 @@ class FeetEstimator:
                 weight[i] = max(carried - self._least_load, self.FAINT) if loaded else self.FAINT
         total = float(weight.sum())
         return weight / total if total > 0.0 else weight
+
+    def _slip(self, weight: Vec, rates: Mat, places: Mat, yaws: Sequence[float]) -> None:
+        """Take feet that slip out of the weights; the fastest first, one in an update: it pulls at the others."""
+        stands = weight > 0.0
+        self._over_ground += min(self._period / self.SMOOTH, 1.0) * ((self._v + rates)[:, :2] - self._over_ground)
+        self._over_ground[~stands] = 0.0
+        speed = np.linalg.norm(self._over_ground, axis=1)
+        for i, since in enumerate(self._slipped):
+            if since == 0.0:
+                continue
+            rests = speed[i] < 0.5 * self.SLIPS or since >= self.LOST
+            self._slipped[i] = since + self._period if stands[i] and not rests else 0.0
+            if stands[i] and rests:
+                self._anchor[i], self._anchor_yaw[i] = self._p + places[i], yaws[i]
+        fastest = int(np.argmax(np.where(self.slipping, 0.0, speed)))
+        if speed[fastest] > self.SLIPS and not self._slipped[fastest]:
+            self._slipped[fastest] = self._period
+        weight[np.array(self.slipping)] = 0.0
+        if weight.any():
+            weight /= weight.sum()

@@ -1,0 +1,47 @@
+"""Feet that slip: noticed, told, and not believed."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hqp.robots
+from hqp.estimation import FeetEstimator
+
+DT = 0.002
+SLIDES = (0.4, 0.6)
+"""The right foot slides so long, by 40 mm [s]."""
+
+
+def slid(noise: float, seed: int = 0) -> tuple[float, Any]:
+    """A base at rest, both feet loaded, the right one sliding: the largest error [m] and what was told ``(500, 2)``."""
+    robot, rng = hqp.robots.load("g1"), np.random.default_rng(seed)
+    estimator = FeetEstimator(robot, robot.landmarks["soles"], DT, robot.home)
+    (hip,) = robot.joints(["right_hip_pitch_joint"])
+    q, up, load = robot.home.copy(), np.array([0.0, 0.0, 9.81]), np.array([160.0, 160.0])
+    off, told = 0.0, []
+    for k in range(500):
+        v = np.zeros(robot.nv)
+        v[hip] = 0.3 * (SLIDES[0] <= k * DT < SLIDES[1])
+        q = robot.integrate(q, v, DT)
+        v[6:] += noise * rng.normal(size=robot.nv - 6)
+        found, _ = estimator.update(q, v, up, load)
+        off = max(off, float(np.linalg.norm(found[:3] - robot.home[:3])))
+        told.append(estimator.slipping)
+    return off, np.array(told)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_a_foot_that_slips_is_told_and_not_believed(noise: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both bear the same; by the one that rests the base stays where it is.  Noise of encoders in [rad/s]."""
+    off, told = slid(noise)
+    assert off < 2e-3
+    assert not told[:, 0].any()
+    first, last = np.flatnonzero(told[:, 1])[[0, -1]] * DT
+    assert SLIDES[0] < first < SLIDES[0] + 0.02
+    assert SLIDES[1] < last < SLIDES[1] + 0.06
+    monkeypatch.setattr(FeetEstimator, "SLIPS", math.inf)
+    assert slid(noise)[0] > 15e-3
