@@ -127,11 +127,14 @@ def _percentiles() -> Any:
 
 
 def _walking() -> dict[str, str]:
-    """Which bipeds walk."""
-    from benchmarks.walking import robots
+    """What was walked, and by which robots."""
+    from benchmarks.walking import robots, statistics
 
-    found = robots.lines(json.loads((DATA / "bipeds.json").read_text()))
-    return {"bipeds": markdown(found.header, found.rows)}
+    made = {}
+    for name, lines in (("bipeds", robots.lines), ("walks", statistics.lines)):
+        found = lines(json.loads((DATA / f"{name}.json").read_text()))
+        made[name] = markdown(found.header, found.rows)
+    return made
 
 
 def _dreamer() -> dict[str, str]:

@@ -19,7 +19,7 @@ class Cell:
 
     push: impulse over mass, sideways, at an instant of a step that differs from run to run [m/s].  ground: flat, ramp
     (10 degrees) or tiles (+-20 mm).  servo: kp of position servos in place of torque motors [N m/rad], 0 for none.
-    falls: of 20 runs, at most; None where nothing is asked.
+    feels: whether its feet have force sensors.  falls: of 20 runs, at most; None where nothing is asked.
     """
 
     robot: str
@@ -30,6 +30,7 @@ class Cell:
     push: float = 0.0
     ground: str = "flat"
     servo: float = 0.0
+    feels: bool = True
     falls: int | None = None
 
 
@@ -56,6 +57,7 @@ def cells() -> Mapping[str, Cell]:
         found[f"{robot}, back, aside and turning"] = Cell(robot=robot, forward=-0.1, left=0.05, turn=0.1)
         found[f"{robot}, 0.1 m/s up 10 degrees"] = Cell(robot=robot, forward=0.1, ground="ramp", falls=2)
         found[f"{robot}, 0.1 m/s, tiles +-20 mm"] = Cell(robot=robot, forward=0.1, ground="tiles", falls=2)
+    found["g1 without force sensors, 0.2 m/s"] = Cell(robot="g1", forward=0.2, feels=False)
     for stiff in SERVOS:
         found[f"g1 on servos of {stiff:g} N m/rad, 0.2 m/s"] = Cell(robot="g1", forward=0.2, servo=stiff)
     for robot, speed in OTHERS.items():
@@ -73,7 +75,7 @@ def one_run(cell: str, seed: int) -> dict[str, Any]:
         ground = Tiles(friction=FRICTION, seed=seed)
     servo = Servo(other=declared.servo, damping_time=0.03) if declared.servo else None
     height = 0.02 if declared.ground == "tiles" else 0.0
-    course = Course(declared.robot, seed, terrain=ground, height=height, servo=servo)
+    course = Course(declared.robot, seed, terrain=ground, height=height, servo=servo, feels=declared.feels)
     start = course.plant.com()
     if declared.seconds == 0.0:
         course.run(20.0)

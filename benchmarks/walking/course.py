@@ -30,7 +30,7 @@ class Course:
     """A course of the walker, its figures; ``run`` goes on and keeps what it saw.
 
     seed: of noise, offsets and masses (even seeds: heavier, odd ones: lighter); None for a plant that is as the model
-    says, on its true state.  height: of the ground at the start [m].  servo: position servos.
+    says, on its true state.  height: of the ground at the start [m].  servo, feels: as of walking.Course.
     """
 
     def __init__(
@@ -43,6 +43,7 @@ class Course:
         robot: Any = None,
         height: float = 0.0,
         servo: Servo | None = None,
+        feels: bool = True,
         gait: Gait | None = None,
         **walker: Any,
     ) -> None:
@@ -69,6 +70,7 @@ class Course:
             terrain=terrain or Plane(friction=FRICTION),
             height=height,
             servo=servo,
+            feels=feels,
             offsets=offsets,
             edit=changed,
             seed=seed or 0,

@@ -22,7 +22,7 @@ def slippery(walker_soles: tuple[str, ...], robot: Any) -> Any:
     def edit(spec: Any) -> None:
         body = next(b for b in spec.bodies if any(j.name == joint for j in b.joints))
         for geom in body.find_all("geom"):
-            geom.friction, geom.priority = [SLIPPERY, 0.005, 1e-4], 1
+            geom.friction, geom.priority = [SLIPPERY, 0.005, 1e-4], 2
 
     return edit
 

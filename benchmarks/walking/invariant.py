@@ -1,7 +1,7 @@
 """A contact-aided invariant extended Kalman filter, to compare with (Hartley, Ghaffari, Eustice, Grizzle 2020).
 
-The state is (R, v, p, d_1 ... d_n), base and feet; the error is right-invariant, so that its propagation does not depend
-on the estimate.  Measured are the feet in the base's axes, by encoders, and the vertical, by the IMU.
+The state is (R, v, p, d_1 ... d_n), base and feet; the error is right-invariant: its propagation does not depend on
+the estimate.  Measured are the feet in the base's axes, by encoders, and the vertical, by the IMU.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from hqp.estimation.rotations import exponential, quaternion_of, rotation_of
 
 GRAVITY, UP = np.array([0.0, 0.0, -9.81]), np.array([0.0, 0.0, 1.0])
 GYRO, ACCELEROMETER, VERTICAL, FOOT, CREEP = 0.01, 0.05, 0.002, 2e-3, 0.01
-"""Deviations: of the sensors [rad/s, m/s^2, rad], of a foot in the base's axes [m], of how a standing foot moves [m/s]."""
+"""Deviations: sensors [rad/s, m/s^2, rad], of a foot in the base's axes [m], of a standing foot's speed [m/s]."""
 
 LANDED = 0.02
 """For how long a foot bears or lacks its load before it counts as standing or not [s]."""

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hqp.arrays import Vec
-from hqp.estimation import FeetEstimator
+from hqp.estimation import FeetEstimator, MomentumObserver
 from hqp.robots.on_mujoco import Noise, Plane, Plant, Sensors, Servo, Terrain
-from hqp.walking.feet import base_of
+from hqp.walking.feet import Foot, base_of
 from hqp.walking.walker import Walker
 
 if TYPE_CHECKING:
@@ -34,12 +35,25 @@ FALLEN = 0.7
 """Share of the CoM's height below which a robot has fallen."""
 
 
+BANDWIDTH = 50.0
+"""Of the observers of legs [1/s]: a touch-down is seen within 6 ms, noise of encoders makes 4 N of a light leg."""
+
+
+def observer(robot: Any, foot: Foot, period: float) -> MomentumObserver:
+    """Of the force at a sole by the torques of its leg."""
+    moved = robot.support(robot.frame(foot.frame))
+    leg = tuple(n for n, c in zip(robot.joint_names, robot.actuated, strict=True) if moved[c])
+    return MomentumObserver(robot, foot.frame, leg, period, bandwidth=BANDWIDTH)
+
+
 class Course:
     """A walker, the plant that it moves and the estimator between; ``step`` is one tick of it.
 
     sensors: of the plant; None for none at all: the walker is told the true state.  delay: of torques [s].
     terrain: level, with mu 0.6, for None.  height: of the ground at the start [m].  offsets: what
-    encoders are off by ``(nq,)`` [rad].  servo: position servos in place of torque motors.  edit, seed: as of Plant.
+    encoders are off by ``(nq,)`` [rad].  servo: position servos in place of torque motors.
+    feels: whether feet have force sensors; else their loads are those of momentum observers of the legs.
+    edit, seed: as of Plant.
     """
 
     def __init__(
@@ -52,6 +66,7 @@ class Course:
         height: float = 0.0,
         offsets: Vec | None = None,
         servo: Servo | None = None,
+        feels: bool = True,
         edit: Any = None,
         seed: int = 0,
     ) -> None:
@@ -79,17 +94,24 @@ class Course:
             self.estimator = FeetEstimator(robot, soles, walker.dt, q, least_load=LEAST * robot.mass)
         self.state: State = robot.state(q)
         """What the walker was told last."""
+        self.observers = () if feels else tuple(observer(robot, foot, walker.dt) for foot in walker.feet)
+        self._loads = np.full(2, 0.5 * robot.mass * 9.81)
+        self._sent = deque([np.zeros(len(self.plant.joint_names))] * round(delay / walker.dt))
         self._kp = None if servo is None else np.array([servo.gain(name) for name in self.plant.joint_names])
         self._steps = round(walker.dt / self.plant.timestep)
 
     def step(self, push: ArrayLike | None = None) -> Tick:
         """One tick; push: a force on the base during it ``(3,)`` [N]."""
         reading = self.plant.measure()
-        q, v, loads = reading.q + self.offsets, reading.v, reading.contacts.load
+        q, v, loads = reading.q + self.offsets, reading.v, self._loads if self.observers else reading.contacts.load
         if self.estimator is not None:
             q, v = self.estimator.update(q, v, reading.accelerometer, loads)
         self.state = self.walker.robot.state(q, v)
         tick = self.walker.step(self.state, loads)
+        self._sent.append(tick.command.copy())
+        acts = self._sent.popleft()
+        if self.observers:
+            self._loads = np.array([each.update(self.state, acts)[2] for each in self.observers])
         if push is not None:
             self.plant.push(self.base, np.asarray(push, dtype=np.float64))
         if self._kp is None:

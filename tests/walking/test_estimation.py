@@ -8,8 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+pytest.importorskip("mujoco")
+
 import hqp.robots
 from hqp.estimation import FeetEstimator
+from hqp.walking.walker import TOUCH
+
+from .test_walker import Walked
 
 DT = 0.002
 SLIDES = (0.4, 0.6)
@@ -45,3 +50,26 @@ def test_a_foot_that_slips_is_told_and_not_believed(noise: float, monkeypatch: p
     assert SLIDES[1] < last < SLIDES[1] + 0.06
     monkeypatch.setattr(FeetEstimator, "SLIPS", math.inf)
     assert slid(noise)[0] > 15e-3
+
+
+@pytest.mark.slow
+def test_legs_feel_the_ground_without_force_sensors() -> None:
+    """Momentum observers are all that tells landings and loads: each is seen within 10 ms, and none before it is."""
+    course = Walked.of("g1", feels=False)
+    walker, plant = course.walker, course.plant
+    least, late, since = TOUCH * 9.81 * walker.robot.mass, [], math.nan
+    course.run(1.0)
+    walker.go(forward=0.2)
+    while plant.time < 4.5:
+        course.run(DT)
+        if walker.phase == "swing":
+            side = 1 - walker.stance
+            if walker._t > 0.3 and math.isnan(since) and plant.contacts().load[side] > least:
+                since = plant.time
+        elif walker.event == "shift":
+            late.append(plant.time - since)
+            since = math.nan
+    assert plant.com()[0] > 0.35
+    assert len(late) >= 4
+    assert np.nanmin(late[1:]) >= 0.0
+    assert np.max(late[1:]) <= 0.0101
