@@ -52,7 +52,7 @@ SEEDS, REACHES = st.integers(0, 2**16), st.floats(0.0, 3.0)
 
 
 @pytest.mark.parametrize("robot_name", ROBOTS)
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=SEEDS, reach=REACHES)
 def test_lower_references_never_move_higher_residuals(
     robots: dict[str, Robot], robot_name: str, seed: int, reach: float
@@ -60,7 +60,7 @@ def test_lower_references_never_move_higher_residuals(
     keeps(robots[robot_name], "lexicographic", seed, reach)
 
 
-@settings(max_examples=4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=4, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=SEEDS, reach=REACHES)
 def test_nor_with_a_cascade(robots: dict[str, Robot], seed: int, reach: float) -> None:
     """Every level is exact there: few examples, on the smallest robot."""

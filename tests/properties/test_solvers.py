@@ -32,7 +32,7 @@ drawn = st.builds(
     st.sampled_from(NAMES),
     st.integers(0, 2**32 - 1),
 )
-some = settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+some = settings(max_examples=25, suppress_health_check=list(HealthCheck))
 
 
 def solved(solver: Solver, problem: Hierarchy) -> Solution | None:

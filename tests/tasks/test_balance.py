@@ -93,7 +93,7 @@ def test_with_the_zmp_at_the_capture_point_it_stays_there(robot: Robot) -> None:
             np.testing.assert_allclose(-element.error(state, np.concatenate((xi, xi))), a, rtol=1e-2)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 10_000))
 def test_on_a_slope_the_line_of_force_goes_through_the_zmp(seed: int) -> None:
     """With no vertical acceleration the ground's force m (a - g) points from p on the slope to the centre of mass."""
@@ -111,7 +111,7 @@ def test_on_a_slope_the_line_of_force_goes_through_the_zmp(seed: int) -> None:
     assert np.abs(np.cross(arm, force)).max() < 1e-9 * 9.81
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 10_000))
 def test_the_nearest_point_is_in_the_polygon_and_no_other_is_nearer(seed: int) -> None:
     rng = np.random.default_rng(seed)

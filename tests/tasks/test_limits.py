@@ -66,7 +66,7 @@ def controls(rng: np.random.Generator, k: int, steps: int) -> Any:
     return np.where(rng.random((1, k)) < 0.7, held, rng.random((steps, k)))
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(SCENES)
 def test_from_a_viable_state_limits_are_never_crossed(scene: dict[str, Any]) -> None:
     rng, k, dt, a = np.random.default_rng(scene["seed"]), 12, scene["dt"], scene["acceleration"]
@@ -97,7 +97,7 @@ def test_from_a_viable_state_limits_are_never_crossed(scene: dict[str, Any]) -> 
         assert np.all((q >= low - 1e-9) & (q <= high + 1e-9)), "a position limit is crossed"
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(SCENES, st.floats(0.2, 1.0))
 def test_from_outside_joints_come_back_at_bounded_speed(scene: dict[str, Any], back: float) -> None:
     rng, k, dt, a = np.random.default_rng(scene["seed"]), 12, scene["dt"], scene["acceleration"]

@@ -48,7 +48,7 @@ def wrenches(session: Any, state: Any, x: Vec, middles: Any) -> tuple[Vec, Vec]:
     return found[0], found[1]
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(share=st.floats(0.0, 1.0), seed=st.integers(0, 1000), native=st.booleans())
 def test_each_foot_bears_its_share(share: float, seed: int, native: bool) -> None:
     """(1 - s) w_2 = s w_1 about the middles, whatever the levels above ask for, natively and not."""

@@ -70,7 +70,7 @@ def test_two_steps_go_as_far_as_the_velocity_says(command: Command, each: tuple[
     assert abs(found[-1].side - found[-2].side) == 1
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(numbers, numbers, numbers)
 def test_steps_are_within_reach(forward: float, left: float, turn: float) -> None:
     found = walked(Command(forward, left, turn), 6)
@@ -109,7 +109,7 @@ def missed(plan: Landing, error: Any, ankle: Any, found: tuple[Foothold, float])
     return turn.T @ (landing - foot.xy - plan.offset)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.floats(-0.05, 0.05), st.floats(-0.05, 0.05), st.floats(0.1, 0.5), st.floats(-0.02, 0.02))
 def test_a_step_is_within_reach_and_no_other_is_better(x: float, y: float, left: float, ankle: float) -> None:
     """Beside footholds and times on a grid; what is chosen is missed by hardly more than the best of them."""
@@ -165,7 +165,7 @@ def plans(draw: Any) -> tuple[list[Piece], float]:
     return pieces, float(rng.uniform(2.0, 6.0))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(plans())
 def test_the_dcm_follows_its_equation_and_ends_at_rest(made: tuple[list[Piece], float]) -> None:
     """d xi/dt = omega (xi - p), continuous at every joint, p on the pieces, xi = p from the end on."""
@@ -189,7 +189,7 @@ def test_the_dcm_follows_its_equation_and_ends_at_rest(made: tuple[list[Piece], 
         np.testing.assert_allclose(dcm, zmp, atol=1e-12)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(plans())
 def test_the_dcm_stays_where_the_zmp_goes(made: tuple[list[Piece], float]) -> None:
     """xi is a mean of the ZMPs to come: within their box."""
@@ -213,7 +213,7 @@ def swings(draw: Any) -> tuple[Swing, Any, Any]:
     return Swing(start, goal, float(rng.uniform(0.3, 1.0)), 0.05, search=0.1), start, goal
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(swings())
 def test_a_foot_is_smooth_arrives_and_stays_in_bounds(made: tuple[Swing, Any, Any]) -> None:
     """The path is what its velocity and acceleration say, between start and goal, over the top, then down."""
