@@ -450,7 +450,7 @@ class StageLevels final : public PricedStages {
       const Coordinates& at =
           motions_.choice(pass ? nullptr : completion_.metric, origin, free_.data(), free, x_.data());
       rows_.begin(at, free);
-      for (int q = 0; q < seen; ++q) choose_with(&seen_[static_cast<std::size_t>(q) * free], 0.0, 0.0, z_.data());
+      for (int q = 0; q < seen; ++q) choose_with(-1, &seen_[static_cast<std::size_t>(q) * free], 0.0, 0.0, z_.data());
       gather_choice(free);
       at.motion(z_.data(), y_.data());
       if (!search_.solve(rows_, free, Aim{}, y_.data(), chosen_, iterations_)) {
@@ -465,11 +465,12 @@ class StageLevels final : public PricedStages {
     add_rows(x_.data(), free_.data(), n_, free, 1.0, z_.data(), 1, n_);
   }
 
-  // Rows a (free,) that stay within these bounds on top of what they are at z.
-  void choose_with(const double* a, double low, double high, const double* z) {
+  // Rows a (free,) that stay within these bounds on top of what they are at z; number: of those that may be held.
+  void choose_with(int number, const double* a, double low, double high, const double* z) {
     const double value = dot_any(a, z, rows_.n());
     StageRow to;
     to.a = a, to.lower = value + low, to.upper = value + high;
+    to.number = number;
     rows_.add(to);
   }
 
@@ -489,8 +490,8 @@ class StageLevels final : public PricedStages {
         if (dot_any(a, a, free) <= kUnseen * kUnseen * dot_any(whole, whole, n_)) continue;
         const double value = dot_any(whole, x_.data(), n_);
         const bool equal = low == high;
-        choose_with(a, equal ? 0.0 : std::min(low - value, 0.0), equal ? 0.0 : std::max(high - value, 0.0),
-                    none_.data());
+        choose_with(first_[l] + i, a, equal ? 0.0 : std::min(low - value, 0.0),
+                    equal ? 0.0 : std::max(high - value, 0.0), none_.data());
       }
     }
   }
