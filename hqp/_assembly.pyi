@@ -29,7 +29,7 @@ class Assembly:
     """
 
     def __init__(
-        self, twists: Mat, bodies: Sequence[Body], dt: float, order: int, reference: type[Reference]
+        self, twists: Mat, bodies: Sequence[Body], nq: int, dt: float, order: int, reference: type[Reference]
     ) -> None: ...
     def add(self, operation: Mapping[str, Any]) -> None:
         """An operation of a plan, as the other parts in ``hqp.programs.assembly.Assembly.parts``; its arrays are live.

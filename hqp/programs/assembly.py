@@ -91,7 +91,7 @@ class Assembly:
         self.moving: Kinematics | None = None
         """Native kinematics ahead of the rows, None where the state's own are read."""
         if native is not None:
-            self.native_rows = native.Assembly(robot.joint_twists, robot.bodies, dt, self.order, Reference)
+            self.native_rows = native.Assembly(robot.joint_twists, robot.bodies, robot.nq, dt, self.order, Reference)
         self.members: dict[str, Member] = {}
         self.errors: dict[str, Exception] = {}
         self.parts: dict[str, Any] = {"dt": dt, "order": self.order, "nv": robot.nv, "operations": []}

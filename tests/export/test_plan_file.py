@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -68,13 +69,57 @@ def test_damage_behind_a_right_hash_is_refused_too(file: bytes) -> None:
     refused = 0
     for _ in range(300):
         at = int(rng.integers(len(body) - 8))
-        broken = body[:at] + body[at + int(rng.integers(1, 8)) :]
-        head = f"hqp plan, format {FORMAT}, version {hqp.__version__}, size {len(broken)}, hash {fnv1a(broken):016x}\n"
         try:
-            LoadedSession(head.encode() + broken)
+            LoadedSession(sealed(body[:at] + body[at + int(rng.integers(1, 8)) :]))
         except HqpError:
             refused += 1
     assert refused > 200
+
+
+def sealed(body: bytes) -> bytes:
+    """A file of that body."""
+    head = f"hqp plan, format {FORMAT}, version {hqp.__version__}, size {len(body)}, hash {fnv1a(body):016x}\n"
+    return head.encode() + body
+
+
+PLACES = {
+    "body of a frame": ("motion", "operations", 0, "plan", "frame", "body"),
+    "column of a frame": ("motion", "operations", 0, "plan", "frame", "columns", -1),
+    "axis": ("motion", "operations", 2, "plan", "axes", -1),
+    "body of a centre of mass": ("motion", "operations", 3, "plan", "part"),
+    "coordinate of a joint's limits": ("motion", "operations", 5, "plan", "joints", "columns", -1),
+    "place in q of a posture": ("motion", "operations", 6, "plan", "positions", -1),
+    "place of a joint in q": ("motion", "joints", 1, 1),
+    "place of a joint in v": ("motion", "joints", 1, 2),
+    "kind of a joint": ("motion", "joints", 1, 0),
+    "parent of a joint": ("motion", "joints", 1, 4, 0),
+    "parent of a frame": ("motion", "frames", 0, 0),
+    "parent of a body": ("motion", "bodies", 1, 0),
+    "coordinate before": ("motion", "torque", "parents", -1),
+    "motor": ("motion", "torque", "actuated", -1),
+    "motor that brakes": ("robot", "actuated", -1),
+    "levels of constraints": ("solver", "constraints"),
+}
+
+
+@pytest.mark.parametrize("what", PLACES)
+@pytest.mark.parametrize("wild", [-1, 10_000])
+def test_a_wild_place_behind_a_right_hash_is_refused(what: str, wild: int, legged: bytes) -> None:
+    plan = json.loads(legged.split(b"\n", 1)[1])
+    if (what, wild) == ("coordinate before", -1):
+        wild = -2
+    *way, last = PLACES[what]
+    at = plan
+    for step in way:
+        at = at[step]
+    at[last] = wild
+    with pytest.raises(HqpError, match="plan"):
+        LoadedSession(sealed(json.dumps(plan).encode()))
+
+
+@pytest.fixture(scope="module")
+def legged() -> bytes:
+    return text(scene("g1", "torque")[0])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,12 +229,13 @@ def test_what_cannot_hold_is_told_word_for_word(formulation: str) -> None:
 def test_no_pinocchio_is_needed(file: bytes, tmp_path: Path) -> None:
     (tmp_path / "ur5.hqp").write_bytes(file)
     code = (
-        "import sys; sys.modules['pinocchio'] = None; import hqp\n"
-        f"session = hqp.load({str(tmp_path / 'ur5.hqp')!r})\n"
-        "print(session.step(session.home).status.name)"
+        "import sys; sys.modules.update(dict.fromkeys(('pinocchio', 'mujoco', 'coal', 'hppfcl')))\n"
+        f"import hqp, numpy as np; path = {str(tmp_path / 'ur5.hqp')!r}\n"
+        "session = hqp.load(path); print(session.step(session.home).status.name)\n"
+        "print(hqp.Batch.load(path, 2).step(np.tile(session.home, (2, 1))).statuses()[1].name)"
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout == "OPTIMAL\n"
+    assert found.stdout == "OPTIMAL\nOPTIMAL\n"
 
 
 def test_the_command_writes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -36,13 +36,17 @@ class Kinematics {
         rotations_(joints_.size() + 1) {
     rotations_[0] = {{axis(0), axis(1), axis(2)}};
     for (const TreeJoint& joint : joints_) {
-      const auto [first, count] = unit_part(joint.kind);
-      const int own = count ? first + count : joint.kind == JointKind::kTranslating ? 3 : 1;
-      size_ = std::max(size_, joint.q + own);
+      size_ = std::max(size_, joint.q + sizes(joint.kind).first);
     }
   }
 
   int size() const { return size_; }  // numbers of a configuration
+  // How many numbers of a configuration, and of a velocity, a joint has.
+  static std::pair<int, int> sizes(JointKind kind) {
+    const auto [first, count] = unit_part(kind);
+    const int q = count ? first + count : kind == JointKind::kTranslating ? 3 : 1;
+    return {q, kind == JointKind::kContinuous ? 1 : q == 7 ? 6 : q > 1 ? 3 : 1};
+  }
   // Whether quaternions and pairs of cosine and sine have length one, up to that.
   bool unit(const double* q, double rounding) const {
     for (const TreeJoint& joint : joints_) {

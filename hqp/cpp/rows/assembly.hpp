@@ -17,14 +17,14 @@ class Assembly {
  public:
   using Parts = std::vector<std::pair<int, int>>;  // first and last of some rows
 
-  Assembly(std::vector<Body> bodies, const double* twists, double dt, int order)
-      : dt_(dt), order_(order), tree_(std::move(bodies), twists) {}
+  Assembly(std::vector<Body> bodies, const double* twists, int nq, double dt, int order)
+      : nq_(nq), dt_(dt), order_(order), tree_(std::move(bodies), twists) {}
   Assembly(const Assembly&) = delete;
 
   template <class Plan>
   void add(const Plan& plan, const Target& out) {
     if (out.drift) tree_.need_motions();
-    operations_.push_back(Operations(tree_, dt_, order_).make(plan, out));
+    operations_.push_back(Operations(tree_, nq_, dt_, order_).make(plan, out));
   }
   void laws(Laws laws) { demands_ = std::make_unique<Demands>(std::move(laws)); }
 
@@ -38,7 +38,7 @@ class Assembly {
   template <class Plan>
   void load(const Plan& plan, const double* value) {
     const bool wrench = plan.name() == "ExternalWrench";
-    const Frame frame = plan.frame("frame");
+    const Frame frame = plan.frame("frame", tree_);
     loads_.add({frame, value, wrench, wrench && plan.flag("local"), !wrench || plan.flag("resisted")});
     if (wrench) return;
     tree_.carry({frame.body, frame.position, frame.rotation, value});
@@ -89,6 +89,7 @@ class Assembly {
   int order() const { return order_; }
 
  private:
+  int nq_;
   double dt_;
   int order_;
   Tree tree_;

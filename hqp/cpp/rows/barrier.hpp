@@ -37,8 +37,8 @@ struct Barrier {
 struct Numbers {  // what an operation writes into besides the rows of its element
   explicit Numbers(int m, int nv)
       : J(static_cast<std::size_t>(m) * nv), error(m), drift(m), lower(m), upper(m), zeros(m) {}
-  // J: where the rows go, its own for null. reference: null for zero.
-  Target target(double* rows, const double* reference, double weight, int nv, bool moving) {
+  // J: where the rows go, its own for null. reference: null for zero, else of so many numbers.
+  Target target(double* rows, const double* reference, std::size_t given, double weight, int nv, bool moving) {
     return {rows ? rows : J.data(),
             error.data(),
             moving ? drift.data() : nullptr,
@@ -49,7 +49,9 @@ struct Numbers {  // what an operation writes into besides the rows of its eleme
             weight,
             nv,
             nullptr,
-            nullptr};
+            nullptr,
+            error.size(),
+            reference ? given : zeros.size()};
   }
   std::vector<double> J, error, drift, lower, upper, zeros;
 };

@@ -59,8 +59,8 @@ NB_MODULE(_assembly, module) {
       },
       "T"_a, "tolerance"_a);
   nb::class_<Assembly>(module, "Assembly")
-      .def(nb::init<const Columns&, const nb::object&, double, int, const nb::object&>(), "twists"_a.noconvert(),
-           "bodies"_a, "dt"_a, "order"_a, "reference"_a)
+      .def(nb::init<const Columns&, const nb::object&, int, double, int, const nb::object&>(), "twists"_a.noconvert(),
+           "bodies"_a, "nq"_a, "dt"_a, "order"_a, "reference"_a)
       .def("add", &Assembly::add, "operation"_a)
       .def("laws", &Assembly::laws, "laws"_a)
       .def("slot", &Assembly::slot, "slot"_a)

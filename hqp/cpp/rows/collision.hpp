@@ -56,6 +56,7 @@ class Collision final : public Operation {
       const Vec3 axis = s_.links[k].local.b - s_.links[k].local.a;
       sizes_[k] = 0.5 * std::sqrt(dot(axis, axis)) + s_.links[k].radius;
     }
+    close_.reserve(near_.size());
     for (const auto& pair : s_.pairs)
       chains_.push_back({apart(body(pair[0]), body(pair[1])), apart(body(pair[1]), body(pair[0]))});
   }

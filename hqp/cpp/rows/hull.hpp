@@ -24,6 +24,7 @@ class Hull {
   explicit Hull(std::vector<Corner> corners)
       : corners_(std::move(corners)), x_(corners_.size()), y_(corners_.size()), z_(corners_.size()) {
     order_of_.reserve(corners_.size());
+    hull_.reserve(2 * corners_.size() + 1);
   }
 
   void update() {
@@ -57,8 +58,9 @@ class Hull {
     order_of_.clear();
     for (int i = 0; i < size(); ++i)
       if (present(i)) order_of_.push_back(i);
-    std::stable_sort(order_of_.begin(), order_of_.end(),
-                     [&](int a, int b) { return x_[a] != x_[b] ? x_[a] < x_[b] : y_[a] < y_[b]; });
+    const auto before = [&](int a, int b) { return x_[a] != x_[b] ? x_[a] < x_[b] : y_[a] < y_[b]; };
+    for (auto one = order_of_.begin(); one != order_of_.end(); ++one)  // takes no memory
+      std::rotate(std::upper_bound(order_of_.begin(), one, *one, before), one, one + 1);
     hull_.clear();
     for (int side = 0; side < 2; ++side) {
       const std::size_t start = hull_.size();

@@ -22,8 +22,8 @@ class Assembly {
  public:
   using Parts = std::vector<std::tuple<int, int>>;  // first and last of some rows
 
-  Assembly(const Columns& twists, const nb::object& bodies, double dt, int order, const nb::object& reference)
-      : rows_(hqp::bodies(plan(bodies), static_cast<int>(twists.shape(1))), keep(twists), dt, order),
+  Assembly(const Columns& twists, const nb::object& bodies, int nq, double dt, int order, const nb::object& reference)
+      : rows_(hqp::bodies(plan(bodies), static_cast<int>(twists.shape(1))), keep(twists), nq, dt, order),
         loop_(reference) {}
   Assembly(const Assembly&) = delete;
 

@@ -12,7 +12,8 @@ namespace binding {
 class LiveKinematics {
  public:
   LiveKinematics(const WrittenColumns& twists, const nb::object& joints, const nb::object& frames)
-      : kinematics_(hqp::joints(LivePlan(joints, kept_)), hqp::frames(LivePlan(frames, kept_)), twists.data()),
+      : kinematics_(hqp::joints(LivePlan(joints, kept_), static_cast<int>(twists.shape(1))),
+                    hqp::frames(LivePlan(frames, kept_), LivePlan(joints, kept_).parts().size()), twists.data()),
         twists_(nb::cast(twists)) {}
   LiveKinematics(const LiveKinematics&) = delete;
 

@@ -67,7 +67,7 @@ class LivePlan : public hqp::PlanOf<LivePlan> {
   double* doubles(std::size_t count) const { return const_cast<double*>(held<const double>(count)); }
   const std::int64_t* longs(std::size_t count) const { return held<const std::int64_t>(count); }
   const std::int8_t* bytes(std::size_t count) const { return held<const std::int8_t>(count); }
-  std::int32_t* places(int& rows) const {
+  std::int32_t* slots(int& rows) const {
     const auto array = nb::cast<Slots>(object_, false);
     rows = static_cast<int>(array.shape(0));
     return hold(array);

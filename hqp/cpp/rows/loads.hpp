@@ -16,7 +16,10 @@ struct KnownLoad {
 
 class KnownLoads {
  public:
-  void add(KnownLoad load) { loads_.push_back(std::move(load)); }
+  void add(KnownLoad load) {
+    speeds_.reserve(std::max(speeds_.capacity(), load.frame.columns.size()));
+    loads_.push_back(std::move(load));
+  }
 
   // A: (nv, nv) column-major, its upper triangle; bias: b + g (nv,).
   void apply(const Tree& tree, const Vec3& gravity, double* A, double* bias) {

@@ -1,6 +1,7 @@
 // What an operation is made of, read field by field: from an object of hqp/declare/plans.py, or from a file.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <stdexcept>
@@ -31,6 +32,26 @@ class PlanOf {
   bool flag(const char* field) const { return part(field).flag(); }
   std::vector<int> ints(const char* field) const { return part(field).ints(); }
   std::vector<double> numbers(const char* field) const { return part(field).numbers(); }
+  std::vector<double> numbers(const char* field, std::size_t count) const {
+    std::vector<double> found = numbers(field);
+    if (found.size() != count) throw std::invalid_argument(std::string(field) + " has a wrong size");
+    return found;
+  }
+  // One of `count` things, by its place; of a list, each.
+  int place(std::size_t count) const { return checked(self().integer(), count); }
+  std::vector<int> places(std::size_t count) const {
+    std::vector<int> found = self().ints();
+    for (const int at : found) checked(at, count);
+    return found;
+  }
+  const std::int64_t* places64(const char* field, std::size_t size, std::size_t count) const {
+    const std::int64_t* found = part(field).longs(size);
+    for (std::size_t i = 0; i < size; ++i)
+      if (found[i] < 0 || std::size_t(found[i]) >= count) throw std::invalid_argument("a place is none");
+    return found;
+  }
+  int place(const char* field, std::size_t count) const { return part(field).place(count); }
+  std::vector<int> places(const char* field, std::size_t count) const { return part(field).places(count); }
   Vec3 vec3(const char* field) const { return vector(numbers(field)); }
   std::vector<Self> parts(const char* field) const { return part(field).parts(); }
   double* doubles(const char* field, std::size_t count) const { return part(field).doubles(count); }
@@ -38,18 +59,27 @@ class PlanOf {
     return self().has(field) ? part(field).doubles(count) : nullptr;
   }
 
-  Frame frame() const { return {doubles("position", 3), doubles("rotation", 9), integer("body"), ints("columns")}; }
-  Frame frame(const char* field) const { return part(field).frame(); }
-  RelativeFrame relative() const {
+  Frame frame(const Tree& tree) const {
+    return {doubles("position", 3), doubles("rotation", 9), place("body", tree.bodies().size()),
+            places("columns", std::size_t(tree.size()))};
+  }
+  Frame frame(const char* field, const Tree& tree) const { return part(field).frame(tree); }
+  RelativeFrame relative(const Tree& tree) const {
     const Self other = part("relative_to");
     if (other.is_none()) return {};
-    return {other.frame("frame"), other.flag("heading"), other.number("upright")};
+    return {other.frame("frame", tree), other.flag("heading"), other.number("upright")};
   }
-  Joints joints(const char* field) const { return part(field).joints(); }
-  Joints joints() const {
+  // Of a robot of nv coordinates whose configuration has nq numbers.
+  Joints joints(std::size_t nv, std::size_t nq) const {
     std::vector<bool> continuous;
     for (const Self& one : parts("continuous")) continuous.push_back(one.flag());
-    return {ints("columns"), ints("positions"), std::move(continuous)};
+    const std::size_t last = nq - (std::find(continuous.begin(), continuous.end(), true) != continuous.end());
+    Joints found{places("columns", nv), places("positions", nq), std::move(continuous)};
+    if (found.positions.size() != found.size() || found.continuous.size() != found.size())
+      throw std::invalid_argument("joints have a place and a kind each");
+    for (std::size_t i = 0; i < found.size(); ++i)
+      if (found.continuous[i]) checked(found.positions[i], last);
+    return found;
   }
   Axis axis() const { return {vec3("axis"), vec3("first"), vec3("other")}; }
   Barrier barrier(double dt) const { return {number("rate"), number("recovery"), number("outset"), dt}; }
@@ -67,6 +97,11 @@ class PlanOf {
   }
 
  private:
+  static int checked(int at, std::size_t count) {
+    if (at < 0 || std::size_t(at) >= count)
+      throw std::invalid_argument("there is no place " + std::to_string(at) + " among " + std::to_string(count));
+    return at;
+  }
   const Self& self() const { return static_cast<const Self&>(*this); }
   Self part(const char* field) const { return self().part(field); }
 };

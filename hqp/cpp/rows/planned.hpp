@@ -12,34 +12,39 @@
 
 namespace hqp {
 
+constexpr int kMost = 100'000;  // numbers of a reference, or of a configuration
+
 inline void need(bool right, const char* what) {
   if (!right) throw std::invalid_argument(what);
 }
 
+// On the world, or on one of that many joints.
 template <class Plan>
-Placed placed(const Plan& plan) {
+Placed placed(const Plan& plan, std::size_t joints) {
   const std::vector<Plan> p = plan.parts();
   need(p.size() == 4, "a placement has four parts");
   const std::vector<double> turned = p[2].numbers();
   const std::vector<Plan> views = p[3].parts();
   need(turned.size() == 9 && views.size() == 2, "a rotation has nine numbers, a placement two views");
-  return {p[0].integer(), vector(p[1].numbers()), load_rotation(turned.data()), views[0].doubles(3),
+  return {p[0].place(joints + 1), vector(p[1].numbers()), load_rotation(turned.data()), views[0].doubles(3),
           views[1].doubles(9)};
 }
 template <class Plan>
-std::vector<Placed> frames(const Plan& plan) {
+std::vector<Placed> frames(const Plan& plan, std::size_t joints) {
   std::vector<Placed> found;
-  for (const Plan& one : plan.parts()) found.push_back(placed(one));
+  for (const Plan& one : plan.parts()) found.push_back(placed(one, joints));
   return found;
 }
 template <class Plan>
-std::vector<TreeJoint> joints(const Plan& plan) {
+std::vector<TreeJoint> joints(const Plan& plan, int nv) {
   std::vector<TreeJoint> found;
   for (const Plan& one : plan.parts()) {
     const std::vector<Plan> p = one.parts();
     need(p.size() == 5, "a joint has five parts");
-    found.push_back(
-        {static_cast<JointKind>(p[0].integer()), p[1].integer(), p[2].integer(), vector(p[3].numbers()), placed(p[4])});
+    const auto kind = static_cast<JointKind>(p[0].place(std::size_t(JointKind::kTranslating) + 1));
+    const int last = nv - Kinematics::sizes(kind).second;
+    found.push_back({kind, p[1].place(kMost), p[2].place(std::size_t(std::max(last + 1, 0))), vector(p[3].numbers()),
+                     placed(p[4], found.size())});
   }
   return found;
 }
@@ -62,11 +67,20 @@ std::vector<Body> bodies(const Plan& plan, int nv) {
 
 template <class Plan>
 Target target(const Plan& p, int nv) {
-  const std::size_t m = p.part("error").size(), n = static_cast<std::size_t>(nv);
-  return {p.maybe("J", m * n),   p.doubles("error", m),      p.maybe("drift", m),
-          p.doubles("lower", m), p.doubles("upper", m),      p.doubles("reference", p.part("reference").size()),
-          p.maybe("normal", 3),  p.number("weight"),         p.has("J") ? nv : 0,
-          p.doubles("rate", m),  p.doubles("feedforward", m)};
+  const std::size_t m = p.part("error").size(), n = static_cast<std::size_t>(nv), given = p.part("reference").size();
+  return {p.maybe("J", m * n),
+          p.doubles("error", m),
+          p.maybe("drift", m),
+          p.doubles("lower", m),
+          p.doubles("upper", m),
+          p.doubles("reference", given),
+          p.maybe("normal", 3),
+          p.number("weight"),
+          p.has("J") ? nv : 0,
+          p.doubles("rate", m),
+          p.doubles("feedforward", m),
+          m,
+          given};
 }
 template <class Plan>
 Laws laws(const Plan& p, int order, int nv) {
@@ -85,7 +99,7 @@ Laws laws(const Plan& p, int order, int nv) {
             p.doubles("kp", total),
             p.doubles("kd", total),
             p.doubles("weight", total),
-            reinterpret_cast<const std::intptr_t*>(p.part("pick").longs(total - m)),
+            reinterpret_cast<const std::intptr_t*>(p.places64("pick", total - m, n)),
             p.part("kind").bytes(total),
             p.doubles("demand", total),
             p.doubles("lower", total),
@@ -105,7 +119,7 @@ Slot slot(const Plan& p) {
   slot.shape = p.ints("shape");
   std::size_t size = 1;
   for (const int n : slot.shape) {
-    need(n >= 0 && n <= 100000, "a reference has a wrong shape");
+    need(n >= 0 && n <= kMost, "a reference has a wrong shape");
     size *= static_cast<std::size_t>(n);
   }
   slot.target = p.maybe("target", size);
@@ -114,7 +128,11 @@ Slot slot(const Plan& p) {
   const std::size_t rows = p.part("rate").size();
   slot.rows = static_cast<int>(rows);
   slot.rate = p.doubles("rate", rows), slot.feedforward = p.doubles("feedforward", rows);
-  slot.plain = static_cast<Plain>(p.integer("plain"));
+  slot.plain = static_cast<Plain>(p.place("plain", std::size_t(Plain::kPose) + 1));
+  need(size >= (slot.plain == Plain::kPose       ? 16
+                : slot.plain == Plain::kRotation ? 9
+                                                 : 0),
+       "a reference has a wrong shape");
   return slot;
 }
 

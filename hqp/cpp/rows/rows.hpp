@@ -16,6 +16,7 @@ struct Target {
   double weight;
   int nv;
   const double *rate, *feedforward;  // velocity and acceleration of the reference, null where no bounds move with it
+  std::size_t rows, given;           // numbers of error, of reference
   double* row(int i) const { return J + static_cast<std::ptrdiff_t>(i) * nv; }
 };
 

@@ -36,13 +36,14 @@ class Guarded {
       : line_(std::move(plan)),
         robot_(line_.root().part("robot")),
         guards_(line_.root().part("guards")),
-        guard_(bounds(robot_, guards_.part("state")), robot_.texts("places"), robot_.texts("speeds"),
+        guard_(bounds(guards_.part("state")), robot_.texts("places"), robot_.texts("speeds"),
                guards_.part("state").number("ordinary"), line_.kinematics()),
         kind_(line_.root().part("motion").text("kind")),
         name_(robot_.text("name")),
         joint_names_(robot_.texts("joint_names")),
-        home_(robot_.numbers("home")),
-        picks_(kind_ == "torque" ? counted(robot_.ints("actuated").size()) : robot_.ints("actuated")),
+        home_(robot_.numbers("home", std::size_t(line_.nq()))),
+        joints_(robot_.places("actuated", std::size_t(line_.nv()))),
+        picks_(kind_ == "torque" ? counted(joints_.size()) : joints_),
         budget_(guards_.number("deadline")),
         sentences_(guards_.texts("statuses")),
         violation_(guards_.number("violation")),
@@ -62,7 +63,8 @@ class Guarded {
         angles_(v_.size()),
         late_(line_.late(violation_)),
         presence_(line_.root(), line_.members()),
-        out_(line_.members().size(), false) {
+        out_(line_.members().size(), false),
+        seen_(WarmSets::kMost, out_) {
     if (joint_names_.size() != picks_.size()) throw PlanError("the command of the plan is of other joints");
     if (sentences_.size() != std::size_t(Status::kInvalidState) + 1) throw PlanError("the plan has no sentences");
     if (guards_.has("rates"))
@@ -178,7 +180,7 @@ class Guarded {
 
   // As just made.
   void reset() {
-    line_.solver().reset(), seen_.clear();
+    line_.solver().reset(), known_sets_ = 0;
     CarryOver state = CarryOver::from_first(initial_);
     keep(state);
     for (Given& given : given_) given.clear();
@@ -211,22 +213,22 @@ class Guarded {
     for (std::size_t i = 0; i < n; ++i) found[i] = static_cast<int>(i);
     return found;
   }
-  static StateBounds bounds(const Node& robot, const Node& p) {
-    return {p.numbers("low"),     p.numbers("high"),      p.numbers("speed"),
-            p.number("distance"), robot.flag("floating"), robot.texts("coordinates")};
+  StateBounds bounds(const Node& p) const {
+    const std::size_t nv = std::size_t(line_.nv());
+    return {p.numbers("low", nv), p.numbers("high", nv),   p.numbers("speed", nv),
+            p.number("distance"), robot_.flag("floating"), robot_.texts("coordinates")};
   }
   std::unique_ptr<Rest> made_rest() {
     const Node braking = guards_.part("braking");
-    const std::vector<int> joints = robot_.ints("actuated");
     const double deceleration = braking.number("deceleration");
     if (kind_ == "velocity")
-      return std::make_unique<SlowDown>(robot_.numbers("lower"), robot_.numbers("upper"), joints, deceleration,
-                                        line_.dt());
-    if (kind_ == "acceleration") return std::make_unique<Brake>(v_.size(), joints, deceleration, line_.dt());
+      return std::make_unique<SlowDown>(robot_.numbers("lower", v_.size()), robot_.numbers("upper", v_.size()), joints_,
+                                        deceleration, line_.dt());
+    if (kind_ == "acceleration") return std::make_unique<Brake>(v_.size(), joints_, deceleration, line_.dt());
     if (!line_.torque()) throw PlanError("the plan is of an unknown kind");
     std::vector<double> limit;
-    for (const int i : joints) limit.push_back(robot_.numbers("effort_limit").at(std::size_t(i)));
-    return std::make_unique<Hold>(limit, joints, braking.number("damping"), line_.dt());
+    for (const int i : joints_) limit.push_back(robot_.numbers("effort_limit").at(std::size_t(i)));
+    return std::make_unique<Hold>(limit, joints_, braking.number("damping"), line_.dt());
   }
   double left() const {  // time for the solver; what comes before the first answer is done for the first time, and slow
     return budget_.left(good_ ? std::chrono::duration<double>(Clock::now() - begin_).count() : 0.0);
@@ -239,11 +241,12 @@ class Guarded {
 
   // These elements are out of this tick, and all others in: those that come back hold what they are at.
   void attend(const Presence::Out& out) {
-    if (out == out_ && !seen_.empty()) return;
+    if (out == out_ && known_sets_ > 0) return;
     line_.go_without(out);
-    const auto known = std::find(seen_.begin(), seen_.end(), out);
-    line_.solver().turn(std::size_t(known - seen_.begin()));
-    if (known == seen_.end() && seen_.size() < WarmSets::kMost) seen_.push_back(out);
+    std::size_t set = 0;
+    while (set < known_sets_ && seen_[set] != out) ++set;
+    line_.solver().turn(set);
+    if (set == known_sets_ && set < WarmSets::kMost) seen_[known_sets_++] = out;
     bool placed = !holds_known_;
     for (std::size_t m = 0; m < out.size(); ++m) {
       const int slot = line_.members()[m].slot;
@@ -438,7 +441,7 @@ class Guarded {
   std::string kind_, name_;
   std::vector<std::string> joint_names_;
   std::vector<double> home_;
-  std::vector<int> picks_;
+  std::vector<int> joints_, picks_;  // actuated coordinates, and where their numbers are in x
   Budget budget_;
   std::vector<std::string> sentences_;  // on each status
   std::unique_ptr<RateLimiter> rates_;
@@ -454,7 +457,8 @@ class Guarded {
   Late late_;
   Presence presence_;
   Presence::Out out_;
-  std::vector<Presence::Out> seen_;  // as out_, in the order of their first ticks
+  std::vector<Presence::Out> seen_;  // as out_, in the order of their first ticks, as many as are known
+  std::size_t known_sets_ = 0;
   bool good_ = false, holds_known_ = false, fresh_ = true;
   Clock::time_point begin_;
   Tick tick_;

@@ -48,9 +48,10 @@ class Line {
         root_(plan_->root(), memory_),
         nq_(root_.part("robot").integer("nq")),
         nv_(root_.part("robot").integer("nv")),
-        kinematics_(joints(root_.part("motion").part("joints")), frames(root_.part("motion").part("frames")),
+        kinematics_(joints(root_.part("motion").part("joints"), nv_),
+                    frames(root_.part("motion").part("frames"), root_.part("motion").parts("joints").size()),
                     twists(root_.part("motion"))),
-        assembly_(bodies(root_.part("motion").part("bodies"), nv_), twists(root_.part("motion")),
+        assembly_(bodies(root_.part("motion").part("bodies"), nv_), twists(root_.part("motion")), nq_,
                   root_.part("guards").number("dt"), root_.part("motion").integer("order")),
         solve_(root_.part("solver")) {
     if (kinematics_.size() != nq_ || assembly_.size() != nv_) throw PlanError("the tree of the plan is another one");
@@ -300,6 +301,8 @@ class Line {
       load_names_.push_back(one.text("name"));
     }
     for (const Node& one : p.parts("operations")) assembly_.add(one.part("plan"), target(one, nv_));
+    if (p.parts("operations").size() != p.parts("slots").size())
+      throw PlanError("the plan has other operations than references");
     laws_ = laws(p.part("laws"), order(), nv_);
     assembly_.laws(laws_);
     assembly_.largest(largest_);

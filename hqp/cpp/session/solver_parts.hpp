@@ -32,13 +32,15 @@ inline std::unique_ptr<BoundKernel> kernel_of(const Node& p) {
     Level& level = made->levels[k];
     level.m = rows[k];
     level.A = levels[k].maybe("A", m * static_cast<std::size_t>(n));
-    if (!level.A) level.index = levels[k].part("index").longs(m), level.scale = levels[k].doubles("scale", m);
+    if (!level.A)
+      level.index = levels[k].places64("index", m, static_cast<std::size_t>(n)),
+      level.scale = levels[k].doubles("scale", m);
     level.lower = levels[k].doubles("lower", m);
     level.upper = levels[k].doubles("upper", m);
   }
   made->problem.levels = made->levels.data();
   made->problem.count = static_cast<int>(levels.size());
-  made->problem.constraints = p.integer("constraints");
+  made->problem.constraints = p.place("constraints", levels.size() + 1);
   made->problem.metric = p.maybe("metric", static_cast<std::size_t>(n) * n);
   made->problem.origin = p.maybe("origin", n);
   return made;
@@ -118,7 +120,7 @@ class PlannedSolve {
     staged_->bind(law_, completion);
     for (const Node& head : p.parts("heads")) {
       heads_.push_back(kernel_of(head));
-      staged_->above(head.integer("level"), heads_.back().get(), heads_.back()->numbers().data());
+      staged_->above(head.place("level", count), heads_.back().get(), heads_.back()->numbers().data());
     }
     end_ = p.doubles("end", n);
     staged_->after(exact_.get(), exact_->numbers().data(), p.doubles("points", count * n), p.doubles("end", n));

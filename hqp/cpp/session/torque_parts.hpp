@@ -17,9 +17,11 @@ class TorqueParts {
  public:
   TorqueParts(const Node& p, int nv, SolveCall& solver) {
     const std::size_t v = static_cast<std::size_t>(nv), m = p.part("gamma").size();
-    const std::vector<int> actuated = p.ints("actuated"), parents = p.ints("parents");
+    const std::vector<int> actuated = p.places("actuated", v), parents = p.ints("parents");
     const std::size_t n = actuated.size();
-    if (parents.size() != v) throw PlanError("the elimination of the plan has a wrong size");
+    bool tree = parents.size() == v;
+    for (std::size_t i = 0; tree && i < v; ++i) tree = parents[i] >= -1 && parents[i] < static_cast<int>(i);
+    if (!tree) throw PlanError("the elimination of the plan has a wrong size");
     out_.assign(m, 0), J_.assign(m * v, 0.0);
     elimination_.reset(HQP_FOR_MACHINE(make_elimination, parents, actuated, static_cast<int>(m), out_.data()));
     const double* map = p.doubles("map", v * (n + 1));
@@ -28,16 +30,25 @@ class TorqueParts {
       const Asked asked = rows(one, n);
       rows_->product(one.doubles("J", static_cast<std::size_t>(asked.m) * v), asked);
     }
-    for (const Node& one : p.parts("picks")) rows_->pick(one.ints("index"), one.numbers("weight"), rows(one, n));
+    for (const Node& one : p.parts("picks")) {
+      const Asked asked = rows(one, n);
+      const std::vector<int> index = one.places("index", v);
+      std::vector<double> weight = one.numbers("weight");
+      if (index.size() != std::size_t(asked.m) || (!weight.empty() && weight.size() != index.size()))
+        throw PlanError("the elimination of the plan has a wrong size");
+      rows_->pick(index, std::move(weight), asked);
+    }
     if (p.has("motion")) {
       const Node motion = p.part("motion");
-      rows_->motion(motion.numbers("scale"), motion.number("rest"), motion.doubles("F", v * n), motion.doubles("f", v));
+      rows_->motion(motion.numbers("scale", v), motion.number("rest"), motion.doubles("F", v * n),
+                    motion.doubles("f", v));
     }
     double *T = p.doubles("T", m * m), *top = p.doubles("top", m * (n + 1));
     if (p.has("forces")) {
       const Node forces = p.part("forces");
       forces_.reset(HQP_FOR_MACHINE(make_force_rows, static_cast<int>(m), static_cast<int>(n)));
-      for (const Node& one : forces.parts("frames")) forces_->turn(one.integer("first"), one.doubles("rotation", 9));
+      for (const Node& one : forces.parts("frames"))
+        forces_->turn(one.place("first", m < 3 ? 0 : m - 2), one.doubles("rotation", 9));
       for (const Node& one : forces.parts("shared")) share(one, m);
       for (const Node& one : forces.parts("rows")) {
         const Asked asked = rows(one, n);
@@ -97,7 +108,7 @@ class TorqueParts {
             p.doubles("asked_upper", m), p.doubles("lower", m), p.doubles("upper", m)};
   }
   void share(const Node& p, std::size_t m) {
-    const std::vector<int> first = p.ints("first");
+    const std::vector<int> first = p.places("first", m < 6 ? 0 : m - 5);
     const std::vector<double> middles = p.numbers("middles"), factors = p.numbers("factors");
     if (first.size() != 2 || middles.size() != 4 || factors.size() != 2) throw PlanError("a shared load is none");
     forces_->share({p.doubles("C", 6 * m),

@@ -76,7 +76,6 @@ int main(int argc, char** argv) {
       try {
         hqp::Session session(std::make_shared<const hqp::Plan>(given));
         const std::vector<double> q = session.home(), v(std::size_t(session.nv()), 0.0);
-        if (q.size() != std::size_t(session.nq())) continue;
         for (int tick = 0; tick < 2; ++tick) session.step(q.data(), v.data());
         ++stepped;
       } catch (const hqp::PlanError&) {
