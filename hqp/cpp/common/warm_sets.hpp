@@ -22,7 +22,6 @@ class WarmSets {
     }
     now_ = to;
     if (to >= kMost) return;
-    if (states_.size() <= to) states_.resize(to + 1);
     if (states_[to].empty()) return;
     CarryOver in = CarryOver::from(states_[to]);
     solver.keep(in);
@@ -35,7 +34,7 @@ class WarmSets {
  private:
   static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
 
-  std::vector<WarmState> states_;
+  std::vector<WarmState> states_ = std::vector<WarmState>(kMost);
   std::size_t now_ = kNone;
 };
 
