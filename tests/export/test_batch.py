@@ -91,7 +91,7 @@ def test_worlds_are_small() -> None:
     batch = hqp.Batch(session.controller, session.robot, 64, session.dt)
     for _ in range(3):
         batch.step(np.tile(session.robot.home, (64, 1)))
-    assert batch.bytes / 64 < 24_000
+    assert batch.bytes / 64 < 20_000
 
 
 def test_what_does_not_fit_is_refused() -> None:

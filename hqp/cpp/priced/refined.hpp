@@ -33,6 +33,7 @@ class Refined {
         value_(padded(rows + 1)),
         residual_(padded(rows + 1)),
         change_(padded(rows + 1)),
+        row_(padded(rows + 1)),
         moved_(rows),
         y_(padded(n)),
         b_(padded(n)),
@@ -108,12 +109,13 @@ class Refined {
 
  private:
   // Rows as numbered in B, multipliers and parts of all rows down to the level, the inverse of B B'
-  // as its lower triangle.
+  // as its lower triangle, of single precision: a step of refinement leaves a share of a residual in any case.
   struct Last {
     bool known = false;
     int age = 0;
     std::vector<int> rows;
-    std::vector<double> lambda, inverse;
+    std::vector<double> lambda;
+    std::vector<float> inverse;
     std::vector<signed char> part;
   };
   // From one tick to the next, of each level.
@@ -169,7 +171,8 @@ class Refined {
     const int c = static_cast<int>(last.rows.size());
     for (int j = 0; j < c; ++j) residual_[j] = value_[last.rows[j]];
     for (int j = 0; j < c; ++j) {
-      const double* row = &last.inverse[triangle(j)];
+      std::copy_n(&last.inverse[triangle(j)], j + 1, row_.data());
+      const double* row = row_.data();
       change_[j] = dot_any(row, residual_.data(), j + 1);
       add_any(change_.data(), row, residual_[j], j);
     }
@@ -250,7 +253,7 @@ class Refined {
   const std::vector<PricedLevel>& level_;
   std::vector<int> first_;
   std::shared_ptr<Known> known_;
-  std::vector<double> value_, residual_, change_, moved_, y_, b_, x_;
+  std::vector<double> value_, residual_, change_, row_, moved_, y_, b_, x_;
   const Coordinates* at_ = nullptr;
   const double *prices_ = nullptr, *exact_ = nullptr;
 };
