@@ -82,6 +82,11 @@ test-arm: setup
 	$(ARM)/drive $(ARM)/*.bin > $(ARM)/here.txt
 	qemu-aarch64-static $(ARM)/drive_arm $(ARM)/*.bin > $(ARM)/arm.txt
 	diff $(ARM)/here.txt $(ARM)/arm.txt && cat $(ARM)/arm.txt
+	$(BIN)/python -m tests.export.native.record --ticks 200 --formulations velocity acceleration --folder $(ARM)/loops
+	cmake -S tests/export/native -B $(ARM)/session -Dhqp_DIR=$$($(BIN)/hqp --cmake-dir) -DCMAKE_SYSTEM_NAME=Linux \
+	    -DCMAKE_SYSTEM_PROCESSOR=aarch64 -DCMAKE_CXX_COMPILER=aarch64-linux-gnu-g++ > $(ARM)/configure.log
+	cmake --build $(ARM)/session --target replay
+	qemu-aarch64-static -L /usr/aarch64-linux-gnu $(ARM)/session/replay 1e-9 $(ARM)/loops/*.hqp
 
 problem-sets: setup
 	$(BIN)/python -m benchmarks.speed.publish build/problem_sets
