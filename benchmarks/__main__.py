@@ -31,6 +31,7 @@ EXTRA = {
     "changes": "changes of stack in a closed loop: jumps of the command, time of a tick",
     "deadline": "torque ticks with violated constraints: how long with the default deadline and without, how good",
     "batches": "many worlds at once on G1 and UR5: ticks a second, memory",
+    "loops": "recorded loops of five robots in C++: same bits, allocations, how long ticks take",
     "soak": "random closed loops with everything that goes wrong, at length",
     "collision": "hands that are blocked, a table in MuJoCo, and what pairs cost",
     "pages": "tables of the experiments' pages from the committed runs",
@@ -40,6 +41,7 @@ EXTRA = {
 
 ROOMS = {
     "batches": "speed.batches",
+    "loops": "speed.loops",
     "timing": "speed.timing",
     "torque": "speed.torque",
     "solvers": "speed.solvers",

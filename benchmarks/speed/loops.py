@@ -1,0 +1,75 @@
+"""Recorded loops of five robots again in C++, from their plans' files: same bits, allocations, how long ticks take."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from pathlib import Path
+
+import hqp
+from benchmarks.reports import machine, report
+
+ROOT = Path(__file__).parents[2]
+ROBOTS = ("ur5", "cbi", "talos", "g1", "dreamer")
+FORMULATIONS = ("velocity", "acceleration", "torque")
+MARK = "<!-- table: python -m benchmarks loops --ticks 1000000 --page docs/results/batches.md -->"
+END = "<!-- end of loops -->"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of this part."""
+    parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=list(ROBOTS), metavar="ROBOT")
+    parser.add_argument("--formulations", nargs="+", choices=FORMULATIONS, default=list(FORMULATIONS), metavar="NAME")
+    parser.add_argument("--ticks", type=int, default=10_000, metavar="N", help="of each loop in C++ (10000)")
+    parser.add_argument(
+        "--recorded", type=int, default=100_000, metavar="N", help="of these, in Python (100000 at most)"
+    )
+    parser.add_argument("--folder", type=Path, default=ROOT / "build/loops", help="for recordings, which are large")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="write the table into this page")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Record, build, run, show, write; returns 1 if a number, a status or an allocation is another."""
+    ticks = 1000 if arguments.quick else arguments.ticks
+    recorded = min(arguments.recorded, ticks)
+    arguments.folder.mkdir(parents=True, exist_ok=True)
+    replay = build(arguments.folder / "replay")
+    head, failed = "", 0
+    rows: list[str] = []
+    for robot in arguments.robots:
+        for formulation in arguments.formulations:
+            plan = record(robot, formulation, recorded, arguments.folder)
+            command = [str(replay), "0", "--rounds", str(max(1, ticks // recorded)), str(plan)]
+            found = subprocess.run(command, capture_output=True, text=True, check=False)
+            plan.with_suffix(".ticks").unlink()
+            *head_lines, row = found.stdout.splitlines() or [f"| {plan.name} | {found.stderr.strip()} |"]
+            head, failed = "\n".join(head_lines) or head, failed + found.returncode
+            rows.append(row)
+            print(row, flush=True)
+    on = "; ".join(f"{what}: {which}" for what, which in machine.description() if what in ("machine", "load average"))
+    text = "\n".join((head, *rows)) + f"\n\n{on}.\n"
+    report.section(arguments.output, "loops", text)
+    if arguments.page is not None:
+        report.into_page(arguments.page, MARK, text, END)
+    return int(failed > 0)
+
+
+def record(robot: str, formulation: str, ticks: int, folder: Path) -> Path:
+    """The plan of a loop, its ticks beside it."""
+    module = "tests.export.native.record"
+    command = [sys.executable, "-m", module, robot, "--formulations", formulation, "--ticks", str(ticks)]
+    subprocess.run([*command, "--folder", str(folder.resolve())], check=True, stdout=sys.stderr, cwd=ROOT)
+    return folder / f"{robot}-{formulation}.hqp"
+
+
+def build(folder: Path) -> Path:
+    """The program that replays recordings, made with CMake."""
+    source = ROOT / "tests/export/native"
+    cmake = Path(hqp.__file__).parent / "cmake"
+    for command in (
+        ["cmake", "-S", str(source), "-B", str(folder), f"-Dhqp_DIR={cmake}"],
+        ["cmake", "--build", str(folder), "--target", "replay"],
+    ):
+        subprocess.run(command, check=True, stdout=sys.stderr)
+    return folder / "replay"
