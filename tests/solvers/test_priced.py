@@ -374,13 +374,18 @@ def test_a_tick_solves_its_stages_once() -> None:
     np.testing.assert_array_equal(answer.stage_points, expected.stage_points)
 
 
-@pytest.mark.parametrize("family", FAMILIES)
-def test_a_level_is_settled_alike_warm_or_cold(family: str) -> None:
-    """Over problems that change slowly, then jump: multipliers of the last tick decide as those made anew."""
+@pytest.mark.parametrize(("family", "dense"), [*((family, False) for family in FAMILIES), ("kinds", True)])
+def test_a_level_is_settled_alike_warm_or_cold(family: str, dense: bool) -> None:
+    """Over problems that change slowly, then jump: multipliers of the last tick decide as those made anew.
+
+    dense: E by a matrix, as at torque level.
+    """
     solver, decided = hqp.solvers.load("lexicographic"), set[bool]()
     for seed in range(6):
         rng = np.random.default_rng([seed, 7])
         one = random_problem(rng, family)
+        if dense:
+            one = replace(one, motion=Motion(np.eye(one.n)))
         turns = [rng.standard_normal(rows.dense(one.n).shape) for rows in one.levels]
         workspace = solver.workspace(one.shape)
         for tick in range(120):

@@ -64,13 +64,13 @@ class MotionBound {
   // Whether level k is met for its price; asked from the first level down.
   bool shows(int k) {
     Inverse& inverse = known_->inverse[k];
-    inverse.stale = false;
-    if (!inverse.known || !at_->diagonal()) return false;
-    if (inverse.rest > 0) return --inverse.rest, false;
+    inverse.stale = !inverse.known || !at_->diagonal();
+    if (inverse.stale) return false;
     see_to(k);
     const double d = inverse.gain * (inverse.age + std::sqrt(changed_)), narrow = least_room(inverse);
     inverse.known = d < kStale;  // not for numbers that are not finite
-    inverse.stale = !inverse.known || (narrow <= kNarrow && inverse.own_gain < INFINITY);
+    inverse.stale = !inverse.known || (inverse.rest == 0 && narrow <= kNarrow && inverse.own_gain < INFINITY);
+    if (inverse.rest > 0) return --inverse.rest, false;
     if (inverse.stale || !met_ || !equalities_) return false;
     const double r = smaller(narrow, row_room_);
     if (r > 0.0 && prices_[k] * (1.0 + r) * (1.0 + r) * size_ * inverse.own_gain <= kShown * 2.0 * r * (1.0 - d))
@@ -79,7 +79,8 @@ class MotionBound {
     return false;
   }
 
-  // Whether the latest shows(k) needs an inverse of this tick.
+  // Whether the latest shows(k) needs an inverse of this tick: where an earlier one is not known to be near, refined
+  // multipliers miss a direction that the rows have all but lost.
   bool stale(int k) const { return known_->inverse[k].stale; }
 
   // Coordinates near a bound of the rows down to level k.

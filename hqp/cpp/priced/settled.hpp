@@ -102,10 +102,10 @@ class Settled {
     enter(k);
     reached_ = k + 1;
     const bool met = consistent_ && own_rank_ && least_motion(k) && prices_[k] * multipliers(k, own) <= 1.0;
-    if (met && independent_ && again_) {
+    if (met && independent_ && again_ && at_->diagonal()) {
       invert();
       refined_.take(k, count_, number_.data(), held_.data(), lambda_.data(), G_.data(), x_.data());
-      if (at_->diagonal()) prepare_bound(k, own);
+      prepare_bound(k, own);
     }
     return met;
   }
