@@ -41,7 +41,7 @@ def stature(name: str) -> dict[str, Any]:
     """What a robot's own data say: size, speed asked of it, which joint bears most of its torque on one foot."""
     import hqp.robots
     from hqp.walking import Walker
-    from hqp.walking.standing import Stance, borne
+    from hqp.walking.stance import Stance, borne
 
     robot = hqp.robots.load(name, rotors=True)
     walker = Walker(robot)

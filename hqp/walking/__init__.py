@@ -7,7 +7,7 @@ from hqp.walking.gait import Gait, Reach
 from hqp.walking.pendulum import DcmPlan, Piece, capture_point, natural_frequency
 from hqp.walking.plan import Walk
 from hqp.walking.stacks import Laws, Stacks
-from hqp.walking.standing import borne, standing
+from hqp.walking.stance import borne, standing
 from hqp.walking.swing import Swing
 from hqp.walking.walker import Walker
 

@@ -24,7 +24,7 @@ from hqp.walking.gait import Gait, Reach
 from hqp.walking.pendulum import DcmPlan, Piece, capture_point, natural_frequency
 from hqp.walking.plan import Walk, predict
 from hqp.walking.stacks import BOTH, Laws, Stacks
-from hqp.walking.standing import standing
+from hqp.walking.stance import standing
 from hqp.walking.swing import Swing
 
 TOUCH = 0.05

@@ -23,7 +23,7 @@ BENT = 0.1
 SPARE = 0.02
 """Legs can stretch so much more, a share of the CoM's height."""
 
-HARD, RELIEVED = 0.6, 0.05
+HARD, RELIEVED = 0.7, 0.05
 """On one foot no joint bears more than this share of its largest torque, where legs longer by SPARE relieve it."""
 
 LOWER = 1.0, 2.0 / 3.0, 1.0 / 3.0, 0.0, 2.0, 3.0, 4.0
