@@ -68,8 +68,8 @@ def _shape(element: ET.Element, tag: str, link: Row, tables: Tables, kind: str, 
         add("cylinder", s["c"], up, radius=text(s["r"]), length=text(2 * s["h"]))
     elif kind == "sphere":
         add("sphere", s["c"], up, radius=text(s["r"]))
-    elif kind == "ellipsoid":  # URDF has none: the sphere of equal volume
-        add("sphere", s["c"], up, radius=text(float(np.cbrt(np.prod(s["h"])))))
+    elif kind == "ellipsoid":  # URDF has none: the sphere of equal volume; the last digit is the machine's
+        add("sphere", s["c"], up, radius=text(round(float(np.cbrt(np.prod(s["h"]))), 12)))
     elif kind == "capsule":  # URDF has none: a cylinder and two spheres
         along = s["to"] - s["from"]
         length = float(np.linalg.norm(along))

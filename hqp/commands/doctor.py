@@ -18,7 +18,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "mujoco": ("mujoco",),
     "plots": ("matplotlib",),
     "video": ("imageio-ffmpeg",),
-    "motion": ("bvhio", "plotly"),
+    "motion": ("example-robot-data", "bvhio", "plotly"),
     "view": ("viser", "trimesh", "pycollada"),
     "robots": ("example-robot-data",),
     "solvers": ("daqp", "piqp", "clarabel"),
