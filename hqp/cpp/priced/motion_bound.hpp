@@ -64,14 +64,14 @@ class MotionBound {
   // Whether level k is met for its price; asked from the first level down.
   bool shows(int k) {
     Inverse& inverse = known_->inverse[k];
-    inverse.stale = !inverse.known || !at_->diagonal();
-    if (inverse.stale) return false;
+    inverse.wanted = at_->diagonal() && !inverse.known;
+    if (!at_->diagonal() || !inverse.known) return false;
+    if (inverse.rest > 0) return --inverse.rest, false;
     see_to(k);
     const double d = inverse.gain * (inverse.age + std::sqrt(changed_)), narrow = least_room(inverse);
     inverse.known = d < kStale;  // not for numbers that are not finite
-    inverse.stale = !inverse.known || (inverse.rest == 0 && narrow <= kNarrow && inverse.own_gain < INFINITY);
-    if (inverse.rest > 0) return --inverse.rest, false;
-    if (inverse.stale || !met_ || !equalities_) return false;
+    inverse.wanted = !inverse.known || (narrow <= kNarrow && inverse.own_gain < INFINITY);
+    if (inverse.wanted || !met_ || !equalities_) return false;
     const double r = smaller(narrow, row_room_);
     if (r > 0.0 && prices_[k] * (1.0 + r) * (1.0 + r) * size_ * inverse.own_gain <= kShown * 2.0 * r * (1.0 - d))
       return true;
@@ -79,9 +79,8 @@ class MotionBound {
     return false;
   }
 
-  // Whether the latest shows(k) needs an inverse of this tick: where an earlier one is not known to be near, refined
-  // multipliers miss a direction that the rows have all but lost.
-  bool stale(int k) const { return known_->inverse[k].stale; }
+  // Whether the latest shows(k) asks for an inverse of this tick.
+  bool wants(int k) const { return known_->inverse[k].wanted; }
 
   // Coordinates near a bound of the rows down to level k.
   const std::vector<char>& near(int k) {
@@ -118,7 +117,7 @@ class MotionBound {
   };
 
   struct Inverse {
-    bool known = false, stale = false;
+    bool known = false, wanted = false;
     int rest = 0;      // ticks until it is asked again
     double age = 0.0;  // at most how far its rows were from those kept
     double gain = 0.0, own_gain = 0.0;

@@ -15,7 +15,6 @@
 
 #include "coordinates.hpp"
 #include "motion_bound.hpp"
-#include "refined.hpp"
 #include "stages.hpp"
 
 namespace hqp {
@@ -48,8 +47,7 @@ class Settled {
         y_(ld_),
         a_(n),
         x_(n),
-        bound_(n, levels),
-        refined_(n, levels, rows) {
+        bound_(n, levels) {
     int before = 0;
     for (std::size_t k = 0; k < levels.size(); ++k) {
       first_[k] = before;
@@ -64,12 +62,10 @@ class Settled {
   void keep(CarryOver& warm) {
     for (auto& set : warm_) warm.list(set);
     bound_.keep(warm);
-    refined_.keep(warm);
   }
   void forget() {
     for (auto& set : warm_) set.clear();
     bound_.forget();
-    refined_.forget();
   }
   // Nothing like this problem follows: what spares a second look is not prepared.
   void only_once() { again_ = false; }
@@ -80,7 +76,6 @@ class Settled {
     prices_ = prices;
     exact_ = x;
     bound_.begin(coordinates, prices, x);
-    refined_.begin(coordinates, prices, x);
     count_ = equalities_ = reached_ = 0;
     consistent_ = independent_ = true;
     taken_out_.clear();
@@ -96,15 +91,13 @@ class Settled {
   // Whether priced level k, the next one down, is met for its price.
   bool meets(int k) {
     if (bound_.shows(k)) return true;
-    if (!bound_.stale(k) && refined_.clear(k)) return true;
     for (; reached_ < k; ++reached_) enter(reached_);
     const int own = equalities_;
     enter(k);
     reached_ = k + 1;
     const bool met = consistent_ && own_rank_ && least_motion(k) && prices_[k] * multipliers(k, own) <= 1.0;
-    if (met && independent_ && again_ && at_->diagonal()) {
+    if (met && independent_ && again_ && bound_.wants(k)) {
       invert();
-      refined_.take(k, count_, number_.data(), held_.data(), lambda_.data(), G_.data(), x_.data());
       prepare_bound(k, own);
     }
     return met;
@@ -347,7 +340,6 @@ class Settled {
   std::vector<double> y_, a_, x_;
   std::vector<std::pair<int, double>> taken_out_;  // coordinates, their values
   MotionBound bound_;
-  Refined refined_;
   const Coordinates* at_ = nullptr;
   const double *prices_ = nullptr, *exact_ = nullptr;
   int count_ = 0, equalities_ = 0, reached_ = 0;  // reached_: levels whose rows have entered
