@@ -63,7 +63,6 @@ class Batch:
         exchanges: int,
         priced: list[bool],
         met: float,
-        zero: float,
         flat: float,
         activity: float,
         violation: float,

@@ -61,9 +61,6 @@ MET_TOLERANCE = 1e-10
 ZERO_RESIDUAL = 1e-7
 """Of 1 + what was asked, in the element's own units: what users are told of a residual below this is that it is met."""
 
-SLACK_TOLERANCE = 1e-12
-"""Of its level's terms: a row's slack below this fraction is zero, in what a priced level hands down."""
-
 NEAR = 0.02
 """[unit of motion] an inequality that binds only in a stage holds its level back where it is this close to rest.
 

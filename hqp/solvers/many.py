@@ -20,7 +20,6 @@ from hqp.tolerances import (
     ACTIVITY_TOLERANCE,
     FLAT_TOLERANCE,
     MET_TOLERANCE,
-    SLACK_TOLERANCE,
     VIOLATION_TOLERANCE,
 )
 
@@ -112,7 +111,7 @@ def solve_many(
     batch = module.Batch(
         shape.n, list(shape.rows), shape.metric, solver.rank_tolerance, solver.multiplier_tolerance,
         solver.feasibility_tolerance, solver.max_iterations or 0, solver.max_failed_exchanges, priced,
-        MET_TOLERANCE, SLACK_TOLERANCE, FLAT_TOLERANCE, ACTIVITY_TOLERANCE, VIOLATION_TOLERANCE,
+        MET_TOLERANCE, FLAT_TOLERANCE, ACTIVITY_TOLERANCE, VIOLATION_TOLERANCE,
     )  # fmt: skip
     kept = _fill(batch, problems, shape)
     N, total = len(problems), sum(shape.rows)

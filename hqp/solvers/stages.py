@@ -20,7 +20,6 @@ from hqp.tolerances import (
     ACTIVITY_TOLERANCE,
     FLAT_TOLERANCE,
     MET_TOLERANCE,
-    SLACK_TOLERANCE,
     VIOLATION_TOLERANCE,
 )
 
@@ -179,7 +178,6 @@ class StagedWorkspace:
         stages = {
             "priced": priced,
             "met": MET_TOLERANCE,
-            "zero": SLACK_TOLERANCE,
             "flat": FLAT_TOLERANCE,
             "activity": ACTIVITY_TOLERANCE,
             "violation": VIOLATION_TOLERANCE,
@@ -354,8 +352,7 @@ def stages_of(n: int, rows: Sequence[int], priced: Sequence[bool]) -> NativeStag
     """Native stages of a hierarchy, to be bound to its arrays."""
     from hqp import _priced  # built with a compiler, as every user of this function
 
-    tolerances = MET_TOLERANCE, SLACK_TOLERANCE, FLAT_TOLERANCE
-    return _priced.Stages(n, list(rows), [int(p) for p in priced], *tolerances)
+    return _priced.Stages(n, list(rows), [int(p) for p in priced], MET_TOLERANCE, FLAT_TOLERANCE)
 
 
 def row_arrays(rows: Rows) -> tuple[object, ...]:

@@ -57,8 +57,8 @@ class Turn {
 
 class Stages final : public hqp::SolveCall {
  public:
-  Stages(int n, const std::vector<int>& rows, const std::vector<int>& priced, double met, double zero, double flat)
-      : n_(n), rows_(rows), core_(n, rows, made(n, rows, priced, {met, zero, flat})) {}
+  Stages(int n, const std::vector<int>& rows, const std::vector<int>& priced, double met, double flat)
+      : n_(n), rows_(rows), core_(n, rows, made(n, rows, priced, {met, flat})) {}
   // levels: (A or None, index or None, scale or None, lower, upper).  prices, turning: one a level.  metric, origin:
   // None for none.  The caller keeps the arrays alive, and so does this object.
   void bind(const nb::list& levels, const Vector& prices, const nb::object& turning, double eta, const nb::object& F,
@@ -222,16 +222,11 @@ class Stages final : public hqp::SolveCall {
   std::size_t total() const { return core_.total(); }
   hqp::PricedStages& stages() { return core_.stages(); }
 
-  std::size_t level(int k) const {
-    if (k < 0 || std::size_t(k) >= rows_.size()) refuse("not a level");
-    return static_cast<std::size_t>(k);
-  }
-
   int n_;
   std::vector<int> rows_;
   hqp::StagedSolve core_;
   nb::object kept_, read_, chained_;
-  nb::list rooms_, heads_;
+  nb::list heads_;
   const double* points_ = nullptr;
   std::vector<std::int32_t> owner_;
   int elements_ = 0;
@@ -245,8 +240,8 @@ class Stages final : public hqp::SolveCall {
 NB_MODULE(_priced, m) {
   m.doc() = "Native stages of levels with a price.";
   nb::class_<Stages>(m, "Stages")
-      .def(nb::init<int, const std::vector<int>&, const std::vector<int>&, double, double, double>(), "n"_a, "rows"_a,
-           "priced"_a, "met"_a, "zero"_a, "flat"_a)
+      .def(nb::init<int, const std::vector<int>&, const std::vector<int>&, double, double>(), "n"_a, "rows"_a,
+           "priced"_a, "met"_a, "flat"_a)
       .def("bind", &Stages::bind, "levels"_a, "prices"_a, "turning"_a.none(), "eta"_a, "F"_a.none(), "f"_a.none(),
            "metric"_a.none(), "origin"_a.none())
       .def("solve", &Stages::solve, "x"_a, "stages"_a, "last"_a, "head"_a = 0, "seconds"_a = 0.0)

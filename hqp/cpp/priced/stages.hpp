@@ -46,10 +46,10 @@ struct AccountRows {
   double near = 0.0;
 };
 
-// Of a level's terms: ||w|| below `met` and a row's slack below `zero` are zero.  flat: directions without motion get
-// this fraction of the largest column of F.
+// Of a level's terms: ||w|| below `met` is zero.  flat: directions without motion get this fraction of the largest
+// column of F.
 struct Tolerances {
-  double met, zero, flat;
+  double met, flat;
 };
 
 // The law of a hierarchy (hqp.problem.Hierarchy): prices, turning (levels,); F (r, n), or its diagonal where r = 0, or
