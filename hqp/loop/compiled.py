@@ -17,7 +17,7 @@ from hqp.loop.transition.waypoints import Waypoint, path
 from hqp.programs.direct import Direct
 from hqp.programs.formulation import Program
 from hqp.programs.rest import Rest
-from hqp.solvers.base import Solver, Workspace
+from hqp.solvers.base import Solver, Workspace, turn
 
 if TYPE_CHECKING:
     from hqp.loop.controller import Controller
@@ -51,8 +51,7 @@ class Compiled:
 
     def turn(self, out: frozenset[str]) -> None:
         """The next ticks are without these elements: the solver goes on where it ended when it was last so."""
-        if turn := getattr(self.workspace, "turn", None):
-            turn(self.sets.setdefault(out, len(self.sets)))
+        turn(self.workspace, self.sets.setdefault(out, len(self.sets)))
 
     def direct(self) -> Direct | None:
         """The loop of ordinary ticks, made once; None where there is none now."""

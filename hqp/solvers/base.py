@@ -31,6 +31,11 @@ class Workspace(Protocol):
         ...
 
 
+def turn(workspace: object, rows: int) -> None:
+    """Go over to a set of rows, by number, where the workspace keeps what each ended with."""
+    getattr(workspace, "turn", lambda _: None)(rows)
+
+
 class OneThread:
     """Lets one thread at a time into a workspace; another one is refused by RuntimeError.
 

@@ -14,7 +14,7 @@ import numpy as np
 from hqp.arrays import Mat, Signs, Vec
 from hqp.problem import Hierarchy, Rows, Selection, Shape, Solution, Stats, Status
 from hqp.problem.pricing import is_met
-from hqp.solvers.base import UNSURE, Described, OneThread, Workspace, check_shape, finish, require_hierarchy
+from hqp.solvers.base import UNSURE, Described, OneThread, Workspace, check_shape, finish, require_hierarchy, turn
 from hqp.solvers.second_opinion import second_opinion
 from hqp.tolerances import (
     ACTIVITY_TOLERANCE,
@@ -85,7 +85,7 @@ class StagedWorkspace:
         """The next solves are of this set of the rows, by number: each goes on where its own last solve ended."""
         self._sets = [number for number in self._sets if number != rows] + [rows]
         for part in (self._exact, self._native, *(workspace for workspace, _ in self._heads.values())):
-            _turn(part, rows)
+            turn(part, rows)
 
     def limit(self, seconds: float) -> None:
         """Time for the next solves [s], as the solver's own workspace takes it."""
@@ -217,7 +217,7 @@ class StagedWorkspace:
         workspace = self._make(above.shape)
         _limit(workspace, self._seconds)
         for rows in self._sets:  # it has nothing to go on from in any of them
-            _turn(workspace, rows)
+            turn(workspace, rows)
         kernel: Kernel | None = getattr(workspace, "kernel", lambda _: None)(above)
         self._heads[head] = workspace, kernel
         if kernel is not None:
@@ -337,11 +337,6 @@ class StagedWorkspace:
         }
         levels = [row_arrays(rows) for rows in problem.levels]
         self._native.bind(levels, **self._law, metric=problem.metric, origin=problem.origin)
-
-
-def _turn(workspace: object, rows: int) -> None:
-    """Go over to a set of rows, where a workspace knows such."""
-    getattr(workspace, "turn", lambda _: None)(rows)
 
 
 def _limit(workspace: Workspace, seconds: float) -> None:
