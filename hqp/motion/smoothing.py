@@ -18,11 +18,11 @@ LIVELY = 6.0
 
 
 def smoothed(tracker: Tracker, found: Pass) -> Pass:
-    """A pass once more, after its own configurations below ``LIVELY``.
+    """Track a pass once more, its configurations low-passed at ``LIVELY``.
 
     What strict levels do where a limb is nearly straight, a limit is met or a foot comes down is as quick as a frame.
-    Joints that are filtered alone would let feet slide and links meet: limits, standing feet, then moving feet and
-    hands, take precedence of the filtered joints here.
+    Filtered joints alone would let feet slide and links meet: limits, standing feet, then moving feet and hands come
+    before them.
     """
     if len(found.q) <= EDGE:
         return found

@@ -144,7 +144,7 @@ class Tracker:
     def run(self, q: Vec, v: Vec, first: int, last: int, course: Course | None = None) -> Pass:
         """From q at frame ``first`` to frame ``last``, which may be before it; both ends are part of the result.
 
-        course: what the last pass, which is forwards, is after; in it alone standing feet stand to ``SLIDE``.
+        course: references of the last pass, which runs forwards; standing feet are corrected to ``SLIDE`` only there.
         """
         sessions = self.sessions if course is None else self._closing
         step = 1 if last >= first else -1

@@ -1,6 +1,7 @@
 // What rows are made of, as a plan has it: tree, operations, laws, places of references; of Python or of a file.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <stdexcept>
