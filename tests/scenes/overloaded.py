@@ -11,6 +11,7 @@ import numpy as np
 import hqp
 from hqp import Stack, Status
 from hqp.commands.arguments import formulation
+from hqp.problem import Motion
 from hqp.robots import Robot
 from hqp.tasks import Com, Position, UnilateralContact
 from hqp.tolerances import VIOLATION_TOLERANCE
@@ -71,9 +72,15 @@ def measure(robot: Robot, ticks: int, deadline: float | None, seed: int = 0) -> 
 
 
 def no_worse(problem: hqp.Hierarchy, x: np.ndarray, last: np.ndarray) -> bool:
-    """Whether the levels of x are lexicographically no worse than those of the last x, clipped into today's box."""
-    for new, old in zip(problem.slacks(x), problem.slacks(problem.boxed(last)), strict=True):
+    """Whether the levels of x are lexicographically no worse than those of the last x, clipped into today's box.
+
+    The first level decides that differs by more than it gives to those below: by ||w|| or by ||w|| + price E(x).
+    """
+    last, motion = problem.boxed(last), problem.motion or Motion(np.ones(problem.n))
+    for k, (new, old) in enumerate(zip(problem.slacks(x), problem.slacks(last), strict=True)):
         a, b = float(np.linalg.norm(new)), float(np.linalg.norm(old))
-        if abs(a - b) > VIOLATION_TOLERANCE * (1.0 + b):
-            return a < b
+        price = 0.0 if problem.prices is None else float(problem.prices[k])
+        band = VIOLATION_TOLERANCE * (1.0 + min(a, b)) + (problem.eta * min(a, b) if price > 0.0 else 0.0)
+        if abs(a - b) > band:
+            return a < b or a + price * motion(x) <= b + price * motion(last) + band
     return True
