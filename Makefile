@@ -33,14 +33,14 @@ test-sweeps: setup
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'ray[client]>=2.9'
 	HQP_TEST_CLUSTER=1 $(BIN)/python -m pytest tests/sweep
 
-# Adapters with the newest releases of pink, mink and LeRobot's kinematics, and with older ones; without their dependencies.
+# Adapters with the newest releases of pink, mink, LeRobot and IsaacTeleop, and with older ones; without their dependencies.
 ADAPTED := build/adapters
 test-adapters: setup
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check gymnasium qpbenchmark
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade --target $(ADAPTED)/newest \
-	    pin-pink==4.4.0 mink==1.3.0 lerobot==0.4.4
+	    pin-pink==4.4.0 mink==1.3.0 lerobot==0.4.4 'isaacteleop==1.5.175; python_version >= "3.11"'
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade --target $(ADAPTED)/older \
-	    pin-pink==3.4.0 mink==0.0.13 lerobot==0.3.3
+	    pin-pink==3.4.0 mink==0.0.13 lerobot==0.3.3 'isaacteleop==1.3.131; python_version >= "3.11"'
 	for release in newest older; do PYTHONPATH=$(ADAPTED)/$$release $(BIN)/python -m pytest tests/adapters tests/lab/test_problem_sets.py || exit 1; done
 
 # The site, offline; fails on a broken link or a name that the API pages do not find.

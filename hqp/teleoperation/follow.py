@@ -120,6 +120,11 @@ class Follow:
         self._latest, self._stale = -math.inf, math.inf
         self._engaged, self._joined = not self._clutched, not self._clutched
 
+    def restart(self) -> None:
+        """Release, and begin where the robot's hand is at the next tick: for a robot that was put elsewhere."""
+        self.release()
+        self._pursuit = None
+
     def _begin(self, state: State) -> Pursuit:
         start = self._value(state)
         self._pursuit = made = Pursuit(self._space, start, self._speeds, self._accelerations)
