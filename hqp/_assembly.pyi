@@ -40,6 +40,19 @@ class Assembly:
     def laws(self, laws: Mapping[str, Any]) -> None:
         """What ``demand`` works on; laws as in hqp/declare/law.py."""
 
+    def saturate(
+        self,
+        start: int,
+        stop: int,
+        held: tuple[float, float, float],
+        others: Sequence[tuple[tuple[float, float, float], list[float], list[float], list[float]]],
+    ) -> None:
+        """How the law of the element with these rows is held from now on, and which others hold beside it.
+
+        held: max_velocity, max_acceleration, largest kd.  others: how they are held, kp, kd and share of each row.
+        Raises ValueError for other rows.
+        """
+
     def run(self, q: Vec, v: Vec) -> None:
         """Write rows, errors, drifts and ways left."""
 

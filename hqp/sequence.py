@@ -6,11 +6,12 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
 from hqp.declare.element import Task
+from hqp.declare.law import LAWS, Law
 from hqp.declare.reference import Reference
 from hqp.declare.robot import State
 from hqp.declare.stack import Stack
@@ -45,6 +46,9 @@ class Stepped(Protocol[T_co]):
         self, state: State, *references: Reference, now: float | None = None, phase: str | None = None
     ) -> T_co: ...
 
+
+Pairs: TypeAlias = "tuple[tuple[str, Law], ...]"
+"""Laws by names of elements, in the order of these."""
 
 Action = Callable[[State], object]
 """What is called when a phase begins or ends, before the rows of that tick are written."""
@@ -139,7 +143,8 @@ class Phase:
     It ends once it has lasted ``after`` [s] and ``until`` happens, whichever are given; without either it lasts until
     ``Run.go``.  to: the phase that follows, the next one of the sequence by default, the first after the last.
     within [s]: where it has not ended by then the event ``late <name>`` is told, and ``late`` follows, if given.
-    Raises DeclarationError for times that are not positive and finite.
+    laws: of elements by name while it lasts, those of the stack for all others; kept as pairs.  They go over, see
+    ``hqp.loop.phase_laws``.  Raises DeclarationError for times that are not positive and finite, and no laws.
     """
 
     name: str
@@ -148,6 +153,7 @@ class Phase:
     to: str | None = None
     within: float | None = None
     late: str | None = None
+    laws: Mapping[str, Law] | Pairs = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -163,6 +169,14 @@ class Phase:
             raise DeclarationError(f"phase {self.name}", "until is no event", value=self.until, allowed=allowed)
         if self.late is not None and self.within is None:
             raise DeclarationError(f"phase {self.name}", "late without a time", value=self.late, allowed="within=...")
+        try:
+            laws: dict[Any, Any] = dict(self.laws)
+        except (TypeError, ValueError):
+            laws = {"": self.laws}
+        if not all(isinstance(name, str) and isinstance(law, Law) for name, law in laws.items()):
+            allowed = '{"hand": P(...)}, a law of an element by its name'
+            raise DeclarationError(f"phase {self.name}", "bad laws", value=self.laws, allowed=allowed)
+        object.__setattr__(self, "laws", tuple(sorted(laws.items())))
 
 
 class Sequence:
@@ -215,8 +229,9 @@ class Sequence:
         """The sequence at work on a session, from its first phase on.
 
         entry, exit: what is called with the state when a phase of that name begins and ends.  Raises DeclarationError
-        for names that are not there: phases of the stack, contacts and tasks of events, phases of entry and exit, and
-        for a phase in which constraints and actuators do not determine the motion.
+        for names that are not there: phases of the stack, contacts and tasks of events, phases of entry and exit,
+        elements of laws; for laws that do not fit their element, or one without a law; and for a phase in which
+        constraints and actuators do not determine the motion.
         """
         return Run(self, session, entry or {}, exit or {})
 
@@ -240,6 +255,11 @@ class Run(Generic[T]):
                 phase.until.require(session)
             if phase.name not in presence.phases and (why := session.program.refuses(presence.of(None, ()))):
                 raise DeclarationError(f"phase {phase.name}", why, allowed="contacts that determine the motion")
+            for name, law in dict(phase.laws).items():
+                session.stack.find(name)
+                session.program.assembly.require_law(name, law)
+        self._laws = {phase.name: dict(phase.laws) for phase in sequence.phases}
+        self._has_laws = session.line.guards.has_laws = any(self._laws.values())
         self.phase = sequence.phases[0]
         self.ticks = -1
         self.loads: dict[str, float] = {}
@@ -271,6 +291,8 @@ class Run(Generic[T]):
         measured = ((r.name, getattr(r, "load", None)) for r in references)
         self.loads = {name: load for name, load in measured if load is not None}
         event = self._advance() if state.valid else ""
+        if self._has_laws and state.valid:
+            self.session.line.obey(self._laws[self.phase.name])
         known = self.phase.name in self.session.line.presence.phases
         tick = self.session.step(state, *references, now=now, phase=self.phase.name if known else None)
         tick.phase, tick.event = self.phase.name, event
@@ -318,6 +340,8 @@ def to_dicts(sequence: Sequence) -> list[dict[str, Any]]:
         entry = {f.name: value for f in dataclasses.fields(phase) if (value := getattr(phase, f.name)) is not None}
         if phase.until is not None:
             entry["until"] = {"type": phase.until.kind, **dataclasses.asdict(phase.until)}
+        laws = {name: _law(law) for name, law in dict(phase.laws).items()}
+        entry = {**entry, "laws": laws} if entry.pop("laws") else entry
         found.append(entry)
     return found
 
@@ -328,18 +352,26 @@ def from_dicts(entries: Any) -> Sequence:
     for entry in entries:
         fields = dict(entry)
         if isinstance(until := fields.get("until"), Mapping):
-            fields["until"] = _event(until)
+            fields["until"] = _named(until, EVENTS, "until")
+        if isinstance(laws := fields.get("laws"), Mapping):
+            fields["laws"] = {name: _named(law, LAWS, "law") for name, law in laws.items()}
         phases.append(_made(Phase, fields, "phase"))
     return Sequence(*phases)
 
 
-def _event(entry: Mapping[str, Any]) -> Event:
-    fields = dict(entry)
-    kind = EVENTS.get(str(fields.pop("type", "")))
-    if kind is None:
-        raise DeclarationError("until", "unknown type", value=entry.get("type"), allowed=", ".join(EVENTS))
-    found: Event = _made(kind, fields, kind.kind)
-    return found
+def _law(law: Law) -> dict[str, Any]:
+    given = {f.name: value for f in dataclasses.fields(law) if (value := getattr(law, f.name)) != f.default}
+    listed = {name: list(value) if isinstance(value, tuple) else value for name, value in given.items()}
+    return {"type": type(law).__name__, **listed}
+
+
+def _named(entry: Any, kinds: Mapping[str, Any], where: str) -> Any:
+    """An event or a law, by the name of its kind."""
+    fields = dict(entry) if isinstance(entry, Mapping) else {"type": entry}
+    name = fields.pop("type", "")
+    if name not in kinds:
+        raise DeclarationError(where, "unknown type", value=name, allowed=", ".join(kinds))
+    return _made(kinds[name], fields, name)
 
 
 def _made(kind: Any, fields: Mapping[str, Any], where: str) -> Any:

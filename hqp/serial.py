@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-from hqp.declare import law as laws
 from hqp.declare.element import REGISTRY, Element
-from hqp.declare.law import Law
+from hqp.declare.law import LAWS, Law
 from hqp.declare.price import Price
 from hqp.declare.stack import Level, Stack
 from hqp.errors import DeclarationError, closest
@@ -24,10 +24,6 @@ else:
     import tomli as tomllib
 
 T = TypeVar("T")
-
-_LAWS: dict[str, type[Law]] = {
-    "P": laws.P, "PD": laws.PD, "SelfMotion": laws.SelfMotion, "DCM": laws.DCM,
-}  # fmt: skip
 
 
 def to_dict(stack: Stack) -> dict[str, Any]:
@@ -173,9 +169,9 @@ def _build(entry: Mapping[str, Any]) -> Element:
 
 def _law(entry: Mapping[str, Any]) -> Law:
     fields = dict(entry)
-    kind = _LAWS.get(str(fields.pop("type", "")))
+    kind = LAWS.get(str(fields.pop("type", "")))
     if kind is None:
-        raise DeclarationError("law", "unknown type", value=entry.get("type"), allowed=", ".join(_LAWS))
+        raise DeclarationError("law", "unknown type", value=entry.get("type"), allowed=", ".join(LAWS))
     return _construct(kind, fields)
 
 
@@ -199,7 +195,8 @@ def _known(entry: Mapping[str, Any], allowed: Any, where: str) -> None:
 def _pairs(entry: Mapping[str, Any], skip: str = "") -> Iterator[str]:
     for key, value in entry.items():
         if key != skip:
-            yield f"{key} = {_toml(value)}"
+            bare = re.fullmatch(r"[A-Za-z0-9_-]+", key)
+            yield f"{key if bare else json.dumps(key)} = {_toml(value)}"
 
 
 def _toml(value: Any) -> str:

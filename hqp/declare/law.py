@@ -166,6 +166,18 @@ class DCM(Law):
         return feedforward - error - drift
 
 
+LAWS: dict[str, type[Law]] = {"P": P, "PD": PD, "SelfMotion": SelfMotion, "DCM": DCM}
+"""Laws by their names in files."""
+
+
+def pace(law: Law) -> Vec:
+    """How fast a P or a PD is, of each row or of all [1/s]: gain, or max(sqrt(kp), kd/2)."""
+    if isinstance(law, P):
+        return np.asarray(law.gain, dtype=np.float64)
+    assert isinstance(law, PD)
+    return np.maximum(np.sqrt(np.asarray(law.kp, dtype=np.float64)), 0.5 * np.asarray(law.kd, dtype=np.float64))
+
+
 def scaled(gain: Gain, error: Vec) -> Vec:
     """gain times error; an infinite error, a bound that is not there, stays infinite."""
     with np.errstate(invalid="ignore"):

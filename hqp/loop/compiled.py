@@ -12,6 +12,7 @@ from hqp.declare.law import Law
 from hqp.declare.price import affordable, as_price, is_exact
 from hqp.declare.robot import Robot
 from hqp.declare.stack import Stack, coupled
+from hqp.loop.phase_laws import PhaseLaws
 from hqp.loop.restless import Watched
 from hqp.loop.transition.waypoints import Waypoint, path
 from hqp.programs.direct import Direct
@@ -34,7 +35,7 @@ class Compiled:
     """A stack made ready for a robot: its program, a workspace, how to limit its time, how to come to rest.
 
     dropped: what of prices the solver and of limits the robot cannot do, in words.  watched: its limits of joints.
-    loop: of ordinary ticks, once it was found.
+    laws: of its elements by phase.  loop: of ordinary ticks, once it was found.
     """
 
     stack: Stack
@@ -45,6 +46,7 @@ class Compiled:
     hard: frozenset[str]
     dropped: str
     watched: Watched
+    laws: PhaseLaws
     loop: Direct | None = None
     sets: dict[frozenset[str], int] = field(default_factory=dict)
     """Numbers of the sets of elements that were out."""
@@ -118,7 +120,8 @@ class Compiler:
             bind(program.problem)  # here, not in the first tick
         hard = frozenset(element.name for element in whole.subject_to)
         rest = program.rest(self._robot, self._controller.braking)
-        return Compiled(whole, program, workspace, limit, rest, hard, dropped, Watched(program, self._robot))
+        watched, laws = Watched(program, self._robot), PhaseLaws(program.assembly)
+        return Compiled(whole, program, workspace, limit, rest, hard, dropped, watched, laws)
 
 
 def undamped(stack: Stack) -> Stack:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,6 +39,9 @@ PLAIN: dict[type, int] = {plans.Point: 1, plans.Com: 1, plans.Joints: 1, plans.R
 EQUALITY, LIMITED, BOUNDED, FREE = 0, 1, 2, 3
 """How rows become bounds on J x: a law on the error, a law on the way left to a bound, bounds as they stand, none."""
 
+NO_OTHERS: Mapping[Law, Vec] = {}
+"""A law that holds alone."""
+
 
 @dataclass(eq=False)
 class Member:
@@ -46,7 +49,8 @@ class Member:
 
     write: its readable functions, None where a native operation stands in for them.  target, normal: buffers of the
     reference's where one does; last_reference: the one they were copied from.  plain: what a target has to be that is
-    taken as it is, see ``_assembly.Assembly.slot``.  out: whether its rows are free in these ticks.
+    taken as it is, see ``_assembly.Assembly.slot``.  out: whether its rows are free in these ticks.  others: laws that
+    hold beside its own, each by a share of every row.
     """
 
     element: Element
@@ -59,6 +63,11 @@ class Member:
     last_reference: Reference | None = None
     plain: int = 0
     out: bool = False
+    others: Mapping[Law, Vec] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.declared = self.law
+        """The law that it was compiled with; ``law`` is the one of the next fill."""
 
 
 class Assembly:
@@ -83,6 +92,7 @@ class Assembly:
         self.bounds[0], self.bounds[1] = -np.inf, np.inf
         self.lower, self.upper = self.bounds
         self.weight, self._demand = np.ones(total), np.zeros(total)
+        self._kp, self._kd = np.zeros(total), np.zeros(total)
         self._kind: Signs = np.zeros(total, dtype=np.int8)
         self._supports: list[tuple[tuple[str, ...], Signs]] = []
         self._pick: Index = np.zeros(total - m, dtype=np.intp)
@@ -181,28 +191,19 @@ class Assembly:
         self.parts["operations"].append(operation)
 
     def _hand_over_laws(self, assembly: NativeAssembly) -> None:
-        total = self.error.size
-        kp, kd = np.zeros(total), np.zeros(total)
         saturations = []
         for member in self.members.values():
-            part, law = member.part, member.law
-            if isinstance(law, P):
-                kp[part] = law.gain
-            elif isinstance(law, PD):
-                kp[part], kd[part] = law.kp, law.kd
-            elif isinstance(law, DCM):
-                kp[part] = 1.0
-            if law is not None and min(law.max_velocity, law.max_acceleration) < np.inf:
-                largest = float(np.max(law.kd)) if isinstance(law, PD) else 1.0
-                saturations.append((part.start, part.stop, law.max_velocity, law.max_acceleration, largest))
+            self._write_gains(member)
+            if member.law is not None and min(member.law.max_velocity, member.law.max_acceleration) < np.inf:
+                saturations.append((member.part.start, member.part.stop, *_held(member.law)))
         laws: dict[str, Any] = {
             "J": self.J,
             "error": self.error,
             "rate": self.rate,
             "feedforward": self.feedforward,
             "drift": self.drift,
-            "kp": kp,
-            "kd": kd,
+            "kp": self._kp,
+            "kd": self._kd,
             "weight": self.weight,
             "pick": self._pick,
             "kind": self._kind,
@@ -213,6 +214,47 @@ class Assembly:
         }
         assembly.laws(laws)
         self.parts["laws"] = laws
+
+    def _write_gains(self, member: Member) -> None:
+        part, law = member.part, member.law
+        if isinstance(law, P):
+            self._kp[part] = law.gain
+        elif isinstance(law, PD):
+            self._kp[part], self._kd[part] = law.kp, law.kd
+        elif isinstance(law, DCM):
+            self._kp[part] = 1.0
+
+    def take_law(self, name: str, law: Law, others: Mapping[Law, Vec] = NO_OTHERS) -> None:
+        """The law of an element from the next fill on; ``require_law`` says which may be.
+
+        others: laws that hold beside it, each by a share of every row, ``(m,)`` or one for all.
+        """
+        member = self.members[name]
+        member.law, member.others = law, others
+        self._write_gains(member)
+        if self.native_rows is not None:
+            part, rows = member.part, member.part.stop - member.part.start
+            beside = []
+            for other, share in others.items():
+                gains = (other.gain, 0.0) if isinstance(other, P) else (other.kp, other.kd)  # type: ignore[attr-defined]
+                numbers = [np.broadcast_to(np.asarray(x, dtype=np.float64), rows).tolist() for x in (*gains, share)]
+                beside.append((_held(other), *numbers))
+            self.native_rows.saturate(part.start, part.stop, _held(law), beside)
+
+    def require_law(self, name: str, law: Law) -> None:
+        """Raise DeclarationError for an element that has no law, or none that may become this one."""
+        member = self.members.get(name)
+        own = None if member is None or _kind(member.element) == BOUNDED else member.declared
+        if member is None or own is None:
+            raise DeclarationError(name, "has no law: its rows are bounds, or on forces", value=law, allowed="a task")
+        if not isinstance(own, (P, PD)):
+            what = f"its {type(own).__name__} is part of its rows and stays"
+            raise DeclarationError(
+                name, what, value=law, allowed="the same element under two names, each with its when"
+            )
+        if type(law) is not type(own):
+            raise DeclarationError(name, f"takes a {type(own).__name__} here", value=law, allowed=repr(own))
+        law.fit(name, member.part.stop - member.part.start)
 
     def go_without(self, out: Set[str]) -> None:
         """The rows of these elements are free from the next fill on, those of all others are as declared."""
@@ -313,11 +355,11 @@ class Assembly:
             speed = v[self.picks(part)] if views.J is None else views.J @ v / weight
             around = self.rate[part], self.feedforward[part], speed, self.drift[part]
             if kind == EQUALITY:
-                self._demand[part] = law.demand(self.error[part], *around)
+                self._demand[part] = _asked(member, law, self.error[part], around)
                 views.lower[:] = views.upper[:] = self._demand[part]
             else:
-                views.lower[:] = law.demand(-views.lower, *around, each=True)
-                views.upper[:] = law.demand(-views.upper, *around, each=True)
+                views.lower[:] = _asked(member, law, -views.lower, around, each=True)
+                views.upper[:] = _asked(member, law, -views.upper, around, each=True)
         views.lower *= weight
         views.upper *= weight
 
@@ -376,10 +418,27 @@ def kinematics(robot: Robot) -> Kinematics | None:
     return native.Kinematics(robot.joint_twists, joints, robot.placed_frames)
 
 
+def _held(law: Law) -> tuple[float, float, float]:
+    """Bounds and largest kd."""
+    return law.max_velocity, law.max_acceleration, float(np.max(law.kd)) if isinstance(law, PD) else 1.0
+
+
 def _kind(element: Element) -> int:
     if has(element, "step_bounds"):
         return BOUNDED
     return EQUALITY if element.equality else LIMITED
+
+
+def _asked(member: Member, law: Law, error: Vec, around: tuple[Vec, ...], each: bool = False) -> Vec:
+    """What its law asks for, and those that hold beside it by their shares."""
+    rate, feedforward, speed, drift = around
+    own = law.demand(error, rate, feedforward, speed, drift, each=each)
+    asked = own.copy()
+    for other, share in member.others.items():
+        with np.errstate(invalid="ignore"):  # bounds that are not there
+            change = share * (other.demand(error, rate, feedforward, speed, drift, each=each) - own)
+        asked += np.where(np.isfinite(change), change, 0.0)
+    return asked
 
 
 def _fitting(member: Member, what: str, values: Vec) -> Vec:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import hqp.tasks as t
 from hqp import PD, Level, P, Stack
 from hqp.arrays import Mat, Vec
 from hqp.declare.element import Element, Inequality, plan_of
+from hqp.declare.law import Law
 from hqp.declare.reference import Reference
 from hqp.programs.assembly import Assembly
 from hqp.robots import Robot
@@ -95,22 +97,28 @@ class Fence(Inequality):
 def test_laws_of_a_users_inequality_are_the_readable_ones(
     robots: dict[str, Any], order: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each row by itself within max_velocity and max_acceleration, near its bound and far from it."""
+    """Each row by itself within max_velocity and max_acceleration, near its bound and far; between two laws, too."""
     robot, rng = robots["cbi"], np.random.default_rng(0)
-    fences: list[Element] = [Fence(name="a"), Fence(name="b", weight=2.5)]
+    task = t.Position(frame="r_palm")
+    elements: list[Element] = [Fence(name="a"), Fence(name="b", weight=2.5), task]
     found = []
-    for most in ({"max_velocity": 0.5}, {"max_acceleration": 0.4}, {"max_velocity": 0.5, "max_acceleration": 1.5}):
-        law = P(3.0, **most) if order == 1 else PD(9.0, 5.0, **most)
+    bounds = {"max_velocity": 0.5}, {"max_acceleration": 0.4}, {"max_velocity": 0.5, "max_acceleration": 1.5}
+    for most, before in product(bounds, (None, {}, bounds[0], bounds[2])):
+        law: Law = P(3.0, **most) if order == 1 else PD(9.0, 5.0, **most)
+        former: Law = P(8.0, **(before or {})) if order == 1 else PD(2.0, 3.0, **(before or {}))
         pair = []
         for native in (True, False):
             if not native:
                 monkeypatch.setattr(hqp.programs.assembly, "native", None)
-            pair.append(Assembly(fences, [], robot, 0.002, {e.name: law for e in fences}))
+            pair.append(Assembly(elements, [], robot, 0.002, {e.name: law for e in elements}))
             monkeypatch.undo()
+            for e in elements if before is not None else ():
+                pair[-1].take_law(e.name, law, {former: np.linspace(0.2, 0.8, e.rows(robot))})
         for _ in range(20):
+            goal = task.at(0.2 * rng.normal(size=3))
             state = robot.state(robot.random_configuration(rng), 0.2 * rng.normal(size=robot.nv))
             for rows in pair:
-                rows.fill(state, {e.name: e.hold(state) for e in fences}, ())
+                rows.fill(state, {e.name: e.hold(state) for e in elements} | {task.name: goal}, ())
             for what in ("lower", "upper"):
                 _check(getattr(pair[0], what), getattr(pair[1], what), what)
             found.append(pair[0].upper.copy())

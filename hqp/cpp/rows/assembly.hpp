@@ -27,6 +27,8 @@ class Assembly {
     operations_.push_back(Operations(tree_, nq_, dt_, order_).make(plan, out));
   }
   void laws(Laws laws) { demands_ = std::make_unique<Demands>(std::move(laws)); }
+  void saturate(const Saturation& of) { demands_->saturate(of); }
+  void beside(int start, int stop, std::vector<Former> former) { demands_->beside(start, stop, std::move(former)); }
 
   // A (nv, nv), its upper triangle, and b + g (nv,) are written with every tick, loads included.
   void dynamics(std::vector<BodyInertia> inertias, std::vector<double> rotors, const Vec3& gravity, double* A,

@@ -63,6 +63,7 @@ NB_MODULE(_assembly, module) {
            "bodies"_a, "nq"_a, "dt"_a, "order"_a, "reference"_a)
       .def("add", &Assembly::add, "operation"_a)
       .def("laws", &Assembly::laws, "laws"_a)
+      .def("saturate", &Assembly::saturate, "start"_a, "stop"_a, "held"_a, "others"_a)
       .def("slot", &Assembly::slot, "slot"_a)
       .def("dynamics", &Assembly::dynamics, "terms"_a)
       .def("load", &Assembly::load, "load"_a)

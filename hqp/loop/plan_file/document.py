@@ -25,8 +25,10 @@ if TYPE_CHECKING:
 def document(session: Session) -> tuple[dict[str, Any], list[Vec]]:
     """The tree of a session whose stack is compiled anew, and the arrays whose numbers do not matter.
 
-    Raises DeclarationError for an element or a solver that is not native, by its name.
+    Raises DeclarationError for an element or a solver that is not native, by its name, and for laws by phase.
     """
+    if session.line.guards.has_laws:
+        raise _refused("sequence", "its phases have laws of their own", "phases without laws")
     controller, robot = session.controller, session.robot.copy()
     deadline = session.line.budget.deadline
     compiled = Compiler(controller, robot, session.dt, deadline).compile(session.stack)
@@ -97,8 +99,8 @@ def _require_native(compiled: Compiled, robot: Robot) -> None:
         raise _refused("solver", "it is not 'lexicographic'")
 
 
-def _refused(name: str, why: str) -> DeclarationError:
-    return DeclarationError(name, f"cannot be exported: {why}", allowed="elements and solvers with native code")
+def _refused(name: str, why: str, allowed: str = "elements and solvers with native code") -> DeclarationError:
+    return DeclarationError(name, f"cannot be exported: {why}", allowed=allowed)
 
 
 def _element(element: Element, compiled: Compiled, robot: Robot) -> dict[str, Any]:
