@@ -1,4 +1,4 @@
-"""python -m benchmarks.retargeting --climbs WHEEL --bvh FOLDER [--robots g1 talos cbi] [-o TABLE.md]"""
+"""python -m benchmarks.retargeting --climbs WHEEL --bvh FOLDER [--robots g1 talos cbi] [--physics] [-o TABLE.md]"""
 
 from __future__ import annotations
 
@@ -22,13 +22,15 @@ from hqp.motion.retargeting import LEAST_RATE
 from hqp.motion.skeleton_map import find_map
 from hqp.motion.smoothing import smoothed
 from hqp.motion.stacks import Stacks
-from hqp.motion.targets import targets_of
+from hqp.motion.targets import Targets, targets_of
 from hqp.motion.tracker import Tracker
 
 HEADER = (
     "robot", "clip", "frames", "solved by", "frames/s", "sliding %", "below floor mm", "into itself mm", "hand p50 mm",
     "hand p99 mm", "hand at end mm", "toe p99 mm", "acceleration p99", "jerk p99",
 )  # fmt: skip
+
+FATES = ("robot", "clip", "seconds", "solved by", "falls after s", "ZMP off the soles %", "usable ticks %")
 
 
 def main() -> int:
@@ -38,16 +40,18 @@ def main() -> int:
     parser.add_argument("--bvh", type=Path, metavar="FOLDER", help="with .bvh files")
     parser.add_argument("--robots", nargs="+", default=["g1"])
     parser.add_argument("--no-rival", action="store_true", help="hqp alone")
+    parser.add_argument("--physics", action="store_true", help="how long a torque controller tracks them in MuJoCo")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write the table there")
     arguments = parser.parse_args()
     rows = []
     for name in arguments.robots:
         for clip, motion in _clips(arguments):
-            for row in _rows(name, clip, motion, not arguments.no_rival):
+            for row in _rows(name, clip, motion, not arguments.no_rival, arguments.physics):
                 rows.append(row)
                 print(" | ".join(row), flush=True)
     if arguments.output:
-        arguments.output.write_text(table(HEADER, rows) + "\n", encoding="utf-8")
+        header = FATES if arguments.physics else HEADER
+        arguments.output.write_text(table(header, rows) + "\n", encoding="utf-8")
     return 0
 
 
@@ -58,7 +62,7 @@ def _clips(arguments: Any) -> Iterator[tuple[str, Motion]]:
         yield from bvh_files(arguments.bvh)
 
 
-def _rows(name: str, clip: str, motion: Motion, rival: bool) -> Iterator[tuple[str, ...]]:
+def _rows(name: str, clip: str, motion: Motion, rival: bool, physics: bool) -> Iterator[tuple[str, ...]]:
     robot = hqp.robots.load(name)
     found = find_map(None, robot)
     body = Body.of(robot, found)
@@ -66,19 +70,32 @@ def _rows(name: str, clip: str, motion: Motion, rival: bool) -> Iterator[tuple[s
     parts = parts_of(motion.names, found.human)
     targets = targets_of(motion, parts, body)
     tracker = Tracker(robot, Stacks(robot, found, body, 1.0 / motion.fps), targets)
+    for who, q, spent in _solved(tracker, motion, parts, rival):
+        yield _fate(name, clip, who, targets, q) if physics else _row(name, clip, who, tracker, q, spent)
+
+
+def _solved(tracker: Tracker, motion: Motion, parts: dict[str, str], rival: bool) -> Iterator[tuple[str, Any, float]]:
+    """Who solved the clip, its configurations, and CPU time [s]."""
     begin = time.process_time()
     q = smoothed(tracker, solved(tracker)).q
-    yield _row(name, clip, "hqp", tracker, q, time.process_time() - begin)
+    yield "hqp", q, time.process_time() - begin
     if not rival:
         return
     from benchmarks.retargeting.rival import follow
 
+    robot, stacks, targets = tracker.robot, tracker.stacks, tracker.targets
     hands = targets.contacts.array()
     hands[:, [NAMES.index(f"{side}_foot") for side in SIDES]] = False
-    raw = targets_of(motion, parts, body, hands)
-    for who, aims, latched in (("GMR's scheme", raw, False), ("the same, feet held", targets, True)):
-        q, spent = follow(robot, tracker.stacks, aims, latched=latched)
-        yield _row(name, clip, who, tracker, q, spent)
+    raw = targets_of(motion, parts, stacks.body, hands)
+    yield "GMR's scheme", *follow(robot, stacks, raw, latched=False)
+    yield "the same, feet held", *follow(robot, stacks, targets, latched=True)
+
+
+def _fate(name: str, clip: str, who: str, targets: Targets, q: Any) -> tuple[str, ...]:
+    from benchmarks.retargeting.physics import fate
+
+    f = fate(hqp.robots.load(name, rotors=True), targets, q)
+    return name, clip, f"{f.of:.1f}", who, f"{f.seconds:.1f}", f"{100 * f.beyond:.0f}", f"{100 * f.usable:.0f}"
 
 
 def _row(name: str, clip: str, who: str, tracker: Tracker, q: Any, spent: float) -> tuple[str, ...]:

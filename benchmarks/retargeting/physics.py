@@ -1,0 +1,202 @@
+"""A clip in MuJoCo, tracked by one torque controller with the walker's gains: how long until the robot falls."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from hqp.loop.controller import Controller
+from hqp.motion.clip import low_pass
+from hqp.motion.contacts import runs
+from hqp.motion.joints import SIDES
+from hqp.motion.retargeted import velocities
+from hqp.motion.smoothing import LIVELY
+from hqp.motion.targets import Targets
+from hqp.robots.on_mujoco import Plane, Plant
+from hqp.torque.program import Torque
+from hqp.walking.feet import Foot, feet_of
+from hqp.walking.pendulum import natural_frequency
+from hqp.walking.stacks import BOTH, Laws, Stacks
+from hqp.walking.walker import LIMITS, TAKE, TOUCH
+
+DT = 0.002
+FRICTION = 0.8
+
+ASTRAY = 0.25
+"""A robot whose centre of mass is so far from where the clip has it has fallen [m]."""
+
+OUTSIDE = 0.01
+"""[m]."""
+
+RAISED = 0.02
+"""A foot that rests higher than this stands on a plate of its own [m]."""
+
+PLATE = 0.15, 0.12, 0.01
+"""Half its length, width and thickness [m]."""
+
+SINK = 0.2
+"""A foot that should stand and bears nothing goes down so fast [m/s]."""
+
+
+@dataclass(frozen=True)
+class Fate:
+    """What became of a clip: seconds until the fall, of how many; share of the ticks with a usable command.
+
+    beyond: share of the clip's frames with a foot on the ground whose ZMP is more than ``OUTSIDE`` off the soles.
+    """
+
+    seconds: float
+    of: float
+    usable: float
+    beyond: float
+
+
+def plates(targets: Targets) -> list[Any]:
+    """Where feet rest above the floor: middle and height of each ``(3,)`` [m]."""
+    found = []
+    for side in SIDES:
+        ground, place = targets.contacts.ground[f"{side}_foot"], targets.places[f"{side}_sole"]
+        for first, last in runs(targets.contacts.resting[f"{side}_foot"]):
+            if ground[first] > RAISED:
+                found.append((*np.median(place[first:last, :2], axis=0), np.median(place[first:last, 2])))
+    return found
+
+
+class Tracking:
+    """The robot in MuJoCo and the clip that it follows.
+
+    Feet stand when the clip's contacts say so and they bear load.  The DCM and the ZMP of the clip, below 6 Hz, lead
+    the balance; swing feet, the height of the CoM, the trunk's axes and the joints of the rest are the clip's own.
+    """
+
+    def __init__(self, robot: Any, targets: Targets, q: Any) -> None:
+        self.robot, self.targets, self.q, self.fps = robot, targets, q, targets.fps
+        self.v = velocities(robot, q, self.fps)
+        self.clip = robot.copy()
+        self.feet: tuple[Foot, Foot] = feet_of(robot)
+        com = low_pass(np.array([robot.state(at).com() for at in q]), LIVELY, self.fps)
+        self.com, self.rate = com, np.gradient(com, axis=0) * self.fps
+        self.push = np.gradient(self.rate, axis=0) * self.fps
+        first = robot.state(q[0])
+        level = float(np.mean([first.position(foot.frame)[2] for foot in self.feet]))
+        self.height = float(com[0, 2]) - level
+        self.omega = natural_frequency(self.height)
+        self.stacks = Stacks(robot, self.feet, self.height, FRICTION, Laws(), LIMITS)
+        controller = Controller(self.stacks.stack, Torque(contact_law=Laws().contact, holding=None), deadline=math.inf)
+        self.session = controller.session(robot, DT)
+        self.rests = [targets.contacts.resting[f"{side}_foot"] for side in SIDES]
+        self.plant = Plant(
+            robot,
+            terrain=Plane(friction=FRICTION),
+            watched=[foot.frame for foot in self.feet],
+            edit=self._furnish,
+        )
+        self.plant.reset(q[0], self.v[0])
+        self.down = [True, True]
+        self.late = [0.0, 0.0]
+        self.share, self.phase = 0.5, BOTH
+
+    def _furnish(self, spec: Any) -> None:
+        for x, y, z in plates(self.targets):
+            place, friction = (x, y, z - PLATE[2]), (FRICTION, 0.005, 0.0001)
+            spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=PLATE, pos=place, friction=friction)
+
+    def run(self) -> Fate:
+        """To the end of the clip, or to the fall."""
+        end, usable, ticks = (len(self.q) - 2) / self.fps, 0, 0
+        steps = round(DT / self.plant.timestep)
+        while self.plant.time < end:
+            i = int(self.plant.time * self.fps)
+            off = self.plant.com() - self.com[i]
+            if not np.isfinite(self.plant.data.qpos).all() or float(np.linalg.norm(off)) > ASTRAY:
+                break
+            tick = self._tick(i, self.plant.time - i / self.fps)
+            usable, ticks = usable + tick.status.usable, ticks + 1
+            self.plant.step(np.clip(tick.command, -self._limit, self._limit), steps=steps)
+        return Fate(self.plant.time, end, usable / max(ticks, 1), self._beyond())
+
+    def _beyond(self) -> float:
+        """Share of frames whose own ZMP no foot on the ground can make."""
+        off = []
+        for i, at in enumerate(self.q):
+            down = [bool(rests[i]) for rests in self.rests]
+            if any(down):
+                phase = BOTH if all(down) else self.feet[down.index(True)].name
+                zmp, _ = self._led(self.com[i], self.rate[i], self.push[i])
+                state = self.clip.state(at, self.v[i])
+                own = self.stacks.supports[phase].dcm(state)
+                reached, wanted = self.stacks.supports[phase].zmp(state, np.concatenate((zmp, own)))
+                off.append(float(np.linalg.norm(reached - wanted)) > OUTSIDE)
+        return float(np.mean(off)) if off else math.nan
+
+    def _led(self, com: Any, rate: Any, push: Any) -> tuple[Any, Any]:
+        """ZMP and DCM of the clip ``(2,)`` each [m]."""
+        return com[:2] - push[:2] / self.omega**2, com[:2] + rate[:2] / self.omega
+
+    @property
+    def _limit(self) -> Any:
+        return self.robot.effort_limit[self.robot.actuated]
+
+    def _tick(self, i: int, since: float) -> Any:
+        reading = self.plant.measure()
+        state = self.robot.state(reading.q, reading.v)
+        told = self.clip.state(self.robot.integrate(self.q[i], self.v[i], since), self.v[i])
+        self._stand(i, reading.contacts.load)
+        stacks = self.stacks
+        com, rate, push = (x[i] + since * self.fps * (x[i + 1] - x[i]) for x in (self.com, self.rate, self.push))
+        zmp, dcm = self._led(com, rate, push)
+        found = [
+            stacks.balance.at(zmp, dcm),
+            stacks.height.at(com[2:], velocity=rate[2:], acceleration=push[2:]),
+            stacks.trunk.at(told.rotation(stacks.trunk.frame), velocity=told.jacobian(stacks.trunk.frame)[3:] @ told.v),
+        ]
+        for posture in (stacks.posture, stacks.legs):
+            if posture is not None and posture.name in self.session:
+                columns = self.robot.joints(posture.joints)
+                found.append(posture.at(told.angles[columns], velocity=told.v[columns]))
+        if self.phase == BOTH:
+            found.append(stacks.share.at(self._shared(i, state, zmp)))
+        else:
+            side = 1 - [foot.name for foot in self.feet].index(self.phase)
+            frame = self.feet[side].frame
+            pose = np.eye(4)
+            pose[:3, :3], pose[:3, 3] = told.rotation(frame), told.position(frame)
+            pose[2, 3] -= SINK * self.late[side]
+            found.append(stacks.swing[side].at(pose, velocity=told.jacobian(frame) @ told.v))
+        return self.session.step(state, *found, phase=self.phase)
+
+    def _stand(self, i: int, loads: Any) -> None:
+        """Which feet stand: those that the clip has on the ground, from when they bear load on."""
+        for side in (0, 1):
+            asked = bool(self.rests[side][i])
+            touched = self.down[side] or float(loads[side]) > TOUCH * self.robot.mass * 9.81
+            self.late[side] = self.late[side] + DT if asked and not touched else 0.0
+            self.down[side] = asked and touched
+        if all(self.down):
+            if self.phase != BOTH:
+                self.share = float(self.phase == self.feet[1].name)  # the other foot bears nothing yet
+            self.phase = BOTH
+        elif any(self.down):
+            self.phase = self.feet[self.down.index(True)].name
+
+    def _shared(self, i: int, state: Any, zmp: Any) -> float:
+        """Share of the right foot: by where the ZMP is between the feet, nothing for a foot that is about to lift."""
+        one, other = (foot.placed(state).xy for foot in self.feet)
+        between = other - one
+        share = min(max(float((zmp - one) @ between / max(between @ between, 1e-9)), 0.0), 1.0)
+        soon = min(len(self.q) - 1, i + round(2.0 * TAKE * self.fps))
+        for side, rests in enumerate(self.rests):
+            if not rests[i : soon + 1].all() and self.rests[1 - side][i : soon + 1].all():
+                share = float(1 - side)
+        most = DT / TAKE
+        self.share += min(max(share - self.share, -most), most)
+        return self.share
+
+
+def fate(robot: Any, targets: Targets, q: Any) -> Fate:
+    """Of a clip q ``(T, nq)`` whose contacts and places are those of the targets."""
+    return Tracking(robot, targets, q).run()
