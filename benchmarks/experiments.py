@@ -1,6 +1,6 @@
 """Both papers' experiments in simulation: CBi balances and draws, Dreamer is pulled up a slope.
 
-Without a name: short versions, without the search for pushes; a name, or --full, means the whole thing.
+Without a name: short versions, without distributions over runs; a name, or --full, means the whole thing.
 """
 
 from __future__ import annotations
@@ -31,7 +31,10 @@ NAMES = {
     "walking": "walking.statistics",
     "standing-pushes": "walking.pushes",
 }
-SHORT = tuple(name for name in NAMES if name != "standing-pushes")  # a search: cut short it finds nothing
+BY_NAME = ("cbi-statistics", "dreamer-statistics", "standing-pushes")
+"""Left out of the short versions: distributions and a search, which tell nothing of a few runs."""
+
+SHORT = tuple(name for name in NAMES if name not in BY_NAME)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
