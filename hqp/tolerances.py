@@ -58,6 +58,9 @@ ACTIVITY_TOLERANCE = 1e-9
 MET_TOLERANCE = 1e-10
 """Of the terms of a row or level: a residual below this fraction is zero."""
 
+RESTING = 1e-4
+"""Of x's largest entry, or of one: what an entry counts for at least in the size of a row's terms."""
+
 ZERO_RESIDUAL = 1e-7
 """Of 1 + what was asked, in the element's own units: what users are told of a residual below this is that it is met."""
 

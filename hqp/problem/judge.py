@@ -14,6 +14,7 @@ from hqp.tolerances import (
     EITHER_RANK,
     LARGEST_ROUNDING,
     NULL_SPACE_ROUNDING,
+    RESTING,
 )
 
 
@@ -76,7 +77,7 @@ class Judge:
         clear = sigma > longest * max(CLEAR_DIRECTION, NULL_SPACE_ROUNDING / self.shortest)
         reach = float(np.linalg.norm(U[:, clear].T @ slack[asked]))
         rounding = min(NULL_SPACE_ROUNDING / self.shortest, LARGEST_ROUNDING)
-        reach -= (rounding + self.tolerance) * longest * float(np.abs(x).max(initial=0.0))
+        reach -= (rounding + self.tolerance) * longest * max(RESTING, float(np.abs(x).max(initial=0.0)))
         return max(reach, 0.0) / float(np.max(np.abs(slack) + sizes, initial=1e-300, where=asked))
 
     def judge(

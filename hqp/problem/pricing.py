@@ -38,12 +38,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hqp.arrays import Index, Mat, Vec, row_lengths
+from hqp.arrays import Index, Mat, Vec, longest_row, row_lengths
 from hqp.problem import Hierarchy, Motion, Rows
-from hqp.tolerances import FLAT_TOLERANCE, MET_TOLERANCE
-
-RESTING = 1e-4
-"""Of x's largest entry: what an entry counts for at least in the size of a row's terms."""
+from hqp.tolerances import FLAT_TOLERANCE, MET_TOLERANCE, RESTING
 
 DEPENDS = 1e-8
 """Of a row: what is left of it off the rows before where it depends on them."""
@@ -195,7 +192,8 @@ class Above:
         """Below the last level, whose stage ended at x: R keeps its value, and E where that level has a price."""
         below = replace(self, anchors=())
         for anchor in self.anchors:
-            turned = Rows(anchor.turning, anchor.turning @ x, anchor.turning @ x)
+            turning = anchor.turning / (longest_row(anchor.turning) or 1.0)  # they keep their value: any unit will do
+            turned = Rows(turning, turning @ x, turning @ x)
             below = below.with_rows(kept(anchor.rows, x), anchor.places).with_rows(turned, UNNAMED)
         if self.anchors and priced:
             F = np.diag(at.F) if at.F.ndim == 1 else at.F
@@ -210,14 +208,19 @@ def is_met(rows: Rows, x: Vec) -> bool:
 
 
 def level_size(rows: Rows, x: Vec) -> float:
-    """What the rounding of a level's slacks is relative to: its largest terms and bounds.
+    """What the rounding of a level's slacks is relative to: the largest of ``row_sizes``."""
+    return float(row_sizes(rows, x).max(initial=0.0))
 
-    Entries that rest have the rounding of those that move: none counts for less than RESTING of the largest.
+
+def row_sizes(rows: Rows, x: Vec) -> Vec:
+    """What the rounding of each row's slack is relative to, ``(m,)``: its terms and its bound.
+
+    Entries that rest have the rounding of those that move: none counts for less than RESTING of the largest, or of one.
     """
     bounds = np.where(np.isfinite(rows.lower), rows.lower, np.where(np.isfinite(rows.upper), rows.upper, 0.0))
     size = np.abs(x)
-    size += RESTING * size.max(initial=0.0)
-    return float(np.max(np.abs(rows.dense(x.size)) @ size + np.abs(bounds), initial=0.0))
+    size += RESTING * size.max(initial=1.0)
+    return np.asarray(np.abs(rows.dense(x.size)) @ size + np.abs(bounds))
 
 
 def kept(rows: Rows, x: Vec) -> Rows:
@@ -231,7 +234,7 @@ def at_optimum(rows: Rows, x: Vec, off: float = MET_TOLERANCE) -> Rows:
     """An exact level's optimal set: its slack is unique, so equalities and rows off by more keep their value."""
     y = rows.A @ x
     w = rows.slack(x)
-    fixed = rows.equality | (np.abs(w) > off * (1.0 + np.abs(y)))
+    fixed = rows.equality | (np.abs(w) > off * row_sizes(rows, x))
     return Rows(rows.A, np.where(fixed, y, rows.lower), np.where(fixed, y, rows.upper))
 
 

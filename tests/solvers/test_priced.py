@@ -151,7 +151,8 @@ def test_entries_that_rest_have_the_rounding_of_those_that_move() -> None:
     rest = Rows(np.array([[1.0, 0.0]]), np.zeros(1), np.zeros(1))
     assert is_met(rest, np.array([7e-18, 0.3]))
     assert not is_met(rest, np.array([1e-11, 0.3]))
-    assert not is_met(rest, np.array([7e-18, 0.0]))
+    assert is_met(rest, np.array([7e-18, 0.0]))  # all rest: the rounding of one
+    assert not is_met(rest, np.array([1e-13, 0.0]))
 
 
 def test_levels_are_settled_without_a_stage_while_limits_bind() -> None:

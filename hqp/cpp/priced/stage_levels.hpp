@@ -20,9 +20,9 @@ inline namespace HQP_ISA {
 
 constexpr double kSlackMotion = 1e-5;   // slacks of inequality rows count this much as motion
 constexpr double kRoundingRow = 2e-15;  // of the longest row: rows no longer have no direction
-constexpr double kFlatPull = 1e-10;     // of the longest row: what directions without motion may pull
+constexpr double kFlatPull = 1e-10;     // of the level's gradient: what directions without motion may pull
 constexpr int kFlatRounds = 100;
-constexpr double kResting = 1e-4;  // of the largest entry: terms of a row are no smaller (hqp/problem/pricing.py)
+constexpr double kResting = 1e-4;  // of the largest entry, or of one: terms are no smaller (hqp/tolerances.py)
 
 class StageLevels final : public PricedStages {
  public:
@@ -249,10 +249,12 @@ class StageLevels final : public PricedStages {
     std::copy(level.lower, level.lower + level.m, low);
     std::copy(level.upper, level.upper + level.m, high);
     if (law_.prices[k] > 0.0) return;
+    const double least = resting(x);
     for (int i = 0; i < level.m; ++i) {  // its slack is unique: equality rows and violated rows keep their value
       if (level.left_out(i)) continue;
       const double value = product(level, i, x), w = slack(value, low[i], high[i]);
-      if (low[i] == high[i] || (anchors_.empty() && std::abs(w) > tolerances_.met * (1.0 + std::abs(value)))) {
+      if (low[i] == high[i] ||
+          (anchors_.empty() && w != 0.0 && std::abs(w) > tolerances_.met * size(level, i, x, least))) {
         low[i] = high[i] = value;
       } else if (!anchors_.empty()) {  // below them it may still be lessened
         low[i] = std::min(low[i], value);
@@ -261,25 +263,31 @@ class StageLevels final : public PricedStages {
     }
   }
 
+  // What an entry of x counts for at least.
+  double resting(const double* x) const {
+    double largest = 1.0;
+    for (int j = 0; j < n_; ++j) largest = larger(largest, std::abs(x[j]));
+    return kResting * largest;
+  }
+
+  // What the rounding of row i is relative to at x: its terms and its bound.
+  double size(const PricedLevel& level, int i, const double* x, double least) {
+    const double* a = row(level, i);
+    double terms = 0.0;
+    for (int j = 0; j < n_; ++j) terms += std::abs(a[j]) * (std::abs(x[j]) + least);
+    const double low = level.lower[i], high = level.upper[i];
+    return terms + std::abs(std::isfinite(low) ? low : std::isfinite(high) ? high : 0.0);
+  }
+
   // ||w|| of level k at x, whose slacks go into w_, and what its rounding is relative to.
   std::pair<double, double> residual(int k, const double* x) {
     const PricedLevel& level = level_[k];
-    double square = 0.0, size = 0.0, largest = 0.0;
-    for (int j = 0; j < n_; ++j) largest = larger(largest, std::abs(x[j]));
-    const double least = kResting * largest;
+    const double least = resting(x);
+    double square = 0.0, size = 0.0;
     for (int i = 0; i < level.m; ++i) {
-      const double* a = row(level, i);
-      double value = 0.0, terms = 0.0;
-      for (int j = 0; j < n_; ++j) {
-        value += a[j] * x[j];
-        terms += std::abs(a[j]) * (std::abs(x[j]) + least);
-      }
-      w_[i] = slack(value, level.lower[i], level.upper[i]);
+      w_[i] = slack(product(level, i, x), level.lower[i], level.upper[i]);
       square += w_[i] * w_[i];
-      const double bound = std::isfinite(level.lower[i])   ? level.lower[i]
-                           : std::isfinite(level.upper[i]) ? level.upper[i]
-                                                           : 0.0;
-      size = larger(size, terms + std::abs(bound));
+      size = larger(size, this->size(level, i, x, least));
     }
     return {std::sqrt(square), size};
   }
@@ -406,19 +414,32 @@ class StageLevels final : public PricedStages {
     };
     bool reached = search();
     int rounds = 0;  // directions without motion count from where they ended, until that is nothing
-    while (reached && priced && aim.price * at.flat_pull(y_.data()) > kFlatPull * longest && rounds++ < kFlatRounds) {
+    while (reached && flat_counts(k, at, aim.price) && rounds++ < kFlatRounds) {
       at.count_flat_from(y_.data());
       reached = search();
     }
     ended_ = ended_ && reached;
     uncertain_ = uncertain_ || search_.uncertain();
-    doubtful_ = doubtful_ || (!priced && search_.uncertain()) || rounds > kFlatRounds;
+    doubtful_ = doubtful_ || (!priced && search_.uncertain()) || rounds > kFlatRounds || search_.strays(y_.data());
     note(k, own, reached);
     at.point(y_.data(), x_.data());
     if (reached) end_at_[k].clear();
     else end_at_[k] = x_;
     seen_by_ = &at;
     open_ = leaves(at, n_);
+  }
+
+  // Whether what directions without motion count pulls, at y_, by more than rounding of the level's own gradient.
+  bool flat_counts(int k, const Coordinates& at, double price) {
+    const double pull = price * at.flat_pull(y_.data());
+    if (pull == 0.0) return false;
+    double longest = 0.0, far = 1.0;
+    for (int i = 0; i < level_[k].m; ++i)
+      if (!level_[k].left_out(i)) longest = larger(longest, square(level_[k], i));
+    if (law_.prices[k] > 0.0) return pull > kFlatPull * std::sqrt(longest);
+    at.point(y_.data(), x_.data());
+    for (int j = 0; j < n_; ++j) far = larger(far, std::abs(x_[j]));
+    return pull > kFlatPull * longest * far;
   }
 
   // How the stage of level k ended.

@@ -25,6 +25,7 @@ constexpr double kNoDirection = 1e-13;  // what is left of a row whose direction
 constexpr double kNoStep = 1e-14;       // a step that is rounding, relative to 1 + |y|
 constexpr double kFar = 1e3;            // a start so far away, relative to 1 + |y| at the end, leaves its rounding
 constexpr double kOnRow = 1e-13;        // rounding of a row's value, relative to its terms
+constexpr double kAccurate = 1e-8;      // of a row's length and terms, and of the gradient: more is no rounding
 
 // What a stage minimises beside c/2 |y|^2: rows T (m, ld) whose lengths in x are size (m).
 struct Aim {
@@ -79,6 +80,7 @@ class StageSearch {
     e_.resize(aim.m);
     u_.resize(aim.m);
     space_.uncertain = secular_.uncertain = false;
+    refused_ = 0.0;
     if (late()) return false;
     hold_equalities();
     ++iterations;
@@ -89,8 +91,12 @@ class StageSearch {
       reached = descend(working, y, iterations);
       list(working);
       if (reached && far > kFar * kFar * (1.0 + dot_any(y, y, N_))) {  // the rounding of a long way
+        const double refused = refused_;
         begin();
-        if (!on_the_face_of(working, y)) return reached;
+        if (!on_the_face_of(working, y)) {
+          refused_ = refused;
+          return reached;
+        }
       }
     }
     list(working);
@@ -99,6 +105,19 @@ class StageSearch {
 
   // Whether directions of the latest solve were uncertain: rows nearly depend on others, or differ much in length.
   bool uncertain() const { return space_.uncertain || secular_.uncertain; }
+  // Whether the end y of the latest solve is none: it leaves a row by more than rounding, or a row stays held that
+  // pulls the wrong way by more.
+  bool strays(const double* y) {
+    if (refused_ > kAccurate) return true;
+    at_point(y);
+    for (int i = 0; i < rows_->count(); ++i) {
+      const StageRow& row = (*rows_)[i];
+      const double value = row.value(x_.data(), y, n_);
+      const double off = larger(row.lower - value, value - row.upper);
+      if (off > kAccurate * row.size && off > kAccurate * (row.size + terms(row, x_.data(), y))) return true;
+    }
+    return false;
+  }
   // Whether the equalities determine coordinate j.
   bool determines(int j) const { return space_.determines(j, fixed_); }
 
@@ -359,9 +378,14 @@ class StageSearch {
     const StageRow& row = (*rows_)[i];
     if (rate_[i] == 0.0 || !row.a) return false;
     const double bound = row.bound(rate_[i] > 0.0 ? 1 : -1), after = value + rate_[i];
-    double terms = std::abs(bound) + absolute_dot(row.a, x_.data(), n_) + absolute_dot(row.a, move_.data(), n_);
-    if (row.band >= 0) terms += std::abs(row.share) * (std::abs(y[row.band]) + std::abs(aim_[row.band]));
-    return (rate_[i] > 0.0 ? after - bound : bound - after) > kOnRow * terms;
+    const double size = std::abs(bound) + terms(row, x_.data(), y) + terms(row, move_.data(), aim_.data());
+    return (rate_[i] > 0.0 ? after - bound : bound - after) > kOnRow * size;
+  }
+
+  // Of a row at x and y, without signs.
+  double terms(const StageRow& row, const double* x, const double* y) const {
+    const double own = row.a ? absolute_dot(row.a, x, n_) : std::abs(row.scale * x[row.only]);
+    return row.band < 0 ? own : own + std::abs(row.share * y[row.band]);
   }
 
   // The place in the set of a row whose multiplier has the wrong sign at y, the minimiser of its face, -1 for none; the
@@ -381,9 +405,11 @@ class StageSearch {
     space_.multipliers(part_.data(), lambda_.data());
     int found = -1;
     double worst = 1e-11 * scale;
+    refused_ = 0.0;
     for (std::size_t k = fixed_; k < set_.size(); ++k) {
       // the gradient must point into the side: lambda <= 0 at upper
       const double wrong = side_[set_[k]] * lambda_[k] * (*rows_)[set_[k]].size;
+      if (kept_[set_[k]]) refused_ = larger(refused_, wrong / scale);
       if (wrong <= worst || kept_[set_[k]]) continue;
       if (lowest && found >= 0 && set_[k] > set_[found]) continue;
       if (!lowest) worst = wrong;
@@ -407,6 +433,7 @@ class StageSearch {
   std::vector<char> kept_;  // rows that no wrong sign releases until the point moves
   std::vector<double> y_, aim_, x_, move_, part_, lambda_, M_, K_, e_, u_;
   double size_ = 0.0;
+  double refused_ = 0.0;  // how wrong the sign of a row that is kept is, of the gradient
 };
 
 }  // namespace HQP_ISA
