@@ -117,6 +117,39 @@ def test_a_wild_place_behind_a_right_hash_is_refused(what: str, wild: int, legge
         LoadedSession(sealed(json.dumps(plan).encode()))
 
 
+MISFITS: dict[str, tuple[tuple[str | int, ...], Any]] = {
+    "no Jacobian": (("motion", "operations", 0, "J"), None),
+    "torques of velocities": (("motion", "order"), 1),
+    "a motor twice": (("motion", "torque", "actuated", 1), 6),
+    "a reference that goes nowhere": (("motion", "slots", 0, "target"), None),
+    "a solver of other variables": (("solver", "n"), 28),
+    "motion rows as constraints": (("elements", -1, "level"), -1),
+}
+
+
+@pytest.mark.parametrize("what", MISFITS)
+def test_parts_that_do_not_fit_each_other_are_refused(what: str, legged: bytes) -> None:
+    plan = json.loads(legged.split(b"\n", 1)[1])
+    (*way, last), value = MISFITS[what]
+    at = plan
+    for step in way:
+        at = at[step]
+    assert at[last] != value
+    at[last] = value
+    with pytest.raises(HqpError, match="plan"):
+        LoadedSession(sealed(json.dumps(plan).encode()))
+
+
+def test_a_reference_for_no_element_is_left_alone(legged: bytes) -> None:
+    body = legged.split(b"\n", 1)[1]
+    plan = json.loads(body)
+    plan["motion"]["slots"][0]["name"] = "nobody"
+    session = LoadedSession(sealed(json.dumps(plan).encode()))
+    first = session.step(session.home)
+    session.reset()
+    np.testing.assert_array_equal(session.step(session.home).x, first.x)
+
+
 @pytest.fixture(scope="module")
 def legged() -> bytes:
     return text(scene("g1", "torque")[0])

@@ -48,6 +48,25 @@ class Operations {
       fits(found.size(), told ? found.size() : 0);
       return found;
     };
+    if (name == "Joints") return std::make_unique<Posture>(out, joints(p));
+    if (name == "Coupling") {
+      fits(1, 1);
+      Joints related = p.part("joints").joints(nv_, nq_);
+      std::vector<double> coefficients = p.numbers("coefficients", related.size());
+      return std::make_unique<Coupling>(out, std::move(related), std::move(coefficients));
+    }
+    if (name == "JointBox") {
+      Joints held = joints(p.part("joints"), false);
+      Limits box = limits(p, held.size());
+      return std::make_unique<JointBox>(out, std::move(held), std::move(box));
+    }
+    if (name == "Still") return std::make_unique<Still>(out, picked("columns", nv_, false));
+    if (name == "Steady") return std::make_unique<Steady>(out, picked("columns", nv_, false), order_);
+    if (name == "Frozen")
+      return std::make_unique<Frozen>(out, joints(p.part("joints")), p.number("rate"), p.number("acceleration"), dt_,
+                                      order_);
+    if (name == "Within") return within(p, out);
+    if (!out.J && out.rows > 0) throw std::invalid_argument("the rows of an element have no Jacobian");
     if (name == "Point") return std::make_unique<Point>(rows(), picked("axes", 3), p.vec3("offset"));
     if (name == "Pose") return fits(6, 16), std::make_unique<Pose>(rows());
     if (name == "Rotation") return fits(3, 9), std::make_unique<Rotation>(rows());
@@ -73,23 +92,6 @@ class Operations {
     if (name == "KineticEnergy")
       return fits(nv_, 0),
              std::make_unique<KineticEnergy>(out, tree_, p.inertias("inertias"), p.numbers("rotors", nv_));
-    if (name == "Joints") return std::make_unique<Posture>(out, joints(p));
-    if (name == "Coupling") {
-      fits(1, 1);
-      Joints related = p.part("joints").joints(nv_, nq_);
-      std::vector<double> coefficients = p.numbers("coefficients", related.size());
-      return std::make_unique<Coupling>(out, std::move(related), std::move(coefficients));
-    }
-    if (name == "JointBox") {
-      Joints held = joints(p.part("joints"), false);
-      Limits box = limits(p, held.size());
-      return std::make_unique<JointBox>(out, std::move(held), std::move(box));
-    }
-    if (name == "Still") return std::make_unique<Still>(out, picked("columns", nv_, false));
-    if (name == "Steady") return std::make_unique<Steady>(out, picked("columns", nv_, false), order_);
-    if (name == "Frozen")
-      return std::make_unique<Frozen>(out, joints(p.part("joints")), p.number("rate"), p.number("acceleration"), dt_,
-                                      order_);
     if (name == "Pointing") return fits(2, 3), std::make_unique<Pointing>(fixed(), p.axis(), p.flag("point"));
     if (name == "Apart") return fits(1, 1), std::make_unique<Apart>(rows());
     if (name == "Manipulability") {
@@ -108,7 +110,6 @@ class Operations {
       fits(1, 9);
       return std::make_unique<Cone>(fixed(), p.axis(), p.flag("point"), p.number("angle"), p.barrier(dt_), order_);
     }
-    if (name == "Within") return within(p, out);
     if (name == "SupportPolygon") return support_polygon(p, out);
     if (name == "Balance") return balance(p, out);
     if (name == "Collision") {
@@ -144,7 +145,8 @@ class Operations {
     std::vector<double> low = p.numbers("lower");
     const int m = static_cast<int>(low.size()), nv = tree_.size(), turn = p.integer("turn");
     fit(out, low.size(), 0);
-    if (turn >= m || !out.rate || !out.feedforward) throw std::invalid_argument("a bound is of other rows");
+    if ((turn >= 0 && turn > m - 3) || !out.rate || !out.feedforward)
+      throw std::invalid_argument("a bound is of other rows");
     auto own = std::make_unique<Numbers>(m, out.J ? 0 : nv);
     const bool rates = p.flag("rates");
     const Target inner = own->target(out.J, rates ? nullptr : out.reference, out.given, out.weight, nv, order_ == 2);
@@ -225,6 +227,7 @@ class Operations {
     for (int k = 0; k < found.rows; ++k)
       if (found.slots[k] < -1 || found.slots[k] >= 5 * static_cast<int>(found.pairs.size()))
         throw std::invalid_argument("a row is of no pair");
+    if (found.rows == 0 && !found.pairs.empty()) throw std::invalid_argument("pairs have no row");
     found.influence = p.number("influence");
     found.rate = p.number("rate");
     found.recovery = p.number("recovery");

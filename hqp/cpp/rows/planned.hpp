@@ -148,6 +148,7 @@ void add_dynamics(Assembly& rows, const Plan& p) {
 template <class Plan>
 Slot add_load(Assembly& rows, const Plan& p) {
   const std::size_t size = p.part("value").size();
+  need(size == (p.part("plan").name() == "ExternalWrench" ? 6u : 4u), "a load has other numbers");
   double* value = p.doubles("value", size);
   rows.load(p.part("plan"), value);
   return {value, {static_cast<int>(size)}, nullptr, nullptr, nullptr, 0, false, Plain::kNumbers, {}};

@@ -72,6 +72,7 @@ class Guarded {
     for (const int pick : picks_)
       if (pick < 0 || std::size_t(pick) >= x_.size()) throw PlanError("a joint of the plan is none");
     rest_ = made_rest();
+    if (rest_->size() != x_.size()) throw PlanError("the plan comes to rest by other numbers than it is solved for");
     const std::vector<Slot>& slots = line_.slots();
     for (std::size_t k = 0; k < slots.size(); ++k) {
       std::size_t size = 1;

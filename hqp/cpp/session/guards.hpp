@@ -31,6 +31,7 @@ class StateBounds {
   }
 
   std::size_t size() const { return low_.size(); }
+  std::size_t places() const { return floating_ ? 3 : 0; }  // of q that are looked at
   // False, and why, where a number is too large.
   bool hold(const double* angles, const double* q, const double* v, Note& why) const {
     std::size_t worst = 0;
@@ -79,7 +80,8 @@ class StateGuard {
         ordinary_(ordinary),
         kinematics_(kinematics),
         angles_(bounds_.size()) {
-    if (places_.size() != std::size_t(kinematics.size()) || speeds_.size() != bounds_.size())
+    if (places_.size() != std::size_t(kinematics.size()) || speeds_.size() != bounds_.size() ||
+        places_.size() < bounds_.places())
       throw PlanError("the bounds of the plan have a wrong size");
   }
 

@@ -53,21 +53,24 @@ class Line {
                     twists(root_.part("motion"))),
         assembly_(bodies(root_.part("motion").part("bodies"), nv_), twists(root_.part("motion")), nq_,
                   root_.part("guards").number("dt"), root_.part("motion").integer("order")),
-        solve_(root_.part("solver")) {
-    if (kinematics_.size() != nq_ || assembly_.size() != nv_) throw PlanError("the tree of the plan is another one");
+        solve_(root_.part("solver"), variables(root_.part("motion"))) {
+    if (nq_ < 1 || kinematics_.size() != nq_ || assembly_.size() != nv_)
+      throw PlanError("the tree of the plan is another one");
     largest_ = root_.part("guards").number("largest");
     rows_ = solve_.exact().rows();
     int total = 0;
     for (const int m : rows_) starts_.push_back(total), total += m;
     slacks_.resize(std::size_t(total)), marks_.resize(std::size_t(total));
     fill(root_.part("motion"));
-    declared_.resize(slots_.size());
+    if (root_.part("motion").has("torque"))
+      torque_ = std::make_unique<TorqueParts>(root_.part("motion").part("torque"), nv_, solve_.call());
+    if (torque_ ? order() != 2 || !root_.part("motion").has("dynamics") : order() != 1 && order() != 2)
+      throw PlanError("the plan is of an unknown order");
+    for (const Slot& slot : slots_) declared_.emplace_back(numbers_of(slot));
     for (const Node& one : root_.parts("elements")) members_.push_back(member(one)), bind_free(members_.back());
     find_supports();
     still_.resize(std::size_t(nv_));
     holding_.resize(std::size_t(solve_.exact().size())), felt_.resize(holding_.size());
-    if (root_.part("motion").has("torque"))
-      torque_ = std::make_unique<TorqueParts>(root_.part("motion").part("torque"), nv_, solve_.call());
     origin_ = root_.part("solver").maybe("origin", std::size_t(solve_.exact().size()));
     if (torque_ && origin_) weight_.resize(std::size_t(nv_));
   }
@@ -143,7 +146,7 @@ class Line {
     slot.hold = declared_[k];
     if (k < load_names_.size()) return;
     std::fill(slot.target, slot.target + slot.hold.size(), 0.0);
-    held_.assign(std::max({slot.hold.size(), std::size_t{16}, std::size_t(nv_)}), 0.0);  // a damaged shape is too small
+    std::fill(held_.begin(), held_.end(), 0.0);
     if (assembly_.hold(k - load_names_.size(), q, v, held_.data()))
       std::copy(held_.begin(), held_.begin() + std::ptrdiff_t(slot.hold.size()), slot.hold.begin());
   }
@@ -279,6 +282,8 @@ class Line {
         const double* lower = one.doubles("lower", m);
         if (member.lower < lower || member.lower >= lower + m) continue;
         const std::ptrdiff_t at = member.lower - lower;
+        if (at + (member.last - member.first) > std::ptrdiff_t(m))
+          throw PlanError("rows on forces of the plan are none");
         member.lower = one.doubles("asked_lower", m) + at, member.upper = one.doubles("asked_upper", m) + at;
         break;
       }
@@ -293,6 +298,15 @@ class Line {
     return most;
   }
 
+  // Of the solver: the torques of the motors, or the motion of all coordinates.
+  int variables(const Node& motion) const {
+    return motion.has("torque") ? static_cast<int>(motion.part("torque").ints("actuated").size()) : nv_;
+  }
+  static std::size_t numbers_of(const Slot& slot) {  // of a target
+    std::size_t size = slot.shape.empty() ? 0 : 1;
+    for (const int n : slot.shape) size *= std::size_t(n);
+    return size;
+  }
   double* twists(const Node& p) const { return p.doubles("twists", 6 * static_cast<std::size_t>(nv_)); }
   void fill(const Node& p) {
     if (p.has("dynamics")) add_dynamics(assembly_, p.part("dynamics"));
@@ -300,7 +314,12 @@ class Line {
       slots_.push_back(add_load(assembly_, one));
       load_names_.push_back(one.text("name"));
     }
-    for (const Node& one : p.parts("operations")) assembly_.add(one.part("plan"), target(one, nv_));
+    std::size_t most = 16;  // numbers of a value
+    for (const Node& one : p.parts("operations")) {
+      const Target out = target(one, nv_);
+      assembly_.add(one.part("plan"), out);
+      most = std::max({most, out.rows, out.given});
+    }
     if (p.parts("operations").size() != p.parts("slots").size())
       throw PlanError("the plan has other operations than references");
     laws_ = laws(p.part("laws"), order(), nv_);
@@ -309,7 +328,11 @@ class Line {
     for (const Node& one : p.parts("slots")) {
       slots_.push_back(slot(one));
       slot_names_.push_back(one.text("name"));
+      if (!slots_.back().target && numbers_of(slots_.back()) > 0)
+        throw PlanError("a reference of the plan goes nowhere");
+      most = std::max(most, numbers_of(slots_.back()));
     }
+    held_.resize(most);
     if (p.has("slowing")) {
       slowing_ = p.part("slowing").doubles("scale", nv_);
       slowed_ = p.part("slowing").doubles("f", nv_);
@@ -338,18 +361,17 @@ class Line {
                  {}};
     const int levels = static_cast<int>(rows_.size());
     const int most = found.level >= 0 && found.level < levels ? rows_[std::size_t(found.level)] : 0;
+    const int motions = torque_ && found.level < 0 ? torque_->rows() : laws_.total;
     if (found.level >= levels || place[0] < 0 || place[0] > place[1] || (found.level >= 0 && place[1] > most) ||
-        rows[0] < 0 || rows[0] > rows[1] || rows[1] > laws_.total)
+        rows[0] < 0 || rows[0] > rows[1] || rows[1] > motions)
       throw PlanError("the rows of an element of the plan are none");
     for (std::size_t k = 0; k < slot_names_.size(); ++k)
       if (slot_names_[k] == found.name) found.slot = static_cast<int>(load_names_.size() + k);
     for (std::size_t k = 0; k < load_names_.size(); ++k)
       if (load_names_[k] == found.name) found.slot = static_cast<int>(k);
     if (found.slot < 0) return found;
-    Slot& slot = slots_[std::size_t(found.slot)];
-    std::size_t size = slot.shape.empty() ? 0 : 1;
-    for (const int n : slot.shape) size *= std::size_t(n);
     std::vector<double>& declared = declared_[std::size_t(found.slot)];
+    const std::size_t size = declared.size();
     if (p.has("hold")) declared = p.part("hold").numbers();
     if (!p.has("hold") || size == 0) declared.assign(size, 0.0);
     if (declared.size() != size) throw PlanError("the hold value of an element of the plan has a wrong size");

@@ -1,8 +1,8 @@
 // A part of a plan, its arrays in the memory of one session.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
-#include <cstring>
 #include <string>
 #include <vector>
 
@@ -17,7 +17,7 @@ class Memory {
   explicit Memory(const Plan& plan) : plan_(plan), block_(plan.image().size() + 8) {
     const auto start = reinterpret_cast<std::uintptr_t>(block_.data());
     base_ = reinterpret_cast<char*>((start + 63) / 64 * 64);
-    std::memcpy(base_, plan.image().data(), plan.image().size() * sizeof(double));
+    std::copy(plan.image().begin(), plan.image().end(), reinterpret_cast<double*>(base_));
   }
   Memory(const Memory&) = delete;
 

@@ -87,7 +87,8 @@ class Plan {
       char* to = reinterpret_cast<char*>(image_.data()) + buffer.at + static_cast<std::size_t>(at) * width(buffer.type);
       for (const Json& one : run.items[1].items) {
         const double number = number_of(one);
-        const auto whole = static_cast<std::int64_t>(std::isfinite(number) ? number : 0.0);
+        if (buffer.type != 'd' && !(std::fabs(number) < 2147483648.0)) throw PlanError("a place of the plan is none");
+        const auto whole = static_cast<std::int64_t>(buffer.type == 'd' ? 0.0 : number);
         if (buffer.type == 'd') put(to, number);
         else if (buffer.type == 'l') put(to, whole);
         else if (buffer.type == 'i') put(to, static_cast<std::int32_t>(whole));

@@ -12,13 +12,16 @@
 
 namespace hqp {
 
-// A kernel bound to the arrays of a plan.
-inline std::unique_ptr<BoundKernel> kernel_of(const Node& p) {
+// A kernel of n variables bound to the arrays of a plan.
+inline std::unique_ptr<BoundKernel> kernel_of(const Node& p, int n) {
   const std::vector<Node> levels = p.parts("levels");
-  const int n = p.integer("n");
-  if (n < 1 || n > 10000) throw PlanError("a kernel of the plan has a wrong size");
+  if (n < 1 || n > 10000 || p.integer("n") != n) throw PlanError("a kernel of the plan has a wrong size");
   std::vector<int> rows;
-  for (const Node& level : levels) rows.push_back(static_cast<int>(level.part("lower").size()));
+  for (const Node& level : levels) {
+    const std::size_t m = level.part("lower").size();
+    level.doubles("lower", m), level.maybe("A", m * static_cast<std::size_t>(n));
+    rows.push_back(static_cast<int>(m));
+  }
   Options options;
   options.rank_tolerance = p.number("rank_tolerance");
   options.multiplier_tolerance = p.number("multiplier_tolerance");
@@ -49,7 +52,7 @@ inline std::unique_ptr<BoundKernel> kernel_of(const Node& p) {
 // The solve of all levels, and of those above each that may be the first unmet one, and below it.
 class PlannedSolve {
  public:
-  explicit PlannedSolve(const Node& p) : exact_(kernel_of(p)) {
+  PlannedSolve(const Node& p, int n) : exact_(kernel_of(p, n)) {
     if (p.has("stages")) bind(p.part("stages"), exact_->levels);
   }
 
@@ -119,7 +122,7 @@ class PlannedSolve {
     const Completion completion{exact_->problem.metric, exact_->problem.origin};
     staged_->bind(law_, completion);
     for (const Node& head : p.parts("heads")) {
-      heads_.push_back(kernel_of(head));
+      heads_.push_back(kernel_of(head, n));
       staged_->above(head.place("level", count), heads_.back().get(), heads_.back()->numbers().data());
     }
     end_ = p.doubles("end", n);

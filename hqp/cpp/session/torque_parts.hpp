@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <memory>
+#include <set>
 #include <vector>
 
 #include "../common/isa.hpp"
@@ -19,7 +20,7 @@ class TorqueParts {
     const std::size_t v = static_cast<std::size_t>(nv), m = p.part("gamma").size();
     const std::vector<int> actuated = p.places("actuated", v), parents = p.ints("parents");
     const std::size_t n = actuated.size();
-    bool tree = parents.size() == v;
+    bool tree = parents.size() == v && std::set<int>(actuated.begin(), actuated.end()).size() == n;
     for (std::size_t i = 0; tree && i < v; ++i) tree = parents[i] >= -1 && parents[i] < static_cast<int>(i);
     if (!tree) throw PlanError("the elimination of the plan has a wrong size");
     out_.assign(m, 0), J_.assign(m * v, 0.0);
@@ -78,6 +79,7 @@ class TorqueParts {
 
   Solved run(const double* v) { return chain_->run(v); }
 
+  int rows() const { return static_cast<int>(out_.size()); }  // of constraints
   // Constraints from one row to another are there or not.
   void out(int row, int end, bool gone) { std::fill(out_.begin() + row, out_.begin() + end, gone); }
   // The torque (n) that holds g (nv) on the constraints that are there; false where there is none.

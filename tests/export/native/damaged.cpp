@@ -1,5 +1,6 @@
 // A plan's file with random damage: refused with a PlanError.  With --resealed the damage stands behind a right hash: a
 // PlanError, or a session that steps.  For sanitizers: damaged [--resealed] COUNT FILE.hqp ...
+#include <cmath>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
@@ -57,6 +58,29 @@ std::string damaged(const std::string& body, std::mt19937& random) {
   return found;
 }
 
+// Ticks at rest and in motion, towards targets, without elements, of no state, and from the start again.
+void run(hqp::Session& session) {
+  const std::vector<double> q = session.home(), rest(std::size_t(session.nv()), 0.0);
+  const std::vector<double> moving(rest.size(), 0.01), none(rest.size(), NAN);
+  const auto each = [&](auto tell) {
+    for (const std::string& name : session.names()) {
+      hqp::Reference reference = session.reference(name);
+      try {
+        tell(reference);
+      } catch (const hqp::ReferenceError&) {  // of a contact's force: it goes by phases
+      }
+    }
+    session.step(q, moving);
+  };
+  for (int round = 0; round < 2; ++round) {
+    session.step(q, rest);
+    each([](hqp::Reference& reference) { reference.at(std::vector<double>(reference.size(), 0.1)); });
+    each([](hqp::Reference& reference) { reference.on(false); });
+    for (int tick = 0; tick < 2; ++tick) session.step(q, none);
+    session.reset();
+  }
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -75,8 +99,7 @@ int main(int argc, char** argv) {
       same += given == content;
       try {
         hqp::Session session(std::make_shared<const hqp::Plan>(given));
-        const std::vector<double> q = session.home(), v(std::size_t(session.nv()), 0.0);
-        for (int tick = 0; tick < 2; ++tick) session.step(q.data(), v.data());
+        run(session);
         ++stepped;
       } catch (const hqp::PlanError&) {
         ++refused;
