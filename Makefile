@@ -110,9 +110,10 @@ check: setup
 	$(BIN)/pyright
 
 # The kernel under the address and undefined-behaviour sanitizers, over every stored problem and hard random ones;
-# plans' files with random damage, 1700 of each of six.
+# plans' files with random damage, 1700 of each of six, and 300 more behind a right hash.
 SANITIZED := build/sanitized
 DAMAGED ?= 1700
+RESEALED ?= 300
 sanitize: setup
 	mkdir -p $(SANITIZED)
 	$(BIN)/python -m tests.solvers.native.dump $(SANITIZED)
@@ -124,6 +125,7 @@ sanitize: setup
 	    -DCMAKE_CXX_FLAGS="-O1 -g -Wno-psabi -fsanitize=address,undefined -fno-sanitize-recover=all"
 	cmake --build $(SANITIZED)/session --target damaged
 	$(SANITIZED)/session/damaged $(DAMAGED) $(SANITIZED)/*.hqp
+	$(SANITIZED)/session/damaged --resealed $(RESEALED) $(SANITIZED)/*.hqp
 
 # Random hierarchies of many kinds, judged by the certificate: COUNT of each kind, at most SECONDS in all.
 COUNT ?= 5000
