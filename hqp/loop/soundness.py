@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from weakref import WeakSet
+from threading import Lock
+from weakref import WeakKeyDictionary, WeakSet
 
 import numpy as np
 
@@ -18,6 +19,12 @@ POSES = 3
 
 _SOUND: WeakSet[Robot] = WeakSet()
 """Robots whose numbers have been looked at."""
+
+_TWINS: WeakKeyDictionary[Robot, Robot] = WeakKeyDictionary()
+"""The copies on which stacks are rehearsed: what an element finds once a robot is found once for all of them."""
+
+_TURN = Lock()
+"""Of the one who moves a twin."""
 
 
 def require_sound(robot: Robot) -> None:
@@ -54,7 +61,20 @@ def rehearse(formulation: Formulation, stack: Stack, robot: Robot, dt: float) ->
     Raises ModelError where some of the library's own elements have no usable rows at any of these poses (the centre of
     mass of links without mass), or the dynamics fail at all of them.
     """
-    twin, fault = robot.copy(), ""
+    with _TURN:
+        _rehearse(formulation, stack, _twin(robot), dt)
+
+
+def _twin(robot: Robot) -> Robot:
+    """The copy of a robot, another one once it stands elsewhere at home."""
+    twin = _TWINS.get(robot)
+    if twin is None or not np.array_equal(twin.home, robot.home):
+        twin = _TWINS[robot] = robot.copy()
+    return twin
+
+
+def _rehearse(formulation: Formulation, stack: Stack, twin: Robot, dt: float) -> None:
+    fault = ""
     foreign = [element.name for element in stack if not type(element).__module__.startswith(OWN)]
     try:
         stack = stack.without(*foreign) if foreign else stack
@@ -76,4 +96,4 @@ def rehearse(formulation: Formulation, stack: Stack, robot: Robot, dt: float) ->
         if not faults:
             return
         fault = "; ".join(faults)
-    raise ModelError(f"{robot.name} cannot run this stack: {fault}, at home and around it; look at its masses")
+    raise ModelError(f"{twin.name} cannot run this stack: {fault}, at home and around it; look at its masses")

@@ -108,6 +108,12 @@ class Tracker:
         between, sign = min(i, j, len(self.targets) - 2), float(j - i)
         found = [Reference(name, x[i], sign * u[between]) for name, (x, u) in self._places.items()]
         found += [Reference(name, self._axes[name][0][i], sign * self._axes[name][1][between]) for name in TRUNK]
+        return found + self.feet_references(i, j, standing, holds)
+
+    def feet_references(self, i: int, j: int, standing: Standing, holds: Mapping[str, Hold]) -> list[Reference]:
+        """Those of the feet."""
+        between, sign = min(i, j, len(self.targets) - 2), float(j - i)
+        found: list[Reference] = []
         ends = {side: end for side, end, _ in standing}
         raised = {side: self.stacks.down(side, -end) for side, end, level in standing if not level}
         for side in SIDES:
@@ -157,9 +163,11 @@ class Tracker:
             feet = self.feet(i, j)
             self._hold(state, i, feet, holds)
             standing = tuple((side, holds[side].end, edge == 0) for side, edge in feet.items())
-            session, references = sessions.of(standing), self.references(i, j, standing, holds)
-            if course is not None:
-                told = {**{r.name: r for r in references}, **course.references(i)}
+            session = sessions.of(standing)
+            if course is None:
+                references = self.references(i, j, standing, holds)
+            else:
+                told = {**{r.name: r for r in self.feet_references(i, j, standing, holds)}, **course.references(i)}
                 references = [r for r in told.values() if r.name in session]
             ends = standing if course is not None else ()
             spots = [self.stacks.spots[self.stacks.down(side, end).name] for side, end, _ in ends]

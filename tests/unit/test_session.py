@@ -22,6 +22,7 @@ from hqp.errors import (
     UnknownReference,
     UnsupportedProblem,
 )
+from hqp.loop.soundness import rehearse
 from hqp.robots import Robot
 from hqp.solvers.stages import StagedWorkspace
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, Position, Posture
@@ -373,3 +374,21 @@ def test_a_workspace_is_bound_before_the_first_tick(kind: str, monkeypatch: pyte
         run.step(robot.state())
         ticking = False
     assert not late
+
+
+def test_stacks_are_rehearsed_on_one_copy_of_the_robot_as_it_stands() -> None:
+    robot = hqp.robots.load("ur5")
+    made: list[Robot] = []
+    copy = robot.copy
+
+    def counted() -> Robot:
+        made.append(copy())
+        return made[-1]
+
+    robot.copy = counted  # type: ignore[method-assign]
+    for k, moved in enumerate((False, False, True)):
+        if moved:
+            robot.set_home(robot.home + 0.1)
+        rehearse(hqp.Velocity(), Stack(Level(Posture(name=f"posture {k}"))), robot, 0.01)
+    assert len(made) == 2
+    assert made[-1].home == pytest.approx(robot.home)
