@@ -159,11 +159,15 @@ def test_a_hand_that_creeps_on_is_not_stuck() -> None:
     assert np.linalg.norm(hand.error(robot.state(q), aims[0].value)) < 1e-3
 
 
+FIRST, EVERY = 3, 5
+"""Of the drawn loops those that are run; one of them is stuck."""
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("formulation", "seeds"), [("velocity", 100), ("acceleration", 60), ("torque", 40)])
 def test_no_false_alarm_in_drawn_loops(formulation: str, seeds: int) -> None:
     """Whoever is told to be stuck is not there 10 s later by itself."""
-    told = [(seed, name) for seed in range(seeds) for name in alarms(formulation, seed)]
+    told = [(seed, name) for seed in range(FIRST, seeds, EVERY) for name in alarms(formulation, seed)]
     assert not [each for each in told if each[1].endswith("arrived")]
 
 
