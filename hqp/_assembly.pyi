@@ -78,6 +78,21 @@ class Assembly:
     def hold(self, name: str, value: Vec | None) -> None:
         """The value, flat, that an element has without a reference."""
 
+    def measured(self, name: str, operation: int) -> None:
+        """Which of the operations tells what that element is at.  Raises KeyError for what is not there."""
+
+    def renew(self, names: Sequence[str]) -> None:
+        """The next ``step`` begins from hold values for every reference, of these elements from what they are at then.
+
+        Those that are not measured keep theirs.
+        """
+
+    def look(self, q: Vec, v: Vec) -> None:
+        """Take those hold values now."""
+
+    def held(self, name: str, value: Vec) -> None:
+        """Write the hold value, flat; raises KeyError for none of that size."""
+
     def answers(
         self,
         solve: Callable[[], tuple[int, int, int, bool]],

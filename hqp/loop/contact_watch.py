@@ -50,9 +50,10 @@ class ContactWatch:
 
     def judge(self, out: frozenset[str]) -> None:
         """Contacts that are out of the tick are not judged: nothing assumes them."""
-        for name in self._ticks.keys() & out:
-            self._ticks[name] = 0
-            self.missing.discard(name)
+        for name in self._ticks:
+            if name in out:
+                self._ticks[name] = 0
+                self.missing.discard(name)
         self._out = out
 
     def lost(self) -> list[tuple[str, str]]:

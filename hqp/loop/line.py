@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from threading import get_ident
 from typing import TYPE_CHECKING, TypeVar
@@ -118,6 +118,7 @@ class Line:
         self.teller = Teller(compiled.stack, compiled.program, compiled.workspace, self.robot, self.dt)
         self.contacts = ContactWatch(compiled.stack, self.dt)
         self.presence = Presence(compiled.stack, compiled.program)
+        self._back: dict[tuple[frozenset[str] | None, frozenset[str]], tuple[str, ...]] = {}
         self.limits = LimitWatch(compiled.watched, self.dt)
         self.stuck = StuckWatch(compiled.stack, self.dt, self.guards.stuck)
 
@@ -129,6 +130,7 @@ class Line:
     @property
     def hold_values(self) -> dict[str, Vec | Mat]:
         """Copies of what elements without a reference are held at, by name; empty before the first step."""
+        self.take_renewed()
         held = self.references.holds
         return {name: np.array(reference.value) for name, reference in held.items() if reference.value is not None}
 
@@ -186,21 +188,37 @@ class Line:
         for each in () if self.transition is None else self.transition.pair:
             yield from each._at_work()
 
-    def attend(self, out: frozenset[str], state: State) -> None:
-        """These elements are out of this tick, and all others in: those that come back take fresh hold values."""
-        back = frozenset() if self.presence.now is None else self.presence.now - out
+    def attend(self, out: frozenset[str], state: State, direct: Direct | None) -> None:
+        """These elements are out of this tick, and all others in: those that come back take fresh hold values.
+
+        direct: where the tick is to be one native call, which takes those that it can.
+        """
+        key = self.presence.now, out
+        if key not in self._back:
+            self._back[key] = self.presence.back(out)
+        back = self._back[key]
         self.presence.now = out
         self.compiled.turn(out)
         self.contacts.judge(out)
-        if self.references.current:
-            for name in back:
-                self.references.renew(self.presence.member(name), state)
-        if self.program.out != out:
+        others = () if direct is None else direct.others(back)
+        if direct is None or self.references.without or (others and not self.renewed(others, state)):
+            direct = None
+            self.leave_direct()
+            self.renewed(back, state)
+        if self.program.out is not out:
             self.program.go_without(out)
-        if self.references.without:
+        if direct is not None:
+            direct.renew(back, others, self.references.holds)
+        elif self.references.without:
             self.direct, self.direct_known = None, False
-        if self.direct is not None:
-            self.direct.hold(self.references.holds, back)
+        elif self.direct is not None:
+            self.direct.hold(self.references.holds)
+
+    def renewed(self, names: Iterable[str], state: State) -> bool:
+        """Whether all elements have a hold value, after these have taken fresh ones."""
+        for name in names if self.references.current else ():
+            self.references.renew(self.presence.member(name), state)
+        return not self.references.without
 
     def send(self, x: Vec, state: State | None = None) -> Vec:
         """Take x for what is sent, read-only from now on; the x that was sent before.  state: of a usable answer."""
@@ -213,6 +231,7 @@ class Line:
     def leave_direct(self) -> None:
         """The general path takes over."""
         if self.direct is not None:
+            self.take_renewed()
             self.direct.leave()
             if self.latest is not None:
                 if self.earlier is not None:
@@ -221,6 +240,11 @@ class Line:
                 self.trend.take(x, self.latest_count)
                 self.send(x)
                 self.latest = self.earlier = None
+
+    def take_renewed(self) -> None:
+        """Hold values that native ticks took."""
+        if self.direct is not None:
+            self.references.put(self.direct.renewed())
 
     def find_direct(self) -> None:
         """Ordinary ticks from now on, once hold values are known and an answer was usable."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from hqp.declare.element import Element
 from hqp.errors import DeclarationError, closest
 from hqp.explanation.notes import Note
 from hqp.problem import Status
 
 if TYPE_CHECKING:
-    from hqp.declare.element import Element
     from hqp.declare.reference import Reference
     from hqp.declare.stack import Stack
     from hqp.programs.formulation import Program
@@ -22,33 +22,42 @@ NOTHING_ELSE = frozenset({"name", "on", "load"})
 class Presence:
     """The sets of elements that are out, each known once it was asked for.
 
-    now: those that were out in the latest tick, None before it.  usual: those of no phase.  Raises DeclarationError
-    for a phase of the stack in which constraints and actuators do not determine the motion.
+    known: by phase, None for none.  now: those that were out in the latest tick, None before it.  usual: those of no
+    phase.  Raises DeclarationError for a phase of the stack in which constraints and actuators do not determine the
+    motion.
     """
 
-    __slots__ = ("_by_phase", "_declared", "_known", "_members", "_program", "now", "usual")
+    __slots__ = ("_allowed", "_declared", "_members", "_program", "_sets", "known", "now", "usual")
 
     def __init__(self, stack: Stack, program: Program) -> None:
         self._program = program
         self._members = {element.name: element for element in stack}
-        self._known: dict[Any, frozenset[str]] = {}
+        self._sets: dict[Any, frozenset[str]] = {}
+        self._allowed: set[frozenset[str]] = set()
         self._declared = {phase: stack.out_of(phase) for phase in (None, *stack.phases())}
-        self._by_phase: dict[str | None, frozenset[str]] = {}
+        self.known: dict[str | None, frozenset[str]] = {}
         for phase, declared in self._declared.items():
-            self._by_phase[phase] = out = self._followed(declared)
+            self.known[phase] = out = self._followed(declared)
             if phase is not None and (why := program.refuses(out)):
                 raise DeclarationError(f"phase {phase}", why, allowed="contacts that determine the motion")
         self.now: frozenset[str] | None = None
-        self.usual = self._by_phase[None]
+        self.usual = self.known[None]
 
     def member(self, name: str) -> Element:
         """The element of that name."""
         return self._members[name]
 
+    def back(self, out: frozenset[str]) -> tuple[str, ...]:
+        """Elements with a hold value that come back where these are out now."""
+        gone = frozenset[str]() if self.now is None else self.now - out
+        return tuple(
+            name for name in self._members if name in gone and type(self._members[name]).hold is not Element.hold
+        )
+
     @property
     def phases(self) -> tuple[str, ...]:
         """The phases that the stack names."""
-        return tuple(phase for phase in self._by_phase if phase is not None)
+        return tuple(phase for phase in self.known if phase is not None)
 
     @property
     def parts(self) -> dict[str, Any]:
@@ -68,27 +77,27 @@ class Presence:
 
     def require(self, phase: str | None) -> None:
         """Raise DeclarationError for a phase that the stack does not name."""
-        if phase not in self._by_phase:
+        if phase not in self.known:
             near = ", ".join(closest(str(phase), self.phases) or self.phases) or "none: nothing in the stack has a when"
             raise DeclarationError("phase", "the stack names no such phase", value=phase, allowed=near)
 
     def of(self, phase: str | None, references: Sequence[Reference]) -> frozenset[str]:
         """Names of the elements that are out; the same object for the same set."""
-        if phase not in self._by_phase:
+        if phase not in self.known:
             phase = None
         said = tuple([(r.name, r.on) for r in references if getattr(r, "on", None) is not None])
         if not said:
-            return self._by_phase[phase]
+            return self.known[phase]
         key = phase, said
-        if key not in self._known:
+        if key not in self._sets:
             off, on = (self._named(said, what) for what in (False, True))
-            self._known[key] = self._followed((self._declared[phase] | off) - on)
-        return self._known[key]
+            self._sets[key] = self._followed((self._declared[phase] | off) - on)
+        return self._sets[key]
 
     def supported(self, out: frozenset[str]) -> tuple[frozenset[str], tuple[Note, ...]]:
         """What of it may be out, with notes on contacts that have to stay."""
-        why = self._program.refuses(out)
-        if not why:
+        if out in self._allowed or not (why := self._program.refuses(out)):
+            self._allowed.add(out)
             return out, ()
         stay = [name for name in self._members if name in out and self._members[name].is_contact]
         rest = self._followed(frozenset(n for n in out if n not in stay and not self._members[n].goes_with(out)))
@@ -112,4 +121,4 @@ class Presence:
     def _followed(self, out: frozenset[str]) -> frozenset[str]:
         """With the elements that go with them; the same object for the same set."""
         found = out | {name for name, element in self._members.items() if element.goes_with(out)}
-        return next((known for known in self._by_phase.values() if known == found), found)
+        return next((known for known in self.known.values() if known == found), found)

@@ -46,6 +46,11 @@ class References:
         self._take_hold(element, state)
         self.current[element.name] = self._held(element.name)
 
+    def put(self, held: Iterable[Reference]) -> None:
+        """Fresh hold values that native code took."""
+        for each in held:
+            self.holds[each.name] = self.current[each.name] = each
+
     def _held(self, name: str) -> Reference:
         return self.holds.get(name) or Reference(name)
 

@@ -154,7 +154,7 @@ class Session:
             line, tick = self.line, None
             line.guards.count += 1
             if phase != line.guards.phase:
-                if phase is not None:
+                if phase is not None and phase not in line.presence.known:
                     line.require_phase(phase)
                 line.guards.phase = phase
             if arrays is not None:

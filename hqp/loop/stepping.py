@@ -47,14 +47,16 @@ def step(line: Line, state: State, references: tuple[Reference, ...], now: float
         if limit is not None:
             line.budget.begin(thread_time())
     notes: tuple[Note, ...] = ()
+    changed = False
     if out is not presence.now:
         out, notes = presence.supported(out)
-        if out is not presence.now:
-            line.leave_direct()
-            state.kinematics()
-            line.attend(out, state)
-            direct = direct and line.direct
-    if direct is not None and not notes and robot.current is state and direct.workspace is line.workspace:
+        changed = out is not presence.now
+    if direct is not None and (notes or robot.current is not state or direct.workspace is not line.workspace):
+        direct = None
+    if changed:
+        line.attend(out, state, direct)
+        direct = direct and line.direct
+    if direct is not None:
         spoken = references
         if out:
             state.out, spoken = out, presence.spoken(references, out)

@@ -49,8 +49,8 @@ class Member:
 
     write: its readable functions, None where a native operation stands in for them.  target, normal: buffers of the
     reference's where one does; last_reference: the one they were copied from.  plain: what a target has to be that is
-    taken as it is, see ``_assembly.Assembly.slot``.  out: whether its rows are free in these ticks.  others: laws that
-    hold beside its own, each by a share of every row.
+    taken as it is, see ``_assembly.Assembly.slot``.  others: laws that hold beside its own, each
+    by a share of every row.
     """
 
     element: Element
@@ -62,7 +62,6 @@ class Member:
     normal: Vec | None = None
     last_reference: Reference | None = None
     plain: int = 0
-    out: bool = False
     others: Mapping[Law, Vec] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -95,6 +94,8 @@ class Assembly:
         self._kp, self._kd = np.zeros(total), np.zeros(total)
         self._kind: Signs = np.zeros(total, dtype=np.int8)
         self._supports: list[tuple[tuple[str, ...], Signs]] = []
+        self._out: Set[str] = frozenset()
+        self._without: dict[frozenset[str], tuple[Signs, list[Signs]]] = {}
         self._pick: Index = np.zeros(total - m, dtype=np.intp)
         self._has_feedforward = False
         self.native_rows: NativeAssembly | None = None
@@ -118,6 +119,8 @@ class Assembly:
             self._bind(member, robot, dt)
         members = self.members.values()
         self.written = [m for m in members if m.write is not None]
+        self.measured = tuple(m.element.name for m in members if m.write is None)
+        """Elements whose hold values native code can take."""
         checked = [m for m in members if m.write is not None or m.element.steered]  # by a reference that is no number
         self._own_bounds = [m.views for m in checked if not m.element.equality]
         self._targets = [(m.element.name, m.target, m) for m in members if m.target is not None and m.target.shape]
@@ -130,6 +133,8 @@ class Assembly:
             self.parts["slots"] = [self._slot(member) for member in members]
             for slot in self.parts["slots"]:
                 self.native_rows.slot(slot)
+            for k, name in enumerate(self.measured):
+                self.native_rows.measured(name, k)
 
     def _slot(self, member: Member) -> dict[str, Any]:
         """Where the reference of an element goes."""
@@ -258,12 +263,17 @@ class Assembly:
 
     def go_without(self, out: Set[str]) -> None:
         """The rows of these elements are free from the next fill on, those of all others are as declared."""
-        for name, member in self.members.items():
-            if (name in out) is not member.out:
-                member.out = name in out
-                self._kind[member.part] = FREE if member.out else _kind(member.element)
-        for of, present in self._supports:
-            present[:] = [name not in out for name in of]
+        self._out = key = frozenset(out)
+        if key not in self._without:
+            kind = self._kind.copy()
+            for name, member in self.members.items():
+                kind[member.part] = FREE if name in key else _kind(member.element)
+            here = [np.array([name not in key for name in of], dtype=np.int8) for of, _ in self._supports]
+            self._without[key] = kind, here
+        kind, here = self._without[key]
+        np.copyto(self._kind, kind)
+        for (_, present), values in zip(self._supports, here, strict=True):
+            np.copyto(present, values)
 
     def fill(
         self,
@@ -297,7 +307,7 @@ class Assembly:
             self.errors.clear()
         for member in self.written:
             element, J = member.element, member.views.J
-            if member.out:
+            if element.name in self._out:
                 continue
             try:
                 member.write(state, references[element.name])  # type: ignore[misc]
@@ -348,7 +358,7 @@ class Assembly:
         """Bounds of J x from errors, or from the ways left; what the native ``demand`` does for all rows at once."""
         part, law, views, weight = member.part, member.law, member.views, member.element.weight
         kind = _kind(member.element)
-        if member.out:
+        if member.element.name in self._out:
             self._demand[part], views.lower[:], views.upper[:] = 0.0, -np.inf, np.inf
             return
         if kind != BOUNDED and law is not None:

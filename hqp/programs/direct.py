@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
 from math import inf
@@ -43,6 +43,9 @@ class Begun(Protocol):
     """What a program is told beside the native loop: the first tick, and targets of forces."""
 
     def begin_direct(self, state: State, holds: Mapping[str, Reference], /) -> None: ...
+
+    efforts_changed: bool
+
     @property
     def force_targets(self) -> dict[str, int]: ...
     def aim_forces(self, references: Mapping[str, Reference], /) -> None: ...
@@ -78,6 +81,11 @@ class Direct:
         self._names = frozenset(member.element.name for member in assembly.written)
         self._holds: dict[str, Reference] = {}
         self._all_holds: dict[str, Reference] = {}
+        self._measured = frozenset(assembly.measured)
+        self._unmeasured: dict[tuple[str, ...], tuple[str, ...]] = {}
+        self._renewed: set[str] = set()
+        self._begins = False
+        self._behind = False
         self.fresh = True
         self._program, self._chain = program, chain
         self._forces = {} if program is None else program.force_targets
@@ -98,14 +106,49 @@ class Direct:
         self.marks = 8 * self._count
         """Where the marks of all rows begin in a record, whose last byte is odd where they changed."""
 
-    def hold(self, holds: Mapping[str, Reference], some: Set[str] | None = None) -> None:
-        """Take the hold values of all elements, or of some; the next tick takes references as the first does."""
+    def hold(self, holds: Mapping[str, Reference]) -> None:
+        """Take the hold values of all elements; the next tick takes references as the first does."""
         self.fresh = True
-        for name in self._assembly.members if some is None else self._assembly.members.keys() & some:
-            value = holds[name].value
-            self._native.hold(name, None if value is None else np.array(value, dtype=np.float64).reshape(-1))
+        for name in self._assembly.members:
+            self._take(name, holds[name])
         self._holds = {name: holds[name] for name in self._names}
         self._all_holds = dict(holds)
+
+    def _take(self, name: str, held: Reference) -> None:
+        value = held.value
+        self._native.hold(name, None if value is None else np.array(value, dtype=np.float64).reshape(-1))
+
+    def others(self, back: tuple[str, ...]) -> tuple[str, ...]:
+        """Of elements that come back those whose hold values native code does not take."""
+        if back not in self._unmeasured:
+            self._unmeasured[back] = tuple(name for name in back if name not in self._measured)
+        return self._unmeasured[back]
+
+    def renew(self, back: tuple[str, ...], others: tuple[str, ...], holds: Mapping[str, Reference]) -> None:
+        """Elements come back with the next tick, which is native: it takes their hold values; of ``others`` these."""
+        if self._program is not None:
+            self._aims, self._begins = bool(self._forces), self._program.efforts_changed
+        for name in others:
+            self._all_holds[name] = holds[name]
+            if name in self._assembly.members:
+                self._take(name, holds[name])
+            if name in self._names:
+                self._holds[name] = holds[name]
+        self._renewed.update(back)
+        self._native.renew(back)
+
+    def renewed(self) -> list[Reference]:
+        """Hold values that native ticks took since this was asked last."""
+        found = []
+        for name in self._renewed:
+            target = self._assembly.members[name].target if name in self._measured else None
+            if target is not None and target.shape:
+                value = np.empty(target.shape)
+                self._native.held(name, value.reshape(-1))
+                found.append(Reference(name, value))
+                self._all_holds[name] = found[-1]
+        self._renewed.clear()
+        return found
 
     def before_solving(self, ease: Rewriting | None) -> None:
         """Ease rows ahead of every solve from now on, None for no more."""
@@ -126,8 +169,9 @@ class Direct:
 
     def leave(self) -> None:
         """The general path takes over: nothing of the last ordinary tick must stay."""
-        if not self.fresh:
-            self.fresh = True
+        self.fresh = True
+        if self._behind:
+            self._behind = False
             self._assembly.forget()
 
     @property
@@ -143,12 +187,13 @@ class Direct:
         before: the latest record, or the x to start from.
         """
         fresh = self.fresh
-        if fresh and self._program is not None:
+        if (fresh or self._begins) and self._program is not None:
             self._program.begin_direct(state, self._all_holds)
-        self.fresh = False
+        self.fresh, self._behind, self._begins = False, True, False
         if self._forces:
             rest = self._aim(references)
             if rest is None:
+                self._native.look(state.q, state.v)
                 return None
             references = rest
         v: Vec | None = state.v
@@ -184,7 +229,7 @@ class Direct:
 
         largest: the squares of a state sum up to less.
         """
-        fresh, self.fresh = self.fresh, False
+        fresh, self.fresh, self._behind = self.fresh, False, True
         start = before if self._velocity and isinstance(before, np.ndarray) else None
         return self._native.tick(q, v, targets, fresh, start, largest, ROUNDING)
 

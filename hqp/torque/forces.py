@@ -49,6 +49,7 @@ class Efforts:
         self._picks: dict[str, Index] = {}
         self._written: list[_Effort] = []
         self._robot = robot
+        self.names = frozenset(element.name for element in elements)
         self.out: Set[str] = frozenset()
         """Names of elements that are out."""
         for element in elements:
@@ -164,6 +165,7 @@ class Forces:
         self._C, self._lower, self._upper = np.vstack(parts), np.concatenate(lower), np.concatenate(upper)
         self._declared = self._lower.copy(), self._upper.copy()
         self._out: list[slice] = []
+        self._known_out: dict[frozenset[str], list[slice]] = {}
         self._turn: Mat = np.eye(m)  # from the rows' axes to the contacts'
         self._frames: list[tuple[int, Mat, Mat]] = []
         for contact in dict.fromkeys(turned):
@@ -239,7 +241,10 @@ class Forces:
 
     def go_without(self, out: Set[str]) -> None:
         """The rows of these elements are free from the next fill on, those of all others are as declared."""
-        self._out = [place for name, place in self._places.items() if name in out]
+        key = frozenset(out)
+        if key not in self._known_out:
+            self._known_out[key] = [place for name, place in self._places.items() if name in key]
+        self._out = self._known_out[key]
         self._lower[:], self._upper[:] = self._declared
         self._free()
 

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from hqp.arrays import Index, Mat, Vec
+from hqp.arrays import Index, Mat, Signs, Vec
 from hqp.declare.element import Element, selection_of
 from hqp.declare.law import PD, Law
 from hqp.declare.price import LevelPrices, Price, is_exact, level_prices
@@ -144,6 +144,9 @@ class TorqueProgram(Program):
         self._state: State | None = None
         self._robot = robot
         self._held_names = frozenset(e.name for e in held)
+        self._gone: dict[frozenset[str], Signs] = {}
+        self.efforts_changed = False
+        """Whether the latest ``go_without`` changed which elements on torques are out."""
         self._unusable: tuple[str, ...] = ()
         self._targets = [
             (name, self.problem.levels[place.level].lower[place.part])
@@ -244,15 +247,22 @@ class TorqueProgram(Program):
 
     def go_without(self, out: frozenset[str]) -> None:
         """The rows of these elements are free from the next fill on; contacts among them have no force."""
+        self.efforts_changed = not self._efforts.names.isdisjoint(self.out ^ out)
         super().go_without(out)
-        for element in self.held:
-            self.dynamics.out[self.assembly.members[element.name].part] = element.name in out
+        if out not in self._gone:
+            gone = np.zeros_like(self.dynamics.out)
+            for element in self.held:
+                gone[self.assembly.members[element.name].part] = element.name in out
+            self._gone[out] = gone
+        np.copyto(self.dynamics.out, self._gone[out])
         self._forces.go_without(out)
         self._self_motions.go_without(out)
         self._efforts.out = out
 
     def refuses(self, out: frozenset[str]) -> str:
         """Why these elements may not be out together: what is left does not determine the motion."""
+        if out.isdisjoint(self._held_names):
+            return ""
         gone = [e.name for e in self.held if e.name in out]
         left = [e for e in self.held if e.name not in out]
         if not gone or self._supports.determined(frozenset(gone)):

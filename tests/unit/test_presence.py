@@ -15,6 +15,7 @@ from hqp.arrays import Vec
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError, UnknownReference
 from hqp.loop.session import Session
+from tests.counting import calls
 
 STEP = 1e-6
 """By which a robot is moved by hand in a tick [rad, m]: contacts that move fast cannot be kept."""
@@ -257,3 +258,46 @@ def test_references_of_what_is_out_say_nothing(robot: Robot) -> None:
     for _ in range(4):
         tick = session.step(robot.state(robot.home), swing)
         assert tick.status is Status.OPTIMAL
+
+
+@pytest.mark.parametrize("kind", FORMULATIONS)
+def test_a_switch_in_native_ticks_calls_little(kind: str, robot: Robot) -> None:
+    """Of functions of Python and C three times what a plain tick calls, at most; it took eight times as many."""
+    session = begin(standing(kind, when=True), kind, robot)
+    q, v = robot.home + STEP, np.zeros(robot.nv)
+
+    def called(phase: str | None) -> int:
+        return calls(lambda: session.step(state, phase=phase))
+
+    for phase in (None, "step") * 3:
+        for _ in range(3):
+            session.step(robot.state(q, v), phase=phase)
+    counts = []
+    for phase in (None, None, None, "step", "step"):
+        state = robot.state(q, v)
+        counts.append(called(phase))
+    assert session.line.latest is not None
+    assert max(counts[3] / counts[4], counts[0] / counts[1]) <= 3.0, counts
+
+
+@pytest.mark.parametrize("kind", FORMULATIONS)
+def test_native_ticks_take_the_hold_values_of_what_comes_back(kind: str, robot: Robot) -> None:
+    """Those of ``hold``, of every task that has one, in the tick in which it comes back; after it the general path."""
+    stack = standing(kind)
+    session = begin(stack, kind, robot)
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    names = [e.name for e in stack.levels[-1 if kind != "torque" else -2]] + ["hand", "swing", "com"]
+    out = [hqp.Reference(name, on=False) for name in names]
+    for k in range(12):
+        q = robot.integrate(q, 20 * STEP * np.cos(np.arange(robot.nv)), 1.0)
+        state = robot.state(q, v)
+        session.step(state, *(out if k % 4 else ()))
+        if k % 4 == 0:
+            held = session.hold_values
+            for name in names if k else ():
+                np.testing.assert_allclose(held[name], stack.find(name).hold(state).value, atol=1e-12, err_msg=name)
+            assert k != 4 or session.line.latest is not None
+    found = session.step(robot.state(q + STEP, v)).x
+    session.line.leave_direct()
+    session.line.stay_general()
+    np.testing.assert_allclose(session.step(robot.state(q + STEP, v)).x, found, atol=1e-7)

@@ -72,6 +72,7 @@ class Assembly {
   }
   // What operation k is at, after the kinematics: see Operation::hold.
   void look(const double* v) { tree_.update(v); }
+  int operations() const { return static_cast<int>(operations_.size()); }
   bool hold(std::size_t k, const double* q, const double* v, double* value) {
     return operations_[k]->hold(q, v, value);
   }

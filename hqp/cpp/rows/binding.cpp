@@ -68,6 +68,10 @@ NB_MODULE(_assembly, module) {
       .def("dynamics", &Assembly::dynamics, "terms"_a)
       .def("load", &Assembly::load, "load"_a)
       .def("hold", &Assembly::hold, "name"_a, "value"_a.none())
+      .def("measured", &Assembly::measured, "name"_a, "operation"_a)
+      .def("renew", &Assembly::renew, "names"_a)
+      .def("look", &Assembly::look, "q"_a, "v"_a)
+      .def("held", &Assembly::held, "name"_a, "value"_a.noconvert())
       .def("answers", &Assembly::answers, "solve"_a, "call"_a.none(), "values"_a.noconvert(), "active"_a.noconvert(),
            "command"_a, "largest"_a)
       .def("move", &Assembly::move, "robot"_a)

@@ -2,10 +2,12 @@
 #pragma once
 
 #include <cstring>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
 #include <tuple>
+#include <utility>
 #include <vector>
 
 #include <nanobind/stl/optional.h>
@@ -82,6 +84,30 @@ class Assembly {
     if (value->size() != size) throw nb::value_error(("the hold value of " + name + " does not fit its plan").c_str());
     slot->hold.assign(value->data(), value->data() + size);
   }
+  // The operation that tells what an element of that name is at.
+  void measured(const std::string& name, int operation) {
+    if (!loop_.find(name) || operation < 0 || operation >= rows_.operations()) throw nb::key_error(name.c_str());
+    operations_[name] = operation;
+  }
+  // The next step begins from hold values for every reference, fresh ones for those of these elements that are
+  // measured.
+  void renew(const std::vector<std::string>& names) {
+    settle_ = true;
+    for (const std::string& name : names) {
+      const auto found = operations_.find(name);
+      if (found != operations_.end()) renewed_.emplace_back(loop_.find(name), found->second);
+    }
+  }
+  // The same now, where no step follows.
+  void look(const Vector& q, const Vector& v) {
+    if (kinematics_) kinematics_->update(q.data());
+    take_holds(q.data(), v.data());
+  }
+  void held(const std::string& name, const Written& value) {
+    const hqp::Slot* slot = loop_.find(name);
+    if (!slot || slot->hold.size() != value.size()) throw nb::key_error(name.c_str());
+    std::copy(slot->hold.begin(), slot->hold.end(), value.data());
+  }
   // solve: of a workspace bound to the arrays of the laws, (outcome, ...) with 0 for an optimum; call: the same without
   // Python, where there is one. values: x and slack, active: marks, both its own. command: what of x is one. largest: a
   // demand beyond it is out of the ordinary.
@@ -112,8 +138,9 @@ class Assembly {
     const double* velocity = v.is_none() ? sent_.data() : speed.data();
     begin_ = hqp::Clock::now();
     if (fresh) std::fill(marks_.begin(), marks_.end(), kNoMark);
-    if (!loop_.take(references, fresh)) return nb::none();
     if (kinematics_) kinematics_->update(at.data());
+    if (!renewed_.empty()) take_holds(at.data(), velocity);
+    if (!loop_.take(references, fresh || std::exchange(settle_, false))) return nb::none();
     rows_.operate(at.data(), velocity);
     if (!write.is_none() && !nb::cast<bool>(write())) return nb::none();
     rows_.demand(velocity);
@@ -159,6 +186,18 @@ class Assembly {
 
  private:
   static constexpr std::int8_t kNoMark = -128;
+
+  void take_holds(const double* q, const double* v) {
+    rows_.look(v);
+    for (const auto& [slot, operation] : renewed_) {
+      if (!slot->target || slot->hold.empty()) continue;
+      std::fill(slot->target, slot->target + slot->hold.size(), 0.0);
+      measured_.assign(std::max({slot->hold.size(), std::size_t{16}, std::size_t(size())}), 0.0);
+      if (rows_.hold(std::size_t(operation), q, v, measured_.data()))
+        std::copy(measured_.begin(), measured_.begin() + std::ptrdiff_t(slot->hold.size()), slot->hold.begin());
+    }
+    renewed_.clear();
+  }
 
   nb::object answered(const double* v, const double* q = nullptr, const double* rate = nullptr) {
     const auto begun = hqp::Clock::now();
@@ -229,6 +268,10 @@ class Assembly {
   hqp::Assembly rows_;
   hqp::Kinematics* kinematics_ = nullptr;
   hqp::Loop loop_;
+  std::map<std::string, int> operations_;
+  std::vector<std::pair<hqp::Slot*, int>> renewed_;
+  std::vector<double> measured_;
+  bool settle_ = false;
   nb::object solve_;
   hqp::SolveCall* call_ = nullptr;
   std::vector<double> sent_;        // x of the latest record

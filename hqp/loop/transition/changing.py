@@ -130,6 +130,7 @@ def begin(transition: Transition, first: Line, second: Line, state: State) -> No
         eased.ease = ease
         if eased.direct is not None:
             eased.direct.before_solving(ease)
+    first.take_renewed()
     second.references.holds = surviving(first.stack, first.references.holds, second.stack)
     if second.direct_known or not state.valid or second.good is None:
         return
