@@ -14,18 +14,24 @@ namespace hqp {
 class WarmPart {
  public:
   virtual ~WarmPart() = default;
-  virtual void forget() = 0;  // as new
-  virtual void trim() = 0;    // memory of what is not known any more
+  virtual void forget() = 0;                              // as new
+  virtual void trim() = 0;                                // memory of what is not known any more
+  virtual std::shared_ptr<WarmPart> another() const = 0;  // as new, with all memory that it may need
   virtual std::size_t bytes() const = 0;
 };
 
-// All of it, while others are solved; nothing at first.
+// All of it, while others are solved; nothing at first. With room, it takes no memory any more.
 struct WarmState {
   std::vector<char> small;
   std::vector<std::shared_ptr<WarmPart>> parts;
+  bool room = false;
 
   bool empty() const { return small.empty(); }
-  void clear() { small.clear(), parts.clear(); }
+  void clear() {
+    small.clear();
+    if (!room) parts.clear();
+    for (const auto& part : parts) part->forget();
+  }
   std::size_t bytes() const {
     std::size_t sum = sizeof(*this) + small.capacity();
     for (const auto& part : parts) sum += sizeof(part) + (part ? part->bytes() : 0);
@@ -45,13 +51,22 @@ class CarryOver {
   // The same of all that is not large: what is large stays where it is, as new once it is read back.
   static CarryOver to_first(WarmState& state) { return {state, true, true}; }
   static CarryOver from_first(WarmState& state) { return {state, false, true}; }
+  // Room for all of it, whatever it comes to.
+  static CarryOver room(WarmState& state) {
+    state.room = true;
+    CarryOver found{state, true};
+    found.measures_ = true;
+    return found;
+  }
 
   template <class T>
   void take(T* values, std::size_t count) {
     const std::size_t size = count * sizeof(T);
     if (size == 0) return;
     std::vector<char>& bytes = state_.small;
-    if (writes_) {
+    if (measures_) {
+      bytes.reserve(at_ + size);
+    } else if (writes_) {
       if (bytes.size() < at_ + size) bytes.resize(at_ + size);
       std::memcpy(bytes.data() + at_, values, size);
     } else {
@@ -68,7 +83,7 @@ class CarryOver {
     std::size_t size = values.size();
     take(size);
     if (!writes_) values.resize(size);
-    take(values.data(), size);
+    take(values.data(), measures_ ? values.capacity() : size);
   }
   // What is large, null for nothing known, goes from hand to hand: to another state, and back from it.
   template <class T>
@@ -78,8 +93,12 @@ class CarryOver {
       return;
     }
     const std::size_t k = part_++;
-    if (writes_ && mine) mine->trim();
+    if (writes_ && !state_.room && mine) mine->trim();
     if (state_.parts.size() <= k) state_.parts.resize(k + 1);
+    if (measures_) {
+      state_.parts[k] = mine->another();
+      return;
+    }
     std::shared_ptr<WarmPart> theirs = std::move(state_.parts[k]);
     state_.parts[k] = std::move(mine);
     mine = std::static_pointer_cast<T>(std::move(theirs));
@@ -90,7 +109,7 @@ class CarryOver {
   CarryOver(WarmState& state, bool writes, bool first = false) : state_(state), writes_(writes), first_(first) {}
 
   WarmState& state_;
-  bool writes_, first_;
+  bool writes_, first_, measures_ = false;
   std::size_t at_ = 0, part_ = 0;
 };
 

@@ -26,6 +26,14 @@ class WarmSets {
     CarryOver in = CarryOver::from(states_[to]);
     solver.keep(in);
   }
+  // Takes the memory of all sets that are kept; the solver is new.
+  template <class Solver>
+  void make_room(Solver& solver) {
+    for (WarmState& state : states_) {
+      CarryOver room = CarryOver::room(state);
+      solver.keep(room);
+    }
+  }
   void forget() {
     for (WarmState& state : states_) state.clear();
     now_ = kNone;

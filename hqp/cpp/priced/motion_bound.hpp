@@ -127,6 +127,16 @@ class MotionBound {
   // From one tick to the next, of each level.
   struct Known final : WarmPart {
     explicit Known(std::size_t levels) : then(levels), inverse(levels) {}
+    std::shared_ptr<WarmPart> another() const override {
+      auto made = std::make_shared<Known>(then.size());
+      for (std::size_t k = 0; k < then.size(); ++k) {
+        made->then[k].equal.reserve(then[k].equal.capacity());
+        made->then[k].index.reserve(then[k].index.capacity());
+        made->then[k].rows.reserve(then[k].rows.capacity());
+        made->inverse[k].still.reserve(inverse[k].still.capacity());
+      }
+      return made;
+    }
     void forget() override {
       for (Inverse& one : inverse) one.known = false;
     }

@@ -100,6 +100,7 @@ class StagedSolve final : public SolveCall {
   }
   // The next solves are of this set of the rows, see WarmSets.
   void turn(std::size_t set) { sets_.turn(*this, set); }
+  void make_room() { sets_.make_room(*this); }  // for all of these
   void reset() {
     stages_->reset();
     sets_.forget();

@@ -88,6 +88,7 @@ class Guarded {
     tick_.marks_.resize(std::size_t(line_.solver().exact().total()));
     CarryOver state = CarryOver::to_first(initial_);
     keep(state);
+    line_.solver().make_room();
   }
 
   const Tick& step(const double* q, const double* v) {

@@ -85,6 +85,11 @@ class PlannedSolve {
     for (const auto& one : heads_) one->turn(set);
     if (staged_) staged_->turn(set);
   }
+  void make_room() {  // for all of these
+    exact_->make_room();
+    for (const auto& one : heads_) one->make_room();
+    if (staged_) staged_->make_room();
+  }
   void reset() {
     exact_->reset(false);
     for (const auto& one : heads_) one->reset(false);

@@ -59,6 +59,7 @@ class BoundKernel final : public SolveCall {
   void keep(CarryOver& warm) { kernel_->keep(warm); }
   // The next solves are of this set of the rows, see WarmSets.
   void turn(std::size_t set) { sets_.turn(*kernel_, set); }
+  void make_room() { sets_.make_room(*kernel_); }  // for all of these
 
   int size() const { return n_; }
   int total() const { return total_; }

@@ -8,10 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from hqp.arrays import Vec
+from hqp.arrays import Mat, Vec
 from hqp.export.loaded import HOLD, STATUSES, VALUE, LoadedSession
 from hqp.loop.plan_file.file import text
 from tests.export.stacks import FORMULATIONS, ROBOTS, scene
+
+PRESENT = 6
+"""Told of an element after value, velocity, acceleration, normal, load and hold value: whether it is in."""
+
+AWAY = (("hand",), ("turn",), ("hand", "turn"), ())
+"""Elements that are out for ten ticks of each fifty, by turns."""
 
 
 def record(robot_name: str, formulation: str, ticks: int, folder: Path) -> Path:
@@ -21,15 +27,20 @@ def record(robot_name: str, formulation: str, ticks: int, folder: Path) -> Path:
     path = folder / f"{robot_name}-{formulation}.hqp"
     path.write_bytes(text(session))
     names = LoadedSession(path.read_bytes()).names
+    elements = {element.name: element for element in session.stack}
+    kept: dict[str, Vec | Mat] = {}
     q, v = robot.home.copy(), np.zeros(robot.nv)
     with path.with_suffix(".ticks").open("wb") as file:
         for i in range(ticks):
-            references = given(i)
-            tick = session.step(robot.state(q, v), *references)
-            told: list[tuple[int, int, Vec]] = []
+            away = AWAY[i // 50 % len(AWAY)] if 20 <= i % 50 < 30 else ()
+            references = tuple(one for one in given(i) if one.name not in away)
+            tick = session.step(robot.state(q, v), *references, *(elements[name].off() for name in away))
+            told: list[tuple[int, int, Vec]] = [(names.index(name), PRESENT, np.zeros(1)) for name in away]
+            for name, value in session.hold_values.items():
+                if name in names and not np.array_equal(kept.get(name, ()), value):
+                    kept[name] = value
+                    told.append((names.index(name), HOLD, np.ravel(value)))
             if i == 0:
-                holds = session.hold_values.items()
-                told += [(names.index(name), HOLD, np.ravel(value)) for name, value in holds if name in names]
                 file.write(struct.pack("<4i", ticks, robot.nq, robot.nv, tick.x.size))
             for one in references:
                 parts = (one.value, one.velocity, one.acceleration)
