@@ -11,6 +11,7 @@ from hqp.declare.reference import Reference
 
 from .clip import EDGE, low_pass
 from .holds import turns
+from .joints import SIDES
 from .tracker import Pass, Tracker
 
 LIVELY = 6.0
@@ -37,6 +38,11 @@ class Course:
         points = [task for _, task in stacks.edges] + [task for task in stacks.points.values() if "hand" in task.name]
         places = {task.name: np.empty((len(q), 3)) for task in points}
         base, joints = np.empty((len(q), 4, 4)), np.empty((len(q), stacks.joints.rows(robot)))
+        self._heights = {side: np.empty((len(q), 2)) for side in SIDES}
+        for i, at in enumerate(q):
+            state = robot.state(at)
+            for side, heights in self._heights.items():
+                heights[i] = [stacks.down(side, end).value(state)[2] for end in (1, -1)]
         for i, at in enumerate(_filtered(tracker, q)):
             state = robot.state(at)
             base[i] = stacks.base.value(state)
@@ -48,6 +54,11 @@ class Course:
         self._told: dict[str, tuple[Any, Any]] = {name: (x, fps * np.diff(x, axis=0)) for name, x in places.items()}
         self._told[stacks.base.name] = base, fps * twists
         self._told[stacks.joints.name] = angles, fps * np.diff(angles, axis=0)
+
+    def heights(self, side: str, i: int) -> tuple[float, float]:
+        """Of toe and heel, in frame i of the pass before [m]."""
+        toe, heel = self._heights[side][i].tolist()
+        return toe, heel
 
     def references(self, i: int) -> dict[str, Reference]:
         """By name, of frame i, with the rates that lead to the next."""

@@ -161,7 +161,7 @@ class Tracker:
         for i in range(first, last, step):
             j = i + step
             feet = self.feet(i, j)
-            self._hold(state, i, feet, holds)
+            self._hold(state, i, feet, holds, course)
             standing = tuple((side, holds[side].end, edge == 0) for side, edge in feet.items())
             session = sessions.of(standing)
             if course is None:
@@ -187,14 +187,21 @@ class Tracker:
                 break
         return q
 
-    def _hold(self, state: State, i: int, feet: Mapping[str, int], holds: Mapping[str, Hold]) -> None:
-        """Feet that stand are held where the robot's came to rest, by the end that is down."""
+    def _hold(
+        self, state: State, i: int, feet: Mapping[str, int], holds: Mapping[str, Hold], course: Course | None
+    ) -> None:
+        """Feet that stand are held where the robot's came to rest, by the end that is down.
+
+        In the last pass that is the one that was down in the pass before: feet that land a little otherwise would stand
+        on their other end.
+        """
         for side, hold in holds.items():
             if side not in feet:
                 hold.release()
                 continue
             ends = {end: self.stacks.down(side, end).value(state) for end in (1, -1)}
-            end = hold.lower(float(ends[1][2]), float(ends[-1][2]))
+            low = course.heights(side, i) if course is not None else (float(ends[1][2]), float(ends[-1][2]))
+            end = hold.lower(*low)
             if end != hold.end:
                 task, here = self.stacks.down(side, end), ends[end]
                 place = self._edges[task.name][0][i]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,8 +16,10 @@ from hqp.errors import DeclarationError
 from hqp.goals.ways_out import turned
 from hqp.motion import Motion, Retargeted, anchored, retarget, retargeting
 from hqp.motion.contacts import NAMES
+from hqp.motion.holds import Hold
 from hqp.motion.shortfalls import NOTED, PARTS
-from hqp.motion.tracker import Tracker
+from hqp.motion.smoothing import Course
+from hqp.motion.tracker import Pass, Tracker
 
 from .people import FPS, stand, walk, write_npz
 
@@ -58,6 +61,32 @@ def test_joints_are_no_quicker_than_a_persons(walked: Retargeted, monkeypatch: p
     calm = walked.summary
     assert calm["acceleration_p99"] < 0.5 * quick["acceleration_p99"]
     assert calm["jerk_p99"] < 0.5 * quick["jerk_p99"]
+
+
+def test_the_last_pass_stands_on_the_ends_of_the_pass_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    kept: list[tuple[Tracker, Pass]] = []
+
+    def keep(tracker: Tracker, found: Pass) -> Pass:
+        kept.append((tracker, found))
+        return found
+
+    monkeypatch.setattr(retargeting, "smoothed", keep)
+    retarget(stand(0.5), "g1")
+    ((tracker, found),) = kept
+    ends: list[int] = []
+    take = Hold.take
+
+    def taken(hold: Hold, end: int, *where: Any) -> None:
+        ends.append(end)
+        take(hold, end, *where)
+
+    monkeypatch.setattr(Hold, "take", taken)
+    course = Course(tracker, found.q)
+    for low, end in (((0.0, 0.02), 1), ((0.02, 0.0), -1)):
+        ends.clear()
+        monkeypatch.setattr(course, "heights", lambda side, i, low=low: low)
+        tracker.run(found.q[0], np.zeros(tracker.robot.nv), 0, len(found.q) - 1, course)
+        assert ends == [end, end]
 
 
 @pytest.mark.parametrize("heading", [1.5, 3.1])
