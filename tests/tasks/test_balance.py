@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -93,6 +94,29 @@ def test_with_the_zmp_at_the_capture_point_it_stays_there(robot: Robot) -> None:
             np.testing.assert_allclose(-element.error(state, np.concatenate((xi, xi))), a, rtol=1e-2)
 
 
+@pytest.mark.parametrize("height", [None, 0.7])
+def test_the_dcm_moves_as_its_derivative_says(robot: Robot, height: float | None) -> None:
+    """d xi/dt = v_c + a_c / omega - v_c omega' / omega^2, by differences along a motion; omega of the height."""
+    rng, step = np.random.default_rng(0), 1e-5
+    element = ready(Balance(height=height))
+    for _ in range(5):
+        q = robot.integrate(robot.home, 0.05 * rng.normal(size=robot.nv), 1.0)
+        v, a = 0.3 * rng.normal(size=robot.nv), rng.normal(size=robot.nv)
+        found, omegas = [], []
+        for h in (-step, step):
+            state = robot.state(robot.integrate(q, h * (v + 0.5 * h * a), 1.0), v + h * a)
+            found.append(element.dcm(state))
+            omegas.append(element.omega(state))
+        state = robot.state(q, v)
+        omega, turned = element.omega(state), (omegas[1] - omegas[0]) / (2.0 * step)
+        rate = state.com_velocity()[:2]
+        above = state.com()[2] - element.corners(state)[:, 2].mean() if height is None else height
+        assert omega == pytest.approx(math.sqrt(9.81 / above), rel=0.05 if height is None else 1e-12)
+        acceleration = element.jacobian(state) @ a + element.drift(state)
+        expected = rate + acceleration / omega - rate * turned / omega**2
+        np.testing.assert_allclose((found[1] - found[0]) / (2.0 * step), expected, atol=1e-6)
+
+
 @settings(max_examples=25)
 @given(st.integers(0, 10_000))
 def test_on_a_slope_the_line_of_force_goes_through_the_zmp(seed: int) -> None:
@@ -152,3 +176,12 @@ def test_what_it_takes(robot: Robot) -> None:
     for fields in bad:
         with pytest.raises(DeclarationError, match=next(iter(fields))):
             Balance(**fields)
+
+
+def test_the_page_declares_one_in_a_file() -> None:
+    """Its text is read to an equal element, written and read back."""
+    page = (Path(__file__).parents[2] / "docs" / "elements" / "balance.md").read_text(encoding="utf-8")
+    found = serial.loads(page.partition("```toml\n")[2].partition("```")[0])
+    feet = "left_sole_link", "right_sole_link"
+    assert found == Stack(Level(Balance(law=DCM(3.0), contacts=feet, margin=0.005, height=0.85)))
+    assert serial.loads(serial.dumps(found)) == found
