@@ -167,13 +167,15 @@ def _verdict(
     dense = [rows.dense(problem.n) for rows in problem.levels]
     every = [row_lengths(A) for A in dense]
     zero = ROUNDING * max((float(lengths.max(initial=0.0)) for lengths in every), default=0.0)
+    far = float(np.linalg.norm(x))
     for rows, A, lengths in list(zip(problem.levels, dense, every, strict=True))[:stop]:
         w, sizes = rows.slack(x), terms(A, x)
         longest = float(lengths.max(initial=0.0))
         if longest <= zero:
             longest = 0.0
         scale = longest * (longest + np.abs(w).max(initial=0.0) + sizes.max(initial=0.0))
-        missed = np.where(np.abs(w) > NULL_SPACE_ROUNDING * sizes, w, 0.0)  # what is less is rounding of the terms
+        least = NULL_SPACE_ROUNDING * np.maximum(sizes, far * lengths)  # what is less is rounding
+        missed = np.where(np.abs(w) > least, w, 0.0)
         if is_graded(lengths, zero) and np.any(missed):
             gap, shares = judge.judge_graded(A, rows, missed, np.where(lengths > zero, lengths, 0.0), x)
         else:
@@ -184,7 +186,7 @@ def _verdict(
         rounding.append(judge.rounding)
         norms.append(float(np.linalg.norm(w)))
         multipliers.append(np.concatenate([shares, w]))
-        ranks.append(judge.descend(A, A @ x, rows.lower, rows.upper, lengths, sizes, zero))
+        ranks.append(judge.descend(A, A @ x, rows.lower, rows.upper, lengths, sizes, zero, far))
     if stop is None:
         gap, last = completion_gap(problem, x, judge)
         gaps.append(gap)

@@ -114,12 +114,17 @@ class Judge:
             shares[self.fixed] = np.linalg.lstsq(self.unit[self.fixed].T, rest, rcond=1e-12)[0]
         return gap, scale * np.divide(shares, self.lengths, out=shares, where=self.lengths > 0.0)
 
-    def descend(self, A: Mat, value: Vec, lower: Vec, upper: Vec, lengths: Vec, sizes: Vec, zero: float) -> int:
-        """Take in the level just judged; return how many directions it fixed.  zero: rows of this length have none."""
+    def descend(
+        self, A: Mat, value: Vec, lower: Vec, upper: Vec, lengths: Vec, sizes: Vec, zero: float, far: float
+    ) -> int:
+        """Take in the level just judged; return how many directions it fixed.
+
+        zero: rows of this length have none.  far: ||x||, whose rounding each row has.
+        """
         floor = max(1e-13 * lengths.max(initial=0.0), zero)
         real = lengths > floor
         unit = np.divide(A, lengths[:, None], out=np.zeros_like(A), where=real[:, None])
-        slop = self.tolerance * (lengths + sizes)
+        slop = self.tolerance * (lengths + sizes) + NULL_SPACE_ROUNDING * far * lengths
         at_upper, at_lower = value >= upper - slop, value <= lower + slop
         beyond = (value > upper + slop) | (value < lower - slop)
         fixed = real & ((at_upper & at_lower) | beyond)

@@ -26,7 +26,7 @@ from hqp.problem.definition import solve_level
 from hqp.problem.judge import Judge, terms
 from hqp.problem.nnls import nonnegative_least_squares
 from hqp.problem.pricing import Above, Coordinates, is_met
-from hqp.tolerances import LOCK_TOLERANCE, MET_TOLERANCE, ROUNDING
+from hqp.tolerances import LOCK_TOLERANCE, MET_TOLERANCE, NULL_SPACE_ROUNDING, ROUNDING
 
 SHORTEST, WITHIN = 1e-7, 1e-9
 """What a unit of u, and of what the tolerance allows, weighs beside the gap: the least that will do is taken."""
@@ -180,7 +180,8 @@ def _judge(above: Above, at: Coordinates, x: Vec, tolerance: float) -> Judge:
     C, shift, y = at.rows(raw), raw @ at.still, at.of_point(x)
     lengths = row_lengths(C)
     zero = ROUNDING * float(lengths.max(initial=0.0))
-    judge.descend(C, C @ y, above.hard.lower - shift, above.hard.upper - shift, lengths, terms(C, y), zero)
+    far = float(np.linalg.norm(y))
+    judge.descend(C, C @ y, above.hard.lower - shift, above.hard.upper - shift, lengths, terms(C, y), zero, far)
     return judge
 
 
@@ -212,11 +213,12 @@ def _weighted(columns: Mat, weights: Vec, target: Vec) -> tuple[Mat, Vec]:
 
 
 def _outside(rows: Rows, x: Vec) -> Vec:
-    """How far x is from each row, relative to its length and terms; zero for rows that are rounding."""
+    """How far x is from each row beyond rounding, relative to its length and terms; zero for rows that are rounding."""
     A = rows.dense(x.size)
     lengths = row_lengths(A)
     real = lengths > ROUNDING * lengths.max(initial=0.0)
-    return np.divide(np.abs(rows.slack(x)), lengths + terms(A, x), out=np.zeros(rows.m), where=real)
+    off = np.maximum(np.abs(rows.slack(x)) - NULL_SPACE_ROUNDING * float(np.linalg.norm(x)) * lengths, 0.0)
+    return np.divide(off, lengths + terms(A, x), out=np.zeros(rows.m), where=real)
 
 
 def _asks(rows: Rows, n: int) -> bool:

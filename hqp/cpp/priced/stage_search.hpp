@@ -114,7 +114,7 @@ class StageSearch {
       const StageRow& row = (*rows_)[i];
       const double value = row.value(x_.data(), y, n_);
       const double off = larger(row.lower - value, value - row.upper);
-      if (off > kAccurate * row.size && off > kAccurate * (row.size + terms(row, x_.data(), y))) return true;
+      if (off > allowed(row, kAccurate, 0.0) && off > kAccurate * terms(row, x_.data(), y)) return true;
     }
     return false;
   }
