@@ -103,7 +103,8 @@ def lines(found: Sequence[Mapping[str, Any]]) -> Table:
     """The lines for people."""
 
     def two(figures: Mapping[str, float]) -> str:
-        return f"{figures['median']:.0f} / {figures['worst']:.0f}" if figures else ""
+        there = figures and math.isfinite(figures["worst"])  # no switch while it stands
+        return f"{figures['median']:.0f} / {figures['worst']:.0f}" if there else ""
 
     rows = [
         (
