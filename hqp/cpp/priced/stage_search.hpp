@@ -110,11 +110,12 @@ class StageSearch {
   bool strays(const double* y) {
     if (refused_ > kAccurate) return true;
     at_point(y);
+    const double least = rows_->rounding() * size_;  // rows no longer than that have no direction of their own
     for (int i = 0; i < rows_->count(); ++i) {
       const StageRow& row = (*rows_)[i];
       const double value = row.value(x_.data(), y, n_);
       const double off = larger(row.lower - value, value - row.upper);
-      if (off > allowed(row, kAccurate, 0.0) && off > kAccurate * terms(row, x_.data(), y)) return true;
+      if (off > allowed(row, kAccurate, 0.0) + least && off > kAccurate * terms(row, x_.data(), y)) return true;
     }
     return false;
   }
