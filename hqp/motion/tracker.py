@@ -192,16 +192,16 @@ class Tracker:
     ) -> None:
         """Feet that stand are held where the robot's came to rest, by the end that is down.
 
-        In the last pass that is the one that was down in the pass before: feet that land a little otherwise would stand
-        on their other end.
+        In the last pass that is the lower one by this pass and the one before together: a foot that lands a little
+        otherwise stays on its end, one that has rolled over does not slide on the other.
         """
         for side, hold in holds.items():
             if side not in feet:
                 hold.release()
                 continue
             ends = {end: self.stacks.down(side, end).value(state) for end in (1, -1)}
-            low = course.heights(side, i) if course is not None else (float(ends[1][2]), float(ends[-1][2]))
-            end = hold.lower(*low)
+            before = (0.0, 0.0) if course is None else course.heights(side, i)
+            end = hold.lower(float(ends[1][2]) + before[0], float(ends[-1][2]) + before[1])
             if end != hold.end:
                 task, here = self.stacks.down(side, end), ends[end]
                 place = self._edges[task.name][0][i]

@@ -63,7 +63,7 @@ def test_joints_are_no_quicker_than_a_persons(walked: Retargeted, monkeypatch: p
     assert calm["jerk_p99"] < 0.5 * quick["jerk_p99"]
 
 
-def test_the_last_pass_stands_on_the_ends_of_the_pass_before(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_last_pass_stands_on_the_ends_that_the_pass_before_tells(monkeypatch: pytest.MonkeyPatch) -> None:
     kept: list[tuple[Tracker, Pass]] = []
 
     def keep(tracker: Tracker, found: Pass) -> Pass:
