@@ -52,9 +52,9 @@ ROOMS = {
 """Modules of parts that do not bear the part's name."""
 
 FULL_RUN_OPTIONS = {
-    "torque": ("--ticks", "1000"),
-    "papers": ("--states", "50"),
-    "solvers": ("--repeat", "3", "--random", "1000"),
+    "torque": ("--ticks", "500"),
+    "papers": ("--states", "25"),
+    "solvers": ("--repeat", "3", "--random", "500"),
     "calm": ("--quick",),
 }
 """What the main job asks less of than a part run by itself: with the installation it ends within ten minutes."""

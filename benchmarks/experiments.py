@@ -31,7 +31,7 @@ NAMES = {
     "walking": "walking.statistics",
     "standing-pushes": "walking.pushes",
 }
-BY_NAME = ("cbi-statistics", "dreamer-statistics", "standing-pushes")
+BY_NAME = ("cbi-statistics", "dreamer-statistics", "walking", "standing-pushes")
 """Left out of the short versions: distributions and a search, which tell nothing of a few runs."""
 
 SHORT = tuple(name for name in NAMES if name not in BY_NAME)
