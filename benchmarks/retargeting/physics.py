@@ -173,7 +173,7 @@ class Tracking:
         """Which feet stand: those that the clip has on the ground, from when they bear load on."""
         for side in (0, 1):
             asked = bool(self.rests[side][i])
-            touched = self.down[side] or float(loads[side]) > TOUCH * self.robot.mass * 9.81
+            touched = self.down[side] or float(loads[side]) > -TOUCH * self.robot.mass * self.robot.gravity[2]
             self.late[side] = self.late[side] + DT if asked and not touched else 0.0
             self.down[side] = asked and touched
         if all(self.down):
