@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, Protocol, TypeAlias, TypeVar
+from typing import Any, Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
 from hqp.declare.element import Task
-from hqp.declare.law import LAWS, Law
+from hqp.declare.law import Law
 from hqp.declare.reference import Reference
 from hqp.declare.robot import State
 from hqp.declare.stack import Stack
@@ -56,9 +55,7 @@ Action = Callable[[State], object]
 
 @dataclass(frozen=True)
 class Event:
-    """Something that is measured or told; ``kind`` names it in files."""
-
-    kind: ClassVar[str]
+    """Something that is measured or told."""
 
     name: str
 
@@ -74,8 +71,6 @@ class Event:
 class loaded(Event):  # read as words: until=loaded("left", 40.0)
     """The contact of that name was measured to bear so much or more [N], by ``reference.loaded`` of this tick."""
 
-    kind = "loaded"
-
     newtons: float
 
     def happens(self, run: Run[Any]) -> bool:
@@ -86,14 +81,14 @@ class loaded(Event):  # read as words: until=loaded("left", 40.0)
         """Raise DeclarationError for what is no contact."""
         contacts = [e.name for e in session.stack if e.is_contact]
         if self.name not in contacts:
-            raise DeclarationError(self.kind, "no such contact", value=self.name, allowed=", ".join(contacts) or "none")
+            raise DeclarationError(
+                type(self).__name__, "no such contact", value=self.name, allowed=", ".join(contacts) or "none"
+            )
 
 
 @dataclass(frozen=True)
 class unloaded(loaded):
     """The contact of that name was measured to bear so much or less [N]."""
-
-    kind = "unloaded"
 
     def happens(self, run: Run[Any]) -> bool:
         """False where nothing was measured."""
@@ -103,8 +98,6 @@ class unloaded(loaded):
 @dataclass(frozen=True)
 class near(Event):
     """The task of that name is within a distance of its reference: ||e|| <= distance, in the unit of its rows."""
-
-    kind = "near"
 
     distance: float
 
@@ -125,14 +118,12 @@ class near(Event):
 class signal(Event):
     """The program said so: ``run.tell(name)`` since the phase began."""
 
-    kind = "signal"
-
     def happens(self, run: Run[Any]) -> bool:
         """Whether it was told."""
         return self.name in run.told
 
 
-EVENTS: dict[str, type[Event]] = {kind.kind: kind for kind in (loaded, unloaded, near, signal)}
+EVENTS: dict[str, type[Event]] = {kind.__name__: kind for kind in (loaded, unloaded, near, signal)}
 """Events by their names in files."""
 
 
@@ -331,55 +322,3 @@ class Run(Generic[T]):
             return False
         due = phase.after is None or self._past(phase.after)
         return due and (phase.until is None or phase.until.happens(self))
-
-
-def to_dicts(sequence: Sequence) -> list[dict[str, Any]]:
-    """Its phases as plain dictionaries, fields at their defaults left out."""
-    found = []
-    for phase in sequence.phases:
-        entry = {f.name: value for f in dataclasses.fields(phase) if (value := getattr(phase, f.name)) is not None}
-        if phase.until is not None:
-            entry["until"] = {"type": phase.until.kind, **dataclasses.asdict(phase.until)}
-        laws = {name: _law(law) for name, law in dict(phase.laws).items()}
-        entry = {**entry, "laws": laws} if entry.pop("laws") else entry
-        found.append(entry)
-    return found
-
-
-def from_dicts(entries: Any) -> Sequence:
-    """The sequence of such dictionaries; raises DeclarationError for unknown keys, events or fields."""
-    phases = []
-    for entry in entries:
-        fields = dict(entry)
-        if isinstance(until := fields.get("until"), Mapping):
-            fields["until"] = _named(until, EVENTS, "until")
-        if isinstance(laws := fields.get("laws"), Mapping):
-            fields["laws"] = {name: _named(law, LAWS, "law") for name, law in laws.items()}
-        phases.append(_made(Phase, fields, "phase"))
-    return Sequence(*phases)
-
-
-def _law(law: Law) -> dict[str, Any]:
-    given = {f.name: value for f in dataclasses.fields(law) if (value := getattr(law, f.name)) != f.default}
-    listed = {name: list(value) if isinstance(value, tuple) else value for name, value in given.items()}
-    return {"type": type(law).__name__, **listed}
-
-
-def _named(entry: Any, kinds: Mapping[str, Any], where: str) -> Any:
-    """An event or a law, by the name of its kind."""
-    fields = dict(entry) if isinstance(entry, Mapping) else {"type": entry}
-    name = fields.pop("type", "")
-    if name not in kinds:
-        raise DeclarationError(where, "unknown type", value=name, allowed=", ".join(kinds))
-    return _made(kinds[name], fields, name)
-
-
-def _made(kind: Any, fields: Mapping[str, Any], where: str) -> Any:
-    allowed = [f.name for f in dataclasses.fields(kind)]
-    for key in fields:
-        if key not in allowed:
-            raise DeclarationError(where, "unknown key", value=key, allowed=", ".join(allowed))
-    try:
-        return kind(**fields)
-    except TypeError as error:
-        raise DeclarationError(where, str(error)) from error

@@ -15,8 +15,8 @@ from hqp.declare.law import LAWS, Law
 from hqp.declare.price import Price
 from hqp.declare.stack import Level, Stack
 from hqp.errors import DeclarationError, closest
+from hqp.sequence import EVENTS, Event, Phase
 from hqp.sequence import Sequence as Phases
-from hqp.sequence import from_dicts, to_dicts
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -70,12 +70,12 @@ def loads_phases(text: str) -> Phases:
 
     Raises DeclarationError where it is no TOML, or has no phases.
     """
-    return from_dicts(_tables(_tree(text), "phase", "sequence"))
+    return Phases(*map(_build_phase, _tables(_tree(text), "phase", "sequence")))
 
 
 def dumps_phases(sequence: Phases) -> str:
     """A Sequence as TOML, read back by ``loads_phases`` to an equal one."""
-    return "\n".join(line for entry in to_dicts(sequence) for line in ("[[phase]]", *_pairs(entry), ""))
+    return "\n".join(line for phase in sequence.phases for line in ("[[phase]]", *_pairs(_phase(phase)), ""))
 
 
 def _tree(text: str) -> dict[str, Any]:
@@ -112,7 +112,16 @@ def dumps(stack: Stack) -> str:
 
 
 def _element(element: Element) -> dict[str, Any]:
-    return {"type": type(element).__name__, **_fields(element, element.default_name())}
+    return _typed(element, element.default_name())
+
+
+def _phase(phase: Phase) -> dict[str, Any]:
+    entry = _fields(phase)
+    return {**entry, "laws": {name: _typed(law) for name, law in dict(phase.laws).items()}} if phase.laws else entry
+
+
+def _typed(value: Any, default_name: str = "") -> dict[str, Any]:
+    return {"type": type(value).__name__, **_fields(value, default_name)}
 
 
 def _price(price: Price) -> Any:
@@ -128,8 +137,8 @@ def _fields(value: Any, default_name: str = "") -> dict[str, Any]:
             continue
         if isinstance(given, Element):
             given = _element(given)
-        elif isinstance(given, Law):
-            given = {"type": type(given).__name__, **_fields(given)}
+        elif isinstance(given, (Law, Event)):
+            given = _typed(given)
         out[item.name] = _lists(given)
     return out
 
@@ -161,17 +170,29 @@ def _build(entry: Mapping[str, Any]) -> Element:
         near = ", ".join(closest(str(name), REGISTRY))
         raise DeclarationError("stack", "unknown type of element", value=name, allowed=f"closest: {near}")
     if isinstance(fields.get("law"), Mapping):
-        fields["law"] = _law(fields["law"])
+        fields["law"] = _named(fields["law"], LAWS, "law")
     if isinstance(fields.get("task"), Mapping):  # of a Within
         fields["task"] = _build(fields["task"])
     return _construct(REGISTRY[name], fields)
 
 
-def _law(entry: Mapping[str, Any]) -> Law:
+def _build_phase(entry: Mapping[str, Any]) -> Phase:
     fields = dict(entry)
-    kind = LAWS.get(str(fields.pop("type", "")))
+    if isinstance(fields.get("until"), Mapping):
+        fields["until"] = _named(fields["until"], EVENTS, "until")
+    if isinstance(laws := fields.get("laws"), Mapping):
+        fields["laws"] = {
+            name: _named(law, LAWS, "law") if isinstance(law, Mapping) else law for name, law in laws.items()
+        }
+    return _construct(Phase, fields)
+
+
+def _named(entry: Mapping[str, Any], kinds: Mapping[str, type[T]], where: str) -> T:
+    """A law or an event, by the name of its class."""
+    fields = dict(entry)
+    kind = kinds.get(str(fields.pop("type", "")))
     if kind is None:
-        raise DeclarationError("law", "unknown type", value=entry.get("type"), allowed=", ".join(LAWS))
+        raise DeclarationError(where, "unknown type", value=entry.get("type"), allowed=", ".join(kinds))
     return _construct(kind, fields)
 
 
