@@ -84,7 +84,7 @@ class Tracking:
         first = robot.state(q[0])
         level = float(np.mean([first.position(foot.frame)[2] for foot in self.feet]))
         self.height = float(com[0, 2]) - level
-        self.omega = natural_frequency(self.height)
+        self.omega = natural_frequency(self.height, -self.robot.gravity[2])
         self.stacks = Stacks(robot, self.feet, self.height, FRICTION, Laws(), LIMITS)
         controller = Controller(self.stacks.stack, Torque(contact_law=Laws().contact, holding=None), deadline=math.inf)
         self.session = controller.session(robot, DT)

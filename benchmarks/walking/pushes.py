@@ -11,6 +11,7 @@ from benchmarks.lab.outcome import Figure, Outcome, table
 from benchmarks.lab.setting import Setting
 from benchmarks.walking.course import SETTLE, Course
 from hqp.walking.bound import largest_push
+from hqp.walking.pendulum import natural_frequency
 
 PUSHED, AFTER = 0.1, 2.0
 """For how long, and how long after it a robot has to stand [s]."""
@@ -44,7 +45,7 @@ class Standing:
             place, turn = plant.place(foot.frame)
             corners += [(place + turn @ [*corner, 0.0])[:2] for corner in foot.corners]
         com = plant.com()
-        omega = math.sqrt(9.81 / (com[2] - self.soles()[:, 2].mean()))
+        omega = natural_frequency(com[2] - self.soles()[:, 2].mean(), -self.course.robot.gravity[2])
         return largest_push(corners, com[:2], direction, PUSHED, omega)
 
     def survives(self, direction: Any, impulse: float) -> bool:

@@ -12,8 +12,6 @@ from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError
 from hqp.estimation.rotations import about_vertical, exponential, quaternion_of, rotation_of, yaw_of
 
-GRAVITY = np.array([0.0, 0.0, -9.81])
-
 
 class FeetEstimator:
     """Orientation, position and velocity of the base, by complementary filters on IMU and legs.
@@ -97,7 +95,7 @@ class FeetEstimator:
         places = np.array([state.position(frame) for frame in self._feet])
         rates = np.array([state.velocity(frame)[:3] for frame in self._feet])
         yaws = [yaw_of(state.rotation(frame)) for frame in self._feet]
-        self._v = self._v + dt * (R @ specific_force + GRAVITY)
+        self._v = self._v + dt * (R @ specific_force + self._robot.gravity)
         self._p = self._p + dt * self._v
         weight = self._stand(load, places, yaws)
         self._slip(weight, rates, places, yaws)

@@ -95,7 +95,7 @@ class Course:
         self.state: State = robot.state(q)
         """What the walker was told last."""
         self.observers = () if feels else tuple(observer(robot, foot, walker.dt) for foot in walker.feet)
-        self._loads = np.full(2, -0.5 * robot.mass * robot.gravity[2])
+        self._loads = np.full(2, 0.5 * walker.weight)
         self._sent = deque([np.zeros(len(self.plant.joint_names))] * round(delay / walker.dt))
         self._kp = None if servo is None else np.array([servo.gain(name) for name in self.plant.joint_names])
         self._steps = round(walker.dt / self.plant.timestep)

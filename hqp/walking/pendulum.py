@@ -14,13 +14,15 @@ from hqp.declare.robot import State
 from hqp.errors import DeclarationError
 from hqp.walking.gait import check
 
-GRAVITY = 9.81  # [m/s^2]
+GRAVITY = 9.81
+"""Of the Earth [m/s^2]."""
 
 
-def natural_frequency(height: float) -> float:
+def natural_frequency(height: float, gravity: float = GRAVITY) -> float:
     """omega = sqrt(g / height) [1/s] of a CoM at a height above the ground [m]; raises DeclarationError."""
     check("pendulum", "height", height, 0.0, strict=True, unit="m")
-    return math.sqrt(GRAVITY / height)
+    check("pendulum", "gravity", gravity, 0.0, strict=True, unit="m/s^2")
+    return math.sqrt(gravity / height)
 
 
 def capture_point(state: State, omega: float) -> Vec:

@@ -87,7 +87,7 @@ def _stopped(walker: Walker, state: State, v: Vec) -> Vec:
 
 def _loads(walker: Walker, state: State) -> tuple[float, float]:
     """The weight on the feet that stand; a swing foot that reaches the ground takes a tenth of it [N]."""
-    weight = 9.81 * walker.robot.mass
+    weight = walker.weight
     if walker.phase != "swing":
         return 0.5 * weight, 0.5 * weight
     side = 1 - walker.stance

@@ -106,7 +106,9 @@ class Walker:
         """Where the feet stand, or stood last."""
         self.height = float(home.com()[2]) - 0.5 * (self.holds[0].z + self.holds[1].z)
         """Of the CoM above the ground [m]."""
-        self.omega = natural_frequency(self.height)
+        self.omega = natural_frequency(self.height, -robot.gravity[2])
+        self.weight = -float(robot.mass * robot.gravity[2])
+        """[N]"""
         width = abs(float((self.holds[0].turn.T @ (self.holds[0].xy - self.holds[1].xy))[1]))
         if reach is None:
             across = max(float(np.ptp([y for _, y in foot.corners])) for foot in self.feet) + CLEAR
@@ -211,7 +213,7 @@ class Walker:
 
     def _weigh(self, load: float) -> None:
         """A robot heavier than its model needs so much more torque: the mean of what its feet bear tells it."""
-        share = load / (self.robot.mass * 9.81)
+        share = load / self.weight
         if abs(share - 1.0) < 0.5:  # no blow, no flight, no switch
             follow = self.dt / min(max(self.time, self.dt), WEIGHING)
             self._mean += follow * (share - self._mean)
@@ -255,7 +257,7 @@ class Walker:
     def _landed(self, loads: Vec | None) -> bool:
         if loads is None:
             return self._t >= self._T
-        touched = bool(loads[1 - self.stance] > TOUCH * self.robot.mass * 9.81)
+        touched = bool(loads[1 - self.stance] > TOUCH * self.weight)
         return (touched and self._t > EARLY * self._T) or self._t > self._T + self.gait.patience
 
     def _enter(self, phase: str, duration: float, state: State) -> None:

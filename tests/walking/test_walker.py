@@ -256,3 +256,22 @@ def test_what_is_no_biped_is_refused() -> None:
         Walker(hqp.robots.load("anymal"))
     with pytest.raises(hqp.errors.FrameNotFound):
         Walker(hqp.robots.load("talos"), soles=("left", "right"))
+
+
+def test_a_walker_is_as_heavy_as_gravity_makes_it() -> None:
+    """Where things fall at 6 m/s^2 it takes its own model's weight for what it is."""
+    robot = hqp.robots.load("g1", rotors=True)
+    robot.model.gravity.linear = np.array([0.0, 0.0, -6.0])
+
+    def lighter(spec: Any) -> None:
+        spec.option.gravity = robot.gravity
+
+    course = Course(Walker(robot, dt=DT, deadline=np.inf), edit=lighter)
+    walker = course.walker
+    assert walker.omega == pytest.approx(np.sqrt(6.0 / walker.height))
+    walked = Walked(course)
+    walked.run(0.3)
+    walker.go(0.1)
+    walked.run(1.5)
+    assert walker.heavier == pytest.approx(1.0, abs=0.02)
+    assert walked.off < 0.01
