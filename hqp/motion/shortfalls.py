@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,12 @@ class Shortfall:
     worst: int
     error: float
     reason: str
+
+    def thinned(self, each: int) -> Shortfall:
+        """The same of every ``each``-th frame."""
+        first = self.first // each
+        last = max(first + 1, math.ceil(self.last / each))
+        return replace(self, first=first, last=last, worst=self.worst // each)
 
     def __str__(self) -> str:
         return f"{self.part}, frames {self.first} to {self.last - 1}: {1e3 * self.error:.0f} mm off, {self.reason}"

@@ -126,6 +126,15 @@ def test_out_of_reach_is_told_with_what_it_gave_way_to() -> None:
     np.testing.assert_array_equal(found.gave_way != "", off)
 
 
+def test_shortfalls_are_told_in_frames_of_the_result() -> None:
+    motion = stand(2.0)
+    places = motion.positions.copy()
+    places[len(motion) // 2 :, motion.names.index("LeftHand"), 0] += 3.0
+    found = retarget(Motion(motion.names, places, motion.fps), "g1", fps=25.0)
+    (told,) = (each for each in found.shortfalls if each.part == "left_hand")
+    assert 20 < told.first <= told.worst < told.last < 30
+
+
 def test_a_corner_is_left_for_another_anchor(monkeypatch: pytest.MonkeyPatch) -> None:
     """From a start that faces backwards no tick leads to the hands and feet; the pass from the last frame does."""
     begin = anchored.start
