@@ -20,7 +20,7 @@ from hqp.errors import DeclarationError, closest
 class Told(Protocol):
     """What a sequence writes into a tick."""
 
-    phase: str
+    phase: str | None
     event: str
 
 
@@ -201,6 +201,24 @@ class Sequence:
             return self.find(phase.to)
         return self.phases[(self.phases.index(phase) + 1) % len(self.phases)]
 
+    def laws(self) -> dict[str, dict[str, Law]]:
+        """Of elements by name, by phase."""
+        return {phase.name: dict(phase.laws) for phase in self.phases}
+
+    def require(self, session: Stepped[Any]) -> None:
+        """Raise DeclarationError where it does not fit a session, as ``run`` does."""
+        presence = session.line.presence
+        for name in presence.phases:
+            self.find(name)
+        for phase in self.phases:
+            if phase.until is not None:
+                phase.until.require(session)
+            if phase.name not in presence.phases and (why := session.program.refuses(presence.of(None, ()))):
+                raise DeclarationError(f"phase {phase.name}", why, allowed="contacts that determine the motion")
+            for name, law in dict(phase.laws).items():
+                session.stack.find(name)
+                session.program.assembly.require_law(name, law)
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Sequence) and self.phases == other.phases
 
@@ -238,19 +256,10 @@ class Run(Generic[T]):
         self, sequence: Sequence, session: Stepped[T], entry: Mapping[str, Action], exit: Mapping[str, Action]
     ) -> None:
         self.sequence, self.session, self.entry, self.exit = sequence, session, entry, exit
-        presence = session.line.presence
-        for name in (*presence.phases, *entry, *exit):
+        sequence.require(session)
+        for name in (*entry, *exit):
             sequence.find(name)
-        for phase in sequence.phases:
-            if phase.until is not None:
-                phase.until.require(session)
-            if phase.name not in presence.phases and (why := session.program.refuses(presence.of(None, ()))):
-                raise DeclarationError(f"phase {phase.name}", why, allowed="contacts that determine the motion")
-            for name, law in dict(phase.laws).items():
-                session.stack.find(name)
-                session.program.assembly.require_law(name, law)
-        self._laws = {phase.name: dict(phase.laws) for phase in sequence.phases}
-        self._has_laws = session.line.guards.has_laws = any(self._laws.values())
+        self._laws = sequence.laws()
         self.phase = sequence.phases[0]
         self.ticks = -1
         self.loads: dict[str, float] = {}
@@ -282,8 +291,6 @@ class Run(Generic[T]):
         measured = ((r.name, getattr(r, "load", None)) for r in references)
         self.loads = {name: load for name, load in measured if load is not None}
         event = self._advance() if state.valid else ""
-        if self._has_laws and state.valid:
-            self.session.line.obey(self._laws[self.phase.name])
         known = self.phase.name in self.session.line.presence.phases
         tick = self.session.step(state, *references, now=now, phase=self.phase.name if known else None)
         tick.phase, tick.event = self.phase.name, event
@@ -310,6 +317,7 @@ class Run(Generic[T]):
     def _begin(self, phase: Phase) -> str:
         self.phase, self.ticks, self._next, self._is_late = phase, 0, None, False
         self.told.clear()
+        self.session.line.guards.laws = self._laws[phase.name]
         if action := self.entry.get(phase.name):
             action(self.state)
         return phase.name

@@ -89,13 +89,22 @@ def _tree(text: str) -> dict[str, Any]:
 
 def load(path: str | Path) -> Stack:
     """The stack of a TOML file; raises DeclarationError where the file is missing or no stack."""
+    return loads(_text(path))
+
+
+def load_phases(path: str | Path) -> Phases | None:
+    """The Sequence of a TOML file, None where it has no ``[[phase]]``; raises DeclarationError as ``loads_phases``."""
+    text = _text(path)
+    return loads_phases(text) if "phase" in _tree(text) else None
+
+
+def _text(path: str | Path) -> str:
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
+        return Path(path).read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise DeclarationError("stack", f"{path} is not UTF-8: {error}") from error
     except (OSError, TypeError, ValueError) as error:
         raise DeclarationError("stack", f"cannot be read: {error}") from error
-    return loads(text)
 
 
 def dumps(stack: Stack) -> str:

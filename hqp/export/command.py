@@ -22,11 +22,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """0."""
+    from hqp import serial
     from hqp.loop.controller import Controller
 
     stack, robot, formulation = read_stack(arguments)
     deadline = None if arguments.deadline is None else arguments.deadline or math.inf
     session = Controller(stack, formulation, deadline=deadline).session(robot, arguments.dt)
-    session.export(arguments.output)
+    session.export(arguments.output, serial.load_phases(arguments.stack))
     print(f"{arguments.output}: {len(tuple(session.stack))} elements on {robot.name}")
     return 0

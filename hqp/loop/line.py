@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from threading import get_ident
 from typing import TYPE_CHECKING, TypeVar
@@ -61,8 +61,8 @@ class Guards:
     count: int = 0
     phase: str | None = None
     """The phase of the latest tick."""
-    has_laws: bool = False
-    """Whether a sequence gives elements other laws in some of its phases."""
+    laws: Mapping[str, Law] | None = None
+    """Of elements by name in the phase of a sequence, None where there is none."""
 
     @classmethod
     def of(
@@ -176,17 +176,6 @@ class Line:
         pair = () if self.transition is None else self.transition.pair
         if not any(phase in line.presence.phases for line in (self, *pair)):
             self.presence.require(phase)
-
-    def obey(self, laws: Mapping[str, Law]) -> None:
-        """The laws of this tick: these, or those on their way to them; of all other elements as declared."""
-        for line in dict.fromkeys(self._at_work(), None):
-            out = line.presence.now
-            line.compiled.laws.obey(laws, line.program.assembly.members if out is None else out, self.guards)
-
-    def _at_work(self) -> Iterator[Line]:
-        yield self
-        for each in () if self.transition is None else self.transition.pair:
-            yield from each._at_work()
 
     def attend(self, out: frozenset[str], state: State, direct: Direct | None) -> None:
         """These elements are out of this tick, and all others in: those that come back take fresh hold values.

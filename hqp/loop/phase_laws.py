@@ -9,13 +9,14 @@ the error.  An element that was out has its law at once.  Nothing is compiled.
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Container, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hqp.arrays import Vec
 from hqp.declare.law import Law, pace
+from hqp.programs.assembly import gains, holds, of_rows
 
 if TYPE_CHECKING:
     from hqp.loop.line import Guards
@@ -46,17 +47,18 @@ class PhaseLaws:
 
     def __init__(self, assembly: Assembly) -> None:
         self._assembly = assembly
-        self._asked: Mapping[str, Law] = {}
+        self._asked: Mapping[str, Law] | None = None
         self._count = -1
         self._ways: dict[str, Way] = {}
 
-    def obey(self, laws: Mapping[str, Law], idle: Container[str], guards: Guards) -> None:
-        """The laws of the next tick, asked for once or more in it.
+    def obey(self, guards: Guards, out: Container[str] | None) -> None:
+        """The laws of this tick, asked for once or more in it; out: elements that were out of the one before, if any.
 
-        laws: by element, of the phase; all others have their declared ones.  idle: elements that were out so far.
+        Those of ``guards.laws``, of all other elements the declared ones.
         """
-        if laws is not self._asked:
-            self._aim(laws, idle)
+        if guards.laws is not self._asked:
+            self._aim(guards.laws or {}, self._assembly.members if out is None else out)
+            self._asked = guards.laws
         if self._ways and guards.count != self._count:
             self._count = guards.count
             for name, way in tuple(self._ways.items()):
@@ -67,7 +69,7 @@ class PhaseLaws:
 
     def _aim(self, laws: Mapping[str, Law], idle: Container[str]) -> None:
         members = self._assembly.members
-        for name in {**self._asked, **laws}:
+        for name in {**(self._asked or {}), **laws, **self._ways}:
             member = members.get(name)
             if member is None or member.law is None or member.declared is None:
                 continue
@@ -75,7 +77,24 @@ class PhaseLaws:
             if name in idle:
                 self._ways.pop(name, None)
                 self._assembly.take_law(name, new)
-            elif new != member.law or member.others:
+            elif new != (self._ways[name].law if name in self._ways else member.law):
                 left = 1.0 - sum(member.others.values(), np.zeros(1))
                 self._ways[name] = Way(new, {**member.others, member.law: left})
-        self._asked = laws
+
+
+def parts(assembly: Assembly, laws: Mapping[str, Mapping[str, Law]], phases: Sequence[str]) -> list[dict[str, Any]]:
+    """For a file: elements with laws of phases, all laws of each, the declared one first, and which holds in which."""
+    found = []
+    for name in dict.fromkeys(name for of in laws.values() for name in of):
+        member = assembly.members[name]
+        by_phase = [laws.get(phase, {}).get(name, member.declared) for phase in phases]
+        every = [law for law in dict.fromkeys((member.declared, *by_phase)) if law is not None]
+        numbers = [_numbers(law, member.part.stop - member.part.start) for law in every]
+        found.append({"name": name, "laws": numbers, "of": [every.index(law) for law in by_phase if law is not None]})
+    return found
+
+
+def _numbers(law: Law, rows: int) -> dict[str, Any]:
+    kp, kd = gains(law)
+    by_row = {"kp": kp, "kd": kd, "pace": pace(law)}
+    return {"held": holds(law), **{name: of_rows(value, rows) for name, value in by_row.items()}}

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from hqp.explanation.conflict import Conflict
     from hqp.explanation.words import Explanation
     from hqp.recorder import Recorder
+    from hqp.sequence import Sequence
 
 LOG = logging.getLogger("hqp.session")
 """Changes of status: from good to bad as warnings, back as information."""
@@ -261,15 +262,16 @@ class Session:
             with suppress(StaleState):  # no state is at hand: the native loop is made at the change
                 compiled.direct()
 
-    def export(self, path: str | Path) -> None:
+    def export(self, path: str | Path, sequence: Sequence | None = None) -> None:
         """Write the session as it was declared to a file: for C++ without Python, and for ``hqp.load``.
 
-        Hold values, the warm start and references are none of it: a session of the file begins as a new one does.
-        Raises DeclarationError for an element or a solver without native code, by its name (docs/plan_file.md).
+        sequence: whose phases and laws the file has as well, not its events.  Hold values, the warm start and
+        references are none of it: a session of the file begins as a new one does.  Raises DeclarationError for an
+        element or a solver without native code, by its name (docs/plan_file.md), and what ``Sequence.run`` raises.
         """
         from hqp.loop.plan_file.file import write
 
-        write(self, path)
+        write(self, path, sequence)
 
     def explain(self, tick: Tick) -> Explanation:
         """The account of the latest tick; raises HqpError for an earlier one, whose rows are overwritten."""

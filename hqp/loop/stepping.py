@@ -40,6 +40,8 @@ def step(line: Line, state: State, references: tuple[Reference, ...], now: float
         if fault:
             line.leave_direct()
             return held_tick(line, state, None, (Note("state", Status.INVALID_STATE, fault),), fit=False)
+    if line.guards.laws is not None:
+        line.compiled.laws.obey(line.guards, presence.now)
     out = presence.of(line.guards.phase, references)
     limit = None  # of native ticks the first one says it
     if direct is None or direct.fresh or out is not presence.now:

@@ -11,7 +11,7 @@ import numpy as np
 from hqp.arrays import Index, Mat, Signs, Vec
 from hqp.declare import plans
 from hqp.declare.element import Element, has, plan_of, selection_of
-from hqp.declare.law import DCM, PD, Law, P
+from hqp.declare.law import DCM, PD, Gain, Law, P
 from hqp.declare.plans import Constant, Plan
 from hqp.declare.readable import UP, Readable, Views
 from hqp.declare.reference import Reference
@@ -200,7 +200,7 @@ class Assembly:
         for member in self.members.values():
             self._write_gains(member)
             if member.law is not None and min(member.law.max_velocity, member.law.max_acceleration) < np.inf:
-                saturations.append((member.part.start, member.part.stop, *_held(member.law)))
+                saturations.append((member.part.start, member.part.stop, *holds(member.law)))
         laws: dict[str, Any] = {
             "J": self.J,
             "error": self.error,
@@ -221,13 +221,8 @@ class Assembly:
         self.parts["laws"] = laws
 
     def _write_gains(self, member: Member) -> None:
-        part, law = member.part, member.law
-        if isinstance(law, P):
-            self._kp[part] = law.gain
-        elif isinstance(law, PD):
-            self._kp[part], self._kd[part] = law.kp, law.kd
-        elif isinstance(law, DCM):
-            self._kp[part] = 1.0
+        if member.law is not None:
+            self._kp[member.part], self._kd[member.part] = gains(member.law)
 
     def take_law(self, name: str, law: Law, others: Mapping[Law, Vec] = NO_OTHERS) -> None:
         """The law of an element from the next fill on; ``require_law`` says which may be.
@@ -241,10 +236,11 @@ class Assembly:
             part, rows = member.part, member.part.stop - member.part.start
             beside = []
             for other, share in others.items():
-                gains = (other.gain, 0.0) if isinstance(other, P) else (other.kp, other.kd)  # type: ignore[attr-defined]
-                numbers = [np.broadcast_to(np.asarray(x, dtype=np.float64), rows).tolist() for x in (*gains, share)]
-                beside.append((_held(other), *numbers))
-            self.native_rows.saturate(part.start, part.stop, _held(law), beside)
+                numbers = [
+                    np.broadcast_to(np.asarray(x, dtype=np.float64), rows).tolist() for x in (*gains(other), share)
+                ]
+                beside.append((holds(other), *numbers))
+            self.native_rows.saturate(part.start, part.stop, holds(law), beside)
 
     def require_law(self, name: str, law: Law) -> None:
         """Raise DeclarationError for an element that has no law, or none that may become this one."""
@@ -428,7 +424,22 @@ def kinematics(robot: Robot) -> Kinematics | None:
     return native.Kinematics(robot.joint_twists, joints, robot.placed_frames)
 
 
-def _held(law: Law) -> tuple[float, float, float]:
+def gains(law: Law) -> tuple[Gain, Gain]:
+    """kp and kd, of each row or of all."""
+    if isinstance(law, P):
+        return law.gain, 0.0
+    if isinstance(law, PD):
+        return law.kp, law.kd
+    return float(isinstance(law, DCM)), 0.0
+
+
+def of_rows(value: Gain | Vec, rows: int) -> list[float]:
+    """A number of each row, given so or for all."""
+    found: list[float] = np.broadcast_to(np.asarray(value, dtype=np.float64), rows).tolist()
+    return found
+
+
+def holds(law: Law) -> tuple[float, float, float]:
     """Bounds and largest kd."""
     return law.max_velocity, law.max_acceleration, float(np.max(law.kd)) if isinstance(law, PD) else 1.0
 

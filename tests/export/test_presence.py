@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
 
 import hqp
 import hqp.tasks as t
-from hqp import Level, Stack
+from hqp import PD, Level, P, Phase, Sequence, Stack
 from hqp.errors import DeclarationError
 from hqp.export.loaded import LoadedSession
 from hqp.loop.plan_file.file import text
@@ -67,6 +68,42 @@ def test_phases_are_those_of_python(kind: str) -> None:
         q, v = tick.advance()
     with pytest.raises(DeclarationError, match="no phase 'walk'; it has fly, stand"):
         file.step(q, v, phase="walk")
+
+
+@pytest.mark.parametrize("kind", FORMULATIONS)
+def test_laws_of_phases_are_those_of_python(kind: str) -> None:
+    """To the last bit: over to a law, to another on the way, back, and at once for what comes in; then all anew."""
+    laws: list[Any] = [P(0.5), P(4.0, max_velocity=0.02), P((9.0, 7.0, 8.0), max_acceleration=0.5)]
+    if kind != "velocity":
+        laws = [PD(10.0), PD(400.0, 30.0, max_velocity=0.02), PD((90.0, 70.0, 80.0), max_acceleration=0.5)]
+    slow, held, uneven = laws
+    steps = Sequence(
+        Phase(name="stand", laws={"hand": uneven}),
+        Phase(name="alone", laws={"posture": slow}),  # of no element's when
+        Phase(name="alone again", laws={"posture": slow}),
+        Phase(name="fly", laws={"swing": held, "posture": held}),
+        Phase(name="fall"),
+    )
+    robot = hqp.robots.load("cbi")
+    controller = hqp.Controller(stepping(kind), FORMULATIONS[kind](), deadline=np.inf)
+    file = LoadedSession(text(controller.session(robot, 0.002), steps))
+    start = robot.state(robot.home).position(HAND.frame)
+    for fault, most in ((None, 0.0), (40, 1e-9)):  # of a state, in a tick after which numbers differ by rounding
+        run = steps.run(controller.session(robot, 0.002))
+        q, v = robot.home.copy(), np.zeros(robot.nv)
+        for i in range(100):
+            run.go(("stand", "alone", "alone again", "fly", "fall", "stand", "alone")[i // 15])
+            aim = HAND.at(start + 0.1 * np.sin(0.03 * i + np.arange(3)))
+            given = q * np.nan if i == fault else q
+            tick = run.step(robot.state(given, v), aim)
+            for name in set(run.session.hold_values) & set(file.names):
+                file.hold(name, np.ravel(run.session.hold_values[name]))
+            found = file.step(given, v, {"hand": aim.value}, phase=tick.phase)
+            assert found.status is tick.status, f"tick {i}: {tick.notes} {found.notes}"
+            np.testing.assert_allclose(found.x, tick.x, rtol=most, atol=most, err_msg=f"tick {i}, {tick.phase}")
+            if i != fault:
+                q, v = tick.advance()
+        file.reset()
 
 
 @pytest.mark.parametrize("kind", FORMULATIONS)

@@ -183,8 +183,26 @@ def test_a_file_of_a_sequence_holds_them() -> None:
         serial.loads_phases('[[phase]]\nname = "a"\nlaws = { hand = { type = "P", gian = 1.0 } }')
 
 
-def test_a_plan_file_holds_none(arm: Robot, tmp_path: Any) -> None:
-    run = begin(arm, ARM, hqp.Velocity(), hand=P(4.0))
-    with pytest.raises(DeclarationError, match="cannot be exported: its phases have laws of their own"):
-        run.session.export(tmp_path / "arm.hqp")
-    begin(arm, ARM, hqp.Velocity()).session.export(tmp_path / "arm.hqp")
+def test_a_run_without_laws_has_the_declared_ones(arm: Robot) -> None:
+    """Whatever another run on the same session left."""
+    session = hqp.Controller(ARM, hqp.Velocity(), deadline=np.inf).session(arm, DT)
+    state = arm.state(arm.home + 0.1)
+    goal = HAND.at(state.position("tool0") + [0.02, 0.0, 0.0])
+    for laws, ticks, speed in (({"hand": P(10.0)}, 1, 0.2), ({}, 52, 0.02)):
+        run = Sequence(Phase(name="only", laws=laws)).run(session)
+        found = [run.step(state, goal) for _ in range(ticks)]
+        np.testing.assert_allclose(HAND.jacobian(state) @ found[-1].x, [speed, 0.0, 0.0], atol=1e-6)
+
+
+def test_a_phase_with_the_law_of_the_one_before_lets_it_go_on(arm: Robot) -> None:
+    """It is there when it would have been without the second phase."""
+    session = hqp.Controller(ARM, hqp.Velocity(), deadline=np.inf).session(arm, DT)
+    fast = {"hand": P(10.0)}
+    run = Sequence(Phase(name="slow"), Phase(name="fast", laws=fast), Phase(name="still fast", laws=fast)).run(session)
+    state = arm.state(arm.home + 0.1)
+    goal = HAND.at(state.position("tool0") + [0.02, 0.0, 0.0])
+    run.step(state, goal)
+    for name in ("fast", "still fast"):
+        run.go(name)
+        found = [run.step(state, goal) for _ in range(26)]
+    np.testing.assert_allclose(HAND.jacobian(state) @ found[-1].x, [0.2, 0.0, 0.0], atol=1e-6)

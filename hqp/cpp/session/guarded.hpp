@@ -14,6 +14,7 @@
 #include "guards.hpp"
 #include "late.hpp"
 #include "line.hpp"
+#include "phase_laws.hpp"
 #include "presence.hpp"
 #include "rest.hpp"
 #include "session.hpp"
@@ -63,6 +64,7 @@ class Guarded {
         angles_(v_.size()),
         late_(line_.late(violation_)),
         presence_(line_.root(), line_.members()),
+        laws_(line_, presence_.names().size()),
         out_(line_.members().size(), false),
         seen_(WarmSets::kMost, out_) {
     if (joint_names_.size() != picks_.size()) throw PlanError("the command of the plan is of other joints");
@@ -106,6 +108,7 @@ class Guarded {
     }
     if (fresh_ && budget_.limited()) budget_.begin(thread_time());
     else budget_.skip();
+    laws_.obey(presence_.phase(), known_sets_ > 0 ? &out_ : nullptr);
     attend(presence_.take());
     if (!holds_known_) take_holds();
     take_references();
@@ -188,6 +191,7 @@ class Guarded {
     for (Given& given : given_) given.clear();
     fresh_ = true;
     presence_.forget(), presence_.phase(0);
+    laws_.reset();
   }
 
   Line& line() { return line_; }
@@ -458,6 +462,7 @@ class Guarded {
   std::vector<double> ahead_, angles_;
   Late late_;
   Presence presence_;
+  PhaseLaws laws_;
   Presence::Out out_;
   std::vector<Presence::Out> seen_;  // as out_, in the order of their first ticks, as many as are known
   std::size_t known_sets_ = 0;

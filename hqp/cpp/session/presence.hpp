@@ -38,6 +38,7 @@ class Presence {
   // The first one has no name: it is that of ticks without a phase.
   const std::vector<std::string>& names() const { return names_; }
   void phase(std::size_t k) { phase_ = k; }
+  std::size_t phase() const { return phase_; }
   // Whether a member is in, for the next tick only.
   void say(std::size_t m, bool in) { said_[m] = in ? 1 : -1; }
   void forget() { std::fill(said_.begin(), said_.end(), 0); }

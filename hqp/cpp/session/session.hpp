@@ -79,7 +79,7 @@ class Session {
   void phase(const std::string& name);
 
   // One tick for q (nq) and v (nv): no allocation but where elements come and go (for what the solver keeps of each
-  // such set), no exception, no lock, no system call but the clock's.
+  // such set) and where laws go over to others, no exception, no lock, no system call but the clock's.
   const Tick& step(const double* q, const double* v) noexcept;
   template <class Vector>
   const Tick& step(const Vector& q, const Vector& v) noexcept {

@@ -9,6 +9,7 @@ from hqp.declare.element import Constraint, Element, Inequality, has
 from hqp.declare.plans import Constant
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError
+from hqp.loop import phase_laws
 from hqp.loop.compiled import Compiled, Compiler
 from hqp.loop.contact_watch import LEAST_LOAD, PATIENCE
 from hqp.loop.outgoing import largest_change
@@ -20,15 +21,17 @@ from hqp.tolerances import VIOLATION_TOLERANCE
 
 if TYPE_CHECKING:
     from hqp.loop.session import Session
+    from hqp.sequence import Sequence
 
 
-def document(session: Session) -> tuple[dict[str, Any], list[Vec]]:
+def document(session: Session, sequence: Sequence | None) -> tuple[dict[str, Any], list[Vec]]:
     """The tree of a session whose stack is compiled anew, and the arrays whose numbers do not matter.
 
-    Raises DeclarationError for an element or a solver that is not native, by its name, and for laws by phase.
+    Raises DeclarationError for an element or a solver that is not native, by its name, or a sequence that does not
+    fit.
     """
-    if session.line.guards.has_laws:
-        raise _refused("sequence", "its phases have laws of their own", "phases without laws")
+    if sequence is not None:
+        sequence.require(session)
     controller, robot = session.controller, session.robot.copy()
     deadline = session.line.budget.deadline
     compiled = Compiler(controller, robot, session.dt, deadline).compile(session.stack)
@@ -53,7 +56,7 @@ def document(session: Session) -> tuple[dict[str, Any], list[Vec]]:
             "rates": None if session.line.limiter is None else list(session.line.limiter.inverse),
             "braking": controller.braking,
         },
-        **Presence(compiled.stack, program).parts,
+        **_phases(compiled, sequence),
         "elements": [_element(e, compiled, robot) for e in compiled.stack],
         "motion": {**motion, **moving, "bodies": robot.bodies},
         "solver": compiled.workspace.parts(program.problem),  # type: ignore[attr-defined]
@@ -62,6 +65,15 @@ def document(session: Session) -> tuple[dict[str, Any], list[Vec]]:
     placements += [joint[-1][-1] for joint in robot.tree_joints or ()]
     scratch = [robot.joint_twists, *(array for placement in placements for array in placement)]
     return tree, scratch
+
+
+def _phases(compiled: Compiled, sequence: Sequence | None) -> dict[str, Any]:
+    """Who is out in which phase, and the laws there."""
+    found, laws = Presence(compiled.stack, compiled.program).parts, {} if sequence is None else sequence.laws()
+    usual, known = found["phases"][0]["out"], [phase["name"] for phase in found["phases"]]
+    found["phases"] += [{"name": name, "out": usual} for name in laws if name not in known]
+    names = [phase["name"] for phase in found["phases"]]
+    return {**found, "laws": phase_laws.parts(compiled.program.assembly, laws, names)}
 
 
 def _robot(robot: Robot) -> dict[str, Any]:
@@ -99,8 +111,8 @@ def _require_native(compiled: Compiled, robot: Robot) -> None:
         raise _refused("solver", "it is not 'lexicographic'")
 
 
-def _refused(name: str, why: str, allowed: str = "elements and solvers with native code") -> DeclarationError:
-    return DeclarationError(name, f"cannot be exported: {why}", allowed=allowed)
+def _refused(name: str, why: str) -> DeclarationError:
+    return DeclarationError(name, f"cannot be exported: {why}", allowed="elements and solvers with native code")
 
 
 def _element(element: Element, compiled: Compiled, robot: Robot) -> dict[str, Any]:

@@ -13,25 +13,26 @@ from hqp.loop.plan_file.document import document
 
 if TYPE_CHECKING:
     from hqp.loop.session import Session
+    from hqp.sequence import Sequence
 
 FORMAT = 1
 """Changes with what a file means."""
 
 
-def text(session: Session) -> bytes:
+def text(session: Session, sequence: Sequence | None = None) -> bytes:
     """The whole file of a session: the same bytes for the same declarations."""
-    tree, scratch = document(session)
+    tree, scratch = document(session, sequence)
     found, buffers = plain(tree, scratch)
     body = json.dumps({**found, "buffers": buffers}, separators=(",", ":"), allow_nan=False).encode()
     head = f"hqp plan, format {FORMAT}, version {hqp.__version__}, size {len(body)}, hash {fnv1a(body):016x}\n"
     return head.encode() + body
 
 
-def write(session: Session, path: str | os.PathLike[str]) -> None:
+def write(session: Session, path: str | os.PathLike[str], sequence: Sequence | None = None) -> None:
     """Write the file of a session, all of it or nothing."""
     target = Path(path)
     beside = target.with_name(f".{target.name}.{os.getpid()}")
-    beside.write_bytes(text(session))
+    beside.write_bytes(text(session, sequence))
     os.replace(beside, target)
 
 
