@@ -18,7 +18,7 @@ from hqp.loop.transition.waypoints import Waypoint, path
 from hqp.programs.direct import Direct
 from hqp.programs.formulation import Program
 from hqp.programs.rest import Rest
-from hqp.solvers.base import Solver, Workspace
+from hqp.solvers.base import Solver, Workspace, turn
 
 if TYPE_CHECKING:
     from hqp.loop.controller import Controller
@@ -50,16 +50,12 @@ class Compiled:
     loop: Direct | None = None
     sets: dict[frozenset[str], int] = field(default_factory=dict)
     """Numbers of the sets of elements that were out."""
-    _turned: Callable[[int], None] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self._turned = getattr(self.workspace, "turn", lambda _: None)
 
     def turn(self, out: frozenset[str]) -> None:
         """The next ticks are without these elements: the solver goes on where it ended when it was last so."""
         if out not in self.sets:
             self.sets[out] = len(self.sets)
-        self._turned(self.sets[out])
+        turn(self.workspace, self.sets[out])
 
     def direct(self) -> Direct | None:
         """The loop of ordinary ticks, made once; None where there is none now."""

@@ -33,7 +33,8 @@ class Workspace(Protocol):
 
 def turn(workspace: object, rows: int) -> None:
     """Go over to a set of rows, by number, where the workspace keeps what each ended with."""
-    getattr(workspace, "turn", lambda _: None)(rows)
+    if turned := getattr(workspace, "turn", None):
+        turned(rows)
 
 
 class OneThread:

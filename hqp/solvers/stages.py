@@ -72,7 +72,6 @@ class StagedWorkspace:
         self._seconds = self._began = 0.0
         self._law: dict[str, Any] = {}
         self._sets: dict[int, None] = {}
-        self._turns: list[Callable[[int], None]] = []
 
     def reset(self) -> None:
         """Forget the warm starts."""
@@ -86,11 +85,8 @@ class StagedWorkspace:
         """The next solves are of this set of the rows, by number: each goes on where its own last solve ended."""
         self._sets.pop(rows, None)
         self._sets[rows] = None  # the latest last
-        if not self._turns:
-            parts = self._exact, self._native, *(workspace for workspace, _ in self._heads.values())
-            self._turns = [found for part in parts if (found := getattr(part, "turn", None))]
-        for turned in self._turns:
-            turned(rows)
+        for part in (self._exact, self._native, *(workspace for workspace, _ in self._heads.values())):
+            turn(part, rows)
 
     def limit(self, seconds: float) -> None:
         """Time for the next solves [s], as the solver's own workspace takes it."""
@@ -225,7 +221,6 @@ class StagedWorkspace:
             turn(workspace, rows)
         kernel: Kernel | None = getattr(workspace, "kernel", lambda _: None)(above)
         self._heads[head] = workspace, kernel
-        self._turns.clear()
         if kernel is not None:
             self._native.above(head, kernel[3], kernel[1][: self._shape.n])
         return kernel
@@ -328,7 +323,6 @@ class StagedWorkspace:
         self._problem = None  # until all of it is bound
         self._plain, self._has_prices = problem.exact(), any(problem.priced)
         self._heads.clear()
-        self._turns.clear()
         if self._has_prices:
             self._bind_stages(problem)
         self._problem = problem
