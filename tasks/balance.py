@@ -109,26 +109,31 @@ class Balance(Task):
 
     def dcm(self, state: State) -> Vec:
         """xi ``(2,)`` [m], the capture point: with its ZMP there, the robot comes to rest (Pratt et al. 2006)."""
-        return np.asarray(state.com()[:2] + state.com_velocity()[:2] / self.omega(state))
+        return _dcm(state, self.omega(state))
 
     def omega(self, state: State) -> float:
         """sqrt(g / h) [1/s], h the declared height or that above the support."""
-        c = state.com()
-        height = self._over(self.corners(state), c[:2], c[2]) if self.height is None else self.height
-        return math.sqrt(_gravity(state.robot) / height)
+        return self._omega(state, self.corners(state))
 
     def zmp(self, state: State, reference: ArrayLike) -> tuple[Vec, Vec]:
         """p ``(2,)``, and what it were without the hull ``(2,)`` [m], for z_ref and xi_ref ``(4,)`` [m]."""
-        z_ref, xi_ref = np.split(np.asarray(reference, dtype=np.float64), 2)
-        corners = self.corners(state)
-        wanted = z_ref + (1.0 + cast(DCM, self.law).k / self.omega(state)) * (self.dcm(state) - xi_ref)
-        return nearest(corners[hull(corners[:, :2]), :2], wanted), wanted
+        return self._zmp(state, reference, self.corners(state))
 
     def error(self, state: State, reference: Any) -> Vec:
         """Minus the acceleration that is asked for, g (p - c) / h ``(2,)`` [m/s^2]."""
-        p, _ = self.zmp(state, reference)
+        corners, c = self.corners(state), state.com()
+        p, _ = self._zmp(state, reference, corners)
+        return _gravity(state.robot) / self._over(corners, p, c[2]) * (p - c[:2])
+
+    def _zmp(self, state: State, reference: ArrayLike, corners: Mat) -> tuple[Vec, Vec]:
+        z_ref, xi_ref = np.split(np.asarray(reference, dtype=np.float64), 2)
+        omega = self._omega(state, corners)
+        wanted = z_ref + (1.0 + cast(DCM, self.law).k / omega) * (_dcm(state, omega) - xi_ref)
+        return nearest(corners[hull(corners[:, :2]), :2], wanted), wanted
+
+    def _omega(self, state: State, corners: Mat) -> float:
         c = state.com()
-        return _gravity(state.robot) / self._over(self.corners(state), p, c[2]) * (p - c[:2])
+        return math.sqrt(_gravity(state.robot) / (self.height or self._over(corners, c[:2], c[2])))
 
     def _over(self, corners: Mat, p: Vec, z: float) -> float:
         """How far z is above the plane through the support at p [m]."""
@@ -155,6 +160,10 @@ class Balance(Task):
         points = tuple((plans.frame(robot, f), tuple(map(float, p))) for f, *p in self.points)
         k, height = float(cast(DCM, self.law).k), float(self.height or 0.0)
         return plans.Balance(points, k, height, _gravity(robot), self.of)
+
+
+def _dcm(state: State, omega: float) -> Vec:
+    return np.asarray(state.com()[:2] + state.com_velocity()[:2] / omega)
 
 
 def _gravity(robot: Robot) -> float:
