@@ -8,6 +8,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import hqp.robots
@@ -20,14 +21,14 @@ pytest.importorskip("mujoco")
 
 @pytest.fixture
 def fits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Sizes of the clouds that were fitted, with an empty cache."""
+    """Sizes of the clouds that were fitted, with an empty cache; fitted is a ball, which takes no time."""
     seen: list[int] = []
 
     def counted(cloud: Any) -> Any:
         seen.append(len(cloud))
-        return fit(cloud)
+        centre = cloud.mean(axis=0)
+        return [(centre, centre, float(np.linalg.norm(cloud - centre, axis=1).max()))]
 
-    fit = capsules.fit
     monkeypatch.setattr(capsules, "fit", counted)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     return seen
