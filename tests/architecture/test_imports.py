@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -40,6 +41,18 @@ UP = {("hqp.loop.stuck", "hqp.goals.ways_out")}
 """A way out of a trap is looked for by sessions of its own, when a tick asks for one."""
 
 
+@cache
+def tree(path: Path) -> ast.Module:
+    """A file's syntax, read once for all tests."""
+    return ast.parse(path.read_text())
+
+
+@cache
+def nodes(path: Path) -> tuple[ast.AST, ...]:
+    """All of it, flat."""
+    return tuple(ast.walk(tree(path)))
+
+
 def imported(path: Path, everywhere: bool = True) -> set[str]:
     """Absolute names a file imports: at any depth, or at load time only (no functions, no TYPE_CHECKING)."""
     found: set[str] = set()
@@ -56,7 +69,7 @@ def imported(path: Path, everywhere: bool = True) -> set[str]:
             if everywhere or not lazy:
                 visit(child)
 
-    visit(ast.parse(path.read_text()))
+    visit(tree(path))
     return found
 
 
@@ -86,7 +99,7 @@ def loads(name: str, path: Path, known: dict[str, Path]) -> set[str]:
     """The modules that a module imports at load time, relative ones resolved."""
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     found = {part for part in imported(path, everywhere=False) if part in known}
-    for node in ast.parse(path.read_text()).body:
+    for node in tree(path).body:
         if isinstance(node, ast.ImportFrom) and node.level:
             base = package.split(".")[: len(package.split(".")) - node.level + 1] + (
                 [node.module] if node.module else []
@@ -115,7 +128,7 @@ def everything(name: str, path: Path, known: dict[str, Path]) -> set[str]:
     """The modules that a module imports anywhere: in functions and for types, too."""
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -178,7 +191,7 @@ def test_what_stands_outside_the_library(folder: str, unknown: set[str]) -> None
 
 def test_inside_tasks_and_robots_no_parent_imports() -> None:
     for path in [*TASKS, *ROBOTS]:
-        levels = [n.level for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.ImportFrom)]
+        levels = [n.level for n in nodes(path) if isinstance(n, ast.ImportFrom)]
         assert max(levels, default=0) <= 1, path.name
 
 
@@ -237,7 +250,7 @@ def test_dir_shows_the_public_names_and_nothing_private() -> None:
 def private_names(path: Path) -> set[str]:
     """Fields and methods with one leading underscore of the classes in a file."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in nodes(path):
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "self":
             found.add(node.attr)
         elif isinstance(node, ast.FunctionDef):
@@ -255,7 +268,7 @@ def test_the_private_fields_of_a_session_are_its_own(owner: str) -> None:
         for path in sorted(ROOT.glob(folder)):
             if path == own:
                 continue
-            for node in ast.walk(ast.parse(path.read_text())):
+            for node in nodes(path):
                 if isinstance(node, ast.Attribute) and node.attr in names and session_like(node.value):
                     found.append(f"{path.relative_to(ROOT)}:{node.lineno}: {ast.unparse(node)}")
     assert not found
