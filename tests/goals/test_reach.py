@@ -195,7 +195,7 @@ def test_native_descents_are_those_of_the_general_path(name: str, monkeypatch: p
         stack = Stack(Level(hand), Level(Posture()))
     start, runs = hand.value(robot.state()), []
     goals = []
-    for k in range(8):
+    for k in (0, 6) if name == "cbi" else range(8):  # whose general path takes a second a goal
         goal = start.copy()
         goal[..., 3 if goal.ndim > 1 else slice(None)][:3] += rng.uniform(-0.4, 0.4, 3) * (4.0 if k > 5 else 1.0)
         goals.append(hand.at(goal))

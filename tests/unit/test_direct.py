@@ -109,7 +109,8 @@ def test_direct_ticks_equal_general_ones(stack: Stack, formulation: Any) -> None
         for w, expected in zip(one.solution.residuals, other.solution.residuals, strict=True):
             np.testing.assert_allclose(w, expected, atol=1e-8)
         assert all((a == b).all() for a, b in zip(one.solution.active, other.solution.active, strict=True))
-        assert one.explain()["r_palm"].residual == pytest.approx(other.explain()["r_palm"].residual, abs=1e-9)
+        if k % 10 == 0:  # which solves anew
+            assert one.explain()["r_palm"].residual == pytest.approx(other.explain()["r_palm"].residual, abs=1e-9)
         q, v = one.advance()
     assert 20 < direct < 120
 
