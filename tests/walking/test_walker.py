@@ -162,14 +162,15 @@ def test_it_walks_over_tiles_that_it_does_not_know() -> None:
 
 
 def test_phases_follow_each_other_and_the_stack(tmp_path: Any) -> None:
-    """Without loads by time: shift, swing, shift; the foot that swings is out of the stack."""
+    """Without loads by time: shift, swing, shift; the foot that swings is out of the stack.  A share is none below 0."""
     robot = hqp.robots.load("talos", rotors=True)
-    walker = Walker(robot, Gait(single=0.1, double=0.04, first=0.06), dt=DT, deadline=np.inf)
+    walker = Walker(robot, Gait(single=0.1, double=0.04, first=0.2), dt=DT, deadline=np.inf)
     walker.go(forward=0.05)
     events = []
-    for _ in range(160):
+    for _ in range(290):
         tick = walker.step(robot.state(robot.home))
         assert tick.status.usable
+        assert 0.0 <= walker._share <= 1.0
         if walker.event:
             events.append((walker.event, walker.stance, walker.session.program.out & {"left", "right"}))
     assert events[:4] == [("shift", 1, set()), ("swing", 1, {"left"}), ("shift", 0, set()), ("swing", 0, {"right"})]
