@@ -1,46 +1,70 @@
 """Faults put into the code one at a time: which do the tests see?
 
-`python -m tests.mutation --count 40 --seed 0` draws single faults in Python and C++, builds each in a copy of the tree,
-runs the tests that fit its file and, where these pass, all of them.  A fault counts as killed where a test fails twice
-with it and passes without it, or the run crashes, or does not end where it ends in time without it.  The copy alone
-takes minutes to build; the whole takes hours: no part of the suite.
+`python -m tests.mutation --count 40 --seed 0` draws single faults in Python and C++, builds each in a copy of the tree
+(build/mutation) and runs tests there: fast ones whose words are nearest to the words about the fault, slow ones of the
+nearest two files, all other fast ones.  A fault counts as killed where a test fails or does not end twice with it, and
+passes without it.  Each verdict is written at once: a second call goes on where the first was stopped.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
+import math
 import random
-import sys
-import tempfile
-from collections.abc import Sequence
+import re
+from collections import Counter
+from functools import cache
 from itertools import islice
-from pathlib import Path
 
 from .operators import Fault, changes, faults
-from .tree import LONGER, ROOT, Tree, failed
+from .tree import LEFT_OUT, ROOT, Tree
 
-TESTED_IN = {"rows": "tasks", "priced": "solvers", "solver": "solvers", "common": "solvers"}
-"""Folders of tests of folders that have another name; of the rest those of the same name, else the units."""
+FOLDER = ROOT / "build" / "mutation"
+NEAR = 12
+"""Lines before and after a fault whose words count as about it."""
+
+FIRST, FITTING = 8, "fitting tests"
+"""Files of tests that are run before all others: to collect all takes longer than most faults live."""
 
 
 def sources() -> list[str]:
-    """Every file that faults are put into."""
+    """Every file that faults are put into; rivals' workers run where no test does."""
     found = (path for part in ("hqp", "tasks", "robots") for path in (ROOT / part).rglob("*.[pch]*"))
-    return sorted({p.resolve().relative_to(ROOT).as_posix() for p in found if p.suffix in (".py", ".hpp", ".cpp")})
+    paths = {p.resolve().relative_to(ROOT).as_posix() for p in found if p.suffix in (".py", ".hpp", ".cpp")}
+    return sorted(path for path in paths if "rivals/workers" not in path)
 
 
-def files_of_tests() -> list[str]:
-    """Every file of tests."""
-    return sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "tests").rglob("test_*.py"))
+def words(text: str) -> Counter[str]:
+    """Words of names and of prose, small."""
+    return Counter(word.lower() for word in re.findall(r"[A-Z]?[a-z]{2,}", text))
 
 
-def fitting(path: str, every: Sequence[str]) -> list[list[str]]:
-    """Tests by how near they are to a file: those with its name in theirs, then those of its folder."""
-    *folders, name = Path(path).with_suffix("").parts
-    named = [test for test in every if f"_{name.strip('_')}" in Path(test).stem]
-    known = [TESTED_IN.get(folder, folder) for folder in reversed(folders)]
-    own = next((f"tests/{folder}" for folder in known if (ROOT / "tests" / folder).is_dir()), "tests/unit")
-    return [named, [own]] if named else [[own]]
+@cache
+def files_of_tests() -> dict[str, Counter[str]]:
+    """The words of every file of tests."""
+    paths = (path for path in sorted((ROOT / "tests").rglob("test_*.py")))
+    told = {path.relative_to(ROOT).as_posix(): path.read_text("utf-8") for path in paths}
+    return {path: words(path + text) for path, text in told.items() if not path.startswith(LEFT_OUT)}
+
+
+def nearest(path: str, text: str, line: int) -> list[str]:
+    """Files of tests, those first that share most words with a place of a source: its lines, its file, its name.
+
+    A word that stands in n of N files counts log(N / n); a file's sum is over the root of how many words it has.
+    """
+    about = Counter(dict.fromkeys(words(text), 1.0))
+    about.update(dict.fromkeys(words("\n".join(text.splitlines()[max(0, line - NEAR) : line + NEAR])), 2.0))
+    about.update(dict.fromkeys(words(path), 4.0))
+    known = Counter(word for found in files_of_tests().values() for word in found)
+    rare = {word: math.log(len(files_of_tests()) / count) for word, count in known.items()}
+
+    def score(test: str) -> float:
+        found = files_of_tests()[test]
+        shared = (about[w] * (1.0 + math.log(found[w])) * rare[w] for w in about if found[w])
+        return sum(shared) / math.sqrt(len(found))
+
+    return sorted(files_of_tests(), key=score, reverse=True)
 
 
 def drawn(count: int, seed: int, only: str) -> list[Fault]:
@@ -55,22 +79,32 @@ def drawn(count: int, seed: int, only: str) -> list[Fault]:
     return chosen
 
 
-def judged(fault: Fault, stages: Sequence[Sequence[str]], copy: Tree, seconds: float) -> str:
-    """What became of a fault: killed by which test, survived, or not compiled."""
-    there = seconds, copy.folder, copy.python
-    with copy.fault(fault.path, fault.put_into((ROOT / fault.path).read_text("utf-8"))) as built:
-        if not built:
-            return "does not compile"
-        for stage in stages:
-            left_out: list[str] = []
-            while first := failed([*stage, *(f"--deselect={test}" for test in left_out)], *there):
-                if "::" not in first:
-                    ends = not first.startswith(LONGER) or not failed(stage, seconds).startswith(LONGER)
-                    return f"{'killed' if ends else 'no verdict'}: {first}"
-                if failed([first], *there) and not failed([first], seconds):  # the latter in the work tree
-                    return f"killed by {first}"
-                left_out.append(first)  # fails now and then, or without the fault as well
-    return "SURVIVED"
+def judged(fault: Fault, copy: Tree, seconds: float, fitting: bool, left_out: set[str]) -> str:
+    """What became of a fault: killed by which test, survived, or not compiled.
+
+    fitting: whether only the tests that fit are run.  left_out: tests that fail now and then, or without a fault as
+    well; grows.
+    """
+    text = (copy.folder / fault.path).read_text("utf-8")
+    order = nearest(fault.path, text, text.count("\n", 0, fault.start))
+    stages = (order[:FIRST], "not slow"), (order[:2], "slow"), (order[FIRST:], "not slow")
+    run = "all"
+    for files, marked in stages[:2] if fitting else stages:
+        while True:
+            with copy.fault(fault.path, fault.put_into(text)) as built:
+                if not built:
+                    return "does not compile"
+                test, how = copy.failed(files, seconds, marked, left_out)
+                again = test and copy.failed([test], min(seconds, 60.0), marked)[1]
+            if not how:
+                break
+            if how == "out of time" and not again:
+                run = f"{seconds:.0f} s of"
+                break
+            if again and not copy.failed([test], 2 * seconds, marked)[1]:
+                return f"killed by {test}, {how}"
+            left_out.add(test)
+    return f"SURVIVED {run} {FITTING if fitting else 'tests'}"
 
 
 def main() -> int:
@@ -79,23 +113,26 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=40, help="faults (40)")
     parser.add_argument("--seed", type=int, default=0, help="of the draw (0)")
     parser.add_argument("--only", default="", help="files whose path begins so, as hqp/cpp/rows (all)")
-    parser.add_argument("--seconds", type=float, default=1800.0, help="longest run of tests (1800)")
+    parser.add_argument("--seconds", type=float, default=300.0, help="CPU time of each of these three, at most (300)")
     parser.add_argument("--fitting", action="store_true", help="only the tests that fit, not all of them after these")
-    parser.add_argument("--list", action="store_true", help="print the faults, and judge none")
+    parser.add_argument("--again", action="store_true", help="judge again what survived")
+    parser.add_argument("--list", action="store_true", help="print the faults and what is known of them, judge none")
     given = parser.parse_args()
-    chosen, every, verdicts = drawn(given.count, given.seed, given.only), files_of_tests(), []
+    kept = FOLDER / "verdicts.json"
+    known: dict[str, str] = json.loads(kept.read_text("utf-8")) if kept.exists() else {}
+    again = "SURVIVED" if given.again else None if given.fitting else FITTING
+    known = {line: verdict for line, verdict in known.items() if again is None or again not in verdict}
+    copy, left_out, verdicts = None, set[str](), []
+    print("| fault | what | verdict |\n| --- | --- | --- |", flush=True)
+    chosen = drawn(given.count, given.seed, given.only)
     told = [fault.described((ROOT / fault.path).read_text("utf-8")) for fault in chosen]
-    if given.list:
-        print("\n".join(told))
-        return 0
-    with tempfile.TemporaryDirectory() as temporary:
-        print("building a copy", file=sys.stderr, flush=True)
-        copy = Tree(Path(temporary) / "hqp")
-        print("| fault | what | verdict |\n| --- | --- | --- |", flush=True)
-        for number, (fault, line) in enumerate(zip(chosen, told, strict=True), 1):
-            stages = fitting(fault.path, every) + ([] if given.fitting else [["tests"]])
-            verdicts.append(judged(fault, stages, copy, given.seconds))
-            print(f"| {number} | {line.replace('|', chr(92) + '|')} | {verdicts[-1]} |", flush=True)
+    for number, (fault, line) in enumerate(zip(chosen, told, strict=True), 1):
+        if line not in known and not given.list:
+            copy = copy or Tree(FOLDER / "tree")
+            known[line] = judged(fault, copy, given.seconds, given.fitting, left_out)
+            kept.write_text(json.dumps(known, indent=1), "utf-8")
+        verdicts.append(known.get(line, ""))
+        print(f"| {number} | {line.replace('|', chr(92) + '|')} | {verdicts[-1]} |", flush=True)
     killed, survived = (sum(verdict.startswith(word) for verdict in verdicts) for word in ("killed", "SURVIVED"))
     print(f"{killed} of {killed + survived} killed; {len(verdicts) - killed - survived} without a verdict")
     return 0

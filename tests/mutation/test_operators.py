@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import ast
+import sys
 from pathlib import Path
 
 import pytest
 
-from .__main__ import files_of_tests, fitting, sources
+from .__main__ import files_of_tests, nearest, sources
 from .operators import OPERATORS, Fault, changes, faults
-from .tree import ROOT
+from .tree import ROOT, Tree
 
 PYTHON = '''
 """A text: 3 < 4 and 5."""
@@ -65,14 +66,41 @@ def test_what_is_dropped_leaves_a_function_that_parses() -> None:
     assert gone == ['store_.x[2] = "a + b"[0];', "clear(sum);"]
 
 
-def test_every_source_has_fitting_tests() -> None:
-    every, known = sources(), files_of_tests()
-    assert {Path(path).suffix for path in every} == {".py", ".hpp", ".cpp"}
-    for path in every:
-        assert all((ROOT / test).exists() for stage in fitting(path, known) for test in stage), path
-    assert fitting("hqp/loop/presence.py", known) == [
-        ["tests/export/test_presence.py", "tests/unit/test_presence.py"],
-        ["tests/unit"],
-    ]
-    assert fitting("hqp/cpp/rows/laws.hpp", known)[-1] == ["tests/tasks"]
-    assert fitting("tasks/wheel.py", known)[-1] == ["tests/tasks"]
+@pytest.mark.parametrize(
+    ("path", "test"),
+    [
+        ("hqp/web/doors.py", "tests/viewer/test_doors.py"),
+        ("hqp/cpp/session/late.hpp", "tests/unit/test_late.py"),
+        ("tasks/within.py", "tests/tasks/test_within.py"),
+    ],
+)
+def test_tests_about_a_place_come_first_and_all_others_after(path: str, test: str) -> None:
+    every = sources()
+    assert {Path(each).suffix for each in every} == {".py", ".hpp", ".cpp"}
+    assert path in every
+    order = nearest(path, (ROOT / path).read_text(), 50)
+    assert order[0] == test
+    assert sorted(order) == sorted(files_of_tests())
+    assert len(order) > 100
+
+
+@pytest.mark.parametrize(
+    ("line", "how"),
+    [
+        ("assert [] == [1]", "fails"),
+        ("os.abort()", "exit code -6"),
+        ("all(n == 0 for n in iter(int, 1))", "out of time"),
+        ("1 / 1", ""),
+    ],
+)
+def test_how_a_run_ends(line: str, how: str, tmp_path: Path) -> None:
+    (tmp_path / "tests").mkdir()
+    text = (
+        f"import os, pytest\ndef test_good(): pass\n@pytest.mark.parametrize('x', ['a - b'])\ndef test_it(x): {line}\n"
+    )
+    (tmp_path / "tests" / "test_one.py").write_text(text)
+    copy = Tree.__new__(Tree)
+    copy.folder, copy.python = tmp_path, Path(sys.executable)
+    test = "tests/test_one.py::test_it[a - b]"
+    assert copy.failed(["tests/test_one.py"], 2.0, "not slow") == (test if how else "", how)
+    assert how != "fails" or copy.failed(["tests/test_one.py"], 2.0, "not slow", but=[test]) == ("", "")

@@ -4,39 +4,49 @@ from __future__ import annotations
 
 import os
 import re
+import resource
 import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 TOOLS = ("nanobind>=2.7", "scikit-build-core>=0.11", "cmake", "ninja")
-LEFT_OUT = ("tests/mutation", "tests/browser", "tests/architecture/test_format.py")
-"""Tests that say nothing of a fault: of this script, of a browser, of how a line is written."""
-LONGER = "longer than"
-ALONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "HQP_REQUIRE_NATIVE": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+LEFT_OUT = ("tests/mutation", "tests/browser", "tests/docs", "tests/architecture")
+"""Tests that say nothing of a fault: of this script, of a browser, of words and files."""
+ALONE = {
+    "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "HQP_REQUIRE_NATIVE": "1", "PYTHONDONTWRITEBYTECODE": "1",
+    "CMAKE_ARGS": "-DHQP_QUICK=ON",
+}  # fmt: skip
 
 
 class Tree:
-    """Files of the project under ``folder``, native parts built, importable by ``python`` alone."""
+    """Files of the project under ``folder``, native parts built, importable by ``python`` alone.
+
+    A folder that is there is used again: what differs is copied, and what was built is kept.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.python = folder, folder / ".venv" / "bin" / "python"
         listed = subprocess.check_output(["git", "ls-files", "-z", "-co", "--exclude-standard"], cwd=ROOT, text=True)
         for path in filter(None, listed.split("\0")):
-            if os.path.lexists(ROOT / path):
-                (folder / path).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copy2(ROOT / path, folder / path, follow_symlinks=False)
-        subprocess.run([sys.executable, "-m", "venv", str(folder / ".venv")], check=True)
-        packages = next((folder / ".venv" / "lib").glob("python*/site-packages"))
+            self._copy(ROOT / path, folder / path)
+        new = not list((folder / "build").glob("*/CMakeCache.txt"))
+        if new:
+            subprocess.run([sys.executable, "-m", "venv", str(folder / ".venv")], check=True)
+        self.packages = next((folder / ".venv" / "lib").glob("python*/site-packages"))
         installed = [path for path in sys.path if "site-packages" in path]  # but for the project, which a hook finds
-        (packages / "installed.pth").write_text("\n".join(installed), encoding="utf-8")
-        for what in (TOOLS, self._project):
-            if told := self._install(what):
-                raise SystemExit(f"the copy cannot be built:\n{told[-2000:]}")
+        (self.packages / "installed.pth").write_text("\n".join(installed), encoding="utf-8")
+        pip = [str(self.python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+        project = ["--no-deps", "--no-build-isolation", "--editable", str(folder)]
+        for command in [[*pip, *TOOLS], [*pip, *project]] if new else []:
+            self._run(command, check=True)
+        if not self._built():
+            raise SystemExit(f"the copy cannot be built: cmake --build {folder}/build/*")
+        shutil.copytree(self.packages / "hqp", folder / "build" / "right", dirs_exist_ok=True)
 
     @contextmanager
     def fault(self, path: str, text: str) -> Iterator[bool]:
@@ -45,41 +55,59 @@ class Tree:
         original = there.read_text("utf-8")
         try:
             there.write_text(text, "utf-8")
-            yield not native or not self._install(self._project)
+            yield not native or self._built()
         finally:
             there.write_text(original, "utf-8")
-            if native:
-                self._install(self._project)
+            shutil.copytree(self.folder / "build" / "right", self.packages / "hqp", dirs_exist_ok=True)
 
-    @property
-    def _project(self) -> tuple[str, ...]:
-        return "--no-deps", "--no-build-isolation", "--editable", str(self.folder)
+    def _built(self) -> bool:
+        (build,) = (path.parent for path in (self.folder / "build").glob("*/CMakeCache.txt"))
+        steps = ["--build", str(build), "-j1"], ["--install", str(build), "--prefix", str(self.packages)]
+        return all(self._run(["cmake", *step]) for step in steps)
 
-    def _install(self, what: Sequence[str]) -> str:
-        """What pip says where it fails, "" where it does not."""
-        path = f"{self.python.parent}{os.pathsep}{os.environ.get('PATH', '')}"
+    def _run(self, command: Sequence[str], check: bool = False) -> bool:
+        tools = self.python.parent, Path(sys.executable).parent, os.environ.get("PATH", "")
         kept = {"CMAKE_CXX_COMPILER_LAUNCHER": "ccache"} if shutil.which("ccache") else {}  # a fault is undone at once
-        environment = {**kept, **os.environ, "PATH": path}
-        command = [str(self.python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *what]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-        return done.stderr or "pip failed" if done.returncode else ""
+        environment = {**kept, **os.environ, **ALONE, "PATH": os.pathsep.join(map(str, tools))}
+        return not subprocess.run(command, env=environment, check=check, stdout=subprocess.DEVNULL,
+                                  stderr=None if check else subprocess.DEVNULL).returncode  # fmt: skip
 
+    @staticmethod
+    def _copy(there: Path, here: Path) -> None:
+        if there.is_symlink():
+            here.parent.mkdir(parents=True, exist_ok=True)
+            here.unlink(missing_ok=True)
+            here.symlink_to(os.readlink(there))
+        elif there.exists() and not (here.exists() and here.read_bytes() == there.read_bytes()):
+            here.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(there, here)  # the time of its change is that of the copy: it is built again
 
-def failed(tests: Sequence[str], seconds: float, folder: Path = ROOT, python: str | Path = sys.executable) -> str:
-    """The first of these tests that fails, or how else the run ended; "" where all pass.  seconds: at most."""
-    left_out = [f"--ignore={path}" for path in LEFT_OUT]
-    options = ["-x", "-q", "--tb=no", "--no-header", "-p", "no:cacheprovider", *left_out]
-    run = subprocess.Popen(
-        [str(python), "-m", "pytest", *options, *tests], cwd=folder, env={**os.environ, **ALONE}, text=True,
-        start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-    try:
-        told, _ = run.communicate(timeout=seconds)
-    except subprocess.TimeoutExpired:
-        os.killpg(run.pid, signal.SIGKILL)
-        run.communicate()
-        return f"{LONGER} {seconds:.0f} s"
-    if run.returncode in (0, 5):  # 5: no test of these is left
-        return ""
-    first = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", told, re.MULTILINE)
-    return first[1] if first else f"exit code {run.returncode}"
+    def failed(self, tests: Sequence[str], seconds: float, marked: str, but: Iterable[str] = ()) -> tuple[str, str]:
+        """The first of these tests that fails and how, ("", "") where all pass.
+
+        seconds: of CPU, at most; the test that runs then is told as ("...", "out of time").
+        """
+        left_out = [f"--ignore={path}" for path in LEFT_OUT] + [f"--deselect={test}" for test in but]
+        options = ["-x", "-v", "--tb=no", "--no-header", "-p", "no:cacheprovider", "-m", marked, *left_out]
+        limit = int(seconds), int(seconds) + 5
+        run = subprocess.Popen(
+            [str(self.python), "-m", "pytest", *options, *tests], cwd=self.folder, env={**os.environ, **ALONE},
+            start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, limit),
+        )  # fmt: skip
+        try:
+            told, _ = run.communicate(timeout=60 + 20 * seconds)  # it may wait, and compute nothing
+        except subprocess.TimeoutExpired:
+            told = ""
+        finally:
+            if run.poll() is None:
+                os.killpg(run.pid, signal.SIGKILL)
+                told, _ = run.communicate()
+        if run.returncode in (0, 5):  # 5: no test of these is left
+            return "", ""
+        first = re.search(r"^(tests/\S+?::.+?) (?:FAILED|ERROR)|^ERROR (tests/\S+)", told, re.MULTILINE)
+        if first:
+            return first[1] or first[2], "fails"
+        last = re.findall(r"^(tests/\S+?::.+?)(?: [A-Z]+.*)?$", told, re.MULTILINE)
+        stopped = run.returncode in (-signal.SIGXCPU, -signal.SIGKILL)
+        return (last or ["?"])[-1].strip(), "out of time" if stopped else f"exit code {run.returncode}"
