@@ -213,7 +213,7 @@ def swings(draw: Any) -> tuple[Swing, Any, Any]:
     return Swing(start, goal, float(rng.uniform(0.3, 1.0)), 0.05, search=0.1), start, goal
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(swings())
 def test_a_foot_is_smooth_arrives_and_stays_in_bounds(made: tuple[Swing, Any, Any]) -> None:
     """The path is what its velocity and acceleration say, between start and goal, over the top, then down."""
