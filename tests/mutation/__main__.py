@@ -11,10 +11,10 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import random
 import re
 from collections import Counter
 from functools import cache
+from hashlib import sha256
 from itertools import islice
 
 from .operators import Fault, changes, faults
@@ -68,13 +68,20 @@ def nearest(path: str, text: str, line: int) -> list[str]:
 
 
 def drawn(count: int, seed: int, only: str) -> list[Fault]:
-    """So many faults, half of them in Python and half in C++, fewer where a file has no more."""
+    """So many faults, half of them in Python and half in C++, fewer where a file has no more.
+
+    Faults come by a hash of themselves and what stands around them: a change elsewhere leaves the draw as it is.
+    """
     texts = {path: (ROOT / path).read_text("utf-8") for path in sources() if path.startswith(only)}
-    generator, chosen = random.Random(seed), []
+
+    def place(fault: Fault) -> bytes:
+        around = texts[fault.path][max(0, fault.start - 60) : fault.stop + 60]
+        return sha256(f"{seed} {fault.path} {fault.operator} {fault.new} {around}".encode()).digest()
+
+    chosen: list[Fault] = []
     for python, most in ((True, count // 2), (False, count)):
         found = [f for path, text in texts.items() if path.endswith(".py") is python for f in faults(path, text)]
-        generator.shuffle(found)
-        real = (fault for fault in found if changes(fault, texts[fault.path]))
+        real = (fault for fault in sorted(found, key=place) if changes(fault, texts[fault.path]))
         chosen += islice(real, most - len(chosen))
     return chosen
 
@@ -127,11 +134,12 @@ def main() -> int:
     chosen = drawn(given.count, given.seed, given.only)
     told = [fault.described((ROOT / fault.path).read_text("utf-8")) for fault in chosen]
     for number, (fault, line) in enumerate(zip(chosen, told, strict=True), 1):
-        if line not in known and not given.list:
+        name = re.sub(r":\d+ ", " ", line, count=1)  # a change elsewhere moves it
+        if name not in known and not given.list:
             copy = copy or Tree(FOLDER / "tree")
-            known[line] = judged(fault, copy, given.seconds, given.fitting, left_out)
+            known[name] = judged(fault, copy, given.seconds, given.fitting, left_out)
             kept.write_text(json.dumps(known, indent=1), "utf-8")
-        verdicts.append(known.get(line, ""))
+        verdicts.append(known.get(name, ""))
         print(f"| {number} | {line.replace('|', chr(92) + '|')} | {verdicts[-1]} |", flush=True)
     killed, survived = (sum(verdict.startswith(word) for verdict in verdicts) for word in ("killed", "SURVIVED"))
     print(f"{killed} of {killed + survived} killed; {len(verdicts) - killed - survived} without a verdict")

@@ -162,7 +162,7 @@ def test_it_walks_over_tiles_that_it_does_not_know() -> None:
 
 
 def test_phases_follow_each_other_and_the_stack(tmp_path: Any) -> None:
-    """Without loads by time: shift, swing, shift; the foot that swings is out of the stack.  A share is none below 0."""
+    """Without loads by time: shift, swing, shift; the foot that swings is out of the stack; shares lie in 0..1."""
     robot = hqp.robots.load("talos", rotors=True)
     walker = Walker(robot, Gait(single=0.1, double=0.04, first=0.2), dt=DT, deadline=np.inf)
     walker.go(forward=0.05)
