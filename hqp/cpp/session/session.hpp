@@ -5,6 +5,7 @@
 #include <initializer_list>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "errors.hpp"
@@ -15,21 +16,25 @@ namespace hqp {
 class Plan;
 class Guarded;
 
+// Of vectors, which tell their numbers by data(), and of nothing else.
+template <class Vector>
+using Data = decltype(std::declval<const Vector&>().data());
+
 // Where an element is told what to do; good for the session that gave it. What is told is good for the next step only.
 class Reference {
  public:
   // The value as the element's reference has it (Python's Element.at(...).value, row by row), then velocity [per s] and
   // acceleration [per s^2] of its rows. Throws ReferenceError for a wrong size.
-  template <class Value>
+  template <class Value, class = Data<Value>>
   void at(const Value& value) {
     set(kValue, value.data(), value.size());
   }
-  template <class Value, class Rate>
+  template <class Value, class Rate, class = Data<Rate>>
   void at(const Value& value, const Rate& velocity) {
     at(value);
     set(kVelocity, velocity.data(), velocity.size());
   }
-  template <class Value, class Rate, class Change>
+  template <class Value, class Rate, class Change, class = Data<Change>>
   void at(const Value& value, const Rate& velocity, const Change& acceleration) {
     at(value, velocity);
     set(kAcceleration, acceleration.data(), acceleration.size());
@@ -81,7 +86,7 @@ class Session {
   // One tick for q (nq) and v (nv): no allocation but where elements come and go (for what the solver keeps of each
   // such set) and where laws go over to others, no exception, no lock, no system call but the clock's.
   const Tick& step(const double* q, const double* v) noexcept;
-  template <class Vector>
+  template <class Vector, class = Data<Vector>>
   const Tick& step(const Vector& q, const Vector& v) noexcept {
     return step(q.data(), v.data());
   }

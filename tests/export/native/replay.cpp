@@ -62,15 +62,15 @@ bool replay(const std::string& plan, double tolerance, int rounds) {
     const std::vector<std::int32_t> told = read<std::int32_t>(file, 2);
     for (int k = 0; k < told[0]; ++k) {
       const std::vector<std::int32_t> what = read<std::int32_t>(file, 3);
-      const std::vector<double> values = read<double>(file, std::size_t(what[2]));
+      std::vector<double> values = read<double>(file, std::size_t(what[2]));
       hqp::Reference& reference = references[std::size_t(what[0])];
-      if (what[1] == 0) reference.at(values.data(), values.size());
+      if (what[1] == 0) reference.at(values.data(), what[2]);
       if (what[1] == 1) reference.velocity(values.data(), values.size());
       if (what[1] == 2) reference.acceleration(values.data(), values.size());
       if (what[1] == 5) reference.hold(values.data(), values.size());
       if (what[1] == 6) reference.on(values[0] != 0.0);
     }
-    const std::vector<double> numbers = read<double>(file, nq + nv + n);
+    std::vector<double> numbers = read<double>(file, nq + nv + n);
     allocations = 0;
     counting = true;
     const auto begin = std::chrono::steady_clock::now();
