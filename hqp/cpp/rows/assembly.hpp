@@ -1,6 +1,7 @@
 // The rows of a stack: operations that are added once, when it is compiled, and run together each tick.
 #pragma once
 
+#include <algorithm>
 #include <memory>
 #include <utility>
 #include <vector>
@@ -10,6 +11,7 @@
 #include "laws.hpp"
 #include "loads.hpp"
 #include "operations.hpp"
+#include "references.hpp"
 
 namespace hqp {
 
@@ -25,6 +27,7 @@ class Assembly {
   void add(const Plan& plan, const Target& out) {
     if (out.drift) tree_.need_motions();
     operations_.push_back(Operations(tree_, nq_, dt_, order_).make(plan, out));
+    held_.resize(std::max({held_.size(), std::size_t(16), std::size_t(size()), out.rows, out.given}));
   }
   void laws(Laws laws) { demands_ = std::make_unique<Demands>(std::move(laws)); }
   void saturate(const Saturation& of) { demands_->saturate(of); }
@@ -70,11 +73,16 @@ class Assembly {
   void keep(CarryOver& state) {
     for (const auto& operation : operations_) operation->keep(state);
   }
-  // What operation k is at, after the kinematics: see Operation::hold.
-  void look(const double* v) { tree_.update(v); }
   int operations() const { return static_cast<int>(operations_.size()); }
-  bool hold(std::size_t k, const double* q, const double* v, double* value) {
-    return operations_[k]->hold(q, v, value);
+  // What operation k is at becomes the hold value, after the kinematics and look(); what it declares stays.
+  void look(const double* v) { tree_.update(v); }
+  void hold(std::size_t k, const double* q, const double* v, Slot& slot) {
+    const std::size_t size = slot.hold.size();
+    if (!slot.target || size == 0) return;
+    if (held_.size() < size) held_.resize(size);
+    std::fill(slot.target, slot.target + size, 0.0);
+    std::fill(held_.begin(), held_.end(), 0.0);
+    if (operations_[k]->hold(q, v, held_.data())) std::copy_n(held_.begin(), size, slot.hold.begin());
   }
   bool small() const { return squared(demands_->demand(), demands_->size()) < largest_; }
   bool usable() const {
@@ -100,6 +108,7 @@ class Assembly {
   std::vector<std::unique_ptr<Operation>> operations_;
   std::unique_ptr<Demands> demands_;
   Parts written_, bounded_;
+  std::vector<double> held_;
   KnownLoads loads_;
   double largest_ = 0.0;
 };

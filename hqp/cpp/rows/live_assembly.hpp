@@ -189,13 +189,7 @@ class Assembly {
 
   void take_holds(const double* q, const double* v) {
     rows_.look(v);
-    for (const auto& [slot, operation] : renewed_) {
-      if (!slot->target || slot->hold.empty()) continue;
-      std::fill(slot->target, slot->target + slot->hold.size(), 0.0);
-      measured_.assign(std::max({slot->hold.size(), std::size_t{16}, std::size_t(size())}), 0.0);
-      if (rows_.hold(std::size_t(operation), q, v, measured_.data()))
-        std::copy(measured_.begin(), measured_.begin() + std::ptrdiff_t(slot->hold.size()), slot->hold.begin());
-    }
+    for (const auto& [slot, operation] : renewed_) rows_.hold(std::size_t(operation), q, v, *slot);
     renewed_.clear();
   }
 
@@ -270,7 +264,6 @@ class Assembly {
   hqp::Loop loop_;
   std::map<std::string, int> operations_;
   std::vector<std::pair<hqp::Slot*, int>> renewed_;
-  std::vector<double> measured_;
   bool settle_ = false;
   nb::object solve_;
   hqp::SolveCall* call_ = nullptr;

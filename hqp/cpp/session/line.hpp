@@ -144,11 +144,7 @@ class Line {
     Slot& slot = slots_[k];
     if (slot.hold.empty() || !slot.target) return;
     slot.hold = declared_[k];
-    if (k < load_names_.size()) return;
-    std::fill(slot.target, slot.target + slot.hold.size(), 0.0);
-    std::fill(held_.begin(), held_.end(), 0.0);
-    if (assembly_.hold(k - load_names_.size(), q, v, held_.data()))
-      std::copy(held_.begin(), held_.begin() + std::ptrdiff_t(slot.hold.size()), slot.hold.begin());
+    if (k >= load_names_.size()) assembly_.hold(k - load_names_.size(), q, v, slot);
   }
 
   // Whether the rows of an element are numbers of ordinary size, and no bounds crossed; why not.
@@ -314,12 +310,7 @@ class Line {
       slots_.push_back(add_load(assembly_, one));
       load_names_.push_back(one.text("name"));
     }
-    std::size_t most = 16;  // numbers of a value
-    for (const Node& one : p.parts("operations")) {
-      const Target out = target(one, nv_);
-      assembly_.add(one.part("plan"), out);
-      most = std::max({most, out.rows, out.given});
-    }
+    for (const Node& one : p.parts("operations")) assembly_.add(one.part("plan"), target(one, nv_));
     if (p.parts("operations").size() != p.parts("slots").size())
       throw PlanError("the plan has other operations than references");
     laws_ = laws(p.part("laws"), order(), nv_);
@@ -330,9 +321,7 @@ class Line {
       slot_names_.push_back(one.text("name"));
       if (!slots_.back().target && numbers_of(slots_.back()) > 0)
         throw PlanError("a reference of the plan goes nowhere");
-      most = std::max(most, numbers_of(slots_.back()));
     }
-    held_.resize(most);
     if (p.has("slowing")) {
       slowing_ = p.part("slowing").doubles("scale", nv_);
       slowed_ = p.part("slowing").doubles("f", nv_);
@@ -393,7 +382,7 @@ class Line {
   std::vector<Support> supports_;
   std::vector<std::vector<double>> declared_;  // what elements hold that do not hold what they are at
   std::vector<int> rows_, starts_;             // of each level, and its first among all
-  std::vector<double> slacks_, held_, still_, holding_, felt_;
+  std::vector<double> slacks_, still_, holding_, felt_;
   std::vector<std::int8_t> marks_;
   double largest_ = 0.0;
   double *slowing_ = nullptr, *slowed_ = nullptr;
