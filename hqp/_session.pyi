@@ -73,6 +73,24 @@ class RateLimiter:
     def share(self, last: Vec, command: Vec) -> tuple[float, str]:
         """How far towards a command one tick may go, 0 to 1, and why not all the way."""
 
+class ContactWatch:
+    """Counts the ticks for which each contact has carried next to nothing, by the loads given for it."""
+
+    LEAST_LOAD: float
+    names: Sequence[str]
+    missing: bool
+    """Whether there is one that carried nothing when last measured."""
+
+    def __init__(self, names: Sequence[str], dt: float) -> None: ...
+    def measure(self, name: str, load: float) -> bool:
+        """Take a load [N]; whether the name is that of a contact."""
+
+    def judge(self, out: frozenset[str]) -> None:
+        """Contacts that are out of the tick are not judged: nothing assumes them."""
+
+    def lost(self) -> Sequence[tuple[str, str]]:
+        """Names of contacts that are not there, with what was measured."""
+
 class Budget:
     """The time of a tick: what a solver is given, so that what comes after it is done by the deadline [s]."""
 

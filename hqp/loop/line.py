@@ -17,7 +17,7 @@ from hqp.declare.robot import Robot, State
 from hqp.explanation.notes import Note
 from hqp.explanation.questions import Teller
 from hqp.loop.compiled import Compiled
-from hqp.loop.contact_watch import ContactWatch
+from hqp.loop.contact_watch import assumed
 from hqp.loop.guards import StateCheck, rate_limiter
 from hqp.loop.outgoing import GRADUAL
 from hqp.loop.presence import Presence
@@ -32,7 +32,7 @@ from hqp.problem import Hierarchy
 from hqp.programs.envelope import native
 
 if TYPE_CHECKING:
-    from hqp._session import Budget, RateLimiter, Trend
+    from hqp._session import Budget, ContactWatch, RateLimiter, Trend
     from hqp.explanation.account import TickAccount
     from hqp.explanation.conflict import Conflict
     from hqp.explanation.words import Explanation
@@ -116,7 +116,7 @@ class Line:
         self.trend: Trend = native.Trend(self.program.problem.n)
         self.ease: Easing | None = None
         self.teller = Teller(compiled.stack, compiled.program, compiled.workspace, self.robot, self.dt)
-        self.contacts = ContactWatch(compiled.stack, self.dt)
+        self.contacts: ContactWatch = native.ContactWatch([e.name for e in self.stack if assumed(e)], self.dt)
         self.presence = Presence(compiled.stack, compiled.program)
         self._back: dict[tuple[frozenset[str] | None, frozenset[str]], tuple[str, ...]] = {}
         self.limits = LimitWatch(compiled.watched, self.dt)

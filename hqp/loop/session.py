@@ -21,6 +21,7 @@ from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError, ModelWarning, StaleState
 from hqp.explanation.notes import Note
 from hqp.loop.compiled import Compiler
+from hqp.loop.contact_watch import measure
 from hqp.loop.controller import DEADLINE, Controller
 from hqp.loop.guards import StateCheck, rate_limiter
 from hqp.loop.held_base import adrift
@@ -174,7 +175,7 @@ class Session:
                     if getattr(reference, "remarks", ()):
                         remarked = True
                     if getattr(reference, "load", None) is not None:
-                        line.contacts.measure(reference.name, reference.load)  # type: ignore[arg-type]
+                        measure(line.contacts, line.stack, reference.name, reference.load)  # type: ignore[arg-type]
                 try:
                     tick = line.step(state, references, now)
                 except FloatingPointError:  # the caller asked NumPy to raise; what is not finite is told by a status

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "budget.hpp"
+#include "contact_watch.hpp"
 #include "guards.hpp"
 #include "late.hpp"
 #include "line.hpp"
@@ -48,16 +49,14 @@ class Guarded {
         budget_(guards_.number("deadline")),
         sentences_(guards_.texts("statuses")),
         violation_(guards_.number("violation")),
-        least_load_(guards_.number("least_load")),
         gradual_(guards_.number("gradual")),
-        patience_(guards_.integer("patience")),
         q_(std::size_t(line_.nq())),
         v_(std::size_t(line_.nv())),
         good_q_(q_.size()),
         good_v_(v_.size()),
         x_(std::size_t(line_.solver().exact().size())),
         given_(line_.slots().size()),
-        lost_(line_.members().size(), 0),
+        contacts_(names_of(line_.members()), line_.dt()),
         left_out_(line_.members().size(), false),
         trend_(x_.size()),
         ahead_(x_.size()),
@@ -132,7 +131,7 @@ class Guarded {
     state.take(x_.data(), x_.size());
     if (tick_.held_ > 0) rest_->keep(state);
     if (good_) state.take(good_q_.data(), good_q_.size()), state.take(good_v_.data(), good_v_.size());
-    state.take(lost_.data(), lost_.size());
+    contacts_.keep(state);
     for (std::size_t k = 0; k < given_.size(); ++k) {
       Slot& slot = line_.slots()[k];
       state.take(given_[k].held);
@@ -214,6 +213,11 @@ class Guarded {
     void clear() { has_value = has_velocity = has_acceleration = has_normal = any = false; }
   };
 
+  static std::vector<std::string> names_of(const std::vector<Member>& members) {
+    std::vector<std::string> found;
+    for (const Member& member : members) found.push_back(member.name);
+    return found;
+  }
   static std::vector<int> counted(std::size_t n) {
     std::vector<int> found(n);
     for (std::size_t i = 0; i < n; ++i) found[i] = static_cast<int>(i);
@@ -256,7 +260,7 @@ class Guarded {
     bool placed = !holds_known_;
     for (std::size_t m = 0; m < out.size(); ++m) {
       const int slot = line_.members()[m].slot;
-      if (out[m]) lost_[m] = 0;
+      contacts_.judge(m, out[m]);
       if (!holds_known_ || out[m] || !out_[m] || slot < 0 || given_[std::size_t(slot)].held) continue;
       if (!placed) line_.kinematics().update(q_.data()), line_.assembly().look(v_.data()), placed = true;
       line_.hold(std::size_t(slot), q_.data(), v_.data());
@@ -347,7 +351,7 @@ class Guarded {
     const bool cut = answer.status == Status::kTimeLimit || answer.status == Status::kIterationLimit;
     const double* x = cut ? instead_of(answer.x) : answer.x;
     std::copy(x, x + n, tick_.x_.begin());
-    contacts();
+    contacts_.lost([this](const Note& why) { note(why); });
     limit_rate();
     send();
     if (!cut) trend_.take(x_.data(), tick_.count_);
@@ -405,14 +409,6 @@ class Guarded {
     if (line_.slack(tick_.x_.data())) violations(line_.slacks(), Cause::kOffByRate);
   }
 
-  void contacts() {
-    const std::vector<Member>& members = line_.members();
-    for (std::size_t m = 0; m < members.size(); ++m)
-      if (lost_[m] >= patience_)
-        note({members[m].name.c_str(), Status::kContactLost, Cause::kContact, "", 1e3 * double(lost_[m]) * line_.dt(),
-              least_load_});
-  }
-
   // Notes on members of subject_to that are off, with the rows that have names, the worst first; whether there is any.
   bool violations(const double* slack, Cause cause) {
     bool any = false;
@@ -451,12 +447,11 @@ class Guarded {
   Budget budget_;
   std::vector<std::string> sentences_;  // on each status
   std::unique_ptr<RateLimiter> rates_;
-  double violation_, least_load_, gradual_;
-  int patience_;
+  double violation_, gradual_;
   std::vector<double> q_, v_, good_q_, good_v_, x_;
   std::vector<Given> given_;
   WarmState initial_;
-  std::vector<std::int64_t> lost_;
+  ContactWatch contacts_;
   std::vector<bool> left_out_;
   Trend trend_;
   std::vector<double> ahead_, angles_;
@@ -498,9 +493,7 @@ inline void Guarded::set(std::size_t member, int what, const double* values, std
       break;
     case 4:
       if (!told.contact) throw ReferenceError(told.name + " is no contact, a load was given for it");
-      if (out_[member]) break;
-      if (values[0] < least_load_) ++lost_[member];
-      else if (values[0] >= least_load_) lost_[member] = 0;
+      contacts_.measure(member, values[0]);
       break;
     default: {
       std::vector<double>& hold = line_.slots()[k].hold;

@@ -16,6 +16,7 @@
 #include <nanobind/stl/vector.h>
 
 #include "budget.hpp"
+#include "contact_watch.hpp"
 #include "guards.hpp"
 #include "late.hpp"
 #include "rest.hpp"
@@ -112,6 +113,34 @@ inline void bind_guards(nb::module_& module) {
           },
           "last"_a, "command"_a)
       .def_prop_ro("inverse", &hqp::RateLimiter::inverse);
+
+  nb::class_<hqp::ContactWatch> contacts(module, "ContactWatch");
+  contacts.def(nb::init<Names, double>(), "names"_a, "dt"_a)
+      .def(
+          "measure",
+          [](hqp::ContactWatch& self, const std::string& name, double load) {
+            const Names& names = self.names();
+            const auto found = std::find(names.begin(), names.end(), name);
+            if (found != names.end()) self.measure(std::size_t(found - names.begin()), load);
+            return found != names.end();
+          },
+          "name"_a, "load"_a)
+      .def(
+          "judge",
+          [](hqp::ContactWatch& self, const nb::frozenset& out) {
+            for (std::size_t k = 0; k < self.names().size(); ++k)
+              self.judge(k, out.contains(self.names()[k].c_str()));
+          },
+          "out"_a)
+      .def("lost",
+           [](const hqp::ContactWatch& self) {
+             std::vector<std::tuple<std::string, std::string>> found;
+             self.lost([&](const hqp::Note& note) { found.emplace_back(note.element, note.text()); });
+             return found;
+           })
+      .def_prop_ro("names", &hqp::ContactWatch::names)
+      .def_prop_ro("missing", &hqp::ContactWatch::missing);
+  contacts.attr("LEAST_LOAD") = hqp::ContactWatch::kLeastLoad;
 
   nb::class_<hqp::Budget> budget(module, "Budget");
   budget.def(nb::init<double>(), "deadline"_a)

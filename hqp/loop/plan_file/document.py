@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from hqp.arrays import Vec
-from hqp.declare.element import Constraint, Element, Inequality, has
+from hqp.declare.element import Element, Inequality, has
 from hqp.declare.plans import Constant
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError
 from hqp.loop import phase_laws
 from hqp.loop.compiled import Compiled, Compiler
-from hqp.loop.contact_watch import LEAST_LOAD, PATIENCE
+from hqp.loop.contact_watch import assumed
 from hqp.loop.outgoing import largest_change
 from hqp.loop.presence import Presence
 from hqp.problem import Status
@@ -48,8 +48,6 @@ def document(session: Session, sequence: Sequence | None) -> tuple[dict[str, Any
             "deadline": deadline,
             "largest": LARGEST,
             "violation": VIOLATION_TOLERANCE,
-            "least_load": LEAST_LOAD,
-            "patience": max(1, round(PATIENCE / session.dt)),
             "gradual": largest_change(program.kind, session.dt),
             "statuses": [UNSURE if status is Status.RANK_UNCERTAIN else status.value for status in Status],
             "state": session.line.check.parts,
@@ -128,7 +126,7 @@ def _element(element: Element, compiled: Compiled, robot: Robot) -> dict[str, An
     return {
         "name": name,
         "hard": name in compiled.hard,
-        "contact": isinstance(element, Constraint) and element.equality and element.quantity == "motion",
+        "contact": assumed(element),
         "equality": element.equality,
         "own_bounds": isinstance(element, Inequality) and has(element, "step_bounds"),
         "level": -1 if place is None else place.level,

@@ -22,9 +22,9 @@ from hqp.arrays import Index, Vec
 from hqp.declare.element import Element
 from hqp.declare.reference import Reference, copied
 from hqp.declare.stack import Stack
-from hqp.loop.contact_watch import LEAST_LOAD
 from hqp.loop.outgoing import largest_change
 from hqp.loop.transition.easing import Easing, easing
+from hqp.programs import envelope
 
 try:
     from hqp import _assembly as native
@@ -126,7 +126,7 @@ class Transition:
         loads = {r.name: load for r in references if (load := getattr(r, "load", None)) is not None}
         taken = {name for point in self._path for name in point.taken}
         released = {name for point in self._path for name in point.released}
-        there = all(loads.get(name, 0.0) >= LEAST_LOAD for name in taken)
+        there = all(loads.get(name, 0.0) >= envelope.native.ContactWatch.LEAST_LOAD for name in taken)
         if there and all(loads.get(name, math.inf) <= light for name in released):
             self._felt = True
             self._go((self._lines[0], self._lines[-1]), (self._path[0], self._path[-1]))
