@@ -1,7 +1,7 @@
 """Sessions from a file, and what every session lets in and out (built from cpp/session)."""
 
 import builtins
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from numpy import int32
 from numpy.typing import NDArray
@@ -90,6 +90,9 @@ class ContactWatch:
 
     def lost(self) -> Sequence[tuple[str, str]]:
         """Names of contacts that are not there, with what was measured."""
+
+def violation(w: Vec, lower: Vec, upper: Vec, tolerance: float, limit: str, row_names: Callable[[], object]) -> str:
+    """By how much an element's slacks are off, by a limit of that name, and which rows, the worst first; "" for none."""
 
 class Budget:
     """The time of a tick: what a solver is given, so that what comes after it is done by the deadline [s]."""

@@ -19,6 +19,7 @@
 #include "presence.hpp"
 #include "rest.hpp"
 #include "session.hpp"
+#include "violations.hpp"
 
 namespace hqp {
 
@@ -341,7 +342,7 @@ class Guarded {
     const bool numbers = squared(answer.x, n) < std::numeric_limits<double>::infinity();
     if (answer.status != Status::kOptimal) {
       tick_.status_ = std::max(tick_.status_, answer.status);
-      const bool told = violations(answer.slack, Cause::kOff);
+      const bool told = violations(answer.slack);
       if (!told || answer.status != Status::kConstraintsViolated)
         note({"solver", answer.status, Cause::kSolver, sentences_[std::size_t(answer.status)].c_str()});
       if (answer.status >= Status::kNotCertified || !numbers) return held({}, true);
@@ -406,34 +407,23 @@ class Guarded {
     if (share == 1.0) return;
     for (std::size_t i = 0; i < x_.size(); ++i) tick_.x_[i] = x_[i] + share * (tick_.x_[i] - x_[i]);
     note(why);
-    if (line_.slack(tick_.x_.data())) violations(line_.slacks(), Cause::kOffByRate);
+    if (line_.slack(tick_.x_.data())) violations(line_.slacks(), "rate");
   }
 
-  // Notes on members of subject_to that are off, with the rows that have names, the worst first; whether there is any.
-  bool violations(const double* slack, Cause cause) {
+  // Notes on members of subject_to that are off, by a limit of that name; whether there is any.
+  bool violations(const double* slack, const char* limit = "") {
     bool any = false;
     for (const Member& member : line_.members()) {
       if (!line_.constrains(member)) continue;
-      Note why{member.name.c_str(), Status::kConstraintsViolated, cause};
-      const double* w = slack + line_.start(member);
-      int off = 0;
-      for (int i = member.first; i < member.last; ++i) {
-        const double size = std::fabs(w[i]);
-        if (size > why.amount) why.amount = size;
-        if (!(size > violation_ * (1.0 + line_.bound(member, i)))) continue;
-        ++off;
-        if (member.row_names.size() == std::size_t(member.last - member.first))
-          put(why, member.row_names[std::size_t(i - member.first)].c_str(), size);
-      }
-      if (off > 0) note(why), any = true;
+      Note why{member.name.c_str(), Status::kConstraintsViolated, Cause::kOff, limit};
+      const Level& level = line_.level(member);
+      const int first = member.first;
+      if (!violated(slack + line_.start(member) + first, level.lower + first, level.upper + first,
+                    std::size_t(member.last - first), violation_, member.row_names, why))
+        continue;
+      note(why), any = true;
     }
     return any;
-  }
-  static void put(Note& note, const char* name, double amount) {
-    Note::Row row{name, amount};
-    ++note.row_count;
-    for (Note::Row& known : note.rows)
-      if (!known.name || row.amount > known.amount) std::swap(known, row);
   }
 
   Line line_;

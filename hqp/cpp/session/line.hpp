@@ -219,10 +219,7 @@ class Line {
     return member.level >= 0 && member.level < solve_.exact().problem.constraints;
   }
   int start(const Member& member) const { return starts_[std::size_t(member.level)]; }
-  double bound(const Member& member, int i) {  // the nearer one to zero
-    const Level& level = solve_.exact().levels[std::size_t(member.level)];
-    return std::min(std::fabs(level.lower[i]), std::fabs(level.upper[i]));
-  }
+  const Level& level(const Member& member) { return solve_.exact().levels[std::size_t(member.level)]; }
 
  private:
   static const Status* statuses() {

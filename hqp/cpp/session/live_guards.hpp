@@ -20,6 +20,7 @@
 #include "guards.hpp"
 #include "late.hpp"
 #include "rest.hpp"
+#include "violations.hpp"
 
 namespace binding {
 
@@ -141,6 +142,22 @@ inline void bind_guards(nb::module_& module) {
       .def_prop_ro("names", &hqp::ContactWatch::names)
       .def_prop_ro("missing", &hqp::ContactWatch::missing);
   contacts.attr("LEAST_LOAD") = hqp::ContactWatch::kLeastLoad;
+
+  module.def(
+      "violation",
+      [](const Vector& w, const Vector& lower, const Vector& upper, double tolerance, const std::string& limit,
+         const nb::callable& row_names) {
+        const std::size_t m = w.size();
+        const auto off = [&](const Names& names, hqp::Note& why) {
+          return hqp::violated(w.data(), numbers(lower, m), numbers(upper, m), m, tolerance, names, why);
+        };
+        hqp::Note why{"", hqp::Status::kConstraintsViolated, hqp::Cause::kOff, limit.c_str()}, named = why;
+        if (!off({}, why)) return std::string();
+        const Names names = nb::cast<Names>(row_names());
+        off(names, named);
+        return named.text();
+      },
+      "w"_a, "lower"_a, "upper"_a, "tolerance"_a, "limit"_a, "row_names"_a);
 
   nb::class_<hqp::Budget> budget(module, "Budget");
   budget.def(nb::init<double>(), "deadline"_a)

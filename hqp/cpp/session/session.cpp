@@ -69,9 +69,8 @@ std::string Note::text() const {
     case Cause::kBounds:
       return "its bounds are NaN or crossed in row " + std::to_string(row) + " (" + is(amount) + ", " + is(allowed) +
              ")" + left;
-    case Cause::kOff:
-    case Cause::kOffByRate: {
-      std::string text = "off by up to " + g3(amount) + (cause == Cause::kOff ? "" : " by the rate limit");
+    case Cause::kOff: {
+      std::string text = "off by up to " + g3(amount) + (where[0] ? " by the " + std::string(where) + " limit" : "");
       const int told = std::min(row_count, 3);
       for (int i = 0; i < told; ++i) text += (i ? ", " : ": ") + std::string(rows[i].name) + " " + g3(rows[i].amount);
       return row_count > told ? text + " and " + std::to_string(row_count - told) + " more" : text;

@@ -61,8 +61,7 @@ enum class Cause {
   kJacobian,   // of an element, not finite or too large: it was left out
   kDemand,     // the same
   kBounds,     // NaN or crossed: it was left out
-  kOff,        // a constraint is violated
-  kOffByRate,  // the same, because the rate of the command is limited
+  kOff,        // a constraint is violated, where: by the limit of that name
   kRate,       // the command would change faster than it may
   kContact,    // it has carried nothing
   kSolver,     // the status says it
@@ -75,7 +74,7 @@ struct Note {
   const char* element = "";
   Status status = Status::kOptimal;
   Cause cause = Cause::kSolver;
-  const char* where = "";                          // the row or joint, where there is one
+  const char* where = "";                          // the row, joint or limit, where there is one
   double amount = 0.0, allowed = 0.0, most = 0.0;  // allowed: at least, where there is a most
   bool left_out = false;                           // of this tick
   int row = 0;                                     // of an element
