@@ -91,8 +91,29 @@ class ContactWatch:
     def lost(self) -> Sequence[tuple[str, str]]:
         """Names of contacts that are not there, with what was measured."""
 
+class LimitWatch:
+    """Counts how often each limit of a joint binds on the one side and then on the other, by the marks of its rows."""
+
+    SPAN: float
+    """Alternations are counted over this time, in the mean [s]."""
+    OFTEN: float
+    """Alternations a second from which on a joint is restless."""
+    busy: bool
+    """Whether a rate has still to fade, or bounds meet."""
+    meet: bool
+    """Whether the bounds of a joint meet: its limits are outside the window of what it can do."""
+
+    def __init__(self, parts: Sequence[tuple[int, int]], names: Sequence[str], dt: float) -> None: ...
+    def look(self, record: bytearray, begin: int, tick: int) -> Sequence[tuple[str, str]]:
+        """Names of limits that alternate, with how often, by the marks of all rows from ``begin`` on; needed where
+        they changed, or busy."""
+
+    @staticmethod
+    def passed(over: float, unit: str) -> str:
+        """By how much a joint that comes to rest so far beyond its position limit passes it; "" for not at all."""
+
 def violation(w: Vec, lower: Vec, upper: Vec, tolerance: float, limit: str, row_names: Callable[[], object]) -> str:
-    """By how much an element's slacks are off, by a limit of that name, and which rows, the worst first; "" for none."""
+    """By how much an element's slacks are off, by the limit of that name, and which rows, worst first; "" for none."""
 
 class Budget:
     """The time of a tick: what a solver is given, so that what comes after it is done by the deadline [s]."""

@@ -143,15 +143,3 @@ class Teller:
 
 def _too_late(what: str) -> HqpError:
     return HqpError(f"{what}() tells of the latest step with a solution; call it before the next step")
-
-
-def restless_notes(restless: Iterable[tuple[str, float]]) -> tuple[Note, ...]:
-    """Notes on joints whose command alternates from limit to limit."""
-    why = "its command alternates from limit to limit {:.0f} times a second: give levels a price, or a better target"
-    return tuple(Note(name, Status.OPTIMAL, why.format(rate)) for name, rate in restless)
-
-
-def overrun_notes(overruns: Iterable[tuple[str, float, str]]) -> tuple[Note, ...]:
-    """Notes on joints that will pass a position limit, for they cannot brake harder than the window allows."""
-    why = "its position limit gives way to the acceleration window: it will be passed by {:.3g} {}"
-    return tuple(Note(name, Status.OPTIMAL, why.format(over, unit)) for name, over, unit in overruns)

@@ -22,7 +22,6 @@ from hqp.loop.guards import StateCheck, rate_limiter
 from hqp.loop.outgoing import GRADUAL
 from hqp.loop.presence import Presence
 from hqp.loop.references import References
-from hqp.loop.restless import LimitWatch
 from hqp.loop.stepping import step
 from hqp.loop.stuck import StuckWatch
 from hqp.loop.tick import Tick
@@ -119,7 +118,7 @@ class Line:
         self.contacts: ContactWatch = native.ContactWatch([e.name for e in self.stack if assumed(e)], self.dt)
         self.presence = Presence(compiled.stack, compiled.program)
         self._back: dict[tuple[frozenset[str] | None, frozenset[str]], tuple[str, ...]] = {}
-        self.limits = LimitWatch(compiled.watched, self.dt)
+        self.limits = compiled.watched.watch(self.dt)
         self.stuck = StuckWatch(compiled.stack, self.dt, self.guards.stuck)
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from time import monotonic, perf_counter, thread_time
 from typing import TYPE_CHECKING
@@ -15,7 +15,6 @@ from hqp.declare.reference import Reference
 from hqp.declare.robot import State
 from hqp.errors import DynamicsFailed, ModelError
 from hqp.explanation.notes import Note, made
-from hqp.explanation.questions import restless_notes
 from hqp.loop.late import late
 from hqp.loop.outgoing import culprits, largest_change, within_rates
 from hqp.loop.tick import Tick, Times
@@ -127,7 +126,7 @@ def answered(
         if direct.staged(found):
             slacks, x = direct.slacks(found), direct.x(found)
             held_back = line.teller.held_back(line.guards.count, slacks, x, line.names)
-        remark(line, tick, held_back, line.limits.record(found, direct.marks, line.guards.count), line.velocity)
+        remark(line, tick, held_back, line.limits.look(found, direct.marks, line.guards.count), line.velocity)
     return tick
 
 
@@ -187,21 +186,21 @@ def remark(
     line: Line,
     tick: Tick,
     held_back: Callable[[], tuple[Note, ...]] | None,
-    restless: tuple[tuple[str, float], ...],
+    restless: Sequence[tuple[str, str]],
     around: bool,
 ) -> None:
     """Notes on an optimum whose texts are made when they are read: levels that a stage keeps from being met, restless
     joints, limits that are passed.  around: whether limits stand around the x before, else around the velocity."""
-    limits = line.limits
-    if not restless and not limits.meet:
+    if not restless and not line.limits.meet:
         if held_back is not None:
             tick.add(held_back)
         return
 
     def told() -> tuple[Note, ...]:
         state = tick.state
-        overrun = limits.overrun_notes(state, tick.before if around else state.v)
-        return (*made(held_back or ()), *restless_notes(restless), *overrun)
+        overrun = line.compiled.watched.overrun_notes(state, tick.before if around else state.v, line.dt)
+        alternating = [Note(name, Status.OPTIMAL, why) for name, why in restless]
+        return (*made(held_back or ()), *alternating, *overrun)
 
     tick.add(told)
 
@@ -234,7 +233,8 @@ def conclude(
     if solution.stage_points is not None:
         w = np.concatenate(solution.residuals)
         held_back = line.teller.held_back(line.guards.count, w, solution.x, line.names)
-    restless = line.limits.look(solution.active, line.guards.count)
+    marks = bytearray().join([each.tobytes() for each in solution.active])
+    restless = line.limits.look(marks, 0, line.guards.count)
     around = line.velocity and line.good is not None
     if line.contacts.missing:
         notes += tuple(Note(name, Status.CONTACT_LOST, why) for name, why in line.contacts.lost())

@@ -185,7 +185,8 @@ def test_references_that_do_not_fit_are_refused(file: bytes) -> None:
 
 def told(tick: hqp.Tick) -> tuple[hqp.Note, ...]:
     """Its notes, but for those on tasks and limits that an account of the levels has."""
-    return tuple(n for n in tick.notes if n.status is not Status.OPTIMAL or n.element in ("rates", "session"))
+    known = ("rates", "session", *tick.state.robot.joint_names)
+    return tuple(n for n in tick.notes if n.status is not Status.OPTIMAL or n.element in known)
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
@@ -257,6 +258,42 @@ def test_what_cannot_hold_is_told_word_for_word(formulation: str) -> None:
         seen |= {note.element for note in found.notes}
         q, v = tick.advance()
     assert {"rates", feet[0].name, over[0].name} <= seen
+
+
+ARM = t.Position(frame="tool0", name="arm")
+LIMITS: dict[str, tuple[str, Stack, str, float, str]] = {
+    "alternate": (
+        "ur5", Stack(Level(ARM, price=0), Level(t.Posture(), price=0), subject_to=[t.JointLimits(acceleration=None)]),
+        "elbow_joint", 0.0, "alternates",
+    ),
+    "passed": ("ur5", Stack(Level(t.Posture()), subject_to=[t.JointLimits()]), "elbow_joint", 2.5, "rad"),
+    "passed by metres": (
+        "panda", Stack(Level(t.Posture()), subject_to=[t.JointLimits(acceleration=20.0)]),
+        "panda_finger_joint1", 1.0, "m",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("what", LIMITS)
+def test_limits_are_told_word_for_word(what: str, formulation: str) -> None:
+    """Those between which a command alternates, and those that are passed for a joint cannot brake harder."""
+    name, stack, joint, speed, unit = LIMITS[what]
+    robot = hqp.robots.load(name)
+    session = hqp.Controller(stack, FORMULATIONS[formulation](), deadline=np.inf).session(robot, 0.002)
+    file = LoadedSession(text(session))
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    j = robot.joint_names.index(joint)
+    if speed:
+        q[j], v[j] = robot.upper[j] - 0.01 * speed, speed
+    targets = {"arm": robot.state(q).position(ARM.frame) + [1.5, 0.0, 0.2]} if "arm" in session else {}
+    seen = []
+    for i in range(400 if targets else 40):
+        tick, found = session.tick(q, v, targets), file.step(q, v, targets)
+        assert found.notes == told(tick), f"tick {i}"
+        seen += [note.detail for note in found.notes]
+        q, v = tick.advance()
+    assert any(unit in detail.split() for detail in seen) or (formulation, what) == ("torque", "alternate")
 
 
 def test_no_pinocchio_is_needed(file: bytes, tmp_path: Path) -> None:

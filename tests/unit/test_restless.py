@@ -11,7 +11,7 @@ import pytest
 
 import hqp
 from hqp import Level, P, Stack
-from hqp.loop.restless import OFTEN, SPAN, LimitWatch, Watched
+from hqp.loop.restless import Watched
 from hqp.tasks import JointLimits, Position, Posture
 
 DT = 0.002
@@ -31,6 +31,11 @@ def out_of_reach(name: str, price: Any, rates: Any = None) -> list[hqp.Tick]:
     return ticks
 
 
+def rate(detail: str) -> float:
+    """As a note tells it [1/s]."""
+    return float(detail.split("limit to limit ")[1].split()[0])
+
+
 @pytest.mark.parametrize("rates", [None, hqp.declare.safety.RateLimits(velocity=1e6)], ids=["native", "general"])
 def test_an_exact_arm_out_of_reach_alternates(rates: Any) -> None:
     """docs/calm.md: UR5 and Panda, exact, alternate from limit to limit in nearly every tick."""
@@ -43,8 +48,7 @@ def test_an_exact_arm_out_of_reach_alternates(rates: Any) -> None:
         joint = robot.joint_names.index(note.element)
         sent = np.sign([tick.command[joint] for tick in ticks[-251:]])
         measured = np.count_nonzero(sent[1:] != sent[:-1]) / (250 * DT)
-        told = float(note.detail.split("limit to limit ")[1].split()[0])
-        assert told == pytest.approx(measured, rel=0.35)
+        assert rate(note.detail) == pytest.approx(measured, rel=0.35)
 
 
 def test_a_priced_arm_does_not() -> None:
@@ -54,24 +58,25 @@ def test_a_priced_arm_does_not() -> None:
 def test_rates_are_counted_and_fade() -> None:
     robot = hqp.robots.load("ur5")
     run = hqp.Controller(Stack(Level(Posture()), subject_to=[JointLimits()])).session(robot, DT)
-    watch = LimitWatch(Watched(run.program, robot), DT)
+    watched = Watched(run.program, robot)
+    watch = watched.watch(DT)
     rows = sum(level.m for level in run.problem.levels)
-    assert watch.parts == [slice(0, 6)]
-
-    def marks(side: int) -> list[np.ndarray[Any, np.dtype[np.int8]]]:
-        found = np.zeros(rows, dtype=np.int8)
-        found[2] = side
-        return [found]
-
+    assert watched.parts == [(0, 6)]
     ticks = itertools.count()
+
+    def look(side: int) -> Any:
+        marks = np.zeros(rows, dtype=np.int8)
+        marks[2] = side
+        return watch.look(bytearray(marks.tobytes()), 0, next(ticks))
+
     for k in range(500):
-        told = watch.look(marks(1 if k % 10 < 5 else -1), next(ticks))
-    ((joint, rate),) = told
+        told = look(1 if k % 10 < 5 else -1)
+    ((joint, why),) = told
     assert joint == robot.joint_names[2]
-    assert rate == pytest.approx(1.0 / (5 * DT), rel=0.1)
-    for _ in range(int(3.0 * SPAN / DT * math.log(100.0 / OFTEN))):
-        told = watch.look(marks(0), next(ticks))
-    assert told == ()
-    assert watch.look((), next(ticks)) == ()  # a solver that marks no rows
+    assert rate(why) == pytest.approx(1.0 / (5 * DT), rel=0.1)
+    for _ in range(int(3.0 * watch.SPAN / DT * math.log(100.0 / watch.OFTEN))):
+        told = look(0)
+    assert told == []
+    assert watch.look(bytearray(), 0, next(ticks)) == []  # a solver that marks no rows
     for k in range(2000):  # slowly from side to side is no alternation
-        assert watch.look(marks(1 if k % 200 < 100 else -1), next(ticks)) == ()
+        assert look(1 if k % 200 < 100 else -1) == []

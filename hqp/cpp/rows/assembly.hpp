@@ -84,6 +84,11 @@ class Assembly {
     std::fill(held_.begin(), held_.end(), 0.0);
     if (operations_[k]->hold(q, v, held_.data())) std::copy_n(held_.begin(), size, slot.hold.begin());
   }
+  // How far beyond their limits the rows of operation k come to rest: see Operation::overrun.
+  void overrun(std::size_t k, const double* q, const double* v, std::vector<double>& over) {
+    over.clear();
+    operations_[k]->overrun(q, v, over);
+  }
   bool small() const { return squared(demands_->demand(), demands_->size()) < largest_; }
   bool usable() const {
     if (!small()) return false;

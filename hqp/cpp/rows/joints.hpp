@@ -146,6 +146,15 @@ class JointBox final : public Operation {  // one consistent box for the next st
       out_.upper[i] = up;
     }
   }
+  void overrun(const double* q, const double* v, std::vector<double>& over) override {  // see JointLimits
+    const Limits& l = limits_;
+    for (std::size_t i = 0; i < joints_.size(); ++i) {
+      const double at = joints_.angle(i, q), rate = v[joints_.columns[i]], speed = std::fabs(rate);
+      const double reach = l.acceleration[i] * l.dt, steps = std::floor(speed / reach);
+      const double way = steps > 0.0 ? l.dt * steps * (speed - reach * (steps + 1.0) / 2.0) : 0.0;
+      over.push_back(way > 0.0 ? std::max(way - (rate > 0.0 ? l.high[i] - at : at - l.low[i]), 0.0) : 0.0);
+    }
+  }
 
  private:
   static double clip(double u, double low, double high) { return std::min(std::max(u, low), high); }

@@ -26,6 +26,8 @@ class Operation {
   virtual void run(const double* q, const double* v) = 0;
   // What the element is at, as its reference has it, for a reference of zeros; false where it holds what is declared.
   virtual bool hold(const double*, const double*, double*) { return false; }
+  // How far beyond its limit each row comes to rest at best, 0 where it keeps to it; of rows that limit a joint each.
+  virtual void overrun(const double*, const double*, std::vector<double>&) {}
   // What goes over from one tick to the next.
   virtual void keep(CarryOver&) {}
 };

@@ -14,6 +14,7 @@
 #include "contact_watch.hpp"
 #include "guards.hpp"
 #include "late.hpp"
+#include "limit_watch.hpp"
 #include "line.hpp"
 #include "phase_laws.hpp"
 #include "presence.hpp"
@@ -58,6 +59,7 @@ class Guarded {
         x_(std::size_t(line_.solver().exact().size())),
         given_(line_.slots().size()),
         contacts_(names_of(line_.members()), line_.dt()),
+        limits_(limit_watch(line_)),
         left_out_(line_.members().size(), false),
         trend_(x_.size()),
         ahead_(x_.size()),
@@ -73,6 +75,7 @@ class Guarded {
       rates_ = std::make_unique<RateLimiter>(joint_names_, guards_.numbers("rates"), line_.dt());
     for (const int pick : picks_)
       if (pick < 0 || std::size_t(pick) >= x_.size()) throw PlanError("a joint of the plan is none");
+    over_.reserve(v_.size());
     rest_ = made_rest();
     if (rest_->size() != x_.size()) throw PlanError("the plan comes to rest by other numbers than it is solved for");
     const std::vector<Slot>& slots = line_.slots();
@@ -88,6 +91,7 @@ class Guarded {
     tick_.x_.resize(x_.size());
     tick_.residuals_.resize(line_.solver().exact().rows().size());
     tick_.marks_.resize(std::size_t(line_.solver().exact().total()));
+    tick_.notes_.resize(Tick::kNotes + 2 * limits_.size());
     CarryOver state = CarryOver::to_first(initial_);
     keep(state);
     line_.solver().make_room();
@@ -112,8 +116,7 @@ class Guarded {
     attend(presence_.take());
     if (!holds_known_) take_holds();
     take_references();
-    const bool around = line_.order() == 1 && good_;
-    line_.write(q_.data(), v_.data(), around ? x_.data() : v_.data());
+    line_.write(q_.data(), v_.data(), around());
     if (!line_.assembly().small()) leave_out_unusable();
     leave_out_marked();
     if (budget_.limited()) line_.solver().limit(left());
@@ -133,6 +136,7 @@ class Guarded {
     if (tick_.held_ > 0) rest_->keep(state);
     if (good_) state.take(good_q_.data(), good_q_.size()), state.take(good_v_.data(), good_v_.size());
     contacts_.keep(state);
+    limits_.keep(state);
     for (std::size_t k = 0; k < given_.size(); ++k) {
       Slot& slot = line_.slots()[k];
       state.take(given_[k].held);
@@ -219,6 +223,16 @@ class Guarded {
     for (const Member& member : members) found.push_back(member.name);
     return found;
   }
+  static LimitWatch limit_watch(const Line& line) {
+    LimitWatch::Parts parts;
+    std::vector<std::string> names;
+    for (const Member& member : line.members()) {
+      if (member.units.empty()) continue;
+      parts.emplace_back(line.start(member) + member.first, line.start(member) + member.last);
+      names.insert(names.end(), member.row_names.begin(), member.row_names.end());
+    }
+    return {std::move(parts), std::move(names), line.dt()};
+  }
   static std::vector<int> counted(std::size_t n) {
     std::vector<int> found(n);
     for (std::size_t i = 0; i < n; ++i) found[i] = static_cast<int>(i);
@@ -246,7 +260,7 @@ class Guarded {
   }
 
   void note(const Note& note) {
-    if (tick_.note_count_ < Tick::kNotes) tick_.notes_[tick_.note_count_++] = note;
+    if (tick_.note_count_ < tick_.notes_.size()) tick_.notes_[tick_.note_count_++] = note;
     if (note.status > tick_.status_) tick_.status_ = note.status;
   }
 
@@ -354,6 +368,7 @@ class Guarded {
     std::copy(x, x + n, tick_.x_.begin());
     contacts_.lost([this](const Note& why) { note(why); });
     limit_rate();
+    limits();
     send();
     if (!cut) trend_.take(x_.data(), tick_.count_);
     if (budget_.limited() && answer.status != Status::kOptimal)
@@ -386,6 +401,8 @@ class Guarded {
     return tick_;
   }
 
+  // The velocity that limits stand around.
+  const double* around() const { return line_.order() == 1 && good_ ? x_.data() : v_.data(); }
   // What is sent instead of an answer that was cut, see Late.
   const double* instead_of(const double* x) {
     trend_.after(x_.data(), tick_.count_, ahead_.data());
@@ -408,6 +425,21 @@ class Guarded {
     for (std::size_t i = 0; i < x_.size(); ++i) tick_.x_[i] = x_[i] + share * (tick_.x_[i] - x_[i]);
     note(why);
     if (line_.slack(tick_.x_.data())) violations(line_.slacks(), "rate");
+  }
+
+  // Notes on limits of joints that alternate, and on those that are passed.
+  void limits() {
+    const std::size_t before = tick_.note_count_;
+    limits_.look(tick_.marks_.data(), tick_.count_, [this](const Note& why) { note(why); });
+    if (tick_.note_count_ == before && !limits_.meet()) return;
+    for (const Member& member : line_.members()) {
+      if (member.units.empty() || member.operation < 0) continue;
+      line_.assembly().overrun(std::size_t(member.operation), q_.data(), around(), over_);
+      for (std::size_t i = 0; i < std::min(over_.size(), member.units.size()); ++i) {
+        Note why{member.row_names[i].c_str()};
+        if (LimitWatch::passed(over_[i], member.units[i].c_str(), why)) note(why);
+      }
+    }
   }
 
   // Notes on members of subject_to that are off, by a limit of that name; whether there is any.
@@ -442,9 +474,10 @@ class Guarded {
   std::vector<Given> given_;
   WarmState initial_;
   ContactWatch contacts_;
+  LimitWatch limits_;
   std::vector<bool> left_out_;
   Trend trend_;
-  std::vector<double> ahead_, angles_;
+  std::vector<double> ahead_, angles_, over_;
   Late late_;
   Presence presence_;
   PhaseLaws laws_;

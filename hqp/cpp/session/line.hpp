@@ -31,6 +31,8 @@ struct Member {
   double *lower = nullptr, *upper = nullptr;
   std::vector<double> low, high;
   bool out = false;
+  int operation = -1;              // what writes its rows, -1 for none
+  std::vector<std::string> units;  // of rows that are limits of joints
 };
 
 // What the solver gave: slacks and marks of all rows.
@@ -345,14 +347,18 @@ class Line {
                  nullptr,
                  {},
                  {}};
+    found.units = p.texts("units");
     const int levels = static_cast<int>(rows_.size());
     const int most = found.level >= 0 && found.level < levels ? rows_[std::size_t(found.level)] : 0;
     const int motions = torque_ && found.level < 0 ? torque_->rows() : laws_.total;
     if (found.level >= levels || place[0] < 0 || place[0] > place[1] || (found.level >= 0 && place[1] > most) ||
-        rows[0] < 0 || rows[0] > rows[1] || rows[1] > motions)
+        rows[0] < 0 || rows[0] > rows[1] || rows[1] > motions ||
+        (!found.units.empty() && (found.level < 0 || found.units.size() != std::size_t(place[1] - place[0]) ||
+                                  found.units.size() != found.row_names.size())))
       throw PlanError("the rows of an element of the plan are none");
     for (std::size_t k = 0; k < slot_names_.size(); ++k)
-      if (slot_names_[k] == found.name) found.slot = static_cast<int>(load_names_.size() + k);
+      if (slot_names_[k] == found.name)
+        found.operation = static_cast<int>(k), found.slot = static_cast<int>(load_names_.size() + k);
     for (std::size_t k = 0; k < load_names_.size(); ++k)
       if (load_names_[k] == found.name) found.slot = static_cast<int>(k);
     if (found.slot < 0) return found;

@@ -11,6 +11,7 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
+#include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
@@ -19,6 +20,7 @@
 #include "contact_watch.hpp"
 #include "guards.hpp"
 #include "late.hpp"
+#include "limit_watch.hpp"
 #include "rest.hpp"
 #include "violations.hpp"
 
@@ -29,6 +31,7 @@ using namespace nb::literals;
 
 using Numbers = std::vector<double>;
 using Names = std::vector<std::string>;
+using Told = std::vector<std::tuple<std::string, std::string>>;  // element, text
 using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Written = nb::ndarray<double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Live = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;
@@ -129,19 +132,42 @@ inline void bind_guards(nb::module_& module) {
       .def(
           "judge",
           [](hqp::ContactWatch& self, const nb::frozenset& out) {
-            for (std::size_t k = 0; k < self.names().size(); ++k)
-              self.judge(k, out.contains(self.names()[k].c_str()));
+            for (std::size_t k = 0; k < self.names().size(); ++k) self.judge(k, out.contains(self.names()[k].c_str()));
           },
           "out"_a)
       .def("lost",
            [](const hqp::ContactWatch& self) {
-             std::vector<std::tuple<std::string, std::string>> found;
+             Told found;
              self.lost([&](const hqp::Note& note) { found.emplace_back(note.element, note.text()); });
              return found;
            })
       .def_prop_ro("names", &hqp::ContactWatch::names)
       .def_prop_ro("missing", &hqp::ContactWatch::missing);
   contacts.attr("LEAST_LOAD") = hqp::ContactWatch::kLeastLoad;
+
+  nb::class_<hqp::LimitWatch> limits(module, "LimitWatch");
+  limits.def(nb::init<hqp::LimitWatch::Parts, Names, double>(), "parts"_a, "names"_a, "dt"_a)
+      .def(
+          "look",
+          [](hqp::LimitWatch& self, const nb::bytearray& record, std::size_t begin, std::int64_t tick) {
+            Told found;
+            if (record.size() < begin + self.rows()) return found;
+            const auto* marks = static_cast<const std::int8_t*>(record.data()) + begin;
+            self.look(marks, tick, [&](const hqp::Note& note) { found.emplace_back(note.element, note.text()); });
+            return found;
+          },
+          "record"_a, "begin"_a, "tick"_a)
+      .def_static(
+          "passed",
+          [](double over, const std::string& unit) {
+            hqp::Note why;
+            return hqp::LimitWatch::passed(over, unit.c_str(), why) ? why.text() : "";
+          },
+          "over"_a, "unit"_a)
+      .def_prop_ro("busy", &hqp::LimitWatch::busy)
+      .def_prop_ro("meet", &hqp::LimitWatch::meet);
+  limits.attr("SPAN") = hqp::LimitWatch::kSpan;
+  limits.attr("OFTEN") = hqp::LimitWatch::kOften;
 
   module.def(
       "violation",

@@ -79,6 +79,12 @@ std::string Note::text() const {
       return std::string(where) + " would change by " + g3(amount) + "/s, allowed " + g3(allowed) + "/s";
     case Cause::kContact:
       return "has carried less than " + is(allowed) + " N for " + number("%.0f", amount) + " ms, by the loads given";
+    case Cause::kRestless:
+      return "its command alternates from limit to limit " + number("%.0f", amount) +
+             " times a second: give levels a price, or a better target";
+    case Cause::kOverrun:
+      return "its position limit gives way to the acceleration window: it will be passed by " + g3(amount) + " " +
+             where;
     case Cause::kSolver:
       return where;
     case Cause::kDynamics:

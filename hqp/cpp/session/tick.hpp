@@ -64,6 +64,8 @@ enum class Cause {
   kOff,        // a constraint is violated, where: by the limit of that name
   kRate,       // the command would change faster than it may
   kContact,    // it has carried nothing
+  kRestless,   // its command alternates from limit to limit
+  kOverrun,    // its position limit will be passed, where: by so many of that unit
   kSolver,     // the status says it
   kDynamics,   // the inertia is not positive definite
   kNoState,    // no good state so far
@@ -74,7 +76,7 @@ struct Note {
   const char* element = "";
   Status status = Status::kOptimal;
   Cause cause = Cause::kSolver;
-  const char* where = "";                          // the row, joint or limit, where there is one
+  const char* where = "";                          // the row, joint, limit or unit, where there is one
   double amount = 0.0, allowed = 0.0, most = 0.0;  // allowed: at least, where there is a most
   bool left_out = false;                           // of this tick
   int row = 0;                                     // of an element

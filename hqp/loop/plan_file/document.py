@@ -133,6 +133,7 @@ def _element(element: Element, compiled: Compiled, robot: Robot) -> dict[str, An
         "place": [0, 0] if place is None else [place.part.start, place.part.stop],
         "rows": [0, 0] if member is None else [member.part.start, member.part.stop],
         "row_names": [] if place is None else list(element.row_names(robot)),
+        "units": compiled.watched.units(element) if element in compiled.watched.elements else [],
         "constant": constant,
         "hold": held,
     }
