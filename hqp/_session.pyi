@@ -28,8 +28,13 @@ class Session:
     """Numbers of a command, of x, and levels."""
 
     def __init__(self, file: bytes) -> None: ...
-    def step(self, q: Vec, v: Vec, command: Vec, x: Vec, residuals: Vec) -> tuple[int, int, list[tuple[str, int, str]]]:
-        """One tick into command, x and residuals: its status, how long it has been held, its notes."""
+    def step(
+        self, q: Vec, v: Vec, command: Vec, x: Vec, residuals: Vec, time: float | None, now: float
+    ) -> tuple[int, int, list[tuple[str, int, str]]]:
+        """One tick into command, x and residuals: its status, how long it has been held, its notes.
+
+        time, now: of the state, None where it does not tell, and of the tick [s].
+        """
 
     def tell(self, reference: int, what: int, values: Vec) -> None:
         """What the next step is told: 0 a value, 1 velocity, 2 acceleration, 3 normal, 4 load; 5 a hold value."""
@@ -63,6 +68,13 @@ class StateBounds:
     ) -> None: ...
     def fault(self, angles: Vec, q: Vec, v: Vec) -> str:
         """Which number is too large; "" for none."""
+
+class StateAge:
+    """How old a state may be [s]."""
+
+    def __init__(self, most: float) -> None: ...
+    def fault(self, time: float | None, now: float) -> str:
+        """What is wrong with a state of that time; "" for nothing."""
 
 class RateLimiter:
     """Holds the change of a command within a rate; inverse: one over the largest change in a tick."""

@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from time import monotonic
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -64,13 +65,21 @@ class LoadedSession:
         return np.array(self._native.home)
 
     def step(
-        self, q: Vec, v: Vec | None = None, targets: Mapping[str, Target] | None = None, phase: str | None = None
+        self,
+        q: Vec,
+        v: Vec | None = None,
+        targets: Mapping[str, Target] | None = None,
+        phase: str | None = None,
+        *,
+        time: float | None = None,
+        now: float | None = None,
     ) -> LoadedTick:
         """One tick for q ``(nq,)`` and v ``(nv,)``, zero for None; targets and the phase hold for this tick only.
 
         A target is the value of the element's reference, such as ``hand.at(p).value``, or a tuple of value, velocity
-        and acceleration.  Data never raises.  Raises UnknownReference, or DeclarationError for a wrong shape or a phase
-        that is not there.
+        and acceleration.  time, now [s]: of the state, which plans of a session with ``max_age`` ask for, and of this
+        tick, that of ``time.monotonic`` for None.  Data never raises.  Raises UnknownReference, or DeclarationError for
+        a wrong shape or a phase that is not there.
         """
         try:
             self._native.phase(phase or "")
@@ -82,8 +91,10 @@ class LoadedSession:
                 self._tell(name, what, part)
         command, x, residuals = (np.empty(size) for size in self._sizes)
         at, speed = (np.ascontiguousarray(a, dtype=np.float64) for a in (q, np.zeros(self.nv) if v is None else v))
+        if now is None:
+            now = monotonic()
         try:
-            status, held, notes = self._native.step(at, speed, command, x, residuals)
+            status, held, notes = self._native.step(at, speed, command, x, residuals, time, now)
         except (TypeError, ValueError):
             shapes = f"q {at.shape}, v {speed.shape}"
             allowed = f"q ({self.nq},), v ({self.nv},)"

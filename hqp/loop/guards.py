@@ -15,9 +15,6 @@ from hqp.programs.envelope import native
 if TYPE_CHECKING:
     from hqp._session import RateLimiter
 
-AHEAD = 1e-3
-"""By how much the time of a state may lie ahead of the session's [s]: two clocks kept together agree no better."""
-
 
 class StateCheck:
     """Says what is wrong with a state; one comparison where q and v are of ordinary size."""
@@ -26,6 +23,7 @@ class StateCheck:
         if max_age is not None:
             positive("session", "max_age", max_age)
         self._bounds, self._max_age = bounds, max_age
+        self._age = None if max_age is None else native.StateAge(max_age)
         self.ages = max_age is not None
         """Whether states must tell their time."""
         limited = np.isfinite(robot.lower) & np.isfinite(robot.upper)
@@ -44,8 +42,8 @@ class StateCheck:
         """What is wrong with the state at time ``now`` [s]; "" where nothing is."""
         if not state.valid:
             return state.fault
-        if self._max_age is not None and (fault := self._age(state, now)):
-            return fault
+        if self._age is not None and (fault := self._age.fault(state.time, math.nan if now is None else now)):
+            return f"{fault}: robot.state(q, v, time=...)" if state.time is None else fault
         return "" if state.square < self.ordinary else self.too_large(state)
 
     @property
@@ -53,17 +51,7 @@ class StateCheck:
         """The bounds, for a file."""
         bounds = {"low": self._low, "high": self._high, "speed": self._speed, "distance": self._bounds.distance}
         numbers = {name: np.asarray(value).tolist() for name, value in bounds.items()}
-        return {**numbers, "ordinary": self.ordinary, "max_age": self._max_age or 0.0, "ahead": AHEAD}
-
-    def _age(self, state: State, now: float | None) -> str:
-        if state.time is None:
-            return "it does not tell its time, which max_age asks for: robot.state(q, v, time=...)"
-        age = (math.nan if now is None else now) - state.time
-        if age < -AHEAD:
-            return f"its time is {-age:.3g} s ahead of now, allowed {AHEAD:g} s: its clock must be that of the session"
-        if not age <= self._max_age:  # type: ignore[operator]
-            return f"it is {age:.3g} s old, allowed {self._max_age:g} s"
-        return ""
+        return {**numbers, "ordinary": self.ordinary, "max_age": self._max_age}
 
     def too_large(self, state: State) -> str:
         """Which number of a valid state is beyond its bounds; "" for none."""

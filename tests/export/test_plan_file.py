@@ -8,6 +8,7 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -294,6 +295,22 @@ def test_limits_are_told_word_for_word(what: str, formulation: str) -> None:
         seen += [note.detail for note in found.notes]
         q, v = tick.advance()
     assert any(unit in detail.split() for detail in seen) or (formulation, what) == ("torque", "alternate")
+
+
+def test_old_states_are_refused_as_in_python(tmp_path: Path) -> None:
+    source, _ = scene("ur5")
+    robot = source.robot
+    session = source.controller.session(robot, dt=0.002, max_age=0.01)
+    file = LoadedSession(text(session))
+    assert file.step(file.home).notes[0].detail == "it does not tell its time, which max_age asks for"
+    assert session.step(robot.state()).notes[0].detail.startswith(file.step(file.home).notes[0].detail)
+    for now in (5.0, 5.009, 5.02, 4.9995, 4.0, np.nan):
+        tick, found = session.step(robot.state(time=5.0), now=now), file.step(file.home, time=5.0, now=now)
+        assert (found.status, found.notes) == (tick.status, tick.notes)
+        assert found.status is (Status.OPTIMAL if 4.999 < now < 5.01 else Status.INVALID_STATE)
+    assert file.step(file.home, time=monotonic()).status is Status.OPTIMAL
+    session.export(tmp_path / "aged.hqp")
+    assert hqp.Batch.load(tmp_path / "aged.hqp", 1).step(robot.home[None]).solved.all()
 
 
 def test_no_pinocchio_is_needed(file: bytes, tmp_path: Path) -> None:

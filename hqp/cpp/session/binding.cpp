@@ -33,7 +33,7 @@ class Session {
 
   // command, x, residuals: written; the status, for how many ticks the command has been coming to rest, the notes.
   std::tuple<int, long, std::vector<Told>> step(const Vector& q, const Vector& v, const Out& command, const Out& x,
-                                                const Out& residuals) {
+                                                const Out& residuals, std::optional<double> time, double now) {
     require(q.size() == std::size_t(session_.nq()) && v.size() == std::size_t(session_.nv()), "q or v");
     const hqp::Tick& tick = session_.tick();
     require(command.size() == tick.command().size() && x.size() == tick.x().size() &&
@@ -41,7 +41,8 @@ class Session {
             "command, x or residuals");
     {
       const nb::gil_scoped_release release;
-      session_.step(q.data(), v.data());
+      if (time) session_.step(q.data(), v.data(), *time, now);
+      else session_.step(q.data(), v.data());
     }
     std::copy(tick.command().begin(), tick.command().end(), command.data());
     std::copy(tick.x().begin(), tick.x().end(), x.data());
@@ -166,7 +167,8 @@ NB_MODULE(_session, module) {
       .def_prop_ro("bytes", &Worlds::bytes);
   nb::class_<Session>(module, "Session")
       .def(nb::init<const nb::bytes&>(), "file"_a)
-      .def("step", &Session::step, "q"_a, "v"_a, "command"_a.noconvert(), "x"_a.noconvert(), "residuals"_a.noconvert())
+      .def("step", &Session::step, "q"_a, "v"_a, "command"_a.noconvert(), "x"_a.noconvert(), "residuals"_a.noconvert(),
+           "time"_a.none(), "now"_a)
       .def("tell", &Session::tell, "reference"_a, "what"_a, "values"_a)
       .def("held", &Session::held, "reference"_a)
       .def("say", &Session::say, "reference"_a, "present"_a)

@@ -41,7 +41,7 @@ class Guarded {
         robot_(line_.root().part("robot")),
         guards_(line_.root().part("guards")),
         guard_(bounds(guards_.part("state")), robot_.texts("places"), robot_.texts("speeds"),
-               guards_.part("state").number("ordinary"), line_.kinematics()),
+               guards_.part("state").number("ordinary"), age(guards_.part("state")), line_.kinematics()),
         kind_(line_.root().part("motion").text("kind")),
         name_(robot_.text("name")),
         joint_names_(robot_.texts("joint_names")),
@@ -97,7 +97,8 @@ class Guarded {
     line_.solver().make_room();
   }
 
-  const Tick& step(const double* q, const double* v) {
+  // time: null where the state does not tell.
+  const Tick& step(const double* q, const double* v, const double* time = nullptr, double now = 0.0) {
     begin_ = Clock::now();
     ++tick_.count_;
     tick_.note_count_ = 0;
@@ -105,7 +106,7 @@ class Guarded {
     std::copy(q, q + q_.size(), q_.begin());
     std::copy(v, v + v_.size(), v_.begin());
     Note why;
-    if (!guard_.check(q_.data(), v_.data(), why)) {
+    if (!guard_.check(q_.data(), v_.data(), time, now, why)) {
       for (Given& given : given_) given.clear();
       presence_.forget();
       return held(why, false);
@@ -181,8 +182,9 @@ class Guarded {
     return what == 0 ? given.value.size() : what == 3 ? 3 : what == 4 ? 1 : given.velocity.size();
   }
 
-  // Every answer is finished from now on, however long it takes.
+  // Every answer is finished from now on, however long it takes, and states may be of any age.
   void without_deadline() {
+    guard_.of_any_age();
     budget_ = Budget(std::numeric_limits<double>::infinity());
     line_.solver().limit(0.0);
   }
@@ -242,6 +244,9 @@ class Guarded {
     const std::size_t nv = std::size_t(line_.nv());
     return {p.numbers("low", nv), p.numbers("high", nv),   p.numbers("speed", nv),
             p.number("distance"), robot_.flag("floating"), robot_.texts("coordinates")};
+  }
+  static std::unique_ptr<StateAge> age(const Node& p) {
+    return p.has("max_age") ? std::make_unique<StateAge>(p.number("max_age")) : nullptr;
   }
   std::unique_ptr<Rest> made_rest() {
     const Node braking = guards_.part("braking");

@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <string>
 #include <utility>
 #include <vector>
@@ -68,16 +69,41 @@ class StateBounds {
   std::string base_ = "base";
 };
 
+// How old a state may be, by its time and the session's on one clock [s].
+class StateAge {
+ public:
+  // By how much a state may lie ahead of the session: two clocks kept together agree no better.
+  static constexpr double kAhead = 1e-3;
+
+  explicit StateAge(double most) : most_(most) {}
+  // False, and why, where it is too old.  time: null where it does not tell.
+  bool hold(const double* time, double now, Note& why) const {
+    const auto refuse = [&](Cause cause, double amount, double allowed) {
+      return StateBounds::refuse(why, cause, none_, amount, allowed);
+    };
+    if (!time) return refuse(Cause::kNoTime, 0.0, 0.0);
+    const double age = now - *time;
+    if (age < -kAhead) return refuse(Cause::kAhead, -age, kAhead);
+    return age <= most_ || refuse(Cause::kAge, age, most_);
+  }
+
+ private:
+  double most_;
+  std::string none_;
+};
+
 // What makes q and v a state, and one of ordinary size.
 class StateGuard {
  public:
   // places, speeds: the joint of each number of q and of v.  ordinary: squares that sum up to less need no second look.
+  // age: null for any.
   StateGuard(StateBounds bounds, std::vector<std::string> places, std::vector<std::string> speeds, double ordinary,
-             const Kinematics& kinematics)
+             std::unique_ptr<StateAge> age, const Kinematics& kinematics)
       : bounds_(std::move(bounds)),
         places_(std::move(places)),
         speeds_(std::move(speeds)),
         ordinary_(ordinary),
+        age_(std::move(age)),
         kinematics_(kinematics),
         angles_(bounds_.size()) {
     if (places_.size() != std::size_t(kinematics.size()) || speeds_.size() != bounds_.size() ||
@@ -86,7 +112,7 @@ class StateGuard {
   }
 
   // q is normalised in place; false, and why, where the state is not usable.
-  bool check(double* q, const double* v, Note& why) {
+  bool check(double* q, const double* v, const double* time, double now, Note& why) {
     const int nq = static_cast<int>(places_.size()), nv = static_cast<int>(speeds_.size());
     const double square = squared(q, nq) + squared(v, nv);
     if (!(square < std::numeric_limits<double>::infinity())) return not_finite(q, v, why);
@@ -98,10 +124,12 @@ class StateGuard {
         return StateBounds::refuse(why, pair ? Cause::kPair : Cause::kQuaternion, places_[std::size_t(wrong)], length,
                                    kUnit);
     }
+    if (age_ && !age_->hold(time, now, why)) return false;
     if (square < ordinary_) return true;
     kinematics_.angles(q, angles_.data());
     return bounds_.hold(angles_.data(), q, v, why);
   }
+  void of_any_age() { age_.reset(); }
 
  private:
   static constexpr double kRounding = 1e-12;  // ROUNDING and UNIT_TOLERANCE of robots/checks.py
@@ -118,6 +146,7 @@ class StateGuard {
   StateBounds bounds_;
   std::vector<std::string> places_, speeds_;
   double ordinary_;
+  std::unique_ptr<StateAge> age_;
   const Kinematics& kinematics_;
   std::vector<double> angles_;
 };

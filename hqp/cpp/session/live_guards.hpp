@@ -105,6 +105,16 @@ inline void bind_guards(nb::module_& module) {
           },
           "angles"_a, "q"_a, "v"_a);
 
+  nb::class_<hqp::StateAge>(module, "StateAge")
+      .def(nb::init<double>(), "most"_a)
+      .def(
+          "fault",
+          [](const hqp::StateAge& self, std::optional<double> time, double now) {
+            hqp::Note why;
+            return self.hold(time ? &*time : nullptr, now, why) ? std::string() : why.text();
+          },
+          "time"_a.none(), "now"_a);
+
   nb::class_<hqp::RateLimiter>(module, "RateLimiter")
       .def(nb::init<Names, Numbers, double>(), "names"_a, "inverse"_a, "dt"_a)
       .def(

@@ -2,6 +2,7 @@
 #include "session.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <cstdio>
 
@@ -58,6 +59,13 @@ std::string Note::text() const {
       return at + "velocity " + g4(amount) + " is too large, allowed at most " + is(allowed);
     case Cause::kBase:
       return at + "position " + g4(amount) + " m is too far off, allowed " + is(allowed);
+    case Cause::kNoTime:
+      return "it does not tell its time, which max_age asks for";
+    case Cause::kAhead:
+      return "its time is " + g3(amount) + " s ahead of now, allowed " + is(allowed) +
+             " s: its clock must be that of the session";
+    case Cause::kAge:
+      return "it is " + g3(amount) + " s old, allowed " + is(allowed) + " s";
     case Cause::kReference:
     case Cause::kRotation:
       return std::string("its reference is ") + (cause == Cause::kReference ? "not finite" : "no rotation") +
@@ -112,6 +120,12 @@ Session& Session::operator=(Session&&) noexcept = default;
 Reference Session::reference(const std::string& name) { return {*guarded_, guarded_->member(name)}; }
 void Session::phase(const std::string& name) { guarded_->phase(name); }
 const Tick& Session::step(const double* q, const double* v) noexcept { return guarded_->step(q, v); }
+const Tick& Session::step(const double* q, const double* v, double time) noexcept {
+  return step(q, v, time, std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count());
+}
+const Tick& Session::step(const double* q, const double* v, double time, double now) noexcept {
+  return guarded_->step(q, v, &time, now);
+}
 const Tick& Session::tick() const { return guarded_->tick(); }
 void Session::integrate(const double* q, const double* v, double dt, double* out) const {
   guarded_->line().kinematics().integrate(q, v, dt, out);

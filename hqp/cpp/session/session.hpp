@@ -86,9 +86,13 @@ class Session {
   // One tick for q (nq) and v (nv): no allocation but where elements come and go (for what the solver keeps of each
   // such set) and where laws go over to others, no exception, no lock, no system call but the clock's.
   const Tick& step(const double* q, const double* v) noexcept;
-  template <class Vector, class = Data<Vector>>
-  const Tick& step(const Vector& q, const Vector& v) noexcept {
-    return step(q.data(), v.data());
+  // The same of a state that tells its time [s], which plans with a max_age ask for, on the clock of now:
+  // std::chrono::steady_clock where that is not given.
+  const Tick& step(const double* q, const double* v, double time) noexcept;
+  const Tick& step(const double* q, const double* v, double time, double now) noexcept;
+  template <class Vector, class... Times, class = Data<Vector>>
+  const Tick& step(const Vector& q, const Vector& v, Times... times) noexcept {
+    return step(q.data(), v.data(), times...);
   }
   const Tick& tick() const;
 

@@ -56,6 +56,9 @@ enum class Cause {
   kPosition,    // beyond its bounds
   kVelocity,
   kBase,       // too far off
+  kNoTime,     // a state does not tell its time
+  kAhead,      // it is that of later
+  kAge,        // it is that of long ago
   kReference,  // not finite: its hold value was taken, or it was left out
   kRotation,   // the same of a value that is no rotation
   kJacobian,   // of an element, not finite or too large: it was left out

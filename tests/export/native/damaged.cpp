@@ -73,7 +73,7 @@ void run(hqp::Session& session) {
     session.step(q, moving);
   };
   for (int round = 0; round < 2; ++round) {
-    session.step(q, rest);
+    session.step(q, rest, 0.0, 1.0);
     each([](hqp::Reference& reference) { reference.at(std::vector<double>(reference.size(), 0.1)); });
     each([](hqp::Reference& reference) { reference.on(false); });
     for (int tick = 0; tick < 2; ++tick) session.step(q, none);
