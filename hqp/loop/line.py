@@ -117,7 +117,6 @@ class Line:
         self.teller = Teller(compiled.stack, compiled.program, compiled.workspace, self.robot, self.dt)
         self.contacts: ContactWatch = native.ContactWatch([e.name for e in self.stack if assumed(e)], self.dt)
         self.presence = Presence(compiled.stack, compiled.program)
-        self._back: dict[tuple[frozenset[str] | None, frozenset[str]], tuple[str, ...]] = {}
         self.limits = compiled.watched.watch(self.dt)
         self.stuck = StuckWatch(compiled.stack, self.dt, self.guards.stuck)
 
@@ -181,10 +180,7 @@ class Line:
 
         direct: where the tick is to be one native call, which takes those that it can.
         """
-        key = self.presence.now, out
-        if key not in self._back:
-            self._back[key] = self.presence.back(out)
-        back = self._back[key]
+        back = self.presence.back(out)
         self.presence.now = out
         self.compiled.turn(out)
         self.contacts.judge(out)

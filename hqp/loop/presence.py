@@ -27,12 +27,13 @@ class Presence:
     motion.
     """
 
-    __slots__ = ("_allowed", "_declared", "_members", "_program", "_sets", "known", "now", "usual")
+    __slots__ = ("_allowed", "_back", "_declared", "_members", "_program", "_sets", "known", "now", "usual")
 
     def __init__(self, stack: Stack, program: Program) -> None:
         self._program = program
         self._members = {element.name: element for element in stack}
         self._sets: dict[Any, frozenset[str]] = {}
+        self._back: dict[tuple[frozenset[str] | None, frozenset[str]], tuple[str, ...]] = {}
         self._allowed: set[frozenset[str]] = set()
         self._declared = {phase: stack.out_of(phase) for phase in (None, *stack.phases())}
         self.known: dict[str | None, frozenset[str]] = {}
@@ -49,10 +50,12 @@ class Presence:
 
     def back(self, out: frozenset[str]) -> tuple[str, ...]:
         """Elements with a hold value that come back where these are out now."""
-        gone = frozenset[str]() if self.now is None else self.now - out
-        return tuple(
-            name for name in self._members if name in gone and type(self._members[name]).hold is not Element.hold
-        )
+        if (key := (self.now, out)) not in self._back:
+            gone = frozenset[str]() if self.now is None else self.now - out
+            self._back[key] = tuple(
+                n for n, e in self._members.items() if n in gone and type(e).hold is not Element.hold
+            )
+        return self._back[key]
 
     @property
     def phases(self) -> tuple[str, ...]:
