@@ -15,7 +15,7 @@ import re
 from collections import Counter
 from functools import cache
 from hashlib import sha256
-from itertools import islice
+from itertools import zip_longest
 
 from .operators import Fault, changes, faults
 from .tree import LEFT_OUT, ROOT, Tree
@@ -68,7 +68,7 @@ def nearest(path: str, text: str, line: int) -> list[str]:
 
 
 def drawn(count: int, seed: int, only: str) -> list[Fault]:
-    """So many faults, half of them in Python and half in C++, fewer where a file has no more.
+    """So many faults, in Python and in C++ by turns, fewer where there are no more.
 
     Faults come by a hash of themselves and what stands around them: a change elsewhere leaves the draw as it is.
     """
@@ -78,12 +78,12 @@ def drawn(count: int, seed: int, only: str) -> list[Fault]:
         around = texts[fault.path][max(0, fault.start - 60) : fault.stop + 60]
         return sha256(f"{seed} {fault.path} {fault.operator} {fault.new} {around}".encode()).digest()
 
-    chosen: list[Fault] = []
-    for python, most in ((True, count // 2), (False, count)):
+    kinds = []
+    for python in (True, False):
         found = [f for path, text in texts.items() if path.endswith(".py") is python for f in faults(path, text)]
-        real = (fault for fault in sorted(found, key=place) if changes(fault, texts[fault.path]))
-        chosen += islice(real, most - len(chosen))
-    return chosen
+        kinds.append([fault for fault in sorted(found, key=place)[: 2 * count] if changes(fault, texts[fault.path])])
+    both = zip_longest(*kinds)
+    return [fault for pair in both for fault in pair if fault][:count]
 
 
 def judged(fault: Fault, copy: Tree, seconds: float, fitting: bool, left_out: set[str]) -> str:

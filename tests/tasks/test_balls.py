@@ -85,7 +85,7 @@ def test_from_outside_its_cone_a_ball_comes_back_gradually(robot: Any, formulati
     angles = np.zeros(robot.nv)
     angles[3:6] = 0.7, 0.6, -0.3
     q, v, last = robot.configuration(angles), np.zeros(robot.nv), np.zeros(robot.nv)
-    for _ in range(1500):
+    for _ in range(800):
         tick = session.step(robot.state(q, v), posture.at(angles))
         assert tick.status == hqp.Status.OPTIMAL
         q, v = tick.advance()
@@ -121,7 +121,7 @@ def test_a_ball_stops_at_its_cone_whatever_the_direction(robot: Any, formulation
     goal = np.zeros(robot.nv)
     goal[3:5] = 1.2 * np.array(direction)
     q, v, most = robot.home, np.zeros(robot.nv), 0.0
-    for _ in range(1500):
+    for _ in range(800):
         q, v = session.step(robot.state(q, v), posture.at(goal)).advance()
         most = max(most, turn(robot, q))
     assert most < MOST + 1e-4
