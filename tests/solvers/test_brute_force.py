@@ -46,9 +46,10 @@ def check(n: int, seeds: range) -> None:
 
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_every_active_set_of_small_problems(n: int) -> None:
-    check(n, range(80))
+    check(n, range(20))
 
 
 @pytest.mark.slow
-def test_every_active_set_of_four_variables() -> None:
-    check(4, range(120))
+@pytest.mark.parametrize(("n", "seeds"), [(1, range(20, 80)), (2, range(20, 80)), (3, range(20, 80)), (4, range(120))])
+def test_every_active_set_of_many_problems(n: int, seeds: range) -> None:
+    check(n, seeds)

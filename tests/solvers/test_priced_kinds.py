@@ -113,10 +113,13 @@ def drifting(rng: Generator, ticks: int = 40) -> list[Hierarchy]:
     return sequence
 
 
-def test_what_an_earlier_tick_showed_of_a_level_is_believed_only_while_it_holds() -> None:
+@pytest.mark.parametrize(
+    "seeds", [range(20), pytest.param(range(20, 150), marks=pytest.mark.slow)], ids=["few", "many"]
+)
+def test_what_an_earlier_tick_showed_of_a_level_is_believed_only_while_it_holds(seeds: range) -> None:
     solver = hqp.solvers.load("lexicographic")
     met = unmet = 0
-    for seed in range(150):
+    for seed in seeds:
         sequence = drifting(np.random.default_rng(seed))
         warm = solver.workspace(sequence[0].shape)
         for tick, case in enumerate(sequence):
@@ -126,4 +129,4 @@ def test_what_an_earlier_tick_showed_of_a_level_is_believed_only_while_it_holds(
             np.testing.assert_allclose(one.x, other.x, rtol=1e-7, atol=1e-7, err_msg=f"{seed} {tick}")
             met += not stages[0]
             unmet += stages[0]
-    assert min(met, unmet) > 1000
+    assert min(met, unmet) > 1000 * len(seeds) / 150
