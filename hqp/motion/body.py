@@ -24,6 +24,7 @@ class Body:
     places, axes: position ``(3,)`` [m] and rotation ``(3, 3)`` of each part.  middle: half way between the hips in the
     axes of the pelvis ``(3,)``.  ankles: height of each ankle above its sole [m].  lever: from each ankle to its sole
     ``(3,)``.  toes, heels: front and back of each sole, in axes x forward, y left, z up at the sole's point ``(3,)``.
+    corners: of the rectangle around each sole, in the same axes ``(4, 3)``.
     """
 
     places: dict[str, Vec]
@@ -32,6 +33,7 @@ class Body:
     levers: dict[str, Vec]
     toes: dict[str, Vec]
     heels: dict[str, Vec]
+    corners: dict[str, Mat]
 
     @staticmethod
     def of(robot: Robot, found: SkeletonMap) -> Body:
@@ -50,11 +52,12 @@ class Body:
                     )
         hips = 0.5 * (places["left_hip"] + places["right_hip"])
         levers = {side: places[f"{side}_sole"] - places[f"{side}_ankle"] for side in SIDES}
-        toes, heels = {}, {}
+        toes, heels, corners = {}, {}, {}
         for side in SIDES:
             low, high = _extent(robot, found, axes, side)
-            toes[side], heels[side] = np.array([high, 0.0, 0.0]), np.array([low, 0.0, 0.0])
-        return Body(places, axes, axes["pelvis"].T @ (hips - places["pelvis"]), levers, toes, heels)
+            toes[side], heels[side] = np.array([high[0], 0.0, 0.0]), np.array([low[0], 0.0, 0.0])
+            corners[side] = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
+        return Body(places, axes, axes["pelvis"].T @ (hips - places["pelvis"]), levers, toes, heels, corners)
 
     def length(self, one: str, two: str) -> float:
         """Of a limb, the mean of both sides [m]."""
@@ -75,15 +78,15 @@ class Body:
         return float(np.linalg.norm(self.places[f"left_{limb}"] - self.places[f"right_{limb}"]))
 
 
-def _extent(robot: Robot, found: SkeletonMap, axes: dict[str, Mat], side: str) -> tuple[float, float]:
-    """How far back and forward a sole reaches from its point [m]; from ankle to sole where no shape tells."""
+def _extent(robot: Robot, found: SkeletonMap, axes: dict[str, Mat], side: str) -> tuple[Vec, Vec]:
+    """How far a sole reaches from its point: back and right, forward and left ``(2,)`` [m]; 5 cm without shapes."""
     from hqp.robots.soles import sole
 
     part = f"{side}_sole"
     try:
         corners = np.array(sole(robot, found.frames[part], 6))
     except ModelError:
-        return -0.05, 0.05
+        return np.array([-0.05, 0.0]), np.array([0.05, 0.0])
     offset = np.array(found.offset(part))
     turned = (np.column_stack((corners, np.zeros(len(corners)))) - offset * [1.0, 1.0, 0.0]) @ axes[part].T
-    return float(turned[:, 0].min()), float(turned[:, 0].max())
+    return turned[:, :2].min(axis=0), turned[:, :2].max(axis=0)

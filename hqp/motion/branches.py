@@ -18,7 +18,7 @@ HEADINGS = (0.0, 0.5 * math.pi, -0.5 * math.pi, math.pi)
 SAME = 5e-3
 """Residuals that differ by less are alike [m, rad]: the earlier start is taken."""
 
-ABOVE = ("subject_to", "stance", "flat", "swing", "hands")
+ABOVE = ("subject_to", "stance", "ground", "swing", "hands")
 """Levels that a start has to meet; where one does, no other is searched."""
 
 TOLERANCE = 2e-3
@@ -30,9 +30,7 @@ def start(tracker: Tracker, frame: int, *also: Vec) -> Vec:
 
     Searched from home at the targets' place in several headings, and from the configurations given.
     """
-    standing = tracker.standing(frame)
-    stack = tracker.stacks.stack(standing)
-    references = [r.aiming_at(r.value) for r in tracker.references(frame, frame, standing, {})]
+    stack, references = tracker.stacks.starting(tracker.standing(frame)), tracker.starting(frame)
     best: Reached | None = None
     for q0 in (*also, *_placed(tracker, frame)):
         found = reach(stack, tracker.robot, *references, q0=q0, restarts=0, tolerance=TOLERANCE, budget=math.inf)

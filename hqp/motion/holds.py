@@ -47,9 +47,9 @@ class Hold:
         self.plane: Plane | None = None
 
     def lower(self, toe: float, heel: float) -> int:
-        """The end that is to be held, of a foot whose ends are so high [m]: the lower one."""
-        if self.end and abs(toe - heel) < ALIKE:
-            return self.end
+        """The end that is to be held, of a foot whose ends are so high [m]: the lower one, the toe of a flat one."""
+        if abs(toe - heel) < ALIKE:
+            return self.end or 1
         return -1 if heel < toe else 1
 
     def take(self, end: int, spot: Vec, plane: Plane) -> None:

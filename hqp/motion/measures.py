@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -77,7 +77,7 @@ def measure(robot: Robot, stacks: Stacks, targets: Targets, q: Mat, resting: dic
         errors[name] = np.array([float(np.linalg.norm(turn(one, two))) for one, two in pairs])
     resting = targets.contacts.resting if resting is None else resting
     slide = {side: _slide(places, resting[f"{side}_foot"], side, targets.fps) for side in SIDES}
-    heights = np.min([places[task.name][:, 2] for _, task in stacks.edges], axis=0)
+    heights = np.min([places[task.name][:, 2] for task in stacks.corners], axis=0)
     clearance, lowest = _collisions(robot, stacks, bodies)
     rates = np.diff(angles, axis=0) * targets.fps
     acceleration = np.diff(rates, axis=0) * targets.fps
@@ -92,7 +92,8 @@ def measure(robot: Robot, stacks: Stacks, targets: Targets, q: Mat, resting: dic
 
 def _walk(robot: Robot, stacks: Stacks, q: Mat) -> tuple[dict[str, Mat], dict[str, Mat], Mat, tuple[Mat, Mat]]:
     """Points and axes by task, joint angles, and all bodies' positions and rotations, for every frame."""
-    points = [task for _, task in stacks.edges] + [stacks.trunk[0], *stacks.points.values()]
+    corners = [replace(task, axes="xyz") for task in stacks.corners]
+    points = [task for _, task in stacks.edges] + [*corners, stacks.trunk[0], *stacks.points.values()]
     turns = [stacks.trunk[1], stacks.hips, *stacks.soles.values()]
     places = {task.name: np.empty((len(q), 3)) for task in points}
     axes = {task.name: np.empty((len(q), 3, 3)) for task in turns}

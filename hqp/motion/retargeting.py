@@ -43,8 +43,8 @@ def retarget(
 ) -> Retargeted:
     """A person's motion on a robot: strict levels, standing feet held where they came to rest.
 
-    Floor, self-collision, joint and speed limits are kept; then standing feet > flat soles > moving feet > hands >
-    turns of soles > trunk > limbs > posture.  The person is scaled by the length of the legs, arms and
+    Floor, self-collision, joint and speed limits are kept; then standing feet by their lower end > moving feet >
+    hands > turns of soles > trunk > limbs > posture.  The person is scaled by the length of the legs, arms and
     trunk by their own.
 
     motion: a ``Motion``, or a file that ``read_motion`` reads, with ``up`` and ``body_model`` as it takes them.

@@ -14,7 +14,7 @@ from hqp.declare.law import P
 from hqp.declare.robot import Robot
 from hqp.declare.stack import Level, Stack
 from hqp.errors import ModelError
-from hqp.tasks import CollisionAvoidance, JointLimits, Orientation, Pose, Position, Posture, Within
+from hqp.tasks import AlignAxis, CollisionAvoidance, JointLimits, Orientation, Pose, Position, Posture, Within
 
 from .body import Body
 from .joints import SIDES
@@ -37,16 +37,15 @@ INFLUENCE = 0.05
 
 FLOOR = "floor"
 
-Standing = tuple[tuple[str, int, bool], ...]
-"""Sides whose foot stands, the end of it that is held, 1 the toe, -1 the heel, and whether it is to be flat."""
+Standing = tuple[tuple[str, int], ...]
+"""Sides whose foot stands, and the end of it that is held, 1 the toe, -1 the heel."""
 
 
 class Stacks:
     """Tasks of a robot by part, and the stack for the feet that stand.
 
     Floor, self-collision, joint and speed limits come before all; then the spots of standing feet (at rest,
-    which is within all limits), their heights and flat soles, moving feet, hands, the turns of other soles, trunk,
-    limbs, posture.
+    which is within all limits), their heights, moving feet, hands, the turns of soles, trunk, limbs, posture.
     """
 
     def __init__(self, robot: Robot, found: SkeletonMap, body: Body, dt: float, *, collision: bool = True) -> None:
@@ -65,10 +64,24 @@ class Stacks:
         self.toes = {side: edge(side, body.toes, "toe") for side in SIDES}
         self.heels = {side: edge(side, body.heels, "heel") for side in SIDES}
         self.soles = {side: turn(f"{side}_sole", law) for side in SIDES}
+        self.lines = {
+            side: AlignAxis(
+                frame=found.frames[f"{side}_sole"],
+                axis=tuple(body.axes[f"{side}_sole"][1].tolist()),
+                law=law,
+                name=f"{side}_line",
+            )
+            for side in SIDES
+        }
         self.spots, self.heights = (
             {task.name: replace(task, axes=axes, name=f"{task.name}_{what}") for _, task in self.edges}
             for axes, what in (("xy", "spot"), ("z", "height"))
         )
+        self.corners = [
+            replace(task, offset=self.in_frame(side, corner), axes="z", name=f"{side}_corner_{k}")
+            for side, task in self.toes.items()
+            for k, corner in enumerate(body.corners[side])
+        ]
         x, y, z = body.middle.tolist()
         self.trunk: tuple[Task, ...] = (point("pelvis", (x, y, z), "pelvis", below), turn("torso", below))
         self.hips = turn("pelvis", below, "hips")
@@ -90,9 +103,8 @@ class Stacks:
 
     def _limits(self, rate: float, collision: bool) -> list[Element]:
         found: list[Element] = [JointLimits(acceleration=0.0, braking=0.0)]
-        for _, task in self.edges:
-            height = self.heights[task.name]
-            found.append(Within(height, lower=0.0, rate=rate, recovery=RECOVERY, name=f"{task.name}_floor"))
+        for height in self.corners:
+            found.append(Within(height, lower=0.0, rate=rate, recovery=RECOVERY, name=f"{height.name}_floor"))
         self.links = self._links()
         links = self.links if collision else ()
         if links:
@@ -137,10 +149,16 @@ class Stacks:
         """For the feet that stand."""
         return self._stack(self._levels(standing))
 
+    def starting(self, standing: Standing) -> Stack:
+        """For a start: feet stand where they are to be, turned as it suits, as feet do that have landed."""
+        levels = self._levels(standing)
+        levels["ground"] = [task for task in levels["ground"] if task not in self.lines.values()]
+        return self._stack(levels)
+
     def closing(self, standing: Standing) -> Stack:
         """That of the last pass: below feet and hands, the pelvis and the joints as they are to be."""
         levels = self._levels(standing)
-        kept = {name: levels[name] for name in ("stance", "flat", "swing", "hands")}
+        kept = {name: levels[name] for name in ("stance", "ground", "swing", "hands")}
         motion = Level(
             self.base, self.joints, name="motion", price=0
         )  # no row of it turns: nothing for a price to calm
@@ -152,20 +170,19 @@ class Stacks:
 
     def _levels(self, standing: Standing) -> dict[str, list[Any]]:
         """Tasks by level, first the most important."""
-        stand = {side for side, *_ in standing}
-        flat = {side for side, _, level in standing if level}
-        down = [self.down(side, end).name for side, end, _ in standing]
-        raised = [self.down(side, -end).name for side, end, level in standing if not level]
+        stand = {side for side, _ in standing}
+        down = [self.down(side, end).name for side, end in standing]
+        raised = [self.down(side, -end).name for side, end in standing]
         return {
             "stance": [self.spots[name] for name in down],
-            "flat": [
+            "ground": [
                 *(self.heights[name] for name in down),
                 *(self.above[name] for name in raised),
-                *(self.soles[side] for side in SIDES if side in flat),
+                *(self.lines[side] for side in SIDES if side in stand),
             ],
             "swing": [self.toes[side] for side in SIDES if side not in stand],
             "hands": [self.points[f"{side}_hand"] for side in SIDES],
-            "soles": [self.soles[side] for side in SIDES if side not in flat],
+            "soles": [*self.soles.values()],
             "trunk": [*self.trunk, self.hips],
             "limbs": [*(self.points[f"{side}_{limb}"] for limb in ("elbow", "knee") for side in SIDES)],
             "posture": [self.posture],

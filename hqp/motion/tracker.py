@@ -81,7 +81,9 @@ class Tracker:
     def __init__(self, robot: Robot, stacks: Stacks, targets: Targets) -> None:
         self.robot, self.stacks, self.targets = robot, stacks, targets
         self.dt = 1.0 / targets.fps
-        self.sessions, self._closing = (Sessions(robot, self.dt, stack) for stack in (stacks.stack, stacks.closing))
+        self.sessions, self._starting, self._closing = (
+            Sessions(robot, self.dt, stack) for stack in (stacks.stack, stacks.starting, stacks.closing)
+        )
         points = {name: targets.places[name] for name in ("pelvis", *stacks.points)}
         edges = {task.name: _edge(targets, stacks, side, task) for side, task in stacks.edges}
         axes = {name: targets.axes[name] for name in ("torso", "hips", *(f"{side}_sole" for side in SIDES))}
@@ -101,7 +103,14 @@ class Tracker:
 
     def standing(self, frame: int) -> Standing:
         """The feet that stand in a frame, on the end that the person stands on."""
-        return tuple((side, edge or 1, edge == 0) for side, edge in self.feet(frame, frame).items())
+        return tuple((side, edge or 1) for side, edge in self.feet(frame, frame).items())
+
+    def starting(self, frame: int) -> list[Reference]:
+        """References of one frame, at rest, for the stack of a start."""
+        standing = self.standing(frame)
+        stack = self.stacks.starting(standing)
+        given = self.references(frame, frame, standing, {})
+        return [r.aiming_at(r.value) for r in given if r.name in stack]
 
     def references(self, i: int, j: int, standing: Standing, holds: Mapping[str, Hold]) -> list[Reference]:
         """References of frame i, with the rates that lead to frame j in one period."""
@@ -114,8 +123,7 @@ class Tracker:
         """Those of the feet."""
         between, sign = min(i, j, len(self.targets) - 2), float(j - i)
         found: list[Reference] = []
-        ends = {side: end for side, end, _ in standing}
-        raised = {side: self.stacks.down(side, -end) for side, end, level in standing if not level}
+        ends = dict(standing)
         for side in SIDES:
             task, sole = self.stacks.down(side, ends.get(side, 1)), f"{side}_sole"
             place, rate = self._edges[task.name]
@@ -132,8 +140,9 @@ class Tracker:
             found.append(Reference(self.stacks.spots[task.name].name, spot, ZERO))
             ground = self._ground[side][i : i + 1]
             found.append(Reference(self.stacks.heights[task.name].name, ground))
-            if side in raised:
-                found.append(Reference(self.stacks.above[raised[side].name].name, ground))
+            raised, line = self.stacks.down(side, -ends[side]), self.stacks.lines[side]
+            found.append(Reference(self.stacks.above[raised.name].name, ground))
+            found.append(Reference(line.name, R @ line.axis, ZERO))
         return found
 
     def errors(self, q: Mat) -> Mat:
@@ -162,7 +171,7 @@ class Tracker:
             j = i + step
             feet = self.feet(i, j)
             self._hold(state, i, feet, holds, course)
-            standing = tuple((side, holds[side].end, edge == 0) for side, edge in feet.items())
+            standing = tuple((side, holds[side].end) for side in feet)
             session = sessions.of(standing)
             if course is None:
                 references = self.references(i, j, standing, holds)
@@ -170,7 +179,7 @@ class Tracker:
                 told = {**{r.name: r for r in self.feet_references(i, j, standing, holds)}, **course.references(i)}
                 references = [r for r in told.values() if r.name in session]
             ends = standing if course is not None else ()
-            spots = [self.stacks.spots[self.stacks.down(side, end).name] for side, end, _ in ends]
+            spots = [self.stacks.spots[self.stacks.down(side, end).name] for side, end in ends]
             state, bent, status = self._moved(session, state, references, spots, bent)
             qs.append(state.q)
             vs.append(state.v)
@@ -179,8 +188,8 @@ class Tracker:
 
     def settle(self, q: Vec, frame: int) -> Vec:
         """Where ticks at the targets of one frame, at rest, come to rest; after ``SETTLING`` at most."""
-        standing, v = self.standing(frame), np.zeros(self.robot.nv)
-        references, session = self.references(frame, frame, standing, {}), self.sessions.of(standing)
+        references, v = self.starting(frame), np.zeros(self.robot.nv)
+        session = self._starting.of(self.standing(frame))
         for _ in range(math.ceil(SETTLING / self.dt)):
             q, v = session.step(self.robot.state(q, v), *references).advance()
             if float(np.abs(v).max()) < STILL:

@@ -31,6 +31,26 @@ def stand(seconds: float = 1.0, heading: float = 0.0, fps: float = FPS) -> Motio
     return Motion(NAMES, np.array([_person(0.0, 0.0) @ turn.T] * int(seconds * fps)), fps, PARENTS)
 
 
+def crouch(seconds: float = 1.5, fps: float = FPS) -> Motion:
+    """From standing down onto flat feet until the hands are at the shins, knees and trunk bent."""
+    motion = stand(seconds, fps=fps)
+    places = motion.positions.copy()
+    at = {name: i for i, name in enumerate(NAMES)}
+    for joints, share in zip(places, np.clip(np.linspace(0.0, 1.5, len(places)), 0.0, 1.0), strict=True):
+        lower = share * np.array([-0.05, 0.0, -0.55])
+        hips = joints[at["Hips"]] + lower
+        c, s = np.cos(0.3 * share), np.sin(0.3 * share)
+        bent = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+        for name in ("LeftArm", "LeftForeArm", "LeftHand", "RightArm", "RightForeArm", "RightHand"):
+            joints[at[name]] = hips + bent @ (joints[at[name]] - joints[at["Hips"]])
+        joints[at["Hips"]] = hips
+        for side in ("Left", "Right"):
+            hip, foot = joints[at[f"{side}UpLeg"]] + lower, joints[at[f"{side}Foot"]]
+            joints[at[f"{side}UpLeg"]] = hip
+            joints[at[f"{side}Leg"]] = _bend(hip, foot, THIGH, SHANK)
+    return Motion(NAMES, places, fps, PARENTS)
+
+
 def _person(t: float, speed: float) -> Any:
     hips = np.array([speed * t, 0.0, 0.86])
     joints = [hips]

@@ -18,10 +18,11 @@ from hqp.motion import Motion, Retargeted, anchored, retarget, retargeting
 from hqp.motion.contacts import NAMES
 from hqp.motion.holds import Hold
 from hqp.motion.shortfalls import NOTED, PARTS
+from hqp.motion.skeleton_map import find_map
 from hqp.motion.smoothing import Course
 from hqp.motion.tracker import Pass, Tracker
 
-from .people import FPS, stand, walk, write_npz
+from .people import FPS, crouch, stand, walk, write_npz
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +88,19 @@ def test_the_last_pass_stands_on_the_ends_that_the_pass_before_tells(monkeypatch
         monkeypatch.setattr(course, "heights", lambda side, i, low=low: low)
         tracker.run(found.q[0], np.zeros(tracker.robot.nv), 0, len(found.q) - 1, course)
         assert ends == [end, end]
+
+
+def test_a_flat_sole_rolls_for_a_hand_but_does_not_pivot() -> None:
+    """CBi's ankles do not bend as far as a person's: its heels come up before its hands stay behind."""
+    found = retarget(crouch(), "cbi")
+    robot, feet = found.robot, find_map(None, found.robot).frames
+    tilt = [found.measures.errors[f"{side}_sole"].max() for side in ("left", "right")]
+    assert min(tilt) > 0.1
+    assert found.summary["slide_share"] == 0.0
+    assert found.summary["penetration"] < 2e-3
+    for side in ("left", "right"):
+        across = [robot.state(q).rotation(feet[f"{side}_sole"])[:, 1] for q in found.q]
+        np.testing.assert_allclose(across, [across[0]] * len(found), atol=0.02)
 
 
 @pytest.mark.parametrize("heading", [1.5, 3.1])
