@@ -8,6 +8,7 @@ import pytest
 import hqp
 from hqp import Level, P, Stack
 from hqp.tasks import Com, FixedContact, JointLimits, Position, Posture
+from hqp.viewer import page
 from hqp.viewer.account import Account, ElementView, LevelView, make_account
 from hqp.viewer.channel import HEAD, Channel, Layout
 from hqp.viewer.description import Member, describe_robot, describe_stack
@@ -64,6 +65,14 @@ def test_within_reach_all_is_well() -> None:
     curves = history.curves()
     assert np.nanmax(curves.norms[1]) < 1e-9  # the hand's level is met all the way
     assert curves.all_times.min() > 0.0
+
+
+@pytest.mark.parametrize(
+    ("letters", "count", "size"), [(10, 5, 18), (11, 5, 15), (16, 4, 15), (13, 5, 12), (19, 1, 15)]
+)
+def test_long_names_are_written_small(letters: int, count: int, size: int) -> None:
+    level = LevelView(0, "level 1", (ElementView("n" * letters, "met", 0.0, "", ""),), "met", 0.0)
+    assert f"font-size:{size}px;font-weight:650" in page._card(level, np.ones(4), count)
 
 
 def test_out_of_reach_says_who_gives_way_to_whom() -> None:
