@@ -98,7 +98,7 @@ class Course:
         self._loads = np.full(2, 0.5 * walker.weight)
         self._sent = deque([np.zeros(len(self.plant.joint_names))] * round(delay / walker.dt))
         self._kp = None if servo is None else np.array([servo.gain(name) for name in self.plant.joint_names])
-        self._steps = round(walker.dt / self.plant.timestep)
+        self._steps, self._delay = round(walker.dt / self.plant.timestep), delay
 
     def step(self, push: ArrayLike | None = None) -> Tick:
         """One tick; push: a force on the base during it ``(3,)`` [N]."""
@@ -117,7 +117,7 @@ class Course:
         if self._kp is None:
             self.plant.step(tick.command, steps=self._steps)
         else:
-            angles, rates = self.walker.positions(self.state, tick, self._kp)
+            angles, rates = self.walker.positions(self.state, tick, self._kp, self._delay)
             self.plant.step(angles, rates, steps=self._steps)
         return tick
 

@@ -191,15 +191,20 @@ class Walker:
         self.time += self.dt
         return tick
 
-    def positions(self, state: State, tick: Tick, kp: Vec) -> tuple[Vec, Vec]:
+    def positions(self, state: State, tick: Tick, kp: Vec, delay: float = 0.0) -> tuple[Vec, Vec]:
         """Joint angles and rates for position servos in place of the torques ``tick.command``, ``(n_actuated,)`` each.
 
-        Servos with torque = kp (angle - q) + kv (rate - dq/dt): one period on by the model, and ahead of that by what
-        the torque takes, q + dt v + tau / kp.  state: of the tick.  kp [N m/rad].  Raises as ``Tick.advance``.
+        Servos with torque = kp (angle - q) + kv (rate - dq/dt): where the model is in the middle of the period in which
+        they act, and ahead of that by what the torque takes, q + s v + s^2 a / 2 + tau / kp, so that tau is their mean.
+        A stiff servo that is aimed sooner or later acts as a damper of the wrong size or sign.
+        state: of the tick.  kp [N m/rad].  delay: from the state to where they begin to act [s], s = delay + dt / 2.
+        Raises as ``Tick.advance``.
         """
         _, v = tick.advance()
-        rates = v[self.robot.actuated]
-        return state.angles[self.robot.actuated] + self.dt * rates + tick.command / kp, rates
+        motors, s = self.robot.actuated, delay + 0.5 * self.dt
+        change = s / self.dt * (v - state.v)[motors]
+        rates = state.v[motors]
+        return state.angles[motors] + s * (rates + 0.5 * change) + tick.command / kp, rates + change
 
     def _bound(self, command: Vec) -> None:
         """Scale torques by the weight felt; after a switch of phase go on from those before it, within the limits."""

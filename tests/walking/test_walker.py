@@ -137,6 +137,24 @@ def test_it_walks_on_position_servos() -> None:
     assert course.optimal > 0.995
 
 
+def test_servos_bear_the_torque_in_the_mean() -> None:
+    """Of the period in which they act, on joints that move as the model says."""
+    robot = hqp.robots.load("g1", rotors=True)
+    walker = Walker(robot, dt=DT, deadline=np.inf)
+    v = 0.1 * np.random.default_rng(0).normal(size=robot.nv)
+    state = robot.state(walker.start, v)
+    tick = walker.step(state)
+    motors, kp, kv = robot.actuated, 500.0, 15.0
+    a = (tick.advance()[1] - v)[motors] / DT
+    for delay in (0.0, 0.004):
+        angles, rates = walker.positions(state, tick, np.full(len(motors), kp), delay)
+        t = delay + DT * (np.arange(100)[:, None] + 0.5) / 100
+        off, faster = angles - state.angles[motors] - t * v[motors] - 0.5 * t * t * a, rates - v[motors] - t * a
+        torques = np.mean(kp * off + kv * faster, axis=0)
+        curved = kp * DT * DT / 24.0 * a  # of the way in the period, what its middle does not tell
+        np.testing.assert_allclose(torques + curved, tick.command, atol=1e-4)
+
+
 @pytest.mark.slow
 def test_a_robot_from_its_file_alone_stands_up_and_walks() -> None:
     """No catalogue: straight legs at home, no named base; soles are told."""
