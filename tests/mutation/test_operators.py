@@ -84,6 +84,7 @@ def test_tests_about_a_place_come_first_and_all_others_after(path: str, test: st
     assert len(order) > 100
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("line", "how"),
     [
