@@ -439,6 +439,21 @@ static void secular_equation() {
   if (met < 20 || met > 180) small("secular: one kind of case alone", met, 0);
 }
 
+// How far rows in motion coordinates are from others, for every width of the last columns.
+static void rows_apart() {
+  for (int n = 1; n < 20; ++n) {
+    const int m = 3;
+    Coordinates at(n, 1e-7);
+    auto E = random_vector(n);
+    for (double& e : E) e = 1.0 + std::fabs(e);
+    at.set(E.data(), nullptr, 0);
+    const auto A = random_vector(m * n), B = random_vector(m * n);
+    double sum = 0.0;
+    for (int i = 0; i < m * n; ++i) sum += (A[i] / E[i % n] - B[i]) * (A[i] / E[i % n] - B[i]);
+    small("coordinates: rows apart", at.apart(A.data(), B.data(), m) - sum, 1e-12 * sum);
+  }
+}
+
 // From a vertex of nearly dependent rows, some of them missed by rounding: no row is left, and the value does not rise.
 static void stage_search() {
   for (int trial = 0; trial < 300; ++trial) {
@@ -511,6 +526,7 @@ int main() {
     for (double free : {1.0, 1e-7}) row_space(picks, free);
   secular_equation();
   stage_search();
+  rows_apart();
   std::printf("%d failures\n", failures);
   return failures != 0;
 }
