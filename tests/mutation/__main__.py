@@ -42,10 +42,14 @@ def words(text: str) -> Counter[str]:
 
 @cache
 def files_of_tests() -> dict[str, Counter[str]]:
-    """The words of every file of tests."""
-    paths = (path for path in sorted((ROOT / "tests").rglob("test_*.py")))
-    told = {path.relative_to(ROOT).as_posix(): path.read_text("utf-8") for path in paths}
-    return {path: words(path + text) for path, text in told.items() if not path.startswith(LEFT_OUT)}
+    """The words of every file of tests, and of the C++ that it names."""
+    native = {path.name: path.read_text("utf-8") for path in (ROOT / "tests").rglob("*.cpp")}
+    found = {}
+    for path in sorted((ROOT / "tests").rglob("test_*.py")):
+        name, text = path.relative_to(ROOT).as_posix(), path.read_text("utf-8")
+        if not name.startswith(LEFT_OUT):
+            found[name] = words("\n".join([name, text, *(told for cpp, told in native.items() if cpp in text)]))
+    return found
 
 
 def nearest(path: str, text: str, line: int) -> list[str]:
