@@ -15,7 +15,7 @@ from hqp.loop.session import Session
 from hqp.programs.assembly import kinematics
 from hqp.programs.direct import Direct
 
-from .descent import LAST, LEAST, POLISH, PROGRESS, STALLED, STEP, STILL, Descent
+from .descent import LAST, LEAST, POLISH, PROGRESS, STEP, Descent
 
 if TYPE_CHECKING:
     from hqp._assembly import Descents
@@ -29,12 +29,16 @@ class NativeDescents:
     """Descents of one session in native code; ``descend`` gives None where the general path has to do it.
 
     members: the elements of each group, ``subject_to`` first.  guard_rate: share of the way to their bounds that rows
-    of inequalities allow a step.  Inequalities whose rows do not tell their violation, readable rows, joints that are
-    no ``tree_joints`` and references that are not finite are left to the general path.
+    of inequalities allow a step.  still, stalled: a smaller step ends a descent that has not met its targets, and so do
+    more steps that lead no further.  Inequalities whose rows do not tell their violation, readable rows, joints that
+    are no ``tree_joints`` and references that are not finite are left to the general path.
     """
 
-    def __init__(self, session: Session, members: Sequence[Sequence[Element]], guard_rate: float) -> None:
+    def __init__(
+        self, session: Session, members: Sequence[Sequence[Element]], guard_rate: float, still: float, stalled: int
+    ) -> None:
         self._session, self._members, self._guard_rate = session, members, guard_rate
+        self._still, self._stalled = still, stalled
         self._names = [element.name for elements in members for element in elements]
         self._made: dict[frozenset[str], Descents] = {}
         self._references: tuple[Reference, ...] = ()
@@ -101,7 +105,7 @@ class NativeDescents:
                 rate = e.weight * (1.0 if limit else self._guard_rate) if bounded else 0.0
                 counts = e.name in self._targets and not limit
                 members.append((part.start, part.stop, rate, group if counts else -1))
-        pace = Pace(STEP, LEAST, PROGRESS, POLISH, STILL, STALLED, LAST)
+        pace = Pace(STEP, LEAST, PROGRESS, POLISH, self._still, self._stalled, LAST)
         live = kinematics(robot)
         assert live is not None
         native = Descents(assembly.native_rows, live, members, len(self._members), robot.nq, pace)

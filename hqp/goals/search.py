@@ -32,6 +32,10 @@ GUARD_RATE = 0.5
 """Share of the way to a bound, a collision for one, that one step may go."""
 
 
+NEVER = 2**31 - 1
+"""Steps after which a calm descent is given up for leading no further: it goes on to rest."""
+
+
 class Compiled(NamedTuple):
     """A session, its stack with what the robot adds, and live errors of its elements by name."""
 
@@ -80,7 +84,8 @@ class Search:
         self._references: tuple[Reference, ...] = ()
         self._steered: dict[str, Vec | None] = {}
         self._targets: frozenset[str] = frozenset()
-        self._native = NativeDescents(self._exact.session, self._members, GUARD_RATE)
+        self._native = NativeDescents(self._exact.session, self._members, GUARD_RATE, STILL, STALLED)
+        self._calm_native: NativeDescents | None = None
 
     def _compiled(self, price: Price) -> Compiled:
         session = Controller(self._stack, self._laws, deadline=math.inf, price=price).session(
@@ -105,7 +110,9 @@ class Search:
         self._references = (*references, *(r for r in held if r.value is not None and r.value.size))
         self._steered = {r.name: r.value for r in self._references}
         self._targets = frozenset((*given, *(e.name for e in self._members[0])))
-        self._native.aim(self._references, self._targets)
+        for native in (self._native, self._calm_native):
+            if native is not None:
+                native.aim(self._references, self._targets)
 
     def errors(self, descent: Descent) -> dict[str, float]:
         """Errors by element where a start ended, those of joint limits as well."""
@@ -119,7 +126,7 @@ class Search:
 
         Joint limits, which no step from inside leaves, have an error only where the ``whole`` is asked for.
         """
-        self._native.leave()
+        self._natively(calm).leave()
         state = self.robot.state(q)
         run = self.calm if calm else self._exact
         tick = run.session.step(state, *self._references)
@@ -154,8 +161,16 @@ class Search:
 
     def descend(self, q: Vec, tolerance: float, most: int, end: float, calm: bool = False) -> Descent:
         """Steps from q until the targets are met and the rest has settled, ``most`` of them, until the time ``end``."""
-        found = None if calm else self._native.descend(q, tolerance, most, end - time.perf_counter())
+        found = self._natively(calm).descend(q, tolerance, most, end - time.perf_counter())
         return self._descend(q, tolerance, most, end, calm) if found is None else found
+
+    def _natively(self, calm: bool) -> NativeDescents:
+        if not calm:
+            return self._native
+        if self._calm_native is None:
+            self._calm_native = NativeDescents(self.calm.session, self._members, GUARD_RATE, SETTLED, NEVER)
+            self._calm_native.aim(self._references, self._targets)
+        return self._calm_native
 
     def _descend(self, q: Vec, tolerance: float, most: int, end: float, calm: bool) -> Descent:
         met = (1.0,) * len(self.groups)
