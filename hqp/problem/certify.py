@@ -132,7 +132,8 @@ def _priced(problem: Hierarchy, x: Vec, tolerance: float, stages: Mat | None, se
     exact = _exact(problem.exact(), x, tolerance, first)
     if first is None:
         gaps = np.maximum(exact.gaps, [*(stage.gap for stage in found), 0.0])
-        return replace(exact, gaps=gaps)
+        rounding = np.maximum(exact.rounding, [*(stage.rounding for stage in found), 0.0])
+        return replace(exact, gaps=gaps, rounding=rounding)
     gaps = np.array([max(stage.gap, out) for stage, out in zip(found, walk.outside(x), strict=True)])
     gaps[:first] = np.maximum(gaps[:first], exact.gaps)
     gap, last = completion_gap(problem, x, judge := walk.below())
@@ -140,8 +141,8 @@ def _priced(problem: Hierarchy, x: Vec, tolerance: float, stages: Mat | None, se
     ranks = (*exact.ranks, *(before - after for before, after in pairwise(free)), last)
     norms = np.array([float(np.linalg.norm(w)) for w in problem.slacks(x)])
     multipliers = (*exact.multipliers, *(stage.multipliers for stage in found[first:]))
-    rounding = np.zeros(count + 1)
-    rounding[:first] = exact.rounding
+    rounding = np.array([*(stage.rounding for stage in found), judge.rounding])
+    rounding[:first] = np.maximum(rounding[:first], exact.rounding)
     return Certificate(np.append(gaps, gap), tolerance, norms, ranks, multipliers, rounding)
 
 

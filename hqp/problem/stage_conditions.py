@@ -42,7 +42,8 @@ ENDED = 1e-15
 class Stage:
     """Verdict on one stage point.
 
-    multipliers: ``(m_0 + ... + m_k,)``, of the rows above and then u.  free: directions that S_{k-1} leaves.
+    multipliers: ``(m_0 + ... + m_k,)``, of the rows above and then u.  free: directions that S_{k-1} leaves.  rounding:
+    what rounding of the rows above may have made of the gap, as in Certificate.
     """
 
     x: Vec
@@ -50,6 +51,7 @@ class Stage:
     multipliers: Vec
     free: int
     unmet: bool
+    rounding: float = 0.0
 
 
 class Walk:
@@ -101,7 +103,9 @@ class Walk:
         if not self._above.anchors or not _asks(rows, self._x.size):
             return self._unjudged(k, self._x)
         stage = self.judged(k, rows, self._x, 0.0)
-        return stage if stage.gap <= self._tolerance else self.judged(k, rows, self._solve(rows, 0.0), 0.0)
+        if stage.gap <= self._tolerance + stage.rounding:
+            return stage
+        return self.judged(k, rows, self._solve(rows, 0.0), 0.0)
 
     def _solve(self, rows: Rows, price: float) -> Vec:
         x = solve_level(rows, self._above, self._last, price, self._at)
@@ -136,15 +140,15 @@ class Walk:
             slows = anchor.turning[np.any(anchor.turning, axis=1)]
             slop = within * (row_lengths(slows) + terms(slows, x))
             allowed.append(at.rows(slows) * (counts * slop)[:, None])
-        u, signed = w, np.zeros((0, x.size))
+        u, signed, value = w, np.zeros((0, x.size)), rows.A @ x
+        at_upper, at_lower = value >= rows.upper - near, value <= rows.lower + near  # or beyond
         if met:
-            value = rows.A @ x
-            signed = np.concatenate([A[value >= rows.upper - near], -A[value <= rows.lower + near]])
+            signed = np.concatenate([A[at_upper], -A[at_lower]])
             scale += longest_row(A)
         elif price > 0.0:
             norm = float(np.linalg.norm(w))
             u = w / norm
-            touched = rows.equality | (np.abs(w) > 0.0)
+            touched = at_upper | at_lower
             allowed.append(A[touched] * (near[touched] / norm)[:, None])
             scale += longest_row(A)
         else:
@@ -158,7 +162,7 @@ class Walk:
         forces[self._above.places] = scale * shares
         forces[forces.size - rows.m :] = u
         gap = max(gap, size - 1.0, float(_outside(self._above.hard, x).max(initial=0.0)))
-        return Stage(x, gap, forces, judge.Z.shape[1], price > 0.0 and not met)
+        return Stage(x, gap, forces, judge.Z.shape[1], price > 0.0 and not met, judge.rounding)
 
 
 def stage_multipliers(problem: Hierarchy, stages: Mat, level: int, tolerance: float = 1e-6) -> tuple[Vec, float]:
