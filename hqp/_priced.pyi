@@ -46,9 +46,9 @@ class Stages:
     def describe(
         self, x: Vec, constraints: int, activity: float, violation: float, slack: Vec, marks: Signs
     ) -> bool: ...
-    def effort(self) -> tuple[int, bool, bool, bool]:
+    def effort(self) -> tuple[int, bool, bool, bool, bool]:
         """Steps of the latest stages, whether all reached their optima, whether one met uncertain directions, whether
-        the answer depends on such."""
+        the answer depends on such, whether that or an end is in doubt."""
 
     def reset(self) -> None: ...
     def turn(self, set: int) -> None: ...

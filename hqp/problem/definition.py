@@ -23,7 +23,7 @@ from hqp.arrays import Mask, Mat, Vec, longest_row, row_lengths
 from hqp.problem import Hierarchy, Rows
 from hqp.problem.completion import completion
 from hqp.problem.nnls import nonnegative_least_squares
-from hqp.problem.pricing import UNNAMED, Above, Coordinates, at_optimum, level_size, stack_rows
+from hqp.problem.pricing import UNNAMED, Above, Coordinates, at_optimum, row_sizes, stack_rows
 from hqp.tolerances import MET_TOLERANCE, RANK_TOLERANCE, ROUNDING
 
 HELD, ALONG = 1e-11, 1e-9
@@ -91,7 +91,7 @@ class Levels:
             w = rows.slack(point)
             return float(np.sqrt(w @ w))
 
-        if _root(unmet, max(MET_TOLERANCE * level_size(rows, x), 1e-300)) is not None:
+        if _root(unmet, max(MET_TOLERANCE * float(row_sizes(rows, x).max(initial=0.0)), 1e-300)) is not None:
             return point
         x = self._search(rows, replace(above, anchors=()), x, 1.0)
         met = above.with_rows(at_optimum(rows, x), UNNAMED)

@@ -202,14 +202,12 @@ class Above:
 
 
 def is_met(rows: Rows, x: Vec) -> bool:
-    """Whether ||w|| at x is no more than rounding leaves of zero, MET_TOLERANCE of the level's terms and bounds."""
-    w = rows.slack(x)
-    return float(np.sqrt(w @ w)) <= MET_TOLERANCE * level_size(rows, x)
-
-
-def level_size(rows: Rows, x: Vec) -> float:
-    """What the rounding of a level's slacks is relative to: the largest of ``row_sizes``."""
-    return float(row_sizes(rows, x).max(initial=0.0))
+    """Whether w at x is no more than rounding leaves of zero: of rows at unit length, MET_TOLERANCE of their largest
+    terms and bounds."""
+    lengths = row_lengths(rows.dense(x.size))
+    lengths[lengths == 0.0] = lengths.max(initial=0.0) or 1.0
+    off = rows.slack(x) / lengths
+    return float(np.sqrt(off @ off)) <= MET_TOLERANCE * float((row_sizes(rows, x) / lengths).max(initial=0.0))
 
 
 def row_sizes(rows: Rows, x: Vec) -> Vec:

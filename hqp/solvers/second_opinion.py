@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import partial
 
 from hqp.problem import Hierarchy, Solution, Status
 from hqp.problem.certify import certificate
@@ -18,8 +19,8 @@ A count and no time, so that status and x are the same on every machine; about a
 OVERHEAD = 100
 """Rows that cost as much as a call."""
 
-TOLERANCES = (1e-8, 1e-6)
-"""Gaps that the certificate allows; the second is rounding over a singular value of 1e-9."""
+SURE, ALLOWED = 1e-8, 1e-6
+"""Gaps that the certificate allows an optimum, and an answer of uncertain rank: rounding over a value of 1e-9."""
 
 STUCK = "no answer that was found passed the certificate: the problem is too ill-conditioned to be judged"
 
@@ -32,10 +33,12 @@ def second_opinion(problem: Hierarchy, doubtful: Solution, others: Iterable[Call
     answers: list[Callable[[], Solution]] = [lambda: doubtful, *others, lambda: last.solve(problem)]
     for answer in answers:
         found = answer()
-        if any(
-            certificate(problem, found.x, tolerance, found.stage_points, settled=True).ok for tolerance in TOLERANCES
-        ):
-            if found is doubtful and found.status is Status.OPTIMAL:  # the data's last digits do not move it
+        passes = partial(certificate, problem, found.x, stages=found.stage_points, settled=True)
+        if (sure := passes(tolerance=SURE).ok) or passes(tolerance=ALLOWED).ok:
+            decided = found.status is Status.OPTIMAL or (
+                found.status is Status.CONSTRAINTS_VIOLATED and not found.detail
+            )
+            if found is doubtful and sure and decided:  # the data's last digits do not move it
                 return replace(found, detail="")
             status = finish(problem, found.x, Status.RANK_UNCERTAIN, found.stats).status
             return replace(found, status=status, detail="" if status is Status.RANK_UNCERTAIN else UNSURE)

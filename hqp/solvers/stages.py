@@ -279,11 +279,12 @@ class StagedWorkspace:
 
     def _staged(self, problem: Hierarchy, exact: Stats) -> Solution:
         """The answer of the latest stages; stopped early, a point that keeps to what the levels above left."""
-        steps, ended, uncertain, doubtful = self._native.effort()
+        steps, ended, uncertain, undecided, doubtful = self._native.effort()
         self._staged_it = ended
         if not ended:
             self._latest = None
-        status, detail = (Status.RANK_UNCERTAIN, UNSURE) if doubtful else (Status.OPTIMAL, "")
+        unsure = undecided or (doubtful and self._seconds > 0.0)  # without a clock the certificate decides
+        status, detail = (Status.RANK_UNCERTAIN, UNSURE) if unsure else (Status.OPTIMAL, "")
         if not ended:
             status, detail = Status.TIME_LIMIT if self._seconds else Status.ITERATION_LIMIT, ""
         stats = Stats(

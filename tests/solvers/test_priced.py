@@ -155,6 +155,12 @@ def test_entries_that_rest_have_the_rounding_of_those_that_move() -> None:
     assert not is_met(rest, np.array([1e-13, 0.0]))
 
 
+def test_each_row_of_a_met_level_is_met_by_its_own_length() -> None:
+    rows = Rows(np.diag([1e5, 1e-6]), np.array([1e5, 1e-6]), np.array([1e5, 1e-6]))
+    assert is_met(rows, np.array([1.0, 1.0 + 1e-12]))
+    assert not is_met(rows, np.array([1.0, 1.05]))  # 5e-8 beside terms of 1e5
+
+
 def test_levels_are_settled_without_a_stage_while_limits_bind() -> None:
     """Boxes that exclude standing still, and drift: the working set of the least motion follows them."""
     rng, n = np.random.default_rng(7), 12

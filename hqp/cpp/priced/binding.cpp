@@ -199,11 +199,11 @@ class Stages final : public hqp::SolveCall {
     return stages().describe(x.data(), constraints, activity, violation, slack.data(), marks.data());
   }
 
-  // Steps of the latest stages, whether all reached their optima, whether directions were uncertain, and whether the
-  // answer depends on such.
-  std::tuple<int, bool, bool, bool> effort() {
+  // Steps of the latest stages, whether all reached their optima, whether directions were uncertain, whether the answer
+  // depends on such, and whether that or an end is in doubt.
+  std::tuple<int, bool, bool, bool, bool> effort() {
     hqp::PricedStages& latest = core_.stages();
-    return {latest.iterations(), latest.ended(), latest.uncertain(), latest.doubtful()};
+    return {latest.iterations(), latest.ended(), latest.uncertain(), latest.undecided(), latest.doubtful()};
   }
   void reset() { core_.reset(); }
   void turn(std::size_t set) { core_.turn(set); }

@@ -80,14 +80,13 @@ class StageLevels final : public PricedStages {
   int iterations() const override { return iterations_; }
   bool ended() const override { return ended_; }
   bool uncertain() const override { return uncertain_; }
-  bool doubtful() const override { return doubtful_; }
+  bool undecided() const override { return undecided_; }
+  bool doubtful() const override { return undecided_ || inexact_; }
   bool unpriced_met(const double* x) override {
     int last = static_cast<int>(level_.size());
     while (last > 0 && !(law_.prices[last - 1] > 0.0)) --last;
     for (int k = 0; k < last; ++k) {
-      if (law_.prices[k] > 0.0) continue;
-      const auto [norm, size] = residual(k, x);
-      if (!(norm <= tolerances_.met * size)) return false;
+      if (!(law_.prices[k] > 0.0) && !met(k, x)) return false;
     }
     return true;
   }
@@ -204,7 +203,7 @@ class StageLevels final : public PricedStages {
     motions_.rounding(0.0);
     iterations_ = 0;
     ended_ = true;
-    uncertain_ = doubtful_ = false;
+    uncertain_ = undecided_ = inexact_ = false;
     for (; !anchors_.empty(); anchors_.pop_back()) spare_.push_back(std::move(anchors_.back()));
     open_ = false;
     framed_ = 0;
@@ -279,24 +278,26 @@ class StageLevels final : public PricedStages {
     return terms + std::abs(std::isfinite(low) ? low : std::isfinite(high) ? high : 0.0);
   }
 
-  // ||w|| of level k at x, whose slacks go into w_, and what its rounding is relative to.
-  std::pair<double, double> residual(int k, const double* x) {
+  // Whether w of level k at x, which goes into w_, is rounding of rows of unit length.
+  bool met(int k, const double* x) {
     const PricedLevel& level = level_[k];
     const double least = resting(x);
-    double square = 0.0, size = 0.0;
+    double longest = 0.0, off = 0.0, size = 0.0;
+    for (int i = 0; i < level.m; ++i) longest = larger(longest, square(level, i));
     for (int i = 0; i < level.m; ++i) {
+      const double own = square(level, i), length = std::sqrt(own > 0.0 ? own : longest > 0.0 ? longest : 1.0);
       w_[i] = slack(product(level, i, x), level.lower[i], level.upper[i]);
-      square += w_[i] * w_[i];
-      size = larger(size, this->size(level, i, x, least));
+      off += w_[i] / length * (w_[i] / length);
+      size = larger(size, this->size(level, i, x, least) / length);
     }
-    return {std::sqrt(square), size};
+    return std::sqrt(off) <= tolerances_.met * size;
   }
 
   // The anchor of level k where it is not met at x, the end of its stage.
   void anchor(int k, const double* x) {
     const PricedLevel& level = level_[k];
-    const auto [norm, size] = residual(k, x);
-    if (norm <= tolerances_.met * size) return;
+    if (met(k, x)) return;
+    const double norm = std::sqrt(dot_any(w_.data(), w_.data(), level.m));
     anchors_.push_back(std::move(spare_.back()));
     spare_.pop_back();
     Anchor& anchor = anchors_.back();
@@ -420,7 +421,8 @@ class StageLevels final : public PricedStages {
     }
     ended_ = ended_ && reached;
     uncertain_ = uncertain_ || search_.uncertain();
-    doubtful_ = doubtful_ || (!priced && search_.uncertain()) || rounds > kFlatRounds || search_.strays(y_.data());
+    undecided_ = undecided_ || (!priced && search_.uncertain());
+    inexact_ = inexact_ || rounds > kFlatRounds || search_.strays(y_.data());
     note(k, own, reached);
     at.point(y_.data(), x_.data());
     if (reached) end_at_[k].clear();
@@ -475,7 +477,7 @@ class StageLevels final : public PricedStages {
       gather_choice(free);
       at.motion(z_.data(), y_.data());
       if (!search_.solve(rows_, free, Aim{}, y_.data(), chosen_, iterations_)) {
-        doubtful_ = true;
+        inexact_ = true;
         break;
       }
       at.point(y_.data(), z_.data());
@@ -526,7 +528,7 @@ class StageLevels final : public PricedStages {
 
   int n_, last_ = -1, iterations_ = 0;
   int framed_ = 0;  // levels whose equality rows anchors have seen
-  bool ended_ = true, uncertain_ = false, doubtful_ = false, limited_ = false;
+  bool ended_ = true, uncertain_ = false, undecided_ = false, inexact_ = false, limited_ = false;
   const Coordinates* seen_by_ = nullptr;  // of the latest stage
   bool open_ = false;                     // whether it left a choice
   double rounding_ = 0.0;

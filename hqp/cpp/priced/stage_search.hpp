@@ -25,7 +25,7 @@ constexpr double kNoDirection = 1e-13;  // what is left of a row whose direction
 constexpr double kNoStep = 1e-14;       // a step that is rounding, relative to 1 + |y|
 constexpr double kFar = 1e3;            // a start so far away, relative to 1 + |y| at the end, leaves its rounding
 constexpr double kOnRow = 1e-13;        // rounding of a row's value, relative to its terms
-constexpr double kAccurate = 1e-8;      // of a row's length and terms, and of the gradient: more is no rounding
+constexpr double kAccurate = 1e-8;      // of a row's length and terms, and of the gradient: an end off by more is none
 
 // What a stage minimises beside c/2 |y|^2: rows T (m, ld) whose lengths in x are size (m).
 struct Aim {
@@ -80,7 +80,7 @@ class StageSearch {
     e_.resize(aim.m);
     u_.resize(aim.m);
     space_.uncertain = secular_.uncertain = false;
-    refused_ = 0.0;
+    off_ = 0.0;
     if (late()) return false;
     hold_equalities();
     ++iterations;
@@ -91,10 +91,10 @@ class StageSearch {
       reached = descend(working, y, iterations);
       list(working);
       if (reached && far > kFar * kFar * (1.0 + dot_any(y, y, N_))) {  // the rounding of a long way
-        const double refused = refused_;
+        const double off = off_;
         begin();
         if (!on_the_face_of(working, y)) {
-          refused_ = refused;
+          off_ = off;
           return reached;
         }
       }
@@ -105,10 +105,10 @@ class StageSearch {
 
   // Whether directions of the latest solve were uncertain: rows nearly depend on others, or differ much in length.
   bool uncertain() const { return space_.uncertain || secular_.uncertain; }
-  // Whether the end y of the latest solve is none: it leaves a row by more than rounding, or a row stays held that
-  // pulls the wrong way by more.
+  // Whether the end y of the latest solve may be none: it leaves a row by more than rounding, a row stays held that
+  // pulls the wrong way by more, or rows pull so much, nearly against each other, that their own rounding does.
   bool strays(const double* y) {
-    if (refused_ > kAccurate) return true;
+    if (off_ > kAccurate) return true;
     at_point(y);
     const double least = rows_->rounding() * size_;  // rows no longer than that have no direction of their own
     for (int i = 0; i < rows_->count(); ++i) {
@@ -406,11 +406,12 @@ class StageSearch {
     space_.multipliers(part_.data(), lambda_.data());
     int found = -1;
     double worst = 1e-11 * scale;
-    refused_ = 0.0;
-    for (std::size_t k = fixed_; k < set_.size(); ++k) {
+    off_ = 0.0;
+    for (std::size_t k = 0; k < set_.size(); ++k) {
       // the gradient must point into the side: lambda <= 0 at upper
-      const double wrong = side_[set_[k]] * lambda_[k] * (*rows_)[set_[k]].size;
-      if (kept_[set_[k]]) refused_ = larger(refused_, wrong / scale);
+      const double pull = lambda_[k] * (*rows_)[set_[k]].size, wrong = side_[set_[k]] * pull;
+      off_ = larger(off_, larger(kRounding * std::abs(pull), kept_[set_[k]] ? wrong : 0.0) / (scale + price));
+      if (k < static_cast<std::size_t>(fixed_)) continue;
       if (wrong <= worst || kept_[set_[k]]) continue;
       if (lowest && found >= 0 && set_[k] > set_[found]) continue;
       if (!lowest) worst = wrong;
@@ -434,7 +435,7 @@ class StageSearch {
   std::vector<char> kept_;  // rows that no wrong sign releases until the point moves
   std::vector<double> y_, aim_, x_, move_, part_, lambda_, M_, K_, e_, u_;
   double size_ = 0.0;
-  double refused_ = 0.0;  // how wrong the sign of a row that is kept is, of the gradient
+  double off_ = 0.0;  // of the gradient: what the signs of rows that are kept, and the rounding of rows held, put in
 };
 
 }  // namespace HQP_ISA

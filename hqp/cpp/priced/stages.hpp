@@ -78,7 +78,8 @@ class PricedStages {
   virtual bool ended() const = 0;                  // whether every stage reached its optimum
   virtual bool uncertain() const = 0;              // whether one met uncertain directions
   virtual bool unpriced_met(const double* x) = 0;  // whether the levels without a price above the last with one are
-  virtual bool doubtful() const = 0;               // whether the answer depends on uncertain directions below them
+  virtual bool undecided() const = 0;              // whether the answer depends on uncertain directions below them
+  virtual bool doubtful() const = 0;               // or a stage may have ended off its optimum by more than rounding
   virtual void reset() = 0;                        // forget the warm start
   virtual void only_once() = 0;                    // no problem is like the last one: do not prepare for it
   // The warm start, and what spares a second look at what was found before.
