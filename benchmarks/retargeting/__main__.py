@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import hqp
-from benchmarks.retargeting.clips import bvh_files, climbs
+from benchmarks.retargeting.clips import boxes, bvh_files, climbs
 from hqp.markdown import table
 from hqp.motion import Motion
 from hqp.motion.anchored import solved
@@ -58,6 +58,7 @@ def main() -> int:
 def _clips(arguments: Any) -> Iterator[tuple[str, Motion]]:
     if arguments.climbs:
         yield from climbs(arguments.climbs)
+        yield from boxes(arguments.climbs)
     if arguments.bvh:
         yield from bvh_files(arguments.bvh)
 
