@@ -152,7 +152,9 @@ class Stacks:
     def starting(self, standing: Standing) -> Stack:
         """For a start: feet stand where they are to be, turned as it suits, as feet do that have landed."""
         levels = self._levels(standing)
-        levels["ground"] = [task for task in levels["ground"] if task not in self.lines.values()]
+        lines = [self.lines[side] for side, _ in standing]
+        levels["ground"] = [task for task in levels["ground"] if task not in lines]
+        levels["soles"] += lines
         return self._stack(levels)
 
     def closing(self, standing: Standing) -> Stack:
@@ -182,7 +184,10 @@ class Stacks:
             ],
             "swing": [self.toes[side] for side in SIDES if side not in stand],
             "hands": [self.points[f"{side}_hand"] for side in SIDES],
-            "soles": [*self.soles.values()],
+            "soles": [
+                *(self.heights[name] for name in raised),
+                *(self.soles[side] for side in SIDES if side not in stand),
+            ],
             "trunk": [*self.trunk, self.hips],
             "limbs": [*(self.points[f"{side}_{limb}"] for limb in ("elbow", "knee") for side in SIDES)],
             "posture": [self.posture],

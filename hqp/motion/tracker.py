@@ -132,17 +132,18 @@ class Tracker:
             plane = holds[side].motion if side in holds else None
             if plane is not None:
                 x, u, R, w = plane.point(x), plane.rotation @ u, plane.rotation @ R, plane.rotation @ w
-            found.append(Reference(sole, R, w))
             if side not in ends:
-                found.append(Reference(task.name, x, u))
+                found += [Reference(sole, R, w), Reference(task.name, x, u)]
                 continue
             spot = holds[side].spot if side in holds else x[:2]
             found.append(Reference(self.stacks.spots[task.name].name, spot, ZERO))
             ground = self._ground[side][i : i + 1]
             found.append(Reference(self.stacks.heights[task.name].name, ground))
-            raised, line = self.stacks.down(side, -ends[side]), self.stacks.lines[side]
-            found.append(Reference(self.stacks.above[raised.name].name, ground))
+            raised, line = self.stacks.down(side, -ends[side]).name, self.stacks.lines[side]
+            found.append(Reference(self.stacks.above[raised].name, ground))
             found.append(Reference(line.name, R @ line.axis, ZERO))
+            place, rate = self._edges[raised]
+            found.append(Reference(self.stacks.heights[raised].name, place[i, 2:], sign * rate[between, 2:]))
         return found
 
     def errors(self, q: Mat) -> Mat:
