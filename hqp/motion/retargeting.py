@@ -43,9 +43,9 @@ def retarget(
 ) -> Retargeted:
     """A person's motion on a robot: strict levels, standing feet held where they came to rest.
 
-    Floor, self-collision, joint and speed limits are kept; then standing feet by their lower end > moving feet >
-    hands > turns of soles > trunk > limbs > posture.  The person is scaled by the length of the legs, arms and
-    trunk by their own.
+    Floor, self-collision, joint and speed limits are kept; then standing feet by their lower end and heading >
+    moving feet > hands > tilt of soles > trunk > limbs > posture.  The person is scaled by the length of the legs, arms
+    and trunk by their own.
 
     motion: a ``Motion``, or a file that ``read_motion`` reads, with ``up`` and ``body_model`` as it takes them.
     robot: with a free base, or its name.  map: a SkeletonMap, its file or its name, the first shipped one that fits for

@@ -44,8 +44,9 @@ Standing = tuple[tuple[str, int], ...]
 class Stacks:
     """Tasks of a robot by part, and the stack for the feet that stand.
 
-    Floor, self-collision, joint and speed limits come before all; then the spots of standing feet (at rest,
-    which is within all limits), their heights, moving feet, hands, the turns of soles, trunk, limbs, posture.
+    Floor, self-collision, joint and speed limits come before all; then the spots of standing feet (at rest, which is
+    within all limits), their heights and the lateral lines that they roll about, moving feet, hands, the tilt of soles,
+    trunk, limbs, posture.
     """
 
     def __init__(self, robot: Robot, found: SkeletonMap, body: Body, dt: float, *, collision: bool = True) -> None:
