@@ -236,10 +236,8 @@ class Assembly:
             part, rows = member.part, member.part.stop - member.part.start
             beside = []
             for other, share in others.items():
-                numbers = [
-                    np.broadcast_to(np.asarray(x, dtype=np.float64), rows).tolist() for x in (*gains(other), share)
-                ]
-                beside.append((holds(other), *numbers))
+                kp, kd = gains(other)
+                beside.append((holds(other), of_rows(kp, rows), of_rows(kd, rows), of_rows(share, rows)))
             self.native_rows.saturate(part.start, part.stop, holds(law), beside)
 
     def require_law(self, name: str, law: Law) -> None:
