@@ -181,7 +181,7 @@ class Stacks:
             "ground": [
                 *(self.heights[name] for name in down),
                 *(self.above[name] for name in raised),
-                *(self.lines[side] for side in SIDES if side in stand),
+                *(self.lines[side] for side, _ in standing),
             ],
             "swing": [self.toes[side] for side in SIDES if side not in stand],
             "hands": [self.points[f"{side}_hand"] for side in SIDES],
