@@ -201,12 +201,13 @@ def _adjusted(judge: Judge, gradient: Vec, signed: Mat, allowed: Mat) -> tuple[V
     if len(allowed) and float(np.sqrt(rest @ rest)) > judge.tolerance:
         from scipy.optimize import lsq_linear  # heavy, and seldom needed
 
-        columns = np.concatenate([fixed, (allowed @ judge.Z).T], axis=1)
-        weights = np.concatenate([weights, np.full(len(allowed), WITHIN)])
-        lower, upper = np.repeat([0.0, -1.0], [found.size, len(allowed)]), np.ones(weights.size)
-        upper[: found.size] = np.inf
+        most = np.maximum(row_lengths(projected := allowed @ judge.Z), 1.0)  # no column is longer than the gradient
+        columns = np.concatenate([fixed, (projected / most[:, None]).T], axis=1)
+        weights = np.concatenate([weights, WITHIN / most])
+        upper = np.concatenate([np.full(found.size, np.inf), most])
+        lower = np.concatenate([np.zeros(found.size), -most])
         bounded = lsq_linear(*_weighted(columns, weights, left), (lower, upper), method="bvls", tol=ENDED).x
-        found, change = np.split(bounded, [found.size])
+        found, change = bounded[: found.size], bounded[found.size :] / most
     u = found[active.size :]
     return gradient + signed.T @ u + allowed.T @ change, float(np.linalg.norm(u))
 
