@@ -10,18 +10,13 @@ import pytest
 from numpy.random import Generator
 
 import hqp.solvers
-from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
+from hqp import Hierarchy, Motion, Rows, Selection, Solution, Status, certificate
 from hqp.solvers.base import UNSURE
 from tests.solvers.fuzz import problem
 from tests.solvers.kinds import KINDS
 
 LARGEST = 60
 SOLVED = (Status.OPTIMAL, Status.RANK_UNCERTAIN, Status.CONSTRAINTS_VIOLATED)
-LOOSE = {("conflicts", False), ("row_scales", True)}
-"""Judged at 1e-6, all others at 1e-8: answers that say they are unsure, rows of a level 1e5 apart."""
-REFUSED = {("near_parallel", False), ("near_parallel", True), ("conflicts", True)}
-"""One in a hundred problems of these is refused: rows too nearly parallel, or 1e-9 times as long as others."""
-
 
 FOUND = [
     *(("conflicts", seed) for seed in (9, 12, 14, 23, 168, 175)),
@@ -35,10 +30,10 @@ FOUND = [
 
 
 OF_A_LOOP = [
-    *(("near_parallel", seed, False) for seed in (43, 184, 235)),
-    *(("near_parallel", seed, True) for seed in (141, 190, 216)),
-    *(("row_scales", seed, False) for seed in (38, 70, 83, 136, 198, 315, 468)),
-    ("zero_rows", 201, False),
+    *(("near_parallel", seed, False) for seed in (43, 60, 184, 235)),
+    *(("near_parallel", seed, True) for seed in (55, 141, 144, 190, 216)),
+    *(("row_scales", seed, False) for seed in (38, 70, 83, 136, 189, 198, 315, 468)),
+    *(("zero_rows", seed, False) for seed in (145, 201)),
 ]
 """Rows that pull 1e7 times as hard as their level, rows of a level 1e8 apart: off by 1e-6 to 1 and sure of it once."""
 
@@ -61,9 +56,12 @@ def priced(exact: Hierarchy, rng: Generator, flat: bool) -> Hierarchy:
     return replace(exact, prices=prices, turning=turning, motion=motion, metric=None, origin=None, stacked=None)
 
 
-@pytest.mark.parametrize(
-    ("kind", "flat"), [(kind, flat) for kind in sorted(KINDS) for flat in (False, True) if (kind, flat) not in REFUSED]
-)
+def is_unsure(solution: Solution) -> bool:
+    """Whether the answer says that rounding may have decided it: it is judged at 1e-6, others at 1e-8."""
+    return solution.status is Status.RANK_UNCERTAIN or solution.detail == UNSURE
+
+
+@pytest.mark.parametrize(("kind", "flat"), [(kind, flat) for kind in sorted(KINDS) for flat in (False, True)])
 def test_an_answer_that_counts_as_solved_passes_the_certificate(kind: str, flat: bool) -> None:
     solver, solved = hqp.solvers.load("lexicographic"), 0
     for seed in range(25):
@@ -73,7 +71,7 @@ def test_an_answer_that_counts_as_solved_passes_the_certificate(kind: str, flat:
         case = priced(exact, np.random.default_rng([seed, 7]), flat)
         solution = solver.solve(case)
         if solution.status in SOLVED:
-            tolerance = 1e-6 if (kind, flat) in LOOSE else 1e-8
+            tolerance = 1e-6 if is_unsure(solution) else 1e-8
             verdict = certificate(case, solution.x, tolerance, solution.stage_points)
             assert verdict.ok, f"{kind} {seed}: {solution.status.name}, but {verdict}"
             solved += 1
@@ -85,8 +83,7 @@ def test_an_answer_with_flat_motion_passes_the_certificate_or_says_that_it_is_un
     case = priced(problem(kind, seed)[0], np.random.default_rng([seed, 7]), True)
     solution = hqp.solvers.load("lexicographic").solve(case)
     assert solution.status in SOLVED
-    unsure = solution.status is Status.RANK_UNCERTAIN or solution.detail == UNSURE
-    verdict = certificate(case, solution.x, 1e-6 if unsure else 1e-8, solution.stage_points)
+    verdict = certificate(case, solution.x, 1e-6 if is_unsure(solution) else 1e-8, solution.stage_points)
     assert verdict.ok, f"{solution.status.name}, but {verdict}"
 
 
@@ -96,7 +93,7 @@ def test_an_answer_of_a_loop_passes_the_certificate_or_says_that_it_is_unsure(ki
     workspace = hqp.solvers.load("lexicographic").workspace(case.shape)
     workspace.limit(math.inf)  # type: ignore[attr-defined]
     solution = workspace.solve(case)
-    if solution.status is not Status.RANK_UNCERTAIN and solution.detail != UNSURE:
+    if not is_unsure(solution):
         verdict = certificate(case, solution.x, 1e-8, solution.stage_points)
         assert verdict.ok, f"{solution.status.name}, but {verdict}"
 

@@ -249,13 +249,12 @@ class StageLevels final : public PricedStages {
     std::copy(level.upper, level.upper + level.m, high);
     if (law_.prices[k] > 0.0) return;
     const double least = resting(x);
-    for (int i = 0; i < level.m; ++i) {  // its slack is unique: equality rows and violated rows keep their value
+    for (int i = 0; i < level.m; ++i) {  // its slack is unique: rows that are missed keep their value
       if (level.left_out(i)) continue;
       const double value = product(level, i, x), w = slack(value, low[i], high[i]);
-      if (low[i] == high[i] ||
-          (anchors_.empty() && w != 0.0 && std::abs(w) > tolerances_.met * size(level, i, x, least))) {
-        low[i] = high[i] = value;
-      } else if (!anchors_.empty()) {  // below them it may still be lessened
+      if (low[i] == high[i] || anchors_.empty()) {
+        if (std::abs(w) > tolerances_.met * size(level, i, x, least)) low[i] = high[i] = value;
+      } else {  // below anchors it may still be lessened
         low[i] = std::min(low[i], value);
         high[i] = std::max(high[i], value);
       }
@@ -431,17 +430,19 @@ class StageLevels final : public PricedStages {
     open_ = leaves(at, n_);
   }
 
-  // Whether what directions without motion count pulls, at y_, by more than rounding of the level's own gradient.
+  // Whether what directions without motion count pulls, at y_, by more than rounding of a row's own gradient.
   bool flat_counts(int k, const Coordinates& at, double price) {
     const double pull = price * at.flat_pull(y_.data());
     if (pull == 0.0) return false;
-    double longest = 0.0, far = 1.0;
-    for (int i = 0; i < level_[k].m; ++i)
-      if (!level_[k].left_out(i)) longest = larger(longest, square(level_[k], i));
-    if (law_.prices[k] > 0.0) return pull > kFlatPull * std::sqrt(longest);
+    double shortest = INFINITY, far = 1.0;
+    for (int i = 0; i < level_[k].m; ++i) {
+      const double own = square(level_[k], i);
+      if (!level_[k].left_out(i) && own > rounding_ * rounding_) shortest = smaller(shortest, own);
+    }
+    if (law_.prices[k] > 0.0) return pull > kFlatPull * std::sqrt(shortest);
     at.point(y_.data(), x_.data());
     for (int j = 0; j < n_; ++j) far = larger(far, std::abs(x_[j]));
-    return pull > kFlatPull * longest * far;
+    return pull > kFlatPull * kUncertain * shortest * far;  // so that w is known in directions as short as these
   }
 
   // How the stage of level k ended.
