@@ -4,24 +4,47 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from hqp import __version__
 from hqp.commands.arguments import add_robot, add_stack, read_robot, read_stack
 from hqp.errors import HqpError
 
 PACKAGES = {
-    "view": "hqp.viewer.command",
-    "bench": "hqp.lab.command",
-    "sweep": "hqp.sweep.command",
-    "export": "hqp.export.command",
-    "replay": "hqp.recorder.command",
-    "retarget": "hqp.motion.command",
-    "walk": "hqp.walking.command",
+    "view": ("hqp.viewer.command", "see a stack on a robot in a browser, with targets to drag"),
+    "bench": ("hqp.lab.command", "run a stack in closed loop through solvers: time, accuracy, calm, as a report"),
+    "sweep": ("hqp.sweep.command", "call a function at many cases"),
+    "export": ("hqp.export.command", "write a stack on a robot as a file that C++ runs without Python"),
+    "replay": (
+        "hqp.recorder.command",
+        "solve a session's flight recording again: which solvers agree, which element held which back",
+    ),
+    "retarget": ("hqp.motion.command", "a person's recorded motion on a robot: BVH, joint positions, SMPL-X"),
+    "walk": (
+        "hqp.walking.command",
+        "walk with a biped in MuJoCo, in a browser by keys, or write the walk as a reference motion",
+    ),
 }
-"""Commands of a package of their own: a module with HELP, DESCRIPTION, add_arguments and execute."""
+"""Commands of a package of their own: a module with DESCRIPTION, add_arguments and execute; and what it is for."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Arguments of one command.  module: of its package, imported once the command is the one that was given."""
+
+    def __init__(self, *args: Any, module: str = "", **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._module = module
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        if self._module:
+            package, self._module = importlib.import_module(self._module), ""
+            self.description = package.DESCRIPTION
+            package.add_arguments(self)
+        return super().parse_known_args(args, namespace)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -34,19 +57,32 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.command is None:
         parser.print_help()
         return 0
-    commands: dict[str, Callable[[argparse.Namespace], int]]
-    commands = {"doctor": _doctor, "solvers": _solvers, "robots": _robots}
-    commands |= {"capsules": _capsules, "compare": _compare}
-    commands.update({name: importlib.import_module(module).execute for name, module in PACKAGES.items()})
     try:
-        return commands[arguments.command](arguments)
+        status = _command(arguments.command)(arguments)
+        sys.stdout.flush()
+        return status
     except HqpError as error:
         print(f"hqp: {error}", file=sys.stderr)
         return 2
+    except BrokenPipeError:  # `hqp robots | head`: nobody reads on
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left is written at the exit
+        return 0
+
+
+def _command(name: str) -> Callable[[argparse.Namespace], int]:
+    if name in PACKAGES:
+        return importlib.import_module(PACKAGES[name][0]).execute  # type: ignore[no-any-return]
+    return {
+        "doctor": _doctor,
+        "solvers": _solvers,
+        "robots": _robots,
+        "capsules": _capsules,
+        "compare": _compare,
+    }[name]
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="hqp", description="Strict task priorities for floating-base robots: one stack of tasks, any solver."
     )
     parser.add_argument("--version", action="version", version=f"hqp {__version__}")
@@ -77,9 +113,8 @@ def _parser() -> argparse.ArgumentParser:
         "--price", choices=("exact", "default", "both"), default="exact", help="of levels out of reach (docs/calm.md)"
     )
     compare.add_argument("--format", choices=("table", "markdown", "csv", "json"), default="table")
-    for name, module in PACKAGES.items():
-        package = importlib.import_module(module)
-        package.add_arguments(commands.add_parser(name, help=package.HELP, description=package.DESCRIPTION))
+    for name, (module, what) in PACKAGES.items():
+        commands.add_parser(name, help=what, module=module)
     return parser
 
 

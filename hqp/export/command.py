@@ -7,8 +7,6 @@ import math
 
 from hqp.commands.arguments import add_stack, read_stack
 
-HELP = "write a stack on a robot as a file that C++ runs without Python"
-
 DESCRIPTION = """Compile a stack from a TOML file for a robot and write its plan: hqp::load in C++ and hqp.load in
 Python make sessions of it, without the robot's model."""
 

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from hqp.declare.robot import Robot
     from hqp.declare.stack import Stack
 
-HELP = "run a stack in closed loop through solvers: time, accuracy, calm, as a report"
 DESCRIPTION = """Run a stack in closed loop with each solver and measure times against the period, residuals and
 certificates of every level, and how calm the commands are; write one page of HTML, Markdown, JSON or Parquet."""
 

@@ -14,7 +14,6 @@ from hqp.errors import DeclarationError
 if TYPE_CHECKING:
     from .retargeted import Retargeted
 
-HELP = "a person's recorded motion on a robot: BVH, joint positions, SMPL-X"
 DESCRIPTION = """Put a recorded human motion on a robot with a free base: standing feet do not slide, floor,
 self-collision and limits are kept, and what could not be met is told with what it gave way to."""
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 
-HELP = "solve a session's flight recording again: which solvers agree, which element held which back"
-
 DESCRIPTION = """Read a file of session.record(...), solve its ticks again with other solvers and tell which agree with
 what was sent, and over time what was not met and why. Needs neither the robot nor the program that made the file."""
 

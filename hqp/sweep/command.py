@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-HELP = "call a function at many cases"
 DESCRIPTION = """Call one function at many cases and keep what it returns, one row a case, in Parquet files.
 The same command again does what is missing. CASES.toml is a program: the function that it names is imported and called.
 Functions of hqp and of modules in the file's folder run as they are, any other only with --trust."""

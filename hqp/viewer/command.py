@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from .session_view import View
 
-HELP = "see a stack on a robot in a browser, with targets to drag"
 DESCRIPTION = """Run a stack on a robot that carries out every command exactly, and show it in a browser: drag the
 targets and watch which level gives way to which.  A recording (.npz) is shown as it was."""
 

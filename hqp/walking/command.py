@@ -15,7 +15,6 @@ from hqp.walking.keys import Keys
 if TYPE_CHECKING:
     from hqp.walking.walker import Walker
 
-HELP = "walk with a biped in MuJoCo, in a browser by keys, or write the walk as a reference motion"
 DESCRIPTION = f"""A biped stands for a second, walks as asked, and stops, on the state that its simulated sensors give.
 With --view it is shown in a browser and goes where keys in the terminal say: {KEYS}.  With --output nothing is
 simulated: the walk is predicted by the model and written as arrays."""

@@ -71,6 +71,20 @@ def test_a_checkout_without_compiled_parts_says_how_to_get_them(tmp_path: Path) 
     assert "ImportError: hqp runs in pure Python: its C++ build failed" in required.stderr
 
 
+def test_a_command_imports_no_other_commands_package() -> None:
+    others = run("import sys\nfrom hqp.__main__ import main\nmain(['solvers'])\nprint(*sys.modules, sep='\\n')").stdout
+    assert "hqp.commands.arguments" in others
+    assert not {"hqp.viewer", "hqp.walking", "hqp.lab", "scipy", "pinocchio"} & set(others.split())
+
+
+def test_a_reader_that_ends_is_no_traceback() -> None:
+    """As in `hqp robots | head -1`."""
+    code = "import os, sys\nfrom hqp.__main__ import main\nread, write = os.pipe()\nos.close(read)\n"
+    code += "os.dup2(write, 1)\nsys.exit(main(['robots']))"
+    result = run(code)
+    assert (result.returncode, result.stderr) == (0, "")
+
+
 def test_without_compiled_parts_a_session_is_refused_with_what_to_do() -> None:
     result = run(
         PURE + "import hqp\nfrom hqp.tasks import Posture\nrobot = hqp.robots.load('cbi')\n"
