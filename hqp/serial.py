@@ -177,7 +177,7 @@ def _build(entry: Mapping[str, Any]) -> Element:
 
     if not isinstance(name, str) or name not in REGISTRY:
         near = ", ".join(closest(str(name), REGISTRY))
-        raise DeclarationError("stack", "unknown type of element", value=name, allowed=f"closest: {near}")
+        raise DeclarationError("stack", f"unknown type of element; closest: {near}", value=name)
     if isinstance(fields.get("law"), Mapping):
         fields["law"] = _named(fields["law"], LAWS, "law")
     if isinstance(fields.get("task"), Mapping):  # of a Within

@@ -66,8 +66,11 @@ def _named(key: str, floating: bool | None, name: str | None) -> Robot:
     if key in _catalogue() or key in _stems():
         return _example(key, floating, name)
     found = _description(key)
+    if found is None and path.suffix == ".xacro":
+        raise ModelError(f"{path} is no URDF yet: xacro {path} > {path.name.removesuffix('.xacro')}")
     if found is None:
-        raise ModelError(f"no robot {key!r}; closest: {', '.join(closest(key, names()) or names())}{_hint()}")
+        near = closest(key, names()) or ("none; `hqp robots` lists them, files end in .urdf, .xml or .mjcf",)
+        raise ModelError(f"no robot {key!r}; closest: {', '.join(near)}{_hint()}")
     return _from_file(found, floating, name or key)
 
 

@@ -67,6 +67,7 @@ class State:
         if measured is None:
             raise ModelError(
                 f"{robot.name}: a state takes q ({robot.nq},) and v ({robot.nv},), given {q.shape} and {v.shape}"
+                + ("; robot.configuration(angles) makes q of angles" if q.shape == (robot.nv,) else "")
             )
         # a sum of squares is finite only if every entry is (entries whose square overflows are no states either)
         self.square, unit = measured

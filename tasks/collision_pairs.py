@@ -102,7 +102,7 @@ def _named(element: CollisionAvoidance, robot: Robot, name: str) -> list[int]:
     if not found:
         known = [*(_link(c.name) for c in capsules), *robot.groups, *(s.name for s in world)]
         near = ", ".join(closest(name, known) or known[:5])
-        raise DeclarationError(element.name, "no shape of that name", value=name, allowed=f"closest: {near}")
+        raise DeclarationError(element.name, f"no shape of that name; closest: {near}", value=name)
     return found
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from hqp.errors import DeclarationError
 
 if TYPE_CHECKING:
     from hqp.declare.robot import Robot
@@ -29,13 +31,35 @@ def add_robot(parser: argparse.ArgumentParser, name: str, **given: bool) -> None
     base.add_argument(
         "--fixed", action="store_false", dest="floating", help="a fixed base, the default for a URDF file"
     )
+    parser.add_argument(
+        "--home",
+        metavar="Q",
+        help="where it starts: a configuration of its file by name, or a number for each joint, 0,0.5,1 [rad, m]",
+    )
 
 
 def read_robot(arguments: argparse.Namespace) -> Robot:
     """The robot that the arguments name; raises HqpError for what does not load."""
     from hqp import robots
 
-    return robots.load(arguments.robot, floating=arguments.floating)
+    robot = robots.load(arguments.robot, floating=arguments.floating)
+    if arguments.home:
+        robot.set_home(robot.configuration(_angles(arguments.home, robot)))
+    return robot
+
+
+def _angles(text: str, robot: Robot) -> Any:
+    """The name of a configuration, or angles ``(nv,)`` of numbers for all joints but a free base."""
+    try:
+        numbers = [float(number) for number in text.split(",")]
+    except ValueError:
+        return text
+    if len(numbers) != len(robot.actuated):
+        allowed = f"{len(robot.actuated)} numbers, for {', '.join(robot.joint_names)}"
+        raise DeclarationError("--home", f"{len(numbers)} numbers", value=text, allowed=allowed)
+    angles = robot.state().angles.copy()
+    angles[list(robot.actuated)] = numbers
+    return angles
 
 
 def read_stack(arguments: argparse.Namespace) -> tuple[Stack, Robot, Formulation]:

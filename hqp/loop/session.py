@@ -61,6 +61,8 @@ class Session:
     ) -> None:
         if not isinstance(dt, (int, float, np.floating)) or not 0.0 < dt < math.inf:
             raise DeclarationError("session", "bad control period", value=dt, unit="s", allowed="dt > 0")
+        if not hasattr(robot, "joint_names"):
+            raise DeclarationError("session", "not a robot", value=robot, allowed="hqp.robots.load(...)")
         require_compiled()
         self.controller, self.robot, self.dt = controller, robot, float(dt)
         self._turn: Turn = {}

@@ -13,7 +13,7 @@ import numpy as np
 from hqp.arrays import FLOAT, Mat, Vec
 from hqp.declare.reference import Reference
 from hqp.declare.robot import State
-from hqp.errors import DynamicsFailed, ModelError
+from hqp.errors import DeclarationError, DynamicsFailed, ModelError
 from hqp.explanation.notes import Note, made
 from hqp.loop.late import late
 from hqp.loop.outgoing import culprits, largest_change, within_rates
@@ -32,7 +32,11 @@ def step(line: Line, state: State, references: tuple[Reference, ...], now: float
     start = perf_counter()
     direct = None if line.contacts.missing else line.direct
     robot, check, presence = line.robot, line.check, line.presence
-    if state.robot is not robot:
+    try:
+        same = state.robot is robot
+    except AttributeError:
+        raise DeclarationError("step", "not a state", value=state, allowed="robot.state(q, v)") from None
+    if not same:
         raise ModelError(f"the session runs on {robot!r}, the state belongs to {state.robot!r}")
     if not state.valid or check.ages or state.square >= check.ordinary:
         fault = check.fault(state, monotonic() if check.ages and now is None else now)

@@ -143,7 +143,7 @@ def _check_backend(solver: str, backend: str) -> None:
     names = sorted({*_BACKENDS, *qpsolvers.available_solvers, *_PACKAGES})
     if backend not in names:
         near = ", ".join(closest(backend, names) or _BACKENDS)
-        raise DeclarationError(f"solver {solver}", "unknown back end", value=backend, allowed=f"closest: {near}")
+        raise DeclarationError(f"solver {solver}", f"unknown back end; closest: {near}", value=backend)
 
 
 def _missing(backend: str) -> str:

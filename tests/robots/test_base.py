@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import warnings
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ import hqp
 from hqp import Level, Stack
 from hqp.__main__ import main
 from hqp.commands.arguments import read_robot
-from hqp.errors import DeclarationError, ModelWarning
+from hqp.errors import ConfigurationNotFound, DeclarationError, ModelWarning
 from hqp.tasks import Com, Damping, FixedContact, JointLimits, Momentum, Pose, Position, Posture
 
 TOOL = Pose(frame="tool0", name="tool")
@@ -79,11 +80,32 @@ def test_every_command_that_reads_a_robot_takes_its_base(
         main([command, robot, *flag] if command == "capsules" else [command, "stack.toml", "--robot", robot, *flag])
 
 
+def parsed(robot: str, home: str) -> argparse.Namespace:
+    return argparse.Namespace(robot=robot, floating=None, home=home)
+
+
+def test_a_command_begins_where_home_says() -> None:
+    angles = (0.3, -1.4, 1.5, -1.2, -1.3, 0.2)
+    ur5 = read_robot(parsed("ur5", ",".join(map(str, angles))))
+    np.testing.assert_allclose(ur5.state().angles, angles)
+    g1 = hqp.robots.load("g1")
+    bent = g1.state().angles[g1.actuated] + 0.01
+    found = read_robot(parsed("g1", ",".join(map(str, bent))))
+    np.testing.assert_allclose(found.state().angles[g1.actuated], bent)
+    np.testing.assert_array_equal(found.home[:7], g1.home[:7])
+    assert np.any(read_robot(parsed("talos", "half_sitting")).home)
+    with pytest.raises(DeclarationError, match=r"--home: 2 numbers .*6 numbers, for shoulder_pan_joint, "):
+        read_robot(parsed("ur5", "1,2"))
+    with pytest.raises(ConfigurationNotFound, match="'stnd'"):
+        read_robot(parsed("ur5", "stnd"))
+
+
 def told(robot: Any, *levels: Level, subject_to: Any = ()) -> list[str]:
     """The warnings with which a session begins, which its first tick notes as well."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        session = hqp.Controller(Stack(*levels, subject_to=subject_to)).session(robot, dt=0.002)
+        controller = hqp.Controller(Stack(*levels, subject_to=subject_to), deadline=float("inf"))
+        session = controller.session(robot, dt=0.002)
     texts = [str(w.message) for w in caught if issubclass(w.category, ModelWarning)]
     first = session.step(robot.state())
     assert [note.detail for note in first.notes if note.element == "base"] == texts

@@ -17,7 +17,7 @@ import hqp
 from hqp import PD, Level, P, Stack, native, serial
 from hqp.__main__ import main
 from hqp.commands import doctor
-from hqp.errors import DeclarationError
+from hqp.errors import DeclarationError, ModelError
 from hqp.tasks import Com, JointLimits, Position, Posture
 
 if sys.version_info >= (3, 11):
@@ -195,6 +195,25 @@ def test_a_mistyped_back_end_is_named_with_the_closest_and_no_pip_line(name: str
     with pytest.raises(DeclarationError, match=r"unknown back end.*closest: proxqp") as caught:
         hqp.solvers.load(name)
     assert "pip" not in str(caught.value)
+
+
+def test_what_is_no_state_and_no_robot_is_told_with_what_makes_one() -> None:
+    robot = hqp.robots.load("ur5")
+    controller = hqp.Controller(Stack(Level(Posture())))
+    with pytest.raises(DeclarationError, match=r"session: not a robot .*hqp\.robots\.load"):
+        controller.session("ur5", 0.002)  # type: ignore[arg-type]
+    with pytest.raises(DeclarationError, match=r"step: not a state .*robot\.state\(q, v\)"):
+        controller.session(robot, 0.002).step(robot.home)  # type: ignore[arg-type]
+
+
+def test_a_robot_that_is_not_there_is_told_with_what_to_do(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match=r"xacro .*arm\.urdf\.xacro > arm\.urdf"):
+        hqp.robots.load(tmp_path / "arm.urdf.xacro")
+    with pytest.raises(ModelError, match=r"closest: none; `hqp robots` lists them"):
+        hqp.robots.load("&&&")
+    robot = hqp.robots.load("solo12")
+    with pytest.raises(ModelError, match=r"given \(18,\) and \(18,\); robot\.configuration\(angles\)"):
+        robot.state(np.zeros(robot.nv))
 
 
 def test_a_single_constraint_in_subject_to_is_refused_with_the_form() -> None:

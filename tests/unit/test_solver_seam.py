@@ -55,7 +55,7 @@ def test_bad_names_and_options_are_refused(name: str, options: dict[str, Any], w
 
 
 def test_an_unknown_back_end_is_refused_with_what_there_is() -> None:
-    with pytest.raises(HqpError, match=r"not installed|allowed: .*proxqp"):
+    with pytest.raises(HqpError, match=r"not installed|closest: .*proxqp"):
         hqp.solvers.load("cascade:nosuchsolver").workspace(Shape(2, (2,), (False,)))
 
 
