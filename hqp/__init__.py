@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from hqp import errors, estimation, recorder, robots, serial, shapes, sweep, tasks
     from hqp.comparison import compare
     from hqp.declare.checking import check
+    from hqp.explanation.conflict import conflict
     from hqp.export.batch import Batch
     from hqp.export.loaded import load
     from hqp.goals import reach, solve_ik
@@ -75,6 +76,7 @@ __all__ = [
     "certificate",
     "check",
     "compare",
+    "conflict",
     "errors",
     "estimation",
     "load",
@@ -106,6 +108,7 @@ _ELSEWHERE = {
     "certificate": "problem.certify",
     "check": "declare.checking",
     "compare": "comparison",
+    "conflict": "explanation.conflict",
     "load": "export.loaded",
     "reach": "goals",
     "retarget": "motion",

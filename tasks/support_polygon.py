@@ -113,7 +113,8 @@ class SupportPolygon(_Barrier):
         if not known and self.sole is not None and not isinstance(contact, EdgeContact):
             known = [CenterOfPressure(contact=contact.name, rectangle=self.sole)]
         if not known or frame is None:
-            raise self.invalid(f"size of {contact.name}", None, "sole=(x_min, x_max, y_min, y_max) or points=...")
+            allowed = "sole=(x_min, x_max, y_min, y_max), points=... or a CenterOfPressure of it"
+            raise self.invalid(f"size of {contact.name} is not known", None, allowed)
         return [(frame, x, y, 0.0) for x, y in known[0].corners()]
 
     def rows(self, robot: Robot) -> int:

@@ -226,6 +226,20 @@ class Hierarchy:
     eta: float = ETA
     turning: Vec | None = None
 
+    def __str__(self) -> str:
+        """How many variables, and of each level how many rows of which kind."""
+        lines = [f"hierarchy of {self.n} variables"]
+        for k, rows in enumerate(self.levels):
+            equal = int(np.sum(rows.equality))
+            out = int(np.sum((rows.lower == -np.inf) & (rows.upper == np.inf)))
+            counts = {"equalit": equal, "inequalit": rows.m - equal - out}
+            told = [f"{count} {kind}{'y' if count == 1 else 'ies'}" for kind, count in counts.items() if count]
+            text = ", ".join([*told, *([f"{out} left out"] if out else [])]) or "no rows"
+            text += " on single variables" if isinstance(rows.A, Selection) else ""
+            text += "" if self.prices is None or not self.prices[k] else f", price {self.prices[k]:.3g}"
+            lines.append(f"level {k}{', to hold' if k < self.constraints else ''}: {text}")
+        return "\n  ".join(lines)
+
     def __post_init__(self) -> None:
         try:
             object.__setattr__(self, "levels", tuple(self.levels))
@@ -508,6 +522,11 @@ class Solution:
     def norms(self) -> Vec:
         """||w_k|| of each level."""
         return np.array([float(np.sqrt(w @ w)) for w in self.residuals])
+
+    def __str__(self) -> str:
+        """Status, ||w_k|| of each level, and what the solver says besides."""
+        norms = ", ".join(f"{norm:.3g}" for norm in self.norms)
+        return f"{self.status.name}; ||w|| {norms}" + (f"; {self.detail}" if self.detail else "")
 
 
 def has_inequalities(rows: Rows) -> bool:

@@ -35,6 +35,12 @@ class Walk:
     contact_names: tuple[str, ...]
     fps: float
 
+    def __str__(self) -> str:
+        """How long it is, and how often each foot lands."""
+        lands = np.sum(np.diff(np.asarray(self.contacts, dtype=int), axis=0) > 0, axis=0)
+        feet = ", ".join(f"{name} foot {count}" for name, count in zip(self.contact_names, lands, strict=True))
+        return f"{self.robot}: {len(self.q)} frames, {len(self.q) / self.fps:.1f} s; landings: {feet}"
+
     def save(self, path: str | Path) -> None:
         """Write q, v, contacts, fps, names and orders as .npz; raises DeclarationError for another suffix."""
         if Path(path).suffix != ".npz":

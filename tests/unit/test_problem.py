@@ -160,3 +160,17 @@ def test_unwrap_throws_with_a_copy_of_the_problem() -> None:
         bad.unwrap(problem)
     assert caught.value.problem is not problem
     np.testing.assert_allclose(bad.norms, [np.sqrt(18.0)])
+
+
+def test_a_hierarchy_and_its_answer_say_in_words_what_they_are() -> None:
+    box = Rows(Selection(np.arange(2)), -np.ones(2), np.ones(2))
+    task = Rows(np.array([[1.0, 1.0], [0.0, 1.0], [1.0, 0.0]]), np.array([3.0, -INF, 0.0]), np.array([3.0, INF, INF]))
+    problem = Hierarchy((box, task), constraints=1, prices=np.array([0.0, 0.1]))
+    assert str(problem).splitlines() == [
+        "hierarchy of 2 variables",
+        "  level 0, to hold: 2 inequalities on single variables",
+        "  level 1: 1 equality, 1 inequality, 1 left out, price 0.1",
+    ]
+    answer = Solution(np.ones(2), Status.OPTIMAL, (np.zeros(2), np.array([-1.0, 0.0])), ())
+    assert str(answer) == "OPTIMAL; ||w|| 0, 1"
+    assert str(Solution(np.ones(2), Status.NOT_CERTIFIED, (), (), detail="why")).endswith("; why")
