@@ -205,6 +205,23 @@ def test_a_limit_is_named_with_joint_and_side(price: Any) -> None:
     assert "held by joint_limits 100 % (elbow_joint upper)" in str(tick.explain())
 
 
+def test_a_push_is_measured_by_the_most_that_it_could_be() -> None:
+    """||A'w|| beside ||A|| ||w|| of each element that is not met, for dense rows and for weighed single joints."""
+    robot, _, hand = arm()
+    stack = Stack(Level(hand), Level(Posture(weight=3.0)), subject_to=[JointLimits()])
+    run = hqp.Controller(stack, deadline=math.inf).session(robot, DT)
+    tick = drive(robot, run, hand, [1.5, 0.0, 0.2], 200)
+    account, problem = tick.account(), run.problem
+    assert not isinstance(problem.levels[-1].A, np.ndarray)
+    for name in ("hand", "posture"):
+        place, i = run.program.places[name], account.elements.index(name)
+        A, w = (
+            x[place.part] for x in (problem.levels[place.level].dense(problem.n), tick.solution.residuals[place.level])
+        )
+        told = account._values[4 * i + 2 : 4 * i + 4]
+        np.testing.assert_allclose(told, [np.linalg.norm(A.T @ w), np.linalg.norm(A) * np.linalg.norm(w)], rtol=1e-9)
+
+
 def test_fights_inside_a_level() -> None:
     robot, _, hand = arm("panda")
     twin = Position(frame=hand.frame, name="twin", law=P(5.0))
