@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hqp.arrays import Mat
 from hqp.errors import HqpError
+from hqp.viewer.camera import PERIOD, Cameras
 
 if TYPE_CHECKING:
     from .retargeted import Retargeted
@@ -17,13 +18,18 @@ if TYPE_CHECKING:
 BESIDE = 1.0
 """The person stands so far to the left of the robot, of its height [m]."""
 
-PERSON, STANDS = (22, 104, 199), (26, 143, 76)
+LOOKS = 9
+"""Frames of a motion that a visitor's camera has in the picture."""
+
+PERSON = (22, 104, 199)
 
 
 class Scrubber:
     """The page of a motion, which plays until it is closed.  port: of the page, any for 0.  host: of the page."""
 
     def __init__(self, motion: Retargeted, *, host: str = "127.0.0.1", port: int = 0, speed: float = 1.0) -> None:
+        from hqp.viewer.description import describe_robot
+        from hqp.viewer.drawn_robot import DrawnRobot
         from hqp.web.doors import Doors, address, listening
         from hqp.web.serve import serve
 
@@ -35,11 +41,12 @@ class Scrubber:
             raise HqpError("the page needs viser and trimesh: pip install 'hqp[view]'") from error
         self.url = address(doors.host, self._server.get_port(), doors.token)
         """Where the page is, with its token."""
-        self._server.scene.set_up_direction("+z")
-        self._frames: dict[int, Any] = {}
-        self._draw_robot()
+        self._drawn = DrawnRobot(self._server.scene, describe_robot(self._robot), self._robot)
         self._bones = _bones(motion)
         self._aside = np.array([0.0, BESIDE * float(np.ptp(motion.person[0, :, 2])), 0.0])
+        self._way = self._outlines()
+        self._cameras = Cameras(self._server, self._way, overlay=0.0)
+        self._looked = 0.0
         gui = self._server.gui
         self._slider = gui.add_slider("Frame", 0, len(motion) - 1, 1, 0)
         self._playing = gui.add_checkbox("Play", True)
@@ -54,9 +61,7 @@ class Scrubber:
         """Show a frame."""
         motion, state = self._motion, self._robot.state(self._motion.q[frame])
         state.kinematics()
-        for body, handle in self._frames.items():
-            *_, (p, R) = self._robot.bodies[body]
-            handle.position, handle.wxyz = np.array(p), _wxyz(R)
+        self._drawn.update()
         scene, joints = self._server.scene, motion.person[frame] + self._aside
         if len(self._bones):
             scene.add_line_segments("/person/bones", joints[self._bones], PERSON, line_width=4.0)
@@ -81,38 +86,21 @@ class Scrubber:
                 begin, first = time.monotonic(), int(self._slider.value)
             if int(self._slider.value) != self._shown:
                 self.show(int(self._slider.value))
+            if time.monotonic() >= self._looked:
+                self._looked = time.monotonic() + PERIOD
+                self._cameras.update(self._way, np.empty((0, 3)))
             time.sleep(1.0 / 30.0)
 
-    def _draw_robot(self) -> None:
-        from hqp.viewer.description import describe_robot
-        from hqp.viewer.meshes import color_of, links, load
-
-        scene = self._server.scene
-        scene.add_grid("/ground", width=20.0, height=20.0, cell_size=0.25, section_size=1.0)
-        drawn = []
-        for shape in describe_robot(self._robot).shapes:
-            mesh = load(shape)
-            if mesh is not None:
-                drawn.append((shape.body, mesh, color_of(shape, mesh)))
-        if not drawn:
-            drawn = [(body, mesh, (120, 132, 150)) for body, mesh in links(self._robot)]
-        for i, (body, mesh, color) in enumerate(drawn):
-            if body not in self._frames:
-                self._frames[body] = scene.add_frame(f"/robot/{body}", show_axes=False)
-            if color is None:
-                scene.add_mesh_trimesh(f"/robot/{body}/{i}", mesh)
-            else:
-                vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-                scene.add_mesh_simple(f"/robot/{body}/{i}", vertices, faces, color=color, side="double")
+    def _outlines(self) -> Mat:
+        """Points of robot and person ``(k, 3)`` [m] at some frames of the motion, the first and the last among them."""
+        points = []
+        for frame in np.linspace(0, len(self._motion) - 1, LOOKS).astype(int):
+            self._robot.state(self._motion.q[frame]).kinematics()
+            points += [self._drawn.outline(), self._motion.person[frame] + self._aside]
+        return np.vstack(points)
 
 
 def _bones(motion: Retargeted) -> Mat:
     """Pairs of joints ``(n, 2)``: a joint and its parent."""
     pairs = [(child, parent) for child, parent in enumerate(motion.person_parents) if parent >= 0]
     return np.array(pairs, dtype=int).reshape(-1, 2)
-
-
-def _wxyz(R: Mat) -> Mat:
-    from hqp.viewer.meshes import quaternion
-
-    return quaternion(np.asarray(R))

@@ -44,10 +44,10 @@ class Window:
     bottom: float
 
     @classmethod
-    def of(cls, fov: float, width: float, height: float) -> Window:
-        """Of a picture with that vertical field of view [rad] and size [pixels], below the overlay."""
+    def of(cls, fov: float, width: float, height: float, overlay: float = OVERLAY) -> Window:
+        """Of a picture with that vertical field of view [rad] and size [pixels], below an overlay of that height."""
         half = math.tan(0.5 * fov)
-        top = max(1.0 - 2.0 * OVERLAY / height, -0.5)
+        top = max(1.0 - 2.0 * overlay / height, -0.5)
         return cls(half * width / height, half * top, half)
 
     def fit(self, points: Mat, forward: Vec) -> tuple[Vec, Vec]:
@@ -87,13 +87,13 @@ def _between(a: Vec, z: Vec, high: float, low: float) -> tuple[Any, float]:
 
 
 class Cameras:
-    """All visitors' cameras."""
+    """All visitors' cameras.  overlay: height of what covers the picture's upper part [pixels]."""
 
-    def __init__(self, server: Any, points: Mat) -> None:
-        self._server = server
+    def __init__(self, server: Any, points: Mat, overlay: float = OVERLAY) -> None:
+        self._server, self._overlay = server, overlay
         self._before: dict[Any, tuple[int, Mat]] = {}
         camera = server.initial_camera
-        camera.position, camera.look_at = Window.of(camera.fov, 1100.0, 900.0).fit(points, FORWARD)
+        camera.position, camera.look_at = Window.of(camera.fov, 1100.0, 900.0, overlay).fit(points, FORWARD)
 
         @server.on_client_connect  # type: ignore[untyped-decorator,unused-ignore]
         async def _(client: Any) -> None:
@@ -115,7 +115,7 @@ class Cameras:
             if looks >= ARRIVING and not (moved and len(near)):
                 continue
             camera = client.camera
-            window = Window.of(camera.fov, camera.image_width, camera.image_height)
+            window = Window.of(camera.fov, camera.image_width, camera.image_height, self._overlay)
             forward = camera.look_at - camera.position if looks else FORWARD
             everything = np.vstack((robot, near))
             points = everything if looks < ARRIVING else near

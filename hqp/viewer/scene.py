@@ -12,7 +12,8 @@ from hqp.arrays import Mat, Vec
 
 from .channel import Channel
 from .description import RobotDescription, StackDescription
-from .meshes import color_of, footprint, hull, links, load, quaternion
+from .drawn_robot import DrawnRobot
+from .meshes import footprint, hull
 from .targets import SIZE, Handle
 
 _GREEN, _RED, _BLUE = (26, 143, 76), (207, 42, 42), (22, 104, 199)
@@ -31,43 +32,13 @@ class Scene:
         self._server, self._robot, self._channel, self._drag = server, robot, channel, drag
         self._state = robot.state(about.home)
         self._state.kinematics()
-        server.scene.set_up_direction("+z")
-        self._frames: dict[int, Any] = {}
-        self._vertices: dict[int, list[Mat]] = {}
-        self._draw_robot(about)
+        self._drawn = DrawnRobot(server.scene, about, robot)
         self.handles: list[Handle] = []
         self._contacts: list[tuple[str, str]] = []
         self._soles: dict[str, Mat] = {}
         self._arrows: Any = None
         self._polygon: Any = None
         self._com: tuple[Any, Any, Any] | None = None
-        self._boxes = {body: _corners(np.vstack(clouds)) for body, clouds in self._vertices.items()}
-
-    def _draw_robot(self, about: RobotDescription) -> None:
-        scene = self._server.scene
-        scene.add_grid("/ground", width=20.0, height=20.0, cell_size=0.25, section_size=1.0, cell_color=(225, 229, 234),
-                       section_color=(196, 203, 212), shadow_opacity=0.25)  # fmt: skip
-        drawn = False
-        for i, shape in enumerate(about.shapes):
-            mesh = load(shape)
-            if mesh is None:
-                continue
-            drawn = True
-            self._vertices.setdefault(shape.body, []).append(np.asarray(mesh.vertices))
-            self._add(f"{i}", shape.body, mesh, color_of(shape, mesh))
-        if not drawn:
-            for i, (body, mesh) in enumerate(links(self._robot)):
-                self._add(f"link{i}", body, mesh, (120, 132, 150))
-
-    def _add(self, name: str, body: int, mesh: Any, color: tuple[int, int, int] | None) -> None:
-        scene = self._server.scene
-        if body not in self._frames:
-            self._frames[body] = scene.add_frame(f"/robot/{body}", show_axes=False)
-        path = f"/robot/{body}/{name}"
-        if color is None:
-            scene.add_mesh_trimesh(path, mesh)
-        else:
-            scene.add_mesh_simple(path, np.asarray(mesh.vertices), np.asarray(mesh.faces), color=color, side="double")
 
     def show_stack(self, stack: StackDescription, frames: Mapping[str, str]) -> None:
         """Targets and contacts of a stack; frames: of its contacts, by name."""
@@ -94,7 +65,7 @@ class Scene:
         body = robot.body(index)
         p, R = robot.placement(index)
         _, _, _, _, _, (origin, turn) = robot.bodies[body]
-        clouds = [v @ turn.T + origin for v in self._vertices.get(body, ())]
+        clouds = [v @ turn.T + origin for v in self._drawn.vertices.get(body, ())]
         if not clouds:
             return np.array([[0.1, 0.05, 0.0], [0.1, -0.05, 0.0], [-0.08, -0.05, 0.0], [-0.08, 0.05, 0.0]])
         cloud = np.vstack(clouds)
@@ -107,9 +78,7 @@ class Scene:
         robot = self._robot
         self._state = state = robot.state(q, v)
         state.kinematics()
-        for body, frame in self._frames.items():
-            _, _, _, _, _, (p, R) = robot.bodies[body]
-            frame.position, frame.wxyz = p, quaternion(R)
+        self._drawn.update()
         found = {handle.target.name: handle.update(state) for handle in self.handles}
         errors = {name: error for name, error in found.items() if error is not None}
         if self._com is not None:
@@ -161,16 +130,8 @@ class Scene:
         return any(time.monotonic() - handle.touched < HELD for handle in self.handles)
 
     def outline(self) -> Mat:
-        """Points around the robot ``(k, 3)`` [m]: corners of boxes around its bodies, origins without shapes."""
-        placed = [(body, p, R) for body, (*_, (p, R)) in enumerate(self._robot.bodies)]
-        boxes = [self._boxes[body] @ R.T + p for body, p, R in placed if body in self._boxes]
-        return np.vstack(boxes or [np.array([p for _, p, _ in placed[1:]])])
-
-
-def _corners(points: Mat) -> Mat:
-    """Corners of the box around points ``(8, 3)``."""
-    ends = np.array([points.min(axis=0), points.max(axis=0)])
-    return np.array([[ends[i, 0], ends[j, 1], ends[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+        """Points around the robot ``(k, 3)`` [m]."""
+        return self._drawn.outline()
 
 
 def _inside(point: Vec, outline: Mat) -> bool:

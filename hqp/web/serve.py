@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import http.client
 import importlib
+import io
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from http import HTTPStatus
@@ -23,7 +25,7 @@ def serve(doors: Doors, port: int) -> Any:
         def request_share_url(self, verbose: bool = True) -> None:
             """No tunnel to the public: every client may ask viser for one."""
 
-    with _guarded(doors):
+    with _guarded(doors), contextlib.redirect_stdout(io.StringIO()):  # viser prints an address without the token
         server = Closed(host=doors.host, port=port, verbose=False, label="hqp")
     _require_closed(doors, server.get_port())
     return server

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hqp.viewer.camera import ARRIVING, LOWEST, MARGIN, NEAREST, Cameras, Window
+from hqp.viewer.camera import ARRIVING, LOWEST, MARGIN, NEAREST, OVERLAY, Cameras, Window
 
 SIZES = ((1100, 900), (700, 1000), (2400, 1200), (900, 500))
 
@@ -24,10 +24,12 @@ def project(points: Any, camera: Any, look_at: Any) -> Any:
     return local[:, 0] / local[:, 2], local[:, 1] / local[:, 2], local[:, 2]
 
 
+@pytest.mark.parametrize("overlay", [OVERLAY, 0.0])
 @pytest.mark.parametrize("size", SIZES)
-def test_all_points_are_in_the_free_part(size: tuple[int, int]) -> None:
+def test_all_points_are_in_the_free_part(size: tuple[int, int], overlay: float) -> None:
     rng = np.random.default_rng(1)
-    window = Window.of(1.3, *size)
+    window = Window.of(1.3, *size, overlay)
+    assert (window.top == window.bottom) is (overlay == 0.0)
     for _ in range(100):
         points = rng.normal(size=(rng.integers(2, 20), 3)) * rng.uniform(0.1, 3.0, 3)
         forward = rng.normal(size=3)
@@ -61,11 +63,11 @@ class Client:
         self._position = position
 
 
-def serve(client: Client, points: Any) -> Cameras:
+def serve(client: Client, points: Any, overlay: float = OVERLAY) -> Cameras:
     """Cameras of a server with one visitor."""
     server = SimpleNamespace(initial_camera=Client([3.0, 3.0, 3.0], [0.0, 0.0, 0.0]), get_clients=lambda: {1: client})
     server.on_client_connect = lambda callback: asyncio.run(callback(client))
-    return Cameras(server, points)
+    return Cameras(server, points, overlay)
 
 
 def test_a_target_high_up_comes_into_the_picture() -> None:
@@ -90,6 +92,18 @@ def test_a_target_high_up_comes_into_the_picture() -> None:
     assert np.array_equal(client.position, there)
     cameras.update(body, np.array([[1e4, 0.0, 0.0]]))
     assert np.array_equal(client.position, there)
+
+
+def test_a_page_without_an_overlay_is_filled() -> None:
+    """As that of a retargeted motion, from which the camera else stands as far as above a page with cards."""
+    body = np.array([[-0.2, -0.3, 0.0], [0.2, 1.3, 1.3]])
+    near = []
+    for overlay in (OVERLAY, 0.0):
+        client = Client([3.0, 3.0, 3.0], [0.0, 0.0, 0.0])
+        serve(client, body, overlay).update(body, np.empty((0, 3)))
+        assert Window.of(1.3, 1100, 900, overlay).holds(body, client.position, client.look_at - client.position)
+        near.append(np.linalg.norm(client.position - body.mean(axis=0)))
+    assert near[1] < 0.9 * near[0]
 
 
 def test_no_camera_goes_below_the_floor() -> None:
