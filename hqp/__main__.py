@@ -8,7 +8,6 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from hqp import __version__
 from hqp.commands.arguments import add_robot, add_stack, read_robot, read_stack
@@ -32,24 +31,10 @@ PACKAGES = {
 """Commands of a package of their own: a module with DESCRIPTION, add_arguments and execute; and what it is for."""
 
 
-class _Parser(argparse.ArgumentParser):
-    """Arguments of one command.  module: of its package, imported once the command is the one that was given."""
-
-    def __init__(self, *args: Any, module: str = "", **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
-        self._module = module
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        if self._module:
-            package, self._module = importlib.import_module(self._module), ""
-            self.description = package.DESCRIPTION
-            package.add_arguments(self)
-        return super().parse_known_args(args, namespace)
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status, 2 for an error that hqp explains."""
-    parser = _parser()
+    argv = sys.argv[1:] if argv is None else argv
+    parser = _parser(argv)
     arguments = parser.parse_args(argv)
     if arguments.cmake_dir:
         print(Path(__file__).parent / "cmake")
@@ -81,8 +66,9 @@ def _command(name: str) -> Callable[[argparse.Namespace], int]:
     }[name]
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(
+def _parser(argv: Sequence[str]) -> argparse.ArgumentParser:
+    """All commands; of a package that argv does not name, what it is for alone, because the rest takes its import."""
+    parser = argparse.ArgumentParser(
         prog="hqp", description="Strict task priorities for floating-base robots: one stack of tasks, any solver."
     )
     parser.add_argument("--version", action="version", version=f"hqp {__version__}")
@@ -114,7 +100,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     compare.add_argument("--format", choices=("table", "markdown", "csv", "json"), default="table")
     for name, (module, what) in PACKAGES.items():
-        commands.add_parser(name, help=what, module=module)
+        command = commands.add_parser(name, help=what)
+        if name in argv:
+            package = importlib.import_module(module)
+            command.description = package.DESCRIPTION
+            package.add_arguments(command)
     return parser
 
 
