@@ -64,6 +64,8 @@ class Batch:
         priced: list[bool],
         met: float,
         flat: float,
+        accurate: float,
+        resting: float,
         activity: float,
         violation: float,
     ) -> None: ...

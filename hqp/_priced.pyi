@@ -3,7 +3,9 @@ from typing import Any
 from hqp.arrays import Mat, Signs, Vec
 
 class Stages:
-    def __init__(self, n: int, rows: list[int], priced: list[int], met: float, flat: float) -> None: ...
+    def __init__(
+        self, n: int, rows: list[int], priced: list[int], met: float, flat: float, accurate: float, resting: float
+    ) -> None: ...
     def bind(
         self,
         levels: list[tuple[Any, ...]],

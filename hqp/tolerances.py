@@ -58,6 +58,10 @@ ACTIVITY_TOLERANCE = 1e-9
 MET_TOLERANCE = 1e-10
 """Of the terms of a row or level: a residual below this fraction is zero."""
 
+ACCURATE = 1e-8
+"""Of a row's terms and of a gradient: an end of a stage that is off by more is in doubt, an answer whose gap is more is
+no optimum."""
+
 RESTING = 1e-4
 """Of x's largest entry, or of one: what an entry counts for at least in the size of a row's terms."""
 

@@ -12,7 +12,7 @@ import numpy as np
 
 import hqp
 from benchmarks.reports import report
-from hqp import PD, Level, P, Stack
+from hqp import PD, Level, P, Stack, certificate
 from hqp.problem import Hierarchy, Shape, Solution
 from hqp.solvers.base import Solver, Workspace
 from hqp.tasks import Com, JointLimits, Orientation, Position, Posture
@@ -21,6 +21,7 @@ from tests.scenes.calm.loop import figures, run
 from tests.scenes.calm.robots import subject
 from tests.scenes.calm.scenes import FORMULATIONS, scenes
 from tests.scenes.calm.variants import PRICED, Variant, changed, solver_of
+from tests.solvers.priced import FOUND, OF_A_LOOP, in_a_loop, is_unsure
 
 Record = dict[str, Any]
 Scene = Callable[[Variant], float]
@@ -96,8 +97,25 @@ def lost(names: Sequence[str], count: int, variant: Variant) -> float:
 
 def steepest(family: str, variant: Variant) -> float:
     """The 99th percentile of dx / ddata of 200 neighbours."""
-    solver = variant.solver if isinstance(variant.solver, Solver) else hqp.solvers.load(variant.solver)
-    return continuity.measure(family, 200, solver).slope[1]
+    return continuity.measure(family, 200, _made(variant)).slope[1]
+
+
+def wrong(variant: Variant) -> float:
+    """How many of the problems of tests.solvers.priced end in a loop sure of an answer that the certificate refuses."""
+    found = (in_a_loop(_made(variant), *named) for named in (*((*one, True) for one in FOUND), *OF_A_LOOP))
+    return float(sum(
+        not is_unsure(answer) and not certificate(case, answer.x, 1e-8, answer.stage_points).ok
+        for case, answer in found
+    ))  # fmt: skip
+
+
+def unsure(variant: Variant) -> float:
+    """How many of 80 problems around a vertex, a third of them at zero, end in a loop unsure of their answers."""
+    return float(sum(is_unsure(in_a_loop(_made(variant), "vertex", seed, False)[1]) for seed in range(80)))
+
+
+def _made(variant: Variant) -> Solver:
+    return variant.solver if isinstance(variant.solver, Solver) else hqp.solvers.load(variant.solver)
 
 
 def left(name: str, variant: Variant) -> float:
@@ -158,6 +176,14 @@ ABLATIONS: tuple[Ablation, ...] = (
     Ablation(
         "REST_TIME 1.4", "no rest (1e9)", "UR5, beyond, acceleration: median acceleration [rad/s^2]",
         partial(chosen, "ur5", "acceleration", "beyond", "acceleration_p50"), {f"{_PRICE}REST_TIME": 1e9},
+    ),
+    Ablation(
+        "ACCURATE 1e-8", "none (1e9)", "named problems: sure of a wrong answer", wrong,
+        {"hqp.solvers.stages.ACCURATE": 1e9},
+    ),
+    Ablation(
+        "RESTING 1e-4", "0", "80 problems around a vertex: unsure of their answer", unsure,
+        {"hqp.solvers.stages.RESTING": 0.0},
     ),
 )  # fmt: skip
 """What may be changed one by one: ``change`` of constants, ``eta`` of the problem."""

@@ -9,6 +9,7 @@ from functools import partial
 from hqp.problem import Hierarchy, Solution, Status
 from hqp.problem.certify import certificate
 from hqp.solvers.base import UNSURE, finish
+from hqp.tolerances import ACCURATE
 
 LAST_OPINION = 4e9
 """Multiplications for what the reference is asked, in factorisations of (n + rows + OVERHEAD)^3 each.
@@ -19,8 +20,8 @@ A count and no time, so that status and x are the same on every machine; about a
 OVERHEAD = 100
 """Rows that cost as much as a call."""
 
-SURE, ALLOWED = 1e-8, 1e-6
-"""Gaps that the certificate allows an optimum, and an answer of uncertain rank: rounding over a value of 1e-9."""
+ALLOWED = 1e-6
+"""Gap that the certificate allows an answer of uncertain rank, ACCURATE an optimum: rounding over a value of 1e-9."""
 
 STUCK = "no answer that was found passed the certificate: the problem is too ill-conditioned to be judged"
 
@@ -34,7 +35,7 @@ def second_opinion(problem: Hierarchy, doubtful: Solution, others: Iterable[Call
     for answer in answers:
         found = answer()
         passes = partial(certificate, problem, found.x, stages=found.stage_points, settled=True)
-        if (sure := passes(tolerance=SURE).ok) or passes(tolerance=ALLOWED).ok:
+        if (sure := passes(tolerance=ACCURATE).ok) or passes(tolerance=ALLOWED).ok:
             decided = found.status is Status.OPTIMAL or (
                 found.status is Status.CONSTRAINTS_VIOLATED and not found.detail
             )

@@ -17,9 +17,11 @@ from hqp.problem.pricing import is_met
 from hqp.solvers.base import UNSURE, Described, OneThread, Workspace, check_shape, finish, require_hierarchy, turn
 from hqp.solvers.second_opinion import second_opinion
 from hqp.tolerances import (
+    ACCURATE,
     ACTIVITY_TOLERANCE,
     FLAT_TOLERANCE,
     MET_TOLERANCE,
+    RESTING,
     VIOLATION_TOLERANCE,
 )
 
@@ -178,8 +180,7 @@ class StagedWorkspace:
         heads = {k: self._above_level(k) for k in range(1, len(priced)) if priced[k]}
         stages = {
             "priced": priced,
-            "met": MET_TOLERANCE,
-            "flat": FLAT_TOLERANCE,
+            **stage_tolerances(),
             "activity": ACTIVITY_TOLERANCE,
             "violation": VIOLATION_TOLERANCE,
             **self._law,
@@ -345,11 +346,16 @@ def _limit(workspace: Workspace, seconds: float) -> None:
     getattr(workspace, "limit", lambda _: None)(seconds)
 
 
+def stage_tolerances() -> dict[str, float]:
+    """What the native stages take of hqp.tolerances, by the names that they have there."""
+    return {"met": MET_TOLERANCE, "flat": FLAT_TOLERANCE, "accurate": ACCURATE, "resting": RESTING}
+
+
 def stages_of(n: int, rows: Sequence[int], priced: Sequence[bool]) -> NativeStages:
     """Native stages of a hierarchy, to be bound to its arrays."""
     from hqp import _priced  # built with a compiler, as every user of this function
 
-    return _priced.Stages(n, list(rows), [int(p) for p in priced], MET_TOLERANCE, FLAT_TOLERANCE)
+    return _priced.Stages(n, list(rows), [int(p) for p in priced], **stage_tolerances())
 
 
 def row_arrays(rows: Rows) -> tuple[object, ...]:

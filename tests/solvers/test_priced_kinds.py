@@ -2,73 +2,26 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.random import Generator
 
 import hqp.solvers
-from hqp import Hierarchy, Motion, Rows, Selection, Solution, Status, certificate
-from hqp.solvers.base import UNSURE
-from tests.solvers.fuzz import problem
+from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
 from tests.solvers.kinds import KINDS
+from tests.solvers.priced import FOUND, OF_A_LOOP, in_a_loop, is_unsure, priced_problem
 
 LARGEST = 60
 SOLVED = (Status.OPTIMAL, Status.RANK_UNCERTAIN, Status.CONSTRAINTS_VIOLATED)
-
-FOUND = [
-    *(("conflicts", seed) for seed in (9, 12, 14, 23, 168, 175)),
-    *(("integers", seed) for seed in (130, 156, 187)),
-    *(("level_scales", seed) for seed in (63, 207, 209)),
-    ("near_parallel", 23),
-    *(("vertex", seed) for seed in (16, 119, 247)),
-    ("zero_rows", 200),
-]
-"""With flat motion: points 1e3 to 1e7 away, zero as the answer, turning that is short beside the rows."""
-
-
-OF_A_LOOP = [
-    *(("near_parallel", seed, False) for seed in (43, 60, 184, 235)),
-    *(("near_parallel", seed, True) for seed in (55, 141, 144, 190, 216)),
-    *(("row_scales", seed, False) for seed in (38, 70, 83, 136, 189, 198, 315, 468)),
-    *(("zero_rows", seed, False) for seed in (145, 201)),
-]
-"""Rows that pull 1e7 times as hard as their level, rows of a level 1e8 apart: off by 1e-6 to 1 and sure of it once."""
-
-
-def priced(exact: Hierarchy, rng: Generator, flat: bool) -> Hierarchy:
-    """Random prices and turning on most levels, exact ones between them; motion is weighted at times, or flat."""
-    levels = len(exact.levels)
-    on = rng.random(levels) < 0.6
-    on[rng.integers(levels)] = True
-    prices = np.where(on, 10.0 ** rng.uniform(-3.0, 1.0, size=levels), 0.0)
-    turning = np.where(on, 10.0 ** rng.uniform(-1.0, 3.0, size=levels), 0.0)
-    still = rng.normal(size=exact.n) if rng.random() < 0.5 else None
-    draw = rng.random()
-    motion = Motion(rng.uniform(0.3, 3.0, size=exact.n), still) if draw < 0.3 else None
-    if flat and draw < 0.6:
-        F = rng.normal(size=(int(rng.integers(1, exact.n + 1)), exact.n))
-        motion = Motion(F, rng.normal(size=len(F)) if still is not None else None)
-        on &= [bool(np.all(rows.equality)) for rows in exact.levels]  # as at torque level
-        prices = np.where(on, prices, 0.0)
-    return replace(exact, prices=prices, turning=turning, motion=motion, metric=None, origin=None, stacked=None)
-
-
-def is_unsure(solution: Solution) -> bool:
-    """Whether the answer says that rounding may have decided it: it is judged at 1e-6, others at 1e-8."""
-    return solution.status is Status.RANK_UNCERTAIN or solution.detail == UNSURE
 
 
 @pytest.mark.parametrize(("kind", "flat"), [(kind, flat) for kind in sorted(KINDS) for flat in (False, True)])
 def test_an_answer_that_counts_as_solved_passes_the_certificate(kind: str, flat: bool) -> None:
     solver, solved = hqp.solvers.load("lexicographic"), 0
     for seed in range(25):
-        exact = problem(kind, seed)[0]
-        if exact.n > LARGEST:
+        case = priced_problem(kind, seed, flat)
+        if case.n > LARGEST:
             continue
-        case = priced(exact, np.random.default_rng([seed, 7]), flat)
         solution = solver.solve(case)
         if solution.status in SOLVED:
             tolerance = 1e-6 if is_unsure(solution) else 1e-8
@@ -80,7 +33,7 @@ def test_an_answer_that_counts_as_solved_passes_the_certificate(kind: str, flat:
 
 @pytest.mark.parametrize(("kind", "seed"), FOUND)
 def test_an_answer_with_flat_motion_passes_the_certificate_or_says_that_it_is_unsure(kind: str, seed: int) -> None:
-    case = priced(problem(kind, seed)[0], np.random.default_rng([seed, 7]), True)
+    case = priced_problem(kind, seed, True)
     solution = hqp.solvers.load("lexicographic").solve(case)
     assert solution.status in SOLVED
     verdict = certificate(case, solution.x, 1e-6 if is_unsure(solution) else 1e-8, solution.stage_points)
@@ -89,10 +42,7 @@ def test_an_answer_with_flat_motion_passes_the_certificate_or_says_that_it_is_un
 
 @pytest.mark.parametrize(("kind", "seed", "flat"), OF_A_LOOP)
 def test_an_answer_of_a_loop_passes_the_certificate_or_says_that_it_is_unsure(kind: str, seed: int, flat: bool) -> None:
-    case = priced(problem(kind, seed)[0], np.random.default_rng([seed, 7]), flat)
-    workspace = hqp.solvers.load("lexicographic").workspace(case.shape)
-    workspace.limit(math.inf)  # type: ignore[attr-defined]
-    solution = workspace.solve(case)
+    case, solution = in_a_loop(hqp.solvers.load("lexicographic"), kind, seed, flat)
     if not is_unsure(solution):
         verdict = certificate(case, solution.x, 1e-8, solution.stage_points)
         assert verdict.ok, f"{solution.status.name}, but {verdict}"

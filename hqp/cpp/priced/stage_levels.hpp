@@ -22,7 +22,6 @@ constexpr double kSlackMotion = 1e-5;   // slacks of inequality rows count this 
 constexpr double kRoundingRow = 2e-15;  // of the longest row: rows no longer have no direction
 constexpr double kFlatPull = 1e-10;     // of the level's gradient: what directions without motion may pull
 constexpr int kFlatRounds = 100;
-constexpr double kResting = 1e-4;  // of the largest entry, or of one: terms are no smaller (hqp/tolerances.py)
 
 class StageLevels final : public PricedStages {
  public:
@@ -38,7 +37,8 @@ class StageLevels final : public PricedStages {
         accounts_(n, level_),
         settled_(n, level_, total(levels, m), tolerances.met),
         variables_(n + total(levels, m) + most(levels, m)),
-        search_(total(levels, m) + most(levels, m) + 2 * variables_, n, variables_, most(levels, m)),
+        search_(total(levels, m) + most(levels, m) + 2 * variables_, n, variables_, most(levels, m),
+                tolerances.accurate),
         rows_(n, total(levels, m) + most(levels, m) + 2 * variables_, total(levels, m), padded(variables_)) {
     last_ = -1;
     int rows = 0;
@@ -265,7 +265,7 @@ class StageLevels final : public PricedStages {
   double resting(const double* x) const {
     double largest = 1.0;
     for (int j = 0; j < n_; ++j) largest = larger(largest, std::abs(x[j]));
-    return kResting * largest;
+    return tolerances_.resting * largest;
   }
 
   // What the rounding of row i is relative to at x: its terms and its bound.

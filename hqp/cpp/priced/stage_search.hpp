@@ -25,7 +25,6 @@ constexpr double kNoDirection = 1e-13;  // what is left of a row whose direction
 constexpr double kNoStep = 1e-14;       // a step that is rounding, relative to 1 + |y|
 constexpr double kFar = 1e3;            // a start so far away, relative to 1 + |y| at the end, leaves its rounding
 constexpr double kOnRow = 1e-13;        // rounding of a row's value, relative to its terms
-constexpr double kAccurate = 1e-8;      // of a row's length and terms, and of the gradient: an end off by more is none
 
 // What a stage minimises beside c/2 |y|^2: rows T (m, ld) whose lengths in x are size (m).
 struct Aim {
@@ -36,9 +35,10 @@ struct Aim {
 
 class StageSearch {
  public:
-  // most: rows of an aim.
-  StageSearch(int most_rows, int n, int variables, int most)
-      : n_(n),
+  // most: rows of an aim.  accurate: of a row's length and terms, and of the gradient: an end off by more is in doubt.
+  StageSearch(int most_rows, int n, int variables, int most, double accurate)
+      : accurate_(accurate),
+        n_(n),
         ld_(padded(variables)),
         space_(variables, ld_),
         rate_(most_rows),
@@ -108,14 +108,14 @@ class StageSearch {
   // Whether the end y of the latest solve may be none: it leaves a row by more than rounding, a row stays held that
   // pulls the wrong way by more, or rows pull so much, nearly against each other, that their own rounding does.
   bool strays(const double* y) {
-    if (off_ > kAccurate) return true;
+    if (off_ > accurate_) return true;
     at_point(y);
     const double least = rows_->rounding() * size_;  // rows no longer than that have no direction of their own
     for (int i = 0; i < rows_->count(); ++i) {
       const StageRow& row = (*rows_)[i];
       const double value = row.value(x_.data(), y, n_);
       const double off = larger(row.lower - value, value - row.upper);
-      if (off > allowed(row, kAccurate, 0.0) + least && off > kAccurate * terms(row, x_.data(), y)) return true;
+      if (off > allowed(row, accurate_, 0.0) + least && off > accurate_ * terms(row, x_.data(), y)) return true;
     }
     return false;
   }
@@ -422,6 +422,7 @@ class StageSearch {
 
   using Clock = std::chrono::steady_clock;
 
+  double accurate_;
   StageRows* rows_ = nullptr;
   Aim goal_;
   bool limited_ = false;

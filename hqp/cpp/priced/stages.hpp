@@ -46,10 +46,11 @@ struct AccountRows {
   double near = 0.0;
 };
 
-// Of a level's terms: ||w|| below `met` is zero.  flat: directions without motion get this fraction of the largest
-// column of F.
+// Of hqp/tolerances.py: of a level's terms, ||w|| below `met` is zero; directions without motion get `flat` of the
+// largest column of F; an end of a stage that is off by more than `accurate` is in doubt; an entry counts for at least
+// `resting` of the largest, or of one.
 struct Tolerances {
-  double met, flat;
+  double met, flat, accurate, resting;
 };
 
 // The law of a hierarchy (hqp.problem.Hierarchy): prices, turning (levels,); F (r, n), or its diagonal where r = 0, or
