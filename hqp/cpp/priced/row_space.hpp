@@ -39,12 +39,13 @@ class RowSpace {
   }
 
   // Whether the row adds a direction.  grade: what a unit of a coordinate is worth in the unit of size, the row's
-  // length, and of rounding, a length that is none; only: the place of its one entry, -1 where it has more.
-  bool add(const double* row, int N, const double* grade, double size, double rounding, int only = -1) {
+  // length, and of rounding, a length that is none; only: the place of its one entry, -1 where it has more; turned: by
+  // so many of the first rows it is turned already.
+  bool add(const double* row, int N, const double* grade, double size, double rounding, int only, int turned) {
     if (rank_ == most_) return false;
     double *v = &V_[static_cast<std::size_t>(rank_) * ld_], *r = &R_[static_cast<std::size_t>(rank_) * most_];
     for (int j = 0; j < N; ++j) v[j] = row[j];
-    turn(v, N);
+    turn(v, N, turned, rank_);
     split(v, r);
     int p = 0;
     double square = 0.0, rest = 0.0;
@@ -72,8 +73,10 @@ class RowSpace {
   }
 
   // v (N) := Q' v.
-  void turn(double* v, int N) const {
-    for (int k = picked_; k < rank_; ++k) reflect(k, v, N);
+  void turn(double* v, int N) const { turn(v, N, 0, rank_); }
+  // The part of it that rows from first to last have.
+  void turn(double* v, int N, int first, int last) const {
+    for (int k = first > picked_ ? first : picked_; k < last; ++k) reflect(k, v, N);
   }
   // v (N) := Q v.
   void turn_back(double* v, int N) const {

@@ -75,8 +75,9 @@ class StageRows {
   // The one coordinate of y that row i sees, -1 where it sees more.
   int only(int i) const { return all_[i].a || all_[i].band >= 0 || !at_->diagonal() ? -1 : all_[i].only; }
 
-  // Row i on y (N).
-  const double* row(int i, int N) {
+  // Row i on y (N); turn: what becomes of it when it is written.
+  template <class Turn>
+  const double* row(int i, int N, const Turn& turn) {
     double* c = &C_[static_cast<std::size_t>(i) * ld_];
     if (formed_[i] == N) return c;
     const StageRow& row = all_[i];
@@ -84,6 +85,7 @@ class StageRows {
     if (row.a) at_->row(row.a, c);
     else at_->picked_row(row.only, row.scale, c);
     if (row.band >= 0) c[row.band] = row.share;
+    turn(c);
     formed_[i] = N;
     return c;
   }

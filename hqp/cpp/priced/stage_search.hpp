@@ -52,7 +52,7 @@ class StageSearch {
         lambda_(variables) {
     for (auto* list : {&set_, &rest_, &dependent_, &spanned_}) list->reserve(most_rows);
     const std::size_t rows = static_cast<std::size_t>(most);
-    for (auto* rowed : {&M_, &K_}) rowed->reserve(rows * ld_);
+    for (auto* rowed : {&M_, &K_, &base_, &turned_}) rowed->reserve(rows * ld_);
     for (auto* part : {&e_, &u_}) part->reserve(rows);
     secular_.reserve(rows);
   }
@@ -77,12 +77,14 @@ class StageSearch {
     N_ = N;
     M_.resize(static_cast<std::size_t>(aim.m) * ld_);
     K_.resize(static_cast<std::size_t>(aim.m) * ld_);
+    base_.resize(static_cast<std::size_t>(aim.m) * ld_);
     e_.resize(aim.m);
     u_.resize(aim.m);
     space_.uncertain = secular_.uncertain = false;
     off_ = 0.0;
     if (late()) return false;
     hold_equalities();
+    turn_base();
     ++iterations;
     bool reached = !working.empty() && on_the_face_of(working, y);
     if (!reached) {
@@ -235,7 +237,7 @@ class StageSearch {
 
   void hold_equalities() {
     set_.clear();
-    space_.cut(0);
+    cut(0);
     spanned_.clear();
     fixed_ = 0;
     begin();
@@ -252,7 +254,7 @@ class StageSearch {
     std::fill(side_.begin(), side_.begin() + rows_->count(), 0);
     std::fill(kept_.begin(), kept_.begin() + rows_->count(), 0);
     set_.resize(fixed_);
-    space_.cut(fixed_);
+    cut(fixed_);
     dependent_.clear();
     for (const int i : set_) side_[i] = 1;
     for (const int i : spanned_) side_[i] = 2;
@@ -301,7 +303,9 @@ class StageSearch {
 
   // A row that depends on those held stays where it is without being held.
   void enter(int i, int side) {
-    if (!space_.add(rows_->row(i, N_), N_, rows_->grades(), (*rows_)[i].size, rows_->rounding(), rows_->only(i))) {
+    const int turned = (*rows_)[i].equal() ? 0 : fixed_;  // the equalities' part once a stage
+    const double* row = rows_->row(i, N_, [&](double* written) { space_.turn(written, N_, 0, turned); });
+    if (!space_.add(row, N_, rows_->grades(), (*rows_)[i].size, rows_->rounding(), rows_->only(i), turned)) {
       side_[i] = 2;
       if (!(*rows_)[i].equal()) dependent_.push_back(i);
       return;
@@ -314,10 +318,34 @@ class StageSearch {
     side_[set_[k]] = 0;
     rest_.assign(set_.begin() + k + 1, set_.end());
     set_.resize(k);
-    space_.cut(k);
+    cut(k);
     for (const int i : dependent_) side_[i] = 0;
     dependent_.clear();
     for (const int i : rest_) enter(i, side_[i]);
+  }
+
+  void cut(int rank) {
+    space_.cut(rank);
+    if (rank < turned_by_) turned_by_ = -1;
+  }
+
+  // base_ = T turned by the equalities.
+  void turn_base() {
+    for (int i = 0; i < goal_.m; ++i) {
+      double* row = &base_[static_cast<std::size_t>(i) * ld_];
+      std::copy(goal_.T + static_cast<std::size_t>(i) * goal_.ld, goal_.T + static_cast<std::size_t>(i) * goal_.ld + N_,
+                row);
+      space_.turn(row, N_);
+    }
+    turned_by_ = -1;
+  }
+  // turned_ = T turned by all rows held: by the equalities' reflections once a stage, by those of rows that entered
+  // since the last minimiser only.
+  void turn_goal() {
+    if (turned_by_ < 0) turned_ = base_, turned_by_ = fixed_;
+    const int rank = space_.rank();
+    for (int i = 0; i < goal_.m; ++i) space_.turn(&turned_[static_cast<std::size_t>(i) * ld_], N_, turned_by_, rank);
+    turned_by_ = rank;
   }
 
   // part_ of the face through y. What a row held misses of its bound stays: to mend it along nearly dependent rows
@@ -332,11 +360,11 @@ class StageSearch {
   void minimiser() {
     const int rank = space_.rank();
     const double* grade = rows_->grades();
+    turn_goal();
     for (int i = 0; i < goal_.m; ++i) {
       double *row = &M_[static_cast<std::size_t>(i) * ld_], *part = &K_[static_cast<std::size_t>(i) * ld_];
-      const double* T = goal_.T + static_cast<std::size_t>(i) * goal_.ld;
-      std::copy(T, T + N_, row);
-      space_.turn(row, N_);
+      const double* turned = &turned_[static_cast<std::size_t>(i) * ld_];
+      std::copy(turned, turned + N_, row);
       space_.split(row, part);
       e_[i] = goal_.t[i] - dot_any(part, part_.data(), rank);
       double left = 0.0;
@@ -434,7 +462,8 @@ class StageSearch {
   std::vector<double> rate_;
   std::vector<int> side_;
   std::vector<char> kept_;  // rows that no wrong sign releases until the point moves
-  std::vector<double> y_, aim_, x_, move_, part_, lambda_, M_, K_, e_, u_;
+  std::vector<double> y_, aim_, x_, move_, part_, lambda_, M_, K_, base_, turned_, e_, u_;
+  int turned_by_ = -1;  // rows held that turned_ is turned by, -1 for none
   double size_ = 0.0;
   double off_ = 0.0;  // of the gradient: what the signs of rows that are kept, and the rounding of rows held, put in
 };
