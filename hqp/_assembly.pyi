@@ -59,6 +59,15 @@ class Assembly:
     def demand(self, v: Vec) -> None:
         """Write demands and bounds from what is in the arrays."""
 
+    def limit(self, v: Vec, reactions: object) -> None:
+        """Write bounds around a speed anew, around what constraints leave; see ``hqp.tasks.JointLimits``.
+
+        reactions: a capsule of ``_torque.Elimination.reactions``, whose constraints are the first of all rows.
+        """
+
+    def limits(self) -> object:
+        """A capsule of that."""
+
     def slot(self, slot: Mapping[str, Any]) -> None:
         """Where the reference of an element goes: target, flat, of that shape, None where Python reads the value.
 

@@ -23,6 +23,9 @@ class Elimination:
         The rank of the constraints, -1 for an A that is not positive definite; of dependent ones T is the identity.
         """
 
+    def reactions(self) -> object:
+        """A capsule of A^-1 J^T (J A^-1 J^T)^+ of the latest elimination."""
+
 class TorqueRows:
     """As ``hqp.torque.rows.TorqueRows``, whose arrays it reads and writes in place."""
 
@@ -75,7 +78,10 @@ class ForceRows:
         """All of it; shift: part of tau that the model of the forces does not know."""
 
 class Chain:
-    """Elimination of live arrays, and rows and force rows after it; factor: where a copy of A goes."""
+    """Elimination of live arrays, and rows and force rows after it; factor: where a copy of A goes.
+
+    limits: a capsule of ``_assembly.Assembly.limits``.
+    """
 
     def __init__(
         self,
@@ -93,6 +99,7 @@ class Chain:
         Q: Mat,
         T: Mat,
         top: Mat,
+        limits: object,
     ) -> None: ...
     def before(self, next: object | None) -> object:
         """A capsule of all that and then the solve whose capsule is given."""

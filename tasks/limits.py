@@ -49,6 +49,14 @@ class JointLimits(Inequality):
 
         x <= k (v_max - v),    x <= k (f(d) - v) + (1 - k dt) s,    s = -b v / (f(d) + b T), the slope of the curve.
 
+    At torque level contacts and couplings take a part of v away by themselves, whatever the motors do: what J v is off
+    the velocity of their references, J v - r, by their laws' damping kd.  No joint has to brake that, and none of a
+    leg that carries weight could: with k the approach
+
+        x <= bound(v - w) - a,    w = Jbar min(1, kd / k) (J v - r),    a = Jbar kd min(1, kd / k) (J v - r),
+
+    Jbar = A^-1 J^T (J A^-1 J^T)^+, as an inelastic impact takes it; nothing of it for kd = 0.
+
     The limit of a ball joint is a cone, one more row: a session adds ``BallLimits`` to a stack with JointLimits.
 
     joints: joints or groups, all by default.  margin [rad or m] is kept to both position limits.
@@ -115,9 +123,12 @@ class JointLimits(Inequality):
 
     def step_bounds(self, state: State, dt: float, order: int) -> tuple[Vec, Vec]:
         """The box: bounds of the joints' velocity or acceleration, ``(k,)`` each."""
+        return self.bounds_around(state, state.v if state.commanded is None else state.commanded, dt, order)
+
+    def bounds_around(self, state: State, v: Vec, dt: float, order: int) -> tuple[Vec, Vec]:
+        """The box at a velocity v ``(nv,)``: bounds ``(k,)`` each."""
         picked, back = self.selection(state.robot), self.return_velocity
-        speed = state.robot.velocity_limit[picked]
-        v = (state.v if state.commanded is None else state.commanded)[picked]
+        speed, v = state.robot.velocity_limit[picked], v[picked]
         (down, up), (a, b) = self.bounds(state), self.rates(state.robot)
         T = horizon(b, self.approach, dt)
         highest, lowest = fastest(up, speed, b, back, T), -fastest(-down, speed, b, back, T)

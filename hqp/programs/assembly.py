@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -41,6 +41,20 @@ EQUALITY, LIMITED, BOUNDED, FREE = 0, 1, 2, 3
 
 NO_OTHERS: Mapping[Law, Vec] = {}
 """A law that holds alone."""
+
+
+class Constrained(Protocol):
+    """Constraints J ``(m, nv)`` whose forces are eliminated, ``out`` those that are not there."""
+
+    m: int
+    out: Signs
+
+    @property
+    def J(self) -> Mat: ...
+    @property
+    def Jbar_constr(self) -> Mat: ...
+    @property
+    def reactions(self) -> object: ...
 
 
 @dataclass(eq=False)
@@ -81,6 +95,7 @@ class Assembly:
         self, dense: Sequence[Element], selections: Sequence[Element], robot: Robot, dt: float, laws: Mapping[str, Law]
     ) -> None:
         self.order = next(iter(laws.values())).order if laws else 1
+        self._dt = dt
         counts = [e.rows(robot) for e in (*dense, *selections)]
         starts = np.concatenate(([0], np.cumsum(counts))).astype(int).tolist()
         m, total = starts[len(dense)], starts[-1]
@@ -119,6 +134,7 @@ class Assembly:
             self._bind(member, robot, dt)
         members = self.members.values()
         self.written = [m for m in members if m.write is not None]
+        self._around = [m for m in self.written if has(m.element, "bounds_around")]
         self.measured = tuple(m.element.name for m in members if m.write is None)
         """Elements whose hold values native code can take."""
         checked = [m for m in members if m.write is not None or m.element.steered]  # by a reference that is no number
@@ -295,6 +311,25 @@ class Assembly:
         for name in left_out:
             self._leave_out(name)
 
+    def limit(self, state: State, dynamics: Constrained) -> None:
+        """Bounds around a speed stand around what constraints, the first of all rows, leave; see ``JointLimits``."""
+        if self.native_rows is not None:
+            self.native_rows.limit(state.v, dynamics.reactions)
+        for member in self._around:
+            element: Any = member.element
+            m, k = dynamics.m, element.approach or np.inf
+            off = dynamics.J @ state.v - self.weight[:m] * self.rate[:m]
+            taken = np.where(dynamics.out, 0.0, np.minimum(1.0, self._kd[:m] / k) * off)
+            if element.name not in self._out and np.isfinite(taken).all() and taken.any():
+                left, braking = state.v - dynamics.Jbar_constr @ taken, dynamics.Jbar_constr @ (self._kd[:m] * taken)
+                bounds, along = np.array(element.bounds_around(state, left, self._dt, 2)), self._along(member, braking)
+                self.bounds[:, member.part] = element.weight * (bounds - along)
+
+    @property
+    def limits(self) -> object:
+        """``limit`` for native code, None where rows are not native."""
+        return None if self.native_rows is None else self.native_rows.limits()
+
     def write(self, state: State, references: Mapping[str, Reference]) -> None:
         """Write the rows of elements without a native operation."""
         if self.errors:
@@ -356,8 +391,7 @@ class Assembly:
             self._demand[part], views.lower[:], views.upper[:] = 0.0, -np.inf, np.inf
             return
         if kind != BOUNDED and law is not None:
-            speed = v[self.picks(part)] if views.J is None else views.J @ v / weight
-            around = self.rate[part], self.feedforward[part], speed, self.drift[part]
+            around = self.rate[part], self.feedforward[part], self._along(member, v), self.drift[part]
             if kind == EQUALITY:
                 self._demand[part] = _asked(member, law, self.error[part], around)
                 views.lower[:] = views.upper[:] = self._demand[part]
@@ -366,6 +400,11 @@ class Assembly:
                 views.upper[:] = _asked(member, law, -views.upper, around, each=True)
         views.lower *= weight
         views.upper *= weight
+
+    def _along(self, member: Member, v: Vec) -> Vec:
+        """A motion ``(nv,)`` along the rows of an element, ``(m,)``."""
+        J = member.views.J
+        return v[self.picks(member.part)] if J is None else J @ v / member.element.weight
 
     def unusable(self) -> tuple[str, ...]:
         """Names of elements whose rows are not finite, too large or crossed."""

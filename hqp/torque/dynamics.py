@@ -82,6 +82,12 @@ class ConstrainedDynamics:
             raise DynamicsFailed("the joint-space inertia is not positive definite")
 
     @property
+    def reactions(self) -> object:
+        """``Jbar_constr`` of the latest update, for native rows."""
+        assert self._native is not None
+        return self._native.reactions()
+
+    @property
     def J(self) -> Mat:
         """The constraints ``(m, nv)``, zeros for those that are out; as given where none is."""
         return np.where(self.out[:, None], 0.0, self._given) if self.out.any() else self._given
@@ -90,12 +96,16 @@ class ConstrainedDynamics:
         """Native code is to refill the arrays: what was derived from them is none of theirs."""
         self._root = None
 
-    def chain(self, A: Mat, bias: Vec, J: Mat, gamma: Vec, rows: object, forces: object) -> Chain | None:
+    def chain(
+        self, A: Mat, bias: Vec, J: Mat, gamma: Vec, rows: object, forces: object, limits: object
+    ) -> Chain | None:
         """The sparse ``update`` and the rows after it as one native call, of arrays that are refilled in place."""
         if self._native is None or native is None:
             return None
         written = self.map, self.phi, self._Q, self._T, self._top
-        return native.Chain(self._native, rows, forces, A, bias, self._factor, J, gamma, RANK_TOLERANCE, *written)
+        return native.Chain(
+            self._native, rows, forces, A, bias, self._factor, J, gamma, RANK_TOLERANCE, *written, limits
+        )
 
     @property
     def parts(self) -> dict[str, Any]:

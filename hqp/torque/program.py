@@ -312,6 +312,7 @@ class TorqueProgram(Program):
         c = dynamics.c
         if not float(c.dot(c)) < np.inf:
             raise DynamicsFailed("the constrained dynamics are not finite")
+        rows.limit(state, dynamics)
         shift = elsewhere = None
         other_normals = bool(given) and self._gravity.asked(given)
         if other_normals or self._origin is not None:
@@ -348,7 +349,7 @@ class TorqueProgram(Program):
         if more or state is None or (self._forces and self._forces.native is None):
             return None
         terms = self._terms.A, self._terms.bias, rows.J[:m], rows.lower[:m]
-        chain = self.dynamics.chain(*terms, self._rows.native, self._forces.native)
+        chain = self.dynamics.chain(*terms, self._rows.native, self._forces.native, rows.limits)
         if chain is None:
             return None
         moving = rows.moving

@@ -186,7 +186,8 @@ def test_references_that_do_not_fit_are_refused(file: bytes) -> None:
 
 def told(tick: hqp.Tick) -> tuple[hqp.Note, ...]:
     """Its notes, but for those on tasks and limits that an account of the levels has."""
-    known = ("rates", "session", *tick.state.robot.joint_names)
+    robot = tick.state.robot
+    known = ("rates", "session", *map(robot.joint_name, range(robot.nv)))
     return tuple(n for n in tick.notes if n.status is not Status.OPTIMAL or n.element in known)
 
 

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "../common/reactions.hpp"
 #include "../dynamics/equation_of_motion.hpp"
 #include "../dynamics/kinematics.hpp"
 #include "laws.hpp"
@@ -15,7 +16,7 @@
 
 namespace hqp {
 
-class Assembly {
+class Assembly : public Limiting {
  public:
   using Parts = std::vector<std::pair<int, int>>;  // first and last of some rows
 
@@ -27,9 +28,14 @@ class Assembly {
   void add(const Plan& plan, const Target& out) {
     if (out.drift) tree_.need_motions();
     operations_.push_back(Operations(tree_, nq_, dt_, order_).make(plan, out));
+    if (std::isfinite(operations_.back()->approach())) limits_.push_back(operations_.back().get());
     held_.resize(std::max({held_.size(), std::size_t(16), std::size_t(size()), out.rows, out.given}));
   }
-  void laws(Laws laws) { demands_ = std::make_unique<Demands>(std::move(laws)); }
+  void laws(Laws laws) {
+    demands_ = std::make_unique<Demands>(std::move(laws));
+    for (auto* part : {&speed_, &braking_}) part->resize(std::size_t(demands_->size()));
+    for (auto* part : {&left_, &held_back_}) part->resize(std::size_t(size()));
+  }
   void saturate(const Saturation& of) { demands_->saturate(of); }
   void beside(int start, int stop, std::vector<Former> former) { demands_->beside(start, stop, std::move(former)); }
 
@@ -65,6 +71,17 @@ class Assembly {
     for (const auto& operation : operations_) operation->run(q, v);
   }
   void demand(const double* v) { demands_->run(v); }
+  // After demand(): the constraints' rows are the first of all.
+  void limit(const double* v, Reactions& reactions) override {
+    for (Operation* one : limits_) {
+      if (!demands_->takes(reactions.rows(), one->approach(), speed_.data(), braking_.data())) continue;
+      reactions.towards(speed_.data(), left_.data());
+      reactions.towards(braking_.data(), held_back_.data());
+      for (int i = 0; i < size(); ++i) left_[i] = v[i] - left_[i];
+      if (squared(left_.data(), size()) + squared(held_back_.data(), size()) < INFINITY)  // else a contact is left out
+        one->around(left_.data(), held_back_.data());
+    }
+  }
   // g (nv): what has to be held up at rest, with loads, after the rows.
   void weight(double* g) {
     equation_->weight(g);
@@ -111,9 +128,11 @@ class Assembly {
   Tree tree_;
   std::unique_ptr<EquationOfMotion> equation_;
   std::vector<std::unique_ptr<Operation>> operations_;
+  std::vector<Operation*> limits_;  // those around a speed
   std::unique_ptr<Demands> demands_;
   Parts written_, bounded_;
   std::vector<double> held_;
+  std::vector<double> speed_, braking_, left_, held_back_;  // of rows of constraints, of coordinates
   KnownLoads loads_;
   double largest_ = 0.0;
 };

@@ -80,7 +80,9 @@ NB_MODULE(_assembly, module) {
       .def("tick", &Assembly::tick, "q"_a, "v"_a.none(), "targets"_a, "fresh"_a, "before"_a.none(), "largest"_a,
            "rounding"_a)
       .def("run", &Assembly::run, "q"_a, "v"_a)
-      .def("demand", &Assembly::demand, "v"_a);
+      .def("demand", &Assembly::demand, "v"_a)
+      .def("limit", &Assembly::limit, "v"_a, "reactions"_a)
+      .def("limits", &Assembly::limits);
   nb::class_<EasedRows>(module, "EasedRows")
       .def(nb::init<>())
       .def("add", &EasedRows::add, "A"_a.noconvert(), "lower"_a.noconvert(), "upper"_a.noconvert(),

@@ -123,27 +123,22 @@ struct Limits {  // of each joint, infinite for none; see JointLimits for the eq
 class JointBox final : public Operation {  // one consistent box for the next step
  public:
   JointBox(Target out, Joints joints, Limits limits)
-      : out_(out), joints_(std::move(joints)), limits_(std::move(limits)) {
+      : out_(out), joints_(std::move(joints)), limits_(std::move(limits)), at_(joints_.size()) {
     joints_.write(out_);
   }
   void run(const double* q, const double* v) override {
-    const Limits& l = limits_;
     for (std::size_t i = 0; i < joints_.size(); ++i) {
-      const double at = joints_.angle(i, q), rate = v[joints_.columns[i]];
-      const double reach = l.acceleration[i] * l.dt;
-      const double above = l.high[i] - at, below = at - l.low[i];
-      const double highest = fastest(above, i), lowest = -fastest(below, i);
-      double up = gradual(above, highest, rate, i), down = -gradual(below, -lowest, -rate, i);
-      up = std::max(up, std::min(highest, down));  // a gradual bound gives way where the two would cross
-      down = std::min(down, std::max(lowest, up));
-      up = clip(up, rate - reach, rate + reach);
-      down = clip(down, rate - reach, rate + reach);
-      if (l.order == 2) {
-        down = (down - rate) / l.dt;
-        up = (up - rate) / l.dt;
-      }
-      out_.lower[i] = down;
-      out_.upper[i] = up;
+      at_[i] = joints_.angle(i, q);
+      bound(i, v[joints_.columns[i]]);
+    }
+  }
+  double approach() const override { return limits_.order == 2 ? limits_.approach : INFINITY; }
+  void around(const double* v, const double* braking) override {
+    for (std::size_t i = 0; i < joints_.size(); ++i) {
+      if (std::isinf(out_.lower[i]) && std::isinf(out_.upper[i])) continue;  // none, or free in this tick
+      const int column = joints_.columns[i];
+      bound(i, v[column]);
+      for (double* side : {out_.lower, out_.upper}) side[i] = out_.weight * (side[i] - braking[column]);
     }
   }
   void overrun(const double* q, const double* v, std::vector<double>& over) override {  // see JointLimits
@@ -158,6 +153,23 @@ class JointBox final : public Operation {  // one consistent box for the next st
 
  private:
   static double clip(double u, double low, double high) { return std::min(std::max(u, low), high); }
+
+  void bound(std::size_t i, double rate) const {
+    const Limits& l = limits_;
+    const double reach = l.acceleration[i] * l.dt, above = l.high[i] - at_[i], below = at_[i] - l.low[i];
+    const double highest = fastest(above, i), lowest = -fastest(below, i);
+    double up = gradual(above, highest, rate, i), down = -gradual(below, -lowest, -rate, i);
+    up = std::max(up, std::min(highest, down));  // a gradual bound gives way where the two would cross
+    down = std::min(down, std::max(lowest, up));
+    up = clip(up, rate - reach, rate + reach);
+    down = clip(down, rate - reach, rate + reach);
+    if (l.order == 2) {
+      down = (down - rate) / l.dt;
+      up = (up - rate) / l.dt;
+    }
+    out_.lower[i] = down;
+    out_.upper[i] = up;
+  }
 
   // Velocity of the next step from `rate` that nears braking curve and top speed gradually, at order 2.
   double gradual(double way, double most, double rate, std::size_t i) const {
@@ -189,6 +201,7 @@ class JointBox final : public Operation {  // one consistent box for the next st
   Target out_;
   Joints joints_;
   Limits limits_;
+  std::vector<double> at_;  // the angles of the tick
 };
 
 }  // namespace hqp

@@ -78,6 +78,18 @@ class Demands {
     return true;
   }
 
+  // What the laws of the first m rows take away of their speeds no slower than at a rate, and with which deceleration;
+  // false for nothing.
+  bool takes(int m, double rate, double* speed, double* braking) const {
+    bool any = false;
+    for (int i = 0; i < m; ++i) {
+      speed[i] = l_.weight[i] * std::min(1.0, l_.kd[i] / rate) * (speed_[i] - l_.rate[i]);
+      braking[i] = l_.kd[i] * speed[i];
+      any = any || speed[i] != 0.0;
+    }
+    return any;
+  }
+
   void run(const double* v) {
     for (int i = 0; i < l_.total; ++i) l_.demand[i] = l_.kp[i] * l_.error[i];
     if (l_.order == 1) {

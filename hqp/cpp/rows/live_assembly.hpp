@@ -72,6 +72,8 @@ class Assembly {
     rows_.operate(q.data(), v.data());
   }
   void demand(const Vector& v) { rows_.demand(v.data()); }
+  void limit(const Vector& v, const nb::capsule& reactions) { rows_.limit(v.data(), *hqp::reactions_of(reactions)); }
+  nb::capsule limits() { return hqp::capsule_of(&rows_); }
 
   // The hold value of an element, None for one that is not there.
   void hold(const std::string& name, const std::optional<Vector>& value) {

@@ -1,6 +1,8 @@
 // Where the rows of an element go, and how one is written.
 #pragma once
 
+#include <cmath>
+
 #include "../common/carry_over.hpp"
 #include "relative_frame.hpp"
 
@@ -28,6 +30,10 @@ class Operation {
   virtual bool hold(const double*, const double*, double*) { return false; }
   // How far beyond its limit each row comes to rest at best, 0 where it keeps to it; of rows that limit a joint each.
   virtual void overrun(const double*, const double*, std::vector<double>&) {}
+  // The rate at which bounds near the speed that they stand around, infinite for none.
+  virtual double approach() const { return INFINITY; }
+  // Those bounds anew, as demands: around a speed, of what is beyond a deceleration, (nv) each.
+  virtual void around(const double*, const double*) {}
   // What goes over from one tick to the next.
   virtual void keep(CarryOver&) {}
 };

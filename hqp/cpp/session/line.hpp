@@ -65,7 +65,7 @@ class Line {
     slacks_.resize(std::size_t(total)), marks_.resize(std::size_t(total));
     fill(root_.part("motion"));
     if (root_.part("motion").has("torque"))
-      torque_ = std::make_unique<TorqueParts>(root_.part("motion").part("torque"), nv_, solve_.call());
+      torque_ = std::make_unique<TorqueParts>(root_.part("motion").part("torque"), nv_, solve_.call(), assembly_);
     if (torque_ ? order() != 2 || !root_.part("motion").has("dynamics") : order() != 1 && order() != 2)
       throw PlanError("the plan is of an unknown order");
     for (const Slot& slot : slots_) declared_.emplace_back(numbers_of(slot));

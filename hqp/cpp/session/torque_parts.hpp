@@ -16,7 +16,7 @@ namespace hqp {
 
 class TorqueParts {
  public:
-  TorqueParts(const Node& p, int nv, SolveCall& solver) {
+  TorqueParts(const Node& p, int nv, SolveCall& solver, Limiting& limits) {
     const std::size_t v = static_cast<std::size_t>(nv), m = p.part("gamma").size();
     const std::vector<int> actuated = p.places("actuated", v), parents = p.ints("parents");
     const std::size_t n = actuated.size();
@@ -71,6 +71,7 @@ class TorqueParts {
                top};
     chain_ = std::make_unique<Chain>(*elimination_, *rows_, forces_.get(), arrays_);
     chain_->before(&solver);
+    chain_->limits(&limits);
     std::vector<int> others;
     for (int i = 0; i < nv; ++i)
       if (std::find(actuated.begin(), actuated.end(), i) == actuated.end()) others.push_back(i);

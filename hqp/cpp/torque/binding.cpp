@@ -45,6 +45,7 @@ class Elimination {
     return native_->eliminate(A.data(), bias.data(), J.data(), gamma.data(), tolerance, map.data(), phi.data(),
                               Q.data(), T.data(), top.data());
   }
+  nb::capsule reactions() { return hqp::capsule_of(native_.get()); }
   hqp::Elimination& get() { return *native_; }
 
  private:
@@ -161,7 +162,7 @@ class Chain {
  public:
   Chain(nb::object elimination, nb::object rows, nb::object forces, const Columns& A, const Vector& bias,
         const WrittenColumns& factor, const Block& J, const Vector& gamma, double tolerance, const Block& map,
-        const Block& phi, const Block& Q, const Block& T, const Block& top)
+        const Block& phi, const Block& Q, const Block& T, const Block& top, const nb::capsule& limits)
       : core_(nb::cast<Elimination&>(elimination).get(), nb::cast<TorqueRows&>(rows).get(),
               forces.is_none() ? nullptr : &nb::cast<ForceRows&>(forces).get(),
               {bias.shape(0), phi.shape(0), A.data(), bias.data(), J.data(), gamma.data(), tolerance, factor.data(),
@@ -170,7 +171,8 @@ class Chain {
     if (A.size() != nv * nv || factor.size() != A.size() || J.size() != m * nv || map.size() != nv * (n + 1) ||
         Q.size() != nv * m || T.size() != m * m || top.size() != m * (n + 1))
       refuse("an array has a wrong shape");
-    kept_ = nb::make_tuple(elimination, rows, forces, A, bias, factor, J, gamma, map, phi, Q, T, top);
+    core_.limits(hqp::limits_of(limits));
+    kept_ = nb::make_tuple(elimination, rows, forces, A, bias, factor, J, gamma, map, phi, Q, T, top, limits);
   }
 
   // next: of the solver, null where Python asks it.
@@ -194,7 +196,8 @@ NB_MODULE(_torque, module) {
       .def(nb::init<const Ints&, const Ints&, const Marks&>(), "parents"_a, "actuated"_a, "out"_a.noconvert())
       .def("eliminate", &Elimination::eliminate, "A"_a.noconvert(), "bias"_a.noconvert(), "J"_a.noconvert(),
            "gamma"_a.noconvert(), "tolerance"_a, "map"_a.noconvert(), "phi"_a.noconvert(), "Q"_a.noconvert(),
-           "T"_a.noconvert(), "top"_a.noconvert());
+           "T"_a.noconvert(), "top"_a.noconvert())
+      .def("reactions", &Elimination::reactions);
   nb::class_<TorqueRows>(module, "TorqueRows")
       .def(nb::init<const Block&>(), "map"_a.noconvert())
       .def("product", &TorqueRows::product, "J"_a.noconvert(), "A"_a.noconvert(), "asked_lower"_a.noconvert(),
@@ -214,10 +217,10 @@ NB_MODULE(_torque, module) {
   nb::class_<Chain>(module, "Chain")
       .def(nb::init<nb::object, nb::object, nb::object, const Columns&, const Vector&, const WrittenColumns&,
                     const Block&, const Vector&, double, const Block&, const Block&, const Block&, const Block&,
-                    const Block&>(),
+                    const Block&, const nb::capsule&>(),
            "elimination"_a, "rows"_a, "forces"_a.none(), "A"_a.noconvert(), "bias"_a.noconvert(),
            "factor"_a.noconvert(), "J"_a.noconvert(), "gamma"_a.noconvert(), "tolerance"_a, "map"_a.noconvert(),
-           "phi"_a.noconvert(), "Q"_a.noconvert(), "T"_a.noconvert(), "top"_a.noconvert())
+           "phi"_a.noconvert(), "Q"_a.noconvert(), "T"_a.noconvert(), "top"_a.noconvert(), "limits"_a)
       .def("before", &Chain::before, "next"_a.none());
   nb::class_<hqp::Holding>(module, "Holding")
       .def(nb::init<Ints, Ints, int>(), "actuated"_a, "others"_a, "constraints"_a)

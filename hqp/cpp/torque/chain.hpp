@@ -27,6 +27,8 @@ class Chain final : public SolveCall {
 
   // next: of the solver, null where Python asks it.
   void before(SolveCall* next) { next_ = next; }
+  // Of the bounds on the acceleration.
+  void limits(Limiting* limits) { limits_ = limits; }
 
   Solved run(const double* v) override {
     const auto begin = std::chrono::steady_clock::now();
@@ -40,6 +42,7 @@ class Chain final : public SolveCall {
       square += c * c;
     }
     if (!(square < INFINITY)) return {kInvalid};
+    if (limits_) limits_->limit(v, elimination_);
     rows_.run(v, nullptr);
     if (forces_) forces_->run(a_.T, a_.top, nullptr);
     const double before = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
@@ -57,6 +60,7 @@ class Chain final : public SolveCall {
   ForceRows* forces_;
   ChainArrays a_;
   SolveCall* next_ = nullptr;
+  Limiting* limits_ = nullptr;
 };
 
 }  // namespace hqp

@@ -5,12 +5,13 @@
 #include <cstdint>
 #include <vector>
 
+#include "../common/reactions.hpp"
+
 namespace hqp {
 
 // qdd = X tau + c of a robot whose constraint forces are eliminated; hqp/torque/dynamics.py has the equations.
-class Elimination {
+class Elimination : public Reactions {
  public:
-  virtual ~Elimination() = default;
   // A (nv, nv): its upper triangle, column-major; bias (nv), J (m, nv), gamma (m).  Written: map (nv, n + 1) = [X, c],
   // phi (n, n), which the rows of X that are actuated hold to the bit, Q (nv, m) and T (m, m) with H^-T J^T = Q T, top
   // (m, n + 1); of dependent constraints T is the identity and the forces are those of least norm.  The rank of the

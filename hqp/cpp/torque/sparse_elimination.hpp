@@ -60,10 +60,23 @@ class SparseElimination final : public Elimination {
       spread(T, top);
     }
     const int rank = m_;
-    motions(map);
+    motions(map, n_ + 1);
     // in exact numbers they are the same; to the bit, one is kept where both are written down
     for (int k = 0; k < n_; ++k) std::copy(phi + k * n_, phi + (k + 1) * n_, map + actuated_[k] * (n_ + 1));
     return rank;
+  }
+
+  int rows() const override { return rows_; }
+  void towards(const double* asked, double* motion) override {
+    prescribe(asked);
+    const double* q = Q_.data();
+    for (int i = 0; i < nv_; ++i) {
+      motion[i] = 0.0;
+      if (!moving_[i]) continue;
+      for (int k = 0; k < m_; ++k) motion[i] += q[k] * y_[k];
+      q += m_;
+    }
+    motions(motion, 1);
   }
 
  private:
@@ -105,7 +118,7 @@ class SparseElimination final : public Elimination {
   // tolerance. Coordinates that move no constraint are left out of the reflections: their rows are zero. So are
   // constraints that are out; m_ are in.
   bool constraints(const double* J, const double* gamma, double tolerance, double* Q, double* T) {
-    in_.clear();
+    in_.clear(), given_.clear();
     for (int k = 0; k < rows_; ++k)
       if (!out_[k]) in_.push_back(k);
     m_ = static_cast<int>(in_.size());
@@ -132,6 +145,13 @@ class SparseElimination final : public Elimination {
     for (int k = 0; k < m_; ++k)
       for (int c = k; c < m_; ++c) T[in_[k] * rows_ + in_[c]] = R(k)[c];
     accumulate();
+    write(Q);
+    prescribe(gamma);
+    return true;
+  }
+
+  // Q (nv, m) row-major, from what is kept of it.
+  void write(double* Q) const {
     std::fill(Q, Q + nv_ * rows_, 0.0);
     const double* q = Q_.data();
     for (int i = 0; i < nv_; ++i) {
@@ -139,12 +159,19 @@ class SparseElimination final : public Elimination {
       for (int k = 0; k < m_; ++k) Q[i * rows_ + in_[k]] = q[k];
       q += m_;
     }
+  }
+
+  // y with T^T y = asked (m): what that prescribes along Q, of dependent constraints in least squares.
+  void prescribe(const double* asked) {
+    if (!given_.empty()) {
+      for (std::size_t k = 0; k < given_.size(); ++k) work_[k] = asked[given_[k]];
+      return rows_in_common_.towards(work_.data(), y_.data());
+    }
     for (int k = 0; k < m_; ++k) {
-      double left = gamma[in_[k]];
+      double left = asked[in_[k]];
       for (int c = 0; c < k; ++c) left -= R(c)[k] * y_[c];
       y_[k] = left / R(k)[k];
     }
-    return true;
   }
 
   // The same where they are dependent: Q (nv, r) of their r combinations, y of these, whose rows come first.
@@ -160,16 +187,14 @@ class SparseElimination final : public Elimination {
       for (int p = 0; p < above(i); ++p) add_any(B.data() + way_[i][p] * m, B.data() + i * m, -H(i)[p], m);
     }
     m_ = rows_in_common_.factor(B.data(), nv_, m, tolerance);
-    std::vector<double>& asked = work_;
-    for (int k = 0; k < m; ++k) asked[k] = gamma[given_[k]];
-    rows_in_common_.towards(asked.data(), y_.data());
+    prescribe(gamma);
     in_.clear();
     for (int k = 0; k < m_; ++k) in_.push_back(k);
-    std::fill(Q, Q + nv_ * rows_, 0.0);
     for (int i = 0; i < nv_; ++i) {
       moving_[i] = true;
-      for (int k = 0; k < m_; ++k) Q[i * rows_ + k] = rows_in_common_.direction(i, k);
+      for (int k = 0; k < m_; ++k) Q_[i * m_ + k] = rows_in_common_.direction(i, k);
     }
+    write(Q);
   }
   // Rows of those combinations as forces of least norm of the constraints: T is the identity.
   void spread(double* T, double* top) {
@@ -201,9 +226,8 @@ class SparseElimination final : public Elimination {
       for (int c = k; c < n_; ++c) phi[k * n_ + c] = phi[c * n_ + k] = products[k * ld_ + c];
   }
 
-  // B (nv, n + 1) row-major: H^-1 B in its place.
-  void motions(double* B) const {
-    const int w = n_ + 1;
+  // B (nv, w) row-major: H^-1 B in its place.
+  void motions(double* B, int w) const {
     for (int i = 0; i < nv_; ++i) {
       double* b = B + i * w;
       for (int p = 0; p < above(i);) {
