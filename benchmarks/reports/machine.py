@@ -18,3 +18,8 @@ def description() -> tuple[tuple[str, str], ...]:
         ("BLAS", m["blas"]),
         ("load average", ", ".join(f"{x:.1f}" for x in machine["load"])),
     )
+
+
+def line() -> str:
+    """Machine and load, below a table of times."""
+    return "; ".join(f"{what}: {which}" for what, which in description() if what in ("machine", "load average")) + "."

@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 import hqp
 import hqp.tasks as t
+from benchmarks.reports import machine, report
 from hqp import Level, Stack
 from hqp.arrays import Mat
 from hqp.export.loaded import LoadedSession
@@ -17,6 +19,8 @@ from hqp.loop.plan_file.file import text
 from hqp.markdown import table
 
 DT = 0.002
+MARK = "<!-- table: python -m benchmarks batches --page docs/results/batches.md -->"
+END = "<!-- end of batches -->"
 AWAY = {"in reach": 0.02, "at its edge": 0.1, "beyond": 0.3}
 """How far the targets of the hands move around where the hands began, each axis [m]."""
 
@@ -26,6 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--worlds", type=int, default=4096, metavar="N", help="default 4096")
     parser.add_argument("--ticks", type=int, default=None, metavar="N", help="ticks of a world, default 60")
     parser.add_argument("--threads", nargs="+", type=int, default=[1, 2], metavar="N", help="default: 1 2")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="write the table into this page")
 
 
 @dataclass(frozen=True)
@@ -64,7 +69,10 @@ def run(arguments: argparse.Namespace) -> int:
         "made in [ms]",
         "solved [%]",
     ]
-    print(table(labels, rows))
+    text = f"{table(labels, rows)}\n\n{machine.line()}\n"
+    print(text)
+    if arguments.page is not None:
+        report.into_page(arguments.page, MARK, text, END)
     return 0
 
 

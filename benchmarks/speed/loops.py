@@ -47,8 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
             head, failed = "\n".join(head_lines) or head, failed + found.returncode
             rows.append(row)
             print(row, flush=True)
-    on = "; ".join(f"{what}: {which}" for what, which in machine.description() if what in ("machine", "load average"))
-    text = "\n".join((head, *rows)) + f"\n\n{on}.\n"
+    text = "\n".join((head, *rows)) + f"\n\n{machine.line()}\n"
     report.section(arguments.output, "loops", text)
     if arguments.page is not None:
         report.into_page(arguments.page, MARK, text, END)
