@@ -153,6 +153,9 @@ class StageLevels final : public PricedStages {
     }
     if (anchors_.empty() && ended_) return -1;  // every level hands down its rows as they are
     finish();
+    // a value that was taken far from the answer has the rounding of there
+    const double here = 1.0 + std::sqrt(dot_any(x_.data(), x_.data(), n_));
+    undecided_ = undecided_ || tolerances_.met * taken_at_ > tolerances_.accurate * here;
     std::copy(x_.begin(), x_.end(), last);
     return first;
   }
@@ -206,6 +209,7 @@ class StageLevels final : public PricedStages {
     uncertain_ = undecided_ = inexact_ = false;
     for (; !anchors_.empty(); anchors_.pop_back()) spare_.push_back(std::move(anchors_.back()));
     open_ = false;
+    taken_at_ = 0.0;
     framed_ = 0;
     for (StageEnd& end : ends_) end.known = false;
   }
@@ -253,7 +257,9 @@ class StageLevels final : public PricedStages {
       if (level.left_out(i)) continue;
       const double value = product(level, i, x), w = slack(value, low[i], high[i]);
       if (low[i] == high[i] || anchors_.empty()) {
-        if (std::abs(w) > tolerances_.met * size(level, i, x, least)) low[i] = high[i] = value;
+        if (std::abs(w) <= tolerances_.met * size(level, i, x, least)) continue;
+        low[i] = high[i] = value;
+        taken_at_ = larger(taken_at_, std::sqrt(dot_any(x, x, n_)));
       } else {  // below anchors it may still be lessened
         low[i] = std::min(low[i], value);
         high[i] = std::max(high[i], value);
@@ -533,6 +539,7 @@ class StageLevels final : public PricedStages {
   const Coordinates* seen_by_ = nullptr;  // of the latest stage
   bool open_ = false;                     // whether it left a choice
   double rounding_ = 0.0;
+  double taken_at_ = 0.0;  // |x| where a level without a price that was missed left its values
   Clock::time_point end_;
   std::vector<PricedLevel> level_;
   std::vector<std::vector<int>> warm_;
