@@ -40,18 +40,17 @@ class Assembly:
     def laws(self, laws: Mapping[str, Any]) -> None:
         """What ``demand`` works on; laws as in hqp/declare/law.py."""
 
-    def saturate(
-        self,
-        start: int,
-        stop: int,
-        held: tuple[float, float, float],
-        others: Sequence[tuple[tuple[float, float, float], list[float], list[float], list[float]]],
-    ) -> None:
-        """How the law of the element with these rows is held from now on, and which others hold beside it.
+    def law(self, start: int, stop: int, law: Mapping[str, Any]) -> int:
+        """Another law of the element with these rows, and its number; 0, the first one, is what it has.
 
-        held: max_velocity, max_acceleration, largest kd.  others: how they are held, kp, kd and share of each row.
         Raises ValueError for other rows.
         """
+
+    def aim(self, start: int, stop: int, number: int, at_once: bool) -> None:
+        """The element goes over to that law, or has it at once."""
+
+    def go_on(self) -> None:
+        """Laws that go over do so by one period."""
 
     def run(self, q: Vec, v: Vec) -> None:
         """Write rows, errors, drifts and ways left."""

@@ -11,7 +11,7 @@ import numpy as np
 from hqp.arrays import Index, Mat, Signs, Vec
 from hqp.declare import plans
 from hqp.declare.element import Element, has, plan_of, selection_of
-from hqp.declare.law import DCM, PD, Gain, Law, P
+from hqp.declare.law import DCM, PD, Gain, Law, P, pace
 from hqp.declare.plans import Constant, Plan
 from hqp.declare.readable import UP, Readable, Views
 from hqp.declare.reference import Reference
@@ -39,9 +39,6 @@ PLAIN: dict[type, int] = {plans.Point: 1, plans.Com: 1, plans.Joints: 1, plans.R
 EQUALITY, LIMITED, BOUNDED, FREE = 0, 1, 2, 3
 """How rows become bounds on J x: a law on the error, a law on the way left to a bound, bounds as they stand, none."""
 
-NO_OTHERS: Mapping[Law, Vec] = {}
-"""A law that holds alone."""
-
 
 class Constrained(Protocol):
     """Constraints J ``(m, nv)`` whose forces are eliminated, ``out`` those that are not there."""
@@ -63,8 +60,7 @@ class Member:
 
     write: its readable functions, None where a native operation stands in for them.  target, normal: buffers of the
     reference's where one does; last_reference: the one they were copied from.  plain: what a target has to be that is
-    taken as it is, see ``_assembly.Assembly.slot``.  others: laws that hold beside its own, each
-    by a share of every row.
+    taken as it is, see ``_assembly.Assembly.slot``.  laws: numbers of those that it has by turns.
     """
 
     element: Element
@@ -76,11 +72,11 @@ class Member:
     normal: Vec | None = None
     last_reference: Reference | None = None
     plain: int = 0
-    others: Mapping[Law, Vec] = field(default_factory=dict)
+    laws: dict[Law, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.declared = self.law
-        """The law that it was compiled with; ``law`` is the one of the next fill."""
+        """The law that it was compiled with; ``law`` is the one of the next fill, or that it goes over to."""
 
 
 class Assembly:
@@ -214,7 +210,8 @@ class Assembly:
     def _hand_over_laws(self, assembly: NativeAssembly) -> None:
         saturations = []
         for member in self.members.values():
-            self._write_gains(member)
+            if member.law is not None:
+                self._kp[member.part], self._kd[member.part] = gains(member.law)
             if member.law is not None and min(member.law.max_velocity, member.law.max_acceleration) < np.inf:
                 saturations.append((member.part.start, member.part.stop, *holds(member.law)))
         laws: dict[str, Any] = {
@@ -236,25 +233,22 @@ class Assembly:
         assembly.laws(laws)
         self.parts["laws"] = laws
 
-    def _write_gains(self, member: Member) -> None:
-        if member.law is not None:
-            self._kp[member.part], self._kd[member.part] = gains(member.law)
-
-    def take_law(self, name: str, law: Law, others: Mapping[Law, Vec] = NO_OTHERS) -> None:
-        """The law of an element from the next fill on; ``require_law`` says which may be.
-
-        others: laws that hold beside it, each by a share of every row, ``(m,)`` or one for all.
-        """
+    def take_law(self, name: str, law: Law, *, at_once: bool) -> None:
+        """The law that an element goes over to, see ``go_on``, or has at once; ``require_law`` says which may be."""
         member = self.members[name]
-        member.law, member.others = law, others
-        self._write_gains(member)
+        assert self.native_rows is not None
+        assert member.declared is not None
+        start, stop = member.part.start, member.part.stop
+        for each in (member.declared, law):
+            if each not in member.laws:
+                member.laws[each] = self.native_rows.law(start, stop, rows_law(each, stop - start))
+        member.law = law
+        self.native_rows.aim(start, stop, member.laws[law], at_once)
+
+    def go_on(self) -> None:
+        """Laws that go over do so by one period."""
         if self.native_rows is not None:
-            part, rows = member.part, member.part.stop - member.part.start
-            beside = []
-            for other, share in others.items():
-                kp, kd = gains(other)
-                beside.append((holds(other), of_rows(kp, rows), of_rows(kd, rows), of_rows(share, rows)))
-            self.native_rows.saturate(part.start, part.stop, holds(law), beside)
+            self.native_rows.go_on()
 
     def require_law(self, name: str, law: Law) -> None:
         """Raise DeclarationError for an element that has no law, or none that may become this one."""
@@ -393,11 +387,11 @@ class Assembly:
         if kind != BOUNDED and law is not None:
             around = self.rate[part], self.feedforward[part], self._along(member, v), self.drift[part]
             if kind == EQUALITY:
-                self._demand[part] = _asked(member, law, self.error[part], around)
+                self._demand[part] = law.demand(self.error[part], *around)
                 views.lower[:] = views.upper[:] = self._demand[part]
             else:
-                views.lower[:] = _asked(member, law, -views.lower, around, each=True)
-                views.upper[:] = _asked(member, law, -views.upper, around, each=True)
+                views.lower[:] = law.demand(-views.lower, *around, each=True)
+                views.upper[:] = law.demand(-views.upper, *around, each=True)
         views.lower *= weight
         views.upper *= weight
 
@@ -470,33 +464,22 @@ def gains(law: Law) -> tuple[Gain, Gain]:
     return float(isinstance(law, DCM)), 0.0
 
 
-def of_rows(value: Gain | Vec, rows: int) -> list[float]:
-    """A number of each row, given so or for all."""
-    found: list[float] = np.broadcast_to(np.asarray(value, dtype=np.float64), rows).tolist()
-    return found
-
-
 def holds(law: Law) -> tuple[float, float, float]:
     """Bounds and largest kd."""
     return law.max_velocity, law.max_acceleration, float(np.max(law.kd)) if isinstance(law, PD) else 1.0
+
+
+def rows_law(law: Law, rows: int) -> dict[str, Any]:
+    """A P or a PD of so many rows, for native code and for files."""
+    kp, kd = gains(law)
+    by_row = {"kp": kp, "kd": kd, "pace": pace(law)}
+    return {"held": holds(law), **{name: np.broadcast_to(x, rows).tolist() for name, x in by_row.items()}}
 
 
 def _kind(element: Element) -> int:
     if has(element, "step_bounds"):
         return BOUNDED
     return EQUALITY if element.equality else LIMITED
-
-
-def _asked(member: Member, law: Law, error: Vec, around: tuple[Vec, ...], each: bool = False) -> Vec:
-    """What its law asks for, and those that hold beside it by their shares."""
-    rate, feedforward, speed, drift = around
-    own = law.demand(error, rate, feedforward, speed, drift, each=each)
-    asked = own.copy()
-    for other, share in member.others.items():
-        with np.errstate(invalid="ignore"):  # bounds that are not there
-            change = share * (other.demand(error, rate, feedforward, speed, drift, each=each) - own)
-        asked += np.where(np.isfinite(change), change, 0.0)
-    return asked
 
 
 def _fitting(member: Member, what: str, values: Vec) -> Vec:

@@ -14,7 +14,7 @@ from hqp import DCM, PD, Level, P, Phase, Sequence, Stack, Status, serial
 from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError
 from hqp.loop.compiled import Compiler
-from hqp.loop.phase_laws import Way
+from hqp.programs.assembly import Assembly
 
 DT = 0.002
 HAND = t.Position(frame="tool0", law=P(1.0), name="hand")
@@ -32,23 +32,29 @@ def begin(robot: Robot, stack: Stack, formulation: Any, **laws: Any) -> Any:
     return Sequence(Phase(name="slow"), Phase(name="fast", laws=laws)).run(session)
 
 
-def test_a_law_goes_over_in_the_time_of_the_stiffer_one() -> None:
-    def shares(new: Any, old: Any, age: float) -> Any:
-        return Way(new, {old: np.ones(1)}).go_on(age).get(old, 0.0)
+def asked(robot: Robot, dt: float, *laws: Any) -> Any:
+    """The demand of an error of one, for dt on the way to each law but the first: of one law it is its gain."""
+    rows = Assembly([HAND], [], robot, dt, {"hand": laws[0]})
+    for law in laws[1:]:
+        rows.take_law("hand", law, at_once=False)
+        rows.go_on()
+    state = robot.state(robot.home)
+    rows.fill(state, {"hand": HAND.at(state.position("tool0") + 1.0)}, ())
+    return rows.upper
 
-    assert shares(P(10.0), P(2.0), 0.05) == pytest.approx(0.5)
-    assert shares(P(2.0), P(10.0), 0.1) == 0.0
-    np.testing.assert_allclose(shares(P((0.0, 10.0)), P((0.0, 2.0)), 0.05), [0.0, 0.5])
-    assert shares(PD(400.0, 40.0), PD(100.0), 0.025) == pytest.approx(0.5)
-    assert shares(PD(0.0, 20.0), PD(0.0, 10.0), 0.05) == pytest.approx(0.5)
+
+def test_a_law_goes_over_in_the_time_of_the_stiffer_one(arm: Robot) -> None:
+    np.testing.assert_allclose(asked(arm, 0.05, P(2.0), P(10.0)), 6.0)
+    np.testing.assert_allclose(asked(arm, 0.1, P(10.0), P(2.0)), 2.0)
+    np.testing.assert_allclose(asked(arm, 0.05, P((0.0, 2.0, 3.0)), P((0.0, 10.0, 1.0))), [0.0, 6.0, 2.7])
+    np.testing.assert_allclose(asked(arm, 0.025, PD(100.0), PD(400.0, 40.0)), 250.0)
+    np.testing.assert_allclose(asked(arm, 0.05, PD(1.0, 10.0), PD(4.0, 20.0)), 2.5)
 
 
-def test_a_law_that_changes_on_the_way_goes_on_from_there() -> None:
-    first = Way(P(10.0), {P(2.0): np.ones(1)}).go_on(0.05)
-    second = Way(P(4.0), {**first, P(10.0): 1.0 - first[P(2.0)]}).go_on(0.05)
-    assert {law: share.item() for law, share in second.items()} == pytest.approx({P(2.0): 0.25, P(10.0): 0.25})
-    back = Way(P(2.0), {**first, P(10.0): 1.0 - first[P(2.0)]}).go_on(0.05)
-    assert {law: share.item() for law, share in back.items()} == pytest.approx({P(10.0): 0.25})
+def test_a_law_that_changes_on_the_way_goes_on_from_there(arm: Robot) -> None:
+    np.testing.assert_allclose(asked(arm, 0.05, P(2.0), P(10.0), P(4.0)), 0.25 * 2.0 + 0.25 * 10.0 + 0.5 * 4.0)
+    np.testing.assert_allclose(asked(arm, 0.05, P(2.0), P(10.0), P(2.0)), 0.25 * 10.0 + 0.75 * 2.0)
+    np.testing.assert_allclose(asked(arm, 0.1, P(2.0), P(10.0), P(4.0), P(2.0)), 2.0 + 2.0 * 0.6)
 
 
 @pytest.mark.parametrize(
@@ -64,7 +70,7 @@ def test_a_law_that_changes_on_the_way_goes_on_from_there() -> None:
 def test_an_element_has_the_law_of_its_phase(
     arm: Robot, formulation: Any, slow: Any, fast: Any, after: float, fastest: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """After the time that hqp/loop/phase_laws.py says the answer is that of a stack with that law, and back."""
+    """After the time that hqp/cpp/rows/law_change.hpp says the answer is that of a stack with that law, and back."""
     stack = ARM.with_laws({"hand": slow})
     q, v = arm.home + 0.1, 0.05 * np.ones(arm.nv)
     far = 0.2 if formulation.quantities != {"motion"} else 1.0  # within what motors can do

@@ -36,8 +36,6 @@ class Assembly : public Limiting {
     for (auto* part : {&speed_, &braking_}) part->resize(std::size_t(demands_->size()));
     for (auto* part : {&left_, &held_back_}) part->resize(std::size_t(size()));
   }
-  void saturate(const Saturation& of) { demands_->saturate(of); }
-  void beside(int start, int stop, std::vector<Former> former) { demands_->beside(start, stop, std::move(former)); }
 
   // A (nv, nv), its upper triangle, and b + g (nv,) are written with every tick, loads included.
   void dynamics(std::vector<BodyInertia> inertias, std::vector<double> rotors, const Vec3& gravity, double* A,
@@ -116,6 +114,7 @@ class Assembly : public Limiting {
     return true;
   }
 
+  Demands& demands() { return *demands_; }
   const Demands& demands() const { return *demands_; }
   int size() const { return tree_.size(); }
   double dt() const { return dt_; }

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "law_change.hpp"
 #include "references.hpp"
 
 namespace hqp {
@@ -16,23 +17,12 @@ namespace hqp {
 // at all.
 enum Kind : std::int8_t { kEquality = 0, kLimited = 1, kBounded = 2, kFree = 3 };
 
-struct Saturation {  // of the rows of one element; damping: its largest kd
-  int start, stop;
-  double fastest, hardest, damping;
-};
-
-// A law that an element had before and that still holds by a share of each of its rows; gains and shares, one a row.
-struct Former {
-  Saturation held;
-  std::vector<double> kp, kd, share;
-};
-
 struct Laws {  // live arrays, (total,) but for J (m, nv) row-major and the coordinates that the rows after it pick
   int order, m, nv, total;
-  const double *J, *error, *rate, *feedforward, *drift, *kp, *kd, *weight;
+  const double *J, *error, *rate, *feedforward, *drift, *weight;
   const std::intptr_t* pick;
   const std::int8_t* kind;
-  double *demand, *lower, *upper;
+  double *kp, *kd, *demand, *lower, *upper;
   std::vector<Saturation> saturations;
 };
 
@@ -44,21 +34,29 @@ class Demands {
   }
   Demands(const Demands&) = delete;
 
-  // In place of what held the rows of that element before; bounds without a limit are none.
-  void saturate(const Saturation& s) {
-    std::vector<Saturation>& known = l_.saturations;
-    const auto same = [&](const Saturation& k) { return k.start == s.start && k.stop == s.stop; };
-    known.erase(std::remove_if(known.begin(), known.end(), same), known.end());
-    if (std::min(s.fastest, s.hardest) < std::numeric_limits<double>::infinity()) known.push_back(s);
-    find_saturations();
+  // A law that the element of its rows may go over to, and its number; the first one is what it has, number 0.
+  std::size_t add(RowsLaw law) {
+    LawChange* known = change(law.held.start, law.held.stop);
+    if (!known) {
+      known = &changes_.emplace_back(law.held.start, law.held.stop);
+      for (auto* each : {&own_, &own_damper_, &pull_, &brake_}) each->resize(std::size_t(l_.total));
+      const auto same = [&](const Saturation& s) { return s.start == law.held.start && s.stop == law.held.stop; };
+      if (std::none_of(l_.saturations.begin(), l_.saturations.end(), same)) l_.saturations.push_back(law.held);
+      find_saturations();
+    }
+    return known->add(std::move(law));
   }
-
-  // Beside the laws of these rows, in place of what was so before.
-  void beside(int start, int stop, std::vector<Former> former) {
-    former_.erase(std::remove_if(former_.begin(), former_.end(),
-                                 [&](const Former& k) { return k.held.start == start && k.held.stop == stop; }),
-                  former_.end());
-    for (Former& one : former) former_.push_back(std::move(one));
+  // The element of these rows goes over to one of its laws, or has it at once; go_on: by one period.
+  void aim(int start, int stop, std::size_t number, bool at_once) {
+    LawChange& to = *change(start, stop);
+    to.aim(number, at_once);
+    std::copy(to.law().kp.begin(), to.law().kp.end(), l_.kp + start);
+    std::copy(to.law().kd.begin(), to.law().kd.end(), l_.kd + start);
+    for (Saturation& s : l_.saturations)
+      if (s.start == start && s.stop == stop) s = to.law().held;
+  }
+  void go_on(double dt) {
+    for (LawChange& each : changes_) each.go_on(dt);
   }
 
   const double* demand() const { return l_.demand; }
@@ -94,7 +92,7 @@ class Demands {
     for (int i = 0; i < l_.total; ++i) l_.demand[i] = l_.kp[i] * l_.error[i];
     if (l_.order == 1) {
       for (const Saturation& s : l_.saturations) saturate_first(s, l_.demand);
-      if (!former_.empty()) mix();
+      mix();
       for (int i = 0; i < l_.total; ++i) l_.demand[i] = l_.rate[i] - l_.demand[i];
     } else {
       for (int i = 0; i < l_.total; ++i) {
@@ -102,7 +100,7 @@ class Demands {
         damper_[i] = l_.kd[i] * (speed_[i] - l_.rate[i]);
       }
       for (const Saturation& s : l_.saturations) saturate_second(s, l_.demand, damper_.data());
-      if (!former_.empty()) mix();
+      mix();
       for (int i = 0; i < l_.total; ++i) l_.demand[i] = l_.feedforward[i] - (l_.demand[i] + damper_[i]) - l_.drift[i];
     }
     for (int i = 0; i < l_.total; ++i) {
@@ -150,12 +148,13 @@ class Demands {
   double towards(int i, double way) const {
     double asked = feedback(i, way, l_.kp[i], l_.kd[i], saturation_[i]);
     const double own = asked;
-    for (const Former& f : former_)
-      if (f.held.start <= i && i < f.held.stop) {
-        const std::size_t k = std::size_t(i - f.held.start);
-        const double change = feedback(i, way, f.kp[k], f.kd[k], &f.held) - own;
-        if (std::isfinite(change)) asked += f.share[k] * change;  // else one of them knows no bound
-      }
+    for (const LawChange& each : changes_)
+      if (each.has(i))
+        each.beside([&](const RowsLaw& law, const double* share) {
+          const std::size_t k = std::size_t(i - law.held.start);
+          const double change = feedback(i, way, law.kp[k], law.kd[k], &law.held) - own;
+          if (std::isfinite(change)) asked += share[k] * change;  // else one of them knows no bound
+        });
     return l_.order == 1 ? l_.rate[i] + asked : l_.feedforward[i] + asked - l_.drift[i];
   }
   double feedback(int i, double way, double kp, double kd, const Saturation* s) const {
@@ -185,29 +184,35 @@ class Demands {
     scale(pull, s, s.hardest / size);
     scale(damper, s, s.hardest / size);
   }
-  // What the former laws ask for, by their shares.
+  LawChange* change(int start, int stop) {
+    for (LawChange& each : changes_)
+      if (each.is_of(start, stop)) return &each;
+    return nullptr;
+  }
+  // What the laws beside those of the rows ask for, by their shares.
   void mix() {
-    own_.assign(l_.demand, l_.demand + l_.total), own_damper_ = damper_;
-    pull_.resize(own_.size()), brake_.resize(own_.size());
-    for (const Former& f : former_) {
-      const bool bounded = std::min(f.held.fastest, f.held.hardest) < std::numeric_limits<double>::infinity();
-      for (int i = f.held.start, k = 0; i < f.held.stop; ++i, ++k) {
-        pull_[i] = f.kp[k] * l_.error[i];
-        brake_[i] = l_.order == 1 ? 0.0 : f.kd[k] * (speed_[i] - l_.rate[i]);
-      }
-      if (bounded && l_.order == 1) saturate_first(f.held, pull_.data());
-      if (bounded && l_.order == 2) saturate_second(f.held, pull_.data(), brake_.data());
-      for (int i = f.held.start, k = 0; i < f.held.stop; ++i, ++k) {
-        l_.demand[i] += f.share[k] * (pull_[i] - own_[i]);
-        damper_[i] += f.share[k] * (brake_[i] - own_damper_[i]);
-      }
-    }
+    if (std::none_of(changes_.begin(), changes_.end(), [](const LawChange& each) { return each.going(); })) return;
+    std::copy_n(l_.demand, l_.total, own_.begin()), own_damper_ = damper_;
+    for (const LawChange& each : changes_)
+      each.beside([&](const RowsLaw& law, const double* share) {
+        const Saturation& held = law.held;
+        for (int i = held.start, k = 0; i < held.stop; ++i, ++k) {
+          pull_[i] = law.kp[k] * l_.error[i];
+          brake_[i] = l_.order == 1 ? 0.0 : law.kd[k] * (speed_[i] - l_.rate[i]);
+        }
+        if (l_.order == 1) saturate_first(held, pull_.data());
+        else saturate_second(held, pull_.data(), brake_.data());
+        for (int i = held.start, k = 0; i < held.stop; ++i, ++k) {
+          l_.demand[i] += share[k] * (pull_[i] - own_[i]);
+          damper_[i] += share[k] * (brake_[i] - own_damper_[i]);
+        }
+      });
   }
 
   Laws l_;
   std::vector<double> damper_, speed_;
-  std::vector<Former> former_;
-  std::vector<double> own_, own_damper_, pull_, brake_;  // of a tick in which former laws hold
+  std::vector<LawChange> changes_;
+  std::vector<double> own_, own_damper_, pull_, brake_;  // of a tick in which other laws hold as well
   std::vector<const Saturation*> saturation_;            // of each row, null for none
 };
 

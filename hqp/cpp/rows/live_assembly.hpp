@@ -39,25 +39,13 @@ class Assembly {
     }
   }
   void laws(const nb::object& p) { rows_.laws(hqp::laws(plan(p), rows_.order(), size())); }
-  // How the law of the element with these rows is held from now on (fastest, hardest, largest kd), and which others
-  // hold beside it, by a share of each row: how they are held, kp, kd, shares.
-  using Held = std::tuple<double, double, double>;
-  using Numbers = std::vector<double>;
-  void saturate(int start, int stop, const Held& held,
-                const std::vector<std::tuple<Held, Numbers, Numbers, Numbers>>& others) {
+  // A law of the element with these rows, and its number; later on it goes over to one of them, see LawChange.
+  std::size_t law(int start, int stop, const nb::object& p) {
     if (start < 0 || start > stop || stop > rows_.demands().size()) throw nb::value_error("a law is of the rows");
-    const auto of = [&](const Held& h) {
-      return hqp::Saturation{start, stop, std::get<0>(h), std::get<1>(h), std::get<2>(h)};
-    };
-    std::vector<hqp::Former> former;
-    for (const auto& [h, kp, kd, share] : others) {
-      for (const Numbers* numbers : {&kp, &kd, &share})
-        if (numbers->size() != std::size_t(stop - start)) throw nb::value_error("a gain is of a row");
-      former.push_back({of(h), kp, kd, share});
-    }
-    rows_.saturate(of(held));
-    rows_.beside(start, stop, std::move(former));
+    return rows_.demands().add(hqp::rows_law(plan(p), start, stop));
   }
+  void aim(int start, int stop, std::size_t number, bool at_once) { rows_.demands().aim(start, stop, number, at_once); }
+  void go_on() { rows_.demands().go_on(rows_.dt()); }
   void dynamics(const nb::object& p) { hqp::add_dynamics(rows_, plan(p)); }
   void load(const nb::object& p) { hqp::add_load(rows_, plan(p)); }
   void slot(const nb::object& p) { loop_.add(plan(p).text("name"), hqp::slot(plan(p))); }

@@ -97,11 +97,11 @@ Laws laws(const Plan& p, int order, int nv) {
             p.doubles("rate", total),
             p.doubles("feedforward", total),
             p.doubles("drift", total),
-            p.doubles("kp", total),
-            p.doubles("kd", total),
             p.doubles("weight", total),
             reinterpret_cast<const std::intptr_t*>(p.places64("pick", total - m, n)),
             p.part("kind").bytes(total),
+            p.doubles("kp", total),
+            p.doubles("kd", total),
             p.doubles("demand", total),
             p.doubles("lower", total),
             p.doubles("upper", total),
@@ -112,6 +112,14 @@ Laws laws(const Plan& p, int order, int nv) {
     laws.saturations.push_back({static_cast<int>(s[0]), static_cast<int>(s[1]), s[2], s[3], s[4]});
   }
   return laws;
+}
+// A law of the element with these rows.
+template <class Plan>
+RowsLaw rows_law(const Plan& p, int start, int stop) {
+  const std::vector<double> held = p.numbers("held", 3);
+  const std::size_t rows = std::size_t(stop - start);
+  return {
+      {start, stop, held[0], held[1], held[2]}, p.numbers("kp", rows), p.numbers("kd", rows), p.numbers("pace", rows)};
 }
 // Where the reference of an element goes.
 template <class Plan>

@@ -83,8 +83,7 @@ class Session {
   // ReferenceError for one that the plan does not have.
   void phase(const std::string& name);
 
-  // One tick for q (nq) and v (nv): no allocation but where elements come and go (for what the solver keeps of each
-  // such set) and where laws go over to others, no exception, no lock, no system call but the clock's.
+  // One tick for q (nq) and v (nv): no allocation, no exception, no lock, no system call but the clock's.
   const Tick& step(const double* q, const double* v) noexcept;
   // The same of a state that tells its time [s], which plans with a max_age ask for, on the clock of now:
   // std::chrono::steady_clock where that is not given.

@@ -8,16 +8,27 @@ from pathlib import Path
 
 import numpy as np
 
+from hqp import PD, P, Phase, Sequence
 from hqp.arrays import Mat, Vec
 from hqp.export.loaded import HOLD, STATUSES, VALUE, LoadedSession
 from hqp.loop.plan_file.file import text
 from tests.export.stacks import FORMULATIONS, ROBOTS, scene
 
-PRESENT = 6
-"""Told of an element after value, velocity, acceleration, normal, load and hold value: whether it is in."""
+PRESENT, PHASE = 6, 7
+"""Told of an element after value, velocity, acceleration, normal, load and hold value: whether it is in; of a tick: the
+phase, whose name is its number."""
 
 AWAY = (("hand",), ("turn",), ("hand", "turn"), ())
 """Elements that are out for ten ticks of each fifty, by turns."""
+
+
+def phases(formulation: str) -> Sequence:
+    """Each with laws that those before it have not gone over to when it begins."""
+    hand, posture = PD((90.0, 70.0, 80.0), max_velocity=0.5), PD(30.0)
+    if formulation == "velocity":
+        hand, posture = P((9.0, 7.0, 8.0), max_velocity=0.5), P(2.0)
+    laws = {}, {"hand": hand, "posture": posture}, {"hand": posture}
+    return Sequence(*(Phase(name=str(k), laws=each) for k, each in enumerate(laws)))
 
 
 def record(robot_name: str, formulation: str, ticks: int, folder: Path) -> Path:
@@ -25,17 +36,20 @@ def record(robot_name: str, formulation: str, ticks: int, folder: Path) -> Path:
     session, given = scene(robot_name, formulation)
     robot = session.robot
     path = folder / f"{robot_name}-{formulation}.hqp"
-    path.write_bytes(text(session))
+    path.write_bytes(text(session, phases(formulation)))
     names = LoadedSession(path.read_bytes()).names
     elements = {element.name: element for element in session.stack}
     kept: dict[str, Vec | Mat] = {}
+    run = phases(formulation).run(session)
     q, v = robot.home.copy(), np.zeros(robot.nv)
     with path.with_suffix(".ticks").open("wb") as file:
         for i in range(ticks):
             away = AWAY[i // 50 % len(AWAY)] if 20 <= i % 50 < 30 else ()
             references = tuple(one for one in given(i) if one.name not in away)
-            tick = session.step(robot.state(q, v), *references, *(elements[name].off() for name in away))
+            run.go(str(i // 17 % 3))
+            tick = run.step(robot.state(q, v), *references, *(elements[name].off() for name in away))
             told: list[tuple[int, int, Vec]] = [(names.index(name), PRESENT, np.zeros(1)) for name in away]
+            told.append((0, PHASE, np.full(1, i // 17 % 3)))
             for name, value in session.hold_values.items():
                 if name in names and not np.array_equal(kept.get(name, ()), value):
                     kept[name] = value

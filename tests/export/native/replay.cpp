@@ -69,6 +69,7 @@ bool replay(const std::string& plan, double tolerance, int rounds) {
       if (what[1] == 2) reference.acceleration(values.data(), values.size());
       if (what[1] == 5) reference.hold(values.data(), values.size());
       if (what[1] == 6) reference.on(values[0] != 0.0);
+      if (what[1] == 7) session.phase(std::to_string(int(values[0])));
     }
     std::vector<double> numbers = read<double>(file, nq + nv + n);
     allocations = 0;
