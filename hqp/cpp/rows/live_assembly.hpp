@@ -68,11 +68,9 @@ class Assembly {
     hqp::Slot* slot = loop_.find(name);
     if (!slot) throw nb::key_error(name.c_str());
     slot->hold.clear();
-    if (!value || !slot->target || slot->shape.empty()) return;
-    std::size_t size = 1;
-    for (const int n : slot->shape) size *= static_cast<std::size_t>(n);
-    if (value->size() != size) throw nb::value_error(("the hold value of " + name + " does not fit its plan").c_str());
-    slot->hold.assign(value->data(), value->data() + size);
+    if (!value || !slot->target || slot->size() == 0) return;
+    if (value->size() != std::size_t(slot->size())) throw nb::value_error(("the hold value of " + name + " does not fit its plan").c_str());
+    slot->hold.assign(value->data(), value->data() + slot->size());
   }
   // The operation that tells what an element of that name is at.
   void measured(const std::string& name, int operation) {

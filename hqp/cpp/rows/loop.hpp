@@ -80,7 +80,7 @@ class Loop {
 
   // Hold values everywhere but for the references given; false for one that is out of the ordinary.
   bool take(const nb::tuple& references, bool fresh) {
-    settle(fresh);
+    settle(slots_, fresh);
     for (const nb::handle reference : references)
       if (!take(reference)) return false;
     return true;
@@ -88,14 +88,13 @@ class Loop {
   // The same of targets alone, by name; an element that has more to say to its target than what it has to be is out of
   // the ordinary, too.
   bool aim(const nb::dict& targets, bool fresh) {
-    settle(fresh);
+    settle(slots_, fresh);
     PyObject *name = nullptr, *value = nullptr;
     for (Py_ssize_t at = 0; PyDict_Next(targets.ptr(), &at, &name, &value);) {
       PyObject* found = PyDict_GetItem(index_.ptr(), name);
       if (!found) return false;
-      const std::size_t k = PyLong_AsSize_t(found);
-      Slot& slot = slots_[k];
-      taken_.push_back(k);
+      Slot& slot = slots_[PyLong_AsSize_t(found)];
+      slot.moved = true;
       const bool taken = slot.plain != Plain::kNo && value != Py_None &&
                          copy(value, slot.target, slot.shape.data(), static_cast<int>(slot.shape.size()));
       if (!taken || !slot.is_finite() || !slot.is_rotation()) return false;
@@ -104,12 +103,6 @@ class Loop {
   }
 
  private:
-  void settle(bool fresh) {
-    for (std::size_t k = 0; fresh && k < slots_.size(); ++k) slots_[k].settle();
-    for (std::size_t k : taken_)
-      if (!fresh) slots_[k].settle();
-    taken_.clear();
-  }
   bool take(nb::handle reference) {
     if (reinterpret_cast<PyObject*>(Py_TYPE(reference.ptr())) != reference_.ptr()) return false;
     const nb::object given = nb::steal(PyObject_GenericGetDict(reference.ptr(), nullptr));  // the rest is None
@@ -117,9 +110,8 @@ class Loop {
     const nb::handle name = field(given, fields_.name);
     PyObject* found = name.is_valid() ? PyDict_GetItem(index_.ptr(), name.ptr()) : nullptr;
     if (!found) return false;
-    const std::size_t k = PyLong_AsSize_t(found);
-    Slot& slot = slots_[k];
-    taken_.push_back(k);
+    Slot& slot = slots_[PyLong_AsSize_t(found)];
+    slot.moved = true;
     const int three[] = {3};
     const int dimensions = static_cast<int>(slot.shape.size());
     return (slot.elsewhere || copy(field(given, fields_.value), slot.target, slot.shape.data(), dimensions)) &&
@@ -144,7 +136,6 @@ class Loop {
   ReferenceFields fields_;
   nb::dict index_;
   std::vector<Slot> slots_;
-  std::vector<std::size_t> taken_;
 };
 
 using Clock = std::chrono::steady_clock;

@@ -28,9 +28,10 @@ struct Slot {
     if (normal) normal[0] = normal[1] = 0.0, normal[2] = 1.0;
     std::fill(rate, rate + rows, 0.0);
     std::fill(feedforward, feedforward + rows, 0.0);
+    moved = false;
   }
-  int size() const {  // of the target
-    int n = target ? 1 : 0;
+  int size() const {  // numbers of a value, none where the element takes none
+    int n = shape.empty() ? 0 : 1;
     for (const int each : shape) n *= each;
     return n;
   }
@@ -42,5 +43,11 @@ struct Slot {
     return (plain != Plain::kRotation || rotation(target, 3)) && (plain != Plain::kPose || pose(target));
   }
 };
+
+// Hold values in place of the references that were given, or everywhere.
+inline void settle(std::vector<Slot>& slots, bool everywhere) {
+  for (Slot& slot : slots)
+    if (everywhere || slot.moved) slot.settle();
+}
 
 }  // namespace hqp

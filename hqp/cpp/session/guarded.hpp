@@ -78,14 +78,10 @@ class Guarded {
     over_.reserve(v_.size());
     rest_ = made_rest();
     if (rest_->size() != x_.size()) throw PlanError("the plan comes to rest by other numbers than it is solved for");
-    const std::vector<Slot>& slots = line_.slots();
-    for (std::size_t k = 0; k < slots.size(); ++k) {
-      std::size_t size = 1;
-      for (const int n : slots[k].shape) size *= static_cast<std::size_t>(n);
-      given_[k].value.resize(slots[k].shape.empty() ? 0 : size);
-      given_[k].velocity.resize(std::size_t(slots[k].rows));
-      given_[k].acceleration.resize(std::size_t(slots[k].rows));
-      line_.slots()[k].hold.assign(given_[k].value.size(), 0.0);
+    for (std::size_t k = 0; k < given_.size(); ++k) {
+      Slot& slot = line_.slots()[k];
+      given_[k].value.resize(slot.size()), slot.hold.resize(slot.size());
+      given_[k].velocity.resize(slot.rows), given_[k].acceleration.resize(slot.rows);
     }
     tick_.command_.resize(picks_.size());
     tick_.x_.resize(x_.size());
@@ -142,7 +138,7 @@ class Guarded {
       Slot& slot = line_.slots()[k];
       state.take(given_[k].held);
       state.take(slot.hold.data(), slot.hold.size());
-      if (!state.writes()) slot.settle(), slot.moved = false;
+      if (!state.writes()) slot.settle();
     }
     line_.assembly().keep(state);
     line_.solver().keep(state);
@@ -295,21 +291,19 @@ class Guarded {
     line_.assembly().look(v_.data());
     for (std::size_t k = 0; k < given_.size(); ++k)
       if (!given_[k].held) line_.hold(k, q_.data(), v_.data());
-    for (std::size_t k = 0; k < given_.size(); ++k) line_.slots()[k].settle();
+    settle(line_.slots(), true);
     holds_known_ = true;
   }
 
   void take_references() {
     const std::vector<Member>& members = line_.members();
+    settle(line_.slots(), false);
     for (std::size_t m = 0; m < members.size(); ++m) {
       left_out_[m] = false;
       if (members[m].slot < 0) continue;
       Slot& slot = line_.slots()[std::size_t(members[m].slot)];
       Given& given = given_[std::size_t(members[m].slot)];
       if (out_[m]) given.clear();
-      if (!given.any && !slot.moved) continue;
-      slot.settle();
-      slot.moved = given.any;
       if (!given.any) continue;
       put(slot, given);
       const bool finite = slot.is_finite();
@@ -328,6 +322,7 @@ class Guarded {
     if (given.has_velocity) std::copy(given.velocity.begin(), given.velocity.end(), slot.rate);
     if (given.has_acceleration) std::copy(given.acceleration.begin(), given.acceleration.end(), slot.feedforward);
     if (given.has_normal && slot.normal) std::copy(given.normal, given.normal + 3, slot.normal);
+    slot.moved = true;
   }
 
   void leave_out_unusable() {

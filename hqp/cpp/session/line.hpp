@@ -68,7 +68,7 @@ class Line {
       torque_ = std::make_unique<TorqueParts>(root_.part("motion").part("torque"), nv_, solve_.call(), assembly_);
     if (torque_ ? order() != 2 || !root_.part("motion").has("dynamics") : order() != 1 && order() != 2)
       throw PlanError("the plan is of an unknown order");
-    for (const Slot& slot : slots_) declared_.emplace_back(numbers_of(slot));
+    for (const Slot& slot : slots_) declared_.emplace_back(slot.size());
     for (const Node& one : root_.parts("elements")) members_.push_back(member(one)), bind_free(members_.back());
     find_supports();
     still_.resize(std::size_t(nv_));
@@ -297,11 +297,6 @@ class Line {
   int variables(const Node& motion) const {
     return motion.has("torque") ? static_cast<int>(motion.part("torque").ints("actuated").size()) : nv_;
   }
-  static std::size_t numbers_of(const Slot& slot) {  // of a target
-    std::size_t size = slot.shape.empty() ? 0 : 1;
-    for (const int n : slot.shape) size *= std::size_t(n);
-    return size;
-  }
   double* twists(const Node& p) const { return p.doubles("twists", 6 * static_cast<std::size_t>(nv_)); }
   void fill(const Node& p) {
     if (p.has("dynamics")) add_dynamics(assembly_, p.part("dynamics"));
@@ -318,7 +313,7 @@ class Line {
     for (const Node& one : p.parts("slots")) {
       slots_.push_back(slot(one));
       slot_names_.push_back(one.text("name"));
-      if (!slots_.back().target && numbers_of(slots_.back()) > 0)
+      if (!slots_.back().target && slots_.back().size() > 0)
         throw PlanError("a reference of the plan goes nowhere");
     }
     if (p.has("slowing")) {
