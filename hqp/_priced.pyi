@@ -1,3 +1,4 @@
+from collections.abc import Sequence
 from typing import Any
 
 from hqp.arrays import Mat, Signs, Vec
@@ -53,4 +54,4 @@ class Stages:
         the answer depends on such, whether that or an end is in doubt."""
 
     def reset(self) -> None: ...
-    def turn(self, set: int) -> None: ...
+    def turn(self, out: Sequence[bool]) -> None: ...

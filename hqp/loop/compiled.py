@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
 from hqp.declare.element import Element
@@ -18,7 +18,7 @@ from hqp.loop.transition.waypoints import Waypoint, path
 from hqp.programs.direct import Direct
 from hqp.programs.formulation import Program
 from hqp.programs.rest import Rest
-from hqp.solvers.base import Solver, Workspace, turn
+from hqp.solvers.base import Solver, Workspace
 
 if TYPE_CHECKING:
     from hqp.loop.controller import Controller
@@ -48,14 +48,6 @@ class Compiled:
     watched: Watched
     laws: PhaseLaws
     loop: Direct | None = None
-    sets: dict[frozenset[str], int] = field(default_factory=dict)
-    """Numbers of the sets of elements that were out."""
-
-    def turn(self, out: frozenset[str]) -> None:
-        """The next ticks are without these elements: the solver goes on where it ended when it was last so."""
-        if out not in self.sets:
-            self.sets[out] = len(self.sets)
-        turn(self.workspace, self.sets[out])
 
     def direct(self) -> Direct | None:
         """The loop of ordinary ticks, made once; None where there is none now."""

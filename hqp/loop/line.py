@@ -29,6 +29,7 @@ from hqp.loop.transition.changing import blended
 from hqp.loop.turn import Turn, alone
 from hqp.problem import Hierarchy
 from hqp.programs.envelope import native
+from hqp.solvers.base import turn
 
 if TYPE_CHECKING:
     from hqp._session import Budget, ContactWatch, RateLimiter, Trend
@@ -182,7 +183,7 @@ class Line:
         """
         back = self.presence.back(out)
         self.presence.now = out
-        self.compiled.turn(out)
+        turn(self.workspace, self.presence.marks(out))  # the solver goes on where it ended when it was last so
         self.contacts.judge(out)
         others = () if direct is None else direct.others(back)
         if direct is None or self.references.without or (others and not self.renewed(others, state)):

@@ -48,6 +48,10 @@ class Presence:
         """The element of that name."""
         return self._members[name]
 
+    def marks(self, out: frozenset[str]) -> tuple[bool, ...]:
+        """Of each element whether it is one of these."""
+        return tuple([name in out for name in self._members])
+
     def back(self, out: frozenset[str]) -> tuple[str, ...]:
         """Elements with a hold value that come back where these are out now."""
         if (key := (self.now, out)) not in self._back:

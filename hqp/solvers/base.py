@@ -31,10 +31,10 @@ class Workspace(Protocol):
         ...
 
 
-def turn(workspace: object, rows: int) -> None:
-    """Go over to a set of rows, by number, where the workspace keeps what each ended with."""
+def turn(workspace: object, out: Sequence[bool]) -> None:
+    """Go on without the rows of these of all elements, where the workspace keeps what each such set ended with."""
     if turned := getattr(workspace, "turn", None):
-        turned(rows)
+        turned(out)
 
 
 class OneThread:

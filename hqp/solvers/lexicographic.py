@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -149,9 +149,9 @@ class NativeWorkspace:
         """Forget the warm start."""
         self._kernel.reset()
 
-    def turn(self, rows: int) -> None:
-        """The next solves are of this set of the rows, by number: each goes on where its own last solve ended."""
-        self._kernel.turn(rows)
+    def turn(self, out: Sequence[bool]) -> None:
+        """The next solves are without the rows of these elements: each such set goes on where its last solve ended."""
+        self._kernel.turn(out)
 
     def tell(self) -> Vec | None:
         """Multipliers of the latest answer, level by level as Solution.multipliers, live; None where not at hand."""

@@ -73,7 +73,7 @@ class StagedWorkspace:
         self._heads = dict[int, tuple[Workspace, Kernel | None]]()
         self._seconds = self._began = 0.0
         self._law: dict[str, Any] = {}
-        self._sets: dict[int, None] = {}
+        self._sets: dict[Sequence[bool], None] = {}
 
     def reset(self) -> None:
         """Forget the warm starts."""
@@ -83,12 +83,12 @@ class StagedWorkspace:
             workspace.reset()
         self._native.reset()
 
-    def turn(self, rows: int) -> None:
-        """The next solves are of this set of the rows, by number: each goes on where its own last solve ended."""
-        self._sets.pop(rows, None)
-        self._sets[rows] = None  # the latest last
+    def turn(self, out: Sequence[bool]) -> None:
+        """The next solves are without the rows of these elements: each such set goes on where its last solve ended."""
+        self._sets.pop(out, None)
+        self._sets[out] = None  # the latest last
         for part in (self._exact, self._native, *(workspace for workspace, _ in self._heads.values())):
-            turn(part, rows)
+            turn(part, out)
 
     def limit(self, seconds: float) -> None:
         """Time for the next solves [s], as the solver's own workspace takes it."""
@@ -218,8 +218,8 @@ class StagedWorkspace:
         above = self._above_level(head)
         workspace = self._make(above.shape)
         _limit(workspace, self._seconds)
-        for rows in self._sets:  # it has nothing to go on from in any of them
-            turn(workspace, rows)
+        for out in self._sets:  # it has nothing to go on from in any of them
+            turn(workspace, out)
         kernel: Kernel | None = getattr(workspace, "kernel", lambda _: None)(above)
         self._heads[head] = workspace, kernel
         if kernel is not None:

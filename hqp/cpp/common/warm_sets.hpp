@@ -10,25 +10,28 @@ namespace hqp {
 
 class WarmSets {
  public:
-  static constexpr std::size_t kMost = 32;  // sets that are kept; others go on where the one before them ended
+  using Out = std::vector<bool>;  // of each element, whether its rows are none of the set
 
-  // The solver goes on with set `to`: where that ended, or the latest one if it is new.
+  // The solver goes on with that set: where that ended, or the latest one if it is new.
   template <class Solver>
-  void turn(Solver& solver, std::size_t to) {
+  void turn(Solver& solver, const Out& out) {
+    std::size_t to = 0;
+    while (to < known_ && sets_[to] != out) ++to;
+    if (to == known_ && to < kMost) sets_[known_++] = out;
     if (to == now_) return;
     if (now_ < kMost) {
-      CarryOver out = CarryOver::to(states_[now_]);
-      solver.keep(out);
+      CarryOver last = CarryOver::to(states_[now_]);
+      solver.keep(last);
     }
     now_ = to;
-    if (to >= kMost) return;
-    if (states_[to].empty()) return;
+    if (to >= kMost || states_[to].empty()) return;
     CarryOver in = CarryOver::from(states_[to]);
     solver.keep(in);
   }
-  // Takes the memory of all sets that are kept; the solver is new.
+  // Takes the memory of all sets of so many elements that are kept; the solver is new.
   template <class Solver>
-  void make_room(Solver& solver) {
+  void make_room(Solver& solver, std::size_t elements) {
+    sets_.assign(kMost, Out(elements));
     for (WarmState& state : states_) {
       CarryOver room = CarryOver::room(state);
       solver.keep(room);
@@ -36,14 +39,16 @@ class WarmSets {
   }
   void forget() {
     for (WarmState& state : states_) state.clear();
-    now_ = kNone;
+    now_ = kNone, known_ = 0;
   }
 
  private:
+  static constexpr std::size_t kMost = 32;  // sets that are kept; others go on where the one before them ended
   static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
 
   std::vector<WarmState> states_ = std::vector<WarmState>(kMost);
-  std::size_t now_ = kNone;
+  std::vector<Out> sets_ = std::vector<Out>(kMost);  // in the order of their first solves
+  std::size_t now_ = kNone, known_ = 0;
 };
 
 }  // namespace hqp

@@ -207,7 +207,7 @@ class Stages final : public hqp::SolveCall {
     return {latest.iterations(), latest.ended(), latest.uncertain(), latest.undecided(), latest.doubtful()};
   }
   void reset() { core_.reset(); }
-  void turn(std::size_t set) { core_.turn(set); }
+  void turn(const std::vector<bool>& out) { core_.turn(out); }
 
  private:
   static std::unique_ptr<hqp::PricedStages> made(int n, const std::vector<int>& rows, const std::vector<int>& priced,
@@ -258,5 +258,5 @@ NB_MODULE(_priced, m) {
       .def("describe", &Stages::describe, "x"_a, "constraints"_a, "activity"_a, "violation"_a, "slack"_a, "marks"_a)
       .def("effort", &Stages::effort)
       .def("reset", &Stages::reset)
-      .def("turn", &Stages::turn, "set"_a);
+      .def("turn", &Stages::turn, "out"_a);
 }

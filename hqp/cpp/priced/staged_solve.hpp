@@ -98,9 +98,9 @@ class StagedSolve final : public SolveCall {
     warm.take(head_);
     stages_->keep(warm);
   }
-  // The next solves are of this set of the rows, see WarmSets.
-  void turn(std::size_t set) { sets_.turn(*this, set); }
-  void make_room() { sets_.make_room(*this); }  // for all of these
+  // The next solves are without the rows of these elements, see WarmSets.
+  void turn(const WarmSets::Out& out) { sets_.turn(*this, out); }
+  void make_room(std::size_t elements) { sets_.make_room(*this, elements); }  // for all of these
   void reset() {
     stages_->reset();
     sets_.forget();

@@ -69,7 +69,8 @@ class Assembly {
     if (!slot) throw nb::key_error(name.c_str());
     slot->hold.clear();
     if (!value || !slot->target || slot->size() == 0) return;
-    if (value->size() != std::size_t(slot->size())) throw nb::value_error(("the hold value of " + name + " does not fit its plan").c_str());
+    if (value->size() != std::size_t(slot->size()))
+      throw nb::value_error(("the hold value of " + name + " does not fit its plan").c_str());
     slot->hold.assign(value->data(), value->data() + slot->size());
   }
   // The operation that tells what an element of that name is at.

@@ -67,8 +67,7 @@ class Guarded {
         late_(line_.late(violation_)),
         presence_(line_.root(), line_.members()),
         laws_(line_, presence_.names().size()),
-        out_(line_.members().size(), false),
-        seen_(WarmSets::kMost, out_) {
+        out_(line_.members().size(), false) {
     if (joint_names_.size() != picks_.size()) throw PlanError("the command of the plan is of other joints");
     if (sentences_.size() != std::size_t(Status::kInvalidState) + 1) throw PlanError("the plan has no sentences");
     if (guards_.has("rates"))
@@ -90,7 +89,7 @@ class Guarded {
     tick_.notes_.resize(Tick::kNotes + 2 * limits_.size());
     CarryOver state = CarryOver::to_first(initial_);
     keep(state);
-    line_.solver().make_room();
+    line_.solver().make_room(out_.size());
   }
 
   // time: null where the state does not tell.
@@ -109,7 +108,7 @@ class Guarded {
     }
     if (fresh_ && budget_.limited()) budget_.begin(thread_time());
     else budget_.skip();
-    laws_.obey(presence_.phase(), known_sets_ > 0 ? &out_ : nullptr);
+    laws_.obey(presence_.phase(), attended_ ? &out_ : nullptr);
     attend(presence_.take());
     if (!holds_known_) take_holds();
     take_references();
@@ -187,7 +186,7 @@ class Guarded {
 
   // As just made.
   void reset() {
-    line_.solver().reset(), known_sets_ = 0;
+    line_.solver().reset(), attended_ = false;
     CarryOver state = CarryOver::from_first(initial_);
     keep(state);
     for (Given& given : given_) given.clear();
@@ -267,12 +266,10 @@ class Guarded {
 
   // These elements are out of this tick, and all others in: those that come back hold what they are at.
   void attend(const Presence::Out& out) {
-    if (out == out_ && known_sets_ > 0) return;
+    if (out == out_ && attended_) return;
+    attended_ = true;
     line_.go_without(out);
-    std::size_t set = 0;
-    while (set < known_sets_ && seen_[set] != out) ++set;
-    line_.solver().turn(set);
-    if (set == known_sets_ && set < WarmSets::kMost) seen_[known_sets_++] = out;
+    line_.solver().turn(out);
     bool placed = !holds_known_;
     for (std::size_t m = 0; m < out.size(); ++m) {
       const int slot = line_.members()[m].slot;
@@ -482,9 +479,7 @@ class Guarded {
   Presence presence_;
   PhaseLaws laws_;
   Presence::Out out_;
-  std::vector<Presence::Out> seen_;  // as out_, in the order of their first ticks, as many as are known
-  std::size_t known_sets_ = 0;
-  bool good_ = false, holds_known_ = false, fresh_ = true;
+  bool good_ = false, holds_known_ = false, fresh_ = true, attended_ = false;
   Clock::time_point begin_;
   Tick tick_;
 };

@@ -313,8 +313,7 @@ class Line {
     for (const Node& one : p.parts("slots")) {
       slots_.push_back(slot(one));
       slot_names_.push_back(one.text("name"));
-      if (!slots_.back().target && slots_.back().size() > 0)
-        throw PlanError("a reference of the plan goes nowhere");
+      if (!slots_.back().target && slots_.back().size() > 0) throw PlanError("a reference of the plan goes nowhere");
     }
     if (p.has("slowing")) {
       slowing_ = p.part("slowing").doubles("scale", nv_);

@@ -79,16 +79,16 @@ class PlannedSolve {
     for (const auto& one : heads_) one->keep(warm);
     if (staged_) staged_->keep(warm);
   }
-  // The next solves are of this set of the rows.
-  void turn(std::size_t set) {
-    exact_->turn(set);
-    for (const auto& one : heads_) one->turn(set);
-    if (staged_) staged_->turn(set);
+  // The next solves are without the rows of these elements.
+  void turn(const WarmSets::Out& out) {
+    exact_->turn(out);
+    for (const auto& one : heads_) one->turn(out);
+    if (staged_) staged_->turn(out);
   }
-  void make_room() {  // for all of these
-    exact_->make_room();
-    for (const auto& one : heads_) one->make_room();
-    if (staged_) staged_->make_room();
+  void make_room(std::size_t elements) {  // for all sets of these
+    exact_->make_room(elements);
+    for (const auto& one : heads_) one->make_room(elements);
+    if (staged_) staged_->make_room(elements);
   }
   void reset() {
     exact_->reset(false);

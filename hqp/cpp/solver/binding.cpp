@@ -9,6 +9,7 @@
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/vector.h>
 
 #include "../common/capsule.hpp"
 #include "../common/isa.hpp"
@@ -137,9 +138,9 @@ class Workspace final : public hqp::SolveCall {
     const Lock lock(busy_);
     kernel_.reset(plain);
   }
-  void turn(std::size_t set) {
+  void turn(const std::vector<bool>& out) {
     const Lock lock(busy_);
-    kernel_.turn(set);
+    kernel_.turn(out);
   }
 
   int traverse(visitproc visit, void* arg) {
@@ -284,7 +285,7 @@ NB_MODULE(_lexicographic, m) {
       .def("solution", &Workspace::solution, "hierarchy"_a.none(), "build_seconds"_a, "numbers"_a, "multipliers"_a)
       .def("tell", &Workspace::tell)
       .def("reset", &Workspace::reset, "plain"_a = false)
-      .def("turn", &Workspace::turn, "set"_a)
+      .def("turn", &Workspace::turn, "out"_a)
       .def("values", &Workspace::values)
       .def("numbers", &Workspace::numbers)
       .def("active", &Workspace::active)

@@ -57,9 +57,9 @@ class BoundKernel final : public SolveCall {
     sets_.forget();
   }
   void keep(CarryOver& warm) { kernel_->keep(warm); }
-  // The next solves are of this set of the rows, see WarmSets.
-  void turn(std::size_t set) { sets_.turn(*kernel_, set); }
-  void make_room() { sets_.make_room(*kernel_); }  // for all of these
+  // The next solves are without the rows of these elements, see WarmSets.
+  void turn(const WarmSets::Out& out) { sets_.turn(*kernel_, out); }
+  void make_room(std::size_t elements) { sets_.make_room(*kernel_, elements); }  // for all of these
 
   int size() const { return n_; }
   int total() const { return total_; }
