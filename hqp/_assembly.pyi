@@ -95,6 +95,12 @@ class Assembly:
         Those that are not measured keep theirs.
         """
 
+    def overrun(self, name: str, q: Vec, v: Vec) -> list[float]:
+        """How far beyond its limit each row of an element comes to rest, braking at its window [rad or m], 0 for none.
+
+        v: velocity around which the window stands.  Nothing for other elements than native limits of joints.
+        """
+
     def look(self, q: Vec, v: Vec) -> None:
         """Take those hold values now."""
 

@@ -42,7 +42,7 @@ class JointLimits(Inequality):
     d < 0, it comes back at least at min(return_velocity, v_max, f(-d)), bounded and at rest on the limit.  With a,
     the acceleration window, the box is then clipped into [v - a dt, v + a dt]; where the two do not meet it is the
     end of the window nearest to it, so that the box is never empty; a note names a joint that will pass its position
-    limit by that, and by how much (``overrun``).  v is the velocity of the state; at velocity level it is the command
+    limit by that, and by how much.  v is the velocity of the state; at velocity level it is the command
     that the session sent last, for a measured one lags behind.  Where x is an acceleration the bounds
     are those of u = v + dt x, and top speed, braking curve and return are neared at the rate k, so that they set in
     gradually:
@@ -140,22 +140,6 @@ class JointLimits(Inequality):
             lower = np.minimum(lower, np.maximum(lowest, upper))
         upper, lower = np.clip(upper, v - a * dt, v + a * dt), np.clip(lower, v - a * dt, v + a * dt)
         return (lower, upper) if order == 1 else ((lower - v) / dt, (upper - v) / dt)
-
-    def overrun(self, state: State, v: Vec, dt: float) -> Vec:
-        """How far beyond its position limit each joint comes to rest, braking at a: ``(k,)`` [rad or m], 0 for none.
-
-            max(0, dt (n |v| - a dt n (n + 1) / 2) - d),    n = floor(|v| / (a dt)),
-
-        d being the way left to the limit ahead: the way of the velocities |v| - a dt, |v| - 2 a dt, ...
-        v: velocity around which the window stands ``(nv,)``, that of the state or the command sent last.
-        """
-        v = v[self.selection(state.robot)]
-        (down, up), (a, _) = self.bounds(state), self.rates(state.robot)
-        reach = a * dt
-        steps = np.floor(np.abs(v) / reach)
-        with np.errstate(invalid="ignore"):  # no window: it stops at once
-            way = np.where(steps > 0.0, dt * steps * (np.abs(v) - reach * (steps + 1.0) / 2.0), 0.0)
-        return np.where(way > 0.0, np.maximum(way - np.where(v > 0.0, up, -down), 0.0), 0.0)
 
     def bound_kinds(self, state: State, v: Vec, dt: float) -> tuple[tuple[str, str], ...]:
         """Of each joint (lower, upper): ``acceleration`` at an end of the window, ``speed``, ``""`` for position."""

@@ -242,17 +242,10 @@ class Inequality(Constraint):
         """
         raise NotImplementedError
 
-    def overrun(self, state: State, v: Vec, dt: float) -> Vec:
-        """How far beyond its limit each row comes to rest at best ``(m,)`` [rad or m], 0 where it keeps to it.
-
-        v: what the joints move at now ``(nv,)``.  Asked of rows that pick a joint each, for notes.
-        """
-        raise NotImplementedError
-
     def bound_kinds(self, state: State, v: Vec, dt: float) -> Sequence[tuple[str, str]]:
         """What each row's (lower, upper) bound stands for, for explanations; ``""`` for what its name tells.
 
-        v: as of ``overrun``.
+        v: what the joints move at now ``(nv,)``.
         """
         raise NotImplementedError
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hqp.arrays import Mask, Vec
-from hqp.declare.element import Element, Inequality, has
+from hqp.declare.element import Element
 from hqp.declare.robot import Robot, State
 from hqp.explanation.notes import Note
 from hqp.problem import Status
@@ -39,22 +39,21 @@ class Watched:
                 self.elements.append(element)
                 self.parts.append((start + place.part.start, start + place.part.stop))
                 self.names += rows
-        self._robot = robot
+        self._robot, self._assembly = robot, program.assembly
 
     def watch(self, dt: float) -> LimitWatch:
         """What counts how often they alternate."""
         found: LimitWatch = native.LimitWatch(self.parts, self.names, dt)
         return found
 
-    def overrun_notes(self, state: State, v: Vec, dt: float) -> tuple[Note, ...]:
+    def overrun_notes(self, state: State, v: Vec) -> tuple[Note, ...]:
         """Notes on joints that will pass a position limit; v: the velocity around which the window stands."""
         found: list[Note] = []
         passed = native.LimitWatch.passed
         for element in self.elements:
-            if isinstance(element, Inequality) and has(element, "overrun"):
-                over = element.overrun(state, v, dt).tolist()
-                rows = zip(element.row_names(self._robot), map(passed, over, self.units(element)), strict=True)
-                found += [Note(name, Status.OPTIMAL, why) for name, why in rows if why]
+            over = self._assembly.overrun(element.name, state.q, v)
+            rows = zip(element.row_names(self._robot), map(passed, over, self.units(element)), strict=False)
+            found += [Note(name, Status.OPTIMAL, why) for name, why in rows if why]
         return tuple(found)
 
     def units(self, element: Element) -> list[str]:

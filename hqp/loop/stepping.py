@@ -202,7 +202,7 @@ def remark(
 
     def told() -> tuple[Note, ...]:
         state = tick.state
-        overrun = line.compiled.watched.overrun_notes(state, tick.before if around else state.v, line.dt)
+        overrun = line.compiled.watched.overrun_notes(state, tick.before if around else state.v)
         alternating = [Note(name, Status.OPTIMAL, why) for name, why in restless]
         return (*made(held_back or ()), *alternating, *overrun)
 

@@ -250,6 +250,10 @@ class Assembly:
         if self.native_rows is not None:
             self.native_rows.go_on()
 
+    def overrun(self, name: str, q: Vec, v: Vec) -> list[float]:
+        """How far beyond its limit each row of native limits of joints comes to rest [rad or m], 0 for none."""
+        return [] if self.native_rows is None else self.native_rows.overrun(name, q, v)
+
     def require_law(self, name: str, law: Law) -> None:
         """Raise DeclarationError for an element that has no law, or none that may become this one."""
         member = self.members.get(name)

@@ -95,9 +95,8 @@ def test_without_a_window_a_joint_stops_at_once() -> None:
     robot, joint = hqp.robots.load("ur5"), 2
     q, v = robot.home.copy(), np.zeros(robot.nv)
     q[joint], v[joint] = robot.upper[joint] - 0.03, 2.5
-    limits = JointLimits(acceleration=None)
-    assert not limits.overrun(robot.state(q), v, DT).any()
-    assert np.flatnonzero(JointLimits().overrun(robot.state(q), v, DT)).tolist() == [joint]
+    assert not any(told(tick) for tick in driven(robot, "velocity", True, q, v, 5, acceleration=None)[0])
+    assert list(told(driven(robot, "velocity", True, q, v, 5)[0][0])) == [robot.joint_names[joint]]
 
 
 def test_the_note_is_back_after_a_tick_on_the_general_path() -> None:

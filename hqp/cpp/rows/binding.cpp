@@ -72,6 +72,7 @@ NB_MODULE(_assembly, module) {
       .def("hold", &Assembly::hold, "name"_a, "value"_a.none())
       .def("measured", &Assembly::measured, "name"_a, "operation"_a)
       .def("renew", &Assembly::renew, "names"_a)
+      .def("overrun", &Assembly::overrun, "name"_a, "q"_a, "v"_a)
       .def("look", &Assembly::look, "q"_a, "v"_a)
       .def("held", &Assembly::held, "name"_a, "value"_a.noconvert())
       .def("answers", &Assembly::answers, "solve"_a, "call"_a.none(), "values"_a.noconvert(), "active"_a.noconvert(),

@@ -141,7 +141,9 @@ class JointBox final : public Operation {  // one consistent box for the next st
       for (double* side : {out_.lower, out_.upper}) side[i] = out_.weight * (side[i] - braking[column]);
     }
   }
-  void overrun(const double* q, const double* v, std::vector<double>& over) override {  // see JointLimits
+  // Of each joint max(0, dt (n |v| - a dt n (n + 1) / 2) - d),  n = floor(|v| / (a dt)), d being the way left to the
+  // limit ahead: the way of the velocities |v| - a dt, |v| - 2 a dt, ... Without a window it stops at once.
+  void overrun(const double* q, const double* v, std::vector<double>& over) override {
     const Limits& l = limits_;
     for (std::size_t i = 0; i < joints_.size(); ++i) {
       const double at = joints_.angle(i, q), rate = v[joints_.columns[i]], speed = std::fabs(rate);

@@ -87,6 +87,12 @@ class Assembly {
       if (found != operations_.end()) renewed_.emplace_back(loop_.find(name), found->second);
     }
   }
+  Numbers overrun(const std::string& name, const Vector& q, const Vector& v) {
+    Numbers over;
+    const auto found = operations_.find(name);
+    if (found != operations_.end()) rows_.overrun(std::size_t(found->second), q.data(), v.data(), over);
+    return over;
+  }
   // The same now, where no step follows.
   void look(const Vector& q, const Vector& v) {
     if (kinematics_) kinematics_->update(q.data());
