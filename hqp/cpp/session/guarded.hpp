@@ -79,8 +79,9 @@ class Guarded {
     if (rest_->size() != x_.size()) throw PlanError("the plan comes to rest by other numbers than it is solved for");
     for (std::size_t k = 0; k < given_.size(); ++k) {
       Slot& slot = line_.slots()[k];
-      given_[k].value.resize(slot.size()), slot.hold.resize(slot.size());
-      given_[k].velocity.resize(slot.rows), given_[k].acceleration.resize(slot.rows);
+      const int sizes[] = {slot.size(), slot.rows, slot.rows, 3};
+      for (int what = 0; what < 4; ++what) given_[k].numbers[what].resize(std::size_t(sizes[what]));
+      slot.hold.resize(std::size_t(slot.size()));
     }
     tick_.command_.resize(picks_.size());
     tick_.x_.resize(x_.size());
@@ -102,7 +103,7 @@ class Guarded {
     std::copy(v, v + v_.size(), v_.begin());
     Note why;
     if (!guard_.check(q_.data(), v_.data(), time, now, why)) {
-      for (Given& given : given_) given.clear();
+      for (Given& given : given_) given.told = 0;
       presence_.forget();
       return held(why, false);
     }
@@ -174,7 +175,7 @@ class Guarded {
   // How many numbers an element is told as what, see set().
   std::size_t width(std::size_t member, int what) const {
     const Given& given = given_[std::size_t(line_.members()[member].slot)];
-    return what == 0 ? given.value.size() : what == 3 ? 3 : what == 4 ? 1 : given.velocity.size();
+    return what < 4 ? given.numbers[what].size() : 1;
   }
 
   // Every answer is finished from now on, however long it takes, and states may be of any age.
@@ -189,7 +190,7 @@ class Guarded {
     line_.solver().reset(), attended_ = false;
     CarryOver state = CarryOver::from_first(initial_);
     keep(state);
-    for (Given& given : given_) given.clear();
+    for (Given& given : given_) given.told = 0;
     fresh_ = true;
     presence_.forget(), presence_.phase(0);
     laws_.reset();
@@ -205,14 +206,11 @@ class Guarded {
  private:
   using Clock = std::chrono::steady_clock;
 
-  // What the next step is told of one element.
+  // What the next step is told of one element: of value, velocity, acceleration and normal those whose bit is set.
   struct Given {
-    std::vector<double> value, velocity, acceleration;
-    double normal[3] = {0.0, 0.0, 1.0};
-    bool has_value = false, has_velocity = false, has_acceleration = false, has_normal = false;
-    bool any = false;   // anything of these
+    std::vector<double> numbers[4];
+    unsigned told = 0;
     bool held = false;  // whether its hold value was told
-    void clear() { has_value = has_velocity = has_acceleration = has_normal = any = false; }
   };
 
   static std::vector<std::string> names_of(const std::vector<Member>& members) {
@@ -300,25 +298,23 @@ class Guarded {
       if (members[m].slot < 0) continue;
       Slot& slot = line_.slots()[std::size_t(members[m].slot)];
       Given& given = given_[std::size_t(members[m].slot)];
-      if (out_[m]) given.clear();
-      if (!given.any) continue;
-      put(slot, given);
+      const unsigned told = std::exchange(given.told, 0);
+      if (out_[m] || !told) continue;
+      put(slot, given.numbers, told);
       const bool finite = slot.is_finite();
-      if (!finite || (given.has_value && !slot.is_rotation())) {
+      if (!finite || (told & 1 && !slot.is_rotation())) {
         slot.settle();
         left_out_[m] = !members[m].hard;
         Note why{members[m].name.c_str(), Status::kInvalidReference, finite ? Cause::kRotation : Cause::kReference};
         why.left_out = left_out_[m];
         note(why);
       }
-      given.clear();
     }
   }
-  static void put(Slot& slot, const Given& given) {
-    if (given.has_value) std::copy(given.value.begin(), given.value.end(), slot.target);
-    if (given.has_velocity) std::copy(given.velocity.begin(), given.velocity.end(), slot.rate);
-    if (given.has_acceleration) std::copy(given.acceleration.begin(), given.acceleration.end(), slot.feedforward);
-    if (given.has_normal && slot.normal) std::copy(given.normal, given.normal + 3, slot.normal);
+  static void put(Slot& slot, const std::vector<double>* numbers, unsigned told) {
+    double* const to[] = {slot.target, slot.rate, slot.feedforward, slot.normal};
+    for (int what = 0; what < 4; ++what)
+      if (told >> what & 1 && to[what]) std::copy(numbers[what].begin(), numbers[what].end(), to[what]);
     slot.moved = true;
   }
 
@@ -485,42 +481,26 @@ class Guarded {
 };
 
 inline void Guarded::set(std::size_t member, int what, const double* values, std::size_t size) {
+  static const char* const names[] = {"value", "velocity", "acceleration", "normal"};
   const Member& told = line_.members()[member];
-  const std::size_t k = std::size_t(told.slot);
-  Given& given = given_[k];
-  const auto put = [&](std::vector<double>& to, const char* name) {
+  Given& given = given_[std::size_t(told.slot)];
+  Slot& slot = line_.slots()[std::size_t(told.slot)];
+  if (what == Reference::kLoad) {
+    if (!told.contact) throw ReferenceError(told.name + " is no contact, a load was given for it");
+    contacts_.measure(member, values[0]);
+  } else if (what == Reference::kHold) {
+    if (size != slot.hold.size() || !finite(values, static_cast<int>(size)))
+      throw ReferenceError(told.name + ": a hold value has " + std::to_string(slot.hold.size()) + " finite numbers");
+    std::copy(values, values + size, slot.hold.begin());
+    slot.settle();
+    given.held = true;
+  } else {
+    std::vector<double>& to = given.numbers[what];
     if (size != to.size())
-      throw ReferenceError(told.name + ": a " + name + " has " + std::to_string(to.size()) + " numbers, given " +
+      throw ReferenceError(told.name + ": a " + names[what] + " has " + std::to_string(to.size()) + " numbers, given " +
                            std::to_string(size));
     std::copy(values, values + size, to.begin());
-    return given.any = true;
-  };
-  switch (what) {
-    case 0:
-      given.has_value = put(given.value, "value");
-      break;
-    case 1:
-      given.has_velocity = put(given.velocity, "velocity");
-      break;
-    case 2:
-      given.has_acceleration = put(given.acceleration, "acceleration");
-      break;
-    case 3:
-      std::copy(values, values + 3, given.normal);
-      given.has_normal = given.any = true;
-      break;
-    case 4:
-      if (!told.contact) throw ReferenceError(told.name + " is no contact, a load was given for it");
-      contacts_.measure(member, values[0]);
-      break;
-    default: {
-      std::vector<double>& hold = line_.slots()[k].hold;
-      if (size != hold.size() || !finite(values, static_cast<int>(size)))
-        throw ReferenceError(told.name + ": a hold value has " + std::to_string(hold.size()) + " finite numbers");
-      std::copy(values, values + size, hold.begin());
-      line_.slots()[k].settle();
-      given.held = true;
-    }
+    given.told |= 1u << what;
   }
 }
 
