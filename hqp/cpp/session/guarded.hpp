@@ -40,7 +40,7 @@ class Guarded {
       : line_(std::move(plan)),
         robot_(line_.root().part("robot")),
         guards_(line_.root().part("guards")),
-        guard_(bounds(guards_.part("state")), robot_.texts("places"), robot_.texts("speeds"),
+        check_(bounds(guards_.part("state")), robot_.texts("places"), robot_.texts("speeds"),
                guards_.part("state").number("ordinary"), age(guards_.part("state")), line_.kinematics()),
         kind_(line_.root().part("motion").text("kind")),
         name_(robot_.text("name")),
@@ -71,7 +71,7 @@ class Guarded {
     if (joint_names_.size() != picks_.size()) throw PlanError("the command of the plan is of other joints");
     if (sentences_.size() != std::size_t(Status::kInvalidState) + 1) throw PlanError("the plan has no sentences");
     if (guards_.has("rates"))
-      rates_ = std::make_unique<RateLimiter>(joint_names_, guards_.numbers("rates"), line_.dt());
+      limiter_ = std::make_unique<RateLimiter>(joint_names_, guards_.numbers("rates"), line_.dt());
     for (const int pick : picks_)
       if (pick < 0 || std::size_t(pick) >= x_.size()) throw PlanError("a joint of the plan is none");
     over_.reserve(v_.size());
@@ -102,17 +102,17 @@ class Guarded {
     std::copy(q, q + q_.size(), q_.begin());
     std::copy(v, v + v_.size(), v_.begin());
     Note why;
-    if (!guard_.check(q_.data(), v_.data(), time, now, why)) {
+    if (!check_.check(q_.data(), v_.data(), time, now, why)) {
       for (Given& given : given_) given.told = 0;
       presence_.forget();
-      return held(why, false);
+      return held_tick(why, false);
     }
     if (fresh_ && budget_.limited()) budget_.begin(thread_time());
     else budget_.skip();
     laws_.obey(presence_.phase(), attended_ ? &out_ : nullptr);
     attend(presence_.take());
     if (!holds_known_) take_holds();
-    take_references();
+    apply_references();
     line_.write(q_.data(), v_.data(), around());
     if (!line_.assembly().small()) leave_out_unusable();
     leave_out_marked();
@@ -122,7 +122,7 @@ class Guarded {
       leave_out_unusable();
       found = line_.solve(v_.data());
     }
-    return concluded(found);
+    return conclude(found);
   }
 
   // All that goes over from one tick to the next, but for references that no step has taken yet.
@@ -180,7 +180,7 @@ class Guarded {
 
   // Every answer is finished from now on, however long it takes, and states may be of any age.
   void without_deadline() {
-    guard_.of_any_age();
+    check_.of_any_age();
     budget_ = Budget(std::numeric_limits<double>::infinity());
     line_.solver().limit(0.0);
   }
@@ -290,7 +290,7 @@ class Guarded {
     holds_known_ = true;
   }
 
-  void take_references() {
+  void apply_references() {
     const std::vector<Member>& members = line_.members();
     settle(line_.slots(), false);
     for (std::size_t m = 0; m < members.size(); ++m) {
@@ -333,12 +333,12 @@ class Guarded {
       if (left_out_[m]) line_.leave_out(line_.members()[m]);
   }
 
-  const Tick& concluded(const Solved& found) {
+  const Tick& conclude(const Solved& found) {
     if (found.outcome == kInvalid) {
       const bool dynamics = line_.torque() != nullptr;
-      return held({dynamics ? "robot" : "solver", dynamics ? Status::kDynamicsFailed : Status::kNotCertified,
-                   dynamics ? Cause::kDynamics : Cause::kNotFinite},
-                  !dynamics);
+      return held_tick({dynamics ? "robot" : "solver", dynamics ? Status::kDynamicsFailed : Status::kNotCertified,
+                        dynamics ? Cause::kDynamics : Cause::kNotFinite},
+                       !dynamics);
     }
     const Answered answer = line_.answer(found);
     const int n = static_cast<int>(x_.size());
@@ -349,18 +349,18 @@ class Guarded {
     const bool numbers = squared(answer.x, n) < std::numeric_limits<double>::infinity();
     if (answer.status != Status::kOptimal) {
       tick_.status_ = std::max(tick_.status_, answer.status);
-      const bool told = violations(answer.slack);
+      const bool told = culprits(answer.slack);
       if (!told || answer.status != Status::kConstraintsViolated)
         note({"solver", answer.status, Cause::kSolver, sentences_[std::size_t(answer.status)].c_str()});
-      if (answer.status >= Status::kNotCertified || !numbers) return held({}, true);
+      if (answer.status >= Status::kNotCertified || !numbers) return held_tick({}, true);
     } else if (!numbers) {
-      return held({"solver", Status::kNotCertified, Cause::kNotFinite}, true);
+      return held_tick({"solver", Status::kNotCertified, Cause::kNotFinite}, true);
     }
     const bool cut = answer.status == Status::kTimeLimit || answer.status == Status::kIterationLimit;
-    const double* x = cut ? instead_of(answer.x) : answer.x;
+    const double* x = cut ? late(answer.x) : answer.x;
     std::copy(x, x + n, tick_.x_.begin());
     contacts_.lost([this](const Note& why) { note(why); });
-    limit_rate();
+    within_rates();
     limits();
     send();
     if (!cut) trend_.take(x_.data(), tick_.count_);
@@ -380,7 +380,7 @@ class Guarded {
   }
 
   // No answer is usable: the command comes to rest. fit: whether this state is one to start from.
-  const Tick& held(const Note& why, bool fit) {
+  const Tick& held_tick(const Note& why, bool fit) {
     if (why.status != Status::kOptimal) note(why);
     ++tick_.held_;
     trend_.forget();
@@ -389,7 +389,7 @@ class Guarded {
     else if (tick_.held_ == 1) rest_->begin(good_ ? from(good_q_, good_v_) : RestFrom{}, x_.data(), false);
     if (!good_ && !fit) note({"session", why.status, Cause::kNoState});
     rest_->next(tick_.x_.data());
-    limit_rate();
+    within_rates();
     send();
     return tick_;
   }
@@ -397,7 +397,7 @@ class Guarded {
   // The velocity that limits stand around.
   const double* around() const { return line_.order() == 1 && good_ ? x_.data() : v_.data(); }
   // What is sent instead of an answer that was cut, see Late.
-  const double* instead_of(const double* x) {
+  const double* late(const double* x) {
     trend_.after(x_.data(), tick_.count_, ahead_.data());
     const double most = good_ ? gradual_ : std::numeric_limits<double>::infinity();
     return late_.choose(x, x_.data(), ahead_.data(), picks_.data(), picks_.size(), most);
@@ -410,14 +410,14 @@ class Guarded {
     if (line_.torque() && line_.at_rest(q.data())) found.holding = line_.holding(), found.felt = line_.felt();
     return found;
   }
-  void limit_rate() {
+  void within_rates() {
     Note why;
     const auto pick = [this](std::size_t i) { return std::size_t(picks_[i]); };
-    const double share = rates_ ? rates_->share(x_.data(), tick_.x_.data(), pick, why) : 1.0;
+    const double share = limiter_ ? limiter_->share(x_.data(), tick_.x_.data(), pick, why) : 1.0;
     if (share == 1.0) return;
     for (std::size_t i = 0; i < x_.size(); ++i) tick_.x_[i] = x_[i] + share * (tick_.x_[i] - x_[i]);
     note(why);
-    if (line_.slack(tick_.x_.data())) violations(line_.slacks(), "rate");
+    if (line_.slack(tick_.x_.data())) culprits(line_.slacks(), "rate");
   }
 
   // Notes on limits of joints that alternate, and on those that are passed.
@@ -436,7 +436,7 @@ class Guarded {
   }
 
   // Notes on members of subject_to that are off, by a limit of that name; whether there is any.
-  bool violations(const double* slack, const char* limit = "") {
+  bool culprits(const double* slack, const char* limit = "") {
     bool any = false;
     for (const Member& member : line_.members()) {
       if (!line_.constrains(member)) continue;
@@ -453,7 +453,7 @@ class Guarded {
 
   Line line_;
   Node robot_, guards_;
-  StateGuard guard_;
+  StateCheck check_;
   std::unique_ptr<Rest> rest_;
   std::string kind_, name_;
   std::vector<std::string> joint_names_;
@@ -461,7 +461,7 @@ class Guarded {
   std::vector<int> joints_, picks_;  // actuated coordinates, and where their numbers are in x
   Budget budget_;
   std::vector<std::string> sentences_;  // on each status
-  std::unique_ptr<RateLimiter> rates_;
+  std::unique_ptr<RateLimiter> limiter_;
   double violation_, gradual_;
   std::vector<double> q_, v_, good_q_, good_v_, x_;
   std::vector<Given> given_;

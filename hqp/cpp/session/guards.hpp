@@ -93,11 +93,11 @@ class StateAge {
 };
 
 // What makes q and v a state, and one of ordinary size.
-class StateGuard {
+class StateCheck {
  public:
   // places, speeds: the joint of each number of q and of v.  ordinary: squares that sum up to less need no second look.
   // age: null for any.
-  StateGuard(StateBounds bounds, std::vector<std::string> places, std::vector<std::string> speeds, double ordinary,
+  StateCheck(StateBounds bounds, std::vector<std::string> places, std::vector<std::string> speeds, double ordinary,
              std::unique_ptr<StateAge> age, const Kinematics& kinematics)
       : bounds_(std::move(bounds)),
         places_(std::move(places)),
