@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import select
 import sys
 from typing import Any
@@ -45,10 +46,9 @@ class Keys:
 
     def asked(self) -> tuple[float, float, float] | None:
         """The velocity after the keys pressed since the last call, None for none."""
-        pressed = ""
-        while self._before is not None and select.select([sys.stdin], [], [], 0.0)[0]:
-            pressed += sys.stdin.read(1)
-        return self.press(pressed)
+        if self._before is None or not select.select([sys.stdin], [], [], 0.0)[0]:
+            return None
+        return self.press(os.read(sys.stdin.fileno(), 1024).decode(errors="ignore"))  # a file would keep some to itself
 
     def press(self, keys: str) -> tuple[float, float, float] | None:
         """The velocity after these keys, None where none of them is one."""

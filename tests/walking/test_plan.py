@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import pty
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -62,3 +65,15 @@ def test_keys_are_a_joystick() -> None:
     assert keys.press("Aq") == (0.1, 0.02, 0.05)
     assert keys.press("w" * 20) == (0.4, 0.02, 0.05)
     assert keys.press(" ") == (0.0, 0.0, 0.0)
+
+
+def test_keys_pressed_at_once_are_all_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    own, theirs = pty.openpty()
+    with open(theirs) as terminal:
+        monkeypatch.setattr(sys, "stdin", terminal)
+        with Keys() as keys:
+            assert keys.asked() is None
+            os.write(own, b"www")
+            assert keys.asked() == (0.15, 0.0, 0.0)
+            assert keys.asked() is None
+    os.close(own)
