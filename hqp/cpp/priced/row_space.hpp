@@ -13,7 +13,8 @@ namespace hqp {
 inline namespace HQP_ISA {
 
 constexpr double kDependent = 1e-10;  // of a row's length, what it must keep to add a direction
-constexpr double kUncertain = 1e-6;   // less than this, and more than rounding, is an uncertain direction
+constexpr double kUncertain = 1e-6;   // less than this, and more than kRounded, is an uncertain direction
+constexpr double kRounded = 1e-11;    // rows on forces come out of products, with so much of rounding
 
 class RowSpace {
  public:
@@ -55,7 +56,7 @@ class RowSpace {
       rest += v[j] * grade[j] * v[j] * grade[j];
     }
     rest = std::sqrt(rest);
-    uncertain = uncertain || (rest < kUncertain * size && rest > larger(1e-14 * size, rounding));
+    uncertain = uncertain || (rest < kUncertain * size && rest > larger(kRounded * size, rounding));
     if (!(rest > larger(kDependent * size, rounding))) return false;
     const double length = std::sqrt(square);
     tau_[rank_] = 0.0;
