@@ -21,7 +21,7 @@ BINDS = 0.05
 PRICE = "its price"
 """The name under which a price stands among the losses."""
 
-OUT_OF_REACH = "out of reach: no motion of the robot lessens it"
+OUT_OF_REACH = "out of reach, or in a singular direction: no motion of the robot lessens it"
 """What explanations and notes say where the cause is ``out of reach``."""
 
 
