@@ -5,6 +5,7 @@ The loop is a process of its own, as `hqp view` has one, and comes before the br
 
 from __future__ import annotations
 
+import io
 import multiprocessing
 import os
 import shutil
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 import hqp
 from hqp import Level, Stack, serial
@@ -25,6 +27,7 @@ DT = 0.002
 HIDDEN = "[class*=Notification] { display: none }"
 """viser's word on a browser that renders in software."""
 SIZE = {"width": 1500, "height": 900}
+SCENE = {"x": 0, "y": 330, "width": 1050, "height": 560}
 FLAGS = (
     "--no-sandbox",
     "--use-angle=swiftshader",
@@ -66,6 +69,19 @@ def loop(way: tuple[float, float, float], apart: bool, address: Any, end: Any) -
             time.sleep(max(0.0, due - time.perf_counter()))
 
 
+def settle(tab: Any) -> None:
+    """Until the scene stands still, which fades in: in a software renderer for a minute and more."""
+    before, same = np.zeros(0), 0
+    for _ in range(60):
+        tab.wait_for_timeout(2_000)
+        shot = tab.screenshot(clip=SCENE, timeout=120_000)
+        now = np.asarray(Image.open(io.BytesIO(shot)).convert("L"), dtype=float)
+        still = before.shape == now.shape and np.mean(abs(now - before) > 2.0) < 1e-3
+        before, same = now, same + 1 if still else 0
+        if same == 3:
+            return
+
+
 def shoot(playwright: Any, name: str) -> Path:
     """One picture, once the hand has come to rest and the page has shown it for ten seconds."""
     context = multiprocessing.get_context("spawn")
@@ -84,7 +100,8 @@ def shoot(playwright: Any, name: str) -> Path:
         tab.goto(url.recv())
         tab.wait_for_selector("text=Time of a tick", timeout=300_000)
         tab.add_style_tag(content=HIDDEN)
-        tab.wait_for_timeout(40_000)
+        tab.wait_for_timeout(30_000)
+        settle(tab)
         tab.screenshot(path=str(path), timeout=120_000)
         browser.close()
     finally:
