@@ -12,7 +12,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -77,6 +77,9 @@ class Plant:
     ) -> None:
         if not timestep > 0.0 or not delay >= 0.0:
             raise DeclarationError("plant", "bad timestep or delay", value=(timestep, delay), unit="s")
+        if actuation not in get_args(Actuation):
+            allowed = ", ".join(get_args(Actuation))
+            raise DeclarationError("plant", "no such actuation", value=actuation, allowed=allowed)
         spec, path, about = find(robot, mjcf, timestep)
         self.servo = servo or Servo.from_description(about)
         driven = fit(spec, actuation, self.servo, getattr(robot, "joint_names", None))
