@@ -26,8 +26,8 @@ UP = np.array([54, 142, 226])
 
 
 @contextmanager
-def tab_at(url: str, text: str = "Time of a tick") -> Iterator[Any]:
-    """The page, once it shows that text and the scene is drawn."""
+def tab_at(url: str, text: str = "Time of a tick", still: bool = True) -> Iterator[Any]:
+    """The page, once it shows that text and, where it stands still, the scene is drawn."""
     api = pytest.importorskip("playwright.sync_api")
     if CHROMIUM is None:
         pytest.skip("no Chromium: apt-get install --no-install-recommends chromium, or set HQP_CHROMIUM")
@@ -36,7 +36,8 @@ def tab_at(url: str, text: str = "Time of a tick") -> Iterator[Any]:
         tab = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT})
         tab.goto(url)
         tab.wait_for_selector(f"text={text}", timeout=90_000)
-        settle(tab)
+        if still:
+            settle(tab)
         yield tab
         browser.close()
 
