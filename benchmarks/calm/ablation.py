@@ -21,7 +21,7 @@ from tests.scenes.calm.loop import figures, run
 from tests.scenes.calm.robots import subject
 from tests.scenes.calm.scenes import FORMULATIONS, scenes
 from tests.scenes.calm.variants import PRICED, Variant, changed, solver_of
-from tests.solvers.priced import FOUND, OF_A_LOOP, in_a_loop, is_unsure
+from tests.scenes.priced import FOUND, OF_A_LOOP, in_a_loop, is_unsure
 
 Record = dict[str, Any]
 Scene = Callable[[Variant], float]
@@ -101,7 +101,7 @@ def steepest(family: str, variant: Variant) -> float:
 
 
 def wrong(variant: Variant) -> float:
-    """How many of the problems of tests.solvers.priced end in a loop sure of an answer that the certificate refuses."""
+    """How many of the problems of tests.scenes.priced end in a loop sure of an answer that the certificate refuses."""
     found = (in_a_loop(_made(variant), *named) for named in (*((*one, True) for one in FOUND), *OF_A_LOOP))
     return float(sum(
         not is_unsure(answer) and not certificate(case, answer.x, 1e-8, answer.stage_points).ok

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from hqp import Hierarchy, Rows, Solution, certificate
 from hqp.solvers import Solver
+from tests.scenes.families import FAMILIES
 from tests.solvers.conformance import Subject, subjects, supports
-from tests.solvers.families import FAMILIES
 
 NAMES = sorted(set(FAMILIES) - {"zero_rows"})  # zero rows aside, every family is well scaled enough to compare answers
 CLOSE = 1e-6

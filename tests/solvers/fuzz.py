@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import json
 import time
-import zlib
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,7 +17,7 @@ import numpy as np
 
 import hqp
 from hqp import Hierarchy, Solution, Status, certificate
-from tests.solvers.kinds import KINDS
+from tests.scenes.kinds import KINDS, problem
 
 TOLERANCES = (1e-6, 1e-8)
 """An answer is wrong if the certificate refuses it at all of these; the looser one reads activity more loosely too."""
@@ -38,11 +37,6 @@ class Count:
     disagree: list[str] = field(default_factory=list)
     most_iterations: int = 0
     slowest: float = 0.0
-
-
-def problem(kind: str, seed: int) -> list[Hierarchy]:
-    """The sequence of problems that a kind makes of a seed."""
-    return KINDS[kind](np.random.default_rng([zlib.crc32(kind.encode()), seed]))
 
 
 def scales(problem: Hierarchy, x: np.ndarray) -> np.ndarray:

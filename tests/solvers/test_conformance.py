@@ -9,8 +9,8 @@ from hqp import Hierarchy, Rows, Selection, Status, certificate
 from hqp.errors import ProblemError
 from hqp.solvers import Solver
 from tests.scenes import problems
+from tests.scenes.families import FAMILIES, equality
 from tests.solvers.conformance import Subject, check, check_form, check_share, subjects, supports
-from tests.solvers.families import FAMILIES, equality
 
 SEEDS = 12
 FEW = 3

@@ -14,7 +14,7 @@ from hqp import Hierarchy, Rows, Selection, Status
 from hqp.solvers import lexicographic
 from hqp.solvers.lexicographic import Lexicographic
 from hqp.tolerances import VIOLATION_TOLERANCE
-from tests.solvers import fuzz
+from tests.scenes.kinds import problem as drawn_problem
 
 if lexicographic.kernel() == "":
     pytest.skip("built without the native kernel", allow_module_level=True)
@@ -55,7 +55,7 @@ def cut_answers(solver: Lexicographic, seconds: float, prices: float, by: float 
     for kind in KINDS:
         for seed in range(4):
             rng = np.random.default_rng(seed)
-            problem = boxed(fuzz.problem(kind, seed)[0], rng)
+            problem = boxed(drawn_problem(kind, seed)[0], rng)
             if prices:
                 problem = replace(problem, prices=np.array([0.0] + [prices] * (len(problem.levels) - 1)))
             workspace = solver.workspace(problem.shape)
@@ -93,7 +93,7 @@ def test_after_the_deadline_no_answer_is_worse_than_the_last(prices: float) -> N
 
 def test_a_workspace_that_forgot_compares_with_rest() -> None:
     rng = np.random.default_rng(0)
-    problem = boxed(fuzz.problem("conflicts", 1)[0], rng)
+    problem = boxed(drawn_problem("conflicts", 1)[0], rng)
     workspace = Lexicographic(max_iterations=1).workspace(problem.shape)
     for _ in range(3):
         solution = workspace.solve(problem)
@@ -103,7 +103,7 @@ def test_a_workspace_that_forgot_compares_with_rest() -> None:
 
 def test_nothing_of_the_last_answer_is_left_after_a_reset() -> None:
     rng = np.random.default_rng(0)
-    problem = boxed(fuzz.problem("conflicts", 1)[0], rng)
+    problem = boxed(drawn_problem("conflicts", 1)[0], rng)
     used, fresh = (Lexicographic().workspace(problem.shape) for _ in range(2))
     used.solve(problem)
     used.reset()
@@ -119,7 +119,7 @@ def priced_loops() -> Iterator[tuple[Hierarchy, np.random.Generator, Any]]:
     for kind in KINDS:
         for seed in range(6):
             rng = np.random.default_rng(seed)
-            problem = boxed(fuzz.problem(kind, seed)[0], rng)
+            problem = boxed(drawn_problem(kind, seed)[0], rng)
             prices = np.array([0.0] + [0.1] * (len(problem.levels) - 1))
             problem = replace(problem, prices=prices).copy()
             workspace: Any = Lexicographic().workspace(problem.shape)

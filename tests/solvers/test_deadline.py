@@ -13,15 +13,15 @@ from hqp import Controller, Hierarchy, Status, Torque, robots
 from hqp.solvers import lexicographic, reference, second_opinion, stages
 from hqp.solvers.lexicographic import Lexicographic
 from hqp.solvers.reference import Reference
+from tests.scenes.kinds import problem as drawn_problem
 from tests.scenes.overloaded import overloaded
-from tests.solvers import fuzz
 
 if lexicographic.kernel() == "":
     pytest.skip("built without the native kernel", allow_module_level=True)
 
 
 def priced(kind: str, seed: int) -> Hierarchy:
-    problem = fuzz.problem(kind, seed)[0]
+    problem = drawn_problem(kind, seed)[0]
     prices = np.full(len(problem.levels), 0.1)
     prices[0] = 0.0
     return replace(problem, prices=prices, stacked=None)
@@ -64,7 +64,7 @@ def test_the_first_ticks_have_a_deadline_too(name: str, monkeypatch: pytest.Monk
     assert max(limits) <= 0.0016
 
 
-@pytest.mark.parametrize("problem", [fuzz.problem("vertex", 2)[0], priced("plain", 1)], ids=["exact", "priced"])
+@pytest.mark.parametrize("problem", [drawn_problem("vertex", 2)[0], priced("plain", 1)], ids=["exact", "priced"])
 def test_second_opinions_do_not_look_at_the_clock(problem: Hierarchy, monkeypatch: pytest.MonkeyPatch) -> None:
     """What the reference may take is a count, so that a slow machine gives the same status and x."""
     found = Lexicographic().solve(problem)
@@ -81,5 +81,5 @@ def test_second_opinions_do_not_look_at_the_clock(problem: Hierarchy, monkeypatc
 def test_the_reference_ends_after_so_many_factorisations() -> None:
     problem = priced("vertex", 4)
     assert Reference(factorisations=2).solve(problem).status is Status.ITERATION_LIMIT
-    small, large = fuzz.problem("plain", 0)[0], fuzz.problem("large", 0)[0]
+    small, large = drawn_problem("plain", 0)[0], drawn_problem("large", 0)[0]
     assert 1 <= second_opinion.effort(large) < second_opinion.effort(small) < 10_000

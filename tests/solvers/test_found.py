@@ -21,8 +21,9 @@ import pytest
 import hqp
 from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
 from hqp.solvers import lexicographic
+from tests.scenes.kinds import KINDS
+from tests.scenes.kinds import problem as drawn_problem
 from tests.solvers import fuzz
-from tests.solvers.kinds import KINDS
 
 FOUND = Path(__file__).parents[1] / "data" / "found.npz"
 NAMES = (
@@ -126,7 +127,7 @@ def test_fuzz(kind: str) -> None:
 def test_nearly_parallel_rows_end_in_an_answer_that_passes(name: str) -> None:
     """Refused, or answered wrongly, while the kernel's own rank tolerance was the only one tried."""
     kind, seed = name.split()
-    problem = fuzz.problem(kind, int(seed))[0]
+    problem = drawn_problem(kind, int(seed))[0]
     solution = hqp.solvers.load("lexicographic").solve(problem)
     assert solution.status.solved, solution.detail
     assert any(certificate(problem, solution.x, tolerance).ok for tolerance in fuzz.TOLERANCES)
@@ -136,7 +137,7 @@ def test_nearly_parallel_rows_end_in_an_answer_that_passes(name: str) -> None:
 @pytest.mark.parametrize("seed", [301651, 305643, 316400, 317864, 325916, 332014])
 def test_a_slack_below_its_error_decides_no_sign(seed: int) -> None:
     """Inequalities of one level, nearly parallel: a row met but for 1e-5 to 1e-11 decided its own sign, undoubted."""
-    problem = fuzz.problem("near_parallel", seed)[0]
+    problem = drawn_problem("near_parallel", seed)[0]
     solution = hqp.solvers.load("lexicographic").solve(problem)
     assert not solution.status.solved or certificate(problem, solution.x, 1e-8).ok
 
@@ -145,7 +146,7 @@ def test_a_slack_below_its_error_decides_no_sign(seed: int) -> None:
 @pytest.mark.parametrize("seed", [706657, 701991])
 def test_two_opposite_rows_that_hold_the_optimum_far_away(seed: int) -> None:
     """The first multiplier lowers the least squares by nothing that can be seen, the second by all of it."""
-    problem = fuzz.problem("near_parallel", seed)[0]
+    problem = drawn_problem("near_parallel", seed)[0]
     solution = hqp.solvers.load("lexicographic").solve(problem)
     assert solution.status.solved, solution.detail
     assert certificate(problem, solution.x, 1e-8).ok
@@ -156,7 +157,7 @@ def test_two_opposite_rows_that_hold_the_optimum_far_away(seed: int) -> None:
 def test_the_last_level_is_asked_for_its_own_goal_in_the_end(name: str) -> None:
     """One level, or two: the search once stopped while the completion still asked for the nearest point."""
     kind, seed = name.split()
-    problem = fuzz.problem(kind, int(seed))[0]
+    problem = drawn_problem(kind, int(seed))[0]
     solution = hqp.solvers.load("lexicographic").solve(problem)
     assert solution.status.solved, solution.detail
     assert certificate(problem, solution.x, 1e-8).ok
@@ -164,7 +165,7 @@ def test_the_last_level_is_asked_for_its_own_goal_in_the_end(name: str) -> None:
 
 def _solved_and_certified(kind: str, seed: int, tolerances: Sequence[float]) -> None:
     """A problem of the fuzz is solved, and its answer passes the certificate at one of the tolerances."""
-    problem = fuzz.problem(kind, seed)[0]
+    problem = drawn_problem(kind, seed)[0]
     solution = hqp.solvers.load("lexicographic").solve(problem)
     assert solution.status.solved, solution.detail
     assert any(certificate(problem, solution.x, tolerance).ok for tolerance in tolerances)

@@ -16,7 +16,7 @@ from hqp.solvers import lexicographic
 from hqp.solvers.lexicographic import Lexicographic, NativeWorkspace
 from hqp.solvers.reference import Reference
 from tests.scenes import problems, random_hierarchies
-from tests.solvers import fuzz
+from tests.scenes.kinds import problem as drawn_problem
 
 RANDOM = 10_000
 
@@ -97,7 +97,7 @@ def test_the_textbook_reference_agrees() -> None:
 def test_the_reference_is_judged_where_rows_of_a_level_differ_in_length() -> None:
     statuses = []
     for seed in range(60):
-        problem = fuzz.problem("row_scales", seed)[0]
+        problem = drawn_problem("row_scales", seed)[0]
         reference = Reference().solve(problem)
         assert reference.status is not Status.OPTIMAL or certificate(problem, reference.x, 1e-8).ok, seed
         statuses.append(reference.status)

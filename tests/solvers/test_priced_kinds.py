@@ -8,8 +8,8 @@ from numpy.random import Generator
 
 import hqp.solvers
 from hqp import Hierarchy, Motion, Rows, Selection, Status, certificate
-from tests.solvers.kinds import KINDS
-from tests.solvers.priced import FOUND, OF_A_LOOP, in_a_loop, is_unsure, priced_problem
+from tests.scenes.kinds import KINDS
+from tests.scenes.priced import FOUND, OF_A_LOOP, in_a_loop, is_unsure, priced_problem
 
 LARGEST = 60
 SOLVED = (Status.OPTIMAL, Status.RANK_UNCERTAIN, Status.CONSTRAINTS_VIOLATED)

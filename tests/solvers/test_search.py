@@ -14,6 +14,7 @@ import pytest
 import hqp
 from hqp import Hierarchy, Rows, Status, certificate
 from hqp.solvers import lexicographic
+from tests.scenes.kinds import problem as drawn_problem
 from tests.solvers import fuzz
 
 if lexicographic.kernel() == "":
@@ -25,7 +26,7 @@ inf = math.inf
 @pytest.mark.parametrize(("kind", "seed"), [("near_parallel", 0), ("near_parallel", 7), ("row_scales", 8)])
 def test_a_working_set_that_comes_again_ends_the_search(kind: str, seed: int) -> None:
     """With ``repeated`` switched off these go in circles until their iterations are used up."""
-    problem = fuzz.problem(kind, seed)[0]
+    problem = drawn_problem(kind, seed)[0]
     solution = hqp.solvers.load("lexicographic").solve(problem)
     assert solution.status.usable
     assert solution.status is not Status.ITERATION_LIMIT
@@ -35,7 +36,7 @@ def test_a_working_set_that_comes_again_ends_the_search(kind: str, seed: int) ->
 @pytest.mark.parametrize("seed", [4000165, 4000202, 4002161])
 def test_a_row_violated_where_the_step_ends_joins_the_working_set(seed: int) -> None:
     """At a cone's apex, by 8e-15: no step saw it, and one point was solved for until the iterations were used up."""
-    problem = fuzz.problem("cone_apex", seed)[0]
+    problem = drawn_problem("cone_apex", seed)[0]
     workspace = hqp.solvers.load("lexicographic").workspace(problem.shape)
     workspace.limit(10.0)  # so that nobody is asked after the kernel
     solution = workspace.solve(problem)
@@ -96,7 +97,7 @@ def test_a_warm_row_that_has_lost_its_bound_is_not_held_there() -> None:
 
 def test_a_row_short_beside_its_level_has_one_rank_by_update_and_by_factorisation() -> None:
     """An update used to count a row of 1e-10 of its level's longest, a factorisation not: warm and cold by 1.5 %."""
-    problem = fuzz.problem("row_scales", 7_000_064)[0]
+    problem = drawn_problem("row_scales", 7_000_064)[0]
     workspace = hqp.solvers.load("lexicographic").workspace(problem.shape)
     cold, warm = workspace.solve(problem), workspace.solve(problem)
     assert np.abs(cold.x - warm.x).max() < 1e-9 * np.abs(cold.x).max()
@@ -105,7 +106,7 @@ def test_a_row_short_beside_its_level_has_one_rank_by_update_and_by_factorisatio
 def test_an_answer_that_another_rank_moves_is_uncertain() -> None:
     """Only what rows are worth was varied once, not the rank: called OPTIMAL cold, and from a neighbour's working set
     with norms 2.4e-3 apart."""
-    problem = fuzz.problem("conflicts", 11_000_546)[0]
+    problem = drawn_problem("conflicts", 11_000_546)[0]
     assert hqp.solvers.load("lexicographic").solve(problem).status is Status.RANK_UNCERTAIN
 
 
@@ -114,7 +115,7 @@ def test_rows_of_different_length_have_one_answer_from_any_start() -> None:
     of these, from what had solved a neighbour, with status OPTIMAL; 14 of 300 such pairs differed."""
     solver = hqp.solvers.load("lexicographic")
     for seed in range(7000, 7100):
-        problem = fuzz.problem("row_scales", seed)[0]
+        problem = drawn_problem("row_scales", seed)[0]
         cold = solver.solve(problem)
         workspace = solver.workspace(problem.shape)
         for change in (1e-3, 1e-1, 1.0):

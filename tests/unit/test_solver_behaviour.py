@@ -14,7 +14,7 @@ from hqp.solvers.backends import QpAnswer, load
 from hqp.solvers.cascade import Cascade
 from hqp.solvers.recursion import Recursion
 from tests.scenes import problems
-from tests.solvers.families import FAMILIES, bounds, equality, low_rank
+from tests.scenes.families import FAMILIES, bounds, equality, low_rank
 
 pinv = np.linalg.pinv
 

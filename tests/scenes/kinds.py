@@ -6,6 +6,7 @@ other in one workspace; most are of length one.
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.random import Generator
 from hqp import Hierarchy, Rows, Selection
 from hqp.arrays import Mat, Vec
 from tests.scenes import random_hierarchies
-from tests.solvers.families import FAMILIES
+from tests.scenes.families import FAMILIES
 
 Kind = Callable[[Generator], list[Hierarchy]]
 KINDS: dict[str, Kind] = {}
@@ -295,3 +296,8 @@ def families(rng: Generator) -> list[Hierarchy]:
 def mixture(rng: Generator) -> list[Hierarchy]:
     """One of tests.scenes.random_hierarchies."""
     return [random_hierarchies.hierarchy(int(rng.integers(2**31)), largest=60)]
+
+
+def problem(kind: str, seed: int) -> list[Hierarchy]:
+    """The sequence of problems that a kind makes of a seed."""
+    return KINDS[kind](np.random.default_rng([zlib.crc32(kind.encode()), seed]))

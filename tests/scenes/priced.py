@@ -10,7 +10,7 @@ from numpy.random import Generator
 
 from hqp import Hierarchy, Motion, Solution, Status
 from hqp.solvers.base import UNSURE, Solver
-from tests.solvers.fuzz import problem
+from tests.scenes.kinds import problem
 
 FOUND = [
     *(("conflicts", seed) for seed in (9, 12, 14, 23, 168, 175)),
