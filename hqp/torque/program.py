@@ -346,7 +346,7 @@ class TorqueProgram(Program):
         """The loop that takes ordinary ticks in one native call; None where a part of a tick is not native."""
         state, rows, m = self._state, self.assembly, self._m
         more = self.loads or self._self_motions or self._origin is not None or not self._efforts.fixed
-        if more or state is None or (self._forces and self._forces.native is None):
+        if more or state is None or rows.native_rows is None or (self._forces and self._forces.native is None):
             return None
         terms = self._terms.A, self._terms.bias, rows.J[:m], rows.lower[:m]
         chain = self.dynamics.chain(*terms, self._rows.native, self._forces.native, rows.limits)

@@ -42,7 +42,7 @@ class RowSpace {
   // Whether the row adds a direction.  grade: what a unit of a coordinate is worth in the unit of size, the row's
   // length, and of rounding, a length that is none; only: the place of its one entry, -1 where it has more; turned: by
   // so many of the first rows it is turned already.
-  bool add(const double* row, int N, const double* grade, double size, double rounding, int only, int turned) {
+  bool add(const double* row, int N, const double* grade, double size, double rounding, int only = -1, int turned = 0) {
     if (rank_ == most_) return false;
     double *v = &V_[static_cast<std::size_t>(rank_) * ld_], *r = &R_[static_cast<std::size_t>(rank_) * most_];
     for (int j = 0; j < N; ++j) v[j] = row[j];

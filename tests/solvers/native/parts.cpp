@@ -376,7 +376,10 @@ static void row_space(int picks, double free) {
     }
     const double size = std::sqrt(dot_any(row.data(), row.data(), n));
     for (int j = 0; j < n; ++j) row[j] /= grade[j];
-    if (!space.add(row.data(), n, grade.data(), size, 0.0, only)) ++failures;
+    auto begun = row;  // which the first two rows have turned already
+    const int turned = i == 3 ? 2 : 0;
+    space.turn(begun.data(), n, 0, turned);
+    if (!space.add(begun.data(), n, grade.data(), size, 0.0, only, turned)) ++failures;
     if (only >= 0 && space.add(row.data(), n, grade.data(), size, 0.0, only))
       small("row space: a coordinate picked twice", 1.0);
     W.push_back(row);
@@ -496,7 +499,7 @@ static void stage_search() {
       return std::sqrt(square) + 0.5 * price * moved;
     };
     const double before = worth();
-    StageSearch search(count, n, n, count + n);
+    StageSearch search(count, n, n, count + n, 1e-8);
     search.limit(0.0);
     std::vector<int> working;
     int iterations = 0;
