@@ -58,6 +58,7 @@ def test_other_files_are_refused_with_a_sentence(file: bytes) -> None:
         (re.sub(rb"version [^,]*", b"version 0.0.1", head) + b"\n" + body, "written by hqp 0.0.1"),
         (file[:-7], "cut short"),
         (file.replace(b"shoulder", b"shoulber", 1), "changed"),
+        (file.replace(b", size", b", 7size", 1), "first line"),
     ):
         with pytest.raises(HqpError, match=why):
             LoadedSession(other)

@@ -33,7 +33,11 @@ class Plan {
     if (told(head, "size ") != std::to_string(body.size()))
       throw PlanError("the plan is cut short: it has " + std::to_string(body.size()) + " bytes of " +
                       told(head, "size "));
-    if (told(head, "hash ") != hash(body)) throw PlanError("the plan was changed: its hash is another");
+    const std::string own = hash(body);
+    if (told(head, "hash ") != own) throw PlanError("the plan was changed: its hash is another");
+    if (head != "hqp plan, format " + std::to_string(kFormat) + ", version " + kVersion + ", size " +
+                    std::to_string(body.size()) + ", hash " + own)
+      throw PlanError("the plan was changed: its first line has more than format, version, size and hash");
     root_ = JsonReader(body).read();
     lay_out();
   }
