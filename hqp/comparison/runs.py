@@ -200,7 +200,7 @@ def level_names(program: Program) -> tuple[str, ...]:
         if k < hard:
             names.append(f"subject_to {k}" if hard > 1 else "subject_to")
         else:
-            name = declared.get(k) or f"level {k - hard}"
+            name = declared[k]
             names.append(f"{name}: contacts" if declared.get(k + 1) == name else name)
     return tuple(names)
 

@@ -150,7 +150,7 @@ def level_names(session: Any) -> tuple[str, ...]:
     found: dict[int, str] = {}
     for place in session.program.places.values():
         found.setdefault(place.level, place.declared)
-    names = [found.get(k, f"level {k}") for k in range(len(problem.levels))]
+    names = [found[k] for k in range(len(problem.levels))]
     seen: Counter[str] = Counter()
     unique = []
     for name in names:

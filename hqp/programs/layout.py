@@ -69,8 +69,8 @@ def lay_out(
         Group(tuple(members[rank]), "subject_to", selects(members[rank]), True, tasks=rank[0] == 6)
         for rank in sorted(members)
     ]
-    for k, level in enumerate(stack.levels):
-        name = level.name or f"level {k}"
+    for level in stack.levels:
+        name = level.name or str(level)
         contacts = tuple(e for e in level.elements if e.is_contact)
         rest = tuple(e for e in level.elements if not e.is_contact)
         if contacts_first and contacts and rest:

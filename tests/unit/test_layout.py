@@ -100,10 +100,10 @@ def test_contacts_of_a_level_first() -> None:
     stack = Stack(Level(*FEET, com, name="balance"), Level(*FEET[:0], Posture()), subject_to=[JointLimits()])
     assert names(stack) == [{"joint_limits"}, {"l_sole", "r_sole", "com"}, {"posture"}]
     groups = lay_out(stack, ROBOT, contacts_first=True)
-    assert [g.name for g in groups] == ["subject_to", "balance: contacts", "balance", "level 1"]
+    assert [g.name for g in groups] == ["subject_to", "balance: contacts", "balance", "posture"]
     assert [g.tasks for g in groups] == [False, False, True, True]
     only = Stack(Level(*FEET), Level(com))
-    assert [g.name for g in lay_out(only, ROBOT, contacts_first=True)] == ["level 0", "level 1"]
+    assert [g.name for g in lay_out(only, ROBOT, contacts_first=True)] == ["l_sole + r_sole", "com"]
 
 
 def test_physics_does_not_give_way_to_a_joint_limit() -> None:
