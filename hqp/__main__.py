@@ -74,9 +74,10 @@ def _parser(argv: Sequence[str]) -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"hqp {__version__}")
     parser.add_argument("--cmake-dir", action="store_true", help="print where find_package(hqp) finds the C++ parts")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
-    commands.add_parser(
+    doctor = commands.add_parser(
         "doctor", help="versions, compiled parts, BLAS threads, optional packages, and how to mend each"
     )
+    doctor.add_argument("--contributor", action="store_true", help="with the packages for work on hqp itself")
     commands.add_parser("solvers", help="list the solvers: available, or how to install them")
     commands.add_parser("robots", help="list the robots that load by name")
     capsules = commands.add_parser(
@@ -112,7 +113,7 @@ def _doctor(arguments: argparse.Namespace) -> int:
     """1 where something slows the control loop."""
     from hqp.commands.doctor import findings, table
 
-    found = findings()
+    found = findings(arguments.contributor)
     print(table(found))
     return int(any(finding.slow for finding in found))
 

@@ -186,6 +186,12 @@ class State:
         """Rotation of a frame in the world, ``(3, 3)``."""
         return np.array(self._placement(frame)[1], order="C")
 
+    def pose(self, frame: str) -> Mat:
+        """Homogeneous matrix ``(4, 4)`` of a frame in the world, origin in [m]."""
+        pose = np.eye(4)
+        pose[:3, 3], pose[:3, :3] = self._placement(frame)
+        return pose
+
     def jacobian(self, frame: str) -> Mat:
         """Geometric Jacobian ``(6, nv)`` of a frame, linear first, world axes."""
         index, robot = self._at(frame), self.robot

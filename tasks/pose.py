@@ -45,7 +45,7 @@ class _FramePose(Task):
 
     def value(self, state: State) -> Mat:
         """Homogeneous matrix ``(4, 4)`` of the frame."""
-        return homogeneous(state.position(self.frame), state.rotation(self.frame))
+        return state.pose(self.frame)
 
     def error(self, state: State, reference: Mat) -> Vec:
         """[p - p_ref, log(R R_ref^T)] ``(6,)`` [m, rad]."""
@@ -138,12 +138,9 @@ class Pose(_FramePose):
         return plans.Pose(*plans.apart(plans.frame(robot, self.frame), relative))
 
 
-_HERE = np.eye(4)
-
-
 def homogeneous(position: Vec, rotation: Mat) -> Mat:
     """``(4, 4)`` of a position ``(3,)`` and a rotation ``(3, 3)``."""
-    pose = _HERE.copy()
+    pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation, position
     return pose
 

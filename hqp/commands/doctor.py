@@ -26,15 +26,20 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "lab": ("plotly", "pyarrow"),
     "sweep": ("pyarrow", "ray"),
     "gym": ("gymnasium",),
-    "docs": ("mkdocs-material", "mkdocstrings", "gymnasium"),
 }
 """Extras of hqp, and the packages that each installs."""
-EXTRAS["browser"] = (*EXTRAS["view"], *EXTRAS["robots"], "playwright")
-EXTRAS["bench"] = (*EXTRAS["mujoco"], *EXTRAS["plots"], *EXTRAS["solvers"], *EXTRAS["robots"])
-EXTRAS["dev"] = (
-    *EXTRAS["bench"], *EXTRAS["lab"], *EXTRAS["motion"], *EXTRAS["video"],
-    "pytest", "pytest-timeout", "pytest-xdist", "hypothesis", "ruff", "mypy", "clang-format", "pyright",
-)  # fmt: skip
+
+BENCH = (*EXTRAS["mujoco"], *EXTRAS["plots"], *EXTRAS["solvers"], *EXTRAS["robots"])
+CONTRIBUTORS: dict[str, tuple[str, ...]] = {
+    "docs": ("mkdocs-material", "mkdocstrings", "gymnasium"),
+    "browser": (*EXTRAS["view"], *EXTRAS["robots"], "playwright"),
+    "bench": BENCH,
+    "dev": (
+        *BENCH, *EXTRAS["lab"], *EXTRAS["motion"], *EXTRAS["video"],
+        "pytest", "pytest-timeout", "pytest-xdist", "hypothesis", "ruff", "mypy", "clang-format", "pyright",
+    ),
+}  # fmt: skip
+"""Extras for work on hqp itself."""
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
@@ -52,8 +57,8 @@ class Finding:
     slow: bool = False
 
 
-def findings() -> list[Finding]:
-    """Everything that was looked at."""
+def findings(contributor: bool = False) -> list[Finding]:
+    """Everything that was looked at; contributor: with the extras for work on hqp itself."""
     import hqp
 
     found = [
@@ -71,7 +76,7 @@ def findings() -> list[Finding]:
     for name in REQUIRED:
         version = version_of(name)
         found.append(Finding(name, version or "missing", "" if version else f"pip install {name}"))
-    found += [_extra(extra, packages) for extra, packages in EXTRAS.items()]
+    found += [_extra(*extra) for extra in (EXTRAS | CONTRIBUTORS if contributor else EXTRAS).items()]
     found.append(Finding("fitted capsules", _capsules()))
     return found
 

@@ -316,6 +316,10 @@ class State(Protocol):
         """Rotation of a frame in the world, ``(3, 3)``."""
         ...
 
+    def pose(self, frame: str) -> Mat:
+        """Homogeneous matrix ``(4, 4)`` of a frame in the world, origin in [m]."""
+        ...
+
     def jacobian(self, frame: str) -> Mat:
         """Geometric Jacobian ``(6, nv)`` of a frame, linear first, world axes."""
         ...

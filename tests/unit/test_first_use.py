@@ -183,10 +183,12 @@ def test_doctor_knows_what_pyproject_asks_for() -> None:
                 found.add(re.split(r"[\[<>=;]", line)[0])
         return found
 
-    assert {extra: set(names) for extra, names in doctor.EXTRAS.items()} == {k: packages(v) for k, v in extras.items()}
+    known = doctor.EXTRAS | doctor.CONTRIBUTORS
+    assert {extra: set(names) for extra, names in known.items()} == {k: packages(v) for k, v in extras.items()}
     assert set(doctor.REQUIRED) == packages(project["dependencies"])
     shown = doctor.table(doctor.findings())
-    assert all(f"hqp[{extra}]" in shown for extra in extras)
+    assert {extra for extra in extras if f"hqp[{extra}]" in shown} == set(doctor.EXTRAS)
+    assert all(f"hqp[{extra}]" in doctor.table(doctor.findings(contributor=True)) for extra in extras)
     assert "capsules" in shown
 
 
