@@ -93,7 +93,13 @@ class Balance(Task):
         """The points in the world ``(m, 3)`` [m], of contacts that are out none."""
         there = present(self.of, state)
         points = [self.points[i] for i in there] if there else self.points
-        return np.array([state.position(f) + state.rotation(f) @ np.array(p, dtype=np.float64) for f, *p in points])
+        soles: dict[str, list[list[float]]] = {}
+        for frame, *p in points:
+            soles.setdefault(frame, []).append(p)
+        placed = [
+            state.position(f) + (state.rotation(f) @ np.array(sole)[..., None])[..., 0] for f, sole in soles.items()
+        ]
+        return np.concatenate(placed)
 
     def value(self, state: State) -> Vec:
         """c from above ``(2,)`` [m]."""
@@ -126,14 +132,13 @@ class Balance(Task):
         return _gravity(state.robot) / self._over(corners, p, c[2]) * (p - c[:2])
 
     def _zmp(self, state: State, reference: ArrayLike, corners: Mat) -> tuple[Vec, Vec]:
-        z_ref, xi_ref = np.split(np.asarray(reference, dtype=np.float64), 2)
-        omega = self._omega(state, corners)
-        wanted = z_ref + (1.0 + cast(DCM, self.law).k / omega) * (_dcm(state, omega) - xi_ref)
+        given, omega = np.asarray(reference, dtype=np.float64), self._omega(state, corners)
+        wanted = given[:2] + (1.0 + cast(DCM, self.law).k / omega) * (_dcm(state, omega) - given[2:])
         return nearest(corners[hull(corners[:, :2]), :2], wanted), wanted
 
     def _omega(self, state: State, corners: Mat) -> float:
-        c = state.com()
-        return math.sqrt(_gravity(state.robot) / (self.height or self._over(corners, c[:2], c[2])))
+        above = self.height or self._over(corners, (c := state.com())[:2], c[2])
+        return math.sqrt(_gravity(state.robot) / above)
 
     def _over(self, corners: Mat, p: Vec, z: float) -> float:
         """How far z is above the plane through the support at p [m]."""
@@ -168,4 +173,4 @@ def _dcm(state: State, omega: float) -> Vec:
 
 def _gravity(robot: Robot) -> float:
     """g [m/s^2]."""
-    return float(np.linalg.norm(robot.gravity))
+    return math.hypot(*robot.gravity.tolist())

@@ -23,15 +23,16 @@ def shrunk(corners: Sequence[tuple[float, float]], margin: float) -> tuple[tuple
 
 def nearest(corners: Mat, point: Vec) -> Vec:
     """The point of a convex polygon that is nearest to another one ``(2,)``; corners ``(m, 2)`` counter-clockwise."""
-    inside, least, found = len(corners) > 2, math.inf, corners[0]
-    for one, other in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        along, way = other - one, point - one
-        length = float(along @ along)
-        inside = inside and bool(along[0] * way[1] - along[1] * way[0] >= 0.0)
-        share = min(max(float(along @ way) / length, 0.0), 1.0) if length > 0.0 else 0.0
-        off = math.hypot(*(way - share * along))
+    points: list[list[float]] = corners.tolist()
+    (x, y), inside, least, found = point.tolist(), len(points) > 2, math.inf, points[0]
+    for (a, b), (c, d) in zip(points, points[1:] + points[:1], strict=True):
+        u, v, s, t = c - a, d - b, x - a, y - b  # along the edge, and on the way to the point
+        length = u * u + v * v
+        inside = inside and u * t - v * s >= 0.0
+        share = min(max((u * s + v * t) / length, 0.0), 1.0) if length > 0.0 else 0.0
+        off = math.hypot(s - share * u, t - share * v)
         if off < least:
-            least, found = off, one + share * along
+            least, found = off, [a + share * u, b + share * v]
     return np.array(point if inside else found, dtype=np.float64)
 
 

@@ -183,19 +183,20 @@ def among_present(points: Mat, there: Sequence[int]) -> list[int]:
 
 def hull(points: Mat) -> list[int]:
     """Corners of the convex hull, counter-clockwise from the lowest x (Andrew's monotone chain), without flat ones."""
-    order = sorted(range(len(points)), key=lambda i: (points[i, 0], points[i, 1]))
+    at: list[list[float]] = points.tolist()
+    order = sorted(range(len(at)), key=at.__getitem__)
     halves: list[list[int]] = []
     for sequence in (order, order[::-1]):
         half: list[int] = []
         for i in sequence:
-            while len(half) >= 2 and _turn(points, half[-2], half[-1], i) <= 0.0:
+            while len(half) >= 2 and _turn(at[half[-2]], at[half[-1]], at[i]) <= 0.0:
                 half.pop()
             half.append(i)
         halves.append(half[:-1])
     found = halves[0] + halves[1]
     while len(found) > 3:
         n = len(found)
-        off = [_off(points, found[k - 1], found[k], found[(k + 1) % n]) for k in range(n)]
+        off = [_off(at[found[k - 1]], at[found[k]], at[found[(k + 1) % n]]) for k in range(n)]
         least = min(range(n), key=off.__getitem__)
         if off[least] > FLAT:
             break
@@ -203,12 +204,12 @@ def hull(points: Mat) -> list[int]:
     return found or order[:1]
 
 
-def _turn(points: Mat, o: int, a: int, b: int) -> float:
+def _turn(o: Sequence[float], a: Sequence[float], b: Sequence[float]) -> float:
     """Twice the area of the triangle, positive counter-clockwise [m^2]."""
-    (x, y), (u, v), (s, t) = points[o], points[a], points[b]
-    return float((u - x) * (t - y) - (v - y) * (s - x))
+    (x, y), (u, v), (s, t) = o, a, b
+    return (u - x) * (t - y) - (v - y) * (s - x)
 
 
-def _off(points: Mat, o: int, a: int, b: int) -> float:
+def _off(o: Sequence[float], a: Sequence[float], b: Sequence[float]) -> float:
     """How far a is off the line from o to b [m]."""
-    return abs(_turn(points, o, a, b)) / max(math.dist(points[o], points[b]), FLAT)
+    return abs(_turn(o, a, b)) / max(math.dist(o, b), FLAT)

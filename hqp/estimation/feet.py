@@ -61,7 +61,7 @@ class FeetEstimator:
         for name, value in constants.items():
             if not (math.isfinite(value) and value > 0.0):
                 raise DeclarationError("estimator", f"bad {name}", value=value, unit="s", allowed="positive")
-        self._robot = robot.copy()
+        self._robot, self._gravity = robot.copy(), robot.gravity
         self._feet, self._period, self._least_load = tuple(feet), period, least_load
         self._tilt, self._yaw, self._velocity, self._position = (period / c for c in (tilt, yaw, velocity, position))
         state = self._robot.state(q)
@@ -70,7 +70,7 @@ class FeetEstimator:
         self._anchor = np.array([state.position(frame) for frame in self._feet])
         self._anchor_yaw = [yaw_of(state.rotation(frame)) for frame in self._feet]
         self._stands, self._contrary = [True] * len(self._feet), [0.0] * len(self._feet)
-        self._over_ground, self._slipped = np.zeros((len(self._feet), 2)), [0.0] * len(self._feet)
+        self._over_ground, self._slipped = [(0.0, 0.0)] * len(self._feet), [0.0] * len(self._feet)
 
     @property
     def slipping(self) -> tuple[bool, ...]:
@@ -86,7 +86,8 @@ class FeetEstimator:
         """
         dt, gyro = self._period, v[3:6]
         measured = rotation_of(q[3:7])
-        correction = np.cross(measured[2], self._base[2])  # the vertical in the base's axes, measured and estimated
+        (a, b, c), (x, y, z) = measured[2].tolist(), self._base[2].tolist()  # the vertical in the base's axes
+        correction = np.array([b * z - c * y, c * x - a * z, a * y - b * x])
         R = self._base @ exponential(dt * gyro + self._tilt * correction)
         found_q, found_v = np.array(q, dtype=np.float64), np.array(v, dtype=np.float64)
         found_q[:3], found_v[:3] = 0.0, 0.0
@@ -95,10 +96,9 @@ class FeetEstimator:
         places = np.array([state.position(frame) for frame in self._feet])
         rates = np.array([state.velocity(frame)[:3] for frame in self._feet])
         yaws = [yaw_of(state.rotation(frame)) for frame in self._feet]
-        self._v = self._v + dt * (R @ specific_force + self._robot.gravity)
+        self._v = self._v + dt * (R @ specific_force + self._gravity)
         self._p = self._p + dt * self._v
-        weight = self._stand(load, places, yaws)
-        self._slip(weight, rates, places, yaws)
+        weight = np.array(self._hold(self._stand(load, places, yaws), rates, places, yaws))
         if weight.any():
             off = [math.remainder(a - b, 2.0 * math.pi) for a, b in zip(self._anchor_yaw, yaws, strict=True)]
             R = about_vertical(self._yaw * float(weight @ off)) @ R
@@ -109,9 +109,9 @@ class FeetEstimator:
         found_v[:3] = R.T @ self._v
         return found_q, found_v
 
-    def _stand(self, load: Vec, places: Mat, yaws: Sequence[float]) -> Vec:
+    def _stand(self, load: Vec, places: Mat, yaws: Sequence[float]) -> list[float]:
         """Weights of the feet that stand; one that has just landed gets its place."""
-        weight = np.zeros(len(self._feet))
+        weight = [0.0] * len(self._feet)
         for i, carried in enumerate(load.tolist()):
             loaded = carried > self._least_load  # NaN is no load
             self._contrary[i] = 0.0 if loaded == self._stands[i] else self._contrary[i] + self._period
@@ -120,25 +120,27 @@ class FeetEstimator:
                 self._anchor[i], self._anchor_yaw[i] = self._p + places[i], yaws[i]
             if self._stands[i]:
                 weight[i] = max(carried - self._least_load, self.FAINT) if loaded else self.FAINT
-        total = float(weight.sum())
-        return weight / total if total > 0.0 else weight
+        return _shares(weight)
 
-    def _slip(self, weight: Vec, rates: Mat, places: Mat, yaws: Sequence[float]) -> None:
-        """Take feet that slip out of the weights; the fastest first, one in an update: it pulls at the others."""
-        stands = weight > 0.0
-        self._over_ground += min(self._period / self.SMOOTH, 1.0) * ((self._v + rates)[:, :2] - self._over_ground)
-        self._over_ground[~stands] = 0.0
-        speed = np.linalg.norm(self._over_ground, axis=1)
-        for i, since in enumerate(self._slipped):
-            if since == 0.0:
-                continue
-            rests = speed[i] < 0.5 * self.SLIPS or since >= self.LOST
-            self._slipped[i] = since + self._period if stands[i] and not rests else 0.0
-            if stands[i] and rests:
-                self._anchor[i], self._anchor_yaw[i] = self._p + places[i], yaws[i]
-        fastest = int(np.argmax(np.where(self.slipping, 0.0, speed)))
+    def _hold(self, weight: Sequence[float], rates: Mat, places: Mat, yaws: Sequence[float]) -> list[float]:
+        """Weights without the feet that slip; the fastest is found first, one in an update: it pulls at the others."""
+        follow, speed = min(self._period / self.SMOOTH, 1.0), [0.0] * len(weight)
+        for i, (u, v, _) in enumerate((self._v + rates).tolist()):
+            x, y = self._over_ground[i]
+            x, y = (x + follow * (u - x), y + follow * (v - y)) if weight[i] > 0.0 else (0.0, 0.0)
+            self._over_ground[i], speed[i], since = (x, y), math.hypot(x, y), self._slipped[i]
+            if since > 0.0:
+                rests = speed[i] < 0.5 * self.SLIPS or since >= self.LOST
+                self._slipped[i] = since + self._period if weight[i] > 0.0 and not rests else 0.0
+                if weight[i] > 0.0 and rests:
+                    self._anchor[i], self._anchor_yaw[i] = self._p + places[i], yaws[i]
+        fastest = max(range(len(speed)), key=lambda i: 0.0 if self._slipped[i] else speed[i])
         if speed[fastest] > self.SLIPS and not self._slipped[fastest]:
             self._slipped[fastest] = self._period
-        weight[np.array(self.slipping)] = 0.0
-        if weight.any():
-            weight /= weight.sum()
+        return _shares([0.0 if slips else w for w, slips in zip(weight, self.slipping, strict=True)])
+
+
+def _shares(weight: list[float]) -> list[float]:
+    """The same with the sum 1, unless all are zero."""
+    total = sum(weight)
+    return [w / total for w in weight] if total > 0.0 else weight

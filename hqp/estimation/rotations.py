@@ -57,12 +57,13 @@ def quaternion_of(R: Mat) -> Vec:
     if trace > 0.0:
         w = 0.5 * math.sqrt(1.0 + trace)
         f = 0.25 / w
-        found = np.array([f * (m[2][1] - m[1][2]), f * (m[0][2] - m[2][0]), f * (m[1][0] - m[0][1]), w])
+        found = [f * (m[2][1] - m[1][2]), f * (m[0][2] - m[2][0]), f * (m[1][0] - m[0][1]), w]
     else:
         i = max(range(3), key=lambda k: m[k][k])
         j, k = (i + 1) % 3, (i + 2) % 3
-        found = np.zeros(4)
+        found = [0.0] * 4
         found[i] = 0.5 * math.sqrt(max(1.0 + m[i][i] - m[j][j] - m[k][k], 0.0))
         f = 0.25 / found[i]
         found[j], found[k], found[3] = f * (m[i][j] + m[j][i]), f * (m[i][k] + m[k][i]), f * (m[k][j] - m[j][k])
-    return np.asarray(found / np.linalg.norm(found))
+    size = math.sqrt(sum(x * x for x in found))
+    return np.array([x / size for x in found])

@@ -67,16 +67,16 @@ def adjust(
     """
     stance, nominal = planned.stance, planned.foothold
     turn, zmp = stance.turn, stance.xy
-    e, dz = turn.T @ error, turn.T @ ankle
-    held = (e * dz > 0.0) & (np.abs(dz) >= np.abs(e))  # the ZMP is beyond the DCM: the ankle leads it back
-    e, dz = np.where(held, 0.0, e), np.where(held, 0.0, dz)
-    grown = dz + (e - dz) * math.exp(omega * planned.left)
+    both = zip((turn.T @ error).tolist(), (turn.T @ ankle).tolist(), strict=True)
+    # where the ZMP is beyond the DCM the ankle leads it back
+    axes = [(0.0, 0.0) if e * dz > 0.0 and abs(dz) >= abs(e) else (e, dz) for e, dz in both]
+    grown = [dz + (e - dz) * math.exp(omega * planned.left) for e, dz in axes]
     size = math.hypot(*grown)
     if size <= least:
         return nominal, planned.left
     left = np.linspace(soonest, max(latest, soonest), TIMES)
     left = np.append(left, min(max(planned.left, soonest), latest))
-    e, dz = e * (1.0 - least / size), dz * (1.0 - least / size)
+    e, dz = np.transpose(axes) * (1.0 - least / size)
     start = turn.T @ (planned.dcm(omega, planned.left) - zmp) + e
     xi = dz + (start - dz) * np.exp(omega * left)[:, None]
     reach, out = footsteps.reach, 1.0 if nominal.side == 0 else -1.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from hqp.arrays import Vec
@@ -21,12 +23,16 @@ HASTENS = 3.0
 """A foot that has not found the ground in time goes down faster and faster [m/s^2]."""
 
 
-def quintic(x: Vec, v: Vec, a: Vec, goal: Vec, duration: float, after: float, rate: Vec) -> tuple[Vec, Vec, Vec]:
-    """Position, velocity, acceleration ``(k,)`` each ``after`` [s] on the quintic from (x, v, a) to (goal, rate, 0).
+State = tuple[float, float, float]
+"""Position, velocity and acceleration along one axis."""
+
+
+def quintic(start: State, goal: float, duration: float, after: float, rate: float = 0.0) -> State:
+    """Where, how fast, how much faster ``after`` [s] on the quintic from ``start`` to (goal, rate, 0).
 
     after is at most duration [s].
     """
-    T, t = duration, min(after, duration)
+    (x, v, a), T, t = start, duration, min(after, duration)
     h, dv = goal - x - v * T - 0.5 * a * T * T, rate - v - a * T
     c3 = (20.0 * h - 8.0 * dv * T - a * T * T) / (2.0 * T**3)
     c4 = (-30.0 * h + 14.0 * dv * T + 2.0 * a * T * T) / (2.0 * T**4)
@@ -64,10 +70,10 @@ class Swing:
     def retarget(self, goal: Vec, fastest: float, dt: float) -> None:
         """Move the goal ``(4,)`` towards another one, by at most ``fastest`` dt [m/s, rad/s] each."""
         most = fastest * dt
-        before = self.goal
-        self.goal = before + np.clip(_four("goal", goal) - before, -most, most)
-        if not np.array_equal(self.goal, before):
-            self._moved = self.time
+        pairs = zip(self.goal.tolist(), _four("goal", goal).tolist(), strict=True)
+        moved = [before + min(max(to - before, -most), most) for before, to in pairs]
+        if moved != self.goal.tolist():
+            self.goal, self._moved = np.array(moved), self.time
 
     @property
     def left(self) -> float:
@@ -76,39 +82,33 @@ class Swing:
 
     def step(self, dt: float) -> tuple[Vec, Vec, Vec]:
         """One tick on: (x, y, z, yaw), its velocity and acceleration, ``(4,)`` each."""
-        level, still = [0, 1, 3], np.zeros(3)
         left = max(self.left - LEAD, self._moved + FOLLOWS - self.time)
-        if left >= dt:
-            x, v, a = quintic(self.x[level], self.v[level], self.a[level], self.goal[level], left, dt, still)
-        else:
-            x, v, a = self.goal[level], still, still
-        z, vz, az = self._height(dt)
+        x, y, z, yaw = zip(self.x.tolist(), self.v.tolist(), self.a.tolist(), strict=True)
+        x_goal, y_goal, z_goal, yaw_goal = self.goal.tolist()
+        level = (x, x_goal), (y, y_goal), (yaw, yaw_goal)
+        x, y, yaw = (quintic(now, to, left, dt) if left >= dt else (to, 0.0, 0.0) for now, to in level)
+        z = self._height(z, z_goal, dt)
         self.time += dt
-        for into, of_level, of_z in ((self.x, x, z), (self.v, v, vz), (self.a, a, az)):
-            into[level], into[2] = of_level, of_z
+        self.x, self.v, self.a = np.array([x, y, z, yaw]).T.copy()
         return self.x.copy(), self.v.copy(), self.a.copy()
 
-    def _height(self, dt: float) -> tuple[float, float, float]:
+    def _height(self, now: State, goal: float, dt: float) -> State:
         """z, its velocity and acceleration after dt: up to the top, down to the goal, and on."""
-        up, left, down = RISE * self.duration - self.time, self.left, np.array([-self.search])
-        now, top, goal = (self.x[2:3], self.v[2:3], self.a[2:3]), np.array([self._top]), self.goal[2:3]
+        up, left = RISE * self.duration - self.time, self.left
         if up >= dt:
-            found = quintic(*now, top, up, dt, np.zeros(1))
-        elif up > 0.0:  # over the top within this tick
-            found = quintic(top, np.zeros(1), np.zeros(1), goal, left - up, dt - up, down)
-        elif left >= dt:
-            found = quintic(*now, goal, left, dt, down)
-        else:
-            lowest, late = float(self.goal[2]) - self.depth, min(dt, dt - left)
-            from_here, before = (float(goal[0]), -self.search) if left > 0.0 else (float(self.x[2]), float(self.v[2]))
-            z = from_here + before * late - 0.5 * HASTENS * late * late
-            return (z, before - HASTENS * late, -HASTENS) if z > lowest else (lowest, 0.0, 0.0)
-        z, vz, az = (float(part[0]) for part in found)
-        return z, vz, az
+            return quintic(now, self._top, up, dt)
+        if up > 0.0:  # over the top within this tick
+            return quintic((self._top, 0.0, 0.0), goal, left - up, dt - up, -self.search)
+        if left >= dt:
+            return quintic(now, goal, left, dt, -self.search)
+        late = min(dt, dt - left)
+        z, v = (goal, -self.search) if left > 0.0 else now[:2]
+        z, lowest = z + v * late - 0.5 * HASTENS * late * late, goal - self.depth
+        return (z, v - HASTENS * late, -HASTENS) if z > lowest else (lowest, 0.0, 0.0)
 
 
 def _four(what: str, given: Vec) -> Vec:
     found = np.array(given, dtype=np.float64)
-    if found.shape != (4,) or not np.isfinite(found).all():
+    if found.shape != (4,) or not all(map(math.isfinite, found.tolist())):
         raise DeclarationError("swing", f"bad {what}", value=given, allowed="(x, y, z, yaw), finite")
     return found

@@ -13,6 +13,7 @@ from hqp.arrays import Vec
 from hqp.declare.price import Priced
 from hqp.declare.reference import Reference
 from hqp.declare.robot import State
+from hqp.estimation.rotations import about_vertical
 from hqp.loop.controller import Controller
 from hqp.loop.tick import Tick
 from hqp.tasks import JointLimits
@@ -123,7 +124,7 @@ class Walker:
             controller = replace(controller, deadline=deadline)
         self.session = controller.session(robot, dt)
         self._upright = np.array(home.rotation(self.stacks.trunk.frame))
-        self._upright = _about(-yaw_of(self._upright)) @ self._upright
+        self._upright = about_vertical(-yaw_of(self._upright)) @ self._upright
         self.support = BOTH
         """The phase of the stack: which feet stand."""
         self.command = Command()
@@ -211,9 +212,9 @@ class Walker:
         command *= self.heavier
         if self.event and self._sent is not None:
             self._rest = self._sent - command
-        self._rest -= np.clip(self._rest, -self._fading, self._fading)
+        self._rest -= self._rest.clip(-self._fading, self._fading)
         command += self._rest
-        np.clip(command, -self._limit, self._limit, out=command)
+        command.clip(-self._limit, self._limit, out=command)
         self._sent = command.copy()
 
     def _weigh(self, load: float) -> None:
@@ -330,10 +331,10 @@ class Walker:
         self.capture_point = capture_point(state, omega)
         error = self.capture_point - dcm
         reference = np.concatenate((zmp + INTEGRAL * self._sum, dcm))
-        reached, wanted = self.stacks.supports[self.support].zmp(state, reference)
-        self.edge = bool(np.abs(reached - wanted).max() > 1e-6)
+        reached, wanted = stacks.supports[self.support].zmp(state, reference)
+        self.edge = bool(max(abs(reached - wanted)) > 1e-6)
         if not self.edge or float(error @ self._sum) < 0.0:
-            self._sum = np.clip(self._sum + self.dt * omega * error, -MOST, MOST)
+            self._sum = (self._sum + self.dt * omega * error).clip(-MOST, MOST)
         found = [
             stacks.balance.at(reference[:2], reference[2:]),
             stacks.height.at([self._height(float(state.com()[2]))]),
@@ -342,7 +343,7 @@ class Walker:
             found.append(self._swing_reference(state, error, reached - zmp))
         else:
             found.append(stacks.share.at(self._next_share(reached)))
-        found.append(stacks.trunk.at(_about(self._next_yaw()) @ self._upright))
+        found.append(stacks.trunk.at(about_vertical(self._next_yaw()) @ self._upright))
         return found
 
     def _height(self, com: float) -> float:
@@ -404,18 +405,15 @@ class Walker:
         if self._t > SOONEST:
             beyond = float(self.edge)  # inside the sole the ankle leads every error back
             self._adjust(beyond * error, beyond * pushed)
-        (x, y, z, yaw), v, a = self._swing.step(self.dt)
-        here = state.position(self.feet[side].frame)
-        x, y, z = self._swing.x[:3] = np.clip((x, y, z), here - AHEAD, here + (AHEAD, AHEAD, np.inf))
+        path, v, a = self._swing.step(self.dt)
+        x, y, z, yaw = path.tolist()
+        here = state.position(self.feet[side].frame).tolist()
+        most = here[0] + AHEAD, here[1] + AHEAD, math.inf
+        x, y, z = (min(max(p, at - AHEAD), top) for p, at, top in zip((x, y, z), here, most, strict=True))
+        self._swing.x[:3] = x, y, z
         z -= self._sunk[side] * min(1.0, self._t / (0.3 * self._T))
         target = np.eye(4)
-        target[:3, :3], target[:3, 3] = _about(yaw), (x, y, z)
-        rates = [np.array([*u[:3], 0.0, 0.0, u[3]]) for u in (v, a)]
+        target[:3, :3], target[:3, 3] = about_vertical(yaw), (x, y, z)
+        rates = np.zeros((2, 6))
+        rates[:, [0, 1, 2, 5]] = v, a
         return self.stacks.swing[side].at(target, velocity=rates[0], acceleration=rates[1])
-
-
-def _about(yaw: float) -> Any:
-    """Rotation about the vertical ``(3, 3)``."""
-    R = np.eye(3)
-    R[:2, :2] = rotation(yaw)
-    return R
