@@ -71,6 +71,7 @@ class Assembly:
         """Where the reference of an element goes: target, flat, of that shape, None where Python reads the value.
 
         plain: whether ``tick`` takes a target as it is: 0 no, 1 numbers, 2 a rotation, 3 a homogeneous matrix.
+        operation: number of the one that tells what the element is at, None for none.
         """
 
     def dynamics(self, terms: Mapping[str, Any]) -> None:
@@ -86,13 +87,10 @@ class Assembly:
     def hold(self, name: str, value: Vec | None) -> None:
         """The value, flat, that an element has without a reference."""
 
-    def measured(self, name: str, operation: int) -> None:
-        """Which of the operations tells what that element is at.  Raises KeyError for what is not there."""
-
     def renew(self, names: Sequence[str]) -> None:
         """The next ``step`` begins from hold values for every reference, of these elements from what they are at then.
 
-        Those that are not measured keep theirs.
+        Those that no operation tells keep theirs.
         """
 
     def overrun(self, name: str, q: Vec, v: Vec) -> list[float]:

@@ -60,7 +60,8 @@ class Member:
 
     write: its readable functions, None where a native operation stands in for them.  target, normal: buffers of the
     reference's where one does; last_reference: the one they were copied from.  plain: what a target has to be that is
-    taken as it is, see ``_assembly.Assembly.slot``.  laws: numbers of those that it has by turns.
+    taken as it is, see ``_assembly.Assembly.slot``.  operation: number of the native one.  laws: numbers of those
+    that it has by turns.
     """
 
     element: Element
@@ -72,6 +73,7 @@ class Member:
     normal: Vec | None = None
     last_reference: Reference | None = None
     plain: int = 0
+    operation: int | None = None
     laws: dict[Law, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -131,8 +133,6 @@ class Assembly:
         members = self.members.values()
         self.written = [m for m in members if m.write is not None]
         self._around = [m for m in self.written if has(m.element, "bounds_around")]
-        self.measured = tuple(m.element.name for m in members if m.write is None)
-        """Elements whose hold values native code can take."""
         checked = [m for m in members if m.write is not None or m.element.steered]  # by a reference that is no number
         self._own_bounds = [m.views for m in checked if not m.element.equality]
         self._targets = [(m.element.name, m.target, m) for m in members if m.target is not None and m.target.shape]
@@ -145,8 +145,6 @@ class Assembly:
             self.parts["slots"] = [self._slot(member) for member in members]
             for slot in self.parts["slots"]:
                 self.native_rows.slot(slot)
-            for k, name in enumerate(self.measured):
-                self.native_rows.measured(name, k)
 
     def _slot(self, member: Member) -> dict[str, Any]:
         """Where the reference of an element goes."""
@@ -158,6 +156,7 @@ class Assembly:
             "rate": self.rate[member.part],
             "feedforward": self.feedforward[member.part],
             "plain": member.plain,
+            "operation": member.operation,
         }
 
     def move(self, robot: Robot) -> None:
@@ -205,6 +204,7 @@ class Assembly:
             "feedforward": self.feedforward[member.part],
         }
         assembly.add(operation)
+        member.operation = len(self.parts["operations"])
         self.parts["operations"].append(operation)
 
     def _hand_over_laws(self, assembly: NativeAssembly) -> None:

@@ -81,7 +81,6 @@ class Direct:
         self._names = frozenset(member.element.name for member in assembly.written)
         self._holds: dict[str, Reference] = {}
         self._all_holds: dict[str, Reference] = {}
-        self._measured = frozenset(assembly.measured)
         self._unmeasured: dict[tuple[str, ...], tuple[str, ...]] = {}
         self._renewed: set[str] = set()
         self._begins = False
@@ -121,7 +120,8 @@ class Direct:
     def others(self, back: tuple[str, ...]) -> tuple[str, ...]:
         """Of elements that come back those whose hold values native code does not take."""
         if back not in self._unmeasured:
-            self._unmeasured[back] = tuple(name for name in back if name not in self._measured)
+            native = self._assembly.members.keys() - self._names
+            self._unmeasured[back] = tuple(name for name in back if name not in native)
         return self._unmeasured[back]
 
     def renew(self, back: tuple[str, ...], others: tuple[str, ...], holds: Mapping[str, Reference]) -> None:
@@ -141,7 +141,8 @@ class Direct:
         """Hold values that native ticks took since this was asked last."""
         found = []
         for name in self._renewed:
-            target = self._assembly.members[name].target if name in self._measured else None
+            member = self._assembly.members.get(name)
+            target = None if member is None else member.target
             if target is not None and target.shape:
                 value = np.empty(target.shape)
                 self._native.held(name, value.reshape(-1))

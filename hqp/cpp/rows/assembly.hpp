@@ -89,20 +89,26 @@ class Assembly : public Limiting {
     for (const auto& operation : operations_) operation->keep(state);
   }
   int operations() const { return static_cast<int>(operations_.size()); }
-  // What operation k is at becomes the hold value, after the kinematics and look(); what it declares stays.
-  void look(const double* v) { tree_.update(v); }
-  void hold(std::size_t k, const double* q, const double* v, Slot& slot) {
-    const std::size_t size = slot.hold.size();
-    if (!slot.target || size == 0) return;
-    if (held_.size() < size) held_.resize(size);
-    std::fill(slot.target, slot.target + size, 0.0);
-    std::fill(held_.begin(), held_.end(), 0.0);
-    if (operations_[k]->hold(q, v, held_.data())) std::copy_n(held_.begin(), size, slot.hold.begin());
+  // These elements hold what they are at, or what they held where no operation tells it, after the kinematics.
+  void take_holds(const double* q, const double* v, std::vector<Slot*>& renewed) {
+    if (!renewed.empty()) tree_.update(v);
+    for (Slot* slot : renewed) {
+      const std::size_t size = slot->target ? slot->hold.size() : 0;
+      if (size > 0 && slot->operation >= 0) {
+        if (held_.size() < size) held_.resize(size);
+        std::fill(slot->target, slot->target + size, 0.0);
+        std::fill(held_.begin(), held_.end(), 0.0);
+        if (operations_[slot->operation]->hold(q, v, held_.data()))
+          std::copy_n(held_.begin(), size, slot->hold.begin());
+      }
+      slot->settle();
+    }
+    renewed.clear();
   }
-  // How far beyond their limits the rows of operation k come to rest: see Operation::overrun.
-  void overrun(std::size_t k, const double* q, const double* v, std::vector<double>& over) {
+  // How far beyond their limits the rows of an operation, -1 for none, come to rest: see Operation::overrun.
+  void overrun(int operation, const double* q, const double* v, std::vector<double>& over) {
     over.clear();
-    operations_[k]->overrun(q, v, over);
+    if (operation >= 0) operations_[operation]->overrun(q, v, over);
   }
   bool small() const { return squared(demands_->demand(), demands_->size()) < largest_; }
   bool usable() const {

@@ -70,7 +70,6 @@ NB_MODULE(_assembly, module) {
       .def("dynamics", &Assembly::dynamics, "terms"_a)
       .def("load", &Assembly::load, "load"_a)
       .def("hold", &Assembly::hold, "name"_a, "value"_a.none())
-      .def("measured", &Assembly::measured, "name"_a, "operation"_a)
       .def("renew", &Assembly::renew, "names"_a)
       .def("overrun", &Assembly::overrun, "name"_a, "q"_a, "v"_a)
       .def("look", &Assembly::look, "q"_a, "v"_a)

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstring>
-#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -48,7 +47,7 @@ class Assembly {
   void go_on() { rows_.demands().go_on(rows_.dt()); }
   void dynamics(const nb::object& p) { hqp::add_dynamics(rows_, plan(p)); }
   void load(const nb::object& p) { hqp::add_load(rows_, plan(p)); }
-  void slot(const nb::object& p) { loop_.add(plan(p).text("name"), hqp::slot(plan(p))); }
+  void slot(const nb::object& p) { loop_.add(plan(p).text("name"), hqp::slot(plan(p), rows_.operations())); }
 
   // Placements and twists are written by this, ahead of the rows of a tick.
   void move(const nb::object& robot) {
@@ -73,30 +72,22 @@ class Assembly {
       throw nb::value_error(("the hold value of " + name + " does not fit its plan").c_str());
     slot->hold.assign(value->data(), value->data() + slot->size());
   }
-  // The operation that tells what an element of that name is at.
-  void measured(const std::string& name, int operation) {
-    if (!loop_.find(name) || operation < 0 || operation >= rows_.operations()) throw nb::key_error(name.c_str());
-    operations_[name] = operation;
-  }
   // The next step begins from hold values for every reference, fresh ones for those of these elements that are
   // measured.
   void renew(const std::vector<std::string>& names) {
     settle_ = true;
-    for (const std::string& name : names) {
-      const auto found = operations_.find(name);
-      if (found != operations_.end()) renewed_.emplace_back(loop_.find(name), found->second);
-    }
+    for (const std::string& name : names)
+      if (hqp::Slot* slot = loop_.find(name)) renewed_.push_back(slot);
   }
   Numbers overrun(const std::string& name, const Vector& q, const Vector& v) {
     Numbers over;
-    const auto found = operations_.find(name);
-    if (found != operations_.end()) rows_.overrun(std::size_t(found->second), q.data(), v.data(), over);
+    if (const hqp::Slot* slot = loop_.find(name)) rows_.overrun(slot->operation, q.data(), v.data(), over);
     return over;
   }
   // The same now, where no step follows.
   void look(const Vector& q, const Vector& v) {
     if (kinematics_) kinematics_->update(q.data());
-    take_holds(q.data(), v.data());
+    rows_.take_holds(q.data(), v.data(), renewed_);
   }
   void held(const std::string& name, const Written& value) {
     const hqp::Slot* slot = loop_.find(name);
@@ -134,7 +125,7 @@ class Assembly {
     begin_ = hqp::Clock::now();
     if (fresh) std::fill(marks_.begin(), marks_.end(), kNoMark);
     if (kinematics_) kinematics_->update(at.data());
-    if (!renewed_.empty()) take_holds(at.data(), velocity);
+    rows_.take_holds(at.data(), velocity, renewed_);
     if (!loop_.take(references, fresh || std::exchange(settle_, false))) return nb::none();
     rows_.operate(at.data(), velocity);
     if (!write.is_none() && !nb::cast<bool>(write())) return nb::none();
@@ -181,12 +172,6 @@ class Assembly {
 
  private:
   static constexpr std::int8_t kNoMark = -128;
-
-  void take_holds(const double* q, const double* v) {
-    rows_.look(v);
-    for (const auto& [slot, operation] : renewed_) rows_.hold(std::size_t(operation), q, v, *slot);
-    renewed_.clear();
-  }
 
   nb::object answered(const double* v, const double* q = nullptr, const double* rate = nullptr) {
     const auto begun = hqp::Clock::now();
@@ -257,8 +242,7 @@ class Assembly {
   hqp::Assembly rows_;
   hqp::Kinematics* kinematics_ = nullptr;
   hqp::Loop loop_;
-  std::map<std::string, int> operations_;
-  std::vector<std::pair<hqp::Slot*, int>> renewed_;
+  std::vector<hqp::Slot*> renewed_;
   bool settle_ = false;
   nb::object solve_;
   hqp::SolveCall* call_ = nullptr;

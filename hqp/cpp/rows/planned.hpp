@@ -121,9 +121,9 @@ RowsLaw rows_law(const Plan& p, int start, int stop) {
   return {
       {start, stop, held[0], held[1], held[2]}, p.numbers("kp", rows), p.numbers("kd", rows), p.numbers("pace", rows)};
 }
-// Where the reference of an element goes.
+// Where the reference of an element goes; operations: how many there are.
 template <class Plan>
-Slot slot(const Plan& p) {
+Slot slot(const Plan& p, int operations) {
   Slot slot;
   slot.shape = p.ints("shape");
   std::size_t size = 1;
@@ -137,6 +137,7 @@ Slot slot(const Plan& p) {
   const std::size_t rows = p.part("rate").size();
   slot.rows = static_cast<int>(rows);
   slot.rate = p.doubles("rate", rows), slot.feedforward = p.doubles("feedforward", rows);
+  if (p.has("operation")) slot.operation = p.place("operation", std::size_t(operations));
   slot.plain = static_cast<Plain>(p.place("plain", std::size_t(Plain::kPose) + 1));
   need(size >= (slot.plain == Plain::kPose       ? 16
                 : slot.plain == Plain::kRotation ? 9

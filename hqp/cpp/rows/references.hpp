@@ -22,6 +22,7 @@ struct Slot {
   Plain plain = Plain::kNo;
   std::vector<double> hold;  // the target where no reference is given, flat
   bool moved = false;        // whether a reference has been put there
+  int operation = -1;        // that tells what the element is at, -1 for none
 
   void settle() {
     if (target) std::copy(hold.begin(), hold.end(), target);

@@ -81,8 +81,8 @@ class Guarded {
       Slot& slot = line_.slots()[k];
       const int sizes[] = {slot.size(), slot.rows, slot.rows, 3};
       for (int what = 0; what < 4; ++what) given_[k].numbers[what].resize(std::size_t(sizes[what]));
-      slot.hold.resize(std::size_t(slot.size()));
     }
+    renewed_.reserve(given_.size());
     tick_.command_.resize(picks_.size());
     tick_.x_.resize(x_.size());
     tick_.residuals_.resize(line_.solver().exact().rows().size());
@@ -111,7 +111,7 @@ class Guarded {
     else budget_.skip();
     laws_.obey(presence_.phase(), attended_ ? &out_ : nullptr);
     attend(presence_.take());
-    if (!holds_known_) take_holds();
+    take_holds();
     apply_references();
     line_.write(q_.data(), v_.data(), around());
     if (!line_.assembly().small()) leave_out_unusable();
@@ -268,26 +268,27 @@ class Guarded {
     attended_ = true;
     line_.go_without(out);
     line_.solver().turn(out);
-    bool placed = !holds_known_;
     for (std::size_t m = 0; m < out.size(); ++m) {
       const int slot = line_.members()[m].slot;
       contacts_.judge(m, out[m]);
-      if (!holds_known_ || out[m] || !out_[m] || slot < 0 || given_[std::size_t(slot)].held) continue;
-      if (!placed) line_.kinematics().update(q_.data()), line_.assembly().look(v_.data()), placed = true;
-      line_.hold(std::size_t(slot), q_.data(), v_.data());
-      line_.slots()[std::size_t(slot)].settle();
+      if (slot >= 0 && out_[m] && !out[m]) renew(std::size_t(slot));
     }
     out_ = out;
   }
 
-  // Elements hold what they are at in the first state, unless they were told.
+  // An element holds what it is at from now on, unless it was told.
+  void renew(std::size_t slot) {
+    if (!given_[slot].held) renewed_.push_back(&line_.slots()[slot]);
+  }
+  // Of those that come back, and of all in the first state.
   void take_holds() {
+    if (!std::exchange(holds_known_, true)) {
+      renewed_.clear();
+      for (std::size_t k = 0; k < given_.size(); ++k) renew(k);
+    }
+    if (renewed_.empty()) return;
     line_.kinematics().update(q_.data());
-    line_.assembly().look(v_.data());
-    for (std::size_t k = 0; k < given_.size(); ++k)
-      if (!given_[k].held) line_.hold(k, q_.data(), v_.data());
-    settle(line_.slots(), true);
-    holds_known_ = true;
+    line_.assembly().take_holds(q_.data(), v_.data(), renewed_);
   }
 
   void apply_references() {
@@ -465,6 +466,7 @@ class Guarded {
   double violation_, gradual_;
   std::vector<double> q_, v_, good_q_, good_v_, x_;
   std::vector<Given> given_;
+  std::vector<Slot*> renewed_;  // those that take a fresh hold value
   WarmState initial_;
   ContactWatch contacts_;
   LimitWatch limits_;

@@ -68,7 +68,6 @@ class Line {
       torque_ = std::make_unique<TorqueParts>(root_.part("motion").part("torque"), nv_, solve_.call(), assembly_);
     if (torque_ ? order() != 2 || !root_.part("motion").has("dynamics") : order() != 1 && order() != 2)
       throw PlanError("the plan is of an unknown order");
-    for (const Slot& slot : slots_) declared_.emplace_back(slot.size());
     for (const Node& one : root_.parts("elements")) members_.push_back(member(one)), bind_free(members_.back());
     find_supports();
     still_.resize(std::size_t(nv_));
@@ -139,14 +138,6 @@ class Line {
       for (int i = 0; i < m; ++i, ++slack) square += *slack * *slack;
       *out++ = std::sqrt(square);
     }
-  }
-
-  // What element k holds from a state on, after the kinematics.
-  void hold(std::size_t k, const double* q, const double* v) {
-    Slot& slot = slots_[k];
-    if (slot.hold.empty() || !slot.target) return;
-    slot.hold = declared_[k];
-    if (k >= load_names_.size()) assembly_.hold(k - load_names_.size(), q, v, slot);
   }
 
   // Whether the rows of an element are numbers of ordinary size, and no bounds crossed; why not.
@@ -302,16 +293,14 @@ class Line {
     if (p.has("dynamics")) add_dynamics(assembly_, p.part("dynamics"));
     for (const Node& one : p.parts("loads")) {
       slots_.push_back(add_load(assembly_, one));
-      load_names_.push_back(one.text("name"));
+      slot_names_.push_back(one.text("name"));
     }
     for (const Node& one : p.parts("operations")) assembly_.add(one.part("plan"), target(one, nv_));
-    if (p.parts("operations").size() != p.parts("slots").size())
-      throw PlanError("the plan has other operations than references");
     laws_ = laws(p.part("laws"), order(), nv_);
     assembly_.laws(laws_);
     assembly_.largest(largest_);
     for (const Node& one : p.parts("slots")) {
-      slots_.push_back(slot(one));
+      slots_.push_back(slot(one, assembly_.operations()));
       slot_names_.push_back(one.text("name"));
       if (!slots_.back().target && slots_.back().size() > 0) throw PlanError("a reference of the plan goes nowhere");
     }
@@ -351,16 +340,14 @@ class Line {
                                   found.units.size() != found.row_names.size())))
       throw PlanError("the rows of an element of the plan are none");
     for (std::size_t k = 0; k < slot_names_.size(); ++k)
-      if (slot_names_[k] == found.name)
-        found.operation = static_cast<int>(k), found.slot = static_cast<int>(load_names_.size() + k);
-    for (std::size_t k = 0; k < load_names_.size(); ++k)
-      if (load_names_[k] == found.name) found.slot = static_cast<int>(k);
+      if (slot_names_[k] == found.name) found.slot = static_cast<int>(k);
     if (found.slot < 0) return found;
-    std::vector<double>& declared = declared_[std::size_t(found.slot)];
-    const std::size_t size = declared.size();
-    if (p.has("hold")) declared = p.part("hold").numbers();
-    if (!p.has("hold") || size == 0) declared.assign(size, 0.0);
-    if (declared.size() != size) throw PlanError("the hold value of an element of the plan has a wrong size");
+    Slot& slot = slots_[std::size_t(found.slot)];
+    const std::size_t size = std::size_t(slot.size());
+    found.operation = slot.operation;
+    if (p.has("hold")) slot.hold = p.part("hold").numbers();
+    if (!p.has("hold") || size == 0) slot.hold.assign(size, 0.0);
+    if (slot.hold.size() != size) throw PlanError("the hold value of an element of the plan has a wrong size");
     if (size == 0) found.slot = -1;
     return found;
   }
@@ -374,11 +361,10 @@ class Line {
   PlannedSolve solve_;
   Laws laws_{};
   std::vector<Slot> slots_;
-  std::vector<std::string> load_names_, slot_names_;
+  std::vector<std::string> slot_names_;
   std::vector<Member> members_;
   std::vector<Support> supports_;
-  std::vector<std::vector<double>> declared_;  // what elements hold that do not hold what they are at
-  std::vector<int> rows_, starts_;             // of each level, and its first among all
+  std::vector<int> rows_, starts_;  // of each level, and its first among all
   std::vector<double> slacks_, still_, holding_, felt_;
   std::vector<std::int8_t> marks_;
   double largest_ = 0.0;
