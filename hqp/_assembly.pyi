@@ -198,7 +198,7 @@ class Pace:
     """Sizes of steps of a descent and when it ends: see hqp/goals/descent.py."""
 
     def __init__(
-        self, step: float, least: float, progress: float, polish: float, still: float, stalled: int, last: int
+        self, step: float, least: float, progress: float, polish: float, still: float, stalled: int | None, last: int
     ) -> None: ...
 
 class Kinematics:

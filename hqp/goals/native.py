@@ -30,12 +30,17 @@ class NativeDescents:
 
     members: the elements of each group, ``subject_to`` first.  guard_rate: share of the way to their bounds that rows
     of inequalities allow a step.  still, stalled: a smaller step ends a descent that has not met its targets, and so do
-    more steps that lead no further.  Inequalities whose rows do not tell their violation, readable rows, joints that
-    are no ``tree_joints`` and references that are not finite are left to the general path.
+    more steps that lead no further, None for any number.  Inequalities whose rows do not tell their violation, readable
+    rows, joints that are no ``tree_joints`` and references that are not finite are left to the general path.
     """
 
     def __init__(
-        self, session: Session, members: Sequence[Sequence[Element]], guard_rate: float, still: float, stalled: int
+        self,
+        session: Session,
+        members: Sequence[Sequence[Element]],
+        guard_rate: float,
+        still: float,
+        stalled: int | None,
     ) -> None:
         self._session, self._members, self._guard_rate = session, members, guard_rate
         self._still, self._stalled = still, stalled

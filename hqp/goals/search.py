@@ -32,10 +32,6 @@ GUARD_RATE = 0.5
 """Share of the way to a bound, a collision for one, that one step may go."""
 
 
-NEVER = 2**31 - 1
-"""Steps after which a calm descent is given up for leading no further: it goes on to rest."""
-
-
 class Compiled(NamedTuple):
     """A session, its stack with what the robot adds, and live errors of its elements by name."""
 
@@ -168,7 +164,7 @@ class Search:
         if not calm:
             return self._native
         if self._calm_native is None:
-            self._calm_native = NativeDescents(self.calm.session, self._members, GUARD_RATE, SETTLED, NEVER)
+            self._calm_native = NativeDescents(self.calm.session, self._members, GUARD_RATE, SETTLED, stalled=None)
             self._calm_native.aim(self._references, self._targets)
         return self._calm_native
 

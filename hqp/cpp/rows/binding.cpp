@@ -99,8 +99,8 @@ NB_MODULE(_assembly, module) {
            "parts"_a, "ring"_a, "size"_a)
       .def("take", &Snapshots::take, "i"_a);
   nb::class_<hqp::Pace>(module, "Pace")
-      .def(nb::init<double, double, double, double, double, int, int>(), "step"_a, "least"_a, "progress"_a, "polish"_a,
-           "still"_a, "stalled"_a, "last"_a);
+      .def(nb::init<double, double, double, double, double, std::optional<int>, int>(), "step"_a, "least"_a,
+           "progress"_a, "polish"_a, "still"_a, "stalled"_a.none(), "last"_a);
   nb::class_<LiveKinematics>(module, "Kinematics")
       .def(nb::init<const WrittenColumns&, const nb::object&, const nb::object&>(), "twists"_a.noconvert(), "joints"_a,
            "frames"_a)

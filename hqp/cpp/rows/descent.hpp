@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <vector>
 
 #include "../dynamics/kinematics.hpp"
@@ -20,7 +21,8 @@ struct Told {
 
 struct Pace {  // sizes of steps and when to end; see the constants in hqp/goals/search.py
   double step, least, progress, polish, still;
-  int stalled, last;
+  std::optional<int> stalled;  // none: never given up
+  int last;
 };
 
 enum class End { kMet, kNoAnswer, kStill, kStalled, kSpent, kExtraordinary };
@@ -78,7 +80,7 @@ class Descent {
         }
         since = met || advanced() ? 0 : since + 1;
         if (since == 0) mark_ = merit_;
-        if (since > pace_.stalled) return End::kStalled;
+        if (pace_.stalled && since > *pace_.stalled) return End::kStalled;
       }
       if (taken_ == most || Clock::now() > end) return End::kSpent;
       ++taken_;
