@@ -67,6 +67,7 @@ class Batch:
         flat: float,
         accurate: float,
         resting: float,
+        rounded: float,
         activity: float,
         violation: float,
     ) -> None: ...

@@ -5,7 +5,15 @@ from hqp.arrays import Mat, Signs, Vec
 
 class Stages:
     def __init__(
-        self, n: int, rows: list[int], priced: list[int], met: float, flat: float, accurate: float, resting: float
+        self,
+        n: int,
+        rows: list[int],
+        priced: list[int],
+        met: float,
+        flat: float,
+        accurate: float,
+        resting: float,
+        rounded: float,
     ) -> None: ...
     def bind(
         self,

@@ -65,6 +65,9 @@ no optimum."""
 RESTING = 1e-4
 """Of x's largest entry, or of one: what an entry counts for at least in the size of a row's terms."""
 
+ROUNDED = 1e-11
+"""Of a row's length: what rounding leaves of a row that depends on others, as those on forces, which are products."""
+
 ZERO_RESIDUAL = 1e-7
 """Of 1 + what was asked, in the element's own units: what users are told of a residual below this is that it is met."""
 

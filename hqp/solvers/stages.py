@@ -22,6 +22,7 @@ from hqp.tolerances import (
     FLAT_TOLERANCE,
     MET_TOLERANCE,
     RESTING,
+    ROUNDED,
     VIOLATION_TOLERANCE,
 )
 
@@ -348,7 +349,7 @@ def _limit(workspace: Workspace, seconds: float) -> None:
 
 def stage_tolerances() -> dict[str, float]:
     """What the native stages take of hqp.tolerances, by the names that they have there."""
-    return {"met": MET_TOLERANCE, "flat": FLAT_TOLERANCE, "accurate": ACCURATE, "resting": RESTING}
+    return {"met": MET_TOLERANCE, "flat": FLAT_TOLERANCE, "accurate": ACCURATE, "resting": RESTING, "rounded": ROUNDED}
 
 
 def stages_of(n: int, rows: Sequence[int], priced: Sequence[bool]) -> NativeStages:

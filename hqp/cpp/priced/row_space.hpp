@@ -13,13 +13,14 @@ namespace hqp {
 inline namespace HQP_ISA {
 
 constexpr double kDependent = 1e-10;  // of a row's length, what it must keep to add a direction
-constexpr double kUncertain = 1e-6;   // less than this, and more than kRounded, is an uncertain direction
-constexpr double kRounded = 1e-11;    // rows on forces come out of products, with so much of rounding
+constexpr double kUncertain = 1e-6;   // less than this, and more than rounding, is an uncertain direction
 
 class RowSpace {
  public:
-  RowSpace(int most, int ld)
-      : ld_(ld),
+  // rounded: of a row's length, what rounding leaves of a row that depends on others.
+  RowSpace(int most, int ld, double rounded)
+      : rounded_(rounded),
+        ld_(ld),
         most_(most),
         V_(static_cast<std::size_t>(most) * ld, 0.0),
         tau_(most),
@@ -56,7 +57,7 @@ class RowSpace {
       rest += v[j] * grade[j] * v[j] * grade[j];
     }
     rest = std::sqrt(rest);
-    uncertain = uncertain || (rest < kUncertain * size && rest > larger(kRounded * size, rounding));
+    uncertain = uncertain || (rest < kUncertain * size && rest > larger(rounded_ * size, rounding));
     if (!(rest > larger(kDependent * size, rounding))) return false;
     const double length = std::sqrt(square);
     tau_[rank_] = 0.0;
@@ -119,6 +120,7 @@ class RowSpace {
     if (f != 0.0) add_any(v, u, -f, N);
   }
 
+  double rounded_;
   int ld_, most_, rank_ = 0, picked_ = 0;
   std::vector<double> V_, tau_, R_;  // R_: row k the part of row k of the set
   std::vector<int> pivot_, used_;    // used_: by which row a coordinate is, from 1 on, 0 for none

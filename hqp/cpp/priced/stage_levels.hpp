@@ -38,7 +38,7 @@ class StageLevels final : public PricedStages {
         settled_(n, level_, total(levels, m), tolerances.met),
         variables_(n + total(levels, m) + most(levels, m)),
         search_(total(levels, m) + most(levels, m) + 2 * variables_, n, variables_, most(levels, m),
-                tolerances.accurate),
+                tolerances.accurate, tolerances.rounded),
         rows_(n, total(levels, m) + most(levels, m) + 2 * variables_, total(levels, m), padded(variables_)) {
     last_ = -1;
     int rows = 0;

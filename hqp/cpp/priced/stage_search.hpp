@@ -36,11 +36,12 @@ struct Aim {
 class StageSearch {
  public:
   // most: rows of an aim.  accurate: of a row's length and terms, and of the gradient: an end off by more is in doubt.
-  StageSearch(int most_rows, int n, int variables, int most, double accurate)
+  // rounded: see RowSpace.
+  StageSearch(int most_rows, int n, int variables, int most, double accurate, double rounded)
       : accurate_(accurate),
         n_(n),
         ld_(padded(variables)),
-        space_(variables, ld_),
+        space_(variables, ld_, rounded),
         rate_(most_rows),
         side_(most_rows),
         kept_(most_rows),

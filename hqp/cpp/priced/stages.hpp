@@ -48,9 +48,10 @@ struct AccountRows {
 
 // Of hqp/tolerances.py: of a level's terms, ||w|| below `met` is zero; directions without motion get `flat` of the
 // largest column of F; an end of a stage that is off by more than `accurate` is in doubt; an entry counts for at least
-// `resting` of the largest, or of one.
+// `resting` of the largest, or of one; `rounded` of a row's length is what rounding leaves of one that depends on
+// others.
 struct Tolerances {
-  double met, flat, accurate, resting;
+  double met, flat, accurate, resting, rounded;
 };
 
 // The law of a hierarchy (hqp.problem.Hierarchy): prices, turning (levels,); F (r, n), or its diagonal where r = 0, or

@@ -363,7 +363,7 @@ static void level_along_step() {
 // The first `picks` of the rows pick one coordinate each.  free: what the last coordinates are divided by.
 static void row_space(int picks, double free) {
   const int n = 7, ld = padded(n), m = 4;
-  RowSpace space(n, ld);
+  RowSpace space(n, ld, 1e-11);
   std::vector<double> grade(n, 1.0);
   for (int j = n - 2; j < n; ++j) grade[j] = free;
   std::vector<std::vector<double>> W;
@@ -499,7 +499,7 @@ static void stage_search() {
       return std::sqrt(square) + 0.5 * price * moved;
     };
     const double before = worth();
-    StageSearch search(count, n, n, count + n, 1e-8);
+    StageSearch search(count, n, n, count + n, 1e-8, 1e-11);
     search.limit(0.0);
     std::vector<int> working;
     int iterations = 0;
