@@ -229,11 +229,14 @@ def kept(rows: Rows, x: Vec) -> Rows:
 
 
 def at_optimum(rows: Rows, x: Vec, off: float = MET_TOLERANCE) -> Rows:
-    """An exact level's optimal set: its slack is unique, so equalities and rows off by more keep their value."""
+    """An exact level's optimal set: its slack is unique, so equalities and rows off by more keep their value.
+
+    The others are met, and x is in their range."""
     y = rows.A @ x
     w = rows.slack(x)
     fixed = rows.equality | (np.abs(w) > off * row_sizes(rows, x))
-    return Rows(rows.A, np.where(fixed, y, rows.lower), np.where(fixed, y, rows.upper))
+    held = kept(rows, x)
+    return Rows(rows.A, np.where(fixed, y, held.lower), np.where(fixed, y, held.upper))
 
 
 def stack_rows(parts: Sequence[Rows], n: int) -> Rows:
