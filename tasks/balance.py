@@ -19,7 +19,7 @@ from hqp.declare.robot import Robot, State
 
 from .fields import check_number, set_names
 from .polygons import nearest, shrunk, slope
-from .support_polygon import SupportPolygon, hull, present
+from .support_polygon import SupportPolygon, hull
 
 LEAST = 0.05
 """Least height of the pendulum [m]."""
@@ -50,6 +50,7 @@ class Balance(Task):
     margin: float = 0.0
     height: float | None = None
     of: tuple[str, ...] = ()
+    _soles: ClassVar[Sequence[tuple[str, str, Mat]]] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -64,6 +65,12 @@ class Balance(Task):
         if self.contacts is not None:
             raise self.invalid("points", self.points, "either contacts or points")
         object.__setattr__(self, "points", SupportPolygon(points=self.points, name=self.name).points)
+        soles: dict[tuple[str, str], list[Any]] = {}
+        for name, (frame, *p) in zip(self.of or ("",) * len(self.points), self.points, strict=True):
+            soles.setdefault((name, frame), []).append(p)
+        object.__setattr__(
+            self, "_soles", [(*of, np.array(sole, dtype=np.float64)[..., None]) for of, sole in soles.items()]
+        )
 
     def among(self, elements: Sequence[Element]) -> Element:
         """The same with the points of these contacts; raises DeclarationError."""
@@ -91,15 +98,8 @@ class Balance(Task):
 
     def corners(self, state: State) -> Mat:
         """The points in the world ``(m, 3)`` [m], of contacts that are out none."""
-        there = present(self.of, state)
-        points = [self.points[i] for i in there] if there else self.points
-        soles: dict[str, list[list[float]]] = {}
-        for frame, *p in points:
-            soles.setdefault(frame, []).append(p)
-        placed = [
-            state.position(f) + (state.rotation(f) @ np.array(sole)[..., None])[..., 0] for f, sole in soles.items()
-        ]
-        return np.concatenate(placed)
+        there = [sole for sole in self._soles if sole[0] not in state.out] or self._soles
+        return np.concatenate([state.position(f) + (state.rotation(f) @ sole)[..., 0] for _, f, sole in there])
 
     def value(self, state: State) -> Vec:
         """c from above ``(2,)`` [m]."""

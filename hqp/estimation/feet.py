@@ -98,10 +98,11 @@ class FeetEstimator:
         yaws = [yaw_of(state.rotation(frame)) for frame in self._feet]
         self._v = self._v + dt * (R @ specific_force + self._gravity)
         self._p = self._p + dt * self._v
-        weight = np.array(self._hold(self._stand(load, places, yaws), rates, places, yaws))
-        if weight.any():
-            off = [math.remainder(a - b, 2.0 * math.pi) for a, b in zip(self._anchor_yaw, yaws, strict=True)]
-            R = about_vertical(self._yaw * float(weight @ off)) @ R
+        shares = self._hold(self._stand(load, places, yaws), rates, places, yaws)
+        if any(shares):
+            terms = zip(shares, self._anchor_yaw, yaws, strict=True)
+            R = about_vertical(self._yaw * sum(w * math.remainder(a - b, math.tau) for w, a, b in terms)) @ R
+            weight = np.array(shares)
             self._v += self._velocity * (-(weight @ rates) - self._v)
             self._p += self._position * (weight @ (self._anchor - places) - self._p)
         self._base = R

@@ -184,7 +184,7 @@ class Walker:
         references = self._references(state)
         tick = self.session.step(state, *references, phase=self.support)
         if felt is not None:
-            self._weigh(float(felt.sum()))
+            self._weigh(sum(felt.tolist()))
         self._bound(tick.command)
         self._t += self.dt
         if self.phase != "swing" or self._t < self._T:  # later the plan waits for the foot
@@ -332,7 +332,7 @@ class Walker:
         error = self.capture_point - dcm
         reference = np.concatenate((zmp + INTEGRAL * self._sum, dcm))
         reached, wanted = stacks.supports[self.support].zmp(state, reference)
-        self.edge = bool(max(abs(reached - wanted)) > 1e-6)
+        self.edge = math.dist(reached, wanted) > 1e-6
         if not self.edge or float(error @ self._sum) < 0.0:
             self._sum = (self._sum + self.dt * omega * error).clip(-MOST, MOST)
         found = [
@@ -369,9 +369,10 @@ class Walker:
 
     def _next_share(self, zmp: Vec) -> float:
         """Of the right foot: by where the ZMP is between the feet, at the end of a shift all on the stance foot."""
-        one, other = self.holds[0].xy, self.holds[1].xy
-        between = other - one
-        share = min(max(float((zmp - one) @ between / (between @ between)), 0.0), 1.0)
+        one, other = self.holds
+        x, y = other.x - one.x, other.y - one.y
+        along = (float(zmp[0]) - one.x) * x + (float(zmp[1]) - one.y) * y
+        share = min(max(along / (x * x + y * y), 0.0), 1.0)
         if self.phase == "shift":
             left = self._T - self._t
             if left < 2.0 * TAKE:
@@ -384,13 +385,15 @@ class Walker:
         """Move the landing of the swing foot, in place and time, to where the DCM is met."""
         assert self._swing is not None
         gait, swing, planned = self.gait, self._swing, self._planned
-        now = swing.x[:2] + rotation(swing.x[3]) @ np.array(self.feet[planned.foothold.side].middle)
         speed = CORRECTION if self._T - self._t > LAST else CREEPS
-        self._target, left = adjust(
-            replace(planned, left=max(self._T - self._t, 0.0)), self.footsteps, error, ankle, self.omega, now=now,
-            soonest=SOONEST, latest=LONGEST * gait.single - self._t, usual=gait.single - self._t, speed=speed,
-            least=LEAST,
-        )  # fmt: skip
+        self._target, left = planned.foothold, max(self._T - self._t, 0.0)
+        if self.edge:  # inside the sole the ankle leads every error back
+            now = swing.x[:2] + rotation(swing.x[3]) @ np.array(self.feet[planned.foothold.side].middle)
+            self._target, left = adjust(
+                replace(planned, left=left), self.footsteps, error, ankle, self.omega, now=now,
+                soonest=SOONEST, latest=LONGEST * gait.single - self._t, usual=gait.single - self._t, speed=speed,
+                least=LEAST,
+            )  # fmt: skip
         swing.retarget(self._goal(), speed, self.dt)
         later = self._t + left - self._T
         if abs(later) > self.dt and self._T - self._t > LAST:
@@ -403,8 +406,7 @@ class Walker:
         assert self._swing is not None
         side = 1 - self.stance
         if self._t > SOONEST:
-            beyond = float(self.edge)  # inside the sole the ankle leads every error back
-            self._adjust(beyond * error, beyond * pushed)
+            self._adjust(error, pushed)
         path, v, a = self._swing.step(self.dt)
         x, y, z, yaw = path.tolist()
         here = state.position(self.feet[side].frame).tolist()
@@ -414,6 +416,5 @@ class Walker:
         z -= self._sunk[side] * min(1.0, self._t / (0.3 * self._T))
         target = np.eye(4)
         target[:3, :3], target[:3, 3] = about_vertical(yaw), (x, y, z)
-        rates = np.zeros((2, 6))
-        rates[:, [0, 1, 2, 5]] = v, a
-        return self.stacks.swing[side].at(target, velocity=rates[0], acceleration=rates[1])
+        rates, more = ([*u[:3], 0.0, 0.0, u[3]] for u in (v.tolist(), a.tolist()))
+        return self.stacks.swing[side].at(target, velocity=rates, acceleration=more)
