@@ -15,6 +15,8 @@ import json
 import os
 import sys
 import time
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -94,14 +96,20 @@ def run(arguments: argparse.Namespace) -> int:
 
         return walks.command(arguments)
     full = (arguments.full or bool(arguments.names)) and not arguments.quick
-    setting = _setting(arguments, full)
     outcomes = []
-    with report.bar() as bar:
-        for name in arguments.names or (NAMES if full else SHORT):
-            task = bar.add_task(name, total=None)
-            setting = dataclasses.replace(setting, advance=lambda task=task: bar.advance(task))
-            outcomes.append(_one(name, setting, rendering))
-            bar.remove_task(task)
+    with report.bar() as bar, ProcessPoolExecutor(max(1, arguments.jobs)) as pool:
+        setting = _setting(arguments, full)
+        if not full and setting.jobs > 1:  # short ones beside one another; in full each has sweeps of its own
+            task = bar.add_task("experiments", total=None)
+            for outcome in pool.map(partial(_short, arguments, rendering), arguments.names or SHORT):
+                outcomes.append(outcome)
+                bar.advance(task)
+        else:
+            for name in arguments.names or (NAMES if full else SHORT):
+                task = bar.add_task(name, total=None)
+                setting = dataclasses.replace(setting, advance=lambda task=task: bar.advance(task))
+                outcomes.append(_one(name, setting, rendering))
+                bar.remove_task(task)
     for outcome in outcomes:
         _show(outcome)
     _write(arguments, outcomes, full)
@@ -141,6 +149,11 @@ def _setting(arguments: argparse.Namespace, full: bool) -> Any:
         show=viewer,
         jobs=1 if arguments.view else max(1, arguments.jobs),
     )
+
+
+def _short(arguments: argparse.Namespace, rendering: str, name: str) -> Any:
+    """One of the short versions, in a process of its own."""
+    return _one(name, dataclasses.replace(_setting(arguments, False), jobs=1), rendering)
 
 
 def _one(name: str, setting: Any, rendering: str) -> Any:

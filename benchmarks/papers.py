@@ -36,7 +36,8 @@ POINTWISE = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of this part."""
-    parser.add_argument("--states", type=int, default=None, metavar="N", help="random states a row, default 100")
+    states = "random states a row; percent of Sentis 2012's; default 100"
+    parser.add_argument("--states", type=int, default=None, metavar="N", help=states)
     parser.add_argument("--robots", nargs="+", default=list(ROBOTS), metavar="NAME", help="default: cbi talos")
 
 
@@ -44,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Check, show, write; returns 1 if a check fails."""
     count = arguments.states or (10 if arguments.quick else 100)
     checks, notes = mistry(tuple(arguments.robots), count, arguments.output)
-    more, figures = sentis(arguments.quick, arguments.output)
+    more, figures = sentis(count, not arguments.quick, arguments.output)
     checks += more
     notes += figures
     report.show(checks)
@@ -77,7 +78,8 @@ def mistry(names: tuple[str, ...], count: int, output: Path | None) -> tuple[lis
                 bar.advance(task)
             bar.update(task, description=f"Mistry 2008, closed loops on {name}")
             runs = integration.experiments(robot)
-            checks += of_kind(integration.checks(robot, runs), "product")
+            periods = integration.PERIODS[: None if count >= 100 else -1]
+            checks += of_kind(integration.checks(robot, runs, periods), "product")
             if output is not None and importlib.util.find_spec("matplotlib") is not None:
                 figures = importlib.import_module("benchmarks.mistry2008.equations.figures")
                 notes += [f"![{text}]({path.name})" for text, path in figures.experiments(runs, name, output)]
@@ -85,12 +87,12 @@ def mistry(names: tuple[str, ...], count: int, output: Path | None) -> tuple[lis
     return checks, notes
 
 
-def sentis(quick: bool, output: Path | None) -> tuple[list[Check], list[str]]:
-    """The rows of Sentis 2012; with ``output``, its figures there."""
+def sentis(percent: int, signs: bool, output: Path | None) -> tuple[list[Check], list[str]]:
+    """The rows of Sentis 2012 at so many percent of the states; with ``output``, its figures there."""
     with report.bar() as bar:
         task = bar.add_task("Sentis 2012", total=None)
-        checks = sentis2012.rows(progress=lambda text: bar.update(task, description=text), quick=quick)
+        checks = sentis2012.rows(progress=lambda text: bar.update(task, description=text), percent=percent, signs=signs)
         if output is None or importlib.util.find_spec("matplotlib") is None:
             return checks, []
         bar.update(task, description="Sentis 2012, figures")
-        return checks, [f"![{path.stem}]({path.name})" for path in sentis2012.figures(output, quick=quick)]
+        return checks, [f"![{path.stem}]({path.name})" for path in sentis2012.figures(output, percent)]

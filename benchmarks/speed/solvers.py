@@ -55,6 +55,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     every = [*problems.names(), *sequences.ROBOTS]
     parser.add_argument("--sets", nargs="+", choices=every, default=every, metavar="SET", help="default: all")
     parser.add_argument("--solvers", nargs="+", default=None, metavar="NAME", help="default: all available")
+    parser.add_argument(
+        "--others", type=int, default=None, metavar="N",
+        help=f"problems of a set for all solvers but the fastest, default {SLOW_PROBLEMS}, all of them for daqp",
+    )  # fmt: skip
     parser.add_argument("--repeat", type=int, default=None, metavar="N", help="solves a problem, default 20")
     parser.add_argument(
         "--random", type=int, default=None, metavar="N",
@@ -64,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure, show, write; 1 where the native solver called an answer solved that the certificate refuses."""
-    subjects = _subjects(arguments.solvers)
+    subjects, others = _subjects(arguments.solvers), arguments.others
     repeat = arguments.repeat or (3 if arguments.quick else 20)
     found: list[Measured] = []
     walls: dict[str, dict[str, float]] = {}
@@ -74,11 +78,12 @@ def run(arguments: argparse.Namespace) -> int:
             for label, solver in subjects.items():
                 bar.update(task, description=f"{label} on {name}")
                 if name in sequences.ROBOTS:
-                    ticks = SLOW_TICKS if arguments.quick or not _fast(label) else sequences.TICKS
+                    ticks = SLOW_TICKS if arguments.quick or not _fast(label, others) else sequences.TICKS
                     found += _loop(name, label, solver, sequences.load(name, ticks))
                     bar.advance(task)
                     continue
-                limit = QUICK_PROBLEMS if arguments.quick else None if _fast(label) else SLOW_PROBLEMS
+                limit = None if _fast(label, others) else others or SLOW_PROBLEMS
+                limit = QUICK_PROBLEMS if arguments.quick else limit
                 chosen_problems = problems.load(name, limit)
                 if label == FLOOR or all(_takes(solver, problem) for problem in chosen_problems):
                     found += _measure(name, label, solver, chosen_problems, repeat, walls)
@@ -97,8 +102,8 @@ def _subjects(names: Sequence[str] | None) -> dict[str, Solver | None]:
     return found
 
 
-def _fast(label: str) -> bool:
-    return label in (FLOOR, "lexicographic", "daqp", "nullspace")
+def _fast(label: str, others: int | None) -> bool:
+    return label in (FLOOR, "lexicographic", "nullspace") or (label == "daqp" and others is None)
 
 
 def _takes(solver: Solver | None, problem: Hierarchy) -> bool:

@@ -56,7 +56,7 @@ def test_json_has_the_promised_fields_and_no_nan(tmp_path: Path) -> None:
 def _fake_papers(monkeypatch: pytest.MonkeyPatch, passed: bool) -> None:
     check = Check("M(2)", "x", "cbi", 1e-9, 0.0 if passed else 1.0, passed)
     monkeypatch.setattr(papers, "mistry", lambda names, count, output: ([check], []))
-    monkeypatch.setattr(papers, "sentis", lambda quick, output: ([], []))
+    monkeypatch.setattr(papers, "sentis", lambda percent, signs, output: ([], []))
 
 
 @pytest.mark.parametrize(("passed", "status"), [(True, 0), (False, 1)])
@@ -103,9 +103,19 @@ def test_the_main_job_gathers_sections_and_worst_status(
 
 def test_the_main_job_runs_a_part(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(command, "present", lambda part: part == "papers")
-    monkeypatch.setitem(command.FULL_RUN_OPTIONS, "papers", ("--robots", "none"))
+    monkeypatch.setitem(command.SMALLER, "papers", ("--robots", "none"))
     assert command.main(["--output", str(tmp_path), "--quick"]) == 1
     assert "'none'" in (tmp_path / "papers.log").read_text()
+
+
+@pytest.mark.parametrize("full", [False, True])
+def test_the_main_job_asks_less_of_a_part_unless_in_full(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, full: bool
+) -> None:
+    monkeypatch.setattr(command, "PYTHON", (sys.executable, "-c", "import sys; print(sys.argv)"))
+    monkeypatch.setattr(command, "present", lambda part: part == "papers")
+    command.main(["--output", str(tmp_path), *(["--full"] if full else [])])
+    assert ("--states" in (tmp_path / "papers.log").read_text()) is not full
 
 
 def test_options_may_come_before_the_part(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

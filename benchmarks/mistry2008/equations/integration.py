@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -45,30 +45,30 @@ def experiments(robot: Robot) -> Experiments:
     )
 
 
-def checks(robot: Robot, runs: Experiments) -> Iterator[Check]:
+def checks(robot: Robot, runs: Experiments, periods: Sequence[float] = PERIODS) -> Iterator[Check]:
     """Every row on one robot."""
-    yield from _drift(robot)
+    yield from _drift(robot, periods)
     yield from _figure_eight(robot, runs)
     yield from _side_to_side(robot, runs)
     yield from _regulation(robot)
 
 
-def _drift(robot: Robot) -> Iterator[Check]:
+def _drift(robot: Robot, periods: Sequence[float]) -> Iterator[Check]:
     """(19) alone lets the feet drift in proportion to dt; position feedback holds them."""
     q = near_home(robot, np.random.default_rng(3))
     slips = [
-        loop.run(robot, "nullspace", 3.0, com=loop.side_to_side, contact_gain=0.0, dt=dt, q=q).slip for dt in PERIODS
+        loop.run(robot, "nullspace", 3.0, com=loop.side_to_side, contact_gain=0.0, dt=dt, q=q).slip for dt in periods
     ]
     held = loop.run(robot, "nullspace", 3.0, com=loop.side_to_side, q=q).slip
     note = (
-        "drift " + ", ".join(f"{slip:.1e}" for slip in slips) + " m at " + ", ".join(f"{1e3 * dt:g}" for dt in PERIODS)
+        "drift " + ", ".join(f"{slip:.1e}" for slip in slips) + " m at " + ", ".join(f"{1e3 * dt:g}" for dt in periods)
     )
     text = "feet drift halves with dt, asymmetric stance, 3 s: |ratio - 2|"
     ratios = [abs(coarse / fine - 2.0) for coarse, fine in pairwise(slips)]
     yield at_most("M(19)", text, robot.name, 0.3, ratios, note)
     anchored = [
         loop.run(robot, "nullspace", 3.0, com=loop.side_to_side, contact_gain=0.0, dt=dt, q=q, anchored=True).slip
-        for dt in PERIODS
+        for dt in periods
     ]
     ratios = [abs(coarse / fine - 2.0) for coarse, fine in pairwise(anchored)]
     note = "drift " + ", ".join(f"{slip:.1e}" for slip in anchored) + " m, all of it the right sole's"

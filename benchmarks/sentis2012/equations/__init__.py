@@ -14,13 +14,12 @@ STATES, POSTURE_STATES, HQP_STATES = 200, 100, 60
 """Random states a slope for the identities, for the posture law and for the equivalences."""
 
 
-def rows(progress: Callable[[str], None] | None = None, quick: bool = False) -> list[Check]:
-    """All checks; quick takes a twentieth of the states and a shorter simulation."""
+def rows(progress: Callable[[str], None] | None = None, percent: int = 100, signs: bool = True) -> list[Check]:
+    """All checks at so many percent of the states and of the simulated time; signs: eq. (28) as printed, too."""
     from benchmarks.reports.checks import of_kind
     from benchmarks.sentis2012.equations import constraints, equivalence, headline, posture, sessions, tasks
     from benchmarks.sentis2012.equations.ground import Ground
 
-    share = 20 if quick else 1
     found: list[Check] = []
     for degrees in SLOPES:
         ground = Ground(degrees)
@@ -35,19 +34,24 @@ def rows(progress: Callable[[str], None] | None = None, quick: bool = False) -> 
         for text, checks, count, kind in parts:
             if progress is not None:
                 progress(f"Sentis 2012, {ground.label}: {text}")
-            found += of_kind(checks(ground, max(count // share, 3)), kind)
+            found += of_kind(checks(ground, max(count * percent // 100, 3)), kind)
         if degrees:
             if progress is not None:
                 progress(f"Sentis 2012, {ground.label}: V along simulated motion")
-            found += of_kind(posture.simulations(ground, quick), "identity")
+            found += of_kind(posture.simulations(ground, duration(percent), signs), "identity")
     return found
 
 
-def figures(folder: Path, quick: bool = False) -> list[Path]:
+def duration(percent: int) -> float:
+    """How long the self motion is simulated [s]."""
+    return max(0.3, 1.5 * min(percent, 100) / 100)
+
+
+def figures(folder: Path, percent: int = 100) -> list[Path]:
     """Write the Lyapunov function over time; returns what was written."""
     from benchmarks.sentis2012.equations import posture
     from benchmarks.sentis2012.equations.ground import Ground
 
     path = folder / "sentis2012_lyapunov.png"
-    posture.figure(Ground(SLOPES[-1]), path, quick)
+    posture.figure(Ground(SLOPES[-1]), path, duration(percent))
     return [path]

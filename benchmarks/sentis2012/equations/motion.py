@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -76,13 +77,17 @@ class SelfMotionRun:
     sign: float = 1.0
     amplitude: float = 0.5
 
+    @cached_property
+    def hand(self) -> Vec:
+        """Where the hand is at first."""
+        return Snapshot(self.ground, self.q, self.v).frame("hand")[0]
+
     def task(self, s: Snapshot, t: float) -> Demand:
         """The hand: a sine about where it was, with feedback on position and velocity."""
         J, dJ = s.hand
-        start = Snapshot(self.ground, self.q, self.v).frame("hand")[0]
         direction = np.array([1.0, 0.5, -0.7]) * self.amplitude
         w = 4.0
-        target = start + direction * (1.0 - np.cos(w * t)) / w**2
+        target = self.hand + direction * (1.0 - np.cos(w * t)) / w**2
         velocity, acceleration = direction * np.sin(w * t) / w, direction * np.cos(w * t)
         a = acceleration - 100.0 * (s.frame("hand")[0] - target) - 20.0 * (J @ s.v - velocity)
         return Demand(*s.star(J, dJ), a)

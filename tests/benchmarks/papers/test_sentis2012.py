@@ -33,5 +33,5 @@ def test_every_row_holds(ground: Ground, part: str) -> None:
 
 @pytest.mark.slow
 def test_lyapunov_function_falls_as_predicted() -> None:
-    missed = [row for row in posture.simulations(Ground(7.0), quick=True) if not row.passed]
+    missed = [row for row in posture.simulations(Ground(7.0), 0.3, signs=False) if not row.passed]
     assert not missed, "\n".join(map(str, missed))
