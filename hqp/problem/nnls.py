@@ -20,40 +20,43 @@ def nonnegative_least_squares(G: Mat, b: Vec) -> Vec:
     passive = np.zeros(k, dtype=bool)
     tried = np.zeros(k, dtype=bool)  # entered without a decrease that can be seen: another column may show one
     enough = 1e-15 * float(np.abs(b).max(initial=0.0))
+    Q = np.zeros((b.size, 0))
     for _ in range(3 * (k + b.size)):
-        pull = G.T @ _rest(G, b, passive)
+        pull = G.T @ _rest(b, Q)
         pull[passive | tried] = 0.0
         entering = int(np.argmax(pull)) if k else 0
         if not k or pull[entering] <= enough:
             break
         passive[entering] = True
-        if _restore(G, b, mu, passive):
+        before = float(np.linalg.norm(b - G @ mu))
+        Q = _restore(G, b, mu, passive)
+        if float(np.linalg.norm(b - G @ mu)) < before:
             tried[:] = False
         else:
             tried[entering] = True
     return mu
 
 
-def _rest(G: Mat, b: Vec, passive: Mask) -> Vec:
-    """What the least squares over the passive set leave of b, by projection: b - G mu is as rounded as mu is large."""
-    if not passive.any():
-        return b
-    U, sigma, _ = np.linalg.svd(G[:, passive], full_matrices=False)
-    Q = U[:, sigma > DEPENDENT * sigma[0]]
+def _rest(b: Vec, Q: Mat) -> Vec:
+    """What the span of Q leaves of b, by projection: b - G mu is as rounded as mu is large."""
     rest = b - Q @ (b @ Q)
     return np.asarray(rest - Q @ (rest @ Q))
 
 
-def _restore(G: Mat, b: Vec, mu: Vec, passive: Mask) -> bool:
-    """Move mu towards the least squares over the passive set, dropping what turns negative."""
-    before = float(np.linalg.norm(b - G @ mu))
+def _restore(G: Mat, b: Vec, mu: Vec, passive: Mask) -> Mat:
+    """Move mu to the least squares over the passive set, dropping what turns negative; a basis of the set's span."""
     while passive.any():
         chosen = np.flatnonzero(passive)
-        aim = np.linalg.lstsq(G[:, chosen], b, rcond=DEPENDENT)[0]
+        columns = G[:, chosen]
+        U, sigma, Vt = np.linalg.svd(columns, full_matrices=False)
+        kept = sigma > DEPENDENT * sigma[0]
+        Q, back = U[:, kept], Vt[kept] / sigma[kept, None]
+        aim = b @ Q @ back
+        aim += (b - columns @ aim) @ Q @ back  # columns of unlike lengths
         if np.all(aim > 0.0):
             mu[:] = 0.0
             mu[chosen] = aim
-            break
+            return Q
         blocked = aim <= 0.0
         here = mu[chosen]
         step = float(np.min(here[blocked] / np.maximum(here[blocked] - aim[blocked], 1e-300)))
@@ -63,4 +66,4 @@ def _restore(G: Mat, b: Vec, mu: Vec, passive: Mask) -> bool:
             drop = blocked & (moved == moved[blocked].min())
         mu[chosen] = np.where(drop, 0.0, np.maximum(moved, 0.0))
         passive[chosen[drop]] = False
-    return float(np.linalg.norm(b - G @ mu)) < before
+    return np.zeros((b.size, 0))
