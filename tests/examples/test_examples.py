@@ -6,8 +6,6 @@ import importlib.util
 import math
 import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -15,6 +13,7 @@ import pytest
 import hqp
 import hqp.tasks
 from hqp.declare.element import REGISTRY
+from tests.examples.playing import play
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 UNTESTED = {"ros2_node"}
@@ -28,14 +27,6 @@ NEEDS = {
     "yumi": "robosuite_models",
 }
 ARGUMENTS = {"view_g1": ["2"]}
-PATIENT = """
-import math, runpy, sys, hqp
-made = hqp.Controller.__init__
-hqp.Controller.__init__ = lambda *given, **more: made(*given, **{"deadline": math.inf, **more})
-del sys.argv[0]
-runpy.run_path(sys.argv[0], run_name="__main__")
-"""
-"""Simulations wait for their answers, also on a machine that is busy with other tests."""
 CORPUS = Path(os.environ.get("HQP_CORPUS", "build/corpus")).absolute()
 MODELS = {
     "aloha": "gym_aloha/assets",
@@ -89,7 +80,6 @@ def test_it_runs_on_the_model_of_its_package(name: str, tmp_path: Path) -> None:
 
 
 def run(path: Path, folder: Path, *arguments: str) -> None:
-    given = [sys.executable, "-c", PATIENT, str(path), *arguments]
-    result = subprocess.run(given, capture_output=True, text=True, cwd=folder, timeout=1200, check=False)
-    assert result.returncode == 0, result.stdout + result.stderr
-    assert result.stdout.strip()
+    status, printed = play(path, folder, *arguments)
+    assert status == 0, printed
+    assert printed.strip()
