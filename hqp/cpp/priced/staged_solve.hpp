@@ -100,7 +100,6 @@ class StagedSolve final : public SolveCall {
   }
   // The next solves are without the rows of these elements, see WarmSets.
   void turn(const WarmSets::Out& out) { sets_.turn(*this, out); }
-  void make_room(std::size_t elements) { sets_.make_room(*this, elements); }  // for all of these
   void reset() {
     stages_->reset();
     sets_.forget();

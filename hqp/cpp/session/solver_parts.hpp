@@ -80,20 +80,13 @@ class PlannedSolve {
     if (staged_) staged_->keep(warm);
   }
   // The next solves are without the rows of these elements.
-  void turn(const WarmSets::Out& out) {
-    exact_->turn(out);
-    for (const auto& one : heads_) one->turn(out);
-    if (staged_) staged_->turn(out);
-  }
-  void make_room(std::size_t elements) {  // for all sets of these
-    exact_->make_room(elements);
-    for (const auto& one : heads_) one->make_room(elements);
-    if (staged_) staged_->make_room(elements);
-  }
+  void turn(const WarmSets::Out& out) { sets_.turn(*this, out); }
+  void make_room(std::size_t elements) { sets_.make_room(*this, elements); }  // for all sets of these
   void reset() {
     exact_->reset(false);
     for (const auto& one : heads_) one->reset(false);
     if (staged_) staged_->reset();
+    sets_.forget();
   }
 
  private:
@@ -140,6 +133,7 @@ class PlannedSolve {
   std::unique_ptr<BoundKernel> exact_;
   std::vector<std::unique_ptr<BoundKernel>> heads_;
   std::unique_ptr<StagedSolve> staged_;
+  WarmSets sets_;
   Law law_;
   const double* end_ = nullptr;
   double activity_ = 0.0, violation_ = 0.0;

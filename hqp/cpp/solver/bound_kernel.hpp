@@ -59,7 +59,6 @@ class BoundKernel final : public SolveCall {
   void keep(CarryOver& warm) { kernel_->keep(warm); }
   // The next solves are without the rows of these elements, see WarmSets.
   void turn(const WarmSets::Out& out) { sets_.turn(*kernel_, out); }
-  void make_room(std::size_t elements) { sets_.make_room(*kernel_, elements); }  // for all of these
 
   int size() const { return n_; }
   int total() const { return total_; }
