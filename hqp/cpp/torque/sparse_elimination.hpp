@@ -69,13 +69,10 @@ class SparseElimination final : public Elimination {
   int rows() const override { return rows_; }
   void towards(const double* asked, double* motion) override {
     prescribe(asked);
-    const double* q = Q_.data();
-    for (int i = 0; i < nv_; ++i) {
-      motion[i] = 0.0;
-      if (!moving_[i]) continue;
+    std::fill(motion, motion + nv_, 0.0);
+    each_row([&](int i, const double* q) {
       for (int k = 0; k < m_; ++k) motion[i] += q[k] * y_[k];
-      q += m_;
-    }
+    });
     motions(motion, 1);
   }
 
@@ -153,12 +150,15 @@ class SparseElimination final : public Elimination {
   // Q (nv, m) row-major, from what is kept of it.
   void write(double* Q) const {
     std::fill(Q, Q + nv_ * rows_, 0.0);
-    const double* q = Q_.data();
-    for (int i = 0; i < nv_; ++i) {
-      if (!moving_[i]) continue;
+    each_row([&](int i, const double* q) {
       for (int k = 0; k < m_; ++k) Q[i * rows_ + in_[k]] = q[k];
-      q += m_;
-    }
+    });
+  }
+  template <class Visit>
+  void each_row(Visit visit) const {
+    const double* q = Q_.data();
+    for (int i = 0; i < nv_; ++i)
+      if (moving_[i]) visit(i, q), q += m_;
   }
 
   // y with T^T y = asked (m): what that prescribes along Q, of dependent constraints in least squares.
