@@ -52,8 +52,9 @@ class Watched:
         passed = native.LimitWatch.passed
         for element in self.elements:
             over = self._assembly.overrun(element.name, state.q, v)
-            rows = zip(element.row_names(self._robot), map(passed, over, self.units(element)), strict=False)
-            found += [Note(name, Status.OPTIMAL, why) for name, why in rows if why]
+            if over:  # of native limits alone
+                rows = zip(element.row_names(self._robot), over, self.units(element), strict=True)
+                found += [Note(name, Status.OPTIMAL, why) for name, far, unit in rows if (why := passed(far, unit))]
         return tuple(found)
 
     def units(self, element: Element) -> list[str]:
