@@ -110,7 +110,8 @@ check: setup
 	$(BIN)/pyright
 
 # The kernel under the address and undefined-behaviour sanitizers, over every stored problem and hard random ones;
-# plans' files with random damage, 1700 of each of six, and 300 more behind a right hash.
+# plans' files with random damage, 1700 of each of six, and 300 more behind a right hash. Under the thread sanitizer
+# sessions of one plan on threads of their own, and batches.
 SANITIZED := build/sanitized
 DAMAGED ?= 1700
 RESEALED ?= 300
@@ -126,6 +127,10 @@ sanitize: setup
 	cmake --build $(SANITIZED)/session --target damaged
 	$(SANITIZED)/session/damaged $(DAMAGED) $(SANITIZED)/*.hqp
 	$(SANITIZED)/session/damaged --resealed $(RESEALED) $(SANITIZED)/*.hqp
+	cmake -S tests/export/native -B $(SANITIZED)/threads -DCMAKE_BUILD_TYPE=None -Dhqp_DIR=$$($(BIN)/hqp --cmake-dir) \
+	    -DCMAKE_CXX_FLAGS="-O1 -g -Wno-psabi -fsanitize=thread"
+	cmake --build $(SANITIZED)/threads --target threads
+	$(SANITIZED)/threads/threads 3 $(SANITIZED)/*.hqp
 
 # Random hierarchies of many kinds, judged by the certificate: COUNT of each kind, at most SECONDS in all.
 COUNT ?= 5000
