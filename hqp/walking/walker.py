@@ -34,6 +34,9 @@ TOUCH = 0.05
 EARLY = 0.55
 """It does not before this share of the time of its swing."""
 
+LATE = 0.015
+"""When its time is up this share tells it: a light foot whose toe has met a slope pushes with no more (AHEAD)."""
+
 FADE = 0.08
 """What torques would jump by at a switch of phase goes in so long for a joint's largest torque [s]."""
 
@@ -263,7 +266,8 @@ class Walker:
     def _landed(self, loads: Vec | None) -> bool:
         if loads is None:
             return self._t >= self._T
-        touched = bool(loads[1 - self.stance] > TOUCH * self.weight)
+        least = TOUCH if self._t < self._T else LATE
+        touched = bool(loads[1 - self.stance] > least * self.weight)
         return (touched and self._t > EARLY * self._T) or self._t > self._T + self.gait.patience
 
     def _enter(self, phase: str, duration: float, state: State) -> None:

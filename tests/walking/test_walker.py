@@ -221,6 +221,22 @@ def test_what_joints_bear_on_one_foot_is_the_balance_of_the_free_base() -> None:
         np.testing.assert_allclose(borne(robot, foot, state.q) * robot.effort_limit[robot.actuated], torque, atol=1e-6)
 
 
+def test_what_a_foot_bears_by_a_toe_is_a_landing_when_its_time_is_up() -> None:
+    """2 % of the weight: more than a foot that is held back can push with, less than a landing before its time."""
+    walker = Walker(hqp.robots.load("talos", rotors=True), Gait(single=0.3, first=0.3), dt=DT, deadline=np.inf)
+    walker.go()
+    q, v, swung = walker.start, np.zeros(walker.robot.nv), 0
+    for _ in range(800):
+        state = walker.robot.state(q, v)
+        left = 0.02 if walker.phase == "swing" else 0.5
+        tick = walker.step(state, loads=np.array([left, 1.0 - left]) * walker.weight)
+        swung += walker.phase == "swing"
+        if swung and walker.event == "shift":
+            break
+        q, v = walker.session.program.advance(state, tick.x)
+    assert swung * DT == pytest.approx(0.3, abs=0.01)
+
+
 def test_it_weighs_itself() -> None:
     """Feet that bear a tenth more than the model: so much more torque; a blow or a flight says nothing."""
     robot = hqp.robots.load("talos", rotors=True)
