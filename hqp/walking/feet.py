@@ -10,6 +10,7 @@ import numpy as np
 
 from hqp.arrays import Vec
 from hqp.errors import DeclarationError
+from hqp.estimation.rotations import yaw_of
 from hqp.walking.footsteps import Foothold, rotation
 
 if TYPE_CHECKING:
@@ -55,11 +56,6 @@ class Foot:
     def origin(self, xy: Vec, yaw: float) -> Vec:
         """Where the frame is from above, with the middle at xy ``(2,)`` [m]."""
         return np.asarray(xy - rotation(yaw) @ np.array(self.middle))
-
-
-def yaw_of(R: Any) -> float:
-    """Of the x axis about the vertical [rad]."""
-    return float(np.arctan2(R[1, 0], R[0, 0]))
 
 
 def feet_of(robot: Any, soles: Sequence[str] | None = None) -> tuple[Foot, Foot]:

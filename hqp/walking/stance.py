@@ -10,8 +10,9 @@ import numpy as np
 from hqp.arrays import Vec
 from hqp.declare.stack import Level, Stack
 from hqp.errors import DeclarationError
+from hqp.estimation.rotations import yaw_of
 from hqp.tasks import Com, Orientation, Pose, Posture
-from hqp.walking.feet import Foot, base_of, leg_joints, yaw_of
+from hqp.walking.feet import Foot, base_of, leg_joints
 from hqp.walking.footsteps import rotation
 
 if TYPE_CHECKING:

@@ -13,13 +13,13 @@ from hqp.arrays import Vec
 from hqp.declare.price import Priced
 from hqp.declare.reference import Reference
 from hqp.declare.robot import State
-from hqp.estimation.rotations import about_vertical
+from hqp.estimation.rotations import about_vertical, yaw_of
 from hqp.loop.controller import Controller
 from hqp.loop.tick import Tick
 from hqp.tasks import JointLimits
 from hqp.torque.program import Torque
 from hqp.walking.adjustment import Landing, adjust
-from hqp.walking.feet import feet_of, yaw_of
+from hqp.walking.feet import feet_of
 from hqp.walking.footsteps import RIGHT, Command, Footsteps, rotation
 from hqp.walking.gait import Gait, Reach
 from hqp.walking.pendulum import DcmPlan, Piece, capture_point, natural_frequency
