@@ -38,6 +38,17 @@ MODELS = {
 """Models of other packages, which ``make corpus`` fetches."""
 
 
+LONG = {
+    "ball_shoulders", "lean_on_a_table", "lift_a_foot", "moving_balls", "quadruped_paw", "two_arms_apart", "waiter",
+    "walk_talos",
+}  # fmt: skip
+"""Those that move for long."""
+PROGRAMS = [
+    pytest.param(path, id=path.stem, marks=[pytest.mark.slow] if path.stem in LONG else [])
+    for path in sorted(EXAMPLES.glob("*.py"))
+]
+
+
 def test_there_are_a_dozen() -> None:
     assert len(list(EXAMPLES.glob("*.py"))) - len(UNTESTED) >= 12
 
@@ -53,7 +64,7 @@ def test_every_element_is_in_a_program_and_has_a_picture(name: str) -> None:
     assert any(shown.search(page) for page in pages)
 
 
-@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", PROGRAMS)
 def test_it_runs(path: Path, tmp_path: Path) -> None:
     if path.stem in UNTESTED:
         assert path.read_text().startswith('"""UNTESTED')

@@ -81,6 +81,7 @@ def test_problems_that_were_wrong_once(seed: int) -> None:
     certified(problem, Lexicographic().solve(problem))
 
 
+@pytest.mark.slow
 def test_the_textbook_reference_agrees() -> None:
     compared = 0
     for seed in range(200):

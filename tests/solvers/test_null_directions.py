@@ -103,6 +103,7 @@ def redundant(rng: Generator) -> tuple[Hierarchy, Mat]:
     return Hierarchy(levels, int(rng.integers(0, 3)), None if metric is None else (metric + metric.T) / 2.0), Z
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(lexicographic.kernel() == "", reason="built without the native kernel")
 def test_what_no_level_sees_is_zero() -> None:
     """Of 300, 20 went along such directions as far as the bounds let them, as rounding of the levels said."""

@@ -95,7 +95,7 @@ def as_stored(seed: int, dense: bool, mixed: bool, unit: float) -> Hierarchy:
     )
 
 
-@pytest.mark.parametrize("name", SOLVERS)
+@pytest.mark.parametrize("name", ["lexicographic", pytest.param("reference", marks=pytest.mark.slow)])
 def test_one_answer_however_the_rows_are_stored(name: str) -> None:
     solver, unmet = hqp.solvers.load(name), 0
     for seed in range(8):
@@ -222,6 +222,7 @@ def test_out_of_reach_only_the_levels_above_are_solved_exactly() -> None:
     assert len(set(beyond) & set(exact)) == 1  # the step on which the goal went out of reach
 
 
+@pytest.mark.slow
 def test_levels_of_many_rows_against_the_reference() -> None:
     """From seven rows on the secular equation is solved by Cholesky factors, not by rotations."""
     unmet = 0

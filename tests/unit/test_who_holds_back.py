@@ -41,7 +41,7 @@ def test_an_eager_hand_on_its_way_is_held_by_the_joints_speed() -> None:
     tick, _ = driven(within(0.48), 60)
     account = tick.explain()["hand"]
     assert account.cause == tick.account().cause("hand") == "limit"
-    assert "speed" in str(tick.explain()).split("hand")[1].splitlines()[0]
+    assert "speed" in next(line for line in str(tick.explain()).splitlines() if line.startswith("hand"))
     (note,) = tick.notes
     assert (note.element, "the rest is held by limits" in note.detail) == ("hand", True)
 
