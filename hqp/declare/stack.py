@@ -53,6 +53,11 @@ class Level:
     def _key(self) -> tuple[object, ...]:
         return self.elements, self.name, self.price, self.when
 
+    @property
+    def title(self) -> str:
+        """Its name, or those of its elements where it has none."""
+        return self.name or str(self)
+
     def __str__(self) -> str:
         return " + ".join(e.name for e in self.elements)
 

@@ -71,7 +71,7 @@ class Search:
         self._exact = self._compiled(Price(0.0))
         self._calm: Compiled | None = None
         members = [("subject_to", self._exact.stack.subject_to)]
-        members += [(level.name or str(level), level.elements) for level in self._exact.stack.levels]
+        members += [(level.title, level.elements) for level in self._exact.stack.levels]
         self.groups: list[str] = [name for name, _ in members]
         self._members = [elements for _, elements in members]
         every = [e for elements in self._members for e in elements]

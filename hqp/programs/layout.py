@@ -70,7 +70,7 @@ def lay_out(
         for rank in sorted(members)
     ]
     for level in stack.levels:
-        name = level.name or str(level)
+        name = level.title
         contacts = tuple(e for e in level.elements if e.is_contact)
         rest = tuple(e for e in level.elements if not e.is_contact)
         if contacts_first and contacts and rest:
