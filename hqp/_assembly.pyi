@@ -52,6 +52,12 @@ class Assembly:
     def go_on(self) -> None:
         """Laws that go over do so by one period."""
 
+    def out(self, name: str, start: int, stop: int, out: bool) -> None:
+        """Whether an element with these rows is out from now on: they are free, and no support stands on it.
+
+        Raises ValueError for other rows.
+        """
+
     def run(self, q: Vec, v: Vec) -> None:
         """Write rows, errors, drifts and ways left."""
 

@@ -12,7 +12,7 @@ from typing import ClassVar, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hqp.arrays import Index, Mat, Signs, Vec
+from hqp.arrays import Index, Mat, Vec
 from hqp.declare.robot import Robot
 
 
@@ -316,7 +316,7 @@ class Within:
 class SupportPolygon:
     """Points of frames, or corners ``(x, y)`` in the world, that the centre of mass stays between; no reference.
 
-    of: the contact of each point, ``()`` for none.  present: whether that is in, live.
+    of: the contact of each point, ``()`` for none.
     """
 
     points: tuple[tuple[Frame, tuple[float, ...]], ...]
@@ -326,18 +326,14 @@ class SupportPolygon:
     recovery: float
     outset: float
     of: tuple[str, ...]
-    present: Signs = field(init=False)
     shape: tuple[int, ...] = field(default=(), init=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "present", np.ones(len(self.points), dtype=np.int8))
 
 
 @dataclass(frozen=True, eq=False)
 class Balance:
     """Points of frames that the ZMP stays between, gain k, height of the pendulum (0: as it is), gravity [m/s^2].
 
-    The reference is ZMP and DCM ``(4,)``.  of, present: as of SupportPolygon.
+    The reference is ZMP and DCM ``(4,)``.  of: as of SupportPolygon.
     """
 
     points: tuple[tuple[Frame, tuple[float, ...]], ...]
@@ -345,11 +341,7 @@ class Balance:
     height: float
     gravity: float
     of: tuple[str, ...]
-    present: Signs = field(init=False)
     shape: tuple[int, ...] = field(default=(4,), init=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "present", np.ones(len(self.points), dtype=np.int8))
 
 
 @dataclass(frozen=True, eq=False)

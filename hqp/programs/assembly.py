@@ -36,8 +36,8 @@ OWN = "hqp.tasks"
 PLAIN: dict[type, int] = {plans.Point: 1, plans.Com: 1, plans.Joints: 1, plans.Rotation: 2, plans.Pose: 3}
 """Plans whose targets are taken as they are, and what these have to be: numbers, a rotation, a homogeneous matrix."""
 
-EQUALITY, LIMITED, BOUNDED, FREE = 0, 1, 2, 3
-"""How rows become bounds on J x: a law on the error, a law on the way left to a bound, bounds as they stand, none."""
+EQUALITY, LIMITED, BOUNDED = 0, 1, 2
+"""How rows become bounds on J x: a law on the error, a law on the way left to a bound, bounds as they stand."""
 
 
 class Constrained(Protocol):
@@ -106,9 +106,7 @@ class Assembly:
         self.weight, self._demand = np.ones(total), np.zeros(total)
         self._kp, self._kd = np.zeros(total), np.zeros(total)
         self._kind: Signs = np.zeros(total, dtype=np.int8)
-        self._supports: list[tuple[tuple[str, ...], Signs]] = []
         self._out: Set[str] = frozenset()
-        self._without: dict[frozenset[str], tuple[Signs, list[Signs]]] = {}
         self._pick: Index = np.zeros(total - m, dtype=np.intp)
         self._has_feedforward = False
         self.native_rows: NativeAssembly | None = None
@@ -186,8 +184,6 @@ class Assembly:
         member.target = np.zeros(plan.shape)
         member.normal = UP.copy() if member.element.grounded else None
         taken = getattr(type(member.element), "at", None)
-        if isinstance(plan, (plans.Balance, plans.SupportPolygon)) and plan.of:
-            self._supports.append((plan.of, plan.present))
         if taken is not None and taken.__module__.startswith(OWN):  # one of the user's own may make more of a target
             member.plain = PLAIN.get(type(plan), 0)
         operation: dict[str, Any] = {
@@ -271,17 +267,10 @@ class Assembly:
 
     def go_without(self, out: Set[str]) -> None:
         """The rows of these elements are free from the next fill on, those of all others are as declared."""
-        self._out = key = frozenset(out)
-        if key not in self._without:
-            kind = self._kind.copy()
+        self._out = out
+        if self.native_rows is not None:
             for name, member in self.members.items():
-                kind[member.part] = FREE if name in key else _kind(member.element)
-            here = [np.array([name not in key for name in of], dtype=np.int8) for of, _ in self._supports]
-            self._without[key] = kind, here
-        kind, here = self._without[key]
-        np.copyto(self._kind, kind)
-        for (_, present), values in zip(self._supports, here, strict=True):
-            np.copyto(present, values)
+                self.native_rows.out(name, member.part.start, member.part.stop, name in out)
 
     def fill(
         self,

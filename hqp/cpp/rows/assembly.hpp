@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <memory>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -57,6 +58,11 @@ class Assembly : public Limiting {
   // Rows that are written between those of native operations and the laws: where they stand in J and, of inequalities,
   // in the bounds (first, last).
   void written(Parts rows, Parts bounds) { written_ = std::move(rows), bounded_ = std::move(bounds); }
+  // Whether an element is out from now on: its rows, from start to stop, are free, and nothing stands on it.
+  void out(const std::string& name, int start, int stop, bool out) {
+    demands_->free(start, stop, out);
+    for (const auto& operation : operations_) operation->stand(name, !out);
+  }
   // A demand beyond it is out of the ordinary.
   void largest(double number) { largest_ = number * number; }
 

@@ -44,6 +44,7 @@ class Balance final : public Operation {
     for (int i = 0; i < 4; ++i) value[i] = own_->error[i % 2];
     return true;
   }
+  void stand(const std::string& contact, bool there) override { hull_.stand(contact, there); }
 
  private:
   static constexpr double kLeast = 0.05;  // least height of the pendulum [m]

@@ -176,6 +176,7 @@ class SupportPolygon final : public Operation {
       }
     }
   }
+  void stand(const std::string& contact, bool there) override { hull_.stand(contact, there); }
 
  private:
   Target out_;

@@ -66,6 +66,7 @@ NB_MODULE(_assembly, module) {
       .def("law", &Assembly::law, "start"_a, "stop"_a, "law"_a)
       .def("aim", &Assembly::aim, "start"_a, "stop"_a, "number"_a, "at_once"_a)
       .def("go_on", &Assembly::go_on)
+      .def("out", &Assembly::out, "name"_a, "start"_a, "stop"_a, "out"_a)
       .def("slot", &Assembly::slot, "slot"_a)
       .def("dynamics", &Assembly::dynamics, "terms"_a)
       .def("load", &Assembly::load, "load"_a)

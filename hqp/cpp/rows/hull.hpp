@@ -3,8 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 #include <limits>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -16,7 +16,8 @@ struct Corner {  // of a polygon: a point of a frame, or of the world
   bool fixed;
   Frame frame;
   Vec3 point;
-  const std::int8_t* present = nullptr;  // live, 0 where it is none of the polygon; null where it always is
+  std::string of = {};  // the contact that it is one of, none for ""
+  bool present = true;
 };
 
 class Hull {
@@ -32,7 +33,12 @@ class Hull {
     find_hull();
   }
   int size() const { return static_cast<int>(corners_.size()); }
-  bool present(int i) const { return !corners_[i].present || *corners_[i].present; }
+  bool present(int i) const { return corners_[i].present; }
+  // Corners of a contact are some of the polygon where that is there.
+  void stand(const std::string& contact, bool there) {
+    for (Corner& corner : corners_)
+      if (corner.of == contact) corner.present = there;
+  }
   double x(int i) const { return x_[i]; }
   double y(int i) const { return y_[i]; }
   double z(int i) const { return z_[i]; }

@@ -21,7 +21,7 @@ struct Laws {  // live arrays, (total,) but for J (m, nv) row-major and the coor
   int order, m, nv, total;
   const double *J, *error, *rate, *feedforward, *drift, *weight;
   const std::intptr_t* pick;
-  const std::int8_t* kind;
+  std::int8_t* kind;
   double *kp, *kd, *demand, *lower, *upper;
   std::vector<Saturation> saturations;
 };
@@ -29,10 +29,19 @@ struct Laws {  // live arrays, (total,) but for J (m, nv) row-major and the coor
 class Demands {
  public:
   explicit Demands(Laws laws)
-      : l_(std::move(laws)), damper_(l_.total), speed_(l_.total), saturation_(l_.total, nullptr) {
+      : l_(std::move(laws)),
+        declared_(l_.kind, l_.kind + l_.total),
+        damper_(l_.total),
+        speed_(l_.total),
+        saturation_(l_.total, nullptr) {
     find_saturations();
   }
   Demands(const Demands&) = delete;
+
+  // The rows from start to stop are free from now on, or as declared.
+  void free(int start, int stop, bool out) {
+    for (int i = start; i < stop; ++i) l_.kind[i] = out ? std::int8_t(kFree) : declared_[std::size_t(i)];
+  }
 
   // A law that the element of its rows may go over to, and its number; the first one is what it has, number 0.
   std::size_t add(RowsLaw law) {
@@ -210,6 +219,7 @@ class Demands {
   }
 
   Laws l_;
+  std::vector<std::int8_t> declared_;  // kinds of all rows
   std::vector<double> damper_, speed_;
   std::vector<LawChange> changes_;
   std::vector<double> own_, own_damper_, pull_, brake_;  // of a tick in which other laws hold as well

@@ -40,11 +40,15 @@ class Assembly {
   void laws(const nb::object& p) { rows_.laws(hqp::laws(plan(p), rows_.order(), size())); }
   // A law of the element with these rows, and its number; later on it goes over to one of them, see LawChange.
   std::size_t law(int start, int stop, const nb::object& p) {
-    if (start < 0 || start > stop || stop > rows_.demands().size()) throw nb::value_error("a law is of the rows");
+    require(start, stop);
     return rows_.demands().add(hqp::rows_law(plan(p), start, stop));
   }
   void aim(int start, int stop, std::size_t number, bool at_once) { rows_.demands().aim(start, stop, number, at_once); }
   void go_on() { rows_.demands().go_on(rows_.dt()); }
+  void out(const std::string& name, int start, int stop, bool out) {
+    require(start, stop);
+    rows_.out(name, start, stop, out);
+  }
   void dynamics(const nb::object& p) { hqp::add_dynamics(rows_, plan(p)); }
   void load(const nb::object& p) { hqp::add_load(rows_, plan(p)); }
   void slot(const nb::object& p) { loop_.add(plan(p).text("name"), hqp::slot(plan(p), rows_.operations())); }
@@ -173,6 +177,9 @@ class Assembly {
  private:
   static constexpr std::int8_t kNoMark = -128;
 
+  void require(int start, int stop) const {
+    if (start < 0 || start > stop || stop > rows_.demands().size()) throw nb::value_error("an element is of the rows");
+  }
   nb::object answered(const double* v, const double* q = nullptr, const double* rate = nullptr) {
     const auto begun = hqp::Clock::now();
     const hqp::Solved found = solved(v);

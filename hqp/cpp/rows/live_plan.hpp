@@ -53,6 +53,9 @@ class LivePlan : public hqp::PlanOf<LivePlan> {
   Ints ints() const { return nb::cast<Ints>(object_); }
   Numbers numbers() const { return nb::cast<Numbers>(object_); }
   std::string text(const char* field) const { return nb::cast<std::string>(part(field).object_); }
+  std::vector<std::string> texts(const char* field) const {
+    return nb::cast<std::vector<std::string>>(part(field).object_);
+  }
   bool has(const char* field) const { return !part(field).is_none(); }
   LivePlan part(const char* field) const {
     const bool named = PyDict_Check(object_.ptr());
@@ -66,7 +69,7 @@ class LivePlan : public hqp::PlanOf<LivePlan> {
   std::size_t size() const { return array<const double>().size(); }
   double* doubles(std::size_t count) const { return const_cast<double*>(held<const double>(count)); }
   const std::int64_t* longs(std::size_t count) const { return held<const std::int64_t>(count); }
-  const std::int8_t* bytes(std::size_t count) const { return held<const std::int8_t>(count); }
+  std::int8_t* bytes(std::size_t count) const { return const_cast<std::int8_t*>(held<const std::int8_t>(count)); }
   std::int32_t* slots(int& rows) const {
     const auto array = nb::cast<Slots>(object_, false);
     rows = static_cast<int>(array.shape(0));

@@ -164,11 +164,12 @@ class Operations {
   std::vector<Corner> points(const Plan& p) const {
     std::vector<Corner> found;
     const std::vector<Plan> points = p.parts("points");
-    const std::int8_t* present = p.part("present").bytes(points.size());
+    const std::vector<std::string> of = p.texts("of");
+    if (!of.empty() && of.size() != points.size()) throw std::invalid_argument("a corner is one of a contact");
     for (const Plan& one : points) {
       const std::vector<Plan> pair = one.parts();
       if (pair.size() != 2) throw std::invalid_argument("a corner is a frame and a point");
-      found.push_back({false, pair[0].frame(tree_), vector(pair[1].numbers()), present + found.size()});
+      found.push_back({false, pair[0].frame(tree_), vector(pair[1].numbers()), of.empty() ? "" : of[found.size()]});
     }
     return found;
   }

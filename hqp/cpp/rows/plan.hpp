@@ -22,8 +22,8 @@ inline Vec3 vector(const std::vector<double>& a) {
 }
 
 // Self reads: name() of the plan's class; is_none(), number(), integer(), flag(), ints(), numbers(), of itself;
-// has(field), part(field) and parts(), what it holds; doubles(count), longs(count), bytes(count) and size(), live
-// arrays.
+// has(field), part(field), texts(field) and parts(), what it holds; doubles(count), longs(count), bytes(count) and
+// size(), live arrays.
 template <class Self>
 class PlanOf {
  public:

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <cmath>
+#include <string>
+#include <vector>
 
 #include "../common/carry_over.hpp"
 #include "relative_frame.hpp"
@@ -34,6 +36,8 @@ class Operation {
   virtual double approach() const { return INFINITY; }
   // Those bounds anew, as demands: around a speed, of what is beyond a deceleration, (nv) each.
   virtual void around(const double*, const double*) {}
+  // Whether a contact of that name is there to stand on, from now on.
+  virtual void stand(const std::string&, bool) {}
   // What goes over from one tick to the next.
   virtual void keep(CarryOver&) {}
 };

@@ -25,9 +25,7 @@ struct Member {
   int row, row_end;
   int slot;  // where its reference goes, -1 for none
   std::vector<std::string> row_names;
-  // What makes its rows free while it is out, and what they are else: kinds of rows on motion, bounds of others.
-  std::int8_t* kind = nullptr;
-  std::vector<std::int8_t> kinds;
+  // Of rows that are not on motion: the bounds that make them free while it is out, and what they are else.
   double *lower = nullptr, *upper = nullptr;
   std::vector<double> low, high;
   bool out = false;
@@ -69,7 +67,6 @@ class Line {
     if (torque_ ? order() != 2 || !root_.part("motion").has("dynamics") : order() != 1 && order() != 2)
       throw PlanError("the plan is of an unknown order");
     for (const Node& one : root_.parts("elements")) members_.push_back(member(one)), bind_free(members_.back());
-    find_supports();
     still_.resize(std::size_t(nv_));
     holding_.resize(std::size_t(solve_.exact().size())), felt_.resize(holding_.size());
     origin_ = root_.part("solver").maybe("origin", std::size_t(solve_.exact().size()));
@@ -190,15 +187,13 @@ class Line {
       Member& member = members_[k];
       if (member.out == out[k]) continue;
       member.out = out[k];
-      for (std::size_t i = 0; i < member.kinds.size(); ++i) member.kind[i] = member.out ? kFree : member.kinds[i];
+      assembly_.out(member.name, member.row, member.row_end, member.out);
       for (std::size_t i = 0; i < member.low.size(); ++i) {
         member.lower[i] = member.out ? -INFINITY : member.low[i];
         member.upper[i] = member.out ? INFINITY : member.high[i];
       }
       if (torque_ && member.level < 0) torque_->out(member.row, member.row_end, member.out);
     }
-    for (const Support& support : supports_)
-      for (std::size_t i = 0; i < support.of.size(); ++i) support.present[i] = !members_[support.of[i]].out;
   }
 
   // The rule for answers that were cut.
@@ -231,34 +226,9 @@ class Line {
     return {status, solve_.end(), slacks_.data(), marks_.data()};
   }
 
-  static constexpr std::int8_t kFree = 3;  // FREE of hqp/programs/assembly.py
-
-  // Contacts that an element has its support from, and whether each is there.
-  struct Support {
-    std::vector<std::size_t> of;
-    std::int8_t* present;
-  };
-  void find_supports() {
-    for (const Node& one : root_.part("motion").parts("operations")) {
-      const Node plan = one.part("plan");
-      if (!plan.has("of") || !plan.has("present")) continue;
-      Support found;
-      for (const std::string& name : plan.texts("of"))
-        for (std::size_t m = 0; m < members_.size(); ++m)
-          if (members_[m].name == name) found.of.push_back(m);
-      if (found.of.empty()) continue;
-      found.present = const_cast<std::int8_t*>(plan.part("present").bytes(found.of.size()));
-      supports_.push_back(std::move(found));
-    }
-  }
   // Where a member's rows are made free.
   void bind_free(Member& member) {
-    if (member.row < member.row_end) {
-      member.kind = const_cast<std::int8_t*>(laws_.kind) + member.row;
-      member.kinds.assign(member.kind, member.kind + (member.row_end - member.row));
-      return;
-    }
-    if (member.level < 0 || member.first == member.last) return;
+    if (member.row < member.row_end || member.level < 0 || member.first == member.last) return;
     const Level& level = solve_.exact().levels[std::size_t(member.level)];
     member.lower = const_cast<double*>(level.lower) + member.first;
     member.upper = const_cast<double*>(level.upper) + member.first;
@@ -325,15 +295,13 @@ class Line {
                  -1,
                  p.texts("row_names"),
                  nullptr,
-                 {},
-                 nullptr,
                  nullptr,
                  {},
                  {}};
     found.units = p.texts("units");
     const int levels = static_cast<int>(rows_.size());
     const int most = found.level >= 0 && found.level < levels ? rows_[std::size_t(found.level)] : 0;
-    const int motions = torque_ && found.level < 0 ? torque_->rows() : laws_.total;
+    const int motions = torque_ && found.level < 0 ? std::min(torque_->rows(), laws_.total) : laws_.total;
     if (found.level >= levels || place[0] < 0 || place[0] > place[1] || (found.level >= 0 && place[1] > most) ||
         rows[0] < 0 || rows[0] > rows[1] || rows[1] > motions ||
         (!found.units.empty() && (found.level < 0 || found.units.size() != std::size_t(place[1] - place[0]) ||
@@ -363,7 +331,6 @@ class Line {
   std::vector<Slot> slots_;
   std::vector<std::string> slot_names_;
   std::vector<Member> members_;
-  std::vector<Support> supports_;
   std::vector<int> rows_, starts_;  // of each level, and its first among all
   std::vector<double> slacks_, still_, holding_, felt_;
   std::vector<std::int8_t> marks_;

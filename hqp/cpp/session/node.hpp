@@ -94,7 +94,7 @@ class Node : public PlanOf<Node> {
   }
   double* doubles(std::size_t count) const { return memory_->at<double>(*told_, count, 'd'); }
   const std::int64_t* longs(std::size_t count) const { return memory_->at<std::int64_t>(*told_, count, 'l'); }
-  const std::int8_t* bytes(std::size_t count) const { return memory_->at<std::int8_t>(*told_, count, 'b'); }
+  std::int8_t* bytes(std::size_t count) const { return memory_->at<std::int8_t>(*told_, count, 'b'); }
   std::int32_t* slots(int& rows) const {
     rows = static_cast<int>(size());
     return memory_->at<std::int32_t>(*told_, size(), 'i');
