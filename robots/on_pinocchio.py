@@ -74,7 +74,7 @@ class Robot:
         model, places, chains = expanded.plain(model)
         self.model = model
         self._geometry, self._visual = (expanded.shapes(shapes, places) for shapes in (geometry, visual))
-        self._capsules: tuple[LinkCapsule, ...] | None = None
+        self._capsules: list[tuple[LinkCapsule, ...]] = []  # at most one entry, shared with copies
         self.name: str = name or model.name
         self.nq, self.nv = int(model.nq), int(model.nv)
         self._joints = joints = Joints(model, self.name)
@@ -260,21 +260,23 @@ class Robot:
         Fitting takes seconds, minutes for many meshes: it warns (ModelWarning), and what it finds is kept in the user's
         cache (docs/collision.md).  Raises ModelError without shapes.
         """
-        if self._capsules is None:
+        if not self._capsules:
             from . import capsule_cache, capsules
 
-            known = capsules.stored(self)
-            self._capsules = capsule_cache.fitted(self) if known is None else known
-        return self._capsules
+            known, asked_for = capsules.stored(self), self._geometry
+            self._capsules.append(capsule_cache.fitted(self) if known is None else known)
+            self._geometry = asked_for  # meshes are large: those read for the fit are not kept
+        return self._capsules[0]
 
     def with_capsules(self, capsules: str | Path | Sequence[LinkCapsule]) -> Robot:
         """The same robot with capsules of a file of `hqp capsules`, or given ones; raises ModelError for a misfit."""
         from .capsules import stored
 
         clone = self.copy()
-        clone._capsules = stored(self, Path(capsules)) if isinstance(capsules, (str, Path)) else tuple(capsules)
-        if clone._capsules is None:
+        found = stored(self, Path(capsules)) if isinstance(capsules, (str, Path)) else capsules
+        if found is None:
             raise ModelError(f"no such file: {capsules}")
+        clone._capsules = [tuple(found)]
         return clone
 
     def _shapes(self, kind: Literal["collision", "visual"]) -> Any:
@@ -379,9 +381,9 @@ class Robot:
         return q
 
     def copy(self) -> Robot:
-        """The same robot with data of its own; the model is shared."""
+        """The same robot with data of its own; the model is shared, shapes that a file has are read from it again."""
         clone = _new(type(self))
-        clone.__dict__.update(self.__dict__)
+        clone.__dict__.update(self.__getstate__())
         clone._begin()
         clone.home = self.home.copy()
         return clone

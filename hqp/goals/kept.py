@@ -1,36 +1,43 @@
-"""Things that are made once for a robot and a stack: the latest few are kept."""
+"""Things that are made once for a robot and a stack: the latest few of a robot are kept, as long as the robot is."""
 
 from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from typing import Generic, TypeVar
+from weakref import WeakKeyDictionary
+
+from hqp.declare.robot import Robot
 
 T = TypeVar("T")
 
 
 class Kept(Generic[T]):
-    """At most ``size`` values by key, those not used for longest go first."""
+    """At most ``size`` values of each robot by key, those not used for longest go first, all of them with the robot.
+
+    A value is made of a copy of the robot: one that holds the robot itself would never let it go.
+    """
 
     def __init__(self, size: int) -> None:
         self._size = size
-        self._values: OrderedDict[Hashable, T] = OrderedDict()
+        self._values: WeakKeyDictionary[Robot, OrderedDict[Hashable, T]] = WeakKeyDictionary()
 
-    def get(self, key: Hashable, make: Callable[[], T]) -> T:
-        """The value of a key, made where there is none; made each time for a key that has no hash."""
+    def get(self, robot: Robot, key: Hashable, make: Callable[[Robot], T]) -> T:
+        """The value of a key, made of a copy where there is none; made each time for a key that has no hash."""
+        values = self._values.setdefault(robot, OrderedDict())
         try:
-            value = self._values.pop(key, None)
+            value = values.pop(key, None)
         except TypeError:  # an element of the user's own with a field that has no hash
-            return make()
-        value = make() if value is None else value
-        self._values[key] = value  # the latest last
-        if len(self._values) > self._size:
-            self._values.popitem(last=False)
+            return make(robot.copy())
+        value = make(robot.copy()) if value is None else value
+        values[key] = value  # the latest last
+        if len(values) > self._size:
+            values.popitem(last=False)
         return value
 
-    def drop(self, key: Hashable) -> None:
+    def drop(self, robot: Robot, key: Hashable) -> None:
         """Forget the value of a key."""
         try:
-            self._values.pop(key, None)
+            self._values.get(robot, OrderedDict()).pop(key, None)
         except TypeError:
             return

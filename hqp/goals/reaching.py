@@ -78,7 +78,7 @@ def reach(
     """
     _check(stack, robot, references, q0, restarts=restarts, steps=steps, tolerance=tolerance, budget=budget)
     begin = time.perf_counter()
-    search = _SEARCHES.get((robot, stack), lambda: Search(stack, robot))
+    search = _SEARCHES.get(robot, stack, lambda copy: Search(stack, copy))
     q0 = robot.home if q0 is None else np.array(q0, dtype=np.float64)
     search.aim(q0, references)
     first = best = found = search.descend(q0, tolerance, steps, begin + budget)

@@ -48,11 +48,11 @@ def solve_ik(
     if q is not None:
         q = numbers("solve_ik", "q", q, (robot.nq,))
     stack = levels if isinstance(levels, Stack) else Stack(*levels, subject_to=subject_to)
-    key = robot, stack, float(dt), solver
+    key = stack, float(dt), solver
     if fresh:
-        _SESSIONS.drop(key)
-    session = _SESSIONS.get(key, lambda: _session(robot, stack, dt, solver))
-    tick = session.step(robot.state(q), *references)
+        _SESSIONS.drop(robot, key)
+    session = _SESSIONS.get(robot, key, lambda copy: _session(copy, stack, dt, solver))
+    tick = session.step(session.robot.state(q), *references)
     if not tick.status.usable:
         tick.unwrap()
     return np.array(tick.x)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import math
+import weakref
 from typing import Any
 
 import numpy as np
@@ -154,6 +156,23 @@ def test_a_budget_ends_it_and_says_so() -> None:
     assert found.starts < 10_000
     again = hqp.reach(Stack(Level(hand)), robot, hand.at([3.0, 0.0, 0.0]), restarts=1)
     assert again.starts == 2
+
+
+def test_what_is_kept_goes_with_its_robot() -> None:
+    """A search for each stack, again and again the same one; neither the robot nor its meshes are held by it."""
+    robot, hand = load("panda"), Position(frame="panda_hand_tcp")
+    goal, stacks = hand.at([0.4, 0.1, 0.5]), [Stack(Level(hand)), Stack(Level(hand), Level(Posture()))]
+    assert robot.geometry.ngeoms > 0
+    for _ in range(3):
+        for stack in stacks:
+            assert hqp.reach(stack, robot, goal).success
+    kept = reaching._SEARCHES._values[robot]
+    assert list(kept) == stacks
+    assert all(search.robot._geometry is None for search in kept.values())
+    gone = [weakref.ref(robot), *map(weakref.ref, kept.values())]
+    del robot, kept
+    gc.collect()
+    assert all(ref() is None for ref in gone)
 
 
 def test_bad_input() -> None:

@@ -37,11 +37,11 @@ def test_it_is_the_answer_of_a_session(panda: Any) -> None:
 def test_in_a_loop_the_hand_arrives_and_one_session_serves(panda: Any) -> None:
     levels, q = [Level(HAND), Level(Posture())], panda.home
     goal = HAND.at([0.4, 0.1, 0.5])
-    before = len(step._SESSIONS._values)
+    before = len(step._SESSIONS._values[panda])
     for _ in range(300):
         q = panda.integrate(q, hqp.solve_ik(panda, q, levels, 0.02, goal, subject_to=[JointLimits()]), 0.02)
     np.testing.assert_allclose(panda.state(q).position(HAND.frame), [0.4, 0.1, 0.5], atol=1e-4)
-    assert len(step._SESSIONS._values) == before + 1
+    assert len(step._SESSIONS._values[panda]) == before + 1
 
 
 def test_hold_values_are_those_of_the_first_call_until_fresh(panda: Any) -> None:
@@ -62,4 +62,4 @@ def test_what_has_no_answer_raises(panda: Any) -> None:
 def test_few_sessions_are_kept(panda: Any) -> None:
     for k in range(40):
         hqp.solve_ik(panda, panda.home, [Level(HAND)], 0.01 + 1e-4 * k)
-    assert len(step._SESSIONS._values) <= 16
+    assert len(step._SESSIONS._values[panda]) <= 16

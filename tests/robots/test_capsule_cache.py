@@ -58,6 +58,17 @@ def test_capsules_are_fitted_once(tmp_path: Path, fits: list[int]) -> None:
     assert first == capsules.fitted(load(tmp_path))
 
 
+def test_copies_share_the_fit_and_hold_no_meshes(tmp_path: Path, fits: list[int]) -> None:
+    robot = load(tmp_path)
+    copy = robot.copy()
+    with pytest.warns(ModelWarning, match="being fitted"):
+        found = copy.capsules
+    assert robot.capsules is robot.copy().capsules is found
+    assert len(fits) == 4
+    assert robot._geometry is copy._geometry is None
+    assert robot.geometry.ngeoms == robot.copy().geometry.ngeoms > 0
+
+
 def test_another_shape_is_another_model(tmp_path: Path, fits: list[int]) -> None:
     with pytest.warns(ModelWarning, match="being fitted"):
         small = load(tmp_path).capsules
