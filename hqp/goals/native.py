@@ -69,7 +69,6 @@ class NativeDescents:
     def leave(self) -> None:
         """The session steps by itself: nothing of a native descent must stay."""
         if self._aimed:
-            self._session.program.assembly.forget()
             self._session.line.leave_direct()
             self._aimed = False
 

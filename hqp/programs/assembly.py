@@ -59,9 +59,8 @@ class Member:
     """An element and its rows: ``part`` of the vectors, and of J unless its rows are a selection.
 
     write: its readable functions, None where a native operation stands in for them.  target, normal: buffers of the
-    reference's where one does; last_reference: the one they were copied from.  plain: what a target has to be that is
-    taken as it is, see ``_assembly.Assembly.slot``.  operation: number of the native one.  laws: numbers of those
-    that it has by turns.
+    reference's where one does.  plain: what a target has to be that is taken as it is, see ``_assembly.Assembly.slot``.
+    operation: number of the native one.  laws: numbers of those that it has by turns.
     """
 
     element: Element
@@ -71,7 +70,6 @@ class Member:
     write: Callable[[State, Reference], None] | None = None
     target: Mat | None = None
     normal: Vec | None = None
-    last_reference: Reference | None = None
     plain: int = 0
     operation: int | None = None
     laws: dict[Law, int] = field(default_factory=dict)
@@ -108,7 +106,6 @@ class Assembly:
         self._kind: Signs = np.zeros(total, dtype=np.int8)
         self._out: Set[str] = frozenset()
         self._pick: Index = np.zeros(total - m, dtype=np.intp)
-        self._has_feedforward = False
         self.native_rows: NativeAssembly | None = None
         self.moving: Kinematics | None = None
         """Native kinematics ahead of the rows, None where the state's own are read."""
@@ -335,40 +332,26 @@ class Assembly:
             if J is not None and element.weight != 1.0:
                 np.multiply(J, element.weight, out=J)
 
-    def forget(self) -> None:
-        """References were taken past this object: the next fill takes all of them anew."""
-        self._has_feedforward = True
-        for member in self.members.values():
-            member.last_reference = None
-
     def _copy_feedforward(self, given: Sequence[Reference]) -> None:
-        if self._has_feedforward:
-            self.rate[:] = 0.0
-            self.feedforward[:] = 0.0
-            self._has_feedforward = False
+        self.rate[:] = 0.0
+        self.feedforward[:] = 0.0
         for reference in given:
             member = self.members[reference.name]
             if reference.velocity is not None:
                 self.rate[member.part] = _fitting(member, "velocity", reference.velocity)
-                self._has_feedforward = True
             if reference.acceleration is not None:
                 self.feedforward[member.part] = _fitting(member, "acceleration", reference.acceleration)
-                self._has_feedforward = True
 
     def _copy_targets(self, references: Mapping[str, Reference]) -> None:
         """Put what native operations read where they read it."""
         for name, target, member in self._targets:
-            reference = references[name]
-            if reference is member.last_reference:
-                continue
-            value = reference.value
+            value, normal = references[name].value, references[name].normal
             if value is None or value.shape != target.shape:
                 given = None if value is None else value.shape
                 raise DeclarationError(name, f"value has shape {given}", allowed=f"shape {target.shape}")
             target[:] = value
             if member.normal is not None:
-                member.normal[:] = UP if reference.normal is None else reference.normal
-            member.last_reference = reference
+                member.normal[:] = UP if normal is None else normal
 
     def _apply_law(self, member: Member, v: Vec) -> None:
         """Bounds of J x from errors, or from the ways left; what the native ``demand`` does for all rows at once."""

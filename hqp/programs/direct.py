@@ -84,7 +84,6 @@ class Direct:
         self._unmeasured: dict[tuple[str, ...], tuple[str, ...]] = {}
         self._renewed: set[str] = set()
         self._begins = False
-        self._behind = False
         self.fresh = True
         self._program, self._chain = program, chain
         self._forces = {} if program is None else program.force_targets
@@ -171,9 +170,6 @@ class Direct:
     def leave(self) -> None:
         """The general path takes over: nothing of the last ordinary tick must stay."""
         self.fresh = True
-        if self._behind:
-            self._behind = False
-            self._assembly.forget()
 
     @property
     def writes(self) -> bool:
@@ -190,7 +186,7 @@ class Direct:
         fresh = self.fresh
         if (fresh or self._begins) and self._program is not None:
             self._program.begin_direct(state, self._all_holds)
-        self.fresh, self._behind, self._begins = False, True, False
+        self.fresh = self._begins = False
         if self._forces:
             rest = self._aim(references)
             if rest is None:
@@ -230,7 +226,7 @@ class Direct:
 
         largest: the squares of a state sum up to less.
         """
-        fresh, self.fresh, self._behind = self.fresh, False, True
+        fresh, self.fresh = self.fresh, False
         start = before if self._velocity and isinstance(before, np.ndarray) else None
         return self._native.tick(q, v, targets, fresh, start, largest, ROUNDING)
 
