@@ -54,6 +54,17 @@ def readable(array: object, dtype: type = np.float64) -> NDArray[Any]:
     return np.require(array, dtype, ("C", "A"))
 
 
+_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
+
+
+def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """a x b of vectors ``(..., 3)``, the bits of numpy.cross, which takes several times as long."""
+    if a.ndim == b.ndim == 1:
+        (x, y, z), (u, v, w) = a.tolist(), b.tolist()
+        return np.array((y * w - z * v, z * u - x * w, x * v - y * u))
+    return np.asarray(a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT])
+
+
 def row_lengths(A: Mat) -> Vec:
     """The 2-norm of every row, ``(m,)``."""
     return np.asarray(np.sqrt(np.einsum("ij,ij->i", A, A)))

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hqp import shapes
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mat, Vec, cross
 from hqp.declare import plans
 from hqp.declare.element import Inequality
 from hqp.declare.reference import Reference
@@ -140,7 +140,7 @@ class CollisionAvoidance(Inequality):
         own = scene(self, state.robot)
         for row, found in zip(J, near, strict=True):
             if found is not None:
-                wrench = np.concatenate((found.normal, np.cross(found.point, found.normal)))
+                wrench = np.concatenate((found.normal, cross(found.point, found.normal)))
                 row[:] = own.difference(found.pair) * (wrench @ state.robot.joint_twists)
         return J
 

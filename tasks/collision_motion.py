@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mat, Vec, cross
 from hqp.declare.robot import State
 
 from .collision_rows import Near
@@ -31,7 +31,7 @@ class Motions:
         for i, (parent, first, count, *_) in enumerate(bodies[1:], start=1):
             moved = robot.joint_twists[:, first : first + count] @ state.v[first : first + count]
             velocity[i] = V = velocity[parent] + moved
-            turn = np.concatenate((np.cross(V[3:], moved[:3]) + np.cross(V[:3], moved[3:]), np.cross(V[3:], moved[3:])))
+            turn = np.concatenate((cross(V[3:], moved[:3]) + cross(V[:3], moved[3:]), cross(V[3:], moved[3:])))
             rate[i] = rate[parent] + turn
         places = [own.body(k) for k in range(own.links)]
         still = np.zeros(3)
@@ -39,8 +39,8 @@ class Motions:
         self._rate = [rate[b] for b in places]
         for pose in poses:
             origin, v, omega = pose[:3, 3], pose[4, :3], pose[5, :3]
-            self._velocity.append(np.concatenate((v - np.cross(omega, origin), omega)))
-            self._rate.append(np.concatenate((-np.cross(omega, v), still)))
+            self._velocity.append(np.concatenate((v - cross(omega, origin), omega)))
+            self._rate.append(np.concatenate((-cross(omega, v), still)))
 
     def carried(self, found: Near) -> float:
         """Rate of a pair's distance by the motion of the world [m/s]."""
@@ -90,7 +90,7 @@ class Motions:
 
     def _point_drift(self, k: int, p: Vec) -> Vec:
         V, A = self._velocity[k], self._rate[k]
-        return np.asarray(_at(A, p) + np.cross(V[3:], _at(V, p)))
+        return np.asarray(_at(A, p) + cross(V[3:], _at(V, p)))
 
     def _moved(self, k: int, h: float) -> tuple[Vec, Vec]:
         V, (a, b) = self._velocity[k], self._own.ends(k)
@@ -101,10 +101,10 @@ class Motions:
         poses = self._poses.copy()
         for pose in poses:
             pose[:3, 3] += h * pose[4, :3]
-            pose[:3, :3] += h * np.cross(pose[5, :3], pose[:3, :3].T).T
+            pose[:3, :3] += h * cross(pose[5, :3], pose[:3, :3].T).T
         return poses
 
 
 def _at(twist: Vec, p: Vec) -> Vec:
     """Velocity of a body's point."""
-    return np.asarray(twist[:3] + np.cross(twist[3:], p))
+    return np.asarray(twist[:3] + cross(twist[3:], p))

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mat, Vec, cross
 from hqp.declare import plans
 from hqp.declare.element import plan_of
 from hqp.declare.reference import Reference, numbers
@@ -74,7 +74,7 @@ class Cone(_Barrier):
         """cos and sin of theta, w, the distance of the point (infinite for a direction), and u x w."""
         w, d = self.task.towards(state, self._held(state, reference)[0])
         u = self.task.direction(state)
-        turn = np.cross(u, w)
+        turn = cross(u, w)
         return float(u @ w), math.hypot(*turn), w, d, turn
 
     def _held(self, state: State, reference: Any) -> Mat:
@@ -116,8 +116,8 @@ class Cone(_Barrier):
         cosine, sine, w, d, _ = self._parts(state, reference)
         u, rate, drift = self.task.direction(state), state.velocity(self.task.frame), state.drift(self.task.frame)
         omega = rate[3:]
-        u1 = np.cross(omega, u)
-        u2 = np.cross(drift[3:], u) + np.cross(omega, u1)
+        u1 = cross(omega, u)
+        u2 = cross(drift[3:], u) + cross(omega, u1)
         _, velocity, acceleration = self._held(state, reference)
         if math.isinf(d):
             w1 = _across(velocity, w)

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mat, Vec, cross
 from hqp.declare import plans
 from hqp.declare.element import Task, Unit
 from hqp.declare.reference import Reference, numbers
@@ -72,7 +72,7 @@ class _Axis(Task):
         At the antipode it is a half turn about one of the directions across.
         """
         u, B = self.direction(state), self.across(state)
-        sine = B @ np.cross(wanted, u)
+        sine = B @ cross(wanted, u)
         size, cosine = float(math.hypot(*sine)), float(wanted @ u)
         if size < 1e-9:
             return np.zeros(2) if cosine > 0.0 else np.array([math.pi, 0.0])
@@ -168,9 +168,9 @@ class LookAt(_Axis):
         v, omega, B = rate[:3], rate[3:], self.across(state)
         closing = -float(w @ v)  # rate of d
         w_rate = -(v - float(w @ v) * w) / d
-        sight = np.cross(w, v) / d
-        sight_rate = (np.cross(w_rate, v) + np.cross(w, drift[:3])) / d - sight * closing / d
-        turning = np.cross(omega, B)  # rates of the directions across
+        sight = cross(w, v) / d
+        sight_rate = (cross(w_rate, v) + cross(w, drift[:3])) / d - sight * closing / d
+        turning = cross(omega, B)  # rates of the directions across
         return np.asarray(B @ (drift[3:] + sight_rate) + turning @ (omega + sight))
 
     def at(self, value: Any = None, *, velocity: Any = None, acceleration: Any = None) -> Reference:

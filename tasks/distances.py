@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mat, Vec, cross
 
 PARALLEL = 1e-9
 """Squared sine below which two axes count as parallel: the middle of what they share is then nearest."""
@@ -128,7 +128,7 @@ def _inside(p: Vec, q: Vec, half: Vec) -> tuple[float, Vec, float]:
                 best, outward = depth, sign * np.eye(3)[i]
                 share = 0.5 if abs(u[i]) <= TOUCHING else (1.0 if sign * u[i] < 0.0 else 0.0)
     for i in range(3):
-        across = np.cross(u, np.eye(3)[i])
+        across = cross(u, np.eye(3)[i])
         size = math.sqrt(float(across @ across))
         if size <= TOUCHING:
             continue
@@ -146,10 +146,10 @@ def _inside(p: Vec, q: Vec, half: Vec) -> tuple[float, Vec, float]:
 
 def _across(u: Vec, v: Vec) -> Vec:
     """A unit vector across two axes, across one where they are parallel."""
-    w = np.cross(u, v)
+    w = cross(u, v)
     if w @ w <= PARALLEL * (u @ u) * (v @ v):
         longer = u if u @ u >= v @ v else v
-        w = np.cross(longer, np.eye(3)[int(np.argmin(np.abs(longer)))])
+        w = cross(longer, np.eye(3)[int(np.argmin(np.abs(longer)))])
     size = math.sqrt(float(w @ w))
     return np.asarray(w / size, dtype=np.float64) if size > 0.0 else np.array([0.0, 0.0, 1.0])
 

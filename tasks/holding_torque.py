@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hqp.arrays import Index, Mat, Vec
+from hqp.arrays import Index, Mat, Vec, cross
 from hqp.declare import plans
 from hqp.declare.element import Task
 from hqp.declare.reference import Given, Reference
@@ -65,14 +65,14 @@ class HoldingTorque(Task):
         state.kinematics()
         w, weight = np.array(robot.joint_twists)[3:].T, -robot.gravity
         moved = {body: _moved(state, body) for body in {*parts}}
+        own = np.array([moved[body][:, i] for i, body in enumerate(parts)])
+        chains = {body: {*_chain(robot, body)} for body in {*parts}}
         J = np.zeros((columns.size, robot.nv))
         for row, j in zip(J, columns, strict=True):
-            above = {*_chain(robot, parts[j])}
-            for i in range(robot.nv):
-                if parts[j] in _chain(robot, parts[i]):
-                    row[i] = np.cross(w[j], moved[parts[i]][:, i]) @ weight
-                elif parts[i] in above:
-                    row[i] = np.cross(w[i], moved[parts[j]][:, j]) @ weight
+            carried = np.array([parts[j] in chains[body] for body in parts])
+            above = np.array([body in chains[parts[j]] for body in parts]) & ~carried
+            row[carried] = cross(w[j], own[carried]) @ weight
+            row[above] = cross(w[above], own[j]) @ weight
             row /= robot.effort_limit[j]
         return J
 
@@ -84,7 +84,7 @@ class HoldingTorque(Task):
         for k, j in enumerate(columns):
             m, part = _mass(state, parts[j]), parts[j]
             h, rate, change = m * state.com(part), m * state.com_velocity(part), m * state.com_drift(part)
-            turning = np.cross(second[3:, j], h) + 2.0 * np.cross(first[3:, j], rate) + np.cross(twists[3:, j], change)
+            turning = cross(second[3:, j], h) + 2.0 * cross(first[3:, j], rate) + cross(twists[3:, j], change)
             found[k] = -(m * second[:3, j] + turning) @ robot.gravity / robot.effort_limit[j]
         return found
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mat, Vec, cross
 from hqp.declare import plans
 from hqp.declare.element import Task
 from hqp.declare.reference import Reference
@@ -88,8 +88,8 @@ class Manipulability(Task):
         for _, first, count, *_ in state.robot.bodies:
             starts[first : first + count] = first
         before = starts[moving][:, None] <= np.array(joints)[None]
-        linear = np.where(before[:, :, None], np.cross(w[:, None], v_j[None]), np.cross(w_j[None], v[:, None]))
-        angular = np.where(before[:, :, None], np.cross(w[:, None], w_j[None]), 0.0)
+        linear = np.where(before[:, :, None], cross(w[:, None], v_j[None]), cross(w_j[None], v[:, None]))
+        angular = np.where(before[:, :, None], cross(w[:, None], w_j[None]), 0.0)
         turn = np.einsum("ijk,jk->i", linear, X[:, :3]) + np.einsum("ijk,jk->i", angular, X[:, 3:])
         gradient[0, moving] = math.sqrt(square) * turn
         return gradient
@@ -131,9 +131,9 @@ def _derivatives(state: State, frame: str) -> tuple[Mat, Mat]:
     V, A, first, second = twist_derivatives(state)
     twists = robot.joint_twists
     p, body = state.position(frame), robot.body(robot.frame(frame))
-    rate = V[body, :3] + np.cross(V[body, 3:], p)
-    change = A[body, :3] + np.cross(A[body, 3:], p) + np.cross(V[body, 3:], rate)
+    rate = V[body, :3] + cross(V[body, 3:], p)
+    change = A[body, :3] + cross(A[body, 3:], p) + cross(V[body, 3:], rate)
     t, t1, t2 = twists[3:].T, first[3:].T, second[3:].T
-    second[:3] += (np.cross(t2, p) + 2.0 * np.cross(t1, rate) + np.cross(t, change)).T
-    first[:3] += (np.cross(t1, p) + np.cross(t, rate)).T
+    second[:3] += (cross(t2, p) + 2.0 * cross(t1, rate) + cross(t, change)).T
+    first[:3] += (cross(t1, p) + cross(t, rate)).T
     return first, second

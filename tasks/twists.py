@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hqp.arrays import Mat
+from hqp.arrays import Mat, cross
 from hqp.declare.robot import State
 
 
@@ -32,5 +32,5 @@ def twist_derivatives(state: State) -> tuple[Mat, Mat, Mat, Mat]:
 
 def _cross(V: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.float64]:
     """V x t of motions ``(6,)``, linear first, for each row of t."""
-    linear = np.cross(V[3:], t[..., :3]) + np.cross(V[:3], t[..., 3:])
-    return np.concatenate((linear, np.cross(V[3:], t[..., 3:])), axis=-1)
+    linear = cross(V[3:], t[..., :3]) + cross(V[:3], t[..., 3:])
+    return np.concatenate((linear, cross(V[3:], t[..., 3:])), axis=-1)
