@@ -27,14 +27,12 @@ class Presence:
     motion.
     """
 
-    __slots__ = ("_allowed", "_back", "_declared", "_members", "_program", "_sets", "known", "now", "usual")
+    __slots__ = ("_declared", "_members", "_program", "_sets", "known", "now", "usual")
 
     def __init__(self, stack: Stack, program: Program) -> None:
         self._program = program
         self._members = {element.name: element for element in stack}
         self._sets: dict[Any, frozenset[str]] = {}
-        self._back: dict[tuple[frozenset[str] | None, frozenset[str]], tuple[str, ...]] = {}
-        self._allowed: set[frozenset[str]] = set()
         self._declared = {phase: stack.out_of(phase) for phase in (None, *stack.phases())}
         self.known: dict[str | None, frozenset[str]] = {}
         for phase, declared in self._declared.items():
@@ -54,12 +52,8 @@ class Presence:
 
     def back(self, out: frozenset[str]) -> tuple[str, ...]:
         """Elements with a hold value that come back where these are out now."""
-        if (key := (self.now, out)) not in self._back:
-            gone = frozenset[str]() if self.now is None else self.now - out
-            self._back[key] = tuple(
-                n for n, e in self._members.items() if n in gone and type(e).hold is not Element.hold
-            )
-        return self._back[key]
+        gone = () if self.now is None else self.now - out
+        return tuple(n for n, e in self._members.items() if n in gone and type(e).hold is not Element.hold)
 
     @property
     def phases(self) -> tuple[str, ...]:
@@ -103,8 +97,7 @@ class Presence:
 
     def supported(self, out: frozenset[str]) -> tuple[frozenset[str], tuple[Note, ...]]:
         """What of it may be out, with notes on contacts that have to stay."""
-        if out in self._allowed or not (why := self._program.refuses(out)):
-            self._allowed.add(out)
+        if not (why := self._program.refuses(out)):
             return out, ()
         stay = [name for name in self._members if name in out and self._members[name].is_contact]
         rest = self._followed(frozenset(n for n in out if n not in stay and not self._members[n].goes_with(out)))

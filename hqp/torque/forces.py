@@ -165,7 +165,6 @@ class Forces:
         self._C, self._lower, self._upper = np.vstack(parts), np.concatenate(lower), np.concatenate(upper)
         self._declared = self._lower.copy(), self._upper.copy()
         self._out: list[slice] = []
-        self._known_out: dict[frozenset[str], list[slice]] = {}
         self._turn: Mat = np.eye(m)  # from the rows' axes to the contacts'
         self._frames: list[tuple[int, Mat, Mat]] = []
         for contact in dict.fromkeys(turned):
@@ -241,10 +240,7 @@ class Forces:
 
     def go_without(self, out: Set[str]) -> None:
         """The rows of these elements are free from the next fill on, those of all others are as declared."""
-        key = frozenset(out)
-        if key not in self._known_out:
-            self._known_out[key] = [place for name, place in self._places.items() if name in key]
-        self._out = self._known_out[key]
+        self._out = [place for name, place in self._places.items() if name in out]
         self._lower[:], self._upper[:] = self._declared
         self._free()
 

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from hqp.arrays import Index, Mat, Signs, Vec
+from hqp.arrays import Index, Mat, Vec
 from hqp.declare.element import Element, selection_of
 from hqp.declare.law import PD, Law
 from hqp.declare.price import LevelPrices, Price, is_exact, level_prices
@@ -144,7 +144,6 @@ class TorqueProgram(Program):
         self._state: State | None = None
         self._robot = robot
         self._held_names = frozenset(e.name for e in held)
-        self._gone: dict[frozenset[str], Signs] = {}
         self.efforts_changed = False
         """Whether the latest ``go_without`` changed which elements on torques are out."""
         self._unusable: tuple[str, ...] = ()
@@ -249,12 +248,8 @@ class TorqueProgram(Program):
         """The rows of these elements are free from the next fill on; contacts among them have no force."""
         self.efforts_changed = not self._efforts.names.isdisjoint(self.out ^ out)
         super().go_without(out)
-        if out not in self._gone:
-            gone = np.zeros_like(self.dynamics.out)
-            for element in self.held:
-                gone[self.assembly.members[element.name].part] = element.name in out
-            self._gone[out] = gone
-        np.copyto(self.dynamics.out, self._gone[out])
+        for element in self.held:
+            self.dynamics.out[self.assembly.members[element.name].part] = element.name in out
         self._forces.go_without(out)
         self._self_motions.go_without(out)
         self._efforts.out = out
