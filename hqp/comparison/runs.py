@@ -21,7 +21,7 @@ from hqp.errors import UnsupportedProblem
 from hqp.loop.session import Controller, Session
 from hqp.problem import Hierarchy, Rows, Solution, Status, has_inequalities
 from hqp.problem.certify import certificate
-from hqp.programs.formulation import Formulation, Program, Velocity
+from hqp.programs.formulation import Formulation, Velocity
 from hqp.solvers import available, load
 from hqp.solvers.base import Solver, Workspace
 
@@ -70,7 +70,7 @@ def compare(
     with threadpool_limits(limits=1):
         found = [_run_all(solving, given, repeats) for solving, given in runs]
     return Comparison(
-        str(stack), robot.name, level_names(session.program), len(problems), len(problems) * repeats,
+        str(stack), robot.name, session.program.level_names, len(problems), len(problems) * repeats,
         found[0][0], tuple(line for _, lines in found for line in lines),
     )  # fmt: skip
 
@@ -189,20 +189,6 @@ def _without_inequalities(problem: Hierarchy) -> Hierarchy:
         return Rows(rows.A, lower, upper)
 
     return replace(problem, levels=tuple(free(rows) for rows in problem.levels))
-
-
-def level_names(program: Program) -> tuple[str, ...]:
-    """A name a level of the hierarchy; contacts that were taken out of a declared level stand before the rest of it."""
-    declared: dict[int, str] = {place.level: place.declared for place in program.places.values()}
-    hard = program.problem.constraints
-    names = []
-    for k in range(len(program.problem.levels)):
-        if k < hard:
-            names.append(f"subject_to {k}" if hard > 1 else "subject_to")
-        else:
-            name = declared[k]
-            names.append(f"{name}: contacts" if declared.get(k + 1) == name else name)
-    return tuple(names)
 
 
 class _Copier(Solver):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import math
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter_ns, process_time_ns
@@ -15,7 +14,7 @@ import numpy as np
 from hqp.arrays import Mat, Vec
 from hqp.declare.stack import Stack
 from hqp.loop.session import Controller
-from hqp.problem import Hierarchy, Status
+from hqp.problem import Status
 from hqp.problem.certify import certificate
 from hqp.programs.formulation import Formulation
 from hqp.solvers.base import Solver
@@ -84,7 +83,7 @@ def run(
     world = make_plant(plant, session)
     for _ in range(WARM_UP):
         session.step(robot.state(*world.state()))
-    levels = level_names(session)
+    levels = session.program.level_names
     times, total, floor = np.zeros((ticks, 4)), np.zeros(ticks), np.zeros(ticks)
     residuals, commands = np.zeros((ticks, len(levels))), np.zeros((ticks, len(robot.joint_names)))
     cpu, unsolved = np.zeros(ticks), 0
@@ -142,21 +141,6 @@ def run(
         residuals[kept], commands[kept], np.array(gaps), tuple(certified), 1e-3 * cpu[kept], unsolved,
         behaviour(robot, stack, trajectory, places[kept], rates[kept], dt), rates[kept],
     )  # fmt: skip
-
-
-def level_names(session: Any) -> tuple[str, ...]:
-    """A name for each level of the compiled hierarchy."""
-    problem: Hierarchy = session.problem
-    found: dict[int, str] = {}
-    for place in session.program.places.values():
-        found.setdefault(place.level, place.declared)
-    names = [found[k] for k in range(len(problem.levels))]
-    seen: Counter[str] = Counter()
-    unique = []
-    for name in names:
-        seen[name] += 1
-        unique.append(name if names.count(name) == 1 else f"{name} {seen[name]}")
-    return tuple(unique)
 
 
 def worst(statuses: tuple[str, ...]) -> str:

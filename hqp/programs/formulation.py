@@ -97,6 +97,13 @@ class Program(ABC):
         return ()
 
     @property
+    def level_names(self) -> tuple[str, ...]:
+        """The declared level of each level of the hierarchy, with a number from 1 where there are several of it."""
+        declared = {place.level: place.declared for place in self.places.values()}
+        names = [declared[k] for k in range(len(self.problem.levels))]
+        return tuple(n if names.count(n) == 1 else f"{n} {names[: k + 1].count(n)}" for k, n in enumerate(names))
+
+    @property
     def errors(self) -> Mapping[str, Exception]:
         """What elements raised in the latest fill."""
         return self.assembly.errors

@@ -126,3 +126,12 @@ def test_physics_does_not_give_way_to_a_joint_limit() -> None:
         assert abs(by_name[force.name]).max() < 1e-7
     assert abs(by_name["joint_limits"]).max() > 1.0
     assert tick.status is hqp.Status.CONSTRAINTS_VIOLATED
+
+
+def test_levels_of_one_name_have_numbers() -> None:
+    """Rows of ``subject_to`` are several levels; contacts of a level are called by it."""
+    stack = Stack(Level(FEET[0], Position(frame="r_palm"), name="stand"), Level(Posture()), subject_to=MEMBERS[1:3])
+    program = hqp.Velocity().compile(stack, ROBOT, 0.002, hqp.Price(0.0))
+    priced = hqp.Velocity().compile(stack, ROBOT, 0.002)
+    assert program.level_names == ("subject_to 1", "subject_to 2", "stand", "posture")
+    assert priced.level_names == ("subject_to 1", "subject_to 2", "stand: contacts", "stand", "posture")
