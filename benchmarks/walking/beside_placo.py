@@ -7,7 +7,6 @@ import math
 import subprocess
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from hqp.markdown import table
 from hqp.robots.on_mujoco import Plane, Plant, Servo
 from hqp.walking import Walker
 from hqp.walking.course import FALLEN, Course
-from hqp.walking.feet import base_of
+from hqp.walking.feet import base_of, leg_joints
 
 CASES = (("talos", 3000.0), ("talos", 1000.0), ("g1", 500.0), ("g1", 100.0))
 """Robots, and the stiffness of their servos [N m/rad]."""
@@ -62,13 +61,13 @@ def _placo(name: str) -> Mat:
         text = text.replace(f'"{own}"', f'"{theirs}"').replace(f'"fix_{own}"', f'"fix_{theirs}"')
     corners = np.array(walker.feet[0].corners)
     low, high = corners.min(axis=0), corners.max(axis=0)
-    legs = [n for n, column in zip(robot.joint_names, robot.actuated, strict=True) if _leg(robot, frames[:2], column)]
     gait = walker.gait
     asked = {
-        "urdf": text, "names": list(robot.joint_names), "q": walker.start.tolist(), "legs": legs,
+        "urdf": text, "names": list(robot.joint_names), "q": walker.start.tolist(),
         "height": walker.height, "spacing": walker.footsteps.width, "length": float(high[0] - low[0]),
         "width": float(high[1] - low[1]), "middle": float(0.5 * (high[0] + low[0])), "single": gait.single,
         "double": gait.double, "first": gait.first, "lift": gait.height, "speed": SPEED, "steps": STEPS,
+        "legs": leg_joints(robot, walker.feet),
     }  # fmt: skip
     worker = Path(__file__).parent / "workers" / "placo_plan.py"
     with tempfile.TemporaryDirectory() as kept:
@@ -76,10 +75,6 @@ def _placo(name: str) -> Mat:
         question.write_text(json.dumps(asked), encoding="utf-8")
         subprocess.run([str(environment("placo", print)), str(worker), str(question), str(answer)], check=True)
         return np.asarray(np.load(answer)["q"])
-
-
-def _leg(robot: Any, soles: list[str], column: int) -> bool:
-    return any(bool(robot.support(robot.frame(sole))[column]) for sole in soles)
 
 
 def _replayed(name: str, q: Mat, kp: float) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from hqp.arrays import Vec
 from hqp.estimation import FeetEstimator, MomentumObserver
 from hqp.robots.on_mujoco import Noise, Plane, Plant, Sensors, Servo, Terrain
-from hqp.walking.feet import Foot, base_of
+from hqp.walking.feet import Foot, base_of, leg_joints
 from hqp.walking.walker import Walker
 
 if TYPE_CHECKING:
@@ -41,9 +41,7 @@ BANDWIDTH = 50.0
 
 def observer(robot: Any, foot: Foot, period: float) -> MomentumObserver:
     """Of the force at a sole by the torques of its leg."""
-    moved = robot.support(robot.frame(foot.frame))
-    leg = tuple(n for n, c in zip(robot.joint_names, robot.actuated, strict=True) if moved[c])
-    return MomentumObserver(robot, foot.frame, leg, period, bandwidth=BANDWIDTH)
+    return MomentumObserver(robot, foot.frame, leg_joints(robot, (foot,)), period, bandwidth=BANDWIDTH)
 
 
 class Course:

@@ -88,6 +88,6 @@ def base_of(robot: Any) -> str:
 
 
 def leg_joints(robot: Any, feet: Sequence[Foot]) -> tuple[str, ...]:
-    """Actuated joints between the base and either foot."""
+    """Actuated joints between the base and any of these feet."""
     moving = np.any([robot.support(robot.frame(foot.frame)) for foot in feet], axis=0)
     return tuple(n for n, c in zip(robot.joint_names, robot.actuated, strict=True) if moving[c])
