@@ -152,11 +152,7 @@ class Stacks:
 
     def starting(self, standing: Standing) -> Stack:
         """For a start: feet stand where they are to be, turned as it suits, as feet do that have landed."""
-        levels = self._levels(standing)
-        lines = [self.lines[side] for side, _ in standing]
-        levels["ground"] = [task for task in levels["ground"] if task not in lines]
-        levels["soles"] += lines
-        return self._stack(levels)
+        return self._stack(self._levels(standing, turned=True))
 
     def closing(self, standing: Standing) -> Stack:
         """That of the last pass: below feet and hands, the pelvis and the joints as they are to be."""
@@ -171,9 +167,9 @@ class Stacks:
         declared = (Level(*tasks, name=name) for name, tasks in levels.items() if tasks)
         return Stack(*declared, *below, subject_to=self._subject_to)
 
-    def _levels(self, standing: Standing) -> dict[str, list[Any]]:
-        """Tasks by level, first the most important."""
-        stand = {side for side, _ in standing}
+    def _levels(self, standing: Standing, *, turned: bool = False) -> dict[str, list[Any]]:
+        """Tasks by level, first the most important.  turned: whether feet that stand are turned as it suits."""
+        stand, lines = {side for side, _ in standing}, [self.lines[side] for side, _ in standing]
         down = [self.down(side, end).name for side, end in standing]
         raised = [self.down(side, -end).name for side, end in standing]
         return {
@@ -181,13 +177,14 @@ class Stacks:
             "ground": [
                 *(self.heights[name] for name in down),
                 *(self.above[name] for name in raised),
-                *(self.lines[side] for side, _ in standing),
+                *(() if turned else lines),
             ],
             "swing": [self.toes[side] for side in SIDES if side not in stand],
             "hands": [self.points[f"{side}_hand"] for side in SIDES],
             "soles": [
                 *(self.heights[name] for name in raised),
                 *(self.soles[side] for side in SIDES if side not in stand),
+                *(lines if turned else ()),
             ],
             "trunk": [*self.trunk, self.hips],
             "limbs": [*(self.points[f"{side}_{limb}"] for limb in ("elbow", "knee") for side in SIDES)],
