@@ -9,7 +9,7 @@ from typing import Any
 import coal  # pyright: ignore[reportMissingImports]  # beside Pinocchio, in its own folder
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mat, Vec, cross
 from hqp.errors import DeclarationError
 from hqp.shapes import Shape
 
@@ -56,6 +56,6 @@ def to_mesh(a: Vec, b: Vec, radius: float, geometry: Any, pose: Mat) -> Found:
 
 def _along(z: Vec) -> Mat:
     """A rotation ``(3, 3)`` whose z axis is a unit vector."""
-    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
+    x = cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
     x /= math.sqrt(float(x @ x))
-    return np.column_stack((x, np.cross(z, x), z))
+    return np.column_stack((x, cross(z, x), z))

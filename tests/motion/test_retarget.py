@@ -26,6 +26,12 @@ from .people import FPS, crouch, stand, walk, write_npz
 
 
 @pytest.fixture(scope="module")
+def g1() -> hqp.robots.Robot:
+    """One for many motions: its meshes are read once."""
+    return hqp.robots.load("g1")
+
+
+@pytest.fixture(scope="module")
 def walked() -> Retargeted:
     return retarget(walk(2.0), "g1")
 
@@ -55,16 +61,20 @@ def _is_sound(found: Retargeted) -> None:
     assert np.isfinite(found.q).all()
 
 
-def test_joints_are_no_quicker_than_a_persons(walked: Retargeted, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_joints_are_no_quicker_than_a_persons(
+    walked: Retargeted, monkeypatch: pytest.MonkeyPatch, g1: hqp.robots.Robot
+) -> None:
     """The last pass: a knee that is nearly straight and a foot that comes down do not jerk."""
     monkeypatch.setattr(retargeting, "smoothed", lambda tracker, found: found)
-    quick = retarget(walk(2.0), "g1").summary
+    quick = retarget(walk(2.0), g1).summary
     calm = walked.summary
     assert calm["acceleration_p99"] < 0.5 * quick["acceleration_p99"]
     assert calm["jerk_p99"] < 0.5 * quick["jerk_p99"]
 
 
-def test_the_last_pass_stands_on_the_ends_that_the_pass_before_tells(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_last_pass_stands_on_the_ends_that_the_pass_before_tells(
+    monkeypatch: pytest.MonkeyPatch, g1: hqp.robots.Robot
+) -> None:
     kept: list[tuple[Tracker, Pass]] = []
 
     def keep(tracker: Tracker, found: Pass) -> Pass:
@@ -72,7 +82,7 @@ def test_the_last_pass_stands_on_the_ends_that_the_pass_before_tells(monkeypatch
         return found
 
     monkeypatch.setattr(retargeting, "smoothed", keep)
-    retarget(stand(0.5), "g1")
+    retarget(stand(0.5), g1)
     ((tracker, found),) = kept
     ends: list[int] = []
     take = Hold.take
@@ -104,8 +114,8 @@ def test_a_flat_sole_rolls_for_a_hand_but_does_not_pivot() -> None:
 
 
 @pytest.mark.parametrize("heading", [1.5, 3.1])
-def test_it_begins_in_the_heading_of_the_person(heading: float) -> None:
-    found = retarget(stand(0.3, heading), "g1")
+def test_it_begins_in_the_heading_of_the_person(heading: float, g1: hqp.robots.Robot) -> None:
+    found = retarget(stand(0.3, heading), g1)
     _, _, z, w = found.q[0, 3:7]
     assert np.cos(2.0 * np.arctan2(z, w) - heading) > 0.99
     assert found.summary["hand_p99"] < 0.02
@@ -116,18 +126,18 @@ def test_the_same_bits_again(walked: Retargeted) -> None:
     np.testing.assert_array_equal(again.q, walked.q)
 
 
-def test_units_and_places_of_the_file_do_not_matter(walked: Retargeted) -> None:
+def test_units_and_places_of_the_file_do_not_matter(walked: Retargeted, g1: hqp.robots.Robot) -> None:
     motion = walk(2.0)
-    other = retarget(Motion(motion.names, 100.0 * motion.positions, motion.fps), "g1")
+    other = retarget(Motion(motion.names, 100.0 * motion.positions, motion.fps), g1)
     np.testing.assert_allclose(other.q, walked.q, atol=1e-3)
 
 
-def test_out_of_reach_is_told_with_what_it_gave_way_to() -> None:
+def test_out_of_reach_is_told_with_what_it_gave_way_to(g1: hqp.robots.Robot) -> None:
     motion = stand(1.0)
     places = motion.positions.copy()
     hand = motion.names.index("LeftHand")
     places[:, hand] += np.maximum(np.linspace(-2.0, 1.0, len(motion)), 0.0)[:, None] * [3.0, 0.0, 0.0]
-    found = retarget(Motion(motion.names, places, motion.fps), "g1")
+    found = retarget(Motion(motion.names, places, motion.fps), g1)
     assert found.shortfalls
     told = max((each for each in found.shortfalls if each.part == "left_hand"), key=lambda each: each.error)
     assert told.error > 0.05
@@ -140,16 +150,16 @@ def test_out_of_reach_is_told_with_what_it_gave_way_to() -> None:
     np.testing.assert_array_equal(found.gave_way != "", off)
 
 
-def test_shortfalls_are_told_in_frames_of_the_result() -> None:
+def test_shortfalls_are_told_in_frames_of_the_result(g1: hqp.robots.Robot) -> None:
     motion = stand(2.0)
     places = motion.positions.copy()
     places[len(motion) // 2 :, motion.names.index("LeftHand"), 0] += 3.0
-    found = retarget(Motion(motion.names, places, motion.fps), "g1", fps=25.0)
+    found = retarget(Motion(motion.names, places, motion.fps), g1, fps=25.0)
     (told,) = (each for each in found.shortfalls if each.part == "left_hand")
     assert 20 < told.first <= told.worst < told.last < 30
 
 
-def test_a_corner_is_left_for_another_anchor(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_corner_is_left_for_another_anchor(monkeypatch: pytest.MonkeyPatch, g1: hqp.robots.Robot) -> None:
     """From a start that faces backwards no tick leads to the hands and feet; the pass from the last frame does."""
     begin = anchored.start
 
@@ -158,20 +168,20 @@ def test_a_corner_is_left_for_another_anchor(monkeypatch: pytest.MonkeyPatch) ->
         return q if frame else turned(tracker.robot, q, np.pi)
 
     monkeypatch.setattr(anchored, "start", astray)
-    assert retarget(walk(1.0), "g1").summary["hand_p99"] < 0.05
+    assert retarget(walk(1.0), g1).summary["hand_p99"] < 0.05
     monkeypatch.setattr(anchored, "MOST", 1)
-    assert retarget(walk(1.0), "g1").summary["hand_p99"] > 0.1
+    assert retarget(walk(1.0), g1).summary["hand_p99"] > 0.1
 
 
-def test_contacts_of_ones_own(tmp_path: Path) -> None:
+def test_contacts_of_ones_own(tmp_path: Path, g1: hqp.robots.Robot) -> None:
     motion = stand(0.5)
     mask = np.zeros((len(motion), len(NAMES)), dtype=bool)
     mask[:, 1] = True
-    assert retarget(motion, "g1", contacts=mask).contacts[:, :2].tolist() == mask[:, :2].tolist()
+    assert retarget(motion, g1, contacts=mask).contacts[:, :2].tolist() == mask[:, :2].tolist()
     np.savez(tmp_path / "c.npz", contacts=mask[:, [1]], contact_names=["right_foot"])
-    assert retarget(motion, "g1", contacts=tmp_path / "c.npz").contacts.tolist() == mask.tolist()
+    assert retarget(motion, g1, contacts=tmp_path / "c.npz").contacts.tolist() == mask.tolist()
     with pytest.raises(DeclarationError, match="contacts have shape"):
-        retarget(motion, "g1", contacts=mask[1:])
+        retarget(motion, g1, contacts=mask[1:])
 
 
 def test_files(walked: Retargeted, tmp_path: Path) -> None:
