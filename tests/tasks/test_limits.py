@@ -66,20 +66,27 @@ def controls(rng: np.random.Generator, k: int, steps: int) -> Any:
     return np.where(rng.random((1, k)) < 0.7, held, rng.random((steps, k)))
 
 
-@settings(max_examples=80)
+def share(rng: np.random.Generator, k: int) -> Any:
+    """All of what was drawn for the first of k joints, half of it or more for the others."""
+    return np.concatenate(([1.0], rng.uniform(0.5, 1.0, k - 1)))
+
+
+@settings(max_examples=40)
 @given(SCENES)
 def test_from_a_viable_state_limits_are_never_crossed(scene: dict[str, Any]) -> None:
-    rng, k, dt, a = np.random.default_rng(scene["seed"]), 12, scene["dt"], scene["acceleration"]
+    """Joints with ranges and speeds of their own, up to those drawn."""
+    rng, k, dt, a = np.random.default_rng(scene["seed"]), 24, scene["dt"], scene["acceleration"]
     b = min(a or math.inf, scene["braking"] or math.inf)
-    low, high = np.full(k, -scene["span"] / 2), np.full(k, scene["span"] / 2)
+    high, speed = np.maximum(0.5 * scene["span"] * share(rng, k), 0.025), scene["speed"] * share(rng, k)
+    low = -high
     limits = JointLimits(margin=scene["margin"], acceleration=a, braking=scene["braking"])
-    bounds = box(limits, robot_of(low, high, np.full(k, scene["speed"])), dt, scene["order"])
+    bounds = box(limits, robot_of(low, high, speed), dt, scene["order"])
     low, high = low + scene["margin"], high - scene["margin"]
     q = rng.uniform(low, high)
     up = rng.random(k) < 0.5
     way = np.where(up, high - q, q - low)  # viable: on the braking curve, as if an acceleration could be any
     T, most = max(dt, 1.0 / APPROACH), min(b, 1e3)
-    v = np.where(up, 1.0, -1.0) * np.minimum(most * (np.sqrt(T * T + 2.0 * way / most) - T), scene["speed"])
+    v = np.where(up, 1.0, -1.0) * np.minimum(most * (np.sqrt(T * T + 2.0 * way / most) - T), speed)
     for control in controls(rng, k, 400):
         lower, upper = bounds(q, v)
         if scene["order"] == 2:
@@ -88,7 +95,7 @@ def test_from_a_viable_state_limits_are_never_crossed(scene: dict[str, Any]) -> 
         assert np.all(lower <= upper + rounding), "the box is empty"
         lower, upper = np.maximum(lower, -1e3), np.minimum(upper, 1e3)
         u = lower + control * (upper - lower)
-        assert np.all(np.abs(u) <= scene["speed"] + 1e-9)
+        assert np.all(np.abs(u) <= speed + 1e-9)
         if a is not None:
             assert np.all(np.abs(u - v) <= a * dt + 1e-9), "an acceleration beyond its limit"
         pushed = (control == 1.0) & (v >= 0.0) & (u < v) | (control == 0.0) & (v <= 0.0) & (u > v)
@@ -97,16 +104,17 @@ def test_from_a_viable_state_limits_are_never_crossed(scene: dict[str, Any]) -> 
         assert np.all((q >= low - 1e-9) & (q <= high + 1e-9)), "a position limit is crossed"
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(SCENES, st.floats(0.2, 1.0))
 def test_from_outside_joints_come_back_at_bounded_speed(scene: dict[str, Any], back: float) -> None:
-    rng, k, dt, a = np.random.default_rng(scene["seed"]), 12, scene["dt"], scene["acceleration"]
+    rng, k, dt, a = np.random.default_rng(scene["seed"]), 24, scene["dt"], scene["acceleration"]
+    speed = scene["speed"] * share(rng, k)
     low, high = np.full(k, -1.0), np.full(k, 1.0)
     b = min(a or math.inf, scene["braking"] or math.inf)
     limits = JointLimits(acceleration=a, braking=scene["braking"], return_velocity=back)
-    bounds = box(limits, robot_of(low, high, np.full(k, scene["speed"])), dt)
+    bounds = box(limits, robot_of(low, high, speed), dt)
     q, v = rng.choice([-1.0, 1.0], k) * rng.uniform(1.0, 1.05, k), np.zeros(k)
-    settled = 0.05 / min(back, scene["speed"]) + (0.0 if a is None else 2.0 * back / a) + back / b
+    settled = 0.05 / min(back, float(speed.min())) + (0.0 if a is None else 2.0 * back / a) + back / b
     settled += 16.0 * max(dt, 1.0 / APPROACH)  # the last part decays at the rate of approach
     for _ in range(int(settled / dt) + 20):
         lower, upper = bounds(q, v)
