@@ -149,10 +149,10 @@ def test_replay_tells_who_agrees_and_the_account_over_time(tmp_path: Path, monke
     recorder.dump()
     recorder.wait()
     recording = load(recorder.files[0])
-    found = replay(recording, ["lexicographic", "reference", "weighted"], every=4)
+    found = replay(recording, ["lexicographic", "weighted"], every=4)
     lines = {line.solver: line for line in found.lines}
     assert lines["lexicographic"].agreed == lines["lexicographic"].solved == 10
-    assert lines["reference"].agreed == 10
+    assert replay(recording, "reference", every=20).lines[0].agreed == 2  # a second a tick
     assert "refused" in lines["weighted"].note  # it solves no priced levels
     assert sum(period.last >= period.first for period in found.periods) == len(found.periods)
     assert any("hand" in str(period) for period in found.periods)
