@@ -15,10 +15,11 @@ LARGEST = 60
 SOLVED = (Status.OPTIMAL, Status.RANK_UNCERTAIN, Status.CONSTRAINTS_VIOLATED)
 
 
+@pytest.mark.parametrize("seeds", [range(12), pytest.param(range(25), marks=pytest.mark.slow)], ids=["few", "many"])
 @pytest.mark.parametrize(("kind", "flat"), [(kind, flat) for kind in sorted(KINDS) for flat in (False, True)])
-def test_an_answer_that_counts_as_solved_passes_the_certificate(kind: str, flat: bool) -> None:
+def test_an_answer_that_counts_as_solved_passes_the_certificate(kind: str, flat: bool, seeds: range) -> None:
     solver, solved = hqp.solvers.load("lexicographic"), 0
-    for seed in range(25):
+    for seed in seeds:
         case = priced_problem(kind, seed, flat)
         if case.n > LARGEST:
             continue
@@ -28,7 +29,7 @@ def test_an_answer_that_counts_as_solved_passes_the_certificate(kind: str, flat:
             verdict = certificate(case, solution.x, tolerance, solution.stage_points)
             assert verdict.ok, f"{kind} {seed}: {solution.status.name}, but {verdict}"
             solved += 1
-    assert solved >= (1 if kind == "large" else 15)
+    assert solved >= (1 if kind == "large" else 0.6 * len(seeds))
 
 
 @pytest.mark.parametrize(("kind", "seed"), FOUND)
