@@ -15,7 +15,8 @@ experiments: setup
 
 # A process for each core, one thread of BLAS in each; a file's tests stay together until a process has nothing to do.
 # The native parts must be there: a broken build would fall back to pure Python without a word.
-PYTEST := HQP_REQUIRE_NATIVE=1 $(BIN)/python -m pytest -n auto --dist worksteal --ignore=tests/browser
+# Bytecode is written whatever the shell says: else each process compiles all tests.
+PYTEST := HQP_REQUIRE_NATIVE=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist worksteal --ignore=tests/browser
 test: setup
 	$(PYTEST) -m "not slow"
 
