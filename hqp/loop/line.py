@@ -193,7 +193,7 @@ class Line:
         if self.program.out is not out:
             self.program.go_without(out)
         if direct is not None:
-            direct.renew(back, others, self.references.holds)
+            direct.renew(back, others)
         elif self.references.without:
             self.direct, self.direct_known = None, False
         elif self.direct is not None:

@@ -79,8 +79,7 @@ class Direct:
         self._written, self._places = bool(assembly.written), moving is not None
         self._nq, self._nv = 0 if moving is None else moving.size, assembly.J.shape[1]
         self._names = frozenset(member.element.name for member in assembly.written)
-        self._holds: dict[str, Reference] = {}
-        self._all_holds: dict[str, Reference] = {}
+        self._holds: Mapping[str, Reference] = {}
         self._unmeasured: dict[tuple[str, ...], tuple[str, ...]] = {}
         self._renewed: set[str] = set()
         self._begins = False
@@ -105,12 +104,11 @@ class Direct:
         """Where the marks of all rows begin in a record, whose last byte is odd where they changed."""
 
     def hold(self, holds: Mapping[str, Reference]) -> None:
-        """Take the hold values of all elements; the next tick takes references as the first does."""
+        """Take the hold values of all elements, live; the next tick takes references as the first does."""
         self.fresh = True
         for name in self._assembly.members:
             self._take(name, holds[name])
-        self._holds = {name: holds[name] for name in self._names}
-        self._all_holds = dict(holds)
+        self._holds = holds
 
     def _take(self, name: str, held: Reference) -> None:
         value = held.value
@@ -123,16 +121,13 @@ class Direct:
             self._unmeasured[back] = tuple(name for name in back if name not in native)
         return self._unmeasured[back]
 
-    def renew(self, back: tuple[str, ...], others: tuple[str, ...], holds: Mapping[str, Reference]) -> None:
-        """Elements come back with the next tick, which is native: it takes their hold values; of ``others`` these."""
+    def renew(self, back: tuple[str, ...], others: tuple[str, ...]) -> None:
+        """Elements come back with the next tick, which is native: it takes their hold values, but not of ``others``."""
         if self._program is not None:
             self._aims, self._begins = bool(self._forces), self._program.efforts_changed
         for name in others:
-            self._all_holds[name] = holds[name]
             if name in self._assembly.members:
-                self._take(name, holds[name])
-            if name in self._names:
-                self._holds[name] = holds[name]
+                self._take(name, self._holds[name])
         self._renewed.update(back)
         self._native.renew(back)
 
@@ -146,7 +141,6 @@ class Direct:
                 value = np.empty(target.shape)
                 self._native.held(name, value.reshape(-1))
                 found.append(Reference(name, value))
-                self._all_holds[name] = found[-1]
         self._renewed.clear()
         return found
 
@@ -185,7 +179,7 @@ class Direct:
         """
         fresh = self.fresh
         if (fresh or self._begins) and self._program is not None:
-            self._program.begin_direct(state, self._all_holds)
+            self._program.begin_direct(state, self._holds)
         self.fresh = self._begins = False
         if self._forces:
             rest = self._aim(references)
@@ -216,7 +210,7 @@ class Direct:
                 return None
         assert self._program is not None
         self._aims = bool(mine)
-        self._program.aim_forces({**self._all_holds, **mine})
+        self._program.aim_forces({**self._holds, **mine})
         return tuple([r for r in references if getattr(r, "name", None) not in mine])
 
     def tick(
