@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 from typing import Any, Literal
+from weakref import WeakValueDictionary
 
 import numpy as np
 import pinocchio as pin
@@ -16,6 +17,9 @@ from .description import Description
 
 Kind = Literal["collision", "visual"]
 
+_LOADERS: WeakValueDictionary[Path, Any] = WeakValueDictionary()
+"""Meshes by the robot's file, as long as somebody has shapes of it: robots of one file share them."""
+
 
 def read(found: Description, model: Any, kind: Kind) -> Any:
     """The shapes of a file, placed in the joints of ``model``; raises ModelError where a mesh is missing."""
@@ -23,10 +27,22 @@ def read(found: Description, model: Any, kind: Kind) -> Any:
         return _from_mujoco(found, kind)
     what = pin.GeometryType.COLLISION if kind == "collision" else pin.GeometryType.VISUAL
     path = found.source
+    loader = _loader(path)
     try:
-        return pin.buildGeomFromUrdf(model, str(path), what, None, folders(path))
+        shapes = pin.buildGeomFromUrdf(model, str(path), what, None, folders(path), loader)
+        shapes.loader = loader
+        return shapes
     except (ValueError, RuntimeError) as error:
         raise ModelError(f"{path}: a {kind} shape could not be read: {error}") from error
+
+
+def _loader(path: Path) -> Any:
+    found = _LOADERS.get(path)
+    if found is None:
+        import coal
+
+        found = _LOADERS[path] = coal.CachedMeshLoader()
+    return found
 
 
 def folders(path: Path) -> list[str]:

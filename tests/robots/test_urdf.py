@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gc
+import os
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +15,7 @@ import hqp
 import hqp.robots
 from hqp import Level, Stack
 from hqp.errors import DeclarationError, FrameNotFound, ModelError, ModelWarning
-from hqp.robots import Robot
+from hqp.robots import Robot, geometry
 from hqp.tasks import JointCoupling, Position, Posture
 
 LINK = """<link name="{name}"><inertial><origin xyz="0 0 0.1"/><mass value="{mass}"/>
@@ -244,3 +247,37 @@ def test_what_the_reader_would_not_name_is_named(tmp_path: Path, old: str, new: 
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(ModelError, match=told):
         hqp.robots.load(path)
+
+
+def write_mesh(path: Path, size: float) -> None:
+    """A corner of a cube as an STL of text."""
+    corners = size * np.vstack((np.zeros(3), np.eye(3)))
+    faces = [
+        "facet normal 0 0 0 outer loop "
+        + " ".join("vertex {:g} {:g} {:g}".format(*corners[k]) for k in face)
+        + " endloop endfacet"
+        for face in ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
+    ]
+    path.write_text("\n".join(["solid corner", *faces, "endsolid corner"]))
+
+
+def largest(robot: Robot) -> float:
+    return max(float(np.max(geometry.points(item.geometry)[0])) for item in robot.geometry.geometryObjects)
+
+
+def test_robots_of_one_file_share_meshes_as_long_as_there_are_any(tmp_path: Path) -> None:
+    path, mesh = write(tmp_path), tmp_path / "corner.stl"
+    path.write_text(path.read_text().replace('<box size="0.1 0.1 0.2"/>', f'<mesh filename="{mesh}"/>'))
+    write_mesh(mesh, 0.2)
+    one, two = hqp.robots.load(path), hqp.robots.load(path)
+    loader = weakref.ref(one.geometry.loader)
+    assert two.geometry.loader is two.copy().geometry.loader is loader()
+    assert largest(one) == largest(two) == pytest.approx(0.2)
+    write_mesh(mesh, 0.3)  # another mesh in its place
+    os.utime(mesh, (mesh.stat().st_atime, mesh.stat().st_mtime + 5.0))
+    assert largest(hqp.robots.load(path)) == pytest.approx(0.3)
+    assert largest(two) == pytest.approx(0.2)
+    del one, two
+    gc.collect()
+    assert loader() is None
+    assert path not in geometry._LOADERS
