@@ -36,7 +36,7 @@ def walked() -> Retargeted:
     return retarget(walk(2.0), "g1")
 
 
-@pytest.mark.parametrize("name", ["talos", "cbi"])
+@pytest.mark.parametrize("name", [pytest.param("talos", marks=pytest.mark.slow), "cbi"])
 def test_a_walk_on_other_robots_with_nothing_tuned(name: str) -> None:
     found = retarget(walk(1.2), name)
     _is_sound(found)
@@ -113,7 +113,7 @@ def test_a_flat_sole_rolls_for_a_hand_but_does_not_pivot() -> None:
         np.testing.assert_allclose(across, [across[0]] * len(found), atol=0.02)
 
 
-@pytest.mark.parametrize("heading", [1.5, 3.1])
+@pytest.mark.parametrize("heading", [pytest.param(1.5, marks=pytest.mark.slow), 3.1])
 def test_it_begins_in_the_heading_of_the_person(heading: float, g1: hqp.robots.Robot) -> None:
     found = retarget(stand(0.3, heading), g1)
     _, _, z, w = found.q[0, 3:7]

@@ -117,7 +117,7 @@ def test_torques_do_not_jump_as_a_level_comes_to_be_unmet(ahead: list[float]) ->
     assert (np.abs(np.diff(np.array(commands), axis=0)) < allowed).all()
 
 
-@pytest.mark.parametrize("formulation", ["velocity", "acceleration", "torque"])
+@pytest.mark.parametrize("formulation", ["velocity", pytest.param("acceleration", marks=pytest.mark.slow), "torque"])
 @pytest.mark.parametrize(
     "joints", [2, pytest.param(3, marks=pytest.mark.slow), 6, pytest.param(7, marks=pytest.mark.slow)]
 )

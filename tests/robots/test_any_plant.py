@@ -148,7 +148,7 @@ def test_every_robot_of_the_catalogue_has_a_plant() -> None:
         assert np.all(np.isfinite(q)), name
 
 
-@pytest.mark.parametrize("name", ["talos", "g1"])
+@pytest.mark.parametrize("name", ["talos", pytest.param("g1", marks=pytest.mark.slow)])
 def test_a_sole_without_shapes_bears_what_its_foot_bears(name: str) -> None:
     """Talos' sole link has no shapes, the link that it is fixed to has: two feet on the ground bear the weight."""
     robot = hqp.robots.load(name)

@@ -8,8 +8,10 @@ import pytest
 
 import hqp.robots
 from hqp.robots import geometry
+from hqp.robots.catalogue import _catalogue
 
 NAMES = hqp.robots.names()
+VARIANTS = {name for name, entry in _catalogue().items() if "like" in entry}
 STANDING = ("cbi", "dreamer", "talos", "g1", "icub", "romeo", "solo12", "anymal", "go2")
 _LEVEL, _HEIGHT = 0.005, 0.001  # tilt of a sole [rad], height of the lowest point of a foot's shape [m]
 
@@ -47,7 +49,7 @@ def test_feet_stand_on_the_ground(name: str) -> None:
             assert np.hypot(*state.rotation(frame)[2, :2]) < _LEVEL
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in VARIANTS)) for n in NAMES])
 def test_no_floating_robot_stands_in_the_ground(name: str) -> None:
     robot = hqp.robots.load(name)
     if not robot.floating:

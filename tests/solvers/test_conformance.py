@@ -13,7 +13,7 @@ from tests.scenes.families import FAMILIES, equality
 from tests.solvers.conformance import Subject, check, check_form, check_share, subjects, supports
 
 SEEDS = 12
-FEW = 3
+FEW = 2
 
 
 @pytest.fixture(params=subjects(), ids=str)
@@ -26,9 +26,12 @@ def draw(family: str, seeds: range) -> tuple[Hierarchy, ...]:
     return tuple(FAMILIES[family](np.random.default_rng([seed, len(family)])) for seed in seeds)
 
 
+@pytest.mark.parametrize(
+    "seeds", [range(SEEDS // 2), pytest.param(range(SEEDS), marks=pytest.mark.slow)], ids=["few", "many"]
+)
 @pytest.mark.parametrize("family", FAMILIES)
-def test_family(solver: Solver, family: str) -> None:
-    check_share(solver, draw(family, range(SEEDS)))
+def test_family(solver: Solver, family: str, seeds: range) -> None:
+    check_share(solver, draw(family, seeds))
 
 
 @pytest.mark.parametrize("name", problems.names())

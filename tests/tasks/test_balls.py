@@ -111,7 +111,7 @@ def test_a_posture_takes_a_ball_the_shortest_way(robot: Any) -> None:
 
 
 @pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration()], ids=lambda f: f.__class__.__name__)
-@pytest.mark.parametrize("direction", [(1.0, 0.0), (0.6, 0.8), (-0.7, 0.7)])
+@pytest.mark.parametrize("direction", [pytest.param((1.0, 0.0), marks=pytest.mark.slow), (0.6, 0.8), (-0.7, 0.7)])
 def test_a_ball_stops_at_its_cone_whatever_the_direction(robot: Any, formulation: Any, direction: Any) -> None:
     law = P(5.0, max_velocity=1.0) if formulation.order == 1 else PD(100.0, 20.0)
     posture = Posture(law=law)

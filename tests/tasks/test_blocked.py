@@ -15,13 +15,13 @@ NEAREST = -5e-4
 
 BLOCKED = [
     ("panda", "velocity", "torso"),
-    ("panda", "velocity", "table"),
+    pytest.param("panda", "velocity", "table", marks=pytest.mark.slow),
     ("panda", "torque", "torso"),
-    ("talos", "velocity", "torso"),
+    pytest.param("talos", "velocity", "torso", marks=pytest.mark.slow),
     ("talos", "velocity", "table"),
     ("talos", "velocity", "other hand"),
     ("talos", "acceleration", "torso"),
-    ("talos", "torque", "other hand"),
+    pytest.param("talos", "torque", "other hand", marks=pytest.mark.slow),
     pytest.param("talos", "acceleration", "other hand", marks=pytest.mark.slow),
     pytest.param("talos", "torque", "torso", marks=pytest.mark.slow),
     pytest.param("talos", "torque", "table", marks=pytest.mark.slow),

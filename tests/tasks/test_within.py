@@ -194,7 +194,7 @@ def test_a_gaze_that_is_far_off_comes_back_at_the_recovery_speed(robots: dict[st
 
 
 @pytest.mark.parametrize("kind", FORMULATIONS)
-@pytest.mark.parametrize("name", ["talos", "g1"])
+@pytest.mark.parametrize("name", ["talos", pytest.param("g1", marks=pytest.mark.slow)])
 def test_the_balance_stays_over_the_feet(robots: dict[str, Any], name: str, kind: str) -> None:
     """A hand that pulls the body over its toes: the centre of mass stays in the polygon of the stack's soles."""
     robot = robots[name]

@@ -104,7 +104,7 @@ def test_an_arm_is_back_within_half_a_second(name: str) -> None:
     judge(run(*setup("ur5"), fault(name)), name)
 
 
-@pytest.mark.parametrize("robot", ["g1", "talos"])
+@pytest.mark.parametrize("robot", ["g1", pytest.param("talos", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ["dropout", "teleport", "flip"])
 def test_a_humanoid_is_back_within_half_a_second(robot: str, name: str) -> None:
     done = run(*setup(robot), fault(name))
@@ -124,7 +124,7 @@ def test_at_torque_level_too(robot: str, name: str) -> None:
 
 
 @pytest.mark.parametrize("rate", [30.0, 72.0, 120.0])
-@pytest.mark.parametrize("dt", [0.001, 0.002])
+@pytest.mark.parametrize("dt", [pytest.param(0.001, marks=pytest.mark.slow), 0.002])
 def test_no_lag_within_reach(rate: float, dt: float) -> None:
     done = run(*setup("ur5"), rate=rate, dt=dt)
     fastest = 0.05 * np.pi * np.sqrt(2.0)

@@ -269,7 +269,7 @@ def test_a_stopped_tick_can_be_explained() -> None:
     run = hqp.Controller(overloaded(robot), hqp.Torque(), deadline=3e-5).session(robot, DT)
     goal = run.stack.find("hand", Position).at([1.0, 0.5, 1.0])
     stopped = 0
-    for k in range(60):
+    for k in range(20):
         tick = run.step(robot.state(None, 0.1 * np.sin(k + np.arange(robot.nv))), goal)
         if tick.status is Status.TIME_LIMIT:
             stopped += 1

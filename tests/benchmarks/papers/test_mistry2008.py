@@ -17,7 +17,7 @@ from hqp.robots import Robot
 from tests.scenes.mistry2008 import GAINS, Gains, paper_stack, roles
 
 
-@pytest.fixture(scope="module", params=["cbi", "talos"])
+@pytest.fixture(scope="module", params=["cbi", pytest.param("talos", marks=pytest.mark.slow)])
 def robot(request: pytest.FixtureRequest) -> Robot:
     return robots.load(request.param)
 
