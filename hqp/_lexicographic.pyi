@@ -68,6 +68,7 @@ class Batch:
         accurate: float,
         resting: float,
         rounded: float,
+        active: float,
         activity: float,
         violation: float,
     ) -> None: ...

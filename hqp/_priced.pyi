@@ -14,6 +14,7 @@ class Stages:
         accurate: float,
         resting: float,
         rounded: float,
+        active: float,
     ) -> None: ...
     def bind(
         self,

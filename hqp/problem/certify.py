@@ -52,7 +52,8 @@ class Certificate:
     norms: ``(levels,)``, ||w_k||.  ranks: ``(levels + 1,)``, directions that each level fixed.
     multipliers: per level k ``(m_0 + ... + m_k,)``, as in Solution.multipliers.
     rounding: ``(levels + 1,)``, the part of a gap that rounding of the rows above may have made (5e-7 at most): 4e-15
-    times the multipliers, and times the inverse of the shortest direction that they fix.
+    times the multipliers, and times the inverse of the shortest direction that they fix; of the completion ROUNDED
+    times its multipliers, if that is more: rows that are opposed but for a little hold it by as much.
     """
 
     gaps: Vec
@@ -141,7 +142,7 @@ def _priced(problem: Hierarchy, x: Vec, tolerance: float, stages: Mat | None, se
     ranks = (*exact.ranks, *(before - after for before, after in pairwise(free)), last)
     norms = np.array([float(np.linalg.norm(w)) for w in problem.slacks(x)])
     multipliers = (*exact.multipliers, *(stage.multipliers for stage in found[first:]))
-    rounding = np.array([*(stage.rounding for stage in found), judge.rounding])
+    rounding = np.array([*(stage.rounding for stage in found), judge.choice_rounding])
     rounding[:first] = np.maximum(rounding[:first], exact.rounding)
     return Certificate(np.append(gaps, gap), tolerance, norms, ranks, multipliers, rounding)
 
@@ -192,7 +193,7 @@ def _verdict(
         gap, last = completion_gap(problem, x, judge)
         gaps.append(gap)
         ranks.append(last)
-        rounding.append(judge.rounding)
+        rounding.append(judge.choice_rounding)
     found = Certificate(
         np.array(gaps), tolerance, np.array(norms), tuple(ranks), tuple(multipliers), np.array(rounding)
     )

@@ -15,6 +15,7 @@ from hqp.tolerances import (
     LARGEST_ROUNDING,
     NULL_SPACE_ROUNDING,
     RESTING,
+    ROUNDED,
 )
 
 
@@ -33,6 +34,14 @@ class Judge:
         self.side: Vec = np.zeros(0)  # +1 active at upper, -1 at lower, 0 neither
         self._positive = np.zeros(0, dtype=bool)
         self._own: Index = np.zeros(0, dtype=np.intp)  # rows of the level just judged that have a multiplier themselves
+
+    @property
+    def choice_rounding(self) -> float:
+        """What rounding of rows that are products may have made of the gap of a choice that they hold.
+
+        Rows that are opposed but for a little hold it by multipliers as large as that is small.
+        """
+        return max(self.rounding, ROUNDED * self._forces)
 
     @property
     def rounding(self) -> float:

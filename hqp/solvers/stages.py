@@ -349,7 +349,14 @@ def _limit(workspace: Workspace, seconds: float) -> None:
 
 def stage_tolerances() -> dict[str, float]:
     """What the native stages take of hqp.tolerances, by the names that they have there."""
-    return {"met": MET_TOLERANCE, "flat": FLAT_TOLERANCE, "accurate": ACCURATE, "resting": RESTING, "rounded": ROUNDED}
+    return {
+        "met": MET_TOLERANCE,
+        "flat": FLAT_TOLERANCE,
+        "accurate": ACCURATE,
+        "resting": RESTING,
+        "rounded": ROUNDED,
+        "active": ACTIVITY_TOLERANCE,
+    }
 
 
 def stages_of(n: int, rows: Sequence[int], priced: Sequence[bool]) -> NativeStages:

@@ -58,8 +58,8 @@ class Turn {
 class Stages final : public hqp::SolveCall {
  public:
   Stages(int n, const std::vector<int>& rows, const std::vector<int>& priced, double met, double flat, double accurate,
-         double resting, double rounded)
-      : n_(n), rows_(rows), core_(n, rows, made(n, rows, priced, {met, flat, accurate, resting, rounded})) {}
+         double resting, double rounded, double active)
+      : n_(n), rows_(rows), core_(n, rows, made(n, rows, priced, {met, flat, accurate, resting, rounded, active})) {}
   // levels: (A or None, index or None, scale or None, lower, upper).  prices, turning: one a level.  metric, origin:
   // None for none.  The caller keeps the arrays alive, and so does this object.
   void bind(const nb::list& levels, const Vector& prices, const nb::object& turning, double eta, const nb::object& F,
@@ -241,8 +241,9 @@ class Stages final : public hqp::SolveCall {
 NB_MODULE(_priced, m) {
   m.doc() = "Native stages of levels with a price.";
   nb::class_<Stages>(m, "Stages")
-      .def(nb::init<int, const std::vector<int>&, const std::vector<int>&, double, double, double, double, double>(),
-           "n"_a, "rows"_a, "priced"_a, "met"_a, "flat"_a, "accurate"_a, "resting"_a, "rounded"_a)
+      .def(nb::init<int, const std::vector<int>&, const std::vector<int>&, double, double, double, double, double,
+                    double>(),
+           "n"_a, "rows"_a, "priced"_a, "met"_a, "flat"_a, "accurate"_a, "resting"_a, "rounded"_a, "active"_a)
       .def("bind", &Stages::bind, "levels"_a, "prices"_a, "turning"_a.none(), "eta"_a, "F"_a.none(), "f"_a.none(),
            "metric"_a.none(), "origin"_a.none())
       .def("solve", &Stages::solve, "x"_a, "stages"_a, "last"_a, "head"_a = 0, "seconds"_a = 0.0)

@@ -11,6 +11,7 @@
 
 #include "account.hpp"
 #include "anchors.hpp"
+#include "least_distance.hpp"
 #include "settled.hpp"
 #include "stage_search.hpp"
 #include "stages.hpp"
@@ -39,7 +40,8 @@ class StageLevels final : public PricedStages {
         variables_(n + total(levels, m) + most(levels, m)),
         search_(total(levels, m) + most(levels, m) + 2 * variables_, n, variables_, most(levels, m),
                 tolerances.accurate, tolerances.rounded),
-        rows_(n, total(levels, m) + most(levels, m) + 2 * variables_, total(levels, m), padded(variables_)) {
+        rows_(n, total(levels, m) + most(levels, m) + 2 * variables_, total(levels, m), padded(variables_)),
+        choice_(n, total(levels, m) + n, tolerances.rounded, tolerances.active) {
     last_ = -1;
     int rows = 0;
     for (int k = 0; k < levels; ++k) {
@@ -60,7 +62,6 @@ class StageLevels final : public PricedStages {
     for (auto* part : {&free_, &seen_}) part->reserve(all * all);
     for (auto* part : {&z_, &none_}) part->reserve(all);
     rows_z_.reserve(static_cast<std::size_t>(rows) * all);
-    chosen_.reserve(rows);
     anchors_.reserve(levels);
     spare_.resize(levels);
     for (Anchor& anchor : spare_) {
@@ -93,7 +94,6 @@ class StageLevels final : public PricedStages {
   void reset() override {
     for (auto& set : warm_) set.clear();
     for (auto& x : end_at_) x.clear();
-    chosen_.clear();
     settled_.forget();
   }
 
@@ -102,7 +102,6 @@ class StageLevels final : public PricedStages {
   void keep(CarryOver& warm) override {
     for (auto& set : warm_) warm.list(set);
     for (auto& x : end_at_) warm.list(x);
-    warm.list(chosen_);
     settled_.keep(warm);
   }
 
@@ -202,6 +201,7 @@ class StageLevels final : public PricedStages {
     if (limited_)
       end_ = Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
     search_.limit(seconds);
+    deadline_.start(limited_ ? seconds : 0.0);
     motions_.set(law_.F, law_.f, law_.r);
     motions_.rounding(0.0);
     iterations_ = 0;
@@ -433,7 +433,7 @@ class StageLevels final : public PricedStages {
     if (reached) end_at_[k].clear();
     else end_at_[k] = x_;
     seen_by_ = &at;
-    open_ = leaves(at, n_);
+    open_ = leaves(search_, at, n_);
   }
 
   // Whether what directions without motion count pulls, at y_, by more than rounding of a row's own gradient.
@@ -483,14 +483,15 @@ class StageLevels final : public PricedStages {
       for (int q = 0; q < seen; ++q) choose_with(-1, &seen_[static_cast<std::size_t>(q) * free], 0.0, 0.0, z_.data());
       gather_choice(free);
       at.motion(z_.data(), y_.data());
-      if (!search_.solve(rows_, free, Aim{}, y_.data(), chosen_, iterations_)) {
+      ++iterations_;
+      if (!choice_.solve(rows_, free, y_.data(), deadline_)) {
         inexact_ = true;
         break;
       }
       at.point(y_.data(), z_.data());
       seen_.resize(static_cast<std::size_t>(free) * free);
       seen = at.basis(true, seen_.data());
-      open_ = leaves(at, free);
+      open_ = leaves(choice_, at, free);
     }
     add_rows(x_.data(), free_.data(), n_, free, 1.0, z_.data(), 1, n_);
   }
@@ -520,16 +521,16 @@ class StageLevels final : public PricedStages {
         if (dot_any(a, a, free) <= kUnseen * kUnseen * dot_any(whole, whole, n_)) continue;
         const double value = dot_any(whole, x_.data(), n_);
         const bool equal = low == high;
-        choose_with(first_[l] + i, a, equal ? 0.0 : std::min(low - value, 0.0),
-                    equal ? 0.0 : std::max(high - value, 0.0), none_.data());
+        choose_with(first_[l] + i, a, equal ? 0.0 : low - value, equal ? 0.0 : high - value, none_.data());
       }
     }
   }
 
-  // Whether the equalities of the latest search leave a direction that its coordinates do not see.
-  bool leaves(const Coordinates& at, int n) const {
+  // Whether the equalities of a search leave a direction that its coordinates do not see.
+  template <class Search>
+  static bool leaves(const Search& search, const Coordinates& at, int n) {
     for (int j = 0; j < n; ++j)
-      if (!at.moves(j) && !search_.determines(j)) return true;
+      if (!at.moves(j) && !search.determines(j)) return true;
     return false;
   }
 
@@ -544,8 +545,7 @@ class StageLevels final : public PricedStages {
   std::vector<PricedLevel> level_;
   std::vector<std::vector<int>> warm_;
   std::vector<std::vector<double>> end_at_;  // where each level's latest stage was cut, empty where it was not
-  std::vector<int> chosen_;
-  std::vector<int> first_;  // each level's first row among all
+  std::vector<int> first_;                   // each level's first row among all
   Law law_;
   Completion completion_;
   Tolerances tolerances_;
@@ -557,6 +557,8 @@ class StageLevels final : public PricedStages {
   int variables_;  // of a stage
   StageSearch search_;
   StageRows rows_;
+  LeastDistance choice_;
+  Deadline deadline_;
   std::vector<double> T_, t_, sizes_, free_, seen_, rows_z_, z_, none_, y_, a_, x_, w_, low_, high_;
 };
 

@@ -51,7 +51,7 @@ struct AccountRows {
 // `resting` of the largest, or of one; `rounded` of a row's length is what rounding leaves of one that depends on
 // others.
 struct Tolerances {
-  double met, flat, accurate, resting, rounded;
+  double met, flat, accurate, resting, rounded, active;
 };
 
 // The law of a hierarchy (hqp.problem.Hierarchy): prices, turning (levels,); F (r, n), or its diagonal where r = 0, or

@@ -97,8 +97,8 @@ class PlannedSolve {
     const std::vector<Node> flags = p.parts("priced");
     if (flags.size() != count) throw PlanError("the plan tells of other levels than it has");
     for (std::size_t k = 0; k < count; ++k) priced[k] = flags[k].flag();
-    const Tolerances tolerances{p.number("met"), p.number("flat"), p.number("accurate"), p.number("resting"),
-                                p.number("rounded")};
+    const Tolerances tolerances{p.number("met"),     p.number("flat"),    p.number("accurate"),
+                                p.number("resting"), p.number("rounded"), p.number("active")};
     const std::vector<int>& rows = exact_->rows();
     staged_ = std::make_unique<StagedSolve>(
         n, rows,

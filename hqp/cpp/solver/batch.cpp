@@ -252,17 +252,17 @@ void bind_batch(nb::module_& m) {
           "__init__",
           [](Batch* self, int n, const nb::list& rows, bool metric, double rank, double multiplier, double feasibility,
              int max_iterations, int exchanges, const nb::list& priced, double met, double flat, double accurate,
-             double resting, double rounded, double activity, double violation) {
+             double resting, double rounded, double active, double activity, double violation) {
             std::vector<int> sizes;
             std::vector<char> marks;
             for (nb::handle h : rows) sizes.push_back(nb::cast<int>(h));
             for (nb::handle h : priced) marks.push_back(nb::cast<bool>(h));
             new (self) Batch(n, sizes, metric, {rank, multiplier, feasibility, 0.0, max_iterations, exchanges, false},
-                             marks, {met, flat, accurate, resting, rounded}, activity, violation);
+                             marks, {met, flat, accurate, resting, rounded, active}, activity, violation);
           },
           "n"_a, "rows"_a, "metric"_a, "rank_tolerance"_a, "multiplier_tolerance"_a, "feasibility_tolerance"_a,
           "max_iterations"_a, "exchanges"_a, "priced"_a, "met"_a, "flat"_a, "accurate"_a, "resting"_a, "rounded"_a,
-          "activity"_a, "violation"_a)
+          "active"_a, "activity"_a, "violation"_a)
       .def("read", &Batch::read, "hierarchies"_a)
       .def("stack", &Batch::stack, "count"_a, "levels"_a, "constraints"_a, "like"_a.none())
       .def("solve", &Batch::solve, "threads"_a, "x"_a, "slack"_a, "active"_a, "effort"_a, "points"_a);

@@ -16,6 +16,8 @@ class NonnegativeLeastSquares {
   double* mu = nullptr;             // (count,)
   double* rest = nullptr;           // (size,) t - sum_a mu_a c_a
   std::int8_t* passive = nullptr;   // (count,) mu_a > 0
+  double dependent = 1e-12;         // of a column's length, what it must keep to add a direction
+  double rounding = 0.0;            // the same over what an earlier column kept, whose direction is so much worse
   Deadline* deadline = nullptr;     // where it ends the search, nothing of the answer is usable
 
   void layout(Arena& arena, int n, int most) {
@@ -32,6 +34,7 @@ class NonnegativeLeastSquares {
     arena.place(q_, (n + 1) * wide);
     arena.place(r_, (n + 1) * wide);
     arena.place(along_, n + 1);
+    arena.place(kept_, n + 1);
     arena.place(t_, n);
   }
 
@@ -82,8 +85,8 @@ class NonnegativeLeastSquares {
   int ld_ = 0, size_ = 0, chosen_ = 0;
   int* order_ = nullptr;  // (chosen,) passive columns in the order of the factor
   std::int8_t* skip_ = nullptr;
-  double *q_ = nullptr, *r_ = nullptr, *aim_ = nullptr, *along_ = nullptr,
-         *t_ = nullptr;  // columns = Q' R, along = Q t
+  double *q_ = nullptr, *r_ = nullptr, *aim_ = nullptr, *along_ = nullptr, *kept_ = nullptr,
+         *t_ = nullptr;  // columns = Q' R, along = Q t, kept: of each column's length, when it joined
 
   bool late() const { return deadline && deadline->passed(); }
   double norm(const double* y) const { return std::sqrt(dot_any(y, y, size_)); }
@@ -104,7 +107,10 @@ class NonnegativeLeastSquares {
         add_any(fresh, q(j), -f, size_);
       }
     const double left = norm(fresh);
-    if (!(left > 1e-12 * whole)) return false;
+    double kept = 1.0;
+    for (int j = 0; j < chosen_; ++j) kept = smaller(kept, kept_[j]);
+    if (!(left > larger(dependent, rounding / kept) * whole)) return false;
+    kept_[chosen_] = left / whole;
     top[chosen_] = left;
     for (int i = 0; i < size_; ++i) fresh[i] /= left;
     along_[chosen_] = dot_any(fresh, t_, size_);

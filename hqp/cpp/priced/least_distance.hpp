@@ -1,0 +1,101 @@
+// Of the points that keep to the rows of a stage, the one of least |y|: the multipliers of the rows by nonnegative
+// least squares (Lawson and Hanson 1974, chapter 23, problem LDP). It needs no working set, so that the answer is one,
+// however many rows are at their bounds and however little they differ.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "../solver/arena.hpp"
+#include "../solver/nonnegative.hpp"
+#include "row_space.hpp"
+#include "stage_rows.hpp"
+
+namespace hqp {
+inline namespace HQP_ISA {
+
+constexpr double kOpposed = 1e-9;  // of a row's length: rows that are opposed but for less hold no other direction
+constexpr double kTurned = 1e-14;  // rounding of a row's direction
+
+class LeastDistance {
+ public:
+  // n: of y, at most.  active: by how much a row of unit length may be off, for what rows that are nearly opposed leave
+  // between them would be as wide as their rounding.
+  LeastDistance(int n, int rows, double rounded, double active)
+      : active_(active), ld_(padded(n + 1)), space_(n, padded(n), rounded) {
+    const std::size_t sides = 2 * static_cast<std::size_t>(rows);
+    for (const bool placed : {false, true}) {
+      if (placed) arena_.take();
+      least_.layout(arena_, n + 1, static_cast<int>(sides));
+    }
+    least_.dependent = kOpposed;
+    least_.rounding = kTurned;
+    columns_.resize(sides * ld_);
+    target_.resize(ld_);
+    free_.reserve(n);
+  }
+
+  // From y (N), which keeps to the rows, to the least; equalities stay where y meets them. Whether that was reached.
+  bool solve(StageRows& rows, int N, double* y, Deadline& deadline) {
+    space_.cut(0);
+    for (int i = 0; i < rows.count(); ++i)
+      if (rows[i].equal()) space_.add(rows.row(i, N, [](double*) {}), N, rows.grades(), rows[i].size, rows.rounding());
+    const double size = 1.0 + std::sqrt(dot_any(y, y, N));
+    space_.turn(y, N);
+    free_.clear();
+    for (int j = 0; j < N; ++j)
+      if (!determines(j)) free_.push_back(j);
+    least_.count = 0;
+    least_.deadline = &deadline;
+    for (int i = 0; i < rows.count(); ++i)
+      if (!rows[i].equal()) bound(rows, i, N, y, size);
+    const int count = static_cast<int>(free_.size());
+    std::fill(target_.begin(), target_.end(), 0.0);
+    target_[count] = 1.0;
+    const double left = least_.solve(target_.data(), count + 1);
+    const double* rest = least_.rest;
+    const bool reached = std::isfinite(left) && rest[count] > 0.0;
+    for (int j = 0; j < count && reached; ++j) y[free_[j]] = -size * rest[j] / rest[count];
+    space_.turn_back(y, N);
+    return reached;
+  }
+
+  // Whether the equalities of the latest solve determine coordinate j.
+  bool determines(int j) const { return space_.determines(j, space_.rank()); }
+
+ private:
+  // Columns of row i: its free coordinates and its bound, in units of `size`, for each side that has one.
+  void bound(StageRows& rows, int i, int N, const double* y, double size) {
+    const double* a = rows.row(i, N, [&](double* row) { space_.turn(row, N); });
+    const double here = rows.shift(i) + dot_any(a, y, N);
+    double fixed = here, square = 0.0;
+    for (const int j : free_) {
+      fixed -= a[j] * y[j];
+      square += a[j] * a[j];
+    }
+    if (square == 0.0) return;
+    const double unit = 1.0 / std::sqrt(square), spare = active_ * smaller(rows[i].size, 1.0);
+    for (const int side : {-1, 1}) {
+      const double bound = rows[i].bound(side);
+      if (std::isinf(bound)) continue;
+      double* column = &columns_[static_cast<std::size_t>(least_.count) * ld_];
+      for (std::size_t j = 0; j < free_.size(); ++j) column[j] = -side * unit * a[free_[j]];
+      const double allowed = larger(side * bound + spare, side * here);
+      column[free_.size()] = unit * (side * fixed - allowed) / size;
+      least_.column[least_.count] = column;
+      least_.sign[least_.count++] = 1.0;
+    }
+  }
+
+  double active_;
+  int ld_;
+  RowSpace space_;
+  Arena arena_;
+  NonnegativeLeastSquares least_;
+  std::vector<double> columns_, target_;
+  std::vector<int> free_;
+};
+
+}  // namespace HQP_ISA
+}  // namespace hqp

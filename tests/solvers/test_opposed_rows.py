@@ -1,0 +1,26 @@
+"""Two feet at the edges of their friction cones: what no level determines is one answer, whatever was solved before."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import hqp
+from hqp import certificate
+from tests.export.stacks import scene
+
+
+@pytest.mark.parametrize("name", ["talos", "g1"])
+def test_torques_that_no_level_determines_are_one_answer(name: str) -> None:
+    """The cones' rows are opposed but for 1e-10 to 1e-6, as the feet turn against each other by so much."""
+    session, given = scene(name, "torque")
+    robot, solver = session.robot, hqp.solvers.load("lexicographic")
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    for i in range(34):
+        tick = session.step(robot.state(q, v), *given(i))
+        assert tick.status.solved, (i, tick.detail)
+        if i % 3 != 0:  # two of three, so that it takes half the time
+            cold = solver.solve(session.problem)
+            assert np.abs(tick.x - cold.x).max() < 1e-4 * np.abs(cold.x).max(), i
+            assert certificate(session.problem, cold.x, 1e-8, cold.stage_points).ok, i
+        q, v = tick.advance()
