@@ -6,6 +6,7 @@ import dataclasses
 import pickle
 import sys
 import threading
+from pathlib import Path
 from time import monotonic
 from typing import Any, ClassVar
 
@@ -580,6 +581,20 @@ def test_the_native_chain_tells_that_dynamics_fail(over: float) -> None:
     assert all(tick.status is Status.OPTIMAL for tick in ticks)
     assert ticks[-1].native
     assert np.abs(ticks[-1].command - good.command).max() < 1.0
+
+
+def test_a_file_tells_that_dynamics_fail(tmp_path: Path) -> None:
+    robot = impossible_arm()
+    run = session(
+        robot, hqp.Torque(effort_limits=False), Stack(Level(Position(frame="hand", axes="xy")), Level(Posture()))
+    )
+    run.export(tmp_path / "arm.hqp")
+    loaded, rest = hqp.load(tmp_path / "arm.hqp"), np.zeros(2)
+    assert loaded.step(robot.home, rest).status is Status.OPTIMAL
+    tick = loaded.step(np.array([0.0, 0.1]), rest)
+    assert tick.status is Status.DYNAMICS_FAILED
+    assert tick.notes[0].element == "robot"
+    assert loaded.step(robot.home, rest).status is Status.OPTIMAL
 
 
 def test_absurd_but_finite_states_never_raise(robot: Robot) -> None:
