@@ -15,7 +15,8 @@ T = TypeVar("T")
 class Kept(Generic[T]):
     """At most ``size`` values of each robot by key, those not used for longest go first, all of them with the robot.
 
-    A value is made of a copy of the robot: one that holds the robot itself would never let it go.
+    A value is made of a copy of the robot, for one that holds the robot itself would never let it go; home, which may
+    be set anew, is part of the key.
     """
 
     def __init__(self, size: int) -> None:
@@ -24,7 +25,7 @@ class Kept(Generic[T]):
 
     def get(self, robot: Robot, key: Hashable, make: Callable[[Robot], T]) -> T:
         """The value of a key, made of a copy where there is none; made each time for a key that has no hash."""
-        values = self._values.setdefault(robot, OrderedDict())
+        values, key = self._values.setdefault(robot, OrderedDict()), (key, robot.home.tobytes())
         try:
             value = values.pop(key, None)
         except TypeError:  # an element of the user's own with a field that has no hash
@@ -38,6 +39,6 @@ class Kept(Generic[T]):
     def drop(self, robot: Robot, key: Hashable) -> None:
         """Forget the value of a key."""
         try:
-            self._values.get(robot, OrderedDict()).pop(key, None)
+            self._values.get(robot, OrderedDict()).pop((key, robot.home.tobytes()), None)
         except TypeError:
             return

@@ -63,3 +63,12 @@ def test_few_sessions_are_kept(panda: Any) -> None:
     for k in range(40):
         hqp.solve_ik(panda, panda.home, [Level(HAND)], 0.01 + 1e-4 * k)
     assert len(step._SESSIONS._values[panda]) <= 16
+
+
+def test_a_home_that_was_set_anew_counts(panda: Any) -> None:
+    robot = panda.copy()
+    goal = HAND.at(robot.state(robot.home).position(HAND.frame))
+    hqp.solve_ik(robot, None, [Level(HAND)], 0.01, goal)
+    robot.set_home(robot.home + 0.1)
+    found = hqp.solve_ik(robot, None, [Level(HAND)], 0.01, goal)
+    assert np.abs(found).max() > 0.1  # from the old home there is no way to go
