@@ -167,7 +167,7 @@ def test_what_is_kept_goes_with_its_robot() -> None:
         for stack in stacks:
             assert hqp.reach(stack, robot, goal).success
     kept = reaching._SEARCHES._values[robot]
-    assert list(kept) == stacks
+    assert [stack for stack, _ in kept] == stacks
     assert all(search.robot._geometry is None for search in kept.values())
     gone = [weakref.ref(robot), *map(weakref.ref, kept.values())]
     del robot, kept
