@@ -21,6 +21,7 @@ def stood() -> tuple[Tracker, Pass]:
     return kept[0]
 
 
+@pytest.mark.slow
 def test_who_stands_does_not_fall(stood: tuple[Tracker, Pass]) -> None:
     tracker, found = stood
     told = fate(hqp.robots.load("g1", rotors=True), tracker.targets, found.q)
@@ -29,6 +30,7 @@ def test_who_stands_does_not_fall(stood: tuple[Tracker, Pass]) -> None:
     assert not plates(tracker.targets)
 
 
+@pytest.mark.slow
 def test_who_is_carried_away_from_his_feet_falls(stood: tuple[Tracker, Pass]) -> None:
     tracker, found = stood
     away = found.q.copy()

@@ -172,6 +172,7 @@ def test_an_unknown_rival() -> None:
         environments.environment("plaxo")
 
 
+@pytest.mark.slow
 def test_our_torques_out_of_reach_are_calm_and_within_the_motors() -> None:
     """Without torque limits a straight leg took 1e10 N m, and hands out of reach reversed 87 times a second."""
     robot = hqp.robots.load("talos")

@@ -100,6 +100,7 @@ def test_the_last_pass_stands_on_the_ends_that_the_pass_before_tells(
         assert ends == [end, end]
 
 
+@pytest.mark.slow
 def test_a_flat_sole_rolls_for_a_hand_but_does_not_pivot() -> None:
     """CBi's ankles do not bend as far as a person's: its heels come up before its hands stay behind."""
     found = retarget(crouch(), "cbi")

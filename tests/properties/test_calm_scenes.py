@@ -43,6 +43,7 @@ def test_within_reach_a_price_costs_nothing() -> None:
     assert not goals.loses(priced, exact)
 
 
+@pytest.mark.slow
 def test_the_default_limits_keep_a_walking_hand_on_its_feet() -> None:
     """Torque control with friction, even where levels are exact: limits held, feet loaded, CoM in place."""
     variant = Variant("exact", priced=False)
@@ -75,6 +76,7 @@ def test_figures_of_known_commands() -> None:
     assert list(goals.misses("velocity", told)) == ["jump", "reversals", "acceleration_p50"]
 
 
+@pytest.mark.slow
 def test_a_seed_draws_the_same_loop_twice() -> None:
     first, again = (list(drawn.loops("velocity", [3])) for _ in range(2))
     times = {"tick_p50", "tick_p99", "tick_max"}

@@ -73,7 +73,13 @@ def test_at_slow_rates_too(name: str, dt: float) -> None:
 
 @pytest.mark.parametrize(
     ("seed", "loop"),
-    [(42, "cbi, 5 ms"), (110, "icub, 10 ms"), (465, "g1, 10 ms"), (341, "solo12, 5 ms"), (339, "cbi, 2 ms")],
+    [
+        (42, "cbi, 5 ms"),
+        (110, "icub, 10 ms"),
+        (465, "g1, 10 ms"),
+        (341, "solo12, 5 ms"),
+        pytest.param(339, "cbi, 2 ms", marks=pytest.mark.slow),
+    ],
 )
 def test_an_eager_base_below_hands_out_of_reach(seed: int, loop: str) -> None:
     """The base has the joints that the hands have."""

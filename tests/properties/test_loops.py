@@ -51,7 +51,7 @@ def draw(rng: Generator, robot: Robot, order: int) -> Stack:
     return Stack(*levels, subject_to=[JointLimits(acceleration=acceleration)] if rng.random() < 0.8 else [])
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 6))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 6))])
 def test_no_answer_is_called_optimal_that_is_not(seed: int) -> None:
     rng = np.random.default_rng(seed)
     solved = 0

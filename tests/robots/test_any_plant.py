@@ -176,6 +176,7 @@ def test_a_watched_frame_that_can_touch_nothing_is_refused() -> None:
         Plant(robot, watched=["right_sole_link", "leg_right_6_link"])
 
 
+@pytest.mark.slow
 def test_a_urdf_robot_has_rotors_in_the_plant() -> None:
     """G1's ankles 50 and 35 N m; the model for control has them where it was asked for, and then M agrees."""
     robot = hqp.robots.load("g1", rotors=True)

@@ -129,6 +129,7 @@ def test_a_ball_stops_at_its_cone_whatever_the_direction(robot: Any, formulation
     np.testing.assert_allclose(robot.state(q).angles[3:5], MOST * np.array(direction) / np.hypot(*direction), atol=5e-3)
 
 
+@pytest.mark.slow
 def test_along_the_cone_it_moves_freely_and_from_outside_it_returns(robot: Any) -> None:
     tip = Position(frame="tip", law=P(3.0), axes="xy")
     stack = Stack(Level(tip), subject_to=[JointLimits(joints=("ball", "hinge", "base"))])

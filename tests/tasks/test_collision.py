@@ -387,7 +387,11 @@ def test_explain_names_the_pair(panda: Any, price: float | None) -> None:
     assert "- table" in str(tick.explain())
 
 
-@pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration()], ids=["velocity", "acceleration"])
+@pytest.mark.parametrize(
+    "formulation",
+    [hqp.Velocity(), pytest.param(hqp.Acceleration(), marks=pytest.mark.slow)],
+    ids=["velocity", "acceleration"],
+)
 def test_a_hand_sent_into_the_torso_is_kept_out(talos: Any, formulation: hqp.Formulation) -> None:
     avoid = CollisionAvoidance()
     hand = Position(frame="gripper_left_base_link")

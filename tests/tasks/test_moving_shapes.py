@@ -185,7 +185,11 @@ def test_a_moving_mesh_has_the_rows_of_the_box_that_it_is(panda: Any, block: Any
     assert compared > 20
 
 
-@pytest.mark.parametrize("formulation", [hqp.Velocity(), hqp.Acceleration()], ids=["velocity", "acceleration"])
+@pytest.mark.parametrize(
+    "formulation",
+    [hqp.Velocity(), pytest.param(hqp.Acceleration(), marks=pytest.mark.slow)],
+    ids=["velocity", "acceleration"],
+)
 def test_a_hand_gives_way_to_a_moving_mesh(panda: Any, block: Any, formulation: Any) -> None:
     frame, dt, least = "panda_hand_tcp", 0.005, math.inf
     order = 1 if isinstance(formulation, hqp.Velocity) else 2

@@ -143,6 +143,7 @@ def test_the_map_finds_the_slope_on_a_cross_slope() -> None:
     assert drive(math.radians(20.0), cross=math.radians(3.0)) < 1.5
 
 
+@pytest.mark.slow
 def test_the_map_finds_the_slope_when_led_obliquely() -> None:
     """Until a second wheel is on the slope the edge's direction is anybody's guess: off by less than the slope."""
     assert drive(math.radians(30.0), lead=math.radians(30.0)) < 5.5
