@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import hqp
@@ -13,8 +15,17 @@ from benchmarks.reports import machine, report
 ROOT = Path(__file__).parents[2]
 ROBOTS = ("ur5", "cbi", "talos", "g1", "dreamer")
 FORMULATIONS = ("velocity", "acceleration", "torque")
-MARK = "<!-- table: python -m benchmarks loops --ticks 1000000 --page docs/results/batches.md -->"
-END = "<!-- end of loops -->"
+PLACES = {
+    False: (
+        "<!-- table: python -m benchmarks loops --ticks 1000000 --page docs/results/batches.md -->",
+        "<!-- end of loops -->",
+    ),
+    True: (
+        "<!-- table: python -m benchmarks loops --ticks 100000 --busy 4 --page docs/results/batches.md -->",
+        "<!-- end of loops beside others -->",
+    ),
+}
+"""Of the table in its page, alone or beside busy processes: before and after it."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--recorded", type=int, default=100_000, metavar="N", help="of these, in Python (100000 at most)"
     )
     parser.add_argument("--folder", type=Path, default=ROOT / "build/loops", help="for recordings, which are large")
+    parser.add_argument("--busy", type=int, default=0, metavar="N", help="processes that compute beside them (0)")
     parser.add_argument("--page", type=Path, metavar="FILE", help="write the table into this page")
 
 
@@ -41,7 +53,8 @@ def run(arguments: argparse.Namespace) -> int:
         for formulation in arguments.formulations:
             plan = record(robot, formulation, recorded, arguments.folder)
             command = [str(replay), "0", "--rounds", str(max(1, ticks // recorded)), str(plan)]
-            found = subprocess.run(command, capture_output=True, text=True, check=False)
+            with beside(arguments.busy):
+                found = subprocess.run(command, capture_output=True, text=True, check=False)
             plan.with_suffix(".ticks").unlink()
             *head_lines, row = found.stdout.splitlines() or [f"| {plan.name} | {found.stderr.strip()} |"]
             head, failed = "\n".join(head_lines) or head, failed + found.returncode
@@ -50,8 +63,21 @@ def run(arguments: argparse.Namespace) -> int:
     text = "\n".join((head, *rows)) + f"\n\n{machine.line()}\n"
     report.section(arguments.output, "loops", text)
     if arguments.page is not None:
-        report.into_page(arguments.page, MARK, text, END)
+        mark, end = PLACES[arguments.busy > 0]
+        report.into_page(arguments.page, mark, text, end)
     return int(failed > 0)
+
+
+@contextmanager
+def beside(count: int) -> Iterator[None]:
+    """So many processes that do nothing but compute."""
+    others = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for other in others:
+            other.kill()
+            other.wait()
 
 
 def record(robot: str, formulation: str, ticks: int, folder: Path) -> Path:
