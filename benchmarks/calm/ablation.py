@@ -16,6 +16,7 @@ from hqp import PD, Level, P, Stack, certificate
 from hqp.problem import Hierarchy, Shape, Solution, Status
 from hqp.solvers.base import Solver, Workspace
 from hqp.tasks import Com, JointLimits, Orientation, Position, Posture
+from tests.scenes import stacks
 from tests.scenes.calm import arrival, continuity, distance, drawn
 from tests.scenes.calm.loop import figures, run
 from tests.scenes.calm.robots import subject
@@ -125,6 +126,17 @@ def unsure_steps(_: Variant) -> float:
     return float(sum(course.step().status is Status.RANK_UNCERTAIN for _ in range(1000)))
 
 
+def apart(name: str, ticks: int, variant: Variant) -> float:
+    """By how much an answer at the edge of friction cones depends on the ticks before it."""
+    session, given = stacks.scene(name, "torque")
+    q, v, found = session.robot.home.copy(), np.zeros(session.robot.nv), 0.0
+    for i in range(ticks):
+        tick = session.step(session.robot.state(q, v), *given(i))
+        found = max(found, float(np.abs(tick.x - _made(variant).solve(session.problem).x).max()))
+        q, v = tick.advance()
+    return found
+
+
 def _made(variant: Variant) -> Solver:
     return variant.solver if isinstance(variant.solver, Solver) else hqp.solvers.load(variant.solver)
 
@@ -199,6 +211,10 @@ ABLATIONS: tuple[Ablation, ...] = (
     Ablation(
         "ROUNDED 1e-11", "1e-14", "1000 ticks of CBi's walk: unsure of their answer", unsure_steps,
         {"hqp.solvers.stages.ROUNDED": 1e-14},
+    ),
+    Ablation(
+        "ACTIVITY_TOLERANCE 1e-9", "0", "50 ticks of G1's feet at the edge of their cones: warm beside cold [N m]",
+        partial(apart, "g1", 50), {"hqp.solvers.stages.ACTIVITY_TOLERANCE": 0.0},
     ),
 )  # fmt: skip
 """What may be changed one by one: ``change`` of constants, ``eta`` of the problem."""

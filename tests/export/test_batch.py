@@ -11,8 +11,7 @@ from hqp.errors import DeclarationError
 from hqp.export.loaded import LoadedSession
 from hqp.loop.plan_file.file import text
 from hqp.solvers.lexicographic import kernel
-
-from .stacks import FORMULATIONS, scene
+from tests.scenes.stacks import FORMULATIONS, scene
 
 pytestmark = pytest.mark.skipif(not kernel(), reason="no native kernel here")
 COUNT = 40

@@ -22,8 +22,7 @@ from hqp.errors import DeclarationError, HqpError, UnknownReference
 from hqp.export.loaded import LoadedSession
 from hqp.loop.plan_file.file import FORMAT, fnv1a, read, text
 from hqp.solvers.lexicographic import kernel
-
-from .stacks import FORMULATIONS, scene
+from tests.scenes.stacks import FORMULATIONS, scene
 
 pytestmark = pytest.mark.skipif(not kernel(), reason="no native kernel here")
 ROOT = Path(__file__).parents[2]

@@ -15,8 +15,7 @@ from hqp.errors import DeclarationError
 from hqp.export.loaded import LoadedSession
 from hqp.loop.plan_file.file import text
 from hqp.solvers.lexicographic import kernel
-
-from .stacks import FORMULATIONS
+from tests.scenes.stacks import FORMULATIONS
 
 pytestmark = pytest.mark.skipif(not kernel(), reason="no native kernel here")
 SOLES = {"left": "l_sole", "right": "r_sole"}

@@ -14,8 +14,7 @@ from hqp import Level, Stack, Status
 from hqp.export.loaded import LoadedSession
 from hqp.loop.plan_file.file import text
 from hqp.solvers.lexicographic import Lexicographic, kernel
-
-from .stacks import FORMULATIONS, ROBOTS, Given, scene
+from tests.scenes.stacks import FORMULATIONS, ROBOTS, Given, scene
 
 pytestmark = pytest.mark.skipif(not kernel(), reason="no native kernel here")
 

@@ -7,7 +7,7 @@ import pytest
 
 import hqp
 from hqp import certificate
-from tests.export.stacks import scene
+from tests.scenes.stacks import scene
 
 
 @pytest.mark.parametrize("name", ["talos", "g1"])

@@ -12,7 +12,7 @@ from hqp import PD, P, Phase, Sequence
 from hqp.arrays import Mat, Vec
 from hqp.export.loaded import HOLD, STATUSES, VALUE, LoadedSession
 from hqp.loop.plan_file.file import text
-from tests.export.stacks import FORMULATIONS, ROBOTS, scene
+from tests.scenes.stacks import FORMULATIONS, ROBOTS, scene
 
 PRESENT, PHASE = 6, 7
 """Told of an element after value, velocity, acceleration, normal, load and hold value: whether it is in; of a tick: the
