@@ -133,6 +133,7 @@ def test_units_and_places_of_the_file_do_not_matter(walked: Retargeted, g1: hqp.
     np.testing.assert_allclose(other.q, walked.q, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_out_of_reach_is_told_with_what_it_gave_way_to(g1: hqp.robots.Robot) -> None:
     motion = stand(1.0)
     places = motion.positions.copy()
@@ -160,6 +161,7 @@ def test_shortfalls_are_told_in_frames_of_the_result(g1: hqp.robots.Robot) -> No
     assert 20 < told.first <= told.worst < told.last < 30
 
 
+@pytest.mark.slow
 def test_a_corner_is_left_for_another_anchor(monkeypatch: pytest.MonkeyPatch, g1: hqp.robots.Robot) -> None:
     """From a start that faces backwards no tick leads to the hands and feet; the pass from the last frame does."""
     begin = anchored.start

@@ -136,6 +136,7 @@ def test_a_mesh_of_a_box_is_the_box(panda: Any, tmp_path: Any) -> None:
         assert compared > 50
 
 
+@pytest.mark.slow
 def test_a_hand_stops_at_a_mesh(panda: Any, tmp_path: Any) -> None:
     write_box(tmp_path / "table.stl", np.array([0.3, 0.5, 0.025]))
     table = shapes.mesh("table", tmp_path / "table.stl", (0.5, 0.0, 0.2))
