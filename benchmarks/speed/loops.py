@@ -21,7 +21,7 @@ PLACES = {
         "<!-- end of loops -->",
     ),
     True: (
-        "<!-- table: python -m benchmarks loops --ticks 100000 --busy 4 --page docs/results/batches.md -->",
+        "<!-- table: python -m benchmarks loops --ticks 20000 --busy 4 --page docs/results/batches.md -->",
         "<!-- end of loops beside others -->",
     ),
 }
