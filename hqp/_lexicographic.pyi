@@ -68,7 +68,6 @@ class Batch:
         accurate: float,
         resting: float,
         rounded: float,
-        active: float,
         activity: float,
         violation: float,
     ) -> None: ...

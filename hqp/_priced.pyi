@@ -14,7 +14,8 @@ class Stages:
         accurate: float,
         resting: float,
         rounded: float,
-        active: float,
+        activity: float,
+        violation: float,
     ) -> None: ...
     def bind(
         self,
@@ -34,7 +35,7 @@ class Stages:
     def above(self, head: int, solve: object, x: Vec) -> None:
         """For that capsule: the solve of the levels above one, and the x that it writes."""
 
-    def answers(self, constraints: int, activity: float, violation: float) -> None:
+    def answers(self, constraints: int) -> None:
         """For that capsule: it answers itself where the stages reach their optima; the rest as for ``describe``."""
 
     @property
@@ -55,9 +56,7 @@ class Stages:
 
     def accounts(self, stages: Mat, owner: Any, elements: int, near: float) -> None: ...
     def account(self, w: Vec, x: Vec, multipliers: Vec | None, out: Vec) -> None: ...
-    def describe(
-        self, x: Vec, constraints: int, activity: float, violation: float, slack: Vec, marks: Signs
-    ) -> bool: ...
+    def describe(self, x: Vec, constraints: int, slack: Vec, marks: Signs) -> bool: ...
     def effort(self) -> tuple[int, bool, bool, bool, bool]:
         """Steps of the latest stages, whether all reached their optima, whether one met uncertain directions, whether
         the answer depends on such, whether that or an end is in doubt."""

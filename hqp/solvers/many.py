@@ -17,7 +17,6 @@ from hqp.problem import ETA, Hierarchy, Motion, Rows, Selection, Shape, Solution
 from hqp.solvers.base import check_shape, require_hierarchy
 from hqp.solvers.lexicographic import DOUBTFUL, NO_KERNEL, STATUSES, Lexicographic, native_module
 from hqp.solvers.stages import stage_tolerances
-from hqp.tolerances import ACTIVITY_TOLERANCE, VIOLATION_TOLERANCE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +106,7 @@ def solve_many(
     batch = module.Batch(
         shape.n, list(shape.rows), shape.metric, solver.rank_tolerance, solver.multiplier_tolerance,
         solver.feasibility_tolerance, solver.max_iterations or 0, solver.max_failed_exchanges, priced,
-        activity=ACTIVITY_TOLERANCE, violation=VIOLATION_TOLERANCE, **stage_tolerances(),
+        **stage_tolerances(),
     )  # fmt: skip
     kept = _fill(batch, problems, shape)
     N, total = len(problems), sum(shape.rows)

@@ -145,7 +145,7 @@ class StagedWorkspace:
             return exact
         solve, values, marks, call = exact
         native, x, stages, points, end = self._native, values[: problem.n], self._native.solve, self._points, self._end
-        native.answers(problem.constraints, ACTIVITY_TOLERANCE, VIOLATION_TOLERANCE)
+        native.answers(problem.constraints)
 
         def alone() -> Counts:
             self._one_thread.enter()
@@ -182,8 +182,6 @@ class StagedWorkspace:
         stages = {
             "priced": priced,
             **stage_tolerances(),
-            "activity": ACTIVITY_TOLERANCE,
-            "violation": VIOLATION_TOLERANCE,
             **self._law,
             "F_rows": 0 if motion is None or motion.F.ndim == 1 else motion.F.shape[0],
             "points": self._points,
@@ -317,8 +315,7 @@ class StagedWorkspace:
     def _describe(self, problem: Hierarchy, x: Vec) -> Described:
         """As hqp.solvers.base.describe, natively."""
         slack, marks = np.empty(self._parts[-1].stop), np.empty(self._parts[-1].stop, dtype=np.int8)
-        tolerances = ACTIVITY_TOLERANCE, VIOLATION_TOLERANCE
-        broken = self._native.describe(x, problem.constraints, *tolerances, slack, marks)
+        broken = self._native.describe(x, problem.constraints, slack, marks)
         return tuple(slack[part] for part in self._parts), tuple(marks[part] for part in self._parts), broken
 
     def _bind(self, problem: Hierarchy) -> None:
@@ -355,7 +352,8 @@ def stage_tolerances() -> dict[str, float]:
         "accurate": ACCURATE,
         "resting": RESTING,
         "rounded": ROUNDED,
-        "active": ACTIVITY_TOLERANCE,
+        "activity": ACTIVITY_TOLERANCE,
+        "violation": VIOLATION_TOLERANCE,
     }
 
 

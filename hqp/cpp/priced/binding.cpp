@@ -58,8 +58,10 @@ class Turn {
 class Stages final : public hqp::SolveCall {
  public:
   Stages(int n, const std::vector<int>& rows, const std::vector<int>& priced, double met, double flat, double accurate,
-         double resting, double rounded, double active)
-      : n_(n), rows_(rows), core_(n, rows, made(n, rows, priced, {met, flat, accurate, resting, rounded, active})) {}
+         double resting, double rounded, double activity, double violation)
+      : n_(n),
+        rows_(rows),
+        core_(n, rows, made(n, rows, priced, {met, flat, accurate, resting, rounded, activity, violation})) {}
   // levels: (A or None, index or None, scale or None, lower, upper).  prices, turning: one a level.  metric, origin:
   // None for none.  The caller keeps the arrays alive, and so does this object.
   void bind(const nb::list& levels, const Vector& prices, const nb::object& turning, double eta, const nb::object& F,
@@ -139,7 +141,7 @@ class Stages final : public hqp::SolveCall {
   }
   // run() answers itself where the stages reach their optima and no row of the first levels is violated; the rest as
   // for describe().
-  void answers(int constraints, double activity, double violation) { core_.answers(constraints, activity, violation); }
+  void answers(int constraints) { core_.answers(constraints); }
   hqp::Solved run(const double* v) override {
     const Turn turn(busy_);
     return core_.run(v);
@@ -192,12 +194,12 @@ class Stages final : public hqp::SolveCall {
   }
 
   // slack (rows) and marks (rows) of x, as in Solution; whether a row of the first levels is violated.
-  bool describe(const Vector& x, int constraints, double activity, double violation, const Out& slack,
+  bool describe(const Vector& x, int constraints, const Out& slack,
                 const nb::ndarray<std::int8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>& marks) {
     if (!bound_) refuse("bind() comes first");
     if (x.shape(0) != std::size_t(n_) || slack.size() != total() || marks.shape(0) != total())
       refuse("x, slack or marks has a wrong shape");
-    return stages().describe(x.data(), constraints, activity, violation, slack.data(), marks.data());
+    return stages().describe(x.data(), constraints, slack.data(), marks.data());
   }
 
   // Steps of the latest stages, whether all reached their optima, whether directions were uncertain, whether the answer
@@ -242,21 +244,22 @@ NB_MODULE(_priced, m) {
   m.doc() = "Native stages of levels with a price.";
   nb::class_<Stages>(m, "Stages")
       .def(nb::init<int, const std::vector<int>&, const std::vector<int>&, double, double, double, double, double,
-                    double>(),
-           "n"_a, "rows"_a, "priced"_a, "met"_a, "flat"_a, "accurate"_a, "resting"_a, "rounded"_a, "active"_a)
+                    double, double>(),
+           "n"_a, "rows"_a, "priced"_a, "met"_a, "flat"_a, "accurate"_a, "resting"_a, "rounded"_a, "activity"_a,
+           "violation"_a)
       .def("bind", &Stages::bind, "levels"_a, "prices"_a, "turning"_a.none(), "eta"_a, "F"_a.none(), "f"_a.none(),
            "metric"_a.none(), "origin"_a.none())
       .def("solve", &Stages::solve, "x"_a, "stages"_a, "last"_a, "head"_a = 0, "seconds"_a = 0.0)
       .def("after", &Stages::after, "exact"_a, "x"_a, "stages"_a, "last"_a)
       .def("above", &Stages::above, "head"_a, "solve"_a, "x"_a)
-      .def("answers", &Stages::answers, "constraints"_a, "activity"_a, "violation"_a)
+      .def("answers", &Stages::answers, "constraints"_a)
       .def_prop_rw("head", &Stages::head, &Stages::begin_at)
       .def("limit", &Stages::limit, "seconds"_a)
       .def("latest", &Stages::latest)
       .def("unasked", &Stages::unasked)
       .def("accounts", &Stages::accounts, "stages"_a, "owner"_a, "elements"_a, "near"_a)
       .def("account", &Stages::account, "w"_a, "x"_a, "multipliers"_a.none(), "out"_a)
-      .def("describe", &Stages::describe, "x"_a, "constraints"_a, "activity"_a, "violation"_a, "slack"_a, "marks"_a)
+      .def("describe", &Stages::describe, "x"_a, "constraints"_a, "slack"_a, "marks"_a)
       .def("effort", &Stages::effort)
       .def("reset", &Stages::reset)
       .def("turn", &Stages::turn, "out"_a);

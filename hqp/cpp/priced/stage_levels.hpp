@@ -41,7 +41,7 @@ class StageLevels final : public PricedStages {
         search_(total(levels, m) + most(levels, m) + 2 * variables_, n, variables_, most(levels, m),
                 tolerances.accurate, tolerances.rounded),
         rows_(n, total(levels, m) + most(levels, m) + 2 * variables_, total(levels, m), padded(variables_)),
-        choice_(n, total(levels, m) + n, tolerances.rounded, tolerances.active) {
+        choice_(n, total(levels, m) + n, tolerances.rounded, tolerances.activity) {
     last_ = -1;
     int rows = 0;
     for (int k = 0; k < levels; ++k) {
@@ -159,19 +159,19 @@ class StageLevels final : public PricedStages {
     return first;
   }
 
-  bool describe(const double* x, int constraints, double activity, double violation, double* slacks,
-                std::int8_t* marks) override {
+  bool describe(const double* x, int constraints, double* slacks, std::int8_t* marks) override {
     bool violated = false;
     for (std::size_t k = 0; k < level_.size(); ++k) {
       const PricedLevel& level = level_[k];
       for (int i = 0; i < level.m; ++i, ++slacks, ++marks) {
         const double low = level.lower[i], high = level.upper[i], value = product(level, i, x);
         *slacks = slack(value, low, high);
-        const bool at_upper = value >= high - activity * (1.0 + std::abs(high));
-        const bool at_lower = value <= low + activity * (1.0 + std::abs(low));
+        const bool at_upper = value >= high - tolerances_.activity * (1.0 + std::abs(high));
+        const bool at_lower = value <= low + tolerances_.activity * (1.0 + std::abs(low));
         *marks = low == high ? 2 : at_upper ? 1 : at_lower ? -1 : 0;
         if (static_cast<int>(k) < constraints && *slacks != 0.0)
-          violated = violated || std::abs(*slacks) > violation * (1.0 + std::abs(*slacks > 0.0 ? high : low));
+          violated =
+              violated || std::abs(*slacks) > tolerances_.violation * (1.0 + std::abs(*slacks > 0.0 ? high : low));
       }
     }
     return violated;

@@ -43,8 +43,8 @@ class StagedSolve final : public SolveCall {
   void above(int head, SolveCall* solve, const double* x) { heads_.push_back({head, solve, x}); }
   // run() answers itself where the stages reach their optima and no row of the first levels is violated; the rest as
   // for describe().
-  void answers(int constraints, double activity, double violation) {
-    constraints_ = constraints, activity_ = activity, violation_ = violation;
+  void answers(int constraints) {
+    constraints_ = constraints;
     values_.resize(n_ + total());
     marks_.resize(total());
     answers_ = true;
@@ -135,7 +135,7 @@ class StagedSolve final : public SolveCall {
     for (int i = 0; i < n_; ++i) square += end_[i] * end_[i];
     if (!(square < INFINITY)) return solved;
     std::copy(end_, end_ + n_, values_.begin());
-    if (stages_->describe(end_, constraints_, activity_, violation_, values_.data() + n_, marks_.data())) return solved;
+    if (stages_->describe(end_, constraints_, values_.data() + n_, marks_.data())) return solved;
     solved.outcome = kOptimal;
     solved.iterations += stages_->iterations();
     solved.values = values_.data(), solved.active = marks_.data();
@@ -156,7 +156,6 @@ class StagedSolve final : public SolveCall {
   std::vector<Head> heads_;
   bool answers_ = false;
   int constraints_ = 0;
-  double activity_ = 0.0, violation_ = 0.0;
   std::vector<double> values_;
   std::vector<std::int8_t> marks_;
   double limit_ = 0.0;

@@ -49,9 +49,9 @@ struct AccountRows {
 // Of hqp/tolerances.py: of a level's terms, ||w|| below `met` is zero; directions without motion get `flat` of the
 // largest column of F; an end of a stage that is off by more than `accurate` is in doubt; an entry counts for at least
 // `resting` of the largest, or of one; `rounded` of a row's length is what rounding leaves of one that depends on
-// others.
+// others; relative to 1 + |bound| a row is at its bound within `activity`, and violated beyond `violation`.
 struct Tolerances {
-  double met, flat, accurate, resting, rounded, active;
+  double met, flat, accurate, resting, rounded, activity, violation;
 };
 
 // The law of a hierarchy (hqp.problem.Hierarchy): prices, turning (levels,); F (r, n), or its diagonal where r = 0, or
@@ -74,8 +74,7 @@ class PricedStages {
   // seconds: after which a stage ends where it is, none for 0.
   virtual int solve(const double* x, int head, double seconds, double* stages, double* last) = 0;
   // Slacks and marks of all rows at x, as in Solution; whether a row of the first `constraints` levels is violated.
-  virtual bool describe(const double* x, int constraints, double activity, double violation, double* slack,
-                        std::int8_t* marks) = 0;
+  virtual bool describe(const double* x, int constraints, double* slack, std::int8_t* marks) = 0;
   virtual int iterations() const = 0;
   virtual bool ended() const = 0;                  // whether every stage reached its optimum
   virtual bool uncertain() const = 0;              // whether one met uncertain directions

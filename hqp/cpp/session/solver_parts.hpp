@@ -63,7 +63,7 @@ class PlannedSolve {
   const double* end() const { return end_; }
   // Slacks and marks of all rows at the end of the latest stages; whether a constraint is violated.
   bool describe(double* slack, std::int8_t* marks) {
-    return staged_->stages().describe(end_, exact_->problem.constraints, activity_, violation_, slack, marks);
+    return staged_->stages().describe(end_, exact_->problem.constraints, slack, marks);
   }
   bool limited() const { return limited_; }
   // Time for the next solves [s], none for 0.
@@ -97,8 +97,8 @@ class PlannedSolve {
     const std::vector<Node> flags = p.parts("priced");
     if (flags.size() != count) throw PlanError("the plan tells of other levels than it has");
     for (std::size_t k = 0; k < count; ++k) priced[k] = flags[k].flag();
-    const Tolerances tolerances{p.number("met"),     p.number("flat"),    p.number("accurate"),
-                                p.number("resting"), p.number("rounded"), p.number("active")};
+    const Tolerances tolerances{p.number("met"),     p.number("flat"),     p.number("accurate"), p.number("resting"),
+                                p.number("rounded"), p.number("activity"), p.number("violation")};
     const std::vector<int>& rows = exact_->rows();
     staged_ = std::make_unique<StagedSolve>(
         n, rows,
@@ -126,8 +126,7 @@ class PlannedSolve {
     }
     end_ = p.doubles("end", n);
     staged_->after(exact_.get(), exact_->numbers().data(), p.doubles("points", count * n), p.doubles("end", n));
-    activity_ = p.number("activity"), violation_ = p.number("violation");
-    staged_->answers(exact_->problem.constraints, activity_, violation_);
+    staged_->answers(exact_->problem.constraints);
   }
 
   std::unique_ptr<BoundKernel> exact_;
@@ -136,7 +135,6 @@ class PlannedSolve {
   WarmSets sets_;
   Law law_;
   const double* end_ = nullptr;
-  double activity_ = 0.0, violation_ = 0.0;
   bool limited_ = false;
 };
 

@@ -33,15 +33,8 @@ using Out = nb::ndarray<T, nb::ndim<D>, nb::c_contig, nb::device::cpu>;
 class Batch {
  public:
   Batch(int n, const std::vector<int>& rows, bool metric, const hqp::Options& options, const std::vector<char>& priced,
-        const hqp::Tolerances& tolerances, double activity, double violation)
-      : n_(n),
-        rows_(rows),
-        metric_(metric),
-        options_(options),
-        priced_(priced),
-        tolerances_(tolerances),
-        activity_(activity),
-        violation_(violation) {
+        const hqp::Tolerances& tolerances)
+      : n_(n), rows_(rows), metric_(metric), options_(options), priced_(priced), tolerances_(tolerances) {
     if (priced.size() != rows.size()) throw nb::value_error("a level is priced or not");
     if (n < 1 || n > kMost) throw nb::value_error("n must lie in 1..10000");
     for (int m : rows) {
@@ -206,9 +199,7 @@ class Batch {
     if (stages.solve(answer.x, 0, 0.0, points, worker.last.data()) < 0) return;
     answer.unsure = !stages.ended() || stages.uncertain() || stages.doubtful();
     std::copy(worker.last.begin(), worker.last.end(), answer.x);
-    answer.unsure =
-        stages.describe(answer.x, problem.constraints, activity_, violation_, answer.slack, answer.active) ||
-        answer.unsure;
+    answer.unsure = stages.describe(answer.x, problem.constraints, answer.slack, answer.active) || answer.unsure;
     answer.iterations += stages.iterations();
   }
 
@@ -224,7 +215,6 @@ class Batch {
   std::vector<hqp::Problem> problems_;
   std::vector<char> priced_;  // (levels,)
   hqp::Tolerances tolerances_;
-  double activity_, violation_;
   std::vector<hqp::Law> laws_;
   std::vector<Worker> workers_;
   std::atomic<bool> busy_{false};
@@ -252,17 +242,17 @@ void bind_batch(nb::module_& m) {
           "__init__",
           [](Batch* self, int n, const nb::list& rows, bool metric, double rank, double multiplier, double feasibility,
              int max_iterations, int exchanges, const nb::list& priced, double met, double flat, double accurate,
-             double resting, double rounded, double active, double activity, double violation) {
+             double resting, double rounded, double activity, double violation) {
             std::vector<int> sizes;
             std::vector<char> marks;
             for (nb::handle h : rows) sizes.push_back(nb::cast<int>(h));
             for (nb::handle h : priced) marks.push_back(nb::cast<bool>(h));
             new (self) Batch(n, sizes, metric, {rank, multiplier, feasibility, 0.0, max_iterations, exchanges, false},
-                             marks, {met, flat, accurate, resting, rounded, active}, activity, violation);
+                             marks, {met, flat, accurate, resting, rounded, activity, violation});
           },
           "n"_a, "rows"_a, "metric"_a, "rank_tolerance"_a, "multiplier_tolerance"_a, "feasibility_tolerance"_a,
           "max_iterations"_a, "exchanges"_a, "priced"_a, "met"_a, "flat"_a, "accurate"_a, "resting"_a, "rounded"_a,
-          "active"_a, "activity"_a, "violation"_a)
+          "activity"_a, "violation"_a)
       .def("read", &Batch::read, "hierarchies"_a)
       .def("stack", &Batch::stack, "count"_a, "levels"_a, "constraints"_a, "like"_a.none())
       .def("solve", &Batch::solve, "threads"_a, "x"_a, "slack"_a, "active"_a, "effort"_a, "points"_a);
