@@ -21,8 +21,8 @@ constexpr double kTurned = 1e-14;  // rounding of a row's direction
 class LeastDistance {
  public:
   // n: of y, at most.  active: by how much a row of unit length may be off, for what rows that are nearly opposed leave
-  // between them would be as wide as their rounding.
-  LeastDistance(int n, int rows, double rounded, double active)
+  // between them would be as wide as their rounding.  deadline: ends every solve.
+  LeastDistance(int n, int rows, double rounded, double active, Deadline& deadline)
       : active_(active), ld_(padded(n + 1)), space_(n, padded(n), rounded) {
     const std::size_t sides = 2 * static_cast<std::size_t>(rows);
     for (const bool placed : {false, true}) {
@@ -31,13 +31,14 @@ class LeastDistance {
     }
     least_.dependent = kOpposed;
     least_.rounding = kTurned;
+    least_.deadline = &deadline;
     columns_.resize(sides * ld_);
     target_.resize(ld_);
     free_.reserve(n);
   }
 
   // From y (N), which keeps to the rows, to the least; equalities stay where y meets them. Whether that was reached.
-  bool solve(StageRows& rows, int N, double* y, Deadline& deadline) {
+  bool solve(StageRows& rows, int N, double* y) {
     space_.cut(0);
     for (int i = 0; i < rows.count(); ++i)
       if (rows[i].equal()) space_.add(rows.row(i, N, [](double*) {}), N, rows.grades(), rows[i].size, rows.rounding());
@@ -47,7 +48,6 @@ class LeastDistance {
     for (int j = 0; j < N; ++j)
       if (!determines(j)) free_.push_back(j);
     least_.count = 0;
-    least_.deadline = &deadline;
     for (int i = 0; i < rows.count(); ++i)
       if (!rows[i].equal()) bound(rows, i, N, y, size);
     const int count = static_cast<int>(free_.size());

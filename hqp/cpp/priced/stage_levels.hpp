@@ -3,7 +3,6 @@
 #pragma once
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <limits>
 #include <utility>
@@ -39,9 +38,9 @@ class StageLevels final : public PricedStages {
         settled_(n, level_, total(levels, m), tolerances.met),
         variables_(n + total(levels, m) + most(levels, m)),
         search_(total(levels, m) + most(levels, m) + 2 * variables_, n, variables_, most(levels, m),
-                tolerances.accurate, tolerances.rounded),
+                tolerances.accurate, tolerances.rounded, deadline_),
         rows_(n, total(levels, m) + most(levels, m) + 2 * variables_, total(levels, m), padded(variables_)),
-        choice_(n, total(levels, m) + n, tolerances.rounded, tolerances.activity) {
+        choice_(n, total(levels, m) + n, tolerances.rounded, tolerances.activity, deadline_) {
     last_ = -1;
     int rows = 0;
     for (int k = 0; k < levels; ++k) {
@@ -141,7 +140,7 @@ class StageLevels final : public PricedStages {
       }
       if (met) std::copy(x, x + n_, x_.begin());
       if (priced || asks(k)) stage(k);
-      if (!ended_ && late()) break;  // the levels below begin where this one does
+      if (!ended_ && deadline_.passed()) break;  // the levels below begin where this one does
       leave(k, x_.data());
       if (priced) {
         anchor(k, x_.data());
@@ -178,8 +177,6 @@ class StageLevels final : public PricedStages {
   }
 
  private:
-  using Clock = std::chrono::steady_clock;
-
   static std::vector<PricedLevel> sized(int levels, const int* m) {
     std::vector<PricedLevel> all(levels);
     for (int k = 0; k < levels; ++k) all[k].m = m[k];
@@ -197,11 +194,7 @@ class StageLevels final : public PricedStages {
   }
 
   void begin(double seconds) {
-    limited_ = seconds > 0.0 && std::isfinite(seconds);
-    if (limited_)
-      end_ = Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
-    search_.limit(seconds);
-    deadline_.start(limited_ ? seconds : 0.0);
+    deadline_.start(seconds);
     motions_.set(law_.F, law_.f, law_.r);
     motions_.rounding(0.0);
     iterations_ = 0;
@@ -213,8 +206,6 @@ class StageLevels final : public PricedStages {
     framed_ = 0;
     for (StageEnd& end : ends_) end.known = false;
   }
-
-  bool late() const { return limited_ && Clock::now() > end_; }
 
   const double* row(const PricedLevel& level, int i) {
     if (level.A) return level.A + static_cast<std::size_t>(i) * n_;
@@ -484,7 +475,7 @@ class StageLevels final : public PricedStages {
       gather_choice(free);
       at.motion(z_.data(), y_.data());
       ++iterations_;
-      if (!choice_.solve(rows_, free, y_.data(), deadline_)) {
+      if (!choice_.solve(rows_, free, y_.data())) {
         inexact_ = true;
         break;
       }
@@ -536,12 +527,11 @@ class StageLevels final : public PricedStages {
 
   int n_, last_ = -1, iterations_ = 0;
   int framed_ = 0;  // levels whose equality rows anchors have seen
-  bool ended_ = true, uncertain_ = false, undecided_ = false, inexact_ = false, limited_ = false;
+  bool ended_ = true, uncertain_ = false, undecided_ = false, inexact_ = false;
   const Coordinates* seen_by_ = nullptr;  // of the latest stage
   bool open_ = false;                     // whether it left a choice
   double rounding_ = 0.0;
   double taken_at_ = 0.0;  // |x| where a level without a price that was missed left its values
-  Clock::time_point end_;
   std::vector<PricedLevel> level_;
   std::vector<std::vector<int>> warm_;
   std::vector<std::vector<double>> end_at_;  // where each level's latest stage was cut, empty where it was not
@@ -555,10 +545,10 @@ class StageLevels final : public PricedStages {
   Accounts accounts_;
   Settled settled_;
   int variables_;  // of a stage
+  Deadline deadline_;
   StageSearch search_;
   StageRows rows_;
   LeastDistance choice_;
-  Deadline deadline_;
   std::vector<double> T_, t_, sizes_, free_, seen_, rows_z_, z_, none_, y_, a_, x_, w_, low_, high_;
 };
 

@@ -6,10 +6,10 @@
 #pragma once
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <vector>
 
+#include "../solver/deadline.hpp"
 #include "row_space.hpp"
 #include "secular.hpp"
 #include "stage_rows.hpp"
@@ -36,9 +36,10 @@ struct Aim {
 class StageSearch {
  public:
   // most: rows of an aim.  accurate: of a row's length and terms, and of the gradient: an end off by more is in doubt.
-  // rounded: see RowSpace.
-  StageSearch(int most_rows, int n, int variables, int most, double accurate, double rounded)
+  // rounded: see RowSpace.  deadline: ends every solve.
+  StageSearch(int most_rows, int n, int variables, int most, double accurate, double rounded, Deadline& deadline)
       : accurate_(accurate),
+        deadline_(deadline),
         n_(n),
         ld_(padded(variables)),
         space_(variables, ld_, rounded),
@@ -58,16 +59,6 @@ class StageSearch {
     secular_.reserve(rows);
   }
 
-  // Every solve from now on ends once so many seconds have gone by; never for 0.
-  void limit(double seconds) {
-    limited_ = seconds > 0.0 && std::isfinite(seconds);
-    if (limited_)
-      end_ = Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
-  }
-
-  // Whether that time has gone by.
-  bool late() const { return limited_ && Clock::now() > end_; }
-
   // Minimise from y (N), which keeps to the rows.  working: numbers of rows (+ 1, negative at the lower side) to begin
   // with, and those active at the end.  near: an x (n) to begin near, or empty.  Whether the optimum was reached.
   bool solve(StageRows& rows, int N, const Aim& aim, double* y, std::vector<int>& working, int& iterations,
@@ -83,7 +74,7 @@ class StageSearch {
     u_.resize(aim.m);
     space_.uncertain = secular_.uncertain = false;
     off_ = 0.0;
-    if (late()) return false;
+    if (deadline_.passed()) return false;
     hold_equalities();
     turn_base();
     ++iterations;
@@ -142,7 +133,7 @@ class StageSearch {
     bool zero = false;
     int left = -1;  // row that left a moment ago
     for (int step = 0; step < cap; ++step) {
-      if (late()) return false;
+      if (deadline_.passed()) return false;
       ++iterations;
       through(y);
       minimiser();
@@ -449,13 +440,10 @@ class StageSearch {
     return found;
   }
 
-  using Clock = std::chrono::steady_clock;
-
   double accurate_;
+  Deadline& deadline_;
   StageRows* rows_ = nullptr;
   Aim goal_;
-  bool limited_ = false;
-  Clock::time_point end_;
   int n_, ld_, N_ = 0, fixed_ = 0;
   RowSpace space_;
   Secular secular_;

@@ -499,8 +499,8 @@ static void stage_search() {
       return std::sqrt(square) + 0.5 * price * moved;
     };
     const double before = worth();
-    StageSearch search(count, n, n, count + n, 1e-8, 1e-11);
-    search.limit(0.0);
+    Deadline none;
+    StageSearch search(count, n, n, count + n, 1e-8, 1e-11, none);
     std::vector<int> working;
     int iterations = 0;
     const Aim aim{T.data(), t.data(), size.data(), ld, m, price};
