@@ -15,24 +15,25 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kOpposed = 1e-9;  // of a row's length: rows that are opposed but for less hold no other direction
-constexpr double kTurned = 1e-14;  // rounding of a row's direction
+// Of a row's length, what it must keep beside those held to hold a direction of its own: less where the answer would
+// leave it by more than twice its spare.
+constexpr double kOpposed = 1e-9, kSame = 1e-12;
+constexpr double kTurned = 1e-14;  // error of a row's direction
 
 class LeastDistance {
  public:
-  // n: of y, at most.  active: by how much a row of unit length may be off, for what rows that are nearly opposed leave
-  // between them would be as wide as their rounding.  deadline: ends every solve.
-  LeastDistance(int n, int rows, double rounded, double active, Deadline& deadline)
-      : active_(active), ld_(padded(n + 1)), space_(n, padded(n), rounded) {
+  // n: of y, at most.  deadline: ends every solve.
+  LeastDistance(int n, int rows, double rounded, Deadline& deadline)
+      : ld_(padded(n + 1)), space_(n, padded(n), rounded) {
     const std::size_t sides = 2 * static_cast<std::size_t>(rows);
     for (const bool placed : {false, true}) {
       if (placed) arena_.take();
       least_.layout(arena_, n + 1, static_cast<int>(sides));
     }
-    least_.dependent = kOpposed;
     least_.rounding = kTurned;
     least_.deadline = &deadline;
     columns_.resize(sides * ld_);
+    spare_.resize(sides);
     target_.resize(ld_);
     free_.reserve(n);
   }
@@ -53,9 +54,13 @@ class LeastDistance {
     const int count = static_cast<int>(free_.size());
     std::fill(target_.begin(), target_.end(), 0.0);
     target_[count] = 1.0;
-    const double left = least_.solve(target_.data(), count + 1);
+    bool reached = false;
+    for (const double dependent : {kOpposed, kSame}) {
+      least_.dependent = dependent;
+      reached = std::isfinite(least_.solve(target_.data(), count + 1)) && least_.rest[count] > 0.0;
+      if (!reached || keeps(count)) break;
+    }
     const double* rest = least_.rest;
-    const bool reached = std::isfinite(left) && rest[count] > 0.0;
     for (int j = 0; j < count && reached; ++j) y[free_[j]] = -size * rest[j] / rest[count];
     space_.turn_back(y, N);
     return reached;
@@ -75,7 +80,7 @@ class LeastDistance {
       square += a[j] * a[j];
     }
     if (square == 0.0) return;
-    const double unit = 1.0 / std::sqrt(square), spare = active_ * smaller(rows[i].size, 1.0);
+    const double unit = 1.0 / std::sqrt(square), spare = rows[i].spare;
     for (const int side : {-1, 1}) {
       const double bound = rows[i].bound(side);
       if (std::isinf(bound)) continue;
@@ -83,17 +88,25 @@ class LeastDistance {
       for (std::size_t j = 0; j < free_.size(); ++j) column[j] = -side * unit * a[free_[j]];
       const double allowed = larger(side * bound + spare, side * here);
       column[free_.size()] = unit * (side * fixed - allowed) / size;
+      spare_[least_.count] = unit * spare / size;
       least_.column[least_.count] = column;
       least_.sign[least_.count++] = 1.0;
     }
   }
 
-  double active_;
+  // Whether the answer keeps to all rows, those without a direction of their own among them.
+  bool keeps(int count) const {
+    const double* rest = least_.rest;
+    for (int k = 0; k < least_.count; ++k)
+      if (dot_any(least_.column[k], rest, count + 1) > spare_[k] * rest[count]) return false;
+    return true;
+  }
+
   int ld_;
   RowSpace space_;
   Arena arena_;
   NonnegativeLeastSquares least_;
-  std::vector<double> columns_, target_;
+  std::vector<double> columns_, spare_, target_;
   std::vector<int> free_;
 };
 

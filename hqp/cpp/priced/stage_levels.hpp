@@ -40,7 +40,7 @@ class StageLevels final : public PricedStages {
         search_(total(levels, m) + most(levels, m) + 2 * variables_, n, variables_, most(levels, m),
                 tolerances.accurate, tolerances.rounded, deadline_),
         rows_(n, total(levels, m) + most(levels, m) + 2 * variables_, total(levels, m), padded(variables_)),
-        choice_(n, total(levels, m) + n, tolerances.rounded, tolerances.activity, deadline_) {
+        choice_(n, total(levels, m) + n, tolerances.rounded, deadline_) {
     last_ = -1;
     int rows = 0;
     for (int k = 0; k < levels; ++k) {
@@ -488,11 +488,12 @@ class StageLevels final : public PricedStages {
   }
 
   // Rows a (free,) that stay within these bounds on top of what they are at z; number: of those that may be held.
-  void choose_with(int number, const double* a, double low, double high, const double* z) {
+  void choose_with(int number, const double* a, double low, double high, const double* z, double spare = 0.0) {
     const double value = dot_any(a, z, rows_.n());
     StageRow to;
     to.a = a, to.lower = value + low, to.upper = value + high;
     to.number = number;
+    to.spare = spare;
     rows_.add(to);
   }
 
@@ -509,10 +510,13 @@ class StageLevels final : public PricedStages {
         if (low == -INFINITY && high == INFINITY) continue;
         const double* whole = row(level_[l], i);
         dots_any(whole, free_.data(), n_, free, n_, a);
-        if (dot_any(a, a, free) <= kUnseen * kUnseen * dot_any(whole, whole, n_)) continue;
+        const double length = std::sqrt(dot_any(whole, whole, n_));
+        if (std::sqrt(dot_any(a, a, free)) <= kUnseen * length) continue;
         const double value = dot_any(whole, x_.data(), n_);
         const bool equal = low == high;
-        choose_with(first_[l] + i, a, equal ? 0.0 : low - value, equal ? 0.0 : high - value, none_.data());
+        const double bound = std::isfinite(low) ? low : high;
+        const double spare = tolerances_.activity * (smaller(length, 1.0) + std::abs(bound));
+        choose_with(first_[l] + i, a, equal ? 0.0 : low - value, equal ? 0.0 : high - value, none_.data(), spare);
       }
     }
   }

@@ -20,6 +20,7 @@ struct StageRow {
   int band = -1;       // a coordinate of its own, of y, -1 for none
   double share = 0.0;  // of the row
   double size = 0.0;   // |a|, or the share if that is more
+  double spare = 0.0;  // by how much a choice may leave it
 
   bool equal() const { return lower == upper; }
   double value(const double* x, const double* y, int n) const {
