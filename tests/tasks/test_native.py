@@ -130,11 +130,13 @@ def test_laws_of_a_users_inequality_are_the_readable_ones(
     assert np.ptp(found) > 0.1
 
 
+@pytest.mark.parametrize("draws", [15, pytest.param(30, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize(("robot_name", "name"), CASES)
 def test_native_rows_equal_readable_rows(
-    robots: dict[str, Any], robot_name: str, name: str, order: int, monkeypatch: pytest.MonkeyPatch
+    robots: dict[str, Any], robot_name: str, name: str, order: int, draws: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """In every way to steer, inside of limits and outside."""
     robot, rng = robots[robot_name], np.random.default_rng(3)
     if name == "BaseVelocityLimits" and not robot.floating:
         pytest.skip("no free base")
@@ -148,7 +150,7 @@ def test_native_rows_equal_readable_rows(
     fast, slow = assemblies(elements, robot, order, monkeypatch)
     counts = {e.name: e.rows(robot) for e in elements}
     given: dict[str, Reference] = {}
-    for k in range(15):  # every way to steer, inside of limits and outside
+    for k in range(draws):
         for element in elements:
             if k == 0 or rng.uniform() < 0.5:
                 given[element.name] = reference(element, robot, rng, counts[element.name])

@@ -141,7 +141,11 @@ def test_changes_of_stack_are_in_one_file(tmp_path: Path) -> None:
     assert len(replay(recording, "lexicographic").lines) == 1
 
 
-def test_replay_tells_who_agrees_and_the_account_over_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("every", "agreed"), [(20, 2), pytest.param(4, 10, marks=pytest.mark.slow)])
+def test_replay_tells_who_agrees_and_the_account_over_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, every: int, agreed: int
+) -> None:
+    """every, agreed: of the reference solver, which takes a second a tick."""
     monkeypatch.setattr(sys.modules["hqp.recorder.replay"], "SECONDS", math.inf)  # the function has the name, too
     robot, run, hand = make(hqp.Velocity())
     recorder = run.record(ticks=40, on="never", to=tmp_path)
@@ -152,7 +156,7 @@ def test_replay_tells_who_agrees_and_the_account_over_time(tmp_path: Path, monke
     found = replay(recording, ["lexicographic", "weighted"], every=4)
     lines = {line.solver: line for line in found.lines}
     assert lines["lexicographic"].agreed == lines["lexicographic"].solved == 10
-    assert replay(recording, "reference", every=20).lines[0].agreed == 2  # a second a tick
+    assert replay(recording, "reference", every=every).lines[0].agreed == agreed
     assert "refused" in lines["weighted"].note  # it solves no priced levels
     assert sum(period.last >= period.first for period in found.periods) == len(found.periods)
     assert any("hand" in str(period) for period in found.periods)

@@ -265,12 +265,13 @@ def test_conflicts_at_torque_level_keep_a_deadline(deadline: float) -> None:
     assert np.percentile(found.cpu, 95) < deadline + 5e-3
 
 
-def test_a_stopped_tick_can_be_explained() -> None:
+@pytest.mark.parametrize("ticks", [20, pytest.param(60, marks=pytest.mark.slow)])
+def test_a_stopped_tick_can_be_explained(ticks: int) -> None:
     robot = hqp.robots.load("g1")
     run = hqp.Controller(overloaded(robot), hqp.Torque(), deadline=3e-5).session(robot, DT)
     goal = run.stack.find("hand", Position).at([1.0, 0.5, 1.0])
     stopped = 0
-    for k in range(20):
+    for k in range(ticks):
         tick = run.step(robot.state(None, 0.1 * np.sin(k + np.arange(robot.nv))), goal)
         if tick.status is Status.TIME_LIMIT:
             stopped += 1
