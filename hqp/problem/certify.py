@@ -53,7 +53,7 @@ class Certificate:
     multipliers: per level k ``(m_0 + ... + m_k,)``, as in Solution.multipliers.
     rounding: ``(levels + 1,)``, the part of a gap that rounding of the rows above may have made (5e-7 at most): 4e-15
     times the multipliers, and times the inverse of the shortest direction that they fix; of the completion ROUNDED
-    times its multipliers, if that is more: rows that are opposed but for a little hold it by as much.
+    times its multipliers, if that is more, as rows that are nearly opposed hold it by large ones.
     """
 
     gaps: Vec

@@ -39,7 +39,7 @@ class Judge:
     def choice_rounding(self) -> float:
         """What rounding of rows that are products may have made of the gap of a choice that they hold.
 
-        Rows that are opposed but for a little hold it by multipliers as large as that is small.
+        Rows that are nearly opposed hold it by large multipliers.
         """
         return max(self.rounding, ROUNDED * self._forces)
 

@@ -12,7 +12,7 @@ from tests.scenes.stacks import scene
 
 @pytest.mark.parametrize("name", ["talos", "g1"])
 def test_torques_that_no_level_determines_are_one_answer(name: str) -> None:
-    """The cones' rows are opposed but for 1e-10 to 1e-6, as the feet turn against each other by so much."""
+    """The soles are turned against each other by 1e-10 to 1e-6 rad, so that rows of their cones are nearly opposed."""
     session, given = scene(name, "torque")
     robot, solver = session.robot, hqp.solvers.load("lexicographic")
     q, v = robot.home.copy(), np.zeros(robot.nv)

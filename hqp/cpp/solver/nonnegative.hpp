@@ -17,7 +17,7 @@ class NonnegativeLeastSquares {
   double* rest = nullptr;           // (size,) t - sum_a mu_a c_a
   std::int8_t* passive = nullptr;   // (count,) mu_a > 0
   double dependent = 1e-12;         // of a column's length, what it must keep to add a direction
-  double rounding = 0.0;            // the same over what an earlier column kept, whose direction is so much worse
+  double rounding = 0.0;            // error of a column's direction, over the least that a column before it kept
   Deadline* deadline = nullptr;     // where it ends the search, nothing of the answer is usable
 
   void layout(Arena& arena, int n, int most) {
