@@ -16,7 +16,7 @@ namespace hqp {
 inline namespace HQP_ISA {
 
 // Of a row's length, what it must keep beside those held to hold a direction of its own: less where the answer would
-// leave it by more than twice its spare.
+// violate a row.
 constexpr double kOpposed = 1e-9, kSame = 1e-12;
 constexpr double kTurned = 1e-14;  // error of a row's direction
 
@@ -33,7 +33,7 @@ class LeastDistance {
     least_.rounding = kTurned;
     least_.deadline = &deadline;
     columns_.resize(sides * ld_);
-    spare_.resize(sides);
+    tolerated_.resize(sides);
     target_.resize(ld_);
     free_.reserve(n);
   }
@@ -88,7 +88,7 @@ class LeastDistance {
       for (std::size_t j = 0; j < free_.size(); ++j) column[j] = -side * unit * a[free_[j]];
       const double allowed = larger(side * bound + spare, side * here);
       column[free_.size()] = unit * (side * fixed - allowed) / size;
-      spare_[least_.count] = unit * spare / size;
+      tolerated_[least_.count] = unit * rows[i].tolerated / size;
       least_.column[least_.count] = column;
       least_.sign[least_.count++] = 1.0;
     }
@@ -98,7 +98,7 @@ class LeastDistance {
   bool keeps(int count) const {
     const double* rest = least_.rest;
     for (int k = 0; k < least_.count; ++k)
-      if (dot_any(least_.column[k], rest, count + 1) > spare_[k] * rest[count]) return false;
+      if (dot_any(least_.column[k], rest, count + 1) > tolerated_[k] * rest[count]) return false;
     return true;
   }
 
@@ -106,7 +106,7 @@ class LeastDistance {
   RowSpace space_;
   Arena arena_;
   NonnegativeLeastSquares least_;
-  std::vector<double> columns_, spare_, target_;
+  std::vector<double> columns_, tolerated_, target_;
   std::vector<int> free_;
 };
 

@@ -488,12 +488,10 @@ class StageLevels final : public PricedStages {
   }
 
   // Rows a (free,) that stay within these bounds on top of what they are at z; number: of those that may be held.
-  void choose_with(int number, const double* a, double low, double high, const double* z, double spare = 0.0) {
+  void choose_with(int number, const double* a, double low, double high, const double* z, StageRow to = {}) {
     const double value = dot_any(a, z, rows_.n());
-    StageRow to;
     to.a = a, to.lower = value + low, to.upper = value + high;
     to.number = number;
-    to.spare = spare;
     rows_.add(to);
   }
 
@@ -515,8 +513,10 @@ class StageLevels final : public PricedStages {
         const double value = dot_any(whole, x_.data(), n_);
         const bool equal = low == high;
         const double bound = std::isfinite(low) ? low : high;
-        const double spare = tolerances_.activity * (smaller(length, 1.0) + std::abs(bound));
-        choose_with(first_[l] + i, a, equal ? 0.0 : low - value, equal ? 0.0 : high - value, none_.data(), spare);
+        StageRow to;
+        to.spare = tolerances_.activity * smaller(length, 1.0);
+        to.tolerated = tolerances_.violation * (smaller(length, 1.0) + std::abs(bound));
+        choose_with(first_[l] + i, a, equal ? 0.0 : low - value, equal ? 0.0 : high - value, none_.data(), to);
       }
     }
   }

@@ -16,11 +16,12 @@ struct StageRow {
   int only = -1;
   double scale = 1.0;
   double lower = 0.0, upper = 0.0;
-  int number = -1;     // among all rows of the hierarchy
-  int band = -1;       // a coordinate of its own, of y, -1 for none
-  double share = 0.0;  // of the row
-  double size = 0.0;   // |a|, or the share if that is more
-  double spare = 0.0;  // by how much a choice may leave it
+  int number = -1;         // among all rows of the hierarchy
+  int band = -1;           // a coordinate of its own, of y, -1 for none
+  double share = 0.0;      // of the row
+  double size = 0.0;       // |a|, or the share if that is more
+  double spare = 0.0;      // by how much its bounds are further away for a choice
+  double tolerated = 0.0;  // by how much a choice may leave these
 
   bool equal() const { return lower == upper; }
   double value(const double* x, const double* y, int n) const {
