@@ -67,7 +67,7 @@ class Assembly:
     def limit(self, v: Vec, reactions: object) -> None:
         """Write bounds around a speed anew, around what constraints leave; see ``hqp.tasks.JointLimits``.
 
-        reactions: a capsule of ``_torque.Elimination.reactions``, whose constraints are the first of all rows.
+        reactions: a capsule of ``_torque.Parts.reactions``, whose constraints are the first of all rows.
         """
 
     def limits(self) -> object:

@@ -10,14 +10,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hqp.arrays import Mat
 from hqp.declare.element import Element, Quantity
 from hqp.declare.reference import Reference, numbers
 from hqp.declare.robot import Robot
 
 from .fields import check_number
 from .friction import CenterOfPressure
-from .relative import skew
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,21 +83,6 @@ class LoadShare(Element):
     def rows(self, robot: Robot) -> int:
         """Six."""
         return 6
-
-    def wrench_rows(self, rotations: Sequence[Mat], share: float) -> tuple[Mat, Mat]:
-        """C_1, C_2 ``(6, 6)`` on the wrenches of the contacts in their own axes about their origins.
-
-        rotations: of the two frames.  share: s, held from 0 to 1.
-        """
-        s = min(max(share, 0.0), 1.0)
-        parts = []
-        for R, (x, y), factor in zip(rotations, self.middles or ((0.0, 0.0),) * 2, (-s, 1.0 - s), strict=True):
-            C = np.zeros((6, 6))
-            C[:3, :3] = factor * R
-            C[3:, 3:] = factor / self.arm * R
-            C[3:, :3] = -factor / self.arm * (R @ skew(np.array([x, y, 0.0])))
-            parts.append(C)
-        return parts[0], parts[1]
 
     def hold(self, state: Any) -> Reference:
         """The share as declared."""

@@ -19,7 +19,6 @@ from hqp.programs.assembly import LARGEST, Assembly
 if TYPE_CHECKING:
     from hqp._assembly import Assembly as NativeAssembly
     from hqp._assembly import Kinematics
-    from hqp._torque import Chain
 
 Counts: TypeAlias = tuple[int, int, int, bool]
 """Outcome (0: an optimum), iterations, factorisations of a kernel's solve, and whether its answer was judged."""
@@ -67,7 +66,7 @@ class Direct:
         problem: Hierarchy,
         command: Index,
         program: Begun | None,
-        chain: Chain | None,
+        chain: Callable[[object], object] | None,
         prepare: Callable[[State], None] | None,
         moving: Kinematics | None,
     ) -> None:
@@ -158,7 +157,7 @@ class Direct:
 
             call = None
         if self._chain is not None:
-            call = self._chain.before(call)
+            call = self._chain(call)
         self._native.answers(asked, call, values, marks, self._picks, LARGEST)
 
     def leave(self) -> None:
@@ -312,15 +311,16 @@ def direct(
     workspace: object,
     command: Sequence[int] | Index,
     program: Begun | None = None,
-    chain: Chain | None = None,
+    chain: Callable[[object], object] | None = None,
     *,
     prepare: Callable[[State], None] | None = None,
     moving: Kinematics | None = None,
 ) -> Direct | None:
     """The native loop, None where rows or solver are not native, or the solver has more to do than to solve.
 
-    program, chain: at torque level, what is between the rows on the acceleration and the solver.  moving: the native
-    kinematics that the rows begin with, where ``prepare`` does not see to them.
+    program, chain: at torque level, what is between the rows on the acceleration and the solver: it goes ahead of
+    a solve, by capsules.  moving: the native kinematics that the rows begin with, where ``prepare`` does not see to
+    them.
     """
     bind: Callable[[Hierarchy], Kernel | None] | None = getattr(workspace, "kernel", None)
     native = assembly.native_rows

@@ -15,7 +15,7 @@ phi* = V^T V (hqp/cpp/torque/sparse_elimination.hpp).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.linalg import get_lapack_funcs
@@ -24,9 +24,6 @@ from hqp.arrays import Index, Mat, Signs, Vec
 from hqp.declare.robot import Robot
 from hqp.errors import DynamicsFailed
 from hqp.tolerances import RANK_TOLERANCE
-
-if TYPE_CHECKING:
-    from hqp._torque import Chain
 
 try:
     from hqp import _torque as native
@@ -45,87 +42,81 @@ class ConstrainedDynamics:
     bit the rows of X that are actuated; singular where constraints take a direction from the actuators.  rank: number r
     of independent constraints.
     out: of the constraints ``(m,)``, to be written, 1 where one is not there: it has no force then.
+    terms: A, bias, J and gamma where they are arrays that are refilled in place.
     The live arrays are overwritten by the next update; the properties are computed anew at every access.
     """
 
-    def __init__(self, nv: int, rows: int, actuated: Index, parents: Sequence[int] | None = None) -> None:
+    def __init__(
+        self,
+        nv: int,
+        rows: int,
+        actuated: Index,
+        parents: Sequence[int] | None = None,
+        terms: tuple[Mat, Vec, Mat, Vec] | None = None,
+    ) -> None:
         self.nv, self.m, self.n = nv, rows, int(actuated.size)
         self.actuated = actuated
         self.rank = rows
-        self.out: Signs = np.zeros(rows, dtype=np.int8)
+        self._terms = terms or (np.zeros((nv, nv), order="F"), np.zeros(nv), np.zeros((rows, nv)), np.zeros(rows))
         self._factor: Mat = np.zeros((nv, nv), order="F")
         self.map: Mat = np.zeros((nv, self.n + 1))
         self._top: Mat = np.zeros((rows, self.n + 1))
-        self._Q: Mat = np.zeros((nv, rows))
         self._T: Mat = np.zeros((rows, rows))
         self._root: Mat | None = None
-        self._given: Mat = np.zeros((rows, nv))
         self.X: Mat = self.map[:, : self.n]
         self.c: Vec = self.map[:, self.n]
         self.phi: Mat = np.zeros((self.n, self.n))
-        self._parents = list(range(-1, nv - 1) if parents is None else parents)
-        self._native = None if native is None else native.Elimination(self._parents, actuated.tolist(), self.out)
+        self.parts: dict[str, Any] = {
+            **dict(zip(("A", "bias", "J", "gamma"), self._terms, strict=True)),
+            "parents": list(range(-1, nv - 1) if parents is None else parents),
+            "actuated": actuated.tolist(),
+            "tolerance": RANK_TOLERANCE,
+            "factor": self._factor,
+            "map": self.map,
+            "phi": self.phi,
+            "Q": np.zeros((nv, rows)),
+            "T": self._T,
+            "top": self._top,
+        }
+        """What native code makes the elimination of, and the rows that follow it; a file as well."""
+        self.follow({"products": (), "picks": (), "motion": None}, None)
+
+    def follow(self, rows: dict[str, Any], forces: dict[str, Any] | None) -> None:
+        """These rows, and these on forces, are written with ``native`` after eliminations from now on."""
+        self.parts |= {**rows, "forces": forces}
+        if native is not None:
+            self.native = native.Parts(self.parts)
+            self.out: Signs = self.native.out
 
     def update(self, A: Mat, bias: Vec, J: Mat, gamma: Vec) -> None:
         """Take the inertia A (its upper triangle is read), bias = b + g, J and gamma of a state.
 
         Raises DynamicsFailed where A is not positive definite.
         """
-        assert self._native is not None  # no session without it
-        self._given = J
-        np.copyto(self._factor, A)
-        self._root = None
-        J, gamma = np.ascontiguousarray(J), np.ascontiguousarray(gamma)
-        written = self.map, self.phi, self._Q, self._T, self._top
-        self.rank = self._native.eliminate(self._factor, bias, J, gamma, RANK_TOLERANCE, *written)
+        for own, given in zip(self._terms, (A, bias, J, gamma), strict=True):
+            np.copyto(own, given)
+        self.refresh()
+
+    def refresh(self) -> None:
+        """As ``update``, where the terms have been refilled in place."""
+        self.forget()
+        self.rank = self.native.eliminate()
         if self.rank < 0:
             raise DynamicsFailed("the joint-space inertia is not positive definite")
 
     @property
     def reactions(self) -> object:
         """``Jbar_constr`` of the latest update, for native rows."""
-        assert self._native is not None
-        return self._native.reactions()
+        return self.native.reactions()
 
     @property
     def J(self) -> Mat:
         """The constraints ``(m, nv)``, zeros for those that are out; as given where none is."""
-        return np.where(self.out[:, None], 0.0, self._given) if self.out.any() else self._given
+        return np.where(self.out[:, None], 0.0, self._terms[2]) if self.out.any() else self._terms[2]
 
     def forget(self) -> None:
         """Native code is to refill the arrays: what was derived from them is none of theirs."""
         self._root = None
-
-    def chain(
-        self, A: Mat, bias: Vec, J: Mat, gamma: Vec, rows: object, forces: object, limits: object
-    ) -> Chain | None:
-        """The sparse ``update`` and the rows after it as one native call, of arrays that are refilled in place."""
-        if self._native is None or native is None:
-            return None
-        written = self.map, self.phi, self._Q, self._T, self._top
-        return native.Chain(
-            self._native, rows, forces, A, bias, self._factor, J, gamma, RANK_TOLERANCE, *written, limits
-        )
-
-    @property
-    def parts(self) -> dict[str, Any]:
-        """What the sparse update writes, and of which coordinates, for a file."""
-        return {
-            "parents": self._parents,
-            "actuated": self.actuated.tolist(),
-            "tolerance": RANK_TOLERANCE,
-            "factor": self._factor,
-            "map": self.map,
-            "phi": self.phi,
-            "Q": self._Q,
-            "T": self._T,
-            "top": self._top,
-        }
-
-    @property
-    def sparse_forces(self) -> tuple[Mat, Mat]:
-        """T ``(m, m)`` and top ``(m, n + 1)`` of the latest sparse update, live: lambda = T^-1 top (tau, 1)."""
-        return self._T, self._top
 
     def force_map(self) -> tuple[Mat, Vec]:
         """(F ``(m, n)``, f ``(m,)``) with lambda = F tau + f (eq. 3); of least norm where constraints are dependent."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,16 +16,8 @@ from hqp.declare.robot import Robot, State
 from hqp.errors import DeclarationError
 from hqp.problem import Rows, Selection
 from hqp.programs.assembly import Assembly
-from hqp.torque.dynamics import ConstrainedDynamics
+from hqp.torque.rows import asked_rows
 from hqp.torque.shared import Shared, axes, named
-
-if TYPE_CHECKING:
-    from hqp._torque import ForceRows
-
-try:
-    from hqp import _torque as native
-except ImportError:  # no compiler was there
-    native = None  # type: ignore[assignment]
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,12 +59,12 @@ class Efforts:
         """Number of rows of an element."""
         return int(self._picks[name].size)
 
-    def place(self, name: str, here: slice, A: Mat, lower: Vec, upper: Vec) -> None:
+    def place(self, name: str, here: slice, A: Mat, bounds: Mat) -> None:
         """Write an element's rows at ``here`` of a block, its bounds there each tick."""
         picks = self._picks[name]
         A[here] = 0.0
         A[here][np.arange(picks.size), picks] = self._elements[name].weight
-        self._add(name, lower[here], upper[here])
+        self._add(name, *bounds[:, here])
 
     def bounds(self, names: Sequence[str]) -> Rows:
         """Elements as one level of simple bounds."""
@@ -145,7 +137,7 @@ class Forces:
         at = 0
         self._shared: list[Shared] = []
         for element in elements:
-            if hasattr(element, "wrench_rows"):
+            if hasattr(element, "contacts"):
                 shared = Shared.of(element, by_name, rows, robot, slice(at, at + 6))
                 self._shared.append(shared)
                 whole, low, high = np.zeros((6, m)), np.zeros(6), np.zeros(6)
@@ -162,52 +154,33 @@ class Forces:
             upper.append(high * element.weight)
             self._places[element.name] = slice(at, at + whole.shape[0])
             at += whole.shape[0]
-        self._C, self._lower, self._upper = np.vstack(parts), np.concatenate(lower), np.concatenate(upper)
-        self._declared = self._lower.copy(), self._upper.copy()
+        self._C, self._bounds = np.vstack(parts), np.array((np.concatenate(lower), np.concatenate(upper)))
+        self._lower, self._upper = self._bounds
+        self._declared = self._bounds.copy()
         self._out: list[slice] = []
-        self._turn: Mat = np.eye(m)  # from the rows' axes to the contacts'
-        self._frames: list[tuple[int, Mat, Mat]] = []
+        self._frames: list[dict[str, Any]] = []  # that turn rows from their axes to the contacts'
         for contact in dict.fromkeys(turned):
             part = rows.members[contact.name].part
             rotation, blocks = axes(contact, part.stop - part.start, robot)
-            for block in blocks:
-                here = slice(part.start + block.start, part.start + block.stop)
-                self._frames.append((here.start, self._turn[here, here], rotation))
+            self._frames += [{"first": part.start + block.start, "rotation": rotation} for block in blocks]
         apart = {shared.element.name for shared in self._shared}
         given = [e for e in elements if e.equality and e.name not in apart]
         self._targets = [(e.name, self._places[e.name], e.weight) for e in given]
-        self._plan: list[list[Any]] = []
-        self.parts: dict[str, Any] | None = None
-        """What the native rows are made of, a file as well."""
-        self.native: ForceRows | None = None
-        """The same natively, after sparse eliminations."""
+        self._plan: list[tuple[slice, slice, Mat, Mat]] = []
 
-    def bind(self, dynamics: ConstrainedDynamics) -> None:
-        """Every element has its place; the rows are to be written from that elimination."""
-        if native is None or not self._elements:
-            return
-        self.native = native.ForceRows(*dynamics.sparse_forces)
-        self.parts = {
-            "frames": [{"first": start, "rotation": rotation} for start, _, rotation in self._frames],
+    @property
+    def parts(self) -> dict[str, Any] | None:
+        """What the native rows are made of once every element has its place, a file as well; None without any."""
+        if not self._elements:
+            return None
+        return {
+            "frames": self._frames,
             "shared": [self._shares(shared) for shared in self._shared],
             "rows": [
-                {
-                    "C": self._C[own],
-                    "A": A,
-                    "asked_lower": self._lower[own],
-                    "asked_upper": self._upper[own],
-                    "lower": lower,
-                    "upper": upper,
-                }
-                for own, _, A, lower, upper in self._plan
+                {"C": self._C[own], **asked_rows(A[here], self._bounds[:, own], bounds[:, here])}
+                for own, here, A, bounds in self._plan
             ],
         }
-        for frame in self.parts["frames"]:
-            self.native.turn(**frame)
-        for contacts in self.parts["shared"]:
-            self.native.share(**contacts)
-        for rows in self.parts["rows"]:
-            self.native.add(**rows)
 
     def _shares(self, shared: Shared) -> dict[str, Any]:
         one, other = shared.rotations
@@ -230,18 +203,18 @@ class Forces:
         place: slice = self._places[name]
         return int(place.stop - place.start)
 
-    def place(self, name: str, here: slice, A: Mat, lower: Vec, upper: Vec) -> None:
+    def place(self, name: str, here: slice, A: Mat, bounds: Mat) -> None:
         """Write an element's rows and bounds at ``here`` of a block each tick, with those before it if they touch."""
         own, last = self._places[name], self._plan[-1] if self._plan else None
         if last and last[0].stop == own.start and last[1].stop == here.start:
             own, here = slice(last[0].start, own.stop), slice(last[1].start, here.stop)
             self._plan.pop()
-        self._plan.append([own, here, A[here], lower[here], upper[here]])
+        self._plan.append((own, here, A, bounds))
 
     def go_without(self, out: Set[str]) -> None:
         """The rows of these elements are free from the next fill on, those of all others are as declared."""
         self._out = [place for name, place in self._places.items() if name in out]
-        self._lower[:], self._upper[:] = self._declared
+        self._bounds[:] = self._declared
         self._free()
 
     def _free(self) -> None:
@@ -266,29 +239,6 @@ class Forces:
         """How many numbers the target of each equality has, by name."""
         apart = {shared.element.name: 1 for shared in self._shared}
         return apart | {name: place.stop - place.start for name, place, _ in self._targets}
-
-    def fill(
-        self, references: Mapping[str, Reference], dynamics: ConstrainedDynamics, shift: Vec | None = None
-    ) -> None:
-        """Refill rows C f with f = -(F tau + f_0) turned into contact axes, lambda = F tau + f_0 (eq. 3).
-
-        shift: part of tau that the model of the forces does not know, ``(n,)``.
-        """
-        self.target(references)
-        if self.native is not None:
-            self.native.run(shift)
-            return
-        for _, block, rotation in self._frames:
-            block[:] = rotation.T
-        for shared in self._shared:
-            shared.write(self._C)
-        C = self._C @ self._turn
-        F, f = dynamics.force_map()
-        offset = C @ (f if shift is None else f - F @ shift)
-        for own, _, A, lower, upper in self._plan:
-            np.matmul(C[own], F, out=A)
-            np.subtract(self._lower[own], offset[own], out=lower)
-            np.subtract(self._upper[own], offset[own], out=upper)
 
 
 def _force_rows(element: Element, contact: Element, size: int) -> tuple[Mat, Vec, Vec]:

@@ -13,11 +13,7 @@ from hqp.declare.law import P
 from hqp.declare.reference import Reference
 from hqp.declare.robot import Robot, State
 from hqp.programs.assembly import Assembly
-
-try:
-    from hqp import _torque as native
-except ImportError:  # no compiler was there: LAPACK does it all
-    native = None  # type: ignore[assignment]
+from hqp.torque.dynamics import ConstrainedDynamics
 
 _WORK = 4096
 
@@ -30,15 +26,11 @@ class Gravity:
     What the second needs is allocated at the first tick that has a reference with one.
     """
 
-    def __init__(self, held: Sequence[Element], robot: Robot, dt: float) -> None:
+    def __init__(self, held: Sequence[Element], robot: Robot, dt: float, dynamics: ConstrainedDynamics) -> None:
+        self._dynamics = dynamics
         self._held, self._robot, self._dt = held, robot, dt
         self._laws = {e.name: P(0.0) for e in held}  # only the rows are used: no drift
         self._rows: Assembly | None = None
-        others = np.setdiff1d(np.arange(robot.nv), robot.actuated)
-        self._native = None
-        constraints = sum(e.rows(robot) for e in held)
-        if native is not None and constraints >= others.size:
-            self._native = native.Holding(robot.actuated.tolist(), others.tolist(), constraints)
 
     @staticmethod
     def asked(given: Sequence[Reference]) -> bool:
@@ -49,9 +41,7 @@ class Gravity:
         """tau_g ``(n,)`` [N m] that holds g ``(nv,)`` on the constraints J."""
         actuated = self._robot.actuated
         tau = np.empty(actuated.size)
-        if self._native is not None and self._native.torque(J, g, tau):
-            return tau
-        return holding_torque(J, g, actuated)
+        return tau if self._dynamics.native.hold(J, g, tau) else holding_torque(J, g, actuated)
 
     def other(self, state: State, g: Vec, references: Mapping[str, Reference]) -> Vec:
         """tau_g ``(n,)`` [N m] that holds g on the ground of the gravity normals."""

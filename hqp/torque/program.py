@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -132,15 +133,16 @@ class TorqueProgram(Program):
         self.assembly.move(robot)
         self._supports = Supports(held, robot, dt, laws)
         self._m = sum(self.assembly.members[e.name].part.stop - self.assembly.members[e.name].part.start for e in held)
-        self.dynamics = ConstrainedDynamics(robot.nv, self._m, robot.actuated, coordinate_parents(robot))
+        terms = self._terms.A, self._terms.bias, self.assembly.J[: self._m], self.assembly.lower[: self._m]
+        self.dynamics = ConstrainedDynamics(robot.nv, self._m, robot.actuated, coordinate_parents(robot), terms)
         self._efforts = Efforts([e for e in stack if e.quantity == "effort"], robot)
         self._forces = Forces([e for e in stack if e.quantity == "force"], held, self.assembly, robot)
         self._rows = TorqueRows(self.dynamics.map)
         self._origin = np.zeros(robot.actuated.size) if formulation.gravity_compensation else None
         self._lay_out(groups, robot, level_prices(groups, robot, laws, formulation.order, dt, price))
-        self._forces.bind(self.dynamics)
+        self.dynamics.follow(self._rows.parts, self._forces.parts)
         self._self_motions = SelfMotions(stack, groups, held, robot, dt, laws, self.assembly)
-        self._gravity = Gravity(held, robot, dt)
+        self._gravity = Gravity(held, robot, dt, self.dynamics)
         self._state: State | None = None
         self._robot = robot
         self._held_names = frozenset(e.name for e in held)
@@ -178,7 +180,7 @@ class TorqueProgram(Program):
                         self._place(members[element.name].part, here, runs)
                     else:
                         owner = self._efforts if element.quantity == "effort" else self._forces
-                        owner.place(element.name, here, self.A, self.lower, self.upper)
+                        owner.place(element.name, here, self.A, self.bounds)
                 start += count
             if group.selection:
                 levels.append(self._efforts.bounds([e.name for e in group.elements]))
@@ -291,7 +293,7 @@ class TorqueProgram(Program):
 
         Raises DynamicsFailed where the inertia is not positive definite or the elimination is not finite.
         """
-        rows, dynamics, m = self.assembly, self.dynamics, self._m
+        rows, dynamics = self.assembly, self.dynamics
         lost = self.loads.take(state, references)
         mine = [r for r in given if r.name in rows.members] if given else given
         rows.fill(state, references, mine, [name for name in left_out if name in rows.members])
@@ -303,7 +305,7 @@ class TorqueProgram(Program):
         if self._self_motions:
             self._self_motions.add(state, references)
         self._terms.take(state)
-        dynamics.update(self._terms.A, self._terms.bias, rows.J[:m], rows.lower[:m])
+        dynamics.refresh()
         c = dynamics.c
         if not float(c.dot(c)) < np.inf:
             raise DynamicsFailed("the constrained dynamics are not finite")
@@ -319,11 +321,12 @@ class TorqueProgram(Program):
                 elsewhere = c - dynamics.X @ shift  # the model of the rows meets tau - shift
             if self._origin is not None:
                 np.copyto(self._origin, holding)
-        self._rows.fill(state.v, elsewhere)
+        dynamics.native.write(state.v, elsewhere)
         if self._efforts:
             self._efforts.fill(state, references)
         if self._forces:
-            self._forces.fill(references, dynamics, shift)
+            self._forces.target(references)
+            dynamics.native.force(shift)
         for name in left_out:
             self._free(name)
 
@@ -339,14 +342,11 @@ class TorqueProgram(Program):
 
     def direct(self, workspace: object) -> Direct | None:
         """The loop that takes ordinary ticks in one native call; None where a part of a tick is not native."""
-        state, rows, m = self._state, self.assembly, self._m
+        state, rows, limits = self._state, self.assembly, self.assembly.limits
         more = self.loads or self._self_motions or self._origin is not None or not self._efforts.fixed
-        if more or state is None or rows.native_rows is None or (self._forces and self._forces.native is None):
+        if more or state is None or limits is None:
             return None
-        terms = self._terms.A, self._terms.bias, rows.J[:m], rows.lower[:m]
-        chain = self.dynamics.chain(*terms, self._rows.native, self._forces.native, rows.limits)
-        if chain is None:
-            return None
+        chain = partial(self.dynamics.native.before, limits=limits)
         moving = rows.moving
         prepare = self.prepare if moving is None else self._begin
         return direct(
@@ -355,10 +355,8 @@ class TorqueProgram(Program):
 
     def parts(self) -> dict[str, Any]:
         """What a tick is made of before the solver, for a file (docs/plan_file.md)."""
-        rows, m = self.assembly, self._m
-        chain = {"A": self._terms.A, "bias": self._terms.bias, "J": rows.J[:m], "gamma": rows.lower[:m]}
-        torque = {**chain, **self.dynamics.parts, **self._rows.parts, "forces": self._forces.parts}
-        return {**super().parts(), "dynamics": self._terms.parts, "loads": self.loads.parts, "torque": torque}
+        mine = {"dynamics": self._terms.parts, "loads": self.loads.parts, "torque": self.dynamics.parts}
+        return {**super().parts(), **mine}
 
     def in_python(self) -> tuple[str, str] | None:
         """The first element that leaves something to Python, and what."""

@@ -28,9 +28,9 @@ class Held:
         self._loads, self._held, self._out = loads, tuple(held), out
         self._twin = robot.copy()
         self._rows = Assembly(self._held, (), self._twin, dt, {e.name: laws[e.name] for e in self._held})
-        self._gravity = Gravity(self._held, self._twin, dt)
         m = self._rows.J.shape[0]
         self._dynamics = ConstrainedDynamics(robot.nv, m, robot.actuated, coordinate_parents(robot))
+        self._gravity = Gravity(self._held, self._twin, dt, self._dynamics)
 
     def __call__(self, state: State) -> tuple[Vec, Vec]:
         """The torque ``(n,)`` [N m] and phi*_ii ``(n,)``; raises what the dynamics raise."""

@@ -43,12 +43,6 @@ class Shared:
         pair, places, turns = (tuple(x) for x in (contacts, parts, rotations))
         return cls(element, pair, places, turns, (one, other), own, np.array([element.share]))  # type: ignore[arg-type]
 
-    def write(self, C: Mat) -> None:
-        """Its rows of C ``(6, m)``."""
-        found = self.element.wrench_rows(self.rotations, float(self.share[0]))
-        for part, rows, factor in zip(self.parts, found, self.factors, strict=True):
-            C[self.own, part] = factor * rows
-
 
 def named(element: Element, name: object, by_name: Mapping[str, Element]) -> Element:
     """The contact of that name; raises DeclarationError."""

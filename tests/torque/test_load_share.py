@@ -49,31 +49,26 @@ def wrenches(session: Any, state: Any, x: Vec, middles: Any) -> tuple[Vec, Vec]:
 
 
 @settings(max_examples=15)
-@given(share=st.floats(0.0, 1.0), seed=st.integers(0, 1000), native=st.booleans())
-def test_each_foot_bears_its_share(share: float, seed: int, native: bool) -> None:
-    """(1 - s) w_2 = s w_1 about the middles, whatever the levels above ask for, natively and not."""
+@given(share=st.floats(0.0, 1.0), seed=st.integers(0, 1000))
+def test_each_foot_bears_its_share(share: float, seed: int) -> None:
+    """(1 - s) w_2 = s w_1 about the middles, whatever the levels above ask for."""
     robot, rng = hqp.robots.load("cbi"), np.random.default_rng(seed)
-    with pytest.MonkeyPatch.context() as patch:
-        if not native:
-            patch.setattr("hqp.torque.forces.native", None)
-        declared = Stack(*stack().levels, subject_to=[FixedContact(frame=f) for f in SOLES])
-        element = LoadShare(contacts=SOLES, middles=((0.05, 0.01), (0.05, -0.01)))
-        declared = Stack(*declared.levels[:-1], Level(element, price=0), subject_to=declared.subject_to)
-        run = hqp.Controller(declared, hqp.Torque(holding=None, effort_limits=False), deadline=np.inf).session(
-            robot, 0.002
-        )
-        base = rng.normal(size=6) * 0.1
-        q = robot.integrate(robot.home, np.concatenate((base, 0.1 * rng.normal(size=robot.nv - 6))), 1.0)
-        for k in range(3):
-            state = robot.state(q)
-            push = [0.3, -0.4, 0.1 * k]
-            refs = [element.at(share), Com(name="com", law=PD(0.0, 0.0)).at(state.com(), acceleration=push)]
-            tick = run.step(state, *refs)
-            assert tick.status.solved, tick.notes
-        one, other = wrenches(run, state, tick.solution.x, element.middles)
-        np.testing.assert_allclose((1.0 - share) * other, share * one, atol=1e-5 * np.abs(one + other).max())
-        a = state.com_jacobian() @ run.program.acceleration(tick.solution.x) + state.com_drift()
-        np.testing.assert_allclose((one + other)[:3], robot.mass * (a - robot.gravity), atol=1e-6 * robot.mass)
+    declared = Stack(*stack().levels, subject_to=[FixedContact(frame=f) for f in SOLES])
+    element = LoadShare(contacts=SOLES, middles=((0.05, 0.01), (0.05, -0.01)))
+    declared = Stack(*declared.levels[:-1], Level(element, price=0), subject_to=declared.subject_to)
+    run = hqp.Controller(declared, hqp.Torque(holding=None, effort_limits=False), deadline=np.inf).session(robot, 0.002)
+    base = rng.normal(size=6) * 0.1
+    q = robot.integrate(robot.home, np.concatenate((base, 0.1 * rng.normal(size=robot.nv - 6))), 1.0)
+    for k in range(3):
+        state = robot.state(q)
+        push = [0.3, -0.4, 0.1 * k]
+        refs = [element.at(share), Com(name="com", law=PD(0.0, 0.0)).at(state.com(), acceleration=push)]
+        tick = run.step(state, *refs)
+        assert tick.status.solved, tick.notes
+    one, other = wrenches(run, state, tick.solution.x, element.middles)
+    np.testing.assert_allclose((1.0 - share) * other, share * one, atol=1e-5 * np.abs(one + other).max())
+    a = state.com_jacobian() @ run.program.acceleration(tick.solution.x) + state.com_drift()
+    np.testing.assert_allclose((one + other)[:3], robot.mass * (a - robot.gravity), atol=1e-6 * robot.mass)
 
 
 def test_the_motion_is_that_of_the_stack_without(robot: Robot) -> None:

@@ -37,11 +37,8 @@ def force_rows(program: Any, name: str, tau: np.ndarray) -> np.ndarray:
     return (rows.A @ tau - rows.lower)[place.part]
 
 
-@pytest.mark.parametrize("native", [True, False])
-def test_a_gravity_normal_shifts_force_rows_the_right_way(native: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_gravity_normal_shifts_force_rows_the_right_way() -> None:
     """The model of the forces does not know the part of tau that holds the robot on the other ground."""
-    if not native:
-        monkeypatch.setattr("hqp.torque.forces.native", None)
     robot = hqp.robots.load("dreamer")
     wheels = [OmniWheelContact(wheel=w) for w in ("wheel_0", "wheel_1", "wheel_2")]
     stack = Stack(

@@ -88,17 +88,11 @@ def test_off_is_the_stack_without(kind: str, price: Any, native: bool, robot: Ro
     assert sum(tick.native for tick in ticks) >= (10 if native else 0)
 
 
-def test_without_compiled_parts_it_is_the_same(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Rows, elimination and force rows in Python."""
+def test_without_native_rows_it_is_the_same(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows in Python."""
     out = ("left", "hand")
     native, _ = driven(begin(standing("torque"), "torque", robot, price=0), robot, 3, *out)
-    for module in (
-        "hqp.programs.assembly",
-        "hqp.torque.forces",
-        "hqp.torque.rows",
-        "hqp.torque.gravity",
-    ):
-        monkeypatch.setattr(f"{module}.native", None)
+    monkeypatch.setattr("hqp.programs.assembly.native", None)
     found, ticks = driven(begin(standing("torque"), "torque", robot, price=0), robot, 3, *out)
     np.testing.assert_allclose(found, native, atol=1e-7 * np.abs(native).max())
     assert not any(tick.native for tick in ticks)

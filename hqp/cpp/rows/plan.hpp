@@ -16,8 +16,11 @@
 
 namespace hqp {
 
+inline void need(bool right, const char* what) {
+  if (!right) throw std::invalid_argument(what);
+}
 inline Vec3 vector(const std::vector<double>& a) {
-  if (a.size() != 3) throw std::invalid_argument("a vector has three numbers");
+  need(a.size() == 3, "a vector has three numbers");
   return load(a.data());
 }
 

@@ -15,10 +15,6 @@ namespace hqp {
 
 constexpr int kMost = 100'000;  // numbers of a reference, or of a configuration
 
-inline void need(bool right, const char* what) {
-  if (!right) throw std::invalid_argument(what);
-}
-
 // On the world, or on one of that many joints.
 template <class Plan>
 Placed placed(const Plan& plan, std::size_t joints) {

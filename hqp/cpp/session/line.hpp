@@ -9,11 +9,11 @@
 #include <vector>
 
 #include "../rows/planned.hpp"
+#include "../torque/parts.hpp"
 #include "late.hpp"
 #include "node.hpp"
 #include "solver_parts.hpp"
 #include "tick.hpp"
-#include "torque_parts.hpp"
 
 namespace hqp {
 
@@ -62,8 +62,11 @@ class Line {
     for (const int m : rows_) starts_.push_back(total), total += m;
     slacks_.resize(std::size_t(total)), marks_.resize(std::size_t(total));
     fill(root_.part("motion"));
-    if (root_.part("motion").has("torque"))
-      torque_ = std::make_unique<TorqueParts>(root_.part("motion").part("torque"), nv_, solve_.call(), assembly_);
+    if (root_.part("motion").has("torque")) {
+      torque_ = std::make_unique<TorqueParts>(root_.part("motion").part("torque"));
+      torque_->before(&solve_.call(), &assembly_);
+      if (torque_->coordinates() != std::size_t(nv_)) throw PlanError("the elimination of the plan is of another tree");
+    }
     if (torque_ ? order() != 2 || !root_.part("motion").has("dynamics") : order() != 1 && order() != 2)
       throw PlanError("the plan is of an unknown order");
     for (const Node& one : root_.parts("elements")) members_.push_back(member(one)), bind_free(members_.back());
@@ -192,7 +195,10 @@ class Line {
         member.lower[i] = member.out ? -INFINITY : member.low[i];
         member.upper[i] = member.out ? INFINITY : member.high[i];
       }
-      if (torque_ && member.level < 0) torque_->out(member.row, member.row_end, member.out);
+      if (torque_ && member.level < 0) {
+        const auto out = torque_->out().begin();
+        std::fill(out + member.row, out + member.row_end, member.out);
+      }
     }
   }
 
@@ -301,7 +307,8 @@ class Line {
     found.units = p.texts("units");
     const int levels = static_cast<int>(rows_.size());
     const int most = found.level >= 0 && found.level < levels ? rows_[std::size_t(found.level)] : 0;
-    const int motions = torque_ && found.level < 0 ? std::min(torque_->rows(), laws_.total) : laws_.total;
+    const int motions =
+        torque_ && found.level < 0 ? std::min(static_cast<int>(torque_->out().size()), laws_.total) : laws_.total;
     if (found.level >= levels || place[0] < 0 || place[0] > place[1] || (found.level >= 0 && place[1] > most) ||
         rows[0] < 0 || rows[0] > rows[1] || rows[1] > motions ||
         (!found.units.empty() && (found.level < 0 || found.units.size() != std::size_t(place[1] - place[0]) ||

@@ -1,0 +1,162 @@
+// From rows on the acceleration to a solve on the torque, as a plan has it: of Python or of a file.
+#pragma once
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdint>
+#include <memory>
+#include <set>
+#include <vector>
+
+#include "../common/isa.hpp"
+#include "../common/solve_call.hpp"
+#include "../rows/plan.hpp"
+#include "elimination.hpp"
+#include "holding.hpp"
+
+namespace hqp {
+
+// The elimination, with live A (nv, nv), bias (nv), J (m, nv) and gamma (m), then the rows of all levels, then a solve.
+class TorqueParts final : public SolveCall {
+ public:
+  template <class Plan>
+  explicit TorqueParts(const Plan& p) {
+    const std::vector<int> parents = p.ints("parents"), actuated = p.places("actuated", parents.size());
+    nv_ = parents.size(), n_ = actuated.size(), m_ = p.part("gamma").size();
+    bool tree = std::set<int>(actuated.begin(), actuated.end()).size() == n_;
+    for (std::size_t i = 0; tree && i < nv_; ++i) tree = parents[i] >= -1 && parents[i] < static_cast<int>(i);
+    need(tree, "an elimination is of a tree");
+    A_ = p.doubles("A", nv_ * nv_), bias_ = p.doubles("bias", nv_);
+    J_ = p.doubles("J", m_ * nv_), gamma_ = p.doubles("gamma", m_);
+    factor_ = p.doubles("factor", nv_ * nv_), map_ = p.doubles("map", nv_ * (n_ + 1)), phi_ = p.doubles("phi", n_ * n_);
+    Q_ = p.doubles("Q", nv_ * m_), T_ = p.doubles("T", m_ * m_), top_ = p.doubles("top", m_ * (n_ + 1));
+    tolerance_ = p.number("tolerance");
+    out_.assign(m_, 0), held_.assign(m_ * nv_, 0.0);
+    const int nv = static_cast<int>(nv_), n = static_cast<int>(n_), m = static_cast<int>(m_);
+    elimination_.reset(HQP_FOR_MACHINE(make_elimination, parents, actuated, m, out_.data()));
+    rows_.reset(HQP_FOR_MACHINE(make_torque_rows, map_, nv, n));
+    for (const Plan& one : p.parts("products")) {
+      const Asked asked = rows(one);
+      rows_->product(one.doubles("J", std::size_t(asked.m) * nv_), asked);
+    }
+    for (const Plan& one : p.parts("picks")) {
+      const Asked asked = rows(one);
+      const std::vector<int> index = one.places("index", nv_);
+      need(index.size() == std::size_t(asked.m), "a row picks one coordinate");
+      rows_->pick(index, one.numbers("weight", index.size()), asked);
+    }
+    if (p.has("motion")) {
+      const Plan motion = p.part("motion");
+      rows_->motion(motion.numbers("scale", nv_), motion.number("rest"), motion.doubles("F", nv_ * n_),
+                    motion.doubles("f", nv_));
+    }
+    if (p.has("forces")) {
+      const Plan forces = p.part("forces");
+      forces_.reset(HQP_FOR_MACHINE(make_force_rows, m, n));
+      for (const Plan& one : forces.parts("frames"))
+        forces_->turn(one.place("first", m_ < 3 ? 0 : m_ - 2), one.doubles("rotation", 9));
+      for (const Plan& one : forces.parts("shared")) share(one);
+      for (const Plan& one : forces.parts("rows")) {
+        const Asked asked = rows(one);
+        forces_->add(one.doubles("C", std::size_t(asked.m) * m_), asked);
+      }
+    }
+    std::vector<int> others;
+    for (int i = 0; i < nv; ++i)
+      if (std::find(actuated.begin(), actuated.end(), i) == actuated.end()) others.push_back(i);
+    if (m_ >= others.size()) holding_ = std::make_unique<Holding>(actuated, others, m);
+  }
+  TorqueParts(const TorqueParts&) = delete;
+
+  // next: of the solver, null where Python asks it.  limits: of the bounds on the acceleration, or null.
+  void before(SolveCall* next, Limiting* limits) { next_ = next, limits_ = limits; }
+
+  Solved run(const double* v) override {
+    const auto begin = std::chrono::steady_clock::now();
+    if (eliminate() < 0) return {kInvalid};
+    double square = 0.0;
+    for (std::size_t i = 0; i < nv_; ++i) {
+      const double c = map_[i * (n_ + 1) + n_];
+      square += c * c;
+    }
+    if (!(square < INFINITY)) return {kInvalid};
+    if (limits_) limits_->limit(v, *elimination_);
+    write(v, nullptr);
+    force(nullptr);
+    const double before = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    Solved found = next_ ? next_->run(v) : Solved{kAskPython};
+    found.before = before;
+    return found;
+  }
+  void limit(double seconds) override {
+    if (next_) next_->limit(seconds);
+  }
+
+  // Its parts: the rank of the constraints, -1 where A is not positive definite; rows, with the map's own c where c is
+  // null; rows on forces, shift as in ForceRows.
+  int eliminate() {
+    std::copy(A_, A_ + nv_ * nv_, factor_);
+    return elimination_->eliminate(factor_, bias_, J_, gamma_, tolerance_, map_, phi_, Q_, T_, top_);
+  }
+  void write(const double* v, const double* c) { rows_->run(v, c); }
+  void force(const double* shift) {
+    if (forces_) forces_->run(T_, top_, shift);
+  }
+  Reactions& reactions() { return *elimination_; }
+
+  std::size_t coordinates() const { return nv_; }
+  std::size_t motors() const { return n_; }
+  std::vector<std::int8_t>& out() { return out_; }  // of the constraints, 1 where one is not there
+  // The torque (n) that holds g (nv) on J (m, nv), or on the constraints that are there; false where there is none.
+  bool hold(const double* J, const double* g, double* tau) { return holding_ && holding_->torque(J, g, tau); }
+  bool hold(const double* g, double* tau) {
+    for (std::size_t k = 0; k < m_; ++k)
+      for (std::size_t i = k * nv_; i < (k + 1) * nv_; ++i) held_[i] = out_[k] ? 0.0 : J_[i];
+    return hold(held_.data(), g, tau);
+  }
+
+  // The torque (n) that holds the robot up, and the inverse inertia (n) that each motor feels, from A and J of a
+  // state at rest and its g; false where there is none.
+  bool at_rest(const double* g, double* tau, double* felt) {
+    if (!hold(g, tau) || eliminate() < 0) return false;
+    for (std::size_t i = 0; i < n_; ++i) felt[i] = phi_[i * (n_ + 1)];
+    return true;
+  }
+
+ private:
+  template <class Plan>
+  Asked rows(const Plan& p) const {
+    const std::size_t m = p.part("lower").size();
+    return {static_cast<int>(m),         p.doubles("A", m * n_), p.doubles("asked_lower", m),
+            p.doubles("asked_upper", m), p.doubles("lower", m),  p.doubles("upper", m)};
+  }
+  template <class Plan>
+  void share(const Plan& p) {
+    const std::vector<int> first = p.places("first", m_ < 6 ? 0 : m_ - 5);
+    const std::vector<double> middles = p.numbers("middles", 4), factors = p.numbers("factors", 2);
+    need(first.size() == 2, "two contacts share");
+    forces_->share({p.doubles("C", 6 * m_),
+                    {first[0], first[1]},
+                    {p.doubles("one", 9), p.doubles("other", 9)},
+                    {{middles[0], middles[1]}, {middles[2], middles[3]}},
+                    {factors[0], factors[1]},
+                    p.number("arm"),
+                    p.doubles("share", 1)});
+  }
+
+  std::size_t nv_, n_, m_;
+  const double *A_, *bias_, *J_, *gamma_;
+  double *factor_, *map_, *phi_, *Q_, *T_, *top_;  // factor (nv, nv): a copy of A
+  double tolerance_;
+  std::vector<std::int8_t> out_;
+  std::vector<double> held_;  // J of the constraints that are there
+  std::unique_ptr<Elimination> elimination_;
+  std::unique_ptr<TorqueRows> rows_;
+  std::unique_ptr<ForceRows> forces_;
+  std::unique_ptr<Holding> holding_;
+  SolveCall* next_ = nullptr;
+  Limiting* limits_ = nullptr;
+};
+
+}  // namespace hqp
