@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from hqp.errors import DeclarationError, ModelError, ModelWarning, closest
 
-from . import from_urdf
+from . import from_srdf, from_urdf
 from .description import Description
 from .on_pinocchio import Robot, Wheel
 from .rotors import rotor_inertia
@@ -32,16 +32,22 @@ _DATA = "example-robot-data"
 
 
 def load(
-    source: str | Path | Any, *, floating: bool | None = None, name: str | None = None, rotors: bool = False
-) -> Robot:
+    source: str | Path | Any, *, floating: bool | None = None, name: str | None = None, rotors: bool = False,
+    srdf: str | Path | None = None,
+) -> Robot:  # fmt: skip
     """A robot from a catalogue name, a URDF or MJCF path, a robot_descriptions name or a pinocchio.Model.
 
     floating: whether the base is free to move.  None takes what the catalogue says of a name, what an MJCF or a
     pinocchio.Model itself says, and for any other URDF a fixed base, unless the file has a floating joint at its root.
     rotors: give the model the reflected rotor inertia of its simulated plant, which our tables and URDF files lack (an
-    MJCF brings its own).  Raises ModelError where nothing of that name is found (with the closest names) or the file
-    cannot be read, DeclarationError for another type, or a base that is not as asked for and cannot be changed.
+    MJCF brings its own).
+    srdf: of a URDF path; None takes ARM.srdf beside ARM.urdf, if there is one.  Its group states become
+    ``robot.configurations``; pairs of links that it disables are left out of ``CollisionAvoidance()``.
+    Raises ModelError where nothing of that name is found (with the closest names) or a file cannot be read,
+    DeclarationError for another type, an SRDF without a URDF, or a base that is not as asked for and cannot be changed.
     """
+    if srdf is not None and not (isinstance(source, (str, Path)) and Path(source).suffix == ".urdf"):
+        raise DeclarationError("robot", "an SRDF goes with a URDF", value=source, allowed="a path that ends in .urdf")
     if isinstance(source, pin.Model):
         robot = Robot(source, name=name)
         if floating not in (None, robot.floating):
@@ -52,17 +58,17 @@ def load(
         raise DeclarationError("robot", "not a name, path or model", value=source, allowed="str, Path, pinocchio.Model")
     if str(source) in _OWN:
         return _own(str(source), floating is not False, rotors)
-    robot = _named(str(source), floating, name)
+    robot = _named(str(source), floating, name, srdf)
     if rotors and robot.source is not None and robot.source.suffix == ".urdf":
         for joint, inertia in rotor_inertia(robot).items():
             robot.model.armature[robot.model.joints[robot.model.getJointId(joint)].idx_v] = inertia
     return robot
 
 
-def _named(key: str, floating: bool | None, name: str | None) -> Robot:
+def _named(key: str, floating: bool | None, name: str | None, srdf: str | Path | None) -> Robot:
     path = Path(key)
     if path.suffix in (".urdf", ".xml", ".mjcf"):
-        return _from_file(path, floating, name)
+        return _from_file(path, floating, name, srdf)
     if key in _catalogue() or key in _stems():
         return _example(key, floating, name)
     found = _description(key)
@@ -120,10 +126,9 @@ def _example(key: str, floating: bool | None, name: str | None) -> Robot:
         host = found.model.frames[found.model.getFrameId(place["parent"])]
         at = host.placement * pin.SE3(np.eye(3), np.array(place["position"]))
         found.model.addFrame(pin.Frame(frame, host.parentJoint, 0, at, pin.FrameType.OP_FRAME), False)
-    srdf = _files(".srdf").get(entry.get("srdf", ""))
-    if srdf is not None:
-        pin.loadReferenceConfigurations(found.model, str(srdf), False)
-        found.configurations |= {pose.key(): pose.data() for pose in found.model.referenceConfigurations}
+    states = _files(".srdf").get(entry.get("srdf", ""))
+    if states is not None:
+        from_srdf.read_states(states, found)
         found.home = found.configurations.get(entry.get("pose", ""))
     robot = Robot(found.model, name=name or key, groups=entry.get("groups"), landmarks=landmarks, description=found)
     feet = landmarks.get("soles", landmarks.get("feet", ()))
@@ -150,10 +155,13 @@ def _stand(
         q[2] = base
 
 
-def _from_file(path: Path, floating: bool | None, name: str | None) -> Robot:
+def _from_file(path: Path, floating: bool | None, name: str | None, srdf: str | Path | None = None) -> Robot:
     if not path.is_file():
         raise ModelError(f"no such file: {path}")
     found = _read(path, floating)
+    beside = path.with_suffix(".srdf")
+    if srdf is not None or (path.suffix == ".urdf" and beside.is_file()):
+        from_srdf.read(Path(srdf or beside), found)
     robot = Robot(found.model, name=name or path.stem, description=found)
     for text in found.warnings:
         warnings.warn(f"{path.name}: {text}", ModelWarning, stacklevel=4)

@@ -31,8 +31,8 @@ class Description:
     root was freed or fixed on reading.  simulated: the MjModel behind an MJCF.  carriers: for each of its
     bodies the joint that moves it and its placement there.  actuated: joints with a motor, None for all of one axis.
     home ``(nq,)`` and named configurations.  couplings: (coefficients by joint, offset), sum c_j q_j = offset.
-    cones: by joint of three axes the largest turn from its zero [rad].  notes: what
-    the file has and the model lacks.  warnings: what in the file is probably a mistake.
+    cones: by joint of three axes the largest turn from its zero [rad].  disabled_pairs: links that an SRDF disables.
+    notes: what the file has and the model lacks.  warnings: what in the file is probably a mistake.
     """
 
     model: Any
@@ -45,5 +45,6 @@ class Description:
     configurations: dict[str, Vec] = field(default_factory=dict)
     couplings: list[tuple[dict[str, float], float]] = field(default_factory=list)
     cones: dict[str, float] = field(default_factory=dict)
+    disabled_pairs: frozenset[frozenset[str]] = frozenset()
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)

@@ -94,6 +94,7 @@ class Robot:
         self._frames = {n: i for i, n in reversed(list(enumerate(self.frame_names)))}
         self.notes: tuple[str, ...] = (*description.warnings, *description.notes) if description else ()
         self.cones: dict[str, float] = dict(description.cones) if description else {}
+        self.disabled_pairs = description.disabled_pairs if description else frozenset()
         self.configurations: dict[str, Vec] = dict(description.configurations) if description else {}
         if home is None:
             home = description.home if description and description.home is not None else pin.neutral(model)

@@ -42,9 +42,9 @@ class CollisionAvoidance(Inequality):
 
     Shapes of the world move as ``at`` says: with w the rate of the distance by that, each row is J v >= -a(h) - w.
 
-    pairs: ``"auto"``, all links that are more than three joints apart and apart at home; or pairs of names, each a
-    link, a joint group or a shape of the world; or the path of an SRDF, whose disabled pairs are left out of "auto";
-    ``"world"``, links against the world only.  world: shapes of ``hqp.shapes``, which ``at`` moves.
+    pairs: ``"auto"``, all links that are more than three joints apart and apart at home, without those that the SRDF
+    of the robot's URDF disables; or pairs of names, each a link, a joint group or a shape of the world; or the path of
+    another SRDF; ``"world"``, links against the world only.  world: shapes of ``hqp.shapes``, which ``at`` moves.
     clearance [m]: for two links at most 0.8 of their distance at home.  influence [m]: of d, above the clearance.
     rate [1/s].  recovery [m/s]: fastest way out of a collision.  acceleration [m/s^2]: with which it sets in, rate *
     recovery by default.  slots: rows, the most pairs that are near at once (a pair keeps its row while it is near), 64

@@ -57,7 +57,7 @@ def _pairs(element: CollisionAvoidance, robot: Robot, capsules: tuple[LinkCapsul
     world = [(i, j) for i in range(links) for j in every[links:] if capsules[i].body > 0]
     if pairs == "world":
         return world
-    off = set() if pairs == "auto" else _disabled(element, pairs)
+    off = robot.disabled_pairs if pairs == "auto" else _disabled(element, pairs)
     names, body = [_link(c.name) for c in capsules], [c.body for c in capsules]
     within = [
         (i, j)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, Protocol, TypeAlias
 
 from hqp.arrays import Index, Mat, Vec
@@ -87,6 +87,11 @@ class Robot(Protocol):
     @property
     def capsules(self) -> Sequence[LinkCapsule]:
         """Capsules around the links, for collision avoidance; raises ModelError for a robot without shapes."""
+        ...
+
+    @property
+    def disabled_pairs(self) -> Collection[frozenset[str]]:
+        """Pairs of links that need not be kept apart, by the SRDF of the robot's URDF."""
         ...
 
     @property

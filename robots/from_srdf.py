@@ -1,0 +1,61 @@
+"""SRDF files: group states as named configurations, and pairs of links that need not be kept apart."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from hqp.errors import ModelError
+
+from .description import Description
+from .from_urdf import parsed
+
+
+def read(path: Path, found: Description) -> None:
+    """Add the group states and the disabled pairs; raises ModelError for a file that is none and for values that are.
+
+    Warnings tell what Pinocchio's reader passes over: joints that the model does not have, a state's name once more.
+    """
+    if not path.is_file():
+        raise ModelError(f"no such file: {path}")
+    root = parsed(path)
+    states = root.findall("group_state")
+    for name, count in Counter(state.get("name") for state in states).items():
+        if count > 1:
+            found.warnings.append(f"{path.name}: {count} group states {name!r}, the first is taken")
+    for state in states:
+        what = f"group state {state.get('name')!r}"
+        unknown = []
+        for joint in state.findall("joint"):
+            name, text = str(joint.get("name")), str(joint.get("value"))
+            if not found.model.existJointName(name):
+                unknown.append(name)
+                continue
+            model = found.model.joints[found.model.getJointId(name)]
+            if not _are_numbers(text, 1 if model.nv == 1 else model.nq):
+                raise ModelError(f"{path}: {what}, joint {name!r}: value={text!r} is no number")
+        if unknown:
+            found.warnings.append(f"{path.name}: {what} names no moving joint: {', '.join(unknown)}")
+    read_states(path, found)
+    pairs = ((str(pair.get("link1")), str(pair.get("link2"))) for pair in root.iter("disable_collisions"))
+    found.disabled_pairs = frozenset(map(frozenset, pairs))
+
+
+def read_states(path: Path, found: Description) -> None:
+    """Add the group states to the configurations, joints that they leave out at neutral; raises ModelError."""
+    try:
+        pin.loadReferenceConfigurations(found.model, str(path), False)
+    except (RuntimeError, ValueError) as error:
+        raise ModelError(f"{path}: no SRDF that can be read: {error}") from error
+    found.configurations |= {pose.key(): pose.data() for pose in found.model.referenceConfigurations}
+
+
+def _are_numbers(text: str, count: int) -> bool:
+    try:
+        values = np.array(text.split(), dtype=np.float64)
+    except ValueError:
+        return False
+    return values.size == count and bool(np.isfinite(values).all())
