@@ -116,7 +116,7 @@ class Cameras:
                 continue
             camera = client.camera
             window = Window.of(camera.fov, camera.image_width, camera.image_height, self._overlay)
-            forward = camera.look_at - camera.position if looks else FORWARD
+            forward = FORWARD if looks < ARRIVING else camera.look_at - camera.position
             everything = np.vstack((robot, near))
             points = everything if looks < ARRIVING else near
             if looks == 0 or not window.holds(points, camera.position, forward):

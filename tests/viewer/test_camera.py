@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hqp.viewer.camera import ARRIVING, LOWEST, MARGIN, NEAREST, OVERLAY, Cameras, Window
+from hqp.viewer.camera import ARRIVING, FORWARD, LOWEST, MARGIN, NEAREST, OVERLAY, Cameras, Window
 
 SIZES = ((1100, 900), (700, 1000), (2400, 1200), (900, 500))
 
@@ -92,6 +92,17 @@ def test_a_target_high_up_comes_into_the_picture() -> None:
     assert np.array_equal(client.position, there)
     cameras.update(body, np.array([[1e4, 0.0, 0.0]]))
     assert np.array_equal(client.position, there)
+
+
+def test_a_new_camera_that_falls_back_looks_from_in_front_again() -> None:
+    body = np.array([[-0.2, -0.3, 0.0], [0.2, 0.3, 1.3]])
+    client = Client([3.0, 3.0, 3.0], [0.0, 0.0, 0.0])
+    cameras = serve(client, body)
+    for _ in range(ARRIVING):
+        cameras.update(body, body[:1])
+        ahead = client.look_at - client.position
+        assert np.allclose(ahead / np.linalg.norm(ahead), FORWARD / np.linalg.norm(FORWARD))
+        client.position, client.look_at = np.full(3, 3.0), np.zeros(3)  # a slow browser's own, once more
 
 
 def test_a_page_without_an_overlay_is_filled() -> None:
