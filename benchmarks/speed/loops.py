@@ -15,17 +15,16 @@ from benchmarks.reports import machine, report
 ROOT = Path(__file__).parents[2]
 ROBOTS = ("ur5", "cbi", "talos", "g1", "dreamer")
 FORMULATIONS = ("velocity", "acceleration", "torque")
-PLACES = {
-    False: (
-        "<!-- table: python -m benchmarks loops --ticks 1000000 --page docs/results/batches.md -->",
-        "<!-- end of loops -->",
-    ),
-    True: (
-        "<!-- table: python -m benchmarks loops --ticks 20000 --busy 4 --page docs/results/batches.md -->",
-        "<!-- end of loops beside others -->",
-    ),
-}
-"""Of the table in its page, alone or beside busy processes: before and after it."""
+ALONE = (
+    "<!-- table: python -m benchmarks loops --ticks 1000000 --page docs/results/batches.md -->",
+    "<!-- end of loops -->",
+)
+"""Before and after the table in its page."""
+BESIDE = (
+    "<!-- table: python -m benchmarks loops --ticks 20000 --busy 4 --page docs/results/batches.md -->",
+    "<!-- end of loops beside others -->",
+)
+"""The same of the table beside busy processes."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -63,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
     text = "\n".join((head, *rows)) + f"\n\n{machine.line()}\n"
     report.section(arguments.output, "loops", text)
     if arguments.page is not None:
-        mark, end = PLACES[arguments.busy > 0]
+        mark, end = BESIDE if arguments.busy else ALONE
         report.into_page(arguments.page, mark, text, end)
     return int(failed > 0)
 
