@@ -92,8 +92,7 @@ class Cameras:
     def __init__(self, server: Any, points: Mat, overlay: float = OVERLAY) -> None:
         self._server, self._overlay = server, overlay
         self._before: dict[Any, tuple[int, Mat]] = {}
-        camera = server.initial_camera
-        camera.position, camera.look_at = Window.of(camera.fov, 1100.0, 900.0, overlay).fit(points, FORWARD)
+        self._expect(points)
 
         @server.on_client_connect  # type: ignore[untyped-decorator,unused-ignore]
         async def _(client: Any) -> None:
@@ -101,12 +100,20 @@ class Cameras:
             async def _(camera: Any) -> None:
                 _lift(client)
 
+    def _expect(self, points: Mat) -> None:
+        """Let visitors begin where they see all points ``(k, 3)``."""
+        camera = self._server.initial_camera
+        camera.position, camera.look_at = Window.of(camera.fov, 1100.0, 900.0, self._overlay).fit(points, FORWARD)
+
     def update(self, robot: Mat, targets: Mat) -> None:
         """Step back where a target that has moved, or a new visitor's, is outside of the picture."""
         centre = robot.mean(axis=0)
         size = float(np.linalg.norm(robot.max(axis=0) - robot.min(axis=0)))
         near = targets[np.linalg.norm(targets - centre, axis=1) < FAR * size]
+        everything = np.vstack((robot, near))
         clients = self._server.get_clients()
+        if not clients:
+            self._expect(everything)
         self._before = {key: value for key, value in self._before.items() if key in clients}
         for key, client in clients.items():
             looks, before = self._before.get(key, (0, near))
@@ -117,7 +124,6 @@ class Cameras:
             camera = client.camera
             window = Window.of(camera.fov, camera.image_width, camera.image_height, self._overlay)
             forward = FORWARD if looks < ARRIVING else camera.look_at - camera.position
-            everything = np.vstack((robot, near))
             points = everything if looks < ARRIVING else near
             if looks == 0 or not window.holds(points, camera.position, forward):
                 _move(client, *window.fit(everything, forward))

@@ -70,6 +70,14 @@ def serve(client: Client, points: Any, overlay: float = OVERLAY) -> Cameras:
     return Cameras(server, points, overlay)
 
 
+def test_a_visitor_begins_with_robot_and_targets_in_the_picture() -> None:
+    body, target = np.array([[-0.2, -0.3, 0.0], [0.2, 0.3, 1.3]]), np.array([[0.1, -0.9, 1.4]])
+    first = Client([3.0, 3.0, 3.0], [0.0, 0.0, 0.0])
+    server = SimpleNamespace(initial_camera=first, get_clients=dict, on_client_connect=lambda _callback: None)
+    Cameras(server, body).update(body, target)
+    assert Window.of(1.3, 1100, 900).holds(np.vstack((body, target)), first.position, first.look_at - first.position)
+
+
 def test_a_target_high_up_comes_into_the_picture() -> None:
     body = np.array([[-0.2, -0.3, 0.0], [0.2, 0.3, 1.3]])
     client = Client([2.0, -1.5, 1.0], [0.0, 0.0, 0.9])
