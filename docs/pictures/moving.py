@@ -8,18 +8,23 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
 
 import hqp
 from hqp import Level, P, Stack
+from hqp.arrays import Mat
+from hqp.robots.soles import sole_points
 from hqp.tasks import Com, FixedContact, JointLimits, Orientation, Position, Posture
+from hqp.viewer.meshes import hull
 
 from .studio import BLUE, GREEN, ORANGE, Studio, caption
 
 FIGURES = Path(__file__).parents[1] / "figures"
 SIZE, FPS, DT = (560, 560), 12, 0.002
+LOOK = np.array([0.15, 0.0, 0.81])
 FEWEST = 1_900_000
 """Bytes that a moving picture may have at most."""
 
@@ -37,9 +42,14 @@ def g1(path: Path = FIGURES / "g1.webp") -> Path:
         subject_to=[JointLimits()],
     )
     session = hqp.Controller(stack, deadline=math.inf).session(robot, DT)
-    studio = Studio(robot, SIZE, azimuth=128.0, elevation=-12.0)
+    studio = Studio(
+        robot, SIZE, look=LOOK, distance=1.9, azimuth=128.0, elevation=-16.0
+    )
     q, v = robot.home.copy(), np.zeros(robot.nv)
-    start = robot.state(q).position(hand.frame)
+    state = robot.state(q)
+    start = state.position(hand.frame)
+    soles = np.vstack([_sole(state, frame) for frame in robot.landmarks["soles"]])
+    support = np.insert(hull(soles[:, :2]), 2, 0.005, axis=1)
     frames = []
     for k in range(round(9.0 / DT)):
         goal = start + _way(k * DT)
@@ -51,6 +61,7 @@ def g1(path: Path = FIGURES / "g1.webp") -> Path:
             far = off > 0.06
             studio.ball(goal, ORANGE if far else GREEN)
             studio.line(here, goal, ORANGE)
+            studio.outline(support, GREEN)
             com = state.com()
             studio.ball(np.array([com[0], com[1], 0.005]), BLUE, 0.025)
             title = f"hand: {100.0 * off:.0f} cm from its target"
@@ -64,6 +75,12 @@ def g1(path: Path = FIGURES / "g1.webp") -> Path:
             )
         q, v = tick.advance()
     return save(frames, path)
+
+
+def _sole(state: Any, frame: str) -> Mat:
+    """Corners of a sole ``(n, 3)`` [m]."""
+    corners = np.array(sole_points(state.robot, frame))
+    return corners @ state.rotation(frame).T + state.position(frame)
 
 
 def _way(t: float) -> np.ndarray:
