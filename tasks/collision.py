@@ -38,7 +38,7 @@ class CollisionAvoidance(Inequality):
     Where x is an acceleration, J a >= 4 rate (-a(h) - J v) - dJ/dt v with the rate at which the nearest points slide:
     poles at twice the rate (capsules side by side slide from end to end at once: that counts with a bound).
     A row is free beyond the influence and comes in without a jump.  d is between the robot's capsules
-    (``robot.capsules``) and those of its other links, or the shapes of ``world``.
+    (``robot.capsules``, of what moves) and those of its other links, or the shapes of ``world``, such as a fixed base.
 
     Shapes of the world move as ``at`` says: with w the rate of the distance by that, each row is J v >= -a(h) - w.
 
