@@ -115,7 +115,8 @@ class Robot:
         """Make q ``(nq,)`` the standing configuration, its joints moved into their limits; raises DeclarationError."""
         q = np.array(q, dtype=np.float64)
         if q.shape != (self.nq,):
-            raise DeclarationError(self.name, f"home has shape {q.shape}", allowed=f"({self.nq},)")
+            hint = ", robot.configuration(angles) makes one of angles" if q.shape == (self.nv,) else ""
+            raise DeclarationError(self.name, f"home has shape {q.shape}", allowed=f"({self.nq},){hint}")
         self.home, moved = self._joints.inside(self.model, q, self.lower, self.upper, self.cones)
         for terms, offset in self.description.couplings if self.description else ():
             (follower, factor), *leaders = terms.items()

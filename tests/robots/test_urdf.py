@@ -281,3 +281,13 @@ def test_robots_of_one_file_share_meshes_as_long_as_there_are_any(tmp_path: Path
     gc.collect()
     assert loader() is None
     assert path not in geometry._LOADERS
+
+
+def test_angles_given_as_q_are_told_how_to_become_one() -> None:
+    """Joints that turn without end have two numbers in q."""
+    robot = hqp.robots.load("kinova")
+    angles = np.zeros(robot.nv)
+    for give in (robot.set_home, robot.state):
+        with pytest.raises((DeclarationError, ModelError), match=r"configuration\(angles\)"):
+            give(angles)
+    robot.set_home(robot.configuration(angles))
