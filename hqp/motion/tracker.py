@@ -117,12 +117,6 @@ class Tracker:
         between, sign = min(i, j, len(self.targets) - 2), float(j - i)
         found = [Reference(name, x[i], sign * u[between]) for name, (x, u) in self._places.items()]
         found += [Reference(name, self._axes[name][0][i], sign * self._axes[name][1][between]) for name in TRUNK]
-        return found + self.feet_references(i, j, standing, holds)
-
-    def feet_references(self, i: int, j: int, standing: Standing, holds: Mapping[str, Hold]) -> list[Reference]:
-        """Those of the feet."""
-        between, sign = min(i, j, len(self.targets) - 2), float(j - i)
-        found: list[Reference] = []
         ends = dict(standing)
         for side in SIDES:
             task, sole = self.stacks.down(side, ends.get(side, 1)), f"{side}_sole"
@@ -162,7 +156,7 @@ class Tracker:
 
         course: references of the last pass, which runs forwards; standing feet are corrected to ``SLIDE`` only there.
         """
-        sessions = self.sessions if course is None else self._closing
+        sessions = self._closing if course else self.sessions
         step = 1 if last >= first else -1
         qs, vs, statuses = [q], [v], []
         holds = {side: Hold(RELEASE / self.dt) for side in SIDES}
@@ -174,13 +168,10 @@ class Tracker:
             self._hold(state, i, feet, holds, course)
             standing = tuple((side, holds[side].end) for side in feet)
             session = sessions.of(standing)
-            if course is None:
-                references = self.references(i, j, standing, holds)
-            else:
-                told = {**{r.name: r for r in self.feet_references(i, j, standing, holds)}, **course.references(i)}
-                references = [r for r in told.values() if r.name in session]
-            ends = standing if course is not None else ()
-            spots = [self.stacks.spots[self.stacks.down(side, end).name] for side, end in ends]
+            told = {r.name: r for r in self.references(i, j, standing, holds)}
+            told |= course.references(i) if course else {}
+            references = [r for r in told.values() if r.name in session]
+            spots = [self.stacks.spots[self.stacks.down(side, end).name] for side, end in (standing if course else ())]
             state, bent, status = self._moved(session, state, references, spots, bent)
             qs.append(state.q)
             vs.append(state.v)
@@ -210,7 +201,7 @@ class Tracker:
                 hold.release()
                 continue
             ends = {end: self.stacks.down(side, end).value(state) for end in (1, -1)}
-            before = (0.0, 0.0) if course is None else course.heights(side, i)
+            before = course.heights(side, i) if course else (0.0, 0.0)
             end = hold.lower(float(ends[1][2]) + before[0], float(ends[-1][2]) + before[1])
             if end != hold.end:
                 task, here = self.stacks.down(side, end), ends[end]
