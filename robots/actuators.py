@@ -92,7 +92,7 @@ def _make(actuator: Any, name: str, joint: Any | None, actuation: Actuation, ser
         actuator.forcelimited = no
     else:
         if servo is None:
-            raise DeclarationError("plant", "a position servo needs gains", allowed="servo=Servo(kp=...)")
+            raise DeclarationError("plant", "a position servo needs gains", allowed="servo=Servo(kp=...), or torques")
         kp = servo.gain(name)
         actuator.set_to_position(kp=kp, kv=servo.damping_time * kp)
         actuator.ctrllimited = no
