@@ -12,7 +12,6 @@ from hqp.errors import PurePythonWarning
 
 PARTS = {
     "_lexicographic": "solver",
-    "_priced": "prices",
     "_assembly": "rows",
     "_torque": "torque",
     "_session": "sessions",
@@ -26,7 +25,7 @@ ADVICE = (
 
 
 def missing() -> tuple[str, ...]:
-    """What of solver, prices, rows, torque and sessions was not compiled."""
+    """What of solver, rows, torque and sessions was not compiled."""
     return tuple(text for name, text in PARTS.items() if importlib.util.find_spec(f"hqp.{name}") is None)
 
 

@@ -13,17 +13,11 @@ from hqp.declare.robot import Robot
 from hqp.errors import DeclarationError, closest
 from hqp.explanation.multipliers import NOTHING, cause_of
 from hqp.explanation.words import PRICE, SHARE, Explanation, HeldBack, Loss, Short, is_zero, told
-from hqp.problem import Hierarchy
 from hqp.programs.formulation import Program
 from hqp.tolerances import NEAR
 
 if TYPE_CHECKING:
-    from hqp._priced import Stages
-
-try:
-    from hqp import _priced as native
-except ImportError:  # no compiler was there
-    native = None  # type: ignore[assignment]
+    from hqp._lexicographic import Workspace
 
 MOST = 0.5
 """A price that holds more than this share of a level back is why the level is not met."""
@@ -159,15 +153,11 @@ class Accountant:
         self._owner = np.zeros(starts[-1], dtype=np.int32)
         for i, place in enumerate(places.values()):
             self._owner[starts[place.level] + place.part.start : starts[place.level] + place.part.stop] = i
-        found: tuple[Stages, Mat] | None = getattr(workspace, "stages", None)
-        if found is None and native is not None and not program.problem.priced:
-            found = _unpriced(program.problem)
-        self._stages: Stages | None = None
+        native: Workspace | None = getattr(workspace, "native", None)
+        known = native is not None and native.accounts(program.problem, self._owner, len(names), NEAR)
+        self._native = native if known else None
         self._tell: Callable[[], Vec | None] = getattr(workspace, "tell", lambda: None)
         self._size = 4 * len(names) + count * (len(names) + 2)
-        if found is not None:
-            self._stages, points = found
-            found[0].accounts(points, self._owner, len(names), NEAR)
 
     def account(self, count: int, w: Vec, x: Vec, v: Vec | None = None) -> TickAccount | None:
         """The account of the latest solve, from the slacks of all its rows and its answer x.
@@ -176,10 +166,10 @@ class Accountant:
         None where the kernel has nothing to tell: no kernel, or an answer that was found in another way.
         """
         told = self._tell()
-        if self._stages is None or told is None:
+        if self._native is None or told is None:
             return None
         values = np.empty(self._size)
-        self._stages.account(w, x, told, values)
+        self._native.account(w, x, told, values)
         fast = self._fast(w, v) if v is not None and np.count_nonzero(self._rate) else NONE
         return TickAccount(count, self.layout, values, fast)
 
@@ -234,20 +224,6 @@ def too_fast(program: Program, name: str, w: Vec, v: Vec) -> bool:
         speed = v[rows.picks(part)] if member.views.J is None else member.views.J @ v / member.element.weight
         moving = rows.feedforward[part] + kd * (moving - speed)
     return float(-w @ moving) > MOST * float(w @ w) > 0.0
-
-
-def _unpriced(problem: Hierarchy) -> tuple[Stages, Mat] | None:
-    """Stages of a hierarchy without prices: none to solve, but they know its rows."""
-    from hqp.solvers.stages import row_arrays, stages_of
-
-    levels = len(problem.levels)
-    try:
-        stages = stages_of(problem.n, [rows.m for rows in problem.levels], [False] * levels)
-        nothing = np.zeros(levels)
-        stages.bind([row_arrays(rows) for rows in problem.levels], nothing, None, 1.0, None, None, None, None)
-    except TypeError:  # rows that lie otherwise in memory
-        return None
-    return stages, np.zeros((levels, problem.n))
 
 
 def of_explanation(layout: Layout, count: int, told: Explanation) -> TickAccount:

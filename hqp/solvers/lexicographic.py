@@ -23,7 +23,7 @@ from hqp.solvers.base import UNSURE, Solver, Workspace, check_shape
 from hqp.solvers.flat import Flat
 from hqp.solvers.lazy import LazySolution
 from hqp.solvers.second_opinion import STUCK, second_opinion
-from hqp.solvers.stages import Kernel, StagedWorkspace, row_parts
+from hqp.solvers.stages import Kernel, StagedWorkspace, row_parts, stage_tolerances
 from hqp.tolerances import FEASIBILITY_TOLERANCE, MULTIPLIER_TOLERANCE, RANK_TOLERANCE
 
 try:
@@ -102,7 +102,7 @@ class Lexicographic(Solver):
         self.require(shape)
         if not shape.priced:
             return NativeWorkspace(self, shape)
-        staged = StagedWorkspace(shape, replace(self, multipliers=False).workspace)
+        staged = StagedWorkspace(shape, NativeWorkspace(replace(self, multipliers=False), shape))
         if self.deadline is not None:
             staged.limit(self.deadline)
         return staged
@@ -113,13 +113,16 @@ def _is_count(value: object, least: int) -> bool:
 
 
 class NativeWorkspace:
-    """A kernel bound to the arrays of the last hierarchy it saw, which may be refilled in place between calls."""
+    """A kernel bound to the arrays of the last hierarchy it saw, which may be refilled in place between calls.
+
+    It solves hierarchies without prices; native: that of a shape with prices solves those as well.
+    """
 
     def __init__(self, solver: Lexicographic, shape: Shape) -> None:
-        self._solver, self._shape = solver, shape
+        self._solver, self._shape = solver, replace(shape, priced=())
         self._multipliers = solver.multipliers
         self._limited = self._ticking = bool(solver.deadline)
-        self._kernel = _native.Workspace(
+        self.native = _native.Workspace(
             shape.n,
             list(shape.rows),
             shape.metric,
@@ -130,12 +133,14 @@ class NativeWorkspace:
             solver.max_iterations or 0,
             solver.max_failed_exchanges,
             solver.multipliers,
+            shape.priced or (False,) * len(shape.rows),
+            **stage_tolerances(),
         )
-        self._views = self._kernel.numbers(), self._kernel.multipliers()
+        self._views = self.native.numbers(), self.native.multipliers()
         rows = [sum(shape.rows[:k]) for k in range(len(shape.rows) + 1)]
         pairs = [sum(rows[1 : k + 1]) for k in range(len(rows))]
         marks = (shape.n + rows[-1]) * 8
-        self._kernel.report_as(
+        self.native.report_as(
             LazySolution,
             STATUSES,
             tuple(slice(shape.n + a, shape.n + b) for a, b in pairwise(rows)),
@@ -147,15 +152,16 @@ class NativeWorkspace:
 
     def reset(self) -> None:
         """Forget the warm start."""
-        self._kernel.reset()
+        self.native.reset()
 
     def turn(self, out: Sequence[bool]) -> None:
         """The next solves are without the rows of these elements: each such set goes on where its last solve ended."""
-        self._kernel.turn(out)
+        self.native.turn(out)
 
     def tell(self) -> Vec | None:
         """Multipliers of the latest answer, level by level as Solution.multipliers, live; None where not at hand."""
-        return self._views[1] if self._kernel.tell() else None
+        told: Vec | None = self.native.tell()
+        return told
 
     def limit(self, seconds: float) -> None:
         """Time for the next solves [s], none for zero: a session gives what is left of its tick.
@@ -166,14 +172,14 @@ class NativeWorkspace:
         if not isinstance(seconds, (int, float)) or not seconds >= 0.0:
             raise DeclarationError("lexicographic", "bad time limit", value=seconds, unit="s", allowed="from 0 up")
         self._limited, self._ticking = 0.0 < seconds < math.inf, seconds > 0.0
-        self._kernel.limit(seconds if self._limited else 0.0)
+        self.native.limit(seconds if self._limited else 0.0)
 
     def solve(self, problem: Hierarchy) -> Solution:
         """The solution; raises ProblemError for a wrong shape, and marks numbers that are not usable.
 
         Raises RuntimeError while another thread solves in this workspace.
         """
-        solution: Solution | None = self._kernel.solution(problem, 0.0, *self._views)
+        solution: Solution | None = self.native.solution(problem, 0.0, *self._views)
         if solution is None:
             return self._converted(problem)
         settled = solution.status is Status.OPTIMAL and not solution.detail
@@ -182,13 +188,12 @@ class NativeWorkspace:
     def kernel(self, problem: Hierarchy) -> Kernel | None:
         """The kernel bound to a problem that is refilled in place, see hqp.solvers.stages.Kernel.
 
-        solve() returns outcome, iterations, factorisations and whether the answer was judged.  None where there is
-        more to do than to solve.
+        None where there is more to do than to solve.
         """
-        if self._multipliers or not self._kernel.take(problem):
+        if self._multipliers or not self.native.take(problem):
             check_shape(problem, self._shape)
             return None
-        return self._kernel.solve, self._kernel.values(), self._kernel.active(), self._kernel.call()
+        return self.native.solve, self.native.values(), self.native.active(), self.native.call()
 
     def parts(self, problem: Hierarchy) -> dict[str, Any]:
         """What the kernel of a problem is made of, for a file (docs/plan_file.md)."""
@@ -210,7 +215,7 @@ class NativeWorkspace:
     def answer(self, problem: Hierarchy, counts: tuple[int, int, int, bool]) -> Solution:
         """The solution of the latest solve of ``kernel``."""
         outcome, iterations, factorisations, _ = counts
-        values, marks, n = self._kernel.values().copy(), self._kernel.active().copy(), self._shape.n
+        values, marks, n = self.native.values().copy(), self.native.active().copy(), self._shape.n
         ends = [sum(self._shape.rows[:k]) for k in range(len(self._shape.rows) + 1)]
         solution = Solution(
             values[:n],
@@ -239,11 +244,11 @@ class NativeWorkspace:
         return second_opinion(problem, solution, others)
 
     def _again(self, bound: Any) -> Solution:
-        self._kernel.reset(plain=True)
+        self.native.reset(plain=True)
         return self._answer(bound)
 
     def _answer(self, bound: Any) -> Solution:
-        solution: Solution = self._kernel.solution(bound, 0.0, *self._views)
+        solution: Solution = self.native.solution(bound, 0.0, *self._views)
         return solution
 
     def _with_rank(self, bound: Any, tolerance: float) -> Solution:
@@ -256,7 +261,7 @@ class NativeWorkspace:
         check_shape(problem, self._shape)
         bound = _copied(problem)
         build = perf_counter() - begin
-        solution = self._kernel.solution(bound, build, *self._views)
+        solution = self.native.solution(bound, build, *self._views)
         if solution is None:
             return _refuse(problem, self._shape, Stats(build_s=build))
         return self._judged(problem, bound, solution)

@@ -124,7 +124,7 @@ def priced_loops() -> Iterator[tuple[Hierarchy, np.random.Generator, Any]]:
             problem = replace(problem, prices=prices).copy()
             workspace: Any = Lexicographic().workspace(problem.shape)
             workspace.solve(problem)
-            if workspace.stages[0].head:
+            if workspace.native.head:
                 yield problem, rng, workspace
 
 
@@ -139,16 +139,16 @@ def test_a_cut_solve_keeps_the_level_that_the_next_begins_at() -> None:
     """Else the next begins with all levels, far out of reach too slow for the deadline as well: cut for ever."""
     kept = met = 0
     for problem, rng, workspace in priced_loops():
-        head = workspace.stages[0].head
+        head = workspace.native.head
         move(problem, rng, 1.0)
         workspace.limit(1e-9)
         assert workspace.solve(problem).status is Status.TIME_LIMIT
-        after = workspace.stages[0].head
+        after = workspace.native.head
         kept += after > 0
         if after == 0:  # the levels above were solved all the same, and that level was found to be met
             fresh: Any = Lexicographic().workspace(problem.shape)
             fresh.solve(problem)
-            assert fresh.stages[0].head != head
+            assert fresh.native.head != head
             met += 1
     assert kept > 20
     assert met < 5
@@ -165,7 +165,7 @@ def test_a_level_that_is_met_by_now_is_no_longer_the_first(native: bool) -> None
         workspace._exact.limit(1e-9)
         cut = kernel[0]()[0] == 5 if native else workspace.solve(problem).status is Status.TIME_LIMIT
         if cut:
-            assert workspace.stages[0].head == 0
+            assert workspace.native.head == 0
             seen += 1
     assert seen > 10
 
@@ -179,8 +179,8 @@ def test_stages_begin_with_the_latest_working_set() -> None:
             found = workspace.solve(problem)
             fresh: Any = Lexicographic().workspace(problem.shape)
             np.testing.assert_allclose(found.x, fresh.solve(problem).x, rtol=1e-6, atol=1e-6)
-            warm += workspace.stages[0].effort()[0]
-            cold += fresh.stages[0].effort()[0]
+            warm += workspace.native.effort()[0]
+            cold += fresh.native.effort()[0]
     assert warm < 0.25 * cold, (warm, cold)
 
 
@@ -201,20 +201,20 @@ def drawn_pose(robot: hqp.robots.Robot, rng: np.random.Generator) -> np.ndarray:
 
 def test_a_cut_tick_keeps_it() -> None:
     run, hand = out_of_reach(1e3)
-    assert run.workspace.stages[0].head == 2
+    assert run.workspace.native.head == 2
     run.line.budget = type(run.line.budget)(1e-9)
     rng = np.random.default_rng(0)
     for _ in range(4):
         q = drawn_pose(run.line.robot, rng)
         run.step(run.line.robot.state(q), hand.at(rng.normal(size=3) + [3.0, 0.0, 1.0]))
-        assert run.workspace.stages[0].head == 2
+        assert run.workspace.native.head == 2
 
 
 def test_a_tick_forgets_a_level_that_is_met_by_now() -> None:
     run, hand = out_of_reach(np.inf)
-    assert run.workspace.stages[0].head == 2
+    assert run.workspace.native.head == 2
     run.workspace._exact.limit(1e-9)
     state = run.line.robot.state(drawn_pose(run.line.robot, np.random.default_rng(0)))
     tick = run.step(state, hand.at(state.position("right_wrist_yaw_link")))
     assert tick.status is Status.TIME_LIMIT
-    assert run.workspace.stages[0].head == 0
+    assert run.workspace.native.head == 0

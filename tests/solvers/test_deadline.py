@@ -58,9 +58,9 @@ def test_the_first_ticks_have_a_deadline_too(name: str, monkeypatch: pytest.Monk
     limit = session.line.limit
     assert limit is not None
     monkeypatch.setattr(session.line, "limit", lambda seconds: (limits.append(seconds), limit(seconds)))
-    for _ in range(3):
-        session.step(robot.state())
-    assert len(limits) == 3
+    ticks = [session.step(robot.state()) for _ in range(3)]
+    said = 1 + sum(not (one.native and other.native) for one, other in itertools.pairwise(ticks))
+    assert len(limits) == said  # of native ticks in a row the first one says it
     assert max(limits) <= 0.0016
 
 

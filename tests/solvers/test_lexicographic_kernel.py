@@ -25,11 +25,16 @@ if lexicographic.kernel() == "":
     pytest.skip("built without the native kernel", allow_module_level=True)
 
 import hqp._lexicographic as native
+from hqp.solvers.stages import stage_tolerances
 
 SOURCE = Path(__file__).parent / "native" / "drive.cpp"
 HEADERS = Path(lexicographic.__file__).parents[1] / "cpp" / "solver"
 COMPILER = shutil.which("g++") or shutil.which("clang++") or shutil.which("c++")
 OPTIONS = (1e-9, 1e-11, 1e-11, 0.0, 0, 5, True)
+
+
+def made(n: int, rows: list[int], metric: bool = False) -> native.Workspace:
+    return native.Workspace(n, rows, metric, *OPTIONS, [False] * len(rows), **stage_tolerances())
 
 
 def hierarchy(n: int, *levels: tuple[Any, Any, Any], metric: object = None, origin: object = None) -> SimpleNamespace:
@@ -109,7 +114,7 @@ def test_the_interpreter_goes_on_while_the_kernel_solves() -> None:
     rng = np.random.default_rng(0)
     n, m = 400, 600
     A, b = rng.normal(size=(m, n)), rng.normal(size=m)
-    workspace = native.Workspace(n, [m], False, *OPTIONS)
+    workspace = made(n, [m])
     assert workspace.take(hierarchy(n, (A, b, b.copy())))
     busy, done = threading.Event(), threading.Event()
     refused = ticks = 0
@@ -152,7 +157,7 @@ def test_binding_survives_nonsense() -> None:
             good[rng.integers(3)] = _nonsense(rng)
         if rng.random() < 0.2:
             good[0] = SimpleNamespace(index=_nonsense(rng), scale=_nonsense(rng))
-        workspace = native.Workspace(3, [3], bool(rng.integers(2)), *OPTIONS)
+        workspace = made(3, [3], bool(rng.integers(2)))
         extras = [_nonsense(rng) if rng.random() < 0.2 else None for _ in range(2)]
         if not workspace.take(hierarchy(3, tuple(good), metric=extras[0], origin=extras[1])):
             refused += 1
@@ -172,11 +177,11 @@ def test_binding_survives_nonsense() -> None:
 )
 def test_workspace_of_impossible_size(arguments: tuple[int, list[int], bool]) -> None:
     with pytest.raises(ValueError, match="lie in"):
-        native.Workspace(*arguments, *OPTIONS)
+        made(*arguments)
 
 
 def test_workspace_before_and_after_binding() -> None:
-    workspace = native.Workspace(2, [0, 1], False, *OPTIONS)
+    workspace = made(2, [0, 1])
     with pytest.raises(ValueError, match="take a problem"):
         workspace.solve()
     assert not workspace.take(hierarchy(2))
@@ -190,7 +195,7 @@ def test_workspace_before_and_after_binding() -> None:
 
 
 def test_bound_arrays_outlive_their_names() -> None:
-    workspace = native.Workspace(50, [50], False, *OPTIONS)
+    workspace = made(50, [50])
     for value in range(200):
         assert workspace.take(hierarchy(50, (np.eye(50), np.full(50, float(value)), np.full(50, float(value)))))
         np.zeros(2500)  # may take the memory of what was dropped

@@ -16,6 +16,7 @@ from hqp.arrays import Vec
 from hqp.errors import ProblemError, UnsupportedProblem
 from hqp.problem.null_directions import without_rounding
 from hqp.problem.pricing import is_met
+from hqp.solvers.stages import UNSETTLED
 from tests.scenes.calm import continuity
 
 STORED = np.load(Path(__file__).parents[1] / "data" / "calm20.npz")
@@ -181,8 +182,7 @@ def test_levels_are_settled_without_a_stage_while_limits_bind() -> None:
         assert solution.stats.iterations < 20
         exact = solver.solve(problem.exact())
         np.testing.assert_allclose(solution.x, exact.x, atol=1e-9)
-        stages, _ = workspace.stages
-        turned += stages.effort()[0]
+        turned += workspace.native.effort()[0]
         binding.add(solution.active[0].tobytes())
     assert len(binding) > 20
     assert turned == 0, f"{turned} steps of stages that found every level met"
@@ -260,7 +260,7 @@ def test_stages_keep_the_deadline() -> None:
     assert whole.stage_points is not None
     workspace.reset()
     workspace.limit(np.inf)
-    workspace._left = lambda: 1e-9  # the exact levels took all of it
+    workspace.native.limit_stages(1e-9)  # the exact levels took all of it
     stopped = workspace.solve(problem)
     assert stopped.status is Status.TIME_LIMIT
     assert np.all(problem.levels[0].slack(stopped.x) == 0.0)
@@ -362,7 +362,7 @@ def test_a_tick_solves_its_stages_once() -> None:
     workspace = hqp.solvers.load("lexicographic").workspace(problem.shape)
 
     class Counting:
-        solves = 0
+        more = 0
 
         def __init__(self, stages: Any) -> None:
             self._stages = stages
@@ -370,14 +370,16 @@ def test_a_tick_solves_its_stages_once() -> None:
         def __getattr__(self, name: str) -> Any:
             return getattr(self._stages, name)
 
-        def solve(self, *arguments: Any) -> int:
-            Counting.solves += 1
-            return int(self._stages.solve(*arguments))
+        def follow(self, x: Any) -> bool:
+            Counting.more += 1
+            return bool(self._stages.follow(x))
 
-    workspace._native = Counting(workspace._native)  # type: ignore[attr-defined]
+    workspace.native = Counting(workspace.native)  # type: ignore[attr-defined]
     solve, *_ = workspace.kernel(problem)  # type: ignore[attr-defined]
-    answer = workspace.answer(problem, solve())  # type: ignore[attr-defined]
-    assert Counting.solves == 1
+    counts = solve()
+    answer = workspace.answer(problem, counts)  # type: ignore[attr-defined]
+    assert counts[0] == UNSETTLED
+    assert Counting.more == 0
     expected = hqp.solvers.load("lexicographic").solve(problem)
     np.testing.assert_array_equal(answer.x, expected.x)
     np.testing.assert_array_equal(answer.stage_points, expected.stage_points)

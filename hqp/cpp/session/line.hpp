@@ -53,26 +53,26 @@ class Line {
                     twists(root_.part("motion"))),
         assembly_(bodies(root_.part("motion").part("bodies"), nv_), twists(root_.part("motion")), nq_,
                   root_.part("guards").number("dt"), root_.part("motion").integer("order")),
-        solve_(root_.part("solver"), variables(root_.part("motion"))) {
+        solve_(solver_of(root_.part("solver"), variables(root_.part("motion")))) {
     if (nq_ < 1 || kinematics_.size() != nq_ || assembly_.size() != nv_)
       throw PlanError("the tree of the plan is another one");
     largest_ = root_.part("guards").number("largest");
-    rows_ = solve_.exact().rows();
+    rows_ = solve_->exact().rows();
     int total = 0;
     for (const int m : rows_) starts_.push_back(total), total += m;
     slacks_.resize(std::size_t(total)), marks_.resize(std::size_t(total));
     fill(root_.part("motion"));
     if (root_.part("motion").has("torque")) {
       torque_ = std::make_unique<TorqueParts>(root_.part("motion").part("torque"));
-      torque_->before(&solve_.call(), &assembly_);
+      torque_->before(solve_.get(), &assembly_);
       if (torque_->coordinates() != std::size_t(nv_)) throw PlanError("the elimination of the plan is of another tree");
     }
     if (torque_ ? order() != 2 || !root_.part("motion").has("dynamics") : order() != 1 && order() != 2)
       throw PlanError("the plan is of an unknown order");
     for (const Node& one : root_.parts("elements")) members_.push_back(member(one)), bind_free(members_.back());
     still_.resize(std::size_t(nv_));
-    holding_.resize(std::size_t(solve_.exact().size())), felt_.resize(holding_.size());
-    origin_ = root_.part("solver").maybe("origin", std::size_t(solve_.exact().size()));
+    holding_.resize(std::size_t(solve_->exact().size())), felt_.resize(holding_.size());
+    origin_ = root_.part("solver").maybe("origin", std::size_t(solve_->exact().size()));
     if (torque_ && origin_) weight_.resize(std::size_t(nv_));
   }
   Line(const Line&) = delete;
@@ -84,7 +84,7 @@ class Line {
   double dt() const { return assembly_.dt(); }
   Kinematics& kinematics() { return kinematics_; }
   Assembly& assembly() { return assembly_; }
-  PlannedSolve& solver() { return solve_; }
+  LevelSolve& solver() { return *solve_; }
   TorqueParts* torque() { return torque_.get(); }
   std::vector<Slot>& slots() { return slots_; }
   const std::vector<Member>& members() const { return members_; }
@@ -99,7 +99,7 @@ class Line {
     assembly_.demand(velocity);
   }
   Solved solve(const double* v) {
-    if (!torque_) return solve_.call().run(v);
+    if (!torque_) return solve_->run(v);
     if (!weight_.empty()) {  // what the levels leave is settled by min |tau - tau_g|
       assembly_.weight(weight_.data());
       if (!torque_->hold(weight_.data(), origin_)) return {kInvalid};
@@ -108,7 +108,7 @@ class Line {
   }
 
   Answered answer(const Solved& found) {
-    BoundKernel& exact = solve_.exact();
+    BoundKernel& exact = solve_->exact();
     if (found.outcome == kUnsettled) return unsettled();
     const double* values = found.values ? found.values : exact.numbers().data();
     const Status status = statuses()[found.outcome < 0 || found.outcome > 5 ? 3 : found.outcome];
@@ -119,12 +119,12 @@ class Line {
   bool slack(const double* x) {
     bool any = false;
     std::size_t at = 0;
-    for (const Level& level : solve_.exact().levels)
+    for (const Level& level : solve_->exact().levels)
       for (int i = 0; i < level.m; ++i, ++at) {
         double value = 0.0;
         if (level.A)
-          for (int j = 0; j < solve_.exact().size(); ++j)
-            value += level.A[std::size_t(i) * solve_.exact().size() + j] * x[j];
+          for (int j = 0; j < solve_->exact().size(); ++j)
+            value += level.A[std::size_t(i) * solve_->exact().size() + j] * x[j];
         else value = level.scale[i] * x[level.index[i]];
         slacks_[at] = hqp::slack(value, level.lower[i], level.upper[i]);
         any = any || slacks_[at] != 0.0;
@@ -204,16 +204,16 @@ class Line {
 
   // The rule for answers that were cut.
   Late late(double violation) {
-    BoundKernel& exact = solve_.exact();
-    const hqp::Law* law = solve_.law();
+    BoundKernel& exact = solve_->exact();
+    const hqp::Law* law = solve_->law();
     return {exact.size(), exact.levels, exact.problem.constraints, law ? *law : hqp::Law{}, violation};
   }
 
   bool constrains(const Member& member) {
-    return member.level >= 0 && member.level < solve_.exact().problem.constraints;
+    return member.level >= 0 && member.level < solve_->exact().problem.constraints;
   }
   int start(const Member& member) const { return starts_[std::size_t(member.level)]; }
-  const Level& level(const Member& member) { return solve_.exact().levels[std::size_t(member.level)]; }
+  const Level& level(const Member& member) { return solve_->exact().levels[std::size_t(member.level)]; }
 
  private:
   static const Status* statuses() {
@@ -223,19 +223,19 @@ class Line {
   }
   // Of stages that ended early, or with constraints violated.
   Answered unsettled() {
-    PricedStages& stages = solve_.staged()->stages();
-    const bool off = solve_.describe(slacks_.data(), marks_.data());
-    Status status = !stages.ended()     ? solve_.limited() ? Status::kTimeLimit : Status::kIterationLimit
+    PricedStages& stages = solve_->stages();
+    const bool off = solve_->describe(solve_->end().data(), slacks_.data(), marks_.data());
+    Status status = !stages.ended()     ? solve_->limited() ? Status::kTimeLimit : Status::kIterationLimit
                     : stages.doubtful() ? Status::kRankUncertain
                                         : Status::kOptimal;
     if (off && status <= Status::kRankUncertain) status = Status::kConstraintsViolated;
-    return {status, solve_.end(), slacks_.data(), marks_.data()};
+    return {status, solve_->end().data(), slacks_.data(), marks_.data()};
   }
 
   // Where a member's rows are made free.
   void bind_free(Member& member) {
     if (member.row < member.row_end || member.level < 0 || member.first == member.last) return;
-    const Level& level = solve_.exact().levels[std::size_t(member.level)];
+    const Level& level = solve_->exact().levels[std::size_t(member.level)];
     member.lower = const_cast<double*>(level.lower) + member.first;
     member.upper = const_cast<double*>(level.upper) + member.first;
     if (root_.part("motion").has("torque") && root_.part("motion").part("torque").has("forces"))
@@ -333,7 +333,7 @@ class Line {
   int nq_, nv_;
   Kinematics kinematics_;
   Assembly assembly_;
-  PlannedSolve solve_;
+  std::unique_ptr<LevelSolve> solve_;
   Laws laws_{};
   std::vector<Slot> slots_;
   std::vector<std::string> slot_names_;

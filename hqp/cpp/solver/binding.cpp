@@ -1,4 +1,4 @@
-// Python's view of the kernel: a workspace bound once to the arrays of a hierarchy, solved many times.
+// Python's view of the kernel and the stages: a workspace bound once to the arrays of a hierarchy, solved many times.
 #include <atomic>
 #include <chrono>
 #include <cstdlib>
@@ -13,8 +13,8 @@
 
 #include "../common/capsule.hpp"
 #include "../common/isa.hpp"
+#include "../priced/level_solve.hpp"
 #include "batch.hpp"
-#include "bound_kernel.hpp"
 #include "kernel.hpp"
 #include "reading.hpp"
 
@@ -33,6 +33,11 @@ namespace {
 
 [[noreturn]] void refuse(const std::string& text) { throw nb::value_error(text.c_str()); }
 
+using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Written = nb::ndarray<double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using WrittenMarks = nb::ndarray<std::int8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Slots = nb::ndarray<const std::int32_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+
 // Names of the fields that solution() sets.
 struct Keys {
   nb::str x{"x"}, status{"status"}, detail{"detail"}, multipliers{"multipliers"}, stage_points{"stage_points"},
@@ -41,11 +46,12 @@ struct Keys {
 
 class Workspace final : public hqp::SolveCall {
  public:
-  // Seconds for the next solves, none if zero.
-  void limit(double seconds) override { kernel_.limit(seconds); }
-
-  Workspace(int n, const std::vector<int>& rows, bool metric, const hqp::Options& options)
-      : n_(n), metric_(metric), kernel_(checked(n), checked(rows), metric, options) {}
+  Workspace(int n, const std::vector<int>& rows, bool metric, const hqp::Options& options,
+            const std::vector<char>& priced, const hqp::Tolerances& tolerances)
+      : n_(n),
+        metric_(metric),
+        priced_(checked(priced, rows)),
+        core_(checked(n), checked(rows), metric, options, priced, tolerances) {}
 
   // Keep the arrays among the attributes of a Hierarchy, to read them at every solve; false where its shape is another
   // or an array needs a conversion.
@@ -56,29 +62,45 @@ class Workspace final : public hqp::SolveCall {
 
   // x and slacks; marks; and both in one array, the marks as bytes behind the rest.
   nb::ndarray<nb::numpy, double, nb::ndim<1>> values() {
-    return {kernel_.numbers().data(), {kernel_.ends()}, nb::find(this)};
+    return {exact().numbers().data(), {exact().ends()}, nb::find(this)};
   }
   nb::ndarray<nb::numpy, std::int8_t, nb::ndim<1>> active() {
-    return {kernel_.marks(), {std::size_t(kernel_.total())}, nb::find(this)};
+    return {exact().marks(), {std::size_t(exact().total())}, nb::find(this)};
   }
   nb::ndarray<nb::numpy, double, nb::ndim<1>> numbers() {
-    return {kernel_.numbers().data(), {kernel_.numbers().size()}, nb::find(this)};
+    return {exact().numbers().data(), {exact().numbers().size()}, nb::find(this)};
   }
   nb::ndarray<nb::numpy, double, nb::ndim<1>> multipliers() {
-    return {kernel_.multipliers().data(), {std::size_t(kernel_.pairs())}, nb::find(this)};
+    return {exact().multipliers().data(), {std::size_t(exact().pairs())}, nb::find(this)};
+  }
+  // Of the latest stages: their points (levels, n), and the answer.
+  nb::ndarray<nb::numpy, double, nb::ndim<2>> points() {
+    return {core_.points().data(), {priced_.size(), std::size_t(n_)}, nb::find(this)};
+  }
+  nb::ndarray<nb::numpy, double, nb::ndim<1>> end() {
+    return {core_.end().data(), {core_.end().size()}, nb::find(this)};
   }
 
-  // Outcome, iterations, factorisations, judged; the numbers are in values(), active() and multipliers().
+  // Outcome, iterations, factorisations, judged; the numbers are in values() and active(), or those of the stages.
   nb::tuple solve() {
     const Lock lock(busy_);
-    const hqp::Answer answer = unlocked();
-    return nb::make_tuple(static_cast<int>(answer.outcome), answer.iterations, answer.factorisations, answer.judged);
+    require_bound();
+    hqp::Solved found;
+    {
+      const nb::gil_scoped_release release;
+      found = core_.solve();
+    }
+    return counts(found);
   }
-  hqp::Solved run(const double*) override {
+  hqp::Solved run(const double* v) override {
     const Lock lock(busy_);
     require_bound();
-    return kernel_.run(nullptr);
+    return core_.run(v);
   }
+  // Seconds for the next solves, none if zero; of the exact kernel, and of all else.
+  void limit(double seconds) override { core_.limit(seconds); }
+  void limit_exact(double seconds) { exact().limit(seconds); }
+  void limit_stages(double seconds) { core_.limit_stages(seconds); }
   // The same for another native module.
   nb::capsule call() { return hqp::capsule_of(this); }
 
@@ -121,36 +143,113 @@ class Workspace final : public hqp::SolveCall {
     set(made, key_.parts, parts_);
     set(made, key_.detail, answer.outcome == hqp::Outcome::not_certified ? stopped_ : answer.unsure ? unsure_ : empty_);
     set(made, key_.multipliers,
-        kernel_.options.multipliers ? split(copy(all_multipliers), pairs_of_levels_) : nb::object(nb::none()));
+        exact().options.multipliers ? split(copy(all_multipliers), pairs_of_levels_) : nb::object(nb::none()));
     set(made, key_.stage_points, nb::none());
     const std::chrono::duration<double> taken = std::chrono::steady_clock::now() - begin;
     set(made, key_.counts, nb::make_tuple(answer.iterations, answer.factorisations, build_seconds, taken.count()));
     return made;
   }
 
-  // Multipliers of the latest answer into multipliers(), false where they are not at hand.
-  bool tell() {
+  // The same, and its prices where it has some.
+  bool price(const nb::object& hierarchy) {
     const Lock lock(busy_);
-    return bound_ && kernel_.tell();
+    hqp::Law law;
+    if (!read(hierarchy) || !reader_.read_law(hierarchy, n_, priced_, exact().prices, law)) return false;
+    exact().prices = nullptr;
+    priced_by_ = hierarchy;
+    core_.bind(law);
+    return true;
+  }
+  // The parts of solve() where stages go on from an exact answer that Python has judged, see LevelSolve.
+  nb::object begin() {
+    const Lock lock(busy_);
+    hqp::Solved found;
+    {
+      const nb::gil_scoped_release release;
+      if (!core_.begin(found)) found.outcome = hqp::kAskPython;
+    }
+    return found.outcome == hqp::kAskPython ? nb::none() : nb::object(counts(found));
+  }
+  bool follow(const Vector& x) {
+    const Lock lock(busy_);
+    const double* from = sized(x, n_);
+    const nb::gil_scoped_release release;
+    return core_.follow(from, 0) >= 0;
+  }
+  int head() const { return core_.head(); }
+  double elapsed() const { return core_.elapsed(); }
+  void untold() { core_.untold(); }
+
+  // Steps of the latest stages, whether all reached their optima, whether directions were uncertain, whether the answer
+  // depends on such, and whether that or an end is in doubt.
+  nb::tuple effort() {
+    hqp::PricedStages& latest = core_.stages();
+    return nb::make_tuple(latest.iterations(), latest.ended(), latest.uncertain(), latest.undecided(),
+                          latest.doubtful());
+  }
+  // slack (rows) and marks (rows) of x, as in Solution; whether a constraint is violated.
+  bool describe(const Vector& x, const Written& slack, const WrittenMarks& marks) {
+    const std::size_t total = std::size_t(exact().total());
+    return core_.describe(sized(x, n_), sized(slack, total), sized(marks, total));
+  }
+
+  // Multipliers of the latest answer, live: rows above each level, then its own; none of stages whose exact levels have
+  // none, None where they are not at hand.
+  nb::object tell() {
+    const Lock lock(busy_);
+    hqp::BoundKernel* const teller = bound_ ? core_.teller() : nullptr;
+    if (!teller && !core_.staged()) return nb::none();
+    const std::size_t count = teller ? std::size_t(teller->pairs()) : 0;
+    double* const numbers = (teller ? teller : &exact())->multipliers().data();
+    return nb::cast(nb::ndarray<nb::numpy, double, nb::ndim<1>>(numbers, {count}, nb::find(this)));
+  }
+  // What account() reads beside the rows: the element of each, and how close to rest an inequality holds that binds in
+  // a stage alone.  False where the rows have to be converted.
+  bool accounts(const nb::object& hierarchy, const Slots& owner, int elements, double near) {
+    const Lock lock(busy_);
+    sized(owner, std::size_t(exact().total()));
+    for (std::size_t i = 0; i < owner.size(); ++i)
+      if (owner(i) < 0 || owner(i) >= elements) refuse("a row of no element");
+    if (!core_.bound()) {
+      if (!is_bound(hierarchy) && !read(hierarchy)) return false;
+      core_.bind({});
+    }
+    owner_.assign(owner.data(), owner.data() + owner.size());
+    elements_ = elements;
+    near_ = near;
+    return true;
+  }
+  // What holds every level back, of the latest solve, for the slacks of all rows, the answer and the multipliers of
+  // the first exact levels, into one vector: numbers (elements, 4), shares (levels, elements + 1), worth (levels).
+  void account(const Vector& w, const Vector& x, const Vector& told, const Written& out) {
+    const Lock lock(busy_);
+    const std::size_t E = static_cast<std::size_t>(elements_), levels = priced_.size();
+    if (!E) refuse("accounts() comes first");
+    double* const to = sized(out, 4 * E + levels * (E + 2));
+    core_.stages().account({core_.points().data(), sized(w, owner_.size()), owner_.data(), elements_,
+                            told.size() ? told.data() : nullptr, told.size(), sized(x, n_), near_},
+                           to, to + 4 * E, to + 4 * E + levels * (E + 1));
   }
 
   void reset(bool plain) {
     const Lock lock(busy_);
-    kernel_.reset(plain);
+    plain ? exact().reset(true) : core_.reset();
   }
   void turn(const std::vector<bool>& out) {
     const Lock lock(busy_);
-    kernel_.turn(out);
+    core_.turn(out);
   }
 
   int traverse(visitproc visit, void* arg) {
     Py_VISIT(kept_.ptr());
+    Py_VISIT(priced_by_.ptr());
     Py_VISIT(solution_.ptr());
     Py_VISIT(statuses_.ptr());
     return 0;
   }
   void clear() {
     kept_.reset();
+    priced_by_.reset();
     solution_.reset();
     statuses_.reset();
     bound_ = nullptr;
@@ -163,8 +262,17 @@ class Workspace final : public hqp::SolveCall {
   hqp::Answer unlocked() {
     require_bound();
     const nb::gil_scoped_release release;
-    return kernel_.solve();
+    return core_.solve_exact();
   }
+  static nb::tuple counts(const hqp::Solved& found) {
+    return nb::make_tuple(found.outcome, found.iterations, found.factorisations, found.judged);
+  }
+  template <class Array>
+  static auto sized(const Array& a, std::size_t size) -> decltype(a.data()) {
+    if (a.size() != size) refuse("an array has a wrong shape");
+    return a.data();
+  }
+  hqp::BoundKernel& exact() { return core_.exact(); }
 
   void require_bound() const {
     if (!bound_) refuse("take a problem first");
@@ -180,14 +288,19 @@ class Workspace final : public hqp::SolveCall {
     return rows;
   }
 
+  static const std::vector<char>& checked(const std::vector<char>& priced, const std::vector<int>& rows) {
+    if (priced.size() != rows.size()) refuse("a level is priced or not");
+    return priced;
+  }
+
   bool is_bound(const nb::object& what) const { return what.ptr() == bound_; }
 
   bool read(const nb::object& hierarchy) {
     bound_ = nullptr;
     hqp::Problem problem;
-    if (!reader_.read(hierarchy, n_, kernel_.rows(), metric_, kernel_.levels.data(), problem, kernel_.prices))
+    if (!reader_.read(hierarchy, n_, exact().rows(), metric_, exact().levels.data(), problem, exact().prices))
       return false;
-    kernel_.problem = problem;
+    exact().problem = problem;
     kept_ = hierarchy;
     bound_ = hierarchy.ptr();
     return true;
@@ -232,12 +345,16 @@ class Workspace final : public hqp::SolveCall {
 
   int n_;
   bool metric_;
-  hqp::BoundKernel kernel_;
+  std::vector<char> priced_;
+  hqp::LevelSolve core_;
   hqp::Reader reader_;
-  nb::object kept_, solution_, head_;
+  nb::object kept_, priced_by_, solution_, head_;
   const PyObject* bound_ = nullptr;  // what was bound, alive in `kept_`; null if nothing is
   nb::tuple statuses_, parts_, pairs_of_levels_, none_;
   nb::str stopped_{""}, unsure_{""}, empty_{""};
+  std::vector<std::int32_t> owner_;  // of each row
+  int elements_ = 0;
+  double near_ = 0.0;
   Keys key_;
   std::atomic<bool> busy_{false};
 };
@@ -267,19 +384,34 @@ NB_MODULE(_lexicographic, m) {
   nb::class_<Workspace>(m, "Workspace", nb::type_slots(slots))
       .def(
           "__init__",
-          [](Workspace* self, int n, const nb::list& rows, bool metric, double rank, double multiplier,
-             double feasibility, double time_limit, int max_iterations, int exchanges, bool multipliers) {
-            std::vector<int> sizes;
-            for (nb::handle h : rows) sizes.push_back(nb::cast<int>(h));
-            new (self) Workspace(n, sizes, metric,
-                                 {rank, multiplier, feasibility, time_limit, max_iterations, exchanges, multipliers});
+          [](Workspace* self, int n, const std::vector<int>& rows, bool metric, double rank, double multiplier,
+             double feasibility, double time_limit, int max_iterations, int exchanges, bool multipliers,
+             const std::vector<bool>& priced, double met, double flat, double accurate, double resting, double rounded,
+             double activity, double violation) {
+            new (self) Workspace(
+                n, rows, metric, {rank, multiplier, feasibility, time_limit, max_iterations, exchanges, multipliers},
+                {priced.begin(), priced.end()}, {met, flat, accurate, resting, rounded, activity, violation});
           },
           "n"_a, "rows"_a, "metric"_a, "rank_tolerance"_a, "multiplier_tolerance"_a, "feasibility_tolerance"_a,
-          "time_limit"_a, "max_iterations"_a, "exchanges"_a, "multipliers"_a)
+          "time_limit"_a, "max_iterations"_a, "exchanges"_a, "multipliers"_a, "priced"_a, "met"_a, "flat"_a,
+          "accurate"_a, "resting"_a, "rounded"_a, "activity"_a, "violation"_a)
       .def("take", &Workspace::take, "hierarchy"_a)
       .def("solve", &Workspace::solve)
       .def("call", &Workspace::call)
-      .def("limit", &Workspace::limit, "seconds"_a)
+      .def("limit", &Workspace::limit_exact, "seconds"_a)
+      .def("limit_stages", &Workspace::limit_stages, "seconds"_a)
+      .def("price", &Workspace::price, "hierarchy"_a)
+      .def("begin", &Workspace::begin)
+      .def("follow", &Workspace::follow, "x"_a)
+      .def_prop_ro("head", &Workspace::head)
+      .def("elapsed", &Workspace::elapsed)
+      .def("untold", &Workspace::untold)
+      .def("effort", &Workspace::effort)
+      .def("describe", &Workspace::describe, "x"_a, "slack"_a, "marks"_a)
+      .def("accounts", &Workspace::accounts, "hierarchy"_a, "owner"_a, "elements"_a, "near"_a)
+      .def("account", &Workspace::account, "w"_a, "x"_a, "multipliers"_a, "out"_a)
+      .def("points", &Workspace::points)
+      .def("end", &Workspace::end)
       .def("report_as", &Workspace::report_as, "solution"_a, "statuses"_a, "slack"_a, "active"_a, "multipliers"_a,
            "stopped"_a, "unsure"_a)
       .def("solution", &Workspace::solution, "hierarchy"_a.none(), "build_seconds"_a, "numbers"_a, "multipliers"_a)

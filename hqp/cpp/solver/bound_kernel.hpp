@@ -4,13 +4,11 @@
 #include <memory>
 #include <vector>
 
-#include "../common/solve_call.hpp"
-#include "../common/warm_sets.hpp"
 #include "kernel.hpp"
 
 namespace hqp {
 
-class BoundKernel final : public SolveCall {
+class BoundKernel {
  public:
   BoundKernel(int n, std::vector<int> rows, bool metric, const Options& given) : options(given), n_(n), rows_(rows) {
     for (const int m : rows_) pairs_ += total_ += m;
@@ -38,12 +36,8 @@ class BoundKernel final : public SolveCall {
     kernel_->solve(problem, options, answer);
     return answer;
   }
-  Solved run(const double*) override {
-    const Answer answer = solve();
-    return {static_cast<int>(answer.outcome), answer.iterations, answer.factorisations, answer.judged};
-  }
   // Seconds for the next solves, none if zero.
-  void limit(double seconds) override { options.time_limit = seconds; }
+  void limit(double seconds) { options.time_limit = seconds; }
 
   // Multipliers of the latest answer into multipliers(), false where they are not at hand.
   bool tell() {
@@ -52,13 +46,8 @@ class BoundKernel final : public SolveCall {
     answer.multipliers = lambda_.data();
     return kernel_->tell(problem, answer);
   }
-  void reset(bool plain) {
-    kernel_->reset(plain);
-    sets_.forget();
-  }
+  void reset(bool plain) { kernel_->reset(plain); }
   void keep(CarryOver& warm) { kernel_->keep(warm); }
-  // The next solves are without the rows of these elements, see WarmSets.
-  void turn(const WarmSets::Out& out) { sets_.turn(*kernel_, out); }
 
   int size() const { return n_; }
   int total() const { return total_; }
@@ -74,7 +63,6 @@ class BoundKernel final : public SolveCall {
   std::vector<int> rows_;
   int total_ = 0, pairs_ = 0;
   std::unique_ptr<Kernel> kernel_;
-  WarmSets sets_;
   std::size_t ends_ = 0;
   std::vector<double> numbers_, lambda_;
 };

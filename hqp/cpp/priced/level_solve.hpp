@@ -1,0 +1,239 @@
+// All levels in one solve: exactly where that settles every level with a price, else by stages from the first that it
+// does not.
+#pragma once
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "../common/isa.hpp"
+#include "../common/solve_call.hpp"
+#include "../common/warm_sets.hpp"
+#include "../solver/bound_kernel.hpp"
+#include "stages.hpp"
+
+namespace hqp {
+
+constexpr int kUnsettled = 98;  // an outcome: the exact answer does not settle every priced level
+
+class LevelSolve final : public SolveCall {
+ public:
+  // priced: of each level, whether it may have a price.
+  LevelSolve(int n, const std::vector<int>& rows, bool metric, const Options& options, std::vector<char> priced,
+             const Tolerances& tolerances)
+      : exact_(n, rows, metric, options),
+        metric_(metric),
+        priced_(std::move(priced)),
+        tolerances_(tolerances),
+        points_(rows.size() * std::size_t(n), std::numeric_limits<double>::quiet_NaN()),
+        end_(std::size_t(n)),
+        limit_(options.time_limit) {
+    if (std::find(priced_.begin(), priced_.end(), 1) != priced_.end()) make_stages();
+  }
+  LevelSolve(const LevelSolve&) = delete;
+
+  // To be filled by whoever binds it: its levels, and the problem.
+  BoundKernel& exact() { return exact_; }
+  // To be called once they are; without prices the stages only know the rows.
+  void bind(const Law& law) {
+    if (!stages_) make_stages();
+    law_ = law;
+    has_prices_ = law.prices;
+    none_.assign(count(), 0.0);
+    if (!has_prices_) law_.prices = none_.data(), law_.eta = 1.0;
+    for (std::size_t k = 0; k < count(); ++k) {
+      const Level& level = exact_.levels[k];
+      stages_->levels()[k] = {level.m, level.A, level.index, level.scale, level.lower, level.upper};
+    }
+    stages_->bind(law_, {exact_.problem.metric, exact_.problem.origin});
+    values_.resize(exact_.ends()), marks_.resize(std::size_t(exact_.total()));
+    for (const auto& [level, head] : heads_) bind(*head), head->reset(false);
+    head_ = 0, bound_ = true;
+  }
+  // The kernels of the levels above each that may be the first that is not settled.
+  void make_heads() {
+    if (!heads_.empty() || !has_prices_) return;
+    for (std::size_t k = 1; k < count(); ++k) {
+      if (!priced_[k]) continue;
+      Options options = exact_.options;
+      options.multipliers = false, options.time_limit = limit_;
+      const auto& rows = exact_.rows();
+      const std::vector<int> above(rows.begin(), rows.begin() + std::ptrdiff_t(k));
+      heads_.emplace_back(static_cast<int>(k), std::make_unique<BoundKernel>(exact_.size(), above, metric_, options));
+      bind(*heads_.back().second);
+    }
+  }
+  bool bound() const { return bound_; }
+  const Law* law() const { return has_prices_ ? &law_ : nullptr; }
+  PricedStages& stages() { return *stages_; }
+
+  Solved run(const double*) override {
+    Solved found = solve();
+    if (found.outcome != kUnsettled || !stages_->ended() || stages_->doubtful()) return found;
+    double square = 0.0;
+    for (const double x : end_) square += x * x;
+    if (!(square < INFINITY)) return found;
+    std::copy(end_.begin(), end_.end(), values_.begin());
+    if (describe(end_.data(), values_.data() + end_.size(), marks_.data())) return found;
+    found.outcome = kOptimal;
+    found.iterations += stages_->iterations();
+    found.values = values_.data(), found.active = marks_.data();
+    found.points = points_.data(), found.point_count = points_.size();
+    return found;
+  }
+  // The same, but the answer of stages, at end(), is the caller's to tell.
+  Solved solve() {
+    Solved found;
+    if (begin(found)) return found;
+    found = told(solve_exact());
+    // Far out of reach the exact answer is so large that its lower levels cannot be certified; the stages need only
+    // that the levels without a price are met.
+    const double* x = exact_.numbers().data();
+    const bool near = begins(found) || (found.outcome == kNotCertified && has_prices_ && stages_->unpriced_met(x));
+    if (near && follow(x, 0) >= 0) found.outcome = kUnsettled;
+    return found;
+  }
+  // Its parts.  Stages from the exact answer of the levels above the one that was not met last: far out of reach the
+  // exact answer of all levels is large, ill-conditioned and of no use.  False where that level is met by now, or the
+  // levels above have no optimum: the exact hierarchy decides, in what is left of the time.
+  bool begin(Solved& found) {
+    began_ = Clock::now();
+    if (!head_) return false;
+    make_heads();
+    const int level = std::exchange(head_, 0);
+    BoundKernel& head = this->head(level);
+    found = told(head.solve());
+    if (begins(found) && follow(head.numbers().data(), level) >= 0) {
+      found.outcome = kUnsettled;
+      return true;
+    }
+    const bool cut = found.outcome == kTimeLimit || found.outcome == kIterationLimit;
+    if (cut) head_ = level;  // nothing tells that another level is the first that is not met
+    shortened_ = limit_ > 0.0;
+    if (shortened_) exact_.limit(left());
+    return false;
+  }
+  Answer solve_exact() {
+    source_ = 0, staged_ = false;
+    const Answer answer = exact_.solve();
+    if (std::exchange(shortened_, false)) exact_.limit(limit_);
+    return answer;
+  }
+  // As PricedStages::solve.
+  int follow(const double* x, int head) {
+    if (!has_prices_) return -1;
+    const int first = stages_->solve(x, head, left(), points_.data(), end_.data());
+    staged_ = first >= 0 && stages_->ended();
+    source_ = first < 0 || staged_ ? head : kNone;
+    head_ = std::max(first, 0);
+    return first;
+  }
+
+  // Of the latest stages: points (levels, n), and the answer.
+  std::vector<double>& points() { return points_; }
+  std::vector<double>& end() { return end_; }
+  // Slacks and marks of all rows at x; whether a constraint is violated.
+  bool describe(const double* x, double* slack, std::int8_t* marks) {
+    return stages_->describe(x, exact_.problem.constraints, slack, marks);
+  }
+  // The level above which all are settled, for the next solve; 0 for none known.
+  int head() const { return head_; }
+  void begin_at(int head) { head_ = head; }
+  // Since the latest solve began [s].
+  double elapsed() const { return std::chrono::duration<double>(Clock::now() - began_).count(); }
+
+  // The kernel that knows multipliers of the latest answer, those of the levels above the stages where these gave it;
+  // null where they are not at hand.
+  BoundKernel* teller() {
+    BoundKernel* kernel = source_ == kNone ? nullptr : source_ ? &head(source_) : &exact_;
+    return kernel && kernel->tell() ? kernel : nullptr;
+  }
+  bool staged() const { return staged_; }
+  // The latest answer is one that was not found here.
+  void untold() { source_ = kNone, staged_ = false; }
+
+  // Time for the next solves [s], none for 0; that of the exact kernel is its own.
+  void limit(double seconds) override {
+    exact_.limit(seconds);
+    limit_stages(seconds);
+  }
+  void limit_stages(double seconds) {
+    limit_ = seconds;
+    for (const auto& [level, head] : heads_) head->limit(seconds);
+  }
+  bool limited() const { return limit_ > 0.0; }
+
+  // All that goes over from one solve to the next.
+  void keep(CarryOver& warm) {
+    exact_.keep(warm);
+    for (const auto& [level, head] : heads_) head->keep(warm);
+    warm.take(head_);
+    if (has_prices_) stages_->keep(warm);
+  }
+  // The next solves are without the rows of these elements, see WarmSets.
+  void turn(const WarmSets::Out& out) {
+    make_heads();
+    sets_.turn(*this, out);
+  }
+  void make_room(std::size_t elements) { sets_.make_room(*this, elements); }  // for all sets of these
+  void reset() {
+    exact_.reset(false);
+    for (const auto& [level, head] : heads_) head->reset(false);
+    if (stages_) stages_->reset();
+    head_ = 0;
+    sets_.forget();
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  static constexpr int kNone = -1;
+
+  std::size_t count() const { return exact_.rows().size(); }
+  void make_stages() {
+    const std::unique_ptr<bool[]> marks(new bool[count()]());
+    std::copy(priced_.begin(), priced_.end(), marks.get());
+    stages_.reset(HQP_FOR_MACHINE(make_stages, exact_.size(), static_cast<int>(count()), exact_.rows().data(),
+                                  marks.get(), tolerances_));
+  }
+  // Of the levels above.
+  void bind(BoundKernel& head) const {
+    head.levels.assign(exact_.levels.begin(), exact_.levels.begin() + std::ptrdiff_t(head.rows().size()));
+    head.problem = exact_.problem;
+    head.problem.levels = head.levels.data();
+    head.problem.count = static_cast<int>(head.levels.size());
+    head.problem.constraints = std::min(exact_.problem.constraints, head.problem.count);
+  }
+  BoundKernel& head(int level) {
+    return *std::find_if(heads_.begin(), heads_.end(), [&](const auto& one) { return one.first == level; })->second;
+  }
+  double left() const { return limit_ > 0.0 ? std::max(limit_ - elapsed(), 1e-6) : 0.0; }
+  static Solved told(const Answer& answer) {
+    return {static_cast<int>(answer.outcome), answer.iterations, answer.factorisations, answer.judged};
+  }
+  // Whether stages can start from an answer: one of uncertain rank keeps to the levels above as well.
+  static bool begins(const Solved& solved) { return solved.outcome == kOptimal || solved.outcome == kUncertain; }
+
+  BoundKernel exact_;
+  bool metric_;
+  std::vector<char> priced_;
+  Tolerances tolerances_;
+  std::unique_ptr<PricedStages> stages_;
+  std::vector<std::pair<int, std::unique_ptr<BoundKernel>>> heads_;
+  WarmSets sets_;
+  Law law_;
+  bool bound_ = false, has_prices_ = false;
+  std::vector<double> none_, points_, end_, values_;
+  std::vector<std::int8_t> marks_;
+  double limit_;
+  bool shortened_ = false;
+  int head_ = 0;
+  int source_ = 0;  // of the latest answer: 0 for the exact kernel, the level of a head, kNone for neither
+  bool staged_ = false;
+  Clock::time_point began_;
+};
+
+}  // namespace hqp
