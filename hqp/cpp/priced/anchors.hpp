@@ -11,17 +11,11 @@
 #include <cmath>
 #include <vector>
 
-#include "../solver/metric_root.hpp"
 #include "coordinates.hpp"
 #include "stages.hpp"
 
 namespace hqp {
 inline namespace HQP_ISA {
-
-constexpr double kLost =
-    1e-8;  // of a row of a level: directions that it sees less; sizes further apart lose all digits of a sum
-constexpr double kUnseen = 1e-10;     // of a row: what it sees of such a direction, not to see it
-constexpr double kNearlyFree = 1e-6;  // what a unit of them counts, of the least that it sees
 
 struct Anchor {
   int level = 0, first = 0;  // its first row among all rows
@@ -45,7 +39,6 @@ class Motions {
         base_(n, flat),
         here_(n, flat),
         over_(n, kLost, kNearlyFree, true),
-        choice_(n, kLost, kNearlyFree, true),
         ld_(padded(n)),
         basis_(static_cast<std::size_t>(n) * ld_),
         flat_(static_cast<std::size_t>(n) * ld_),
@@ -58,8 +51,7 @@ class Motions {
     for (auto* part : {&weight_, &mean_}) part->reserve(count);
     stack_.reserve(static_cast<std::size_t>(most + count) * n_);
     target_.reserve(most + count);
-    root_.reserve(static_cast<std::size_t>(n_) * n_);
-    base_.reserve(r), here_.reserve(r), over_.reserve(most + count), choice_.reserve(n_);
+    base_.reserve(r), here_.reserve(r), over_.reserve(most + count);
   }
 
   void set(const double* F, const double* f, int r) {
@@ -171,33 +163,6 @@ class Motions {
     return over_;
   }
 
-  // Coordinates y in which |y|^2 / 2 is half the square of the metric's length of x + Z z - origin, or of its length
-  // where there is none; Z' (free, n).
-  const Coordinates& choice(const double* metric, const double* origin, const double* Z, int free, const double* x) {
-    choice_.resize(free);
-    std::copy(x, x + n_, step_.begin());
-    for (int j = 0; j < n_ && origin; ++j) step_[j] -= origin[j];
-    if (!metric) {
-      target_.resize(free);
-      for (int q = 0; q < free; ++q) target_[q] = -dot_any(Z + static_cast<std::size_t>(q) * n_, step_.data(), n_);
-      choice_.set(nullptr, target_.data(), 0);
-      return choice_;
-    }
-    root_.resize(static_cast<std::size_t>(n_) * n_);
-    const int rank = metric_root(metric, n_, root_.data(), row_.data());
-    stack_.assign(static_cast<std::size_t>(std::max(rank, 1)) * free, 0.0);
-    target_.assign(std::max(rank, 1), 0.0);
-    for (int i = 0; i < rank; ++i) {
-      const double* a = &root_[static_cast<std::size_t>(i) * n_];
-      double* b = &stack_[static_cast<std::size_t>(i) * free];
-      dots_any(a, Z, n_, free, n_, b);
-      if (dot_any(b, b, free) > kUnseen * kUnseen * dot_any(a, a, n_)) target_[i] = -dot_any(a, step_.data(), n_);
-      else std::fill(b, b + free, 0.0);
-    }
-    choice_.set(stack_.data(), target_.data(), std::max(rank, 1));
-    return choice_;
-  }
-
  private:
   // sum[j] += scale (a F^+ e_j)^2 of a row a whose coordinates are row_.
   void add_squares(double scale, double* sum) {
@@ -282,11 +247,11 @@ class Motions {
   int n_, r_ = 0, count_ = 0;
   double rounding_ = 0.0;
   const double *F_ = nullptr, *f_ = nullptr;
-  Coordinates base_, here_, over_, choice_;
+  Coordinates base_, here_, over_;
   int ld_, held_ = 0, flats_ = 0;
   std::vector<double> basis_, flat_;  // rows held, in motion coordinates: orthonormal where they see motion alone, and
                                       // where they see directions without motion
-  std::vector<double> row_, step_, weight_, mean_, stack_, target_, root_;
+  std::vector<double> row_, step_, weight_, mean_, stack_, target_;
 };
 
 }  // namespace HQP_ISA

@@ -14,6 +14,9 @@ namespace hqp {
 inline namespace HQP_ISA {
 
 constexpr double kFreeShare = 1e-5;  // of the least pivot of T: next to nothing
+constexpr double kLost =
+    1e-8;  // of a row of a level: directions that it sees less; sizes further apart lose all digits of a sum
+constexpr double kNearlyFree = 1e-6;  // what a unit of them counts, of the least that it sees
 
 class Coordinates {
  public:

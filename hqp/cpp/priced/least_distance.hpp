@@ -23,8 +23,7 @@ constexpr double kTurned = 1e-14;  // error of a row's direction
 class LeastDistance {
  public:
   // n: of y, at most.  deadline: ends every solve.
-  LeastDistance(int n, int rows, double rounded, Deadline& deadline)
-      : ld_(padded(n + 1)), space_(n, padded(n), rounded) {
+  LeastDistance(int n, int rows, Deadline& deadline) : ld_(padded(n + 1)), space_(n, padded(n), 0.0) {
     const std::size_t sides = 2 * static_cast<std::size_t>(rows);
     for (const bool placed : {false, true}) {
       if (placed) arena_.take();

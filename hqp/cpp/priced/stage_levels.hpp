@@ -10,7 +10,7 @@
 
 #include "account.hpp"
 #include "anchors.hpp"
-#include "least_distance.hpp"
+#include "choice.hpp"
 #include "settled.hpp"
 #include "stage_search.hpp"
 #include "stages.hpp"
@@ -40,7 +40,7 @@ class StageLevels final : public PricedStages {
         search_(total(levels, m) + most(levels, m) + 2 * variables_, n, variables_, most(levels, m),
                 tolerances.accurate, tolerances.rounded, deadline_),
         rows_(n, total(levels, m) + most(levels, m) + 2 * variables_, total(levels, m), padded(variables_)),
-        choice_(n, total(levels, m) + n, tolerances.rounded, deadline_) {
+        choice_(n, total(levels, m), tolerances.activity, tolerances.violation, deadline_) {
     last_ = -1;
     int rows = 0;
     for (int k = 0; k < levels; ++k) {
@@ -57,10 +57,6 @@ class StageLevels final : public PricedStages {
     w_.resize(most(levels, m));
     low_.resize(rows);
     high_.resize(rows);
-    const std::size_t all = static_cast<std::size_t>(n);
-    for (auto* part : {&free_, &seen_}) part->reserve(all * all);
-    for (auto* part : {&z_, &none_}) part->reserve(all);
-    rows_z_.reserve(static_cast<std::size_t>(rows) * all);
     anchors_.reserve(levels);
     spare_.resize(levels);
     for (Anchor& anchor : spare_) {
@@ -424,7 +420,7 @@ class StageLevels final : public PricedStages {
     if (reached) end_at_[k].clear();
     else end_at_[k] = x_;
     seen_by_ = &at;
-    open_ = leaves(search_, at, n_);
+    open_ = leaves(at);
   }
 
   // Whether what directions without motion count pulls, at y_, by more than rounding of a row's own gradient.
@@ -458,74 +454,27 @@ class StageLevels final : public PricedStages {
     }
   }
 
-  // Which of the answers, where the last level leaves a choice x_ + Z z, Z (n, free) the directions that it does not
-  // see: the shortest by the metric from the origin, then the shortest; hard and anchored rows as they are.
+  // The answer, where the last level leaves a choice: hard and anchored rows stay as they are.
   void finish() {
     if (!ended_ || !open_) return;
-    free_.resize(static_cast<std::size_t>(n_) * n_);
-    const int free = seen_by_->basis(false, free_.data());
-    z_.assign(free, 0.0);
-    const bool metric = completion_.metric != nullptr;
-    for (int pass = 0, seen = 0; pass < (metric ? 2 : 1) && (pass == 0 || open_); ++pass) {
-      const double* origin = pass ? nullptr : completion_.origin;
-      const Coordinates& at =
-          motions_.choice(pass ? nullptr : completion_.metric, origin, free_.data(), free, x_.data());
-      rows_.begin(at, free);
-      for (int q = 0; q < seen; ++q) choose_with(-1, &seen_[static_cast<std::size_t>(q) * free], 0.0, 0.0, z_.data());
-      gather_choice(free);
-      at.motion(z_.data(), y_.data());
-      ++iterations_;
-      if (!choice_.solve(rows_, free, y_.data())) {
-        inexact_ = true;
-        break;
-      }
-      at.point(y_.data(), z_.data());
-      seen_.resize(static_cast<std::size_t>(free) * free);
-      seen = at.basis(true, seen_.data());
-      open_ = leaves(choice_, at, free);
-    }
-    add_rows(x_.data(), free_.data(), n_, free, 1.0, z_.data(), 1, n_);
-  }
-
-  // Rows a (free,) that stay within these bounds on top of what they are at z; number: of those that may be held.
-  void choose_with(int number, const double* a, double low, double high, const double* z, StageRow to = {}) {
-    const double value = dot_any(a, z, rows_.n());
-    to.a = a, to.lower = value + low, to.upper = value + high;
-    to.number = number;
-    rows_.add(to);
-  }
-
-  void gather_choice(int free) {
-    rows_z_.resize(low_.size() * static_cast<std::size_t>(free));
-    none_.assign(free, 0.0);
-    double* a = rows_z_.data();
+    choice_.begin(seen_by_->basis(false, choice_.basis()), x_.data());
     std::size_t next = 0;
     for (int l = 0; l < static_cast<int>(level_.size()); ++l) {
       const Anchor* anchor = next < anchors_.size() && anchors_[next].level == l ? &anchors_[next++] : nullptr;
-      for (int i = 0; i < level_[l].m; ++i, a += free) {
+      for (int i = 0; i < level_[l].m; ++i) {
         const bool held = anchor && anchor->held[i];
-        double low = held ? anchor->low[i] : low_[first_[l] + i], high = held ? anchor->high[i] : high_[first_[l] + i];
-        if (low == -INFINITY && high == INFINITY) continue;
-        const double* whole = row(level_[l], i);
-        dots_any(whole, free_.data(), n_, free, n_, a);
-        const double length = std::sqrt(dot_any(whole, whole, n_));
-        if (std::sqrt(dot_any(a, a, free)) <= kUnseen * length) continue;
-        const double value = dot_any(whole, x_.data(), n_);
-        const bool equal = low == high;
-        const double bound = std::isfinite(low) ? low : high;
-        StageRow to;
-        to.spare = tolerances_.activity * smaller(length, 1.0);
-        to.tolerated = tolerances_.violation * (smaller(length, 1.0) + std::abs(bound));
-        choose_with(first_[l] + i, a, equal ? 0.0 : low - value, equal ? 0.0 : high - value, none_.data(), to);
+        choice_.add(row(level_[l], i), held ? anchor->low[i] : low_[first_[l] + i],
+                    held ? anchor->high[i] : high_[first_[l] + i]);
       }
     }
+    ++iterations_;
+    if (!choice_.take(completion_.metric, completion_.origin, x_.data())) inexact_ = true;
   }
 
-  // Whether the equalities of a search leave a direction that its coordinates do not see.
-  template <class Search>
-  static bool leaves(const Search& search, const Coordinates& at, int n) {
-    for (int j = 0; j < n; ++j)
-      if (!at.moves(j) && !search.determines(j)) return true;
+  // Whether the equalities of the latest search leave a direction that its coordinates do not see.
+  bool leaves(const Coordinates& at) const {
+    for (int j = 0; j < n_; ++j)
+      if (!at.moves(j) && !search_.determines(j)) return true;
     return false;
   }
 
@@ -552,8 +501,8 @@ class StageLevels final : public PricedStages {
   Deadline deadline_;
   StageSearch search_;
   StageRows rows_;
-  LeastDistance choice_;
-  std::vector<double> T_, t_, sizes_, free_, seen_, rows_z_, z_, none_, y_, a_, x_, w_, low_, high_;
+  Choice choice_;
+  std::vector<double> T_, t_, sizes_, y_, a_, x_, w_, low_, high_;
 };
 
 }  // namespace HQP_ISA

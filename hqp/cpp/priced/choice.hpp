@@ -1,0 +1,132 @@
+// Which of the points x + Z z is the answer where levels leave a choice: the shortest by the metric from the origin, of
+// these the shortest, without leaving the bounds of rows.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "../solver/metric_root.hpp"
+#include "coordinates.hpp"
+#include "least_distance.hpp"
+#include "stage_rows.hpp"
+
+namespace hqp {
+inline namespace HQP_ISA {
+
+constexpr double kUnseen = 1e-10;  // of a row: what it sees of a choice, not to see it
+
+class Choice {
+ public:
+  // n, rows: at most.  Relative to 1 + |bound| a row is at its bound within `activity`, and violated beyond
+  // `violation`.
+  Choice(int n, int rows, double activity, double violation, Deadline& deadline)
+      : n_(n),
+        activity_(activity),
+        violation_(violation),
+        at_(n, kLost, kNearlyFree, true),
+        rows_(n, rows + n, 0, padded(n)),
+        least_(n, rows + n, deadline) {
+    const std::size_t all = static_cast<std::size_t>(n);
+    for (auto* part : {&Z_, &seen_, &stack_, &root_}) part->resize(all * all);
+    for (auto* part : {&z_, &step_, &target_}) part->resize(all);
+    y_.resize(padded(n));
+    a_.resize(static_cast<std::size_t>(rows) * all);
+    bounds_.reserve(rows);
+    at_.reserve(n);
+  }
+
+  // Z (free, n), orthonormal, to be filled before begin().
+  double* basis() { return Z_.data(); }
+  // From x (n) on, without rows.
+  void begin(int free, const double* x) {
+    free_ = free;
+    x_ = x;
+    bounds_.clear();
+  }
+  // One more row a (n), within these bounds.
+  void add(const double* a, double low, double high) {
+    if (low == -INFINITY && high == INFINITY) return;
+    double* b = &a_[bounds_.size() * static_cast<std::size_t>(free_)];
+    dots_any(a, Z_.data(), n_, free_, n_, b);
+    const double length = std::sqrt(dot_any(a, a, n_));
+    if (std::sqrt(dot_any(b, b, free_)) <= kUnseen * length) return;
+    const double value = dot_any(a, x_, n_), bound = std::fabs(std::isfinite(low) ? low : high);
+    StageRow row;
+    row.a = b;
+    row.lower = low == high ? 0.0 : low - value;
+    row.upper = low == high ? 0.0 : high - value;
+    row.spare = activity_ * smaller(length, 1.0);
+    row.tolerated = violation_ * (smaller(length, 1.0) + bound);
+    bounds_.push_back(row);
+  }
+
+  // x, where the rows were added, to the answer; whether that was found.  metric (n, n), origin (n), or null.
+  bool take(const double* metric, const double* origin, double* x) {
+    std::fill(z_.begin(), z_.end(), 0.0);
+    bool reached = true, open = true;
+    for (int pass = metric ? 0 : 1, seen = 0; pass < 2 && open && reached; ++pass) {
+      if (pass == 0) by_metric(metric, origin);
+      else by_length(metric ? nullptr : origin);
+      rows_.begin(at_, free_);
+      for (int q = 0; q < seen; ++q) rows_.add(kept(&seen_[static_cast<std::size_t>(q) * free_]));
+      for (const StageRow& row : bounds_) rows_.add(row);
+      at_.motion(z_.data(), y_.data());
+      if (!(reached = least_.solve(rows_, free_, y_.data()))) break;
+      at_.point(y_.data(), z_.data());
+      seen = at_.basis(true, seen_.data());
+      open = false;
+      for (int j = 0; j < free_; ++j) open = open || (!at_.moves(j) && !least_.determines(j));
+    }
+    add_rows(x, Z_.data(), n_, free_, 1.0, z_.data(), 1, n_);
+    return reached;
+  }
+
+ private:
+  StageRow kept(const double* a) const {
+    StageRow row;
+    row.a = a;
+    row.lower = row.upper = dot_any(a, z_.data(), free_);
+    return row;
+  }
+
+  // Coordinates y in which |y|^2 / 2 is half the square of the length of x + Z z - origin.
+  void by_length(const double* origin) {
+    at_.resize(free_);
+    away(origin);
+    for (int q = 0; q < free_; ++q)
+      target_[q] = -dot_any(Z_.data() + static_cast<std::size_t>(q) * n_, step_.data(), n_);
+    at_.set(nullptr, target_.data(), 0);
+  }
+  // The same of its length by the metric.
+  void by_metric(const double* metric, const double* origin) {
+    at_.resize(free_);
+    const int rank = metric_root(metric, n_, root_.data(), step_.data());
+    away(origin);
+    std::fill(stack_.begin(), stack_.end(), 0.0);
+    std::fill(target_.begin(), target_.end(), 0.0);
+    for (int i = 0; i < rank; ++i) {
+      const double* a = &root_[static_cast<std::size_t>(i) * n_];
+      double* b = &stack_[static_cast<std::size_t>(i) * free_];
+      dots_any(a, Z_.data(), n_, free_, n_, b);
+      if (dot_any(b, b, free_) > kUnseen * kUnseen * dot_any(a, a, n_)) target_[i] = -dot_any(a, step_.data(), n_);
+      else std::fill(b, b + free_, 0.0);
+    }
+    at_.set(stack_.data(), target_.data(), std::max(rank, 1));
+  }
+  void away(const double* origin) {
+    for (int j = 0; j < n_; ++j) step_[j] = x_[j] - (origin ? origin[j] : 0.0);
+  }
+
+  int n_, free_ = 0;
+  double activity_, violation_;
+  const double* x_ = nullptr;
+  Coordinates at_;
+  StageRows rows_;
+  LeastDistance least_;
+  std::vector<StageRow> bounds_;
+  std::vector<double> Z_, seen_, stack_, root_, z_, step_, target_, y_, a_;
+};
+
+}  // namespace HQP_ISA
+}  // namespace hqp
