@@ -165,22 +165,10 @@ class Trend:
     def after(self, last: Vec, tick: int, to: Vec) -> None:
         """Where the last x comes to in this tick; the last x itself where no two answers are known."""
 
-class Late:
-    """The rule for answers that were cut, over the arrays of a hierarchy; levels: A, or index and scale, and bounds."""
-
-    def __init__(
-        self,
-        n: int,
-        levels: Sequence[tuple[object, ...]],
-        constraints: int,
-        prices: Vec | None,
-        F: Mat | None,
-        f: Vec | None,
-        eta: float,
-        violation: float,
-    ) -> None: ...
-    def choose(self, cut: Vec, last: Vec, ahead: Vec, joints: Sequence[int], most: float, x: Vec) -> None:
-        """What is sent in place of the cut answer, into x."""
+def late(
+    hierarchy: object, cut: Vec, last: Vec, ahead: Vec, joints: Sequence[int], most: float, violation: float, x: Vec
+) -> None:
+    """What is sent in place of an answer that was cut, into x."""
 
 class Rest:
     """Answers that bring a robot to rest."""

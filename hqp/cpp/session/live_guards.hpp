@@ -16,6 +16,7 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include "../solver/reading.hpp"
 #include "budget.hpp"
 #include "contact_watch.hpp"
 #include "guards.hpp"
@@ -34,9 +35,6 @@ using Names = std::vector<std::string>;
 using Told = std::vector<std::tuple<std::string, std::string>>;  // element, text
 using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Written = nb::ndarray<double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using Live = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;
-using Picks = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using LiveLevel = std::tuple<std::optional<Live>, std::optional<Picks>, std::optional<Vector>, Vector, Vector>;
 
 template <class Array>
 const double* numbers(const Array& x, std::size_t size) {
@@ -47,50 +45,26 @@ inline const double* numbers(const std::optional<Vector>& x, std::size_t size) {
   return x ? numbers(*x, size) : nullptr;
 }
 
-// The rule for answers that were cut, over the live arrays of a hierarchy.
-class LiveLate {
- public:
-  LiveLate(int n, const std::vector<LiveLevel>& levels, int constraints, const std::optional<Vector>& prices,
-           const std::optional<Live>& F, const std::optional<Vector>& f, double eta, double violation) {
-    std::vector<hqp::Level> found;
-    for (const auto& [A, index, scale, lower, upper] : levels) {
-      hqp::Level level;
-      level.m = static_cast<int>(lower.size());
-      if (A) level.A = keep(*A, lower.size() * std::size_t(n));
-      if (index) level.index = keep(*index, lower.size());
-      if (scale) level.scale = keep(*scale, lower.size());
-      level.lower = keep(lower, lower.size()), level.upper = keep(upper, lower.size());
-      if (!level.A && !(level.index && level.scale)) throw nb::value_error("a level has no rows");
-      found.push_back(level);
-    }
-    hqp::Law law;
-    law.eta = eta;
-    if (prices) law.prices = keep(*prices, levels.size());
-    if (F && F->ndim() == 2) law.r = static_cast<int>(F->shape(0));
-    if (F) law.F = keep(*F, std::size_t(n) * std::size_t(law.r ? law.r : 1));
-    if (f) law.f = keep(*f, std::size_t(law.r ? law.r : n));
-    late_ = std::make_unique<hqp::Late>(n, std::move(found), constraints, law, violation);
-  }
-
-  void choose(const Vector& cut, const Vector& last, const Vector& ahead, const std::vector<int>& joints, double most,
-              const Written& x) {
-    const std::size_t n = x.size();
-    const double* found =
-        late_->choose(numbers(cut, n), numbers(last, n), numbers(ahead, n), joints.data(), joints.size(), most);
-    std::copy(found, found + n, x.data());
-  }
-
- private:
-  template <class Array>
-  auto keep(const Array& array, std::size_t size) -> decltype(array.data()) {
-    if (array.size() != size) throw nb::value_error("an array of the hierarchy has a wrong size");
-    kept_.push_back(nb::cast(array));
-    return array.data();
-  }
-
-  std::vector<nb::object> kept_;
-  std::unique_ptr<hqp::Late> late_;
-};
+// See Late; x is written.
+inline void late(const nb::object& hierarchy, const Vector& cut, const Vector& last, const Vector& ahead,
+                 const std::vector<int>& joints, double most, double violation, const Written& x) {
+  const std::size_t n = x.size();
+  std::vector<int> rows;
+  for (const nb::handle one : hierarchy.attr("levels")) rows.push_back(nb::cast<int>(one.attr("m")));
+  std::vector<hqp::Level> levels(rows.size());
+  hqp::Reader reader;
+  hqp::Problem problem;
+  hqp::Law law;
+  const double* prices = nullptr;
+  const bool metric = !hierarchy.attr("metric").is_none();
+  if (!reader.read(hierarchy, static_cast<int>(n), rows, metric, levels.data(), problem, prices) ||
+      !reader.read_law(hierarchy, static_cast<int>(n), std::vector<char>(rows.size(), 1), prices, law))
+    throw nb::value_error("the hierarchy cannot be read");
+  hqp::Late rule(static_cast<int>(n), std::move(levels), problem.constraints, law, violation);
+  const double* found =
+      rule.choose(numbers(cut, n), numbers(last, n), numbers(ahead, n), joints.data(), joints.size(), most);
+  std::copy(found, found + n, x.data());
+}
 
 inline void bind_guards(nb::module_& module) {
   nb::class_<hqp::StateBounds>(module, "StateBounds")
@@ -224,11 +198,8 @@ inline void bind_guards(nb::module_& module) {
           "last"_a, "tick"_a, "to"_a.noconvert());
   trend.attr("LONGEST") = hqp::Trend::kLongest;
 
-  nb::class_<LiveLate>(module, "Late")
-      .def(nb::init<int, const std::vector<LiveLevel>&, int, const std::optional<Vector>&, const std::optional<Live>&,
-                    const std::optional<Vector>&, double, double>(),
-           "n"_a, "levels"_a, "constraints"_a, "prices"_a.none(), "F"_a.none(), "f"_a.none(), "eta"_a, "violation"_a)
-      .def("choose", &LiveLate::choose, "cut"_a, "last"_a, "ahead"_a, "joints"_a, "most"_a, "x"_a.noconvert());
+  module.def("late", late, "hierarchy"_a, "cut"_a, "last"_a, "ahead"_a, "joints"_a, "most"_a, "violation"_a,
+             "x"_a.noconvert());
 
   nb::class_<hqp::Rest>(module, "Rest")
       .def(
