@@ -16,23 +16,12 @@ class Workspace:
     def __init__(
         self,
         n: int,
-        rows: list[int],
+        rows: Sequence[int],
         metric: bool,
-        rank_tolerance: float,
-        multiplier_tolerance: float,
-        feasibility_tolerance: float,
-        time_limit: float,
-        max_iterations: int,
-        exchanges: int,
+        options: dict[str, float],
         multipliers: bool,
         priced: Sequence[bool],
-        met: float,
-        flat: float,
-        accurate: float,
-        resting: float,
-        rounded: float,
-        activity: float,
-        violation: float,
+        tolerances: dict[str, float],
     ) -> None: ...
     def take(self, hierarchy: object) -> bool: ...
     def solve(self) -> tuple[int, int, int, int]: ...
@@ -45,6 +34,9 @@ class Workspace:
 
     def follow(self, x: _Vec) -> bool:
         """Stages from the first level that x, the exact answer, does not settle; whether there is one."""
+
+    def unpriced_met(self, x: _Vec) -> bool:
+        """Whether the levels without a price above the last with one are met."""
 
     @property
     def head(self) -> int:
@@ -98,21 +90,11 @@ class Batch:
     def __init__(
         self,
         n: int,
-        rows: list[int],
+        rows: Sequence[int],
         metric: bool,
-        rank_tolerance: float,
-        multiplier_tolerance: float,
-        feasibility_tolerance: float,
-        max_iterations: int,
-        exchanges: int,
-        priced: list[bool],
-        met: float,
-        flat: float,
-        accurate: float,
-        resting: float,
-        rounded: float,
-        activity: float,
-        violation: float,
+        options: dict[str, float],
+        priced: Sequence[bool],
+        tolerances: dict[str, float],
     ) -> None: ...
     def read(self, hierarchies: list[Hierarchy]) -> int: ...
     def stack(self, count: int, levels: list[tuple[object, ...]], constraints: int, like: Hierarchy | None) -> None: ...

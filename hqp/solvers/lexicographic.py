@@ -97,6 +97,18 @@ class Lexicographic(Solver):
         if _native is None:
             raise SolverNotInstalled(NO_KERNEL)
 
+    @property
+    def options(self) -> dict[str, float]:
+        """What native code, and a file, take of them; zero for no cap."""
+        return {
+            "rank_tolerance": self.rank_tolerance,
+            "multiplier_tolerance": self.multiplier_tolerance,
+            "feasibility_tolerance": self.feasibility_tolerance,
+            "deadline": self.deadline or 0.0,
+            "max_iterations": self.max_iterations or 0,
+            "max_failed_exchanges": self.max_failed_exchanges,
+        }
+
     def workspace(self, shape: Shape) -> Workspace:
         """Allocate for problems of this shape."""
         self.require(shape)
@@ -126,15 +138,10 @@ class NativeWorkspace:
             shape.n,
             list(shape.rows),
             shape.metric,
-            solver.rank_tolerance,
-            solver.multiplier_tolerance,
-            solver.feasibility_tolerance,
-            solver.deadline or 0.0,
-            solver.max_iterations or 0,
-            solver.max_failed_exchanges,
+            solver.options,
             solver.multipliers,
             shape.priced or (False,) * len(shape.rows),
-            **stage_tolerances(),
+            stage_tolerances(),
         )
         self._views = self.native.numbers(), self.native.multipliers()
         rows = [sum(shape.rows[:k]) for k in range(len(shape.rows) + 1)]
@@ -197,19 +204,13 @@ class NativeWorkspace:
 
     def parts(self, problem: Hierarchy) -> dict[str, Any]:
         """What the kernel of a problem is made of, for a file (docs/plan_file.md)."""
-        solver = self._solver
         return {
             "n": problem.n,
             "levels": [row_parts(rows) for rows in problem.levels],
             "constraints": problem.constraints,
             "metric": problem.metric,
             "origin": problem.origin,
-            "rank_tolerance": solver.rank_tolerance,
-            "multiplier_tolerance": solver.multiplier_tolerance,
-            "feasibility_tolerance": solver.feasibility_tolerance,
-            "deadline": solver.deadline or 0.0,
-            "max_iterations": solver.max_iterations or 0,
-            "max_failed_exchanges": solver.max_failed_exchanges,
+            **self._solver.options,
         }
 
     def answer(self, problem: Hierarchy, counts: tuple[int, int, int, bool]) -> Solution:

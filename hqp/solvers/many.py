@@ -103,11 +103,7 @@ def solve_many(
             require_hierarchy(problem)
     shape = problems[0].shape
     priced = list(shape.priced) or [False] * len(shape.rows)
-    batch = module.Batch(
-        shape.n, list(shape.rows), shape.metric, solver.rank_tolerance, solver.multiplier_tolerance,
-        solver.feasibility_tolerance, solver.max_iterations or 0, solver.max_failed_exchanges, priced,
-        **stage_tolerances(),
-    )  # fmt: skip
+    batch = module.Batch(shape.n, shape.rows, shape.metric, solver.options, priced, stage_tolerances())
     kept = _fill(batch, problems, shape)
     N, total = len(problems), sum(shape.rows)
     x, slack = np.empty((N, shape.n)), np.empty((N, total))

@@ -11,7 +11,6 @@ import numpy as np
 
 from hqp.arrays import Signs, Vec
 from hqp.problem import Hierarchy, Rows, Selection, Shape, Solution, Stats, Status
-from hqp.problem.pricing import is_met
 from hqp.solvers.base import UNSURE, Described, OneThread, check_shape, finish, require_hierarchy
 from hqp.solvers.second_opinion import second_opinion
 from hqp.tolerances import (
@@ -140,21 +139,14 @@ class StagedWorkspace:
         return self._priced(problem, self._exact.answer(self._plain, counts))
 
     def _priced(self, problem: Hierarchy, exact: Solution) -> Solution:
-        """The exact solution, or that of the stages from the first level that it does not settle."""
-        goes_on = self._has_prices and self._begins(problem, exact) and self.native.follow(exact.x)
-        return self._staged(problem, exact.stats) if goes_on else exact
-
-    @staticmethod
-    def _begins(problem: Hierarchy, exact: Solution) -> bool:
-        """Whether stages can start from this answer: it must be the optimum of the levels without a price.
+        """The exact solution, or that of the stages from the first level that it does not settle.
 
         Far out of reach the exact answer is so large that its lower levels cannot be certified; the stages need only
         that the levels without a price are met.
         """
-        if exact.status is not Status.NOT_CERTIFIED:
-            return exact.status.solved
-        last = max(k for k, priced in enumerate(problem.priced) if priced)
-        return all(is_met(problem.levels[k], exact.x) for k in range(last) if not problem.priced[k])
+        status, x = exact.status, exact.x
+        near = status.solved or (status is Status.NOT_CERTIFIED and self._has_prices and self.native.unpriced_met(x))
+        return self._staged(problem, exact.stats) if near and self.native.follow(x) else exact
 
     def _staged(self, problem: Hierarchy, exact: Stats) -> Solution:
         """The answer of the latest stages; stopped early, a point that keeps to what the levels above left."""

@@ -30,11 +30,11 @@ from hqp.solvers.stages import stage_tolerances
 SOURCE = Path(__file__).parent / "native" / "drive.cpp"
 HEADERS = Path(lexicographic.__file__).parents[1] / "cpp" / "solver"
 COMPILER = shutil.which("g++") or shutil.which("clang++") or shutil.which("c++")
-OPTIONS = (1e-9, 1e-11, 1e-11, 0.0, 0, 5, True)
 
 
 def made(n: int, rows: list[int], metric: bool = False) -> native.Workspace:
-    return native.Workspace(n, rows, metric, *OPTIONS, [False] * len(rows), **stage_tolerances())
+    options = Lexicographic(max_failed_exchanges=5).options
+    return native.Workspace(n, rows, metric, options, True, [False] * len(rows), stage_tolerances())
 
 
 def hierarchy(n: int, *levels: tuple[Any, Any, Any], metric: object = None, origin: object = None) -> SimpleNamespace:

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "../priced/level_solve.hpp"
+#include "../priced/planned.hpp"
 #include "node.hpp"
 
 namespace hqp {
@@ -26,13 +27,6 @@ inline std::unique_ptr<LevelSolve> solver_of(const Node& p, int n) {
     level.lower = one.doubles("lower", m), level.upper = one.doubles("upper", m);
     found.push_back(level), rows.push_back(level.m);
   }
-  Options options;
-  options.rank_tolerance = p.number("rank_tolerance");
-  options.multiplier_tolerance = p.number("multiplier_tolerance");
-  options.feasibility_tolerance = p.number("feasibility_tolerance");
-  options.time_limit = p.number("deadline");
-  options.max_iterations = p.integer("max_iterations");
-  options.exchanges = p.integer("max_failed_exchanges");
   std::vector<char> priced;
   Tolerances tolerances{};
   const bool staged = p.has("stages");
@@ -44,7 +38,7 @@ inline std::unique_ptr<LevelSolve> solver_of(const Node& p, int n) {
                   stages.number("resting"),  stages.number("rounded"), stages.number("activity"),
                   stages.number("violation")};
   }
-  auto made = std::make_unique<LevelSolve>(n, rows, p.has("metric"), options, std::move(priced), tolerances);
+  auto made = std::make_unique<LevelSolve>(n, rows, p.has("metric"), options_of(p), std::move(priced), tolerances);
   BoundKernel& exact = made->exact();
   exact.levels = std::move(found);
   exact.problem.levels = exact.levels.data();

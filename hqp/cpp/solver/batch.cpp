@@ -11,11 +11,9 @@
 #include <thread>
 #include <vector>
 
-#include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
-
 #include "../common/isa.hpp"
-#include "../priced/stages.hpp"
+#include "../priced/planned.hpp"
+#include "../rows/live_plan.hpp"
 #include "batch.hpp"
 #include "kernel.hpp"
 #include "reading.hpp"
@@ -41,7 +39,6 @@ class Batch {
       if (m < 0 || m > kMost) throw nb::value_error("rows of a level must lie in 0..10000");
       total_ += m;
     }
-    options_.multipliers = false;
   }
 
   // Index of the first hierarchy that has another shape or needs a conversion, -1 if there is none. They must live on.
@@ -240,19 +237,13 @@ void bind_batch(nb::module_& m) {
   nb::class_<Batch>(m, "Batch")
       .def(
           "__init__",
-          [](Batch* self, int n, const nb::list& rows, bool metric, double rank, double multiplier, double feasibility,
-             int max_iterations, int exchanges, const nb::list& priced, double met, double flat, double accurate,
-             double resting, double rounded, double activity, double violation) {
-            std::vector<int> sizes;
-            std::vector<char> marks;
-            for (nb::handle h : rows) sizes.push_back(nb::cast<int>(h));
-            for (nb::handle h : priced) marks.push_back(nb::cast<bool>(h));
-            new (self) Batch(n, sizes, metric, {rank, multiplier, feasibility, 0.0, max_iterations, exchanges, false},
-                             marks, {met, flat, accurate, resting, rounded, activity, violation});
+          [](Batch* self, int n, const std::vector<int>& rows, bool metric, const nb::dict& options,
+             const std::vector<bool>& priced, const nb::dict& tolerances) {
+            std::vector<nb::object> kept;
+            new (self) Batch(n, rows, metric, hqp::options_of(binding::LivePlan(options, kept)),
+                             {priced.begin(), priced.end()}, hqp::tolerances_of(binding::LivePlan(tolerances, kept)));
           },
-          "n"_a, "rows"_a, "metric"_a, "rank_tolerance"_a, "multiplier_tolerance"_a, "feasibility_tolerance"_a,
-          "max_iterations"_a, "exchanges"_a, "priced"_a, "met"_a, "flat"_a, "accurate"_a, "resting"_a, "rounded"_a,
-          "activity"_a, "violation"_a)
+          "n"_a, "rows"_a, "metric"_a, "options"_a, "priced"_a, "tolerances"_a)
       .def("read", &Batch::read, "hierarchies"_a)
       .def("stack", &Batch::stack, "count"_a, "levels"_a, "constraints"_a, "like"_a.none())
       .def("solve", &Batch::solve, "threads"_a, "x"_a, "slack"_a, "active"_a, "effort"_a, "points"_a);

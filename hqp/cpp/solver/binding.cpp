@@ -7,13 +7,11 @@
 #include <string>
 #include <vector>
 
-#include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
-#include <nanobind/stl/vector.h>
-
 #include "../common/capsule.hpp"
 #include "../common/isa.hpp"
 #include "../priced/level_solve.hpp"
+#include "../priced/planned.hpp"
+#include "../rows/live_plan.hpp"
 #include "batch.hpp"
 #include "kernel.hpp"
 #include "reading.hpp"
@@ -33,8 +31,8 @@ namespace {
 
 [[noreturn]] void refuse(const std::string& text) { throw nb::value_error(text.c_str()); }
 
-using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using Written = nb::ndarray<double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using binding::Vector;
+using binding::Written;
 using WrittenMarks = nb::ndarray<std::int8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Slots = nb::ndarray<const std::int32_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
@@ -176,6 +174,7 @@ class Workspace final : public hqp::SolveCall {
     const nb::gil_scoped_release release;
     return core_.follow(from, 0) >= 0;
   }
+  bool unpriced_met(const Vector& x) { return core_.stages().unpriced_met(sized(x, n_)); }
   int head() const { return core_.head(); }
   double elapsed() const { return core_.elapsed(); }
   void untold() { core_.untold(); }
@@ -384,17 +383,15 @@ NB_MODULE(_lexicographic, m) {
   nb::class_<Workspace>(m, "Workspace", nb::type_slots(slots))
       .def(
           "__init__",
-          [](Workspace* self, int n, const std::vector<int>& rows, bool metric, double rank, double multiplier,
-             double feasibility, double time_limit, int max_iterations, int exchanges, bool multipliers,
-             const std::vector<bool>& priced, double met, double flat, double accurate, double resting, double rounded,
-             double activity, double violation) {
-            new (self) Workspace(
-                n, rows, metric, {rank, multiplier, feasibility, time_limit, max_iterations, exchanges, multipliers},
-                {priced.begin(), priced.end()}, {met, flat, accurate, resting, rounded, activity, violation});
+          [](Workspace* self, int n, const std::vector<int>& rows, bool metric, const nb::dict& options,
+             bool multipliers, const std::vector<bool>& priced, const nb::dict& tolerances) {
+            std::vector<nb::object> kept;
+            hqp::Options given = hqp::options_of(binding::LivePlan(options, kept));
+            given.multipliers = multipliers;
+            new (self) Workspace(n, rows, metric, given, {priced.begin(), priced.end()},
+                                 hqp::tolerances_of(binding::LivePlan(tolerances, kept)));
           },
-          "n"_a, "rows"_a, "metric"_a, "rank_tolerance"_a, "multiplier_tolerance"_a, "feasibility_tolerance"_a,
-          "time_limit"_a, "max_iterations"_a, "exchanges"_a, "multipliers"_a, "priced"_a, "met"_a, "flat"_a,
-          "accurate"_a, "resting"_a, "rounded"_a, "activity"_a, "violation"_a)
+          "n"_a, "rows"_a, "metric"_a, "options"_a, "multipliers"_a, "priced"_a, "tolerances"_a)
       .def("take", &Workspace::take, "hierarchy"_a)
       .def("solve", &Workspace::solve)
       .def("call", &Workspace::call)
@@ -403,6 +400,7 @@ NB_MODULE(_lexicographic, m) {
       .def("price", &Workspace::price, "hierarchy"_a)
       .def("begin", &Workspace::begin)
       .def("follow", &Workspace::follow, "x"_a)
+      .def("unpriced_met", &Workspace::unpriced_met, "x"_a)
       .def_prop_ro("head", &Workspace::head)
       .def("elapsed", &Workspace::elapsed)
       .def("untold", &Workspace::untold)
