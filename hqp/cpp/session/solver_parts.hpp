@@ -34,9 +34,7 @@ inline std::unique_ptr<LevelSolve> solver_of(const Node& p, int n) {
     const Node stages = p.part("stages");
     for (const Node& flag : stages.parts("priced")) priced.push_back(flag.flag());
     if (priced.size() != count) throw PlanError("the plan tells of other levels than it has");
-    tolerances = {stages.number("met"),      stages.number("flat"),    stages.number("accurate"),
-                  stages.number("resting"),  stages.number("rounded"), stages.number("activity"),
-                  stages.number("violation")};
+    tolerances = tolerances_of(stages);
   }
   auto made = std::make_unique<LevelSolve>(n, rows, p.has("metric"), options_of(p), std::move(priced), tolerances);
   BoundKernel& exact = made->exact();
