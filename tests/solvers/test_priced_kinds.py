@@ -44,6 +44,7 @@ def test_an_answer_with_flat_motion_passes_the_certificate_or_says_that_it_is_un
 @pytest.mark.parametrize(("kind", "seed", "flat"), OF_A_LOOP)
 def test_an_answer_of_a_loop_passes_the_certificate_or_says_that_it_is_unsure(kind: str, seed: int, flat: bool) -> None:
     case, solution = in_a_loop(hqp.solvers.load("lexicographic"), kind, seed, flat)
+    assert solution.status in SOLVED
     if not is_unsure(solution):
         verdict = certificate(case, solution.x, 1e-8, solution.stage_points)
         assert verdict.ok, f"{solution.status.name}, but {verdict}"

@@ -131,7 +131,9 @@ class StageSearch {
     }
     const int cap = 20 * (N_ + rows_->count());
     bool zero = false;
-    int left = -1;  // row that left a moment ago
+    int left = -1;        // row that left a moment ago
+    std::size_t own = 0;  // how often a row was in the way of its own release, and the longest step that it stopped
+    double still = 0.0;
     for (int step = 0; step < cap; ++step) {
       if (deadline_.passed()) return false;
       ++iterations;
@@ -147,13 +149,14 @@ class StageSearch {
         add_any(y, aim_.data(), far, N_);
         at_point(y);
         zero = zero && there;
-        if (!there) std::fill(kept_.begin(), kept_.end(), 0);
+        if (!there && (own <= set_.size() || far * length > still)) std::fill(kept_.begin(), kept_.end(), 0);
       } else {
         zero = true;
       }
       if (blocking >= 0) {
         enter(blocking, rate_[blocking] > 0.0 ? 1 : -1);
         kept_[blocking] = zero && blocking == left;  // a row is in the way of its own release: its sign was rounding
+        if (kept_[blocking]) ++own, still = larger(still, length);
         continue;
       }
       const int out = wrong_sign(y, zero);
