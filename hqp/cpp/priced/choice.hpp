@@ -65,7 +65,7 @@ class Choice {
   bool take(const double* metric, const double* origin, double* x) {
     std::fill(z_.begin(), z_.end(), 0.0);
     bool reached = true, open = true;
-    for (int pass = metric ? 0 : 1, seen = 0; pass < 2 && open && reached; ++pass) {
+    for (int pass = metric ? 0 : 1, seen = 0; pass < 2 && open; ++pass) {
       if (pass == 0) by_metric(metric, origin);
       else by_length(metric ? nullptr : origin);
       rows_.begin(at_, free_);

@@ -131,8 +131,10 @@ class StageSearch {
     }
     const int cap = 20 * (N_ + rows_->count());
     bool zero = false;
-    int left = -1;        // row that left a moment ago
-    std::size_t own = 0;  // how often a row was in the way of its own release, and the longest step that it stopped
+    int left = -1;  // row that left a moment ago
+    // How often a row was in the way of its own release, and the longest step that it stopped. Once that was more often
+    // than rows are held, a shorter move is rounding and lets no kept row go: the search would go round.
+    std::size_t own = 0;
     double still = 0.0;
     for (int step = 0; step < cap; ++step) {
       if (deadline_.passed()) return false;
