@@ -20,7 +20,7 @@ inline namespace HQP_ISA {
 
 constexpr double kSlackMotion = 1e-5;   // slacks of inequality rows count this much as motion
 constexpr double kRoundingRow = 2e-15;  // of the longest row: rows no longer have no direction
-constexpr double kFlatPull = 1e-10;     // of the level's gradient: what directions without motion may pull
+constexpr double kFlatPull = 1e-10;     // of the level's gradient: what directions without motion, or slacks, may pull
 constexpr int kFlatRounds = 100;
 
 class StageLevels final : public PricedStages {
@@ -406,9 +406,12 @@ class StageLevels final : public PricedStages {
       return search_.solve(rows_, N, aim, y_.data(), warm_[k], iterations_, end_at_[k]);
     };
     bool reached = search();
-    int rounds = 0;  // directions without motion count from where they ended, until that is nothing
-    while (reached && flat_counts(k, at, aim.price) && rounds++ < kFlatRounds) {
-      at.count_flat_from(y_.data());
+    int rounds = 0;  // directions without motion, and slacks, count from where they ended, until that is nothing
+    for (; reached && rounds <= kFlatRounds; ++rounds) {
+      const bool flat = flat_counts(k, at, aim.price), slack = priced && slacks_count(own, aim.price);
+      if (!flat && !slack) break;
+      if (flat) at.count_flat_from(y_.data());
+      if (slack) count_slacks_from(k, own);
       reached = search();
     }
     ended_ = ended_ && reached;
@@ -436,6 +439,28 @@ class StageLevels final : public PricedStages {
     at.point(y_.data(), x_.data());
     for (int j = 0; j < n_; ++j) far = larger(far, std::abs(x_[j]));
     return pull > kFlatPull * kUncertain * shortest * far;  // so that w is known in directions as short as these
+  }
+
+  // Whether what slacks count, of the rows of the stage from `own` on, pulls by more than rounding of their own.
+  bool slacks_count(int own, double price) const {
+    double most = 0.0;
+    for (int i = own; i < rows_.count(); ++i) most = larger(most, std::fabs(y_[rows_[i].band]));
+    return price * kSlackMotion * most > kFlatPull;
+  }
+
+  // They count from where y_ has them, which goes on.
+  void count_slacks_from(int k, int own) {
+    const PricedLevel& level = level_[k];
+    for (int i = 0, row = 0, at = own; i < level.m; ++i) {
+      if (level.left_out(i)) continue;
+      if (level.lower[i] != level.upper[i]) {
+        double& y = y_[rows_[at].band];
+        t_[row] += rows_[at].share * y;
+        rows_.count_from(at++, y);
+        y = 0.0;
+      }
+      ++row;
+    }
   }
 
   // How the stage of level k ended.

@@ -65,6 +65,11 @@ class StageRows {
   void rounding(double length) { rounding_ = length; }
   double rounding() const { return rounding_; }
   void grade(int band, double worth) { grade_[band] = worth; }
+  // The band of row i counts from here on.
+  void count_from(int i, double here) {
+    all_[i].lower -= all_[i].share * here;
+    all_[i].upper -= all_[i].share * here;
+  }
 
   int n() const { return n_; }
   int count() const { return static_cast<int>(all_.size()); }
