@@ -148,16 +148,17 @@ class Motions {
     if (!r_ && !level.A) return diagonal(&level);
     stack_.clear();
     target_.clear();
-    double longest = 0.0;
+    double shortest = INFINITY;
     for (int i = 0; i < level.m; ++i) {
       if (level.lower[i] != level.upper[i]) continue;
       const double* a = level.A ? level.A + static_cast<std::size_t>(i) * n_
                                 : picked(static_cast<int>(level.index[i]), level.scale[i]);
       const double square = dot_any(a, a, n_);
-      if (square > rounding_ * rounding_) push(a, 1.0, level.lower[i]);
-      longest = larger(longest, square);
+      if (!(square > rounding_ * rounding_)) continue;
+      push(a, 1.0, level.lower[i]);
+      shortest = smaller(shortest, square);
     }
-    push_motion(kLost * kLost * longest);
+    push_motion(shortest < INFINITY ? kLost * kLost * shortest : 0.0);
     if (target_.empty()) push(picked(0, 0.0), 0.0, 0.0);
     over_.set(stack_.data(), target_.data(), static_cast<int>(target_.size()));
     return over_;
@@ -220,7 +221,7 @@ class Motions {
     return to;
   }
 
-  // Rows of F weighed by the anchors, but for those whose square is no more than this.
+  // Rows of F weighed by the anchors, but for those whose square is no more than this, lost beside any row.
   void push_motion(double least) {
     for (int j = 0; j < count_; ++j) {
       const double* a = r_ ? row(j) : picked(j, size(j));
