@@ -19,6 +19,9 @@ inline namespace HQP_ISA {
 // violate a row.
 constexpr double kOpposed = 1e-9, kSame = 1e-12;
 constexpr double kTurned = 1e-14;  // error of a row's direction
+// Rows that the start was outside of hold the answer at their bounds, whatever the start, where that is no further away
+// than this: where nothing is inside of them all they would hold it far away.
+constexpr double kAlike = 1e-3;
 
 class LeastDistance {
  public:
@@ -33,6 +36,7 @@ class LeastDistance {
     least_.deadline = &deadline;
     columns_.resize(sides * ld_);
     tolerated_.resize(sides);
+    own_.resize(sides);
     target_.resize(ld_);
     free_.reserve(n);
   }
@@ -53,14 +57,12 @@ class LeastDistance {
     const int count = static_cast<int>(free_.size());
     std::fill(target_.begin(), target_.end(), 0.0);
     target_[count] = 1.0;
-    bool reached = false;
-    for (const double dependent : {kOpposed, kSame}) {
-      least_.dependent = dependent;
-      reached = std::isfinite(least_.solve(target_.data(), count + 1)) && least_.rest[count] > 0.0;
-      if (!reached || keeps(count)) break;
+    const bool reached = least(count);
+    if (reached) {
+      const double length = take(y, count, size);
+      if (inside(count) && least(count) && keeps(count) && distance(count, size) <= (1.0 + kAlike) * length)
+        take(y, count, size);
     }
-    const double* rest = least_.rest;
-    for (int j = 0; j < count && reached; ++j) y[free_[j]] = -size * rest[j] / rest[count];
     space_.turn_back(y, N);
     return reached;
   }
@@ -69,7 +71,41 @@ class LeastDistance {
   bool determines(int j) const { return space_.determines(j, space_.rank()); }
 
  private:
-  // Columns of row i: its free coordinates and its bound, in units of `size`, for each side that has one.
+  // Whether a point keeps to the columns.
+  bool least(int count) {
+    bool reached = false;
+    for (const double dependent : {kOpposed, kSame}) {
+      least_.dependent = dependent;
+      reached = std::isfinite(least_.solve(target_.data(), count + 1)) && least_.rest[count] > 0.0;
+      if (!reached || keeps(count)) break;
+    }
+    return reached;
+  }
+
+  // Its distance.
+  double distance(int count, double size) const {
+    return size * std::sqrt(dot_any(least_.rest, least_.rest, count)) / least_.rest[count];
+  }
+
+  // y goes there.
+  double take(double* y, int count, double size) const {
+    for (int j = 0; j < count; ++j) y[free_[j]] = -size * least_.rest[j] / least_.rest[count];
+    return distance(count, size);
+  }
+
+  // Columns of rows that y was outside of are those of their bounds from here on; whether there are any.
+  bool inside(int count) {
+    bool any = false;
+    for (int k = 0; k < least_.count; ++k) {
+      double& to = columns_[static_cast<std::size_t>(k) * ld_ + count];
+      any = any || to != own_[k];
+      to = own_[k];
+    }
+    return any;
+  }
+
+  // Columns of row i: its free coordinates and its bound, or y where that is outside of it, in units of `size`, for
+  // each side that has one.
   void bound(StageRows& rows, int i, int N, const double* y, double size) {
     const double* a = rows.row(i, N, [&](double* row) { space_.turn(row, N); });
     const double here = rows.shift(i) + dot_any(a, y, N);
@@ -85,8 +121,9 @@ class LeastDistance {
       if (std::isinf(bound)) continue;
       double* column = &columns_[static_cast<std::size_t>(least_.count) * ld_];
       for (std::size_t j = 0; j < free_.size(); ++j) column[j] = -side * unit * a[free_[j]];
-      const double allowed = larger(side * bound + spare, side * here);
+      const double own = side * bound + spare, allowed = larger(own, side * here);
       column[free_.size()] = unit * (side * fixed - allowed) / size;
+      own_[least_.count] = unit * (side * fixed - own) / size;
       tolerated_[least_.count] = unit * rows[i].tolerated / size;
       least_.column[least_.count] = column;
       least_.sign[least_.count++] = 1.0;
@@ -105,7 +142,7 @@ class LeastDistance {
   RowSpace space_;
   Arena arena_;
   NonnegativeLeastSquares least_;
-  std::vector<double> columns_, tolerated_, target_;
+  std::vector<double> columns_, own_, tolerated_, target_;
   std::vector<int> free_;
 };
 
