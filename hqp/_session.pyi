@@ -2,6 +2,7 @@
 
 import builtins
 from collections.abc import Callable, Sequence
+from typing import overload
 
 from numpy import int32
 from numpy.typing import NDArray
@@ -77,13 +78,11 @@ class StateAge:
         """What is wrong with a state of that time; "" for nothing."""
 
 class RateLimiter:
-    """Holds the change of a command within a rate; inverse: one over the largest change in a tick."""
+    """Holds the change of a command within a limit of that name; inverse: one over the largest change in a tick."""
 
     inverse: Sequence[float]
 
-    def __init__(self, names: Sequence[str], inverse: Sequence[float], dt: float) -> None: ...
-    def share(self, last: Vec, command: Vec) -> tuple[float, str]:
-        """How far towards a command one tick may go, 0 to 1, and why not all the way."""
+    def __init__(self, joints: Sequence[str], inverse: Sequence[float], dt: float, name: str) -> None: ...
 
 class ContactWatch:
     """Counts the ticks for which each contact has carried next to nothing, by the loads given for it."""
@@ -100,9 +99,6 @@ class ContactWatch:
     def judge(self, out: frozenset[str]) -> None:
         """Contacts that are out of the tick are not judged: nothing assumes them."""
 
-    def lost(self) -> Sequence[tuple[str, str]]:
-        """Names of contacts that are not there, with what was measured."""
-
 class LimitWatch:
     """Counts how often each limit of a joint binds on the one side and then on the other, by the marks of its rows."""
 
@@ -116,16 +112,13 @@ class LimitWatch:
     """Whether the bounds of a joint meet: its limits are outside the window of what it can do."""
 
     def __init__(self, parts: Sequence[tuple[int, int]], names: Sequence[str], dt: float) -> None: ...
-    def look(self, record: bytearray, begin: int, tick: int) -> Sequence[tuple[str, str]]:
-        """Names of limits that alternate, with how often, by the marks of all rows from ``begin`` on; needed where
+    def look(self, record: bytearray, begin: int, tick: int) -> list[tuple[str, int, str]]:
+        """Notes on limits that alternate, with how often, by the marks of all rows from ``begin`` on; needed where
         they changed, or busy."""
 
     @staticmethod
     def passed(over: float, unit: str) -> str:
         """By how much a joint that comes to rest so far beyond its position limit passes it; "" for not at all."""
-
-def violation(w: Vec, lower: Vec, upper: Vec, tolerance: float, limit: str, row_names: Callable[[], object]) -> str:
-    """By how much an element's slacks are off, by the limit of that name, and which rows, worst first; "" for none."""
 
 class Budget:
     """The time of a tick: what a solver is given, so that what comes after it is done by the deadline [s]."""
@@ -150,36 +143,8 @@ class Budget:
     def end(self, now: float, cut: bool) -> None:
         """The tick ends; cut: its solver was stopped."""
 
-class Trend:
-    """How the answers of a session move, from the last two that were solved."""
-
-    LONGEST: int
-
-    def __init__(self, n: int) -> None: ...
-    def forget(self) -> None:
-        """What was solved before tells nothing of what comes."""
-
-    def take(self, x: Vec, tick: int) -> None:
-        """A solved answer, and the number of its tick."""
-
-    def after(self, last: Vec, tick: int, to: Vec) -> None:
-        """Where the last x comes to in this tick; the last x itself where no two answers are known."""
-
-def late(
-    hierarchy: object, cut: Vec, last: Vec, ahead: Vec, joints: Sequence[int], most: float, violation: float, x: Vec
-) -> None:
-    """What is sent in place of an answer that was cut, into x."""
-
 class Rest:
     """Answers that bring a robot to rest."""
-
-    def begin(
-        self, angles: Vec | None, v: Vec | None, holding: Vec | None, felt: Vec | None, x: Vec, now: bool
-    ) -> None:
-        """From the last good state, None where there was none, and the last x."""
-
-    def next(self, x: Vec) -> None:
-        """The next answer, into x."""
 
 class SlowDown(Rest):
     """Velocity level."""
@@ -197,6 +162,64 @@ class Hold(Rest):
     """Torque level."""
 
     def __init__(self, limit: Sequence[float], motors: Sequence[int], damping: float, dt: float) -> None: ...
+
+class Outgoing:
+    """What is sent of the answers to a hierarchy: notes of element, number of a status and text.
+
+    before: the x that was sent last, whether an answer was usable before, and the number of the tick.
+    """
+
+    LONGEST: int
+    """After so many ticks that were cut the answers before tell little of what comes."""
+
+    @overload
+    def __init__(
+        self,
+        hierarchy: object,
+        parts: Sequence[tuple[str, int, int, int, Sequence[str]]],
+        motors: Sequence[int],
+        most: float,
+        violation: float,
+        sentences: Sequence[str],
+    ) -> None:
+        """parts: of elements of subject_to, name, level, first and last row in it and their names.  motors: their
+        places in x.  most: by how much one may change in a tick towards an answer that was cut.  violation:
+        VIOLATION_TOLERANCE.  sentences: on each status."""
+
+    @overload
+    def __init__(self, other: Outgoing) -> None: ...
+    def take(
+        self,
+        answer: tuple[int, Vec, Vec, str],
+        before: tuple[Vec, bool, int],
+        contacts: ContactWatch,
+        limiter: RateLimiter | None,
+        x: Vec,
+    ) -> tuple[bool, list[tuple[str, int, str]]]:
+        """The answer of a solver, or what is sent in its place, into x; whether it is usable.
+
+        answer: number of its status, x, slacks of all rows, of no account where it is OPTIMAL, and detail.
+        """
+
+    def rest(
+        self,
+        rest: Rest,
+        start: Callable[[], tuple[Vec, Vec, Vec | None, Vec | None] | None],
+        fit: bool,
+        held: int,
+        why: int,
+        before: tuple[Vec, bool, int],
+        limiter: RateLimiter | None,
+        x: Vec,
+    ) -> list[tuple[str, int, str]]:
+        """The next x towards rest.  start: angles, v, holding and felt of this state, if it is fit, or of the last good
+        one.  held: for how many ticks by now.  why: the status of the tick."""
+
+    def limit(self, limiter: RateLimiter, last: Vec, x: Vec) -> list[tuple[str, int, str]]:
+        """x, or the point towards it that the limiter allows."""
+
+    def solved(self, x: Vec, tick: int) -> None:
+        """A solved answer that was sent in the tick of that number."""
 
 class Batch:
     """Worlds of the bytes of a file over threads; raises PlanError with a sentence."""

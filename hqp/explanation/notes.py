@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
 from hqp.problem import Status
+
+STATUSES = tuple(Status)
+"""By the number that native code has for each."""
 
 Notes: TypeAlias = "tuple[Note, ...] | Callable[[], tuple[Note, ...]]"
 """Notes, or what makes them."""
@@ -19,6 +22,11 @@ class Note:
     element: str
     status: Status
     detail: str
+
+
+def of_native(told: Sequence[tuple[str, int, str]]) -> tuple[Note, ...]:
+    """Notes of elements, the number of a status and a text."""
+    return tuple([Note(element, STATUSES[status], text) for element, status, text in told])
 
 
 def made(notes: Notes) -> tuple[Note, ...]:

@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from hqp.arrays import Mat
 from hqp.errors import DeclarationError, HqpError
-from hqp.export.loaded import ACCELERATION, STATUSES, VALUE, VELOCITY
+from hqp.explanation.notes import STATUSES
+from hqp.export.loaded import ACCELERATION, VALUE, VELOCITY
 from hqp.problem import Status
 
 if TYPE_CHECKING:

@@ -13,11 +13,8 @@ from numpy.typing import ArrayLike
 
 from hqp.arrays import Vec
 from hqp.errors import DeclarationError, HqpError, UnknownReference, closest
-from hqp.explanation.notes import Note
+from hqp.explanation.notes import STATUSES, Note, of_native
 from hqp.problem import Status
-
-STATUSES = tuple(Status)
-"""As native code numbers them."""
 
 VALUE, VELOCITY, ACCELERATION, NORMAL, LOAD, HOLD = range(6)
 
@@ -99,8 +96,7 @@ class LoadedSession:
             shapes = f"q {at.shape}, v {speed.shape}"
             allowed = f"q ({self.nq},), v ({self.nv},)"
             raise DeclarationError("step", "a state of another shape", value=shapes, allowed=allowed) from None
-        told = tuple(Note(element, STATUSES[k], text) for element, k, text in notes)
-        return LoadedTick(command, x, residuals, STATUSES[status], told, held)
+        return LoadedTick(command, x, residuals, STATUSES[status], of_native(notes), held)
 
     def on(self, name: str, present: bool) -> None:
         """Whether an element is in, in the next step; DeclarationError for a contact at torque level."""

@@ -12,6 +12,7 @@ from hqp.declare.law import Law
 from hqp.declare.price import affordable, as_price, is_exact
 from hqp.declare.robot import Robot
 from hqp.declare.stack import Stack, coupled
+from hqp.loop.outgoing import outgoing
 from hqp.loop.phase_laws import PhaseLaws
 from hqp.loop.restless import Watched
 from hqp.loop.transition.waypoints import Waypoint, path
@@ -21,6 +22,7 @@ from hqp.programs.rest import Rest
 from hqp.solvers.base import Solver, Workspace
 
 if TYPE_CHECKING:
+    from hqp._session import Outgoing
     from hqp.loop.controller import Controller
 
 MEASURES = ("acceleration", "braking")
@@ -35,7 +37,7 @@ class Compiled:
     """A stack made ready for a robot: its program, a workspace, how to limit its time, how to come to rest.
 
     dropped: what of prices the solver and of limits the robot cannot do, in words.  watched: its limits of joints.
-    laws: of its elements by phase.  loop: of ordinary ticks, once it was found.
+    outgoing: what is sent of its answers.  laws: of its elements by phase.  loop: of ordinary ticks, once it was found.
     """
 
     stack: Stack
@@ -46,6 +48,7 @@ class Compiled:
     hard: frozenset[str]
     dropped: str
     watched: Watched
+    outgoing: Outgoing
     laws: PhaseLaws
     loop: Direct | None = None
 
@@ -115,7 +118,8 @@ class Compiler:
         hard = frozenset(element.name for element in whole.subject_to)
         rest = program.rest(self._robot, self._controller.braking)
         watched, laws = Watched(program, self._robot), PhaseLaws(program.assembly)
-        return Compiled(whole, program, workspace, limit, rest, hard, dropped, watched, laws)
+        sent = outgoing(program, self._robot, self._dt)
+        return Compiled(whole, program, workspace, limit, rest, hard, dropped, watched, sent, laws)
 
 
 def undamped(stack: Stack) -> Stack:

@@ -59,8 +59,10 @@ class StateCheck:
         return found
 
 
-def rate_limiter(robot: Robot, limits: RateLimits | None, kind: str, dt: float) -> RateLimiter | None:
-    """The limiter of a formulation; None where nothing is declared for it.
+def rate_limiter(
+    robot: Robot, limits: RateLimits | None, kind: str, dt: float, name: str = "rate"
+) -> RateLimiter | None:
+    """The limiter of a formulation, by the name that notes have for it; None where nothing is declared for it.
 
     Raises DeclarationError for a sequence of another length than the command's.
     """
@@ -71,5 +73,5 @@ def rate_limiter(robot: Robot, limits: RateLimits | None, kind: str, dt: float) 
     if isinstance(limit, tuple) and len(limit) != motors:
         raise DeclarationError("RateLimits", kind, value=limit, allowed=f"one number, or {motors} on {robot.name}")
     inverse = 1.0 / (dt * np.broadcast_to(np.asarray(limit, dtype=np.float64), (motors,)))
-    found: RateLimiter = native.RateLimiter(list(robot.joint_names), inverse.tolist(), dt)
+    found: RateLimiter = native.RateLimiter(list(robot.joint_names), inverse.tolist(), dt, name)
     return found

@@ -32,7 +32,7 @@ from hqp.programs.envelope import native
 from hqp.solvers.base import turn
 
 if TYPE_CHECKING:
-    from hqp._session import Budget, ContactWatch, RateLimiter, Trend
+    from hqp._session import Budget, ContactWatch, Outgoing, RateLimiter
     from hqp.explanation.account import TickAccount
     from hqp.explanation.conflict import Conflict
     from hqp.explanation.words import Explanation
@@ -45,7 +45,7 @@ T = TypeVar("T")
 
 @dataclass(slots=True, eq=False)
 class Guards:
-    """What the lines of a session share.  joints, motors: of x, those of the motors.  first: notes of the first tick.
+    """What the lines of a session share.  joints: of x, those of the motors.  first: notes of the first tick.
     count: ticks so far."""
 
     robot: Robot
@@ -53,7 +53,6 @@ class Guards:
     check: StateCheck
     gradual: RateLimiter
     joints: Index | slice
-    motors: list[int]
     turn: Turn
     first: tuple[Note, ...]
     stuck: bool = True
@@ -70,11 +69,11 @@ class Guards:
     ) -> Guards:
         """Those of sessions of one kind of x."""
         joints: Index = np.arange(len(robot.joint_names)) if kind == "torque" else robot.actuated
-        gradual = rate_limiter(robot, GRADUAL, kind, dt)
+        gradual = rate_limiter(robot, GRADUAL, kind, dt, "transition")
         assert gradual is not None
         behind = bool(joints.size and np.all(np.diff(joints) == 1))
         part = slice(int(joints[0]), int(joints[-1]) + 1) if behind else joints
-        return cls(robot, dt, check, gradual, part, joints.tolist(), turn, first, stuck)
+        return cls(robot, dt, check, gradual, part, turn, first, stuck)
 
 
 class Line:
@@ -84,8 +83,8 @@ class Line:
     record that has it.  held: for how many ticks
     the command has been coming to rest.  named: the references of the latest tick, or the names of its targets.
     latest, latest_count: its record where it was one native call, of ``direct``, and its number; earlier: the record
-    before.  trend: how answers move.  direct_known: whether a native loop has been looked for.  ease: what eases rows
-    before the solver.  transition: the lines that are blended into this one.
+    before.  outgoing: what is sent of answers.  direct_known: whether a native loop has been looked for.  ease: what
+    eases rows before the solver.  transition: the lines that are blended into this one.
     """
 
     def __init__(
@@ -107,13 +106,13 @@ class Line:
         self.stack, self.program, self.workspace = compiled.stack, compiled.program, compiled.workspace
         self.limit, self.rest, self.hard = compiled.limit, compiled.rest, compiled.hard
         self.compiled, self.references = compiled, References(holds or {})
+        self.outgoing: Outgoing = native.Outgoing(compiled.outgoing)
         self.velocity = self.program.kind == "velocity"
         self.direct: Direct | None = None
         self.direct_known = False
         self.latest: bytearray | None = None
         self.earlier: bytearray | None = None
         self.latest_count = 0
-        self.trend: Trend = native.Trend(self.program.problem.n)
         self.ease: Easing | None = None
         self.teller = Teller(compiled.stack, compiled.program, compiled.workspace, self.robot, self.dt)
         self.contacts: ContactWatch = native.ContactWatch([e.name for e in self.stack if assumed(e)], self.dt)
@@ -125,6 +124,11 @@ class Line:
     def problem(self) -> Hierarchy:
         """The hierarchy of the latest tick: live, refilled by the next step."""
         return self.program.problem
+
+    @property
+    def before(self) -> tuple[Vec, bool, int]:
+        """What this tick follows: the x that was sent last, whether an answer was usable; and its number."""
+        return self.x, self.good is not None, self.guards.count
 
     @property
     def hold_values(self) -> dict[str, Vec | Mat]:
@@ -220,9 +224,9 @@ class Line:
             self.direct.leave()
             if self.latest is not None:
                 if self.earlier is not None:
-                    self.trend.take(self.direct.x(self.earlier), self.latest_count - 1)
+                    self.outgoing.solved(self.direct.x(self.earlier), self.latest_count - 1)
                 x = self.direct.x(self.latest).copy()
-                self.trend.take(x, self.latest_count)
+                self.outgoing.solved(x, self.latest_count)
                 self.send(x)
                 self.latest = self.earlier = None
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from time import monotonic, perf_counter, thread_time
@@ -14,15 +13,14 @@ from hqp.arrays import FLOAT, Mat, Vec
 from hqp.declare.reference import Reference
 from hqp.declare.robot import State
 from hqp.errors import DeclarationError, DynamicsFailed, ModelError
-from hqp.explanation.notes import Note, made
-from hqp.loop.late import late
-from hqp.loop.outgoing import culprits, largest_change, within_rates
-from hqp.loop.tick import Tick, Times
+from hqp.explanation.notes import Note, made, of_native
+from hqp.loop.tick import NO_ROWS, Tick, Times
 from hqp.problem import Solution, Status
 
 if TYPE_CHECKING:
     from hqp.loop.line import Line
     from hqp.programs.direct import Counts, Direct
+    from hqp.programs.rest import Start
 
 _new = object.__new__
 
@@ -190,7 +188,7 @@ def remark(
     line: Line,
     tick: Tick,
     held_back: Callable[[], tuple[Note, ...]] | None,
-    restless: Sequence[tuple[str, str]],
+    restless: Sequence[tuple[str, int, str]],
     around: bool,
 ) -> None:
     """Notes on an optimum whose texts are made when they are read: levels that a stage keeps from being met, restless
@@ -203,8 +201,7 @@ def remark(
     def told() -> tuple[Note, ...]:
         state = tick.state
         overrun = line.compiled.watched.overrun_notes(state, tick.before if around else state.v)
-        alternating = [Note(name, Status.OPTIMAL, why) for name, why in restless]
-        return (*made(held_back or ()), *alternating, *overrun)
+        return (*made(held_back or ()), *of_native(restless), *overrun)
 
     tick.add(told)
 
@@ -219,59 +216,45 @@ def conclude(
     filled: float,
 ) -> Tick:
     """The command of a solution, or what is sent where it is not usable; the rest: when which part began."""
-    program, solved = line.program, perf_counter()
-    x, status = solution.x, solution.status
-    if status is not Status.OPTIMAL:
-        notes += culprits(program, line.robot, solution)
-        if not status.usable or not float(x.dot(x)) < math.inf:
-            return held_tick(line, state, solution, notes, fit=True)
-        if not status.solved and status is not Status.NOT_STRICT:
-            most = math.inf if line.good is None else largest_change(program.kind, line.dt)
-            ahead = np.empty(x.size)
-            line.trend.after(line.x, line.guards.count, ahead)
-            x = late(program.problem, x, line.x, ahead, line.guards.motors, most)
-    elif not float(x.dot(x)) < math.inf:
-        notes += (Note("solver", Status.NOT_CERTIFIED, "the answer is not finite"),)
+    solved, x, status = perf_counter(), np.empty(line.x.size), solution.status.severity
+    staged = solution.stage_points is not None
+    w = np.concatenate(solution.residuals) if status or staged else NO_ROWS
+    answer = status, solution.x, w, solution.detail
+    usable, told = line.outgoing.take(answer, line.before, line.contacts, line.limiter, x)
+    notes += of_native(told)
+    if not usable:
         return held_tick(line, state, solution, notes, fit=True)
-    held_back = None
-    if solution.stage_points is not None:
-        w = np.concatenate(solution.residuals)
-        held_back = line.teller.held_back(line.guards.count, w, solution.x, line.names)
+    held_back = line.teller.held_back(line.guards.count, w, solution.x, line.names) if staged else None
     marks = bytearray().join([each.tobytes() for each in solution.active])
     restless = line.limits.look(marks, 0, line.guards.count)
     around = line.velocity and line.good is not None
-    if line.contacts.missing:
-        notes += tuple(Note(name, Status.CONTACT_LOST, why) for name, why in line.contacts.lost())
     if line.guards.first:
         notes, line.guards.first = notes + line.guards.first, ()
-    if line.limiter is not None:
-        x, notes = within_rates(line.limiter, x, line.x, notes, line.program, line.robot)
-    last = line.send(x.copy(), state)
-    if not solution.status.cut:
-        line.trend.take(line.x, line.guards.count)
-    for note in notes:
-        status = status if note.status.severity <= status.severity else note.status
+    last = line.send(x, state)
     end = perf_counter()
     if line.limit is not None:
         line.budget.end(thread_time(), solution.status is Status.TIME_LIMIT)
     times = Times(prepared - start, filled - prepared, solved - filled, end - solved)
-    tick = Tick(line, state, last, None, times, solution, line.x, status, notes)
+    tick = Tick(line, state, last, None, times, solution, x, worst(notes), notes)
     remark(line, tick, held_back, restless, around)
     return tick
 
 
 def held_tick(line: Line, state: State, solution: Solution | None, notes: tuple[Note, ...], *, fit: bool) -> Tick:
     """No answer is usable: the command comes to rest.  fit: whether this state is one to start from."""
-    start, line.held = perf_counter(), line.held + 1
-    line.trend.forget()
-    if fit or line.held == 1:
-        line.rest.begin(state if fit else line.last_good, line.x, now=fit)
-    if line.good is None and not fit:
-        notes += (Note("session", notes[0].status, "no good state so far: the command is zero"),)
-    x = line.rest.next()
-    if line.limiter is not None:
-        x, notes = within_rates(line.limiter, x, line.x, notes, line.program, line.robot)
+    start, x, line.held = perf_counter(), np.empty(line.x.size), line.held + 1
+
+    def begin() -> Start | None:
+        return line.rest.start(state if fit else line.last_good)
+
+    how = fit, line.held, worst(notes).severity
+    told = line.outgoing.rest(line.rest.answers, begin, *how, line.before, line.limiter, x)
+    notes += of_native(told)
     last = line.send(x)
-    status = Status.worst(*(note.status for note in notes))
     times = Times(0.0, 0.0, 0.0, perf_counter() - start)
-    return Tick(line, state, last, None, times, solution, x, status, notes, line.held, fit)
+    return Tick(line, state, last, None, times, solution, x, worst(notes), notes, line.held, fit)
+
+
+def worst(notes: tuple[Note, ...]) -> Status:
+    """Of a tick with these notes."""
+    return Status.worst(*[note.status for note in notes])

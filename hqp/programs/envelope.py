@@ -13,7 +13,7 @@ except ImportError:  # no compiler was there
     native: Any = None
 else:
     native = _session
-"""StateBounds, RateLimiter, Budget, Trend, Late, SlowDown, Brake and Hold."""
+"""StateBounds, RateLimiter, Budget, Outgoing, SlowDown, Brake and Hold."""
 
 
 def require_compiled() -> None:

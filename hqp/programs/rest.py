@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
-import numpy as np
-
 from hqp.arrays import Vec
 from hqp.declare.robot import Robot, State
 from hqp.declare.safety import Braking
@@ -15,22 +13,19 @@ from hqp.programs.envelope import native
 Holding: TypeAlias = Callable[[State], tuple[Vec, Vec]]
 """What holds the robot up in a state, and the inverse inertia that each motor feels, ``(n,)`` both; it may raise."""
 
+Start: TypeAlias = "tuple[Vec, Vec, Vec | None, Vec | None]"
+"""Angles and v ``(nv,)`` of a state to come to rest from, and its Holding where that is known."""
+
 
 class Rest:
-    """Answers x that bring a robot to rest from the last good tick on; every number is finite."""
+    """What brings a robot to rest from the last good tick on; answers: native, every number is finite."""
 
-    def __init__(self, answers: Any, size: int, holding: Holding | None = None) -> None:
-        self._answers, self._size, self._holding = answers, size, holding
+    def __init__(self, answers: Any, holding: Holding | None = None) -> None:
+        self.answers, self._holding = answers, holding
 
-    def begin(self, state: State | None, x: Vec, *, now: bool) -> None:
-        """Start from the last good state, None where there was none, and the last x that was sent.
-
-        now: whether the state is that of this tick, or of the one before, in which x was sent.
-        """
-        if state is None:
-            self._answers.begin(None, None, None, None, x, now)
-        else:
-            self._answers.begin(state.angles, state.v, *self._held(state), x, now)
+    def start(self, state: State | None) -> Start | None:
+        """What there is to know of the last good state, None where there was none."""
+        return None if state is None else (state.angles, state.v, *self._held(state))
 
     def _held(self, state: State) -> tuple[Vec | None, Vec | None]:
         if self._holding is None:
@@ -40,25 +35,19 @@ class Rest:
         except Exception:  # whatever broke the tick, an element of the user's perhaps, may break this as well
             return None, None
 
-    def next(self) -> Vec:
-        """x of the next tick."""
-        x = np.empty(self._size)
-        self._answers.next(x)
-        return x
-
 
 def slow_down(robot: Robot, braking: Braking, dt: float) -> Rest:
     """Velocity level: a common factor, so that contacts hold; joints stop at their limits."""
     limits = robot.lower.tolist(), robot.upper.tolist()
-    return Rest(native.SlowDown(*limits, robot.actuated.tolist(), braking.deceleration, dt), robot.nv)
+    return Rest(native.SlowDown(*limits, robot.actuated.tolist(), braking.deceleration, dt))
 
 
 def brake(robot: Robot, braking: Braking, dt: float) -> Rest:
     """Acceleration level: against the velocity, estimated from the last good state on."""
-    return Rest(native.Brake(robot.nv, robot.actuated.tolist(), braking.deceleration, dt), robot.nv)
+    return Rest(native.Brake(robot.nv, robot.actuated.tolist(), braking.deceleration, dt))
 
 
 def hold(robot: Robot, braking: Braking, dt: float, holding: Holding) -> Rest:
     """Torque level: holding torque with damping, within the effort limits."""
     limit, motors = robot.effort_limit[robot.actuated].tolist(), robot.actuated.tolist()
-    return Rest(native.Hold(limit, motors, braking.damping, dt), len(motors), holding)
+    return Rest(native.Hold(limit, motors, braking.damping, dt), holding)

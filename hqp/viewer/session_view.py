@@ -21,15 +21,15 @@ from hqp.declare.reference import Reference
 from hqp.declare.robot import State
 from hqp.errors import DeclarationError, HqpError, NetworkWarning
 from hqp.explanation.account import too_fast
+from hqp.explanation.notes import STATUSES
 from hqp.loop.session import Session, Tick
-from hqp.problem import Hierarchy, Selection, Status
+from hqp.problem import Hierarchy, Selection
 from hqp.tasks import CollisionAvoidance
 from hqp.web.doors import LOOPBACK, NETWORK, Doors, address, is_everywhere, is_loopback, listening
 
 from .channel import Channel, Layout
 from .description import StackDescription, describe_robot, describe_stack
 
-STATUSES = tuple(Status)
 BATCH = 8
 """Ticks that are copied to the page together, 16 ms at 500 Hz."""
 

@@ -11,7 +11,7 @@ import pytest
 
 import hqp
 from hqp import Level, Stack, Status
-from hqp._session import Trend
+from hqp._session import Outgoing
 from hqp.errors import DeclarationError, StaleState, UnknownReference
 from hqp.robots import Robot
 from hqp.solvers.lexicographic import kernel
@@ -182,7 +182,7 @@ def test_a_change_of_stack_knows_the_targets_of_the_latest_tick() -> None:
         q, v = one.advance()
         if one.transition == 1.0:
             break
-    for _ in range(Trend.LONGEST):
+    for _ in range(Outgoing.LONGEST):
         same(*both(pair, q, v, {}))
 
 

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
 import hqp
 from hqp import Hierarchy, Rows, Selection, Solution, Status
-from hqp._session import Trend
+from hqp._session import Brake, ContactWatch, Outgoing
 from hqp.arrays import Mat, Vec
 from hqp.lab.measures import MOST_REVERSALS
-from hqp.loop.late import late
 from hqp.loop.outgoing import largest_change
 from hqp.problem import Motion, Stats
 from hqp.solvers.base import finish
 from hqp.solvers.lexicographic import Lexicographic
+from hqp.tolerances import VIOLATION_TOLERANCE
 from tests.scenes.calm.loop import NOTICEABLE, limits
 from tests.scenes.calm.scenes import DT, FORMULATIONS, Scene, scenes
 from tests.scenes.overloaded import no_worse
@@ -97,6 +98,33 @@ def test_ticks_that_are_cut_leave_commands_calm(robot: str, kind: str, share: fl
         assert np.all(np.abs(busy[-1] - calm[-1]) <= NOTICEABLE * scale)
 
 
+class Sent:
+    """What is sent of the answers to a hierarchy."""
+
+    def __init__(self, problem: Hierarchy, joints: Sequence[int], most: float) -> None:
+        self.n = problem.n
+        sentences = [status.value for status in Status]
+        self.outgoing = Outgoing(problem, [], list(joints), most, VIOLATION_TOLERANCE, sentences)
+        self.slack = np.zeros(sum(rows.m for rows in problem.levels))
+
+    def instead(self, cut: Vec, last: Vec, tick: int) -> Vec:
+        """In place of an answer that was cut."""
+        x, status = np.empty(self.n), Status.TIME_LIMIT.severity
+        contacts = ContactWatch([], DT)
+        usable, told = self.outgoing.take((status, cut, self.slack, ""), (last, True, tick), contacts, None, x)
+        assert usable
+        assert told == [("solver", status, Status.TIME_LIMIT.value)]
+        return x
+
+
+def late(problem: Hierarchy, cut: Vec, last: Vec, ahead: Vec, joints: Sequence[int], most: float) -> Vec:
+    """What is sent in place of a cut answer where the answers before it lead from ``last`` to ``ahead``."""
+    sent = Sent(problem, joints, most)
+    sent.outgoing.solved(np.zeros(problem.n), 1)
+    sent.outgoing.solved(ahead - last, 2)
+    return sent.instead(cut, last, 3)
+
+
 def drawn(rng: np.random.Generator, prices: bool) -> tuple[Hierarchy, Vec]:
     """A hierarchy below a box, and a last answer near its optimum."""
     n = 6
@@ -137,24 +165,23 @@ def test_a_cut_answer_is_taken_where_much_is_at_stake() -> None:
 
 
 def test_the_trend_is_that_of_solved_answers() -> None:
-    trend, last = Trend(1), np.array([3.0])
+    rows = Rows(np.zeros((1, 1)), np.zeros(1), np.zeros(1))  # no x is better than another one
+    sent, last = Sent(Hierarchy((rows,)), range(1), math.inf), np.array([3.0])
 
     def after(tick: int) -> float:
-        to = np.zeros(1)
-        trend.after(last, tick, to)
-        return float(to[0])
+        return float(sent.instead(last, last, tick)[0])
 
-    longest = Trend.LONGEST
+    longest = Outgoing.LONGEST
     assert after(1) == 3.0
-    trend.take(np.array([1.0]), 1)
+    sent.outgoing.solved(np.array([1.0]), 1)
     assert after(2) == 3.0
-    trend.take(np.array([2.0]), 5)  # four ticks later
+    sent.outgoing.solved(np.array([2.0]), 5)  # four ticks later
     assert after(6) == pytest.approx(3.25)
     assert after(5 + longest) == pytest.approx(3.25)
     assert after(6 + longest) == 3.0
-    trend.take(np.array([4.0]), 5)  # of the same tick: no rate
+    sent.outgoing.solved(np.array([4.0]), 5)  # of the same tick: no rate
     assert after(6) == pytest.approx(3.25)
-    trend.forget()
+    sent.outgoing.rest(Brake(1, [0], 1.0, DT), lambda: None, True, 1, 0, (last, True, 6), None, np.empty(1))
     assert after(7) == 3.0
 
 

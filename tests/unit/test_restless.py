@@ -71,7 +71,7 @@ def test_rates_are_counted_and_fade() -> None:
 
     for k in range(500):
         told = look(1 if k % 10 < 5 else -1)
-    ((joint, why),) = told
+    ((joint, _, why),) = told
     assert joint == robot.joint_names[2]
     assert rate(why) == pytest.approx(1.0 / (5 * DT), rel=0.1)
     for _ in range(int(3.0 * watch.SPAN / DT * math.log(100.0 / watch.OFTEN))):

@@ -13,14 +13,13 @@
 #include "budget.hpp"
 #include "contact_watch.hpp"
 #include "guards.hpp"
-#include "late.hpp"
 #include "limit_watch.hpp"
 #include "line.hpp"
+#include "outgoing.hpp"
 #include "phase_laws.hpp"
 #include "presence.hpp"
 #include "rest.hpp"
 #include "session.hpp"
-#include "violations.hpp"
 
 namespace hqp {
 
@@ -49,9 +48,6 @@ class Guarded {
         joints_(robot_.places("actuated", std::size_t(line_.nv()))),
         picks_(kind_ == "torque" ? counted(joints_.size()) : joints_),
         budget_(guards_.number("deadline")),
-        sentences_(guards_.texts("statuses")),
-        violation_(guards_.number("violation")),
-        gradual_(guards_.number("gradual")),
         q_(std::size_t(line_.nq())),
         v_(std::size_t(line_.nv())),
         good_q_(q_.size()),
@@ -61,17 +57,17 @@ class Guarded {
         contacts_(names_of(line_.members()), line_.dt()),
         limits_(limit_watch(line_)),
         left_out_(line_.members().size(), false),
-        trend_(x_.size()),
-        ahead_(x_.size()),
         angles_(v_.size()),
-        late_(line_.late(violation_)),
+        outgoing_(
+            line_.outgoing(picks_, guards_.number("gradual"), guards_.number("violation"), guards_.texts("statuses"))),
         presence_(line_.root(), line_.members()),
         laws_(line_, presence_.names().size()),
         out_(line_.members().size(), false) {
     if (joint_names_.size() != picks_.size()) throw PlanError("the command of the plan is of other joints");
-    if (sentences_.size() != std::size_t(Status::kInvalidState) + 1) throw PlanError("the plan has no sentences");
+    if (guards_.texts("statuses").size() != std::size_t(Status::kInvalidState) + 1)
+      throw PlanError("the plan has no sentences");
     if (guards_.has("rates"))
-      limiter_ = std::make_unique<RateLimiter>(joint_names_, guards_.numbers("rates"), line_.dt());
+      limiter_ = std::make_unique<RateLimiter>(joint_names_, guards_.numbers("rates"), line_.dt(), "rate");
     for (const int pick : picks_)
       if (pick < 0 || std::size_t(pick) >= x_.size()) throw PlanError("a joint of the plan is none");
     over_.reserve(v_.size());
@@ -127,7 +123,7 @@ class Guarded {
 
   // All that goes over from one tick to the next, but for references that no step has taken yet.
   void keep(CarryOver& state) {
-    state.take(good_), state.take(holds_known_), trend_.keep(state);
+    state.take(good_), state.take(holds_known_), outgoing_.trend().keep(state);
     state.take(tick_.count_), state.take(tick_.held_);
     state.take(x_.data(), x_.size());
     if (tick_.held_ > 0) rest_->keep(state);
@@ -261,6 +257,10 @@ class Guarded {
     if (tick_.note_count_ < tick_.notes_.size()) tick_.notes_[tick_.note_count_++] = note;
     if (note.status > tick_.status_) tick_.status_ = note.status;
   }
+  auto teller() {
+    return [this](const Note& why) { note(why); };
+  }
+  Before before() const { return {x_.data(), good_, tick_.count_}; }
 
   // These elements are out of this tick, and all others in: those that come back hold what they are at.
   void attend(const Presence::Out& out) {
@@ -342,29 +342,12 @@ class Guarded {
                        !dynamics);
     }
     const Answered answer = line_.answer(found);
-    const int n = static_cast<int>(x_.size());
-    double largest = 0.0;
-    for (std::size_t i = 0; i < x_.size(); ++i) largest = std::max(largest, std::fabs(answer.x[i]));
     line_.residuals(answer.slack, tick_.residuals_.data());
     std::copy(answer.marks, answer.marks + tick_.marks_.size(), tick_.marks_.begin());
-    const bool numbers = squared(answer.x, n) < std::numeric_limits<double>::infinity();
-    if (answer.status != Status::kOptimal) {
-      tick_.status_ = std::max(tick_.status_, answer.status);
-      const bool told = culprits(answer.slack);
-      if (!told || answer.status != Status::kConstraintsViolated)
-        note({"solver", answer.status, Cause::kSolver, sentences_[std::size_t(answer.status)].c_str()});
-      if (answer.status >= Status::kNotCertified || !numbers) return held_tick({}, true);
-    } else if (!numbers) {
-      return held_tick({"solver", Status::kNotCertified, Cause::kNotFinite}, true);
-    }
-    const bool cut = answer.status == Status::kTimeLimit || answer.status == Status::kIterationLimit;
-    const double* x = cut ? late(answer.x) : answer.x;
-    std::copy(x, x + n, tick_.x_.begin());
-    contacts_.lost([this](const Note& why) { note(why); });
-    within_rates();
+    if (!outgoing_.take(answer, before(), contacts_, limiter_.get(), tick_.x_.data(), teller()))
+      return held_tick({}, true);
     limits();
     send();
-    if (!cut) trend_.take(x_.data(), tick_.count_);
     if (budget_.limited() && answer.status != Status::kOptimal)
       budget_.end(thread_time(), answer.status == Status::kTimeLimit);
     fresh_ = answer.status != Status::kOptimal;
@@ -383,26 +366,15 @@ class Guarded {
   // No answer is usable: the command comes to rest. fit: whether this state is one to start from.
   const Tick& held_tick(const Note& why, bool fit) {
     if (why.status != Status::kOptimal) note(why);
-    ++tick_.held_;
-    trend_.forget();
     fresh_ = true;
-    if (fit) rest_->begin(from(q_, v_), x_.data(), true);
-    else if (tick_.held_ == 1) rest_->begin(good_ ? from(good_q_, good_v_) : RestFrom{}, x_.data(), false);
-    if (!good_ && !fit) note({"session", why.status, Cause::kNoState});
-    rest_->next(tick_.x_.data());
-    within_rates();
+    const auto start = [&] { return fit ? from(q_, v_) : good_ ? from(good_q_, good_v_) : RestFrom{}; };
+    outgoing_.rest(*rest_, start, fit, ++tick_.held_, why.status, before(), limiter_.get(), tick_.x_.data(), teller());
     send();
     return tick_;
   }
 
   // The velocity that limits stand around.
   const double* around() const { return line_.order() == 1 && good_ ? x_.data() : v_.data(); }
-  // What is sent instead of an answer that was cut, see Late.
-  const double* late(const double* x) {
-    trend_.after(x_.data(), tick_.count_, ahead_.data());
-    const double most = good_ ? gradual_ : std::numeric_limits<double>::infinity();
-    return late_.choose(x, x_.data(), ahead_.data(), picks_.data(), picks_.size(), most);
-  }
   // A state as a robot comes to rest from it.
   RestFrom from(const std::vector<double>& q, const std::vector<double>& v) {
     RestFrom found;
@@ -411,20 +383,10 @@ class Guarded {
     if (line_.torque() && line_.at_rest(q.data())) found.holding = line_.holding(), found.felt = line_.felt();
     return found;
   }
-  void within_rates() {
-    Note why;
-    const auto pick = [this](std::size_t i) { return std::size_t(picks_[i]); };
-    const double share = limiter_ ? limiter_->share(x_.data(), tick_.x_.data(), pick, why) : 1.0;
-    if (share == 1.0) return;
-    for (std::size_t i = 0; i < x_.size(); ++i) tick_.x_[i] = x_[i] + share * (tick_.x_[i] - x_[i]);
-    note(why);
-    if (line_.slack(tick_.x_.data())) culprits(line_.slacks(), "rate");
-  }
-
   // Notes on limits of joints that alternate, and on those that are passed.
   void limits() {
     const std::size_t before = tick_.note_count_;
-    limits_.look(tick_.marks_.data(), tick_.count_, [this](const Note& why) { note(why); });
+    limits_.look(tick_.marks_.data(), tick_.count_, teller());
     if (tick_.note_count_ == before && !limits_.meet()) return;
     for (const Member& member : line_.members()) {
       if (member.units.empty() || member.operation < 0) continue;
@@ -436,22 +398,6 @@ class Guarded {
     }
   }
 
-  // Notes on members of subject_to that are off, by a limit of that name; whether there is any.
-  bool culprits(const double* slack, const char* limit = "") {
-    bool any = false;
-    for (const Member& member : line_.members()) {
-      if (!line_.constrains(member)) continue;
-      Note why{member.name.c_str(), Status::kConstraintsViolated, Cause::kOff, limit};
-      const Level& level = line_.level(member);
-      const int first = member.first;
-      if (!violated(slack + line_.start(member) + first, level.lower + first, level.upper + first,
-                    std::size_t(member.last - first), violation_, member.row_names, why))
-        continue;
-      note(why), any = true;
-    }
-    return any;
-  }
-
   Line line_;
   Node robot_, guards_;
   StateCheck check_;
@@ -461,9 +407,7 @@ class Guarded {
   std::vector<double> home_;
   std::vector<int> joints_, picks_;  // actuated coordinates, and where their numbers are in x
   Budget budget_;
-  std::vector<std::string> sentences_;  // on each status
   std::unique_ptr<RateLimiter> limiter_;
-  double violation_, gradual_;
   std::vector<double> q_, v_, good_q_, good_v_, x_;
   std::vector<Given> given_;
   std::vector<Slot*> renewed_;  // those that take a fresh hold value
@@ -471,9 +415,8 @@ class Guarded {
   ContactWatch contacts_;
   LimitWatch limits_;
   std::vector<bool> left_out_;
-  Trend trend_;
-  std::vector<double> ahead_, angles_, over_;
-  Late late_;
+  std::vector<double> angles_, over_;
+  Outgoing outgoing_;
   Presence presence_;
   PhaseLaws laws_;
   Presence::Out out_;

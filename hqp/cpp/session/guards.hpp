@@ -151,39 +151,41 @@ class StateCheck {
   std::vector<double> angles_;
 };
 
-// Holds the change of a command within a rate: (motors,) numbers, one over the largest change in a tick.
+// Holds the change of a command within a limit: (motors,) numbers, one over the largest change in a tick.
 class RateLimiter {
  public:
-  RateLimiter(std::vector<std::string> names, std::vector<double> inverse, double dt)
-      : names_(std::move(names)), inverse_(std::move(inverse)), dt_(dt) {
+  // joints: of the motors.  name: of the limit.
+  RateLimiter(std::vector<std::string> joints, std::vector<double> inverse, double dt, std::string name)
+      : names_(std::move(joints)), inverse_(std::move(inverse)), dt_(dt), name_(std::move(name)), all_(name_ + "s") {
     if (names_.size() != inverse_.size()) throw PlanError("the rates of the plan are of other joints");
   }
 
-  // How far towards a command one tick may go, 0 to 1, and why not all the way; pick(i): the place of motor i in both.
-  template <class Pick>
-  double share(const double* last, const double* command, const Pick& pick, Note& why) const {
+  // How far towards x one tick may go, 0 to 1, and why not all the way.  motors: their places in x.
+  double share(const double* last, const double* x, const std::vector<int>& motors, Note& why) const {
+    const auto change = [&](std::size_t i) { return x[motors[i]] - last[motors[i]]; };
     double most = 1.0;
     std::size_t worst = 0;
     for (std::size_t i = 0; i < inverse_.size(); ++i) {
-      const double over = std::fabs((command[pick(i)] - last[pick(i)]) * inverse_[i]);
+      const double over = std::fabs(change(i) * inverse_[i]);
       if (over > most) most = over, worst = i;
     }
     if (most == 1.0) return 1.0;
-    why = {"rates",
+    why = {all_.c_str(),
            Status::kOptimal,
            Cause::kRate,
            names_[worst].c_str(),
-           std::fabs(command[pick(worst)] - last[pick(worst)]) / dt_,
+           std::fabs(change(worst)) / dt_,
            1.0 / (inverse_[worst] * dt_)};
     return 1.0 / most;
   }
-  std::size_t size() const { return inverse_.size(); }
+  const char* name() const { return name_.c_str(); }
   const std::vector<double>& inverse() const { return inverse_; }
 
  private:
   std::vector<std::string> names_;
   std::vector<double> inverse_;
   double dt_;
+  std::string name_, all_;  // in a note on what is off by it, and of one on itself
 };
 
 }  // namespace hqp

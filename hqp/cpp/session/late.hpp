@@ -54,6 +54,15 @@ class Trend {
   std::int64_t tick_ = 0;
 };
 
+// Of row i of a level at x (n).
+inline double value(const Level& level, int i, const double* x, int n) {
+  if (!level.A) return level.scale[i] * x[level.index[i]];
+  const double* row = level.A + std::ptrdiff_t(i) * n;
+  double sum = 0.0;
+  for (int j = 0; j < n; ++j) sum += row[j] * x[j];
+  return sum;
+}
+
 // What is sent in place of an answer that was cut.
 class Late {
  public:
@@ -120,7 +129,7 @@ class Late {
       const Level& level = levels_[k];
       double square = 0.0;
       for (int i = 0; i < level.m; ++i, ++w) {
-        *w = slack(value(level, i, at.x), level.lower[i], level.upper[i]);
+        *w = slack(value(level, i, at.x.data(), n_), level.lower[i], level.upper[i]);
         square += *w * *w;
       }
       const double size = std::sqrt(square), price = law_.prices ? law_.prices[k] : 0.0;
@@ -128,13 +137,6 @@ class Late {
       at.cost[k] = size + price * motion;
       at.band[k] = violation_ * (1.0 + size) + (price > 0.0 ? law_.eta * size : 0.0);
     }
-  }
-  double value(const Level& level, int i, const std::vector<double>& x) const {
-    if (!level.A) return level.scale[i] * x[std::size_t(level.index[i])];
-    const double* row = level.A + std::ptrdiff_t(i) * n_;
-    double sum = 0.0;
-    for (int j = 0; j < n_; ++j) sum += row[j] * x[std::size_t(j)];
-    return sum;
   }
   double energy(const std::vector<double>& x) const {  // E(x) = 1/2 ||F x - f||^2
     double square = 0.0;

@@ -10,8 +10,8 @@
 
 #include "../rows/planned.hpp"
 #include "../torque/parts.hpp"
-#include "late.hpp"
 #include "node.hpp"
+#include "outgoing.hpp"
 #include "solver_parts.hpp"
 #include "tick.hpp"
 
@@ -31,13 +31,6 @@ struct Member {
   bool out = false;
   int operation = -1;              // what writes its rows, -1 for none
   std::vector<std::string> units;  // of rows that are limits of joints
-};
-
-// What the solver gave: slacks and marks of all rows.
-struct Answered {
-  Status status;
-  const double *x, *slack;
-  const std::int8_t* marks;
 };
 
 class Line {
@@ -115,23 +108,6 @@ class Line {
     return {status, values, values + exact.size(), found.active ? found.active : exact.marks()};
   }
 
-  // Slacks of all rows at x, into slacks(); whether any is not zero.
-  bool slack(const double* x) {
-    bool any = false;
-    std::size_t at = 0;
-    for (const Level& level : solve_->exact().levels)
-      for (int i = 0; i < level.m; ++i, ++at) {
-        double value = 0.0;
-        if (level.A)
-          for (int j = 0; j < solve_->exact().size(); ++j)
-            value += level.A[std::size_t(i) * solve_->exact().size() + j] * x[j];
-        else value = level.scale[i] * x[level.index[i]];
-        slacks_[at] = hqp::slack(value, level.lower[i], level.upper[i]);
-        any = any || slacks_[at] != 0.0;
-      }
-    return any;
-  }
-  const double* slacks() const { return slacks_.data(); }
   void residuals(const double* slack, double* out) const {
     for (const int m : rows_) {
       double square = 0.0;
@@ -202,18 +178,25 @@ class Line {
     }
   }
 
-  // The rule for answers that were cut.
-  Late late(double violation) {
+  // What is sent of its answers; the rest as of Outgoing.
+  Outgoing outgoing(std::vector<int> motors, double most, double violation, std::vector<std::string> sentences) {
     BoundKernel& exact = solve_->exact();
     const hqp::Law* law = solve_->law();
-    return {exact.size(), exact.levels, exact.problem.constraints, law ? *law : hqp::Law{}, violation};
-  }
-
-  bool constrains(const Member& member) {
-    return member.level >= 0 && member.level < solve_->exact().problem.constraints;
+    std::vector<Outgoing::Part> parts;
+    for (const Member& one : members_)
+      if (one.level >= 0 && one.level < exact.problem.constraints)
+        parts.push_back({one.name, one.level, one.first, one.last, one.row_names});
+    return {exact.size(),
+            exact.levels,
+            exact.problem.constraints,
+            law ? *law : hqp::Law{},
+            std::move(parts),
+            std::move(motors),
+            most,
+            violation,
+            std::move(sentences)};
   }
   int start(const Member& member) const { return starts_[std::size_t(member.level)]; }
-  const Level& level(const Member& member) { return solve_->exact().levels[std::size_t(member.level)]; }
 
  private:
   static const Status* statuses() {

@@ -1,7 +1,7 @@
-// Python's view of what a session lets in and out: bounds, rates, time, late answers, and how it comes to rest.
+// Python's view of what a session lets in and out: bounds, rates, time, answers of a hierarchy, and how it comes to
+// rest.
 #pragma once
 
-#include <memory>
 #include <optional>
 #include <string>
 #include <tuple>
@@ -18,12 +18,8 @@
 
 #include "../solver/reading.hpp"
 #include "budget.hpp"
-#include "contact_watch.hpp"
-#include "guards.hpp"
-#include "late.hpp"
 #include "limit_watch.hpp"
-#include "rest.hpp"
-#include "violations.hpp"
+#include "outgoing.hpp"
 
 namespace binding {
 
@@ -32,39 +28,98 @@ using namespace nb::literals;
 
 using Numbers = std::vector<double>;
 using Names = std::vector<std::string>;
-using Told = std::vector<std::tuple<std::string, std::string>>;  // element, text
+using Notes = std::vector<std::tuple<std::string, int, std::string>>;  // element, status, text
 using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Written = nb::ndarray<double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
 template <class Array>
-const double* numbers(const Array& x, std::size_t size) {
+auto numbers(const Array& x, std::size_t size) {
   if (x.size() != size) throw nb::value_error("a vector has a wrong size");
   return x.data();
 }
 inline const double* numbers(const std::optional<Vector>& x, std::size_t size) {
   return x ? numbers(*x, size) : nullptr;
 }
-
-// See Late; x is written.
-inline void late(const nb::object& hierarchy, const Vector& cut, const Vector& last, const Vector& ahead,
-                 const std::vector<int>& joints, double most, double violation, const Written& x) {
-  const std::size_t n = x.size();
-  std::vector<int> rows;
-  for (const nb::handle one : hierarchy.attr("levels")) rows.push_back(nb::cast<int>(one.attr("m")));
-  std::vector<hqp::Level> levels(rows.size());
-  hqp::Reader reader;
-  hqp::Problem problem;
-  hqp::Law law;
-  const double* prices = nullptr;
-  const bool metric = !hierarchy.attr("metric").is_none();
-  if (!reader.read(hierarchy, static_cast<int>(n), rows, metric, levels.data(), problem, prices) ||
-      !reader.read_law(hierarchy, static_cast<int>(n), std::vector<char>(rows.size(), 1), prices, law))
-    throw nb::value_error("the hierarchy cannot be read");
-  hqp::Late rule(static_cast<int>(n), std::move(levels), problem.constraints, law, violation);
-  const double* found =
-      rule.choose(numbers(cut, n), numbers(last, n), numbers(ahead, n), joints.data(), joints.size(), most);
-  std::copy(found, found + n, x.data());
+inline auto teller(Notes& notes) {
+  return
+      [&notes](const hqp::Note& note) { notes.emplace_back(note.element, static_cast<int>(note.status), note.text()); };
 }
+
+// What is sent of the answers to a hierarchy whose arrays are live.
+class Outgoing {
+ public:
+  using Part = std::tuple<std::string, int, int, int, Names>;                             // see hqp::Outgoing::Part
+  using From = std::tuple<Vector, Vector, std::optional<Vector>, std::optional<Vector>>;  // see hqp::RestFrom
+  using Answer = std::tuple<int, Vector, Vector, std::string>;                            // see hqp::Answered
+  using Before = std::tuple<Vector, bool, std::int64_t>;                                  // see hqp::Before
+
+  Outgoing(nb::object hierarchy, const std::vector<Part>& parts, std::vector<int> motors, double most, double violation,
+           Names sentences)
+      : hierarchy_(std::move(hierarchy)),
+        outgoing_(read(parts, std::move(motors), most, violation, std::move(sentences))) {}
+
+  std::pair<bool, Notes> take(const Answer& answer, const Before& before, const hqp::ContactWatch& contacts,
+                              const hqp::RateLimiter* limiter, const Written& x) {
+    const auto& [status, found, slack, detail] = answer;
+    const double* w = status ? numbers(slack, outgoing_.rows()) : nullptr;
+    Notes notes;
+    const bool usable = outgoing_.take({static_cast<hqp::Status>(status), of(found), w, nullptr, detail.c_str()},
+                                       of(before), contacts, limiter, of(x), teller(notes));
+    return {usable, std::move(notes)};
+  }
+  Notes rest(hqp::Rest& rest, const nb::callable& start, bool fit, std::int64_t held, int why, const Before& before,
+             const hqp::RateLimiter* limiter, const Written& x) {
+    std::optional<From> kept;
+    const auto from = [&] {
+      if (!(kept = nb::cast<std::optional<From>>(start()))) return hqp::RestFrom{};
+      const auto& [angles, v, holding, felt] = *kept;
+      return hqp::RestFrom{numbers(angles, v.size()), v.data(), numbers(holding, rest.size()),
+                           numbers(felt, rest.size())};
+    };
+    Notes notes;
+    outgoing_.rest(rest, from, fit, held, static_cast<hqp::Status>(why), of(before), limiter, of(x), teller(notes));
+    return notes;
+  }
+  Notes limit(const hqp::RateLimiter& limiter, const Vector& last, const Written& x) {
+    Notes notes;
+    outgoing_.limit(limiter, of(last), of(x), teller(notes));
+    return notes;
+  }
+  void solved(const Vector& x, std::int64_t tick) { outgoing_.trend().take(of(x), tick); }
+
+ private:
+  const double* of(const Vector& x) const { return numbers(x, std::size_t(outgoing_.size())); }
+  double* of(const Written& x) const { return numbers(x, std::size_t(outgoing_.size())); }
+  hqp::Before of(const Before& told) const {
+    const auto& [x, good, tick] = told;
+    return {of(x), good, tick};
+  }
+  hqp::Outgoing read(const std::vector<Part>& parts, std::vector<int> motors, double most, double violation,
+                     Names sentences) const {
+    const int n = nb::cast<int>(hierarchy_.attr("n"));
+    std::vector<int> rows;
+    for (const nb::handle one : hierarchy_.attr("levels")) rows.push_back(nb::cast<int>(one.attr("m")));
+    std::vector<hqp::Level> levels(rows.size());
+    hqp::Reader reader;
+    hqp::Problem problem;
+    hqp::Law law;
+    const double* prices = nullptr;
+    if (!reader.read(hierarchy_, n, rows, !hierarchy_.attr("metric").is_none(), levels.data(), problem, prices) ||
+        !reader.read_law(hierarchy_, n, std::vector<char>(rows.size(), 1), prices, law))
+      throw nb::value_error("the hierarchy cannot be read");
+    std::vector<hqp::Outgoing::Part> found;
+    for (const auto& [name, level, first, last, names] : parts) {
+      if (level < 0 || level >= problem.count || first < 0 || last < first || last > rows[std::size_t(level)])
+        throw nb::value_error("rows that the hierarchy does not have");
+      found.push_back({name, level, first, last, names});
+    }
+    return {n,    std::move(levels), problem.constraints, law, std::move(found), std::move(motors),
+            most, violation,         std::move(sentences)};
+  }
+
+  nb::object hierarchy_;  // keeps its arrays
+  hqp::Outgoing outgoing_;
+};
 
 inline void bind_guards(nb::module_& module) {
   nb::class_<hqp::StateBounds>(module, "StateBounds")
@@ -90,16 +145,7 @@ inline void bind_guards(nb::module_& module) {
           "time"_a.none(), "now"_a);
 
   nb::class_<hqp::RateLimiter>(module, "RateLimiter")
-      .def(nb::init<Names, Numbers, double>(), "names"_a, "inverse"_a, "dt"_a)
-      .def(
-          "share",
-          [](const hqp::RateLimiter& self, const Vector& last, const Vector& command) {
-            hqp::Note why;
-            const double share = self.share(
-                numbers(last, self.size()), numbers(command, self.size()), [](std::size_t i) { return i; }, why);
-            return std::make_tuple(share, share == 1.0 ? std::string() : why.text());
-          },
-          "last"_a, "command"_a)
+      .def(nb::init<Names, Numbers, double, std::string>(), "joints"_a, "inverse"_a, "dt"_a, "name"_a)
       .def_prop_ro("inverse", &hqp::RateLimiter::inverse);
 
   nb::class_<hqp::ContactWatch> contacts(module, "ContactWatch");
@@ -119,12 +165,6 @@ inline void bind_guards(nb::module_& module) {
             for (std::size_t k = 0; k < self.names().size(); ++k) self.judge(k, out.contains(self.names()[k].c_str()));
           },
           "out"_a)
-      .def("lost",
-           [](const hqp::ContactWatch& self) {
-             Told found;
-             self.lost([&](const hqp::Note& note) { found.emplace_back(note.element, note.text()); });
-             return found;
-           })
       .def_prop_ro("names", &hqp::ContactWatch::names)
       .def_prop_ro("missing", &hqp::ContactWatch::missing);
   contacts.attr("LEAST_LOAD") = hqp::ContactWatch::kLeastLoad;
@@ -134,10 +174,10 @@ inline void bind_guards(nb::module_& module) {
       .def(
           "look",
           [](hqp::LimitWatch& self, const nb::bytearray& record, std::size_t begin, std::int64_t tick) {
-            Told found;
+            Notes found;
             if (record.size() < begin + self.rows()) return found;
             const auto* marks = static_cast<const std::int8_t*>(record.data()) + begin;
-            self.look(marks, tick, [&](const hqp::Note& note) { found.emplace_back(note.element, note.text()); });
+            self.look(marks, tick, teller(found));
             return found;
           },
           "record"_a, "begin"_a, "tick"_a)
@@ -153,22 +193,6 @@ inline void bind_guards(nb::module_& module) {
   limits.attr("SPAN") = hqp::LimitWatch::kSpan;
   limits.attr("OFTEN") = hqp::LimitWatch::kOften;
 
-  module.def(
-      "violation",
-      [](const Vector& w, const Vector& lower, const Vector& upper, double tolerance, const std::string& limit,
-         const nb::callable& row_names) {
-        const std::size_t m = w.size();
-        const auto off = [&](const Names& names, hqp::Note& why) {
-          return hqp::violated(w.data(), numbers(lower, m), numbers(upper, m), m, tolerance, names, why);
-        };
-        hqp::Note why{"", hqp::Status::kConstraintsViolated, hqp::Cause::kOff, limit.c_str()}, named = why;
-        if (!off({}, why)) return std::string();
-        const Names names = nb::cast<Names>(row_names());
-        off(names, named);
-        return named.text();
-      },
-      "w"_a, "lower"_a, "upper"_a, "tolerance"_a, "limit"_a, "row_names"_a);
-
   nb::class_<hqp::Budget> budget(module, "Budget");
   budget.def(nb::init<double>(), "deadline"_a)
       .def_prop_ro("deadline", &hqp::Budget::deadline)
@@ -182,42 +206,19 @@ inline void bind_guards(nb::module_& module) {
   budget.attr("FIRST") = hqp::Budget::kFirst;
   budget.attr("LONGEST") = hqp::Budget::kLongest;
 
-  nb::class_<hqp::Trend> trend(module, "Trend");
-  trend.def(nb::init<std::size_t>(), "n"_a)
-      .def("forget", &hqp::Trend::forget)
-      .def(
-          "take",
-          [](hqp::Trend& self, const Vector& x, std::int64_t tick) { self.take(numbers(x, self.size()), tick); }, "x"_a,
-          "tick"_a)
-      .def(
-          "after",
-          [](const hqp::Trend& self, const Vector& last, std::int64_t tick, const Written& to) {
-            numbers(to, self.size());
-            self.after(numbers(last, self.size()), tick, to.data());
-          },
-          "last"_a, "tick"_a, "to"_a.noconvert());
-  trend.attr("LONGEST") = hqp::Trend::kLongest;
+  nb::class_<Outgoing> outgoing(module, "Outgoing");
+  outgoing
+      .def(nb::init<nb::object, const std::vector<Outgoing::Part>&, std::vector<int>, double, double, Names>(),
+           "hierarchy"_a, "parts"_a, "motors"_a, "most"_a, "violation"_a, "sentences"_a)
+      .def(nb::init<const Outgoing&>(), "other"_a)
+      .def("take", &Outgoing::take, "answer"_a, "before"_a, "contacts"_a, "limiter"_a.none(), "x"_a.noconvert())
+      .def("rest", &Outgoing::rest, "rest"_a, "start"_a, "fit"_a, "held"_a, "why"_a, "before"_a, "limiter"_a.none(),
+           "x"_a.noconvert())
+      .def("limit", &Outgoing::limit, "limiter"_a, "last"_a, "x"_a.noconvert())
+      .def("solved", &Outgoing::solved, "x"_a, "tick"_a);
+  outgoing.attr("LONGEST") = hqp::Trend::kLongest;
 
-  module.def("late", late, "hierarchy"_a, "cut"_a, "last"_a, "ahead"_a, "joints"_a, "most"_a, "violation"_a,
-             "x"_a.noconvert());
-
-  nb::class_<hqp::Rest>(module, "Rest")
-      .def(
-          "begin",
-          [](hqp::Rest& self, const std::optional<Vector>& angles, const std::optional<Vector>& v,
-             const std::optional<Vector>& holding, const std::optional<Vector>& felt, const Vector& x, bool now) {
-            const std::size_t nv = v ? v->size() : 0, n = self.size();
-            self.begin({numbers(angles, nv), v ? v->data() : nullptr, numbers(holding, n), numbers(felt, n)},
-                       numbers(x, n), now);
-          },
-          "angles"_a.none(), "v"_a.none(), "holding"_a.none(), "felt"_a.none(), "x"_a, "now"_a)
-      .def(
-          "next",
-          [](hqp::Rest& self, const Written& x) {
-            numbers(x, self.size());
-            self.next(x.data());
-          },
-          "x"_a.noconvert());
+  nb::class_<hqp::Rest>(module, "Rest");
   nb::class_<hqp::SlowDown, hqp::Rest>(module, "SlowDown")
       .def(nb::init<Numbers, Numbers, std::vector<int>, double, double>(), "low"_a, "high"_a, "joints"_a,
            "deceleration"_a, "dt"_a);

@@ -11,9 +11,8 @@ from hqp.declare.reference import Reference
 from hqp.declare.robot import State
 from hqp.declare.stack import Stack
 from hqp.errors import DeclarationError, DynamicsFailed
-from hqp.explanation.notes import Note, Notes, added, made
+from hqp.explanation.notes import Note, Notes, added, made, of_native
 from hqp.loop.compiled import Compiler
-from hqp.loop.outgoing import within_rates
 from hqp.loop.references import refuse
 from hqp.loop.stepping import held_tick
 from hqp.loop.tick import Tick
@@ -103,9 +102,9 @@ def blended(
         second, b, status = first, a, a.status
     limited: tuple[Note, ...] = ()
     if reach > transition.most:
-        x, limited = within_rates(line.guards.gradual, x, last, limited, second.program, line.robot, "transition")
+        limited = of_native(second.outgoing.limit(line.guards.gradual, last, x))
     if line.limiter is not None:
-        x, limited = within_rates(line.limiter, x, last, limited, second.program, line.robot)
+        limited += of_native(second.outgoing.limit(line.limiter, last, x))
     if limited:
         transition.clipped()
         status = Status.worst(status, *(note.status for note in limited))

@@ -10,7 +10,8 @@ import numpy as np
 
 from hqp import PD, P, Phase, Sequence
 from hqp.arrays import Mat, Vec
-from hqp.export.loaded import HOLD, STATUSES, VALUE, LoadedSession
+from hqp.explanation.notes import STATUSES
+from hqp.export.loaded import HOLD, VALUE, LoadedSession
 from hqp.loop.plan_file.file import text
 from tests.scenes.stacks import FORMULATIONS, ROBOTS, scene
 

@@ -1,0 +1,170 @@
+// What a session sends: answers, what goes on in the place of one that was cut, and a command that comes to rest where
+// none is usable; no further from the last one than it may go, with notes on what of subject_to is off.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "contact_watch.hpp"
+#include "guards.hpp"
+#include "late.hpp"
+#include "rest.hpp"
+
+namespace hqp {
+
+// What a solver gave: slacks and marks of all rows, and what it says of them, if anything.
+struct Answered {
+  Status status;
+  const double *x, *slack;
+  const std::int8_t* marks;
+  const char* detail = "";
+};
+
+// Whether slacks w (m) of an element's rows are beyond what rounding accounts for at these bounds: how far, and the
+// rows, the worst first, where each has a name.
+inline bool violated(const double* w, const double* lower, const double* upper, std::size_t m, double tolerance,
+                     const std::vector<std::string>& names, Note& why) {
+  bool any = false;
+  for (std::size_t i = 0; i < m; ++i) {
+    Note::Row row{nullptr, std::fabs(w[i])};
+    if (row.amount > why.amount) why.amount = row.amount;
+    if (!(row.amount > tolerance * (1.0 + std::fmin(std::fabs(lower[i]), std::fabs(upper[i]))))) continue;
+    any = true;
+    if (names.size() != m) continue;
+    row.name = names[i].c_str();
+    ++why.row_count;
+    for (Note::Row& known : why.rows)
+      if (!known.name || row.amount > known.amount) std::swap(known, row);
+  }
+  return any;
+}
+
+// What an answer follows: the x that was sent last, whether an answer was usable before, and the number of the tick.
+struct Before {
+  const double* x;
+  bool good;
+  std::int64_t tick;
+};
+
+class Outgoing {
+ public:
+  // Rows of an element of subject_to: first to last of a level, with names.
+  struct Part {
+    std::string name;
+    int level, first, last;
+    std::vector<std::string> names;
+  };
+
+  // levels, law: live, see Late.  motors: their places in x.  most: by how much one may change in a tick towards an
+  // answer that was cut.  sentences: on each status.
+  Outgoing(int n, std::vector<Level> levels, int constraints, const Law& law, std::vector<Part> parts,
+           std::vector<int> motors, double most, double violation, std::vector<std::string> sentences)
+      : n_(n),
+        levels_(std::move(levels)),
+        parts_(std::move(parts)),
+        motors_(std::move(motors)),
+        most_(most),
+        violation_(violation),
+        sentences_(std::move(sentences)),
+        late_(n, levels_, constraints, law, violation),
+        trend_(std::size_t(n)),
+        ahead_(std::size_t(n)) {
+    for (const Level& level : levels_) {
+      starts_.push_back(slack_.size());
+      slack_.resize(slack_.size() + std::size_t(level.m));
+    }
+  }
+
+  int size() const { return n_; }
+  Trend& trend() { return trend_; }  // of the answers that were sent
+  std::size_t rows() const { return slack_.size(); }
+
+  // The answer, or what is sent in its place, into x; false where it is not usable: the command comes to rest.
+  template <class Tell>
+  bool take(const Answered& answer, const Before& before, const ContactWatch& contacts, const RateLimiter* limiter,
+            double* x, const Tell& tell) {
+    const bool finite = squared(answer.x, n_) < std::numeric_limits<double>::infinity();
+    if (answer.status != Status::kOptimal) {
+      const bool off = off_by(answer.slack, "", tell);
+      const char* why = *answer.detail ? answer.detail : sentences_[std::size_t(answer.status)].c_str();
+      if (!off || answer.status != Status::kConstraintsViolated)
+        tell(Note{"solver", answer.status, Cause::kSolver, why});
+      if (answer.status >= Status::kNotCertified) return false;
+    } else if (!finite) {
+      tell(Note{"solver", Status::kNotCertified, Cause::kNotFinite});
+    }
+    if (!finite) return false;
+    const bool cut = answer.status == Status::kIterationLimit || answer.status == Status::kTimeLimit;
+    const double* sent = answer.x;
+    if (cut) {
+      trend_.after(before.x, before.tick, ahead_.data());
+      const double most = before.good ? most_ : std::numeric_limits<double>::infinity();
+      sent = late_.choose(answer.x, before.x, ahead_.data(), motors_.data(), motors_.size(), most);
+    }
+    std::copy(sent, sent + n_, x);
+    contacts.lost(tell);
+    if (limiter) limit(*limiter, before.x, x, tell);
+    if (!cut) trend_.take(x, before.tick);
+    return true;
+  }
+
+  // No answer is usable: the next x towards rest.  held: for how many ticks by now.  why: of the worst note so far.
+  // fit: whether this state is one to start from; from(): it, or else the last good one.
+  template <class From, class Tell>
+  void rest(Rest& rest, const From& from, bool fit, std::int64_t held, Status why, const Before& before,
+            const RateLimiter* limiter, double* x, const Tell& tell) {
+    trend_.forget();
+    if (fit || held == 1) rest.begin(from(), before.x, fit);
+    if (!before.good && !fit) tell(Note{"session", why, Cause::kNoState});
+    rest.next(x);
+    if (limiter) limit(*limiter, before.x, x, tell);
+  }
+
+  // x, or the point towards it that the limiter allows, and what of subject_to is off by that.
+  template <class Tell>
+  void limit(const RateLimiter& limiter, const double* last, double* x, const Tell& tell) {
+    Note why;
+    const double share = limiter.share(last, x, motors_, why);
+    if (share == 1.0) return;
+    for (int i = 0; i < n_; ++i) x[i] = last[i] + share * (x[i] - last[i]);
+    tell(why);
+    double* w = slack_.data();
+    for (const Level& level : levels_)
+      for (int i = 0; i < level.m; ++i) *w++ = slack(value(level, i, x, n_), level.lower[i], level.upper[i]);
+    off_by(slack_.data(), limiter.name(), tell);
+  }
+
+ private:
+  // Notes on elements of subject_to that are off, by a limit of that name; whether there is any.
+  template <class Tell>
+  bool off_by(const double* slack, const char* limit, const Tell& tell) const {
+    bool any = false;
+    for (const Part& part : parts_) {
+      Note why{part.name.c_str(), Status::kConstraintsViolated, Cause::kOff, limit};
+      const Level& level = levels_[std::size_t(part.level)];
+      if (!violated(slack + starts_[std::size_t(part.level)] + part.first, level.lower + part.first,
+                    level.upper + part.first, std::size_t(part.last - part.first), violation_, part.names, why))
+        continue;
+      tell(why), any = true;
+    }
+    return any;
+  }
+
+  int n_;
+  std::vector<Level> levels_;
+  std::vector<Part> parts_;
+  std::vector<int> motors_;
+  double most_, violation_;
+  std::vector<std::string> sentences_;
+  Late late_;
+  Trend trend_;
+  std::vector<double> ahead_, slack_;
+  std::vector<std::size_t> starts_;  // of each level among all rows
+};
+
+}  // namespace hqp
