@@ -232,7 +232,7 @@ class _Program:
 
     def _advance(self, v: Vec, direction: Vec, held: Mask, steep: bool, effort: _Effort) -> Vec:
         """To the minimiser on the face of the held rows or the first row in the way; at it, down a steep direction."""
-        face = held.copy()
+        face, side = held.copy(), self._sides(v)
         while not effort.spent:
             effort.left -= 1
             Z = self.Z @ _null_space(self.C[face] @ self.Z)
@@ -241,7 +241,8 @@ class _Program:
             step = Z @ (Vt[kept].T @ ((self.t - self.T @ v) @ U[:, kept] / sigma[kept]))
             far, row = self._room(v, step, face)
             here = steep and np.abs(step).max() <= 1e-13 * np.abs(v).max()
-            if far > 1e-14 and not here:
+            against = far < ALONG and side[row] != 0.0  # an active row: the room that it leaves is rounding
+            if far > 1e-14 and not here and not against:
                 return np.asarray(v + min(1.0, far) * step)
             if row < 0 or here or not kept.any():  # the face has its minimum at v
                 break
