@@ -162,12 +162,12 @@ class Above:
         """Above the first level."""
         return Above(Rows(np.zeros((0, n)), np.zeros(0), np.zeros(0)), (), np.zeros(0, dtype=np.intp))
 
-    def after(self, problem: Hierarchy, level: int, x: Vec, at: Coordinates, off: float = MET_TOLERANCE) -> Above:
-        """With a level of the problem solved, whose stage ended at x; off: of a hard row that x meets, as rounding."""
+    def after(self, problem: Hierarchy, level: int, x: Vec, at: Coordinates, near: Vec | None = None) -> Above:
+        """With a level of the problem solved, whose stage ended at x; near: as at_optimum takes it."""
         rows, first = problem.levels[level], sum(rows.m for rows in problem.levels[:level])
         places = np.arange(first, first + rows.m)
         if problem.prices is None or not problem.prices[level] > 0.0:
-            at_end = kept(rows, x) if self.anchors else at_optimum(rows, x, off)  # the same where R = 0
+            at_end = kept(rows, x) if self.anchors else at_optimum(rows, x, near)  # the same where R = 0
             return self.with_rows(at_end, places)
         if is_met(rows, x):
             return self.with_rows(rows, places)
@@ -228,13 +228,15 @@ def kept(rows: Rows, x: Vec) -> Rows:
     return Rows(rows.A, np.where(equal, y, lower), np.where(equal, y, upper))
 
 
-def at_optimum(rows: Rows, x: Vec, off: float = MET_TOLERANCE) -> Rows:
-    """An exact level's optimal set: its slack is unique, so equalities and rows off by more keep their value.
+def at_optimum(rows: Rows, x: Vec, near: Vec | None = None) -> Rows:
+    """An exact level's optimal set: its slack is unique, so equalities and rows off by more than rounding, or than
+    ``near``, keep their value.
 
     The others are met, and x is in their range."""
     y = rows.A @ x
     w = rows.slack(x)
-    fixed = rows.equality | (np.abs(w) > off * row_sizes(rows, x))
+    least = MET_TOLERANCE * row_sizes(rows, x)
+    fixed = rows.equality | (np.abs(w) > (least if near is None else np.maximum(least, near)))
     held = kept(rows, x)
     return Rows(rows.A, np.where(fixed, y, held.lower), np.where(fixed, y, held.upper))
 

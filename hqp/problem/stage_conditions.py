@@ -26,7 +26,7 @@ from hqp.problem.definition import solve_level
 from hqp.problem.judge import Judge, terms
 from hqp.problem.nnls import nonnegative_least_squares
 from hqp.problem.pricing import Above, Coordinates, is_met
-from hqp.tolerances import LOCK_TOLERANCE, MET_TOLERANCE, NULL_SPACE_ROUNDING, ROUNDING
+from hqp.tolerances import LOCK_TOLERANCE, NULL_SPACE_ROUNDING, ROUNDING
 
 SHORTEST, WITHIN = 1e-7, 1e-9
 """What a unit of u, and of what the tolerance allows, weighs beside the gap: the least that will do is taken."""
@@ -71,7 +71,9 @@ class Walk:
             price = 0.0 if problem.prices is None else float(problem.prices[k])
             stage = self._priced(k, rows, price) if price > 0.0 else self._unpriced(k, rows)
             self._last = stage.x
-            self._above = self._above.after(problem, k, stage.x, self._at, max(self._tolerance, MET_TOLERANCE))
+            A = rows.dense(problem.n)
+            near = self._tolerance * (row_lengths(A) + terms(A, stage.x))  # as far as a row may be outside of S
+            self._above = self._above.after(problem, k, stage.x, self._at, near)
             yield stage
 
     def below(self) -> Judge:
