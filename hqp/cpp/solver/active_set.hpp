@@ -77,7 +77,7 @@ class ActiveSet {
     if (problem_.table.inequalities == 0 && !problem_.table.boxed) {
       state.solve();
       state.accept();
-    } else if (!exchange_.run()) {
+    } else if (!exchange_.run(last_)) {
       ended = descent_.run(exchange_.start);
     }
     if (!ended || (state.outcome <= Outcome::rank_uncertain && state.doubtful())) certify(ended);

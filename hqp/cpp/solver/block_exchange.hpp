@@ -21,8 +21,13 @@ struct Start {
     arena.place(slack, blocks);
   }
 
-  void forget(int blocks) {
-    for (int k = 0; k < blocks; ++k) slack[k] = kInfinity;
+  // Another point, with the set at hand.
+  void set_to(SearchState& state, const double* from) {
+    const Table& table = state.problem.table;
+    for (int i = 0; i < table.n; ++i) x[i] = table.inside_box(i, from[i]);
+    table.product(x, state.point.v);
+    for (int k = 0; k + 1 < table.blocks; ++k) slack[k] = table.outside(k, state.point.v);
+    set.restore(table, state.problem.set);
     optimal = 0;
     current = false;
   }
@@ -59,12 +64,13 @@ class BlockExchange {
   explicit BlockExchange(SearchState& state) : state_(state) {}
 
   // True if that ends the search: at the optimum, or out of time at the best point.
-  bool run() {
+  // last: the last answer.
+  bool run(const double* last) {
     EqualityProblem& problem = state_.problem;
     const Table& table = problem.table;
     const Multipliers& multipliers = state_.multipliers;
     int exchanges_left = state_.options->exchanges, fewest = 1 << 30;
-    start.forget(table.blocks);
+    start.set_to(state_, last);
     for (;;) {
       state_.solve();
       const int outside = state_.violations.find(problem);
@@ -80,7 +86,7 @@ class BlockExchange {
           return true;
         }
         state_.undo_reduction();
-        start.forget(table.blocks);
+        start.set_to(state_, last);
         continue;
       }
       const bool reduces = state_.iterations == 1 && kFarStart * outside > table.n && problem.reduce();
