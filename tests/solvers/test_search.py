@@ -74,6 +74,30 @@ def test_a_step_that_is_blocked_at_the_very_end_is_blocked() -> None:
         assert certificate(problem, solution.x).ok
 
 
+def far_beyond_walls(seed: int) -> Hierarchy:
+    """A box and 40 rows with two bounds; targets far outside."""
+    rng = np.random.default_rng(seed)
+    walls, goals = rng.normal(size=(40, 24)), rng.normal(size=(9, 24))
+    far, one = 100.0 * rng.normal(size=9), np.ones(24)
+    within = Rows(walls, -rng.uniform(0.2, 1.0, 40), rng.uniform(0.2, 1.0, 40))
+    tasks = [Rows(goals[k : k + 3], far[k : k + 3], far[k : k + 3]) for k in (0, 3, 6)]
+    return Hierarchy((Rows(np.eye(24), -one, one), within, *tasks, Rows(np.eye(24), 0.0 * one, 0.0 * one)))
+
+
+def test_a_search_that_was_cut_goes_on_where_it_was_cut() -> None:
+    """Each solve of one that takes 40 to 170 iterations is cut after 20: together they take not many more."""
+    for seed in range(12):
+        problem = far_beyond_walls(seed)
+        whole = hqp.solvers.load("lexicographic").solve(problem)
+        workspace = hqp.solvers.load("lexicographic", max_iterations=20).workspace(problem.shape)
+        for _ in range(15):
+            solution = workspace.solve(problem)
+            if solution.status is not Status.ITERATION_LIMIT:
+                break
+        assert solution.status is Status.OPTIMAL, f"seed {seed}"
+        np.testing.assert_allclose(solution.x, whole.x, atol=1e-9)
+
+
 def test_a_warm_row_that_has_lost_its_bound_is_not_held_there() -> None:
     """A row held at its upper bound a tick ago has none now, and another one is in the way: the stage is searched from
     the last working set, which once held the row at infinity (NaN)."""
