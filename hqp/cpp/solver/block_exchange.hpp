@@ -1,6 +1,8 @@
 // The first phase of a search: everything that is violated joins, everything of a wrong sign leaves, at once.
 #pragma once
 
+#include <utility>
+
 #include "order.hpp"
 #include "search_state.hpp"
 
@@ -25,6 +27,7 @@ struct Start {
   void set_to(SearchState& state, const double* from) {
     const Table& table = state.problem.table;
     for (int i = 0; i < table.n; ++i) x[i] = table.inside_box(i, from[i]);
+    state.problem.tableau.reduction.follow(x, table.n);
     table.product(x, state.point.v);
     for (int k = 0; k + 1 < table.blocks; ++k) slack[k] = table.outside(k, state.point.v);
     set.restore(table, state.problem.set);
@@ -70,7 +73,7 @@ class BlockExchange {
     const Table& table = problem.table;
     const Multipliers& multipliers = state_.multipliers;
     int exchanges_left = state_.options->exchanges, fewest = 1 << 30;
-    start.set_to(state_, last);
+    bool begun = false;  // the best point is known
     for (;;) {
       state_.solve();
       const int outside = state_.violations.find(problem);
@@ -86,11 +89,12 @@ class BlockExchange {
           return true;
         }
         state_.undo_reduction();
-        start.set_to(state_, last);
+        begun = false;
         continue;
       }
       const bool reduces = state_.iterations == 1 && kFarStart * outside > table.n && problem.reduce();
       if (reduces) exchanges_left = 0;
+      if (!std::exchange(begun, true)) start.set_to(state_, last);
       start.offer(state_, outside);
       if (start.current) return false;  // a descent keeps it feasible, an exchange would not
       if (infeasibilities < fewest) fewest = infeasibilities;
