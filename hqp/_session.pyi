@@ -192,13 +192,16 @@ class Outgoing:
         self,
         answer: tuple[int, Vec, Vec, str],
         before: tuple[Vec, bool, int],
+        rest: Rest,
+        start: Callable[[], tuple[Vec, Vec, Vec | None, Vec | None] | None],
         contacts: ContactWatch,
         limiter: RateLimiter | None,
         x: Vec,
     ) -> tuple[bool, list[tuple[str, int, str]]]:
         """The answer of a solver, or what is sent in its place, into x; whether it is usable.
 
-        answer: number of its status, x, slacks of all rows, of no account where it is OPTIMAL, and detail.
+        answer: number of its status, x, slacks of all rows, of no account where it is OPTIMAL, and detail.  rest,
+        start: as below, of this state.
         """
 
     def rest(

@@ -220,7 +220,8 @@ def conclude(
     staged = solution.stage_points is not None
     w = np.concatenate(solution.residuals) if status or staged else NO_ROWS
     answer = status, solution.x, w, solution.detail
-    usable, told = line.outgoing.take(answer, line.before, line.contacts, line.limiter, x)
+    rest = line.rest.answers, partial(line.rest.start, state)
+    usable, told = line.outgoing.take(answer, line.before, *rest, line.contacts, line.limiter, x)
     notes += of_native(told)
     if not usable:
         return held_tick(line, state, solution, notes, fit=True)

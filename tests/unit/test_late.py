@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hqp
-from hqp import Hierarchy, Rows, Selection, Solution, Status
+from hqp import PD, Hierarchy, Level, Reference, Rows, Selection, Solution, Stack, Status
 from hqp._session import Brake, ContactWatch, Outgoing
 from hqp.arrays import Mat, Vec
 from hqp.lab.measures import MOST_REVERSALS
@@ -18,6 +18,7 @@ from hqp.loop.outgoing import largest_change
 from hqp.problem import Motion, Stats
 from hqp.solvers.base import finish
 from hqp.solvers.lexicographic import Lexicographic
+from hqp.tasks import Com, FixedContact, FrictionCone, JointLimits, Position, Posture, TorqueLimits
 from hqp.tolerances import VIOLATION_TOLERANCE
 from tests.scenes.calm.loop import NOTICEABLE, limits
 from tests.scenes.calm.scenes import DT, FORMULATIONS, Scene, scenes
@@ -98,6 +99,32 @@ def test_ticks_that_are_cut_leave_commands_calm(robot: str, kind: str, share: fl
         assert np.all(np.abs(busy[-1] - calm[-1]) <= NOTICEABLE * scale)
 
 
+@pytest.mark.parametrize("name", ["g1", "cbi"])
+def test_a_robot_is_held_up_until_its_first_search_has_ended(name: str) -> None:
+    """Both hands far out of reach: a search of 80 to 160 working sets, 15 of them a tick."""
+    robot, few = hqp.robots.load(name), Lexicographic(max_iterations=15)
+    soles, hands = robot.landmarks["soles"], robot.landmarks["palms"]
+    tasks = [Com(axes="xy", law=PD(9.0)), *[Position(frame=hand, law=PD(25.0)) for hand in hands], Posture(law=PD(1.0))]
+    stands = [FixedContact(frame=sole) for sole in soles]
+    cones = [FrictionCone(contact=sole, mu=0.6) for sole in soles]
+    stack = Stack(*map(Level, tasks), subject_to=[*stands, *cones, JointLimits(), TorqueLimits()])
+    session = hqp.Controller(stack, hqp.Torque(), solver=few, deadline=math.inf).session(robot, DT)
+    goals = [robot.state().position(hand) + [2.0, 1.0, 0.5] for hand in hands]
+    q, v, cut, torques = robot.home.copy(), np.zeros(robot.nv), 0, []
+    for i in range(60):
+        tick = session.step(
+            robot.state(q, v), *[Reference(hand, goal) for hand, goal in zip(hands, goals, strict=True)]
+        )
+        cut += tick.status is Status.ITERATION_LIMIT
+        torques.append(tick.command.copy())
+        q, v = tick.advance()
+        if cut == i + 1:  # all so far
+            assert np.abs(torques[-1] - torques[0]).max() <= cut * largest_change("torque", DT)
+            assert np.abs(v).max() < 0.1
+    assert 0 < cut < 20
+    assert np.abs(v).max() < 3.0
+
+
 class Sent:
     """What is sent of the answers to a hierarchy."""
 
@@ -106,12 +133,14 @@ class Sent:
         sentences = [status.value for status in Status]
         self.outgoing = Outgoing(problem, [], list(joints), most, VIOLATION_TOLERANCE, sentences)
         self.slack = np.zeros(sum(rows.m for rows in problem.levels))
+        self.rest = Brake(problem.n, list(joints), 1.0, DT)
 
     def instead(self, cut: Vec, last: Vec, tick: int) -> Vec:
         """In place of an answer that was cut."""
         x, status = np.empty(self.n), Status.TIME_LIMIT.severity
         contacts = ContactWatch([], DT)
-        usable, told = self.outgoing.take((status, cut, self.slack, ""), (last, True, tick), contacts, None, x)
+        answer, before, rest = (status, cut, self.slack, ""), (last, True, tick), (self.rest, lambda: None)
+        usable, told = self.outgoing.take(answer, before, *rest, contacts, None, x)
         assert usable
         assert told == [("solver", status, Status.TIME_LIMIT.value)]
         return x

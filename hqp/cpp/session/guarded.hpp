@@ -344,7 +344,8 @@ class Guarded {
     const Answered answer = line_.answer(found);
     line_.residuals(answer.slack, tick_.residuals_.data());
     std::copy(answer.marks, answer.marks + tick_.marks_.size(), tick_.marks_.begin());
-    if (!outgoing_.take(answer, before(), contacts_, limiter_.get(), tick_.x_.data(), teller()))
+    const auto here = [this] { return from(q_, v_); };
+    if (!outgoing_.take(answer, before(), *rest_, here, contacts_, limiter_.get(), tick_.x_.data(), teller()))
       return held_tick({}, true);
     limits();
     send();

@@ -58,24 +58,19 @@ class Outgoing {
       : hierarchy_(std::move(hierarchy)),
         outgoing_(read(parts, std::move(motors), most, violation, std::move(sentences))) {}
 
-  std::pair<bool, Notes> take(const Answer& answer, const Before& before, const hqp::ContactWatch& contacts,
-                              const hqp::RateLimiter* limiter, const Written& x) {
+  std::pair<bool, Notes> take(const Answer& answer, const Before& before, hqp::Rest& rest, const nb::callable& start,
+                              const hqp::ContactWatch& contacts, const hqp::RateLimiter* limiter, const Written& x) {
     const auto& [status, found, slack, detail] = answer;
     const double* w = status ? numbers(slack, outgoing_.rows()) : nullptr;
+    Start from{rest, start};
     Notes notes;
     const bool usable = outgoing_.take({static_cast<hqp::Status>(status), of(found), w, nullptr, detail.c_str()},
-                                       of(before), contacts, limiter, of(x), teller(notes));
+                                       of(before), rest, from, contacts, limiter, of(x), teller(notes));
     return {usable, std::move(notes)};
   }
   Notes rest(hqp::Rest& rest, const nb::callable& start, bool fit, std::int64_t held, int why, const Before& before,
              const hqp::RateLimiter* limiter, const Written& x) {
-    std::optional<From> kept;
-    const auto from = [&] {
-      if (!(kept = nb::cast<std::optional<From>>(start()))) return hqp::RestFrom{};
-      const auto& [angles, v, holding, felt] = *kept;
-      return hqp::RestFrom{numbers(angles, v.size()), v.data(), numbers(holding, rest.size()),
-                           numbers(felt, rest.size())};
-    };
+    Start from{rest, start};
     Notes notes;
     outgoing_.rest(rest, from, fit, held, static_cast<hqp::Status>(why), of(before), limiter, of(x), teller(notes));
     return notes;
@@ -88,6 +83,18 @@ class Outgoing {
   void solved(const Vector& x, std::int64_t tick) { outgoing_.trend().take(of(x), tick); }
 
  private:
+  // A state as a robot comes to rest from it, with its arrays.
+  struct Start {
+    const hqp::Rest& rest;
+    const nb::callable& told;
+    std::optional<From> kept = std::nullopt;
+
+    hqp::RestFrom operator()() {
+      if (!(kept = nb::cast<std::optional<From>>(told()))) return {};
+      const auto& [angles, v, holding, felt] = *kept;
+      return {numbers(angles, v.size()), v.data(), numbers(holding, rest.size()), numbers(felt, rest.size())};
+    }
+  };
   const double* of(const Vector& x) const { return numbers(x, std::size_t(outgoing_.size())); }
   double* of(const Written& x) const { return numbers(x, std::size_t(outgoing_.size())); }
   hqp::Before of(const Before& told) const {
@@ -211,7 +218,8 @@ inline void bind_guards(nb::module_& module) {
       .def(nb::init<nb::object, const std::vector<Outgoing::Part>&, std::vector<int>, double, double, Names>(),
            "hierarchy"_a, "parts"_a, "motors"_a, "most"_a, "violation"_a, "sentences"_a)
       .def(nb::init<const Outgoing&>(), "other"_a)
-      .def("take", &Outgoing::take, "answer"_a, "before"_a, "contacts"_a, "limiter"_a.none(), "x"_a.noconvert())
+      .def("take", &Outgoing::take, "answer"_a, "before"_a, "rest"_a, "start"_a, "contacts"_a, "limiter"_a.none(),
+           "x"_a.noconvert())
       .def("rest", &Outgoing::rest, "rest"_a, "start"_a, "fit"_a, "held"_a, "why"_a, "before"_a, "limiter"_a.none(),
            "x"_a.noconvert())
       .def("limit", &Outgoing::limit, "limiter"_a, "last"_a, "x"_a.noconvert())

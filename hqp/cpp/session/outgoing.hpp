@@ -73,7 +73,8 @@ class Outgoing {
         sentences_(std::move(sentences)),
         late_(n, levels_, constraints, law, violation),
         trend_(std::size_t(n)),
-        ahead_(std::size_t(n)) {
+        ahead_(std::size_t(n)),
+        first_(std::size_t(n)) {
     for (const Level& level : levels_) {
       starts_.push_back(slack_.size());
       slack_.resize(slack_.size() + std::size_t(level.m));
@@ -85,9 +86,10 @@ class Outgoing {
   std::size_t rows() const { return slack_.size(); }
 
   // The answer, or what is sent in its place, into x; false where it is not usable: the command comes to rest.
-  template <class Tell>
-  bool take(const Answered& answer, const Before& before, const ContactWatch& contacts, const RateLimiter* limiter,
-            double* x, const Tell& tell) {
+  // rest, from(): as below; what is cut before there was an answer follows what a robot at rest is sent in this state.
+  template <class From, class Tell>
+  bool take(const Answered& answer, const Before& before, Rest& rest, From&& from, const ContactWatch& contacts,
+            const RateLimiter* limiter, double* x, const Tell& tell) {
     const bool finite = squared(answer.x, n_) < std::numeric_limits<double>::infinity();
     if (answer.status != Status::kOptimal) {
       const bool off = off_by(answer.slack, "", tell);
@@ -102,9 +104,14 @@ class Outgoing {
     const bool cut = answer.status == Status::kIterationLimit || answer.status == Status::kTimeLimit;
     const double* sent = answer.x;
     if (cut) {
-      trend_.after(before.x, before.tick, ahead_.data());
-      const double most = before.good ? most_ : std::numeric_limits<double>::infinity();
-      sent = late_.choose(answer.x, before.x, ahead_.data(), motors_.data(), motors_.size(), most);
+      const double* last = before.x;
+      if (!before.good) {
+        rest.begin(from(), last, true);
+        rest.next(first_.data());
+        last = first_.data();
+      }
+      trend_.after(last, before.tick, ahead_.data());
+      sent = late_.choose(answer.x, last, ahead_.data(), motors_.data(), motors_.size(), most_);
     }
     std::copy(sent, sent + n_, x);
     contacts.lost(tell);
@@ -116,7 +123,7 @@ class Outgoing {
   // No answer is usable: the next x towards rest.  held: for how many ticks by now.  why: of the worst note so far.
   // fit: whether this state is one to start from; from(): it, or else the last good one.
   template <class From, class Tell>
-  void rest(Rest& rest, const From& from, bool fit, std::int64_t held, Status why, const Before& before,
+  void rest(Rest& rest, From&& from, bool fit, std::int64_t held, Status why, const Before& before,
             const RateLimiter* limiter, double* x, const Tell& tell) {
     trend_.forget();
     if (fit || held == 1) rest.begin(from(), before.x, fit);
@@ -163,7 +170,7 @@ class Outgoing {
   std::vector<std::string> sentences_;
   Late late_;
   Trend trend_;
-  std::vector<double> ahead_, slack_;
+  std::vector<double> ahead_, first_, slack_;
   std::vector<std::size_t> starts_;  // of each level among all rows
 };
 
