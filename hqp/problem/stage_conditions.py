@@ -31,9 +31,6 @@ from hqp.tolerances import LOCK_TOLERANCE, NULL_SPACE_ROUNDING, ROUNDING
 SHORTEST, WITHIN = 1e-7, 1e-9
 """What a unit of u, and of what the tolerance allows, weighs beside the gap: the least that will do is taken."""
 
-FAR = 1e3
-"""Of 1 + ||x_k||: a start so far away leaves its rounding."""
-
 ENDED = 1e-15
 """Of its sum of squares: what the last step of sharing out what the tolerance allows lowers."""
 
@@ -111,7 +108,7 @@ class Walk:
 
     def _solve(self, rows: Rows, price: float) -> Vec:
         x = solve_level(rows, self._above, self._last, price, self._at)
-        far = float(np.linalg.norm(self._last)) > FAR * (1.0 + float(np.linalg.norm(x)))
+        far = float(np.linalg.norm(self._last)) > 1.0 + float(np.linalg.norm(x))  # it leaves its rounding
         return solve_level(rows, self._above, x, price, self._at) if far else x
 
     def _unjudged(self, k: int, x: Vec) -> Stage:
