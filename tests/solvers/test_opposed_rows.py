@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hqp
-from hqp import certificate
+from hqp import Status, certificate
 from tests.scenes.stacks import scene
 
 
@@ -24,3 +24,17 @@ def test_torques_that_no_level_determines_are_one_answer(name: str) -> None:
             assert np.abs(tick.x - cold.x).max() < 1e-4 * np.abs(cold.x).max(), i
             assert certificate(session.problem, cold.x, 1e-8, cold.stage_points).ok, i
         q, v = tick.advance()
+
+
+def test_an_answer_without_prices_that_is_sure_passes_the_certificate() -> None:
+    """Forces of rounding, 1e-12 to 1e-9, held rows of the cones, and so torques twice as large as the least."""
+    session, given = scene("talos", "torque", 0.0)
+    robot, sure = session.robot, 0
+    q, v = robot.home.copy(), np.zeros(robot.nv)
+    for i in range(42):
+        tick = session.step(robot.state(q, v), *given(i))
+        if tick.status is Status.OPTIMAL and i >= 30:
+            assert certificate(session.problem, tick.x, 1e-8).ok, i
+            sure += 1
+        q, v = tick.advance()
+    assert sure >= 8

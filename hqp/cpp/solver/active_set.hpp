@@ -120,6 +120,7 @@ class ActiveSet {
       if (!ended) take_working_set();
       state.outcome = Outcome::optimal;
       doubt();
+      doubt_forces();
       return;
     }
     judged = 2;
@@ -142,7 +143,9 @@ class ActiveSet {
     }
     take_working_set();
     state.outcome = found ? Outcome::optimal : Outcome::not_certified;
-    if (found && !(problem_.table.uneven && conditions_.closest >= SearchState::kDoubt)) doubt();
+    if (!found) return;
+    if (!(problem_.table.uneven && conditions_.closest >= SearchState::kDoubt)) doubt();
+    doubt_forces();
   }
 
   // Another point, clipped into the box, where that is lexicographically better.
@@ -170,6 +173,13 @@ class ActiveSet {
     if (problem_.tableau.closest >= SearchState::kDoubt && conditions_.closest >= SearchState::kDoubt) return;
     settled = !moves();
     if (!settled) state.outcome = Outcome::rank_uncertain;
+  }
+
+  // An optimum that is none where forces hold nothing that are less than the gap it may have is uncertain: rows nearly
+  // opposed have such forces by rounding, and what they hold decides what is left of a choice.
+  void doubt_forces() {
+    if (state.outcome == Outcome::optimal && judge_.rests_on_less(Conditions::kSlop))
+      state.outcome = Outcome::rank_uncertain;
   }
 
   // Whether the working set has its point elsewhere than at x, or moves it by more than kUnmoved, relative, where what

@@ -47,6 +47,7 @@ struct Conditions {
   double threshold = kRank;         // a direction counts above this
   double shortest = 1.0;            // of those that count: its inverse magnifies rounding
   double closest = kInfinity;       // nearest a direction came to kRank, as a ratio >= 1
+  double faintest = kInfinity;      // least force that counts as holding a level back, relative
   bool twisted = false;             // in coordinates turned by a reflection, where rounding falls otherwise
 
   void layout(Arena& arena, int n_, int rows, int most, int blocks) {
@@ -89,6 +90,7 @@ struct Conditions {
     null_space.rank = 0;
     open_count = 0;
     shortest = 1.0;
+    faintest = kInfinity;
     for (int q = 0; q < all; ++q) {
       state[q] = kAhead;
       side[q] = held[q] = 0;
@@ -135,7 +137,9 @@ struct Conditions {
         larger(lock, 100.0 * own);  // of a force in the null space; what the gap could have made says nothing
     for (int a = 0; a < active; ++a) {
       const int q = id[a];
-      if (!(columns.mu[a] * null_space.length(projected(q)) > least)) continue;
+      const double force = columns.mu[a] * null_space.length(projected(q));
+      if (!(force > least)) continue;
+      faintest = smaller(faintest, force);
       state[q] = kFixed;
       held[q] = side[q];
       list_[listed_++] = q;

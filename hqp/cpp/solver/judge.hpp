@@ -27,10 +27,22 @@ class Judge {
     for (const double reading : {1.0, 1.0 / kEither, kEither}) {
       at_.threshold = reading * Conditions::kRank;
       passed = pass_twice(kLeastLock) || (!at_.deadline.passed() && pass_twice(kLock));
+      reading_ = at_.threshold;
       if (passed || at_.closest > kEither) break;
     }
     at_.threshold = Conditions::kRank;
     return passed;
+  }
+
+  // Whether the point that passed is none where forces that are less than this hold nothing.
+  bool rests_on_less(double force) {
+    if (!(at_.faintest < force)) return false;
+    const double found = gap;
+    at_.threshold = reading_;
+    const bool passed = pass(force);
+    at_.threshold = Conditions::kRank;
+    gap = found;
+    return !passed && !at_.deadline.passed();
   }
 
  private:
@@ -38,6 +50,7 @@ class Judge {
   static constexpr double kEither = 10.0;  // a direction this near kRank, as a ratio, may count or not
   static constexpr double kLock = 1e-5;
   Conditions& at_;
+  double reading_ = Conditions::kRank;  // threshold of the latest verdict
 
   // Where ill-conditioned the same verdict again, in coordinates in which rounding falls otherwise.
   bool pass_twice(double lock) {
