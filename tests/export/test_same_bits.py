@@ -88,6 +88,23 @@ def test_answers_that_were_cut_too(formulation: str, most: int) -> None:
     assert seen == {Status.OPTIMAL, Status.ITERATION_LIMIT}
 
 
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_constraints_that_cannot_be_met_too(formulation: str) -> None:
+    """One hand has to go where it cannot; the other one, which may not, is too far away as well."""
+    robot = hqp.robots.load("g1")
+    feet = [t.FixedContact(frame=sole) for sole in robot.landmarks["soles"]]
+    right, left = (t.Position(frame=palm) for palm in robot.landmarks["palms"])
+    stack = Stack(Level(left), Level(t.Posture(name="posture")), subject_to=[t.JointLimits(), *feet, right])
+    session = hqp.Controller(stack, FORMULATIONS[formulation](), deadline=np.inf).session(robot, 0.002)
+    start, seen = {hand: robot.state(robot.home).position(hand.frame) for hand in (left, right)}, set()
+
+    def given(i: int) -> tuple[hqp.Reference, ...]:
+        return tuple(hand.at(at + np.array([float(i % 20 > 4), 0.0, 1.0])) for hand, at in start.items())
+
+    replay(session, given, 60, lambda tick: seen.add(tick.status))
+    assert Status.CONSTRAINTS_VIOLATED in seen
+
+
 def test_contacts_that_depend_on_each_other_too() -> None:
     """A sole that is declared twice: the forces of both are those of least norm, and the motion is that of one."""
     robot = hqp.robots.load("g1")

@@ -214,8 +214,8 @@ class LevelSolve final : public SolveCall {
   static Solved told(const Answer& answer) {
     return {static_cast<int>(answer.outcome), answer.iterations, answer.factorisations, answer.judged};
   }
-  // Whether stages can start from an answer: one of uncertain rank keeps to the levels above as well.
-  static bool begins(const Solved& solved) { return solved.outcome == kOptimal || solved.outcome == kUncertain; }
+  // Whether stages can start from an answer: an optimum, constraints met or not, of uncertain rank as well.
+  static bool begins(const Solved& solved) { return solved.outcome <= kViolated; }
 
   BoundKernel exact_;
   bool metric_;
