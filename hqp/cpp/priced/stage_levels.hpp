@@ -121,8 +121,9 @@ class StageLevels final : public PricedStages {
       const bool priced = law_.prices[k] > 0.0;
       const bool met = anchors_.empty();  // all levels so far, so that x keeps to what they leave
       if (met && k > last_) break;
-      const bool settled = met && (!priced || settled_.meets(k));
-      if (settled && head > 0 && k == head) return -2;
+      const bool asked = head > 0 && k == head;  // not met a tick ago: its stage tells whether it is by now
+      const bool settled = met && (!priced || (!asked && settled_.meets(k)));
+      if (settled && asked) return -2;
       if (settled && first < 0) continue;
       if (first < 0) {
         first = k;
@@ -143,7 +144,7 @@ class StageLevels final : public PricedStages {
         if (!anchored(k) && met) settled_.begin_with(k, warm_[k]);  // it ended at the point of least motion
         std::copy(x_.begin(), x_.end(), stages + static_cast<std::size_t>(k) * n_);
       }
-      if (anchors_.empty() && head > 0 && k == head) return -2;
+      if (anchors_.empty() && asked) return -2;
     }
     if (anchors_.empty() && ended_) return -1;  // every level hands down its rows as they are
     finish();
@@ -397,6 +398,7 @@ class StageLevels final : public PricedStages {
       N += rows_.add(to);
     }
     if (longest <= rounding_) return;
+    while (N % kLane) y_[N++] = 0.0;  // coordinates that no row sees: whole vectors
     const auto search = [&] {
       for (int i = 0, row = 0; priced && i < level.m; ++i) {
         if (level.left_out(i)) continue;

@@ -54,8 +54,8 @@ class StageSearch {
         lambda_(variables) {
     for (auto* list : {&set_, &rest_, &dependent_, &spanned_}) list->reserve(most_rows);
     const std::size_t rows = static_cast<std::size_t>(most);
-    for (auto* rowed : {&M_, &K_, &base_, &turned_}) rowed->reserve(rows * ld_);
-    for (auto* part : {&e_, &u_}) part->reserve(rows);
+    for (auto* rowed : {&M_, &K_, &base_, &turned_}) rowed->resize(rows * ld_);
+    for (auto* part : {&e_, &u_}) part->resize(rows);
     secular_.reserve(rows);
   }
 
@@ -66,12 +66,7 @@ class StageSearch {
     rows_ = &rows;
     goal_ = aim;
     n_ = rows.n();
-    N_ = N;
-    M_.resize(static_cast<std::size_t>(aim.m) * ld_);
-    K_.resize(static_cast<std::size_t>(aim.m) * ld_);
-    base_.resize(static_cast<std::size_t>(aim.m) * ld_);
-    e_.resize(aim.m);
-    u_.resize(aim.m);
+    N_ = ld_ = N;
     space_.uncertain = secular_.uncertain = false;
     off_ = 0.0;
     if (deadline_.passed()) return false;
@@ -339,7 +334,7 @@ class StageSearch {
   // turned_ = T turned by all rows held: by the equalities' reflections once a stage, by those of rows that entered
   // since the last minimiser only.
   void turn_goal() {
-    if (turned_by_ < 0) turned_ = base_, turned_by_ = fixed_;
+    if (turned_by_ < 0) std::copy_n(base_.data(), goal_.m * ld_, turned_.data()), turned_by_ = fixed_;
     const int rank = space_.rank();
     for (int i = 0; i < goal_.m; ++i) space_.turn(&turned_[static_cast<std::size_t>(i) * ld_], N_, turned_by_, rank);
     turned_by_ = rank;
