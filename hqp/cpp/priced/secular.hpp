@@ -1,6 +1,6 @@
 // min ||M z - e|| + c/2 |z|^2 for rows M (m, N): z = M' (M M' + mu I)^-1 e with mu from a scalar equation. A few rows
-// are rotated until they are orthogonal, so that each step of the equation costs nothing; for many a step is a Cholesky
-// factor, as long as mu is far enough from rounding.
+// are rotated until they are orthogonal, so that each step of the equation costs nothing; for many M M' becomes
+// tridiagonal, as long as mu is far enough from rounding.
 #pragma once
 
 #include <cmath>
@@ -15,19 +15,20 @@ constexpr double kRotated = 1e-26;  // a square that is rounding, relative to th
 constexpr double kShort = 1e-14;    // less than this, and more than rounding, is an uncertain direction
 constexpr int kFew = 6;             // rows that are rotated
 constexpr double kClearOf = 1e-5;   // mu above this fraction of the largest square is clear of rounding
+constexpr double kSquared = 2e-8;   // a step of Newton, relative to mu, that leaves rounding
 
 class Secular {
  public:
   void reserve(std::size_t m) {
-    for (auto* table : {&U_, &gram_, &factor_}) table->reserve(m * m);
-    for (auto* part : {&square_, &lambda_, &part_}) part->reserve(m);
+    for (auto* table : {&U_, &gram_}) table->reserve(m * m);
+    for (auto* part : {&square_, &e_of_, &lambda_, &part_, &diagonal_, &beside_, &tau_}) part->reserve(m);
   }
 
   // Rows M (m, ld) are replaced by the rotated ones, e (m) by U'e, where there are few.
   void solve(double* M, int ld, int N, double* e, int m, double price) {
     m_ = m;
-    by_factor_ = m > kFew && factored(M, ld, N, e, price);
-    if (by_factor_) return;
+    reduced_ = m > kFew && reduced(M, ld, N, e, price);
+    if (reduced_) return;
     U_.assign(static_cast<std::size_t>(m) * m, 0.0);
     square_.resize(m);
     for (int i = 0; i < m; ++i) U_[i * m + i] = 1.0;
@@ -61,7 +62,7 @@ class Secular {
 
   // Weight of row i, as solve has left it, in z.
   double weight(int i) const {
-    if (by_factor_) return lambda_[i];
+    if (reduced_) return lambda_[i];
     const double d = square_[i] + multiplier_;
     return square_[i] > 0.0 && d > 0.0 ? e_[i] / d : 0.0;
   }
@@ -69,7 +70,7 @@ class Secular {
   // u (m): w / ||w||, or the shortest multipliers where the level is met.
   void direction(double price, double* u) const {
     double length = 0.0;
-    if (by_factor_) {
+    if (reduced_) {
       const double norm = std::sqrt(dot_any(lambda_.data(), lambda_.data(), m_));
       for (int i = 0; i < m_; ++i) u[i] = -lambda_[i] / norm;
       return;
@@ -91,70 +92,90 @@ class Secular {
 
  private:
   // lambda_ = (M M' + mu I)^-1 e with |lambda_| = 1 / c; false where mu is not clear of rounding, or the level is met.
-  bool factored(const double* M, int ld, int N, const double* e, double price) {
+  // Newton on 1 / |lambda_|, which is concave in mu: from the left, where |lambda_| is at least |e| / (rho + mu), rho
+  // the Rayleigh quotient of e, it stays there.
+  bool reduced(const double* M, int ld, int N, const double* e, double price) {
     const int m = m_;
     gram_.resize(static_cast<std::size_t>(m) * m);
-    factor_.resize(static_cast<std::size_t>(m) * m);
-    lambda_.resize(m);
-    part_.resize(m);
+    for (auto* part : {&e_of_, &lambda_, &part_, &diagonal_, &beside_, &tau_}) part->resize(m);
     double largest = 0.0;
     for (int i = 0; i < m; ++i) {
-      dots_any(M + i * ld, M, ld, i + 1, N, &gram_[static_cast<std::size_t>(i) * m]);
-      largest += gram_[static_cast<std::size_t>(i) * m + i];
+      dots_any(M + i * ld, M, ld, i + 1, N, &gram_[i * m]);
+      for (int j = 0; j < i; ++j) gram_[j * m + i] = gram_[i * m + j];
+      largest += gram_[i * (m + 1)];
     }
-    const double least = kClearOf * largest;
-    double low = least, high = price * std::sqrt(dot_any(e, e, m));
-    if (!(high > low)) return false;
-    double phi, slope;
-    if (!at(low, e, phi, slope) || price * price * phi <= 1.0) return false;  // the root lies below
-    double mu = high;
+    const double least = kClearOf * largest, size = std::sqrt(dot_any(e, e, m));
+    if (!(price * size > least)) return false;
+    std::copy(e, e + m, e_of_.begin());
+    tridiagonal();
+    double rayleigh = 0.0;
+    for (int i = 0; i < m; ++i)
+      rayleigh += e_of_[i] * (diagonal_[i] * e_of_[i] + (i ? 2.0 * beside_[i - 1] * e_of_[i - 1] : 0.0));
+    multiplier_ = larger(least, price * size - rayleigh / (size * size));
+    double off = INFINITY, slope;
     for (int step = 0; step < 60; ++step) {
-      if (!at(mu, e, phi, slope)) return false;
-      const double psi = 1.0 / std::sqrt(phi);
-      if (psi < price) low = mu;
-      else high = mu;
-      double next = mu + (price - psi) * phi / (psi * slope);
-      if (!(next > low && next < high)) next = 0.5 * (low + high);
-      if (std::abs(next - mu) <= 4e-16 * mu || high - low <= 4e-16 * high) break;
-      mu = next;
+      const double square = at(multiplier_, slope), psi = 1.0 / std::sqrt(square);
+      if (!(square > 0.0 && std::isfinite(square))) return false;
+      if (step == 0 && multiplier_ == least && !(psi < price)) return false;  // the root lies below
+      if (!(std::abs(off) > kSquared * multiplier_)) break;
+      off = (price - psi) / (psi * psi * psi * slope);
+      multiplier_ += off;
     }
+    for (int k = m - 3; k >= 0; --k) reflect(k, lambda_.data());
     met_ = false;
-    multiplier_ = mu;
     return true;
   }
 
-  // lambda_ at mu; phi = |lambda_|^2 and slope = lambda_' (M M' + mu I)^-1 lambda_.
-  bool at(double mu, const double* e, double& phi, double& slope) {
+  // gram_ = Q T Q' with T (diagonal_, beside_) tridiagonal, Q the reflections that its rows become; e_of_ := Q' e_of_.
+  void tridiagonal() {
     const int m = m_;
-    for (int i = 0; i < m; ++i) {
-      double* L = &factor_[static_cast<std::size_t>(i) * m];
-      double rest = e[i];
-      for (int j = 0; j <= i; ++j) {
-        const double* other = &factor_[static_cast<std::size_t>(j) * m];
-        const double value = gram_[static_cast<std::size_t>(i) * m + j] - dot_any(L, other, j);
-        if (j < i) {
-          L[j] = value / other[j];
-          rest -= L[j] * part_[j];
-          continue;
-        }
-        if (!(value + mu > 0.0)) return false;
-        L[i] = std::sqrt(value + mu);
+    for (int k = 0; k < m; ++k) {
+      const int rest = m - k - 1;
+      double *v = &gram_[k * m + k + 1], *A = v + m, *w = part_.data();
+      diagonal_[k] = v[-1];
+      if (rest == 0) continue;
+      const double length = std::sqrt(dot_any(v, v, rest));
+      beside_[k] = v[0];
+      tau_[k] = 0.0;
+      if (rest == 1 || length == 0.0) continue;
+      beside_[k] = v[0] > 0.0 ? -length : length;
+      tau_[k] = 1.0 / (length * (length + std::abs(v[0])));
+      v[0] -= beside_[k];
+      dots_any(v, A, m, rest, rest, w);
+      const double half = 0.5 * tau_[k] * dot_any(v, w, rest);
+      for (int i = 0; i < rest; ++i) w[i] = tau_[k] * (w[i] - half * v[i]);
+      for (int i = 0; i < rest; ++i) {
+        add_any(A + i * m, v, -w[i], rest);
+        add_any(A + i * m, w, -v[i], rest);
       }
-      part_[i] = rest / L[i];
+      reflect(k, e_of_.data());
+    }
+  }
+  void reflect(int k, double* y) const {
+    const int rest = m_ - k - 1;
+    const double* v = &gram_[k * m_ + k + 1];
+    add_any(y + k + 1, v, -tau_[k] * dot_any(v, y + k + 1, rest), rest);
+  }
+
+  // lambda_ = (T + mu I)^-1 e_of_, |lambda_|^2, and slope = lambda_' (T + mu I)^-1 lambda_.
+  double at(double mu, double& slope) {
+    const int m = m_;
+    double square = 0.0, before = 0.0, ratio = 0.0;
+    for (int i = 0; i < m; ++i) {  // T + mu I = L D L', part_ the inverse of D
+      part_[i] = 1.0 / (diagonal_[i] + mu - (i ? ratio * beside_[i - 1] : 0.0));
+      lambda_[i] = before = e_of_[i] - ratio * before;
+      ratio = beside_[i] * part_[i];
     }
     for (int i = m - 1; i >= 0; --i) {
-      const double* L = &factor_[static_cast<std::size_t>(i) * m];
-      lambda_[i] = part_[i] / L[i];
-      add_any(part_.data(), L, -lambda_[i], i);
+      lambda_[i] = part_[i] * (lambda_[i] - (i + 1 < m ? beside_[i] * lambda_[i + 1] : 0.0));
+      square += lambda_[i] * lambda_[i];
     }
-    phi = dot_any(lambda_.data(), lambda_.data(), m);
-    slope = 0.0;
+    slope = before = 0.0;
     for (int i = 0; i < m; ++i) {
-      const double* L = &factor_[static_cast<std::size_t>(i) * m];
-      part_[i] = (lambda_[i] - dot_any(L, part_.data(), i)) / L[i];
-      slope += part_[i] * part_[i];
+      before = lambda_[i] - (i ? beside_[i - 1] * part_[i - 1] * before : 0.0);
+      slope += before * before * part_[i];
     }
-    return phi > 0.0 && std::isfinite(phi);
+    return square;
   }
 
   // One-sided Jacobi: pairs of rows are rotated until all are orthogonal.
@@ -214,10 +235,10 @@ class Secular {
   }
 
   int m_ = 0;
-  bool met_ = false, by_factor_ = false;
+  bool met_ = false, reduced_ = false;
   double multiplier_ = 0.0;
   const double* e_ = nullptr;
-  std::vector<double> U_, square_, gram_, factor_, lambda_, part_;
+  std::vector<double> U_, square_, gram_, e_of_, lambda_, part_, diagonal_, beside_, tau_;
 };
 
 }  // namespace HQP_ISA
