@@ -142,8 +142,7 @@ class Coordinates {
   double apart(const double* A, const double* B, int m) const {
     const double* unit = unit_.data();
     const auto off = [unit](const double* a, const double* b, int j) -> Vec4 {
-      return *reinterpret_cast<const Vec4u*>(a + j) * *reinterpret_cast<const Vec4u*>(unit + j) -
-             *reinterpret_cast<const Vec4u*>(b + j);
+      return unaligned(a + j) * unaligned(unit + j) - unaligned(b + j);
     };
     Vec4 one = splat(0.0), other = one;
     double rest = 0.0;

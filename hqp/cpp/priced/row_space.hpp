@@ -4,6 +4,7 @@
 // (frozen joints), as long as no other row came before, need no reflection.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -26,7 +27,8 @@ class RowSpace {
         tau_(most),
         R_(static_cast<std::size_t>(most) * most),
         pivot_(most),
-        used_(ld, 0) {}
+        used_(ld, 0),
+        square_(ld) {}
 
   int rank() const { return rank_; }
   // Whether the first `count` rows determine coordinate j.
@@ -49,14 +51,15 @@ class RowSpace {
     for (int j = 0; j < N; ++j) v[j] = row[j];
     turn(v, N, turned, rank_);
     split(v, r);
-    int p = 0;
-    double square = 0.0, rest = 0.0;
-    for (int j = 0; j < N; ++j) {
-      if (std::fabs(v[j]) > std::fabs(v[p])) p = j;
-      square += v[j] * v[j];
-      rest += v[j] * grade[j] * v[j] * grade[j];
+    std::fill(v + N, v + lanes(N), 0.0);
+    Vec4 own = splat(0.0), graded = own;
+    for (int j = 0; j < N; j += kLane) {
+      const Vec4 a = unaligned(v + j), g = a * unaligned(grade + j);
+      own += unaligned(&square_[j]) = a * a;
+      graded += g * g;
     }
-    rest = std::sqrt(rest);
+    const double square = sum(own), rest = std::sqrt(sum(graded));
+    const int p = largest(square_.data(), lanes(N));
     uncertain = uncertain || (rest < kUncertain * size && rest > larger(rounded_ * size, rounding));
     if (!(rest > larger(kDependent * size, rounding))) return false;
     const double length = std::sqrt(square);
@@ -124,6 +127,7 @@ class RowSpace {
   int ld_, most_, rank_ = 0, picked_ = 0;
   std::vector<double> V_, tau_, R_;  // R_: row k the part of row k of the set
   std::vector<int> pivot_, used_;    // used_: by which row a coordinate is, from 1 on, 0 for none
+  std::vector<double> square_;       // of what is left of a row
 };
 
 }  // namespace HQP_ISA

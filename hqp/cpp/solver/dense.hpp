@@ -17,6 +17,7 @@ inline namespace HQP_ISA {
 constexpr double kInfinity = __builtin_inf();
 
 typedef double Vec4 __attribute__((vector_size(32), may_alias));
+typedef double Vec4u __attribute__((vector_size(32), aligned(8), may_alias));
 
 constexpr int kLane = 4;  // doubles in a vector
 constexpr int kPad = 8;   // strides are multiples of this
@@ -36,6 +37,8 @@ static inline double* aligned(double* p) {
 static inline Vec4 splat(double a) { return Vec4{a, a, a, a}; }
 static inline Vec4& at(double* p) { return *reinterpret_cast<Vec4*>(p); }
 static inline const Vec4& at(const double* p) { return *reinterpret_cast<const Vec4*>(p); }
+static inline Vec4u& unaligned(double* p) { return *reinterpret_cast<Vec4u*>(p); }
+static inline const Vec4u& unaligned(const double* p) { return *reinterpret_cast<const Vec4u*>(p); }
 
 // T(rows, 4 * V) -= tau v (v' T), V vectors wide; then size -= weight T(0, :)^2.
 template <int V>
@@ -189,18 +192,16 @@ static inline double dot(const double* x, const double* y, int width) {
   return sum(a + b);
 }
 
-typedef double Vec4u __attribute__((vector_size(32), aligned(8), may_alias));
-
 // Dot product of vectors of any length at any address.
 static inline double dot_any(const double* x, const double* y, int n) {
   Vec4 a = splat(0.0), b = splat(0.0);
   int j = 0;
   for (; j + 8 <= n; j += 8) {
-    a += *reinterpret_cast<const Vec4u*>(x + j) * *reinterpret_cast<const Vec4u*>(y + j);
-    b += *reinterpret_cast<const Vec4u*>(x + j + 4) * *reinterpret_cast<const Vec4u*>(y + j + 4);
+    a += unaligned(x + j) * unaligned(y + j);
+    b += unaligned(x + j + 4) * unaligned(y + j + 4);
   }
   if (j + 4 <= n) {
-    a += *reinterpret_cast<const Vec4u*>(x + j) * *reinterpret_cast<const Vec4u*>(y + j);
+    a += unaligned(x + j) * unaligned(y + j);
     j += 4;
   }
   double s = sum(a + b);
@@ -224,9 +225,8 @@ static inline void dots_any(const double* x, const double* Y, int ld, int count,
     for (int r = 0; r < 4; ++r) a[r] = splat(0.0);
     int j = 0;
     for (; j + 4 <= n; j += 4) {
-      const Vec4 f = *reinterpret_cast<const Vec4u*>(x + j);
-      for (int r = 0; r < 4; ++r)
-        a[r] += f * *reinterpret_cast<const Vec4u*>(y + static_cast<std::ptrdiff_t>(r) * ld + j);
+      const Vec4 f = unaligned(x + j);
+      for (int r = 0; r < 4; ++r) a[r] += f * unaligned(y + static_cast<std::ptrdiff_t>(r) * ld + j);
     }
     for (int r = 0; r < 4; ++r) {
       double s = sum(a[r]);
@@ -278,13 +278,13 @@ struct Terms {
   template <int V>
   void block(double* y, int j) const {
     Vec4 s[V];
-    for (int k = 0; k < V; ++k) s[k] = *reinterpret_cast<const Vec4u*>(y + j + kLane * k);
+    for (int k = 0; k < V; ++k) s[k] = unaligned(y + j + kLane * k);
     for (int q = 0; q < count; ++q) {
       const Vec4 f = splat(factor[q]);
       const double* x = row[q] + j;
-      for (int k = 0; k < V; ++k) s[k] += f * *reinterpret_cast<const Vec4u*>(x + kLane * k);
+      for (int k = 0; k < V; ++k) s[k] += f * unaligned(x + kLane * k);
     }
-    for (int k = 0; k < V; ++k) *reinterpret_cast<Vec4u*>(y + j + kLane * k) = s[k];
+    for (int k = 0; k < V; ++k) unaligned(y + j + kLane * k) = s[k];
   }
 };
 
@@ -301,10 +301,10 @@ static inline void add_rows(double* y, const double* X, int ld, int count, doubl
 
 // Position of the largest of `width` numbers, the lowest of equal ones.
 static inline int largest(const double* y, int width) {
-  Vec4 best = at(y), where = Vec4{0, 1, 2, 3}, here = where;
+  Vec4 best = unaligned(y), where = Vec4{0, 1, 2, 3}, here = where;
   const Vec4 step = splat(kLane);
   for (int j = kLane; j < width; j += kLane) {
-    const Vec4 t = at(y + j);
+    const Vec4 t = unaligned(y + j);
     here += step;
     const auto more = t > best;
     best = more ? t : best;
@@ -327,7 +327,11 @@ static inline void scale(double* y, int n, double factor) {
 static inline void add_any(double* y, const double* x, double a, int n) {
   const Vec4 f = splat(a);
   int j = 0;
-  for (; j + 4 <= n; j += 4) *reinterpret_cast<Vec4u*>(y + j) += f * *reinterpret_cast<const Vec4u*>(x + j);
+  for (; j + 8 <= n; j += 8) {
+    unaligned(y + j) += f * unaligned(x + j);
+    unaligned(y + j + kLane) += f * unaligned(x + j + kLane);
+  }
+  for (; j + 4 <= n; j += 4) unaligned(y + j) += f * unaligned(x + j);
   for (; j < n; ++j) y[j] += a * x[j];
 }
 

@@ -18,10 +18,8 @@ struct LevelAlongStep {
     Vec4 slopes = zero, curvatures = zero;
     int r = level.begin;
     for (; r + kLane <= level.end; r += kLane) {
-      const Vec4 c = *reinterpret_cast<const Vec4u*>(change + r),
-                 value = *reinterpret_cast<const Vec4u*>(v + r) + a * c;
-      const Vec4 lower = *reinterpret_cast<const Vec4u*>(table.lower + r),
-                 upper = *reinterpret_cast<const Vec4u*>(table.upper + r);
+      const Vec4 c = unaligned(change + r), value = unaligned(v + r) + a * c;
+      const Vec4 lower = unaligned(table.lower + r), upper = unaligned(table.upper + r);
       const Vec4 out = value > upper ? value - upper : value < lower ? value - lower : zero;
       slopes += c * out;
       curvatures += out != zero ? c * c : zero;

@@ -369,7 +369,7 @@ struct Table {
     const Vec4 zero = splat(0.0), one = splat(1.0);
     Vec4 count = zero;
     int j = 0;
-    for (; j + kLane <= n; j += kLane) count += *reinterpret_cast<const Vec4u*>(a + j) != zero ? one : zero;
+    for (; j + kLane <= n; j += kLane) count += unaligned(a + j) != zero ? one : zero;
     double total = sum(count);
     for (; j < n; ++j) total += a[j] != 0.0;
     return static_cast<int>(total);
