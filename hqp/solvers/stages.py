@@ -11,7 +11,7 @@ import numpy as np
 
 from hqp.arrays import Signs, Vec
 from hqp.problem import Hierarchy, Rows, Selection, Shape, Solution, Stats, Status
-from hqp.solvers.base import UNSURE, Described, OneThread, check_shape, finish, require_hierarchy
+from hqp.solvers.base import Described, OneThread, check_shape, finish, require_hierarchy
 from hqp.solvers.second_opinion import second_opinion
 from hqp.tolerances import (
     ACCURATE,
@@ -152,12 +152,12 @@ class StagedWorkspace:
         """The answer of the latest stages; stopped early, a point that keeps to what the levels above left."""
         steps, ended, uncertain, undecided, doubtful = self.native.effort()
         unsure = undecided or (doubtful and self._seconds > 0.0)  # without a clock the certificate decides
-        status, detail = (Status.RANK_UNCERTAIN, UNSURE) if unsure else (Status.OPTIMAL, "")
+        status = Status.RANK_UNCERTAIN if unsure else Status.OPTIMAL
         if not ended:
-            status, detail = Status.TIME_LIMIT if self._seconds else Status.ITERATION_LIMIT, ""
+            status = Status.TIME_LIMIT if self._seconds else Status.ITERATION_LIMIT
         stats = Stats(exact.iterations + steps, exact.factorisations, exact.build_s, self.native.elapsed())
         x, points = self.native.end().copy(), self.native.points().copy()
-        solution = finish(problem, x, status, stats, detail, points, describe=self._describe)
+        solution = finish(problem, x, status, stats, stages=points, describe=self._describe)
         doubtful = doubtful or uncertain or not ended
         return second_opinion(problem, solution) if doubtful and not self._seconds else solution
 

@@ -1,4 +1,4 @@
-"""A session from a file gives the numbers of the session that wrote it, to the last bit."""
+"""A session from a file gives the numbers of the session that wrote it, to the last bit, and its notes."""
 
 from __future__ import annotations
 
@@ -38,6 +38,7 @@ def replay(
         look(tick)
         np.testing.assert_array_equal(found.x, tick.x, err_msg=f"tick {i}")
         np.testing.assert_array_equal(found.command, tick.command)
+        assert found.notes == tuple(note for note in tick.notes if not note.detail.startswith("asked ")), f"tick {i}"
         q, v = tick.advance()
 
 

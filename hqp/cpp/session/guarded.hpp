@@ -217,10 +217,10 @@ class Guarded {
   static LimitWatch limit_watch(const Line& line) {
     LimitWatch::Parts parts;
     std::vector<std::string> names;
-    for (const Member& member : line.members()) {
-      if (member.units.empty()) continue;
-      parts.emplace_back(line.start(member) + member.first, line.start(member) + member.last);
-      names.insert(names.end(), member.row_names.begin(), member.row_names.end());
+    for (const Member* member : line.placed()) {
+      if (member->units.empty()) continue;
+      parts.emplace_back(line.start(*member) + member->first, line.start(*member) + member->last);
+      names.insert(names.end(), member->row_names.begin(), member->row_names.end());
     }
     return {std::move(parts), std::move(names), line.dt()};
   }
@@ -389,12 +389,12 @@ class Guarded {
     const std::size_t before = tick_.note_count_;
     limits_.look(tick_.marks_.data(), tick_.count_, teller());
     if (tick_.note_count_ == before && !limits_.meet()) return;
-    for (const Member& member : line_.members()) {
-      if (member.units.empty() || member.operation < 0) continue;
-      line_.assembly().overrun(std::size_t(member.operation), q_.data(), around(), over_);
-      for (std::size_t i = 0; i < std::min(over_.size(), member.units.size()); ++i) {
-        Note why{member.row_names[i].c_str()};
-        if (LimitWatch::passed(over_[i], member.units[i].c_str(), why)) note(why);
+    for (const Member* member : line_.placed()) {
+      if (member->units.empty() || member->operation < 0) continue;
+      line_.assembly().overrun(std::size_t(member->operation), q_.data(), around(), over_);
+      for (std::size_t i = 0; i < std::min(over_.size(), member->units.size()); ++i) {
+        Note why{member->row_names[i].c_str()};
+        if (LimitWatch::passed(over_[i], member->units[i].c_str(), why)) note(why);
       }
     }
   }

@@ -63,6 +63,11 @@ class Line {
     if (torque_ ? order() != 2 || !root_.part("motion").has("dynamics") : order() != 1 && order() != 2)
       throw PlanError("the plan is of an unknown order");
     for (const Node& one : root_.parts("elements")) members_.push_back(member(one)), bind_free(members_.back());
+    for (const Member& one : members_)
+      if (one.level >= 0) placed_.push_back(&one);
+    std::stable_sort(placed_.begin(), placed_.end(), [this](const Member* one, const Member* other) {
+      return start(*one) + one->first < start(*other) + other->first;
+    });
     still_.resize(std::size_t(nv_));
     holding_.resize(std::size_t(solve_->exact().size())), felt_.resize(holding_.size());
     origin_ = root_.part("solver").maybe("origin", std::size_t(solve_->exact().size()));
@@ -81,6 +86,7 @@ class Line {
   TorqueParts* torque() { return torque_.get(); }
   std::vector<Slot>& slots() { return slots_; }
   const std::vector<Member>& members() const { return members_; }
+  const std::vector<const Member*>& placed() const { return placed_; }  // those with rows, as the hierarchy has them
   const std::vector<Slot>& slots() const { return slots_; }
 
   // Rows and demands of a state that the references have been set for; velocity: v of the state, or at velocity level
@@ -183,9 +189,9 @@ class Line {
     BoundKernel& exact = solve_->exact();
     const hqp::Law* law = solve_->law();
     std::vector<Outgoing::Part> parts;
-    for (const Member& one : members_)
-      if (one.level >= 0 && one.level < exact.problem.constraints)
-        parts.push_back({one.name, one.level, one.first, one.last, one.row_names});
+    for (const Member* one : placed_)
+      if (one->level < exact.problem.constraints)
+        parts.push_back({one->name, one->level, one->first, one->last, one->row_names});
     return {exact.size(),
             exact.levels,
             exact.problem.constraints,
@@ -321,6 +327,7 @@ class Line {
   std::vector<Slot> slots_;
   std::vector<std::string> slot_names_;
   std::vector<Member> members_;
+  std::vector<const Member*> placed_;
   std::vector<int> rows_, starts_;  // of each level, and its first among all
   std::vector<double> slacks_, still_, holding_, felt_;
   std::vector<std::int8_t> marks_;

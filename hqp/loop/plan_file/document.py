@@ -16,7 +16,7 @@ from hqp.loop.outgoing import largest_change
 from hqp.loop.presence import Presence
 from hqp.problem import Status
 from hqp.programs.assembly import LARGEST
-from hqp.solvers.base import UNSURE
+from hqp.solvers.second_opinion import STUCK
 from hqp.tolerances import VIOLATION_TOLERANCE
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def document(session: Session, sequence: Sequence | None) -> tuple[dict[str, Any
             "largest": LARGEST,
             "violation": VIOLATION_TOLERANCE,
             "gradual": largest_change(program.kind, session.dt),
-            "statuses": [UNSURE if status is Status.RANK_UNCERTAIN else status.value for status in Status],
+            "statuses": [STUCK if status is Status.NOT_CERTIFIED else status.value for status in Status],
             "state": session.line.check.parts,
             "rates": None if session.line.limiter is None else list(session.line.limiter.inverse),
             "braking": controller.braking,
