@@ -214,7 +214,7 @@ def test_a_tick_forgets_a_level_that_is_met_by_now() -> None:
     run, hand = out_of_reach(np.inf)
     assert run.workspace.native.head == 2
     run.workspace._exact.limit(1e-9)
-    state = run.line.robot.state(drawn_pose(run.line.robot, np.random.default_rng(0)))
+    state = run.line.robot.state()
     tick = run.step(state, hand.at(state.position("right_wrist_yaw_link")))
     assert tick.status is Status.TIME_LIMIT
     assert run.workspace.native.head == 0
