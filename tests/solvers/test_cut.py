@@ -213,8 +213,10 @@ def test_a_cut_tick_keeps_it() -> None:
 def test_a_tick_forgets_a_level_that_is_met_by_now() -> None:
     run, hand = out_of_reach(np.inf)
     assert run.workspace.native.head == 2
-    run.workspace._exact.limit(1e-9)
     state = run.line.robot.state()
-    tick = run.step(state, hand.at(state.position("right_wrist_yaw_link")))
+    before = run.step(state, hand.at(np.array([3.0, 0.0, 1.0])))
+    rate = run.problem.levels[2].dense(run.problem.n) @ before.x
+    run.workspace._exact.limit(1e-9)
+    tick = run.step(state, hand.at(state.position("right_wrist_yaw_link"), velocity=rate))
     assert tick.status is Status.TIME_LIMIT
     assert run.workspace.native.head == 0
