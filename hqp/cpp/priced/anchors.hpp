@@ -43,7 +43,8 @@ class Motions {
         basis_(static_cast<std::size_t>(n) * ld_),
         flat_(static_cast<std::size_t>(n) * ld_),
         row_(padded(n)),
-        step_(padded(n)) {}
+        step_(padded(n)),
+        part_(n) {}
 
   // Memory for r rows of F (0 for a diagonal), and levels of at most that many rows.
   void reserve(int r, int most) {
@@ -68,9 +69,9 @@ class Motions {
     base_.row(a, row_.data());
     const int moving = base_.rank();
     const double least = kLost * std::sqrt(dot_any(row_.data(), row_.data(), n_));
-    for (int pass = 0; pass < 2; ++pass) off(flat_, flats_, moving, n_, n_);
+    for (int pass = 0; pass < 2; ++pass) off(flat_, flats_, moving);
     if (take(flat_, flats_, moving, n_, least)) return;
-    for (int pass = 0; pass < 2; ++pass) off(basis_, held_, 0, moving, moving);
+    for (int pass = 0; pass < 2; ++pass) off(basis_, held_, 0);
     take(basis_, held_, 0, moving, least);
   }
 
@@ -93,7 +94,7 @@ class Motions {
   void add_columns(const double* a, int held, double scale, double* sum) {
     base_.row(a, row_.data());
     add_squares(scale, sum);
-    off(basis_, held, 0, base_.rank(), base_.rank());
+    off(basis_, held, 0);
     add_squares(scale, sum);
   }
 
@@ -179,21 +180,18 @@ class Motions {
     }
   }
 
-  // row_ [0, end) off rows that are orthonormal in [from, to).
-  void off(const std::vector<double>& rows, int count, int from, int to, int end) {
-    for (int k = 0; k < count; ++k) {
-      const double* v = &rows[static_cast<std::size_t>(k) * ld_];
-      add_any(row_.data(), v, -dot_any(v + from, row_.data() + from, to - from), end);
-    }
+  // row_ off rows that are orthonormal from that entry on.
+  void off(const std::vector<double>& rows, int count, int from) {
+    dots_any(row_.data() + from, rows.data() + from, ld_, count, lanes(n_) - from, part_.data());
+    add_rows(row_.data(), rows.data(), ld_, count, -1.0, part_.data(), 1, lanes(n_));
   }
 
-  // row_ as one more of them, where more than this is left of it there.
+  // row_ up to an entry as one more of them, where more than this is left of it from the other on.
   bool take(std::vector<double>& rows, int& count, int from, int to, double least) {
     const double left = std::sqrt(dot_any(row_.data() + from, row_.data() + from, to - from));
     if (!(left > least)) return false;
-    rows.resize(static_cast<std::size_t>(count + 1) * ld_);
     double* at = &rows[static_cast<std::size_t>(count++) * ld_];
-    for (int j = 0; j < n_; ++j) at[j] = row_[j] / left;
+    for (int j = 0; j < n_; ++j) at[j] = j < to ? row_[j] / left : 0.0;
     return true;
   }
 
@@ -252,7 +250,7 @@ class Motions {
   int ld_, held_ = 0, flats_ = 0;
   std::vector<double> basis_, flat_;  // rows held, in motion coordinates: orthonormal where they see motion alone, and
                                       // where they see directions without motion
-  std::vector<double> row_, step_, weight_, mean_, stack_, target_;
+  std::vector<double> row_, step_, part_, weight_, mean_, stack_, target_;
 };
 
 }  // namespace HQP_ISA

@@ -27,6 +27,7 @@ class RowSpace {
         tau_(most),
         R_(static_cast<std::size_t>(most) * most),
         pivot_(most),
+        end_(most),
         used_(ld, 0),
         square_(ld) {}
 
@@ -72,6 +73,9 @@ class RowSpace {
       tau_[rank_] = 1.0 / (length * (length + std::fabs(v[p])));
       v[p] -= r[rank_];
     }
+    int end = N;
+    while (v[end - 1] == 0.0) --end;
+    end_[rank_] = lanes(end);
     pivot_[rank_++] = p;
     used_[p] = rank_;
     return true;
@@ -118,16 +122,18 @@ class RowSpace {
 
  private:
   void reflect(int k, double* v, int N) const {
+    const int end = std::min(end_[k], N);
     const double* u = &V_[static_cast<std::size_t>(k) * ld_];
-    const double f = tau_[k] * dot_any(u, v, N);
-    if (f != 0.0) add_any(v, u, -f, N);
+    const double f = tau_[k] * dot_any(u, v, end);
+    if (f != 0.0) add_any(v, u, -f, end);
   }
 
   double rounded_;
   int ld_, most_, rank_ = 0, picked_ = 0;
-  std::vector<double> V_, tau_, R_;  // R_: row k the part of row k of the set
-  std::vector<int> pivot_, used_;    // used_: by which row a coordinate is, from 1 on, 0 for none
-  std::vector<double> square_;       // of what is left of a row
+  std::vector<double> V_, tau_, R_;      // R_: row k the part of row k of the set
+  std::vector<int> pivot_, end_, used_;  // end_: of what a reflection sees; used_: by which row a coordinate is, from 1
+                                         // on, 0 for none
+  std::vector<double> square_;           // of what is left of a row
 };
 
 }  // namespace HQP_ISA

@@ -245,7 +245,7 @@ class StageLevels final : public PricedStages {
       if (level.left_out(i)) continue;
       const double value = product(level, i, x), w = slack(value, low[i], high[i]);
       if (low[i] == high[i] || anchors_.empty()) {
-        if (std::abs(w) <= tolerances_.met * size(level, i, x, least)) continue;
+        if (w == 0.0 || std::abs(w) <= tolerances_.met * size(level, i, x, least)) continue;
         low[i] = high[i] = value;
         taken_at_ = larger(taken_at_, std::sqrt(dot_any(x, x, n_)));
       } else {  // below anchors it may still be lessened
