@@ -13,7 +13,7 @@ inline namespace HQP_ISA {
 
 constexpr double kRotated = 1e-26;  // a square that is rounding, relative to the largest
 constexpr double kShort = 1e-14;    // less than this, and more than rounding, is an uncertain direction
-constexpr int kFew = 6;             // rows that are rotated
+constexpr int kFew = 5;             // rows that are rotated: less than a pose has
 constexpr double kClearOf = 1e-5;   // mu above this fraction of the largest square is clear of rounding
 constexpr double kSquared = 2e-8;   // a step of Newton, relative to mu, that leaves rounding
 
