@@ -79,12 +79,13 @@ class StageSearch {
       const double far = dot_any(y, y, N_);
       reached = descend(working, y, iterations);
       list(working);
-      if (reached && far > kFar * kFar * (1.0 + dot_any(y, y, N_))) {  // the rounding of a long way
+      const bool long_way = far > kFar * kFar * (1.0 + dot_any(y, y, N_));
+      if (reached && (long_way || leaves_its_face(y))) {  // the way has left its rounding
         const double off = off_;
         begin();
         if (!on_the_face_of(working, y)) {
-          off_ = off;
-          return reached;
+          reached = descend(working, y, iterations);
+          off_ = larger(off, off_);
         }
       }
     }
@@ -273,6 +274,17 @@ class StageSearch {
     if (wrong_sign(aim_.data(), false) >= 0) return false;
     std::copy(aim_.begin(), aim_.begin() + N_, y);
     return true;
+  }
+
+  // Whether y is off a row that is held by more than rounding of that row.
+  bool leaves_its_face(const double* y) {
+    at_point(y);
+    for (const int i : set_) {
+      const StageRow& row = (*rows_)[i];
+      const double bound = row.bound(side_[i]);
+      if (std::abs(row.value(x_.data(), y, n_) - bound) > allowed(row, kOnFace, bound)) return true;
+    }
+    return false;
   }
 
   // x_ of y.
