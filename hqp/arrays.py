@@ -65,6 +65,11 @@ def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]
     return np.asarray(a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT])
 
 
+def rank(A: Mat, rtol: float | None = None) -> int:
+    """The rank of A; 0 of an empty matrix, which NumPy 2.3 refuses."""
+    return int(np.linalg.matrix_rank(A, rtol=rtol)) if A.size else 0
+
+
 def row_lengths(A: Mat) -> Vec:
     """The 2-norm of every row, ``(m,)``."""
     return np.asarray(np.sqrt(np.einsum("ij,ij->i", A, A)))

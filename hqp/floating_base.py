@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mat, Vec, rank
 from hqp.errors import ProblemError
 from hqp.tolerances import RANK_TOLERANCE
 
@@ -28,7 +28,7 @@ def generalized_velocity(J_C: Mat, joint_velocity: Vec) -> Vec:
 
 def base_rank(J_C: Mat) -> int:
     """Rank of the base columns of J_C: 6 where the joints determine the base (condition 3)."""
-    return int(np.linalg.matrix_rank(J_C[:, :6], rtol=RANK_TOLERANCE)) if J_C.size else 0  # NumPy 2.3 refuses none
+    return rank(J_C[:, :6], RANK_TOLERANCE)
 
 
 def consistent_velocity(J_C: Mat, v: Vec) -> Vec:

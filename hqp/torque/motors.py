@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hqp.arrays import Vec
+from hqp.arrays import Vec, rank
 from hqp.declare.law import P
 from hqp.declare.robot import Robot
 from hqp.declare.stack import Stack
@@ -50,8 +50,6 @@ def _holding(stack: Stack, robot: Robot) -> Vec:
         rows = Assembly(held, (), twin, 1.0, {e.name: P(0.0) for e in held})
         rows.fill(state, {e.name: e.hold(state) for e in held}, ())
         J = rows.J
-    passive = np.delete(J, twin.actuated, axis=1)
-    rank = np.linalg.matrix_rank(passive) if passive.size else 0  # NumPy 2.3 refuses an empty matrix
-    if rank < twin.nv - twin.actuated.size:
+    if rank(np.delete(J, twin.actuated, axis=1)) < twin.nv - twin.actuated.size:
         return np.zeros(twin.actuated.size)
     return holding_torque(J, state.gravity_force(), twin.actuated)
