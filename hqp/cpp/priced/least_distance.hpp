@@ -19,8 +19,8 @@ inline namespace HQP_ISA {
 // violate a row.
 constexpr double kOpposed = 1e-9, kSame = 1e-12;
 constexpr double kTurned = 1e-14;  // error of a row's direction
-// Rows that the start was outside of hold the answer at their bounds, whatever the start, where that is no further away
-// than this: where nothing is inside of them all they would hold it far away.
+// Rows that the start violates are held to their own bounds, so that the answer does not depend on the start, if this
+// makes the distance no longer than by this share; rows that no point meets together would make it much longer.
 constexpr double kAlike = 1e-3;
 
 class LeastDistance {
@@ -93,7 +93,7 @@ class LeastDistance {
     return distance(count, size);
   }
 
-  // Columns of rows that y was outside of are those of their bounds from here on; whether there are any.
+  // From here on the columns of rows that y violated are those of their own bounds; whether there are such rows.
   bool inside(int count) {
     bool any = false;
     for (int k = 0; k < least_.count; ++k) {

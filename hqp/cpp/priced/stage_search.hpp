@@ -80,7 +80,7 @@ class StageSearch {
       reached = descend(working, y, iterations);
       list(working);
       const bool long_way = far > kFar * kFar * (1.0 + dot_any(y, y, N_));
-      if (reached && (long_way || leaves_its_face(y))) {  // the way has left its rounding
+      if (reached && (long_way || leaves_its_face(y))) {  // rounding of the steps has added up
         const double off = off_;
         begin();
         if (!on_the_face_of(working, y)) {
@@ -276,7 +276,7 @@ class StageSearch {
     return true;
   }
 
-  // Whether y is off a row that is held by more than rounding of that row.
+  // Whether y misses the bound of a held row by more than that row's rounding.
   bool leaves_its_face(const double* y) {
     at_point(y);
     for (const int i : set_) {

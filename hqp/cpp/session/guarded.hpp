@@ -384,6 +384,7 @@ class Guarded {
     if (line_.torque() && line_.at_rest(q.data())) found.holding = line_.holding(), found.felt = line_.felt();
     return found;
   }
+
   // Notes on limits of joints that alternate, and on those that are passed.
   void limits() {
     const std::size_t before = tick_.note_count_;

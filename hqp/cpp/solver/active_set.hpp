@@ -175,8 +175,8 @@ class ActiveSet {
     if (!settled) state.outcome = Outcome::rank_uncertain;
   }
 
-  // An optimum that is none where forces hold nothing that are less than the gap it may have is uncertain: rows nearly
-  // opposed have such forces by rounding, and what they hold decides what is left of a choice.
+  // An optimum is uncertain if it is one only because of rows whose forces are smaller than its allowed gap: rows that
+  // are nearly opposed have such forces by rounding, and whether they are held decides what is left to choose.
   void doubt_forces() {
     if (state.outcome == Outcome::optimal && judge_.rests_on_less(Conditions::kSlop))
       state.outcome = Outcome::rank_uncertain;

@@ -66,14 +66,13 @@ class BlockExchange {
 
   explicit BlockExchange(SearchState& state) : state_(state) {}
 
-  // True if that ends the search: at the optimum, or out of time at the best point.
-  // last: the last answer.
+  // True if that ends the search: at the optimum, or out of time at the best point.  last: the answer before.
   bool run(const double* last) {
     EqualityProblem& problem = state_.problem;
     const Table& table = problem.table;
     const Multipliers& multipliers = state_.multipliers;
     int exchanges_left = state_.options->exchanges, fewest = 1 << 30;
-    bool begun = false;  // the best point is known
+    bool known = false;  // the best point so far, which costs a product with the rows
     for (;;) {
       state_.solve();
       const int outside = state_.violations.find(problem);
@@ -89,12 +88,12 @@ class BlockExchange {
           return true;
         }
         state_.undo_reduction();
-        begun = false;
+        known = false;
         continue;
       }
       const bool reduces = state_.iterations == 1 && kFarStart * outside > table.n && problem.reduce();
       if (reduces) exchanges_left = 0;
-      if (!std::exchange(begun, true)) start.set_to(state_, last);
+      if (!std::exchange(known, true)) start.set_to(state_, last);
       start.offer(state_, outside);
       if (start.current) return false;  // a descent keeps it feasible, an exchange would not
       if (infeasibilities < fewest) fewest = infeasibilities;

@@ -34,7 +34,7 @@ class Judge {
     return passed;
   }
 
-  // Whether the point that passed is none where forces that are less than this hold nothing.
+  // Whether the point that passed would fail if rows with smaller forces than this were not held.
   bool rests_on_less(double force) {
     if (!(at_.faintest < force)) return false;
     const double found = gap;
