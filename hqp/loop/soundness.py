@@ -11,6 +11,7 @@ from hqp.declare.price import Price
 from hqp.declare.robot import Robot
 from hqp.declare.stack import Stack
 from hqp.errors import DynamicsFailed, HqpError, ModelError
+from hqp.loop.overconstrained import overconstrained
 from hqp.programs.assembly import OWN
 from hqp.programs.formulation import Formulation
 
@@ -63,6 +64,12 @@ def rehearse(formulation: Formulation, stack: Stack, robot: Robot, dt: float) ->
     """
     with _TURN:
         _rehearse(formulation, stack, _twin(robot), dt)
+
+
+def overheld(stack: Stack, robot: Robot) -> str:
+    """What is said of constraints that no motion near home keeps, see ``overconstrained``; "" where one does."""
+    with _TURN:
+        return overconstrained(stack, _twin(robot))
 
 
 def _twin(robot: Robot) -> Robot:

@@ -1,0 +1,129 @@
+"""Contacts that hold more than joints can follow are told before the loop."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hqp
+from hqp import Level, P, Stack
+from hqp.declare.robot import Robot
+from hqp.errors import ModelWarning
+from hqp.tasks import Com, EdgeContact, FixedContact, JointLimits, PointContact, Posture
+
+LIMITS = JointLimits()
+
+
+def biped(folder: Path, ankles: tuple[str, ...]) -> Robot:
+    """Two straight legs below a pelvis: yaw, roll, pitch, knee, and ankles about these axes."""
+
+    def leg(side: str, y: float) -> str:
+        def joint(name: str, axis: str) -> str:
+            return f'<joint name="{side}_{name}" axis="{axis}" range="-2 2"/>'
+
+        def body(name: str, z: float, inside: str) -> str:
+            shape = '<geom type="sphere" size="0.05" mass="1"/>'
+            return f'<body name="{side}_{name}" pos="0 0 {z}">{shape}{inside}</body>'
+
+        foot = body("foot", -0.4, "".join(joint(f"ankle_{axis[::2]}", axis) for axis in ankles))
+        knee = body("shin", -0.4, joint("knee", "0 1 0") + foot)
+        hip = "".join(joint(f"hip_{axis[::2]}", axis) for axis in ("0 0 1", "1 0 0", "0 1 0"))
+        return f'<body pos="0 {y} -0.1"><geom type="sphere" size="0.05" mass="1"/>{hip}{knee}</body>'
+
+    pelvis = '<geom type="box" size="0.1 0.1 0.1" mass="10"/><freejoint/>' + leg("left", 0.1) + leg("right", -0.1)
+    path = folder / "biped.xml"
+    path.write_text(
+        f'<mujoco><compiler angle="radian"/><worldbody><body name="pelvis" pos="0 0 1">{pelvis}</body></worldbody>'
+        "</mujoco>"
+    )
+    return hqp.robots.load(path)
+
+
+def session(robot: Robot, *contacts: object) -> tuple[hqp.Session, list[str]]:
+    com = Com(axes="xyz", law=P(10.0))
+    stack = Stack(Level(com, name="com"), Level(Posture(), name="posture"), subject_to=[*contacts, LIMITS])
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        made = hqp.Controller(stack, deadline=np.inf).session(robot, 0.002)
+    return made, [str(one.message) for one in told if issubclass(one.category, ModelWarning)]
+
+
+def reversals(run: hqp.Session) -> float:
+    """Of commands, an average joint's, a second; the centre of mass is to go down, ahead and to the side."""
+    robot = run.robot
+    q, v = robot.home, np.zeros(robot.nv)
+    goal = robot.state(q, v).com() + np.array([0.05, 0.05, -0.1])
+    com, commands = run.stack.find("com"), []
+    for _ in range(150):
+        tick = run.step(robot.state(q, v), com.at(goal))  # type: ignore[attr-defined]
+        commands.append(tick.command)
+        q, v = tick.advance()
+    change = np.diff(commands, axis=0)
+    turned = (change[1:] * change[:-1] < 0.0) & (np.minimum(abs(change[1:]), abs(change[:-1])) > 1e-3)
+    return float(turned.sum(axis=0).mean() / 0.3)
+
+
+FLAT = FixedContact(frame="left_foot", name="left"), FixedContact(frame="right_foot", name="right")
+
+
+def test_flat_feet_on_legs_of_five_joints_are_told(tmp_path: Path) -> None:
+    robot = biped(tmp_path, ("0 1 0",))
+    run, told = session(robot, *FLAT)
+    (text,) = told
+    assert text.startswith("left, right: more is held than joints can follow. 11 of 12 rows are independent")
+    notes = run.step(robot.state()).notes
+    assert [note.detail for note in notes if note.element == "contacts"] == [text]
+    assert not [note for note in run.step(robot.state()).notes if note.element == "contacts"]
+    assert reversals(run) > 50.0
+
+
+@pytest.mark.parametrize("other", [EdgeContact(frame="right_foot", axis="x"), PointContact(frame="right_foot")])
+def test_what_the_text_names_is_a_cure(tmp_path: Path, other: object) -> None:
+    run, told = session(biped(tmp_path, ("0 1 0",)), FLAT[0], other)
+    assert not told
+    assert reversals(run) < 10.0
+
+
+def arm(folder: Path, *turns: float) -> Robot:
+    """Three links in a plane, each turned against the one before."""
+    inside = '<geom type="sphere" size="0.05" mass="1"/>'
+    for k, turn in reversed([*enumerate(turns)]):
+        joint = (
+            f'<joint name="joint_{k}" axis="0 0 1"/><geom type="capsule" size="0.02" fromto="0 0 0 1 0 0" mass="1"/>'
+        )
+        end = f'<body name="end_{k}" pos="1 0 0">{inside}</body>' if k == len(turns) - 1 else inside
+        inside = f'<body pos="{float(k > 0)} 0 0" euler="0 0 {turn}">{joint}{end}</body>'
+    path = folder / "arm.xml"
+    path.write_text(f'<mujoco><compiler angle="degree"/><worldbody>{inside}</worldbody></mujoco>')
+    return hqp.robots.load(path)
+
+
+def test_a_stretched_arm_is_held_and_a_folded_one_can_move(tmp_path: Path) -> None:
+    held = PointContact(frame="end_2", name="end")
+    for turns, expected in (((0.0, 0.0, 0.0), 1), ((0.0, 180.0, 180.0), 0), ((0.0, 40.0, 40.0), 0)):
+        robot = arm(tmp_path, *turns)
+        values = np.linalg.svd(robot.state().jacobian("end_2")[:2], compute_uv=False)
+        assert (values[1] < 1e-9) == (turns[1] % 180.0 == 0.0)
+        assert len(session(robot, held)[1]) == expected, turns
+
+
+@pytest.mark.parametrize("name", ["cbi", "talos", "g1", "icub", "romeo"])
+def test_humanoids_with_legs_of_six_joints_are_not_told(name: str) -> None:
+    robot = hqp.robots.load(name)
+    state = robot.state()
+    feet = sorted(robot.frame_names, key=lambda frame: float(state.position(frame)[2]))
+    low = next(frame for frame in feet if "l_" in frame.lower() or "left" in frame.lower())
+    high = low.replace("left", "right").replace("Left", "Right").replace("LEFT", "RIGHT")
+    if high == low:
+        high = low.replace("l_", "r_").replace("L_", "R_")
+    assert high != low
+    assert not session(robot, FixedContact(frame=low), FixedContact(frame=high))[1]
+
+
+def test_contacts_that_depend_on_each_other_everywhere_are_not_told() -> None:
+    robot = hqp.robots.load("quadruped")
+    feet = [frame for frame in robot.frame_names if "FOOT" in frame.upper()] or list(robot.frame_names)[-4:]
+    assert not session(robot, *(PointContact(frame=frame) for frame in feet))[1]
