@@ -97,14 +97,19 @@ class LevelSolve final : public SolveCall {
     if (near && follow(x, 0) >= 0) found.outcome = kUnsettled;
     return found;
   }
-  // Its parts.  Stages from the exact answer of the levels above the one that was not met last: far out of reach the
-  // exact answer of all levels is large, ill-conditioned and of no use.  False where that level is met by now, or the
-  // levels above have no optimum: the exact hierarchy decides, in what is left of the time.
+  // Its parts.  Stages from the level that was not met last, on the face where it ended, or from the exact answer of
+  // the levels above: far out of reach the exact answer of all levels is large, ill-conditioned and of no use.  False
+  // where that level is met by now, or the levels above have no optimum: the exact hierarchy decides, in what is left
+  // of the time.
   bool begin(Solved& found) {
     began_ = Clock::now();
     if (!head_) return false;
     make_heads();
     const int level = std::exchange(head_, 0);
+    if (follow(nullptr, level) >= 0) {
+      found.outcome = kUnsettled;
+      return true;
+    }
     BoundKernel& head = this->head(level);
     found = told(head.solve());
     if (begins(found) && follow(head.numbers().data(), level) >= 0) {
@@ -118,7 +123,7 @@ class LevelSolve final : public SolveCall {
     return false;
   }
   Answer solve_exact() {
-    source_ = 0, staged_ = false;
+    source_ = 0, staged_ = false, asked_ = true;
     const Answer answer = exact_.solve();
     if (std::exchange(shortened_, false)) exact_.limit(limit_);
     return answer;
@@ -126,6 +131,7 @@ class LevelSolve final : public SolveCall {
   // As PricedStages::solve.
   int follow(const double* x, int head) {
     if (!has_prices_) return -1;
+    asked_ = x;
     const int first = stages_->solve(x, head, left(), points_.data(), end_.data());
     staged_ = first >= 0 && stages_->ended();
     source_ = first < 0 || staged_ ? head : kNone;
@@ -147,10 +153,18 @@ class LevelSolve final : public SolveCall {
   double elapsed() const { return std::chrono::duration<double>(Clock::now() - began_).count(); }
 
   // The kernel that knows multipliers of the latest answer, those of the levels above the stages where these gave it;
-  // null where they are not at hand.
+  // null where they are not at hand.  It takes memory where no exact answer was asked.
   BoundKernel* teller() {
     BoundKernel* kernel = source_ == kNone ? nullptr : source_ ? &head(source_) : &exact_;
-    return kernel && kernel->tell() ? kernel : nullptr;
+    if (!kernel || asked_) return kernel && kernel->tell() ? kernel : nullptr;
+    WarmState before;  // the next solves are as if it had not been
+    CarryOver out = CarryOver::to(before);
+    kernel->keep(out);
+    kernel->solve();
+    const bool told = kernel->tell();
+    CarryOver in = CarryOver::from(before);
+    kernel->keep(in);
+    return told ? kernel : nullptr;
   }
   bool staged() const { return staged_; }
   // The latest answer is one that was not found here.
@@ -230,6 +244,7 @@ class LevelSolve final : public SolveCall {
   std::vector<std::int8_t> marks_;
   double limit_;
   bool shortened_ = false;
+  bool asked_ = true;  // whether the latest stages began at an exact answer
   int head_ = 0;
   int source_ = 0;  // of the latest answer: 0 for the exact kernel, the level of a head, kNone for neither
   bool staged_ = false;

@@ -115,9 +115,9 @@ class StageLevels final : public PricedStages {
 
   int solve(const double* x, int head, double seconds, double* stages, double* last) override {
     begin(seconds);
-    settled_.begin(motions_.base(), law_.prices, x);
+    if (x) settled_.begin(motions_.base(), law_.prices, x);
     int first = -1;
-    for (int k = 0; k < static_cast<int>(level_.size()); ++k) {
+    for (int k = x ? 0 : head; k < static_cast<int>(level_.size()); ++k) {
       const bool priced = law_.prices[k] > 0.0;
       const bool met = anchors_.empty();  // all levels so far, so that x keeps to what they leave
       if (met && k > last_) break;
@@ -135,8 +135,9 @@ class StageLevels final : public PricedStages {
         leave(k, x);
         continue;
       }
-      if (met) std::copy(x, x + n_, x_.begin());
-      if (priced || asks(k)) stage(k);
+      if (met && x) std::copy(x, x + n_, x_.begin());
+      if ((priced || asks(k)) && !stage(k, x || !met)) return -2;
+      if (!x && met && !all_settled(k)) return -2;
       if (!ended_ && deadline_.passed()) break;  // the levels below begin where this one does
       leave(k, x_.data());
       if (priced) {
@@ -233,13 +234,21 @@ class StageLevels final : public PricedStages {
     return false;
   }
 
+  // Whether the levels above k, of which x_ keeps to all rows, are met for their prices.
+  bool all_settled(int k) {
+    settled_.begin(motions_.base(), law_.prices, x_.data());
+    for (int l = 0; l < k; ++l)
+      if (law_.prices[l] > 0.0 && !settled_.meets(l)) return false;
+    return true;
+  }
+
   // The rows that level k leaves at x: as they are, or its values where it has no price.
   void leave(int k, const double* x) {
     const PricedLevel& level = level_[k];
     double *low = &low_[first_[k]], *high = &high_[first_[k]];
     std::copy(level.lower, level.lower + level.m, low);
     std::copy(level.upper, level.upper + level.m, high);
-    if (law_.prices[k] > 0.0) return;
+    if (law_.prices[k] > 0.0 || !x) return;
     const double least = resting(x);
     for (int i = 0; i < level.m; ++i) {  // its slack is unique: rows that are missed keep their value
       if (level.left_out(i)) continue;
@@ -362,8 +371,9 @@ class StageLevels final : public PricedStages {
     return N;
   }
 
-  // Level k over what the levels above leave, from x_ to its optimum.
-  void stage(int k) {
+  // Level k over what the levels above leave, from x_ to its optimum.  started: whether x_ keeps to that; false where
+  // it may not, and the face of the last tick does not give the optimum.
+  bool stage(int k, bool started) {
     const PricedLevel& level = level_[k];
     const bool priced = law_.prices[k] > 0.0;
     Coordinates& at = priced ? motions_.among(anchors_) : motions_.over(level, anchors_);
@@ -397,24 +407,25 @@ class StageLevels final : public PricedStages {
       if (priced) T[N] = unit;
       N += rows_.add(to);
     }
-    if (longest <= rounding_) return;
+    if (longest <= rounding_) return started;
     while (N % kLane) y_[N++] = 0.0;  // coordinates that no row sees: whole vectors
-    const auto search = [&] {
+    const auto search = [&](bool from_y) {
       for (int i = 0, row = 0; priced && i < level.m; ++i) {
         if (level.left_out(i)) continue;
         if (level.lower[i] == level.upper[i]) t_[row] = level.lower[i] - dot_any(this->row(level, i), at.still(), n_);
         ++row;
       }
-      return search_.solve(rows_, N, aim, y_.data(), warm_[k], iterations_, end_at_[k]);
+      return search_.solve(rows_, N, aim, y_.data(), warm_[k], iterations_, end_at_[k], from_y);
     };
-    bool reached = search();
+    bool reached = search(started);
+    if (!reached && !started) return false;
     int rounds = 0;  // directions without motion, and slacks, count from where they ended, until that is nothing
     for (; reached && rounds <= kFlatRounds; ++rounds) {
       const bool flat = flat_counts(k, at, aim.price), slack = priced && slacks_count(own, aim.price);
       if (!flat && !slack) break;
       if (flat) at.count_flat_from(y_.data());
       if (slack) count_slacks_from(k, own);
-      reached = search();
+      reached = search(true);
     }
     ended_ = ended_ && reached;
     uncertain_ = uncertain_ || search_.uncertain();
@@ -426,6 +437,7 @@ class StageLevels final : public PricedStages {
     else end_at_[k] = x_;
     seen_by_ = &at;
     open_ = leaves(at);
+    return true;
   }
 
   // Whether what directions without motion count pulls, at y_, by more than rounding of a row's own gradient.

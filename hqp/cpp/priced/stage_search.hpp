@@ -59,10 +59,11 @@ class StageSearch {
     secular_.reserve(rows);
   }
 
-  // Minimise from y (N), which keeps to the rows.  working: numbers of rows (+ 1, negative at the lower side) to begin
-  // with, and those active at the end.  near: an x (n) to begin near, or empty.  Whether the optimum was reached.
+  // Minimise from y (N), which keeps to the rows, or where it may not (started) on the face of the working set alone.
+  // working: numbers of rows (+ 1, negative at the lower side) to begin with, and those active at the end.  near: an x
+  // (n) to begin near, or empty.  Whether the optimum was reached.
   bool solve(StageRows& rows, int N, const Aim& aim, double* y, std::vector<int>& working, int& iterations,
-             const std::vector<double>& near = {}) {
+             const std::vector<double>& near = {}, bool started = true) {
     rows_ = &rows;
     goal_ = aim;
     n_ = rows.n();
@@ -73,7 +74,8 @@ class StageSearch {
     hold_equalities();
     turn_base();
     ++iterations;
-    bool reached = !working.empty() && on_the_face_of(working, y);
+    bool reached = !(working.empty() && started) && on_the_face_of(working, y);
+    if (!reached && !started) return false;
     if (!reached) {
       if (!near.empty()) approach(near, y);
       const double far = dot_any(y, y, N_);
@@ -268,8 +270,8 @@ class StageSearch {
     for (int i = 0; i < rows_->count(); ++i) {
       const StageRow& row = (*rows_)[i];
       const double off = std::abs(side_[i]) == 1 ? kHeldOnFace : kOnFace, value = row.value(x_.data(), aim_.data(), n_);
-      if (value < row.lower - allowed(row, off, row.lower) || value > row.upper + allowed(row, off, row.upper))
-        return false;
+      if (!(value >= row.lower - allowed(row, off, row.lower) && value <= row.upper + allowed(row, off, row.upper)))
+        return false;  // nor for what is no number
     }
     if (wrong_sign(aim_.data(), false) >= 0) return false;
     std::copy(aim_.begin(), aim_.begin() + N_, y);
