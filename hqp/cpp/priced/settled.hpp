@@ -2,9 +2,9 @@
 // has multipliers u of level k with c_k ||u|| <= 1, level k is met for its price, and its stage need not be solved.
 //
 // The least motion is min |y|^2 / 2 over equality rows B y = b and inequality rows, of which a working set is held at
-// its bounds. Coordinates with one value left (frozen joints) are columns taken out of B. It begins with the set of the
-// last tick; rows of the wrong sign leave and violated rows enter, all at once. A set that does not settle in a few
-// rounds shows nothing, and the stage decides.
+// its bounds. Coordinates with one value left (frozen joints), and those that the set holds, are columns taken out of
+// B. It begins with the set of the last tick; rows of the wrong sign leave and violated rows enter, all at once. A set
+// that does not settle in a few rounds shows nothing, and the stage decides.
 #pragma once
 
 #include <algorithm>
@@ -35,15 +35,19 @@ class Settled {
         warm_(levels.size()),
         first_(levels.size()),
         B_(static_cast<std::size_t>(rows) * ld_),
+        C_(static_cast<std::size_t>(rows) * ld_),
         U_(static_cast<std::size_t>(rows) * width_),
         b_(rows),
+        square_(rows),
         z_(rows),
         lambda_(width_),
         column_(width_),
         inverse_(rows),
-        held_(rows),
         number_(rows),
         kept_(rows),
+        side_(n),
+        free_(ld_, 1.0),
+        fixed_(ld_),
         y_(ld_),
         a_(n),
         x_(n),
@@ -54,6 +58,7 @@ class Settled {
       before += levels[k].m;
     }
     for (auto& set : warm_) set.reserve(rows);
+    pull_.reserve(rows);
     for (auto* table : {&W_, &G_}) table->reserve(static_cast<std::size_t>(n) * n);
     taken_out_.reserve(n);
     out_.reserve(n);
@@ -76,9 +81,9 @@ class Settled {
     prices_ = prices;
     exact_ = x;
     bound_.begin(coordinates, prices, x);
-    count_ = equalities_ = reached_ = 0;
-    consistent_ = independent_ = true;
-    taken_out_.clear();
+    count_ = equalities_ = factored_ = reached_ = 0;
+    frozen_ = 0;
+    put_back(0);
   }
 
   // The working set of level k a tick later: numbers of rows, + 1, negative at the lower bound.
@@ -91,16 +96,17 @@ class Settled {
   // Whether priced level k, the next one down, is met for its price.
   bool meets(int k) {
     if (bound_.shows(k)) return true;
+    count_ = equalities_;
     for (; reached_ < k; ++reached_) enter(reached_);
     const int own = equalities_;
     enter(k);
     reached_ = k + 1;
-    const bool met = consistent_ && own_rank_ && least_motion(k) && prices_[k] * multipliers(k, own) <= 1.0;
-    if (met && independent_ && again_ && bound_.wants(k)) {
+    if (!least_motion(k) || !kept(own) || !(prices_[k] * multipliers(k, own) <= 1.0)) return false;
+    if (again_ && kept(0) && bound_.wants(k)) {
       invert();
       prepare_bound(k, own);
     }
-    return met;
+    return true;
   }
 
  private:
@@ -113,52 +119,48 @@ class Settled {
 
   // Rows that level k leaves to those below hold: of an exact level as x meets them, of a priced one its equalities.
   void enter(int k) {
-    if (!(prices_[k] > 0.0)) return keep(k);
     const PricedLevel& level = level_[k];
-    cut(equalities_);
-    own_rank_ = true;
-    for (int i = 0; i < level.m && consistent_; ++i) {
-      if (level.lower[i] != level.upper[i]) continue;
-      consistent_ = append(level, i, level.lower[i], 0);
-      own_rank_ = own_rank_ && kept_[count_ - 1];
+    const bool priced = prices_[k] > 0.0;
+    for (int i = 0; i < level.m; ++i) {
+      const bool equal = level.lower[i] == level.upper[i];
+      if (level.left_out(i) || (priced && !equal)) continue;
+      const double value = priced ? level.lower[i] : at_point(level, i, exact_);
+      if (!equal && std::abs(slack(value, level.lower[i], level.upper[i])) <= met_ * (1.0 + std::abs(value))) continue;
+      if (count_ == 0 && picks(level, i) && take_out(level, i, value)) ++frozen_;
+      else append(level, i, value);
     }
-    independent_ = independent_ && own_rank_;
     equalities_ = count_;
   }
 
-  // The rows of an exact level, which x meets as well as they can be.
-  void keep(int k) {
-    const PricedLevel& level = level_[k];
-    cut(equalities_);
-    for (int i = 0; i < level.m && consistent_; ++i) {
-      if (level.left_out(i)) continue;
-      const double value = at_point(level, i, exact_);
-      const bool off = std::abs(slack(value, level.lower[i], level.upper[i])) > met_ * (1.0 + std::abs(value));
-      if (level.lower[i] == level.upper[i] || off) {
-        if (count_ == 0 && take_out(level, i, value)) continue;
-        consistent_ = append(level, i, value, 0);
-        independent_ = independent_ && kept_[count_ - 1];
-      }
-    }
-    equalities_ = count_;
+  // Whether no equality row from that one on depends on others.
+  bool kept(int from) const {
+    return std::find(kept_.begin() + from, kept_.begin() + equalities_, 0) == kept_.begin() + equalities_;
   }
 
   double at_point(const PricedLevel& level, int i, const double* x) const {
     return level.A ? dot_any(level.A + static_cast<std::size_t>(i) * n_, x, n_) : level.scale[i] * x[level.index[i]];
   }
 
-  void cut(int count) { count_ = count; }
-
-  // The coordinate that a row picks, off the rows that follow; false where the row is another, or picks it again.
+  bool picks(const PricedLevel& level, int i) const {
+    return !level.A && at_->diagonal() && at_->picked(static_cast<int>(level.index[i]), level.scale[i]) != 0.0;
+  }
+  // The coordinate that a row picks has this value and is off all rows; false where it has one already.
   bool take_out(const PricedLevel& level, int i, double value) {
-    if (level.A || !at_->diagonal()) return false;
     const int j = static_cast<int>(level.index[i]);
-    for (const auto& [other, y] : taken_out_)
-      if (other == j) return false;
-    const double c = at_->picked(j, level.scale[i]);
-    if (c == 0.0) return false;
-    taken_out_.emplace_back(j, (value - level.scale[i] * at_->still()[j]) / c);
+    if (free_[j] == 0.0) return false;
+    free_[j] = 0.0;
+    fixed_[j] = (value - level.scale[i] * at_->still()[j]) / at_->picked(j, level.scale[i]);
+    taken_out_.push_back(j);
+    factored_ = 0;
     return true;
+  }
+  // All but the first.
+  void put_back(std::size_t first) {
+    for (; taken_out_.size() > first; taken_out_.pop_back()) {
+      free_[taken_out_.back()] = 1.0;
+      fixed_[taken_out_.back()] = 0.0;
+      factored_ = 0;
+    }
   }
 
   // The working set of level k from that of the last tick; whether it was found.
@@ -166,41 +168,63 @@ class Settled {
     std::vector<int>& set = warm_[k];
     for (int round = 0; round < kRounds; ++round) {
       if (!hold(set)) break;
-      solve();
+      solve(set);
       if (!change(k, set)) return consistent_;
     }
     set.clear();
     return false;
   }
 
-  // The factor of the equality rows and of the set, of which what is held already stays.
+  double bound_of(int entry) const {
+    const auto [level, i] = place(std::abs(entry) - 1);
+    return entry > 0 ? level.upper[i] : level.lower[i];
+  }
+
+  // The factor of the equality rows and of the set, whose coordinates are out; false where it has none.
   bool hold(const std::vector<int>& set) {
-    std::size_t same = 0;
-    while (equalities_ + static_cast<int>(same) < count_ && same < set.size() && held_[equalities_ + same] == set[same])
-      ++same;
-    cut(equalities_ + static_cast<int>(same));
-    for (; same < set.size(); ++same) {
-      const int row = std::abs(set[same]) - 1;
-      const auto [level, i] = place(row);
-      const double bound = set[same] > 0 ? level.upper[i] : level.lower[i];
-      if (!std::isfinite(bound) || !append(level, i, bound, set[same]) || !kept_[count_ - 1]) return false;
+    std::size_t out = frozen_;
+    for (const int entry : set) {
+      const auto [level, i] = place(std::abs(entry) - 1);
+      if (!std::isfinite(bound_of(entry))) return false;
+      if (!picks(level, i)) continue;
+      const int j = static_cast<int>(level.index[i]);
+      if (out == taken_out_.size() || taken_out_[out] != j || side_[j] != entry) {
+        put_back(out);
+        if (!take_out(level, i, bound_of(entry))) return false;
+        side_[j] = entry;
+      }
+      ++out;
     }
-    return true;
+    put_back(out);
+    count_ = equalities_;
+    if (factored_ == 0) consistent_ = true;
+    for (; factored_ < equalities_; ++factored_) factor(factored_);
+    for (const int entry : set) {
+      const auto [level, i] = place(std::abs(entry) - 1);
+      if (picks(level, i)) continue;
+      if (count_ == static_cast<int>(b_.size())) return false;
+      append(level, i, bound_of(entry));
+      factor(count_ - 1);
+      if (!kept_[count_ - 1]) return false;
+    }
+    return consistent_;
   }
 
   // Rows of the wrong sign leave the set, violated rows of levels down to k enter; whether the set has changed.
   bool change(int k, std::vector<int>& set) {
+    const bool held = kept(0);
     double most = 0.0;
-    for (int j = 0; j < count_; ++j) most = larger(most, std::abs(lambda_[j]));
+    for (int j = 0; j < equalities_; ++j) most = larger(most, std::abs(lambda_[j]));
+    for (const double pull : pull_) most = larger(most, std::abs(pull));
     std::size_t left = 0;
     for (std::size_t j = 0; j < set.size(); ++j)
-      if ((set[j] > 0 ? 1.0 : -1.0) * lambda_[equalities_ + j] <= 1e-12 * most) set[left++] = set[j];
+      if ((set[j] > 0 ? 1.0 : -1.0) * pull_[j] <= 1e-12 * most) set[left++] = set[j];
     bool changed = left < set.size();
     set.resize(left);
     for (int l = 0; l <= k; ++l) {
       const PricedLevel& level = level_[l];
       for (int i = 0; i < level.m; ++i) {
-        if (level.lower[i] == level.upper[i] && independent_) continue;  // it is held
+        if (level.lower[i] == level.upper[i] && held) continue;
         const double value = at_point(level, i, x_.data());
         double w = slack(value, level.lower[i], level.upper[i]);
         if (w == 0.0) continue;
@@ -222,10 +246,9 @@ class Settled {
     return changed;
   }
 
-  // One more row of the factor; false where it depends on the others and disagrees with them.
-  bool append(const PricedLevel& level, int i, double target, int held) {
-    const int c = count_;
-    if (c == static_cast<int>(b_.size())) return false;
+  // One more row.
+  void append(const PricedLevel& level, int i, double target) {
+    const int c = count_++;
     const double* a = level.A ? level.A + static_cast<std::size_t>(i) * n_ : a_.data();
     if (!level.A) {
       std::fill(a_.begin(), a_.end(), 0.0);
@@ -234,14 +257,24 @@ class Settled {
     double* b = &B_[static_cast<std::size_t>(c) * ld_];
     at_->row(a, b);
     b_[c] = target - dot_any(a, at_->still(), n_);
-    const int whole = lanes(n_);  // rows are padded with zeros
-    const double square = dot_any(b, b, whole);
-    for (const auto& [j, y] : taken_out_) {
-      b_[c] -= b[j] * y;
-      b[j] = 0.0;
+    square_[c] = dot_any(b, b, lanes(n_));  // rows are padded with zeros
+    number_[c] = first_[&level - level_.data()] + i;
+  }
+
+  // Row c of the factor, off the columns that are out; where it depends on the others it is to agree with them.
+  void factor(int c) {
+    const int whole = lanes(n_);
+    const double* b = &B_[static_cast<std::size_t>(c) * ld_];
+    double* free = &C_[static_cast<std::size_t>(c) * ld_];
+    Vec4 own = splat(0.0), off = own;
+    for (int j = 0; j < whole; j += kLane) {
+      const Vec4 a = unaligned(b + j), left = unaligned(free + j) = a * unaligned(&free_[j]);
+      own += left * left;
+      off += a * unaligned(&fixed_[j]);
     }
-    dots_any(b, B_.data(), ld_, c, whole, column_.data());
-    double pivot = taken_out_.empty() ? square : dot_any(b, b, whole), z = b_[c];
+    dots_any(free, C_.data(), ld_, c, whole, column_.data());
+    const double target = b_[c] - sum(off);
+    double pivot = sum(own), z = target;
     for (int j = 0; j < c; ++j) {
       const double f = column_[j] * inverse_[j];
       double* u = &U_[static_cast<std::size_t>(j) * width_];
@@ -251,33 +284,38 @@ class Settled {
       pivot -= f * f;
       z -= f * z_[j];
     }
-    kept_[c] = pivot > kDepends * square;
-    held_[c] = held;
-    number_[c] = first_[&level - level_.data()] + i;
+    kept_[c] = pivot > kDepends * square_[c];
     inverse_[c] = kept_[c] ? 1.0 / std::sqrt(pivot) : 0.0;
     z_[c] = z * inverse_[c];
-    ++count_;
-    return kept_[c] || std::abs(z) <= kHolds * (1.0 + std::abs(b_[c]));
+    consistent_ = consistent_ && (kept_[c] || std::abs(z) <= kHolds * (1.0 + std::abs(target)));
   }
 
-  // lambda_ of B B' lambda = b, zero for rows that depend on others, and x_ = still + P B' lambda.
-  void solve() {
+  // lambda_ of C C' lambda = b, zero for rows that depend on others, pull_ of the set, and x_ = still + P y.
+  void solve(const std::vector<int>& set) {
     std::fill(y_.begin(), y_.end(), 0.0);
     for (int j = count_ - 1; j >= 0; --j) {
       const double* u = &U_[static_cast<std::size_t>(j) * width_];
       lambda_[j] = (z_[j] - dot_any(u + j + 1, &lambda_[j + 1], count_ - j - 1)) * inverse_[j];
       add_any(y_.data(), &B_[static_cast<std::size_t>(j) * ld_], lambda_[j], lanes(n_));
     }
-    for (const auto& [j, y] : taken_out_) y_[j] = y;
+    pull_.clear();
+    int next = equalities_;
+    for (const int entry : set) {
+      const auto [level, i] = place(std::abs(entry) - 1);
+      const int j = level.A ? 0 : static_cast<int>(level.index[i]);
+      pull_.push_back(picks(level, i) ? (fixed_[j] - y_[j]) / at_->picked(j, level.scale[i]) : lambda_[next++]);
+    }
+    for (const int j : taken_out_) y_[j] = fixed_[j];
     at_->point(y_.data(), x_.data());
   }
 
   // ||u|| of level k, whose own equality rows begin at `own`: its inequality rows that are held count too.
   double multipliers(int k, int own) const {
     double square = 0.0;
-    for (int j = own; j < count_; ++j) {
-      const int row = std::abs(held_[j]) - 1;
-      if (j < equalities_ || (row >= first_[k] && row < first_[k] + level_[k].m)) square += lambda_[j] * lambda_[j];
+    for (int j = own; j < equalities_; ++j) square += lambda_[j] * lambda_[j];
+    for (std::size_t j = 0; j < pull_.size(); ++j) {
+      const int row = std::abs(warm_[k][j]) - 1;
+      if (row >= first_[k] && row < first_[k] + level_[k].m) square += pull_[j] * pull_[j];
     }
     return std::sqrt(square);
   }
@@ -290,7 +328,7 @@ class Settled {
     out_ = bound_.near(k);
     for (int i = 0; i < c; ++i)
       if (const auto [level, row] = place(number_[i]); !level.A) out_[level.index[row]] = 0;
-    for (const auto& [j, y] : taken_out_) out_[j] = 0;
+    for (const int j : taken_out_) out_[j] = 0;
     for (int j = 0; j < n_; ++j) {
       if (!out_[j]) continue;
       std::fill(column_.begin(), column_.begin() + c, 0.0);
@@ -303,7 +341,7 @@ class Settled {
     bound_.take(k, trace(0, c), trace(own, equalities_));
   }
 
-  // G = (B B')^-1 from W = U^-T, row by row.
+  // G = (C C')^-1 from W = U^-T, row by row.
   void invert() {
     const int c = count_;
     W_.assign(static_cast<std::size_t>(c) * c, 0.0);
@@ -333,17 +371,21 @@ class Settled {
   const std::vector<PricedLevel>& level_;
   std::vector<std::vector<int>> warm_;  // of each level: a row's number + 1, negative at its lower bound
   std::vector<int> first_;
-  std::vector<double> B_, U_, b_, z_, lambda_, column_, inverse_;  // B B' = U' U, inverse_ 1 / U_jj
-  std::vector<double> W_, G_;                                      // U^-T, (B B')^-1
-  std::vector<int> held_, number_;  // how a row is held, as in warm_; which of all rows it is
+  // C: B off the columns that are out; C C' = U' U, inverse_ 1 / U_jj; square_ |B_j|^2; pull_ multipliers of the set.
+  std::vector<double> B_, C_, U_, b_, square_, z_, lambda_, column_, inverse_, pull_;
+  std::vector<double> W_, G_;  // U^-T, (C C')^-1
+  std::vector<int> number_;    // which of all rows a row is
   std::vector<char> kept_, out_;
+  std::vector<int> taken_out_, side_;  // coordinates; of each how the set holds it, as in warm_
+  std::vector<double> free_, fixed_;   // 1 of coordinates that are in, 0 of others; their values, 0 of those
   std::vector<double> y_, a_, x_;
-  std::vector<std::pair<int, double>> taken_out_;  // coordinates, their values
   MotionBound bound_;
   const Coordinates* at_ = nullptr;
   const double *prices_ = nullptr, *exact_ = nullptr;
-  int count_ = 0, equalities_ = 0, reached_ = 0;  // reached_: levels whose rows have entered
-  bool consistent_ = true, independent_ = true, own_rank_ = true, again_ = true;
+  int count_ = 0, equalities_ = 0, factored_ = 0;  // rows; factored_: of the equality rows
+  int reached_ = 0;                                // levels whose rows have entered
+  std::size_t frozen_ = 0;                         // coordinates that are out for good
+  bool consistent_ = true, again_ = true;
 };
 
 }  // namespace HQP_ISA
