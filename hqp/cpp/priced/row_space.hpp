@@ -43,10 +43,21 @@ class RowSpace {
     if (picked_ > rank) picked_ = rank;
   }
 
-  // Whether the row adds a direction.  grade: what a unit of a coordinate is worth in the unit of size, the row's
-  // length, and of rounding, a length that is none; only: the place of its one entry, -1 where it has more; turned: by
-  // so many of the first rows it is turned already.
-  bool add(const double* row, int N, const double* grade, double size, double rounding, int only = -1, int turned = 0) {
+  // Whether rows that pick one coordinate may still be held as they are: no other came before.
+  bool picks() const { return rank_ == picked_; }
+  // Whether such a row, whose entry is at j, adds a direction.
+  bool pick(int j, double entry) {
+    if (used_[j] || rank_ == most_) return false;
+    double* r = &R_[static_cast<std::size_t>(rank_) * most_];
+    std::fill(r, r + rank_, 0.0);
+    r[rank_] = entry;
+    pivot_[rank_++] = j;
+    used_[j] = picked_ = rank_;
+    return true;
+  }
+  // Whether any row does.  grade: what a unit of a coordinate is worth in the unit of size, the row's length, and of
+  // rounding, a length that is none; turned: by so many of the first rows it is turned already.
+  bool add(const double* row, int N, const double* grade, double size, double rounding, int turned = 0) {
     if (rank_ == most_) return false;
     double *v = &V_[static_cast<std::size_t>(rank_) * ld_], *r = &R_[static_cast<std::size_t>(rank_) * most_];
     for (int j = 0; j < N; ++j) v[j] = row[j];
@@ -64,15 +75,9 @@ class RowSpace {
     uncertain = uncertain || (rest < kUncertain * size && rest > larger(rounded_ * size, rounding));
     if (!(rest > larger(kDependent * size, rounding))) return false;
     const double length = std::sqrt(square);
-    tau_[rank_] = 0.0;
-    r[rank_] = v[p];
-    if (only >= 0 && rank_ == picked_) {
-      ++picked_;
-    } else {
-      r[rank_] = v[p] > 0.0 ? -length : length;
-      tau_[rank_] = 1.0 / (length * (length + std::fabs(v[p])));
-      v[p] -= r[rank_];
-    }
+    r[rank_] = v[p] > 0.0 ? -length : length;
+    tau_[rank_] = 1.0 / (length * (length + std::fabs(v[p])));
+    v[p] -= r[rank_];
     int end = N;
     while (v[end - 1] == 0.0) --end;
     end_[rank_] = lanes(end);

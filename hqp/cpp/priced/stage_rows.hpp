@@ -79,9 +79,19 @@ class StageRows {
   // Where the row of a number is, -1 for nowhere.
   int place(int number) const { return place_[number]; }
 
-  // The one coordinate of y that row i sees, -1 where it sees more.
-  int only(int i) const { return all_[i].a || all_[i].band >= 0 || !at_->diagonal() ? -1 : all_[i].only; }
+  // The one coordinate of y that row i sees, -1 where it sees more, or is rounding.
+  int only(int i) const {
+    const StageRow& row = all_[i];
+    return row.a || row.band >= 0 || !at_->diagonal() || !(row.size > rounding_) ? -1 : row.only;
+  }
+  // Its entry there.
+  double entry(int i) const { return at_->picked(all_[i].only, all_[i].scale); }
 
+  // Rows but the equalities are to be written anew.
+  void forget_turned() {
+    for (int i = 0; i < count(); ++i)
+      if (!all_[i].equal()) formed_[i] = 0;
+  }
   // Row i on y (N); turn: what becomes of it when it is written.
   template <class Turn>
   const double* row(int i, int N, const Turn& turn) {

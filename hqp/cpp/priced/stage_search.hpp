@@ -71,12 +71,19 @@ class StageSearch {
     space_.uncertain = secular_.uncertain = false;
     off_ = 0.0;
     if (deadline_.passed()) return false;
-    hold_equalities();
-    turn_base();
     ++iterations;
-    bool reached = !(working.empty() && started) && on_the_face_of(working, y);
+    bool reached = false, equalities_alone = true;
+    if (!(working.empty() && started)) {
+      equalities_alone = !hold(working);
+      reached = on_the_face_of(working, y);
+    }
     if (!reached && !started) return false;
     if (!reached) {
+      if (!equalities_alone || working.empty()) {
+        rows_->forget_turned();
+        hold({});
+        if (!near.empty()) enter_all(working);
+      }
       if (!near.empty()) approach(near, y);
       const double far = dot_any(y, y, N_);
       reached = descend(working, y, iterations);
@@ -124,8 +131,8 @@ class StageSearch {
     begin();
     at_point(y);
     for (const int entry : working) {
-      const int i = rows_->place(std::abs(entry) - 1), side = entry > 0 ? 1 : -1;
-      if (i >= 0 && side_[i] == 0 && at_bound(i, side, y)) enter(i, side);
+      const int i = row_of(entry), side = entry > 0 ? 1 : -1;
+      if (i >= 0 && at_bound(i, side, y)) enter(i, side);
     }
     const int cap = 20 * (N_ + rows_->count());
     bool zero = false;
@@ -226,22 +233,37 @@ class StageSearch {
   // The rows held beside the equalities, as `working`.
   void list(std::vector<int>& working) const {
     working.clear();
-    for (std::size_t k = fixed_; k < set_.size(); ++k)
-      working.push_back(side_[set_[k]] * ((*rows_)[set_[k]].number + 1));
+    for (const int i : set_)
+      if (!(*rows_)[i].equal()) working.push_back(side_[i] * ((*rows_)[i].number + 1));
   }
 
-  void hold_equalities() {
+  // The equalities, ahead of them the rows of a working set that pick one coordinate: those cost nothing, as long as
+  // nothing else came before, where all coordinates move. Whether there are any.
+  bool hold(const std::vector<int>& working) {
     set_.clear();
     cut(0);
     spanned_.clear();
     fixed_ = 0;
     begin();
+    for (const int entry : working)
+      if (const int i = rows_->at().rank() == n_ ? row_of(entry) : -1;
+          i >= 0 && rows_->only(i) >= 0 && !(*rows_)[i].equal())
+        enter(i, entry > 0 ? 1 : -1);
+    const bool ahead = !set_.empty();
     for (int i = 0; i < rows_->count(); ++i) {
       if (!(*rows_)[i].equal()) continue;
       enter(i, 1);
       if (side_[i] == 2) spanned_.push_back(i);
     }
     fixed_ = static_cast<int>(set_.size());
+    turn_base();
+    return ahead;
+  }
+
+  // The row of an entry of a working set, -1 where it is none, has another meaning by now, or is held.
+  int row_of(int entry) const {
+    const int i = rows_->place(std::abs(entry) - 1);
+    return i < 0 || side_[i] != 0 || !std::isfinite((*rows_)[i].bound(entry > 0 ? 1 : -1)) ? -1 : i;
   }
 
   // Only the equalities are held.
@@ -258,10 +280,7 @@ class StageSearch {
   // Whether the minimiser on the face of the working set given keeps to all rows and is the optimum: in a loop it
   // mostly is the set of the last tick. y moves there, or stays.
   bool on_the_face_of(const std::vector<int>& working, double* y) {
-    for (const int entry : working) {
-      const int i = rows_->place(std::abs(entry) - 1);
-      if (i >= 0 && side_[i] == 0 && std::isfinite((*rows_)[i].bound(entry > 0 ? 1 : -1))) enter(i, entry > 0 ? 1 : -1);
-    }
+    enter_all(working);
     for (std::size_t k = 0; k < set_.size(); ++k)
       lambda_[k] = (*rows_)[set_[k]].bound(side_[set_[k]]) - rows_->shift(set_[k]);
     space_.meet(lambda_.data(), part_.data());
@@ -303,21 +322,29 @@ class StageSearch {
   bool at_bound(int i, int side, const double* y) const {
     const StageRow& row = (*rows_)[i];
     const double bound = row.bound(side);
-    if (std::isinf(bound)) return false;  // the row had another meaning a tick ago
     return std::abs(row.value(x_.data(), y, n_) - bound) <= allowed(row, kAtBound, bound);
   }
 
   // A row that depends on those held stays where it is without being held.
   void enter(int i, int side) {
-    const int turned = (*rows_)[i].equal() ? 0 : fixed_;  // the equalities' part once a stage
-    const double* row = rows_->row(i, N_, [&](double* written) { space_.turn(written, N_, 0, turned); });
-    if (!space_.add(row, N_, rows_->grades(), (*rows_)[i].size, rows_->rounding(), rows_->only(i), turned)) {
+    if (!(space_.picks() && rows_->only(i) >= 0 ? space_.pick(rows_->only(i), rows_->entry(i)) : add(i))) {
       side_[i] = 2;
       if (!(*rows_)[i].equal()) dependent_.push_back(i);
       return;
     }
     side_[i] = side;
     set_.push_back(i);
+  }
+
+  void enter_all(const std::vector<int>& working) {
+    for (const int entry : working)
+      if (const int i = row_of(entry); i >= 0) enter(i, entry > 0 ? 1 : -1);
+  }
+
+  bool add(int i) {
+    const int turned = (*rows_)[i].equal() ? 0 : fixed_;  // the equalities' part once a stage
+    const double* row = rows_->row(i, N_, [&](double* written) { space_.turn(written, N_, 0, turned); });
+    return space_.add(row, N_, rows_->grades(), (*rows_)[i].size, rows_->rounding(), turned);
   }
 
   void leave(int k) {
@@ -445,7 +472,7 @@ class StageSearch {
       // the gradient must point into the side: lambda <= 0 at upper
       const double pull = lambda_[k] * (*rows_)[set_[k]].size, wrong = side_[set_[k]] * pull;
       off_ = larger(off_, larger(kRounding * std::abs(pull), kept_[set_[k]] ? wrong : 0.0) / (scale + price));
-      if (k < static_cast<std::size_t>(fixed_)) continue;
+      if ((*rows_)[set_[k]].equal()) continue;
       if (wrong <= worst || kept_[set_[k]]) continue;
       if (lowest && found >= 0 && set_[k] > set_[found]) continue;
       if (!lowest) worst = wrong;
