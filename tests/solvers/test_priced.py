@@ -194,7 +194,7 @@ def test_out_of_reach_only_the_levels_above_are_solved_exactly() -> None:
     above, task = rng.standard_normal((2, n)), rng.standard_normal((3, n))
     solver = hqp.solvers.load("lexicographic")
     workspace: Any = None
-    step, exact, beyond = [0], [], []
+    step, exact, beyond, factors = [0], [], [], []
     for k in range(120):
         step[0] = k
         goal = 6.0 * np.sin(np.pi * k / 119) ** 4 * np.array([1.0, -0.5, 0.3])
@@ -218,8 +218,34 @@ def test_out_of_reach_only_the_levels_above_are_solved_exactly() -> None:
             np.testing.assert_allclose(warm.x, solver.solve(problem.exact()).x, atol=1e-12)
         else:
             beyond.append(k)
+            factors.append(warm.stats.factorisations)
     assert len(beyond) > 30
+    assert sum(map(bool, factors)) < 0.3 * len(factors)  # nor those, where the face of the last tick is that of this
     assert len(set(beyond) & set(exact)) == 1  # the step on which the goal went out of reach
+
+
+def test_numbers_that_are_none_are_a_status_where_the_face_of_the_last_tick_is_tried() -> None:
+    rng, n = np.random.default_rng(5), 6
+    rows = [0.1 * rng.standard_normal((2, n)), rng.standard_normal((3, n)), np.eye(n)]
+    targets = [np.full(2, 1e-4), np.full(3, 40.0), np.zeros(n)]
+    levels = [Rows(A, b.copy(), b.copy()) for A, b in zip(rows, targets, strict=True)]
+    box = Rows(Selection(np.arange(n)), np.full(n, -1.0), np.ones(n))
+    problem = Hierarchy((box, *levels), constraints=1, prices=np.array([0.0, 0.05, 0.05, 0.0]))
+    workspace = hqp.solvers.load("lexicographic").workspace(problem.shape)
+    x = [workspace.solve(problem).x for _ in range(3)][-1]
+    for level in problem.levels:
+        arrays = [level.A.scale if isinstance(level.A, Selection) else level.A, level.lower, level.upper]
+        for array in arrays:
+            for spoil in (np.nan,) if array is box.upper else (np.nan, np.inf):
+                where = (0,) * array.ndim
+                array[where], saved = spoil, array[where]
+                bad = workspace.solve(problem)
+                assert not bad.status.solved, spoil
+                assert np.isfinite(bad.x).all()
+                array[where] = saved
+                good = workspace.solve(problem)
+                assert good.status is Status.OPTIMAL
+                np.testing.assert_allclose(good.x, x, rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.slow

@@ -68,10 +68,11 @@ class Motions {
   void hold(const double* a) {
     base_.row(a, row_.data());
     const int moving = base_.rank();
-    const double least = kLost * std::sqrt(dot_any(row_.data(), row_.data(), n_));
-    for (int pass = 0; pass < 2; ++pass) off(flat_, flats_, moving);
+    const double square = dot_any(row_.data(), row_.data(), n_), least = kLost * std::sqrt(square);
+    for (int pass = 0; pass < 2 && flats_; ++pass) off(flat_, flats_, moving);
     if (take(flat_, flats_, moving, n_, least)) return;
-    for (int pass = 0; pass < 2; ++pass) off(basis_, held_, 0);
+    off(basis_, held_, 0);
+    if (dot_any(row_.data(), row_.data(), n_) < 0.5 * square) off(basis_, held_, 0);  // twice is enough (Kahan)
     take(basis_, held_, 0, moving, least);
   }
 
@@ -169,7 +170,13 @@ class Motions {
   // sum[j] += scale (a F^+ e_j)^2 of a row a whose coordinates are row_.
   void add_squares(double scale, double* sum) {
     if (!r_) {
-      for (int j = 0; j < n_; ++j) sum[j] += scale * row_[j] * row_[j];
+      const Vec4 f = splat(scale);
+      int j = 0;
+      for (; j + kLane <= n_; j += kLane) {
+        const Vec4 a = unaligned(&row_[j]);
+        unaligned(sum + j) += f * a * a;
+      }
+      for (; j < n_; ++j) sum[j] += scale * row_[j] * row_[j];
       return;
     }
     std::fill(row_.begin() + base_.rank(), row_.end(), 0.0);  // F^+ has no direction without motion

@@ -49,11 +49,12 @@ class Choice {
     if (low == -INFINITY && high == INFINITY) return;
     double* b = &a_[bounds_.size() * static_cast<std::size_t>(free_)];
     dots_any(a, Z_.data(), n_, free_, n_, b);
-    const double length = std::sqrt(dot_any(a, a, n_));
-    if (std::sqrt(dot_any(b, b, free_)) <= kUnseen * length) return;
+    const double length = std::sqrt(dot_any(a, a, n_)), seen = std::sqrt(dot_any(b, b, free_));
+    if (seen <= kUnseen * length) return;
     const double value = dot_any(a, x_, n_), bound = std::fabs(std::isfinite(low) ? low : high);
     StageRow row;
     row.a = b;
+    row.size = seen;
     row.lower = low == high ? 0.0 : low - value;
     row.upper = low == high ? 0.0 : high - value;
     row.spare = activity_ * smaller(length, 1.0);
@@ -86,6 +87,7 @@ class Choice {
   StageRow kept(const double* a) const {
     StageRow row;
     row.a = a;
+    row.size = std::sqrt(dot_any(a, a, free_));
     row.lower = row.upper = dot_any(a, z_.data(), free_);
     return row;
   }

@@ -95,10 +95,7 @@ class Coordinates {
 
   // b (n, in whole vectors) = a P for a row a of x.
   void row(const double* a, double* b) const {
-    if (diagonal_) {
-      for (int i = 0; i < n_; ++i) b[i] = a[i] * unit_[i];
-      return;
-    }
+    if (diagonal_) return multiply_any(b, a, unit_.data(), n_);
     for (int i = 0; i < n_; ++i) b[i] = a[order_[i]];
     for (int i = rank_ - 1; i >= 0; --i) turn(i, b);
     for (int j = 0; j < rank_; ++j) {
@@ -171,10 +168,7 @@ class Coordinates {
 
   // x (n) = P y.
   void step(const double* y, double* x) const {
-    if (diagonal_) {
-      for (int i = 0; i < n_; ++i) x[i] = y[i] * unit_[i];
-      return;
-    }
+    if (diagonal_) return multiply_any(x, y, unit_.data(), n_);
     work_.assign(y, y + n_);
     for (int i = rank_ - 1; i >= 0; --i) {
       const double* T = &T_[static_cast<std::size_t>(i) * ld_];

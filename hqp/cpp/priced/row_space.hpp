@@ -60,7 +60,7 @@ class RowSpace {
   bool add(const double* row, int N, const double* grade, double size, double rounding, int turned = 0) {
     if (rank_ == most_) return false;
     double *v = &V_[static_cast<std::size_t>(rank_) * ld_], *r = &R_[static_cast<std::size_t>(rank_) * most_];
-    for (int j = 0; j < N; ++j) v[j] = row[j];
+    std::copy(row, row + N, v);
     turn(v, N, turned, rank_);
     split(v, r);
     std::fill(v + N, v + lanes(N), 0.0);
@@ -91,6 +91,14 @@ class RowSpace {
   // The part of it that rows from first to last have.
   void turn(double* v, int N, int first, int last) const {
     for (int k = first > picked_ ? first : picked_; k < last; ++k) reflect(k, v, N);
+  }
+  // The same of rows (count, ld), N in whole vectors, four at a time.
+  void turn(double* rows, int ld, int count, int N, int first, int last) const {
+    int i = 0;
+    for (; i + 4 <= count; i += 4)
+      for (int k = first > picked_ ? first : picked_; k < last; ++k)
+        reflect_four(k, rows + static_cast<std::size_t>(i) * ld, ld, N);
+    for (; i < count; ++i) turn(rows + static_cast<std::size_t>(i) * ld, N, first, last);
   }
   // v (N) := Q v.
   void turn_back(double* v, int N) const {
@@ -131,6 +139,23 @@ class RowSpace {
     const double* u = &V_[static_cast<std::size_t>(k) * ld_];
     const double f = tau_[k] * dot_any(u, v, end);
     if (f != 0.0) add_any(v, u, -f, end);
+  }
+
+  void reflect_four(int k, double* rows, int ld, int N) const {
+    const int end = std::min(end_[k], N);
+    const double* u = &V_[static_cast<std::size_t>(k) * ld_];
+    double* v[4];
+    Vec4 f[4];
+    for (int r = 0; r < 4; ++r) v[r] = rows + static_cast<std::size_t>(r) * ld, f[r] = splat(0.0);
+    for (int j = 0; j < end; j += kLane) {
+      const Vec4 a = unaligned(u + j);
+      for (int r = 0; r < 4; ++r) f[r] += a * unaligned(v[r] + j);
+    }
+    for (int r = 0; r < 4; ++r) f[r] = splat(tau_[k] * sum(f[r]));
+    for (int j = 0; j < end; j += kLane) {
+      const Vec4 a = unaligned(u + j);
+      for (int r = 0; r < 4; ++r) unaligned(v[r] + j) -= a * f[r];
+    }
   }
 
   double rounded_;

@@ -54,9 +54,11 @@ class StageLevels final : public PricedStages {
     y_.resize(padded(variables_));
     a_.resize(padded(n));
     x_.resize(n);
+    extent_.resize(n);
     w_.resize(most(levels, m));
     low_.resize(rows);
     high_.resize(rows);
+    lengths_.resize(rows + 1);
     anchors_.reserve(levels);
     spare_.resize(levels);
     for (Anchor& anchor : spare_) {
@@ -79,6 +81,7 @@ class StageLevels final : public PricedStages {
   bool undecided() const override { return undecided_; }
   bool doubtful() const override { return undecided_ || inexact_; }
   bool unpriced_met(const double* x) override {
+    measure();
     int last = static_cast<int>(level_.size());
     while (last > 0 && !(law_.prices[last - 1] > 0.0)) --last;
     for (int k = 0; k < last; ++k) {
@@ -128,7 +131,7 @@ class StageLevels final : public PricedStages {
       if (first < 0) {
         first = k;
         std::fill(stages, stages + level_.size() * n_, std::numeric_limits<double>::quiet_NaN());
-        find_rounding();
+        if (!find_rounding() && !x) return -2;
         for (int l = 0; l < k; ++l) leave(l, x);
       }
       if (settled) {
@@ -217,12 +220,6 @@ class StageLevels final : public PricedStages {
     return dot_any(level.A + static_cast<std::size_t>(i) * n_, x, n_);
   }
 
-  double square(const PricedLevel& level, int i) const {
-    if (!level.A) return level.scale[i] * level.scale[i];
-    const double* a = level.A + static_cast<std::size_t>(i) * n_;
-    return dot_any(a, a, n_);
-  }
-
   const Anchor* anchored(int k) const {
     return !anchors_.empty() && anchors_.back().level == k ? &anchors_.back() : nullptr;
   }
@@ -249,12 +246,12 @@ class StageLevels final : public PricedStages {
     std::copy(level.lower, level.lower + level.m, low);
     std::copy(level.upper, level.upper + level.m, high);
     if (law_.prices[k] > 0.0 || !x) return;
-    const double least = resting(x);
+    rest_at(x);
     for (int i = 0; i < level.m; ++i) {  // its slack is unique: rows that are missed keep their value
       if (level.left_out(i)) continue;
       const double value = product(level, i, x), w = slack(value, low[i], high[i]);
       if (low[i] == high[i] || anchors_.empty()) {
-        if (w == 0.0 || std::abs(w) <= tolerances_.met * size(level, i, x, least)) continue;
+        if (w == 0.0 || std::abs(w) <= tolerances_.met * size(level, i)) continue;
         low[i] = high[i] = value;
         taken_at_ = larger(taken_at_, std::sqrt(dot_any(x, x, n_)));
       } else {  // below anchors it may still be lessened
@@ -264,18 +261,17 @@ class StageLevels final : public PricedStages {
     }
   }
 
-  // What an entry of x counts for at least.
-  double resting(const double* x) const {
+  // What each entry of x counts for.
+  void rest_at(const double* x) {
     double largest = 1.0;
     for (int j = 0; j < n_; ++j) largest = larger(largest, std::abs(x[j]));
-    return tolerances_.resting * largest;
+    for (int j = 0; j < n_; ++j) extent_[j] = std::abs(x[j]) + tolerances_.resting * largest;
   }
 
-  // What the rounding of row i is relative to at x: its terms and its bound.
-  double size(const PricedLevel& level, int i, const double* x, double least) {
-    const double* a = row(level, i);
-    double terms = 0.0;
-    for (int j = 0; j < n_; ++j) terms += std::abs(a[j]) * (std::abs(x[j]) + least);
+  // What the rounding of row i is relative to there: its terms and its bound.
+  double size(const PricedLevel& level, int i) const {
+    const double terms = level.A ? absolute_dot(level.A + static_cast<std::size_t>(i) * n_, extent_.data(), n_)
+                                 : std::abs(level.scale[i]) * extent_[level.index[i]];
     const double low = level.lower[i], high = level.upper[i];
     return terms + std::abs(std::isfinite(low) ? low : std::isfinite(high) ? high : 0.0);
   }
@@ -283,14 +279,15 @@ class StageLevels final : public PricedStages {
   // Whether w of level k at x, which goes into w_, is rounding of rows of unit length.
   bool met(int k, const double* x) {
     const PricedLevel& level = level_[k];
-    const double least = resting(x);
-    double longest = 0.0, off = 0.0, size = 0.0;
-    for (int i = 0; i < level.m; ++i) longest = larger(longest, square(level, i));
+    rest_at(x);
+    const double* const length = &lengths_[first_[k]];
+    const double longest = level.m ? *std::max_element(length, length + level.m) : 0.0;
+    double off = 0.0, size = 0.0;
     for (int i = 0; i < level.m; ++i) {
-      const double own = square(level, i), length = std::sqrt(own > 0.0 ? own : longest > 0.0 ? longest : 1.0);
+      const double unit = length[i] > 0.0 ? length[i] : longest > 0.0 ? longest : 1.0;
       w_[i] = slack(product(level, i, x), level.lower[i], level.upper[i]);
-      off += w_[i] / length * (w_[i] / length);
-      size = larger(size, this->size(level, i, x, least) / length);
+      off += w_[i] / unit * (w_[i] / unit);
+      size = larger(size, this->size(level, i) / unit);
     }
     return std::sqrt(off) <= tolerances_.met * size;
   }
@@ -327,14 +324,26 @@ class StageLevels final : public PricedStages {
     motions_.complete(anchor, law_.turning ? law_.turning[k] : 0.0, x, [&](int i) { return row(level, i); });
   }
 
-  // Rows no longer than this are rounding: a level of such rows has no stage.
-  void find_rounding() {
-    double longest = 0.0;
-    for (const PricedLevel& level : level_)
-      for (int i = 0; i < level.m; ++i) longest = larger(longest, square(level, i));
-    rounding_ = kRoundingRow * std::sqrt(longest);
+  // Lengths of all rows; whether these are numbers.
+  bool measure() {
+    double sum = 0.0;
+    for (std::size_t k = 0; k < level_.size(); ++k) {
+      const PricedLevel& level = level_[k];
+      for (int i = 0; i < level.m; ++i) {
+        const double* a = level.A + static_cast<std::size_t>(i) * n_;
+        sum += lengths_[first_[k] + i] = level.A ? std::sqrt(dot_any(a, a, n_)) : std::abs(level.scale[i]);
+      }
+    }
+    return sum < INFINITY;
+  }
+
+  // Rows no longer than this are rounding: a level of such rows has no stage.  As measure().
+  bool find_rounding() {
+    const bool numbers = measure();
+    rounding_ = kRoundingRow * *std::max_element(lengths_.begin(), lengths_.end());
     rows_.rounding(rounding_);
     motions_.rounding(rounding_);
+    return numbers;
   }
 
   // Row i of a level, between these bounds.
@@ -345,6 +354,7 @@ class StageLevels final : public PricedStages {
     else to.only = static_cast<int>(level.index[i]), to.scale = level.scale[i];
     to.lower = low, to.upper = high;
     to.number = first_[k] + i;
+    to.size = lengths_[to.number];
     return to;
   }
 
@@ -389,7 +399,7 @@ class StageLevels final : public PricedStages {
       const double* a = row(level, i);
       double* T = &T_[static_cast<std::size_t>(aim.m) * ld];
       if (priced) {
-        longest = larger(longest, sizes_[aim.m] = std::sqrt(dot_any(a, a, n_)));
+        longest = larger(longest, sizes_[aim.m] = lengths_[first_[k] + i]);
         std::fill(T, T + ld, 0.0);
         t_[aim.m++] = 0.0;
         if (equal) {
@@ -446,8 +456,8 @@ class StageLevels final : public PricedStages {
     if (pull == 0.0) return false;
     double shortest = INFINITY, far = 1.0;
     for (int i = 0; i < level_[k].m; ++i) {
-      const double own = square(level_[k], i);
-      if (!level_[k].left_out(i) && own > rounding_ * rounding_) shortest = smaller(shortest, own);
+      const double own = lengths_[first_[k] + i];
+      if (!level_[k].left_out(i) && own > rounding_) shortest = smaller(shortest, own * own);
     }
     if (law_.prices[k] > 0.0) return pull > kFlatPull * std::sqrt(shortest);
     at.point(y_.data(), x_.data());
@@ -541,7 +551,7 @@ class StageLevels final : public PricedStages {
   StageSearch search_;
   StageRows rows_;
   Choice choice_;
-  std::vector<double> T_, t_, sizes_, y_, a_, x_, w_, low_, high_;
+  std::vector<double> T_, t_, sizes_, y_, a_, x_, extent_, w_, low_, high_, lengths_;
 };
 
 }  // namespace HQP_ISA

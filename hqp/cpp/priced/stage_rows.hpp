@@ -19,7 +19,7 @@ struct StageRow {
   int number = -1;         // among all rows of the hierarchy
   int band = -1;           // a coordinate of its own, of y, -1 for none
   double share = 0.0;      // of the row
-  double size = 0.0;       // |a|, or the share if that is more
+  double size = 0.0;       // |a|; of a row that was added, the share if that is more
   double spare = 0.0;      // by how much its bounds are further away for a choice
   double tolerated = 0.0;  // by how much a choice may leave these
 
@@ -53,7 +53,6 @@ class StageRows {
   // A row of no length, or of no bound, is none; whether it is one.
   bool add(StageRow row) {
     if (row.lower == -INFINITY && row.upper == INFINITY) return false;
-    row.size = row.a ? std::sqrt(dot_any(row.a, row.a, n_)) : std::fabs(row.scale);
     if (row.band >= 0) row.size = larger(row.size, std::fabs(row.share) * grade_[row.band]);
     if (!(row.size > 1e-150)) return false;
     if (row.number >= 0) place_[row.number] = static_cast<int>(all_.size());
@@ -98,7 +97,7 @@ class StageRows {
     double* c = &C_[static_cast<std::size_t>(i) * ld_];
     if (formed_[i] == N) return c;
     const StageRow& row = all_[i];
-    std::fill(c, c + N, 0.0);
+    std::fill(row.a ? c + n_ : c, c + N, 0.0);
     if (row.a) at_->row(row.a, c);
     else at_->picked_row(row.only, row.scale, c);
     if (row.band >= 0) c[row.band] = row.share;

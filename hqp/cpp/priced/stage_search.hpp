@@ -368,8 +368,8 @@ class StageSearch {
       double* row = &base_[static_cast<std::size_t>(i) * ld_];
       std::copy(goal_.T + static_cast<std::size_t>(i) * goal_.ld, goal_.T + static_cast<std::size_t>(i) * goal_.ld + N_,
                 row);
-      space_.turn(row, N_);
     }
+    space_.turn(base_.data(), ld_, goal_.m, N_, 0, space_.rank());
     turned_by_ = -1;
   }
   // turned_ = T turned by all rows held: by the equalities' reflections once a stage, by those of rows that entered
@@ -377,7 +377,7 @@ class StageSearch {
   void turn_goal() {
     if (turned_by_ < 0) std::copy_n(base_.data(), goal_.m * ld_, turned_.data()), turned_by_ = fixed_;
     const int rank = space_.rank();
-    for (int i = 0; i < goal_.m; ++i) space_.turn(&turned_[static_cast<std::size_t>(i) * ld_], N_, turned_by_, rank);
+    space_.turn(turned_.data(), ld_, goal_.m, N_, turned_by_, rank);
     turned_by_ = rank;
   }
 

@@ -211,9 +211,22 @@ static inline double dot_any(const double* x, const double* y, int n) {
 
 // The same of their magnitudes.
 static inline double absolute_dot(const double* x, const double* y, int n) {
-  double s = 0.0;
-  for (int j = 0; j < n; ++j) s += std::fabs(x[j] * y[j]);
+  Vec4 a = splat(0.0);
+  int j = 0;
+  for (; j + 4 <= n; j += 4) {
+    const Vec4 p = unaligned(x + j) * unaligned(y + j);
+    a += p > -p ? p : -p;
+  }
+  double s = sum(a);
+  for (; j < n; ++j) s += std::fabs(x[j] * y[j]);
   return s;
+}
+
+// z = x y entry by entry, vectors of any length at any address.
+static inline void multiply_any(double* z, const double* x, const double* y, int n) {
+  int j = 0;
+  for (; j + 4 <= n; j += 4) unaligned(z + j) = unaligned(x + j) * unaligned(y + j);
+  for (; j < n; ++j) z[j] = x[j] * y[j];
 }
 
 // to[i] = x . Y(i, :) for `count` rows of Y, four at a time.

@@ -379,12 +379,19 @@ static void row_space(int picks, double free) {
     auto begun = row;  // which the first two rows have turned already
     const int turned = i == 3 ? 2 : 0;
     space.turn(begun.data(), n, 0, turned);
-    if (!space.add(begun.data(), n, grade.data(), size, 0.0, only, turned)) ++failures;
-    if (only >= 0 && space.add(row.data(), n, grade.data(), size, 0.0, only))
-      small("row space: a coordinate picked twice", 1.0);
+    const bool added = only >= 0 ? space.picks() && space.pick(only, row[only])
+                                 : space.add(begun.data(), n, grade.data(), size, 0.0, turned);
+    if (!added) ++failures;
+    if (only >= 0 && space.pick(only, row[only])) small("row space: a coordinate picked twice", 1.0);
     W.push_back(row);
   }
   if (space.add(W[1].data(), n, grade.data(), 1.0, 0.0)) small("row space: a dependent row added", 1.0);
+  auto together = random_vector(5 * ld), alone = together;
+  space.turn(together.data(), ld, 5, ld, 1, m);
+  for (int i = 0; i < 5; ++i) {
+    space.turn(&alone[i * ld], ld, 1, m);
+    for (int j = 0; j < ld; ++j) small("row space: rows turned together", together[i * ld + j] - alone[i * ld + j]);
+  }
   const auto b = random_vector(m), mu = random_vector(m);
   std::vector<double> y(ld), g(ld), part(m), lambda(m);
   space.meet(b.data(), part.data());
@@ -473,11 +480,11 @@ static void stage_search() {
     for (int i = 0; i < 2 * pairs; ++i, ++row.number) {
       double* c = &C[i * n];
       for (int j = 0; j < n; ++j) c[j] = i % 2 ? c[j - n] + 1e-9 * random_number() : random_number();
-      const double length = std::sqrt(dot_any(c, c, n));
+      const double length = row.size = std::sqrt(dot_any(c, c, n));
       row.a = c, row.lower = -INFINITY, row.upper = dot_any(c, y.data(), n) + 3e-10 * random_number() * length;
       rows.add(row);
     }
-    row.a = nullptr;
+    row.a = nullptr, row.size = 1.0;
     for (int j = 0; j < n; ++j) {
       row.only = j, row.lower = -1.0, row.upper = 1.0;
       rows.add(row), ++row.number;
