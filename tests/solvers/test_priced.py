@@ -236,7 +236,7 @@ def test_numbers_that_are_none_are_a_status_where_the_face_of_the_last_tick_is_t
     for level in problem.levels:
         arrays = [level.A.scale if isinstance(level.A, Selection) else level.A, level.lower, level.upper]
         for array in arrays:
-            for spoil in (np.nan,) if array is box.upper else (np.nan, np.inf):
+            for spoil in (np.nan,) if array is level.upper else (np.nan, np.inf):
                 where = (0,) * array.ndim
                 array[where], saved = spoil, array[where]
                 bad = workspace.solve(problem)

@@ -93,7 +93,7 @@ class LevelSolve final : public SolveCall {
     // Far out of reach the exact answer is so large that its lower levels cannot be certified; the stages need only
     // that the levels without a price are met.
     const double* x = exact_.numbers().data();
-    const bool near = begins(found) || (found.outcome == kNotCertified && has_prices_ && unpriced_met(x));
+    const bool near = begins(found) || (found.outcome == kNotCertified && has_prices_ && stages_->unpriced_met(x));
     if (near && follow(x, 0) >= 0) found.outcome = kUnsettled;
     return found;
   }
@@ -125,12 +125,9 @@ class LevelSolve final : public SolveCall {
   Answer solve_exact() {
     source_ = 0, staged_ = false, asked_ = true;
     const Answer answer = exact_.solve();
-    numbers_ = answer.outcome != Outcome::invalid;
     if (std::exchange(shortened_, false)) exact_.limit(limit_);
     return answer;
   }
-  // Whether x meets the levels without a price above the last with one, of a problem of numbers.
-  bool unpriced_met(const double* x) { return numbers_ && stages_->unpriced_met(x); }
   // As PricedStages::solve.
   int follow(const double* x, int head) {
     if (!has_prices_) return -1;
@@ -247,8 +244,7 @@ class LevelSolve final : public SolveCall {
   std::vector<std::int8_t> marks_;
   double limit_;
   bool shortened_ = false;
-  bool numbers_ = true;  // whether all rows of the latest exact solve were
-  bool asked_ = true;    // whether the latest stages began at an exact answer
+  bool asked_ = true;  // whether the latest stages began at an exact answer
   int head_ = 0;
   int source_ = 0;  // of the latest answer: 0 for the exact kernel, the level of a head, kNone for neither
   bool staged_ = false;

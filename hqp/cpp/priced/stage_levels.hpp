@@ -81,7 +81,7 @@ class StageLevels final : public PricedStages {
   bool undecided() const override { return undecided_; }
   bool doubtful() const override { return undecided_ || inexact_; }
   bool unpriced_met(const double* x) override {
-    measure();
+    if (!measure()) return false;
     int last = static_cast<int>(level_.size());
     while (last > 0 && !(law_.prices[last - 1] > 0.0)) --last;
     for (int k = 0; k < last; ++k) {
@@ -131,7 +131,7 @@ class StageLevels final : public PricedStages {
       if (first < 0) {
         first = k;
         std::fill(stages, stages + level_.size() * n_, std::numeric_limits<double>::quiet_NaN());
-        if (!find_rounding() && !x) return -2;
+        if (!find_rounding()) return -2;
         for (int l = 0; l < k; ++l) leave(l, x);
       }
       if (settled) {
@@ -324,26 +324,28 @@ class StageLevels final : public PricedStages {
     motions_.complete(anchor, law_.turning ? law_.turning[k] : 0.0, x, [&](int i) { return row(level, i); });
   }
 
-  // Lengths of all rows; whether these are numbers.
+  // Lengths of all rows; whether these are numbers, and no bounds crossed.
   bool measure() {
     double sum = 0.0;
+    bool apart = true;
     for (std::size_t k = 0; k < level_.size(); ++k) {
       const PricedLevel& level = level_[k];
       for (int i = 0; i < level.m; ++i) {
-        const double* a = level.A + static_cast<std::size_t>(i) * n_;
+        const double *a = level.A + static_cast<std::size_t>(i) * n_, low = level.lower[i], high = level.upper[i];
         sum += lengths_[first_[k] + i] = level.A ? std::sqrt(dot_any(a, a, n_)) : std::abs(level.scale[i]);
+        apart = apart && low <= high && low < INFINITY && high > -INFINITY;
       }
     }
-    return sum < INFINITY;
+    return apart && sum < INFINITY;
   }
 
   // Rows no longer than this are rounding: a level of such rows has no stage.  As measure().
   bool find_rounding() {
-    const bool numbers = measure();
+    const bool usable = measure();
     rounding_ = kRoundingRow * *std::max_element(lengths_.begin(), lengths_.end());
     rows_.rounding(rounding_);
     motions_.rounding(rounding_);
-    return numbers;
+    return usable;
   }
 
   // Row i of a level, between these bounds.

@@ -71,8 +71,8 @@ class PricedStages {
   // x: the exact answer of all levels, or of those above level `head` where it is not 0, or null: the face of the last
   // tick for that level, which needs no start.  The first level that it does not settle, -1 for none; otherwise stages
   // (levels, n) hold the points of priced levels from that one on (NaN elsewhere), and last the answer.  -2 where level
-  // `head` is met, so that the exact answer of all levels is needed, or where that face is of no use.
-  // seconds: after which a stage ends where it is, none for 0.
+  // `head` is met, so that the exact answer of all levels is needed, where that face is of no use, or rows are no
+  // numbers. seconds: after which a stage ends where it is, none for 0.
   virtual int solve(const double* x, int head, double seconds, double* stages, double* last) = 0;
   // Slacks and marks of all rows at x, as in Solution; whether a row of the first `constraints` levels is violated.
   virtual bool describe(const double* x, int constraints, double* slack, std::int8_t* marks) = 0;

@@ -174,7 +174,7 @@ class Workspace final : public hqp::SolveCall {
     const nb::gil_scoped_release release;
     return core_.follow(from, 0) >= 0;
   }
-  bool unpriced_met(const Vector& x) { return core_.unpriced_met(sized(x, n_)); }
+  bool unpriced_met(const Vector& x) { return core_.stages().unpriced_met(sized(x, n_)); }
   int head() const { return core_.head(); }
   double elapsed() const { return core_.elapsed(); }
   void untold() { core_.untold(); }
