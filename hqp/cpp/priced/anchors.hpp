@@ -17,6 +17,8 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
+constexpr double kMissed = 1e-7;  // of what rows miss: a direction that meets less of it near by is none
+
 struct Anchor {
   int level = 0, first = 0;  // its first row among all rows
   int above = 0;             // how many rows N_a is off
@@ -145,7 +147,8 @@ class Motions {
   }
 
   // Coordinates y in which ||w||^2 / 2 of the equality rows of a level and what the anchors add to it is |y|^2 / 2.
-  Coordinates& over(const PricedLevel& level, const std::vector<Anchor>& anchors) {
+  // x: the point that the stage goes on from, near which directions count.
+  Coordinates& over(const PricedLevel& level, const std::vector<Anchor>& anchors, const double* x) {
     weigh(anchors, 0.0);
     if (!r_ && !level.A) return diagonal(&level);
     stack_.clear();
@@ -162,7 +165,8 @@ class Motions {
     }
     push_motion(shortest < INFINITY ? kLost * kLost * shortest : 0.0);
     if (target_.empty()) push(picked(0, 0.0), 0.0, 0.0);
-    over_.set(stack_.data(), target_.data(), static_cast<int>(target_.size()));
+    const double far = 1.0 + std::sqrt(dot_any(x, x, n_));
+    over_.set(stack_.data(), target_.data(), static_cast<int>(target_.size()), far / kMissed);
     return over_;
   }
 

@@ -47,8 +47,10 @@ class Coordinates {
   }
 
   // F: (r, n), or its diagonal where r = 0, or null for the identity; f: (r), (n) for a diagonal, or null.
-  void set(const double* F, const double* f, int r) {
+  // near: by_row_, how far what is left of f may be met, 0 for any distance.
+  void set(const double* F, const double* f, int r, double near = 0.0) {
     diagonal_ = r == 0;
+    near_ = near;
     if (!diagonal_) return factor(F, f, r, nullptr);
     rank_ = n_;
     double least = INFINITY;
@@ -65,7 +67,10 @@ class Coordinates {
   }
 
   // The same for rows more_j F_j of an F whose own coordinates, base, find the directions without motion.
-  void set(const Coordinates& base, const double* F, const double* f, int r) { factor(F, f, r, &base); }
+  void set(const Coordinates& base, const double* F, const double* f, int r) {
+    near_ = 0.0;
+    factor(F, f, r, &base);
+  }
 
   // What a unit of each coordinate is worth in those of x, (n,).
   void grade(double* worth) const {
@@ -308,10 +313,16 @@ class Coordinates {
     return -1;
   }
 
-  // Whether what is left of a column is more than rounding: of the longest column, or by_row_ of each row's length.
+  // Whether what is left of a column is more than rounding: of the longest column, or by_row_ of each row's length and
+  // of what is left of f, which would be met far away only.
   bool sees(int j, int width, int r) const {
     const double* c = &columns_[static_cast<std::size_t>(j) * width];
     if (!by_row_) return dot_any(c + rank_, c + rank_, r - rank_) > least_;
+    if (near_ > 0.0) {
+      const double* f = &columns_[static_cast<std::size_t>(n_) * width];
+      const double size = near_ * near_ * dot_any(c + rank_, c + rank_, r - rank_);
+      if (!(size > dot_any(f + rank_, f + rank_, r - rank_))) return false;
+    }
     for (int i = rank_; i < r; ++i)
       if (c[i] * c[i] > -flat_ * flat_ * rows_[i].first) return true;
     return false;
@@ -350,6 +361,7 @@ class Coordinates {
   std::vector<double> T_, Z_;  // (rank, ld), and of each reflection its entries beyond the rank, then its scale
   std::vector<double> columns_, square_, y_;
   std::vector<std::pair<double, int>> rows_;
+  double near_ = 0.0;
   double least_ = 0.0;
   double last_ = 0.0;  // the most that was left when all columns were looked at
   mutable std::vector<double> work_;

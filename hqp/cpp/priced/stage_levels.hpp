@@ -388,7 +388,7 @@ class StageLevels final : public PricedStages {
   bool stage(int k, bool started) {
     const PricedLevel& level = level_[k];
     const bool priced = law_.prices[k] > 0.0;
-    Coordinates& at = priced ? motions_.among(anchors_) : motions_.over(level, anchors_);
+    Coordinates& at = priced ? motions_.among(anchors_) : motions_.over(level, anchors_, x_.data());
     rows_.begin(at, n_);
     int N = gather(k);
     const int own = rows_.count(), ld = padded(variables_);

@@ -1,0 +1,46 @@
+"""A level whose rows are combinations of fewer, and noise: it is followed as far as its rows tell, within bounds."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import hqp.solvers
+from hqp import Status, certificate
+from hqp.problem import Hierarchy, Motion, Rows, Selection
+
+
+def joints_that_hold_each_other(seed: int, noise: float) -> Hierarchy:
+    """What joints of legs on the ground ask of torques: eight rows of five directions, one of them next to nothing."""
+    rng = np.random.default_rng(seed)
+    n, directions = 8, 5
+    mix = rng.standard_normal((n, directions)) * 10.0 ** rng.uniform(-1.0, 1.0, (n, 1))
+    mix[rng.integers(n)] *= 10.0 ** rng.uniform(-10.0, -7.0)
+    A = mix @ rng.standard_normal((directions, n)) + noise * rng.standard_normal((n, n))
+    target, far = rng.standard_normal(n), 50.0 * rng.standard_normal(2)
+    return Hierarchy(
+        (
+            Rows(Selection(np.arange(n), np.ones(n)), np.full(n, -5.0), np.full(n, 5.0)),
+            Rows(rng.standard_normal((2, n)), far, far),
+            Rows(A, target, target),
+        ),
+        constraints=1,
+        n=n,
+        prices=np.array([0.0, 0.01, 0.0]),
+        motion=Motion(A, np.zeros(n)),
+    )
+
+
+@pytest.mark.parametrize("noise", [4e-15, 1e-12, 1e-10])
+@pytest.mark.parametrize("seed", range(8))
+def test_noise_is_no_direction(seed: int, noise: float) -> None:
+    problem = joints_that_hold_each_other(seed, noise)
+    workspace = hqp.solvers.load("lexicographic").workspace(problem.shape)
+    workspace.limit(math.inf)  # type: ignore[attr-defined]
+    solution = workspace.solve(problem)
+    assert solution.status in (Status.OPTIMAL, Status.RANK_UNCERTAIN)
+    assert np.abs(solution.x).max() <= 5.0 + 1e-9
+    if solution.status is Status.OPTIMAL:
+        assert certificate(problem, solution.x, 1e-8, solution.stage_points)
