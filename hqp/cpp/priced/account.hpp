@@ -159,25 +159,21 @@ class Accounts {
   // What unmet levels above level k hold by the motion beyond their own points, each row its part.  price: of motion.
   void by_anchors(Motions& motions, const std::vector<Anchor>& anchors, int k, const double* x, double price,
                   const std::int32_t* owner, double* mine) {
+    const int count = motions.count();
     for (const Anchor& anchor : anchors) {
       if (anchor.level >= k || !(anchor.turning > 0.0)) continue;
-      const PricedLevel& level = level_[anchor.level];
-      for (int i = 0; i < level.m; ++i) {
-        if (!anchor.held[i] || !(anchor.part[i] > 0.0)) continue;
-        weight_.assign(motions.count(), 0.0);
-        motions.add_columns(coefficients(level, i), anchor.above, anchor.turning * anchor.part[i] * anchor.part[i],
-                            weight_.data());
-        double force = 0.0;
-        for (int j = 0; j < motions.count(); ++j)
-          force += weight_[j] * (motions.moved(j, x) - anchor.from[j]) * motions.moved(j, step_.data());
-        mine[owner[anchor.first + i]] -= price * force;
-      }
+      beyond_.resize(count);
+      for (int j = 0; j < count; ++j)
+        beyond_[j] = (motions.moved(j, x) - anchor.from[j]) * motions.moved(j, step_.data());
+      for (std::size_t i = 0; i < anchor.held.size(); ++i)
+        mine[owner[anchor.first + i]] -=
+            price * anchor.turning * dot_any(&anchor.share[i * count], beyond_.data(), count);
     }
   }
 
   int n_;
   const std::vector<PricedLevel>& level_;
-  std::vector<double> g_, y_, b_, step_, weight_;
+  std::vector<double> g_, y_, b_, step_, beyond_;
 };
 
 }  // namespace HQP_ISA

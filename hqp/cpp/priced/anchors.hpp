@@ -21,7 +21,6 @@ constexpr double kMissed = 1e-7;  // of what rows miss: a direction that meets l
 
 struct Anchor {
   int level = 0, first = 0;  // its first row among all rows
-  int above = 0;             // how many rows N_a is off
   double omega = 0.0;        // ||w_a||
   double give = 0.0;         // eta c_a omega_a
   double turning = 0.0;      // t_a omega_a^2
@@ -29,6 +28,7 @@ struct Anchor {
   std::vector<double> low;   // (m,) where they cost nothing: y_ai, or from the lower to the upper bound and y_ai
   std::vector<double> high;
   std::vector<double> part;    // (m,) of B_a
+  std::vector<double> share;   // (m, rows of F) of each row in d_aj^2
   std::vector<double> weight;  // (rows of F,) t_a omega_a^2 d_aj^2
   std::vector<double> from;    // (rows of F,) F x_a
 };
@@ -93,27 +93,23 @@ class Motions {
   // (F x)_j.
   double moved(int j, const double* x) const { return r_ ? dot_any(row(j), x, n_) : size(j) * x[j]; }
 
-  // sum[j] += scale ((a F^+ e_j)^2 + (a N F^+ e_j)^2) for a row a, N off the first rows held.
-  void add_columns(const double* a, int held, double scale, double* sum) {
-    base_.row(a, row_.data());
-    add_squares(scale, sum);
-    off(basis_, held, 0);
-    add_squares(scale, sum);
-  }
-
   // The anchor of a level that ended unmet at x, its rows, what they are worth and how far they are off given.
   template <class Row>
   void complete(Anchor& anchor, double turning, const double* x, const Row& row_of) {
     anchor.turning = turning * anchor.omega * anchor.omega;
-    anchor.above = held_;
     anchor.weight.assign(count_, 0.0);
     anchor.from.resize(count_);
     for (int j = 0; j < count_; ++j) anchor.from[j] = moved(j, x);
-    if (anchor.turning > 0.0)
-      for (std::size_t i = 0; i < anchor.held.size(); ++i)
-        if (anchor.held[i] && anchor.part[i] > 0.0)
-          add_columns(row_of(static_cast<int>(i)), held_, anchor.turning * anchor.part[i] * anchor.part[i],
-                      anchor.weight.data());
+    anchor.share.assign(anchor.held.size() * count_, 0.0);
+    for (std::size_t i = 0; i < anchor.held.size() && anchor.turning > 0.0; ++i) {
+      if (!anchor.held[i] || !(anchor.part[i] > 0.0)) continue;
+      double* const share = &anchor.share[i * count_];
+      base_.row(row_of(static_cast<int>(i)), row_.data());
+      add_squares(anchor.part[i] * anchor.part[i], share);
+      off(basis_, held_, 0);
+      add_squares(anchor.part[i] * anchor.part[i], share);
+      add_any(anchor.weight.data(), share, anchor.turning, count_);
+    }
   }
 
   // weight (count,) and mean (count,) of E, or of 0 E, and what the anchors add: the sum of

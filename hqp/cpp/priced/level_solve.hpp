@@ -123,7 +123,7 @@ class LevelSolve final : public SolveCall {
     return false;
   }
   Answer solve_exact() {
-    source_ = 0, staged_ = false, asked_ = true;
+    source_ = 0, staged_ = false;
     const Answer answer = exact_.solve();
     if (std::exchange(shortened_, false)) exact_.limit(limit_);
     return answer;
@@ -131,10 +131,9 @@ class LevelSolve final : public SolveCall {
   // As PricedStages::solve.
   int follow(const double* x, int head) {
     if (!has_prices_) return -1;
-    asked_ = x;
     const int first = stages_->solve(x, head, left(), points_.data(), end_.data());
     staged_ = first >= 0 && stages_->ended();
-    source_ = first < 0 || staged_ ? head : kNone;
+    source_ = first < 0 || (staged_ && x) ? head : kNone;
     head_ = std::max(first, 0);
     return first;
   }
@@ -153,18 +152,10 @@ class LevelSolve final : public SolveCall {
   double elapsed() const { return std::chrono::duration<double>(Clock::now() - began_).count(); }
 
   // The kernel that knows multipliers of the latest answer, those of the levels above the stages where these gave it;
-  // null where they are not at hand.  It takes memory where no exact answer was asked.
+  // null where they are not at hand, or where stages began on a face, which meets all rows above.
   BoundKernel* teller() {
     BoundKernel* kernel = source_ == kNone ? nullptr : source_ ? &head(source_) : &exact_;
-    if (!kernel || asked_) return kernel && kernel->tell() ? kernel : nullptr;
-    WarmState before;  // the next solves are as if it had not been
-    CarryOver out = CarryOver::to(before);
-    kernel->keep(out);
-    kernel->solve();
-    const bool told = kernel->tell();
-    CarryOver in = CarryOver::from(before);
-    kernel->keep(in);
-    return told ? kernel : nullptr;
+    return kernel && kernel->tell() ? kernel : nullptr;
   }
   bool staged() const { return staged_; }
   // The latest answer is one that was not found here.
@@ -244,7 +235,6 @@ class LevelSolve final : public SolveCall {
   std::vector<std::int8_t> marks_;
   double limit_;
   bool shortened_ = false;
-  bool asked_ = true;  // whether the latest stages began at an exact answer
   int head_ = 0;
   int source_ = 0;  // of the latest answer: 0 for the exact kernel, the level of a head, kNone for neither
   bool staged_ = false;

@@ -107,8 +107,10 @@ class StageLevels final : public PricedStages {
     law_ = law;
     completion_ = completion;
     motions_.reserve(law.r, static_cast<int>(w_.size()));
-    for (Anchor& anchor : spare_)
+    for (Anchor& anchor : spare_) {
       for (auto* part : {&anchor.weight, &anchor.from}) part->reserve(law.r ? law.r : n_);
+      anchor.share.reserve(w_.size() * static_cast<std::size_t>(law.r ? law.r : n_));
+    }
   }
 
   void account(const AccountRows& rows, double* numbers, double* shares, double* worth) override {
