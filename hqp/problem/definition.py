@@ -5,10 +5,11 @@ solved by a primal active-set method from the point of the level above (Nocedal 
 point, the least residual r of the optimality conditions over multipliers mu >= 0 of the active rows (non-negative
 least squares, Lawson and Hanson 1974) is zero at the optimum only; elsewhere -r is a feasible descent direction, at
 degenerate vertices too.  The step goes to the minimiser on the face that -r stays on, the shortest where T is flat.
+Rows of T may differ in length as they like: residuals and steps are those of hqp.problem.graded.
 
 A level with a price is min ||w|| + c (E + R) (hqp.problem.pricing): min 1/2 ||w||^2 + m c (E + R) with the m at which
-m = ||w||, found on log m.  Rows of an anchored level, 1/2 ||A (x - x_a)||^2 / give, are hard rows A x - s v = A x_a
-with s^2 = give / m and 1/2 ||v||^2 to pay, as give may be 1e-12.
+m = ||w||, found on log m.  Inequality rows a x, and rows of an anchored level, 1/2 ||A (x - x_a)||^2 / give, are hard
+rows a x - |a| s with what s costs to pay, so that short rows keep their rounding and give may be 1e-12.
 """
 
 from __future__ import annotations
@@ -22,9 +23,10 @@ import numpy as np
 from hqp.arrays import Mask, Mat, Vec, longest_row, row_lengths
 from hqp.problem import Hierarchy, Rows
 from hqp.problem.completion import completion
+from hqp.problem.graded import best_step, pull
 from hqp.problem.nnls import nonnegative_least_squares
 from hqp.problem.pricing import UNNAMED, Above, Coordinates, at_optimum, row_sizes, stack_rows
-from hqp.tolerances import MET_TOLERANCE, RANK_TOLERANCE, ROUNDING
+from hqp.tolerances import MET_TOLERANCE, NULL_SPACE_ROUNDING, RANK_TOLERANCE, RESTING, ROUNDING
 
 HELD, ALONG = 1e-11, 1e-9
 """Active: a row this close to its bound, relative to its terms.  Along it: a unit direction of less than this rate."""
@@ -32,14 +34,20 @@ HELD, ALONG = 1e-11, 1e-9
 OPTIMAL, FLAT = 1e-13, 1e-9
 """Relative residual of the optimality conditions of an optimal point, and of one whose last step lowered nothing."""
 
+STALLED = 10
+"""Steps beyond the number of rows that lower nothing: rounding turns them round."""
+
+DEPENDENT = 1e-10
+"""Singular values of rows of unit length up to this count as zero."""
+
 ROOT = 1e-12
 """m is found to this relative accuracy."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """When a level ends: singular values below rank_tolerance times its largest row add no direction, max_iterations
-    steps of a level, factorisations of a whole problem, None for any number."""
+    """When a level ends: a row of which no more than rank_tolerance of its length is left adds no direction,
+    max_iterations steps of a level, factorisations of a whole problem, None for any number."""
 
     rank_tolerance: float = RANK_TOLERANCE
     max_iterations: int = 1000
@@ -87,13 +95,15 @@ class Levels:
 
         def unmet(m: float) -> float:
             nonlocal point
-            point = self._search(rows, above, x, m * price, moves=True)
-            w = rows.slack(point)
-            return float(np.sqrt(w @ w))
+            point = self._search(rows, above, point, m * price, moves=True)
+            return float(np.linalg.norm(rows.slack(point)))
 
-        if _root(unmet, max(MET_TOLERANCE * float(row_sizes(rows, x).max(initial=0.0)), 1e-300)) is not None:
+        lengths = row_lengths(rows.dense(x.size))
+        least = MET_TOLERANCE * float(row_sizes(rows, x)[lengths > self._zero].min(initial=np.inf))
+        rounding = NULL_SPACE_ROUNDING * float(lengths.max(initial=0.0)) * max(1.0, float(np.abs(x).max(initial=0.0)))
+        if _root(unmet, max(least, rounding, 1e-300)) is not None:
             return point
-        x = self._search(rows, replace(above, anchors=()), x, 1.0)
+        x = self._search(rows, replace(above, anchors=()), point, 1.0)
         met = above.with_rows(at_optimum(rows, x), UNNAMED)
         nothing = Rows(np.zeros((0, x.size)), np.zeros(0), np.zeros(0))
         return self._search(nothing, met, x, 1.0, moves=True)
@@ -102,6 +112,7 @@ class Levels:
         """argmin 1/2 ||w||^2 + m (E + R) over S, from a point x of it; m R without ``moves``."""
         n, at = x.size, self._at
         A, unequal = rows.dense(n), ~rows.equality & (np.isfinite(rows.lower) | np.isfinite(rows.upper))
+        A = A * (row_lengths(A) > self._zero)[:, None]
         B, b = A[rows.equality], rows.lower[rows.equality]
         soft = [(A[unequal], rows.lower[unequal], rows.upper[unequal], 1.0)]
         T, t = [at.rows(B)], [b - B @ at.still]
@@ -116,14 +127,14 @@ class Levels:
         sizes = [lower.size for _, lower, _, _ in soft]
         q = sum(sizes)
         left = np.concatenate(T)
-        size = max(longest_row(A), longest_row(left))
-        whole = np.block([[left, np.zeros((len(left), q))], [np.zeros((q, n)), np.eye(q)]])
-        if not whole.size or (size <= self._zero and not q):
+        if not left.size and not q:
             return x
         hard = stack_rows([above.hard, *(Rows(C, lower, upper) for C, lower, upper, _ in soft)], n)
         dense = hard.dense(n)
-        minus = -np.repeat([s for *_, s in soft], sizes)
-        C = np.concatenate([at.rows(dense), np.eye(hard.m, q, -above.hard.m) * minus], axis=1)
+        units = np.concatenate([_units(C) for C, *_ in soft])
+        worth = np.repeat([s for *_, s in soft], sizes)
+        whole = np.block([[left, np.zeros((len(left), q))], [np.zeros((q, n)), np.diag(units / worth)]])
+        C = np.concatenate([at.rows(dense), np.eye(hard.m, q, -above.hard.m) * -units], axis=1)
         shift = dense @ at.still
         program = _Program(
             whole,
@@ -131,9 +142,10 @@ class Levels:
             C,
             hard.lower - shift,
             hard.upper - shift,
-            self._limits.rank_tolerance * (longest_row(A) or size),
+            q,
+            self._limits.rank_tolerance,
         )
-        off = np.concatenate([Rows(C, lower, upper).slack(x) / s for C, lower, upper, s in soft])
+        off = np.concatenate([Rows(C, lower, upper).slack(x) / _units(C) for C, lower, upper, _ in soft])
         start = np.concatenate([at.of_point(x), off])
         v, steps, ended = program.solve(start, self._limits.max_iterations, self._effort)
         self.steps, self.ended = self.steps + steps, self.ended and ended
@@ -155,21 +167,21 @@ def _root(unmet: Callable[[float], float], least: float) -> float | None:
     high = low + 4.0
     while (far := excess(high)) < 0.0:
         low, close, high = high, far, 2.0 * high - low + 4.0
-    guess = high
-    for _ in range(100):  # regula falsi with the Illinois rule, halving where it is slow
+    guess, side = high, 0
+    for _ in range(100):  # regula falsi with the Illinois rule: an end that stays counts half
         guess = high - far * (high - low) / (far - close)
         here = excess(guess)
         if abs(here) <= ROOT or high - low <= ROOT:
             break
         if here > 0.0:
-            high, far, close = guess, here, 0.5 * close
+            high, far, close, side = guess, here, 0.5 * close if side > 0 else close, 1
         else:
-            low, close, far = guess, here, 0.5 * far
+            low, close, far, side = guess, here, 0.5 * far if side < 0 else far, -1
     return math.exp(guess)
 
 
 class _Effort:
-    """How many singular value decompositions are left."""
+    """How many factorisations are left."""
 
     __slots__ = ("left",)
 
@@ -183,32 +195,43 @@ class _Effort:
 
 
 class _Program:
-    """min ||T v - t||^2 over lower <= C v <= upper, from a point of that set; singular values below cut are zero."""
+    """min ||T v - t||^2 over lower <= C v <= upper, from a point of that set.
 
-    def __init__(self, T: Mat, t: Vec, C: Mat, lower: Vec, upper: Vec, cut: float) -> None:
-        lengths = row_lengths(C)
-        real = (lengths > 1e-13 * lengths.max(initial=0.0)) & ((lower > -np.inf) | (upper < np.inf))
+    T's rows may differ in length as they like (hqp.problem.graded); of one that adds a direction more than ``least``
+    of its length is left.
+    """
+
+    def __init__(self, T: Mat, t: Vec, C: Mat, lower: Vec, upper: Vec, slacks: int, least: float) -> None:
+        """slacks: the last of v, which are zero where they rest."""
+        self.slacks, lengths = slacks, row_lengths(C)
+        real = (lengths > ROUNDING * lengths.max(initial=0.0)) & ((lower > -np.inf) | (upper < np.inf))
         scale = lengths[real]
-        self.T, self.t, self.cut = T, t, cut
+        asks = row_lengths(T) > 0.0
+        self.T, self.t, self.lengths, self.least = T[asks], t[asks], row_lengths(T[asks]), least
         self.C, self.lower, self.upper = C[real] / scale[:, None], lower[real] / scale, upper[real] / scale
         self.equal = self.lower == self.upper
         self.Z = _null_space(self.C[self.equal])
 
     def solve(self, v: Vec, limit: int, effort: _Effort) -> tuple[Vec, int, bool]:
         """The optimum, how many steps it took, and whether it was reached."""
-        lowest = math.inf
+        lowest, since, face = math.inf, 0, None
         for step in range(limit):
             if effort.spent:
                 return v, step, False
             w = self.T @ v - self.t
-            direction, held, gap = self._descent(v, w)
+            if np.all(np.abs(w) <= ROUNDING * self.lengths):
+                return v, step, True
+            direction, held, gap, taken = self._descent(v, w)
             value = float(np.sqrt(w @ w))
-            if gap <= OPTIMAL or (gap <= FLAT and value >= lowest):
+            since = 0 if value < (1.0 - OPTIMAL) * lowest else since + 1
+            on_face = since > 0 and face is not None and np.array_equal(face, self._sides(v))
+            if (taken <= OPTIMAL or on_face) and (gap <= OPTIMAL or (gap <= FLAT and since > 0)):
                 return v, step, True
             lowest = min(lowest, value)
-            before, v = v, self._advance(v, direction, held, gap > FLAT and value > FLAT, effort)
-            if np.array_equal(before, v):  # the multipliers are known no better: the certificate has the last word
-                return v, step, False
+            before, (v, ended) = v, self._advance(v, direction, held, gap > FLAT and value > FLAT, effort)
+            face = self._sides(v) if ended else None
+            if np.array_equal(before, v) or since > STALLED + self.upper.size:
+                return v, step, False  # the multipliers are known no better: the certificate has the last word
         return v, limit, False
 
     def _sides(self, v: Vec) -> Vec:
@@ -218,39 +241,50 @@ class _Program:
         side = np.where(value >= self.upper - reach, 1.0, np.where(value <= self.lower + reach, -1.0, 0.0))
         return np.where(self.equal, 0.0, side)
 
-    def _descent(self, v: Vec, w: Vec) -> tuple[Vec, Mask, float]:
-        """The steepest feasible direction, which rows it stays on, and its length relative to the gradient's terms."""
+    def _descent(self, v: Vec, w: Vec) -> tuple[Vec, Mask, float, float]:
+        """The steepest feasible direction at the best point on the face of all active rows, the step there where that
+        is zero; which rows it stays on, its length relative to the terms, and what the step takes of a row."""
         side = self._sides(v)
-        held, active = np.zeros(side.size, dtype=bool), np.flatnonzero(side)
-        pull = -(w @ self.T @ self.Z)
-        cone = (side[active, None] * self.C[active] @ self.Z).T
-        left = pull - cone @ nonnegative_least_squares(cone, pull)
-        size = float(np.sqrt(left @ left))
-        terms = longest_row(self.T) * float(np.max(np.abs(self.T) @ np.abs(v) + np.abs(self.t), initial=0.0))
-        held[active] = left @ cone >= -HELD * size
-        return self.Z @ left, held, size / max(terms, 1e-300)
+        active = np.flatnonzero(side)
+        cone = side[active, None] * self.C[active] @ self.Z
+        _, sigma, Vt = np.linalg.svd(cone, full_matrices=True)
+        along, face = np.split(Vt, [int(np.count_nonzero(sigma > DEPENDENT))])
+        n = v.size - self.slacks
+        size = np.abs(v)
+        size[:n] += RESTING * size[:n].max(initial=0.0)
+        rows, sizes = self.T @ self.Z, np.maximum(np.abs(self.T) @ size + np.abs(self.t), 1e-150)
+        found = pull(rows @ face.T, rows @ along.T, w, self.lengths, sizes, FLAT)
+        held, normals = np.zeros(side.size, dtype=bool), (cone @ along.T).T
+        left = -found.along / max(found.size, 1e-300)
+        left = left - normals @ nonnegative_least_squares(normals, left)
+        gap = float(np.sqrt(left @ left))
+        if gap <= OPTIMAL:
+            held[active] = True
+            step = best_step(rows @ face.T, w, self.lengths, self.least)
+            return self.Z @ face.T @ step, held, gap, found.taken
+        held[active] = left @ normals >= -HELD * gap
+        return self.Z @ along.T @ left, held, gap, found.taken
 
-    def _advance(self, v: Vec, direction: Vec, held: Mask, steep: bool, effort: _Effort) -> Vec:
-        """To the minimiser on the face of the held rows or the first row in the way; at it, down a steep direction."""
+    def _advance(self, v: Vec, direction: Vec, held: Mask, steep: bool, effort: _Effort) -> tuple[Vec, bool]:
+        """To the minimiser on the face of the held rows, which ends the step, or the first row in the way; at it, down
+        a steep direction."""
         face, side = held.copy(), self._sides(v)
         while not effort.spent:
             effort.left -= 1
             Z = self.Z @ _null_space(self.C[face] @ self.Z)
-            U, sigma, Vt = np.linalg.svd(self.T @ Z, full_matrices=False)
-            kept = sigma > self.cut
-            step = Z @ (Vt[kept].T @ ((self.t - self.T @ v) @ U[:, kept] / sigma[kept]))
+            step = Z @ best_step(self.T @ Z, self.T @ v - self.t, self.lengths, self.least)
             far, row = self._room(v, step, face)
             here = steep and np.abs(step).max() <= 1e-13 * np.abs(v).max()
             against = far < ALONG and side[row] != 0.0  # an active row: the room that it leaves is rounding
             if far > 1e-14 and not here and not against:
-                return np.asarray(v + min(1.0, far) * step)
-            if row < 0 or here or not kept.any():  # the face has its minimum at v
+                return np.asarray(v + min(1.0, far) * step), far >= 1.0
+            if row < 0 or here or not np.any(step):  # the face has its minimum at v
                 break
             face[row] = True
         curvature = self.T @ direction
         best = float((self.t - self.T @ v) @ curvature) / max(float(curvature @ curvature), 1e-300)
         along = np.abs(self.C @ direction) <= ALONG * float(np.sqrt(direction @ direction))
-        return np.asarray(v + min(best, self._room(v, direction, held & along)[0]) * direction)
+        return np.asarray(v + min(best, self._room(v, direction, held & along)[0]) * direction), False
 
     def _room(self, v: Vec, step: Vec, held: Mask) -> tuple[float, int]:
         """How many times the step fits, and the row in the way, -1 for none."""
@@ -264,6 +298,13 @@ class _Program:
 
 
 def _null_space(A: Mat) -> Mat:
-    """An orthonormal basis ``(n, r)`` of what rows of unit length leave; singular values below 1e-10 count as zero."""
+    """An orthonormal basis ``(n, r)`` of what rows of unit length leave."""
     _, sigma, Vt = np.linalg.svd(A, full_matrices=True)
-    return np.asarray(Vt[int(np.count_nonzero(sigma > 1e-10)) :].T)
+    return np.asarray(Vt[int(np.count_nonzero(sigma > DEPENDENT)) :].T)
+
+
+def _units(A: Mat) -> Vec:
+    """The length of each row, one for rows of none."""
+    lengths = row_lengths(A)
+    lengths[lengths == 0.0] = 1.0
+    return lengths

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Index, Mat, Vec, row_lengths
 from hqp.tolerances import FLAT_ROW, GRADED_ROWS, NULL_SPACE_ROUNDING
 
 
@@ -31,33 +31,49 @@ class Pull:
     taken: float
 
 
-def pull(face: Mat, along: Mat, slack: Vec, lengths: Vec, size: float, tolerance: float) -> Pull:
+def pull(face: Mat, along: Mat, slack: Vec, lengths: Vec, sizes: Vec, tolerance: float) -> Pull:
     """along' w after the step that is best for ||w||, w = slack + face step.
 
     face: ``(m, f)`` rows in coordinates of the face of all active rows; along: ``(m, k)`` in those of the active rows;
-    slack, lengths: ``(m,)``; size: of x.  A term is what the row pulls and what it would pull, had it
-    missed by its length times x, and rounding of either over tolerance: a gap is about the relative error of x.
+    slack, lengths: ``(m,)``; sizes: ``(m,)``, what errors of the rows are relative to.  A term is what the row pulls
+    and what it would pull, had it missed by its size, and rounding of either over tolerance.
     """
-    order = np.argsort(-lengths, kind="stable")
-    T, lengths = np.column_stack([face, along, slack])[order], lengths[order]
-    f, rank, m = face.shape[1], 0, len(T)
-    while True:
-        flat = np.abs(T[rank:m, rank:f]).max(axis=1, initial=0.0) <= FLAT_ROW * lengths[rank:m]
-        last = rank + np.concatenate([np.flatnonzero(~flat), np.flatnonzero(flat)])
-        T[rank:m], lengths[rank:m] = T[last], lengths[last]
-        m -= int(flat.sum())
-        if rank >= min(m, f):
-            break
-        p = rank + int(np.argmax(np.square(T[rank:m, rank:f]).sum(axis=0)))
-        T[:m, [rank, p]] = T[:m, [p, rank]]
-        v = T[rank:m, rank].copy()
-        v[0] += np.copysign(np.linalg.norm(v), v[0])
-        T[rank:m] -= np.outer(2.0 * v / (v @ v), v @ T[rank:m])
-        T[rank + 1 : m, rank] = 0.0
-        rank += 1
-    taken = np.abs(T[:rank, -1]) / (size * lengths[:rank])
-    A, w = T[rank:, f:-1], T[rank:, -1]
-    own = lengths[rank:]
-    rounding = NULL_SPACE_ROUNDING / tolerance * own
-    terms = np.linalg.norm(A, axis=1) * (np.abs(w) + size * own) + rounding * (np.abs(w) + size * rounding)
+    T, order, _, rank = _sorted(face, np.column_stack([along, slack]), lengths, FLAT_ROW)
+    taken = np.abs(T[:rank, -1]) / sizes[order[:rank]]
+    A, w = T[rank:, face.shape[1] : -1], T[rank:, -1]
+    size, own, rounding = sizes[order[rank:]], lengths[order[rank:]], NULL_SPACE_ROUNDING / tolerance
+    terms = np.linalg.norm(A, axis=1) * (np.abs(w) + size) + rounding * own * (np.abs(w) + rounding * size)
     return Pull(A.T @ w, float(terms.sum()), float(taken.max(initial=0.0)))
+
+
+def best_step(face: Mat, slack: Vec, lengths: Vec, least: float = FLAT_ROW) -> Vec:
+    """argmin ||slack + face step||, the shortest of them, ``(f,)``; least: of a row's length, what adds a direction."""
+    T, _, columns, rank = _sorted(face, slack[:, None], lengths, least)
+    found = np.zeros(face.shape[1])
+    if rank:
+        R = T[:rank, :-1] / (own := row_lengths(T[:rank, :-1]))[:, None]
+        found[columns] = -np.linalg.lstsq(R, T[:rank, -1] / own, rcond=None)[0]
+    return found
+
+
+def _sorted(face: Mat, beside: Mat, lengths: Vec, least: float) -> tuple[Mat, Index, Index, int]:
+    """The rows [face, beside] after the reflections, the order of rows and of columns of the face, and how many rows,
+    the first, a step can meet."""
+    order = np.argsort(-lengths, kind="stable")
+    T, own = np.concatenate([face, beside], axis=1)[order], lengths[order]
+    f, rank = face.shape[1], 0
+    columns = np.arange(f)
+    while True:
+        flat = np.abs(T[rank:, rank:f]).max(axis=1, initial=0.0) <= least * own[rank:]
+        last = rank + np.concatenate([np.flatnonzero(~flat), np.flatnonzero(flat)])  # the flat ones only pull
+        T[rank:], own[rank:], order[rank:] = T[last], own[last], order[last]
+        clear = int(np.count_nonzero(~flat))
+        if not clear or rank == f:
+            return T, order, columns, rank
+        p = rank + int(np.argmax(np.square(T[rank : rank + clear, rank:f]).sum(axis=0)))
+        T[:, [rank, p]], columns[[rank, p]] = T[:, [p, rank]], columns[[p, rank]]
+        v = T[rank:, rank].copy()
+        v[0] += np.copysign(np.linalg.norm(v), v[0])
+        T[rank:] -= np.outer(2.0 * v / (v @ v), v @ T[rank:])
+        T[rank + 1 :, rank] = 0.0
+        rank += 1

@@ -7,7 +7,8 @@ At the stage point x_k of a level below what the levels above handed down (S_{k-
 u = w_k / ||w_k|| where a level with a price is not met, some ||u|| <= 1 where it is; u = w_k where it has no price,
 with grad R_k alone.  The force of an anchored row, a_i (x_k - x_a) / (eta c_a omega_a), and u are quotients of small
 numbers, and what turns rows weighs heavily far out of reach: each is known as well as x_k meets its row to within the
-tolerance, and taken from what that allows.
+tolerance, and taken from what that allows. Where rows of the level or of anchors differ in length, and the level is
+not met, they are judged row by row (hqp.problem.graded).
 
 A level without a price below unmet ones is judged at the answer, where that passes, or at its own stage point, which
 the reference solver finds from the rows.
@@ -23,13 +24,17 @@ import numpy as np
 from hqp.arrays import Mat, Vec, longest_row, row_lengths
 from hqp.problem import Hierarchy, Rows
 from hqp.problem.definition import solve_level
+from hqp.problem.graded import is_graded
 from hqp.problem.judge import Judge, terms
 from hqp.problem.nnls import nonnegative_least_squares
-from hqp.problem.pricing import Above, Coordinates, is_met
+from hqp.problem.pricing import Above, Coordinates, is_met, stack_rows
 from hqp.tolerances import LOCK_TOLERANCE, NULL_SPACE_ROUNDING, ROUNDING
 
 SHORTEST, WITHIN = 1e-7, 1e-9
 """What a unit of u, and of what the tolerance allows, weighs beside the gap: the least that will do is taken."""
+
+SHORTER = 1e-12
+"""The same of u where that will not do: its rows may be so much shorter than others."""
 
 ENDED = 1e-15
 """Of its sum of squares: what the last step of sharing out what the tolerance allows lowers."""
@@ -61,6 +66,7 @@ class Walk:
         self._known = np.full((len(problem.levels), problem.n), np.nan) if known is None else known
         self._at = Coordinates.of(problem.motion, problem.n)
         self._above, self._last = Above.none(problem.n), x
+        self._zero = ROUNDING * max((longest_row(rows.dense(problem.n)) for rows in problem.levels), default=0.0)
 
     def __iter__(self) -> Iterator[Stage]:
         problem = self._problem
@@ -123,6 +129,9 @@ class Walk:
         A, lengths, sizes = at.rows(rows.dense(x.size)), row_lengths(rows.dense(x.size)), rows.dense(x.size)
         near = within * (lengths + terms(sizes, x))
         met = price > 0.0 and is_met(rows, x)
+        counted = np.concatenate([lengths, *(row_lengths(anchor.A) for anchor in self._above.anchors)])
+        if not met and is_graded(counted, self._zero):
+            return self._graded(judge, k, rows, x, price)
         gradient = price * at.motion(x)
         scale = float(np.linalg.norm(gradient)) + price  # errors below one unit of motion are absolute
         allowed = [np.zeros((0, x.size))]  # how the gradient changes where a row is off by what the tolerance allows
@@ -156,12 +165,42 @@ class Walk:
             gradient = gradient + A.T @ u
         if scale == 0.0:
             return replace(self._unjudged(k, x), gap=float(_outside(self._above.hard, x).max(initial=0.0)))
-        adjusted, size = _adjusted(judge, gradient / scale, signed / scale, np.concatenate(allowed) / scale)
-        gap, shares = judge.judge(adjusted, 1.0)
+        parts = (gradient / scale, signed / scale, np.concatenate(allowed) / scale)
+        gap, shares = _judged(judge, *parts, SHORTEST)
+        if met and gap > within + judge.rounding:
+            gap, shares = _judged(judge, *parts, SHORTER)
         forces[self._above.places] = scale * shares
         forces[forces.size - rows.m :] = u
-        gap = max(gap, size - 1.0, float(_outside(self._above.hard, x).max(initial=0.0)))
+        gap = max(gap, float(_outside(self._above.hard, x).max(initial=0.0)))
         return Stage(x, gap, forces, judge.Z.shape[1], price > 0.0 and not met, judge.rounding)
+
+    def _graded(self, judge: Judge, k: int, rows: Rows, x: Vec, price: float) -> Stage:
+        """The same where rows differ in length: of min 1/2 ||w||^2 + m c (E + R), m = ||w|| at x, whose rows are those
+        of the level, of the motion and of the anchors."""
+        at, w, n = self._at, rows.slack(x), x.size
+        m = float(np.linalg.norm(w)) if price > 0.0 else 1.0
+        counts = m * price if price > 0.0 else 1.0
+        own = row_lengths(rows.dense(n)) > self._zero
+        parts = [Rows(rows.dense(n) * own[:, None], np.where(own, rows.lower, 0.0), np.where(own, rows.upper, 0.0))]
+        if price > 0.0:
+            y = np.diag(at.inverse) if at.inverse.ndim == 1 else at.inverse[: at.moving]
+            parts.append(_fixed_at(np.sqrt(counts) * y, at.still))
+        for anchor in self._above.anchors:
+            weight = np.sqrt(counts / anchor.give)
+            parts.append(Rows(weight * anchor.A, weight * anchor.rows.lower, weight * anchor.rows.upper))
+            parts.append(_fixed_at(np.sqrt(counts) * anchor.turning, anchor.x))
+        whole = stack_rows(parts, n)
+        T = at.rows(dense := whole.dense(n))
+        shift = dense @ at.still
+        moved = Rows(T, whole.lower - shift, whole.upper - shift)
+        gap, shares = judge.judge_graded(T, moved, whole.slack(x), row_lengths(T), at.of_point(x))
+        forces = np.zeros(sum(rows.m for rows in self._problem.levels[: k + 1]))
+        for anchor in self._above.anchors:
+            forces[anchor.places] = counts / m * anchor.rows.slack(x) / anchor.give
+        forces[self._above.places] = shares / m
+        forces[forces.size - rows.m :] = w / m
+        gap = max(gap, float(_outside(self._above.hard, x).max(initial=0.0)))
+        return Stage(x, gap, forces, judge.Z.shape[1], price > 0.0, judge.rounding)
 
 
 def stage_multipliers(problem: Hierarchy, stages: Mat, level: int, tolerance: float = 1e-6) -> tuple[Vec, float]:
@@ -176,6 +215,11 @@ def stage_multipliers(problem: Hierarchy, stages: Mat, level: int, tolerance: fl
     raise IndexError(level)
 
 
+def _fixed_at(A: Mat, x: Vec) -> Rows:
+    """A at its value of a point."""
+    return Rows(A, A @ x, A @ x)
+
+
 def _judge(above: Above, at: Coordinates, x: Vec, tolerance: float) -> Judge:
     """The judge at a point of the set that the levels above leave."""
     judge = Judge(x.size, tolerance, LOCK_TOLERANCE)
@@ -188,13 +232,20 @@ def _judge(above: Above, at: Coordinates, x: Vec, tolerance: float) -> Judge:
     return judge
 
 
-def _adjusted(judge: Judge, gradient: Vec, signed: Mat, allowed: Mat) -> tuple[Vec, float]:
+def _judged(judge: Judge, gradient: Vec, signed: Mat, allowed: Mat, shortest: float) -> tuple[float, Vec]:
+    """The gap of the gradient adjusted so, or of ||u|| beyond one, and the multipliers of the rows above."""
+    adjusted, size = _adjusted(judge, gradient, signed, allowed, shortest)
+    gap, shares = judge.judge(adjusted, 1.0)
+    return max(gap, size - 1.0), shares
+
+
+def _adjusted(judge: Judge, gradient: Vec, signed: Mat, allowed: Mat, shortest: float) -> tuple[Vec, float]:
     """The gradient with the shortest u >= 0 of the signed rows and, where that is not enough, with what the tolerance
     allows, -1 to 1 of each row; and ||u||."""
     active = np.flatnonzero((judge.side != 0.0) & ~judge.fixed)
     cone = (judge.side[active, None] * (judge.unit[active] @ judge.Z)).T
     fixed = np.concatenate([cone, (signed @ judge.Z).T], axis=1)
-    left, weights = -(gradient @ judge.Z), np.repeat([0.0, SHORTEST], [active.size, len(signed)])
+    left, weights = -(gradient @ judge.Z), np.repeat([0.0, shortest], [active.size, len(signed)])
     found = nonnegative_least_squares(*_weighted(fixed, weights, left))
     rest, change = left - fixed @ found, np.zeros(len(allowed))
     if len(allowed) and float(np.sqrt(rest @ rest)) > judge.tolerance:

@@ -22,9 +22,9 @@ from hqp.tolerances import RANK_TOLERANCE
 class Reference(Solver):
     """The hierarchy level by level, priced or not, by a textbook active-set method (docs/solvers.md).
 
-    rank_tolerance: singular values below this fraction of a level's largest row add no direction.  max_iterations:
-    steps a level may take.  factorisations: singular value decompositions of a whole problem, None for any number.
-    Either ends in ITERATION_LIMIT.
+    rank_tolerance: a row adds no direction where no more than this fraction of its length is left.  max_iterations:
+    steps a level may take.  factorisations: of the faces of a whole problem, None for any number.  Either ends in
+    ITERATION_LIMIT.
     """
 
     name: ClassVar[str] = "reference"
@@ -54,10 +54,7 @@ class ReferenceWorkspace:
         """Nothing is kept between solves."""
 
     def solve(self, problem: Hierarchy) -> Solution:
-        """The point found, judged, and where it is refused once more in other coordinates.
-
-        Rows much shorter than their level's longest can get lost (NOT_CERTIFIED).
-        """
+        """The point found, judged, and where it is refused once more in other coordinates."""
         began = perf_counter()
         unusable = self._flat.load(problem)
         if unusable:

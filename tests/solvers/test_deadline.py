@@ -79,7 +79,7 @@ def test_second_opinions_do_not_look_at_the_clock(problem: Hierarchy, monkeypatc
 
 
 def test_the_reference_ends_after_so_many_factorisations() -> None:
-    problem = priced("vertex", 4)
+    problem = priced("vertex", 10)
     assert Reference(factorisations=2).solve(problem).status is Status.ITERATION_LIMIT
     small, large = drawn_problem("plain", 0)[0], drawn_problem("large", 0)[0]
     assert 1 <= second_opinion.effort(large) < second_opinion.effort(small) < 10_000

@@ -95,15 +95,12 @@ def test_the_textbook_reference_agrees() -> None:
     assert compared > 150
 
 
-def test_the_reference_is_judged_where_rows_of_a_level_differ_in_length() -> None:
-    statuses = []
+def test_the_reference_solves_levels_whose_rows_differ_in_length() -> None:
     for seed in range(60):
         problem = drawn_problem("row_scales", seed)[0]
         reference = Reference().solve(problem)
-        assert reference.status is not Status.OPTIMAL or certificate(problem, reference.x, 1e-8).ok, seed
-        statuses.append(reference.status)
-    assert statuses.count(Status.OPTIMAL) > 30
-    assert Status.NOT_CERTIFIED in statuses
+        assert reference.status.solved, seed
+        assert certificate(problem, reference.x, 1e-8).ok, seed
 
 
 def test_bounds_hold_exactly() -> None:

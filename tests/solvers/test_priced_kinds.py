@@ -50,6 +50,16 @@ def test_an_answer_of_a_loop_passes_the_certificate_or_says_that_it_is_unsure(ki
         assert verdict.ok, f"{solution.status.name}, but {verdict}"
 
 
+@pytest.mark.parametrize("seed", [4, 17, 21, 29, 42])
+@pytest.mark.parametrize("flat", [False, True])
+def test_the_reference_solves_rows_of_every_length(seed: int, flat: bool) -> None:
+    for kind in ("row_scales", "zero_rows"):
+        case = priced_problem(kind, seed, flat)
+        solution = hqp.solvers.load("reference").solve(case)
+        assert solution.status in SOLVED, f"{kind} {seed}: {solution}"
+        assert certificate(case, solution.x, 1e-8, solution.stage_points).ok
+
+
 def drifting(rng: Generator, ticks: int = 40) -> list[Hierarchy]:
     """Rows, targets and bounds that move a little from one problem to the next, and now and then jump."""
     n, count = int(rng.integers(3, 25)), int(rng.integers(1, 4))

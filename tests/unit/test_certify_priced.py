@@ -84,6 +84,22 @@ def test_a_point_that_the_posture_alone_wants_is_refused(case: Case, far: float)
         assert not certificate(asked, x, stages=claimed(x)).ok, step
 
 
+TASK = np.array([1e6 * FIRST, 0.01 * SECOND])
+SHORT = Case(  # the long row is met, the short one not: 0.01 = c |x|
+    above=box(100.0), task=Rows(TASK, np.array([0.0, 5.0]), np.array([0.0, 5.0])), price=1e-3, x=10.0 * SECOND,
+    wrong=(SECOND, -SECOND, SLANTED - 0.6 * FIRST, FIRST),
+)  # fmt: skip
+
+
+def test_a_short_row_beside_a_long_one_is_judged_as_well() -> None:
+    asked = SHORT.asked(SHORT.x)
+    assert certificate(asked, SHORT.x, 1e-8).ok
+    assert certificate(asked, SHORT.x, 1e-8, claimed(SHORT.x)).ok
+    for step in SHORT.wrong:
+        x = SHORT.x + 1e-6 * step
+        assert not certificate(SHORT.asked(x), x, 1e-8, claimed(x)).ok, step
+
+
 def test_a_price_more_or_less_is_another_problem() -> None:
     case = CASES["out of reach"]
     exact = 5.0 * FIRST
