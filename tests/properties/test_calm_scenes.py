@@ -85,3 +85,11 @@ def test_a_seed_draws_the_same_loop_twice() -> None:
     ]
     assert "seed 3" in first[0]["scene"]
     assert "| velocity | 1 |" in drawn.table(first)
+
+
+@pytest.mark.parametrize(("seed", "asked"), [(716, True), (640, False)])
+def test_a_path_asks_for_what_calm_exact_levels_need(seed: int, asked: bool) -> None:
+    """An exact answer that runs along its acceleration window (640) says nothing about the path."""
+    (found,) = drawn.loops("velocity", [seed])
+    assert found["misses"] == ["acceleration_p50"]
+    assert found["asked"] is asked
