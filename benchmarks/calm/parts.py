@@ -239,8 +239,10 @@ PARTS: Mapping[str, Part] = {
         "Goals within reach",
         "The poses of random configurations; gains of 5, 20, 100 and 1/dt at 2, 5 and 10 ms, half of the laws\n"
         "with at most 1 m/s and 1 rad/s, postures of 1 and 10/s, half of the starts singular. Reached: 1 mm\n"
-        "and 1 mrad in 1.5 times the time of exact levels and 0.2 s more. On a straight way: `hqp.reach`\n"
-        "follows it in 24 steps without a leap.",
+        "and 1 mrad in 1.5 times the time of exact levels and 0.2 s more. What exact levels alone reach is\n"
+        "reached *later*, within 10 s; or it ends at a *saddle* of the distance, from where the hand arrives\n"
+        "once joints are moved by 1e-6 rad; or the hand *rests*. On a straight way: `hqp.reach` follows it in\n"
+        "24 steps without a leap.",
         arrivals,
     ),
     "straight": Part(

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.scenes.calm import drawn, goals
+from tests.scenes.calm import arrival, drawn, goals
 from tests.scenes.calm.loop import Run, figures, run
 from tests.scenes.calm.scenes import DT, scenes
 from tests.scenes.calm.variants import EXACT, PRICED, Variant
@@ -93,3 +93,10 @@ def test_a_path_asks_for_what_calm_exact_levels_need(seed: int, asked: bool) -> 
     (found,) = drawn.loops("velocity", [seed])
     assert found["misses"] == ["acceleration_p50"]
     assert found["asked"] is asked
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "fate"), [(96, "later"), (2, "saddle"), (73, "rest")])
+def test_where_a_goal_ends_that_exact_levels_alone_reach(seed: int, fate: str) -> None:
+    """UR5 passes a stretched arm slowly, rests at a fold from where opening the elbow leads on, or for good."""
+    assert arrival.fate(arrival.case("ur5", seed), PRICED) == fate

@@ -41,6 +41,12 @@ LONGEST = 10.0
 """[s] priced levels have SLACK[0] times the time of exact ones and SLACK[1] more, both at most this."""
 SLACK = 1.5, 0.2
 
+NUDGE, NUDGES = 1e-6, 8
+"""[rad, m] how far joints are moved from where a hand rests, and how often, to tell a saddle from a minimum."""
+
+FATES = ("later", "saddle", "rest")
+"""What becomes of goals that exact levels alone reach in time."""
+
 STEPS, STRIDE = 24, 0.5
 """Parts of a straight way, and how far a joint may go in one of them [rad, m]."""
 
@@ -131,15 +137,40 @@ def _placed(robot: Robot, joints: Any, angles: Vec) -> Vec:
 
 def arrival(one: Case, variant: Variant, longest: float = LONGEST) -> float:
     """When the goal was reached [s], inf if it was not."""
+    return _carried_out(one, variant, one.start, longest)[1]
+
+
+def fate(one: Case, variant: Variant) -> str:
+    """What becomes of a goal that was not reached in time: reached ``later``, or the hand comes to rest.
+
+    At a ``saddle`` of its distance it stays for long, and reaches the goal once joints are moved by NUDGE.
+    """
+    q, seconds = _carried_out(one, variant, one.start, LONGEST)
+    if seconds < math.inf:
+        return "later"
+    robot, rng = one.robot, np.random.default_rng(0)
+    joints = robot.actuated
+    angles = robot.state(q).angles[joints]
+    for _ in range(NUDGES):
+        step = np.zeros(robot.nv)
+        nudged = angles + rng.uniform(-NUDGE, NUDGE, joints.size)
+        step[joints] = np.clip(nudged, robot.lower[joints], robot.upper[joints]) - angles
+        if _carried_out(one, variant, robot.integrate(q, step, 1.0), LONGEST)[1] < math.inf:
+            return "saddle"
+    return "rest"
+
+
+def _carried_out(one: Case, variant: Variant, start: Vec, longest: float) -> tuple[Vec, float]:
+    """Where the robot is in the end, and when the goal was reached [s], inf if it was not."""
     session = variant.of(one.stack, hqp.Velocity()).session(one.robot, one.dt)
-    q, v, goals = one.start.copy(), np.zeros(one.robot.nv), _references(one)
+    q, v, goals = start.copy(), np.zeros(one.robot.nv), _references(one)
     for k in range(math.ceil(longest / one.dt)):
         if one.off(q) < WITHIN:
-            return k * one.dt
+            return q, k * one.dt
         q, v = session.step(one.robot.state(q, v), *goals).advance()
         if not np.abs(v).max() > 1e-9:  # at rest for good
             break
-    return k * one.dt if one.off(q) < WITHIN else math.inf
+    return q, k * one.dt if one.off(q) < WITHIN else math.inf
 
 
 def _references(one: Case) -> list[Reference]:
@@ -178,10 +209,11 @@ def measure(name: str, seeds: Sequence[int], variant: Variant) -> Iterator[Recor
         one = case(name, seed)
         exact = arrival(one, EXACT_LIMITED)
         allowed = min(SLACK[0] * exact + SLACK[1], LONGEST)
+        priced = arrival(one, variant, allowed)
         yield {
             "robot": name, "seed": seed, "case": one.text, "exact": exact, "allowed": allowed,
-            "priced": arrival(one, variant, allowed), "joined": joined(one),
-            "limited": one.hand.law.max_velocity < math.inf,
+            "priced": priced, "joined": joined(one), "limited": one.hand.law.max_velocity < math.inf,
+            "fate": fate(one, variant) if exact < math.inf <= priced else "",
         }  # fmt: skip
 
 
@@ -209,9 +241,10 @@ def table(records: Sequence[Record]) -> str:
         own = [r for r in records if r["robot"] == name]
         both = [r["priced"] / r["exact"] for r in own if max(r["priced"], r["exact"]) < math.inf and r["exact"] > 0.0]
         straight = [[r for r in own if r["joined"] and r["limited"] is limited] for limited in (True, False)]
-        rows.append((name, count(own), *map(count, straight), f"{np.median(both):.3f}" if both else ""))
+        ends = ", ".join(str(sum(r["fate"] == end for r in own)) for end in FATES)
+        rows.append((name, count(own), ends, *map(count, straight), f"{np.median(both):.3f}" if both else ""))
     head = (
-        "robot", "reached: priced, exact", "on a straight way, speed limit in the law", "without one",
-        "time over exact, median",
+        "robot", "reached: priced, exact", f"exact alone: {', '.join(FATES)}",
+        "on a straight way, speed limit in the law", "without one", "time over exact, median",
     )  # fmt: skip
     return markdown.table(head, rows) + "\n"
