@@ -16,7 +16,8 @@ from hqp.declare.safety import Braking
 from hqp.problem import Hierarchy, Shape, Solution
 from hqp.robots import Robot
 from hqp.solvers import Solver
-from hqp.tasks import Posture
+from hqp.solvers.base import finish
+from hqp.tasks import JointLimits, Posture
 
 DT, DECELERATION, DAMPING = 0.002, 40.0, 0.3
 
@@ -70,6 +71,40 @@ class Arm:
         tick = self.run.step(self.robot.state(np.full(6, np.nan)))
         assert tick.status is Status.INVALID_STATE
         return tick
+
+
+@dataclass(frozen=True)
+class Beyond(Refusing):
+    """The kernel; once ``switch`` has it, an answer is ``off`` beyond a bound on x, and called the least violation."""
+
+    def workspace(self, shape: Shape) -> Any:
+        inner, switch = hqp.solvers.load("lexicographic").workspace(shape), self.switch
+
+        class Lost:
+            def reset(self) -> None:
+                inner.reset()
+
+            def solve(self, problem: Hierarchy) -> Solution:
+                found = inner.solve(problem)
+                x = found.x.copy()
+                x[2] = problem.levels[0].upper[2] + switch.get("off", 0.0)
+                return finish(problem, x, Status.OPTIMAL, found.stats) if "off" in switch else found
+
+        return Lost()
+
+
+@pytest.mark.parametrize(("off", "status"), [(1e-7, Status.CONSTRAINTS_VIOLATED), (1.0, Status.NOT_CERTIFIED)])
+def test_an_answer_beyond_bounds_that_always_hold_is_none(off: float, status: Status) -> None:
+    robot, switch = hqp.robots.load("ur5"), dict[str, Any]()
+    run = hqp.Controller(
+        Stack(Level(Posture()), subject_to=[JointLimits()]), hqp.Velocity(), Beyond(switch), deadline=np.inf
+    ).session(robot, DT)
+    assert run.step(robot.state()).status is Status.OPTIMAL
+    switch["off"] = off
+    tick = run.step(robot.state())
+    assert tick.status is status
+    assert tick.held == (status is Status.NOT_CERTIFIED)
+    assert "joint_limits" in [note.element for note in tick.notes]
 
 
 def damped(robot: Robot, q: Vec, v: Vec, fade: float) -> Vec:

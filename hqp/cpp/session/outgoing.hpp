@@ -53,6 +53,8 @@ struct Before {
 
 class Outgoing {
  public:
+  static constexpr double kOut = 1e-6;  // of 1 + |bound|: rounding of an answer is less
+
   // Rows of an element of subject_to: first to last of a level, with names.
   struct Part {
     std::string name;
@@ -70,6 +72,7 @@ class Outgoing {
         motors_(std::move(motors)),
         most_(most),
         violation_(violation),
+        constraints_(constraints),
         sentences_(std::move(sentences)),
         late_(n, levels_, constraints, law, violation),
         trend_(std::size_t(n)),
@@ -92,11 +95,11 @@ class Outgoing {
             const RateLimiter* limiter, double* x, const Tell& tell) {
     const bool finite = squared(answer.x, n_) < std::numeric_limits<double>::infinity();
     if (answer.status != Status::kOptimal) {
-      const bool off = off_by(answer.slack, "", tell);
-      const char* why = *answer.detail ? answer.detail : sentences_[std::size_t(answer.status)].c_str();
-      if (!off || answer.status != Status::kConstraintsViolated)
-        tell(Note{"solver", answer.status, Cause::kSolver, why});
-      if (answer.status >= Status::kNotCertified) return false;
+      const bool off = off_by(answer.slack, "", tell), out = leaves_box(answer.slack);
+      const Status status = out ? std::max(answer.status, Status::kNotCertified) : answer.status;
+      const char* why = *answer.detail ? answer.detail : sentences_[std::size_t(status)].c_str();
+      if (!off || status != Status::kConstraintsViolated) tell(Note{"solver", status, Cause::kSolver, why});
+      if (status >= Status::kNotCertified) return false;
     } else if (!finite) {
       tell(Note{"solver", Status::kNotCertified, Cause::kNotFinite});
     }
@@ -147,6 +150,23 @@ class Outgoing {
   }
 
  private:
+  // Whether an answer leaves bounds on single variables that come first: these hold each by itself, whatever comes
+  // below, so that it is none.
+  bool leaves_box(const double* slack) const {
+    if (constraints_ == 0 || !levels_.front().index) return false;
+    const Level& box = levels_.front();
+    for (int i = 0; i < box.m; ++i) {
+      const double bound = slack[i] > 0.0 ? box.upper[i] : box.lower[i];
+      if (!(std::fabs(slack[i]) > kOut * (1.0 + std::fabs(bound)))) continue;
+      bool alone = true;  // no other row keeps the variable off that bound
+      for (int j = 0; j < box.m; ++j) {
+        const double there = box.scale[j] * bound / box.scale[i];
+        alone = alone && (box.index[j] != box.index[i] || (box.lower[j] <= there && there <= box.upper[j]) || j == i);
+      }
+      if (alone) return true;
+    }
+    return false;
+  }
   // Notes on elements of subject_to that are off, by a limit of that name; whether there is any.
   template <class Tell>
   bool off_by(const double* slack, const char* limit, const Tell& tell) const {
@@ -167,6 +187,7 @@ class Outgoing {
   std::vector<Part> parts_;
   std::vector<int> motors_;
   double most_, violation_;
+  int constraints_;
   std::vector<std::string> sentences_;
   Late late_;
   Trend trend_;
