@@ -15,13 +15,15 @@ from benchmarks.reports import machine, report
 ROOT = Path(__file__).parents[2]
 ROBOTS = ("ur5", "cbi", "talos", "g1", "dreamer")
 FORMULATIONS = ("velocity", "acceleration", "torque")
+PAGE = "--page docs/results/batches.md -->"
+COMMAND = "<!-- table: python -m benchmarks loops --formulations velocity"
 ALONE = (
-    "<!-- table: python -m benchmarks loops --ticks 1000000 --page docs/results/batches.md -->",
+    f"{COMMAND} --ticks 100000 {PAGE}",
     "<!-- end of loops -->",
 )
 """Before and after the table in its page."""
 BESIDE = (
-    "<!-- table: python -m benchmarks loops --ticks 20000 --busy 4 --page docs/results/batches.md -->",
+    f"{COMMAND} --ticks 20000 --busy 4 {PAGE}",
     "<!-- end of loops beside others -->",
 )
 """The same of the table beside busy processes."""
