@@ -1,4 +1,4 @@
-"""Whether constraints hold more than joints can follow: rows that depend on each other where they are met."""
+"""Whether constraints hold more than joints can follow: rows that are dependent wherever they are met."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from hqp.arrays import Mat, Vec
+from hqp.arrays import Mat, Vec, rank
 from hqp.declare.robot import Robot, State
 from hqp.declare.stack import Stack
+from hqp.loop.soundness import twin_of
 
 STEP = 0.05
 """How far from home the largest coordinate goes, along what the rows leave free there [m, rad]."""
@@ -21,19 +22,23 @@ LOST = 1e-4
 """A singular value below this, relative to the largest, is none."""
 
 PART = 0.1
-"""Share of the dependent combinations of rows from which an element takes part in them."""
+"""Share of the dependent combinations of rows from which on an element is named."""
 
 
-def overconstrained(stack: Stack, twin: Robot) -> str:
-    """What is said where rows of ``subject_to`` depend on each other at home and wherever they are met, but not beside.
+def overconstrained(stack: Stack, robot: Robot) -> str:
+    """A warning where rows of ``subject_to`` are dependent at all poses near home that meet them, "" elsewhere.
 
-    They leave directions free that break them to second order, as two flat feet on legs of five joints do: no robot
-    goes there, and what it is off by decides which way commands go.  twin: of the robot, to be moved.
+    At nearby poses that do not meet them they are independent.  So they leave a direction free that violates them to
+    second order, as two flat feet on legs of five joints do: the robot cannot move that way, and the sign of the error
+    of a contact decides which way commands go.
     """
     out = stack.out_of(None)
     held = [e for e in stack.subject_to if e.equality and e.quantity == "motion" and e.name not in out]
+    if not held:
+        return ""
     try:
-        return _told(held, twin) if held else ""
+        with twin_of(robot) as twin:
+            return _told(held, twin)
     except Exception:  # a user's own element: what it does wrong is told by the tick
         return ""
 
@@ -42,25 +47,24 @@ def _told(held: Sequence[Any], twin: Robot) -> str:
     home = twin.state(twin.home)
     holds = [element.hold(home).value for element in held]
     J = _rows(held, home, holds)[0]
-    rank = _rank(J)
-    if rank == J.shape[0]:
+    independent = rank(J, LOST)
+    if independent == J.shape[0]:
         return ""
-    free = np.linalg.svd(J)[2][rank:]
+    free = np.linalg.svd(J)[2][independent:]
     for k in (1, 2):
         direction = _scattered(free.shape[0], k) @ free
         q = twin.integrate(twin.home, STEP * direction / np.abs(direction).max(), 1.0)
-        apart, met = _rank(_rows(held, twin.state(q), holds)[0]), _met(held, twin, holds, q)
-        if apart <= _rank(met):
+        apart, met = _rows(held, twin.state(q), holds)[0], _met(held, twin, holds, q)
+        if rank(apart, LOST) <= rank(met, LOST):
             return ""
-    U, values, _ = np.linalg.svd(met)
-    lost = U[:, np.append(values, np.zeros(U.shape[0] - values.size)) <= LOST * values[0]]
+    lost = np.linalg.svd(met)[0][:, rank(met, LOST) :]
     ends = np.cumsum([element.rows(twin) for element in held])[:-1]
     shares = [float(np.linalg.norm(part)) for part in np.split(lost, ends)]
     names = [element.name for element, share in zip(held, shares, strict=True) if share > PART]
     return (
-        f"{', '.join(names)}: more is held than joints can follow. {rank} of {J.shape[0]} rows are independent, and "
-        "motion that keeps these soon breaks the others, so that commands alternate. Hold less: an EdgeContact or a "
-        "PointContact in place of one, or one contact fewer"
+        f"{', '.join(names)}: more is held than joints can follow. {independent} of {J.shape[0]} rows are independent, "
+        "and motion that keeps these soon breaks the others, so that commands alternate. Hold less: an EdgeContact or "
+        "a PointContact in place of one, or one contact fewer"
     )
 
 
@@ -70,7 +74,7 @@ def _scattered(n: int, k: int) -> Vec:
 
 
 def _met(held: Sequence[Any], twin: Robot, holds: Sequence[Any], q: Vec) -> Mat:
-    """The Jacobian where the rows are met next to q."""
+    """The Jacobian at a pose near q that meets the rows."""
     for _ in range(STEPS):
         J, e = _rows(held, twin.state(q), holds)
         step = np.linalg.pinv(J, rcond=1e-9) @ e
@@ -82,8 +86,3 @@ def _rows(held: Sequence[Any], state: State, holds: Sequence[Any]) -> tuple[Mat,
     blocks = [e.jacobian(state, hold) if e.steered else e.jacobian(state) for e, hold in zip(held, holds, strict=True)]
     errors = [np.asarray(e.error(state, hold)) for e, hold in zip(held, holds, strict=True)]
     return np.vstack(blocks), np.concatenate(errors)
-
-
-def _rank(J: Mat) -> int:
-    values = np.linalg.svd(J, compute_uv=False)
-    return int(np.count_nonzero(values > LOST * values[0]))

@@ -26,7 +26,8 @@ from hqp.loop.controller import DEADLINE, Controller
 from hqp.loop.guards import StateCheck, rate_limiter
 from hqp.loop.held_base import adrift
 from hqp.loop.line import Guards, Line
-from hqp.loop.soundness import overheld, rehearse, require_sound
+from hqp.loop.overconstrained import overconstrained
+from hqp.loop.soundness import rehearse, require_sound
 from hqp.loop.stepping import step_arrays
 from hqp.loop.tick import Tick, Times
 from hqp.loop.transition.changing import change
@@ -73,7 +74,7 @@ class Session:
         compiled = self._compiler.compile(controller.stack)
         rehearse(controller.formulation, compiled.stack, robot, self.dt)
         _ = robot.tree_joints  # read off the model once, here and not in the first tick
-        remarks = ("base", adrift(compiled.stack, robot)), ("contacts", overheld(compiled.stack, robot))
+        remarks = ("base", adrift(compiled.stack, robot)), ("contacts", overconstrained(compiled.stack, robot))
         first = tuple(Note(name, Status.OPTIMAL, told) for name, told in remarks if told)
         for note in first:
             warnings.warn(note.detail, ModelWarning, stacklevel=3)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from threading import Lock
 from weakref import WeakKeyDictionary, WeakSet
 
@@ -11,7 +13,6 @@ from hqp.declare.price import Price
 from hqp.declare.robot import Robot
 from hqp.declare.stack import Stack
 from hqp.errors import DynamicsFailed, HqpError, ModelError
-from hqp.loop.overconstrained import overconstrained
 from hqp.programs.assembly import OWN
 from hqp.programs.formulation import Formulation
 
@@ -62,22 +63,18 @@ def rehearse(formulation: Formulation, stack: Stack, robot: Robot, dt: float) ->
     Raises ModelError where some of the library's own elements have no usable rows at any of these poses (the centre of
     mass of links without mass), or the dynamics fail at all of them.
     """
+    with twin_of(robot) as twin:
+        _rehearse(formulation, stack, twin, dt)
+
+
+@contextmanager
+def twin_of(robot: Robot) -> Iterator[Robot]:
+    """A copy of the robot to move, for one thread at a time; another one once the robot stands elsewhere at home."""
     with _TURN:
-        _rehearse(formulation, stack, _twin(robot), dt)
-
-
-def overheld(stack: Stack, robot: Robot) -> str:
-    """What is said of constraints that no motion near home keeps, see ``overconstrained``; "" where one does."""
-    with _TURN:
-        return overconstrained(stack, _twin(robot))
-
-
-def _twin(robot: Robot) -> Robot:
-    """The copy of a robot, another one once it stands elsewhere at home."""
-    twin = _TWINS.get(robot)
-    if twin is None or not np.array_equal(twin.home, robot.home):
-        twin = _TWINS[robot] = robot.copy()
-    return twin
+        twin = _TWINS.get(robot)
+        if twin is None or not np.array_equal(twin.home, robot.home):
+            twin = _TWINS[robot] = robot.copy()
+        yield twin
 
 
 def _rehearse(formulation: Formulation, stack: Stack, twin: Robot, dt: float) -> None:

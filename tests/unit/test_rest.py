@@ -24,24 +24,27 @@ DT, DECELERATION, DAMPING = 0.002, 40.0, 0.3
 
 @dataclass(frozen=True)
 class Refusing(Solver):
-    """The kernel; from ``switch["off"]`` on its answers are refused."""
+    """The kernel; while ``switch["off"]`` its answers are spoiled: refused."""
 
     name: ClassVar[str] = "refusing"
     priced: ClassVar[bool] = True
     switch: dict[str, bool] = field(default_factory=dict, compare=False)
 
     def workspace(self, shape: Shape) -> Any:
-        inner, switch = hqp.solvers.load("lexicographic").workspace(shape), self.switch
+        inner, outer = hqp.solvers.load("lexicographic").workspace(shape), self
 
-        class Refused:
+        class Spoiled:
             def reset(self) -> None:
                 inner.reset()
 
             def solve(self, problem: Hierarchy) -> Solution:
                 found = inner.solve(problem)
-                return replace(found, status=Status.NOT_CERTIFIED, detail="refused") if switch.get("off") else found
+                return outer.spoiled(problem, found) if outer.switch.get("off") else found
 
-        return Refused()
+        return Spoiled()
+
+    def spoiled(self, problem: Hierarchy, found: Solution) -> Solution:
+        return replace(found, status=Status.NOT_CERTIFIED, detail="refused")
 
 
 class Arm:
@@ -75,32 +78,23 @@ class Arm:
 
 @dataclass(frozen=True)
 class Beyond(Refusing):
-    """The kernel; once ``switch`` has it, an answer is ``off`` beyond a bound on x, and called the least violation."""
+    """The same, spoiled answers being that much beyond a bound on x."""
 
-    def workspace(self, shape: Shape) -> Any:
-        inner, switch = hqp.solvers.load("lexicographic").workspace(shape), self.switch
+    off: float = 0.0
 
-        class Lost:
-            def reset(self) -> None:
-                inner.reset()
-
-            def solve(self, problem: Hierarchy) -> Solution:
-                found = inner.solve(problem)
-                x = found.x.copy()
-                x[2] = problem.levels[0].upper[2] + switch.get("off", 0.0)
-                return finish(problem, x, Status.OPTIMAL, found.stats) if "off" in switch else found
-
-        return Lost()
+    def spoiled(self, problem: Hierarchy, found: Solution) -> Solution:
+        x = found.x.copy()
+        x[2] = problem.levels[0].upper[2] + self.off
+        return finish(problem, x, Status.OPTIMAL, found.stats)
 
 
 @pytest.mark.parametrize(("off", "status"), [(1e-7, Status.CONSTRAINTS_VIOLATED), (1.0, Status.NOT_CERTIFIED)])
 def test_an_answer_beyond_bounds_that_always_hold_is_none(off: float, status: Status) -> None:
-    robot, switch = hqp.robots.load("ur5"), dict[str, Any]()
-    run = hqp.Controller(
-        Stack(Level(Posture()), subject_to=[JointLimits()]), hqp.Velocity(), Beyond(switch), deadline=np.inf
-    ).session(robot, DT)
+    robot, switch = hqp.robots.load("ur5"), dict[str, bool]()
+    stack = Stack(Level(Posture()), subject_to=[JointLimits()])
+    run = hqp.Controller(stack, hqp.Velocity(), Beyond(switch, off), deadline=np.inf).session(robot, DT)
     assert run.step(robot.state()).status is Status.OPTIMAL
-    switch["off"] = off
+    switch["off"] = True
     tick = run.step(robot.state())
     assert tick.status is status
     assert tick.held == (status is Status.NOT_CERTIFIED)
