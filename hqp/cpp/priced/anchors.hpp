@@ -17,7 +17,8 @@
 namespace hqp {
 inline namespace HQP_ISA {
 
-constexpr double kMissed = 1e-7;  // of what rows miss: a direction that meets less of it near by is none
+// Of what rows miss: a direction counts only if a step as long as 1 + |x| along it can meet more than this share.
+constexpr double kMissed = 1e-7;
 
 struct Anchor {
   int level = 0, first = 0;  // its first row among all rows
@@ -143,7 +144,7 @@ class Motions {
   }
 
   // Coordinates y in which ||w||^2 / 2 of the equality rows of a level and what the anchors add to it is |y|^2 / 2.
-  // x: the point that the stage goes on from, near which directions count.
+  // x: the point that the stage goes on from, see kMissed.
   Coordinates& over(const PricedLevel& level, const std::vector<Anchor>& anchors, const double* x) {
     weigh(anchors, 0.0);
     if (!r_ && !level.A) return diagonal(&level);

@@ -47,7 +47,7 @@ class Coordinates {
   }
 
   // F: (r, n), or its diagonal where r = 0, or null for the identity; f: (r), (n) for a diagonal, or null.
-  // near: by_row_, how far what is left of f may be met, 0 for any distance.
+  // near: by_row_, how long a step along a direction may be that meets what is left of f, 0 for any length.
   void set(const double* F, const double* f, int r, double near = 0.0) {
     diagonal_ = r == 0;
     near_ = near;
@@ -313,8 +313,8 @@ class Coordinates {
     return -1;
   }
 
-  // Whether what is left of a column is more than rounding: of the longest column, or by_row_ of each row's length and
-  // of what is left of f, which would be met far away only.
+  // Whether what is left of a column is more than rounding: of the longest column, or by_row_ of each row's length,
+  // and no step beyond near_ is needed to meet what is left of f.
   bool sees(int j, int width, int r) const {
     const double* c = &columns_[static_cast<std::size_t>(j) * width];
     if (!by_row_) return dot_any(c + rank_, c + rank_, r - rank_) > least_;

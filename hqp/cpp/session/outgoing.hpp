@@ -53,7 +53,7 @@ struct Before {
 
 class Outgoing {
  public:
-  static constexpr double kOut = 1e-6;  // of 1 + |bound|: rounding of an answer is less
+  static constexpr double kOut = 1e-6;  // of 1 + |bound|: more than rounding of an answer
 
   // Rows of an element of subject_to: first to last of a level, with names.
   struct Part {
@@ -150,8 +150,8 @@ class Outgoing {
   }
 
  private:
-  // Whether an answer leaves bounds on single variables that come first: these hold each by itself, whatever comes
-  // below, so that it is none.
+  // Whether an answer violates bounds on single variables in the first level. Such bounds can be met whatever the
+  // levels below ask, so that no optimum violates them.
   bool leaves_box(const double* slack) const {
     if (constraints_ == 0 || !levels_.front().index) return false;
     const Level& box = levels_.front();

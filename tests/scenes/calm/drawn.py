@@ -83,7 +83,7 @@ def loops(
 
 
 def _asks(drawn: Scene, median: float) -> bool:
-    """Whether the path asks for such a median acceleration: the exact answer has it, too, and no restless one."""
+    """Whether the path asks for such a median acceleration: that of the exact answer is the same."""
     exact = figures(run(drawn, EXACT, round(SECONDS / drawn.dt)))
     return abs(float(exact["acceleration_p50"]) - median) <= ALIKE * median
 
