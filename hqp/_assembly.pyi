@@ -243,6 +243,6 @@ class Descents:
     def run(self, q: Vec, merit: Vec, errors: Vec, tolerance: float, most: int, seconds: float) -> tuple[int, int]:
         """From q ``(nq,)``, which is where the best found is afterwards, as are merit and errors.
 
-        (how it ended, steps taken): 0 met, 1 no answer, 2 no step leads on, 3 stalled, 4 out of steps or time, 5
+        (how it ended, steps taken): 0 met, 1 no solution, 2 no step improves, 3 stalled, 4 out of steps or time, 5
         something out of the ordinary, which the general path tells.
         """

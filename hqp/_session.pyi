@@ -1,4 +1,4 @@
-"""Sessions from a file, and what every session lets in and out (built from cpp/session)."""
+"""Sessions from a file, and the checks of states and commands of every session (built from cpp/session)."""
 
 import builtins
 from collections.abc import Callable, Sequence

@@ -79,7 +79,7 @@ def not_finite(robot: Any, q: Vec, v: Vec) -> str:
         if wrong.any():
             place = int(np.argmax(wrong))
             return f"{owner(robot, place, velocity=velocity)}: {what} {numbers[place]:g} is not a finite number"
-    return "q and v are too large"
+    return "q and v are too large: their squares overflow"
 
 
 def normalise(robot: Any, q: Vec) -> str:
@@ -90,6 +90,6 @@ def normalise(robot: Any, q: Vec) -> str:
         if abs(length - 1.0) > UNIT_TOLERANCE:
             what = "quaternion" if z - a == 4 else "(cos, sin) pair"
             name = owner(robot, a, velocity=False)
-            return f"{name}: {what} of length {length:.4g}, allowed 1 within {UNIT_TOLERANCE:g}"
+            return f"{name}: {what} of length {length:.4g}, allowed 1 +- {UNIT_TOLERANCE:g}"
         part /= length
     return ""

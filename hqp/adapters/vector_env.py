@@ -44,13 +44,13 @@ class VectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc,unused-ignore]
         if session.program.kind != "torque":
             raise DeclarationError("VectorEnv", "no torques", value=session.program.kind, allowed="hqp.Torque()")
         if isinstance(frame_skip, bool) or not isinstance(frame_skip, int) or frame_skip < 1:
-            raise DeclarationError("VectorEnv", "frame_skip", value=frame_skip, allowed="a whole number from 1 up")
+            raise DeclarationError("VectorEnv", "frame_skip", value=frame_skip, allowed="a whole number, 1 or above")
         home = robot.state(robot.home)
         self._start: dict[str, Vec] = {}
         for name in targets:
             value = np.asarray(session.stack.find(name).hold(home).value, dtype=np.float64)
             if value.ndim != 1:
-                raise DeclarationError(f"VectorEnv, {name}", "its reference is no vector", value=value.shape)
+                raise DeclarationError(f"VectorEnv, {name}", "its reference is not a vector", value=value.shape)
             self._start[name] = value
         self.num_envs, self._skip, self._steps = num_envs, frame_skip, steps
         self._spread = spread

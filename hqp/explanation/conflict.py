@@ -68,11 +68,11 @@ class Conflict:
 
     def __str__(self) -> str:
         if not self.rows:
-            return "all constraints can hold"
+            return "the constraints are feasible"
         names = [row.name + ("" if row.side == "equality" else f" {row.side}") for row in self.rows]
         listed = names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
         least = sorted(self.rows, key=lambda row: row.relaxation)
-        return f"{listed} exclude each other; they hold if one gives way: {', or '.join(map(str, least))}"
+        return f"{listed} exclude each other; feasible if one is relaxed: {', or '.join(map(str, least))}"
 
 
 def conflict(problem: Hierarchy, names: Sequence[Sequence[tuple[str, str]]] | None = None) -> Conflict:

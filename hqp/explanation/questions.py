@@ -142,4 +142,4 @@ class Teller:
 
 
 def _too_late(what: str) -> HqpError:
-    return HqpError(f"{what}() tells of the latest step with a solution; call it before the next step")
+    return HqpError(f"{what}() explains only the latest step, and only with a solution: call it before the next step")

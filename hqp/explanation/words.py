@@ -21,7 +21,7 @@ BINDS = 0.05
 PRICE = "its price"
 """The name under which a price stands among the losses."""
 
-OUT_OF_REACH = "out of reach, or in a singular direction: no motion of the robot lessens it"
+OUT_OF_REACH = "out of reach or singular: no motion of the robot reduces the residual"
 """What explanations and notes say where the cause is ``out of reach``."""
 
 
@@ -97,12 +97,12 @@ class HeldBack:
 
     def note(self, losses: tuple[Loss, ...], cause: str = "price") -> str:
         """What was asked, what was given, and why not more; cause: as in Account."""
-        why = "the rest costs more motion than it is worth"
+        why = "the price on motion outweighs the rest"
         if cause == "out of reach":
             why = f"the rest is {OUT_OF_REACH}"
         elif losses and losses[0].element != PRICE:
             why = f"the rest is held by {told(losses, 3)}"
-        return f"asked {self.asked:.3g} {self.unit}, given {self.given:.3g}, short along ({self.short}): {why}"
+        return f"requested {self.asked:.3g} {self.unit}, achieved {self.given:.3g}, short along ({self.short}): {why}"
 
     def __str__(self) -> str:
         return self.note(())
@@ -114,7 +114,7 @@ class Account:
 
     cause: why it is not met, "" where it is: ``lost`` to levels above, ``limit`` (held by an inequality with a share of
     BINDS or more, its rows named: the levels above alone would leave a way), ``own level`` (fights: whom), ``out of
-    reach`` (no motion of the robot lessens the residual), ``price`` (the rest costs more motion than it is worth),
+    reach`` (no motion of the robot lessens the residual), ``price`` (the price on motion outweighs the rest),
     ``too fast`` (most of what it lacks is the rate of its reference, not its error), ``off`` (out of this tick, and
     so met).  asked: ||w|| at the point of
     least motion, standing still, in the units of the residual.  held_back: what the price holds back, None where it
@@ -174,14 +174,14 @@ def _outcome(account: Account) -> str:
     if account.cause == "out of reach":
         return OUT_OF_REACH
     if account.cause == "own level":
-        return "fights " + (", ".join(account.fights) or "itself") + " in its own level"
+        return "conflicts with " + (", ".join(account.fights) or "itself") + " in its own level"
     losses = told(account.losses, 4)
     if account.cause == "price":
         return f"held back by its price: {account.held_back}" + (f" ({losses})" if len(account.losses) > 1 else "")
     if account.held_back is not None and account.held_back.share > SHARE:
-        losses += f"; asked {account.asked:.3g}, given {account.asked - account.residual:.3g} {account.unit}"
+        losses += f"; requested {account.asked:.3g}, achieved {account.asked - account.residual:.3g} {account.unit}"
     if account.cause == "too fast":
-        return f"too fast: the rate of its reference, not its error, is more than {losses} allow"
+        return f"too fast: {losses} allow less than the rate of its reference"
     if account.cause == "limit":
         return f"held by {losses}"
     return f"lost to {losses}" if losses else "lost"

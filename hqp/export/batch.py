@@ -75,9 +75,9 @@ class Batch:
         from hqp import _session as native
 
         if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
-            raise DeclarationError("Batch", "count", value=count, allowed="a whole number from 1 up")
+            raise DeclarationError("Batch", "count", value=count, allowed="a whole number, 1 or above")
         if isinstance(threads, bool) or not isinstance(threads, (int, np.integer)) or threads < 0:
-            raise DeclarationError("Batch", "threads", value=threads, allowed="a whole number from 0 up")
+            raise DeclarationError("Batch", "threads", value=threads, allowed="a whole number, 0 or above")
         try:
             self._native = native.Batch(file, int(count), int(threads))
         except (native.PlanError, ValueError) as error:
@@ -118,7 +118,7 @@ class Batch:
 
     def _refused(self, at: Mat, speed: Mat) -> DeclarationError:
         allowed = f"Q ({self.count}, {self.nq}), V ({self.count}, {self.nv})"
-        return DeclarationError("Batch", "states of another shape", value=(at.shape, speed.shape), allowed=allowed)
+        return DeclarationError("Batch", "wrong shape of Q or V", value=(at.shape, speed.shape), allowed=allowed)
 
     def reset(self, worlds: ArrayLike | None = None) -> None:
         """Begin anew in these worlds, by index or mask ``(count,)``, in all for None.

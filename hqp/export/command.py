@@ -7,15 +7,17 @@ import math
 
 from hqp.commands.arguments import add_stack, read_stack
 
-DESCRIPTION = """Compile a stack from a TOML file for a robot and write its plan: hqp::load in C++ and hqp.load in
-Python make sessions of it, without the robot's model."""
+DESCRIPTION = """Compile a stack from a TOML file for a robot and write its plan file.  hqp::load in C++ and hqp.load in
+Python load it without the robot's model."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The stack, the robot, and where the file goes."""
     add_stack(parser)
-    parser.add_argument("--deadline", type=float, metavar="S", help="of a tick [s], 0 for none; default 0.8 periods")
-    parser.add_argument("--output", "-o", metavar="FILE.hqp", required=True, help="the file")
+    parser.add_argument(
+        "--deadline", type=float, metavar="S", help="deadline of a tick [s], 0 for none; default 0.8 dt"
+    )
+    parser.add_argument("--output", "-o", metavar="FILE.hqp", required=True, help="plan file to write")
 
 
 def execute(arguments: argparse.Namespace) -> int:

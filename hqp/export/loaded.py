@@ -95,7 +95,7 @@ class LoadedSession:
         except (TypeError, ValueError):
             shapes = f"q {at.shape}, v {speed.shape}"
             allowed = f"q ({self.nq},), v ({self.nv},)"
-            raise DeclarationError("step", "a state of another shape", value=shapes, allowed=allowed) from None
+            raise DeclarationError("step", "wrong shape of q or v", value=shapes, allowed=allowed) from None
         return LoadedTick(command, x, residuals, STATUSES[status], of_native(notes), held)
 
     def on(self, name: str, present: bool) -> None:
@@ -104,7 +104,7 @@ class LoadedSession:
         try:
             self._native.say(self._index[name], present)
         except ValueError as error:
-            raise DeclarationError(name, str(error).removeprefix(f"{name} "), value=present) from None
+            raise DeclarationError(name, str(error).removeprefix(f"{name}: "), value=present) from None
 
     def hold(self, name: str, value: ArrayLike) -> None:
         """What an element is held at from now on where it has no target."""
@@ -126,7 +126,7 @@ class LoadedSession:
     def _known(self, name: str) -> None:
         if name not in self._index:
             near = ", ".join(closest(name, self.names) or self.names[:3])
-            raise UnknownReference(f"a target for {name!r}, which the plan does not have; closest: {near}")
+            raise UnknownReference(f"the plan has no element {name!r}; closest: {near}")
 
     def _tell(self, name: str, what: int, value: ArrayLike) -> None:
         self._known(name)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from hqp._assembly import Descents
 
 EXTRAORDINARY = 5
-REASONS = ("", "no answer of the solver", "no step leads on", "stalled", "out of steps")
+REASONS = ("", "the solver found no solution", "no step improves it", "stalled", "step limit reached")
 """How a native descent ended, by number; after the last of them the general path goes on."""
 
 

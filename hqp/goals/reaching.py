@@ -87,7 +87,7 @@ def reach(
         rng = np.random.default_rng(seed) if rng is None else rng
         found = search.descend(random_start(robot, q0, rng), tolerance, steps, begin + budget)
         starts, taken, best = starts + 1, taken + found.steps, min(best, found, key=lambda descent: descent.merit)
-    last = "the budget is spent" if time.perf_counter() > begin + budget else found.reason
+    last = "time budget spent" if time.perf_counter() > begin + budget else found.reason
     if not best.met:
         for start in {id(first): first, id(best): best}.values():
             found = search.descend(start.q, tolerance, steps, begin + (1.0 + SETTLING) * budget, calm=True)
@@ -110,7 +110,7 @@ def random_start(robot: Robot, q0: Vec, rng: np.random.Generator) -> Vec:
 def _reason(search: Search, merit: tuple[float, ...], errors: dict[str, float], starts: int, last: str) -> str:
     level = next(i for i, value in enumerate(merit) if value > 1.0)
     name = search.worst(level, errors)
-    return f"{search.groups[level]}: {name} is {errors[name]:.3g} off after {starts} starts, the last one: {last}"
+    return f"{search.groups[level]}: {name} has error {errors[name]:.3g} after {starts} starts; the last ended: {last}"
 
 
 def _check(
@@ -125,22 +125,22 @@ def _check(
     budget: float,
 ) -> None:
     if not isinstance(stack, Stack):
-        raise DeclarationError("reach", "not a Stack", value=stack, allowed="Stack(Level(...), ...)")
+        raise DeclarationError("reach", "stack", value=stack, allowed="Stack(Level(...), ...)")
     if not references:
-        raise DeclarationError("reach", "no references", allowed="task.at(...) of at least one task of the stack")
+        raise DeclarationError("reach", "no references given", allowed="task.at(...) of at least one task of the stack")
     if not hasattr(robot, "nq"):
         raise DeclarationError("reach", "not a robot", value=robot, allowed='hqp.robots.load("panda")')
     for reference in references:
         if not isinstance(reference, Reference):
-            raise DeclarationError("reach", "not a reference", value=reference, allowed="task.at(...)")
+            raise DeclarationError("reach", "not a Reference", value=reference, allowed="task.at(...)")
         stack.find(reference.name)
     if q0 is not None and np.shape(q0) != (robot.nq,):
-        raise ModelError(f"{robot.name}: q0 has shape {np.shape(q0)}, not ({robot.nq},)")
+        raise ModelError(f"{robot.name}: q0 has shape {np.shape(q0)}, needed ({robot.nq},)")
     if q0 is not None and not np.isfinite(numbers("reach", "q0", q0, (robot.nq,))).all():
         raise DeclarationError("reach", "bad q0", value=q0, allowed="finite numbers")
     for name, number, least in (("restarts", restarts, 0), ("steps", steps, 1)):
         if not isinstance(number, (int, np.integer)) or number < least:
-            raise DeclarationError("reach", f"bad {name}", value=number, allowed=f"a whole number, {least} or more")
+            raise DeclarationError("reach", f"bad {name}", value=number, allowed=f"a whole number, {least} or above")
     for name, size in (("tolerance", tolerance), ("budget", budget)):
         if not isinstance(size, Real) or not size > 0.0:
             raise DeclarationError("reach", f"bad {name}", value=size, allowed="above 0")

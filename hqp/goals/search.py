@@ -181,7 +181,7 @@ class Search:
                 radius *= 0.5
             else:
                 if found is None:
-                    return best._replace(steps=taken, reason="no answer of the solver")
+                    return best._replace(steps=taken, reason="the solver found no solution")
                 here, at, x, radius = merit, q, found, min(2.0 * radius, STEP)
                 size = float(np.abs(x).max())
                 if merit == met:
@@ -189,13 +189,13 @@ class Search:
                     if size <= POLISH or settled > LAST:
                         return Descent(q, merit, taken, "")
                 elif size < (SETTLED if calm else STILL):
-                    return best._replace(steps=taken, reason="no step leads on")
+                    return best._replace(steps=taken, reason="no step improves it")
                 since = 0 if merit == met or advanced(merit, mark) else since + 1
                 mark = merit if since == 0 else mark
                 if since > STALLED and not calm:
                     return best._replace(steps=taken, reason="stalled")
             if taken == most or time.perf_counter() > end:
-                return best._replace(steps=taken, reason="out of steps")
+                return best._replace(steps=taken, reason="step limit reached")
             taken += 1
             radius = min(radius, size)
             q = self.robot.integrate(at, x, radius / max(size, 1e-12))

@@ -42,9 +42,9 @@ def solve_ik(
     if not hasattr(robot, "nq"):
         raise DeclarationError("solve_ik", "not a robot", value=robot, allowed='hqp.robots.load("panda")')
     if not isinstance(levels, (Stack, Sequence)) or isinstance(levels, (str, bytes)):
-        raise DeclarationError("solve_ik", "no levels", value=levels, allowed="a Stack, or a list of Level(...)")
+        raise DeclarationError("solve_ik", "levels", value=levels, allowed="a Stack, or a list of Level(...)")
     if not isinstance(dt, Real):
-        raise DeclarationError("solve_ik", "bad dt", value=dt, unit="s", allowed="above 0")
+        raise DeclarationError("solve_ik", "dt", value=dt, unit="s", allowed="above 0")
     if q is not None:
         q = numbers("solve_ik", "q", q, (robot.nq,))
     stack = levels if isinstance(levels, Stack) else Stack(*levels, subject_to=subject_to)

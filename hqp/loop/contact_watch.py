@@ -20,5 +20,5 @@ def assumed(element: Element) -> bool:
 def measure(watch: ContactWatch, stack: Stack, name: str, load: float) -> None:
     """Take a load [N]; raises DeclarationError for an element that is no contact."""
     if not watch.measure(name, load) and name in stack:  # what is no element the session tells
-        allowed = ", ".join(watch.names) or "a contact; the stack has none"
-        raise DeclarationError(name, "a load was given for what is no contact", value=load, allowed=allowed)
+        allowed = ", ".join(watch.names) or "a contact of the stack, which has none"
+        raise DeclarationError(name, "not a contact: it takes no measured load", value=load, allowed=allowed)

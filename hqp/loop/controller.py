@@ -48,14 +48,14 @@ class Controller:
 
     def __post_init__(self) -> None:
         if not isinstance(self.stack, Stack):
-            raise DeclarationError("controller", "stack is not a Stack", value=self.stack)
+            raise DeclarationError("controller", "stack", value=self.stack, allowed="Stack(Level(...), ...)")
         if not isinstance(self.formulation, Formulation):
-            raise DeclarationError("controller", "not a formulation", value=self.formulation, allowed="Velocity(), ...")
+            raise DeclarationError("controller", "formulation", value=self.formulation, allowed="Velocity(), ...")
         if not isinstance(self.calm, bool):
             raise DeclarationError("controller", "calm", value=self.calm, allowed="True or False")
         price = as_price("controller", self.price)
         if not self.calm and price is not None and not is_exact(price):
-            raise DeclarationError("controller", "calm=False has no price", value=price, allowed="price=0 or none")
+            raise DeclarationError("controller", "price with calm=False", value=price, allowed="0 or None")
         object.__setattr__(self, "price", price if self.calm else Price(0.0))
         if isinstance(self.solver, str):
             object.__setattr__(self, "solver", load(self.solver))

@@ -47,9 +47,9 @@ def adrift(stack: Stack, robot: Robot) -> str:
         return ""
     name = robot.name or "the robot"
     return (
-        f"nothing holds the floating base of {name}, neither a contact nor a task on the base: {_listed(pulled)} "
-        "will move it through the air. Declare contacts in subject_to or a task on the base, or load the robot with a "
-        "fixed base (floating=False, --fixed)"
+        f"no contact and no task holds the floating base of {name}: {_listed(pulled)} will move it through the air. "
+        "Declare contacts in subject_to or a task on the base, or load the robot with a fixed base "
+        "(floating=False, --fixed)"
     )
 
 

@@ -62,9 +62,9 @@ def _told(held: Sequence[Any], twin: Robot) -> str:
     shares = [float(np.linalg.norm(part)) for part in np.split(lost, ends)]
     names = [element.name for element, share in zip(held, shares, strict=True) if share > PART]
     return (
-        f"{', '.join(names)}: more is held than joints can follow. {independent} of {J.shape[0]} rows are independent, "
-        "and motion that keeps these soon breaks the others, so that commands alternate. Hold less: an EdgeContact or "
-        "a PointContact in place of one, or one contact fewer"
+        f"{', '.join(names)}: overconstrained. Only {independent} of {J.shape[0]} rows are independent near home; "
+        "motion that satisfies these soon violates the others, so that commands alternate. Remove a contact, or "
+        "replace one by an EdgeContact or a PointContact"
     )
 
 

@@ -79,8 +79,10 @@ class Presence:
     def require(self, phase: str | None) -> None:
         """Raise DeclarationError for a phase that the stack does not name."""
         if phase not in self.known:
-            near = ", ".join(closest(str(phase), self.phases) or self.phases) or "none: nothing in the stack has a when"
-            raise DeclarationError("phase", "the stack names no such phase", value=phase, allowed=near)
+            near = (
+                ", ".join(closest(str(phase), self.phases) or self.phases) or "none, no element of the stack has a when"
+            )
+            raise DeclarationError("phase", "unknown phase", value=phase, allowed=near)
 
     def of(self, phase: str | None, references: Sequence[Reference]) -> frozenset[str]:
         """Names of the elements that are out; the same object for the same set."""
@@ -101,7 +103,7 @@ class Presence:
             return out, ()
         stay = [name for name in self._members if name in out and self._members[name].is_contact]
         rest = self._followed(frozenset(n for n in out if n not in stay and not self._members[n].goes_with(out)))
-        return rest, tuple(Note(name, Status.INVALID_REFERENCE, f"{why}: it stays") for name in stay)
+        return rest, tuple(Note(name, Status.INVALID_REFERENCE, f"{why}: it stays active") for name in stay)
 
     def spoken(self, references: Sequence[Reference], out: frozenset[str]) -> tuple[Reference, ...]:
         """The references of elements that are in which say more than that."""
@@ -115,7 +117,7 @@ class Presence:
         names = {name for name, on in said if on is which and name in self._members}
         for name in names:
             if self._members[name].quantity == "load":
-                raise DeclarationError(name, "a load has no rows that could be free", allowed="at(...) with zeros")
+                raise DeclarationError(name, "a load has no rows, so on() does not apply", allowed="at(...) with zeros")
         return names
 
     def _followed(self, out: frozenset[str]) -> frozenset[str]:

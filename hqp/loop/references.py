@@ -65,7 +65,7 @@ class References:
         if isinstance(held, Reference):
             self.holds[element.name] = copied(held)
         else:
-            self.without[element.name] = f"its hold value is no reference, but {type(held).__name__}"
+            self.without[element.name] = f"its hold value must be a Reference, given {type(held).__name__}"
 
     def lacking(self) -> tuple[str, ...]:
         """Elements that have neither a hold value nor a reference in this tick."""
@@ -109,7 +109,7 @@ class References:
             program.fill(state, self.current, self.given)
             broken = tuple(dict.fromkeys(program.unusable() + self.lacking()))
         for name in wrong:
-            done = "left out of this tick" if name in out or name in broken else "its hold value was taken instead"
+            done = "left out of this tick" if name in out or name in broken else "its hold value is used instead"
             notes.append(Note(name, Status.INVALID_REFERENCE, f"its reference is not finite: {done}"))
         for name in broken:
             if name not in wrong:
@@ -124,6 +124,6 @@ class References:
 def refuse(reference: object, names: Iterable[str]) -> NoReturn:
     """Raise DeclarationError for what is no reference, UnknownReference for one of an element that is not there."""
     if not isinstance(reference, Reference):
-        raise DeclarationError("step", "not a reference", value=reference, allowed="element.at(...)")
+        raise DeclarationError("step", "not a Reference", value=reference, allowed="element.at(...)")
     near = ", ".join(closest(reference.name, names) or list(names)[:3])
-    raise UnknownReference(f"a reference for {reference.name!r}, which the stack does not hold; closest: {near}")
+    raise UnknownReference(f"the stack has no element {reference.name!r} for this reference; closest: {near}")

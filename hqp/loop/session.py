@@ -61,7 +61,7 @@ class Session:
         self, controller: Controller, robot: Robot, dt: float, *, max_age: float | None = None, stuck: bool = True
     ) -> None:
         if not isinstance(dt, (int, float, np.floating)) or not 0.0 < dt < math.inf:
-            raise DeclarationError("session", "bad control period", value=dt, unit="s", allowed="dt > 0")
+            raise DeclarationError("session", "control period dt", value=dt, unit="s", allowed="dt > 0")
         if not hasattr(robot, "joint_names"):
             raise DeclarationError("session", "not a robot", value=robot, allowed="hqp.robots.load(...)")
         require_compiled()
@@ -291,8 +291,8 @@ class Session:
 
     def __reduce__(self) -> NoReturn:
         raise TypeError(
-            "a Session holds live arrays of Pinocchio and of the kernel; pickle session.controller, the robot's name, "
-            "dt and (q, v), and make a session of them, or pickle its ticks"
+            "a Session cannot be pickled: it holds live arrays of Pinocchio and of the solver. Pickle "
+            "session.controller, the robot's name, dt and (q, v) and make a new session of them, or pickle its ticks"
         )
 
 

@@ -41,7 +41,7 @@ def require_sound(robot: Robot) -> None:
     ):
         wrong = np.isnan(values)
         if wrong.any():
-            raise ModelError(f"{robot.name}, joint {robot.joint_name(int(wrong.argmax()))}: its {what} is not a number")
+            raise ModelError(f"{robot.name}, joint {robot.joint_name(int(wrong.argmax()))}: its {what} is NaN")
     if not np.isfinite(robot.home).all():
         raise ModelError(f"{robot.name}: the home configuration is not finite, given {robot.home}")
     twin = robot.copy()
@@ -51,7 +51,9 @@ def require_sound(robot: Robot) -> None:
             continue
         name = f"{robot.name}, joint {robot.joint_name(first)}"
         if not 0.0 <= mass < np.inf or not np.isfinite(centre).all():
-            raise ModelError(f"{name}: the body that it moves has mass {mass:g} kg, centred at {centre}")
+            raise ModelError(
+                f"{name}: its body has mass {mass:g} kg and centre of mass {centre} m; allowed: finite, mass 0 or above"
+            )
         if not (np.isfinite(position).all() and np.isfinite(rotation).all()):
             raise ModelError(f"{name}: its placement at home is not finite")
     _SOUND.add(robot)
@@ -100,4 +102,4 @@ def _rehearse(formulation: Formulation, stack: Stack, twin: Robot, dt: float) ->
         if not faults:
             return
         fault = "; ".join(faults)
-    raise ModelError(f"{twin.name} cannot run this stack: {fault}, at home and around it; look at its masses")
+    raise ModelError(f"{twin.name} cannot run this stack: {fault}, at home and near it; check the masses of its model")

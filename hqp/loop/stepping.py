@@ -33,9 +33,11 @@ def step(line: Line, state: State, references: tuple[Reference, ...], now: float
     try:
         same = state.robot is robot
     except AttributeError:
-        raise DeclarationError("step", "not a state", value=state, allowed="robot.state(q, v)") from None
+        raise DeclarationError("step", "not a State", value=state, allowed="robot.state(q, v)") from None
     if not same:
-        raise ModelError(f"the session runs on {robot!r}, the state belongs to {state.robot!r}")
+        raise ModelError(
+            f"the state belongs to {state.robot!r}, the session runs on {robot!r}: use robot.state(q, v) of the latter"
+        )
     if not state.valid or check.ages or state.square >= check.ordinary:
         fault = check.fault(state, monotonic() if check.ages and now is None else now)
         if fault:

@@ -96,7 +96,7 @@ class StuckWatch:
                 self._query = Query(self._stack, line.robot, tick.state.q, references, self._tasks[name][0])
             return
         if self._query.posture is not None:
-            told = (f"STUCK: {name} {off:.2g} {unit} off and still", *at_limits(line.robot, tick.state))
+            told = (f"STUCK: {name} is at rest {off:.2g} {unit} from its target", *at_limits(line.robot, tick.state))
             self._note = Stuck(name, Status.OPTIMAL, "; ".join(told), self._query.posture)
 
     def _off(self, line: Line, tick: Tick) -> tuple[str, float, str]:

@@ -247,10 +247,10 @@ class Tick:
                 return moved
         state = self.state
         if not state.valid:
-            raise HqpError(f"nothing to advance from: {state.fault}")
+            raise HqpError(f"cannot advance from an invalid state: {state.fault}")
         line = self._live()
         if not self.fit and (fault := line.check.too_large(state)):
-            raise HqpError(f"nothing to advance from: {fault}")
+            raise HqpError(f"cannot advance from an invalid state: {fault}")
         return line.program.advance(state, self.x)
 
     def unwrap(self) -> Vec:
@@ -263,7 +263,7 @@ class Tick:
 
     def _live(self) -> Line:
         if self._line is None:
-            raise HqpError("a tick that was pickled has no session any more; pickle what tick.explain() gives")
+            raise HqpError("a pickled tick has no session: call explain() before pickling and pickle its result")
         return self._line
 
     def __getstate__(self) -> dict[str, Any]:

@@ -22,13 +22,15 @@ It holds the thread's number, so that a turn which an interrupt kept from being 
 def require(turn: Turn, session: object) -> None:
     """Raise ConcurrentUse where another thread has the turn, or this one in a call of the session under way."""
     if turn.get(None, me := get_ident()) != me:
-        raise ConcurrentUse("another thread is in this session; make a session a thread, each of its robot.copy()")
+        raise ConcurrentUse(
+            "another thread uses this session: make one session per thread, each on its own robot.copy()"
+        )
     outside = False
     frame: FrameType | None = sys._getframe(2)
     while frame is not None:
         mine = frame.f_locals.get("self") is session
         if mine and outside:
-            raise ConcurrentUse("a call of this session is under way, and asks it for another one")
+            raise ConcurrentUse("a call of this session is under way: do not call the session from inside it")
         outside, frame = outside or not mine, frame.f_back
 
 

@@ -407,21 +407,21 @@ class Hierarchy:
 class Status(enum.Enum):
     """How a solve or a tick ended; each member says what may be the cause and what to do, later members are worse."""
 
-    OPTIMAL = "solved: every level is as small as the levels above and its price on motion allow"
+    OPTIMAL = "solved: each level has the least violation that the levels above and its price on motion allow"
     RANK_UNCERTAIN = (
-        "solved, but a pivot lay near the rank tolerance, so a small change of the data may move the answer by much: "
-        "give the level a price, or a better target"
+        "solved, but a pivot is near the rank tolerance, so a small change of the data may change the solution much: "
+        "set a price on the level, or move the target away from singular directions"
     )
     NOT_STRICT = (
-        "the answer of a solver that does not keep the levels apart: lower levels may move higher ones; "
-        "take a strict solver, such as 'lexicographic'"
+        "the solver does not separate priority levels: lower levels may move higher ones; "
+        "use a strict solver, such as 'lexicographic'"
     )
     CONSTRAINTS_VIOLATED = (
-        "subject_to cannot hold as a whole, this is its least violation: the notes name rows and amounts, "
-        "tick.conflict() the rows that exclude each other"
+        "subject_to is infeasible, this is its least violation: the notes name rows and amounts, "
+        "tick.conflict() names the rows that exclude each other"
     )
     INVALID_REFERENCE = (
-        "a reference was not finite: a member of subject_to fell back to its hold value, any other element was left "
+        "a reference was not finite: a member of subject_to used its hold value, any other element was left "
         "out of this tick; check the source of the reference that the note names"
     )
     INVALID_ELEMENT = (
@@ -429,16 +429,16 @@ class Status(enum.Enum):
         "it was left out of this tick; correct the element that the note names"
     )
     CONTACT_LOST = (
-        "a contact of the stack is not there by the load measured for it: the forces computed for it will not appear; "
+        "a contact of the stack carries no load by its measurement: the forces computed for it will not appear; "
         "change the stack"
     )
     ITERATION_LIMIT = (
-        "the iteration limit was met, this is the best point so far: raise max_iterations, or look for constraints "
+        "the iteration limit is reached, this is the best point so far: raise max_iterations, or look for constraints "
         "that nearly exclude each other"
     )
-    TIME_LIMIT = "the deadline was met, this is the best point so far: raise the deadline, or take fewer rows"
+    TIME_LIMIT = "the deadline is reached, this is the best point so far: raise the deadline, or use fewer rows"
     NOT_CERTIFIED = (
-        "the solver could not certify its answer to the accuracy asked, levels may not be optimal: try another "
+        "the solver could not certify its solution to the required accuracy, levels may not be optimal: try another "
         "solver, and report it if the solver was 'lexicographic'"
     )
     DYNAMICS_FAILED = (

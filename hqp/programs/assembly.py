@@ -403,7 +403,7 @@ class Assembly:
         fine = (lower <= upper) & (lower < np.inf) & (upper > -np.inf)
         if not fine.all():
             i = int(np.argmin(fine))
-            return f"its bounds are NaN or crossed in row {i} ({lower[i]:g}, {upper[i]:g})"
+            return f"its bounds are NaN or lower > upper in row {i} ({lower[i]:g}, {upper[i]:g})"
         return ""
 
     def picks(self, part: slice) -> Index:

@@ -81,7 +81,7 @@ class ChiaveriniWorkspace:
         if not self._met(x, self.flat.stops[0] if self.flat.stops else 0):
             status, detail = Status.NOT_STRICT, "(16) does not minimise the levels below the first"
         elif uncertain or self.above.uncertain:
-            status, detail = Status.RANK_UNCERTAIN, "a pivot lay near rank_tolerance"
+            status, detail = Status.RANK_UNCERTAIN, "a pivot is near rank_tolerance"
         return flat.finish(problem, x, status, Stats(0, len(stops) + 1, built - began, perf_counter() - built), detail)
 
     def _project(self, v: Vec, k: int, J: Mat) -> Vec:

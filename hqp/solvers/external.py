@@ -94,7 +94,7 @@ def conclude(
         refined = refiner.refine(x, nearness)
         if refined.confirmed:
             status = Status.RANK_UNCERTAIN if refined.uncertain else Status.OPTIMAL
-            detail = "a pivot lay near rank_tolerance" if refined.uncertain else ""
+            detail = "a pivot is near rank_tolerance" if refined.uncertain else ""
             return flat.finish(problem, refined.x, status, stats, detail)
         uncertain = refined.uncertain
         if certificate(problem, refined.x, accuracy).ok:

@@ -82,7 +82,7 @@ class NullspaceWorkspace:
         if self.flat.inequality.any() and not self._inequalities_hold(x):
             return Status.NOT_CERTIFIED, "an inequality that was left out is violated"
         if self.recursion.uncertain:
-            return Status.RANK_UNCERTAIN, "a pivot lay near rank_tolerance"
+            return Status.RANK_UNCERTAIN, "a pivot is near rank_tolerance"
         return Status.OPTIMAL, ""
 
     def _inequalities_hold(self, x: Vec) -> bool:

@@ -23,7 +23,7 @@ OVERHEAD = 100
 ALLOWED = 1e-6
 """Gap that the certificate allows an answer of uncertain rank, ACCURATE an optimum: rounding over a value of 1e-9."""
 
-STUCK = "no answer that was found passed the certificate: the problem is too ill-conditioned to be judged"
+STUCK = "no solution found passed the certificate: the problem is too ill-conditioned to certify"
 
 
 def second_opinion(problem: Hierarchy, doubtful: Solution, others: Iterable[Callable[[], Solution]] = ()) -> Solution:

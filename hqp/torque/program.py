@@ -436,6 +436,6 @@ class TorqueProgram(Program):
     def advance(self, state: State, x: Vec) -> tuple[Vec, Vec]:
         """v+ = v + dt qdd(tau), q+ = q + dt v+; raises StaleState for another state than the latest."""
         if state is not self._state:
-            raise StaleState("advance() tells of the latest step with a solution; call it before the next step")
+            raise StaleState("advance() uses the latest step, and only with a solution: call it before the next step")
         v = state.v + self.dt * self.dynamics.acceleration(x)
         return state.robot.integrate(state.q, v, self.dt), v

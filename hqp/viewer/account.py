@@ -213,14 +213,14 @@ def _why(told: Explanation | None, name: str) -> str:
     account = told[name]
     held = account.held_back
     if account.cause == "price" and held is not None:
-        given = f"asked {_digits(held.asked)} {held.unit}, given {_digits(held.given)}"
+        given = f"requested {_digits(held.asked)} {held.unit}, achieved {_digits(held.given)}"
         return f"{given}: the rest would cost more motion than it is worth"
     if account.cause == "too fast":
         return "its target moves faster than the robot may"
     if account.cause == "out of reach":
         return "no motion of the robot brings it nearer"
     if account.cause == "own level":
-        return f"fights {', '.join(account.fights)} in its own level"
+        return f"conflicts with {', '.join(account.fights)} in its own level"
     if not account.losses:
         return "nothing above stands in its way"
     parts = [f"{_words(loss)} {100.0 * loss.share:.0f} %" for loss in account.losses[:3]]

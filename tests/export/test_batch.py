@@ -102,11 +102,11 @@ def test_what_does_not_fit_is_refused() -> None:
         hqp.Batch(controller, robot, 2, threads=-1)
     batch = hqp.Batch(controller, robot, 2)
     Q = np.tile(robot.home, (2, 1))
-    with pytest.raises(DeclarationError, match="another shape"):
+    with pytest.raises(DeclarationError, match="wrong shape"):
         batch.step(Q[:1])
     with pytest.raises(DeclarationError, match="no element 'hands'"):
         batch.step(Q, None, {"hands": np.zeros((2, 3))})
-    with pytest.raises(DeclarationError, match=r"hand: targets are \(2, 3\)"):
+    with pytest.raises(DeclarationError, match=r"hand: targets must have shape \(2, 3\)"):
         batch.step(Q, None, {"hand": np.zeros((2, 4))})
     with pytest.raises(DeclarationError, match="0 to 1"):
         batch.reset(2)

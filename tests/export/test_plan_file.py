@@ -52,7 +52,7 @@ def test_versions_are_those_of_the_package() -> None:
 def test_other_files_are_refused_with_a_sentence(file: bytes) -> None:
     head, body = file.split(b"\n", 1)
     for other, why in (
-        (b"[0]", "no plan"),
+        (b"[0]", "not a plan file"),
         (head.replace(b"format 1", b"format 2") + b"\n" + body, "format 2"),
         (re.sub(rb"version [^,]*", b"version 0.0.1", head) + b"\n" + body, "written by hqp 0.0.1"),
         (file[:-7], "cut short"),
@@ -178,9 +178,9 @@ def test_references_that_do_not_fit_are_refused(file: bytes) -> None:
     session = LoadedSession(file)
     with pytest.raises(UnknownReference, match="closest: hand"):
         session.step(session.home, None, {"hands": np.zeros(3)})
-    with pytest.raises(DeclarationError, match="hand: a value has 3 numbers"):
+    with pytest.raises(DeclarationError, match="hand: its value needs 3 numbers"):
         session.step(session.home, None, {"hand": np.zeros(4)})
-    with pytest.raises(DeclarationError, match="another shape"):
+    with pytest.raises(DeclarationError, match="wrong shape"):
         session.step(np.zeros(3))
 
 
@@ -303,7 +303,7 @@ def test_old_states_are_refused_as_in_python(tmp_path: Path) -> None:
     robot = source.robot
     session = source.controller.session(robot, dt=0.002, max_age=0.01)
     file = LoadedSession(text(session))
-    assert file.step(file.home).notes[0].detail == "it does not tell its time, which max_age asks for"
+    assert file.step(file.home).notes[0].detail == "it has no time, but max_age needs one"
     assert session.step(robot.state()).notes[0].detail.startswith(file.step(file.home).notes[0].detail)
     for now in (5.0, 5.009, 5.02, 4.9995, 4.0, np.nan):
         tick, found = session.step(robot.state(time=5.0), now=now), file.step(file.home, time=5.0, now=now)

@@ -65,7 +65,7 @@ def test_phases_are_those_of_python(kind: str) -> None:
             assert np.abs(np.ravel(session.hold_values["left"]) - kept["left"]).max() > 0.0
             np.testing.assert_allclose(file.held("left"), np.ravel(session.hold_values["left"]), atol=1e-12)
         q, v = tick.advance()
-    with pytest.raises(DeclarationError, match="no phase 'walk'; it has fly, stand"):
+    with pytest.raises(DeclarationError, match="no phase 'walk'; allowed: fly, stand"):
         file.step(q, v, phase="walk")
 
 
@@ -124,7 +124,7 @@ def test_an_element_is_in_or_out_for_a_tick(kind: str) -> None:
         np.testing.assert_allclose(found.command, tick.command, rtol=1e-7, atol=1e-7, err_msg=f"tick {i}")
         q, v = tick.advance()
     if kind == "torque":
-        with pytest.raises(DeclarationError, match="comes and goes by phases"):
+        with pytest.raises(DeclarationError, match="at torque level by phases"):
             file.on("left", False)
 
 

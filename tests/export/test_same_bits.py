@@ -38,7 +38,9 @@ def replay(
         look(tick)
         np.testing.assert_array_equal(found.x, tick.x, err_msg=f"tick {i}")
         np.testing.assert_array_equal(found.command, tick.command)
-        assert found.notes == tuple(note for note in tick.notes if not note.detail.startswith("asked ")), f"tick {i}"
+        assert found.notes == tuple(note for note in tick.notes if not note.detail.startswith("requested ")), (
+            f"tick {i}"
+        )
         q, v = tick.advance()
 
 

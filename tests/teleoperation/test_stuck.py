@@ -46,7 +46,7 @@ def test_a_humanoid_knows_the_way_out_of_a_trap(targets: dict[str, tuple[float, 
     _, tick, _ = until_stuck(robot, stack, aims, begin(robot), 1.0 / 120.0, 8.0)
     assert tick.status is Status.OPTIMAL
     note = next(note for note in tick.notes if "STUCK" in note.detail)
-    assert note.detail.startswith("STUCK: left_foot 0.")
+    assert note.detail.startswith("STUCK: left_foot is at rest 0.")
     assert "limit" in note.detail
     posture = tick.way_out()
     assert posture is not None

@@ -105,9 +105,9 @@ def test_an_arm_out_of_reach_is_held_back_by_its_price() -> None:
     assert 0.0 < held.worth < 0.1
     (note,) = tick.notes
     assert (note.element, note.status) == ("hand", Status.OPTIMAL)
-    assert note.detail.startswith(f"asked {held.asked:.3g} m/s, given {held.given:.3g}, short along (")
-    assert note.detail.endswith("the rest costs more motion than it is worth")
-    assert "held back by its price: asked" in str(tick.explain())
+    assert note.detail.startswith(f"requested {held.asked:.3g} m/s, achieved {held.given:.3g}, short along (")
+    assert note.detail.endswith("the price on motion outweighs the rest")
+    assert "held back by its price: requested" in str(tick.explain())
     assert tick.status is Status.OPTIMAL
 
 
@@ -231,7 +231,7 @@ def test_fights_inside_a_level() -> None:
     tick = run.step(state, hand.at(goal), twin.at(goal + [0.05, 0.0, 0.0]))
     assert both(tick, "twin") == ("own level", "own level")
     assert tick.explain()["twin"].fights == ("hand",)
-    assert "fights hand in its own level" in str(tick.explain())
+    assert "conflicts with hand in its own level" in str(tick.explain())
 
 
 def test_out_of_reach_is_no_levels_fault() -> None:

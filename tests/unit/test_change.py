@@ -268,8 +268,8 @@ def test_a_foot_that_cannot_be_unloaded_keeps_the_change_waiting(robot: Robot) -
     assert [(n.element, n.detail) for n in tick.notes] == [
         (
             right,
-            f"cannot be released: it still bears {bears:.3g} N and {np.linalg.norm(wrench[3:]):.3g} N m; "
-            "take the weight off it first",
+            f"cannot be released: it still carries {bears:.3g} N and {np.linalg.norm(wrench[3:]):.3g} N m; "
+            "unload it first",
         )
     ]
     assert np.abs(robot.state(loop.q).com() - loop.com).max() < 1e-5
@@ -319,7 +319,7 @@ def test_the_way_of_a_change_of_contacts(robot: Robot) -> None:
     )
     run = session(robot, whole, formulation)
     before = run.stack
-    with pytest.raises(DeclarationError, match="no contact is left on the way"):
+    with pytest.raises(DeclarationError, match="would pass a stack without contacts"):
         run.change(points, 0.2)
     assert run.stack == before
 

@@ -71,7 +71,7 @@ def test_a_conflict_is_irreducible_and_measured(case: str, certified: bool, monk
 def test_what_can_hold_is_no_conflict() -> None:
     found = conflict(Hierarchy((box, rows([[1, 1]], [2], [2])), constraints=2))
     assert not found
-    assert str(found) == "all constraints can hold"
+    assert str(found) == "the constraints are feasible"
 
 
 def test_a_foot_that_is_pulled_is_named_with_the_one_that_holds_it() -> None:

@@ -54,5 +54,5 @@ def test_a_contact_that_leaves_the_stack_is_judged_no_more(session: hqp.Session)
 
 def test_a_load_for_what_is_no_contact_is_refused(session: hqp.Session) -> None:
     com = STACK.find("com", Com)
-    with pytest.raises(DeclarationError, match="no contact"):
+    with pytest.raises(DeclarationError, match="not a contact"):
         session.step(session.robot.state(), com.at().loaded(3.0))  # type: ignore[attr-defined]

@@ -204,7 +204,7 @@ def test_what_is_no_state_and_no_robot_is_told_with_what_makes_one() -> None:
     controller = hqp.Controller(Stack(Level(Posture())))
     with pytest.raises(DeclarationError, match=r"session: not a robot .*hqp\.robots\.load"):
         controller.session("ur5", 0.002)  # type: ignore[arg-type]
-    with pytest.raises(DeclarationError, match=r"step: not a state .*robot\.state\(q, v\)"):
+    with pytest.raises(DeclarationError, match=r"step: not a State .*robot\.state\(q, v\)"):
         controller.session(robot, 0.002).step(robot.home)  # type: ignore[arg-type]
 
 

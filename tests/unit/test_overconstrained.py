@@ -71,7 +71,7 @@ def test_flat_feet_on_legs_of_five_joints_are_told(tmp_path: Path) -> None:
     robot = biped(tmp_path, ("0 1 0",))
     run, told = session(robot, *FLAT)
     (text,) = told
-    assert text.startswith("left, right: more is held than joints can follow. 11 of 12 rows are independent")
+    assert text.startswith("left, right: overconstrained. Only 11 of 12 rows are independent")
     notes = run.step(robot.state()).notes
     assert [note.detail for note in notes if note.element == "contacts"] == [text]
     assert not [note for note in run.step(robot.state()).notes if note.element == "contacts"]

@@ -36,8 +36,8 @@ def told(tick: Tick) -> dict[str, tuple[float, str]]:
     """Of each joint that a note names by how much it will pass its limit, and the unit."""
     found = {}
     for note in tick.notes:
-        if "gives way" in note.detail:
-            amount, unit = note.detail.split("passed by ")[1].split()
+        if "cannot brake" in note.detail:
+            amount, unit = note.detail.split("exceeded by ")[1].split()
             found[note.element] = float(amount), unit
     return found
 

@@ -176,7 +176,7 @@ def test_phases_put_levels_and_elements_in_and_out(robot: Robot) -> None:
     assert session.program.out == set()
     session.step(state)
     assert session.program.out == gone | {"swing"}
-    with pytest.raises(DeclarationError, match=r"no such phase.*'swim'.*both"):
+    with pytest.raises(DeclarationError, match=r"unknown phase.*'swim'.*both"):
         session.step(state, phase="swim")
     assert serial.loads(serial.dumps(stack)) == stack
 

@@ -33,7 +33,7 @@ def out_of_reach(name: str, price: Any, rates: Any = None) -> list[hqp.Tick]:
 
 def rate(detail: str) -> float:
     """As a note tells it [1/s]."""
-    return float(detail.split("limit to limit ")[1].split()[0])
+    return float(detail.split("between its limits ")[1].split()[0])
 
 
 @pytest.mark.parametrize("rates", [None, hqp.declare.safety.RateLimits(velocity=1e6)], ids=["native", "general"])

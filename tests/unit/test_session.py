@@ -298,7 +298,7 @@ def test_rows_that_are_off_are_told_by_their_joints() -> None:
     amounts = re.findall(r"(\w+_joint) ([\d.]+)", note.detail)
     assert [name for name, _ in amounts] == ["wrist_2_joint", "shoulder_pan_joint", "wrist_1_joint"]
     assert note.detail.endswith("and 1 more")
-    assert f"off by up to {amounts[0][1]}:" in note.detail
+    assert f"violated by up to {amounts[0][1]}:" in note.detail
 
 
 def test_the_same_task_twice_changes_nothing(robot: Robot) -> None:

@@ -117,20 +117,23 @@ class Worlds {
         !fits(commands.shape(0), commands.shape(1), tick.command().size()) ||
         !fits(residuals.shape(0), residuals.shape(1), tick.residuals().size()) ||
         !fits(x.shape(0), x.shape(1), tick.x().size()) || status.shape(0) != batch_.count())
-      throw nb::value_error("an array has a wrong shape");
+      throw nb::value_error("an array has the wrong number of worlds or columns");
     std::vector<hqp::BatchTarget> told;
     for (const auto& [name, what, values] : targets) {
       const std::size_t member = session.member(name), size = session.width(member, what);
       if (!fits(values.shape(0), values.shape(1), size))
-        throw hqp::ReferenceError(name + ": targets are (" + std::to_string(batch_.count()) + ", " +
-                                  std::to_string(size) + ")");
+        throw hqp::ReferenceError(name + ": targets must have shape (" + std::to_string(batch_.count()) + ", " +
+                                  std::to_string(size) + "), given (" + std::to_string(values.shape(0)) + ", " +
+                                  std::to_string(values.shape(1)) + ")");
       told.push_back({member, what, values.data(), size});
     }
     const nb::gil_scoped_release release;
     batch_.step(q.data(), v.data(), told, commands.data(), status.data(), residuals.data(), x.data());
   }
   void reset(std::size_t i) {
-    if (i >= batch_.count()) throw nb::index_error("no such world");
+    if (i >= batch_.count())
+      throw nb::index_error(
+          ("world " + std::to_string(i) + ", allowed 0 to " + std::to_string(batch_.count() - 1)).c_str());
     batch_.reset(i);
   }
   std::tuple<std::size_t, std::size_t, std::size_t> sizes() {
@@ -151,7 +154,7 @@ class Worlds {
 }  // namespace
 
 NB_MODULE(_session, module) {
-  module.doc() = "Sessions from a file, and what every session lets in and out.";
+  module.doc() = "Sessions from a file, and the checks of states and commands of every session.";
   nb::set_leak_warnings(std::getenv("HQP_LEAK_WARNINGS") != nullptr);  // a script may end anyhow
   nb::exception<hqp::PlanError>(module, "PlanError");
   nb::exception<hqp::ReferenceError>(module, "ReferenceError", PyExc_ValueError);

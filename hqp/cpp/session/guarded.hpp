@@ -32,7 +32,7 @@ class Guarded {
     } catch (const PlanError&) {
       throw;
     } catch (const std::exception& error) {  // of a part that looks at its own numbers, or out of memory
-      throw PlanError(std::string("the plan makes no session: ") + error.what());
+      throw PlanError(std::string("cannot make a session of the plan: ") + error.what());
     }
   }
   explicit Guarded(std::shared_ptr<const Plan> plan)
@@ -63,16 +63,23 @@ class Guarded {
         presence_(line_.root(), line_.members()),
         laws_(line_, presence_.names().size()),
         out_(line_.members().size(), false) {
-    if (joint_names_.size() != picks_.size()) throw PlanError("the command of the plan is of other joints");
+    if (joint_names_.size() != picks_.size())
+      throw PlanError("the plan lists " + std::to_string(joint_names_.size()) + " joint names for " +
+                      std::to_string(picks_.size()) + " commands: export it anew");
     if (guards_.texts("statuses").size() != std::size_t(Status::kInvalidState) + 1)
-      throw PlanError("the plan has no sentences");
+      throw PlanError("the plan lists " + std::to_string(guards_.texts("statuses").size()) + " status texts, needed " +
+                      std::to_string(std::size_t(Status::kInvalidState) + 1) + ": export it anew");
     if (guards_.has("rates"))
       limiter_ = std::make_unique<RateLimiter>(joint_names_, guards_.numbers("rates"), line_.dt(), "rate");
     for (const int pick : picks_)
-      if (pick < 0 || std::size_t(pick) >= x_.size()) throw PlanError("a joint of the plan is none");
+      if (pick < 0 || std::size_t(pick) >= x_.size())
+        throw PlanError("joint index " + std::to_string(pick) + " of the plan is outside 0 to " +
+                        std::to_string(x_.size() - 1) + ": export it anew");
     over_.reserve(v_.size());
     rest_ = made_rest();
-    if (rest_->size() != x_.size()) throw PlanError("the plan comes to rest by other numbers than it is solved for");
+    if (rest_->size() != x_.size())
+      throw PlanError("the braking of the plan has " + std::to_string(rest_->size()) + " variables, its solver " +
+                      std::to_string(x_.size()) + ": export it anew");
     for (std::size_t k = 0; k < given_.size(); ++k) {
       Slot& slot = line_.slots()[k];
       const int sizes[] = {slot.size(), slot.rows, slot.rows, 3};
@@ -146,7 +153,7 @@ class Guarded {
   void say(std::size_t member, bool in) {
     const Member& told = line_.members()[member];
     if (line_.torque() && told.level < 0)
-      throw ReferenceError(told.name + " acts by a force: it comes and goes by phases");
+      throw ReferenceError(told.name + ": switch a contact at torque level by phases, not by on()");
     presence_.say(member, in);
   }
   // The phase of the steps from now on, "" for none.
@@ -156,7 +163,7 @@ class Guarded {
       if (names[k] == name) return presence_.phase(k);
     std::string known;
     for (std::size_t k = 1; k < names.size(); ++k) known += (k > 1 ? ", " : "") + names[k];
-    throw ReferenceError("the plan has no phase '" + name + "'; it has " + (known.empty() ? "none" : known));
+    throw ReferenceError("the plan has no phase '" + name + "'; allowed: " + (known.empty() ? "none" : known));
   }
   std::size_t member(const std::string& name) const {
     const std::vector<Member>& all = line_.members();
@@ -165,7 +172,7 @@ class Guarded {
     std::string known;
     for (const Member& one : all)
       if (one.slot >= 0) known += (known.empty() ? "" : ", ") + one.name;
-    throw ReferenceError("the plan has no element '" + name + "' that takes a reference; it has " + known);
+    throw ReferenceError("the plan has no element '" + name + "' with a reference; allowed: " + known);
   }
 
   // How many numbers an element is told as what, see set().
@@ -244,7 +251,8 @@ class Guarded {
       return std::make_unique<SlowDown>(robot_.numbers("lower", v_.size()), robot_.numbers("upper", v_.size()), joints_,
                                         deceleration, line_.dt());
     if (kind_ == "acceleration") return std::make_unique<Brake>(v_.size(), joints_, deceleration, line_.dt());
-    if (!line_.torque()) throw PlanError("the plan is of an unknown kind");
+    if (!line_.torque())
+      throw PlanError("the plan is of kind '" + kind_ + "'; allowed: velocity, acceleration, torque");
     std::vector<double> limit;
     for (const int i : joints_) limit.push_back(robot_.numbers("effort_limit").at(std::size_t(i)));
     return std::make_unique<Hold>(limit, joints_, braking.number("damping"), line_.dt());
@@ -433,19 +441,20 @@ inline void Guarded::set(std::size_t member, int what, const double* values, std
   Given& given = given_[std::size_t(told.slot)];
   Slot& slot = line_.slots()[std::size_t(told.slot)];
   if (what == Reference::kLoad) {
-    if (!told.contact) throw ReferenceError(told.name + " is no contact, a load was given for it");
+    if (!told.contact) throw ReferenceError(told.name + " is not a contact: it takes no measured load");
     contacts_.measure(member, values[0]);
   } else if (what == Reference::kHold) {
     if (size != slot.hold.size() || !finite(values, static_cast<int>(size)))
-      throw ReferenceError(told.name + ": a hold value has " + std::to_string(slot.hold.size()) + " finite numbers");
+      throw ReferenceError(told.name + ": a hold value needs " + std::to_string(slot.hold.size()) +
+                           " finite numbers, given " + std::to_string(size));
     std::copy(values, values + size, slot.hold.begin());
     slot.settle();
     given.held = true;
   } else {
     std::vector<double>& to = given.numbers[what];
     if (size != to.size())
-      throw ReferenceError(told.name + ": a " + names[what] + " has " + std::to_string(to.size()) + " numbers, given " +
-                           std::to_string(size));
+      throw ReferenceError(told.name + ": its " + names[what] + " needs " + std::to_string(to.size()) +
+                           " numbers, given " + std::to_string(size));
     std::copy(values, values + size, to.begin());
     given.told |= 1u << what;
   }

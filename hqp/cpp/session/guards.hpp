@@ -28,7 +28,7 @@ class StateBounds {
         names_(std::move(names)) {
     const std::size_t n = low_.size();
     if (high_.size() != n || speed_.size() != n || names_.size() != n)
-      throw PlanError("the bounds of the plan have a wrong size");
+      throw PlanError("the state bounds of the plan need " + std::to_string(n) + " of low, high, speed and names each");
   }
 
   std::size_t size() const { return low_.size(); }
@@ -108,7 +108,8 @@ class StateCheck {
         angles_(bounds_.size()) {
     if (places_.size() != std::size_t(kinematics.size()) || speeds_.size() != bounds_.size() ||
         places_.size() < bounds_.places())
-      throw PlanError("the bounds of the plan have a wrong size");
+      throw PlanError("the state bounds of the plan need a name for each of nq = " + std::to_string(kinematics.size()) +
+                      " and nv = " + std::to_string(bounds_.size()) + " numbers");
   }
 
   // q is normalised in place; false, and why, where the state is not usable.
@@ -157,7 +158,9 @@ class RateLimiter {
   // joints: of the motors.  name: of the limit.
   RateLimiter(std::vector<std::string> joints, std::vector<double> inverse, double dt, std::string name)
       : names_(std::move(joints)), inverse_(std::move(inverse)), dt_(dt), name_(std::move(name)), all_(name_ + "s") {
-    if (names_.size() != inverse_.size()) throw PlanError("the rates of the plan are of other joints");
+    if (names_.size() != inverse_.size())
+      throw PlanError("rate limits: " + std::to_string(inverse_.size()) + " numbers for " +
+                      std::to_string(names_.size()) + " motors");
   }
 
   // How far towards x one tick may go, 0 to 1, and why not all the way.  motors: their places in x.

@@ -26,7 +26,7 @@ struct Json {
   // The field of that name; refuses where there is none.
   const Json& operator[](std::string_view name) const {
     if (const Json* found = find(name)) return *found;
-    throw PlanError("the plan has no '" + std::string(name) + "'");
+    throw PlanError("the plan has no field '" + std::string(name) + "': export it anew");
   }
   const Json* find(std::string_view name) const {
     for (const auto& [key, value] : fields)
@@ -42,7 +42,7 @@ class JsonReader {
   Json read() {
     Json found = value(0);
     space();
-    if (at_ != text_.size()) refuse("something follows its end");
+    if (at_ != text_.size()) refuse("text after the end of the value");
     return found;
   }
 
@@ -50,7 +50,7 @@ class JsonReader {
   static constexpr int kDeepest = 64;
 
   [[noreturn]] void refuse(const char* why) const {
-    throw PlanError("the plan is no JSON at byte " + std::to_string(at_) + ": " + why);
+    throw PlanError("the plan is not valid JSON at byte " + std::to_string(at_) + ": " + why);
   }
   void space() {
     while (at_ < text_.size() && (text_[at_] == ' ' || text_[at_] == '\n' || text_[at_] == '\t' || text_[at_] == '\r'))
@@ -66,7 +66,7 @@ class JsonReader {
     return true;
   }
   void expect(char c) {
-    if (!take(c)) refuse("another sign is expected");
+    if (!take(c)) refuse((std::string("expected '") + c + "'").c_str());
   }
   bool word(std::string_view name) {
     if (text_.substr(at_, name.size()) != name) return false;
@@ -75,7 +75,7 @@ class JsonReader {
   }
 
   Json value(int depth) {
-    if (depth > kDeepest) refuse("it is too deep");
+    if (depth > kDeepest) refuse("it is nested deeper than 64 levels");
     Json found;
     switch (next()) {
       case '{':
@@ -83,7 +83,7 @@ class JsonReader {
         found.kind = Json::Kind::kTable;
         if (take('}')) return found;
         do {
-          if (next() != '"') refuse("a name is expected");
+          if (next() != '"') refuse("expected a name in quotes");
           std::string name = string();
           expect(':');
           found.fields.emplace_back(std::move(name), value(depth + 1));
@@ -103,13 +103,13 @@ class JsonReader {
         found.text = string();
         return found;
       case 'n':
-        if (!word("null")) refuse("an unknown word");
+        if (!word("null")) refuse("expected null");
         return found;
       case 't':
       case 'f':
         found.kind = Json::Kind::kFlag;
         found.flag = text_[at_] == 't';
-        if (!word(found.flag ? "true" : "false")) refuse("an unknown word");
+        if (!word(found.flag ? "true" : "false")) refuse("expected true or false");
         return found;
       default:
         found.kind = Json::Kind::kNumber;
@@ -131,7 +131,8 @@ class JsonReader {
         if (at_ + 4 >= text_.size()) break;
         unsigned code = 0;
         const char* first = text_.data() + at_ + 1;
-        if (std::from_chars(first, first + 4, code, 16).ptr != first + 4) refuse("a wrong escape");
+        if (std::from_chars(first, first + 4, code, 16).ptr != first + 4)
+          refuse("expected four hexadecimal digits after \\u");
         append(found, code);
         at_ += 4;
       } else if (c == 'n' || c == 't') {
@@ -140,7 +141,7 @@ class JsonReader {
         found += c;
       }
     }
-    if (at_ >= text_.size()) refuse("a text does not end");
+    if (at_ >= text_.size()) refuse("a string does not end");
     ++at_;
     return found;
   }
@@ -161,7 +162,7 @@ class JsonReader {
     double found = 0.0;
     const char *first = text_.data() + at_, *last = text_.data() + text_.size();
     const auto [end, error] = std::from_chars(first, last, found);
-    if (error != std::errc() || end == first) refuse("a number is expected");
+    if (error != std::errc() || end == first) refuse("expected a number");
     at_ += static_cast<std::size_t>(end - first);
     return found;
   }

@@ -48,7 +48,9 @@ class Line {
                   root_.part("guards").number("dt"), root_.part("motion").integer("order")),
         solve_(solver_of(root_.part("solver"), variables(root_.part("motion")))) {
     if (nq_ < 1 || kinematics_.size() != nq_ || assembly_.size() != nv_)
-      throw PlanError("the tree of the plan is another one");
+      throw PlanError("the plan's joints give (nq, nv) = (" + std::to_string(kinematics_.size()) + ", " +
+                      std::to_string(assembly_.size()) + "), its robot has (" + std::to_string(nq_) + ", " +
+                      std::to_string(nv_) + "): export it anew");
     largest_ = root_.part("guards").number("largest");
     rows_ = solve_->exact().rows();
     int total = 0;
@@ -58,10 +60,12 @@ class Line {
     if (root_.part("motion").has("torque")) {
       torque_ = std::make_unique<TorqueParts>(root_.part("motion").part("torque"));
       torque_->before(solve_.get(), &assembly_);
-      if (torque_->coordinates() != std::size_t(nv_)) throw PlanError("the elimination of the plan is of another tree");
+      if (torque_->coordinates() != std::size_t(nv_))
+        throw PlanError("the contact elimination of the plan has " + std::to_string(torque_->coordinates()) +
+                        " coordinates, its robot " + std::to_string(nv_) + ": export it anew");
     }
     if (torque_ ? order() != 2 || !root_.part("motion").has("dynamics") : order() != 1 && order() != 2)
-      throw PlanError("the plan is of an unknown order");
+      throw PlanError("the order of the plan must be 1 or 2, at torque level 2 with dynamics: export it anew");
     for (const Node& one : root_.parts("elements")) members_.push_back(member(one)), bind_free(members_.back());
     for (const Member& one : members_)
       if (one.level >= 0) placed_.push_back(&one);
@@ -234,7 +238,7 @@ class Line {
         if (member.lower < lower || member.lower >= lower + m) continue;
         const std::ptrdiff_t at = member.lower - lower;
         if (at + (member.last - member.first) > std::ptrdiff_t(m))
-          throw PlanError("rows on forces of the plan are none");
+          throw PlanError("rows on contact forces end outside their table: export the plan anew");
         member.lower = one.doubles("asked_lower", m) + at, member.upper = one.doubles("asked_upper", m) + at;
         break;
       }
@@ -267,7 +271,8 @@ class Line {
     for (const Node& one : p.parts("slots")) {
       slots_.push_back(slot(one, assembly_.operations()));
       slot_names_.push_back(one.text("name"));
-      if (!slots_.back().target && slots_.back().size() > 0) throw PlanError("a reference of the plan goes nowhere");
+      if (!slots_.back().target && slots_.back().size() > 0)
+        throw PlanError("element '" + one.text("name") + "': its reference has no array in the plan: export it anew");
     }
     if (p.has("slowing")) {
       slowing_ = p.part("slowing").doubles("scale", nv_);
@@ -276,7 +281,10 @@ class Line {
   }
   Member member(const Node& p) {
     const std::vector<int> place = p.ints("place"), rows = p.ints("rows");
-    if (place.size() != 2 || rows.size() != 2) throw PlanError("an element of the plan is none");
+    if (place.size() != 2 || rows.size() != 2)
+      throw PlanError("element '" + p.text("name") + "': place and rows must be [first, last], given " +
+                      std::to_string(place.size()) + " and " + std::to_string(rows.size()) +
+                      " numbers: export the plan anew");
     Member found{p.text("name"),
                  p.flag("hard"),
                  p.flag("contact"),
@@ -302,7 +310,11 @@ class Line {
         rows[0] < 0 || rows[0] > rows[1] || rows[1] > motions ||
         (!found.units.empty() && (found.level < 0 || found.units.size() != std::size_t(place[1] - place[0]) ||
                                   found.units.size() != found.row_names.size())))
-      throw PlanError("the rows of an element of the plan are none");
+      throw PlanError("element '" + found.name + "': level " + std::to_string(found.level) + ", place [" +
+                      std::to_string(place[0]) + ", " + std::to_string(place[1]) + "], rows [" +
+                      std::to_string(rows[0]) + ", " + std::to_string(rows[1]) + "] or its units do not fit " +
+                      std::to_string(levels) + " levels, " + std::to_string(most) + " rows of its level and " +
+                      std::to_string(motions) + " rows in all: export the plan anew");
     for (std::size_t k = 0; k < slot_names_.size(); ++k)
       if (slot_names_[k] == found.name) found.slot = static_cast<int>(k);
     if (found.slot < 0) return found;
@@ -311,7 +323,9 @@ class Line {
     found.operation = slot.operation;
     if (p.has("hold")) slot.hold = p.part("hold").numbers();
     if (!p.has("hold") || size == 0) slot.hold.assign(size, 0.0);
-    if (slot.hold.size() != size) throw PlanError("the hold value of an element of the plan has a wrong size");
+    if (slot.hold.size() != size)
+      throw PlanError("element '" + found.name + "': its hold value has " + std::to_string(slot.hold.size()) +
+                      " numbers, needed " + std::to_string(size) + ": export the plan anew");
     if (size == 0) found.slot = -1;
     return found;
   }

@@ -34,7 +34,9 @@ using Written = nb::ndarray<double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
 template <class Array>
 auto numbers(const Array& x, std::size_t size) {
-  if (x.size() != size) throw nb::value_error("a vector has a wrong size");
+  if (x.size() != size)
+    throw nb::value_error(
+        ("a vector has size " + std::to_string(x.size()) + ", needed " + std::to_string(size)).c_str());
   return x.data();
 }
 inline const double* numbers(const std::optional<Vector>& x, std::size_t size) {
@@ -113,11 +115,11 @@ class Outgoing {
     const double* prices = nullptr;
     if (!reader.read(hierarchy_, n, rows, !hierarchy_.attr("metric").is_none(), levels.data(), problem, prices) ||
         !reader.read_law(hierarchy_, n, std::vector<char>(rows.size(), 1), prices, law))
-      throw nb::value_error("the hierarchy cannot be read");
+      throw nb::value_error("the hierarchy's arrays do not have the shapes or types that its levels need");
     std::vector<hqp::Outgoing::Part> found;
     for (const auto& [name, level, first, last, names] : parts) {
       if (level < 0 || level >= problem.count || first < 0 || last < first || last > rows[std::size_t(level)])
-        throw nb::value_error("rows that the hierarchy does not have");
+        throw nb::value_error("a part names a level or rows outside the hierarchy");
       found.push_back({name, level, first, last, names});
     }
     return {n,    std::move(levels), problem.constraints, law, std::move(found), std::move(motors),

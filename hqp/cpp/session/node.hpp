@@ -24,13 +24,15 @@ class Memory {
   template <class T>
   T* at(const Json& place, std::size_t count, char type) const {
     const std::vector<Json>& told = place["@"].items;
-    if (told.size() != 3 || told[2].number != double(count)) throw PlanError("an array of the plan has a wrong size");
+    if (told.size() != 3 || told[2].number != double(count))
+      throw PlanError("an array of the plan needs " + std::to_string(count) + " items: export it anew");
     if (count == 0) return reinterpret_cast<T*>(base_);
     const double k = told[0].number, first = told[1].number;
-    if (!(k >= 0.0 && k < double(plan_.buffers().size()))) throw PlanError("the plan has no such buffer");
+    if (!(k >= 0.0 && k < double(plan_.buffers().size())))
+      throw PlanError("an array of the plan names a buffer that does not exist: export it anew");
     const Plan::Buffer& buffer = plan_.buffers()[static_cast<std::size_t>(k)];
     if (buffer.type != type || !(first >= 0.0) || first + double(count) > double(buffer.size))
-      throw PlanError("an array of the plan ends behind its buffer");
+      throw PlanError("an array of the plan lies outside its buffer or has another type: export it anew");
     return reinterpret_cast<T*>(base_ + buffer.at) + static_cast<std::size_t>(first);
   }
 
@@ -62,7 +64,8 @@ class Node : public PlanOf<Node> {
   double number() const { return Plan::number_of(*told_); }
   int integer() const {
     const double found = number();
-    if (!(found >= -2147483648.0 && found <= 2147483647.0)) throw PlanError("the plan has no whole number");
+    if (!(found >= -2147483648.0 && found <= 2147483647.0))
+      throw PlanError("a field of the plan is not a whole number of 32 bits: export it anew");
     return static_cast<int>(found);
   }
   bool flag() const { return told_->flag; }
@@ -89,7 +92,8 @@ class Node : public PlanOf<Node> {
   }
   std::size_t size() const {  // of an array
     const std::vector<Json>& told = (*told_)["@"].items;
-    if (told.size() != 3 || !(told[2].number >= 0.0 && told[2].number < 1e9)) throw PlanError("no array");
+    if (told.size() != 3 || !(told[2].number >= 0.0 && told[2].number < 1e9))
+      throw PlanError("a field of the plan is not an array: export it anew");
     return static_cast<std::size_t>(told[2].number);
   }
   double* doubles(std::size_t count) const { return memory_->at<double>(*told_, count, 'd'); }

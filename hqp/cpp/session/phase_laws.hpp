@@ -16,13 +16,19 @@ class PhaseLaws {
     for (const Node& one : line.root().parts("laws")) {
       std::size_t m = 0;
       while (m < members.size() && members[m].name != one.text("name")) ++m;
-      if (m == members.size()) throw PlanError("the plan has no element " + one.text("name"));
+      if (m == members.size())
+        throw PlanError("a law names element '" + one.text("name") + "', which the plan does not have");
       const int start = members[m].row, stop = members[m].row_end;
-      if (stop > demands_.size()) throw PlanError("a law of the plan is of no rows");
+      if (stop > demands_.size())
+        throw PlanError("the law of element '" + one.text("name") + "' ends at row " + std::to_string(stop) +
+                        ", the plan has " + std::to_string(demands_.size()) + ": export it anew");
       const std::vector<Node> laws = one.parts("laws");
       for (const Node& law : laws) demands_.add(rows_law(law, start, stop));
       elements_.push_back({m, start, stop, one.places("of", laws.size())});
-      if (elements_.back().of.size() != phases || phases == 0) throw PlanError("a phase of the plan has no law");
+      if (elements_.back().of.size() != phases || phases == 0)
+        throw PlanError("element '" + one.text("name") + "' has laws for " +
+                        std::to_string(elements_.back().of.size()) + " phases, the plan has " + std::to_string(phases) +
+                        ": export it anew");
     }
   }
 

@@ -21,11 +21,11 @@ class Plan {
   explicit Plan(const std::string& file) {
     const std::size_t line = file.find('\n');
     if (file.compare(0, 9, "hqp plan,") != 0 || line == std::string::npos || line > 200)
-      throw PlanError("the file is no plan of hqp");
+      throw PlanError("not a plan file of hqp: it must begin with 'hqp plan,'; write one by hqp export");
     const std::string head = file.substr(0, line);
     const std::string_view body(file.data() + line + 1, file.size() - line - 1);
     if (told(head, "format ") != std::to_string(kFormat))
-      throw PlanError("the plan has format " + told(head, "format ") + ", this version of hqp reads " +
+      throw PlanError("the plan has format " + told(head, "format ") + ", this version of hqp reads format " +
                       std::to_string(kFormat) + ": export it anew");
     if (told(head, "version ") != kVersion)
       throw PlanError("the plan was written by hqp " + told(head, "version ") + ", this is " + kVersion +
@@ -34,10 +34,11 @@ class Plan {
       throw PlanError("the plan is cut short: it has " + std::to_string(body.size()) + " bytes of " +
                       told(head, "size "));
     const std::string own = hash(body);
-    if (told(head, "hash ") != own) throw PlanError("the plan was changed: its hash is another");
+    if (told(head, "hash ") != own)
+      throw PlanError("the plan was changed after it was written: its hash differs; export it anew");
     if (head != "hqp plan, format " + std::to_string(kFormat) + ", version " + kVersion + ", size " +
                     std::to_string(body.size()) + ", hash " + own)
-      throw PlanError("the plan was changed: its first line has more than format, version, size and hash");
+      throw PlanError("the plan was changed: its first line must have format, version, size and hash only");
     root_ = JsonReader(body).read();
     lay_out();
   }
@@ -73,10 +74,13 @@ class Plan {
       const std::string& type = told["type"].text;
       const double size = told["size"].number;
       const char kind = type == "f8" ? 'd' : type == "i8" ? 'l' : type == "i4" ? 'i' : type == "i1" ? 'b' : '\0';
-      if (!kind || !(size >= 0.0 && size < double(kLargest))) throw PlanError("a buffer of the plan is none");
+      if (!kind || !(size >= 0.0 && size < double(kLargest)))
+        throw PlanError("a buffer of the plan has type '" + type + "' and size " + std::to_string(size) +
+                        "; allowed: f8, i8, i4 or i1 and 0 to " + std::to_string(kLargest));
       buffers_.push_back({kind, used, static_cast<std::size_t>(size)});
       used += (static_cast<std::size_t>(size) * width(kind) + 63) / 64 * 64;
-      if (used > kLargest) throw PlanError("the buffers of the plan are too large");
+      if (used > kLargest)
+        throw PlanError("the buffers of the plan are too large, allowed " + std::to_string(kLargest) + " bytes");
     }
     image_.assign(used / sizeof(double), 0.0);
     std::size_t k = 0;
@@ -84,14 +88,16 @@ class Plan {
   }
   void fill(const Buffer& buffer, const Json& runs) {
     for (const Json& run : runs.items) {
-      if (run.items.size() != 2) throw PlanError("a run of the plan is none");
+      if (run.items.size() != 2) throw PlanError("a run of a buffer must be [first, values]: export the plan anew");
       double at = run.items[0].number;
       if (!(at >= 0.0) || at + double(run.items[1].items.size()) > double(buffer.size))
-        throw PlanError("a run of the plan ends behind its buffer");
+        throw PlanError("a run of a buffer lies outside its buffer: export the plan anew");
       char* to = reinterpret_cast<char*>(image_.data()) + buffer.at + static_cast<std::size_t>(at) * width(buffer.type);
       for (const Json& one : run.items[1].items) {
         const double number = number_of(one);
-        if (buffer.type != 'd' && !(std::fabs(number) < 2147483648.0)) throw PlanError("a place of the plan is none");
+        if (buffer.type != 'd' && !(std::fabs(number) < 2147483648.0))
+          throw PlanError("an index of the plan is " + std::to_string(number) +
+                          ", allowed less than 2^31 in magnitude");
         const auto whole = static_cast<std::int64_t>(buffer.type == 'd' ? 0.0 : number);
         if (buffer.type == 'd') put(to, number);
         else if (buffer.type == 'l') put(to, whole);
@@ -113,7 +119,7 @@ class Plan {
     if (told.text == "inf") return std::numeric_limits<double>::infinity();
     if (told.text == "-inf") return -std::numeric_limits<double>::infinity();
     if (told.text == "nan") return std::numeric_limits<double>::quiet_NaN();
-    throw PlanError("the plan has no number where one is expected");
+    throw PlanError("a field of the plan is not a number: export it anew");
   }
 
  private:
@@ -125,7 +131,7 @@ class Plan {
 // The plan of a file; throws PlanError with a sentence.
 inline std::shared_ptr<const Plan> read_plan(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
-  if (!file) throw PlanError("there is no file " + path);
+  if (!file) throw PlanError("cannot open the file " + path);
   return std::make_shared<const Plan>(std::string(std::istreambuf_iterator<char>(file), {}));
 }
 

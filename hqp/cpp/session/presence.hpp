@@ -19,7 +19,7 @@ class Presence {
     const auto member = [&](const std::string& name) {
       for (std::size_t m = 0; m < members.size(); ++m)
         if (members[m].name == name) return m;
-      throw PlanError("the plan has no element " + name + " that goes with others");
+      throw PlanError("phases or followers name element '" + name + "', which the plan does not have");
     };
     for (const Node& one : root.parts("follows")) {
       Follower found{member(one.text("name")), one.flag("every"), {}};
@@ -32,7 +32,7 @@ class Presence {
       names_.push_back(one.text("name"));
       declared_.push_back(std::move(out));
     }
-    if (declared_.empty()) throw PlanError("the plan has no phase");
+    if (declared_.empty()) throw PlanError("the plan lists no phases, needed at least the unnamed one: export it anew");
   }
 
   // The first one has no name: it is that of ticks without a phase.

@@ -44,61 +44,63 @@ std::string Note::text() const {
   };
   switch (cause) {
     case Cause::kNotFinite:
-      return where[0] ? at + "position " + is(amount) + " is not a finite number" : "the answer is not finite";
+      return where[0] ? at + "position " + is(amount) + " is not a finite number" : "the solution is not finite";
     case Cause::kNotFiniteV:
       return at + "velocity " + is(amount) + " is not a finite number";
     case Cause::kTooLarge:
-      return "q and v are too large";
+      return "q and v are too large: their squares overflow";
     case Cause::kQuaternion:
-      return at + "quaternion of length " + g4(amount) + ", allowed 1 within " + is(allowed);
+      return at + "quaternion of length " + g4(amount) + ", allowed 1 +- " + is(allowed);
     case Cause::kPair:
-      return at + "(cos, sin) pair of length " + g4(amount) + ", allowed 1 within " + is(allowed);
+      return at + "(cos, sin) pair of length " + g4(amount) + ", allowed 1 +- " + is(allowed);
     case Cause::kPosition:
       return at + "position " + g4(amount) + " is too large, allowed " + g4(allowed) + " to " + g4(most);
     case Cause::kVelocity:
       return at + "velocity " + g4(amount) + " is too large, allowed at most " + is(allowed);
     case Cause::kBase:
-      return at + "position " + g4(amount) + " m is too far off, allowed " + is(allowed);
+      return at + "position " + g4(amount) + " m is too far from the origin, allowed " + is(allowed) + " m";
     case Cause::kNoTime:
-      return "it does not tell its time, which max_age asks for";
+      return "it has no time, but max_age needs one";
     case Cause::kAhead:
-      return "its time is " + g3(amount) + " s ahead of now, allowed " + is(allowed) +
-             " s: its clock must be that of the session";
+      return "its time is " + g3(amount) + " s ahead of the session's clock, allowed " + is(allowed) +
+             " s: use one clock for both";
     case Cause::kAge:
       return "it is " + g3(amount) + " s old, allowed " + is(allowed) + " s";
     case Cause::kReference:
     case Cause::kRotation:
-      return std::string("its reference is ") + (cause == Cause::kReference ? "not finite" : "no rotation") +
-             (left_out ? left : ": its hold value was taken instead");
+      return std::string("its reference is ") + (cause == Cause::kReference ? "not finite" : "not a rotation") +
+             (left_out ? left : ": its hold value is used instead");
     case Cause::kJacobian:
       return wrong("Jacobian");
     case Cause::kDemand:
       return wrong("demand");
     case Cause::kBounds:
-      return "its bounds are NaN or crossed in row " + std::to_string(row) + " (" + is(amount) + ", " + is(allowed) +
-             ")" + left;
+      return "its bounds are NaN or lower > upper in row " + std::to_string(row) + " (" + is(amount) + ", " +
+             is(allowed) + ")" + left;
     case Cause::kOff: {
-      std::string text = "off by up to " + g3(amount) + (where[0] ? " by the " + std::string(where) + " limit" : "");
+      std::string text =
+          "violated by up to " + g3(amount) + (where[0] ? " by the " + std::string(where) + " limit" : "");
       const int told = std::min(row_count, 3);
       for (int i = 0; i < told; ++i) text += (i ? ", " : ": ") + std::string(rows[i].name) + " " + g3(rows[i].amount);
       return row_count > told ? text + " and " + std::to_string(row_count - told) + " more" : text;
     }
     case Cause::kRate:
-      return std::string(where) + " would change by " + g3(amount) + "/s, allowed " + g3(allowed) + "/s";
+      return std::string(where) + " would change by " + g3(amount) + "/s, allowed " + g3(allowed) +
+             "/s: the change of the command is scaled down";
     case Cause::kContact:
-      return "has carried less than " + is(allowed) + " N for " + number("%.0f", amount) + " ms, by the loads given";
+      return "has carried less than " + is(allowed) + " N for " + number("%.0f", amount) + " ms, by its measured load";
     case Cause::kRestless:
-      return "its command alternates from limit to limit " + number("%.0f", amount) +
-             " times a second: give levels a price, or a better target";
+      return "its command alternates between its limits " + number("%.0f", amount) +
+             " times a second: set a price on the levels, or move the target within reach";
     case Cause::kOverrun:
-      return "its position limit gives way to the acceleration window: it will be passed by " + g3(amount) + " " +
-             where;
+      return "it cannot brake in time within its acceleration limit: its position limit will be exceeded by " +
+             g3(amount) + " " + where;
     case Cause::kSolver:
       return where;
     case Cause::kDynamics:
       return "the joint-space inertia is not positive definite";
     case Cause::kNoState:
-      return "no good state so far: the command is zero";
+      return "no valid state so far: the command is zero";
   }
   return "";
 }

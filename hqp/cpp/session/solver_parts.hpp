@@ -15,7 +15,9 @@ namespace hqp {
 inline std::unique_ptr<LevelSolve> solver_of(const Node& p, int n) {
   const std::vector<Node> levels = p.parts("levels");
   const std::size_t count = levels.size(), width = static_cast<std::size_t>(n);
-  if (n < 1 || n > 10000 || p.integer("n") != n) throw PlanError("a kernel of the plan has a wrong size");
+  if (n < 1 || n > 10000 || p.integer("n") != n)
+    throw PlanError("the solver of the plan has n = " + std::to_string(p.integer("n")) + ", its motion " +
+                    std::to_string(n) + "; allowed: both the same, 1 to 10000");
   std::vector<Level> found;
   std::vector<int> rows;
   for (const Node& one : levels) {
@@ -33,7 +35,9 @@ inline std::unique_ptr<LevelSolve> solver_of(const Node& p, int n) {
   if (staged) {
     const Node stages = p.part("stages");
     for (const Node& flag : stages.parts("priced")) priced.push_back(flag.flag());
-    if (priced.size() != count) throw PlanError("the plan tells of other levels than it has");
+    if (priced.size() != count)
+      throw PlanError("the plan has " + std::to_string(count) + " levels and prices of " +
+                      std::to_string(priced.size()) + ": export it anew");
     tolerances = tolerances_of(stages);
   }
   auto made = std::make_unique<LevelSolve>(n, rows, p.has("metric"), options_of(p), std::move(priced), tolerances);
@@ -52,7 +56,8 @@ inline std::unique_ptr<LevelSolve> solver_of(const Node& p, int n) {
   law.eta = stages.number("eta");
   if (stages.has("F")) {
     law.r = stages.integer("F_rows");
-    if (law.r < 0) throw PlanError("the motion of the plan has a wrong size");
+    if (law.r < 0)
+      throw PlanError("F_rows is " + std::to_string(law.r) + ", allowed 0 and above: export the plan anew");
     law.F = stages.doubles("F", law.r ? static_cast<std::size_t>(law.r) * width : width);
   }
   law.f = stages.maybe("f", law.r ? static_cast<std::size_t>(law.r) : width);

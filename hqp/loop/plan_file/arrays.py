@@ -66,7 +66,7 @@ def _kind(array: Array) -> str:
     kind = array.dtype.str[1:]
     contiguous = array.flags.c_contiguous or array.flags.f_contiguous
     if kind not in TYPES or not contiguous:
-        raise HqpError(f"a file takes contiguous arrays of {', '.join(sorted(TYPES))}, given {array.dtype}")
+        raise HqpError(f"a plan file stores contiguous arrays of {', '.join(sorted(TYPES))}, given {array.dtype}")
     return kind
 
 
@@ -78,7 +78,7 @@ def _buffers(arrays: list[Array]) -> list[_Buffer]:
         last = merged[-1] if merged else None
         if last is not None and begin < last.end:
             if kind != last.kind:
-                raise HqpError("two arrays of different types share their memory")
+                raise HqpError("a plan file cannot store two arrays of different types that share memory")
             last.end = max(last.end, end)
         else:
             merged.append(_Buffer(begin, end, kind))
@@ -113,7 +113,7 @@ def _encoded(tree: Any, buffers: list[_Buffer]) -> Any:
         return {str(name): _encoded(value, buffers) for name, value in tree.items()}
     if isinstance(tree, (list, tuple)):
         return [_encoded(value, buffers) for value in tree]
-    raise HqpError(f"a file takes no {type(tree).__name__}")
+    raise HqpError(f"a plan file cannot store a {type(tree).__name__}")
 
 
 def _place(array: Array, buffers: list[_Buffer]) -> dict[str, list[int]]:

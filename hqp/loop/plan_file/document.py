@@ -104,9 +104,9 @@ def _require_native(compiled: Compiled, robot: Robot) -> None:
     if (found := compiled.program.in_python()) is not None:
         raise _refused(*found)
     if robot.tree_joints is None:
-        raise _refused(robot.name, "it has a joint that native kinematics do not know")
+        raise _refused(robot.name, "a joint has a type that native kinematics do not support")
     if not hasattr(compiled.workspace, "parts"):
-        raise _refused("solver", "it is not 'lexicographic'")
+        raise _refused("solver", "only 'lexicographic' has native code")
 
 
 def _refused(name: str, why: str) -> DeclarationError:

@@ -31,7 +31,7 @@ DEEPEST = 3
 def change(line: Line, compiler: Compiler, stack: Stack, over: float) -> Line:
     """The line of another stack, which takes over at once or within ``over`` seconds at least."""
     if not isinstance(over, (int, float)) or not 0.0 <= over < math.inf:
-        raise DeclarationError("change", "bad duration", value=over, unit="s", allowed="over >= 0")
+        raise DeclarationError("change", "duration over", value=over, unit="s", allowed="0 or above")
     latest, under_way = line.latest, line.transition
     ordinary = latest is not None and not Direct.staged(latest)
     last = line.last_references

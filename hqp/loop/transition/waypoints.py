@@ -64,8 +64,8 @@ def path(before: Stack, after: Stack, robot: Robot, contact_law: Law | None) -> 
     if released and taken and robot.floating and not any(old[name].is_contact for name in kept):
         raise DeclarationError(
             "change",
-            f"no contact is left on the way: {', '.join(old)} to {', '.join(new)}",
-            allowed="take up the new ones in one change, release the old ones in the next, or over=0",
+            f"the transition from {', '.join(old)} to {', '.join(new)} would pass a stack without contacts",
+            allowed="add the new contacts in one change and remove the old ones in the next, or over=0",
         )
     found = [Waypoint(before)]
     if released:
@@ -144,6 +144,6 @@ def bearing(program: Any, x: Vec, contacts: Sequence[str]) -> tuple[Note, ...]:
         if float(np.abs(force).max(initial=0.0)) > BEARS_NOTHING:
             moment = f" and {np.linalg.norm(force[3:]):.3g} N m" if force.size > 3 else ""
             bears = f"{np.linalg.norm(force[:3]):.3g} N{moment}"
-            why = f"cannot be released: it still bears {bears}; take the weight off it first"
+            why = f"cannot be released: it still carries {bears}; unload it first"
             notes.append(Note(name, Status.OPTIMAL, why))
     return tuple(notes)
