@@ -14,18 +14,18 @@ from hqp.commands.arguments import add_robot, add_stack, read_robot, read_stack
 from hqp.errors import HqpError
 
 PACKAGES = {
-    "view": ("hqp.viewer.command", "see a stack on a robot in a browser, with targets to drag"),
+    "view": ("hqp.viewer.command", "show a stack on a robot in a browser, with targets to drag"),
     "bench": ("hqp.lab.command", "run a stack in closed loop through solvers: time, accuracy, calm, as a report"),
     "sweep": ("hqp.sweep.command", "call a function at many cases"),
-    "export": ("hqp.export.command", "write a stack on a robot as a file that C++ runs without Python"),
+    "export": ("hqp.export.command", "export a stack on a robot to a file that C++ runs without Python"),
     "replay": (
         "hqp.recorder.command",
-        "solve a session's flight recording again: which solvers agree, which element held which back",
+        "replay a session's flight recording: which solvers agree, which element limited which",
     ),
-    "retarget": ("hqp.motion.command", "a person's recorded motion on a robot: BVH, joint positions, SMPL-X"),
+    "retarget": ("hqp.motion.command", "retarget recorded human motion to a robot: BVH, joint positions, SMPL-X"),
     "walk": (
         "hqp.walking.command",
-        "walk with a biped in MuJoCo, in a browser by keys, or write the walk as a reference motion",
+        "walk with a biped in MuJoCo, steer it by keys in a browser, or write the walk as a reference motion",
     ),
 }
 """Commands of a package of their own: a module with DESCRIPTION, add_arguments and execute; and what it is for."""
@@ -72,12 +72,14 @@ def _parser(argv: Sequence[str]) -> argparse.ArgumentParser:
         prog="hqp", description="Strict task priorities for floating-base robots: one stack of tasks, any solver."
     )
     parser.add_argument("--version", action="version", version=f"hqp {__version__}")
-    parser.add_argument("--cmake-dir", action="store_true", help="print where find_package(hqp) finds the C++ parts")
+    parser.add_argument(
+        "--cmake-dir", action="store_true", help="print the folder of the C++ parts for find_package(hqp)"
+    )
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
     doctor = commands.add_parser(
-        "doctor", help="versions, compiled parts, BLAS threads, optional packages, and how to mend each"
+        "doctor", help="check versions, compiled parts, BLAS threads and optional packages, with a fix for each"
     )
-    doctor.add_argument("--contributor", action="store_true", help="with the packages for work on hqp itself")
+    doctor.add_argument("--contributor", action="store_true", help="include packages for work on hqp itself")
     commands.add_parser("solvers", help="list the solvers: available, or how to install them")
     commands.add_parser("robots", help="list the robots that load by name")
     capsules = commands.add_parser(
@@ -90,14 +92,17 @@ def _parser(argv: Sequence[str]) -> argparse.ArgumentParser:
     capsules.add_argument("--output", metavar="FILE", help="default: ROBOT.capsules.toml")
     compare = commands.add_parser(
         "compare",
-        help="run a stack from a TOML file through solvers",
+        help="compare solvers on a stack from a TOML file",
         description="Solve one stack with many solvers at states near the robot's home posture and compare "
         "residuals of each level, optimality and time against the 2 ms of a 500 Hz loop.",
     )
     add_stack(compare)
     compare.add_argument("--solvers", nargs="+", default="all", metavar="NAME", help="default: all available ones")
     compare.add_argument(
-        "--price", choices=("exact", "default", "both"), default="exact", help="of levels out of reach (docs/calm.md)"
+        "--price",
+        choices=("exact", "default", "both"),
+        default="exact",
+        help="price on motion of levels (docs/calm.md)",
     )
     compare.add_argument("--format", choices=("table", "markdown", "csv", "json"), default="table")
     for name, (module, what) in PACKAGES.items():

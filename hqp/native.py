@@ -20,7 +20,7 @@ PARTS = {
 
 ADVICE = (
     "install a C++ compiler (Debian: apt install g++) and hqp again "
-    "(HQP_REQUIRE_NATIVE=1 pip install --force-reinstall --no-cache-dir ...: a build that fails then says why)"
+    "(HQP_REQUIRE_NATIVE=1 pip install --force-reinstall --no-cache-dir ...: then a failed build reports why)"
 )
 
 
@@ -62,9 +62,9 @@ def check() -> None:
     if _set("HQP_REQUIRE_NATIVE"):
         raise ImportError(f"{why}. HQP_REQUIRE_NATIVE is set: {ADVICE}")
     warnings.warn(
-        f"{why}. Stacks are read and problems solved, "
-        f"by the solver `cascade` where none is named, but there are no sessions. To mend it, {ADVICE}; "
-        "`hqp doctor` tells more, HQP_PURE=1 silences this.",
+        f"{why}. It reads stacks and solves problems "
+        f"(default solver: `cascade`), but has no sessions. To repair it, {ADVICE}; "
+        "`hqp doctor` reports more, HQP_PURE=1 silences this.",
         PurePythonWarning,
         stacklevel=3,
     )

@@ -82,7 +82,7 @@ class loaded(Event):  # read as words: until=loaded("left", 40.0)
         contacts = [e.name for e in session.stack if e.is_contact]
         if self.name not in contacts:
             raise DeclarationError(
-                type(self).__name__, "no such contact", value=self.name, allowed=", ".join(contacts) or "none"
+                type(self).__name__, "unknown contact", value=self.name, allowed=", ".join(contacts) or "none"
             )
 
 
@@ -157,7 +157,7 @@ class Phase:
                 raise DeclarationError(f"phase {self.name}", f"bad {what}", value=value, unit="s", allowed="above 0")
         if self.until is not None and not isinstance(self.until, Event):
             allowed = ", ".join(f"{kind}(...)" for kind in EVENTS)
-            raise DeclarationError(f"phase {self.name}", "until is no event", value=self.until, allowed=allowed)
+            raise DeclarationError(f"phase {self.name}", "until is not an event", value=self.until, allowed=allowed)
         if self.late is not None and self.within is None:
             raise DeclarationError(f"phase {self.name}", "late without a time", value=self.late, allowed="within=...")
         try:
@@ -182,7 +182,7 @@ class Sequence:
             raise DeclarationError("sequence", "no phases", value=phases, allowed="Phase(...), one or more")
         self._by_name = {phase.name: phase for phase in phases}
         if len(self._by_name) < len(phases):
-            raise DeclarationError("sequence", "a name occurs twice", value=[phase.name for phase in phases])
+            raise DeclarationError("sequence", "duplicate name", value=[phase.name for phase in phases])
         for phase in phases:
             for what in (phase.to, phase.late):
                 if what is not None:
@@ -192,7 +192,7 @@ class Sequence:
         """The phase of that name; raises DeclarationError with the closest names."""
         if name not in self._by_name:
             near_by = ", ".join(closest(name, self._by_name) or self._by_name)
-            raise DeclarationError("sequence", "no phase of that name", value=name, allowed=near_by)
+            raise DeclarationError("sequence", "unknown phase", value=name, allowed=near_by)
         return self._by_name[name]
 
     def after(self, phase: Phase) -> Phase:

@@ -30,7 +30,7 @@ class Servo:
     def __post_init__(self) -> None:
         for name, value in (*self.kp.items(), ("other", self.other), ("damping_time", self.damping_time)):
             if not (math.isfinite(value) and value >= 0.0):
-                raise DeclarationError("servo", f"bad {name}", value=value, allowed="finite, 0 or more")
+                raise DeclarationError("servo", f"bad {name}", value=value, allowed="finite, 0 or above")
 
     def gain(self, joint: str) -> float:
         """kp of a joint [N m/rad]."""

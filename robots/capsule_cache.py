@@ -47,15 +47,15 @@ def fitted(robot: Any) -> tuple[LinkCapsule, ...]:
     found = None if path is None else _read(path, clouds)
     if found is not None:
         return found
-    where = "they cannot be kept: the user has no folder of caches" if path is None else f"they are kept in {path}"
-    told = f"{robot.name}: capsules are being fitted to its shapes, {where}"
+    where = "they are not cached: the user has no cache folder" if path is None else f"they are cached in {path}"
+    told = f"{robot.name}: fitting capsules to its shapes; {where}"
     warnings.warn(told, ModelWarning, stacklevel=3)
     found = capsules.fit_clouds(robot, clouds)
     if path is not None:
         try:
             _write(path, found)
         except OSError as error:
-            told = f"{robot.name}: its capsules cannot be kept and are fitted anew at every start: {error}"
+            told = f"{robot.name}: its capsules cannot be cached and are fitted at every start: {error}"
             warnings.warn(told, ModelWarning, stacklevel=3)
     return found
 

@@ -47,12 +47,12 @@ def load(
     DeclarationError for another type, an SRDF without a URDF, or a base that is not as asked for and cannot be changed.
     """
     if srdf is not None and not (isinstance(source, (str, Path)) and Path(source).suffix == ".urdf"):
-        raise DeclarationError("robot", "an SRDF goes with a URDF", value=source, allowed="a path that ends in .urdf")
+        raise DeclarationError("robot", "an SRDF needs a URDF", value=source, allowed="a path that ends in .urdf")
     if isinstance(source, pin.Model):
         robot = Robot(source, name=name)
         if floating not in (None, robot.floating):
             allowed = "None; pinocchio.JointModelFreeFlyer() as the root joint frees a model"
-            raise DeclarationError(robot.name, "the model's base is another", value=floating, allowed=allowed)
+            raise DeclarationError(robot.name, "base differs from that of the model", value=floating, allowed=allowed)
         return robot
     if not isinstance(source, (str, Path)):
         raise DeclarationError("robot", "not a name, path or model", value=source, allowed="str, Path, pinocchio.Model")
@@ -73,7 +73,7 @@ def _named(key: str, floating: bool | None, name: str | None, srdf: str | Path |
         return _example(key, floating, name)
     found = _description(key)
     if found is None and path.suffix == ".xacro":
-        raise ModelError(f"{path} is no URDF yet: xacro {path} > {path.name.removesuffix('.xacro')}")
+        raise ModelError(f"{path} is not a URDF: run xacro {path} > {path.name.removesuffix('.xacro')}")
     if found is None:
         near = closest(key, names()) or ("none; `hqp robots` lists them, files end in .urdf, .xml or .mjcf",)
         raise ModelError(f"no robot {key!r}; closest: {', '.join(near)}{_hint()}")

@@ -20,7 +20,7 @@ def require_room(path: Path, nv: int) -> None:
     """Raise ModelError for a file with more coordinates than Pinocchio's data have room for."""
     if nv > MOST:
         size = 32 * nv**3 / 1e9  # four tensors
-        raise ModelError(f"{path}: nv = {nv}, at most {MOST}: Pinocchio would take {size:.0f} GB for it")
+        raise ModelError(f"{path}: nv = {nv}, allowed {MOST}: Pinocchio would need {size:.0f} GB")
 
 
 @dataclass

@@ -50,16 +50,16 @@ def compiled(path: Path, floating: bool | None = None) -> Any:
 def _represented(simulated: Any, path: Path) -> None:
     """Raise ModelError for what no tree of rigid bodies holds, and for names and numbers that are none."""
     if simulated.nflex:
-        raise ModelError(f"{path}: deformable bodies (flex) are no part of a robot of rigid bodies")
+        raise ModelError(f"{path}: deformable bodies (flex) are not supported, rigid bodies only")
     require_room(path, simulated.nv)
     try:
         bytes(simulated.names).decode()
     except UnicodeDecodeError as error:
-        raise ModelError(f"{path}: a name in it is no text: {error}") from error
+        raise ModelError(f"{path}: a name is not valid UTF-8: {error}") from error
     for name in (*_NUMBERS, *_RANGES):
         values = np.asarray(attrgetter(name)(simulated))
         if np.isnan(values).any() or (name in _NUMBERS and np.any(np.abs(values) >= LARGEST)):
-            raise ModelError(f"{path}: MuJoCo reads a number as {name} that is not finite, or too large")
+            raise ModelError(f"{path}: MuJoCo reads {name} as a number that is not finite or too large")
 
 
 def set_root(spec: Any, floating: bool) -> None:
@@ -73,7 +73,7 @@ def set_root(spec: Any, floating: bool) -> None:
             "floating",
             f"the file has {len(roots)} root bodies, {len(free)} of them free",
             value=floating,
-            allowed="None, to take the file as it is",
+            allowed="None, to use the root of the file",
         )
     for key in list(spec.keys):
         spec.delete(key)  # their qpos no longer fit
@@ -87,13 +87,16 @@ def read(path: Path, floating: bool | None = None) -> Description:
     """The file's model, home, keyframes, motors, couplings and limits; raises ModelError, DeclarationError."""
     simulated = compiled(path, floating)
     if simulated.nv == 0:
-        raise ModelError(f"{path}: no body of it moves (MuJoCo compiles it with nv = 0), so it is no robot")
+        raise ModelError(f"{path}: no joint (MuJoCo compiles it with nv = 0), needed at least one")
     found = describe(simulated, path)
     found.rooted = floating
     free = found.model.joints[1].shortname() == "JointModelFreeFlyer"
     if floating is not None and free != floating:
         raise DeclarationError(
-            "floating", "the file's root is another", value=floating, allowed="None, to take it as is"
+            "floating",
+            "root differs from that of the file",
+            value=floating,
+            allowed="None, to use the root of the file",
         )
     return found
 
@@ -104,7 +107,7 @@ def describe(simulated: Any, path: Path) -> Description:
     found = Description(model=tree.model, source=path, simulated=simulated, carriers=tree.carriers)
     mjcf_limits.read(simulated, found)
     if tree.renamed:
-        found.notes.append(f"sites named as a body elsewhere are NAME_site: {', '.join(tree.renamed)}")
+        found.notes.append(f"sites with the name of another body are renamed to NAME_site: {', '.join(tree.renamed)}")
     return found
 
 

@@ -25,7 +25,7 @@ def read(path: Path, found: Description) -> None:
     states = root.findall("group_state")
     for name, count in Counter(state.get("name") for state in states).items():
         if count > 1:
-            found.warnings.append(f"{path.name}: {count} group states {name!r}, the first is taken")
+            found.warnings.append(f"{path.name}: {count} group states {name!r}, using the first")
     for state in states:
         what = f"group state {state.get('name')!r}"
         unknown = []
@@ -36,9 +36,9 @@ def read(path: Path, found: Description) -> None:
                 continue
             model = found.model.joints[found.model.getJointId(name)]
             if not _are_numbers(text, 1 if model.nv == 1 else model.nq):
-                raise ModelError(f"{path}: {what}, joint {name!r}: value={text!r} is no number")
+                raise ModelError(f"{path}: {what}, joint {name!r}: value={text!r} is not a number")
         if unknown:
-            found.warnings.append(f"{path.name}: {what} names no moving joint: {', '.join(unknown)}")
+            found.warnings.append(f"{path.name}: {what} names unknown or fixed joints: {', '.join(unknown)}")
     read_states(path, found)
     pairs = ((str(pair.get("link1")), str(pair.get("link2"))) for pair in root.iter("disable_collisions"))
     found.disabled_pairs = frozenset(map(frozenset, pairs))
@@ -49,7 +49,7 @@ def read_states(path: Path, found: Description) -> None:
     try:
         pin.loadReferenceConfigurations(found.model, str(path), False)
     except (RuntimeError, ValueError) as error:
-        raise ModelError(f"{path}: no SRDF that can be read: {error}") from error
+        raise ModelError(f"{path}: cannot read the SRDF: {error}") from error
     found.configurations |= {pose.key(): pose.data() for pose in found.model.referenceConfigurations}
 
 

@@ -56,12 +56,12 @@ def read(path: Path, floating: bool | None) -> Description:
     freed = _free_root(root)
     if freed and floating is False:
         raise DeclarationError(
-            "floating", f"joint {freed!r} of {path} frees the root", value=False, allowed="None, True"
+            "floating", f"joint {freed!r} of {path} already frees the root", value=False, allowed="None, True"
         )
     floating = floating is True and not freed
     links = len(root.findall("link"))
     if links > MOST_LINKS:
-        raise ModelError(f"{path}: {links} links, at most {MOST_LINKS}: the reader would run out of its stack")
+        raise ModelError(f"{path}: {links} links, allowed {MOST_LINKS}: the reader is recursive")
     warnings: list[str] = []
     negative = [name for link in root.findall("link") if (name := _check_link(path, link, warnings))]
     _check_joints(path, root, warnings)
@@ -71,14 +71,14 @@ def read(path: Path, floating: bool | None) -> Description:
     except (ValueError, RuntimeError) as error:
         raise ModelError(f"{path} could not be read: {error}") from error
     if model.nv == (6 if floating else 0) and not floating:
-        raise ModelError(f"{path}: no joint of it moves, so it is no robot; floating=True frees its root")
+        raise ModelError(f"{path}: no moving joint, needed at least one; floating=True frees its root")
     M = _inertia(model)
     if negative and _indefinite(M):
         raise ModelError(f"{path}: {negative[0]} makes the joint-space inertia negative")
     idle = [repr(name) for name, at in zip(model.names[1:], model.idx_vs[1:], strict=True) if not M[at, at] > 0.0]
     if idle:
         told = ", ".join(idle[:3]) + (f" and {len(idle) - 3} more" if len(idle) > 3 else "")
-        warnings.append(f"no mass moves with {told}: torque level needs some")
+        warnings.append(f"{told} move no mass: torque level needs one")
     found = Description(model=model, source=path, warnings=warnings)
     _read_mimics(path, root, found)
     return found
@@ -119,12 +119,12 @@ def _numbers(
         try:
             parts = [float(word) for word in text.split()]
         except ValueError:
-            raise ModelError(f"{path}: {what}: {name}={text!r} is no number") from None
+            raise ModelError(f"{path}: {what}: {name}={text!r} is not a number") from None
         count = 3 if name in _TRIPLES else 1
         if len(parts) != count:
             raise ModelError(f"{path}: {what}: {name}={text!r} has {len(parts)} numbers, allowed {count}")
         if not all(abs(part) <= most for part in parts) or not all(map(math.isfinite, parts)):
-            raise ModelError(f"{path}: {what}: {name}={text!r} is not finite, or too large")
+            raise ModelError(f"{path}: {what}: {name}={text!r} is not finite or too large")
         values += parts
     return values
 
@@ -148,7 +148,7 @@ def _check_link(path: Path, link: ET.Element, warnings: list[str]) -> str:
         return warnings[-1]
     if moments[2] > moments[0] + moments[1] + _SLACK * size:
         a, b, c = moments
-        warnings.append(f"{what}: principal moments {a:.3g} + {b:.3g} < {c:.3g} kg m^2: no body has such an inertia")
+        warnings.append(f"{what}: principal moments {a:.3g} + {b:.3g} < {c:.3g} kg m^2: no rigid body has this inertia")
     return ""
 
 
@@ -162,7 +162,7 @@ def _check_joints(path: Path, root: ET.Element, warnings: list[str]) -> None:
         _numbers(path, what, joint.find("origin"), "0 0 0", "xyz", "rpy")
         axis = _numbers(path, what, joint.find("axis"), "1 0 0", "xyz")
         if kind in _AXIAL and (len(axis) != 3 or not any(axis)):
-            raise ModelError(f"{path}: {what}: its axis is {axis}, which has no direction")
+            raise ModelError(f"{path}: {what}: axis {axis} is a zero vector")
         lower, upper, speed, effort = _numbers(
             path, what, limit, "0", "lower", "upper", "velocity", "effort", most=math.inf
         )
@@ -176,13 +176,13 @@ def _check_joints(path: Path, root: ET.Element, warnings: list[str]) -> None:
         if kind == "continuous":
             continue
         if lower > upper:
-            raise ModelError(f"{path}: {what}: lower limit {lower:g} above the upper one {upper:g}: swapped?")
+            raise ModelError(f"{path}: {what}: lower limit {lower:g} > upper limit {upper:g}: swapped?")
         if lower == upper == 0.0:
             silent.setdefault("position", []).append(name)
         elif lower == upper:
-            warnings.append(f"{what}: its limits hold it at {lower:g}")
+            warnings.append(f"{what}: its lower and upper limits are both {lower:g}, so it cannot move")
     for word, joints in silent.items():
-        warnings.append(f"{word} limit zero or missing, taken as none: {', '.join(joints)}")
+        warnings.append(f"{word} limit zero or missing, joint not limited: {', '.join(joints)}")
 
 
 def _read_mimics(path: Path, root: ET.Element, found: Description) -> None:
@@ -193,7 +193,9 @@ def _read_mimics(path: Path, root: ET.Element, found: Description) -> None:
             continue
         leader, what = str(mimic.get("joint")), f"joint {name!r}, mimic"
         if not found.model.existJointName(leader) or leader == name:
-            found.warnings.append(f"joint {name!r} mimics {leader!r}, no other moving joint of the file: left free")
+            found.warnings.append(
+                f"joint {name!r} mimics {leader!r}, which is not another moving joint of the file: not coupled"
+            )
             continue
         factor = _numbers(path, what, mimic, "1", "multiplier")[0]
         offset = _numbers(path, what, mimic, "0", "offset")[0]

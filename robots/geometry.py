@@ -135,7 +135,7 @@ def points(shape: Any) -> tuple[Mat, float]:
         return np.array(found, dtype=np.float64).reshape(-1, 3), 0.0
     if hasattr(shape, "points"):
         return np.array(shape.points(), dtype=np.float64).reshape(-1, 3), 0.0
-    raise ModelError(f"a {kind} has no points")
+    raise ModelError(f"a {kind} has no vertices")
 
 
 def _corners(half: Vec) -> Mat:

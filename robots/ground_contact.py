@@ -59,10 +59,10 @@ def watch(
             if asked is None:
                 continue
             allowed = "a frame of a body with shapes that touch"
-            raise DeclarationError("plant", "nothing of a watched frame can touch", value=name, allowed=allowed)
+            raise DeclarationError("plant", "a watched frame has no shape that can touch", value=name, allowed=allowed)
         if body in bodies:
             both = (bodies[body], name)
-            raise DeclarationError("plant", "watched frames on one body", value=both, allowed="one frame a body")
+            raise DeclarationError("plant", "watched frames on one body", value=both, allowed="one frame per body")
         bodies[body] = name
     return ContactReader(model, list(bodies)), tuple(bodies.values())
 

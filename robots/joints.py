@@ -39,7 +39,7 @@ class Joints:
                     "build the model without mimic=True, its couplings then bind the joints"
                 )
             if joint.shortname() == "JointModelEllipsoid":
-                raise ModelError(f"{name}: joint {title!r} is an ellipsoid, whose axes move in its body: take a ball")
+                raise ModelError(f"{name}: joint {title!r} is an ellipsoid, which is not supported: use a ball joint")
             if joint.nv == 1 and joint.nq <= 2:
                 (single if joint.nq == 1 else double).append((joint.idx_v, joint.idx_q))
             else:

@@ -46,7 +46,7 @@ def _read_joints(simulated: Any, found: Description) -> None:
             if not equal:
                 unequal.append(name)
     if unequal:
-        found.notes.append(f"of unequal effort limits of a joint the smaller one counts: {_some(unequal)}")
+        found.notes.append(f"unequal effort limits of a joint, using the smaller one: {_some(unequal)}")
     model.lowerPositionLimit, model.upperPositionLimit, model.effortLimit = lower, upper, effort
     convert = StateMap(simulated, model)
     rest = np.zeros(simulated.nv)
@@ -72,10 +72,12 @@ def _read_motors(simulated: Any, found: Description) -> None:
     motors = [names[j] for j in moved if j in single]
     found.actuated = tuple(motors) if motors else None
     if balls := [names[j] for j in moved if j not in single]:
-        found.notes.append(f"motors on joints of several axes are left out: {', '.join(balls)}")
+        found.notes.append(f"motors on joints with several axes are ignored: {', '.join(balls)}")
     others = simulated.nu - int(np.isin(simulated.actuator_trnid[:, 0], moved).sum()) if motors else 0
     if others > 0:
-        found.notes.append(f"{others} actuators of the file drive no joint directly (tendons, sites, bodies)")
+        found.notes.append(
+            f"{others} actuators of the file are ignored: they drive no joint directly (tendons, sites, bodies)"
+        )
 
 
 def _effort(simulated: Any, joint: int) -> tuple[float, bool]:
@@ -118,7 +120,7 @@ def _read_couplings(simulated: Any, found: Description) -> None:
         else:
             word = kind.name.removeprefix("mjEQ_").lower()
             name = simulated.eq(e).name or str(e)
-            found.warnings.append(f"equality constraint {name} ({word}) of the file is not taken over")
+            found.warnings.append(f"equality constraint {name} ({word}) of the file is ignored")
 
 
 def _read_notes(simulated: Any, found: Description) -> None:
@@ -126,11 +128,11 @@ def _read_notes(simulated: Any, found: Description) -> None:
     if springs := [
         names[j] for j in np.flatnonzero(np.asarray(simulated.jnt_stiffness).reshape(simulated.njnt, -1)[:, 0])
     ]:
-        found.notes.append(f"springs of the file are no part of the model's forces: {_some(springs)}")
+        found.notes.append(f"springs of the file are ignored in the model's forces: {_some(springs)}")
     if light := [bodies[b] for b in np.flatnonzero(simulated.body_gravcomp)]:
-        found.notes.append(f"gravity compensation of the file is no part of the model's forces: {_some(light)}")
+        found.notes.append(f"gravity compensation of the file is ignored in the model's forces: {_some(light)}")
     if simulated.ntendon and np.any(simulated.tendon_armature):
-        found.warnings.append("rotor inertia of tendons is no part of the model's inertia, as it is of MuJoCo's")
+        found.warnings.append("rotor inertia of tendons is ignored in the model's inertia, MuJoCo has it")
 
 
 def _some(names: list[str]) -> str:

@@ -79,7 +79,7 @@ class Plant:
             raise DeclarationError("plant", "bad timestep or delay", value=(timestep, delay), unit="s")
         if actuation not in get_args(Actuation):
             allowed = ", ".join(get_args(Actuation))
-            raise DeclarationError("plant", "no such actuation", value=actuation, allowed=allowed)
+            raise DeclarationError("plant", "unknown actuation", value=actuation, allowed=allowed)
         spec, path, about = find(robot, mjcf, timestep)
         self.servo = servo or Servo.from_description(about)
         driven = fit(spec, actuation, self.servo, getattr(robot, "joint_names", None))
@@ -148,7 +148,7 @@ class Plant:
             raise DeclarationError("plant", "bad command", value=command, allowed=allowed)
         if rate is not None:
             if self.actuation != "position" or self.servo is None:
-                raise DeclarationError("plant", "a rate needs position servos", allowed="actuation='position'")
+                raise DeclarationError("plant", "a command rate needs position servos", allowed="actuation='position'")
             command = command + self.servo.damping_time * rate
         self._control[self._order] = command
         model, data = self.model, self.data

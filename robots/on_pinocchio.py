@@ -115,7 +115,9 @@ class Robot:
         """Make q ``(nq,)`` the standing configuration, its joints moved into their limits; raises DeclarationError."""
         q = np.array(q, dtype=np.float64)
         if q.shape != (self.nq,):
-            hint = ", robot.configuration(angles) makes one of angles" if q.shape == (self.nv,) else ""
+            hint = (
+                "; robot.configuration(angles) makes a configuration from joint angles" if q.shape == (self.nv,) else ""
+            )
             raise DeclarationError(self.name, f"home has shape {q.shape}", allowed=f"({self.nq},){hint}")
         self.home, moved = self._joints.inside(self.model, q, self.lower, self.upper, self.cones)
         for terms, offset in self.description.couplings if self.description else ():
@@ -285,7 +287,7 @@ class Robot:
         from .geometry import read
 
         if self.description is None:
-            raise ModelError(f"{self.name} comes from no file and was given no {kind} shapes: Robot(..., geometry=...)")
+            raise ModelError(f"{self.name} has no file and no {kind} shapes: pass Robot(..., geometry=...)")
         return read(self.description, self.model, kind)
 
     def with_frame(self, name: str, parent: str, placement: Any = None) -> Robot:
@@ -295,7 +297,7 @@ class Robot:
         Raises FrameNotFound for the parent, DeclarationError for a name that is taken or a placement that is none.
         """
         if name in self._frames:
-            raise DeclarationError(self.name, "a frame of that name is there", value=name, allowed="another name")
+            raise DeclarationError(self.name, "duplicate frame name", value=name, allowed="another name")
         host = self.model.frames[self.frame(parent)]
         model = self.model.copy()
         at = host.placement * se3(name, placement)

@@ -25,7 +25,7 @@ class Noise:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.std) and self.std >= 0.0):
-            raise DeclarationError("noise", "bad std", value=self.std, allowed="0 or more")
+            raise DeclarationError("noise", "bad std", value=self.std, allowed="0 or above")
         if not np.all(np.isfinite(self.bias)):
             raise DeclarationError("noise", "bad bias", value=self.bias, allowed="finite numbers")
 

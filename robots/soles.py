@@ -29,7 +29,8 @@ def sole(robot: Any, frame: str, most: int = 6) -> Corners:
     low = cloud[cloud[:, 2] < cloud[:, 2].min(initial=np.inf) + SOLE, :2]
     corners = _hull(low) if len(low) > 2 else []
     if len(corners) < 3:
-        raise ModelError(f"{robot.name}: no sole at {frame!r}: {len(low)} lowest points of its link's shapes")
+        found = f"{len(low)} lowest points, needed three that are not on a line"
+        raise ModelError(f"{robot.name}: no sole at {frame!r}: its link's shapes have {found}")
     while len(corners) > most:
         del corners[int(np.argmin([_area(corners, k) for k in range(len(corners))]))]
     return tuple((float(x), float(y)) for x, y in corners)

@@ -66,8 +66,8 @@ class State:
         measured = robot._measure(q, v)
         if measured is None:
             raise ModelError(
-                f"{robot.name}: a state takes q ({robot.nq},) and v ({robot.nv},), given {q.shape} and {v.shape}"
-                + ("; robot.configuration(angles) makes q of angles" if q.shape == (robot.nv,) else "")
+                f"{robot.name}: a state needs q ({robot.nq},) and v ({robot.nv},), given {q.shape} and {v.shape}"
+                + ("; robot.configuration(angles) makes q from joint angles" if q.shape == (robot.nv,) else "")
             )
         # a sum of squares is finite only if every entry is (entries whose square overflows are no states either)
         self.square, unit = measured
@@ -163,7 +163,7 @@ class State:
 
     def _stale(self) -> StaleState:
         name = self.robot.name
-        return StaleState(f"{name} has moved on to another state; ask robot.state(q, v) again")
+        return StaleState(f"this state is stale, {name} has a newer one: call robot.state(q, v) again")
 
     def _need(self, what: int) -> None:
         if not self._done & what or self.robot.current is not self:

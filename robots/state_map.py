@@ -77,7 +77,7 @@ class StateMap:
             else:
                 raise ModelError(
                     f"joint {name!r} is a {joint.shortname()} in Pinocchio and a "
-                    f"{mujoco.mjtJoint(kind).name} in MuJoCo: no map between them"
+                    f"{mujoco.mjtJoint(kind).name} in MuJoCo: no map between these types"
                 )
         self._single_q: Index = np.array([i for i, *_ in simple], dtype=np.intp)
         self._single_v: Index = np.array([j for *_, j, _ in simple], dtype=np.intp)
@@ -114,7 +114,9 @@ class StateMap:
         if not found:
             raise ModelError("the base is floating in Pinocchio and fixed in MuJoCo")
         if not model.jointPlacements[1].isIdentity(1e-9):
-            raise ModelError("the Pinocchio model's free base starts from a displaced frame; read it from its file")
+            raise ModelError(
+                "the Pinocchio model's free base starts from a displaced frame: load the robot from its file"
+            )
         return next((names[j] for j in found if names[j] == model.names[1]), names[found[0]])
 
     def to_mujoco(self, q: Vec, v: Vec) -> tuple[Vec, Vec]:

@@ -47,7 +47,7 @@ class Terrain(ABC):
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.friction) and self.friction >= 0.0):
-            raise DeclarationError("terrain", "bad friction", value=self.friction, allowed="0 or more")
+            raise DeclarationError("terrain", "bad friction", value=self.friction, allowed="0 or above")
         if not self.solref[0] > 0.0:
             raise DeclarationError("terrain", "bad solref", value=self.solref, allowed="time constant > 0 s")
         if not 0.0 < self.impedance[0] <= self.impedance[1] < 1.0:

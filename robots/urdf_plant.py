@@ -46,7 +46,7 @@ def read(robot: Any) -> Any:
         if not changed:
             raise
     some = ", ".join(changed[:4]) + (f" and {len(changed) - 4} more" if len(changed) > 4 else "")
-    told = f"{robot.name}: links have inertias in the plant that bodies can have, not those of the file: {some}"
+    told = f"{robot.name}: the plant corrects inertias of the file that no rigid body has: {some}"
     warnings.warn(told, ModelWarning, stacklevel=4)
     return _spec(root, robot)
 

@@ -70,21 +70,21 @@ class CollisionAvoidance(Inequality):
         if isinstance(self.world, shapes.Shape):
             object.__setattr__(self, "world", (self.world,))
         if not isinstance(self.world, (tuple, list)):
-            raise self.invalid("world", self.world, "shapes of hqp.shapes, in a tuple")
+            raise self.invalid("world", self.world, "a tuple of shapes of hqp.shapes")
         object.__setattr__(self, "world", tuple(shapes.checked(s) for s in self.world))
         if not isinstance(self.pairs, str):
             object.__setattr__(self, "pairs", self._checked_pairs())
         super().__post_init__()
         names = [s.name for s in self.world]
         if len(set(names)) < len(names):
-            raise self.invalid("world", names, "shapes of distinct names")
+            raise self.invalid("world", names, "shapes with distinct names")
         for what in ("clearance", "rate", "recovery"):
             check_number(self, what, getattr(self, what), 0.0, strict=what != "clearance")
         check_number(self, "influence", self.influence, self.clearance, strict=True)
         if self.acceleration is not None and self.acceleration != math.inf:
             check_number(self, "acceleration", self.acceleration, 0.0, strict=True)
         if not isinstance(self.slots, int) or isinstance(self.slots, bool) or self.slots < 0:
-            raise self.invalid("slots", self.slots, "a whole number, 0 for as many as there may be pairs near")
+            raise self.invalid("slots", self.slots, "a whole number, 0 for the number of pairs that can be near")
 
     def _checked_pairs(self) -> tuple[tuple[str, str], ...]:
         try:

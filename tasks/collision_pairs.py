@@ -85,7 +85,7 @@ def _disabled(element: CollisionAvoidance, path: str) -> set[frozenset[str]]:
         root = ET.parse(Path(path)).getroot()
     except (OSError, ValueError, ET.ParseError) as error:
         raise element.invalid(
-            "pairs", path, f'"auto", "world", an SRDF that can be read, or pairs of names ({error})'
+            "pairs", path, f'"auto", "world", the path of a readable SRDF, or pairs of names ({error})'
         ) from error
     return {frozenset((str(e.get("link1")), str(e.get("link2")))) for e in root.iter("disable_collisions")}
 
@@ -102,7 +102,7 @@ def _named(element: CollisionAvoidance, robot: Robot, name: str) -> list[int]:
     if not found:
         known = [*(_link(c.name) for c in capsules), *robot.groups, *(s.name for s in world)]
         near = ", ".join(closest(name, known) or known[:5])
-        raise DeclarationError(element.name, f"no shape of that name; closest: {near}", value=name)
+        raise DeclarationError(element.name, f"no shape with that name; closest: {near}", value=name)
     return found
 
 

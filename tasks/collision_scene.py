@@ -84,7 +84,7 @@ class Scene:
             found.append((one, two))
             clearances.append(clearance)
         if not found:
-            allowed = "names of links or shapes that may collide; no two of these have shapes that are apart at home"
+            allowed = "names of links or shapes that may collide; all pairs of these overlap at home"
             raise element.invalid("pairs", element.pairs, allowed)
         self.pairs, self.clearance = found, np.array(clearances)
         most = len(found) + 4 * sum(self._sided(*pair) for pair in found)

@@ -28,7 +28,7 @@ def moved(element: CollisionAvoidance, places: Mapping[str, Any], rates: Mapping
     """The shapes of an element ``(n, 6, 4)`` with these poses and velocities; raises DeclarationError."""
     for what, named in (("poses", places), ("velocity", rates)):
         if not isinstance(named, Mapping):
-            raise element.invalid(what, named, 'by name of the shape, such as {"ball": (0.4, 0.0, 0.5)}')
+            raise element.invalid(what, named, 'a table by the name of the shape, such as {"ball": (0.4, 0.0, 0.5)}')
     value = poses(element.world)
     for name, pose in places.items():
         i, given = _index(element, name), _numbers(element, f"pose of {name}", pose)
@@ -57,5 +57,5 @@ def _numbers(element: CollisionAvoidance, what: str, value: Any) -> Vec:
 def _index(element: CollisionAvoidance, name: str) -> int:
     names = [s.name for s in element.world]
     if name not in names:
-        raise element.invalid("shape", name, ", ".join(names) or "none: the element has no world")
+        raise element.invalid("shape", name, ", ".join(names) or "none, the element has no world")
     return names.index(name)

@@ -34,7 +34,7 @@ class _Compliant(Position):
         self._set("damping", least=math.ulp(0.0))
         law = self._law()
         if self.law is not None and self.law != law:
-            raise self.invalid("law", self.law, "none: stiffness and damping make it")
+            raise self.invalid("law", self.law, "none, stiffness and damping define the law")
         object.__setattr__(self, "law", law)
 
     def _complete(self) -> None:
@@ -52,7 +52,7 @@ class _Compliant(Position):
         except (TypeError, ValueError, OverflowError):
             values = [math.nan]
         if not all(least <= x < math.inf for x in values):
-            above = "0 or more" if least == 0.0 else "above 0"
+            above = "0 or above" if least == 0.0 else "above 0"
             raise self.invalid(name, given, f"one number, or one for each of {self.axes!r}: {above}, finite")
         object.__setattr__(self, name, self._kept(np.asarray(given, dtype=np.float64)))
 

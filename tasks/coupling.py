@@ -40,7 +40,7 @@ class JointCoupling(Task, Constraint):
         for joint, value in pairs:
             check_number(self, f"coefficient of {joint}", value)
             if value == 0.0:
-                raise self.invalid(f"coefficient of {joint}", value, "a number that is not zero")
+                raise self.invalid(f"coefficient of {joint}", value, "a nonzero number")
         object.__setattr__(self, "coefficients", tuple((joint, float(value)) for joint, value in pairs))
         super().__post_init__()
         check_number(self, "offset", self.offset)
@@ -57,7 +57,7 @@ class JointCoupling(Task, Constraint):
         columns = [robot.joints(joint) for joint, _ in self._pairs]
         for (joint, _), column in zip(self._pairs, columns, strict=True):
             if column.size != 1:
-                raise self.invalid("coefficients", joint, "names of joints, not of groups")
+                raise self.invalid("coefficients", joint, "joint names, no group names")
         return np.concatenate(columns), np.array([value for _, value in self._pairs])
 
     def rows(self, robot: Robot) -> int:

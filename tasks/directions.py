@@ -39,7 +39,7 @@ class _Axis(Task):
         check_frame(self, "frame", self.frame)
         set_vector(self, "axis")
         if not any(self.axis):
-            raise self.invalid("axis", self.axis, "a vector that is not zero")
+            raise self.invalid("axis", self.axis, "a nonzero vector")
 
     def rows(self, robot: Robot) -> int:
         """2; raises FrameNotFound."""
@@ -83,7 +83,7 @@ def _unit(name: str, value: ArrayLike) -> Vec:
     vector = numbers(name, "direction", value, (3,))
     size = math.hypot(*vector.tolist())
     if math.isfinite(size) and size < NEAR:
-        raise DeclarationError(name, "a direction of no length", value=value, allowed="a vector that is not zero")
+        raise DeclarationError(name, "zero vector", value=value, allowed="a nonzero vector")
     return np.asarray(vector / size if math.isfinite(size) else vector)
 
 
@@ -204,7 +204,7 @@ class Distance(Task):
         check_frame(self, "frame", self.frame)
         check_frame(self, "other", self.other)
         if self.frame == self.other:
-            raise self.invalid("other", self.other, f"another frame than {self.frame!r}")
+            raise self.invalid("other", self.other, f"a frame other than {self.frame!r}")
 
     def default_name(self) -> str:
         """Both frames."""

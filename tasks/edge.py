@@ -43,7 +43,7 @@ class EdgeContact(Task, Constraint):
             return
         set_vector(self, "axis")
         if not any(self.axis):
-            raise self.invalid("axis", self.axis, "a vector that is not zero")
+            raise self.invalid("axis", self.axis, "a nonzero vector")
 
     def _axes(self) -> tuple[Vec, Mat]:
         """Unit axis ``(3,)`` and its complement B ``(3, 2)`` in the frame's axes."""

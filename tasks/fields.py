@@ -40,7 +40,7 @@ def check_relative(element: Element, relative_to: object, heading: object = Fals
     if relative_to is not None:
         check_frame(element, "relative_to", relative_to)
     elif heading:
-        raise element.invalid("heading", heading, "False, or relative_to=... whose heading is meant")
+        raise element.invalid("heading", heading, "False, or relative_to=... to name the frame with the heading")
 
 
 def check_number(element: Element, what: str, value: Any, low: float = -math.inf, *, strict: bool = False) -> None:

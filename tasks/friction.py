@@ -113,7 +113,7 @@ class FrictionCone(_ContactForce):
         if self.sole is None:
             return
         if self.torsion is not None:
-            raise self.invalid("torsion and sole", (self.torsion, self.sole), "one of them, or neither")
+            raise self.invalid("torsion and sole", (self.torsion, self.sole), "at most one of them")
         try:
             sole = np.array(self.sole, dtype=np.float64)
         except (TypeError, ValueError, OverflowError):
@@ -166,7 +166,7 @@ class ForceLimits(_ContactForce):
             if getattr(self, what) is not None:
                 check_number(self, what, getattr(self, what), 0.0)
         if self.force is None and self.moment is None:
-            raise self.invalid("force and moment", None, "one of them, or both")
+            raise self.invalid("force and moment", None, "at least one of them")
 
     def force_rows(self, dimension: int) -> tuple[Mat, Vec, Vec]:
         """Rows of the identity, -bound, bound."""
@@ -205,7 +205,7 @@ class CenterOfPressure(_ContactForce):
         corners = self.corners()
         if len(corners) < 3 or not _convex(corners):
             allowed = (
-                "corners of a convex polygon in order" if self.rectangle is None else "x_min < x_max, y_min < y_max"
+                "corners of a convex polygon, in order" if self.rectangle is None else "x_min < x_max, y_min < y_max"
             )
             raise self.invalid(
                 "polygon" if self.rectangle is None else "rectangle", self.polygon or self.rectangle, allowed

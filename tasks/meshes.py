@@ -22,7 +22,7 @@ _REQUEST = coal.DistanceRequest()
 def _load(kind: str, file: str, scale: tuple[float, ...]) -> Any:
     mesh = coal.MeshLoader(coal.BV_OBBRSS).load(file, np.array(scale))
     if mesh.num_vertices < 4:
-        raise ValueError("fewer than four points")
+        raise ValueError("fewer than four vertices")
     if kind == "triangles":
         return mesh
     mesh.buildConvexRepresentation(True)

@@ -32,7 +32,7 @@ class _RateTask(Task):
     def at(self, value: Any = None, *, velocity: Any = None, acceleration: Any = None) -> Reference:
         """Velocity and acceleration ``(m,)`` to have; raises DeclarationError for a value that is not zero."""
         if value is not None and (not isinstance(value, (np.ndarray, list, tuple, float, int)) or np.any(value)):
-            raise self.invalid("value", value, "None: such a task follows velocity=...")
+            raise self.invalid("value", value, "None, this task follows velocity=...")
         given = [None if x is None else np.atleast_1d(np.asarray(x)) for x in (velocity, acceleration)]
         size = next((np.size(x) for x in given if x is not None), 0)
         rate, change = (

@@ -44,7 +44,7 @@ def as_rotation(element: str, value: Any) -> Mat:
     flat = R.ravel()
     finite = float(flat @ flat) < math.inf
     if finite and (off > ORTHONORMAL or _triple_product(x, y, z) < 0.0):
-        raise DeclarationError(element, "matrix is no rotation", value=value, allowed=ALLOWED)
+        raise DeclarationError(element, "not a rotation matrix", value=value, allowed=ALLOWED)
     return R
 
 
@@ -57,7 +57,7 @@ def _from_quaternion(element: str, quaternion: Vec) -> Mat:
     x, y, z, w = quaternion.tolist()
     square = x * x + y * y + z * z + w * w
     if square == 0.0:
-        raise DeclarationError(element, "quaternion is zero", allowed=ALLOWED)
+        raise DeclarationError(element, "zero quaternion", allowed=ALLOWED)
     s = 2.0 / square
     return np.array(
         [

@@ -93,7 +93,9 @@ class SupportPolygon(_Barrier):
         of: list[str] = []
         for name in wanted:
             if name not in contacts:
-                raise self.invalid("contacts", name, ", ".join(contacts) or "names of contacts; the stack has none")
+                raise self.invalid(
+                    "contacts", name, ", ".join(contacts) or "names of contacts of the stack, which has none"
+                )
             points += self._corners(contacts[name], elements)
             of += [name] * (len(points) - len(of))
         if len(points) < 3:
@@ -114,7 +116,7 @@ class SupportPolygon(_Barrier):
             known = [CenterOfPressure(contact=contact.name, rectangle=self.sole)]
         if not known or frame is None:
             allowed = "sole=(x_min, x_max, y_min, y_max), points=... or a CenterOfPressure of it"
-            raise self.invalid(f"size of {contact.name} is not known", None, allowed)
+            raise self.invalid(f"the sole of {contact.name} has no size", None, allowed)
         return [(frame, x, y, 0.0) for x, y in known[0].corners()]
 
     def rows(self, robot: Robot) -> int:

@@ -26,7 +26,7 @@ class Weld(Pose, Constraint):
         if self.relative_to is None:
             raise self.invalid("relative_to", None, "the name of the other frame")
         if self.relative_to == self.frame:
-            raise self.invalid("relative_to", self.relative_to, f"another frame than {self.frame!r}")
+            raise self.invalid("relative_to", self.relative_to, f"a frame other than {self.frame!r}")
 
     def default_name(self) -> str:
         """Both frames."""

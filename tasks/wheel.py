@@ -50,7 +50,7 @@ class _Wheel(Task, Constraint):
         if self.axle is not None:
             set_vector(self, "axle")
             if not any(self.axle):
-                raise self.invalid("axle", self.axle, "a vector that is not zero")
+                raise self.invalid("axle", self.axle, "a nonzero vector")
 
     def default_name(self) -> str:
         """The wheel's frame."""
@@ -64,7 +64,7 @@ class _Wheel(Task, Constraint):
         if radius is None or axle is None:
             listed = ", ".join(robot.wheels) or "none"
             raise self.invalid(
-                "radius and axle", self.wheel, f"radius=..., axle=... or a wheel {robot.name} knows: {listed}"
+                "radius and axle", self.wheel, f"radius=..., axle=... or a wheel of {robot.name}: {listed}"
             )
         x, y, z = (float(c) for c in axle)
         length = math.hypot(x, y, z)
@@ -168,7 +168,7 @@ def _unit(name: str, what: str, value: Any) -> Vec | None:
     vector = numbers(name, what, value, (3,))
     length = math.hypot(*vector.tolist())
     if length == 0.0:
-        raise DeclarationError(name, f"{what} is zero", allowed="a direction")
+        raise DeclarationError(name, f"{what} is a zero vector", allowed="a direction")
     return vector / length if math.isfinite(length) else vector
 
 

@@ -81,7 +81,7 @@ class Within(_Barrier):
             raise self.invalid("task", self.task.name, allowed)
         low, high = self.ends(m)
         if low.shape != (m,) or high.shape != (m,):
-            raise self.invalid("bounds", (self.lower, self.upper), f"a number or {m} of them")
+            raise self.invalid("bounds", (self.lower, self.upper), f"one number, or {m} numbers")
         if np.any(low > high):
             raise self.invalid("lower", self.lower, f"at most upper, {self.upper}")
         return m

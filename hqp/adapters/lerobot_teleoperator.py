@@ -44,7 +44,7 @@ class TeleoperatorReader:
         step: float = 0.005,
     ) -> None:
         if not 0.0 <= rate < np.inf:
-            raise DeclarationError("TeleoperatorReader", "rate", value=rate, unit="1/s", allowed="0 or more")
+            raise DeclarationError("TeleoperatorReader", "rate", value=rate, unit="1/s", allowed="0 or above")
         if not 0.0 < step < np.inf:
             raise DeclarationError("TeleoperatorReader", "step", value=step, unit="m", allowed="above 0")
         self.teleoperator, self.follow, self.kinematics, self.step = teleoperator, follow, kinematics, step

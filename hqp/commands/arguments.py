@@ -27,14 +27,14 @@ def add_robot(parser: argparse.ArgumentParser, name: str, **given: bool) -> None
     """A robot under the name of an argument, ``robot`` or ``--robot``, and whether its base is free."""
     parser.add_argument(name, metavar="ROBOT", help="a name from `hqp robots`, a URDF or MJCF file", **given)  # type: ignore[arg-type]
     base = parser.add_mutually_exclusive_group()
-    base.add_argument("--floating", action="store_true", default=None, help="a free base; default: what the file says")
+    base.add_argument("--floating", action="store_true", default=None, help="a free base; default: as in the file")
     base.add_argument(
         "--fixed", action="store_false", dest="floating", help="a fixed base, the default for a URDF file"
     )
     parser.add_argument(
         "--home",
         metavar="Q",
-        help="where it starts: a configuration of its file by name, or a number for each joint, 0,0.5,1 [rad, m]",
+        help="start configuration: its name in the file, or one number per joint, 0,0.5,1 [rad, m]",
     )
 
 

@@ -93,7 +93,7 @@ def _capsules() -> str:
         from hqp.robots import capsule_cache
 
         folder = capsule_cache.folder()
-        return f"{folder}, {len(list(folder.glob('*.json')))} files; delete it to have them fitted anew"
+        return f"{folder}, {len(list(folder.glob('*.json')))} files; delete it to fit them again"
     except (ImportError, RuntimeError, OSError) as error:
         return f"unknown: {error}"
 

@@ -61,7 +61,7 @@ class _Work:
         self.notes: list[str] = []
         self.drifts = has(element, "drift")
         if not self.drifts and not has(element, "step_bounds"):
-            self.notes.append("no drift(state): refused where accelerations or torques are asked for")
+            self.notes.append("no drift(state): accelerations and torques need it")
 
     def state(self) -> State:
         """A random state about home, of the whole body."""
@@ -131,7 +131,7 @@ class _Work:
             lower, upper = self.bounds(state, steer)
             side, start = (0, lower.copy()) if np.isfinite(lower).any() else (1, upper.copy())
             if not np.isfinite(start).any():
-                self.notes.append("no bound at a random state: its Jacobian was not compared")
+                self.notes.append("all bounds are infinite at random states: its Jacobian was not compared")
                 return None
             there = np.isfinite(start)
             return lambda s: np.where(there, np.where(there, start, 0.0) - self.bounds(s, steer)[side], np.nan)
@@ -154,7 +154,7 @@ class _Work:
         element = self.element
         still = ~slope.any(axis=1) & J.any(axis=1)
         if still.any() and not isinstance(element, Inequality):
-            self.notes.append(f"error of row {_listed(still)} does not move: its Jacobian was not compared")
+            self.notes.append(f"error of row {_listed(still)} is constant: its Jacobian was not compared")
         rows = ~still & np.isfinite(slope).all(axis=1)
         J, slope = J[rows], slope[rows]
         if _same(J, slope):
@@ -180,7 +180,7 @@ class _Work:
         state = robot.state(q)
         for name in self._frames():
             R = state.rotation(name)
-            for axes, text in ((R.T, f"of frame {name!r}"), (R, f"of the world where those of {name!r} are right")):
+            for axes, text in ((R.T, f"of frame {name!r}"), (R, f"of the world, needed: those of {name!r}")):
                 if len(J) % 3 == 0 and _same(J, np.kron(np.eye(len(J) // 3), axes) @ slope):
                     return f"jacobian is in the axes {text}"
         missing = slope - J

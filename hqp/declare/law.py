@@ -135,7 +135,7 @@ class SelfMotion(Law):
             if not _is_number(value) or value <= 0.0:
                 raise DeclarationError(f"SelfMotion.{gain}", "bad gain", value=value, allowed="a positive number")
         if min(self.max_velocity, self.max_acceleration) < math.inf:
-            raise DeclarationError("SelfMotion", "takes no saturation, which would void its Lyapunov function")
+            raise DeclarationError("SelfMotion", "allows no saturation, which would void its Lyapunov function")
 
     def demand(self, error: Vec, rate: Vec, feedforward: Vec, speed: Vec, drift: Vec, *, each: bool = False) -> Vec:
         """a - dJ/dt v without v, which needs the levels above; hqp.torque adds it."""
@@ -159,7 +159,7 @@ class DCM(Law):
         if isinstance(self.k, tuple):
             raise DeclarationError("DCM.k", "bad gain", value=self.k, allowed="one number")
         if min(self.max_velocity, self.max_acceleration) < math.inf:
-            raise DeclarationError("DCM", "takes no saturation: the support bounds the ZMP")
+            raise DeclarationError("DCM", "allows no saturation: the support polygon bounds the ZMP")
 
     def demand(self, error: Vec, rate: Vec, feedforward: Vec, speed: Vec, drift: Vec, *, each: bool = False) -> Vec:
         """a - dJ/dt v ``(m,)``: the error of a Balance is minus the acceleration that it asks for."""

@@ -60,7 +60,7 @@ class Price:
         tau = self.tau
         number = isinstance(tau, (int, float)) and not isinstance(tau, bool)
         if tau is not None and not (number and 0.0 <= tau < math.inf):
-            raise DeclarationError("Price.tau", "out of range", value=tau, allowed="from 0, finite", unit="s")
+            raise DeclarationError("Price.tau", "out of range", value=tau, allowed="finite, 0 or above", unit="s")
 
 
 Priced: TypeAlias = "Price | float | None"
@@ -248,8 +248,8 @@ def affordable(stack: Stack, given: Price | None, solver: Solver) -> tuple[Price
         return given, ""
     declared = [given, *(level.price for level in stack.levels)]
     if any(price is not None and not is_exact(price) for price in declared):
-        raise UnsupportedProblem(f"{solver.name} solves no priced levels; take 'lexicographic', or price=0")
-    return Price(0.0), f"{solver.name} solves no priced levels: every level is exact"
+        raise UnsupportedProblem(f"{solver.name} cannot solve priced levels; use 'lexicographic', or price=0")
+    return Price(0.0), f"{solver.name} cannot solve priced levels: every level is exact"
 
 
 def _gains(law: Law) -> tuple[float, ...]:

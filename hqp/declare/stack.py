@@ -94,7 +94,7 @@ class Stack:
         self._by_name: dict[str, Element] = {}
         for element in self:
             if element.name in self._by_name:
-                raise DeclarationError("stack", "a name occurs twice", value=element.name, allowed="name=... on one")
+                raise DeclarationError("stack", "duplicate name", value=element.name, allowed="name=... on one")
             self._by_name[element.name] = element
 
     def __iter__(self) -> Iterator[Element]:
@@ -111,7 +111,7 @@ class Stack:
         element = self._by_name.get(name)
         if element is None:
             near = ", ".join(closest(name, self._by_name) or self._by_name)
-            raise DeclarationError("stack", "no element of that name", value=name, allowed=near)
+            raise DeclarationError("stack", "unknown element", value=name, allowed=near)
         if not isinstance(element, kind):
             raise DeclarationError(name, f"is a {type(element).__name__}", value=kind.__name__)
         return element

@@ -38,13 +38,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(f"--{suffix}", type=Path, metavar="FILE", help=f"write {what} there")
     parser.add_argument(
         "--rivals", nargs="+", metavar="NAME",
-        help="run the stack through pink, mink, placo or tsid too, each in an environment of its own made for it",
+        help="compare with pink, mink, placo or tsid, each in its own environment",
     )  # fmt: skip
     parser.add_argument(
         "--scenes", choices=("teleop",),
         help="teleop: follow an operator's hand over a network, instead of a trajectory; with --rivals beside them",
     )  # fmt: skip
-    parser.add_argument("--against", type=Path, metavar="OLD.json", help="compare with an older run's JSON")
+    parser.add_argument("--against", type=Path, metavar="OLD.json", help="compare with the JSON of an older run")
 
 
 def execute(arguments: argparse.Namespace) -> int:

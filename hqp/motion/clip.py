@@ -44,7 +44,7 @@ class Motion:
             raise DeclarationError("motion", f"positions have shape {places.shape}", allowed=allowed)
         if len(set(names)) < len(names):
             twice = sorted({name for name in names if names.count(name) > 1})
-            raise DeclarationError("motion", "a joint's name occurs twice", value=twice)
+            raise DeclarationError("motion", "duplicate joint name", value=twice)
         if not np.isfinite(places).all():
             frame, joint = np.argwhere(~np.isfinite(places).all(axis=2))[0]
             raise DeclarationError("motion", f"{names[joint]} is not finite in frame {frame}", allowed="finite numbers")
@@ -67,7 +67,7 @@ class Motion:
         """Positions ``(T, 3)`` of a joint; raises DeclarationError with the closest names."""
         if name not in self.names:
             near = ", ".join(closest(name, self.names) or self.names)
-            raise DeclarationError("motion", "no joint of that name", value=name, allowed=near)
+            raise DeclarationError("motion", "unknown joint", value=name, allowed=near)
         return np.asarray(self.positions[:, self.names.index(name)])
 
     def part(self, first: int, last: int) -> Motion:

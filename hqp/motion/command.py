@@ -14,8 +14,8 @@ from hqp.errors import DeclarationError
 if TYPE_CHECKING:
     from .retargeted import Retargeted
 
-DESCRIPTION = """Put a recorded human motion on a robot with a free base: standing feet do not slide, floor,
-self-collision and limits are kept, and what could not be met is told with what it gave way to."""
+DESCRIPTION = """Retarget recorded human motion to a robot with a free base: standing feet do not slide, floor,
+self-collision and limits hold, and a report lists unmet targets and the reason for each."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--html", type=Path, metavar="FILE", help="write the report as one page")
     parser.add_argument("--view", action="store_true", help="show it in a browser, the person beside the robot")
     parser.add_argument(
-        "--seconds", type=float, metavar="S", help="with --view: stop after that long; default: on Ctrl-C"
+        "--seconds", type=float, metavar="S", help="with --view: stop after this time; default: on Ctrl-C"
     )
     parser.add_argument(
         "--no-browser", action="store_true", help="with --view: print the page's address, open no browser"
@@ -64,7 +64,7 @@ def execute(arguments: argparse.Namespace) -> int:
         raise DeclarationError("retarget", "no motion", allowed="a .bvh or .npz file")
     for path in arguments.output:
         if path.suffix.lower() not in FORMATS:
-            raise DeclarationError("retarget", "no known kind of file", value=str(path), allowed=", ".join(FORMATS))
+            raise DeclarationError("retarget", "unknown file type", value=str(path), allowed=", ".join(FORMATS))
     found = retarget(
         arguments.motion,
         robot,

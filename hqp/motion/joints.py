@@ -53,7 +53,7 @@ def parts_of(names: Sequence[str], given: Mapping[str, str] | None = None) -> di
     given = {} if given is None else given
     for part, name in given.items():
         if part not in PARTS:
-            raise DeclarationError("human", "no part of that name", value=part, allowed=", ".join(PARTS))
+            raise DeclarationError("human", "unknown part", value=part, allowed=", ".join(PARTS))
         if name not in names:
             raise DeclarationError("human", f"the motion has no joint for {part}", value=name, allowed=", ".join(names))
     sided: dict[tuple[str, str], str] = {}

@@ -36,7 +36,7 @@ def read_motion(
     path = Path(path)
     kind = path.suffix.lower()
     if kind not in USUAL:
-        raise DeclarationError("motion", "no known kind of file", value=str(path), allowed=", ".join(USUAL))
+        raise DeclarationError("motion", "unknown file type", value=str(path), allowed=", ".join(USUAL))
     motion = read_bvh(path) if kind == ".bvh" else _read_npz(path, body_model)
     parts = parts_of(motion.names, human)
     return motion.upright(up, USUAL[kind], middle(motion, parts, "hip"), middle(motion, parts, "ankle"))

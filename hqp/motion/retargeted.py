@@ -83,7 +83,7 @@ class Retargeted:
         writers: dict[str, Callable[[Retargeted, Path], None]]
         writers = {".npz": as_npz, ".csv": as_csv, ".pkl": as_pickle}
         if path.suffix.lower() not in writers:
-            raise DeclarationError("retarget", "no known kind of file", value=str(path), allowed=", ".join(FORMATS))
+            raise DeclarationError("retarget", "unknown file type", value=str(path), allowed=", ".join(FORMATS))
         writers[path.suffix.lower()](self, path)
         return path
 

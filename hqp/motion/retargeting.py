@@ -113,7 +113,7 @@ def _contacts(given: str | Path | Mask, frames: int) -> Mask | None:
         raise DeclarationError("retarget", f"contacts have shape {array.shape}", allowed=allowed)
     strange = [name for name in names if name not in NAMES]
     if strange:
-        raise DeclarationError("retarget", "no contact of that name", value=strange[0], allowed=", ".join(NAMES))
+        raise DeclarationError("retarget", "unknown contact", value=strange[0], allowed=", ".join(NAMES))
     found = np.zeros((frames, len(NAMES)), dtype=bool)
     for i, name in enumerate(names):
         found[:, NAMES.index(name)] = array[:, i]

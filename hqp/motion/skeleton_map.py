@@ -43,7 +43,7 @@ class SkeletonMap:
         for part in (*self.frames, *self.offsets):
             if part not in FRAMES:
                 near = ", ".join(closest(part, FRAMES) or FRAMES)
-                raise DeclarationError("map", "no part of that name", value=part, allowed=near)
+                raise DeclarationError("map", "unknown part", value=part, allowed=near)
         offsets = {}
         for part, offset in self.offsets.items():
             try:
@@ -119,7 +119,7 @@ def find_map(given: SkeletonMap | str | Path | None, robot: Robot) -> SkeletonMa
         fitting = [found for found in maps.values() if found.fits(robot)]
         if not fitting:
             allowed = f"map=FILE, which `hqp retarget --suggest-map` begins; shipped: {', '.join(maps)}"
-            raise DeclarationError("retarget", "no map fits the robot", value=robot.name, allowed=allowed)
+            raise DeclarationError("retarget", "no shipped map fits the robot", value=robot.name, allowed=allowed)
         found = fitting[0]
     elif isinstance(given, SkeletonMap):
         found = given

@@ -263,7 +263,7 @@ class Hierarchy:
             raise ProblemError(f"hierarchy: the levels, metric and origin disagree on n: {sorted(widths)}")
         n = widths.pop() if widths else 0
         if n < 1:
-            raise ProblemError("hierarchy: n = 0; give n where every level is a Selection, and at least one variable")
+            raise ProblemError("hierarchy: n = 0, allowed 1 and above; give n=... if every level is a Selection")
         object.__setattr__(self, "n", n)
         if self.metric is not None:
             self._check_metric(self.metric, n)
@@ -282,7 +282,7 @@ class Hierarchy:
             if given is not None:
                 values = floats(f"hierarchy: {name}", given)
                 if values.shape != (len(self.levels),) or not np.all(np.isfinite(values) & (values >= 0.0)):
-                    raise ProblemError(f"hierarchy: {name} must be one number from 0 up a level, given {given}")
+                    raise ProblemError(f"hierarchy: {name} needs one number >= 0 per level, given {given}")
                 object.__setattr__(self, name, values)
         if not 0.0 < floats("hierarchy: eta", self.eta) < math.inf:
             raise ProblemError(f"hierarchy: eta must be positive and finite, given {self.eta}")
@@ -335,9 +335,11 @@ class Hierarchy:
             return
         for k, price in enumerate(self.prices.tolist()):
             if not 0.0 <= price < math.inf:
-                raise ProblemError(f"hierarchy: the price of level {k} must be from 0 up, given {price}")
+                raise ProblemError(f"hierarchy: the price of level {k} must be >= 0, given {price}")
             if price > 0.0 and not (priced and priced[k]):
-                raise ProblemError(f"workspace made without a price of level {k}; given {price}")
+                raise ProblemError(
+                    f"this workspace was made without a price of level {k}, given {price}: make a new one"
+                )
 
     @property
     def readable(self) -> bool:

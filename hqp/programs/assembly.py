@@ -252,14 +252,16 @@ class Assembly:
         member = self.members.get(name)
         own = None if member is None or _kind(member.element) == BOUNDED else member.declared
         if member is None or own is None:
-            raise DeclarationError(name, "has no law: its rows are bounds, or on forces", value=law, allowed="a task")
-        if not isinstance(own, (P, PD)):
-            what = f"its {type(own).__name__} is part of its rows and stays"
             raise DeclarationError(
-                name, what, value=law, allowed="the same element under two names, each with its when"
+                name, "has no law: its rows are bounds or act on forces", value=law, allowed="a task"
+            )
+        if not isinstance(own, (P, PD)):
+            what = f"its {type(own).__name__} is part of its rows and cannot be replaced"
+            raise DeclarationError(
+                name, what, value=law, allowed="the same element under two names with different when"
             )
         if type(law) is not type(own):
-            raise DeclarationError(name, f"takes a {type(own).__name__} here", value=law, allowed=repr(own))
+            raise DeclarationError(name, f"needs a {type(own).__name__} here", value=law, allowed=repr(own))
         law.fit(name, member.part.stop - member.part.start)
 
     def go_without(self, out: Set[str]) -> None:

@@ -19,4 +19,4 @@ else:
 def require_compiled() -> None:
     """Raise HqpError where a part was not compiled: a session needs them all."""
     if gone := missing():
-        raise HqpError(f"a session needs the compiled parts of hqp, and has no {' and no '.join(gone)}: {ADVICE}")
+        raise HqpError(f"a session needs the compiled parts of hqp; missing: {', '.join(gone)}. {ADVICE}")

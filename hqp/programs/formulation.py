@@ -165,7 +165,7 @@ class Formulation(ABC):
             if law.order != self.order or isinstance(law, SelfMotion):
                 raise DeclarationError(
                     element.name,
-                    f"{type(self).__name__} takes no {type(law).__name__}, but laws of order {self.order}",
+                    f"{type(self).__name__} needs a law of order {self.order}, given {type(law).__name__}",
                     value=law,
                     allowed="P(gain [1/s])" if self.order == 1 else "PD(kp [1/s^2], kd [1/s])",
                 )

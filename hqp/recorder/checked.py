@@ -43,7 +43,7 @@ def unpacked(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
         with zipfile.ZipFile(path) as file:
             size = sum(info.file_size for info in file.infolist())
             if size > LARGEST:
-                raise ValueError(f"it unpacks to {size} bytes, at most {LARGEST} are read")
+                raise ValueError(f"it unpacks to {size} bytes, allowed {LARGEST}")
             told = json.loads(file.read("recording.json"))
             names = [info.filename for info in file.infolist() if info.filename != "recording.json"]
             arrays = {name.removesuffix(".npy"): _array(file, name) for name in names}
@@ -63,7 +63,7 @@ def _array(file: zipfile.ZipFile, name: str) -> Any:
         shape, fortran, dtype = header(content)
         data = bytearray(content.read())
     if dtype != np.dtype("<f8") or len(data) != 8 * math.prod(shape):
-        raise ValueError(f"{name} is no array of float64 of the size that it says")
+        raise ValueError(f"{name} is not an array of float64 of its declared size")
     flat = np.frombuffer(data)
     return flat.reshape(shape[::-1]).T if fortran else flat.reshape(shape)
 
@@ -71,11 +71,11 @@ def _array(file: zipfile.ZipFile, name: str) -> Any:
 def take(table: Any, name: str, kind: type, where: str) -> Any:
     """The value of that name, of that kind; raises DeclarationError."""
     if not isinstance(table, dict):
-        refuse(where, "is no table", table)
+        refuse(where, "is not a table", table)
     value = table.get(name)
     fits = type(value) is kind or (kind is float and type(value) is int)
     if not fits or (type(value) is int and abs(value) > 2**53):
-        refuse(f"{where}.{name}", "missing, or of another kind", value, WORDS[kind])
+        refuse(f"{where}.{name}", "missing or of another type", value, WORDS[kind])
     return value
 
 
@@ -83,7 +83,7 @@ def texts(table: Any, name: str, where: str) -> list[str]:
     """A list of text."""
     found: list[str] = take(table, name, list, where)
     if not all(isinstance(item, str) for item in found):
-        refuse(f"{where}.{name}", "is no list of text", found)
+        refuse(f"{where}.{name}", "is not a list of strings", found)
     return found
 
 
@@ -93,7 +93,7 @@ def about(told: dict[str, Any]) -> None:
         take(told, name, str, "file")
     dt = take(told, "dt", float, "file")
     if not 0.0 < dt < math.inf:
-        refuse("file.dt", "is no control period [s]", dt, "dt > 0")
+        refuse("file.dt", "is not a control period [s]", dt, "dt > 0")
     robot = take(told, "robot", dict, "file")
     for name in ("name", "hash"):
         take(robot, name, str, "robot")
@@ -133,11 +133,11 @@ def segment(part: Any, arrays: dict[str, Any], robot: dict[str, Any], where: str
         _tick(tick, f"{where}.ticks[{i}]")
         stages = arrays.get(f"{number}_stages_{i}")
         if stages is not None and (stages.shape != (len(made.levels), n) or np.any(np.abs(stages) >= MOST)):
-            told = "has another shape, or numbers that are too large"
+            told = "has another shape or numbers that are too large"
             refuse(f"array {number}_stages_{i}", told, stages.shape, str((len(made.levels), n)))
     usable = np.array([bool(tick["solved"]) and Status[tick["solved"]].usable for tick in ticks])
     if not np.all(np.abs(arrays[f"{number}_solved"][usable]) < MOST):
-        refuse(f"array {number}_solved", "an answer that was sent is not finite")
+        refuse(f"array {number}_solved", "a sent command is not finite")
     _numbers(made, columns, usable, f"array {number}_rows")
     _places(part, made, where)
     return made, columns
@@ -172,7 +172,7 @@ def _shapes(pattern: dict[str, Any], n: int, where: str) -> Sequence[tuple[int, 
 def _integers(table: Any, name: str, where: str) -> list[int]:
     found: list[int] = take(table, name, list, where)
     if not all(type(item) is int and abs(item) < 2**53 for item in found):
-        refuse(f"{where}.{name}", "is no list of integers", found)
+        refuse(f"{where}.{name}", "is not a list of integers", found)
     return found
 
 
@@ -184,13 +184,13 @@ def _numbers(pattern: Hierarchy, columns: list[Any], usable: Mask, where: str) -
         i += 0 if isinstance(rows.A, Selection) else 1
         lower, upper = columns[i][usable], columns[i + 1][usable]
         if not np.all((lower <= upper) & (lower < MOST) & (upper > -MOST)):
-            refuse(f"{where}_{i}", "a lower bound is above its upper one, or no number")
+            refuse(f"{where}_{i}", "bounds are NaN or lower > upper")
         bounds |= {i, i + 1}
         i += 2
     for j, column in enumerate(columns):
         sizes = np.abs(column[usable])
         if not np.all((sizes < MOST) | ((sizes == np.inf) & (j in bounds))):
-            refuse(f"{where}_{j}", "a number is not finite, or too large")
+            refuse(f"{where}_{j}", "a number is not finite or too large")
     scales = [rows.A.scale for rows in pattern.levels if isinstance(rows.A, Selection)]
     for values in (*scales, pattern.prices, pattern.turning):
         if values is not None and np.any(np.abs(values) >= MOST):
@@ -219,7 +219,7 @@ def _tick(tick: Any, where: str) -> None:
             try:
                 np.array(reference.get(name, 0.0), dtype=np.float64)
             except (ValueError, TypeError, OverflowError):
-                refuse(f"{where}.references.{name}", "is no array of numbers", reference[name])
+                refuse(f"{where}.references.{name}", "is not an array of numbers", reference[name])
 
 
 def _places(part: dict[str, Any], pattern: Hierarchy, where: str) -> None:
@@ -235,5 +235,5 @@ def _places(part: dict[str, Any], pattern: Hierarchy, where: str) -> None:
         if not 0 <= level < len(pattern.levels) or not 0 <= start <= stop <= pattern.levels[level].m:
             refuse(here, "lies outside the levels", [level, start, stop])
         if place["name"] in names or not 0.0 < weight < MOST:
-            refuse(here, "its name is taken, or its weight is none", [place["name"], weight])
+            refuse(here, "its name is duplicate or its weight is not positive", [place["name"], weight])
         names.add(place["name"])

@@ -203,7 +203,7 @@ class RecordedTick:
     def explain(self) -> Explanation:
         """What each element got and to which it lost; raises HqpError for a tick whose solver was not asked."""
         if self.solution is None:
-            raise HqpError(f"tick {self.count}: {self.status.name}, no solver was asked")
+            raise HqpError(f"tick {self.count}: {self.status.name}, not solved")
         return explain(self.problem, self.solution, self.places, self.row_names)
 
 

@@ -89,7 +89,7 @@ def replay(recording: Recording, solvers: str | Sequence[str] = "all", every: in
     names = list(available()) if solvers == "all" else [solvers] if isinstance(solvers, str) else list(solvers)
     ticks = [tick for tick in recording.ticks[::every] if tick.solution is not None]
     if not ticks:
-        raise HqpError("a recording without a tick that a solver was asked for")
+        raise HqpError("the recording has no solved tick")
     return Replay(recording, tuple(_line(name, ticks) for name in names), periods(recording.ticks[::every]))
 
 

@@ -87,14 +87,14 @@ class Recorder:
         from hqp.recorder.files import about
 
         if not isinstance(ticks, int) or ticks < 1:
-            raise DeclarationError("record", "bad number of ticks", value=ticks, allowed="1 and more")
+            raise DeclarationError("record", "bad number of ticks", value=ticks, allowed="1 or above")
         if not callable(on) and on not in TRIGGERS:
             raise DeclarationError("record", "unknown trigger", value=on, allowed=", ".join(TRIGGERS))
         self.ticks, self.folder, self.files = ticks, Path(to), list[Path]()
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise DeclarationError("record", f"no such folder can be made: {error}", value=str(to)) from error
+            raise DeclarationError("record", f"cannot make the folder: {error}", value=str(to)) from error
         self._optimal = on == "not optimal"
         self._trigger: Callable[[Any], bool] = on if callable(on) else TRIGGERS[on]
         self._about = about(session)

@@ -52,7 +52,7 @@ class OneThread:
         """Raise RuntimeError while another thread is inside."""
         me = get_ident()
         if self._inside.setdefault("thread", me) != me:  # atomic
-            raise RuntimeError("this workspace is solving in another thread; give each thread its own")
+            raise RuntimeError("another thread is solving with this workspace: use one workspace per thread")
 
     def leave(self) -> None:
         """Let others in."""
@@ -86,16 +86,16 @@ class Solver(ABC):
     def require(self, shape: Shape) -> None:
         """Raise UnsupportedProblem unless the capabilities cover the shape, ProblemError for what is no Shape."""
         if not isinstance(shape, Shape):
-            raise ProblemError(f"a workspace is made for a Shape, given {type(shape).__name__}")
+            raise ProblemError(f"workspace() needs a Shape, given {type(shape).__name__}")
         if shape.inequalities and not self.inequalities and not getattr(self, "ignore_inequalities", False):
-            told = f"{self.name} takes no inequalities; take an HQP solver such as 'lexicographic'"
+            told = f"{self.name} cannot solve inequalities; use an HQP solver such as 'lexicographic'"
             if hasattr(self, "ignore_inequalities"):
-                told += ", or let it leave them out with ignore_inequalities=True"
+                told += ", or drop them with ignore_inequalities=True"
             raise UnsupportedProblem(told)
         if (shape.metric or shape.origin) and not self.metric:
-            raise UnsupportedProblem(f"{self.name} takes neither metric nor origin")
+            raise UnsupportedProblem(f"{self.name} supports neither metric nor origin; use 'lexicographic'")
         if any(shape.priced) and not self.priced:
-            raise UnsupportedProblem(f"{self.name} solves no priced levels; take 'lexicographic', or price=0")
+            raise UnsupportedProblem(f"{self.name} cannot solve priced levels; use 'lexicographic', or price=0")
 
 
 def check_number(
@@ -127,7 +127,9 @@ def check_shape(problem: Hierarchy, shape: Shape) -> None:
     require_hierarchy(problem)
     rows = tuple(level.m for level in problem.levels)
     if problem.n != shape.n or rows != shape.rows:
-        raise ProblemError(f"workspace made for n = {shape.n}, rows {shape.rows}; given n = {problem.n}, rows {rows}")
+        raise ProblemError(
+            f"this workspace solves n = {shape.n}, rows {shape.rows}; given n = {problem.n}, rows {rows}"
+        )
     if (problem.metric is not None) != shape.metric:
         given = "none" if problem.metric is None else "one"
         raise ProblemError(f"workspace made {'with' if shape.metric else 'without'} a metric; given {given}")

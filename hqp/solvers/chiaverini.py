@@ -79,7 +79,7 @@ class ChiaveriniWorkspace:
             start = stop
         status, detail = Status.OPTIMAL, ""
         if not self._met(x, self.flat.stops[0] if self.flat.stops else 0):
-            status, detail = Status.NOT_STRICT, "(16) does not minimise the levels below the first"
+            status, detail = Status.NOT_STRICT, "equation (16) does not minimise the levels below the first"
         elif uncertain or self.above.uncertain:
             status, detail = Status.RANK_UNCERTAIN, "a pivot is near rank_tolerance"
         return flat.finish(problem, x, status, Stats(0, len(stops) + 1, built - began, perf_counter() - built), detail)

@@ -76,5 +76,5 @@ class DaqpWorkspace(ExternalWorkspace):
             raise BackendError(f"daqp: {error}") from error
         x = np.array(x)[:-1]
         if not np.isfinite(x).all():
-            return np.zeros(x.size), int(info["iterations"]), "daqp found no answer"
+            return np.zeros(x.size), int(info["iterations"]), "daqp found no solution"
         return x, int(info["iterations"]), "" if flag > 0 else f"daqp ended with exit flag {flag}"

@@ -94,7 +94,7 @@ class Flat:
         good = self.lower <= self.upper
         good &= bounded | ~self.equality  # inf <= x <= inf
         if not good.all():
-            return f"level {self.level[int(np.argmin(good))]} has bounds that are NaN or crossed"
+            return f"level {self.level[int(np.argmin(good))]} has bounds that are NaN or lower > upper"
         return ""
 
     def slack(self, x: Vec) -> Vec:

@@ -46,7 +46,7 @@ DOUBTFUL = (Status.NOT_CERTIFIED, Status.RANK_UNCERTAIN)
 OTHER_RANKS = (1e-7, 1e-10, 1e-8, 1e-5, 1e-11)
 """Rank tolerances tried where the solver's own led to no answer that passes: no single one suits all problems."""
 
-NO_KERNEL = f"lexicographic: hqp was built without its native kernel; {ADVICE}, or take the solver 'cascade'"
+NO_KERNEL = f"lexicographic: hqp was built without its native kernel; {ADVICE}, or use the solver 'cascade'"
 
 
 def native_module() -> Any:
@@ -177,7 +177,7 @@ class NativeWorkspace:
         Raises DeclarationError for what is no time.
         """
         if not isinstance(seconds, (int, float)) or not seconds >= 0.0:
-            raise DeclarationError("lexicographic", "bad time limit", value=seconds, unit="s", allowed="from 0 up")
+            raise DeclarationError("lexicographic", "bad time limit", value=seconds, unit="s", allowed="0 or above")
         self._limited, self._ticking = 0.0 < seconds < math.inf, seconds > 0.0
         self.native.limit(seconds if self._limited else 0.0)
 
@@ -276,8 +276,12 @@ def _refuse(problem: Hierarchy, shape: Shape, stats: Stats) -> Solution:
             index, scale = rows.A.index, rows.A.scale
             wrong = (index < 0) | (index >= problem.n) | ~np.isfinite(scale) | (scale == 0.0)
             if wrong.any():
-                return flat.refuse(problem, stats, f"level {k}: selection row {int(np.argmax(wrong))} is not usable")
-    return flat.refuse(problem, stats, flat.load(problem) or "the numbers are too large to be squared")
+                return flat.refuse(
+                    problem,
+                    stats,
+                    f"level {k}: selection row {int(np.argmax(wrong))} needs a finite scale that is not zero",
+                )
+    return flat.refuse(problem, stats, flat.load(problem) or "numbers are too large: their squares overflow")
 
 
 def _copied(problem: Hierarchy) -> SimpleNamespace:

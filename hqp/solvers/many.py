@@ -92,7 +92,7 @@ def solve_many(
         raise DeclarationError("solve_many", "bad solver", value=solver, allowed="Lexicographic(...)")
     count = _threads(threads)
     if solver.deadline:
-        raise DeclarationError("solve_many", "takes no deadline", value=solver)
+        raise DeclarationError("solve_many", "supports no deadline", value=solver)
     if not isinstance(problems, (Sequence, HierarchyBatch)):
         allowed = "a sequence of problems or a HierarchyBatch"
         raise ProblemError(f"solve_many: takes {allowed}, given {type(problems).__name__}")
@@ -136,7 +136,9 @@ def _fill(batch: Any, problems: Sequence[Hierarchy] | HierarchyBatch, shape: Sha
             check_shape(problem, shape)
         kept = [problem.copy() for problem in kept]  # contiguous and of the right type
         if batch.read(kept) >= 0:
-            raise ProblemError(f"solve_many: problem {wrong} cannot be read")
+            raise ProblemError(
+                f"solve_many: the arrays of problem {wrong} do not have the shapes or types that its levels need"
+            )
     return kept
 
 

@@ -80,7 +80,7 @@ class NullspaceWorkspace:
 
     def _verdict(self, x: Vec) -> tuple[Status, str]:
         if self.flat.inequality.any() and not self._inequalities_hold(x):
-            return Status.NOT_CERTIFIED, "an inequality that was left out is violated"
+            return Status.NOT_CERTIFIED, "an ignored inequality is violated"
         if self.recursion.uncertain:
             return Status.RANK_UNCERTAIN, "a pivot is near rank_tolerance"
         return Status.OPTIMAL, ""

@@ -69,9 +69,9 @@ class ReferenceWorkspace:
         stats = Stats(steps, 0, 0.0, perf_counter() - began)
         status, detail = Status.OPTIMAL, ""
         if not passed and run.ended:
-            status, detail = Status.NOT_CERTIFIED, "the certificate refuses the point found"
+            status, detail = Status.NOT_CERTIFIED, "the certificate rejects the solution"
         elif not passed:
-            status, detail = Status.ITERATION_LIMIT, "a level was left before its optimum"
+            status, detail = Status.ITERATION_LIMIT, "a level stopped before its optimum"
         return finish(problem, x, status, stats, detail, stages)
 
     def _found(self, problem: Hierarchy) -> tuple[Vec, Mat | None, Levels]:

@@ -51,7 +51,7 @@ class Weighted(Solver):
         super().require(shape)
         if self.weights is not None and len(self.weights) != len(shape.rows):
             raise DeclarationError(
-                self.name, "one weight a level", value=self.weights, allowed=f"{len(shape.rows)} numbers"
+                self.name, "one weight per level", value=self.weights, allowed=f"{len(shape.rows)} numbers"
             )
 
     def workspace(self, shape: Shape) -> WeightedWorkspace:

@@ -93,12 +93,12 @@ def load(path: str | Path, *, trust: bool = False) -> Sweep:
         raise DeclarationError(str(path), f"unknown {', '.join(sorted(unknown))}", allowed=", ".join(sorted(known)))
     if not isinstance(table.get("function"), str):
         allowed = 'function = "package.module:name"'
-        raise DeclarationError(str(path), "names no function", value=table.get("function"), allowed=allowed)
+        raise DeclarationError(str(path), "does not name a function", value=table.get("function"), allowed=allowed)
     grid, fixed, cases = table.get("grid", {}), table.get("fixed", {}), table.get("case", [{}])
     if not (isinstance(grid, dict) and isinstance(fixed, dict)):
-        raise DeclarationError(str(path), "grid and fixed are tables", allowed="[grid], [fixed]")
+        raise DeclarationError(str(path), "grid and fixed must be tables", allowed="[grid], [fixed]")
     if not (isinstance(cases, list) and all(isinstance(case, dict) for case in cases)):
-        raise DeclarationError(str(path), "the cases are no tables", allowed="[[case]]")
+        raise DeclarationError(str(path), "the cases must be tables", allowed="[[case]]")
     grid = {name: _values(path, name, value) for name, value in grid.items()}
     count = math.prod(map(len, grid.values())) * len(cases)
     if count > MOST_CASES:
@@ -141,7 +141,7 @@ def _require_hqp(found: Any, function: str) -> None:
 
 
 def _not_trusted(function: str) -> DeclarationError:
-    told = "a sweep file is a program, and this function is neither of hqp nor in the file's folder"
+    told = "a sweep file runs code, and this function is neither in hqp nor in the file's folder"
     return DeclarationError("sweep", told, value=function, allowed="--trust (trust=True) if you trust the file")
 
 
@@ -163,7 +163,7 @@ def _values(path: Path, name: str, value: Any) -> Sequence[Any]:
             if count <= MOST_CASES:
                 return [start + i * step for i in range(max(0, math.floor(count)))]
     allowed = "a list of values, or {start, stop, step}"
-    raise DeclarationError(str(path), f"[grid] {name} is no range of values", value=value, allowed=allowed)
+    raise DeclarationError(str(path), f"[grid] {name} is not a range of values", value=value, allowed=allowed)
 
 
 def canonical(value: Mapping[str, Any]) -> str:
@@ -171,7 +171,9 @@ def canonical(value: Mapping[str, Any]) -> str:
     try:
         return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
     except (TypeError, ValueError) as error:
-        raise DeclarationError("sweep", f"arguments of a case are plain JSON values: {error}", value=value) from error
+        raise DeclarationError(
+            "sweep", f"arguments of a case must be plain JSON values: {error}", value=value
+        ) from error
 
 
 @cache

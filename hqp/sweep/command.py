@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 DESCRIPTION = """Call one function at many cases and keep what it returns, one row a case, in Parquet files.
-The same command again does what is missing. CASES.toml is a program: the function that it names is imported and called.
+Run the command again to compute missing cases. CASES.toml is a program: its function is imported and called.
 Functions of hqp and of modules in the file's folder run as they are, any other only with --trust."""
 
 
@@ -18,16 +18,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where = "serial, local (Ray on this machine), auto (the Ray cluster that runs here), or ray://host:10001"
     parser.add_argument("--on", default="local", metavar="WHERE", help=f"{where}; default: local")
     parser.add_argument("--out", required=True, metavar="DIR", type=Path, help="folder of the results")
-    parser.add_argument("--resume", action="store_true", help="go on in a folder that holds results")
-    parser.add_argument("--retry", action="store_true", help="run cases again that ended in an exception")
+    parser.add_argument("--resume", action="store_true", help="continue in a folder with results")
+    parser.add_argument("--retry", action="store_true", help="rerun cases that ended in an exception")
     parser.add_argument(
         "--jobs", type=int, default=None, metavar="N", help="workers at a time; default: all processors"
     )
     parser.add_argument(
         "--code", default="", metavar="TEXT", help="version of the code; default: a hash of the sources"
     )
-    parser.add_argument("--trust", action="store_true", help="call a function of any package that the file names")
-    parser.add_argument("--quiet", action="store_true", help="no bar of progress")
+    parser.add_argument("--trust", action="store_true", help="allow functions of any package")
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
 
 
 def execute(arguments: argparse.Namespace) -> int:

@@ -49,7 +49,7 @@ def carry_out(case: Case, code: str, declared: bool) -> Result:
     try:
         function = resolve(case.function)
         if not declared and (own := code_version(case.function)) != code:
-            raise RuntimeError(f"this worker has other sources: code {own}, asked for {code}")
+            raise RuntimeError(f"this worker has other sources: code {own}, needed {code}")
         row |= {f"result.{name}": _plain(value) for name, value in function(**case.arguments).items()}
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]

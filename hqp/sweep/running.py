@@ -49,7 +49,7 @@ def run(
     with Store(out) as store:
         known = store.done(failed=not retry)
         if not resume and store.done():
-            raise DeclarationError("sweep", f"{out} holds results already", allowed="resume, or an empty folder")
+            raise DeclarationError("sweep", f"{out} already has results", allowed="resume, or an empty folder")
         missing = list({c.key(sweep.code): c for c in sweep if c.key(sweep.code) not in known}.values())
         store.manifest(_manifest(sweep, on))
         failed = 0
@@ -68,7 +68,7 @@ def _results(missing: list[Case], sweep: Sweep, on: str, jobs: int | None) -> It
     if not missing:
         return
     if on not in ("serial", "local", "auto") and not on.startswith("ray://"):
-        raise DeclarationError("sweep", "no such place", value=on, allowed="serial, local, auto or ray://host:port")
+        raise DeclarationError("sweep", "unknown engine", value=on, allowed="serial, local, auto or ray://host:port")
     if on == "serial" or (on == "local" and (jobs == 1 or not has_ray())):
         yield from serial(missing, sweep.code, declared)
         return

@@ -32,7 +32,7 @@ class Clutch:
         self._F, self._scale = pose[:3, :3], float(scale)
         F, mirrored = pose[:3, :3], float(np.linalg.det(pose[:3, :3])) < 0.0
         if mirrored and not apart:
-            raise DeclarationError("Follow", "a frame that mirrors needs clutch=True", value=frame, allowed=ALLOWED)
+            raise DeclarationError("Follow", "a left-handed frame needs clutch=True", value=frame, allowed=ALLOWED)
         turns = space.turns(k)
         self._D: Mat = np.diag(np.where(turns, 1.0, scale))
         if k in (3, 6) and not space.wraps:
@@ -40,7 +40,7 @@ class Clutch:
             for block in blocks:
                 self._D[block, block] = (np.linalg.det(F) if turns[block][0] else scale) * F
         elif frame is not None:
-            raise DeclarationError("Follow", f"{element.name} has no axes that a frame could turn", value=frame)
+            raise DeclarationError("Follow", f"{element.name} has no axes to turn by a frame", value=frame)
         self.engage(space.neutral(k), space.placed(pose, k))
 
     def engage(self, value: Any, anchor: Any) -> None:

@@ -64,7 +64,7 @@ class Follow:
         most = _positive("largest_acceleration", largest_acceleration)
         self._accelerations = most, most * self._speeds[1] / self._speeds[0]
         if not isinstance(latency, (int, float)) or not 0.0 <= latency < math.inf:
-            raise DeclarationError("Follow", "latency", value=latency, allowed="0 or more seconds")
+            raise DeclarationError("Follow", "latency", value=latency, allowed="0 or above")
         self._latency, self._clutched = float(latency), bool(clutch)
         self._scale, self._frame = scale, frame
         if self._space.first is not None:
@@ -146,15 +146,15 @@ class Follow:
         if self._clutched and not one.engaged and not late:
             self._engaged = False
         if one.value is None:
-            return f"a packet was left out: {one.fault}"
+            return f"packet discarded: {one.fault}"
         self._clock.take(one)
         if late:
             return self._refuse(one)
         if one.sent == self._latest:
-            return "a packet was left out: the same again"
+            return "packet discarded: duplicate"
         self._latest, self._stale = one.sent, math.inf
         if off := self._track.take(Sample(one.sent, one.value)):
-            return f"a packet was left out: {off:.3g} from where the hand can be"
+            return f"packet discarded: {off:.3g} outside the reachable motion"
         if self._clutched:
             self._engaged = one.engaged
         return ""
@@ -163,11 +163,11 @@ class Follow:
         """A packet that is older than one before it; a clock that stays behind for max_age is another one."""
         self._stale = min(self._stale, one.received)
         if one.received - self._stale <= self.max_age:
-            return "a packet was left out: older than one before it"
+            return "packet discarded: older than the one before"
         self._clock.restart()
         self._track.forget()
         self._latest, self._stale = -math.inf, math.inf
-        return "the sender's clock began anew"
+        return "the sender's clock restarted"
 
     def _pursue(self, pursuit: Pursuit, state: State, now: float, dt: float) -> str:
         """Go after the operator's hand for dt [s]; what has to be told of it."""
@@ -176,7 +176,7 @@ class Follow:
         if motion is None or not self._engaged:
             self._joined = self._joined and not self._clutched
             pursuit.stop(dt)
-            return "no three packets yet that agree: held" if motion is None else "the clutch is open: held"
+            return "fewer than three consistent packets: held" if motion is None else "the clutch is open: held"
         age = now - self._clock.behind - motion.time + self._latency
         x, v, a = motion.at(age, self.max_age)
         here = self._space.plus(motion.value, x)

@@ -34,7 +34,7 @@ class UdpReceiver:
             self._socket.bind((LOOPBACK, port))
         except OSError as error:
             self._socket.close()
-            raise HqpError(f"UDP port {port} of this machine cannot be had: {error}") from error
+            raise HqpError(f"cannot bind UDP port {port}: {error}") from error
         self.port = int(self._socket.getsockname()[1])
         self._thread = Thread(target=self._run, name="hqp udp", daemon=True)
         self._thread.start()

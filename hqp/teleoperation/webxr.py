@@ -76,7 +76,7 @@ class OperatorPage:
         self._thread.start()
         self._ready.wait(timeout=10.0)
         if self._error or not self._ready.is_set():
-            raise HqpError(f"the operator's page did not come up: {self._error or 'no answer'}")
+            raise HqpError(f"the operator's page did not start: {self._error or 'no answer'}")
 
     @property
     def url(self) -> str:

@@ -48,7 +48,7 @@ class Efforts:
             picks = selection_of(element, robot)
             if picks is None:
                 raise element.invalid(
-                    "picks no torques", type(element).__name__, "selection(robot) where quantity is effort"
+                    "has no selection of torques", type(element).__name__, "selection(robot) where quantity is effort"
                 )
             self._elements[element.name], self._picks[element.name] = element, picks
 
@@ -245,7 +245,7 @@ def _force_rows(element: Element, contact: Element, size: int) -> tuple[Mat, Vec
     """C ``(k, size)`` on the contact's rows, after their turn into its frame, and the bounds."""
     maker: Any = getattr(element, "force_rows", None)
     if maker is None:
-        raise DeclarationError(element.name, "binds a contact force but has no force_rows(dimension)")
+        raise DeclarationError(element.name, "is on a contact force but has no force_rows(dimension)")
     known: Any = getattr(contact, "force_basis", None)
     basis = np.eye(size) if known is None else np.asarray(known(), dtype=np.float64)
     C, lower, upper = (np.asarray(part, dtype=np.float64) for part in maker(basis.shape[0]))

@@ -31,7 +31,7 @@ def within_motors(stack: Stack, robot: Robot) -> tuple[Stack, str]:
     weak = [i for i in range(limit.size) if needed[i] > limit[i]]
     kept = [name for i, name in enumerate(names) if np.isfinite(limit[i]) and i not in weak]
     told = ", ".join(f"{names[i]} {limit[i] / OVERLOAD:.3g} of {needed[i]:.3g} N m" for i in weak)
-    told = f"motors too weak to hold {robot.name} at home are not limited: {told}" if weak else ""
+    told = f"no torque limit for motors too weak to hold {robot.name} at home: {told}" if weak else ""
     if not kept:
         return stack, told
     from hqp.tasks import TorqueLimits

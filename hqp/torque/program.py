@@ -96,7 +96,7 @@ class Torque(Formulation):
         for name, law in given.items():
             if law.order != self.order:
                 raise DeclarationError(
-                    name, "Torque takes laws of order 2", value=law, allowed="PD(kp [1/s^2], kd [1/s])"
+                    name, "Torque needs laws of order 2", value=law, allowed="PD(kp [1/s^2], kd [1/s])"
                 )
         return given
 

@@ -35,7 +35,7 @@ class Shared:
             part = rows.members[contact.name].part
             rotation, blocks = axes(contact, part.stop - part.start, robot)
             if len(blocks) != 2 or hasattr(contact, "force_basis"):
-                raise element.invalid("contact", name, "a face, such as a FixedContact")
+                raise element.invalid("contact", name, "a contact of a face, such as FixedContact")
             contacts.append(contact)
             parts.append(part)
             rotations.append(rotation)

@@ -214,15 +214,15 @@ def _why(told: Explanation | None, name: str) -> str:
     held = account.held_back
     if account.cause == "price" and held is not None:
         given = f"requested {_digits(held.asked)} {held.unit}, achieved {_digits(held.given)}"
-        return f"{given}: the rest would cost more motion than it is worth"
+        return f"{given}: the price on motion outweighs the rest"
     if account.cause == "too fast":
         return "its target moves faster than the robot may"
     if account.cause == "out of reach":
-        return "no motion of the robot brings it nearer"
+        return "no motion of the robot reduces its error"
     if account.cause == "own level":
         return f"conflicts with {', '.join(account.fights)} in its own level"
     if not account.losses:
-        return "nothing above stands in its way"
+        return "no level above blocks it"
     parts = [f"{_words(loss)} {100.0 * loss.share:.0f} %" for loss in account.losses[:3]]
     return "gives way to " + ", ".join(parts)
 

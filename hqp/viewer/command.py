@@ -20,21 +20,21 @@ if TYPE_CHECKING:
     from .session_view import View
 
 DESCRIPTION = """Run a stack on a robot that carries out every command exactly, and show it in a browser: drag the
-targets and watch which level gives way to which.  A recording (.npz) is shown as it was."""
+targets and watch which level gives way to which.  A recording (.npz) is replayed."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     add_stack(parser)
     parser.add_argument("--solver", default="", metavar="NAME", help=f"default here: {default()}")
-    parser.add_argument("--port", type=int, default=0, help="of the page, or the next that is free; default: any")
+    parser.add_argument("--port", type=int, default=0, help="port of the page, or the next free one; default: any")
     parser.add_argument("--host", default=LOOPBACK, help="0.0.0.0 opens the page to the network (SECURITY.md)")
-    parser.add_argument("--password", help="opens the page where its whole address is not at hand; - asks for it")
+    parser.add_argument("--password", help="password for the page without its full address; - prompts for it")
     parser.add_argument("--no-browser", action="store_true", help="print the address of the page, open no browser")
     parser.add_argument(
-        "--operator", action="store_true", help="a second page, for a headset or a phone whose motion hands follow"
+        "--operator", action="store_true", help="serve a second page for a headset or a phone that moves the hands"
     )
-    parser.add_argument("--seconds", type=float, metavar="S", help="stop after that long; default: on Ctrl-C")
+    parser.add_argument("--seconds", type=float, metavar="S", help="stop after this time; default: on Ctrl-C")
 
 
 def execute(arguments: argparse.Namespace) -> int:

@@ -88,7 +88,7 @@ def replay(
 
     told = recording.about
     if not told["toml"]:
-        raise HqpError("the recording's stack has elements of your own: it can be replayed, not shown")
+        raise HqpError("the recording's stack has custom elements: use hqp replay, the viewer cannot show it")
     if list(robot.joint_names) != told["robot"]["joints"]:
         raise HqpError(f"the recording is of {told['robot']['name']}, whose joints are not those of {robot.name}")
     dt = float(told["dt"])
@@ -96,7 +96,7 @@ def replay(
     rows = _rows(session.program.problem)
     ticks = [tick for tick in recording if _rows(tick.problem) == rows]
     if not ticks:
-        raise HqpError("no tick of the recording is of its own stack")
+        raise HqpError("no tick of the recording has its stack")
     count = 0
     title = f"{robot.name}, recorded {told['made'][:16]}"
     with ReplayView(session, control=True, host=host, port=port, password=password, title=title) as view:

@@ -247,10 +247,10 @@ class View:
         until = time.monotonic() + 60.0
         while not self._channel.ready:
             if self._server.poll() is not None or time.monotonic() > until:
-                raise HqpError("the viewer's page did not come up; its process says why above")
+                raise HqpError("the viewer's page did not start; see the output of its process above")
             time.sleep(0.02)
         if self._channel.ready < 0:
-            raise HqpError("the viewer's page did not come up; its process says why above")
+            raise HqpError("the viewer's page did not start; see the output of its process above")
 
     def _take_targets(self) -> None:
         """Read what was dragged in the page since the last tick."""

@@ -54,10 +54,10 @@ class DcmPlan:
         check("DCM plan", "omega", omega, 0.0, strict=True, unit="1/s")
         kept = [p for p in pieces if p.duration > 0.0]
         if not kept:
-            raise DeclarationError("DCM plan", "no piece takes time", value=len(pieces))
+            raise DeclarationError("DCM plan", "all pieces have zero duration", value=len(pieces))
         for one, other in pairwise(kept):
             if np.abs(np.asarray(one.end) - other.start).max() > 1e-9:
-                raise DeclarationError("DCM plan", "pieces are not joined", value=(one.end, other.start), unit="m")
+                raise DeclarationError("DCM plan", "pieces are not continuous", value=(one.end, other.start), unit="m")
         self.omega = omega
         self.duration = sum(p.duration for p in kept)
         xi = np.array(kept[-1].end, dtype=np.float64)

@@ -23,8 +23,8 @@ from urllib.parse import parse_qs, urlsplit
 from hqp.errors import HqpError
 
 NETWORK = (
-    "A page that is open to the network is not encrypted, and who reads its token or password there can do in it "
-    "whatever you can: use it on a network you trust, or an SSH tunnel instead."
+    "A page open to the network is not encrypted: anybody who reads its token or password there has full control. "
+    "Use a trusted network or an SSH tunnel."
 )
 """What SECURITY.md says of a host that is not this machine alone."""
 
@@ -56,7 +56,7 @@ def listening(host: str) -> str:
         with socket.socket(family, kind, protocol) as probe:
             probe.bind(place)
     except OSError as error:
-        raise HqpError(f"the page cannot be served at {host!r}, which is no address of this machine") from error
+        raise HqpError(f"the page cannot be served at {host!r}, which is not an address of this machine") from error
     return str(place[0])
 
 
@@ -98,8 +98,8 @@ class Doors:
         if self._is_known(path, headers):
             return None
         if self.password:
-            return HTTPStatus.UNAUTHORIZED, "the password, please, or the whole address with its token"
-        return HTTPStatus.FORBIDDEN, "open the whole address that hqp printed, with its token"
+            return HTTPStatus.UNAUTHORIZED, "enter the password, or open the full address with its token"
+        return HTTPStatus.FORBIDDEN, "open the full address printed by hqp, with its token"
 
     def _is_own(self, host: str) -> bool:
         """Whether a Host header names this machine; an IP address cannot be made to resolve to another one."""

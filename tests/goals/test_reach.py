@@ -181,7 +181,7 @@ def test_bad_input() -> None:
     stack, goal = Stack(Level(hand)), hand.at([0.3, 0.2, 0.3])
     with pytest.raises(DeclarationError, match="no references"):
         hqp.reach(stack, robot)
-    with pytest.raises(DeclarationError, match="no element of that name"):
+    with pytest.raises(DeclarationError, match="unknown element"):
         hqp.reach(stack, robot, Position(frame="wrist").at([0.0, 0.0, 0.0]))
     with pytest.raises(ModelError, match="q0 has shape"):
         hqp.reach(stack, robot, goal, q0=np.zeros(3))

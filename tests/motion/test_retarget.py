@@ -206,7 +206,7 @@ def test_files(walked: Retargeted, tmp_path: Path) -> None:
     told = pickle.loads(walked.save(tmp_path / "a.pkl").read_bytes())
     assert {"fps", "root_pos", "root_rot", "dof_pos", "local_body_pos", "link_body_list"} <= set(told)
     np.testing.assert_array_equal(told["root_rot"], walked.q[:, 3:7])
-    with pytest.raises(DeclarationError, match="no known kind"):
+    with pytest.raises(DeclarationError, match="unknown file type"):
         walked.save(tmp_path / "a.txt")
 
 

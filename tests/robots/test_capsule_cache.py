@@ -48,7 +48,7 @@ def kept(folder: Path) -> Path:
 
 
 def test_capsules_are_fitted_once(tmp_path: Path, fits: list[int]) -> None:
-    with pytest.warns(ModelWarning, match="being fitted.*kept in"):
+    with pytest.warns(ModelWarning, match="fitting capsules.*cached in"):
         first = load(tmp_path).capsules
     assert len(fits) == len({c.body for c in first}) == 4
     with warnings.catch_warnings():
@@ -61,7 +61,7 @@ def test_capsules_are_fitted_once(tmp_path: Path, fits: list[int]) -> None:
 def test_copies_share_the_fit_and_hold_no_meshes(tmp_path: Path, fits: list[int]) -> None:
     robot = load(tmp_path)
     copy = robot.copy()
-    with pytest.warns(ModelWarning, match="being fitted"):
+    with pytest.warns(ModelWarning, match="fitting capsules"):
         found = copy.capsules
     assert robot.capsules is robot.copy().capsules is found
     assert len(fits) == 4
@@ -70,9 +70,9 @@ def test_copies_share_the_fit_and_hold_no_meshes(tmp_path: Path, fits: list[int]
 
 
 def test_another_shape_is_another_model(tmp_path: Path, fits: list[int]) -> None:
-    with pytest.warns(ModelWarning, match="being fitted"):
+    with pytest.warns(ModelWarning, match="fitting capsules"):
         small = load(tmp_path).capsules
-    with pytest.warns(ModelWarning, match="being fitted"):
+    with pytest.warns(ModelWarning, match="fitting capsules"):
         large = load(tmp_path, HAND.replace('size=".01 .01 .02"', 'size=".02 .02 .02"')).capsules
     assert small != large
     assert len(list((tmp_path / "cache" / "hqp" / "capsules").iterdir())) == 2
@@ -80,7 +80,7 @@ def test_another_shape_is_another_model(tmp_path: Path, fits: list[int]) -> None
 
 @pytest.mark.parametrize("damage", ["cut", "digit", "text", "bytes", "empty", "other", "nan"])
 def test_a_damaged_file_is_fitted_anew(tmp_path: Path, fits: list[int], damage: str) -> None:
-    with pytest.warns(ModelWarning, match="being fitted"):
+    with pytest.warns(ModelWarning, match="fitting capsules"):
         first = load(tmp_path).capsules
     path = kept(tmp_path)
     content = path.read_text()
@@ -95,7 +95,7 @@ def test_a_damaged_file_is_fitted_anew(tmp_path: Path, fits: list[int], damage: 
         digit = content[:at] + "9" + content[at + 1 :]
         changed = {"cut": content[:-20], "digit": digit, "text": "[1, 2]", "empty": ""}
         path.write_bytes(b"\xff\xfe\x00" if damage == "bytes" else changed[damage].encode())
-    with pytest.warns(ModelWarning, match="being fitted"):
+    with pytest.warns(ModelWarning, match="fitting capsules"):
         assert load(tmp_path).capsules == first
     assert path.read_text() == content
     assert len(fits) == 8
@@ -104,7 +104,7 @@ def test_a_damaged_file_is_fitted_anew(tmp_path: Path, fits: list[int], damage: 
 @pytest.mark.filterwarnings("ignore:hand:hqp.errors.ModelWarning")
 def test_a_cache_that_cannot_be_written_is_told(tmp_path: Path, fits: list[int]) -> None:
     (tmp_path / "cache").write_text("in the way")
-    with pytest.warns(ModelWarning, match="cannot be kept"):
+    with pytest.warns(ModelWarning, match="cannot be cached"):
         assert load(tmp_path).capsules
     assert len(fits) == 4
 

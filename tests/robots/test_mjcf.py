@@ -142,7 +142,7 @@ def test_base_is_the_free_body_with_joints_and_starts_where_the_file_says() -> N
 def test_what_does_not_move_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "still.xml"
     path.write_text("<mujoco><worldbody><body name='table'><geom size='0.1'/></body></worldbody></mujoco>")
-    with pytest.raises(ModelError, match="no body of it moves"):
+    with pytest.raises(ModelError, match=r"no joint .*nv = 0"):
         hqp.robots.load(path)
     path.write_text("<mujoco><worldbody><body><joint/></body></worldbody></mujoco>")
     with pytest.raises(ModelError, match="could not be read"):

@@ -464,7 +464,7 @@ def test_errors(hopper: Path, box: Path, tmp_path: Path) -> None:
         Plant(robot, watched=["wheel_9"])
     with pytest.raises(JointNotFound, match="torso_hip"):
         Plant(robot, armature={"torso_hib": 0.1})
-    with pytest.raises(DeclarationError, match=r"no such actuation .*allowed: torque, position, native"):
+    with pytest.raises(DeclarationError, match=r"unknown actuation .*allowed: torque, position, native"):
         Plant(robot, actuation="velocity")  # type: ignore[arg-type]
     with pytest.raises(DeclarationError, match="position servo needs gains"):
         Plant(robot, actuation="position")

@@ -87,12 +87,12 @@ def test_an_srdf_elsewhere_comes_before_the_one_beside(tmp_path: Path) -> None:
     [
         (
             '<group_state name="a"><joint name="j1" value="x"/></group_state>',
-            r"'a', joint 'j1': value='x' is no number",
+            r"'a', joint 'j1': value='x' is not a number",
         ),
-        ('<group_state name="a"><joint name="j1" value="nan"/></group_state>', r"value='nan' is no number"),
+        ('<group_state name="a"><joint name="j1" value="nan"/></group_state>', r"value='nan' is not a number"),
         ('<group_state name="a"><joint name="j6" value="1 0"/></group_state>', r"'j6': value='1 0'"),
         ('<group_state name="a"><joint name="j1"/></group_state>', r"'j1': value='None'"),
-        ('<group_state><joint name="j1" value="1"/></group_state>', r"arm.srdf: no SRDF.*name"),
+        ('<group_state><joint name="j1" value="1"/></group_state>', r"arm.srdf: cannot read the SRDF.*name"),
         ("<group_state", r"arm.srdf"),
     ],
     ids=["word", "nan", "two", "none", "nameless", "broken"],
@@ -107,8 +107,8 @@ def test_what_is_passed_over_is_warned_of(tmp_path: Path) -> None:
     with pytest.warns(ModelWarning) as told:
         robot = hqp.robots.load(write(tmp_path, STATES + more))
     twice, unknown = (str(w.message) for w in told)
-    assert "2 group states 'ready', the first is taken" in twice
-    assert "no moving joint: finger" in unknown
+    assert "2 group states 'ready', using the first" in twice
+    assert "unknown or fixed joints: finger" in unknown
     assert robot.configuration("ready")[0] == 0.5
 
 
@@ -120,5 +120,5 @@ def test_an_srdf_goes_with_a_urdf(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match=r"no such file: .*arm\.srdf"):
         hqp.robots.load(path, srdf=path.with_suffix(".srdf"))
     for source in ("panda", "arm.xml", pin.Model()):
-        with pytest.raises(DeclarationError, match="goes with a URDF"):
+        with pytest.raises(DeclarationError, match="needs a URDF"):
             hqp.robots.load(source, srdf="arm.srdf")

@@ -155,7 +155,7 @@ def test_of_unequal_effort_limits_the_smaller_one_counts(tmp_path: Path) -> None
     )
     robot = hqp.robots.load(written(tmp_path, joints, "", f"<actuator>{motors}</actuator>"))
     assert robot.effort_limit.tolist() == [50.0, 3.0, 10.0, 7.0, 4.0, np.inf]
-    assert "the smaller one counts: b, c" in " ".join(map(str, robot.notes))
+    assert "using the smaller one: b, c" in " ".join(map(str, robot.notes))
 
 
 def test_equal_joints_with_refs_hold_at_home(tmp_path: Path) -> None:

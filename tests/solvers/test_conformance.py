@@ -105,7 +105,7 @@ def test_a_solution_outlives_the_next_solve(solver: Solver) -> None:
     np.testing.assert_array_equal(kept.x, x)
     for w, old in zip(kept.residuals, residuals, strict=True):
         np.testing.assert_array_equal(w, old)
-    with pytest.raises(ProblemError, match="workspace made for"):
+    with pytest.raises(ProblemError, match="this workspace solves"):
         workspace.solve(Hierarchy((*two.levels, *two.levels)))
 
 

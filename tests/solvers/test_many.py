@@ -118,7 +118,7 @@ def test_numbers_that_are_not_usable_are_marked() -> None:
 
 
 def test_what_solve_many_refuses() -> None:
-    with pytest.raises(ProblemError, match="workspace made for n = 12"):
+    with pytest.raises(ProblemError, match="this workspace solves n = 12"):
         hqp.solve_many([*problems(2), *problems(1, n=11)])
     with pytest.raises(ProblemError, match="no problem"):
         hqp.solve_many([])

@@ -66,7 +66,7 @@ def test_the_same_call_again_does_only_what_is_missing(tmp_path: Path) -> None:
     assert calls(tmp_path) == [1] * 9
     assert run(path, retry=True) == sweep.Summary(cases=9, found=8, ran=1, failed=1)
     assert sweep.read(tmp_path / "out").num_rows == 9
-    with pytest.raises(DeclarationError, match="holds results already"):
+    with pytest.raises(DeclarationError, match="already has results"):
         run(path, resume=False)
 
 
@@ -137,19 +137,19 @@ kind = "b"
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("[grid]\nx = [1]", "names no function"),
+        ("[grid]\nx = [1]", "does not name a function"),
         ('function = "toy_function:cube"', "no function 'toy_function:cube'"),
         ('function = "toy_function"', "no function"),
-        ('function = "toy_function:square"\n[grid]\nx = 3', "no range of values"),
+        ('function = "toy_function:square"\n[grid]\nx = 3', "not a range of values"),
         ('function = "toy_function:square"\n[gird]\nx = [3]', "unknown gird"),
         ("function = ", "cannot be read"),
         ('function = "toy_function:square"\n[fixed]\nx = 1979-05-27', "plain JSON"),
         ('function = ":square"', "no function"),
         ('function = "toy_function..a:square"', "no function"),
-        ('function = "toy_function:square"\ngrid = 3', "are tables"),
-        ('function = "toy_function:square"\ncase = 3', "no tables"),
-        ('function = "toy_function:square"\n[grid]\nx = {{stop = "a"}}', "no range of values"),
-        ('function = "toy_function:square"\n[grid]\nx = {{stop = 1e300}}', "no range of values"),
+        ('function = "toy_function:square"\ngrid = 3', "must be tables"),
+        ('function = "toy_function:square"\ncase = 3', "must be tables"),
+        ('function = "toy_function:square"\n[grid]\nx = {{stop = "a"}}', "not a range of values"),
+        ('function = "toy_function:square"\n[grid]\nx = {{stop = 1e300}}', "not a range of values"),
         ('function = "toy_function:square"\n[grid]\nx = {{stop = 100000000}}', "too many cases"),
     ],
 )
@@ -167,7 +167,7 @@ def test_a_function_from_elsewhere_is_not_called_without_trust(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     path = toml(tmp_path, f'function = "{function}"\n[fixed]\ncommand = "touch {tmp_path}/called"')
-    with pytest.raises(DeclarationError, match=r"a sweep file is a program.*--trust"):
+    with pytest.raises(DeclarationError, match=r"a sweep file runs code.*--trust"):
         sweep.load(path)
 
 
@@ -199,6 +199,6 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert main(options) == 1  # one case failed
     assert "9 run, 1 with an exception" in capsys.readouterr().out
     assert main(options) == 2
-    assert "holds results already" in capsys.readouterr().err
+    assert "already has results" in capsys.readouterr().err
     assert main([*options, "--resume"]) == 0
     assert main([*options[:-4], "--resume", "--trust", "--on", "the moon"]) == 0  # nothing is missing: nobody is asked

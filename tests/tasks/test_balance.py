@@ -165,7 +165,7 @@ def test_what_it_takes(robot: Robot) -> None:
         with pytest.raises(DeclarationError, match="DCM"):
             Balance(law=wrong)
     alone = Stack(Level(Balance(points=tuple((f, x, x, 0.0) for f in SOLES for x in (0.0, 0.1)))))
-    with pytest.raises(DeclarationError, match="laws of order 1"):
+    with pytest.raises(DeclarationError, match="a law of order 1"):
         hqp.Controller(alone, hqp.Velocity()).session(robot, 0.002)
     hqp.Controller(alone, hqp.Acceleration()).session(robot, 0.002)
     with pytest.raises(DeclarationError, match="points"):

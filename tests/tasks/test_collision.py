@@ -240,7 +240,7 @@ def test_bad_shapes() -> None:
 def test_names_that_are_not_there(panda: Any) -> None:
     with pytest.raises(DeclarationError, match=r"closest: .*panda_link7"):
         CollisionAvoidance(pairs=(("panda_link77", "panda_link1"),)).rows(panda)
-    with pytest.raises(DeclarationError, match="SRDF that can be read"):
+    with pytest.raises(DeclarationError, match="path of a readable SRDF"):
         CollisionAvoidance(pairs="no/such.srdf").rows(panda)
     element = CollisionAvoidance(world=(shapes.sphere("ball", 0.1),))
     with pytest.raises(DeclarationError, match="ball"):
@@ -443,7 +443,7 @@ def test_a_robot_without_stored_capsules_says_so(tmp_path: Any, monkeypatch: pyt
         "<mujoco><worldbody><body><joint name='j'/><geom type='box' size='.1 .03 .03'/></body></worldbody></mujoco>"
     )
     robot = hqp.robots.load(path)
-    with pytest.warns(ModelWarning, match="capsules are being fitted"):
+    with pytest.warns(ModelWarning, match="fitting capsules"):
         (capsule,) = robot.capsules
     assert capsule.radius == pytest.approx(math.hypot(0.03, 0.03), rel=0.05)
     from hqp.robots import capsules

@@ -187,7 +187,7 @@ def test_coupling(dreamer: Any, written: Written) -> None:
     for bad in ({}, {"a": 0.0}, {"a": np.nan}, [("a", 1.0), ("a", 2.0)], [1.0], {"": 1.0}, None):
         with pytest.raises(DeclarationError, match="coefficient"):
             JointCoupling(bad)  # type: ignore[arg-type]
-    with pytest.raises(DeclarationError, match="not of groups"):
+    with pytest.raises(DeclarationError, match="no group names"):
         JointCoupling({"arm": 1.0}).rows(dreamer)
 
 

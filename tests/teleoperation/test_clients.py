@@ -92,7 +92,7 @@ def test_poses_that_are_none_reach_the_notes(state: Any) -> None:
     hands.take('{"hands": {"right": {"position": [1, 2], "quaternion": [0, 0, 0, 1]}, "left": {}}}')
     assert hands.taken == 2
     remarks = follow.reference(state).remarks
-    assert [remark[:21] for remark in remarks[:2]] == ["a packet was left out"] * 2
+    assert [remark[:16] for remark in remarks[:2]] == ["packet discarded"] * 2
 
 
 def test_positions_and_rotations_take_their_part(state: Any) -> None:

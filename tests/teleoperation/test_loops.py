@@ -16,7 +16,7 @@ from .operator_loop import Done, plain, run, setup
 GONE, BACK = 1.3, 1.6
 """From when to when the network fails [s]."""
 
-START = "no three packets yet that agree: held"
+START = "fewer than three consistent packets: held"
 
 WINDOW = 0.1
 """What ``JointLimits`` lets a joint change its speed by in a tick of 2 ms [rad/s]."""
@@ -78,8 +78,8 @@ FAULTS: dict[str, Any] = {
     "mirrored": mirrored, "drift": drifting,
 }  # fmt: skip
 TOLD = {
-    "dropout": "no packet", "twice": "the same again", "swapped": "older", "nan": "not finite", "teleport": "2 from",
-    "flip": "3.14 from", "mirrored": "no rotation",
+    "dropout": "no packet", "twice": "duplicate", "swapped": "older", "nan": "not finite", "teleport": "2 outside",
+    "flip": "3.14 outside", "mirrored": "not a rotation",
 }  # fmt: skip
 
 

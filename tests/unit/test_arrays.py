@@ -130,7 +130,7 @@ def test_what_is_out_of_the_ordinary_is_told_as_by_step() -> None:
         (q[::-1][::-1], v, {}),
     ):
         same(*both(pair, at, rate, targets))
-    with pytest.raises(hqp.errors.ModelError, match="takes q"):
+    with pytest.raises(hqp.errors.ModelError, match="needs q"):
         pair[0].tick(home[:5], v, {})
 
 

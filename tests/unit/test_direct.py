@@ -215,7 +215,7 @@ def test_errors_of_the_program_are_raised_as_ever() -> None:
         fast.step(fast.robot.state())
     old = fast.robot.state()
     fast.robot.state()
-    with pytest.raises(hqp.HqpError, match="moved on"):
+    with pytest.raises(hqp.HqpError, match="stale"):
         fast.step(old)
     with pytest.raises(hqp.HqpError, match="closest"):
         fast.step(fast.robot.state(), t.Position(frame="r_plam").at([0, 0, 0]))

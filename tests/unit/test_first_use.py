@@ -95,8 +95,7 @@ def test_without_compiled_parts_a_session_is_refused_with_what_to_do() -> None:
     solver, told = result.stdout.splitlines()
     assert solver == "cascade"
     assert told == (
-        "a session needs the compiled parts of hqp, and has no solver and no rows and no torque and no "
-        f"sessions: {native.ADVICE}"
+        f"a session needs the compiled parts of hqp; missing: solver, rows, torque, sessions. {native.ADVICE}"
     )
     assert hqp.Controller(Stack(Level(Posture()))).solver.name == "lexicographic"  # type: ignore[union-attr]
 

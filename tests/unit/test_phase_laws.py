@@ -153,9 +153,9 @@ def test_laws_survive_a_change_of_stack(arm: Robot) -> None:
 
 def test_what_does_not_fit_is_refused(arm: Robot) -> None:
     for laws, text in (
-        ({"hnd": P(1.0)}, "no element of that name.*hand"),
+        ({"hnd": P(1.0)}, "unknown element.*hand"),
         ({"limits": P(1.0)}, "limits: has no law"),
-        ({"hand": PD(1.0)}, "hand: takes a P here"),
+        ({"hand": PD(1.0)}, "hand: needs a P here"),
         ({"hand": P((1.0, 2.0))}, "P.gain has 2 numbers"),
     ):
         stack = Stack(*ARM.levels, subject_to=[t.JointLimits(name="limits")])

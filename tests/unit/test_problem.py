@@ -70,7 +70,7 @@ def test_selections_refuse(index: Any, scale: Any, word: str) -> None:
         (lambda: Hierarchy((rows(),), metric=np.diag([1.0, np.nan])), "metric must be finite"),
         (lambda: Hierarchy((rows(),), constraints=2), "constraints = 2, there are 1 levels"),
         (lambda: Hierarchy((Rows(Selection(np.array([5])), np.zeros(1), np.zeros(1)),), n=3), "variable 5 of 3"),
-        (lambda: Hierarchy((Rows(Selection(np.array([0])), np.zeros(1), np.zeros(1)),)), "n = 0; give n"),
+        (lambda: Hierarchy((Rows(Selection(np.array([0])), np.zeros(1), np.zeros(1)),)), "n = 0, allowed 1"),
         (lambda: Hierarchy((EYE,)), "level 0 must be Rows, given ndarray"),  # type: ignore[arg-type]
     ],
 )

@@ -117,7 +117,7 @@ def test_a_file_is_written_when_something_happens_and_not_again_at_once(tmp_path
     assert [tick.status for tick in recording] == [Status.OPTIMAL] * 12 + [Status.INVALID_STATE]
     assert "state" in recording[12].notes[0][0]
     assert recording[12].solution is None
-    with pytest.raises(HqpError, match="no solver"):
+    with pytest.raises(HqpError, match="not solved"):
         recording[12].explain()
     drive(robot, run, hand, 30)
     run.step(robot.state(np.full(robot.nq, np.nan)))
@@ -278,7 +278,7 @@ def test_without_a_tick_no_file_is_written(tmp_path: Path) -> None:
     recorder.wait()
     assert recorder.files == []
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(DeclarationError, match="no such folder can be made"):
+    with pytest.raises(DeclarationError, match="cannot make the folder"):
         make(hqp.Velocity(), "g1")[1].record(to=tmp_path / "file")
 
 

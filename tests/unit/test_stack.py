@@ -25,7 +25,7 @@ def test_prints_as_the_paper_writes_it() -> None:
 
 
 def test_names_default_to_frames_and_are_unique() -> None:
-    with pytest.raises(DeclarationError, match="occurs twice"):
+    with pytest.raises(DeclarationError, match="duplicate name"):
         Stack(Level(Position(frame="r_palm")), Level(Orientation(frame="r_palm")))
     assert Position(frame="r_palm").name == "r_palm"
     assert JointLimits().name == "joint_limits"

@@ -173,7 +173,7 @@ def test_the_warning_is_the_sentence_of_the_security_page() -> None:
 def test_a_host_that_is_none_is_told_at_once() -> None:
     pytest.importorskip("viser")
     for host in ("203.0.113.7", "no such host"):
-        with pytest.raises(HqpError, match="no address of this machine"):
+        with pytest.raises(HqpError, match="not an address of this machine"):
             hqp.view(make_session(), host=host)
     with pytest.raises(HqpError, match="empty password"):
         hqp.view(make_session(), password="")

@@ -73,7 +73,7 @@ class Assembly {
     slot->hold.clear();
     if (!value || !slot->target || slot->size() == 0) return;
     if (value->size() != std::size_t(slot->size()))
-      throw nb::value_error(("the hold value of " + name + " does not fit its plan").c_str());
+      throw nb::value_error(("the hold value of " + name + " has another size than in its plan").c_str());
     slot->hold.assign(value->data(), value->data() + slot->size());
   }
   // The next step begins from hold values for every reference, fresh ones for those of these elements that are
@@ -178,7 +178,8 @@ class Assembly {
   static constexpr std::int8_t kNoMark = -128;
 
   void require(int start, int stop) const {
-    if (start < 0 || start > stop || stop > rows_.demands().size()) throw nb::value_error("an element is of the rows");
+    if (start < 0 || start > stop || stop > rows_.demands().size())
+      throw nb::value_error("an element lies outside the rows");
   }
   nb::object answered(const double* v, const double* q = nullptr, const double* rate = nullptr) {
     const auto begun = hqp::Clock::now();

@@ -66,7 +66,7 @@ class Operations {
       return std::make_unique<Frozen>(out, joints(p.part("joints")), p.number("rate"), p.number("acceleration"), dt_,
                                       order_);
     if (name == "Within") return within(p, out);
-    if (!out.J && out.rows > 0) throw std::invalid_argument("the rows of an element have no Jacobian");
+    if (!out.J && out.rows > 0) throw std::invalid_argument("an element of the plan has rows but no Jacobian");
     if (name == "Point") return std::make_unique<Point>(rows(), picked("axes", 3), p.vec3("offset"));
     if (name == "Pose") return fits(6, 16), std::make_unique<Pose>(rows());
     if (name == "Rotation") return fits(3, 9), std::make_unique<Rotation>(rows());
@@ -75,7 +75,7 @@ class Operations {
       return fits(5, 6), std::make_unique<Edge>(fixed(), p.vec3("axis"), p.vec3("first"), p.vec3("other"));
     if (name == "Wheel") {
       std::vector<int> directions = picked("picked", 3, false);
-      if (!out.normal || directions.empty()) throw std::invalid_argument("a wheel needs the ground's normal");
+      if (!out.normal || directions.empty()) throw std::invalid_argument("a wheel of the plan has no ground normal");
       fits(directions.size(), 3);
       return std::make_unique<Wheel>(fixed(), p.number("radius"), p.vec3("axle"), std::move(directions),
                                      p.number("aligned"));
@@ -124,7 +124,7 @@ class Operations {
   // Refuses rows, or numbers of a reference, that are fewer than an operation's.
   static void fit(const Target& out, std::size_t rows, std::size_t given) {
     if (out.rows != rows || out.given < given)
-      throw std::invalid_argument("the rows of an element do not fit its operation");
+      throw std::invalid_argument("an element of the plan has other rows than its operation");
   }
 
   template <class Plan>
@@ -146,7 +146,7 @@ class Operations {
     const int m = static_cast<int>(low.size()), nv = tree_.size(), turn = p.integer("turn");
     fit(out, low.size(), 0);
     if ((turn >= 0 && turn > m - 3) || !out.rate || !out.feedforward)
-      throw std::invalid_argument("a bound is of other rows");
+      throw std::invalid_argument("a bound of the plan has other rows than its element");
     auto own = std::make_unique<Numbers>(m, out.J ? 0 : nv);
     const bool rates = p.flag("rates");
     const Target inner = own->target(out.J, rates ? nullptr : out.reference, out.given, out.weight, nv, order_ == 2);
@@ -165,7 +165,7 @@ class Operations {
     std::vector<Corner> found;
     const std::vector<Plan> points = p.parts("points");
     const std::vector<std::string> of = p.texts("of");
-    if (!of.empty() && of.size() != points.size()) throw std::invalid_argument("a corner is one of a contact");
+    if (!of.empty() && of.size() != points.size()) throw std::invalid_argument("a corner of the plan names no contact");
     for (const Plan& one : points) {
       const std::vector<Plan> pair = one.parts();
       if (pair.size() != 2) throw std::invalid_argument("a corner is a frame and a point");

@@ -50,7 +50,8 @@ class PlanOf {
   const std::int64_t* places64(const char* field, std::size_t size, std::size_t count) const {
     const std::int64_t* found = part(field).longs(size);
     for (std::size_t i = 0; i < size; ++i)
-      if (found[i] < 0 || std::size_t(found[i]) >= count) throw std::invalid_argument("a place is none");
+      if (found[i] < 0 || std::size_t(found[i]) >= count)
+        throw std::invalid_argument("a place of the plan is not an index");
     return found;
   }
   int place(const char* field, std::size_t count) const { return part(field).place(count); }
@@ -102,7 +103,7 @@ class PlanOf {
  private:
   static int checked(int at, std::size_t count) {
     if (at < 0 || std::size_t(at) >= count)
-      throw std::invalid_argument("there is no place " + std::to_string(at) + " among " + std::to_string(count));
+      throw std::invalid_argument("the plan has no field " + std::to_string(at) + " among " + std::to_string(count));
     return at;
   }
   const Self& self() const { return static_cast<const Self&>(*this); }

@@ -104,7 +104,7 @@ Laws laws(const Plan& p, int order, int nv) {
             {}};
   for (const Plan& one : p.parts("saturations")) {
     const std::vector<double> s = one.numbers();
-    need(s.size() == 5 && s[0] >= 0.0 && s[0] <= s[1] && s[1] <= double(total), "a saturation is of the rows");
+    need(s.size() == 5 && s[0] >= 0.0 && s[0] <= s[1] && s[1] <= double(total), "a saturation lies outside the rows");
     laws.saturations.push_back({static_cast<int>(s[0]), static_cast<int>(s[1]), s[2], s[3], s[4]});
   }
   return laws;
@@ -153,7 +153,8 @@ void add_dynamics(Assembly& rows, const Plan& p) {
 template <class Plan>
 Slot add_load(Assembly& rows, const Plan& p) {
   const std::size_t size = p.part("value").size();
-  need(size == (p.part("plan").name() == "ExternalWrench" ? 6u : 4u), "a load has other numbers");
+  need(size == (p.part("plan").name() == "ExternalWrench" ? 6u : 4u),
+       "a load of the plan has another number of values");
   double* value = p.doubles("value", size);
   rows.load(p.part("plan"), value);
   return {value, {static_cast<int>(size)}, nullptr, nullptr, nullptr, 0, false, Plain::kNumbers, {}};

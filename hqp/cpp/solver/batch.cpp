@@ -58,7 +58,7 @@ class Batch {
   // levels: (A or None, index or None, scale or None, lower, upper) each; A (N or 1, m, n), index, scale (m,),
   // lower, upper (N or 1, m).  like: a hierarchy whose law all have.
   void stack(std::size_t count, const nb::list& levels, int constraints, const nb::object& like) {
-    if (levels.size() != rows_.size() || metric_) throw nb::value_error("the levels do not fit the batch");
+    if (levels.size() != rows_.size() || metric_) throw nb::value_error("the problem has other levels than the batch");
     resize(count);
     for (std::size_t k = 0; k < rows_.size(); ++k) {
       const auto parts = nb::cast<nb::tuple>(levels[k]);
@@ -100,7 +100,7 @@ class Batch {
     hqp::Law law;
     if (!reader_.read(like, n_, rows_, metric_, views.data(), read, prices) ||
         !reader_.read_law(like, n_, priced_, prices, law))
-      throw nb::value_error("the law cannot be read");
+      throw nb::value_error("prices, motion or turning have a wrong shape or type");
     laws_.assign(count, law);
   }
 

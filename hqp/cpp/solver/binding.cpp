@@ -208,7 +208,7 @@ class Workspace final : public hqp::SolveCall {
     const Lock lock(busy_);
     sized(owner, std::size_t(exact().total()));
     for (std::size_t i = 0; i < owner.size(); ++i)
-      if (owner(i) < 0 || owner(i) >= elements) refuse("a row of no element");
+      if (owner(i) < 0 || owner(i) >= elements) refuse("a row belongs to no element");
     if (!core_.bound()) {
       if (!is_bound(hierarchy) && !read(hierarchy)) return false;
       core_.bind({});
@@ -336,7 +336,7 @@ class Workspace final : public hqp::SolveCall {
   struct Lock {
     explicit Lock(std::atomic<bool>& flag) : flag(flag) {
       if (flag.exchange(true))
-        throw std::runtime_error("this workspace is solving in another thread; give each thread its own");
+        throw std::runtime_error("another thread is solving with this workspace: use one workspace per thread");
     }
     ~Lock() { flag.store(false); }
     std::atomic<bool>& flag;

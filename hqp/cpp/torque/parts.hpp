@@ -26,7 +26,7 @@ class TorqueParts final : public SolveCall {
     nv_ = parents.size(), n_ = actuated.size(), m_ = p.part("gamma").size();
     bool tree = std::set<int>(actuated.begin(), actuated.end()).size() == n_;
     for (std::size_t i = 0; tree && i < nv_; ++i) tree = parents[i] >= -1 && parents[i] < static_cast<int>(i);
-    need(tree, "an elimination is of a tree");
+    need(tree, "an elimination needs the joints of a tree");
     A_ = p.doubles("A", nv_ * nv_), bias_ = p.doubles("bias", nv_);
     J_ = p.doubles("J", m_ * nv_), gamma_ = p.doubles("gamma", m_);
     factor_ = p.doubles("factor", nv_ * nv_), map_ = p.doubles("map", nv_ * (n_ + 1)), phi_ = p.doubles("phi", n_ * n_);

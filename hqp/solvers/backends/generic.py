@@ -71,7 +71,7 @@ class GenericWorkspace:
         except Exception as error:
             raise BackendError(f"{self._name}: {error}") from error
         if found.x is None or not np.isfinite(found.x).all():
-            raise BackendError(f"{self._name} found no answer")
+            raise BackendError(f"{self._name} found no solution")
         multipliers = np.zeros(C.shape[0])
         if found.z is not None and found.z.size == h.size:
             count = int(np.count_nonzero(above))
