@@ -132,7 +132,9 @@ def check_shape(problem: Hierarchy, shape: Shape) -> None:
         )
     if (problem.metric is not None) != shape.metric:
         given = "none" if problem.metric is None else "one"
-        raise ProblemError(f"workspace made {'with' if shape.metric else 'without'} a metric; given {given}")
+        raise ProblemError(
+            f"this workspace solves problems {'with' if shape.metric else 'without'} a metric; given {given}"
+        )
     problem.check_prices(shape.priced)
 
 
