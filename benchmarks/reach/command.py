@@ -45,9 +45,9 @@ RIVALS = {
     "trac_ik": ("pytracik==0.0.3", "numpy<2"),
 }
 """What is installed for each, into an environment of its own; all but roboplan solve for one frame."""
-PAGE = Path(__file__).parents[2] / "docs" / "inverse-kinematics.md"
+PAGE = Path(__file__).parents[2] / "docs" / "results" / "inverse-kinematics.md"
 MARK = "<!-- table: python -m benchmarks reach --rivals roboplan optik trac_ik --page -->"
-"""Of the page, before what is written by this command."""
+"""Marks the table of the page."""
 
 
 @dataclass(frozen=True)
